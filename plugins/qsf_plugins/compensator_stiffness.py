@@ -1,0 +1,50 @@
+"""The equivalent stiffness that a balancer adds to its joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from qsf_plugins.spring_triangle import SpringTriangle
+
+from qsframework.plugin import Array, Conditions, Parameter, ParallelSpring, RobotFacts, StiffnessTerm, place, setting
+
+
+@dataclass(frozen=True)
+class CompensatorStiffness(ParallelSpring):
+    """A balancer stiffens its joint by K_eq lc l2 eta(b), equation (10), with no torque at the commanded pose.
+
+    K_eq is what published calibrations report; it is not the spring that exerts the balancer's
+    torque (`gravity_compensator`): one value cannot be both.
+    """
+
+    joint: str = place()
+    lc: float = setting("m")
+    l2: float = setting("m")
+    zero: float = setting("rad", 0.0)
+    source = "Klimchik et al., equation (10); KUKA KR270: Klimchik et al., ICRA 2013"
+    check = "Balancer pressure, stiffness of its mounts, stick of its piston."
+
+    def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        return (
+            Parameter(f"{self.name}.stiffness", "N/m", nominal=0.0, typical=5e6, lower=0.0),
+            Parameter(f"{self.name}.free_length", "m", nominal=0.7, typical=0.7, lower=0.0, null=None),
+        )
+
+    def validate(self, robot: RobotFacts) -> None:
+        robot.joint_index(self.joint)
+
+    def joints(self, robot: RobotFacts) -> tuple[str, ...]:
+        return (self.joint,)
+
+    def stiffness(self, q: Array, x: Array, conditions: Conditions) -> StiffnessTerm:
+        triangle, b = SpringTriangle(self.lc, self.l2), q[:, 0] + self.zero
+        stiffness, free_length = x
+        area = self.lc * self.l2
+        eta = area * triangle.eta(b, free_length)
+        dx = np.stack([eta, stiffness * area * triangle.eta_free_length(b)], axis=1)
+        return StiffnessTerm(
+            value=stiffness * eta[:, None, None],
+            dq=stiffness * area * triangle.eta_angle(b, free_length)[:, None, None, None],
+            dx=dx[:, None, None, :],
+        )

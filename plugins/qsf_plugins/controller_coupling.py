@@ -1,0 +1,39 @@
+"""The controller's angle convention is not the one that the model assumes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.plugin import Array, Geometry, GeometryTerm, InputError, Parameter, Poses, RobotFacts, place
+
+
+@dataclass(frozen=True)
+class ControllerCoupling(Geometry):
+    """A joint's true angle holds a share of the angle that the pendant shows for the joint before it.
+
+    -1 or +1 stands for a wrong reading of an absolute as a relative angle, or the reverse.
+    """
+
+    joint: str = place()
+    source = "FANUC operator's manual B-83444EN/01: J3 is shown as the forearm's elevation"
+    check = "How the controller shows this joint: move the joint before it alone and watch."
+
+    def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        return (Parameter(self.name, "", nominal=0.0, typical=1.0),)
+
+    def validate(self, robot: RobotFacts) -> None:
+        if robot.joint_index(self.joint) == 0:
+                    raise InputError(f"{self.name}: the first joint has no joint before it")
+
+    def errors(self, poses: Poses, x: Array, robot: RobotFacts) -> GeometryTerm:
+        k = robot.joint_index(self.joint)
+        angles_dx = np.zeros((*poses.q.shape, 1))
+        angles_dx[:, k, 0] = poses.pendant[:, k - 1]
+        return GeometryTerm(angles_dx @ x, angles_dx)
+
+    @classmethod
+    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[ControllerCoupling, ...]:
+        return tuple(cls(joint) for joint in robot.joints[1:])

@@ -1,0 +1,42 @@
+"""Tilt of a bearing and torsion of the link before it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.plugin import Parameter, RobotFacts, Spring, VirtualJoint, place
+
+
+@dataclass(frozen=True)
+class OffaxisCompliance(Spring):
+    """A joint's bearing and the link that carries it give about an axis that no motor turns.
+
+    The axis is fixed in the previous link: x, y or z of the joint's frame at zero angle.
+    """
+
+    joint: str = place()
+    axis: str = place()
+    source = "Klimchik et al., off-axis terms of the virtual joint model"
+    check = "Play of the main bearing, cracks and bolts of the link before this joint."
+
+    def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        return (Parameter(self.name, "rad/(N m)", nominal=0.0, typical=5e-8, lower=0.0),)
+
+    def virtual_joints(self, robot: RobotFacts) -> tuple[VirtualJoint, ...]:
+        return (VirtualJoint(robot.link_of(self.joint), self.axis, "rotation", "before"),)  # type: ignore[arg-type]
+
+    def validate(self, robot: RobotFacts) -> None:
+        robot.joint_index(self.joint)
+
+    @classmethod
+    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[OffaxisCompliance, ...]:
+        """Every joint about the two coordinate axes that are not its own."""
+        return tuple(
+            cls(joint, name)
+            for k, joint in enumerate(robot.joints)
+            for i, name in enumerate("xyz")
+            if abs(robot.axes[k] @ np.eye(3)[i]) < 0.5
+        )

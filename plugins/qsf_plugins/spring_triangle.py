@@ -1,0 +1,45 @@
+"""The triangle of a spring balancer: base line lc, arm l2, spring s. Equations (7)-(11) of the paper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.plugin import Array
+
+
+@dataclass(frozen=True)
+class SpringTriangle:
+    """Sides lc and l2 (m) that meet at the joint; b is the angle between them, s the spring's length."""
+
+    lc: float
+    l2: float
+
+    def length(self, b: Array) -> Array:
+        """s(b), equation (7): s^2 = lc^2 + l2^2 - 2 lc l2 cos b."""
+        return np.sqrt(self.lc**2 + self.l2**2 - 2.0 * self.lc * self.l2 * np.cos(b))
+
+    def moment(self, b: Array, free_length: float) -> Array:
+        """M_c / K_c (m^2), equation (9): lc l2 (1 - s0/s) sin b."""
+        return self.lc * self.l2 * (1.0 - free_length / self.length(b)) * np.sin(b)
+
+    def moment_free_length(self, b: Array) -> Array:
+        """d (M_c / K_c) / d s0."""
+        return -self.lc * self.l2 * np.sin(b) / self.length(b)
+
+    def eta(self, b: Array, free_length: float) -> Array:
+        """eta(b), equation (11) corrected: cos b + (s0 lc l2 / s^3) sin^2 b - (s0 / s) cos b."""
+        s = self.length(b)
+        return np.cos(b) + free_length * self.lc * self.l2 / s**3 * np.sin(b) ** 2 - free_length / s * np.cos(b)
+
+    def eta_free_length(self, b: Array) -> Array:
+        """d eta / d s0."""
+        s = self.length(b)
+        return self.lc * self.l2 / s**3 * np.sin(b) ** 2 - np.cos(b) / s
+
+    def eta_angle(self, b: Array, free_length: float) -> Array:
+        """d eta / d b."""
+        s, area = self.length(b), self.lc * self.l2
+        bend = 3.0 * area * np.cos(b) / s**3 - 3.0 * area**2 * np.sin(b) ** 2 / s**5 + 1.0 / s
+        return np.sin(b) * (free_length * bend - 1.0)
