@@ -26,7 +26,7 @@ class ControllerCoupling(Geometry):
 
     def validate(self, robot: RobotFacts) -> None:
         if robot.joint_index(self.joint) == 0:
-                    raise InputError(f"{self.name}: the first joint has no joint before it")
+            raise InputError(f"{self.name}: the first joint has no joint before it")
 
     def errors(self, poses: Poses, x: Array, robot: RobotFacts) -> GeometryTerm:
         k = robot.joint_index(self.joint)

@@ -43,9 +43,15 @@ class GravityCompensator(ParallelSpring):
     def torque(self, q: Array, x: Array, conditions: Conditions) -> TorqueTerm:
         triangle, b = SpringTriangle(self.lc, self.l2), q[:, 0] + self.zero
         stiffness, free_length = x
-        moment = triangle.moment(b, free_length)
+        area = self.lc * self.l2
+        moment, eta = triangle.moment(b, free_length), area * triangle.eta(b, free_length)
+        dx = np.stack([moment, stiffness * triangle.moment_free_length(b)], axis=1)
+        dqx = np.stack([eta, stiffness * area * triangle.eta_free_length(b)], axis=1)
+        dqq = stiffness * area * triangle.eta_angle(b, free_length)
         return TorqueTerm(
             value=-stiffness * moment[:, None],
-            dq=-stiffness * self.lc * self.l2 * triangle.eta(b, free_length)[:, None, None],
-            dx=-np.stack([moment, stiffness * triangle.moment_free_length(b)], axis=1)[:, None, :],
+            dq=-stiffness * eta[:, None, None],
+            dx=-dx[:, None, :],
+            dqq=-dqq[:, None, None, None],
+            dqx=-dqx[:, None, None, :],
         )

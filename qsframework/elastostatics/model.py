@@ -1,0 +1,151 @@
+"""The pipeline: all effects of a robot and a campaign, stage by stage (physics.md, section 2).
+
+    readings = Model.predict(poses, x)            A = Model.sensitivity(poses, x)
+
+The linear model: eps = C tau at the commanded pose, C = (diag(1/c) + K_par)^-1, equations (1)-(5)
+and (10) of the paper; laws, if there are any, are solved for the unloaded and the loaded state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from qsframework.elastostatics.layout import Layout, make_layout
+from qsframework.elastostatics.state import Site
+from qsframework.errors import InputError, Problem, nearest
+from qsframework.plugin import Array, Effect, Parameter, Poses, RobotFacts, Spring, SpringLaw
+from qsframework.plugin.facts import frozen
+
+CHUNK = 4096
+K = TypeVar("K", bound=Effect)
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """The arm as it gives under load. Frozen; parameter values are passed as `x` (p,), in SI.
+
+    effects are ordered by stage; `slices[i]` are the positions of effect i's parameters in x
+    """
+
+    facts: RobotFacts
+    effects: tuple[Effect, ...]
+    parameters: tuple[Parameter, ...]
+    slices: tuple[slice, ...]
+    layout: Layout
+    tip: Site
+    markers: tuple[Site, ...]
+    marker_names: tuple[str, ...]
+    gravity: Array
+    law_rows: tuple[tuple[int, ...], ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the p parameters, in the order of x."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def nominal(self) -> Array:
+        """Nominal values (p,), SI."""
+        return np.array([p.nominal for p in self.parameters])
+
+    def index(self, names: Sequence[str]) -> list[int]:
+        """Positions of parameters in x; an InputError offers the nearest name."""
+        for name in names:
+            if name not in self.names:
+                problem = Problem(f"the model has no parameter {name!r}", allowed=", ".join(self.names))
+                raise InputError(Problem(problem.message, allowed=problem.allowed, hint=nearest(name, self.names)))
+        return [self.names.index(name) for name in names]
+
+    def of_kind(self, kind: type[K], x: Array) -> list[tuple[K, Array]]:
+        """The effects of one kind with their parameter values."""
+        return [(e, x[s]) for e, s in zip(self.effects, self.slices, strict=True) if isinstance(e, kind)]
+
+    def predict(self, poses: Poses, x: Array | None = None) -> Array:
+        """Displacement readings (N, K, 3) m of K markers: loaded minus unloaded, base frame."""
+        from qsframework.elastostatics.evaluation import displacement, evaluate
+
+        x = self.nominal if x is None else self._checked(x)
+        out = np.empty((len(poses), len(self.markers), 3))
+        for part, chunk in _chunks(poses):
+            out[part] = displacement(evaluate(self, chunk, x)).transpose(2, 0, 1)
+        return out
+
+    def sensitivity(self, poses: Poses, x: Array | None = None, names: Sequence[str] | None = None) -> Array:
+        """d readings / d parameters (N, K, 3, p): the observation matrix, equation (4)."""
+        from qsframework.elastostatics.evaluation import evaluate
+        from qsframework.elastostatics.tangents import sensitivities
+
+        x = self.nominal if x is None else self._checked(x)
+        wanted = list(range(len(self.parameters))) if names is None else self.index(names)
+        out = np.empty((len(poses), len(self.markers), 3, len(wanted)))
+        for part, chunk in _chunks(poses):
+            out[part] = sensitivities(evaluate(self, chunk, x), wanted).transpose(3, 1, 2, 0)
+        return out
+
+    def transmission_angle(self, poses: Poses) -> Array:
+        """Smallest margin (N,) rad over all loops: transmission angle less what the loop asks for."""
+        margin = np.full(len(poses), np.inf)
+        for place in self.layout.loops:
+            angle = place.loop.transmission_angle(poses.q[:, list(place.joints)], self.facts)
+            margin = np.minimum(margin, angle - place.loop.smallest_transmission_angle)
+        return margin
+
+    def _checked(self, x: Array) -> Array:
+        x = np.asarray(x, dtype=float)
+        if x.shape != (len(self.parameters),) or not np.isfinite(x).all():
+            raise InputError(f"x must hold {len(self.parameters)} finite numbers, found shape {x.shape}")
+        return x
+
+
+def _chunks(poses: Poses) -> Iterator[tuple[slice, Poses]]:
+    for start in range(0, len(poses), CHUNK):
+        part = slice(start, min(start + CHUNK, len(poses)))
+        yield part, poses.take(part)
+
+
+def make_model(
+    facts: RobotFacts,
+    effects: Sequence[Effect],
+    parameters: Sequence[Parameter],
+    tip: Site,
+    markers: Sequence[tuple[str, Site]],
+    gravity: Array,
+) -> Model:
+    """Join effects (any order) into a model. `parameters` gives nominal values for the effects' names."""
+    ordered = tuple(sorted(effects, key=lambda e: (e.stage, e.order)))
+    values = {p.name: p for p in parameters}
+    found: list[Parameter] = []
+    slices: list[slice] = []
+    for effect in ordered:
+        own = [values.get(p.name, p) for p in effect.parameters(facts)]
+        slices.append(slice(len(found), len(found) + len(own)))
+        found.extend(own)
+    _check_unique([e.name for e in ordered], "effect")
+    _check_unique([p.name for p in found], "parameter")
+    return Model(
+        facts, ordered, tuple(found), tuple(slices), make_layout(facts, ordered), tip,
+        tuple(site for _, site in markers), tuple(name for name, _ in markers), frozen(gravity),
+        tuple(_law_rows(e, facts, ordered) for e in ordered if isinstance(e, SpringLaw)),
+    )  # fmt: skip
+
+
+def _check_unique(names: Sequence[str], what: str) -> None:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(f"{what} listed twice: {', '.join(twice)}")
+
+
+def _law_rows(law: SpringLaw, facts: RobotFacts, effects: Sequence[Effect]) -> tuple[int, ...]:
+    springs = [p.name for e in effects if isinstance(e, Spring) for p in e.parameters(facts)]
+    for name in law.springs(facts):
+        if name not in springs:
+            raise InputError(
+                Problem(
+                    f"{law.name} needs the spring {name!r}", allowed=", ".join(springs), hint=nearest(name, springs)
+                )
+            )
+    return tuple(springs.index(name) for name in law.springs(facts))

@@ -1,0 +1,140 @@
+"""Stages 0 and 1: from commanded angles to the coordinates of every element of the chain.
+
+The controller commands joint angles q by its nominal closure; the actuators stand at
+phi = closure^-1(q) + angle errors, and the real loops turn phi into joint angles q(phi, bars)
+with G = dq/dphi.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.elastostatics.layout import Layout
+from qsframework.plugin import Array, LoopTerm
+
+Coefficients = tuple[tuple[tuple[int, Array | float], ...], ...]
+"""For each elastic coordinate the elements that it moves, with the rate (N,) or constant of each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Joint angles q (n, N), the loops' terms at their actuators, and the rates of the coordinates."""
+
+    layout: Layout
+    q: Array
+    loops: tuple[LoopTerm, ...]
+    coefficients: Coefficients
+    placements: Array | None
+
+    def element_values(self, virtual: dict[int, Array] | None = None) -> list[Array | None]:
+        """The coordinate (N,) of every element of the chain, None where it is zero."""
+        values: list[Array | None] = [None] * len(self.layout.chain)
+        for e, q in zip(self.layout.joint_elements, self.q, strict=True):
+            values[e] = q
+        if self.layout.placement_elements is not None and self.placements is not None:
+            for k, elements in enumerate(self.layout.placement_elements):
+                for i, e in enumerate(elements):
+                    values[e] = self.placements[k, i]
+        for e, value in (virtual or {}).items():
+            values[e] = value
+        return values
+
+
+def nominal_actuators(layout: Layout, q: Array) -> Array:
+    """Actuator angles phi (n, N) that the controller commands for joint angles q (n, N)."""
+    phi = q.copy()
+    for place in layout.loops:
+        phi[list(place.joints)] = place.loop.actuators(q[list(place.joints)].T, layout.facts).T
+    return phi
+
+
+def move(layout: Layout, phi: Array, bars: Array, placements: Array | None = None) -> Motion:
+    """Close the loops at actuators phi (n, N) and bar errors (bars, N)."""
+    q = phi.copy()
+    terms: list[LoopTerm] = []
+    for place in layout.loops:
+        term = place.loop.closure(phi[list(place.joints)].T, bars[list(place.bars)].T, layout.facts)
+        q[list(place.joints)] = term.q.T
+        terms.append(term)
+    coefficients = tuple(
+        _merge([term for part in parts for term in _rates(layout, terms, part.kind, part.index, part.factor)])
+        for parts in layout.coordinates
+    )
+    return Motion(layout, q, tuple(terms), coefficients, placements)
+
+
+def _rates(
+    layout: Layout, terms: Sequence[LoopTerm], kind: str, index: int, factor: float
+) -> list[tuple[int, Array | float]]:
+    """The elements that one actuator, bar or element moves."""
+    if kind == "element":
+        return [(index, factor)]
+    for place, term in zip(layout.loops, terms, strict=True):
+        local = place.joints if kind == "actuator" else place.bars
+        if index in local:
+            column = local.index(index) + (0 if kind == "actuator" else len(place.joints))
+            rates = [(layout.joint_elements[j], term.q_u[:, i, column] * factor) for i, j in enumerate(place.joints)]
+            return [(e, rate) for e, rate in rates if np.any(rate)]
+    return [(layout.joint_elements[index], factor)]
+
+
+def _merge(terms: list[tuple[int, Array | float]]) -> tuple[tuple[int, Array | float], ...]:
+    total: dict[int, Array | float] = {}
+    for e, rate in terms:
+        total[e] = total[e] + rate if e in total else rate
+    return tuple(sorted(total.items()))
+
+
+@dataclass(frozen=True, eq=False)
+class MotionRate:
+    """Derivative of a Motion along one parameter: element rates (m, N) and rates of the coefficients."""
+
+    elements: Array
+    coefficients: Coefficients
+
+
+def motion_along(motion: Motion, phi: Array, bars: Array, placements: Array | None) -> MotionRate:
+    """Move along d phi (n, N), d bars (bars, N) and d placements (n, 6, N)."""
+    layout = motion.layout
+    rates = np.zeros((len(layout.chain), phi.shape[-1]))
+    dq = phi.copy()
+    slopes: list[LoopTerm] = []
+    for place, term in zip(layout.loops, motion.loops, strict=True):
+        du = np.concatenate([phi[list(place.joints)], bars[list(place.bars)]]).T
+        dq[list(place.joints)] = np.einsum("niu,nu->in", term.q_u, du)
+        slopes.append(LoopTerm(term.q, np.einsum("niuv,nv->niu", term.q_uu, du), term.q_uu))
+    rates[list(layout.joint_elements)] = dq
+    if layout.placement_elements is not None and placements is not None:
+        rates[layout.placement_elements] = placements
+    coefficients = tuple(
+        _merge(
+            [t for p in parts if p.kind != "element" for t in _loop_rates(layout, slopes, p.kind, p.index, p.factor)]
+        )
+        for parts in layout.coordinates
+    )
+    return MotionRate(rates, coefficients)
+
+
+def _loop_rates(
+    layout: Layout, slopes: Sequence[LoopTerm], kind: str, index: int, factor: float
+) -> list[tuple[int, Array | float]]:
+    """Like `_rates` for the loops' slopes: an actuator outside every loop has a constant rate."""
+    tied = any(index in (p.joints if kind == "actuator" else p.bars) for p in layout.loops)
+    return _rates(layout, slopes, kind, index, factor) if tied else []
+
+
+def combine(coefficients: Coefficients, columns: Array) -> Array:
+    """Columns of the elastic coordinates (ne, ..., N) from those of the elements (u, ..., N).
+
+    Elements that are not upstream of the point (index >= u) move nothing.
+    """
+    upstream, shape = len(columns), columns.shape[1:]
+    out = np.zeros((len(coefficients), *shape))
+    for c, terms in enumerate(coefficients):
+        for e, rate in terms:
+            if e < upstream:
+                out[c] += columns[e] if isinstance(rate, float) and rate == 1.0 else columns[e] * rate
+    return out

@@ -1,0 +1,207 @@
+"""Stages 3 and 4: how the elastic coordinates answer to a torque.
+
+    eps = c T + f(T),   T = tau_0 + tau - K_par eps
+
+c may be zero (a rigid gear), so steps are solved in the form (I + diag(c + f') K_par) d eps = rhs.
+K_par touches few coordinates; only those are coupled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.elastostatics.motion import Coefficients, Motion
+from qsframework.errors import NotConverged
+from qsframework.plugin import Array, Conditions, LawTerm, ParallelSpring, SpringLaw, StiffnessTerm, TorqueTerm
+from qsframework.plugin.check import difference
+
+_STEPS = 60
+_TOLERANCE = 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class Faces:
+    """What one parallel spring does at the commanded pose: torque on its joints and stiffness there.
+
+    joints (k,) indices; the stiffness holds the torque's slope and the equivalent stiffness both
+    """
+
+    joints: tuple[int, ...]
+    torque: TorqueTerm | None
+    stiffness: StiffnessTerm
+
+
+def faces(effect: ParallelSpring, motion: Motion, x: Array, conditions: Conditions) -> Faces:
+    """Evaluate an effect at the commanded joint angles."""
+    facts = motion.layout.facts
+    joints = tuple(facts.joint_index(j) for j in effect.joints(facts))
+    q = motion.q[list(joints)].T
+    torque, term = effect.torque(q, x, conditions), effect.stiffness(q, x, conditions)
+    if torque is not None:
+        slope = _slope(effect, q, x, conditions, torque)
+        if term is None:
+            term = slope
+        else:
+            term = StiffnessTerm(term.value + slope.value, term.dq + slope.dq, term.dx + slope.dx)
+    if term is None:
+        k = len(joints)
+        empty = np.zeros((len(q), k, k))
+        term = StiffnessTerm(empty, np.zeros((len(q), k, k, k)), np.zeros((len(q), k, k, len(x))))
+    return Faces(joints, torque, term)
+
+
+def _slope(effect: ParallelSpring, q: Array, x: Array, conditions: Conditions, term: TorqueTerm) -> StiffnessTerm:
+    """The stiffness -d torque / dq; its derivatives by differences where the effect gives none."""
+
+    def slope(q: Array, x: Array) -> Array:
+        torque = effect.torque(q, x, conditions)
+        assert torque is not None
+        return torque.dq
+
+    dqq = difference(lambda v: slope(v, x), q) if term.dqq is None else term.dqq
+    dqx = difference(lambda v: slope(q, v), x) if term.dqx is None else term.dqx
+    return StiffnessTerm(-term.dq, -dqq, -dqx)
+
+
+@dataclass(frozen=True, eq=False)
+class JointRates:
+    """Rates E (joints, active, N) of some joints per elastic coordinate that turns them."""
+
+    active: tuple[int, ...]
+    E: Array
+
+
+def joint_rates(motion: Motion, joints: Sequence[int], active: tuple[int, ...] | None = None,
+                coefficients: Coefficients | None = None) -> JointRates:  # fmt: skip
+    """E for the joints; with `coefficients` the derivative of E on the same active set."""
+    coefficients = motion.coefficients if coefficients is None else coefficients
+    elements = [motion.layout.joint_elements[j] for j in joints]
+    if active is None:
+        active = tuple(c for c, terms in enumerate(coefficients) if any(e in elements for e, _ in terms))
+    E = np.zeros((len(joints), len(active), motion.q.shape[-1]))
+    for a, c in enumerate(active):
+        for e, rate in coefficients[c]:
+            if e in elements:
+                E[elements.index(e), a] += rate
+    return JointRates(active, E)
+
+
+@dataclass(frozen=True, eq=False)
+class Stiffness:
+    """K_par on the coordinates it touches: active (a,) indices, K (a, a, N) N m/rad."""
+
+    active: tuple[int, ...]
+    K: Array
+
+    def times(self, eps: Array) -> Array:
+        """K_par eps for eps (ne, N)."""
+        out = np.zeros_like(eps)
+        if self.active:
+            rows = list(self.active)
+            out[rows] = np.einsum("abn,bn->an", self.K, eps[rows])
+        return out
+
+
+def sandwich(left: Array, middle: Array, right: Array) -> Array:
+    """left' middle right over the batch: (j, a, N), (j, k, N), (k, b, N) -> (a, b, N)."""
+    if left.shape[0] == right.shape[0] == 1:
+        return left[0][:, None] * middle[0] * right[0][None]
+    return np.einsum("jan,jkn,kbn->abn", left, middle, right)
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """The arm's answer at one state: eps (ne, N), gear torques T (ne, N), and how eps reacts.
+
+    slope (ne, N) or (ne, 1) is c + f'; laws holds each law's term with its coordinates
+    """
+
+    eps: Array
+    T: Array
+    slope: Array
+    stiffness: Stiffness
+    laws: tuple[tuple[tuple[int, ...], LawTerm], ...]
+    inverse: Array | None
+
+    def react(self, rhs: Array) -> Array:
+        """Solve (I + diag(slope) K_par) d eps = rhs (ne, N)."""
+        return _solve(self.stiffness, self.inverse, rhs)
+
+
+def _inverse(stiffness: Stiffness, slope: Array) -> Array | None:
+    if not stiffness.active:
+        return None
+    size = len(stiffness.active)
+    A = np.eye(size)[:, :, None] + slope[list(stiffness.active)][:, None] * stiffness.K
+    if size == 1:
+        return 1.0 / A
+    return np.linalg.inv(A.transpose(2, 0, 1)).transpose(1, 2, 0)
+
+
+def _solve(stiffness: Stiffness, inverse: Array | None, rhs: Array) -> Array:
+    if inverse is None:
+        return rhs
+    out = rhs.copy()
+    rows = list(stiffness.active)
+    out[rows] = np.einsum("abn,bn->an", inverse, rhs[rows])
+    return out
+
+
+def respond_linear(compliance: Array, torque: Array, stiffness: Stiffness) -> Response:
+    """eps = (I + diag(c) K_par)^-1 diag(c) torque."""
+    slope = compliance[:, None]
+    inverse = _inverse(stiffness, slope)
+    eps = _solve(stiffness, inverse, slope * torque)
+    return Response(eps, torque - stiffness.times(eps), slope, stiffness, (), inverse)
+
+
+def respond(
+    compliance: Array,
+    torque: Array,
+    stiffness: Stiffness,
+    laws: Sequence[tuple[SpringLaw, tuple[int, ...], Array]],
+) -> Response:
+    """Solve eps = c T + f(T), T = torque - K_par eps, by Newton with backtracking.
+
+    Raises NotConverged if a step cannot reduce the residual.
+    """
+    if not laws:
+        return respond_linear(compliance, torque, stiffness)
+
+    def residual(eps: Array) -> tuple[Array, Array, Array, list[tuple[tuple[int, ...], LawTerm]]]:
+        T = torque - stiffness.times(eps)
+        value, slope = compliance[:, None] * T, np.repeat(compliance[:, None], torque.shape[1], axis=1)
+        terms: list[tuple[tuple[int, ...], LawTerm]] = []
+        for law, rows, x in laws:
+            term = law.extra(T[list(rows)].T, x)
+            np.add.at(value, list(rows), term.value.T)
+            np.add.at(slope, list(rows), term.dT.T)
+            terms.append((rows, term))
+        return eps - value, T, slope, terms
+
+    eps = respond_linear(compliance, torque, stiffness).eps
+    error, T, slope, terms = residual(eps)
+    for _ in range(_STEPS):
+        inverse = _inverse(stiffness, slope)
+        step = _solve(stiffness, inverse, error)
+        if np.all(np.abs(step) <= _TOLERANCE * np.maximum(np.abs(eps), 1e-9)):
+            return Response(eps - step, T, slope, stiffness, tuple(terms), inverse)
+        eps, (error, T, slope, terms) = _backtrack(residual, eps, step, error)
+    raise NotConverged(f"the springs' laws did not settle in {_STEPS} steps; largest step {np.abs(step).max():.1e} rad")
+
+
+def _backtrack(residual, eps: Array, step: Array, error: Array):  # type: ignore[no-untyped-def]
+    """Halve the step, pose by pose, until the residual does not grow."""
+    size = np.ones(eps.shape[1])
+    before = np.abs(error).max(axis=0)
+    for _ in range(30):
+        trial = eps - size * step
+        found = residual(trial)
+        worse = np.abs(found[0]).max(axis=0) > before * (1.0 + 1e-9) + 1e-16
+        if not worse.any():
+            break
+        size = np.where(worse, 0.5 * size, size)
+    return trial, found

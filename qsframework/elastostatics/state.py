@@ -1,0 +1,102 @@
+"""Everything that geometry says about a batch of poses, before any spring is looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.elastostatics.motion import Motion, MotionRate, combine
+from qsframework.plugin import Array
+from qsframework.robot.kinematics import Frames, Twists, frames, twists, twists_along
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A point fixed to a moving link: `xyz` (3,) m in the link's frame."""
+
+    link: int
+    xyz: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A site's position (3, N) and its twist per unit of each elastic coordinate.
+
+    linear, angular (ne, 3, N); `elements` holds the same per element of the chain
+    """
+
+    link: int
+    position: Array
+    elements: Twists
+    linear: Array
+    angular: Array
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A batch of N placed poses: the loading point, the markers, and the mass centres of the links.
+
+    `D` is the matrix of the pipeline: the tip twist (force point) per unit of each coordinate.
+    """
+
+    motion: Motion
+    placed: Frames
+    tip: Column
+    markers: tuple[Column, ...]
+
+    @property
+    def D(self) -> Array:
+        """Tip twist per elastic coordinate, (N, 6, ne), base-aligned, translation first."""
+        return np.concatenate([self.tip.linear, self.tip.angular], axis=1).transpose(2, 1, 0)
+
+    @property
+    def coordinates(self) -> int:
+        return len(self.motion.coefficients)
+
+
+def place(motion: Motion, tip: Site, markers: Sequence[Site], virtual: dict[int, Array] | None = None) -> State:
+    """Forward kinematics and Jacobians of the tip and the markers."""
+    placed = frames(motion.layout.chain, motion.element_values(virtual), motion.q.shape[-1])
+    return State(motion, placed, column(motion, placed, tip), tuple(column(motion, placed, m) for m in markers))
+
+
+def column(motion: Motion, placed: Frames, site: Site) -> Column:
+    """Position and Jacobian of one site."""
+    position = placed.point(site.link, site.xyz)
+    elements = twists(placed, site.link, position)
+    return Column(
+        site.link,
+        position,
+        elements,
+        combine(motion.coefficients, elements.linear),
+        combine(motion.coefficients, elements.angular),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class ColumnRate:
+    """Derivative of a Column along one geometric parameter.
+
+    position (3, N), turn (3, N) rad: how the site's link moves; linear, angular (ne, 3, N)
+    """
+
+    position: Array
+    turn: Array
+    linear: Array
+    angular: Array
+
+
+def column_along(motion: Motion, site: Column, rate: MotionRate) -> ColumnRate:
+    """Derivative of a site's position and Jacobian along element rates."""
+    rates = rate.elements[: site.elements.upstream]
+    slope = twists_along(site.elements, rates)
+    linear = combine(motion.coefficients, slope.linear) + combine(rate.coefficients, site.elements.linear)
+    angular = combine(motion.coefficients, slope.angular) + combine(rate.coefficients, site.elements.angular)
+    return ColumnRate(
+        np.einsum("ecn,en->cn", site.elements.linear, rates),
+        np.einsum("ecn,en->cn", site.elements.angular, rates),
+        linear,
+        angular,
+    )

@@ -1,0 +1,44 @@
+"""The public API for effects: everything that a third party's plugin imports comes from here."""
+
+from qsframework.errors import InputError, Problem
+from qsframework.plugin.build import build_effects
+from qsframework.plugin.check import check_effect
+from qsframework.plugin.facts import Array, Conditions, Poses, RobotFacts
+from qsframework.plugin.kinds import (
+    Effect,
+    Geometry,
+    Load,
+    Loop,
+    ParallelSpring,
+    Sensor,
+    Spring,
+    SpringLaw,
+)
+from qsframework.plugin.parameter import Parameter
+from qsframework.plugin.registry import find, registry
+from qsframework.plugin.settings import place, setting
+from qsframework.plugin.terms import (
+    Actuator,
+    Bar,
+    Coordinate,
+    GeometryTerm,
+    LawTerm,
+    Loads,
+    LoadTerm,
+    LoopTerm,
+    Point,
+    Reading,
+    SensorTerm,
+    StiffnessTerm,
+    TensionTerm,
+    TorqueTerm,
+    VirtualJoint,
+)
+
+__all__ = [
+    "Actuator", "Array", "Bar", "Conditions", "Coordinate", "Effect", "Geometry", "GeometryTerm", "InputError",
+    "LawTerm", "Load", "LoadTerm", "Loads", "Loop", "LoopTerm", "Parameter", "ParallelSpring",
+    "Point", "Poses", "Problem", "Reading", "RobotFacts", "Sensor", "SensorTerm", "Spring", "SpringLaw",
+    "StiffnessTerm", "TensionTerm", "TorqueTerm", "VirtualJoint", "build_effects", "check_effect",
+    "find", "place", "registry", "setting",
+]  # fmt: skip

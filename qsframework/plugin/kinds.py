@@ -1,0 +1,188 @@
+"""The seven kinds of effect, one per stage of the pipeline (physics.md, section 2).
+
+An effect is a frozen dataclass whose fields are its configuration. It declares its parameters and
+gives its law with derivatives for a batch of N poses; `x` (p,) always holds the values of its own
+parameters in the order of `parameters(robot)`. It neither stores nor changes anything.
+"""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import ClassVar, Self
+
+import numpy as np
+
+from qsframework.plugin.facts import Array, Conditions, Poses, RobotFacts
+from qsframework.plugin.parameter import Parameter
+from qsframework.plugin.settings import place_fields
+from qsframework.plugin.terms import (
+    Coordinate,
+    GeometryTerm,
+    LawTerm,
+    Loads,
+    LoadTerm,
+    LoopTerm,
+    Point,
+    Reading,
+    SensorTerm,
+    StiffnessTerm,
+    TensionTerm,
+    TorqueTerm,
+)
+
+
+class Effect(ABC):
+    """What all kinds share. The docstring's first line is the sentence on the physics."""
+
+    stage: ClassVar[int]
+    order: ClassVar[int] = 0
+    """Place among the effects of the same stage; the wrench and the reading pass in this order."""
+    source: ClassVar[str] = ""
+    """Where the law is published."""
+    check: ClassVar[str] = ""
+    """What to look at on the real robot when this effect is found."""
+    needs: ClassVar[tuple[str, ...]] = ()
+    """Columns that the readings must have: "time", "temperature", "approach"."""
+
+    @classmethod
+    def effect_name(cls) -> str:
+        """The name in files: `BaseCompliance` -> `base_compliance`."""
+        return re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+
+    @property
+    def where(self) -> str:
+        """The place, as in `effect[where]`; by default the place fields joined by a slash."""
+        return "/".join(str(getattr(self, name)) for name in place_fields(type(self)))
+
+    @property
+    def name(self) -> str:
+        """The instance's name: `effect[where]`."""
+        return f"{self.effect_name()}[{self.where}]" if self.where else self.effect_name()
+
+    def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        """The p parameters; none by default."""
+        return ()
+
+    def validate(self, robot: RobotFacts) -> None:
+        """Raise InputError if the configuration does not fit the robot."""
+
+    @classmethod
+    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[Self, ...]:
+        """Every instance that a diagnosis may try on this robot; none by default."""
+        return ()
+
+
+class Geometry(Effect):
+    """Stage 0: joint angles and placements differ from the nominal ones."""
+
+    stage = 0
+    moves_placements: ClassVar[bool] = False
+    """Whether `errors` gives twists of the joints' placements."""
+
+    @abstractmethod
+    def errors(self, poses: Poses, x: Array, robot: RobotFacts) -> GeometryTerm: ...
+
+
+class Loop(Effect):
+    """Stage 1: a closed kinematic loop between actuators and joints.
+
+    Its parameters are the errors of its bars' lengths (m), which are also the coordinates that an
+    elastic bar deflects.
+    """
+
+    stage = 1
+
+    @abstractmethod
+    def joints(self, robot: RobotFacts) -> tuple[str, ...]:
+        """The k joints of the loop; actuators have the same names."""
+
+    @abstractmethod
+    def actuators(self, q: Array, robot: RobotFacts) -> Array:
+        """Actuator angles (N, k) that the controller commands to reach joint angles q (N, k)."""
+
+    @abstractmethod
+    def closure(self, actuators: Array, bars: Array, robot: RobotFacts) -> LoopTerm:
+        """Joint angles at actuator angles (N, k) and bar errors (N, m)."""
+
+    @abstractmethod
+    def transmission_angle(self, q: Array, robot: RobotFacts) -> Array:
+        """Angle (N,) rad in [0, pi/2] between the bars; 0 where the loop is flat and transmits nothing."""
+
+    @property
+    @abstractmethod
+    def smallest_transmission_angle(self) -> float:
+        """The margin (rad) below which no pose is planned."""
+
+
+class Spring(Effect):
+    """Stage 2: elastic coordinates, one compliance parameter for each."""
+
+    stage = 2
+
+    @abstractmethod
+    def virtual_joints(self, robot: RobotFacts) -> tuple[Coordinate, ...]:
+        """Where the spring lets the arm give."""
+
+    def mixing(self, robot: RobotFacts) -> Array:
+        """(virtual joints, coordinates): motion of the virtual joints per elastic coordinate."""
+        return np.eye(len(self.virtual_joints(robot)))
+
+
+class ParallelSpring(Effect):
+    """Stage 3: a torque beside the gears. Overrides one or more of the three faces."""
+
+    stage = 3
+
+    def joints(self, robot: RobotFacts) -> tuple[str, ...]:
+        """The k joints that `torque` and `stiffness` act on and depend on."""
+        return ()
+
+    def torque(self, q: Array, x: Array, conditions: Conditions) -> TorqueTerm | None:
+        """The physical torque on the joints at angles q (N, k); its stiffness follows from dq."""
+        return None
+
+    def stiffness(self, q: Array, x: Array, conditions: Conditions) -> StiffnessTerm | None:
+        """An equivalent stiffness with no torque at the commanded pose."""
+        return None
+
+    def ends(self, robot: RobotFacts) -> tuple[Point, Point] | None:
+        """The two points that `tension` pulls together."""
+        return None
+
+    def tension(self, length: Array, x: Array, conditions: Conditions) -> TensionTerm:
+        """The pull at a distance (N,) between the two ends."""
+        raise TypeError(f"{self.name} has ends but no tension")
+
+
+class SpringLaw(Effect):
+    """Stage 4: eps = c T + f(T), T the torque that the gear carries, preload included."""
+
+    stage = 4
+
+    @abstractmethod
+    def springs(self, robot: RobotFacts) -> tuple[str, ...]:
+        """Names of the k compliances whose coordinates follow this law."""
+
+    @abstractmethod
+    def extra(self, torque: Array, x: Array) -> LawTerm:
+        """f at torques (N, k)."""
+
+
+class Load(Effect):
+    """Stage 5: the wrench and the masses differ from what the experiment says."""
+
+    stage = 5
+
+    @abstractmethod
+    def apply(self, loads: Loads, x: Array, robot: RobotFacts) -> LoadTerm: ...
+
+
+class Sensor(Effect):
+    """Stage 6: the instrument's reading differs from the marker's position."""
+
+    stage = 6
+
+    @abstractmethod
+    def read(self, reading: Reading, x: Array, markers: Sequence[str], conditions: Conditions) -> SensorTerm: ...

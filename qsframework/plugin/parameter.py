@@ -1,0 +1,49 @@
+"""What a physical law leaves open: a named number with a unit, bounds and a source."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from qsframework.errors import PluginError
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A scalar parameter of one effect at one place, in SI.
+
+    name     `effect[where]`, or `effect[where].parameter` where the effect has more than one
+    unit     SI unit as text, readable by pint: "rad/(N m)", "m", ""
+    nominal  value before any reading
+    typical  a realistic non-zero size: scales the parameter and sizes a hidden effect
+    sd       prior standard deviation, None if nothing is known
+    null     value at which the effect vanishes, None if this parameter alone cannot switch it off
+    """
+
+    name: str
+    unit: str
+    nominal: float = 0.0
+    typical: float = 1.0
+    sd: float | None = None
+    lower: float = -math.inf
+    upper: float = math.inf
+    null: float | None = 0.0
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.lower <= self.nominal <= self.upper:
+            raise PluginError(
+                f"{self.name}: nominal {self.nominal:g} is outside its bounds "
+                f"[{self.lower:g}, {self.upper:g}] {self.unit}"
+            )
+        if not (math.isfinite(self.typical) and self.typical > 0):
+            raise PluginError(f"{self.name}: typical must be a positive number, found {self.typical}")
+        if self.sd is not None and not (math.isfinite(self.sd) and self.sd > 0):
+            raise PluginError(f"{self.name}: sd must be positive or None, found {self.sd}")
+
+    @property
+    def scale(self) -> float:
+        """Size by which to scale this parameter in rank decisions and designs (> 0)."""
+        if self.nominal != 0.0:
+            return abs(self.nominal)
+        return self.sd if self.sd is not None else self.typical

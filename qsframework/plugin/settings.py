@@ -1,0 +1,32 @@
+"""The configuration of an effect: typed dataclass fields, units in the file's names, SI inside."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+AXES = ("x", "y", "z")
+_PLURALS = {"joint": "joints", "axis": "axes", "link": "links", "marker": "markers"}
+
+
+def setting(unit: str = "", default: Any = dataclasses.MISSING) -> Any:
+    """A number from the spec. With unit "m" the file says `name_mm` or `name_m`, the field is in m."""
+    return dataclasses.field(default=default, metadata={"unit": unit})
+
+
+def place(default: Any = dataclasses.MISSING) -> Any:
+    """Where the effect acts: a field `joint`, `axis`, `link` or `marker`, part of the instance's name.
+
+    In a spec its plural with a list, or `all`, makes one instance for each.
+    """
+    return dataclasses.field(default=default, metadata={"place": True})
+
+
+def place_fields(effect: type) -> tuple[str, ...]:
+    """Names of the fields that say where an effect acts."""
+    return tuple(f.name for f in dataclasses.fields(effect) if f.metadata.get("place"))
+
+
+def plural(name: str) -> str:
+    """The spec's spelling for several places: joint -> joints, axis -> axes."""
+    return _PLURALS.get(name, name + "s")

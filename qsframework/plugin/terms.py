@@ -1,0 +1,179 @@
+"""What each kind of effect gives back: a value and its derivatives, for a batch of N poses.
+
+p is the number of parameters of the effect, n of joints, k of the joints or markers it touches.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from qsframework.plugin.facts import Array
+
+
+@dataclass(frozen=True)
+class GeometryTerm:
+    """Errors of the unloaded geometry.
+
+    angles     (N, n) rad, added to the actuator angles (on a serial arm: to the joint angles)
+    angles_dx  (N, n, p)
+    twists     (N, n, 6) small displacement of each joint's placement in the frame of that joint's
+               placement: translation x, y, z (m) then rotation about x, y, z (rad), applied in this
+               order; None if placements are perfect
+    twists_dx  (N, n, 6, p)
+    """
+
+    angles: Array
+    angles_dx: Array
+    twists: Array | None = None
+    twists_dx: Array | None = None
+
+
+@dataclass(frozen=True)
+class LoopTerm:
+    """A loop over k joints with m bars, at u = (actuator angles, bar errors) of k + m entries.
+
+    q (N, k) joint angles; q_u (N, k, k + m); q_uu (N, k, k + m, k + m)
+    """
+
+    q: Array
+    q_u: Array
+    q_uu: Array
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """An elastic coordinate that turns the actuator of a joint (through the loop, if there is one)."""
+
+    joint: str
+
+
+@dataclass(frozen=True)
+class Bar:
+    """An elastic coordinate that lengthens one bar of a loop: `loop` is the loop's instance name."""
+
+    loop: str
+    index: int
+
+
+@dataclass(frozen=True)
+class VirtualJoint:
+    """An elastic coordinate at a link's frame that moves the link and all that it carries.
+
+    side "after": the axis turns with the link. side "before": the axis is fixed in the previous
+    link, in the joint's frame at zero angle. For the base link both are the same.
+    """
+
+    link: str
+    axis: Literal["x", "y", "z"] | tuple[float, float, float]
+    kind: Literal["rotation", "translation"]
+    side: Literal["before", "after"] = "after"
+
+
+Coordinate = Actuator | Bar | VirtualJoint
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point fixed to a link: `xyz` in the link's frame, m."""
+
+    link: str
+    xyz: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class TorqueTerm:
+    """Torque on k joints as a function of their angles: value (N, k) N m, dq (N, k, k), dx (N, k, p).
+
+    dqq (N, k, k, k) and dqx (N, k, k, p) are the derivatives of dq; where they are None, differences
+    of dq are taken.
+    """
+
+    value: Array
+    dq: Array
+    dx: Array
+    dqq: Array | None = None
+    dqx: Array | None = None
+
+
+@dataclass(frozen=True)
+class StiffnessTerm:
+    """Stiffness beside the springs of k joints at the commanded pose, with no torque there.
+
+    value (N, k, k) N m/rad, dq (N, k, k, k) with the differentiating angle last, dx (N, k, k, p)
+    """
+
+    value: Array
+    dq: Array
+    dx: Array
+
+
+@dataclass(frozen=True)
+class TensionTerm:
+    """Pull between two points at a distance s: value (N,) N, ds (N,) N/m, dx (N, p)."""
+
+    value: Array
+    ds: Array
+    dx: Array
+
+
+@dataclass(frozen=True)
+class LawTerm:
+    """What k gears give beyond their compliance at torque T: value (N, k), dT (N, k), dx (N, k, p)."""
+
+    value: Array
+    dT: Array
+    dx: Array
+
+
+@dataclass(frozen=True)
+class Loads:
+    """The wrench at the load point, base frame, and the masses that gravity pulls.
+
+    wrench (N, 6); rotation (N, 3, 3) of the flange;
+    moments (n + 1, 4): for each link its mass (kg) and mass times centre (kg m, link frame)
+    """
+
+    wrench: Array
+    rotation: Array
+    moments: Array
+
+
+@dataclass(frozen=True)
+class LoadTerm:
+    """Loads out of loads in.
+
+    wrench (N, 6), d_wrench (N, 6, 6), d_rotation (N, 6, 3) for a small rotation of the flange about
+    the base axes (None: no dependence), dx (N, 6, p);
+    moments (n + 1, 4) *added* to those that came in, moments_dx (n + 1, 4, p) (None: none)
+    """
+
+    wrench: Array
+    d_wrench: Array
+    dx: Array
+    d_rotation: Array | None = None
+    moments: Array | None = None
+    moments_dx: Array | None = None
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the instrument sees of k markers in one state: position (N, k, 3) m and the rotation
+    (N, k, 3, 3) of the link that carries each, both in the base frame."""
+
+    position: Array
+    rotation: Array
+
+
+@dataclass(frozen=True)
+class SensorTerm:
+    """A reading out of a reading in.
+
+    position (N, k, 3), d_position (N, k, 3, 3), dx (N, k, 3, p), d_rotation (N, k, 3, 3) for a small
+    rotation of the marker's link about the base axes (None: no dependence)
+    """
+
+    position: Array
+    d_position: Array
+    dx: Array
+    d_rotation: Array | None = None
