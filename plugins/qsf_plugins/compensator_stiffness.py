@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from qsf_plugins.spring_triangle import SpringTriangle
 
-from qsframework.plugin import Array, Conditions, Parameter, ParallelSpring, RobotFacts, StiffnessTerm, place, setting
+from qsf_plugins.spring_triangle import SpringTriangle
+from qsframework.plugin import Array, Conditions, ParallelSpring, Parameter, RobotFacts, StiffnessTerm, place, setting
 
 
 @dataclass(frozen=True)

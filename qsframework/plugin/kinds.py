@@ -65,7 +65,7 @@ class Effect(ABC):
         """The p parameters; none by default."""
         return ()
 
-    def validate(self, robot: RobotFacts) -> None:
+    def validate(self, robot: RobotFacts) -> None:  # noqa: B027 - most effects fit every robot
         """Raise InputError if the configuration does not fit the robot."""
 
     @classmethod

@@ -20,8 +20,8 @@ from qsframework.plugin import (
     LoadTerm,
     Loop,
     LoopTerm,
-    Parameter,
     ParallelSpring,
+    Parameter,
     Poses,
     Reading,
     RobotFacts,
@@ -160,7 +160,7 @@ class Hook(Load):
         return (Parameter("hook.scale", ""), Parameter("hook.offset", "m"), Parameter("hook.mass", "kg", typical=50.0))
 
     def apply(self, loads: Loads, x: Array, robot: RobotFacts) -> LoadTerm:
-        scale, offset, mass = x
+        scale, offset, _ = x
         arm = loads.rotation @ np.array([offset, 0.0, 2 * offset])
         force = loads.wrench[:, :3] * (1 + scale)
         d_wrench = np.zeros((len(force), 6, 6))

@@ -1,0 +1,1 @@
+"""qsframework: elastostatic calibration of heavy, quasi-serial industrial robots."""

@@ -1,0 +1,45 @@
+"""Whitened, scaled sensitivities: the rows that designs and fits work on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from qsframework.elastostatics import Model
+from qsframework.plugin import Array, Parameter, Poses
+
+
+def scales(parameters: Sequence[Parameter]) -> Array:
+    """Size (p,) by which each parameter is scaled: its stated sd, else its nominal or typical value."""
+    return np.array([p.scale if p.sd is None else p.sd for p in parameters])
+
+
+def information_rows(model: Model, poses: Poses, names: Sequence[str], sigma: float) -> Array:
+    """Whitened rows (N, 3 K, p) of each pose, per unit of each parameter's scale (equation (4), whitened)."""
+    chosen = [model.parameters[i] for i in model.index(names)]
+    A = model.sensitivity(poses, names=names)
+    return A.reshape(len(poses), -1, len(names)) * (scales(chosen) / sigma)
+
+
+def information(rows: Array) -> Array:
+    """Information matrix (N, p, p) of each pose: A' A."""
+    return rows.transpose(0, 2, 1) @ rows
+
+
+def predicted_sd(model: Model, poses: Poses, names: Sequence[str], sigma: float, repeats: Array | None = None) -> Array:
+    """Standard deviation (p,) that a plan promises for each parameter; inf where it cannot tell it."""
+    from qsframework.information.rank import rank_test
+
+    rows = information_rows(model, poses, names, sigma)
+    if repeats is not None:
+        rows = rows * np.sqrt(np.asarray(repeats, dtype=float))[:, None, None]
+    flat = rows.reshape(-1, len(names))
+    test = rank_test(flat, names)
+    lost = set(test.unseen) | {name for group in test.tied for name in group}
+    kept = [i for i, name in enumerate(names) if name not in lost]
+    out = np.full(len(names), np.inf)
+    if kept:
+        R = np.linalg.qr(flat[:, kept], mode="r")
+        out[kept] = np.linalg.norm(np.linalg.inv(R), axis=1)
+    return out * scales([model.parameters[i] for i in model.index(names)])

@@ -1,0 +1,96 @@
+"""Units at the border: a name in a file ends in its unit, everything inside is SI.
+
+`lever_m`, `limits_deg`, `value_urad/(N m)`: the part after the last underscore is the unit. Pint
+reads it, with one change to its default: the radian is a dimension of its own, so that an angle
+and a ratio cannot be mistaken for each other.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+_ALIASES = {"Nm": "N*m", "kNm": "kN*m", "percent": "percent", "": "dimensionless"}
+_LONGEST = 40
+
+ALLOWED: dict[str, tuple[str, ...]] = {
+    "rad": ("deg", "rad", "mrad", "urad", "arcmin"),
+    "m": ("mm", "m", "um"),
+    "N": ("N", "kN"),
+    "N m": ("Nm", "kNm"),
+    "kg": ("kg",),
+    "s": ("s", "min", "h"),
+    "K": ("degC", "K"),
+    "": ("percent",),
+}
+"""For each SI unit, the suffixes to offer in messages; pint accepts any other of its dimension."""
+
+
+@cache
+def _registry() -> Any:
+    import pint
+
+    registry: Any = pint.UnitRegistry(autoconvert_offset_to_baseunit=True, on_redefinition="ignore")
+    registry.define("radian = [angle] = rad")
+    return registry
+
+
+def _text(unit: str) -> str:
+    return _ALIASES.get(unit, unit.replace(" ", "*") if "(" not in unit else unit.replace("N m", "N*m"))
+
+
+@cache
+def conversion(unit: str) -> tuple[float, float, str]:
+    """`(factor, offset, dimension)` with SI value = factor * value + offset.
+
+    Raises ValueError if pint does not know the unit.
+    """
+    if len(unit) > _LONGEST:
+        raise ValueError(f"unknown unit {unit[:_LONGEST]!r}...")
+    registry = _registry()
+    try:
+        parsed = registry.Unit(_text(unit))
+        zero = registry.Quantity(0.0, parsed).to_base_units()
+        one = registry.Quantity(1.0, parsed).to_base_units()
+    except Exception as error:  # pint raises many kinds on text that is no unit
+        raise ValueError(f"unknown unit {unit!r}") from error
+    return one.magnitude - zero.magnitude, zero.magnitude, str(one.dimensionality)
+
+
+def known(unit: str) -> bool:
+    """Whether pint can read the unit."""
+    try:
+        conversion(unit)
+    except ValueError:
+        return False
+    return True
+
+
+def same_dimension(unit: str, si: str) -> bool:
+    """Whether the unit measures the same kind of quantity as the SI unit `si`."""
+    return conversion(unit)[2] == conversion(si)[2]
+
+
+def to_si(value: Any, unit: str) -> Any:
+    """A number or array in the unit, as SI."""
+    factor, offset, _ = conversion(unit)
+    return value * factor + offset
+
+
+def from_si(value: Any, unit: str) -> Any:
+    """An SI number or array, in the unit."""
+    factor, offset, _ = conversion(unit)
+    return (value - offset) / factor
+
+
+def split(name: str, stems: tuple[str, ...] | list[str]) -> tuple[str, str] | None:
+    """`(stem, unit)` of a name `stem_unit` whose stem is among `stems`, else None."""
+    for stem in sorted(stems, key=len, reverse=True):
+        if name.startswith(stem + "_"):
+            return stem, name[len(stem) + 1 :]
+    return None
+
+
+def allowed_names(stem: str, si: str) -> str:
+    """The spellings to offer for a quantity: `lever_mm, lever_m, lever_um`."""
+    return ", ".join(f"{stem}_{unit}" for unit in ALLOWED.get(si, (si,)))
