@@ -86,7 +86,7 @@ class Model:
             out[part] = sensitivities(evaluate(self, chunk, x), wanted).transpose(3, 1, 2, 0)
         return out
 
-    def transmission_angle(self, poses: Poses) -> Array:
+    def transmission_margin(self, poses: Poses) -> Array:
         """Smallest margin (N,) rad over all loops: transmission angle less what the loop asks for."""
         margin = np.full(len(poses), np.inf)
         for place in self.layout.loops:

@@ -1,0 +1,169 @@
+"""Weighted linear least squares in the compliances, equations (3) and (4) of the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from qsframework.elastostatics import Model
+from qsframework.errors import InputError, NotIdentifiable
+from qsframework.experiment import Experiment, Readings
+from qsframework.files import sha256
+from qsframework.identify.fit import Estimate, Fit
+from qsframework.information import RankTest, rank_test, scales
+from qsframework.plugin import Array, Parameter
+
+_LINEAR = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The rows of a fit: readings y (R, 3), sd of one coordinate (R,), and to which measurement each belongs."""
+
+    keep: Array
+    measured: Array
+    sigma: Array
+    measurement: Array
+    marker: Array
+
+    def of(self, predicted: Array) -> Array:
+        """Pick the rows out of a prediction (N, K, 3, ...)."""
+        return predicted[self.measurement, self.marker]
+
+
+def identify(experiment: Experiment, readings: Readings, fit: Sequence[str] | None = None) -> Fit:
+    """Estimate the experiment's parameters (or `fit`, exact names) from displacement readings.
+
+    InputError where there are fewer readings than parameters or where a parameter does not enter
+    linearly; NotIdentifiable, naming the parameters, where the readings cannot tell them apart.
+    """
+    model = experiment.model()
+    names = experiment.fit_names(model) if fit is None else tuple(fit)
+    rows, source = _rows(experiment, readings)
+    if 3 * len(rows.keep) <= len(names):
+        raise InputError(
+            f"{len(rows.keep)} readings give {3 * len(rows.keep)} numbers: too few for {len(names)} parameters"
+        )
+    x0 = model.nominal
+    chosen = [model.parameters[i] for i in model.index(names)]
+    A = rows.of(model.sensitivity(readings.poses, x0, names))
+    nominal = rows.of(model.predict(readings.poses, x0))
+    whitened = (A * scales(chosen) / rows.sigma[:, None, None]).reshape(-1, len(names))
+    test = rank_test(whitened, names)
+    if not test.full:
+        raise NotIdentifiable(f"these readings cannot tell the parameters: {test.words()}")
+    solution = _solve(whitened, ((rows.measured - nominal) / rows.sigma[:, None]).ravel())
+    x = x0.copy()
+    x[model.index(names)] += solution.z * scales(chosen)
+    predicted = rows.of(model.predict(readings.poses, x))
+    _require_linear(predicted, nominal + A @ (solution.z * scales(chosen)), names)
+    return _result(model, x, chosen, rows, readings, test, solution, source, nominal, predicted)
+
+
+def _rows(experiment: Experiment, readings: Readings) -> tuple[Rows, str]:
+    keep = np.flatnonzero(readings.use)
+    if not len(keep):
+        raise InputError(f"{readings.source}: every reading is masked (use = 0)")
+    stated = np.where(np.isnan(readings.sigma[keep]), experiment.noise.sigma or np.nan, readings.sigma[keep])
+    missing = np.isnan(stated)
+    if missing.any() and not missing.all():
+        raise InputError(
+            f"{readings.source}: {int(missing.sum())} readings have no sigma_mm and the experiment states no noise; "
+            "give all of them or none"
+        )
+    sigma = np.ones(len(keep)) if missing.any() else stated
+    rows = Rows(keep, readings.displacement[keep], sigma, readings.measurement[keep], readings.marker[keep])
+    return rows, "estimated" if missing.any() else "stated"
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """Least squares by QR: scaled estimate z (p,), unit covariance (p, p), orthonormal columns Q (3R, p)."""
+
+    z: Array
+    covariance: Array
+    Q: Array
+
+
+def _solve(whitened: Array, target: Array) -> _Solution:
+    Q, R = np.linalg.qr(whitened)
+    inverse = linalg.solve_triangular(R, np.eye(len(R)))
+    return _Solution(inverse @ (Q.T @ target), inverse @ inverse.T, Q)
+
+
+def _require_linear(predicted: Array, linear: Array, names: Sequence[str]) -> None:
+    size = np.abs(predicted).max()
+    if np.abs(predicted - linear).max() > _LINEAR * size:
+        raise InputError(
+            f"the model is not linear in {', '.join(names)}: linear least squares would be wrong by "
+            f"{np.abs(predicted - linear).max() / size:.1e} of the largest reading; leave the parameters that are "
+            "not compliances out of `fit`"
+        )
+
+
+def _result(
+    model: Model, x: Array, chosen: Sequence[Parameter], rows: Rows, readings: Readings, test: RankTest,
+    solution: _Solution, source: str, nominal: Array, predicted: Array,
+) -> Fit:  # fmt: skip
+    residuals = rows.measured - predicted
+    white = residuals / rows.sigma[:, None]
+    dof = white.size - len(chosen)
+    chi2 = float((white**2).sum())
+    unit = float(np.sqrt(chi2 / dof)) if source == "estimated" else 1.0
+    covariance = solution.covariance * np.outer(scales(chosen), scales(chosen)) * unit**2
+    values = x[model.index([p.name for p in chosen])]
+    return Fit(
+        "linear", model, x, _estimates(chosen, values, np.sqrt(np.diag(covariance))), covariance, test,
+        unit if source == "estimated" else float(np.sqrt(np.mean(rows.sigma**2))), source,
+        readings.rows[rows.keep], rows.measured, predicted, nominal, residuals,
+        studentised(white, solution.Q, len(chosen)), left_out(white, solution.Q, rows.measurement) * rows.sigma[:, None],
+        chi2 / unit**2, dof, sha256(readings.source) if readings.source is not None else "",
+    )  # fmt: skip
+
+
+def _estimates(chosen: Sequence[Parameter], values: Array, sds: Array) -> tuple[Estimate, ...]:
+    def status(p: Parameter, value: float) -> str:
+        if value < p.lower:
+            return f"below its bound {p.lower:g}: the model or a convention is wrong"
+        if value > p.upper:
+            return f"above its bound {p.upper:g}: the model or a convention is wrong"
+        return ""
+
+    return tuple(
+        Estimate(p.name, p.unit, float(v), float(s), p.nominal, p.lower, p.upper, status(p, float(v)))
+        for p, v, s in zip(chosen, values, sds, strict=True)
+    )
+
+
+def studentised(white: Array, Q: Array, parameters: int) -> Array:
+    """Externally studentised residuals (R, 3): each coordinate against the fit without it.
+
+    Under the model each follows Student's t with 3R - p - 1 degrees of freedom.
+    """
+    r = white.ravel()
+    leverage = np.einsum("ij,ij->i", Q, Q)
+    dof = len(r) - parameters
+    free = np.maximum(1.0 - leverage, 1e-12)
+    variance = np.maximum(((r**2).sum() - r**2 / free) / max(dof - 1, 1), 1e-300)
+    return (r / np.sqrt(variance * free)).reshape(white.shape)
+
+
+def left_out(white: Array, Q: Array, measurement: Array) -> Array:
+    """Whitened errors (R, 3) at each measurement when all its markers are left out of the fit.
+
+    Exact for linear least squares: (I - Q_i Q_i')^-1 r_i for the block of each measurement.
+    Raises NotIdentifiable if the fit hangs on a single measurement.
+    """
+    out = np.empty_like(white)
+    blocks = Q.reshape(*white.shape, -1)
+    for m in np.unique(measurement):
+        rows = measurement == m
+        q = blocks[rows].reshape(-1, Q.shape[1])
+        rest = np.eye(len(q)) - q @ q.T
+        if np.linalg.cond(rest) > 1e12:
+            raise NotIdentifiable("without one of the poses the parameters cannot be told; measure more poses")
+        out[rows] = np.linalg.solve(rest, white[rows].ravel()).reshape(-1, 3)
+    return out
