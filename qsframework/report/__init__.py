@@ -1,0 +1,24 @@
+"""Reports: one HTML file each, readable without a network."""
+
+from qsframework.report.fit_section import error_table, fit_section, fit_table, shown
+from qsframework.report.page import Figure, Section, Table, Text, View, write_report
+from qsframework.report.plan_section import certificate_text, plan_section, pose_table, sd_table
+from qsframework.report.provenance import provenance_section
+
+__all__ = [
+    "Figure",
+    "Section",
+    "Table",
+    "Text",
+    "View",
+    "certificate_text",
+    "error_table",
+    "fit_section",
+    "fit_table",
+    "plan_section",
+    "pose_table",
+    "provenance_section",
+    "sd_table",
+    "shown",
+    "write_report",
+]

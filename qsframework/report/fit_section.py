@@ -1,0 +1,106 @@
+"""The fit in a report: the table in lmfit's spirit, measured against predicted, residuals."""
+
+from __future__ import annotations
+
+import html
+from typing import Any
+
+import numpy as np
+
+from qsframework.identify import Fit
+from qsframework.report.page import Figure, Section, Table, Text
+
+_AXES = ("x", "y", "z")
+_SHOWN = {"rad/(N m)": (1e6, "urad/(N m)"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
+
+
+def shown(value: float, unit: str) -> tuple[float, str]:
+    """A value in the unit that people read: compliances in urad/(N m)."""
+    factor, name = _SHOWN.get(unit, (1.0, unit))
+    return value * factor, name
+
+
+def fit_table(fit: Fit, truth: dict[str, float] | None = None) -> Table:
+    """Value +- sd, initial, status of each estimate; with the truth where a simulation knows it."""
+    rows = []
+    for e in fit.estimates:
+        value, unit = shown(e.value, e.unit)
+        sd, initial = shown(e.sd, e.unit)[0], shown(e.initial, e.unit)[0]
+        percent = f"{100 * e.sd / abs(e.value):.1f} %" if e.value else "-"
+        row = [e.name, f"{value:.4g} ± {sd:.2g}", unit, percent, f"{initial:.4g}"]
+        if truth is not None:
+            true = truth[e.name]
+            row += [f"{shown(true, e.unit)[0]:.4g}", f"{(e.value - true) / e.sd:+.2f}"]
+        rows.append((*row, e.status or "ok"))
+    extra = () if truth is None else ("truth", "error / sd")
+    return Table(
+        ("parameter", "value ± sd", "unit", "sd", "initial", *extra, "status"),
+        tuple(rows),
+        f"Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, {fit.sigma_source}. A status other than ok says that a "
+        "value lies at or beyond its bound.",
+    )
+
+
+def error_table(fit: Fit) -> Table:
+    """RMS per axis of the readings, the nominal model, the fit, and the poses left out."""
+    names = ("readings", "nominal model", "identified", "leave-one-pose-out")
+    values = (fit.rms_readings, fit.rms_nominal, fit.rms, fit.rms_left_out)
+    return Table(
+        ("RMS per axis", "mm"),
+        tuple((name, f"{value * 1e3:.4f}") for name, value in zip(names, values, strict=True)),
+        "The last row counts: it is the error at poses that the fit has not seen.",
+    )
+
+
+def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> Section:
+    """Tables and figures of one fit."""
+    pairs = fit.high_correlations()
+    said = "; ".join(f"{a} and {b}: {c:+.2f}" for a, b, c in pairs) or "none"
+    test = f"chi-square {fit.chi2:.1f} on {fit.dof} degrees of freedom" + (
+        " (by construction: the noise is estimated from the residuals)." if fit.sigma_source == "estimated" else "."
+    )
+    return Section(
+        title,
+        (
+            fit_table(fit, truth),
+            Text(f"Correlations above 0.9: {said}. {test}"),
+            error_table(fit),
+            Figure(_measured_predicted(fit), "Points should lie on the line; a slope says that the stiffness is off."),
+            Figure(
+                _residuals(fit),
+                "Studentised residuals by row of the file. Beyond ±3 a reading deserves a look; a run of one sign "
+                "says that the model misses something.",
+            ),
+        ),
+    )
+
+
+def _figure(title: str, x: str, y: str) -> Any:
+    import plotly.graph_objects as go
+
+    return go.Figure(layout={"title": {"text": html.escape(title)}, "xaxis": {"title": {"text": x}},
+                             "yaxis": {"title": {"text": y}}, "template": "plotly_white", "height": 380})  # fmt: skip
+
+
+def _measured_predicted(fit: Fit) -> Any:
+    figure = _figure("Measured against predicted displacement", "predicted, mm", "measured, mm")
+    for i, axis in enumerate(_AXES):
+        figure.add_scatter(
+            x=fit.predicted[:, i] * 1e3, y=fit.measured[:, i] * 1e3, mode="markers", name=f"d{axis}",
+            text=[f"row {r}" for r in fit.rows],
+        )  # fmt: skip
+    ends = np.array([fit.measured.min(), fit.measured.max()]) * 1e3
+    figure.add_scatter(x=ends, y=ends, mode="lines", name="equal", line={"color": "#999", "width": 1})
+    return figure
+
+
+def _residuals(fit: Fit) -> Any:
+    figure = _figure("Studentised residuals", "row of the readings file", "residual / its sd")
+    for i, axis in enumerate(_AXES):
+        figure.add_scatter(
+            x=fit.rows, y=fit.studentised[:, i], mode="markers", name=f"d{axis}",
+            text=[f"{v * 1e3:.3f} mm" for v in fit.residuals[:, i]],
+        )  # fmt: skip
+    for level in (-3.0, 3.0):
+        figure.add_hline(y=level, line={"color": "#c33", "width": 1, "dash": "dot"})
+    return figure

@@ -1,0 +1,67 @@
+"""The plan in a report: certificate, promised standard deviations, poses, 3D view."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from qsframework.experiment import Experiment, Plan
+from qsframework.plugin import Array, Parameter
+from qsframework.report.fit_section import shown
+from qsframework.report.page import Section, Table, Text, View
+from qsframework.viz import plan_scene
+
+
+def certificate_text(plan: Plan) -> str:
+    """The proof of a plan in words."""
+    c = plan.certificate
+    if c is None:
+        return "This plan carries no certificate: it was not designed here."
+    return (
+        f"{c.criterion}-optimal over {c.candidates} candidates. The relaxed design is certified to an efficiency of "
+        f"{c.relaxed_efficiency:.6f} by the equivalence theorem; this plan of {c.poses} poses reaches at least "
+        f"{c.efficiency:.4f} of the best that any plan over these candidates could reach."
+    )
+
+
+def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> Table:
+    """Promised standard deviation of each parameter, one column per plan."""
+    rows = []
+    for i, p in enumerate(parameters):
+        row = [p.name, f"{shown(p.nominal, p.unit)[0]:.4g}", shown(1.0, p.unit)[1]]
+        for sd in columns.values():
+            share = f" ({100 * sd[i] / p.nominal:.1f} %)" if p.nominal else ""
+            row.append(f"{shown(float(sd[i]), p.unit)[0]:.3g}{share}" if np.isfinite(sd[i]) else "not identifiable")
+        rows.append(tuple(row))
+    return Table(
+        ("parameter", "nominal", "unit", *columns),
+        tuple(rows),
+        "Standard deviation that each plan promises, from the sensitivities at the nominal values; in brackets its "
+        "share of the nominal value.",
+    )
+
+
+def pose_table(plan: Plan) -> Table:
+    """The plan's poses in pendant angles."""
+    header = ("pose", *(f"J{k + 1} deg" for k in range(plan.pendant.shape[1])), "load", "force N", "repeats")
+    rows = tuple(
+        (
+            plan.pose[i],
+            *(f"{a:.2f}" for a in np.rad2deg(plan.pendant[i])),
+            plan.load[i],
+            ", ".join(f"{f:.0f}" for f in plan.wrench[i, :3]),
+            str(plan.repeats[i]),
+        )
+        for i in range(len(plan.pose))
+    )
+    return Table(header, rows, "Angles as the pendant shows them.")
+
+
+def plan_section(experiment: Experiment, plan: Plan, sds: Table, title: str) -> Section:
+    """Certificate, promised sds, poses and the 3D view."""
+    view = View(
+        plan_scene(experiment, plan).html(),
+        "Drag to turn, scroll to zoom; the slider shows one pose at a time. Red: the load; blue: the markers.",
+    )
+    return Section(title, (Text(certificate_text(plan)), sds, pose_table(plan), view))

@@ -1,0 +1,6 @@
+"""Pictures in 3D."""
+
+from qsframework.viz.plan_scene import plan_scene, place_poses
+from qsframework.viz.scene import Scene
+
+__all__ = ["Scene", "place_poses", "plan_scene"]
