@@ -1,0 +1,5 @@
+"""`python -m qsframework` is `qsf`."""
+
+from qsframework.cli import main
+
+main()

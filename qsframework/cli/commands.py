@@ -1,0 +1,117 @@
+"""What each command calls and prints."""
+
+from __future__ import annotations
+
+import json as jsonlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from qsframework.cli.progress import print_table, progress
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, load_experiment, read_plan, read_readings, write_plan, write_readings
+from qsframework.files import write_text
+
+
+def list_robots() -> None:
+    """Name and title of every robot on the search path."""
+    from qsframework.robot import load_robot, robot_names
+
+    rows = tuple((name, load_robot(name).title) for name in robot_names())
+    print_table(("robot", "title"), rows)
+
+
+def check_files(files: Sequence[Path]) -> None:
+    """Load each file; raise one InputError with the problems of all."""
+    problems = []
+    for file in files:
+        try:
+            print(f"{file}: {_check(file)}")
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+
+
+def _check(file: Path) -> str:
+    from qsframework.robot import load_robot, robot_names
+
+    if str(file) in robot_names() or file.name == "robot.yaml" or file.is_dir():
+        robot = load_robot(file)
+        return f"robot {robot.name}, {robot.facts.n} joints, {len(robot.parameters)} parameters, ok"
+    experiment = load_experiment(file)
+    words = f"experiment with {experiment.robot.name}, {len(experiment.markers)} markers"
+    if experiment.data is not None:
+        readings = read_readings(experiment.data, experiment)
+        words += f", {len(readings.use)} readings at {len(readings.poses)} poses"
+    return words + ", ok"
+
+
+def run_design(
+    file: Path, poses: int, criterion: str, candidates: int, repeats: bool, output: Path, seed: int,
+    json: Path | None, report: Path | None,
+) -> None:  # fmt: skip
+    """Design, write plan.csv and plan.json, print the promise of the plan."""
+    from qsframework.design import design
+    from qsframework.report import certificate_text, plan_section, provenance_section, sd_table, write_report
+
+    experiment = load_experiment(file)
+    with progress() as tell:
+        plan = design(experiment, poses, criterion, candidates, seed, repeats, tell)
+    write_plan(output, plan, experiment)
+    model = experiment.model()
+    table = sd_table(experiment.fit_parameters(model), {"this plan": experiment.promised_sd(plan)})
+    print_table(table.header, table.rows)
+    print(certificate_text(plan))
+    print(f"plan: {output}")
+    if json is not None:
+        write_json(json, {"plan": str(output), "certificate": plan.certificate.as_json() if plan.certificate else None})
+    if report is not None:
+        sections = (plan_section(experiment, plan, table, "Plan"), provenance_section(model.effects, [file], seed))
+        print(f"report: {write_report(report, f'Measurement plan: {experiment.robot.title}', sections)}")
+
+
+def run_simulate(file: Path, plan_file: Path, output: Path, truth: str, seed: int, json: Path | None) -> None:
+    """Simulate a plan and write its readings."""
+    from qsframework.experiment import simulate
+
+    experiment = load_experiment(file)
+    result = simulate(experiment, read_plan(plan_file, experiment), truth=truth, seed=seed)
+    write_readings(output, result.readings, experiment)
+    if json is not None:
+        write_json(json, {"readings": str(output), "seed": seed, "truth": result.truth_by_name()})
+    print(f"{len(result.readings.use)} readings at {len(result.readings.poses)} poses: {output}")
+
+
+def run_identify(
+    file: Path, data: Path | None, fit: list[str] | None, json: Path | None, report: Path | None
+) -> None:  # fmt: skip
+    """Identify, print the fit, write fit.json and the report."""
+    from qsframework.identify import identify
+    from qsframework.report import error_table, fit_section, fit_table, provenance_section, write_report
+
+    experiment = load_experiment(file)
+    source = readings_file(experiment, data)
+    result = identify(experiment, read_readings(source, experiment), fit)
+    for table in (fit_table(result), error_table(result)):
+        print_table(table.header, table.rows)
+        print(table.caption)
+    if json is not None:
+        write_json(json, result.as_json())
+        print(f"fit: {json}")
+    if report is not None:
+        sections = (fit_section(result, "Fit"), provenance_section(result.model.effects, [file, source], None))
+        print(f"report: {write_report(report, f'Identification: {experiment.robot.title}', sections)}")
+
+
+def readings_file(experiment: Experiment, data: Path | None) -> Path:
+    """The readings that a command works on."""
+    path = data or experiment.data
+    if path is None:
+        raise InputError(f"{experiment.path}: no readings; add `data: readings.csv` or give --data FILE")
+    return path
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write JSON, all or nothing."""
+    write_text(path, jsonlib.dumps(content, indent=2, sort_keys=True, allow_nan=False) + "\n")
