@@ -1,0 +1,70 @@
+"""What the pendant shows and what the URDF means: q = matrix @ pendant + offset."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.errors import InputError
+from qsframework.plugin import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Controller:
+    """Affine map from pendant angles to URDF joint angles; limits hold for what the pendant shows.
+
+    matrix (n, n), offset (n,), lower and upper (n,) rad, tolerance rad
+    """
+
+    matrix: Array
+    offset: Array
+    lower: Array
+    upper: Array
+    tolerance: float
+
+    def to_joints(self, pendant: Array) -> Array:
+        """URDF joint angles (N, n) of pendant angles (N, n)."""
+        return pendant @ self.matrix.T + self.offset
+
+    def to_pendant(self, q: Array) -> Array:
+        """Pendant angles (N, n) of URDF joint angles (N, n)."""
+        return np.linalg.solve(self.matrix, (q - self.offset).T).T
+
+    def outside(self, pendant: Array) -> Array:
+        """Which pendant angles (N, n) break a limit by more than the tolerance."""
+        return (pendant < self.lower - self.tolerance) | (pendant > self.upper + self.tolerance)
+
+
+_TERM = re.compile(
+    r"\s*(?P<sign>[+-])?\s*(?:(?P<factor>\d+(?:\.\d*)?|\.\d+)\s*\*?\s*)?(?:(?P<joint>J\d+)|(?P<unit>deg|rad))\s*"
+)
+
+
+def parse_expression(text: str, n: int) -> tuple[Array, float]:
+    """Coefficients (n,) and constant (rad) of an expression such as `J3 + J2` or `-J4 + 90 deg`.
+
+    Raises InputError for anything but signed multiples of J1..Jn and angles.
+    """
+    row, constant, position = np.zeros(n), 0.0, 0
+    while position < len(text):
+        match = _TERM.match(text, position)
+        if match is None or (position > 0 and match["sign"] is None):
+            raise InputError(
+                f"cannot read {text!r} at {text[position:]!r}; write terms such as J3 + J2, -J4, J2 + 90 deg"
+            )
+        value = float(match["factor"] or 1.0) * (-1.0 if match["sign"] == "-" else 1.0)
+        if match["joint"]:
+            index = int(match["joint"][1:])
+            if not 1 <= index <= n:
+                raise InputError(f"{text!r} names {match['joint']}, the robot has J1 to J{n}")
+            row[index - 1] += value
+        elif match["factor"] is None:
+            raise InputError(f"{text!r}: an angle needs its number, such as 90 deg")
+        else:
+            constant += value * (np.pi / 180.0 if match["unit"] == "deg" else 1.0)
+        position = match.end()
+    if not row.any():
+        raise InputError(f"{text!r} names no joint; write for example J3 + J2")
+    return row, constant

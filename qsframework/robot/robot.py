@@ -1,0 +1,51 @@
+"""What a loaded robot is: frozen values over a Pinocchio model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from qsframework.plugin import Array, Effect, Parameter, RobotFacts
+from qsframework.robot.controller import Controller
+
+
+@dataclass(frozen=True, eq=False)
+class LinkFrame:
+    """A frame fixed to a moving link: `link` is an index into `RobotFacts.links`, placement (4, 4)."""
+
+    link: int
+    placement: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A simple solid to draw: kind "box" (x, y, z), "cylinder" (radius, length along z), "sphere" (radius), m."""
+
+    link: int
+    placement: Array
+    kind: str
+    size: tuple[float, ...]
+    rgba: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """An arm: kinematics, controller convention, effects with nominal parameters, and shapes.
+
+    `model` is the `pin.Model`; `facts` are its constants; `frames` holds every link of the URDF.
+    """
+
+    name: str
+    title: str
+    folder: Path
+    model: Any
+    facts: RobotFacts
+    controller: Controller
+    effects: tuple[Effect, ...]
+    parameters: tuple[Parameter, ...]
+    frames: Mapping[str, LinkFrame]
+    flange: LinkFrame
+    shapes: tuple[Shape, ...]
+    gravity: Array
