@@ -1,0 +1,25 @@
+"""What is done to the robot: campaigns, plans, readings, simulation."""
+
+from qsframework.experiment.plan import Certificate, Plan, make_plan, read_plan, write_plan
+from qsframework.experiment.readings import Readings, read_readings, write_readings
+from qsframework.experiment.setup import Constraints, Experiment, LoadCase, Marker, Noise, load_experiment
+from qsframework.experiment.simulate import Simulation, simulate
+
+__all__ = [
+    "Certificate",
+    "Constraints",
+    "Experiment",
+    "LoadCase",
+    "Marker",
+    "Noise",
+    "Plan",
+    "Readings",
+    "Simulation",
+    "load_experiment",
+    "make_plan",
+    "read_plan",
+    "read_readings",
+    "simulate",
+    "write_plan",
+    "write_readings",
+]

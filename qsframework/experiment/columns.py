@@ -1,0 +1,174 @@
+"""CSV tables whose column names carry their unit: read with every problem found, written all or nothing."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from qsframework import units
+from qsframework.errors import InputError, Problem, nearest
+from qsframework.files import read_text, write_text
+from qsframework.plugin import Array
+
+_LARGEST = 500_000_000
+_TRUE, _FALSE = ("1", "true", "yes"), ("0", "false", "no")
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: kind "text", "number" (with its SI unit), "count" (1, 2, ...), "flag", or "side" (-1, +1)."""
+
+    stem: str
+    kind: str
+    unit: str = ""
+    required: bool = False
+
+    def spelling(self) -> str:
+        return units.allowed_names(self.stem, self.unit) if self.unit else self.stem
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Values by stem, SI; `rows` are line numbers in the file, `names` the columns as the file spells them."""
+
+    path: Path
+    rows: list[int]
+    names: dict[str, str]
+    numbers: dict[str, Array]
+    texts: dict[str, list[str]]
+    problems: list[Problem]
+
+
+def read_table(path: str | Path, columns: Sequence[Column], robot: str) -> Table:
+    """Read a table. InputError at once where its header is wrong; problems in cells are collected."""
+    path = Path(path)
+    text = read_text(path, _LARGEST)
+    if "\0" in text:
+        raise InputError(Problem("is not a text table: it holds a NUL byte", file=str(path)))
+    lines = [(i, line) for i, line in enumerate(text.splitlines(), start=1) if line.strip()]
+    _check_robot(path, lines, robot)
+    lines = [(i, line) for i, line in lines if not line.lstrip().startswith("#")]
+    if not lines:
+        raise InputError(Problem("is empty", file=str(path), allowed=", ".join(c.spelling() for c in columns if c.required)))
+    parsed = list(zip([i for i, _ in lines], csv.reader(io.StringIO("\n".join(line for _, line in lines))), strict=False))
+    if len(parsed) != len(lines):
+        raise InputError(Problem("a quoted field runs over the end of its line", file=str(path)))
+    header = [cell.strip() for cell in parsed[0][1]]
+    chosen = _read_header(path, parsed[0][0], header, columns)
+    if len(parsed) == 1:
+        raise InputError(Problem("holds a header and no rows", file=str(path), line=parsed[0][0]))
+    problems = [
+        Problem("wrong number of columns", str(path), line, found=str(len(cells)), allowed=str(len(header)))
+        for line, cells in parsed[1:]
+        if len(cells) != len(header)
+    ]
+    good = [(line, cells) for line, cells in parsed[1:] if len(cells) == len(header)]
+    table = Table(path, [line for line, _ in good], {c.stem: header[i] for i, (c, _) in chosen.items()}, {}, {}, problems)
+    for i, (column, unit) in chosen.items():
+        _read_column(table, column, unit, [cells[i].strip() for _, cells in good])
+    return table
+
+
+def _check_robot(path: Path, lines: list[tuple[int, str]], robot: str) -> None:
+    for number, line in lines:
+        if not line.lstrip().startswith("#"):
+            return
+        key, _, value = line.lstrip("# \t").partition(":")
+        if key.strip() == "robot" and value.strip() != robot:
+            raise InputError(
+                Problem("belongs to another robot", str(path), number, found=value.strip(), allowed=robot)
+            )
+
+
+def _read_header(
+    path: Path, line: int, header: list[str], columns: Sequence[Column]
+) -> dict[int, tuple[Column, str]]:
+    """For each position the column and its unit."""
+    chosen: dict[int, tuple[Column, str]] = {}
+    problems: list[Problem] = []
+    measured = {c.stem: c for c in columns if c.unit}
+    plain = {c.stem: c for c in columns if not c.unit}
+    spellings = [s for c in columns for s in c.spelling().split(", ")]
+
+    def wrong(name: str, message: str, allowed: str, hint: str | None = None) -> None:
+        problems.append(Problem(message, str(path), line, name, allowed=allowed, hint=hint))
+
+    for i, name in enumerate(header):
+        parts = units.split(name, list(measured))
+        if name in plain:
+            chosen[i] = (plain[name], "")
+        elif name in measured:
+            wrong(name, "the name does not say its unit", measured[name].spelling())
+        elif parts is None:
+            wrong(name, "unknown column", ", ".join(c.stem for c in columns), nearest(name, spellings))
+        elif not units.known(parts[1]) or not units.same_dimension(parts[1], measured[parts[0]].unit):
+            wrong(name, f"{parts[1]!r} is no unit of this kind", measured[parts[0]].spelling())
+        else:
+            chosen[i] = (measured[parts[0]], parts[1])
+    stems = [c.stem for c, _ in chosen.values()]
+    for stem in dict.fromkeys(s for s in stems if stems.count(s) > 1):
+        wrong(stem, "this column stands here twice", "once")
+    told = {p.column for p in problems}
+    for column in columns:
+        if column.required and column.stem not in stems and not any(
+            t == column.stem or (t or "").startswith(column.stem + "_") for t in told
+        ):
+            wrong(column.stem, "this column is missing", column.spelling())
+    if problems:
+        raise InputError(problems)
+    return chosen
+
+
+def _read_column(table: Table, column: Column, unit: str, cells: list[str]) -> None:
+    if column.kind == "text":
+        table.texts[column.stem] = cells
+        for i, cell in enumerate(cells):
+            if not cell and column.required:
+                _wrong(table, i, column, "is empty", cell, "a name")
+        return
+    values = np.full(len(cells), math.nan)
+    for i, cell in enumerate(cells):
+        value, allowed = _value(column, cell)
+        if value is None:
+            _wrong(table, i, column, "cannot be used", cell, allowed)
+        else:
+            values[i] = value
+    table.numbers[column.stem] = units.to_si(values, unit) if unit else values
+
+
+def _value(column: Column, cell: str) -> tuple[float | None, str]:
+    if column.kind == "flag":
+        lowered = cell.lower()
+        return (1.0 if lowered in _TRUE else 0.0 if lowered in _FALSE else None), "1 or 0"
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if column.kind == "count":
+        return (value if value >= 1 and value == int(value) else None) if math.isfinite(value) else None, "1, 2, 3, ..."
+    if column.kind == "side":
+        return value if value in (-1.0, 1.0) else None, "-1 or 1"
+    return value if math.isfinite(value) else None, "a finite number"
+
+
+def _wrong(table: Table, i: int, column: Column, message: str, found: str, allowed: str) -> None:
+    table.problems.append(
+        Problem(message, str(table.path), table.rows[i], table.names[column.stem], repr(found), allowed)
+    )
+
+
+def write_table(path: str | Path, header: Sequence[str], rows: Sequence[Sequence[str]], comments: Sequence[str]) -> None:
+    """Write a table, all or nothing; comments go first."""
+    stream = io.StringIO()
+    for comment in comments:
+        stream.write(f"# {comment}\n")
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    write_text(path, stream.getvalue())

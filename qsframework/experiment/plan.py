@@ -1,0 +1,164 @@
+"""plan.csv and plan.json: which poses to measure under which load, and the proof of the choice."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from qsframework.errors import InputError, Problem
+from qsframework.experiment.columns import Column, Table, read_table, write_table
+from qsframework.experiment.setup import Experiment
+from qsframework.files import read_text, sha256, write_text
+from qsframework.plugin import Array, Poses
+from qsframework.plugin.facts import frozen
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """How far a plan is from the best: criterion values and certified efficiencies.
+
+    value is the criterion of the plan, relaxed_value that of the relaxed design with as many poses;
+    relaxed_efficiency bounds the relaxed design, efficiency the plan, against the best design
+    """
+
+    criterion: str
+    value: float
+    relaxed_value: float
+    relaxed_efficiency: float
+    efficiency: float
+    candidates: int
+    poses: int
+    parameters: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        return dataclasses.asdict(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """n poses to measure: pendant and URDF angles (n, joints) rad, wrenches (n, 6), repeats (n,)."""
+
+    pose: tuple[str, ...]
+    pendant: Array
+    q: Array
+    wrench: Array
+    load: tuple[str, ...]
+    repeats: tuple[int, ...]
+    criterion: str
+    certificate: Certificate | None
+    seed: int | None
+
+    @property
+    def poses(self) -> Poses:
+        """Each planned pose once."""
+        return Poses(self.pendant, self.q, self.wrench)
+
+    def repeated(self) -> Poses:
+        """Each planned pose as often as it is to be measured."""
+        return self.poses.take(np.repeat(np.arange(len(self.pose)), self.repeats))
+
+
+def make_plan(
+    poses: Poses, load: Sequence[str], repeats: Sequence[int] | None = None, criterion: str = "",
+    certificate: Certificate | None = None, seed: int | None = None, names: Sequence[str] | None = None,
+) -> Plan:  # fmt: skip
+    """A plan from poses, named p01, p02, ... unless said."""
+    count = len(poses)
+    return Plan(
+        tuple(names or (f"p{i + 1:02d}" for i in range(count))),
+        frozen(poses.pendant), frozen(poses.q), frozen(poses.wrench), tuple(load),
+        tuple(int(r) for r in (repeats if repeats is not None else np.ones(count))), criterion, certificate, seed,
+    )  # fmt: skip
+
+
+def _columns(experiment: Experiment) -> list[Column]:
+    return [
+        Column("pose", "text", required=True),
+        *(Column(f"q{k + 1}", "number", "rad", required=True) for k in range(experiment.robot.facts.n)),
+        *(Column(f, "number", "N", required=True) for f in ("fx", "fy", "fz")),
+        *(Column(m, "number", "N m") for m in ("mx", "my", "mz")),
+        Column("load", "text"),
+        Column("repeats", "count"),
+    ]
+
+
+def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
+    """Write plan.csv, and beside it plan.json with criterion, certificate, seed and hashes."""
+    path = Path(path)
+    n = plan.pendant.shape[1]
+    degrees = np.rad2deg(plan.pendant)
+    header = ["pose", *(f"q{k + 1}_deg" for k in range(n)), "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm", "load", "repeats"]
+    rows = [
+        [plan.pose[i], *map(repr, degrees[i].tolist()), *map(repr, plan.wrench[i].tolist()), plan.load[i], str(plan.repeats[i])]
+        for i in range(len(plan.pose))
+    ]  # fmt: skip
+    write_table(path, header, rows, [f"robot: {experiment.robot.name}"])
+    beside = {
+        "criterion": plan.criterion,
+        "certificate": plan.certificate.as_json() if plan.certificate else None,
+        "seed": plan.seed,
+        "robot": experiment.robot.name,
+        "plan_sha256": sha256(path),
+        "experiment_sha256": sha256(experiment.path),
+    }
+    write_text(path.with_suffix(".json"), json.dumps(beside, indent=2, sort_keys=True) + "\n")
+
+
+def read_plan(path: str | Path, experiment: Experiment) -> Plan:
+    """Read a plan.csv and, if its hash matches, the proof beside it. InputError with all problems."""
+    path = Path(path)
+    table = read_table(path, _columns(experiment), experiment.robot.name)
+    n = experiment.robot.facts.n
+    pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(n)], axis=1)
+    names = table.texts["pose"]
+    problems = [*table.problems, *limit_problems(table, pendant, experiment)]
+    problems += [
+        Problem(f"pose {name!r} stands here twice", str(path), table.rows[i], "pose")
+        for i, name in enumerate(names)
+        if name in names[:i]
+    ]
+    if problems:
+        raise InputError(problems)
+    zero = np.zeros(len(names))
+    wrench = np.stack([table.numbers.get(c, zero) for c in ("fx", "fy", "fz", "mx", "my", "mz")], axis=1)
+    certificate, criterion, seed = _proof(path)
+    repeats = table.numbers.get("repeats", np.ones(len(names))).astype(int)
+    poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench)
+    load = table.texts.get("load", [""] * len(names))
+    return make_plan(poses, load, repeats.tolist(), criterion, certificate, seed, names)
+
+
+def _proof(path: Path) -> tuple[Certificate | None, str, int | None]:
+    beside = path.with_suffix(".json")
+    if not beside.is_file():
+        return None, "", None
+    try:
+        content = json.loads(read_text(beside))
+        stored = content["certificate"]
+        if content["plan_sha256"] != sha256(path) or stored is None:
+            return None, str(content["criterion"]), content["seed"]
+        return Certificate(**{**stored, "parameters": tuple(stored["parameters"])}), content["criterion"], content["seed"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(Problem(f"is not the proof of a plan: {error}", file=str(beside))) from error
+
+
+def limit_problems(table: Table, pendant: Array, experiment: Experiment) -> list[Problem]:
+    """Pendant angles outside the controller's limits, each with its row and column."""
+    controller = experiment.robot.controller
+    known = np.isfinite(pendant)
+    outside = controller.outside(np.where(known, pendant, 0.0)) & known
+    return [
+        Problem(
+            f"{experiment.robot.facts.joints[k]} is outside its limits",
+            str(table.path), table.rows[i], table.names[f"q{k + 1}"],
+            f"{np.rad2deg(pendant[i, k]):.4g} deg",
+            f"{np.rad2deg(controller.lower[k]):g} to {np.rad2deg(controller.upper[k]):g} deg",
+        )
+        for i, k in zip(*np.nonzero(outside), strict=True)
+    ]  # fmt: skip

@@ -1,0 +1,177 @@
+"""readings.csv: displacements of markers, one row per pose, repeat, cycle and marker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from qsframework.errors import InputError, Problem, nearest
+from qsframework.experiment.columns import Column, Table, read_table, write_table
+from qsframework.experiment.plan import limit_problems
+from qsframework.experiment.setup import Experiment
+from qsframework.plugin import Array, Conditions, Poses
+from qsframework.plugin.facts import frozen
+
+_LARGEST_DISPLACEMENT = 0.1
+Integers = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """R rows over N measurements; a measurement is one pose, repeat and cycle with its markers.
+
+    poses: the N measurements; pose, repeat, cycle: their names; measurement, marker (R,): indices;
+    displacement (R, 3) m, loaded minus unloaded, base frame; sigma (R,) m, NaN where not stated;
+    use (R,) False where a row is masked; rows (R,) line numbers in `source`
+    """
+
+    poses: Poses
+    pose: tuple[str, ...]
+    repeat: Integers
+    cycle: Integers
+    measurement: Integers
+    marker: Integers
+    displacement: Array
+    sigma: Array
+    use: npt.NDArray[np.bool_]
+    rows: Integers
+    drive_state: tuple[str, ...] | None
+    source: Path
+
+
+def _columns(experiment: Experiment) -> list[Column]:
+    return [
+        Column("pose", "text", required=True),
+        *(Column(f"q{k + 1}", "number", "rad", required=True) for k in range(experiment.robot.facts.n)),
+        *(Column(f, "number", "N", required=True) for f in ("fx", "fy", "fz")),
+        *(Column(m, "number", "N m") for m in ("mx", "my", "mz")),
+        Column("marker", "text", required=True),
+        *(Column(d, "number", "m", required=True) for d in ("dx", "dy", "dz")),
+        Column("repeat", "count"), Column("cycle", "count"),
+        Column("sigma", "number", "m"),
+        Column("time", "number", "s"), Column("time_unloaded", "number", "s"),
+        Column("temperature", "number", "K"), Column("temperature_unloaded", "number", "K"),
+        Column("approach", "side"), Column("drive_state", "text"), Column("use", "flag"),
+    ]  # fmt: skip
+
+
+def read_readings(path: str | Path, experiment: Experiment) -> Readings:
+    """Read and check a readings file. InputError with all its problems, each with row and column."""
+    table = read_table(path, _columns(experiment), experiment.robot.name)
+    count = len(table.rows)
+    n = experiment.robot.facts.n
+    pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(n)], axis=1)
+    zero = np.zeros(count)
+    wrench = np.stack([table.numbers.get(c, zero) for c in ("fx", "fy", "fz", "mx", "my", "mz")], axis=1)
+    displacement = np.stack([table.numbers[c] for c in ("dx", "dy", "dz")], axis=1)
+    problems = list(table.problems)
+    problems += limit_problems(table, pendant, experiment)
+    problems += _displacement_problems(table, displacement)
+    marker = _marker_index(table, experiment, problems)
+    sigma = table.numbers.get("sigma", np.full(count, np.nan))
+    for i in np.flatnonzero(sigma <= 0):
+        problems.append(_at(table, int(i), "sigma", "must be positive", f"{sigma[i]:g} m"))
+    keys = _keys(table)
+    first, measurement = _group(table, keys, marker, np.hstack([pendant, wrench]), problems)
+    if not problems and not np.any(wrench):
+        problems.append(Problem("every force is zero; a displacement under no load tells nothing", str(table.path)))
+    if problems:
+        raise InputError(problems)
+    poses = Poses(
+        frozen(pendant[first]), frozen(experiment.robot.controller.to_joints(pendant[first])), frozen(wrench[first]),
+        _conditions(table, "_unloaded", first), _conditions(table, "", first),
+    )  # fmt: skip
+    names = [keys[i] for i in first]
+    return Readings(
+        poses, tuple(k[0] for k in names), np.array([k[1] for k in names]), np.array([k[2] for k in names]),
+        measurement, marker, frozen(displacement), frozen(sigma),
+        table.numbers.get("use", np.ones(count)).astype(bool), np.array(table.rows),
+        tuple(table.texts["drive_state"]) if "drive_state" in table.texts else None, table.path,
+    )  # fmt: skip
+
+
+def _at(table: Table, i: int, stem: str, message: str, found: str = "", allowed: str | None = None) -> Problem:
+    return Problem(message, str(table.path), table.rows[i], table.names.get(stem, stem), found or None, allowed)
+
+
+def _displacement_problems(table: Table, displacement: Array) -> list[Problem]:
+    return [
+        Problem(
+            "a displacement this large is not elastic; is the column in mm?", str(table.path), table.rows[i],
+            table.names[("dx", "dy", "dz")[k]], f"{displacement[i, k]:g} m", f"up to {_LARGEST_DISPLACEMENT} m",
+        )
+        for i, k in zip(*np.nonzero(np.abs(displacement) > _LARGEST_DISPLACEMENT), strict=True)
+    ]  # fmt: skip
+
+
+def _marker_index(table: Table, experiment: Experiment, problems: list[Problem]) -> Integers:
+    names = [m.name for m in experiment.markers]
+    index = np.zeros(len(table.rows), dtype=np.int64)
+    for i, name in enumerate(table.texts["marker"]):
+        if name in names:
+            index[i] = names.index(name)
+        elif name:
+            place = table.names["marker"]
+            problems.append(Problem("the experiment has no such marker", str(table.path), table.rows[i], place,
+                                    repr(name), ", ".join(names), nearest(name, names)))  # fmt: skip
+    return index
+
+
+def _keys(table: Table) -> list[tuple[str, int, int]]:
+    ones = np.ones(len(table.rows))
+    whole = [np.nan_to_num(table.numbers.get(c, ones), nan=1.0).astype(int).tolist() for c in ("repeat", "cycle")]
+    return list(zip(table.texts["pose"], *whole, strict=True))
+
+
+def _group(
+    table: Table, keys: list[tuple[str, int, int]], marker: Integers, constant: Array, problems: list[Problem]
+) -> tuple[Integers, Integers]:
+    """First row of each measurement, and the measurement of each row; its rows must agree in q and load."""
+    number: dict[tuple[str, int, int], int] = {}
+    first: list[int] = []
+    seen: dict[tuple[int, int], int] = {}
+    measurement = np.zeros(len(keys), dtype=np.int64)
+    for i, key in enumerate(keys):
+        m = number.setdefault(key, len(number))
+        if m == len(first):
+            first.append(i)
+        measurement[i] = m
+        if (m, int(marker[i])) in seen:
+            other = table.rows[seen[m, int(marker[i])]]
+            what = f"pose {key[0]!r}, repeat {key[1]}, cycle {key[2]}, marker {table.texts['marker'][i]!r}"
+            problems.append(_at(table, i, "pose", f"{what} stands here twice; first in line {other}"))
+        seen[m, int(marker[i])] = i
+        if not np.array_equal(constant[i], constant[first[m]], equal_nan=True):
+            problems.append(
+                _at(table, i, "pose", f"pose {key[0]!r} has other angles or another load than in line {table.rows[first[m]]}; "
+                    "give it another pose name, repeat or cycle")
+            )  # fmt: skip
+    return np.array(first), measurement
+
+
+def _conditions(table: Table, suffix: str, first: Integers) -> Conditions:
+    def get(stem: str) -> Array | None:
+        values = table.numbers.get(stem)
+        return None if values is None else frozen(values[first])
+
+    return Conditions(get(f"time{suffix}"), get(f"temperature{suffix}"), get("approach"))
+
+
+def write_readings(path: str | Path, readings: Readings, experiment: Experiment) -> None:
+    """Write a readings file that `read_readings` reads back to the last digit that matters (1e-12 relative)."""
+    n = readings.poses.q.shape[1]
+    header = ["pose", *(f"q{k + 1}_deg" for k in range(n)), "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm",
+              "marker", "dx_mm", "dy_mm", "dz_mm", "repeat", "cycle", "use"]  # fmt: skip
+    stated = bool(np.isfinite(readings.sigma).all())
+    header += ["sigma_mm"] if stated else []
+    degrees = np.rad2deg(readings.poses.pendant)
+    rows = []
+    for i, m in enumerate(readings.measurement):
+        row = [readings.pose[m], *map(repr, degrees[m].tolist()), *map(repr, readings.poses.wrench[m].tolist())]
+        row += [experiment.markers[readings.marker[i]].name, *map(repr, (readings.displacement[i] * 1e3).tolist())]
+        row += [str(readings.repeat[m]), str(readings.cycle[m]), str(int(readings.use[i]))]
+        rows.append(row + ([repr(float(readings.sigma[i] * 1e3))] if stated else []))
+    write_table(path, header, rows, [f"robot: {experiment.robot.name}"])

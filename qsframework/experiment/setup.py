@@ -1,0 +1,223 @@
+"""experiment.yaml: the robot, the load, the markers, the noise and the limits of a campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from qsframework.elastostatics import Model, Site, make_model
+from qsframework.errors import InputError, Problem, nearest
+from qsframework.experiment.spec import ExperimentSpec, LoadCaseSpec
+from qsframework.files import Document, read_yaml, validate
+from qsframework.plugin import Array, Effect, Parameter, Spring
+from qsframework.plugin.facts import frozen
+from qsframework.robot import Robot, load_robot
+from qsframework.robot.spec import read_effects
+
+
+@dataclass(frozen=True, eq=False)
+class Marker:
+    """A reflector fixed to a link of the URDF; xyz (3,) m in that link's frame."""
+
+    name: str
+    link: str
+    xyz: Array
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviation of one coordinate of one displacement, m; None: to be estimated."""
+
+    sigma: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class LoadCase:
+    """A wrench (6,) at the load point, base frame, that a plan may put on a pose; `poses` says on how many."""
+
+    name: str
+    wrench: Array
+    poses: int | None
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """What a planned pose must keep: heights and distances in m, pendant ranges in rad."""
+
+    z_min: float | None = None
+    axis1_distance_min: float | None = None
+    of: str = "wrist_centre"
+    joint_limits: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """A campaign: everything that a design, a simulation or a fit needs besides readings."""
+
+    path: Path
+    robot: Robot
+    load_point: Array
+    markers: tuple[Marker, ...]
+    noise: Noise
+    loads: tuple[LoadCase, ...]
+    effects: tuple[Effect, ...]
+    parameters: tuple[Parameter, ...]
+    fit: tuple[str, ...] | None
+    constraints: Constraints
+    data: Path | None
+
+    @cached_property
+    def _model(self) -> Model:
+        markers = [(m.name, self.site(m.link, m.xyz)) for m in self.markers]
+        effects = (*self.robot.effects, *self.effects)
+        parameters = (*self.robot.parameters, *self.parameters)
+        return make_model(self.robot.facts, effects, parameters, self.load_site, markers, self.robot.gravity)
+
+    def model(self) -> Model:
+        """The pipeline of this robot and campaign."""
+        return self._model
+
+    @property
+    def load_site(self) -> Site:
+        """The load point on the last link."""
+        frame = self.robot.flange
+        return Site(frame.link, frozen((frame.placement @ np.append(self.load_point, 1.0))[:3]))
+
+    def site(self, link: str, xyz: Array) -> Site:
+        """A point of a URDF link as a point of the moving link that carries it."""
+        frame = self.robot.frames[link]
+        return Site(frame.link, frozen((frame.placement @ np.append(xyz, 1.0))[:3]))
+
+    def fit_names(self) -> tuple[str, ...]:
+        """The parameters to estimate: those that `fit:` names, else every compliance."""
+        model = self.model()
+        if self.fit is None:
+            chosen = [e for e in model.effects if isinstance(e, Spring)]
+            return tuple(p.name for e in chosen for p in e.parameters(model.facts))
+        return tuple(n for entry in self.fit for n in expand_name(entry, model))
+
+    def fit_parameters(self) -> tuple[Parameter, ...]:
+        """The parameters of `fit_names`, with their nominal values."""
+        model = self.model()
+        return tuple(model.parameters[i] for i in model.index(self.fit_names()))
+
+    def with_(self, **changes: Any) -> Experiment:
+        """A copy with some fields changed."""
+        return replace(self, **changes)
+
+
+def expand_name(entry: str, model: Model) -> tuple[str, ...]:
+    """The parameters that the name of an effect, an instance or a parameter stands for; exact names only."""
+    names: list[str] = []
+    known: list[str] = []
+    for effect in model.effects:
+        own = [p.name for p in effect.parameters(model.facts)]
+        known += [effect.effect_name(), effect.name, *own]
+        if entry in (effect.effect_name(), effect.name):
+            names += own
+        elif entry in own:
+            names.append(entry)
+    if not names:
+        allowed = list(dict.fromkeys(known))
+        raise InputError(Problem(f"fit: no parameter {entry!r}", allowed=", ".join(allowed), hint=nearest(entry, allowed)))
+    return tuple(names)
+
+
+def load_experiment(path: str | Path) -> Experiment:
+    """Read an experiment.yaml. InputError with all its problems, each with file and line."""
+    path = Path(path)
+    document = read_yaml(path)
+    spec = validate(document, ExperimentSpec)
+    try:
+        robot = load_robot(spec.robot, beside=path.parent)
+    except InputError as error:
+        line = document.line("robot")
+        raise InputError([replace(p, file=p.file or str(path), line=p.line or line) for p in error.problems]) from None
+    problems: list[Problem] = []
+    markers = _markers(document, spec, robot, problems)
+    effects, found = read_effects(document, spec.effects, robot.facts, tuple(m.name for m in markers))
+    problems += [*found, *_constraint_problems(document, spec, robot), *_load_problems(document, spec.loads)]
+    if problems:
+        raise InputError(problems)
+    experiment = Experiment(
+        path, robot, frozen(spec.load.point or spec.load.centre or np.zeros(3)), markers,
+        Noise(None if isinstance(spec.noise, str) else spec.noise.sigma),
+        tuple(LoadCase(load.name, frozen(load.wrench()), load.poses) for load in spec.loads),
+        effects, tuple(p for e in effects for p in e.parameters(robot.facts)),
+        None if spec.fit is None else tuple(spec.fit), _constraints(spec),
+        None if spec.data is None else path.parent / spec.data,
+    )  # fmt: skip
+    _check_model(document, experiment)
+    return experiment
+
+
+def _markers(document: Document, spec: ExperimentSpec, robot: Robot, problems: list[Problem]) -> tuple[Marker, ...]:
+    out: list[Marker] = []
+    for name, entry in spec.markers.items():
+        line = document.line("markers", name)
+        link = entry.link or next(n for n, f in robot.frames.items() if f is robot.flange)
+        if link not in robot.frames:
+            problems.append(Problem(f"marker {name!r}: no link {link!r}", str(document.path), line,
+                                    allowed=", ".join(robot.frames), hint=nearest(link, robot.frames)))  # fmt: skip
+            continue
+        out.append(Marker(name, link, frozen(entry.xyz)))
+    return tuple(out)
+
+
+def _constraint_problems(document: Document, spec: ExperimentSpec, robot: Robot) -> list[Problem]:
+    problems: list[Problem] = []
+    limits = spec.constraints
+    places = ("wrist_centre", "flange", "load_point", *robot.frames)
+    if limits.of not in places:
+        problems.append(Problem(f"constraints: unknown point {limits.of!r}", str(document.path),
+                                document.line("constraints", "of"), allowed=", ".join(places),
+                                hint=nearest(limits.of, places)))  # fmt: skip
+    for joint, ends in limits.joint_limits.items():
+        line = document.line("constraints", "joint_limits_deg", joint)
+        if joint not in robot.facts.joints:
+            problems.append(Problem(f"joint_limits: no joint {joint!r}", str(document.path), line,
+                                    allowed=", ".join(robot.facts.joints)))  # fmt: skip
+        elif len(ends) != 2 or ends[0] >= ends[1]:
+            problems.append(Problem(f"joint_limits of {joint} must be [lower, upper]", str(document.path), line))
+    return problems
+
+
+def _load_problems(document: Document, loads: Sequence[LoadCaseSpec]) -> list[Problem]:
+    problems: list[Problem] = []
+    names = [load.name for load in loads]
+    for i, load in enumerate(loads):
+        line = document.line("loads", i)
+        if names.index(load.name) != i:
+            problems.append(Problem(f"load {load.name!r} stands here twice", str(document.path), line))
+        if not np.any(load.wrench()):
+            problems.append(Problem(f"load {load.name!r} is zero", str(document.path), line, allowed="fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm"))
+        if load.poses is not None and load.poses < 1:
+            problems.append(Problem(f"load {load.name!r}: poses must be 1 or more", str(document.path), line))
+    if sum(load.poses is None for load in loads) > 1:
+        problems.append(
+            Problem("two loads leave out `poses`; only one may take the rest", str(document.path), document.line("loads"))
+        )
+    return problems
+
+
+def _constraints(spec: ExperimentSpec) -> Constraints:
+    c = spec.constraints
+    limits = {joint: (ends[0], ends[1]) for joint, ends in c.joint_limits.items()}
+    return Constraints(c.z_min, c.axis1_distance_min, c.of, limits)
+
+
+def _check_model(document: Document, experiment: Experiment) -> None:
+    """Effects that do not fit together, and names in `fit`, are problems of the file."""
+    for entry in (*(experiment.fit or ()), None):
+        try:
+            model = experiment.model()
+            if entry is not None:
+                expand_name(entry, model)
+        except InputError as error:
+            line = document.line("fit" if entry is not None else "effects")
+            raise InputError([replace(p, file=str(document.path), line=line) for p in error.problems]) from None

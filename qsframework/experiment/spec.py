@@ -1,0 +1,100 @@
+"""The shape of experiment.yaml."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import pydantic
+
+from qsframework.files import FileModel, Quantity
+
+
+class LoadSpec(FileModel):
+    """Where the force acts: a point in the flange frame, or a hung mass with its centre."""
+
+    point: Quantity("m", list[float] | None) = None
+    mass: Quantity("kg", float | None) = None
+    centre: Quantity("m", list[float] | None) = None
+
+    @pydantic.model_validator(mode="after")
+    def _complete(self) -> LoadSpec:
+        place = self.point if self.point is not None else self.centre
+        if place is None or len(place) != 3:
+            raise ValueError("load needs point_mm: [x, y, z], or mass_kg and centre_mm: [x, y, z]")
+        if (self.mass is None) != (self.centre is None):
+            raise ValueError("mass and centre belong together")
+        if self.mass is not None and self.mass <= 0:
+            raise ValueError("the mass must be positive")
+        return self
+
+
+class MarkerSpec(FileModel):
+    """A reflector: xyz in the frame of a link, the flange unless said."""
+
+    xyz: Quantity("m", list[float])
+    link: str | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _three(self) -> MarkerSpec:
+        if len(self.xyz) != 3:
+            raise ValueError("xyz needs three numbers")
+        return self
+
+
+class NoiseSpec(FileModel):
+    """sd of one coordinate of one displacement."""
+
+    sigma: Quantity("m")
+
+    @pydantic.field_validator("sigma")
+    @classmethod
+    def _positive(cls, value: float) -> float:
+        if value <= 0:
+            raise ValueError("the noise must be positive; `noise: estimate` takes it from the residuals")
+        return value
+
+
+class LoadCaseSpec(FileModel):
+    """A wrench that a design may put on a pose."""
+
+    name: str
+    fx: Quantity("N") = 0.0
+    fy: Quantity("N") = 0.0
+    fz: Quantity("N") = 0.0
+    mx: Quantity("N m") = 0.0
+    my: Quantity("N m") = 0.0
+    mz: Quantity("N m") = 0.0
+    poses: int | None = None
+
+    def wrench(self) -> list[float]:
+        return [self.fx, self.fy, self.fz, self.mx, self.my, self.mz]
+
+
+class ConstraintsSpec(FileModel):
+    """What planned poses keep."""
+
+    z_min: Quantity("m", float | None) = None
+    axis1_distance_min: Quantity("m", float | None) = None
+    of: str = "wrist_centre"
+    joint_limits: Quantity("rad", dict[str, list[float]]) = {}
+
+
+class ExperimentSpec(FileModel):
+    """experiment.yaml."""
+
+    robot: str
+    data: str | None = None
+    load: LoadSpec
+    markers: dict[str, MarkerSpec]
+    noise: NoiseSpec | Literal["estimate"]
+    loads: list[LoadCaseSpec] = []
+    constraints: ConstraintsSpec = ConstraintsSpec()
+    effects: list[dict[str, Any]] = []
+    fit: list[str] | None = None
+
+    @pydantic.field_validator("markers")
+    @classmethod
+    def _some(cls, value: dict[str, MarkerSpec]) -> dict[str, MarkerSpec]:
+        if not value:
+            raise ValueError("at least one marker is needed")
+        return value
