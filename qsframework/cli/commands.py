@@ -53,6 +53,7 @@ def run_design(
 ) -> None:  # fmt: skip
     """Design, write plan.csv and plan.json, print the promise of the plan."""
     from qsframework.design import design
+    from qsframework.information import promised_sd
     from qsframework.report import certificate_text, plan_section, provenance_section, sd_table, write_report
 
     experiment = load_experiment(file)
@@ -60,7 +61,7 @@ def run_design(
         plan = design(experiment, poses, criterion, candidates, seed, repeats, tell)
     write_plan(output, plan, experiment)
     model = experiment.model()
-    table = sd_table(experiment.fit_parameters(model), {"this plan": experiment.promised_sd(plan)})
+    table = sd_table(experiment.fit_parameters(), {"this plan": promised_sd(experiment, plan)})
     print_table(table.header, table.rows)
     print(certificate_text(plan))
     print(f"plan: {output}")

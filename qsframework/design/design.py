@@ -12,7 +12,7 @@ from qsframework.design.criteria import Criterion, find_criterion
 from qsframework.design.exact import Quotas, exchange
 from qsframework.design.relaxed import relax
 from qsframework.errors import InputError, NotIdentifiable
-from qsframework.experiment import Certificate, Experiment, LoadCase, Plan
+from qsframework.experiment import Certificate, Experiment, LoadCase, Plan, make_plan
 from qsframework.information import (
     Allowed,
     efficiency_bound,
@@ -64,7 +64,7 @@ def design(
     tell = progress or (lambda *_: None)
     found = generate_candidates(experiment, candidates, seed, lambda i, n: tell("candidate poses", i, n))
     problem = make_problem(experiment, found, poses)
-    _require_rank(problem, experiment.fit_names(experiment.model()))
+    _require_rank(problem, experiment.fit_names())
     tell("relaxed design (cvxpy)", 0, 1)
     weights, relaxed = relax(problem.rows, rule, problem.allowed())
     tell("relaxed design (cvxpy)", 1, 1)
@@ -89,7 +89,7 @@ def make_problem(experiment: Experiment, candidates: Candidates, poses: int) -> 
     wrench = np.repeat(np.stack([load.wrench for load in experiment.loads]), count, axis=0)
     batch = Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench)
     model = experiment.model()
-    rows = information_rows(model, batch, experiment.fit_names(model), sigma)
+    rows = information_rows(model, batch, experiment.fit_names(), sigma)
     return Problem(
         batch, rows, np.tile(np.arange(count), cases), np.repeat(np.arange(cases), count), experiment.loads, counts
     )
@@ -127,17 +127,10 @@ def _plan(
         efficiency=bound * relaxed_value / value,
         candidates=len(problem.rows),
         poses=count,
-        parameters=experiment.fit_names(experiment.model()),
+        parameters=experiment.fit_names(),
     )
     picks, repeats = np.unique(chosen, return_counts=True)
     order = np.lexsort((*problem.poses.pendant[picks].T[::-1], problem.load[picks]))
     picks, repeats = picks[order], repeats[order]
-    return Plan.make(
-        experiment,
-        problem.poses.take(picks),
-        tuple(problem.loads[g].name for g in problem.load[picks]),
-        repeats,
-        rule.name,
-        certificate,
-        seed,
-    )
+    names = tuple(problem.loads[g].name for g in problem.load[picks])
+    return make_plan(problem.poses.take(picks), names, repeats.tolist(), rule.name, certificate, seed)

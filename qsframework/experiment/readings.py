@@ -25,7 +25,7 @@ class Readings:
 
     poses: the N measurements; pose, repeat, cycle: their names; measurement, marker (R,): indices;
     displacement (R, 3) m, loaded minus unloaded, base frame; sigma (R,) m, NaN where not stated;
-    use (R,) False where a row is masked; rows (R,) line numbers in `source`
+    use (R,) False where a row is masked; rows (R,) line numbers in `source`, which is None for a simulation
     """
 
     poses: Poses
@@ -39,7 +39,7 @@ class Readings:
     use: npt.NDArray[np.bool_]
     rows: Integers
     drive_state: tuple[str, ...] | None
-    source: Path
+    source: Path | None
 
 
 def _columns(experiment: Experiment) -> list[Column]:

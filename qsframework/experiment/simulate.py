@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -53,7 +52,7 @@ def simulate(
         np.repeat(np.arange(count), markers), np.tile(np.arange(markers), count),
         frozen((exact + sigma * rng.standard_normal(exact.shape)).reshape(-1, 3)),
         frozen(np.full(count * markers, sigma)), np.ones(count * markers, dtype=bool),
-        np.arange(3, 3 + count * markers), None, Path("simulated"),
+        np.arange(3, 3 + count * markers), None, None,
     )  # fmt: skip
     return Simulation(readings, model, frozen(x))
 

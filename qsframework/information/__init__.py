@@ -1,7 +1,7 @@
 """What readings can tell: whitened sensitivities, rank in words, certificates."""
 
 from qsframework.information.certificate import Allowed, efficiency_bound, everything, scores, weighted_information
-from qsframework.information.observations import information, information_rows, predicted_sd, scales
+from qsframework.information.observations import information, information_rows, predicted_sd, promised_sd, scales
 from qsframework.information.rank import RankTest, rank_test
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "information",
     "information_rows",
     "predicted_sd",
+    "promised_sd",
     "rank_test",
     "scales",
     "scores",

@@ -7,6 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from qsframework.elastostatics import Model
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, Plan
+from qsframework.information.rank import rank_test
 from qsframework.plugin import Array, Parameter, Poses
 
 
@@ -28,9 +31,7 @@ def information(rows: Array) -> Array:
 
 
 def predicted_sd(model: Model, poses: Poses, names: Sequence[str], sigma: float, repeats: Array | None = None) -> Array:
-    """Standard deviation (p,) that a plan promises for each parameter; inf where it cannot tell it."""
-    from qsframework.information.rank import rank_test
-
+    """Standard deviation (p,) that poses promise for each parameter; inf where they cannot tell it."""
     rows = information_rows(model, poses, names, sigma)
     if repeats is not None:
         rows = rows * np.sqrt(np.asarray(repeats, dtype=float))[:, None, None]
@@ -43,3 +44,12 @@ def predicted_sd(model: Model, poses: Poses, names: Sequence[str], sigma: float,
         R = np.linalg.qr(flat[:, kept], mode="r")
         out[kept] = np.linalg.norm(np.linalg.inv(R), axis=1)
     return out * scales([model.parameters[i] for i in model.index(names)])
+
+
+def promised_sd(experiment: Experiment, plan: Plan, names: Sequence[str] | None = None) -> Array:
+    """Standard deviation (p,) that a plan promises for the experiment's parameters, SI."""
+    sigma = experiment.noise.sigma
+    if sigma is None:
+        raise InputError(f"{experiment.path}: a promise needs the noise, for example noise: {{sigma_mm: 0.03}}")
+    names = experiment.fit_names() if names is None else names
+    return predicted_sd(experiment.model(), plan.poses, names, sigma, np.array(plan.repeats))

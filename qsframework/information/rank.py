@@ -47,7 +47,8 @@ def rank_test(rows: Array, names: Sequence[str]) -> RankTest:
     unseen = tuple(names[i] for i in np.flatnonzero(~seen))
     if not len(kept):
         return RankTest(0, len(names), unseen, (), np.inf)
-    _, values, basis = np.linalg.svd(rows[:, kept] / norms[kept], full_matrices=True)
+    small = np.linalg.qr(rows[:, kept] / norms[kept], mode="r")
+    _, values, basis = np.linalg.svd(small, full_matrices=True)
     values = np.concatenate([values, np.zeros(len(kept) - len(values))])
     rank = int((values > TOLERANCE * values[0]).sum())
     tied = _groups(basis[rank:], [names[i] for i in kept])
