@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
-from qsframework.errors import InputError
-from qsframework.plugin import Array
+from qsframework.errors import InputError, Problem
+from qsframework.files import Document
+from qsframework.plugin import Array, RobotFacts
+from qsframework.plugin.facts import frozen
+from qsframework.robot.spec import RobotSpec
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +35,37 @@ class Controller:
 
     def to_pendant(self, q: Array) -> Array:
         """Pendant angles (N, n) of URDF joint angles (N, n)."""
-        return np.linalg.solve(self.matrix, (q - self.offset).T).T
+        return np.asarray(np.linalg.solve(self.matrix, (q - self.offset).T).T, dtype=np.float64)
 
-    def outside(self, pendant: Array) -> Array:
-        """Which pendant angles (N, n) break a limit by more than the tolerance."""
-        return (pendant < self.lower - self.tolerance) | (pendant > self.upper + self.tolerance)
+    def outside(self, pendant: Array) -> npt.NDArray[np.bool_]:
+        """Which pendant angles (N, n) break a limit by more than the tolerance; NaN does."""
+        return ~((pendant >= self.lower - self.tolerance) & (pendant <= self.upper + self.tolerance))
+
+
+def read_controller(document: Document, spec: RobotSpec, facts: RobotFacts) -> Controller:
+    """The controller of robot.yaml, whose `controller:` has every joint. InputError with all problems."""
+    n = facts.n
+    matrix, offset, limits = np.eye(n), np.zeros(n), np.zeros((n, 2))
+    problems: list[Problem] = []
+    for k, joint in enumerate(facts.joints):
+        entry, here = spec.controller[joint], {"file": str(document.path), "line": document.line("controller", joint)}
+        if len(entry.limits) != 2 or entry.limits[0] >= entry.limits[1]:
+            found = ", ".join(f"{math.degrees(v):g}" for v in entry.limits)
+            problems.append(Problem(f"{joint}: limits must be [lower, upper]", **here, found=f"[{found}] deg"))
+        else:
+            limits[k] = entry.limits
+        try:
+            if entry.equals is not None:
+                matrix[k], offset[k] = parse_expression(entry.equals, n)
+        except InputError as error:
+            problems += [replace(p, message=f"{joint}: {p.message}", **here) for p in error.problems]
+    if not problems and abs(np.linalg.det(matrix)) < 1e-9:
+        message = "controller: the pendant's angles do not determine the joints; two `equals` depend on each other"
+        problems.append(Problem(message, file=str(document.path), line=document.line("controller")))
+    if problems:
+        raise InputError(problems)
+    lower, upper = frozen(limits[:, 0]), frozen(limits[:, 1])
+    return Controller(frozen(matrix), frozen(offset), lower, upper, spec.limits_tolerance)
 
 
 _TERM = re.compile(

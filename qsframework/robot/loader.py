@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import Any, TypeVar
 
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.files import Document, read_yaml, validate
-from qsframework.plugin import Array, RobotFacts
 from qsframework.plugin.facts import frozen
-from qsframework.robot.controller import Controller, parse_expression
-from qsframework.robot.robot import LinkFrame, Robot, Shape
+from qsframework.robot.checks import chain_joints, check_chain, check_structure
+from qsframework.robot.controller import Controller, read_controller
+from qsframework.robot.expand import inside
+from qsframework.robot.model import build_model, read_facts, read_frames, read_shapes
+from qsframework.robot.robot import Robot
 from qsframework.robot.spec import RobotSpec, read_effects, read_nominal
-from qsframework.robot.urdf import Node, Urdf, check_structure, numbers, read_urdf
+from qsframework.robot.urdf import Urdf, read_urdf
+
+T = TypeVar("T")
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+_HOW_TO_ADD = (
+    "A robot is a folder with a robot.yaml and its URDF: give its path, or put it in a folder named by $QSF_ROBOTS."
+)
 
 
 def search_path() -> tuple[Path, ...]:
-    """Folders that hold robots: $QSF_ROBOTS, the repository's `robots`, the installed ones."""
+    """Folders that hold robots: those of $QSF_ROBOTS, the repository's `robots`, the installed ones."""
     package = Path(__file__).resolve().parents[1]
     own = [Path(p) for p in os.environ.get("QSF_ROBOTS", "").split(os.pathsep) if p]
     return (*own, package.parent / "robots", package / "_robots")
@@ -32,217 +40,145 @@ def robot_names() -> tuple[str, ...]:
 
 
 def find_robot(name: str | Path, beside: Path | None = None) -> Path:
-    """The robot.yaml of a name on the search path, or of a path; an InputError offers the nearest name."""
-    for folder in search_path():
-        if (folder / str(name) / "robot.yaml").is_file() and os.sep not in str(name):
-            return folder / str(name) / "robot.yaml"
+    """The robot.yaml of a name on the search path, or of a path (also relative to the folder `beside`).
+
+    InputError offers the nearest name and says how to add a robot.
+    """
+    if _NAME.fullmatch(str(name)):
+        for folder in search_path():
+            if (folder / str(name) / "robot.yaml").is_file():
+                return folder / str(name) / "robot.yaml"
     for base in (beside, Path()):
-        if base is not None and ("/" in str(name) or str(name).endswith(".yaml") or (base / name).is_dir()):
-            path = base / name
-            if path.is_dir():
-                path = path / "robot.yaml"
-            if path.is_file():
-                return path
+        path = None if base is None else base / name
+        if path is not None and (path / "robot.yaml").is_file():
+            return path / "robot.yaml"
+        if path is not None and path.is_file() and path.suffix in (".yaml", ".yml"):
+            return path
     names = robot_names()
-    raise InputError(
-        Problem(f"unknown robot {str(name)!r}", allowed=", ".join(names), hint=nearest(str(name), names)
-                or "A path to a folder with a robot.yaml is allowed too.")
-    )  # fmt: skip
+    hint = " ".join(part for part in (nearest(str(name), names), _HOW_TO_ADD) if part)
+    raise InputError(Problem(f"unknown robot {str(name)[:80]!r}", allowed=", ".join(names) or "none found", hint=hint))
 
 
-def load_robot(name: str | Path, beside: Path | None = None) -> Robot:
-    """Load a robot by name or path. InputError with all problems of its files, each with file and line."""
+def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool = False) -> Robot:
+    """Load a robot by name or path. InputError with all problems of its files, each with file and line.
+
+    `trust` stands for effects from files, which run code; robots have none yet, so it changes nothing.
+    """
     document = read_yaml(find_robot(name, beside))
-    spec = validate(document, RobotSpec)
-    folder = document.path.parent
-    urdf = read_urdf(_inside(document, folder, "urdf", spec.urdf))
-    problems = [*check_structure(urdf), *_check_names(document, spec, urdf)]
-    if problems:
-        raise InputError(problems)
-    chain = _chain(document, spec, urdf)
-    model = _pin_model(urdf)
-    facts, frames = _facts(spec.name, model, urdf, chain)
-    controller = _controller(document, spec, facts)
+    reading = _Reading(document)
+    spec, urdf = reading.structure()
+    gravity = frozen(spec.gravity)
+    model = build_model(urdf, spec.base, gravity)
+    facts = read_facts(spec.name, model, urdf, spec.base, spec.flange)
+    frames = read_frames(model)
+    controller = reading.attempt(read_controller, document, spec, facts)
     effects, problems = read_effects(document, spec.effects, facts)
-    effects = tuple(sorted(effects, key=lambda e: (e.stage, e.order)))
-    parameters = {p.name: p for e in effects for p in e.parameters(facts)}
-    if spec.nominal is not None and not problems:
-        values, problems = read_nominal(read_yaml(_inside(document, folder, "nominal", spec.nominal)), parameters)
-        parameters.update(values)
-    if problems:
-        raise InputError(problems)
+    reading.problems += problems
+    parameters = {p.name: p for effect in effects for p in effect.parameters(facts)}
+    if spec.nominal is not None:
+        nominal = reading.attempt(lambda: read_yaml(reading.file("nominal")))
+        if nominal is not None:
+            parameters, more = read_nominal(nominal, parameters, complete=not problems)
+            reading.problems += more
+    reading.stop()
+    assert isinstance(controller, Controller)
     return Robot(
-        spec.name, spec.title, folder, model, facts, controller, effects, tuple(parameters.values()), frames,
-        frames[spec.flange], _shapes(urdf, frames), frozen(model.gravity.linear),
-    )  # fmt: skip
-
-
-def _inside(document: Document, folder: Path, key: str, name: str) -> Path:
-    """A file of the robot, which must stay in its folder."""
-    path = folder / name
-    if not path.resolve().is_relative_to(folder.resolve()):
-        raise InputError(Problem(f"{key}: {name!r} is outside the robot's folder", str(document.path), document.line(key)))
-    if not path.is_file():
-        raise InputError(Problem(f"{key}: no such file {name!r}", str(document.path), document.line(key)))
-    return path
-
-
-def _check_names(document: Document, spec: RobotSpec, urdf: Urdf) -> list[Problem]:
-    problems: list[Problem] = []
-    for key, name in (("base", spec.base), ("flange", spec.flange)):
-        if name not in urdf.links():
-            problems.append(Problem(f"{key}: the URDF has no link {name!r}", str(document.path), document.line(key),
-                                    allowed=", ".join(urdf.links()), hint=nearest(name, urdf.links())))  # fmt: skip
-    for name in spec.controller:
-        if name not in urdf.joints():
-            line = document.line("controller", name)
-            problems.append(Problem(f"controller: the URDF has no joint {name!r}", str(document.path), line,
-                                    allowed=", ".join(urdf.joints()), hint=nearest(name, urdf.joints())))  # fmt: skip
-    return problems
-
-
-def _chain(document: Document, spec: RobotSpec, urdf: Urdf) -> tuple[str, ...]:
-    """Names of the moving joints from base to flange."""
-    above = {c.get("link"): name for name, j in urdf.joints().items() for c in j.all("child")}
-    joints: list[str] = []
-    link = spec.flange
-    while link != spec.base:
-        if link not in above:
-            raise InputError(Problem(f"flange {spec.flange!r} does not hang on base {spec.base!r}", str(document.path)))
-        joint = urdf.joints()[above[link]]
-        if joint.get("type") not in ("fixed", "revolute", "continuous"):
-            raise InputError(Problem(f"joint {above[link]!r} is {joint.get('type')}; an arm's joints turn", str(urdf.path)))
-        if joint.get("type") != "fixed":
-            joints.append(above[link])
-        link = next(joint.all("parent")).get("link")
-    if not joints:
-        raise InputError(Problem("no joint moves between base and flange", str(document.path)))
-    missing = [j for j in joints if j not in spec.controller]
-    if missing:
-        line = document.line("controller")
-        raise InputError(Problem(f"controller: no limits for {', '.join(sorted(missing))}", str(document.path), line))
-    return tuple(reversed(joints))
-
-
-def _pin_model(urdf: Urdf) -> Any:
-    import pinocchio as pin
-
-    try:
-        return pin.buildModelFromXML(urdf.text)
-    except Exception as error:
-        raise InputError(Problem(f"Pinocchio cannot read it: {error}", file=str(urdf.path))) from error
-
-
-def _facts(name: str, model: Any, urdf: Urdf, chain: tuple[str, ...]) -> tuple[RobotFacts, dict[str, LinkFrame]]:
-    """Constants of the chain from the pin.Model, and the frame of every link on it."""
-    import pinocchio as pin
-
-    ids = [model.getJointId(joint) for joint in chain]
-    above = {c.get("link"): j for j, node in urdf.joints().items() for c in node.all("child")}
-    moved = {above[link]: link for link in above}
-    axes, placements, masses, centres = [], [], [0.0], [np.zeros(3)]
-    previous = 0
-    for joint, i in zip(chain, ids, strict=True):
-        if model.parents[i] != previous:
-            raise InputError(Problem(f"joint {joint!r} does not follow the joint before it", file=str(urdf.path)))
-        motion = model.joints[i].createData()
-        model.joints[i].calc(motion, np.zeros(model.nq))
-        axes.append(np.asarray(motion.S).ravel()[3:6])
-        placements.append(model.jointPlacements[i].homogeneous)
-        masses.append(model.inertias[i].mass)
-        centres.append(model.inertias[i].lever)
-        previous = i
-    links = (_root(urdf), *(moved[joint] for joint in chain))
-    facts = RobotFacts(
-        name, chain, links, frozen(axes), frozen(placements), frozen(masses), frozen(centres)
+        name=spec.name,
+        title=spec.title,
+        folder=document.path.parent,
+        model=model,
+        facts=facts,
+        controller=controller,
+        effects=effects,
+        parameters=tuple(parameters.values()),
+        frames=frames,
+        flange=frames[spec.flange],
+        shapes=read_shapes(urdf, frames),
+        gravity=gravity,
     )
-    frames: dict[str, LinkFrame] = {}
-    for frame in model.frames:
-        owner = [0, *ids]
-        if frame.type == pin.FrameType.BODY and frame.parentJoint in owner:
-            frames[frame.name] = LinkFrame(owner.index(frame.parentJoint), frozen(frame.placement.homogeneous))
-    return facts, frames
 
 
-def _root(urdf: Urdf) -> str:
-    children = {c.get("link") for j in urdf.joints().values() for c in j.all("child")}
-    return next(link for link in urdf.links() if link not in children)
+@dataclass
+class _Reading:
+    """One robot.yaml and the problems found so far in it and in the files that it names."""
 
+    document: Document
+    problems: list[Problem] = field(default_factory=list)
 
-def _controller(document: Document, spec: RobotSpec, facts: RobotFacts) -> Controller:
-    n = facts.n
-    matrix, offset = np.eye(n), np.zeros(n)
-    lower, upper = np.zeros(n), np.zeros(n)
-    problems: list[Problem] = []
-    for k, joint in enumerate(facts.joints):
-        entry = spec.controller[joint]
-        line = document.line("controller", joint)
-        if len(entry.limits) != 2 or entry.limits[0] >= entry.limits[1]:
-            problems.append(Problem(f"{joint}: limits must be [lower, upper]", str(document.path), line))
-            continue
-        lower[k], upper[k] = entry.limits
-        if entry.equals is not None:
-            try:
-                matrix[k], offset[k] = parse_expression(entry.equals, n)
-            except InputError as error:
-                problems += [replace(p, file=str(document.path), line=line) for p in error.problems]
-    if not problems and abs(np.linalg.det(matrix)) < 1e-9:
-        line = document.line("controller")
-        problems.append(Problem("controller: the pendant's angles do not determine the joints", str(document.path), line))
-    if problems:
-        raise InputError(problems)
-    return Controller(frozen(matrix), frozen(offset), frozen(lower), frozen(upper), spec.limits_tolerance)
+    def attempt(self, function: Callable[..., T], *arguments: Any) -> T | None:
+        """The function's value; None, and its problems kept, if it raises InputError."""
+        try:
+            return function(*arguments)
+        except InputError as error:
+            self.problems += error.problems
+            return None
 
+    def stop(self) -> None:
+        """Raise InputError if there are problems."""
+        if self.problems:
+            raise InputError(dict.fromkeys(self.problems))
 
-def _shapes(urdf: Urdf, frames: dict[str, LinkFrame]) -> tuple[Shape, ...]:
-    """Boxes, cylinders and spheres of the URDF's visuals; meshes are left to the viewer."""
-    materials = {m.get("name"): m for m in urdf.root.all("material")}
-    out: list[Shape] = []
-    for name, link in urdf.links().items():
-        for visual in link.all("visual") if name in frames else ():
-            shape = _geometry(visual)
-            if shape is None:
-                continue
-            material = visual.first("material")
-            rgba = _colour(material, materials)
-            placement = frames[name].placement @ _origin(visual.first("origin"))
-            out.append(Shape(frames[name].link, frozen(placement), *shape, rgba))
-    return tuple(out)
+    def structure(self) -> tuple[RobotSpec, Urdf]:
+        """robot.yaml and its URDF, sound and matching."""
+        spec = self.attempt(validate, self.document, RobotSpec)
+        urdf = self.attempt(lambda: read_urdf(self.file("urdf"), self.document.path.parent))
+        if urdf is not None:
+            self.problems += check_structure(urdf)
+        if spec is not None and urdf is not None:
+            self._spec(spec, urdf)
+        self.stop()
+        assert spec is not None
+        assert urdf is not None
+        self.problems += check_chain(urdf, spec.base, spec.flange)
+        self.stop()
+        turning = [joint.name for joint in chain_joints(urdf, spec.base, spec.flange) or [] if joint.moves]
+        for joint in turning:
+            if joint not in spec.controller:
+                hint = f"Add {joint}: {{limits_deg: [.., ..]}}."
+                self.problem(f"controller: no limits for {joint!r}", "controller", hint=hint)
+        for joint in spec.controller:
+            if joint not in turning:
+                allowed = ", ".join(turning)
+                self.problem(
+                    f"controller: joint {joint!r} does not move the flange", "controller", joint, allowed=allowed
+                )
+        self.stop()
+        return spec, urdf
 
+    def file(self, key: str) -> Path:
+        """The path of a file that robot.yaml names, which must stay in the robot's folder."""
+        name, folder = self.document.data.get(key), self.document.path.parent
+        if not isinstance(name, str):
+            raise InputError(())  # told by the model
+        problem = None
+        if not inside(folder / name, folder):
+            problem = "is outside the robot's folder"
+        elif not (folder / name).is_file():
+            problem = "does not exist in the robot's folder"
+        if problem:
+            line = self.document.line(key)
+            raise InputError(Problem(f"{key}: {name!r} {problem}", file=str(self.document.path), line=line))
+        return folder / name
 
-def _geometry(visual: Node) -> tuple[str, tuple[float, ...]] | None:
-    geometry = visual.first("geometry")
-    for node in geometry.children if geometry else ():
-        keys = {"box": ("size", 3), "sphere": ("radius", 1)}.get(node.tag)
-        if keys is not None:
-            size = numbers(node.get(keys[0]), keys[1])
-            return None if size is None else (node.tag, tuple(size.tolist()))
-        if node.tag == "cylinder":
-            size = numbers(f"{node.get('radius')} {node.get('length')}", 2)
-            return None if size is None else ("cylinder", tuple(size.tolist()))
-    return None
+    def problem(self, message: str, *keys: str, **more: Any) -> None:
+        place = {"file": str(self.document.path), "line": self.document.line(*keys)}
+        self.problems.append(Problem(message, **place, **more))
 
-
-def _colour(material: Node | None, materials: dict[str, Node]) -> tuple[float, float, float, float]:
-    if material is not None and material.first("color") is None:
-        material = materials.get(material.get("name"))
-    colour = material.first("color") if material else None
-    values = numbers(colour.get("rgba"), 4) if colour else None
-    return (0.7, 0.7, 0.7, 1.0) if values is None else (*values.tolist(),)  # type: ignore[return-value]
-
-
-def _origin(node: Node | None) -> Array:
-    """Homogeneous matrix of an <origin xyz rpy>."""
-    xyz = numbers(node.get("xyz", "0 0 0"), 3) if node else None
-    rpy = numbers(node.get("rpy", "0 0 0"), 3) if node else None
-    out = np.eye(4)
-    if xyz is not None:
-        out[:3, 3] = xyz
-    if rpy is not None:
-        (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-        out[:3, :3] = [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    return out
+    def _spec(self, spec: RobotSpec, urdf: Urdf) -> None:
+        links, joints = [link.name for link in urdf.links], [joint.name for joint in urdf.joints]
+        if not _NAME.fullmatch(spec.name):
+            self.problem("name: use letters, digits, _ . and - only", "name", found=repr(spec.name))
+        for key, link in (("base", spec.base), ("flange", spec.flange)):
+            if link not in links:
+                hint = nearest(link, links)
+                self.problem(f"{key}: the URDF has no link {link!r}", key, allowed=", ".join(links), hint=hint)
+        for joint in spec.controller:
+            if joint not in joints:
+                allowed, hint = ", ".join(joints), nearest(joint, joints)
+                self.problem(
+                    f"controller: the URDF has no joint {joint!r}", "controller", joint, allowed=allowed, hint=hint
+                )
+        if len(spec.gravity) != 3:
+            self.problem("gravity must be three numbers", "gravity", found=repr(spec.gravity))
+        if not 0 <= spec.limits_tolerance < 0.1:
+            self.problem("limits_tolerance must be between 0 and 0.1 rad", "limits_tolerance")

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from math import radians
 from typing import Any
+
+from pydantic import Field
 
 from qsframework import units
 from qsframework.errors import InputError, Problem, nearest
@@ -15,12 +18,12 @@ from qsframework.plugin import Effect, Parameter, RobotFacts, build_effects
 class JointSpec(FileModel):
     """One joint of `controller:`: limits of what the pendant shows, and the URDF angle in pendant angles."""
 
-    limits: Quantity("rad", list[float])
+    limits: Quantity("rad", list[float])  # pyright: ignore[reportInvalidTypeForm]
     equals: str | None = None
 
 
 class RobotSpec(FileModel):
-    """robot.yaml."""
+    """robot.yaml. `gravity` is the acceleration in the base frame, for an arm on a wall or ceiling."""
 
     name: str
     title: str
@@ -28,75 +31,121 @@ class RobotSpec(FileModel):
     base: str
     flange: str
     controller: dict[str, JointSpec]
-    limits_tolerance: Quantity("rad") = 1.7453292519943296e-4
-    effects: list[dict[str, Any]] = []
+    limits_tolerance: Quantity("rad") = radians(0.01)  # pyright: ignore[reportInvalidTypeForm]
+    effects: list[dict[str, Any]] = Field(default_factory=list)
     nominal: str | None = None
+    gravity: Quantity("m/s^2", list[float]) = Field(  # pyright: ignore[reportInvalidTypeForm]
+        default_factory=lambda: [0.0, 0.0, -9.81]
+    )
 
 
 def read_effects(
     document: Document, entries: list[dict[str, Any]], facts: RobotFacts, markers: tuple[str, ...] = ()
 ) -> tuple[tuple[Effect, ...], list[Problem]]:
-    """The effects of a list `effects:` and the problems in it, with file and line."""
-    effects: list[Effect] = []
+    """The effects of a list `effects:` in the order of the pipeline, and the problems with file and line."""
+    effects: dict[str, Effect] = {}
     problems: list[Problem] = []
     for i, entry in enumerate(entries):
+        here = {"file": str(document.path), "line": document.line("effects", i)}
         try:
-            effects.extend(build_effects(entry, facts, markers))
+            for effect in build_effects(entry, facts, markers):
+                if effect.name in effects:
+                    problems.append(Problem(f"the effect {effect.name} stands here a second time", **here))
+                effects[effect.name] = effect
         except InputError as error:
-            here = document.line("effects", i)
-            problems += [replace(p, file=str(document.path), line=here) for p in error.problems]
-    return tuple(effects), problems
+            problems += [replace(p, **here) for p in error.problems]
+    return tuple(sorted(effects.values(), key=lambda e: (e.stage, e.order))), problems
 
 
-def read_nominal(document: Document, parameters: Mapping[str, Parameter]) -> tuple[dict[str, Parameter], list[Problem]]:
-    """Put the values of nominal.yaml into the parameters that the effects declare."""
-    out: dict[str, Parameter] = {}
+def read_nominal(
+    document: Document, parameters: Mapping[str, Parameter], complete: bool = True
+) -> tuple[dict[str, Parameter], list[Problem]]:
+    """The parameters that the effects declare, with the values of nominal.yaml, and the problems.
+
+    `complete` is False where an effect could not be read: an unknown name is then no problem of this file.
+    """
+    out = dict(parameters)
     problems: list[Problem] = []
     for name, entry in document.data.items():
-        if name not in parameters:
+        if name in parameters:
+            value = _Entry(document, parameters[name])
+            out[name] = value.read(entry)
+            problems += value.problems
+        elif complete:
             problems.append(
-                Problem(f"no effect has the parameter {name!r}", str(document.path), document.line(name),
-                        allowed=", ".join(parameters), hint=nearest(name, parameters))
-            )  # fmt: skip
-            continue
-        try:
-            out[name] = _nominal(document, parameters[name], entry)
-        except InputError as error:
-            problems += error.problems
+                Problem(
+                    f"no effect has the parameter {name!r}",
+                    file=str(document.path),
+                    line=document.line(name),
+                    allowed=", ".join(parameters),
+                    hint=nearest(name, parameters),
+                )
+            )
     return out, problems
 
 
-def _nominal(document: Document, parameter: Parameter, entry: Any) -> Parameter:
-    path, line = str(document.path), document.line(parameter.name)
-    if not isinstance(entry, dict):
-        raise InputError(Problem(f"{parameter.name} must be a mapping with a value", path, line, found=repr(entry)))
-    found: dict[str, Any] = {}
-    problems: list[Problem] = []
-    for key, value in entry.items():
-        if key == "source" and isinstance(value, str):
-            found["source"] = value
-            continue
-        parts = units.split(key, ("value", "sd")) or (("value", "") if key == "value" and not parameter.unit else None)
-        allowed = f"value_<unit>, sd_<unit>, sd_percent, source; the unit measures {parameter.unit or 'a ratio'}"
-        number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < float("inf")
-        where = document.line(parameter.name, key)
-        if parts is None or not number:
-            problems.append(Problem(f"{parameter.name}: cannot read {key!r}", path, where, found=repr(value), allowed=allowed))
-        elif parts == ("sd", "percent"):
-            found["percent"] = value / 100.0
-        elif not units.known(parts[1]) or not units.same_dimension(parts[1], parameter.unit):
-            problems.append(Problem(f"{parameter.name}: {key!r} has a wrong unit", path, where, allowed=allowed))
+@dataclass
+class _Entry:
+    """One parameter's entry: `value_<unit>`, `sd_<unit>` or `sd_percent`, `source`."""
+
+    document: Document
+    parameter: Parameter
+    problems: list[Problem] = field(default_factory=list)
+
+    def read(self, entry: Any) -> Parameter:
+        """The parameter with the entry's values; unchanged where there is a problem."""
+        if not isinstance(entry, dict):
+            self.problem("must be a mapping with its value", found=repr(entry))
+            return self.parameter
+        found: dict[str, Any] = {}
+        for key, value in entry.items():
+            self._key(key, value, found)
+        if "value" not in found and not self.problems:
+            self.problem(
+                f"needs its value, such as value_{self.parameter.unit}" if self.parameter.unit else "needs its value"
+            )
+        if self.problems:
+            return self.parameter
+        sd = abs(found["value"]) * found["percent"] if "percent" in found else found.get("sd")
+        self._bounds(found["value"], sd)
+        if self.problems:
+            return self.parameter
+        source = found.get("source", self.parameter.source)
+        return replace(self.parameter, nominal=found["value"], sd=sd, source=source)
+
+    def _key(self, key: str, value: Any, found: dict[str, Any]) -> None:
+        if key == "source":
+            found["source"] = str(value)
+            return
+        unit = self.parameter.unit
+        stem, suffix = units.split(key, ("value", "sd")) or ((key, "") if key in ("value", "sd") else ("", ""))
+        name = "percent" if (stem, suffix) == ("sd", "percent") else stem
+        allowed = f"value_{unit}, sd_{unit}, sd_percent, source" if unit else "value, sd, sd_percent, source"
+        if not stem:
+            self.problem("unknown key", key, found=repr(key), allowed=allowed, hint=nearest(key, allowed.split(", ")))
+        elif not suffix and unit:
+            self.problem(f"{key!r} does not say its unit", key, allowed=allowed)
+        elif name != "percent" and not (units.known(suffix) and units.same_dimension(suffix, unit)):
+            self.problem(f"{key!r} does not end in a unit of {unit or 'a ratio'}", key, allowed=allowed)
+        elif isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < float("inf"):
+            self.problem(f"{key} must be a finite number", key, found=repr(value))
+        elif name in found or {name, *found} >= {"sd", "percent"}:
+            self.problem(f"{stem} is given twice", key)
         else:
-            found["nominal" if parts[0] == "value" else "sd"] = units.conversion(parts[1])[0] * value
-    if "nominal" not in found and not problems:
-        problems.append(Problem(f"{parameter.name} needs its value_<unit>", path, line))
-    nominal = found.get("nominal", parameter.nominal)
-    if not problems and not parameter.lower <= nominal <= parameter.upper:
-        limits = f"{parameter.lower:g} to {parameter.upper:g} {parameter.unit}"
-        problems.append(Problem(f"{parameter.name}: the value is outside its bounds", path, line, found=f"{nominal:g}", allowed=limits))
-    sd = found.get("sd", abs(nominal) * found["percent"] if "percent" in found else None)
-    if not problems and sd is not None and not sd > 0:
-        problems.append(Problem(f"{parameter.name}: the sd must be positive", path, line, found=f"{sd:g}"))
-    if problems:
-        raise InputError(problems)
-    return replace(parameter, nominal=nominal, sd=sd, source=found.get("source", parameter.source))
+            scale = {"percent": 0.01, "sd": units.conversion(suffix)[0]}
+            found[name] = value * scale[name] if name in scale else units.to_si(float(value), suffix)
+
+    def _bounds(self, value: float, sd: float | None) -> None:
+        p = self.parameter
+        if not p.lower <= value <= p.upper:
+            self.problem(
+                "the value is outside its bounds", found=f"{value:g}", allowed=f"{p.lower:g} to {p.upper:g} {p.unit}"
+            )
+        if sd is not None and not sd > 0:
+            hint = "A share of zero is zero: give sd with a unit." if value == 0 else None
+            self.problem("the sd must be positive", found=f"{sd:g}", hint=hint)
+
+    def problem(self, message: str, *keys: str, **more: Any) -> None:
+        line = self.document.line(self.parameter.name, *keys)
+        text = f"{self.parameter.name}: {message}"
+        self.problems.append(Problem(text, file=str(self.document.path), line=line, **more))

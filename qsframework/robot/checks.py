@@ -1,0 +1,172 @@
+"""The structure of a URDF, checked here because no library does.
+
+Pinocchio and others accept negative masses, impossible inertias and unknown mimic targets, and
+double a link that has two parents.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from qsframework.errors import Problem, nearest
+from qsframework.robot.urdf import JOINT_TYPES, Joint, Link, Urdf
+
+_SUPPORTED = ("revolute", "continuous", "fixed")
+
+
+def check_structure(urdf: Urdf) -> list[Problem]:
+    """Everything wrong in a URDF, with file and line."""
+    moved = {joint.child: joint for joint in urdf.joints if joint.moves}
+    problems = [*urdf.unreadable, *_names(urdf), *_ends(urdf), *_parents(urdf), *_roots(urdf)]
+    for link in urdf.links:
+        problems += _mass(urdf, link, link.name in moved)
+    for joint in urdf.joints:
+        problems += _joint(urdf, joint)
+    return problems
+
+
+def check_chain(urdf: Urdf, base: str, flange: str) -> list[Problem]:
+    """What keeps the joints from base to flange from being a serial arm. The structure must be sound."""
+    chain = chain_joints(urdf, base, flange)
+    if chain is None:
+        return [urdf.link(flange).place.problem(f"link {flange!r} does not hang on the base {base!r}")]
+    problems = []
+    for joint in urdf.below(base):
+        here = joint in chain
+        if here and joint.kind not in _SUPPORTED:
+            hint = "An arm's joints are revolute or continuous; fix the others."
+            problems.append(
+                joint.place.problem(f"joint {joint.name!r}: a {joint.kind} joint is not supported yet", hint=hint)
+            )
+        elif here and joint.mimic is not None:
+            hint = "A parallelogram or other coupling is an effect in robot.yaml."
+            problems.append(joint.place.problem(f"joint {joint.name!r}: mimic is not supported", hint=hint))
+        elif not here and joint.moves:
+            hint = 'Make it type="fixed".'
+            message = f"joint {joint.name!r} moves but is not between base {base!r} and flange {flange!r}"
+            problems.append(joint.place.problem(message, hint=hint))
+    if not any(joint.moves for joint in chain):
+        problems.append(urdf.link(flange).place.problem(f"no joint moves between {base!r} and {flange!r}"))
+    return problems
+
+
+def chain_joints(urdf: Urdf, base: str, flange: str) -> list[Joint] | None:
+    """All joints from base to flange in this order, None if the flange does not hang on the base."""
+    above, chain, link = urdf.above(), [], flange
+    while link != base:
+        if link not in above:
+            return None
+        chain.append(above[link])
+        link = above[link].parent
+    return chain[::-1]
+
+
+def _names(urdf: Urdf) -> Iterator[Problem]:
+    for kind, items in (("link", urdf.links), ("joint", urdf.joints)):
+        first: dict[str, Link | Joint] = {}
+        for item in items:
+            if not item.name:
+                yield item.place.problem(f"a {kind} has no name")
+            elif item.name in first:
+                where = first[item.name].place
+                yield item.place.problem(f"{kind} {item.name!r} stands here again; it is also at {where}")
+            first.setdefault(item.name, item)
+    if not urdf.links:
+        yield Problem("holds no link", file=str(urdf.path))
+
+
+def _ends(urdf: Urdf) -> Iterator[Problem]:
+    names = [link.name for link in urdf.links]
+    for joint in urdf.joints:
+        for end, link in (("parent", joint.parent), ("child", joint.child)):
+            if not link:
+                yield joint.place.problem(f"joint {joint.name!r} has no {end} link")
+            elif link not in names:
+                message = f"joint {joint.name!r}: unknown {end} link {link!r}"
+                yield joint.place.problem(message, allowed=", ".join(names), hint=nearest(link, names))
+
+
+def _parents(urdf: Urdf) -> Iterator[Problem]:
+    first: dict[str, Joint] = {}
+    for joint in urdf.joints:
+        other = first.setdefault(joint.child, joint)
+        if other is not joint and joint.child:
+            yield joint.place.problem(
+                f"link {joint.child!r} has two parents: joint {other.name!r} ({other.place}) and joint {joint.name!r}",
+                hint="A closed loop is an effect in robot.yaml, such as parallelogram; the URDF is a tree.",
+            )
+
+
+def _roots(urdf: Urdf) -> Iterator[Problem]:
+    names = {link.name for link in urdf.links}
+    if any(end not in names for joint in urdf.joints for end in (joint.parent, joint.child)):
+        return  # a misspelt link would show here a second time
+    above = urdf.above()
+    roots = [link for link in urdf.links if link.name not in above]
+    for extra in roots[1:]:
+        message = f"link {extra.name!r} hangs on nothing; the root is {roots[0].name!r} ({roots[0].place})"
+        yield extra.place.problem(message, hint="A URDF has one root. Connect it by a joint.")
+    told: set[str] = set()
+    for link in urdf.links:
+        path = [link.name]
+        while path[-1] in above and above[path[-1]].parent not in path:
+            path.append(above[path[-1]].parent)
+        if path[-1] in above and not told & set(path):
+            circle = path[path.index(above[path[-1]].parent) :]
+            told |= set(path)
+            place = above[circle[0]].place
+            yield place.problem("joints run in a circle: " + " -> ".join([*circle[::-1], circle[-1]]))
+
+
+def _mass(urdf: Urdf, link: Link, moving: bool) -> Iterator[Problem]:
+    inertial, owner = link.inertial, f"link {link.name!r}"
+    if inertial is None:
+        if moving and not _carries_mass(urdf, link.name):
+            yield link.place.problem(f"{owner} moves but has no <inertial>", hint="It needs mass, centre and inertia.")
+        return
+    if inertial.mass < 0 or (inertial.mass == 0 and moving):
+        what = "a moving link needs a positive mass" if moving else "a mass cannot be negative"
+        yield inertial.mass_place.problem(f"{owner}: {what}", found=f"{inertial.mass:g} kg")
+    if not np.isfinite(inertial.inertia).all() or (inertial.mass == 0 and not inertial.inertia.any()):
+        return
+    moments = np.linalg.eigvalsh(inertial.inertia)
+    found = "principal moments " + ", ".join(f"{m:.6g}" for m in moments) + " kg m2"
+    if moments[0] <= 0:
+        yield inertial.inertia_place.problem(f"{owner}: the inertia is not positive definite", found=found)
+    elif moments[2] > (moments[0] + moments[1]) * (1 + 1e-9):
+        yield inertial.inertia_place.problem(
+            f"{owner}: no body has this inertia, one moment exceeds the sum of the other two (triangle inequality)",
+            found=found,
+        )
+
+
+def _carries_mass(urdf: Urdf, name: str) -> bool:
+    """Whether a link fixed to this one has a mass, which counts for both."""
+    fixed, todo = set[str](), [name]
+    while todo:
+        here = {joint.child for joint in urdf.joints if joint.parent == todo[-1] and joint.kind == "fixed"} - fixed
+        fixed |= here
+        todo = [*todo[:-1], *here]
+    return any(link.inertial is not None and link.inertial.mass > 0 for link in urdf.links if link.name in fixed)
+
+
+def _joint(urdf: Urdf, joint: Joint) -> Iterator[Problem]:
+    owner = f"joint {joint.name!r}"
+    if joint.kind not in JOINT_TYPES:
+        hint = nearest(joint.kind, JOINT_TYPES)
+        yield joint.place.problem(
+            f"{owner}: unknown type", found=repr(joint.kind), allowed=", ".join(JOINT_TYPES), hint=hint
+        )
+    if joint.kind in ("revolute", "prismatic"):
+        if joint.limits is None:
+            yield joint.place.problem(f"{owner} has no limits", hint='Add <limit lower=".." upper=".."/>.')
+        elif joint.limits[0] >= joint.limits[1]:
+            found = f"{joint.limits[0]:g} .. {joint.limits[1]:g}"
+            yield joint.place.problem(f"{owner}: the lower limit must be below the upper", found=found)
+    if joint.moves and np.isfinite(joint.axis).all() and np.linalg.norm(joint.axis) < 1e-9:
+        yield joint.place.problem(f"{owner}: the axis has no direction", found="0 0 0")
+    names = [other.name for other in urdf.joints if other is not joint]
+    if joint.mimic is not None and joint.mimic not in names:
+        yield joint.place.problem(f"{owner} mimics the unknown joint {joint.mimic!r}", hint=nearest(joint.mimic, names))

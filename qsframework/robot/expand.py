@@ -1,0 +1,193 @@
+"""From a URDF or xacro file to one tree of elements, each with the file and line it comes from.
+
+xacro runs without ROS, inside the robot's folder only. Every element is marked with its origin
+before expansion. An element that a macro writes from its parameters alone is placed at the line
+that calls the macro, where its name and numbers stand.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from qsframework.errors import InputError, Problem
+from qsframework.files import read_text
+from qsframework.robot import xml_tree
+from qsframework.robot.xacro_math import evaluate
+from qsframework.robot.xml_tree import Node, Place
+
+_LARGEST = 5_000_000
+_MOST_CALLS = 10_000
+_ORIGIN = "qsf_origin"
+_BUILT_IN = frozenset(
+    f"xacro:{name}" for name in ("include", "property", "macro", "if", "unless", "arg", "insert_block", "attribute")
+)
+_LOCK = threading.Lock()  # xacro keeps its state in its module
+
+
+def read_tree(path: Path, folder: Path) -> Node:
+    """The expanded tree of a robot file. InputError with file and line if it cannot be read."""
+    text = read_text(path, _LARGEST)
+    root = xml_tree.parse(text, str(path))
+    if path.suffix != ".xacro" and "xmlns:xacro" not in root.attributes:
+        return root
+    with _LOCK:
+        return _Expansion(folder).run(path)
+
+
+def inside(path: Path, folder: Path) -> bool:
+    """Whether a path, links followed, stays in the folder."""
+    return path.resolve().is_relative_to(folder.resolve())
+
+
+class _Expansion:
+    """One run of xacro: the files it read, the limits it keeps."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self.files: list[str] = []
+        self.calls = 0
+
+    def run(self, path: Path) -> Node:
+        import xacro
+
+        with self._confined(xacro):
+            try:
+                document: Any = xacro.process_file(str(path), verbosity=0)
+                root = self._node(document.documentElement)
+            except InputError:
+                raise
+            except Exception as error:  # xacro raises many kinds on a wrong file
+                raise InputError(Problem(_reason(error), file=self._current() or str(path))) from error
+        return root
+
+    @contextmanager
+    def _confined(self, xacro: Any) -> Iterator[None]:
+        """Put our reading, evaluation and limits in the place of xacro's for the time of the run."""
+        quiet = lambda *_, **__: None  # noqa: E731
+        call = xacro.handle_macro_call
+        changed: dict[str, Any] = {
+            "parse": self._parse,
+            "safe_eval": lambda text, names, _=None: evaluate(text, names),
+            "eval_extension": self._extension,
+            "handle_macro_call": lambda node, macros, symbols: self._call(call, node, macros, symbols),
+            "warning": quiet,
+            "print_location": quiet,
+            "glob": _NoGlob,
+        }
+        before = {name: getattr(xacro, name) for name in changed}
+        for name, value in changed.items():
+            setattr(xacro, name, value)
+        self._xacro = xacro
+        try:
+            yield
+        finally:
+            for name, value in before.items():
+                setattr(xacro, name, value)
+
+    def _parse(self, source: Any, filename: str | None = None) -> Any:
+        """A file's document, its elements marked with `qsf_origin="file index:line"`."""
+        from xml.dom import minidom
+
+        path = Path(str(filename))
+        if not inside(path, self.folder):
+            raise InputError(Problem(f"includes {path.name!r} from outside the robot's folder", file=self._current()))
+        if len(self._xacro.filestack) > 20:
+            raise InputError(Problem("includes are nested too deeply", file=str(path)))
+        data = read_text(path, _LARGEST)
+        self.files.append(str(path))
+        content = data.encode("utf-8")
+        parts, last = [], 0
+        for start in xml_tree.starts(data, str(path)):
+            if start.tag in _BUILT_IN:
+                continue
+            at = start.offset + 1 + len(start.tag.encode("utf-8"))
+            origin = f"{len(self.files) - 1}:{start.line}:{'own' if _says_something(start.attributes) else 'macro'}"
+            parts += [content[last:at], f' {_ORIGIN}="{origin}"'.encode()]
+            last = at
+        return minidom.parseString(b"".join([*parts, content[last:]]))
+
+    def _current(self) -> str | None:
+        stack = [name for name in self._xacro.filestack or () if name]
+        return next((name for name in reversed(stack) if name in self.files), None)
+
+    def _extension(self, text: str) -> str:
+        """`$(find package)` is a folder of the robot's folder, `$(arg name)` an argument; no others."""
+        words = text[2:-1].split()
+        if len(words) == 2 and words[0] == "find":
+            return str(self.folder / words[1])
+        if len(words) == 2 and words[0] == "arg":
+            arguments = self._xacro.substitution_args_context["arg"]
+            if words[1] in arguments:
+                return arguments[words[1]]
+            raise ValueError(f"argument {words[1]!r} has no default")
+        if text == "$(cwd)" or words[:1] == ["dirname"]:
+            return str(self.folder)
+        raise ValueError(f"{text} is not allowed; a robot file may use $(arg NAME) and $(find FOLDER)")
+
+    def _call(self, call: Any, node: Any, macros: Any, symbols: Any) -> Any:
+        """Expand a macro and place what it wrote at the line of the call."""
+        if not node.tagName.startswith("xacro:"):
+            return call(node, macros, symbols)
+        self.calls += 1
+        if self.calls > _MOST_CALLS:
+            raise ValueError(f"more than {_MOST_CALLS} macro calls")
+        origin = node.getAttribute(_ORIGIN)
+        if not origin:  # the second pass of xacro:call
+            return call(node, macros, symbols)
+        node.removeAttribute(_ORIGIN)
+        parent, before = node.parentNode, {id(child) for child in node.parentNode.childNodes}
+        try:
+            result = call(node, macros, symbols)
+        except InputError:
+            raise
+        except Exception as error:
+            raise InputError(self._place(origin).problem(_reason(error))) from error
+        for child in parent.childNodes:
+            if id(child) not in before:
+                _mark(child, origin)
+        return result
+
+    def _node(self, element: Any) -> Node:
+        place = self._place(element.getAttribute(_ORIGIN) or "0:1:own")
+        attributes = {name: value for name, value in element.attributes.items() if name != _ORIGIN}
+        children = [self._node(c) for c in element.childNodes if c.nodeType == c.ELEMENT_NODE]
+        return Node(element.tagName, attributes, place, children)
+
+    def _place(self, origin: str) -> Place:
+        file, line, _ = origin.split(":")
+        return Place(self.files[int(file)], int(line))
+
+
+class _NoGlob:
+    """Includes name one file; patterns are not expanded."""
+
+    @staticmethod
+    def glob(pattern: str) -> list[str]:
+        raise ValueError(f"an include names one file, not a pattern: {Path(pattern).name!r}")
+
+
+def _says_something(attributes: dict[str, str]) -> bool:
+    """Whether a tag carries a name or numbers of its own, not only a macro's parameters."""
+    if "name" in attributes:
+        return bool(re.sub(r"\$\{[^}]*\}|\$\([^)]*\)", "", attributes["name"]))
+    return bool(attributes) and not any("$" in value for value in attributes.values())
+
+
+def _mark(node: Any, origin: str) -> None:
+    """Place an element, and what it holds, at a macro's call unless it has a place of its own."""
+    if node.nodeType == node.ELEMENT_NODE and not node.getAttribute(_ORIGIN).endswith(":own"):
+        node.setAttribute(_ORIGIN, origin)
+        for child in node.childNodes:
+            _mark(child, origin)
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, RecursionError):
+        return "xacro: macros, includes or elements are nested without end"
+    text = " ".join(str(error).split()) or type(error).__name__
+    return f"xacro: {text}"

@@ -1,0 +1,117 @@
+"""From a sound URDF to the `pin.Model` of the arm, and from that model to the arm's constants."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from qsframework.errors import InputError, Problem
+from qsframework.plugin import Array, RobotFacts
+from qsframework.plugin.facts import frozen
+from qsframework.robot.checks import chain_joints
+from qsframework.robot.robot import LinkFrame, Shape
+from qsframework.robot.urdf import Inertial, Joint, Link, Origin, Urdf
+
+_NO_LIMIT = (-1e3, 1e3)
+
+
+def build_model(urdf: Urdf, base: str, gravity: Array) -> Any:
+    """The `pin.Model` of what hangs on the base: one revolute joint per moving joint, fixed links merged.
+
+    Pinocchio reads plain numbers, so that a continuous joint has one angle and not a cosine and a sine.
+    """
+    import pinocchio as pin
+
+    try:
+        model = pin.buildModelFromXML(plain_urdf(urdf, base))  # pyright: ignore[reportAttributeAccessIssue]
+    except Exception as error:  # the bindings raise several kinds
+        raise InputError(Problem(f"Pinocchio cannot read it: {error}", file=str(urdf.path))) from error
+    model.gravity = pin.Motion(np.array(gravity, dtype=float), np.zeros(3))  # pyright: ignore[reportAttributeAccessIssue]
+    return model
+
+
+def plain_urdf(urdf: Urdf, base: str) -> str:
+    """The part of the URDF below the base: links with masses and joints, all numbers in full."""
+    joints = urdf.below(base)
+    names = {base, *(joint.child for joint in joints)}
+    body = [_link(link) for link in urdf.links if link.name in names]
+    body += [_joint(joint) for joint in joints]
+    return '<robot name="robot">\n' + "\n".join(body) + "\n</robot>\n"
+
+
+def read_facts(name: str, model: Any, urdf: Urdf, base: str, flange: str) -> RobotFacts:
+    """The constants of the chain, all from the model: they cannot differ from it."""
+    chain = [joint for joint in chain_joints(urdf, base, flange) or [] if joint.moves]
+    joints = tuple(joint.name for joint in chain)
+    if tuple(model.names)[1:] != joints or model.nq != len(joints) or model.nv != len(joints):
+        raise InputError(Problem("Pinocchio reads another chain than the file holds", file=str(urdf.path)))
+    axes = []
+    for k in range(1, model.njoints):
+        data = model.joints[k].createData()
+        model.joints[k].calc(data, np.zeros(model.nq))
+        axes.append(np.asarray(data.S, dtype=float).ravel()[3:])
+    return RobotFacts(
+        name=name,
+        joints=joints,
+        links=(base, *(joint.child for joint in chain)),
+        axes=frozen(axes),
+        placements=frozen([placement.homogeneous for placement in model.jointPlacements][1:]),
+        masses=frozen([inertia.mass for inertia in model.inertias]),
+        centres=frozen([inertia.lever for inertia in model.inertias]),
+    )
+
+
+def read_frames(model: Any) -> MappingProxyType[str, LinkFrame]:
+    """Every link of the URDF as a frame of a moving link, in the model's order."""
+    import pinocchio as pin
+
+    return MappingProxyType(
+        {
+            frame.name: LinkFrame(int(frame.parentJoint), frozen(frame.placement.homogeneous))
+            for frame in model.frames
+            if frame.type == pin.FrameType.BODY  # pyright: ignore[reportAttributeAccessIssue]
+        }
+    )
+
+
+def read_shapes(urdf: Urdf, frames: MappingProxyType[str, LinkFrame]) -> tuple[Shape, ...]:
+    """The simple solids of the visuals, placed on the moving links."""
+    return tuple(
+        Shape(frame.link, frozen(frame.placement @ visual.origin.matrix()), visual.kind, visual.size, visual.rgba)
+        for link in urdf.links
+        if (frame := frames.get(link.name)) is not None
+        for visual in link.visuals
+    )
+
+
+def _text(values: Any) -> str:
+    return '"' + " ".join(repr(float(v)) for v in np.atleast_1d(values)) + '"'
+
+
+def _origin(origin: Origin) -> str:
+    return f"<origin xyz={_text(origin.xyz)} rpy={_text(origin.rpy)}/>"
+
+
+def _link(link: Link) -> str:
+    inside = "" if link.inertial is None else _inertial(link.inertial)
+    return f"<link name={quoteattr(link.name)}>{inside}</link>"
+
+
+def _inertial(inertial: Inertial) -> str:
+    entries = " ".join(f"i{'xyz'[i]}{'xyz'[j]}={_text(inertial.inertia[i, j])}" for i in range(3) for j in range(i, 3))
+    return f"<inertial>{_origin(inertial.origin)}<mass value={_text(inertial.mass)}/><inertia {entries}/></inertial>"
+
+
+def _joint(joint: Joint) -> str:
+    kind = "revolute" if joint.moves else "fixed"
+    lower, upper = joint.limits or _NO_LIMIT
+    moving = (
+        f'<axis xyz={_text(joint.axis)}/><limit lower={_text(lower)} upper={_text(upper)} effort="0" velocity="0"/>'
+        if joint.moves
+        else ""
+    )
+    ends = f"<parent link={quoteattr(joint.parent)}/><child link={quoteattr(joint.child)}/>"
+    return f'<joint name={quoteattr(joint.name)} type="{kind}">{_origin(joint.origin)}{ends}{moving}</joint>'

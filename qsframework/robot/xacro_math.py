@@ -1,0 +1,110 @@
+"""The expressions of a xacro file, evaluated as arithmetic and nothing else.
+
+xacro hands `${...}` to Python's `eval` behind a filter that a lambda walks around. A robot file is
+data, so only numbers, texts, the names of the file and the functions listed here are understood.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from collections.abc import Callable, Mapping
+from typing import Any
+
+_BIGGEST = 10**18
+_LONGEST = 10_000
+
+FUNCTIONS: dict[str, Callable[..., Any]] = {
+    name: getattr(math, name)
+    for name in ("acos", "asin", "atan", "atan2", "ceil", "copysign", "cos", "degrees", "exp", "fabs", "floor", "fmod",
+                 "hypot", "log", "log10", "pow", "radians", "sin", "sqrt", "tan")
+} | {"abs": abs, "bool": bool, "float": float, "int": int, "len": len, "max": max, "min": min, "round": round,
+     "str": str, "sum": sum}  # fmt: skip
+
+_OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv, ast.Mod: operator.mod,
+    ast.Pow: lambda a, b: float(a) ** float(b),
+    ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt,
+    ast.GtE: operator.ge, ast.In: lambda a, b: a in b, ast.NotIn: lambda a, b: a not in b,
+    ast.UAdd: operator.pos, ast.USub: operator.neg, ast.Not: operator.not_,
+}  # fmt: skip
+
+
+def evaluate(expression: str, names: Mapping[str, Any]) -> Any:
+    """The value of an expression over the names. ValueError for everything that is not arithmetic."""
+    if len(expression) > _LONGEST:
+        raise ValueError("the expression is too long")
+    try:
+        body = ast.parse(expression.strip(), mode="eval").body
+    except SyntaxError as error:
+        raise ValueError(f"not an expression: {expression.strip()!r}") from error
+    return _value(body, names)
+
+
+def _value(node: ast.expr, names: Mapping[str, Any]) -> Any:
+    match node:
+        case ast.Constant(value=bool() | int() | float() | str() | None):
+            return node.value
+        case ast.Name():
+            return _name(node.id, names)
+        case ast.UnaryOp():
+            return _OPERATORS[type(node.op)](_value(node.operand, names))
+        case ast.BinOp():
+            return _binary(node.op, _value(node.left, names), _value(node.right, names))
+        case ast.BoolOp():
+            values = [_value(v, names) for v in node.values]
+            return all(values) if isinstance(node.op, ast.And) else any(values)
+        case ast.IfExp():
+            return _value(node.body if _value(node.test, names) else node.orelse, names)
+        case ast.Compare(ops=[op], comparators=[right]) if type(op) in _OPERATORS:
+            return _OPERATORS[type(op)](_value(node.left, names), _value(right, names))
+        case ast.List() | ast.Tuple():
+            return [_value(element, names) for element in node.elts]
+        case ast.Subscript():
+            return _value(node.value, names)[_value(node.slice, names)]
+        case ast.Attribute():
+            return _attribute(node, names)
+        case ast.Call(keywords=[]):
+            return _call(node, names)
+    raise ValueError("only arithmetic is allowed in an expression of a robot file")
+
+
+def _name(name: str, names: Mapping[str, Any]) -> Any:
+    if name.startswith("_"):
+        raise ValueError(f"the name {name!r} is not allowed")
+    try:
+        value = names[name]
+    except KeyError as error:
+        raise ValueError(f"name {name!r} is not defined") from error
+    if callable(value) and not isinstance(value, Mapping):
+        raise ValueError(f"{name!r} is a function; call it")
+    return value
+
+
+def _attribute(node: ast.Attribute, names: Mapping[str, Any]) -> Any:
+    owner = _value(node.value, names)
+    if not isinstance(owner, Mapping):
+        raise ValueError(f"{node.attr!r} is not the name of a value")
+    return _name(node.attr, owner)
+
+
+def _call(node: ast.Call, names: Mapping[str, Any]) -> Any:
+    match node.func:
+        case ast.Name(id=name) | ast.Attribute(value=ast.Name(id="math" | "python"), attr=name) if name in FUNCTIONS:
+            return FUNCTIONS[name](*(_value(argument, names) for argument in node.args))
+    raise ValueError(f"the function {ast.unparse(node.func)!r} is not allowed in a robot file")
+
+
+def _binary(op: ast.operator, left: Any, right: Any) -> Any:
+    numbers = isinstance(left, int | float) and isinstance(right, int | float)
+    texts = isinstance(op, ast.Add) and isinstance(left, str) and isinstance(right, str)
+    if type(op) not in _OPERATORS or not (numbers or texts):
+        raise ValueError("an operator of a robot file joins two numbers, or two texts by +")
+    value = _OPERATORS[type(op)](left, right)
+    if isinstance(value, complex):
+        raise ValueError("the value is not a real number")
+    if isinstance(value, str) and len(value) > _LONGEST:
+        raise ValueError("the text is too long")
+    return float(value) if isinstance(value, int) and abs(value) > _BIGGEST else value
