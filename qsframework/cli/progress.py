@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 Tell = Callable[[str, int, int], None]
+_WIDE = 160
+"""Columns of a table that goes to a file or a pipe."""
 
 
 @contextmanager
@@ -27,14 +29,17 @@ def progress() -> Iterator[Tell]:
 
 
 def print_table(header: tuple[str, ...], rows: tuple[tuple[str, ...], ...], title: str = "") -> None:
-    """A table on standard output; wide cells wrap."""
+    """A table on standard output; wide cells fold."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
     table = Table(title=escape(title) or None, title_justify="left")
     for i, name in enumerate(header):
-        table.add_column(escape(name), justify="left" if i == 0 else "right")
+        table.add_column(escape(name), justify="left" if i == 0 else "right", overflow="fold", no_wrap=i == 0)
     for row in rows:
         table.add_row(*(escape(cell) for cell in row))
-    Console().print(table)
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=_WIDE)
+    console.print(table)

@@ -1,5 +1,6 @@
 """What is done to the robot: campaigns, plans, readings, simulation."""
 
+from qsframework.experiment.examples import example
 from qsframework.experiment.plan import Certificate, Plan, make_plan, read_plan, write_plan
 from qsframework.experiment.readings import Readings, read_readings, write_readings
 from qsframework.experiment.setup import Constraints, Experiment, LoadCase, Marker, Noise, load_experiment
@@ -15,6 +16,7 @@ __all__ = [
     "Plan",
     "Readings",
     "Simulation",
+    "example",
     "load_experiment",
     "make_plan",
     "read_plan",

@@ -55,8 +55,12 @@ def read_table(path: str | Path, columns: Sequence[Column], robot: str) -> Table
     _check_robot(path, lines, robot)
     lines = [(i, line) for i, line in lines if not line.lstrip().startswith("#")]
     if not lines:
-        raise InputError(Problem("is empty", file=str(path), allowed=", ".join(c.spelling() for c in columns if c.required)))
-    parsed = list(zip([i for i, _ in lines], csv.reader(io.StringIO("\n".join(line for _, line in lines))), strict=False))
+        raise InputError(
+            Problem("is empty", file=str(path), allowed=", ".join(c.spelling() for c in columns if c.required))
+        )
+    parsed = list(
+        zip([i for i, _ in lines], csv.reader(io.StringIO("\n".join(line for _, line in lines))), strict=False)
+    )
     if len(parsed) != len(lines):
         raise InputError(Problem("a quoted field runs over the end of its line", file=str(path)))
     header = [cell.strip() for cell in parsed[0][1]]
@@ -69,7 +73,9 @@ def read_table(path: str | Path, columns: Sequence[Column], robot: str) -> Table
         if len(cells) != len(header)
     ]
     good = [(line, cells) for line, cells in parsed[1:] if len(cells) == len(header)]
-    table = Table(path, [line for line, _ in good], {c.stem: header[i] for i, (c, _) in chosen.items()}, {}, {}, problems)
+    table = Table(
+        path, [line for line, _ in good], {c.stem: header[i] for i, (c, _) in chosen.items()}, {}, {}, problems
+    )
     for i, (column, unit) in chosen.items():
         _read_column(table, column, unit, [cells[i].strip() for _, cells in good])
     return table
@@ -81,14 +87,10 @@ def _check_robot(path: Path, lines: list[tuple[int, str]], robot: str) -> None:
             return
         key, _, value = line.lstrip("# \t").partition(":")
         if key.strip() == "robot" and value.strip() != robot:
-            raise InputError(
-                Problem("belongs to another robot", str(path), number, found=value.strip(), allowed=robot)
-            )
+            raise InputError(Problem("belongs to another robot", str(path), number, found=value.strip(), allowed=robot))
 
 
-def _read_header(
-    path: Path, line: int, header: list[str], columns: Sequence[Column]
-) -> dict[int, tuple[Column, str]]:
+def _read_header(path: Path, line: int, header: list[str], columns: Sequence[Column]) -> dict[int, tuple[Column, str]]:
     """For each position the column and its unit."""
     chosen: dict[int, tuple[Column, str]] = {}
     problems: list[Problem] = []
@@ -116,8 +118,10 @@ def _read_header(
         wrong(stem, "this column stands here twice", "once")
     told = {p.column for p in problems}
     for column in columns:
-        if column.required and column.stem not in stems and not any(
-            t == column.stem or (t or "").startswith(column.stem + "_") for t in told
+        if (
+            column.required
+            and column.stem not in stems
+            and not any(t == column.stem or (t or "").startswith(column.stem + "_") for t in told)
         ):
             wrong(column.stem, "this column is missing", column.spelling())
     if problems:
@@ -163,7 +167,9 @@ def _wrong(table: Table, i: int, column: Column, message: str, found: str, allow
     )
 
 
-def write_table(path: str | Path, header: Sequence[str], rows: Sequence[Sequence[str]], comments: Sequence[str]) -> None:
+def write_table(
+    path: str | Path, header: Sequence[str], rows: Sequence[Sequence[str]], comments: Sequence[str]
+) -> None:
     """Write a table, all or nothing; comments go first."""
     stream = io.StringIO()
     for comment in comments:

@@ -93,7 +93,18 @@ def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
     path = Path(path)
     n = plan.pendant.shape[1]
     degrees = np.rad2deg(plan.pendant)
-    header = ["pose", *(f"q{k + 1}_deg" for k in range(n)), "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm", "load", "repeats"]
+    header = [
+        "pose",
+        *(f"q{k + 1}_deg" for k in range(n)),
+        "fx_N",
+        "fy_N",
+        "fz_N",
+        "mx_Nm",
+        "my_Nm",
+        "mz_Nm",
+        "load",
+        "repeats",
+    ]
     rows = [
         [plan.pose[i], *map(repr, degrees[i].tolist()), *map(repr, plan.wrench[i].tolist()), plan.load[i], str(plan.repeats[i])]
         for i in range(len(plan.pose))
@@ -143,7 +154,11 @@ def _proof(path: Path) -> tuple[Certificate | None, str, int | None]:
         stored = content["certificate"]
         if content["plan_sha256"] != sha256(path) or stored is None:
             return None, str(content["criterion"]), content["seed"]
-        return Certificate(**{**stored, "parameters": tuple(stored["parameters"])}), content["criterion"], content["seed"]
+        return (
+            Certificate(**{**stored, "parameters": tuple(stored["parameters"])}),
+            content["criterion"],
+            content["seed"],
+        )
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(Problem(f"is not the proof of a plan: {error}", file=str(beside))) from error
 

@@ -124,7 +124,9 @@ def expand_name(entry: str, model: Model) -> tuple[str, ...]:
             names.append(entry)
     if not names:
         allowed = list(dict.fromkeys(known))
-        raise InputError(Problem(f"fit: no parameter {entry!r}", allowed=", ".join(allowed), hint=nearest(entry, allowed)))
+        raise InputError(
+            Problem(f"fit: no parameter {entry!r}", allowed=", ".join(allowed), hint=nearest(entry, allowed))
+        )
     return tuple(names)
 
 
@@ -195,12 +197,21 @@ def _load_problems(document: Document, loads: Sequence[LoadCaseSpec]) -> list[Pr
         if names.index(load.name) != i:
             problems.append(Problem(f"load {load.name!r} stands here twice", str(document.path), line))
         if not np.any(load.wrench()):
-            problems.append(Problem(f"load {load.name!r} is zero", str(document.path), line, allowed="fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm"))
+            problems.append(
+                Problem(
+                    f"load {load.name!r} is zero",
+                    str(document.path),
+                    line,
+                    allowed="fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm",
+                )
+            )
         if load.poses is not None and load.poses < 1:
             problems.append(Problem(f"load {load.name!r}: poses must be 1 or more", str(document.path), line))
     if sum(load.poses is None for load in loads) > 1:
         problems.append(
-            Problem("two loads leave out `poses`; only one may take the rest", str(document.path), document.line("loads"))
+            Problem(
+                "two loads leave out `poses`; only one may take the rest", str(document.path), document.line("loads")
+            )
         )
     return problems
 

@@ -3,9 +3,10 @@
 from qsframework.report.fit_section import error_table, fit_section, fit_table, shown
 from qsframework.report.page import Figure, Section, Table, Text, View, write_report
 from qsframework.report.plan_section import certificate_text, plan_section, pose_table, sd_table
-from qsframework.report.provenance import provenance_section
+from qsframework.report.provenance import PROVENANCE, provenance_section
 
 __all__ = [
+    "PROVENANCE",
     "Figure",
     "Section",
     "Table",

@@ -11,6 +11,7 @@ from qsframework.files import sha256
 from qsframework.plugin import Effect
 from qsframework.report.page import Section, Table, Text
 
+PROVENANCE = "How this was computed"
 _PACKAGES = ("qsframework", "pin", "numpy", "scipy", "cvxpy", "clarabel")
 
 
@@ -22,7 +23,7 @@ def provenance_section(effects: Sequence[Effect], files: Sequence[Path], seed: i
     unique = {type(e): e for e in effects}
     laws = tuple((k.effect_name(), (k.__doc__ or "").split("\n")[0], k.source) for k in unique)
     return Section(
-        "How this was computed",
+        PROVENANCE,
         (
             Text(
                 "A displacement reading is the loaded minus the unloaded position of a marker in the base frame. "
