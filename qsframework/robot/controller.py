@@ -69,8 +69,10 @@ def read_controller(document: Document, spec: RobotSpec, facts: RobotFacts) -> C
 
 
 _TERM = re.compile(
-    r"\s*(?P<sign>[+-])?\s*(?:(?P<factor>\d+(?:\.\d*)?|\.\d+)\s*\*?\s*)?(?:(?P<joint>J\d+)|(?P<unit>deg|rad))\s*"
+    r"\s*(?P<sign>[+-])?\s*(?:(?P<factor>\d+(?:\.\d*)?|\.\d+)\s*\*?\s*)?(?:(?P<joint>J\d+)|(?P<unit>deg|rad))\s*",
+    re.ASCII,
 )
+_LONGEST = 200
 
 
 def parse_expression(text: str, n: int) -> tuple[Array, float]:
@@ -78,6 +80,8 @@ def parse_expression(text: str, n: int) -> tuple[Array, float]:
 
     Raises InputError for anything but signed multiples of J1..Jn and angles.
     """
+    if len(text) > _LONGEST:
+        raise InputError(f"the expression {text[:40]!r}... is too long; write terms such as J3 + J2, -J4, J2 + 90 deg")
     row, constant, position = np.zeros(n), 0.0, 0
     while position < len(text):
         match = _TERM.match(text, position)

@@ -41,7 +41,10 @@ def read_tree(path: Path, folder: Path) -> Node:
 
 def inside(path: Path, folder: Path) -> bool:
     """Whether a path, links followed, stays in the folder."""
-    return path.resolve().is_relative_to(folder.resolve())
+    try:
+        return path.resolve().is_relative_to(folder.resolve())
+    except (OSError, ValueError, RuntimeError):  # no path at all, or links in a circle
+        return False
 
 
 class _Expansion:

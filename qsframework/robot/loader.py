@@ -46,17 +46,24 @@ def find_robot(name: str | Path, beside: Path | None = None) -> Path:
     """
     if _NAME.fullmatch(str(name)):
         for folder in search_path():
-            if (folder / str(name) / "robot.yaml").is_file():
+            if _is_file(folder / str(name) / "robot.yaml"):
                 return folder / str(name) / "robot.yaml"
     for base in (beside, Path()):
         path = None if base is None else base / name
-        if path is not None and (path / "robot.yaml").is_file():
+        if path is not None and _is_file(path / "robot.yaml"):
             return path / "robot.yaml"
-        if path is not None and path.is_file() and path.suffix in (".yaml", ".yml"):
+        if path is not None and path.suffix in (".yaml", ".yml") and _is_file(path):
             return path
     names = robot_names()
     hint = " ".join(part for part in (nearest(str(name), names), _HOW_TO_ADD) if part)
     raise InputError(Problem(f"unknown robot {str(name)[:80]!r}", allowed=", ".join(names) or "none found", hint=hint))
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name that is too long
+        return False
 
 
 def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool = False) -> Robot:
@@ -151,13 +158,13 @@ class _Reading:
         if not isinstance(name, str):
             raise InputError(())  # told by the model
         problem = None
-        if not inside(folder / name, folder):
+        if len(name) > 200 or not inside(folder / name, folder):
             problem = "is outside the robot's folder"
-        elif not (folder / name).is_file():
+        elif not _is_file(folder / name):
             problem = "does not exist in the robot's folder"
         if problem:
             line = self.document.line(key)
-            raise InputError(Problem(f"{key}: {name!r} {problem}", file=str(self.document.path), line=line))
+            raise InputError(Problem(f"{key}: {name[:80]!r} {problem}", file=str(self.document.path), line=line))
         return folder / name
 
     def problem(self, message: str, *keys: str, **more: Any) -> None:

@@ -1,0 +1,189 @@
+"""xacro files: places of their elements, and what an expression may do."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from qsframework.robot.xacro_math import evaluate
+
+XACRO = """<robot name="small" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:include filename="parts/mass.xacro"/>
+  <xacro:property name="reach" value="${0.5 + 0.3}"/>
+  <xacro:macro name="turning" params="name parent child axis">
+    <joint name="${name}" type="revolute">
+      <parent link="${parent}"/>
+      <child link="${child}"/>
+      <axis xyz="${axis}"/>
+      <limit lower="${-pi}" upper="${pi}" effort="0" velocity="0"/>
+    </joint>
+  </xacro:macro>
+  <xacro:macro name="end" params="prefix">
+    <link name="${prefix}tip"/>
+    <joint name="${prefix}mount" type="fixed">
+      <parent link="fore"/>
+      <child link="${prefix}tip"/>
+      <origin xyz="${reach} 0 0"/>
+    </joint>
+  </xacro:macro>
+  <link name="base"/>
+  <link name="upper"><xacro:heavy kg="10"/></link>
+  <link name="fore">
+    <xacro:heavy kg="5"/>
+  </link>
+  <xacro:turning name="shoulder" parent="base" child="upper" axis="0 1 0"/>
+  <xacro:turning name="elbow" parent="upper" child="fore" axis="0 -1 0"/>
+  <xacro:end prefix=""/>
+</robot>
+"""
+
+MASS = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:macro name="heavy" params="kg">
+    <inertial>
+      <mass value="${kg}"/>
+      <inertia ixx="${0.1*kg}" iyy="${0.1*kg}" izz="${0.1*kg}"/>
+    </inertial>
+  </xacro:macro>
+</robot>
+"""
+
+
+@pytest.fixture
+def arm(small):
+    small.write("small.urdf.xacro", XACRO)
+    small.write("parts/mass.xacro", MASS)
+    small.edit("robot.yaml", ("small.urdf", "small.urdf.xacro"))
+    return small
+
+
+def test_expands(arm):
+    robot = arm.load()
+    assert robot.facts.masses.tolist() == [0, 10, 5]
+    assert robot.flange.placement[0, 3] == pytest.approx(0.8)
+    assert robot.model.upperPositionLimit.tolist() == pytest.approx([math.pi, math.pi])
+
+
+def test_a_macros_number_is_placed_at_its_call(arm, told):
+    arm.edit("small.urdf.xacro", ('kg="5"', 'kg="-5"'))
+    problems = arm.problems()
+    for problem in problems:
+        told(problem, "small.urdf.xacro", arm.line("small.urdf.xacro", 'kg="-5"'), "'fore'")
+    assert "positive mass" in problems[0].message
+
+
+def test_a_macros_joint_is_placed_at_its_call(arm, told):
+    arm.edit("small.urdf.xacro", ('axis="0 -1 0"', 'axis="0 0 0"'))
+    told(arm.problem(), "small.urdf.xacro", arm.line("small.urdf.xacro", 'name="elbow"'), "'elbow'", "no direction")
+
+
+def test_a_name_in_a_macros_body_is_placed_there(arm, told):
+    arm.edit("small.urdf.xacro", ('<parent link="fore"', '<parent link="for"'))
+    told(arm.problem(), "small.urdf.xacro", arm.line("small.urdf.xacro", "}mount"), "'mount'", "'for'")
+
+
+def test_an_included_file_is_named(arm, told):
+    arm.edit("parts/mass.xacro", ("</inertial>", "</inertia>"))
+    told(arm.problem(), "mass.xacro", 6, "not well-formed XML")
+
+
+REFUSED = {
+    "bare lambda": ("${lambda: 1}", "only arithmetic"),
+    "lambda": ("${(lambda: 1)()}", "not allowed"),
+    "walk around the filter": ("${list(map(lambda x: x.__class__, [1]))}", "not allowed"),
+    "dunder": ("${__import__('os')}", "not allowed"),
+    "format": ("${'a'.format(1)}", "not allowed"),
+    "comprehension": ("${[a for a in [1]]}", "only arithmetic"),
+    "load_yaml": ("${xacro.load_yaml('/etc/hostname')}", "not allowed"),
+    "unknown name": ("${reech}", "'reech' is not defined"),
+    "division by zero": ("${1/0}", "division by zero"),
+    "environment": ("$(env HOME)", "not allowed"),
+    "eval": ("$(eval 1+1)", "not allowed"),
+    "huge power": ("${9**9**9**9}", "too large"),
+    "huge text": ("${'a'*999999999}", "two numbers"),
+    "no end": ("${1", ""),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused_expressions(arm, name):
+    expression, words = REFUSED[name]
+    arm.edit("small.urdf.xacro", ('value="${0.5 + 0.3}"', f'value="{expression}"'))
+    problem = arm.problem()
+    assert words in str(problem).replace("Numerical result out of range", "too large"), str(problem)
+    assert problem.file.endswith("small.urdf.xacro")
+
+
+@pytest.mark.parametrize(
+    "target", ["../outside.xacro", "/etc/hostname", "parts/../../outside.xacro", "$(find ..)/outside.xacro"]
+)
+def test_includes_stay_inside(arm, target):
+    (arm.folder.parent / "outside.xacro").write_text(MASS)
+    arm.edit("small.urdf.xacro", ("parts/mass.xacro", target))
+    assert "outside the robot's folder" in str(arm.problem())
+
+
+def test_a_link_out_of_the_folder_is_followed_and_refused(arm):
+    outside = arm.folder.parent / "outside.xacro"
+    outside.write_text(MASS)
+    (arm.folder / "parts/mass.xacro").unlink()
+    (arm.folder / "parts/mass.xacro").symlink_to(outside)
+    assert "outside the robot's folder" in str(arm.problem())
+
+
+def test_find_means_a_folder_of_the_robot(arm):
+    arm.edit("small.urdf.xacro", ("parts/mass.xacro", "$(find parts)/mass.xacro"))
+    assert arm.load().facts.masses[1] == 10
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("parts/mass.xacro", "parts/none.xacro"), "no such file"),
+        (("parts/mass.xacro", "parts/*.xacro"), "not a pattern"),
+        (("parts/mass.xacro", "small.urdf.xacro"), "nested too deeply"),
+        (('<xacro:end prefix=""/>', "<xacro:ende/>"), "unknown macro"),
+        (('<xacro:end prefix=""/>', "<xacro:end/>"), "Undefined parameters"),
+        (('<link name="${prefix}tip"/>', '<xacro:end prefix=""/>'), "without end"),
+        (('<link name="base"/>', "<!DOCTYPE a>"), "not well-formed"),
+    ],
+)
+def test_broken_xacro(arm, change, words):
+    arm.edit("small.urdf.xacro", change)
+    assert words in str(arm.problem())
+
+
+def test_nothing_is_printed(arm, capfd):
+    arm.edit("small.urdf.xacro", ('<xacro:end prefix=""/>', "<xacro:ende/>"))
+    arm.problem()
+    assert capfd.readouterr() == ("", "")
+
+
+def test_xacro_is_put_back(arm):
+    import xacro
+
+    before = xacro.safe_eval, xacro.parse, xacro.handle_macro_call
+    arm.load()
+    assert (xacro.safe_eval, xacro.parse, xacro.handle_macro_call) == before
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1 + 2*3", 7),
+        ("-a/2", -1.5),
+        ("2**3", 8.0),
+        ("math.sin(0) + cos(0)", 1.0),
+        ("radians(180)", math.pi),
+        ("a if a > 2 else 0", 3),
+        ("'x' + 'y'", "xy"),
+        ("[1, 2][1]", 2),
+        ("max(1, a)", 3),
+        ("not (a == 3 and 1)", False),
+        ("5 % 3 + 7 // 2", 5),
+        ("d.k", 4),
+    ],
+)
+def test_arithmetic(text, value):
+    found = evaluate(text, {"a": 3, "d": {"k": 4}})
+    assert found == (value if isinstance(value, str) else pytest.approx(value))
