@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_args
+from typing import Any, TypeVar, get_args
 
 import pydantic
 import yaml
@@ -104,7 +104,9 @@ def _construct(node: yaml.Node, at: tuple[Key, ...], lines: dict[tuple[Key, ...]
     try:
         value = yaml.SafeLoader("").construct_object(node)
     except (ValueError, yaml.YAMLError) as error:
-        raise InputError(Problem(f"cannot read {node.value!r}", file=str(path), line=node.start_mark.line + 1)) from error
+        raise InputError(
+            Problem(f"cannot read {node.value!r}", file=str(path), line=node.start_mark.line + 1)
+        ) from error
     # YAML 1.1 reads 1e5 as text and 2026-01-01 as a date; files mean a number and a text
     if isinstance(value, str) and node.style is None:  # type: ignore[union-attr]
         try:
@@ -114,13 +116,10 @@ def _construct(node: yaml.Node, at: tuple[Key, ...], lines: dict[tuple[Key, ...]
     return value if value is None or isinstance(value, str | int | float | bool) else str(node.value)
 
 
-def Quantity(si: str, kind: Any = float) -> Any:
-    """Annotation of a field in SI whose key in the file ends in a unit: `lever: Quantity("m")`."""
-    return Annotated[kind, _Unit(si)]
-
-
 @dataclass(frozen=True)
-class _Unit:
+class Unit:
+    """Mark of a field in SI whose key in the file ends in a unit: `lever: Annotated[float, Unit("m")]`."""
+
     si: str
 
 
@@ -134,8 +133,11 @@ class FileModel(pydantic.BaseModel):
         """SI unit of each field whose key in the file ends in a unit."""
         out: dict[str, str] = {}
         for name, info in cls.model_fields.items():
-            for mark in (*info.metadata, *(m for a in get_args(info.annotation) for m in getattr(a, "__metadata__", ()))):
-                if isinstance(mark, _Unit):
+            for mark in (
+                *info.metadata,
+                *(m for a in get_args(info.annotation) for m in getattr(a, "__metadata__", ())),
+            ):
+                if isinstance(mark, Unit):
                     out[name] = mark.si
         return out
 
@@ -158,7 +160,7 @@ def validate(document: Document, model: type[M], data: Any = None, at: tuple[Key
         result = None
     if problems or result is None:
         unique = {(p.line, p.message): p for p in problems}
-        raise InputError(sorted(unique.values(), key=lambda p: (p.line or 0)))
+        raise InputError(sorted(unique.values(), key=lambda p: p.line or 0))
     return result
 
 
@@ -273,7 +275,11 @@ def _file_keys(document: Document, at: tuple[Key, ...], loc: tuple[Key, ...]) ->
     """The keys as the file spells them (with units)."""
     here: list[Key] = []
     for key in loc:
-        known = [k[len(at) + len(here)] for k in document.lines if k[: len(at) + len(here)] == (*at, *here) and len(k) > len(at) + len(here)]
+        known = [
+            k[len(at) + len(here)]
+            for k in document.lines
+            if k[: len(at) + len(here)] == (*at, *here) and len(k) > len(at) + len(here)
+        ]
         match = [k for k in known if k == key or (isinstance(k, str) and k.startswith(f"{key}_"))]
         if not match:
             break

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from qsframework.elastostatics import Model, Site
 from qsframework.elastostatics.state import place
@@ -16,6 +17,7 @@ from qsframework.plugin import Array, Poses
 _BLOCK = 4096
 _MOST = 200
 Progress = Callable[[int, int], None]
+Flags = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +48,7 @@ def generate_candidates(
 
     model = experiment.model()
     lower, upper = joint_range(experiment)
-    sampler = qmc.Sobol(len(lower), scramble=True, seed=np.random.default_rng(seed))
+    sampler = qmc.Sobol(len(lower), scramble=True, rng=np.random.default_rng(seed))
     kept: list[Array] = []
     removed: dict[str, int] = {}
     tried = found = 0
@@ -76,11 +78,13 @@ def joint_range(experiment: Experiment) -> tuple[Array, Array]:
         k = experiment.robot.facts.joint_index(joint)
         lower[k], upper[k] = max(lower[k], low), min(upper[k], high)
         if lower[k] >= upper[k]:
-            raise InputError(f"constraints leave no range for {joint}: the controller's limits and joint_limits exclude each other")
+            raise InputError(
+                f"constraints leave no range for {joint}: the controller's limits and joint_limits exclude each other"
+            )
     return lower, upper
 
 
-def check_poses(experiment: Experiment, model: Model, pendant: Array) -> dict[str, Array]:
+def check_poses(experiment: Experiment, model: Model, pendant: Array) -> dict[str, Flags]:
     """For each constraint of the experiment, which poses (N,) keep it."""
     robot, limits = experiment.robot, experiment.constraints
     q = robot.controller.to_joints(pendant)

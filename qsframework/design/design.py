@@ -20,7 +20,7 @@ from qsframework.information import (
     rank_test,
     weighted_information,
 )
-from qsframework.plugin import Array, Poses
+from qsframework.plugin import Array, Indices, Poses
 
 STARTS = 20
 Progress = Callable[[str, int, int], None]
@@ -32,13 +32,13 @@ class Problem:
 
     poses: Poses
     rows: Array
-    place: Array
-    load: Array
+    place: Indices
+    load: Indices
     loads: tuple[LoadCase, ...]
     counts: tuple[int, ...]
 
     @property
-    def groups(self) -> tuple[Array, ...]:
+    def groups(self) -> tuple[Indices, ...]:
         return tuple(np.flatnonzero(self.load == g) for g in range(len(self.loads)))
 
     def allowed(self) -> Allowed:
@@ -66,14 +66,14 @@ def design(
     problem = make_problem(experiment, found, poses)
     _require_rank(problem, experiment.fit_names())
     tell("relaxed design (cvxpy)", 0, 1)
-    weights, relaxed = relax(problem.rows, rule, problem.allowed())
+    weights, _ = relax(problem.rows, rule, problem.allowed())
     tell("relaxed design (cvxpy)", 1, 1)
     quotas = Quotas(problem.groups, problem.counts, problem.place, repeats)
     rng = np.random.default_rng(seed)
     chosen = exchange(
         problem.rows, rule, quotas, weights, STARTS, rng, lambda i, n: tell("exact plan (exchange)", i, n)
     )
-    return _plan(experiment, problem, rule, weights, relaxed, chosen, seed)
+    return _plan(experiment, problem, rule, weights, chosen, seed)
 
 
 def make_problem(experiment: Experiment, candidates: Candidates, poses: int) -> Problem:
@@ -111,8 +111,8 @@ def _require_rank(problem: Problem, names: Sequence[str]) -> None:
 
 
 def _plan(
-    experiment: Experiment, problem: Problem, rule: Criterion, weights: Array, relaxed: float, chosen: Array, seed: int
-) -> Plan:  # fmt: skip
+    experiment: Experiment, problem: Problem, rule: Criterion, weights: Array, chosen: Indices, seed: int
+) -> Plan:
     """Put the chosen candidates, merged into repeats, and the certificate into a Plan."""
     count = len(chosen)
     value = float(rule.value(weighted_information(problem.rows, np.bincount(chosen, minlength=len(problem.rows)))))

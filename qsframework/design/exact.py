@@ -10,7 +10,7 @@ import numpy as np
 from qsframework.design.criteria import Criterion
 from qsframework.errors import NotIdentifiable
 from qsframework.information import information
-from qsframework.plugin import Array
+from qsframework.plugin import Array, Indices
 
 _PASSES = 50
 Progress = Callable[[int, int], None]
@@ -23,9 +23,9 @@ class Quotas:
     Two candidates of one place (a pose under two loads) are not both planned unless repeats are allowed.
     """
 
-    groups: tuple[Array, ...]
+    groups: tuple[Indices, ...]
     counts: tuple[int, ...]
-    place: Array
+    place: Indices
     repeats: bool = False
 
     @property
@@ -41,7 +41,7 @@ def exchange(
     starts: int,
     rng: np.random.Generator,
     progress: Progress | None = None,
-) -> Array:
+) -> Indices:
     """Indices (n,) of the best plan found from `starts` starts; the first rounds `weights`.
 
     Raises NotIdentifiable if no start gives a plan of full rank.
@@ -67,14 +67,14 @@ def _slots(quotas: Quotas) -> list[int]:
     return [g for g, count in enumerate(quotas.counts) for _ in range(count)]
 
 
-def _pick(members: Array, order: Array, taken: set[int], quotas: Quotas) -> int:
+def _pick(members: Indices, order: Indices, taken: set[int], quotas: Quotas) -> int:
     for i in order:
         if quotas.repeats or int(quotas.place[members[i]]) not in taken:
             return int(members[i])
     raise NotIdentifiable(f"only {len(members)} candidates for a group of the plan: too few for its poses")
 
 
-def _rounded(weights: Array, quotas: Quotas, rng: np.random.Generator) -> Array:
+def _rounded(weights: Array, quotas: Quotas, rng: np.random.Generator) -> Indices:
     """Largest weights first; with repeats, by the remainders of n w."""
     chosen: list[int] = []
     taken: set[int] = set()
@@ -88,7 +88,7 @@ def _rounded(weights: Array, quotas: Quotas, rng: np.random.Generator) -> Array:
     return np.array(chosen)
 
 
-def _random(quotas: Quotas, weights: Array | None, rng: np.random.Generator) -> Array:
+def _random(quotas: Quotas, weights: Array | None, rng: np.random.Generator) -> Indices:
     """Random candidates, half of them drawn by weight where there are weights."""
     chosen: list[int] = []
     taken: set[int] = set()
@@ -103,7 +103,7 @@ def _random(quotas: Quotas, weights: Array | None, rng: np.random.Generator) -> 
     return np.array(chosen)
 
 
-def _climb(M: Array, criterion: Criterion, quotas: Quotas, chosen: Array) -> tuple[Array, float]:
+def _climb(M: Array, criterion: Criterion, quotas: Quotas, chosen: Indices) -> tuple[Indices, float]:
     """Replace one pose after the other by the best candidate of its group until nothing helps."""
     chosen = chosen.copy()
     slots = _slots(quotas)

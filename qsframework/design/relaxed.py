@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import Any
 
 import numpy as np
 
@@ -25,11 +26,12 @@ def relax(rows: Array, criterion: Criterion, allowed: Allowed, efficiency: float
     start = _uniform(allowed, len(rows))
     M = weighted_information(rows, start)
     try:
-        L = np.linalg.cholesky(M)
+        L = np.asarray(np.linalg.cholesky(M), dtype=np.float64)
     except np.linalg.LinAlgError as error:
         raise NotIdentifiable("all candidates together cannot tell the parameters apart") from error
-    white = np.linalg.solve(L, rows.reshape(-1, rows.shape[-1]).T).T.reshape(rows.shape)
-    weights = _normalised(_solve(white, np.linalg.inv(L), float(_logdet(L)), criterion, allowed), allowed)
+    inverse = np.asarray(np.linalg.inv(L), dtype=np.float64)
+    white = rows @ inverse.T
+    weights = _normalised(_solve(white, inverse, float(_logdet(L)), criterion, allowed), allowed)
     weights, bound = _polish(rows, weights, criterion, allowed, efficiency)
     if bound < efficiency:
         raise NotCertified(
@@ -63,7 +65,7 @@ def _solve(white: Array, Linv: Array, logdet: float, criterion: Criterion, allow
     for k, (i, j) in enumerate(zip(*pairs, strict=True)):
         duplicate[[i * p + j, j * p + i], k] = 1.0
     S = cp.reshape(duplicate @ entries, (p, p), order="C")
-    constraints = [
+    constraints: list[Any] = [
         cp.sum(w[members]) == share for members, share in zip(allowed.groups, allowed.shares, strict=True)
     ]
     if allowed.cap < 1.0:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.errors import InputError, PluginError
-from qsframework.plugin import Actuator, Array, Bar, Effect, Geometry, Loop, RobotFacts, Spring, VirtualJoint
+from qsframework.plugin import Actuator, Array, Bar, Effect, Geometry, Indices, Loop, RobotFacts, Spring, VirtualJoint
 from qsframework.robot.kinematics import Chain, Element
 
 
@@ -42,7 +42,7 @@ class Layout:
     facts: RobotFacts
     chain: Chain
     joint_elements: tuple[int, ...]
-    placement_elements: Array | None
+    placement_elements: Indices | None
     loops: tuple[LoopPlace, ...]
     bars: int
     coordinates: tuple[tuple[Part, ...], ...]

@@ -20,6 +20,7 @@ from qsframework.plugin.check import difference
 
 _STEPS = 60
 _TOLERANCE = 1e-13
+_HALVINGS = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +139,7 @@ def _inverse(stiffness: Stiffness, slope: Array) -> Array | None:
     A = np.eye(size)[:, :, None] + slope[list(stiffness.active)][:, None] * stiffness.K
     if size == 1:
         return 1.0 / A
-    return np.linalg.inv(A.transpose(2, 0, 1)).transpose(1, 2, 0)
+    return np.asarray(np.linalg.inv(A.transpose(2, 0, 1)).transpose(1, 2, 0), dtype=np.float64)
 
 
 def _solve(stiffness: Stiffness, inverse: Array | None, rhs: Array) -> Array:
@@ -182,7 +183,7 @@ def respond(
             terms.append((rows, term))
         return eps - value, T, slope, terms
 
-    eps = respond_linear(compliance, torque, stiffness).eps
+    eps = step = respond_linear(compliance, torque, stiffness).eps
     error, T, slope, terms = residual(eps)
     for _ in range(_STEPS):
         inverse = _inverse(stiffness, slope)
@@ -197,7 +198,8 @@ def _backtrack(residual, eps: Array, step: Array, error: Array):  # type: ignore
     """Halve the step, pose by pose, until the residual does not grow."""
     size = np.ones(eps.shape[1])
     before = np.abs(error).max(axis=0)
-    for _ in range(30):
+    trial, found = eps, residual(eps)
+    for _ in range(_HALVINGS):
         trial = eps - size * step
         found = residual(trial)
         worse = np.abs(found[0]).max(axis=0) > before * (1.0 + 1e-9) + 1e-16

@@ -106,9 +106,9 @@ def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
         "repeats",
     ]
     rows = [
-        [plan.pose[i], *map(repr, degrees[i].tolist()), *map(repr, plan.wrench[i].tolist()), plan.load[i], str(plan.repeats[i])]
+        [plan.pose[i], *map(repr, [*degrees[i].tolist(), *plan.wrench[i].tolist()]), plan.load[i], str(plan.repeats[i])]
         for i in range(len(plan.pose))
-    ]  # fmt: skip
+    ]
     write_table(path, header, rows, [f"robot: {experiment.robot.name}"])
     beside = {
         "criterion": plan.criterion,

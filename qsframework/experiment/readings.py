@@ -12,11 +12,10 @@ from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.columns import Column, Table, read_table, write_table
 from qsframework.experiment.plan import limit_problems
 from qsframework.experiment.setup import Experiment
-from qsframework.plugin import Array, Conditions, Poses
+from qsframework.plugin import Array, Conditions, Indices, Poses
 from qsframework.plugin.facts import frozen
 
 _LARGEST_DISPLACEMENT = 0.1
-Integers = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,14 +29,14 @@ class Readings:
 
     poses: Poses
     pose: tuple[str, ...]
-    repeat: Integers
-    cycle: Integers
-    measurement: Integers
-    marker: Integers
+    repeat: Indices
+    cycle: Indices
+    measurement: Indices
+    marker: Indices
     displacement: Array
     sigma: Array
     use: npt.NDArray[np.bool_]
-    rows: Integers
+    rows: Indices
     drive_state: tuple[str, ...] | None
     source: Path | None
 
@@ -107,9 +106,9 @@ def _displacement_problems(table: Table, displacement: Array) -> list[Problem]:
     ]  # fmt: skip
 
 
-def _marker_index(table: Table, experiment: Experiment, problems: list[Problem]) -> Integers:
+def _marker_index(table: Table, experiment: Experiment, problems: list[Problem]) -> Indices:
     names = [m.name for m in experiment.markers]
-    index = np.zeros(len(table.rows), dtype=np.int64)
+    index = np.zeros(len(table.rows), dtype=np.intp)
     for i, name in enumerate(table.texts["marker"]):
         if name in names:
             index[i] = names.index(name)
@@ -127,13 +126,13 @@ def _keys(table: Table) -> list[tuple[str, int, int]]:
 
 
 def _group(
-    table: Table, keys: list[tuple[str, int, int]], marker: Integers, constant: Array, problems: list[Problem]
-) -> tuple[Integers, Integers]:
+    table: Table, keys: list[tuple[str, int, int]], marker: Indices, constant: Array, problems: list[Problem]
+) -> tuple[Indices, Indices]:
     """First row of each measurement, and the measurement of each row; its rows must agree in q and load."""
     number: dict[tuple[str, int, int], int] = {}
     first: list[int] = []
     seen: dict[tuple[int, int], int] = {}
-    measurement = np.zeros(len(keys), dtype=np.int64)
+    measurement = np.zeros(len(keys), dtype=np.intp)
     for i, key in enumerate(keys):
         m = number.setdefault(key, len(number))
         if m == len(first):
@@ -145,14 +144,12 @@ def _group(
             problems.append(_at(table, i, "pose", f"{what} stands here twice; first in line {other}"))
         seen[m, int(marker[i])] = i
         if not np.array_equal(constant[i], constant[first[m]], equal_nan=True):
-            problems.append(
-                _at(table, i, "pose", f"pose {key[0]!r} has other angles or another load than in line {table.rows[first[m]]}; "
-                    "give it another pose name, repeat or cycle")
-            )  # fmt: skip
+            message = f"pose {key[0]!r} has other angles or another load than in line {table.rows[first[m]]}"
+            problems.append(_at(table, i, "pose", message + "; give it another pose name, repeat or cycle"))
     return np.array(first), measurement
 
 
-def _conditions(table: Table, suffix: str, first: Integers) -> Conditions:
+def _conditions(table: Table, suffix: str, first: Indices) -> Conditions:
     def get(stem: str) -> Array | None:
         values = table.numbers.get(stem)
         return None if values is None else frozen(values[first])

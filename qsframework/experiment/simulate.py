@@ -48,7 +48,7 @@ def simulate(
     order = np.repeat(np.arange(len(plan.pose)), plan.repeats)
     repeat = np.concatenate([np.arange(1, r + 1) for r in plan.repeats])
     readings = Readings(
-        poses, tuple(plan.pose[i] for i in order), repeat, np.ones(count, dtype=np.int64),
+        poses, tuple(plan.pose[i] for i in order), repeat, np.ones(count, dtype=np.intp),
         np.repeat(np.arange(count), markers), np.tile(np.arange(markers), count),
         frozen((exact + sigma * rng.standard_normal(exact.shape)).reshape(-1, 3)),
         frozen(np.full(count * markers, sigma)), np.ones(count * markers, dtype=bool),

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import pydantic
 
-from qsframework.files import FileModel, Quantity
+from qsframework.files import FileModel, Unit
 
 
 class LoadSpec(FileModel):
     """Where the force acts: a point in the flange frame, or a hung mass with its centre."""
 
-    point: Quantity("m", list[float] | None) = None
-    mass: Quantity("kg", float | None) = None
-    centre: Quantity("m", list[float] | None) = None
+    point: Annotated[list[float] | None, Unit("m")] = None
+    mass: Annotated[float | None, Unit("kg")] = None
+    centre: Annotated[list[float] | None, Unit("m")] = None
 
     @pydantic.model_validator(mode="after")
     def _complete(self) -> LoadSpec:
@@ -31,7 +31,7 @@ class LoadSpec(FileModel):
 class MarkerSpec(FileModel):
     """A reflector: xyz in the frame of a link, the flange unless said."""
 
-    xyz: Quantity("m", list[float])
+    xyz: Annotated[list[float], Unit("m")]
     link: str | None = None
 
     @pydantic.model_validator(mode="after")
@@ -44,7 +44,7 @@ class MarkerSpec(FileModel):
 class NoiseSpec(FileModel):
     """sd of one coordinate of one displacement."""
 
-    sigma: Quantity("m")
+    sigma: Annotated[float, Unit("m")]
 
     @pydantic.field_validator("sigma")
     @classmethod
@@ -58,12 +58,12 @@ class LoadCaseSpec(FileModel):
     """A wrench that a design may put on a pose."""
 
     name: str
-    fx: Quantity("N") = 0.0
-    fy: Quantity("N") = 0.0
-    fz: Quantity("N") = 0.0
-    mx: Quantity("N m") = 0.0
-    my: Quantity("N m") = 0.0
-    mz: Quantity("N m") = 0.0
+    fx: Annotated[float, Unit("N")] = 0.0
+    fy: Annotated[float, Unit("N")] = 0.0
+    fz: Annotated[float, Unit("N")] = 0.0
+    mx: Annotated[float, Unit("N m")] = 0.0
+    my: Annotated[float, Unit("N m")] = 0.0
+    mz: Annotated[float, Unit("N m")] = 0.0
     poses: int | None = None
 
     def wrench(self) -> list[float]:
@@ -73,10 +73,10 @@ class LoadCaseSpec(FileModel):
 class ConstraintsSpec(FileModel):
     """What planned poses keep."""
 
-    z_min: Quantity("m", float | None) = None
-    axis1_distance_min: Quantity("m", float | None) = None
+    z_min: Annotated[float | None, Unit("m")] = None
+    axis1_distance_min: Annotated[float | None, Unit("m")] = None
     of: str = "wrist_centre"
-    joint_limits: Quantity("rad", dict[str, list[float]]) = {}
+    joint_limits: Annotated[dict[str, list[float]], Unit("rad")] = pydantic.Field(default_factory=dict)
 
 
 class ExperimentSpec(FileModel):
@@ -87,9 +87,9 @@ class ExperimentSpec(FileModel):
     load: LoadSpec
     markers: dict[str, MarkerSpec]
     noise: NoiseSpec | Literal["estimate"]
-    loads: list[LoadCaseSpec] = []
+    loads: list[LoadCaseSpec] = pydantic.Field(default_factory=list)
     constraints: ConstraintsSpec = ConstraintsSpec()
-    effects: list[dict[str, Any]] = []
+    effects: list[dict[str, Any]] = pydantic.Field(default_factory=list)
     fit: list[str] | None = None
 
     @pydantic.field_validator("markers")

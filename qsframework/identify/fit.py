@@ -9,7 +9,7 @@ import numpy as np
 
 from qsframework.elastostatics import Model
 from qsframework.information import RankTest
-from qsframework.plugin import Array
+from qsframework.plugin import Array, Indices
 
 HIGH_CORRELATION = 0.9
 
@@ -45,7 +45,7 @@ class Fit:
     rank: RankTest
     sigma: float
     sigma_source: str
-    rows: Array
+    rows: Indices
     measured: Array
     predicted: Array
     nominal: Array

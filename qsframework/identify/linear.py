@@ -14,7 +14,7 @@ from qsframework.experiment import Experiment, Readings
 from qsframework.files import sha256
 from qsframework.identify.fit import Estimate, Fit
 from qsframework.information import RankTest, rank_test, scales
-from qsframework.plugin import Array, Parameter
+from qsframework.plugin import Array, Indices, Parameter
 
 _STEPS = 20
 _SETTLED = 1e-9
@@ -25,11 +25,11 @@ _UNFILED = "simulated readings"
 class Rows:
     """The rows of a fit: readings y (R, 3), sd of one coordinate (R,), and to which measurement each belongs."""
 
-    keep: Array
+    keep: Indices
     measured: Array
     sigma: Array
-    measurement: Array
-    marker: Array
+    measurement: Indices
+    marker: Indices
 
     def of(self, predicted: Array) -> Array:
         """Pick the rows out of a prediction (N, K, 3, ...)."""
@@ -68,7 +68,7 @@ def identify(experiment: Experiment, readings: Readings, fit: Sequence[str] | No
             break
     else:
         raise NotConverged(
-            f"least squares did not settle in {_STEPS} steps; the parameters {', '.join(names)} act too far from linearly"
+            f"least squares did not settle in {_STEPS} steps; {', '.join(names)} act too far from linearly"
         )
     return _result(model, x, chosen, rows, readings, test, solution, source, nominal, predicted)
 
@@ -81,8 +81,8 @@ def _rows(experiment: Experiment, readings: Readings) -> tuple[Rows, str]:
     missing = np.isnan(stated)
     if missing.any() and not missing.all():
         raise InputError(
-            f"{readings.source or _UNFILED}: {int(missing.sum())} readings have no sigma_mm and the experiment states no noise; "
-            "give all of them or none"
+            f"{readings.source or _UNFILED}: {int(missing.sum())} readings have no sigma_mm and the experiment "
+            "states no noise; give all of them or none"
         )
     sigma = np.ones(len(keep)) if missing.any() else stated
     rows = Rows(keep, readings.displacement[keep], sigma, readings.measurement[keep], readings.marker[keep])
@@ -115,11 +115,12 @@ def _result(
     unit = float(np.sqrt(chi2 / dof)) if source == "estimated" else 1.0
     covariance = solution.covariance * np.outer(scales(chosen), scales(chosen)) * unit**2
     values = x[model.index([p.name for p in chosen])]
+    outside = left_out(white, solution.Q, rows.measurement) * rows.sigma[:, None]
     return Fit(
         "linear", model, x, _estimates(chosen, values, np.sqrt(np.diag(covariance))), covariance, test,
         unit if source == "estimated" else float(np.sqrt(np.mean(rows.sigma**2))), source,
         readings.rows[rows.keep], rows.measured, predicted, nominal, residuals,
-        studentised(white, solution.Q, len(chosen)), left_out(white, solution.Q, rows.measurement) * rows.sigma[:, None],
+        studentised(white, solution.Q, len(chosen)), outside,
         chi2 / unit**2, dof, sha256(readings.source) if readings.source is not None else "",
     )  # fmt: skip
 
@@ -151,7 +152,7 @@ def studentised(white: Array, Q: Array, parameters: int) -> Array:
     return (r / np.sqrt(variance * free)).reshape(white.shape)
 
 
-def left_out(white: Array, Q: Array, measurement: Array) -> Array:
+def left_out(white: Array, Q: Array, measurement: Indices) -> Array:
     """Whitened errors (R, 3) at each measurement when all its markers are left out of the fit.
 
     Exact for linear least squares: (I - Q_i Q_i')^-1 r_i for the block of each measurement.

@@ -11,19 +11,18 @@ and the largest <G, M*> over all allowed designs is a linear programme with a cl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.plugin import Array
+from qsframework.plugin import Array, Indices
 
 
 @dataclass(frozen=True, eq=False)
 class Allowed:
     """Designs over N candidates: in each group (indices) the weights sum to its share and none exceeds `cap`."""
 
-    groups: tuple[Array, ...]
+    groups: tuple[Indices, ...]
     shares: tuple[float, ...]
     cap: float = 1.0
 
@@ -58,7 +57,7 @@ def efficiency_bound(value: float, gradient: Array, rows: Array, allowed: Allowe
     return float(min(value / best, 1.0)) if best > 0 else 0.0
 
 
-def weighted_information(rows: Array, weights: Sequence[float] | Array) -> Array:
+def weighted_information(rows: Array, weights: Array | Indices) -> Array:
     """M(w) = sum of w_i A_i' A_i, (p, p)."""
     used = np.flatnonzero(np.asarray(weights))
     scaled = rows[used] * np.sqrt(np.asarray(weights)[used])[:, None, None]

@@ -44,14 +44,14 @@ def rank_test(rows: Array, names: Sequence[str]) -> RankTest:
     norms = np.linalg.norm(rows, axis=0)
     seen = norms > TOLERANCE * norms.max(initial=0.0)
     kept = np.flatnonzero(seen)
-    unseen = tuple(names[i] for i in np.flatnonzero(~seen))
+    unseen = tuple(name for name, s in zip(names, seen, strict=True) if not s)
     if not len(kept):
         return RankTest(0, len(names), unseen, (), np.inf)
     small = np.linalg.qr(rows[:, kept] / norms[kept], mode="r")
     _, values, basis = np.linalg.svd(small, full_matrices=True)
     values = np.concatenate([values, np.zeros(len(kept) - len(values))])
     rank = int((values > TOLERANCE * values[0]).sum())
-    tied = _groups(basis[rank:], [names[i] for i in kept])
+    tied = _groups(basis[rank:], [names[int(i)] for i in kept])
     condition = float(values[0] / values[rank - 1])
     return RankTest(rank, len(names), unseen, tied, condition)
 
@@ -62,7 +62,8 @@ def _groups(null: Array, names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     left = [i for i in range(len(names)) if projector[i, i] > _SHARE**2]
     groups: list[tuple[str, ...]] = []
     while left:
-        group, frontier = set(), {left[0]}
+        group: set[int] = set()
+        frontier = {left[0]}
         while frontier:
             i = frontier.pop()
             group.add(i)

@@ -3,7 +3,7 @@
 from qsframework.errors import InputError, Problem
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.check import check_effect
-from qsframework.plugin.facts import Array, Conditions, Poses, RobotFacts
+from qsframework.plugin.facts import Array, Conditions, Indices, Poses, RobotFacts
 from qsframework.plugin.kinds import (
     Effect,
     Geometry,
@@ -44,6 +44,7 @@ __all__ = [
     "Effect",
     "Geometry",
     "GeometryTerm",
+    "Indices",
     "InputError",
     "LawTerm",
     "Load",

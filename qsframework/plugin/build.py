@@ -27,7 +27,7 @@ def build_effects(entry: Mapping[str, Any], robot: RobotFacts, markers: Sequence
     for key, value in entry.items():
         if key != "effect":
             _read_key(effect, key, value, everywhere, chosen, problems)
-    missing = [f for f in dataclasses.fields(effect) if f.name not in chosen and f.default is dataclasses.MISSING]
+    missing = [f for f in _fields(effect).values() if f.name not in chosen and f.default is dataclasses.MISSING]
     for f in missing if not problems else ():
         problems.append(Problem(f"effect {effect.effect_name()} needs {_spelling(f)}"))
     if problems:
@@ -38,6 +38,11 @@ def build_effects(entry: Mapping[str, Any], robot: RobotFacts, markers: Sequence
     for instance in instances:
         instance.validate(robot)
     return instances
+
+
+def _fields(effect: type[Effect]) -> dict[str, dataclasses.Field[Any]]:
+    """The configuration of an effect, which is a dataclass."""
+    return {f.name: f for f in dataclasses.fields(effect)}  # type: ignore[arg-type]
 
 
 def _spelling(f: dataclasses.Field[Any]) -> str:
@@ -55,7 +60,7 @@ def _read_key(
     chosen: dict[str, Sequence[Any]],
     problems: list[Problem],
 ) -> None:
-    fields = {f.name: f for f in dataclasses.fields(effect)}
+    fields = _fields(effect)
     for place in place_fields(effect):
         if key == plural(place):
             chosen[place] = _places(place, value, everywhere, problems)

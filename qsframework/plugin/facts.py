@@ -12,6 +12,7 @@ import numpy.typing as npt
 from qsframework.errors import InputError, Problem, nearest
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
 
 
 def frozen(values: Any) -> Array:

@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import radians
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import Field
 
 from qsframework import units
 from qsframework.errors import InputError, Problem, nearest
-from qsframework.files import Document, FileModel, Quantity
+from qsframework.files import Document, FileModel, Unit
 from qsframework.plugin import Effect, Parameter, RobotFacts, build_effects
 
 
 class JointSpec(FileModel):
     """One joint of `controller:`: limits of what the pendant shows, and the URDF angle in pendant angles."""
 
-    limits: Quantity("rad", list[float])  # pyright: ignore[reportInvalidTypeForm]
+    limits: Annotated[list[float], Unit("rad")]
     equals: str | None = None
 
 
@@ -31,12 +31,10 @@ class RobotSpec(FileModel):
     base: str
     flange: str
     controller: dict[str, JointSpec]
-    limits_tolerance: Quantity("rad") = radians(0.01)  # pyright: ignore[reportInvalidTypeForm]
+    limits_tolerance: Annotated[float, Unit("rad")] = radians(0.01)
     effects: list[dict[str, Any]] = Field(default_factory=list)
     nominal: str | None = None
-    gravity: Quantity("m/s^2", list[float]) = Field(  # pyright: ignore[reportInvalidTypeForm]
-        default_factory=lambda: [0.0, 0.0, -9.81]
-    )
+    gravity: Annotated[list[float], Unit("m/s^2")] = Field(default_factory=lambda: [0.0, 0.0, -9.81])
 
 
 def read_effects(

@@ -1,6 +1,6 @@
 """Pictures in 3D."""
 
-from qsframework.viz.plan_scene import plan_scene, place_poses
+from qsframework.viz.plan_scene import place_poses, plan_scene
 from qsframework.viz.scene import Scene
 
 __all__ = ["Scene", "place_poses", "plan_scene"]

@@ -36,9 +36,7 @@ def place_poses(experiment: Experiment, q: Array) -> State:
     """Forward kinematics of the model at joint angles (N, n), undeflected."""
     model = experiment.model()
     layout = model.layout
-    motion = move(
-        layout, nominal_actuators(layout, np.ascontiguousarray(q.T)), np.zeros((layout.bars, len(q)))
-    )
+    motion = move(layout, nominal_actuators(layout, np.ascontiguousarray(q.T)), np.zeros((layout.bars, len(q))))
     return place(motion, model.tip, model.markers)
 
 

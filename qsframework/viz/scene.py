@@ -112,7 +112,8 @@ body {{ margin: 0; overflow: hidden; font: 14px sans-serif; }}
 const viewer = new MeshCat.Viewer(document.getElementById("view"));
 const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0));
 for (const command of {commands}) viewer.handle_command_bytearray(bytes(command));
-const set = (path, property, value) => viewer.handle_command({{type: "set_property", path: path, property: property, value: value}});
+const set = (path, property, value) =>
+  viewer.handle_command({{type: "set_property", path: path, property: property, value: value}});
 set("/Background", "top_color", [0.93, 0.95, 0.97]);
 set("/Background", "bottom_color", [0.8, 0.83, 0.87]);
 set("/Cameras/default/rotated/<object>", "position", [5.5, 2.5, 4.5]);
