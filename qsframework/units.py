@@ -1,8 +1,8 @@
 """Units at the border: a name in a file ends in its unit, everything inside is SI.
 
-`lever_m`, `limits_deg`, `value_urad/(N m)`: the part after the last underscore is the unit. Pint
-reads it, with one change to its default: the radian is a dimension of its own, so that an angle
-and a ratio cannot be mistaken for each other.
+`lever_m`, `limits_deg`, `value_urad/(N m)`: what follows the quantity's name is the unit. Pint
+reads it; angles are counted as a dimension of their own, so that an angle and a ratio cannot be
+mistaken for each other.
 """
 
 from __future__ import annotations
@@ -26,13 +26,14 @@ ALLOWED: dict[str, tuple[str, ...]] = {
 """For each SI unit, the suffixes to offer in messages; pint accepts any other of its dimension."""
 
 
+_ANGLES = ("radian", "degree", "arcminute", "arcsecond", "turn", "gradian")
+
+
 @cache
 def _registry() -> Any:
     import pint
 
-    registry: Any = pint.UnitRegistry(autoconvert_offset_to_baseunit=True, on_redefinition="ignore")
-    registry.define("radian = [angle] = rad")
-    return registry
+    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
 
 
 def _text(unit: str) -> str:
@@ -54,7 +55,8 @@ def conversion(unit: str) -> tuple[float, float, str]:
         one = registry.Quantity(1.0, parsed).to_base_units()
     except Exception as error:  # pint raises many kinds on text that is no unit
         raise ValueError(f"unknown unit {unit!r}") from error
-    return one.magnitude - zero.magnitude, zero.magnitude, str(one.dimensionality)
+    angle = sum(power for name, power in dict(parsed._units).items() if name.endswith(_ANGLES))
+    return one.magnitude - zero.magnitude, zero.magnitude, f"{one.dimensionality}, angle^{angle:g}"
 
 
 def known(unit: str) -> bool:

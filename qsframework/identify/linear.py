@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
 
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
@@ -100,7 +99,7 @@ class _Solution:
 
 def _solve(whitened: Array, target: Array) -> _Solution:
     Q, R = np.linalg.qr(whitened)
-    inverse = linalg.solve_triangular(R, np.eye(len(R)))
+    inverse = np.linalg.inv(R)
     return _Solution(inverse @ (Q.T @ target), inverse @ inverse.T, Q)
 
 

@@ -60,6 +60,8 @@ class Visual:
 
 @dataclass(frozen=True, eq=False)
 class Link:
+    """A body: its mass, if it has one, and its solids to draw."""
+
     name: str
     place: Place
     inertial: Inertial | None

@@ -1,0 +1,18 @@
+"""Files in and out: safe YAML that knows its lines, models with units in their keys, atomic writes."""
+
+from qsframework.files.documents import Document, read_text, read_yaml
+from qsframework.files.models import FileModel, Unit, json_schema, validate
+from qsframework.files.output import sha256, write_bytes, write_text
+
+__all__ = [
+    "Document",
+    "FileModel",
+    "Unit",
+    "json_schema",
+    "read_text",
+    "read_yaml",
+    "sha256",
+    "validate",
+    "write_bytes",
+    "write_text",
+]

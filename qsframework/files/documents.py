@@ -1,0 +1,110 @@
+"""Text and YAML files in: safe, with the line of every key."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from qsframework.errors import InputError, Problem
+
+_LARGEST = 5_000_000
+_DEEPEST = 30
+Key = str | int
+
+
+@dataclass(frozen=True)
+class Document:
+    """A YAML mapping and the line of every key in it."""
+
+    path: Path
+    data: dict[str, Any]
+    lines: Mapping[tuple[Key, ...], int]
+
+    def line(self, *keys: Key) -> int | None:
+        """Line of the entry at the keys, or of the nearest entry around it."""
+        for stop in range(len(keys), -1, -1):
+            if keys[:stop] in self.lines:
+                return self.lines[keys[:stop]]
+        return None
+
+
+def read_text(path: str | Path, largest: int = _LARGEST) -> str:
+    """The text of a file. InputError if it is missing, a directory, too large or not UTF-8."""
+    path = Path(path)
+    if not path.exists():
+        raise InputError(Problem("no such file", file=str(path)))
+    if not path.is_file():
+        raise InputError(Problem("is not a file", file=str(path)))
+    if path.stat().st_size > largest:
+        raise InputError(Problem(f"is larger than {largest // 1_000_000} MB", file=str(path)))
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(Problem(f"is not UTF-8 text (byte {error.start})", file=str(path))) from error
+    except OSError as error:
+        raise InputError(Problem(f"cannot be read: {error.strerror}", file=str(path))) from error
+
+
+def read_yaml(path: str | Path) -> Document:
+    """Read a YAML mapping safely: no tags, anchors or aliases, no tabs, no key twice."""
+    path = Path(path)
+    text = read_text(path)
+    for number, line in enumerate(text.splitlines(), start=1):
+        if "\t" in line[: len(line) - len(line.lstrip())]:
+            raise InputError(Problem("a tab in the indentation; YAML wants spaces", file=str(path), line=number))
+    try:
+        for event in yaml.parse(text, Loader=yaml.SafeLoader):
+            if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) or getattr(event, "tag", None):
+                mark = event.start_mark.line + 1
+                raise InputError(Problem("anchors, aliases and tags are not allowed", file=str(path), line=mark))
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        if not isinstance(node, yaml.MappingNode):
+            raise InputError(Problem("must hold `key: value` lines; it is empty or a list", file=str(path)))
+        lines: dict[tuple[Key, ...], int] = {(): 1}
+        data = _construct(node, (), lines, path)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = None if mark is None else mark.line + 1
+        text = getattr(error, "problem", None) or str(error).splitlines()[0]
+        raise InputError(Problem(f"is not YAML: {text}", file=str(path), line=line)) from error
+    except RecursionError as error:
+        raise InputError(Problem("is nested too deeply", file=str(path))) from error
+    return Document(path, data, lines)
+
+
+def _construct(node: yaml.Node, at: tuple[Key, ...], lines: dict[tuple[Key, ...], int], path: Path) -> Any:
+    if len(at) > _DEEPEST:
+        raise InputError(Problem("is nested too deeply", file=str(path), line=node.start_mark.line + 1))
+    if isinstance(node, yaml.MappingNode):
+        out: dict[str, Any] = {}
+        for key_node, value in node.value:
+            line = key_node.start_mark.line + 1
+            key = key_node.value
+            if not isinstance(key_node, yaml.ScalarNode):
+                raise InputError(Problem("a key must be a name", file=str(path), line=line))
+            if key in out:
+                raise InputError(Problem(f"key {key!r} stands here twice", file=str(path), line=line))
+            lines[(*at, key)] = line
+            out[key] = _construct(value, (*at, key), lines, path)
+        return out
+    if isinstance(node, yaml.SequenceNode):
+        for i, item in enumerate(node.value):
+            lines[(*at, i)] = item.start_mark.line + 1
+        return [_construct(item, (*at, i), lines, path) for i, item in enumerate(node.value)]
+    try:
+        value = yaml.SafeLoader("").construct_object(node)
+    except (ValueError, yaml.YAMLError) as error:
+        raise InputError(
+            Problem(f"cannot read {node.value!r}", file=str(path), line=node.start_mark.line + 1)
+        ) from error
+    # YAML 1.1 reads 1e5 as text and 2026-01-01 as a date; files mean a number and a text
+    if isinstance(value, str) and node.style is None:  # type: ignore[union-attr]
+        try:
+            return float(value)
+        except ValueError:
+            return value
+    return value if value is None or isinstance(value, str | int | float | bool) else str(node.value)

@@ -1,0 +1,38 @@
+"""Shared by all tests: loaded experiments, once per session."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from qsframework.experiment import Experiment, Readings, example, load_experiment, read_readings
+
+sys.path.insert(0, str(Path(__file__).parent / "elastostatics"))
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """The repository."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def r2000ic() -> Experiment:
+    """The real readings' experiment."""
+    return load_experiment(example("r2000ic") / "experiment.yaml")
+
+
+@pytest.fixture(scope="session")
+def real(r2000ic: Experiment) -> Readings:
+    """The 43 real readings."""
+    assert r2000ic.data is not None
+    return read_readings(r2000ic.data, r2000ic)
+
+
+@pytest.fixture(scope="session")
+def m900ib() -> Experiment:
+    """The paper's robot."""
+    return load_experiment(example("m900ib") / "experiment.yaml")
