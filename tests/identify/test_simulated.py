@@ -1,0 +1,80 @@
+"""Fits of simulated readings: unbiased, with standard deviations that are true."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from qsframework.experiment import Experiment, Plan, make_plan, read_readings, simulate, write_readings
+from qsframework.identify import identify
+from qsframework.information import promised_sd
+from qsframework.plugin import Poses
+
+CAMPAIGNS = 400
+
+
+@pytest.fixture(scope="module")
+def plan(m900ib: Experiment) -> Plan:
+    rng = np.random.default_rng(0)
+    controller = m900ib.robot.controller
+    pendant = rng.uniform(controller.lower, controller.upper, (10, 6)) * 0.8
+    wrench = np.tile(m900ib.loads[1].wrench, (10, 1))
+    return make_plan(Poses(pendant, controller.to_joints(pendant), wrench), ["pull"] * 10)
+
+
+def test_intervals_cover_the_truth(m900ib: Experiment, plan: Plan) -> None:
+    """z = error / sd has variance 1: with 400 x 6 values its mean square lies in 1 +- 0.1 (> 3 sigma)."""
+    z, chi2 = [], []
+    for seed in range(CAMPAIGNS):
+        simulation = simulate(m900ib, plan, truth="drawn", seed=seed)
+        fit = identify(m900ib, simulation.readings)
+        truth = simulation.truth_by_name()
+        z.append([(e.value - truth[e.name]) / e.sd for e in fit.estimates])
+        chi2.append(fit.chi2)
+    assert abs(np.mean(np.square(z)) - 1.0) < 0.1
+    assert np.all(np.abs(np.mean(z, axis=0)) < 4.0 / np.sqrt(CAMPAIGNS))
+    assert abs(np.mean(chi2) - fit.dof) < 4.0 * np.sqrt(2.0 * fit.dof / CAMPAIGNS)
+
+
+def test_the_fit_reaches_the_promised_sd(m900ib: Experiment, plan: Plan) -> None:
+    fit = identify(m900ib, simulate(m900ib, plan).readings)
+    assert np.allclose([e.sd for e in fit.estimates], promised_sd(m900ib, plan), rtol=2e-3)
+
+
+def test_without_noise_the_truth_is_found(m900ib: Experiment, plan: Plan) -> None:
+    quiet = m900ib.with_(noise=replace(m900ib.noise, sigma=1e-15))
+    simulation = simulate(quiet, plan, truth="drawn", seed=5)
+    fit = identify(quiet, simulation.readings)
+    assert np.allclose(fit.x, simulation.x, rtol=1e-7)
+
+
+def test_a_file_carries_the_readings_without_loss(m900ib: Experiment, plan: Plan, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    simulation = simulate(m900ib, plan, seed=2)
+    write_readings(tmp_path / "r.csv", simulation.readings, m900ib)
+    direct, filed = (identify(m900ib, r) for r in (simulation.readings, read_readings(tmp_path / "r.csv", m900ib)))
+    assert np.allclose(direct.x, filed.x, rtol=1e-11)
+    assert len(filed.data_sha256) == 64
+
+
+def test_weights_matter(m900ib: Experiment, plan: Plan) -> None:
+    """Rows ten times noisier, and said so, cost little; the sds of the fit follow the stated ones."""
+    simulation = simulate(m900ib, plan, seed=3)
+    sigma = np.array(simulation.readings.sigma)
+    sigma[::2] *= 10
+    fit = identify(m900ib, replace(simulation.readings, sigma=sigma))
+    equal = identify(m900ib, simulation.readings)
+    assert all(a.sd > b.sd for a, b in zip(fit.estimates, equal.estimates, strict=True))
+
+
+def test_units_of_the_scale_do_not_matter(m900ib: Experiment, plan: Plan) -> None:
+    """Other nominal values give the same estimates: least squares is about the readings."""
+    simulation = simulate(m900ib, plan, seed=4)
+    fit = identify(m900ib, simulation.readings)
+    robot = m900ib.robot
+    other = replace(robot, parameters=tuple(
+        replace(p, nominal=p.nominal * 3) if p.name.startswith("joint_compliance") else p for p in robot.parameters))
+    again = identify(m900ib.with_(robot=other), simulation.readings)
+    assert np.allclose(fit.x, again.x, rtol=1e-9)
+    assert np.allclose(fit.covariance, again.covariance, rtol=1e-7)
