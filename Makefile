@@ -45,7 +45,7 @@ lock:  ## choose the newest versions that resolve together, all extras included,
 		$(LOCK_VENV)/bin/python -m pip install --progress-bar off -e '.[test,bench,docs]' $(LOCK_ARGS) | $(DOTS)
 	@{ echo "# Every distribution that qsframework and its extras need, for Python 3.11 on Linux x86-64."; \
 	   echo "# Made by \`make lock\`; used as: pip install -c requirements.lock -e '.[test]'"; \
-	   $(LOCK_VENV)/bin/python -m pip freeze --exclude-editable | grep -E '^[A-Za-z0-9._-]+==' | LC_ALL=C sort -f; } > requirements.lock
+	   $(LOCK_VENV)/bin/python -m pip freeze --all --exclude pip --exclude-editable | grep -E '^[A-Za-z0-9._-]+==' | LC_ALL=C sort -f; } > requirements.lock
 	@rm -rf $(LOCK_VENV)
 
 clean:  ## remove the environment and everything that was built

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -35,13 +36,28 @@ def modules() -> list[Path]:
     return sorted((ROOT / "qsframework").rglob("*.py"))
 
 
-def imported(tree: ast.AST, top_level: bool = False) -> Iterator[str]:
-    nodes = tree.body if top_level and isinstance(tree, ast.Module) else ast.walk(tree)
-    for node in nodes:
+def imported(tree: ast.AST) -> Iterator[str]:
+    """Every module that the tree imports, `from qsframework import units` as qsframework.units."""
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, "imports say the whole name"
+            if node.module == "qsframework":
+                yield from (f"qsframework.{alias.name}" for alias in node.names)
+            else:
+                yield node.module or ""
+
+
+def imported_at_once(node: ast.AST) -> Iterator[str]:
+    """What is loaded when the module itself is: all but the bodies of functions and of `if TYPE_CHECKING`."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.Import | ast.ImportFrom):
+            yield from imported(child)
+        elif isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
+            continue
+        elif not isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            yield from imported_at_once(child)
 
 
 def layer(path: Path) -> str:
@@ -75,12 +91,27 @@ def test_dependencies_have_one_owner(path: Path) -> None:
 
 @pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(ROOT)))
 def test_heavy_libraries_are_imported_where_they_are_used(path: Path) -> None:
-    top = {name.split(".")[0] for name in imported(ast.parse(path.read_text()), top_level=True)}
+    top = {name.split(".")[0] for name in imported_at_once(ast.parse(path.read_text()))}
     assert not top & HEAVY, f"{path} imports {top & HEAVY} when it is itself imported"
 
 
 def test_plugins_use_the_public_api_only() -> None:
+    allowed = {*sys.stdlib_module_names, "numpy", "qsf_plugins"}
     for path in sorted((ROOT / "plugins").rglob("*.py")):
         for name in imported(ast.parse(path.read_text())):
-            if name.startswith("qsframework"):
-                assert name == "qsframework.plugin", f"{path} imports {name}"
+            assert name == "qsframework.plugin" or name.split(".")[0] in allowed, f"{path} imports {name}"
+
+
+@pytest.mark.parametrize(
+    ("source", "names"),
+    [
+        ("import scipy.stats", ["scipy.stats"]),
+        ("try:\n    import pint\nexcept ImportError:\n    pint = None", ["pint"]),
+        ("class A:\n    import cvxpy", ["cvxpy"]),
+        ("def f():\n    import cvxpy", []),
+        ("if TYPE_CHECKING:\n    import pinocchio", []),
+        ("from qsframework import units", ["qsframework.units"]),
+    ],
+)
+def test_the_reading_of_imports(source: str, names: list[str]) -> None:
+    assert list(imported_at_once(ast.parse(source))) == names
