@@ -25,7 +25,7 @@ install: $(DONE)  ## make the environment in .venv from requirements.lock
 $(DONE): pyproject.toml requirements.lock
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=/path/to/python3.11")'
 	@if [ -f $@ ]; then rm $@; else rm -rf $(VENV); $(PYTHON) -m venv $(VENV); fi
-	@echo "Installing into $(VENV): two to three minutes and 1.7 GB, once"
+	@echo "Installing into $(VENV): one to three minutes and 1.5 GB, once"
 	@PYTHONUNBUFFERED=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_CONSTRAINT=requirements.lock \
 		$(BIN)/python -m pip install --progress-bar off -e '.[test]' | $(DOTS)
 	@touch $@
@@ -33,6 +33,7 @@ $(DONE): pyproject.toml requirements.lock
 demo: $(DONE)  ## run the main job: calibrate on real readings, design a plan, write a report
 	@$(BIN)/qsf demo
 
+# pyright asks the environment's own interpreter where to look: pinocchio lies in a folder that only it knows of.
 test: $(DONE)  ## lint, format, types and all tests
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check --quiet . || { echo "formatting differs: run $(BIN)/ruff format"; exit 1; }
