@@ -116,7 +116,7 @@ const set = (path, property, value) =>
   viewer.handle_command({{type: "set_property", path: path, property: property, value: value}});
 set("/Background", "top_color", [0.93, 0.95, 0.97]);
 set("/Background", "bottom_color", [0.8, 0.83, 0.87]);
-set("/Cameras/default/rotated/<object>", "position", [5.5, 2.5, 4.5]);
+set("/Cameras/default/rotated/<object>", "position", [3.9, 1.9, 3.4]);
 const steps = {steps};
 const slider = document.getElementById("step");
 function show() {{

@@ -12,7 +12,14 @@ from qsframework.design.exact import Quotas, exchange
 from qsframework.design.relaxed import relax
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.experiment import Constraints, Experiment, read_plan, write_plan
-from qsframework.information import Allowed, efficiency_bound, everything, information, promised_sd, weighted_information
+from qsframework.information import (
+    Allowed,
+    efficiency_bound,
+    everything,
+    information,
+    promised_sd,
+    weighted_information,
+)
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +138,9 @@ def test_plans_survive_their_files(m900ib: Experiment, plan, tmp_path) -> None: 
 
 
 def test_constraints_are_kept_and_explained(m900ib: Experiment) -> None:
-    tight = m900ib.with_(constraints=Constraints(z_min=2.0, axis1_distance_min=1.5, joint_limits={"joint_2": (0.0, 0.5)}))
+    tight = m900ib.with_(
+        constraints=Constraints(z_min=2.0, axis1_distance_min=1.5, joint_limits={"joint_2": (0.0, 0.5)})
+    )
     found = generate_candidates(tight, 50, seed=1)
     assert found.pendant[:, 1].min() >= 0.0
     assert found.pendant[:, 1].max() <= 0.5

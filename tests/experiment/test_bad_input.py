@@ -52,7 +52,7 @@ HEADER = "pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N,marker,d
 FIRST = "1,-59.991000025,-16.692999998,-28.9300000228,3.78799999624,-62.929999984,144.919000017"
 # columns: 0 pose, 1-6 angles, 7-9 force, 10 marker, 11-13 displacement
 READINGS: dict[str, tuple[Edit, tuple[str, ...]]] = {
-    "no unit on an angle": (replace("q3_deg", "q3"), ("line 3", "column q3", "does not say its unit", "q3_deg, q3_rad")),
+    "no unit on an angle": (replace("q3_deg", "q3"), ("line 3", "column q3", "does not say its unit", "q3_deg, q3_rad")),  # noqa: E501
     "no unit on a force": (replace("fx_N", "fx"), ("column fx", "fx_N, fx_kN")),
     "no unit on a displacement": (replace("dy_mm", "dy"), ("column dy", "dy_mm, dy_m")),
     "unknown unit": (replace("dx_mm", "dx_parsnips"), ("column dx_parsnips", "'parsnips' is no unit", "dx_mm")),
@@ -87,7 +87,7 @@ READINGS: dict[str, tuple[Edit, tuple[str, ...]]] = {
     "a NUL byte": (replace("tool", "to\0ol"), ("NUL",)),
     "an open quote": (append('"44,' + "1," * 13), ("line 47",)),
     "no load anywhere": (
-        lambda lines: [*lines[:3], *(",".join([*x.split(",")[:7], "0,0,0", *x.split(",")[10:]]) for x in lines[3:] if x)],
+        lambda lines: [*lines[:3], *(",".join([*x.split(",")[:7], "0,0,0", *x.split(",")[10:]]) for x in lines[3:] if x)],  # noqa: E501
         ("every force is zero",),
     ),
     "sigma zero": (
@@ -133,7 +133,7 @@ def test_all_problems_of_a_file_are_told_together(folder: Path) -> None:
 
 
 EXPERIMENTS: dict[str, tuple[Edit, tuple[str, ...]]] = {
-    "unknown robot": (replace("fanuc_m900ib", "fanuc_m900"), ("line 1", "'fanuc_m900'", "Did you mean 'fanuc_m900ib'?")),
+    "unknown robot": (replace("fanuc_m900ib", "fanuc_m900"), ("line 1", "'fanuc_m900'", "Did you mean 'fanuc_m900ib'?")),  # noqa: E501
     "unknown key": (replace("constraints:", "constrants:"), ("'constrants'", "Did you mean 'constraints'?")),
     "no unit": (replace("point_mm", "point"), ("line 2", "'point'", "point_mm, point_m")),
     "wrong unit": (replace("sigma_mm", "sigma_N"), ("'sigma_N'", "sigma_mm")),

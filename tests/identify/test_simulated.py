@@ -73,8 +73,12 @@ def test_units_of_the_scale_do_not_matter(m900ib: Experiment, plan: Plan) -> Non
     simulation = simulate(m900ib, plan, seed=4)
     fit = identify(m900ib, simulation.readings)
     robot = m900ib.robot
-    other = replace(robot, parameters=tuple(
-        replace(p, nominal=p.nominal * 3) if p.name.startswith("joint_compliance") else p for p in robot.parameters))
+    other = replace(
+        robot,
+        parameters=tuple(
+            replace(p, nominal=p.nominal * 3) if p.name.startswith("joint_compliance") else p for p in robot.parameters
+        ),
+    )
     again = identify(m900ib.with_(robot=other), simulation.readings)
     assert np.allclose(fit.x, again.x, rtol=1e-9)
     assert np.allclose(fit.covariance, again.covariance, rtol=1e-7)

@@ -1,0 +1,110 @@
+"""The command line: every command, its files, its exit code."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from qsframework.cli.main import app, main
+from qsframework.errors import InputError
+from qsframework.experiment import example
+
+R2000IC = str(example("r2000ic") / "experiment.yaml")
+M900IB = str(example("m900ib") / "experiment.yaml")
+
+
+def run(*arguments: str) -> str:
+    result = CliRunner().invoke(app, list(arguments), catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_robots() -> None:
+    output = run("robots")
+    assert "fanuc_m900ib" in output
+    assert "fanuc_r2000ic" in output
+
+
+def test_check() -> None:
+    output = run("check", "fanuc_m900ib", R2000IC, M900IB)
+    assert "43 readings at 43 poses, ok" in output
+
+
+def test_check_tells_the_problems_of_all_files(tmp_path: Path) -> None:
+    for name in "ab":
+        (tmp_path / f"{name}.yaml").write_text("robot: nobody\n")
+    with pytest.raises(InputError) as caught:
+        run("check", str(tmp_path / "a.yaml"), str(tmp_path / "b.yaml"))
+    assert {p.file for p in caught.value.problems} == {str(tmp_path / "a.yaml"), str(tmp_path / "b.yaml")}
+
+
+def test_design_simulate_identify(tmp_path: Path) -> None:
+    plan, readings, fit = (str(tmp_path / n) for n in ("plan.csv", "readings.csv", "fit.json"))
+    report = str(tmp_path / "r.html")
+    output = run("design", M900IB, "-n", "8", "--candidates", "150", "-o", plan, "--json", str(tmp_path / "p.json"),
+                 "--report", report)  # fmt: skip
+    assert "certified to an efficiency of 0.9999" in output
+    assert json.loads((tmp_path / "p.json").read_text())["certificate"]["relaxed_efficiency"] >= 0.9999
+    run("simulate", M900IB, plan, "-o", readings, "--truth", "drawn", "--seed", "3", "--json", str(tmp_path / "s.json"))
+    output = run("identify", M900IB, "--data", readings, "--json", fit, "--report", report)
+    assert "leave-one-pose-out" in output
+    result = json.loads(Path(fit).read_text())
+    truth = json.loads((tmp_path / "s.json").read_text())["truth"]
+    for name, e in result["estimates"].items():
+        assert abs(e["value"] - truth[name]) < 5 * e["sd"]
+    assert result["sigma_source"] == "stated"
+
+
+def test_identify_some_parameters_only() -> None:
+    output = run("identify", R2000IC, "--fit", "joint_compliance[joint_1]", "--fit", "joint_compliance[joint_2]")
+    assert "joint_compliance[joint_2]" in output
+    assert "joint_compliance[joint_3]" not in output
+
+
+def test_the_same_seed_gives_the_same_readings(tmp_path: Path) -> None:
+    plan = str(example("m900ib") / "table5.csv")
+    texts = []
+    for name in ("a.csv", "b.csv"):
+        run("simulate", M900IB, plan, "-o", str(tmp_path / name), "--seed", "5")
+        texts.append((tmp_path / name).read_text())
+    assert texts[0] == texts[1]
+    run("simulate", M900IB, plan, "-o", str(tmp_path / "c.csv"), "--seed", "6")
+    assert (tmp_path / "c.csv").read_text() != texts[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["identify", "nothing.yaml"], "no such file"),
+        (["identify", M900IB], "no readings; add `data: readings.csv` or give --data FILE"),
+        (["identify", R2000IC, "--fit", "joint_complianse[joint_1]"], "Did you mean 'joint_compliance[joint_1]'?"),
+        (["design", R2000IC], "a design needs `loads`"),
+        (["design", M900IB, "--criterion", "Z"], "unknown criterion 'Z'"),
+        (["simulate", M900IB, "nothing.csv"], "no such file"),
+        (["simulate", M900IB, str(example("m900ib") / "table5.csv"), "--truth", "secret"], "unknown truth 'secret'"),
+        (["check", "fanuc_m9000"], "no such file"),
+    ],
+)
+def test_bad_input_ends_with_code_2(
+    arguments: list[str],
+    words: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["qsf", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert words in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unwritable_output_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        run("simulate", M900IB, str(example("m900ib") / "table5.csv"), "-o", str(tmp_path / "file" / "r.csv"))

@@ -1,0 +1,130 @@
+"""Units, YAML, models and writing."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from qsframework import units
+from qsframework.errors import InputError, Problem, nearest
+from qsframework.experiment.spec import ExperimentSpec
+from qsframework.files import FileModel, Unit, json_schema, read_yaml, validate, write_text
+from qsframework.robot.spec import RobotSpec
+
+
+class Inner(FileModel):
+    limits: Annotated[list[float], Unit("rad")]
+    note: str = ""
+
+
+class Sample(FileModel):
+    name: str
+    lever: Annotated[float, Unit("m")]
+    joints: dict[str, Inner] = {}  # noqa: RUF012
+    ranges: Annotated[dict[str, list[float]], Unit("rad")] = {}  # noqa: RUF012
+    parts: list[Inner] = []  # noqa: RUF012
+
+
+def load(tmp_path: Path, text: str) -> Sample:
+    path = tmp_path / "sample.yaml"
+    path.write_text(text)
+    return validate(read_yaml(path), Sample)
+
+
+def test_units_are_converted_at_every_depth(tmp_path: Path) -> None:
+    text = "name: a\nlever_mm: 750\njoints:\n  j: {limits_deg: [-180, 180]}\n"
+    text += "ranges_deg: {j: [0, 90]}\nparts:\n- {limits_rad: [0, 1]}\n"
+    sample = load(tmp_path, text)
+    assert sample.lever == 0.75
+    assert np.allclose(sample.joints["j"].limits, [-np.pi, np.pi])
+    assert np.allclose(sample.ranges["j"], [0, np.pi / 2])
+    assert sample.parts[0].limits == [0.0, 1.0]
+
+
+def test_every_problem_has_its_line(tmp_path: Path) -> None:
+    text = "name: 3\nlever: 1\nfoo: 1\njoints:\n  j: {limits_kg: [0, 1]}\n"
+    text += "  k: {limits_deg: [a, .inf], nota: x}\nparts:\n- {}\n"
+    with pytest.raises(InputError) as caught:
+        load(tmp_path, text)
+    lines = [p.line for p in caught.value.problems]
+    assert lines == [1, 2, 3, 5, 6, 6, 6, 8]
+    assert all(p.file and p.file.endswith("sample.yaml") for p in caught.value.problems)
+    assert "Did you mean 'note'?" in str(caught.value)
+
+
+def test_numbers_as_people_write_them(tmp_path: Path) -> None:
+    assert load(tmp_path, "name: a\nlever_m: 1e-3\n").lever == 1e-3
+    assert load(tmp_path, "name: a\nlever_m: 2\n").lever == 2.0
+    with pytest.raises(InputError, match="must be a finite number"):
+        load(tmp_path, "name: a\nlever_m: yes\n")
+    with pytest.raises(InputError, match="lever is given twice"):
+        load(tmp_path, "name: a\nlever_m: 1\nlever_mm: 1\n")
+
+
+def test_expansion_bombs_and_depth_are_refused(tmp_path: Path) -> None:
+    bomb = "a: &a [1]\nb: &b [*a, *a]\nname: *b\n"
+    with pytest.raises(InputError, match="aliases"):
+        load(tmp_path, bomb)
+    with pytest.raises(InputError, match="too deeply"):
+        load(tmp_path, "name: " + "[" * 500 + "]" * 500 + "\n")
+    with pytest.raises(InputError, match="larger than"):
+        load(tmp_path, "# " + "x" * 6_000_000)
+
+
+@given(
+    st.sampled_from(["deg", "arcmin", "mm", "kN", "Nm", "urad/(N m)", "degC", "N/m", "percent"]), st.floats(-1e6, 1e6)
+)
+def test_units_there_and_back(unit: str, value: float) -> None:
+    assert np.isclose(units.from_si(units.to_si(value, unit), unit), value, rtol=1e-12, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("unit", "si", "same"),
+    [("deg", "rad", True), ("percent", "rad", False), ("mm", "m", True), ("N", "m", False), ("Nm", "N m", True),
+     ("degC", "K", True), ("urad/(N m)", "rad/(N m)", True), ("1/(N m)", "rad/(N m)", False), ("percent", "", True)],
+)  # fmt: skip
+def test_angles_are_a_dimension(unit: str, si: str, same: bool) -> None:
+    assert units.same_dimension(unit, si) is same
+
+
+@pytest.mark.parametrize("unit", ["", "parsnip", "m m m m)", "(" * 200, "mm" * 100, "__import__('os')", "m**9**9"])
+def test_odd_units_do_no_harm(unit: str) -> None:
+    assert units.known(unit) in (True, False)
+
+
+def test_temperatures_have_an_offset() -> None:
+    assert np.isclose(units.to_si(20.0, "degC"), 293.15)
+
+
+@pytest.mark.parametrize("model", [RobotSpec, ExperimentSpec])
+def test_schemas_describe_the_keys_of_the_file(model: type[FileModel]) -> None:
+    schema = json_schema(model)
+    measured = model.measured()
+    assert all(name not in schema["properties"] for name in measured)
+    assert schema["additionalProperties"] is False
+
+
+def test_writing_is_all_or_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_text(tmp_path / "a" / "f.txt", "old")
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(InputError, match="No space left on device"):
+        write_text(path, "new")
+    assert path.read_text() == "old"
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_problems_read_as_sentences() -> None:
+    problem = Problem("is wrong", "f.csv", 3, "q1_deg", "'x'", "a number", "Mend it.")
+    assert str(problem) == "f.csv, line 3, column q1_deg: is wrong; found 'x'; allowed: a number. Mend it."
+    assert nearest("joint_complance", ["joint_compliance"]) == "Did you mean 'joint_compliance'?"
+    assert nearest("zzz", ["joint_compliance"]) is None

@@ -1,0 +1,133 @@
+"""Reports are whole, need no network, and escape what users wrote."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from qsframework.cli.demo import run_demo
+from qsframework.experiment import Experiment, make_plan
+from qsframework.plugin import Poses
+from qsframework.report import Section, Table, Text, View, write_report
+from qsframework.viz import Scene, plan_scene
+
+EVIL = "<script>alert(1)</script>"
+
+
+class Page(HTMLParser):
+    """Collects tags, ids, links and addresses that a browser would load."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.ids: set[str] = set()
+        self.anchors: list[str] = []
+        self.loads: list[str] = []
+        self.frames: list[str] = []
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        found = dict(attributes)
+        self.tags.append(tag)
+        self.ids.add(found.get("id") or "")
+        if tag == "a":
+            self.anchors.append(found.get("href") or "")
+        if tag in ("script", "img", "link", "iframe"):
+            self.loads += [found[k] or "" for k in ("src", "href") if k in found]
+        if tag == "iframe":
+            self.frames.append(found.get("srcdoc") or "")
+
+
+def parse(path: Path) -> Page:
+    page = Page()
+    page.feed(path.read_text())
+    return page
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("demo")
+    run_demo(folder, 1)
+    return folder
+
+
+def test_the_demo_report_is_whole(demo: Path) -> None:
+    page = parse(demo / "report.html")
+    assert page.tags.count("table") >= 12
+    assert page.tags.count("iframe") == 1
+    assert len(re.findall("plotly-graph-div", (demo / "report.html").read_text())) >= 4
+    assert all(a.startswith("#") and a[1:] in page.ids for a in page.anchors)
+    assert page.loads == []
+    text = (demo / "report.html").read_text()
+    for number in ("0.996", "0.215", "0.234", "0.286", "0.309", "0.179"):
+        assert number in text
+    for words in ("joint_compliance[joint_1]", "initial", "Correlations above 0.9", "efficiency", "SHA-256"):
+        assert words in text
+
+
+def test_the_scene_inside_loads_nothing(demo: Path) -> None:
+    (frame,) = parse(demo / "report.html").frames
+    inner = Page()
+    inner.feed(frame)
+    assert inner.loads == []
+    assert frame.count("handle_command_bytearray") >= 1
+
+
+def test_the_demo_leaves_its_files(demo: Path) -> None:
+    names = {p.name for p in demo.iterdir()}
+    assert names == {"report.html", "plan.csv", "plan.json", "readings.csv", "fit.json", "truth.json"}
+
+
+def test_text_is_escaped(tmp_path: Path) -> None:
+    section = Section(EVIL, (Text(EVIL), Table((EVIL,), ((EVIL,),), EVIL), View(f"<p>{EVIL}</p>", EVIL)))
+    page = parse(write_report(tmp_path / "r.html", EVIL, [section]))
+    assert "script" not in page.tags
+
+
+def test_scene_titles_and_labels_are_escaped() -> None:
+    scene = Scene(EVIL)
+    scene.step("pose", EVIL)
+    html = scene.html()
+    assert EVIL not in html
+
+
+def plan_page(experiment: Experiment, path: Path) -> Path:
+    import numpy as np
+
+    pendant = np.deg2rad([[0.0, 20.0, -10.0, 0.0, 40.0, 0.0]])
+    poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), np.array([[0, 0, -4000.0, 0, 0, 0]]))
+    path.write_text(plan_scene(experiment, make_plan(poses, ["weight"])).html())
+    return path
+
+
+def chromium(page: Path, picture: Path, tmp_path: Path) -> str:
+    """Open a page; return what the browser logged."""
+    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader",
+             "--enable-unsafe-swiftshader", "--virtual-time-budget=8000", "--disable-background-networking",
+             "--disable-component-update", "--disable-sync", "--no-first-run", "--enable-logging=stderr",
+             f"--user-data-dir={tmp_path / 'profile'}", "--window-size=800,600", f"--screenshot={picture}"]  # fmt: skip
+    run = subprocess.run(["chromium", *flags, page.as_uri()], capture_output=True, text=True, timeout=120)
+    return run.stderr
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium on this machine")
+def test_a_browser_shows_the_robot(m900ib: Experiment, tmp_path: Path) -> None:
+    """Yellow pixels of the arm against an empty scene; nothing on the console, no request."""
+    import numpy as np
+    from PIL import Image
+
+    (tmp_path / "empty.html").write_text(Scene("empty").html())
+    pages = {"robot": plan_page(m900ib, tmp_path / "robot.html"), "empty": tmp_path / "empty.html"}
+    yellow = {}
+    for name, page in pages.items():
+        log = chromium(page, tmp_path / f"{name}.png", tmp_path)
+        console = [line for line in log.splitlines() if "CONSOLE" in line and "GPU stall" not in line]
+        assert not [line for line in console if "rror" in line], console
+        pixels = np.asarray(Image.open(tmp_path / f"{name}.png").convert("RGB")).astype(int)
+        yellow[name] = int(((pixels[..., 0] - pixels[..., 2]) > 80).sum())
+    assert yellow["empty"] < 200  # the green axis of the grid
+    assert yellow["robot"] > 2000
