@@ -52,6 +52,21 @@ def check(files: Annotated[list[Path], typer.Argument(help="robot.yaml, experime
 
 
 @app.command()
+def stiffness(
+    robot: Annotated[str, typer.Argument(help="A robot's name or folder.", show_default=False)],
+    pose: Annotated[str, typer.Option(help="Pendant angles, deg: J1,J2,...", show_default=False)],
+    load: Annotated[str, typer.Option(help="Force, N, base frame: fx,fy,fz[,mx,my,mz with moments in Nm].")],
+    point: Annotated[str, typer.Option(help="Where the load acts, mm, flange frame.")] = "0,0,0",
+    json: Json = None,
+    report: Report = None,
+) -> None:
+    """Deflection under a load, the share of each spring, and the Cartesian stiffness."""
+    from qsframework.cli.stiffness import run_stiffness
+
+    run_stiffness(robot, pose, load, point, json, report)
+
+
+@app.command()
 def design(
     experiment: ExperimentFile,
     poses: Annotated[int, typer.Option("-n", "--poses", help="Number of poses.", min=1)] = 12,

@@ -1,6 +1,23 @@
-"""How the arm gives: kinematics of the elastic coordinates, springs, and the chain rule."""
+"""How the arm gives: kinematics of the elastic coordinates, springs, equilibrium, and the chain rule."""
 
+from qsframework.elastostatics.equilibrium import (
+    Equilibrium,
+    cartesian_compliance,
+    cartesian_stiffness,
+    equilibrium,
+    full_displacement,
+)
 from qsframework.elastostatics.model import Model, make_model
 from qsframework.elastostatics.state import Site, State
 
-__all__ = ["Model", "Site", "State", "make_model"]
+__all__ = [
+    "Equilibrium",
+    "Model",
+    "Site",
+    "State",
+    "cartesian_compliance",
+    "cartesian_stiffness",
+    "equilibrium",
+    "full_displacement",
+    "make_model",
+]

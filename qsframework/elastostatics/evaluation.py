@@ -59,7 +59,7 @@ class Evaluation:
 
 def evaluate(model: Model, poses: Poses, x: Array) -> Evaluation:
     """Run the stages at the commanded poses."""
-    geometry, motion = _move(model, poses, x)
+    geometry, motion = move_commanded(model, poses, x)
     state = place(motion, model.tip, model.markers)
     rotation = state.placed.matrix(model.tip.link)
     applied = loads.apply_loads(model.of_kind(Load, x), poses.wrench, rotation, model.facts)
@@ -70,7 +70,7 @@ def evaluate(model: Model, poses: Poses, x: Array) -> Evaluation:
     rates = springs.joint_rates(motion, touched)
     joint_stiffness = gather(touched, [(f.joints, f.stiffness.value) for f in faces], len(poses))
     K = springs.Stiffness(rates.active, springs.sandwich(rates.E, joint_stiffness, rates.E))
-    laws = [(e, rows, xs) for (e, xs), rows in zip(model.of_kind(SpringLaw, x), model.law_rows, strict=True)]
+    laws = elastic_laws(model, x)
     preload = _preload(model, state, applied, faces, touched, rates) if laws else None
     unloaded = None if preload is None else springs.respond(compliance, preload, K, laws)
     loaded = springs.respond(compliance, tau if preload is None else preload + tau, K, laws)
@@ -81,7 +81,8 @@ def evaluate(model: Model, poses: Poses, x: Array) -> Evaluation:
     )  # fmt: skip
 
 
-def _move(model: Model, poses: Poses, x: Array) -> tuple[tuple[GeometryTerm, ...], Motion]:
+def move_commanded(model: Model, poses: Poses, x: Array) -> tuple[tuple[GeometryTerm, ...], Motion]:
+    """Stages 0 and 1 at the commanded poses, with the errors of geometry and bars."""
     geometry = tuple(e.errors(poses, xs, model.facts) for e, xs in model.of_kind(Geometry, x))
     phi = nominal_actuators(model.layout, np.ascontiguousarray(poses.q.T))
     placements = None
@@ -93,6 +94,11 @@ def _move(model: Model, poses: Poses, x: Array) -> tuple[tuple[GeometryTerm, ...
     bars = np.concatenate([xs for _, xs in model.of_kind(Loop, x)] or [np.zeros(0)])
     spread = np.broadcast_to(bars[:, None], (len(bars), len(poses)))
     return geometry, move(model.layout, phi, spread, placements)
+
+
+def elastic_laws(model: Model, x: Array) -> springs.Laws:
+    """The springs' laws with the coordinates that they act on and their parameters."""
+    return [(e, rows, xs) for (e, xs), rows in zip(model.of_kind(SpringLaw, x), model.law_rows, strict=True)]
 
 
 def gather(touched: tuple[int, ...], blocks: list[tuple[tuple[int, ...], Array]], batch: int) -> Array:

@@ -55,7 +55,7 @@ def wrench_torque(column: Column | ColumnRate, wrench: Array) -> Array:
     return np.einsum("ecn,cn->en", column.linear, wrench[:3]) + np.einsum("ecn,cn->en", column.angular, wrench[3:])
 
 
-def _weighted(state: State, link: int, moments: Array) -> Twists:
+def weighted_columns(state: State, link: int, moments: Array) -> Twists:
     """Jacobian of mass times position of a link's centre, element by element."""
     placed = state.placed
     stop = placed.chain.stops[link]
@@ -72,19 +72,33 @@ def _weighted(state: State, link: int, moments: Array) -> Twists:
 
 
 def gravity_torque(state: State, moments: Array, gravity: Array) -> Array:
-    """Torque of the masses on the coordinates, (ne, N) N m."""
-    total = np.zeros((state.coordinates, state.motion.q.shape[-1]))
-    for link in np.flatnonzero(np.any(moments, axis=1)):
-        pull = np.einsum("ecn,c->en", _weighted(state, int(link), moments[link]).linear, gravity)
-        total += combine(state.motion.coefficients, pull)
-    return total
+    """Torque of the masses on the coordinates, (ne, N) N m.
+
+    Element e carries the summed mass M and mass moment h of all links after it: g . (z x (h - M o)).
+    """
+    placed, stops = state.placed, state.placed.chain.stops
+    elements = placed.chain.elements
+    torque = np.empty((len(elements), state.motion.q.shape[-1]))
+    mass, weight, link = 0.0, np.zeros((3, 1)), len(stops)
+    for e in range(len(elements) - 1, -1, -1):
+        while link > 0 and stops[link - 1] > e:
+            link -= 1
+            r, m = placed.rotations[link], moments[link]
+            weight = weight + m[0] * placed.positions[link] + m[1] * r[0] + m[2] * r[1] + m[3] * r[2]
+            mass = mass + m[0]
+        if elements[e].rotation:
+            pull = cross(gravity[:, None], placed.axes[e])
+            torque[e] = np.einsum("cn,cn->n", pull, weight - mass * placed.origins[e])
+        else:
+            torque[e] = mass * (gravity @ placed.axes[e])
+    return combine(state.motion.coefficients, torque)
 
 
 def gravity_torque_along(state: State, moments: Array, gravity: Array, rate: MotionRate) -> Array:
     """Derivative of `gravity_torque` along element rates."""
     total = np.zeros((state.coordinates, state.motion.q.shape[-1]))
     for link in np.flatnonzero(np.any(moments, axis=1)):
-        columns = _weighted(state, int(link), moments[link])
+        columns = weighted_columns(state, int(link), moments[link])
         slope = twists_along(columns, rate.elements[: columns.upstream])
         total += combine(state.motion.coefficients, np.einsum("ecn,c->en", slope.linear, gravity))
         total += combine(rate.coefficients, np.einsum("ecn,c->en", columns.linear, gravity))

@@ -21,9 +21,11 @@ Coefficients = tuple[tuple[tuple[int, Array | float], ...], ...]
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Joint angles q (n, N), the loops' terms at their actuators, and the rates of the coordinates."""
+    """Actuators phi (n, N), bars and joint angles q (n, N), the loops' terms, and the rates of the coordinates."""
 
     layout: Layout
+    phi: Array
+    bars: Array
     q: Array
     loops: tuple[LoopTerm, ...]
     coefficients: Coefficients
@@ -63,7 +65,7 @@ def move(layout: Layout, phi: Array, bars: Array, placements: Array | None = Non
         _merge([term for part in parts for term in _rates(layout, terms, part.kind, part.index, part.factor)])
         for parts in layout.coordinates
     )
-    return Motion(layout, q, tuple(terms), coefficients, placements)
+    return Motion(layout, phi, bars, q, tuple(terms), coefficients, placements)
 
 
 def _rates(

@@ -35,6 +35,21 @@ class Faces:
     stiffness: StiffnessTerm
 
 
+Torques = Sequence[tuple[tuple[int, ...], TorqueTerm]]
+"""Joints and torque of each parallel spring that has one."""
+
+
+def torques(effects: Sequence[tuple[ParallelSpring, Array]], motion: Motion, conditions: Conditions) -> Torques:
+    """The physical torques alone, at the joint angles of a motion."""
+    out: list[tuple[tuple[int, ...], TorqueTerm]] = []
+    for effect, x in effects:
+        joints = tuple(motion.layout.facts.joint_index(j) for j in effect.joints(motion.layout.facts))
+        term = effect.torque(motion.q[list(joints)].T, x, conditions)
+        if term is not None:
+            out.append((joints, term))
+    return out
+
+
 def faces(effect: ParallelSpring, motion: Motion, x: Array, conditions: Conditions) -> Faces:
     """Evaluate an effect at the commanded joint angles."""
     facts = motion.layout.facts
@@ -113,6 +128,11 @@ def sandwich(left: Array, middle: Array, right: Array) -> Array:
     return np.einsum("jan,jkn,kbn->abn", left, middle, right)
 
 
+Laws = Sequence[tuple[SpringLaw, tuple[int, ...], Array]]
+"""Each law with the coordinates it acts on and its parameter values."""
+Terms = tuple[tuple[tuple[int, ...], LawTerm], ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Response:
     """The arm's answer at one state: eps (ne, N), gear torques T (ne, N), and how eps reacts.
@@ -124,7 +144,7 @@ class Response:
     T: Array
     slope: Array
     stiffness: Stiffness
-    laws: tuple[tuple[tuple[int, ...], LawTerm], ...]
+    laws: Terms
     inverse: Array | None
 
     def react(self, rhs: Array) -> Array:
@@ -151,6 +171,11 @@ def _solve(stiffness: Stiffness, inverse: Array | None, rhs: Array) -> Array:
     return out
 
 
+def solve(stiffness: Stiffness, slope: Array, rhs: Array) -> Array:
+    """Solve (I + diag(slope) K_par) d = rhs (ne, N)."""
+    return _solve(stiffness, _inverse(stiffness, slope), rhs)
+
+
 def respond_linear(compliance: Array, torque: Array, stiffness: Stiffness) -> Response:
     """eps = (I + diag(c) K_par)^-1 diag(c) torque."""
     slope = compliance[:, None]
@@ -159,12 +184,19 @@ def respond_linear(compliance: Array, torque: Array, stiffness: Stiffness) -> Re
     return Response(eps, torque - stiffness.times(eps), slope, stiffness, (), inverse)
 
 
-def respond(
-    compliance: Array,
-    torque: Array,
-    stiffness: Stiffness,
-    laws: Sequence[tuple[SpringLaw, tuple[int, ...], Array]],
-) -> Response:
+def answer(compliance: Array, T: Array, laws: Laws) -> tuple[Array, Array, Terms]:
+    """c T + f(T), its slope c + f' (ne, N), and the laws' terms, at gear torques T (ne, N)."""
+    value, slope = compliance[:, None] * T, np.repeat(compliance[:, None], T.shape[1], axis=1)
+    terms: list[tuple[tuple[int, ...], LawTerm]] = []
+    for law, rows, x in laws:
+        term = law.extra(T[list(rows)].T, x)
+        np.add.at(value, list(rows), term.value.T)
+        np.add.at(slope, list(rows), term.dT.T)
+        terms.append((rows, term))
+    return value, slope, tuple(terms)
+
+
+def respond(compliance: Array, torque: Array, stiffness: Stiffness, laws: Laws) -> Response:
     """Solve eps = c T + f(T), T = torque - K_par eps, by Newton with backtracking.
 
     Raises NotConverged if a step cannot reduce the residual.
@@ -172,15 +204,9 @@ def respond(
     if not laws:
         return respond_linear(compliance, torque, stiffness)
 
-    def residual(eps: Array) -> tuple[Array, Array, Array, list[tuple[tuple[int, ...], LawTerm]]]:
+    def residual(eps: Array) -> tuple[Array, Array, Array, Terms]:
         T = torque - stiffness.times(eps)
-        value, slope = compliance[:, None] * T, np.repeat(compliance[:, None], torque.shape[1], axis=1)
-        terms: list[tuple[tuple[int, ...], LawTerm]] = []
-        for law, rows, x in laws:
-            term = law.extra(T[list(rows)].T, x)
-            np.add.at(value, list(rows), term.value.T)
-            np.add.at(slope, list(rows), term.dT.T)
-            terms.append((rows, term))
+        value, slope, terms = answer(compliance, T, laws)
         return eps - value, T, slope, terms
 
     eps = step = respond_linear(compliance, torque, stiffness).eps
@@ -189,7 +215,7 @@ def respond(
         inverse = _inverse(stiffness, slope)
         step = _solve(stiffness, inverse, error)
         if np.all(np.abs(step) <= _TOLERANCE * np.maximum(np.abs(eps), 1e-9)):
-            return Response(eps - step, T, slope, stiffness, tuple(terms), inverse)
+            return Response(eps - step, T, slope, stiffness, terms, inverse)
         eps, (error, T, slope, terms) = _backtrack(residual, eps, step, error)
     raise NotConverged(f"the springs' laws did not settle in {_STEPS} steps; largest step {np.abs(step).max():.1e} rad")
 

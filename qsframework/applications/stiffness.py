@@ -1,0 +1,108 @@
+"""How stiff an arm is at one pose: deflection, the share of each spring, Cartesian stiffness, linear against full."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from qsframework.elastostatics import Model, Site, cartesian_compliance, equilibrium, make_model
+from qsframework.elastostatics.evaluation import evaluate
+from qsframework.errors import InputError
+from qsframework.plugin import Array, Poses
+from qsframework.plugin.facts import frozen
+from qsframework.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Stiffness:
+    """One pose under one load.
+
+    linear, full (3,) m: translation of the load point, loaded minus unloaded; rotation (3,) rad: of
+    its link, full; shares: spring name -> translation (3,) m that it adds in the linear model;
+    compliance, compliance_without_load (6, 6): tip twist per unit wrench with the whole Hessian of
+    equation (18), and with the compensators' part alone
+    """
+
+    names: tuple[str, ...]
+    shares: Array
+    linear: Array
+    full: Array
+    rotation: Array
+    compliance: Array
+    compliance_without_load: Array
+
+    @property
+    def linear_error(self) -> float:
+        """Error of the linear model, relative to the deflection."""
+        return float(np.linalg.norm(self.full - self.linear) / np.linalg.norm(self.full))
+
+    def stiffness(self, with_load: bool = True) -> Array | None:
+        """K_C (6, 6), None where a direction does not give at all."""
+        compliance = self.compliance if with_load else self.compliance_without_load
+        scale = np.sqrt(np.maximum(np.abs(np.diag(compliance)), 1e-300))
+        if np.linalg.cond(compliance / np.outer(scale, scale)) > 1e13:
+            return None
+        return np.asarray(np.linalg.inv(compliance), dtype=np.float64)
+
+    def as_json(self) -> dict[str, Any]:
+        """SI units but for the millimetres in the names."""
+        K = self.stiffness()
+        return {
+            "deflection_mm": (self.full * 1e3).tolist(),
+            "deflection_linear_mm": (self.linear * 1e3).tolist(),
+            "linear_error": self.linear_error,
+            "rotation_mrad": (self.rotation * 1e3).tolist(),
+            "shares_mm": {n: (s * 1e3).tolist() for n, s in zip(self.names, self.shares, strict=True)},
+            "stiffness": None if K is None else K.tolist(),
+        }
+
+
+def stiffness_at(robot: Robot, pendant: Array, wrench: Array, point: Array) -> Stiffness:
+    """The stiffness of a robot at pendant angles (n,) rad, under a wrench (6,) at a point (3,) m of the flange."""
+    site = Site(robot.flange.link, frozen((robot.flange.placement @ np.append(point, 1.0))[:3]))
+    model = make_model(robot.facts, robot.effects, robot.parameters, site, [("tip", site)], robot.gravity)
+    poses = _one_pose(robot, pendant, wrench)
+    unloaded, loaded = equilibrium(model, poses, loaded=False), equilibrium(model, poses)
+    turn = loaded.tip_rotation[0] @ unloaded.tip_rotation[0].T
+    rotation = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    return Stiffness(
+        spring_names(model),
+        _shares(model, poses),
+        model.predict(poses)[0, 0],
+        (loaded.tip - unloaded.tip)[0],
+        rotation,
+        cartesian_compliance(model, poses)[0],
+        cartesian_compliance(model, poses, hessian=False)[0],
+    )
+
+
+def _one_pose(robot: Robot, pendant: Array, wrench: Array) -> Poses:
+    if pendant.shape != (robot.facts.n,):
+        raise InputError(f"a pose of {robot.name} has {robot.facts.n} angles, found {len(pendant)}")
+    outside = np.flatnonzero(robot.controller.outside(pendant))
+    if len(outside):
+        k = int(outside[0])
+        low, high = np.rad2deg([robot.controller.lower[k], robot.controller.upper[k]])
+        raise InputError(
+            f"{robot.facts.joints[k]} is outside its limits: found {np.rad2deg(pendant[k]):g} deg, "
+            f"allowed {low:g} to {high:g} deg"
+        )
+    if not np.any(wrench):
+        raise InputError("the load is zero; give a force such as 0,0,-4000")
+    return Poses(pendant[None], robot.controller.to_joints(pendant[None]), wrench[None])
+
+
+def spring_names(model: Model) -> tuple[str, ...]:
+    """Names of the elastic coordinates, in the order of the model's coordinates."""
+    from qsframework.plugin import Spring
+
+    return tuple(p.name for e in model.effects if isinstance(e, Spring) for p in e.parameters(model.facts))
+
+
+def _shares(model: Model, poses: Poses) -> Array:
+    """Translation (ne, 3) of the tip that each spring's deflection makes, linear model."""
+    ev = evaluate(model, poses, model.nominal)
+    eps = ev.loaded.eps if ev.unloaded is None else ev.loaded.eps - ev.unloaded.eps
+    return (ev.state.tip.linear * eps[:, None, :])[:, :, 0]

@@ -1,0 +1,81 @@
+"""`qsf stiffness`: what an arm does at one pose under one load."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from qsframework.applications import Stiffness, stiffness_at
+from qsframework.cli.commands import write_json
+from qsframework.cli.progress import print_table
+from qsframework.errors import InputError
+from qsframework.plugin import Array
+from qsframework.report import Section, Table, Text, provenance_section, write_report
+from qsframework.robot import load_robot
+
+_AXES = ("x", "y", "z", "rx", "ry", "rz")
+
+
+def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | None, report: Path | None) -> None:
+    """Compute, print, write."""
+    arm = load_robot(robot)
+    wrench = _numbers("--load", load, (3, 6))
+    result = stiffness_at(
+        arm,
+        np.deg2rad(_numbers("--pose", pose, (arm.facts.n,))),
+        np.concatenate([wrench, np.zeros(6 - len(wrench))]),
+        _numbers("--point", point, (3,)) * 1e-3,
+    )
+    section = Section(f"{arm.title} at {pose} deg under {load} N", (*_tables(result), Text(_words(result))))
+    for block in section.blocks:
+        if isinstance(block, Table):
+            print_table(block.header, block.rows)
+    print(_words(result))
+    if json is not None:
+        write_json(json, result.as_json())
+    if report is not None:
+        files = [arm.folder / "robot.yaml"]
+        path = write_report(report, f"Stiffness: {arm.title}", [section, provenance_section(arm.effects, files, None)])
+        print(f"report: {path}")
+
+
+def _numbers(option: str, text: str, counts: tuple[int, ...]) -> Array:
+    try:
+        values = np.array([float(part) for part in text.split(",")])
+    except ValueError as error:
+        raise InputError(f"{option}: found {text!r}, allowed: numbers with commas between them") from error
+    if len(values) not in counts or not np.isfinite(values).all():
+        allowed = " or ".join(map(str, counts))
+        raise InputError(f"{option}: found {len(values)} numbers in {text!r}, allowed: {allowed} finite numbers")
+    return values
+
+
+def _tables(result: Stiffness) -> list[Table]:
+    total = float(np.linalg.norm(result.linear))
+    shares = [
+        (name, *(f"{v * 1e3:.4f}" for v in share), f"{100 * share @ result.linear / total**2:.1f} %")
+        for name, share in zip(result.names, result.shares, strict=True)
+    ]
+    sums = [
+        (name, *(f"{v * 1e3:.4f}" for v in vector), "")
+        for name, vector in (("linear model", result.linear), ("full equilibrium", result.full))
+    ]
+    tables = [Table(("spring", "dx mm", "dy mm", "dz mm", "share"), tuple([*shares, *sums]))]
+    for words, with_load in (("K_C", True), ("K_C without load and gravity in H", False)):
+        K = result.stiffness(with_load)
+        if K is not None:
+            rows = tuple((axis, *(f"{v:.4g}" for v in row)) for axis, row in zip(_AXES, K, strict=True))
+            tables.append(Table((words, *_AXES), rows, "N/m, N/rad, N m/m and N m/rad, base frame."))
+    return tables
+
+
+def _words(result: Stiffness) -> str:
+    text = (
+        f"The load point moves by {np.linalg.norm(result.full) * 1e3:.4f} mm and turns by "
+        f"{np.linalg.norm(result.rotation) * 1e3:.4f} mrad. The linear model errs by "
+        f"{100 * result.linear_error:.3f} % of that."
+    )
+    if result.stiffness() is None:
+        text += " A direction at the tip does not give at all, so there is no finite K_C."
+    return text

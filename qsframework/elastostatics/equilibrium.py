@@ -1,0 +1,217 @@
+"""The loaded equilibrium, equation (17), and the Cartesian stiffness there, equation (18).
+
+The springs' equation eps = c T + f(T) is solved with the torques at the deflected pose:
+T = D(eps)' w + gravity(eps) - M_c(q + eps) - K_eq eps. The balancer's own stiffness arrives through
+M_c and is not added again; only the equivalent stiffness K_eq of the commanded pose is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from qsframework.elastostatics import loads, springs
+from qsframework.elastostatics.evaluation import elastic_laws, gather, move_commanded
+from qsframework.elastostatics.hessian import load_hessian
+from qsframework.elastostatics.model import CHUNK, Model
+from qsframework.elastostatics.motion import Motion, move
+from qsframework.elastostatics.state import State, place
+from qsframework.errors import InputError, NotConverged
+from qsframework.plugin import Array, Load, ParallelSpring, Poses, Spring
+
+_STEPS = 40
+_CHORDS = 8
+_SINGULAR = 1e13
+_TOLERANCE = 1e-8
+"""Last step relative to the deflection; each step leaves at most 1e-2 of the one before, mostly 1e-4."""
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """N settled poses: eps (N, ne), load point (N, 3) and its link's rotation (N, 3, 3), markers (N, K, 3)."""
+
+    eps: Array
+    tip: Array
+    tip_rotation: Array
+    markers: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """A batch at its equilibrium, batch last, with what equation (18) needs."""
+
+    at: _Residual
+    eps: Array
+    K: springs.Stiffness
+
+
+def equilibrium(model: Model, poses: Poses, x: Array | None = None, loaded: bool = True) -> Equilibrium:
+    """Solve equation (17) under gravity, compensators and, if `loaded`, the wrench.
+
+    Raises NotConverged if a pose does not settle (a load beyond the arm's stability).
+    """
+    parts = [_outcome(settle(model, chunk, x, loaded)) for chunk in _chunks(poses)]
+    return Equilibrium(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+def full_displacement(model: Model, poses: Poses, x: Array | None = None) -> Array:
+    """Loaded minus unloaded equilibrium of the markers (N, K, 3) m, without what sensors add."""
+    parts = []
+    for chunk in _chunks(poses):
+        unloaded = settle(model, chunk, x, False)
+        loaded = settle(model, chunk, x, True, start=unloaded.eps)
+        parts.append(_outcome(loaded)[3] - _outcome(unloaded)[3])
+    return np.concatenate(parts)
+
+
+def cartesian_stiffness(model: Model, poses: Poses, x: Array | None = None, hessian: bool = True) -> Array:
+    """K_C (N, 6, 6) at the loaded equilibrium, equation (18): (D (K_theta - H)^-1 D')^-1.
+
+    Force over translation in N/m, moment over rotation in N m/rad. Without `hessian`, H holds the
+    compensators only. InputError where some direction does not give at all: its stiffness is
+    infinite, use the compliance there.
+    """
+    compliance = cartesian_compliance(model, poses, x, hessian)
+    scale = np.sqrt(np.abs(np.einsum("ncc->nc", compliance)))
+    scaled = compliance / np.maximum(scale[:, :, None] * scale[:, None, :], 1e-300)
+    if np.any(np.linalg.cond(scaled) > _SINGULAR):
+        raise InputError("a direction at the tip does not give at all; add springs or use the compliance")
+    return np.asarray(np.linalg.inv(compliance), dtype=np.float64)
+
+
+def cartesian_compliance(model: Model, poses: Poses, x: Array | None = None, hessian: bool = True) -> Array:
+    """Tip twist per unit wrench (N, 6, 6) at the loaded equilibrium: D (I - C H)^-1 C D'."""
+    parts = []
+    for chunk in _chunks(poses):
+        s = settle(model, chunk, x, True)
+        H = s.at.hessian() if hessian else s.at.hessian(weight=0.0, gravity=False)
+        tip = s.at.state.tip
+        D = np.concatenate([tip.linear, tip.angular], axis=1)
+        parts.append(np.einsum("ecn,edn->ncd", D, _react(s.at.slope, s.K, H, s.at.slope[:, None] * D)))
+    return np.concatenate(parts)
+
+
+def _chunks(poses: Poses) -> list[Poses]:
+    return [poses.take(slice(start, start + CHUNK)) for start in range(0, len(poses), CHUNK)]
+
+
+def _outcome(s: Settled) -> tuple[Array, Array, Array, Array]:
+    state = s.at.state
+    markers = np.stack([m.position for m in state.markers]) if state.markers else np.zeros((0, 3, s.eps.shape[1]))
+    return s.eps.T, state.tip.position.T, state.placed.matrix(state.tip.link), markers.transpose(2, 0, 1)
+
+
+def settle(model: Model, poses: Poses, x: Array | None, loaded: bool, start: Array | None = None) -> Settled:
+    """Chord steps with the Hessian of the start; Newton steps with a fresh one where those do not settle."""
+    x = model.nominal if x is None else x
+    _, commanded = move_commanded(model, poses, x)
+    compliance = np.concatenate([xs for _, xs in model.of_kind(Spring, x)] or [np.zeros(0)])
+    K = _equivalent(model, commanded, x, poses)
+    weight = 1.0 if loaded else 0.0
+    eps = np.zeros((len(compliance), len(poses))) if start is None else start
+
+    def at(eps: Array) -> _Residual:
+        return _residual(model, poses, x, commanded, compliance, K, eps, weight)
+
+    here = at(eps)
+    H, size = here.hessian(), np.zeros(len(poses))
+    for step in range(_STEPS):
+        newton = step >= _CHORDS
+        if newton:
+            H = here.hessian()
+        change = _react(here.slope, K, H, here.value) if newton else _chord(here.slope, K, H, here.value)
+        eps = eps - change
+        size = np.abs(change).max(axis=0)
+        here = at(eps)
+        if np.all(size <= _TOLERANCE * np.maximum(np.abs(eps).max(axis=0), 1e-9)):
+            return Settled(here, eps, K)
+    worst = int(np.argmax(size))
+    raise NotConverged(
+        f"pose {worst} of the batch does not settle in {_STEPS} steps (last change {size[worst]:.1e} rad): "
+        "the load may be beyond the arm's stability"
+    )
+
+
+def _chord(slope: Array, K: springs.Stiffness, H: Array, rhs: Array) -> Array:
+    """Two terms of (I + diag(slope) (K - H))^-1 in powers of H, which is small beside the springs."""
+    first = springs.solve(K, slope, rhs)
+    return first + springs.solve(K, slope, slope * np.einsum("abn,bn->an", H, first))
+
+
+def _deflected(model: Model, commanded: Motion, eps: Array) -> State:
+    """Place the chain with its coordinates at eps: actuators, bars and virtual joints all move."""
+    layout = commanded.layout
+    phi, bars = commanded.phi.copy(), commanded.bars.copy()
+    virtual: dict[int, Array] = {}
+    for parts, value in zip(layout.coordinates, eps, strict=True):
+        for part in parts:
+            if part.kind == "actuator":
+                phi[part.index] += part.factor * value
+            elif part.kind == "bar":
+                bars[part.index] += part.factor * value
+            else:
+                virtual[part.index] = virtual.get(part.index, 0.0) + part.factor * value
+    return place(move(layout, phi, bars, commanded.placements), model.tip, model.markers, virtual)
+
+
+@dataclass(frozen=True, eq=False)
+class _Residual:
+    """eps - c T - f(T) at a deflected state, and the slope c + f' there."""
+
+    value: Array
+    slope: Array
+    state: State
+    applied: loads.Applied
+    gravity: Array
+    torques: springs.Torques
+    weight: float
+
+    def hessian(self, weight: float | None = None, gravity: bool = True) -> Array:
+        """H at this state; the tip load and gravity can be left out."""
+        applied = self.applied if gravity else replace(self.applied, moments=np.zeros_like(self.applied.moments))
+        return load_hessian(self.state, applied, self.gravity, self.torques, self.weight if weight is None else weight)
+
+
+def _residual(
+    model: Model, poses: Poses, x: Array, commanded: Motion, compliance: Array, K: springs.Stiffness, eps: Array,
+    weight: float,
+) -> _Residual:  # fmt: skip
+    state = _deflected(model, commanded, eps)
+    applied = loads.apply_loads(model.of_kind(Load, x), poses.wrench, state.placed.matrix(model.tip.link), model.facts)
+    conditions = poses.loaded if weight else poses.unloaded
+    torques = springs.torques(model.of_kind(ParallelSpring, x), state.motion, conditions)
+    T = loads.gravity_torque(state, applied.moments, model.gravity) - K.times(eps)
+    if weight:
+        T += weight * loads.wrench_torque(state.tip, applied.wrench.T)
+    for joints, term in torques:
+        rates = springs.joint_rates(state.motion, joints)
+        T[list(rates.active)] += np.einsum("jan,nj->an", rates.E, term.value)
+    value, slope, _ = springs.answer(compliance, T, elastic_laws(model, x))
+    return _Residual(eps - value, slope, state, applied, model.gravity, torques, weight)
+
+
+def _equivalent(model: Model, motion: Motion, x: Array, poses: Poses) -> springs.Stiffness:
+    """K_eq of the commanded pose: the compensators' equivalent stiffness alone."""
+    blocks = []
+    for effect, xs in model.of_kind(ParallelSpring, x):
+        joints = tuple(model.facts.joint_index(j) for j in effect.joints(model.facts))
+        term = effect.stiffness(motion.q[list(joints)].T, xs, poses.loaded)
+        if term is not None:
+            blocks.append((joints, term.value))
+    touched = tuple(sorted({j for joints, _ in blocks for j in joints}))
+    rates = springs.joint_rates(motion, touched)
+    return springs.Stiffness(rates.active, springs.sandwich(rates.E, gather(touched, blocks, len(poses)), rates.E))
+
+
+def _react(slope: Array, K: springs.Stiffness, H: Array, rhs: Array) -> Array:
+    """Solve (I + diag(slope) (K - H)) d = rhs for rhs (ne, ..., N)."""
+    count = len(slope)
+    A = -slope[:, None] * H
+    rows = list(K.active)
+    if rows:
+        A[np.ix_(rows, rows)] += slope[rows][:, None] * K.K
+    A[range(count), range(count)] += 1.0
+    flat = rhs.reshape(count, -1, rhs.shape[-1])
+    solved = np.asarray(np.linalg.solve(A.transpose(2, 0, 1), flat.transpose(2, 0, 1)), dtype=np.float64)
+    return solved.transpose(1, 2, 0).reshape(rhs.shape)

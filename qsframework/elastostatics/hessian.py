@@ -1,0 +1,110 @@
+"""How the torques on the coordinates change when the arm gives: H = d(D' w + tau_0) / d eps, for (18).
+
+For elements a <= b in chain order the tip's velocity changes by omega_a x v_b, so a force f held
+fixed in the world gives H_ab = f . (omega_a x v_b); a moment m adds m . (omega_d x omega_c) to the
+torque c for an element d before c. Gravity is a force at every mass centre.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qsframework.elastostatics.loads import Applied, weighted_columns
+from qsframework.elastostatics.motion import Motion, combine
+from qsframework.elastostatics.springs import Torques
+from qsframework.elastostatics.state import State
+from qsframework.plugin import Array
+from qsframework.robot.kinematics import Twists, cross
+
+
+def load_hessian(state: State, applied: Applied, gravity: Array, torques: Torques, weight: float = 1.0) -> Array:
+    """H (ne, ne, N): tip load (times `weight`, 0 for the unloaded state), gravity and compensators."""
+    count, batch = len(state.motion.layout.chain), state.motion.q.shape[-1]
+    elements = np.zeros((count, count, batch))
+    torque = np.zeros((count, batch))
+    if weight:
+        wrench = applied.wrench.T * weight
+        _add_force(elements, state.tip.elements, wrench[:3])
+        _add_moment(elements, state.tip.elements, wrench[3:])
+        u = state.tip.elements.upstream
+        torque[:u] += np.einsum("ecn,cn->en", state.tip.elements.linear, wrench[:3])
+        torque[:u] += np.einsum("ecn,cn->en", state.tip.elements.angular, wrench[3:])
+    pull = np.broadcast_to(gravity[:, None], (3, batch))
+    for link in np.flatnonzero(np.any(applied.moments, axis=1)):
+        columns = weighted_columns(state, int(link), applied.moments[link])
+        _add_force(elements, columns, pull)
+        torque[: columns.upstream] += np.einsum("ecn,cn->en", columns.linear, pull)
+    for joints, term in torques:
+        rows = [state.motion.layout.joint_elements[j] for j in joints]
+        elements[np.ix_(rows, rows)] += term.dq.transpose(1, 2, 0)
+        torque[rows] += term.value.T
+    return to_coordinates(state.motion, elements) + _curvature(state.motion, torque) + _turning(state, applied, weight)
+
+
+def _add_force(total: Array, columns: Twists, force: Array) -> None:
+    """H_ab += f . (omega_a x v_b) for a <= b, symmetric."""
+    lever = cross(force[None], columns.angular)
+    for a in range(columns.upstream):
+        row = np.einsum("cn,bcn->bn", lever[a], columns.linear[a:])
+        total[a, a : columns.upstream] += row
+        total[a + 1 : columns.upstream, a] += row[1:]
+
+
+def _add_moment(total: Array, columns: Twists, moment: Array) -> None:
+    """H_cd += m . (omega_d x omega_c) for d < c: not symmetric."""
+    if not np.any(moment):
+        return
+    lever = cross(moment[None], columns.angular)
+    for d in range(columns.upstream):
+        total[d + 1 : columns.upstream, d] += np.einsum("cn,bcn->bn", lever[d], columns.angular[d + 1 :])
+
+
+def to_coordinates(motion: Motion, elements: Array) -> Array:
+    """E' M E for a matrix (m, m, N) over the elements: (ne, ne, N)."""
+    half = combine(motion.coefficients, elements)
+    return combine(motion.coefficients, np.ascontiguousarray(half.transpose(1, 0, 2))).transpose(1, 0, 2)
+
+
+def _curvature(motion: Motion, torque: Array) -> Array:
+    """(dE/d eps)' torque: the loops bend the way from actuators to joints."""
+    count = len(motion.coefficients)
+    total = np.zeros((count, count, torque.shape[-1]))
+    for place, term in zip(motion.layout.loops, motion.loops, strict=True):
+        if not np.any(term.q_uu):
+            continue
+        joints = [motion.layout.joint_elements[j] for j in place.joints]
+        bend = np.einsum("niuv,in->uvn", term.q_uu, torque[joints])
+        inside = [
+            (c, index, part.factor)
+            for c, parts in enumerate(motion.layout.coordinates)
+            for part in parts
+            if (index := _position(place.joints, place.bars, part.kind, part.index)) is not None
+        ]
+        for c, u, first in inside:
+            for d, v, second in inside:
+                total[c, d] += first * second * bend[u, v]
+    return total
+
+
+def _position(joints: tuple[int, ...], bars: tuple[int, ...], kind: str, index: int) -> int | None:
+    """Position of an actuator or bar among a loop's inputs u = (actuators, bars)."""
+    if kind == "actuator" and index in joints:
+        return joints.index(index)
+    if kind == "bar" and index in bars:
+        return len(joints) + bars.index(index)
+    return None
+
+
+def _turning(state: State, applied: Applied, weight: float) -> Array | float:
+    """Loads that turn with the flange: D' (dw / d rotation) times the flange's rotation per coordinate."""
+    turning = [term.d_rotation for term in applied.terms if term.d_rotation is not None]
+    if not turning or not weight:
+        return 0.0
+    from qsframework.elastostatics.loads import wrench_along
+
+    columns = []
+    for d in range(state.coordinates):
+        columns.append(wrench_along(applied.terms, state.tip.angular[d], None).T)
+    change = weight * np.stack(columns)
+    linear = np.einsum("ekn,dkn->edn", state.tip.linear, change[:, :3])
+    return linear + np.einsum("ekn,dkn->edn", state.tip.angular, change[:, 3:])

@@ -1,0 +1,74 @@
+"""`qsf stiffness`: shares add up, the numbers are the model's, wrong input is named."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from qsframework.applications import stiffness_at
+from qsframework.cli.main import app
+from qsframework.errors import InputError
+from qsframework.robot import load_robot
+
+POSE = np.deg2rad([10.0, 20.0, -10.0, 30.0, 40.0, 0.0])
+POINT = np.array([0.15, 0.0, 0.2])
+WEIGHT = np.array([0.0, 0.0, -4000.0, 0.0, 0.0, 0.0])
+
+
+def test_shares_add_up() -> None:
+    result = stiffness_at(load_robot("fanuc_m900ib"), POSE, WEIGHT, POINT)
+    assert np.allclose(result.shares.sum(axis=0), result.linear, rtol=1e-12, atol=1e-18)
+    assert 0.0 < result.linear_error < 0.01
+    K = result.stiffness()
+    assert K is not None
+    assert np.allclose(K @ result.compliance, np.eye(6), atol=1e-8)
+
+
+def test_the_secant_agrees_with_the_tangent() -> None:
+    """A hundredth of the load: displacement = compliance x load to second order."""
+    result = stiffness_at(load_robot("fanuc_m900ib"), POSE, WEIGHT / 100, POINT)
+    assert np.allclose(result.compliance[:3] @ WEIGHT / 100, result.full, rtol=1e-3, atol=1e-9)
+
+
+def test_the_command(tmp_path: Path) -> None:
+    arguments = [
+        "stiffness",
+        "fanuc_m900ib",
+        "--pose",
+        "10,20,-10,30,40,0",
+        "--load",
+        "0,0,-4000",
+        "--point",
+        "150,0,200",
+    ]
+    files = ["--json", str(tmp_path / "s.json"), "--report", str(tmp_path / "s.html")]
+    run = CliRunner().invoke(app, [*arguments, *files], catch_exceptions=False)
+    assert run.exit_code == 0
+    for word in ("joint_compliance[joint_3]", "full equilibrium", "K_C", "The linear model errs by"):
+        assert word in run.output
+    content = json.loads((tmp_path / "s.json").read_text())
+    result = stiffness_at(load_robot("fanuc_m900ib"), POSE, WEIGHT, POINT)
+    assert np.allclose(content["deflection_mm"], result.full * 1e3)
+    assert "K_C" in (tmp_path / "s.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("pose", "load", "words"),
+    [
+        ("10,20", "0,0,-1", "--pose: found 2 numbers"),
+        ("10,20,-10,30,40,0", "0,0", "--load: found 2 numbers"),
+        ("10,20,-10,30,40,0", "0,0,0", "the load is zero"),
+        ("10,20,-10,30,40,x", "0,0,-1", "numbers with commas"),
+        ("10,20,-10,30,nan,0", "0,0,-1", "finite numbers"),
+        ("10,200,-10,30,40,0", "0,0,-1", "joint_2 is outside its limits: found 200 deg, allowed -64 to 90 deg"),
+    ],
+)
+def test_wrong_input(pose: str, load: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        CliRunner().invoke(
+            app, ["stiffness", "fanuc_m900ib", f"--pose={pose}", f"--load={load}"], catch_exceptions=False
+        )
