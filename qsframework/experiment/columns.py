@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,17 +18,22 @@ from qsframework.files import read_text, write_text
 from qsframework.plugin import Array
 
 _LARGEST = 500_000_000
+_MOST = 100_000
 _TRUE, _FALSE = ("1", "true", "yes"), ("0", "false", "no")
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column: kind "text", "number" (with its SI unit), "count" (1, 2, ...), "flag", or "side" (-1, +1)."""
+    """A column: kind "text", "number" (with its SI unit), "count" (1, 2, ...), "flag", or "side" (-1, +1).
+
+    `blank`: a cell may be empty and is then NaN.
+    """
 
     stem: str
     kind: str
     unit: str = ""
     required: bool = False
+    blank: bool = False
 
     def spelling(self) -> str:
         return units.allowed_names(self.stem, self.unit) if self.unit else self.stem
@@ -53,21 +59,17 @@ def read_table(path: str | Path, columns: Sequence[Column], robot: str) -> Table
         raise InputError(Problem("is not a text table: it holds a NUL byte", file=str(path)))
     lines = [(i, line) for i, line in enumerate(text.splitlines(), start=1) if line.strip()]
     _check_robot(path, lines, robot)
-    lines = [(i, line) for i, line in lines if not line.lstrip().startswith("#")]
+    lines, problems = _without_comments(path, lines)
     if not lines:
         raise InputError(
             Problem("is empty", file=str(path), allowed=", ".join(c.spelling() for c in columns if c.required))
         )
-    parsed = list(
-        zip([i for i, _ in lines], csv.reader(io.StringIO("\n".join(line for _, line in lines))), strict=False)
-    )
-    if len(parsed) != len(lines):
-        raise InputError(Problem("a quoted field runs over the end of its line", file=str(path)))
+    parsed = _cells(path, lines)
     header = [cell.strip() for cell in parsed[0][1]]
     chosen = _read_header(path, parsed[0][0], header, columns)
     if len(parsed) == 1:
         raise InputError(Problem("holds a header and no rows", file=str(path), line=parsed[0][0]))
-    problems = [
+    problems += [
         Problem("wrong number of columns", str(path), line, found=str(len(cells)), allowed=str(len(header)))
         for line, cells in parsed[1:]
         if len(cells) != len(header)
@@ -79,6 +81,34 @@ def read_table(path: str | Path, columns: Sequence[Column], robot: str) -> Table
     for i, (column, unit) in chosen.items():
         _read_column(table, column, unit, [cells[i].strip() for _, cells in good])
     return table
+
+
+def _without_comments(path: Path, lines: list[tuple[int, str]]) -> tuple[list[tuple[int, str]], list[Problem]]:
+    """The table's lines; a `#` below the header may be a pose's name, so it is not silently a comment."""
+    start = next((k for k, (_, line) in enumerate(lines) if not line.lstrip().startswith("#")), len(lines))
+    hidden = [i for i, line in lines[start:] if line.lstrip().startswith("#")]
+    hint = "Take the line out, or mask its reading with 0 in the column use."
+    problems = [Problem("a line that starts with # below the header", str(path), i, hint=hint) for i in hidden]
+    return [(i, line) for i, line in lines[start:] if i not in set(hidden)], problems
+
+
+def _cells(path: Path, lines: list[tuple[int, str]]) -> list[tuple[int, list[str]]]:
+    """Line number and cells of every line."""
+    reader = csv.reader(io.StringIO("\n".join(line for _, line in lines)))
+    out: list[tuple[int, list[str]]] = []
+    try:
+        for (number, _), cells in zip(lines, reader, strict=False):
+            out.append((number, cells))
+    except csv.Error as error:
+        raise InputError(Problem(f"cannot be split into columns: {error}", str(path), lines[len(out)][0])) from error
+    if len(out) != len(lines):
+        raise InputError(Problem("a quoted field runs over the end of its line", file=str(path)))
+    number, header = out[0]
+    for sign, name in ((";", "';'"), ("\t", "a tab")):
+        if len(header) == 1 and header[0].count(sign) > 1:
+            message = f"the columns are separated by {name}"
+            raise InputError(Problem(message, str(path), number, allowed="a comma between columns, a point in numbers"))
+    return out
 
 
 def _check_robot(path: Path, lines: list[tuple[int, str]], robot: str) -> None:
@@ -108,7 +138,8 @@ def _read_header(path: Path, line: int, header: list[str], columns: Sequence[Col
         elif name in measured:
             wrong(name, "the name does not say its unit", measured[name].spelling())
         elif parts is None:
-            wrong(name, "unknown column", ", ".join(c.stem for c in columns), nearest(name, spellings))
+            shown = name or f"{i + 1}, which has no name"
+            wrong(shown, "unknown column", ", ".join(c.stem for c in columns), _hint(name, columns, spellings))
         elif not units.known(parts[1]) or not units.same_dimension(parts[1], measured[parts[0]].unit):
             wrong(name, f"{parts[1]!r} is no unit of this kind", measured[parts[0]].spelling())
         else:
@@ -129,6 +160,13 @@ def _read_header(path: Path, line: int, header: list[str], columns: Sequence[Col
     return chosen
 
 
+def _hint(name: str, columns: Sequence[Column], spellings: Sequence[str]) -> str | None:
+    """The nearest name, or how many joints the robot has."""
+    joint = re.match(r"q\d+(_|$)", name)
+    joints = sum(re.fullmatch(r"q\d+", c.stem) is not None for c in columns)
+    return f"The robot has {joints} joints, q1 to q{joints}." if joint else nearest(name, spellings)
+
+
 def _read_column(table: Table, column: Column, unit: str, cells: list[str]) -> None:
     if column.kind == "text":
         table.texts[column.stem] = cells
@@ -138,6 +176,8 @@ def _read_column(table: Table, column: Column, unit: str, cells: list[str]) -> N
         return
     values = np.full(len(cells), math.nan)
     for i, cell in enumerate(cells):
+        if not cell and column.blank:
+            continue
         value, allowed = _value(column, cell)
         if value is None:
             _wrong(table, i, column, "cannot be used", cell, allowed)
@@ -151,11 +191,11 @@ def _value(column: Column, cell: str) -> tuple[float | None, str]:
         lowered = cell.lower()
         return (1.0 if lowered in _TRUE else 0.0 if lowered in _FALSE else None), "1 or 0"
     try:
-        value = float(cell)
+        value = float(cell) if "_" not in cell else math.nan
     except ValueError:
         value = math.nan
     if column.kind == "count":
-        return (value if value >= 1 and value == int(value) else None) if math.isfinite(value) else None, "1, 2, 3, ..."
+        return value if 1 <= value <= _MOST and value == int(value) else None, f"1, 2, 3, ... up to {_MOST}"
     if column.kind == "side":
         return value if value in (-1.0, 1.0) else None, "-1 or 1"
     return value if math.isfinite(value) else None, "a finite number"

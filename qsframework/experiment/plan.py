@@ -91,6 +91,8 @@ def _columns(experiment: Experiment) -> list[Column]:
 def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
     """Write plan.csv, and beside it plan.json with criterion, certificate, seed and hashes."""
     path = Path(path)
+    if path.suffix == ".json":
+        raise InputError(Problem("a plan is a table with its proof beside it in .json; name it .csv", file=str(path)))
     n = plan.pendant.shape[1]
     degrees = np.rad2deg(plan.pendant)
     header = [
@@ -129,20 +131,35 @@ def read_plan(path: str | Path, experiment: Experiment) -> Plan:
     pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(n)], axis=1)
     names = table.texts["pose"]
     problems = [*table.problems, *limit_problems(table, pendant, experiment)]
-    problems += [
-        Problem(f"pose {name!r} stands here twice", str(path), table.rows[i], "pose")
-        for i, name in enumerate(names)
-        if name in names[:i]
-    ]
-    if problems:
-        raise InputError(problems)
     zero = np.zeros(len(names))
     wrench = np.stack([table.numbers.get(c, zero) for c in ("fx", "fy", "fz", "mx", "my", "mz")], axis=1)
+    problems += _repeated_poses(table, np.hstack([pendant, wrench]))
+    if not problems and not np.any(wrench):
+        problems.append(Problem("every force is zero; nothing bends the arm", str(path)))
+    if problems:
+        raise InputError(problems)
     certificate, criterion, seed = _proof(path)
     repeats = table.numbers.get("repeats", np.ones(len(names))).astype(int)
     poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench)
     load = table.texts.get("load", [""] * len(names))
     return make_plan(poses, load, repeats.tolist(), criterion, certificate, seed, names)
+
+
+def _repeated_poses(table: Table, constant: Array) -> list[Problem]:
+    """Names, and poses with the same angles and load, that stand in a plan more than once."""
+    names: dict[str, int] = {}
+    states: dict[bytes, int] = {}
+    problems: list[Problem] = []
+    for i, (name, row) in enumerate(zip(table.texts["pose"], constant + 0.0, strict=True)):
+        first, same = names.setdefault(name, i), states.setdefault(row.tobytes(), i)
+        message = None
+        if first != i:
+            message = f"pose {name!r} stands here twice; first in line {table.rows[first]}"
+        elif same != i and np.isfinite(row).all():
+            message = f"pose {name!r} has the angles and the load of line {table.rows[same]}; use the column repeats"
+        if message:
+            problems.append(Problem(message, str(table.path), table.rows[i], "pose"))
+    return problems
 
 
 def _proof(path: Path) -> tuple[Certificate | None, str, int | None]:
@@ -163,17 +180,24 @@ def _proof(path: Path) -> tuple[Certificate | None, str, int | None]:
         raise InputError(Problem(f"is not the proof of a plan: {error}", file=str(beside))) from error
 
 
+def _degrees_hint(name: str, fits: bool) -> str | None:
+    stem, _, unit = name.partition("_")
+    return f"The number looks like degrees: call the column {stem}_deg." if unit == "rad" and fits else None
+
+
 def limit_problems(table: Table, pendant: Array, experiment: Experiment) -> list[Problem]:
     """Pendant angles outside the controller's limits, each with its row and column."""
     controller = experiment.robot.controller
     known = np.isfinite(pendant)
     outside = controller.outside(np.where(known, pendant, 0.0)) & known
+    degrees = ~controller.outside(np.deg2rad(pendant)) & (np.abs(pendant) > 2.0 * np.pi)
     return [
         Problem(
             f"{experiment.robot.facts.joints[k]} is outside its limits",
             str(table.path), table.rows[i], table.names[f"q{k + 1}"],
             f"{np.rad2deg(pendant[i, k]):.4g} deg",
             f"{np.rad2deg(controller.lower[k]):g} to {np.rad2deg(controller.upper[k]):g} deg",
+            _degrees_hint(table.names[f"q{k + 1}"], bool(degrees[i, k])),
         )
         for i, k in zip(*np.nonzero(outside), strict=True)
     ]  # fmt: skip

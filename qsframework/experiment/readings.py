@@ -16,6 +16,7 @@ from qsframework.plugin import Array, Conditions, Indices, Poses
 from qsframework.plugin.facts import frozen
 
 _LARGEST_DISPLACEMENT = 0.1
+_RECORDED = ("time", "time_unloaded", "temperature", "temperature_unloaded", "approach")
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +51,7 @@ def _columns(experiment: Experiment) -> list[Column]:
         Column("marker", "text", required=True),
         *(Column(d, "number", "m", required=True) for d in ("dx", "dy", "dz")),
         Column("repeat", "count"), Column("cycle", "count"),
-        Column("sigma", "number", "m"),
+        Column("sigma", "number", "m", blank=True),
         Column("time", "number", "s"), Column("time_unloaded", "number", "s"),
         Column("temperature", "number", "K"), Column("temperature_unloaded", "number", "K"),
         Column("approach", "side"), Column("drive_state", "text"), Column("use", "flag"),
@@ -74,7 +75,8 @@ def read_readings(path: str | Path, experiment: Experiment) -> Readings:
     for i in np.flatnonzero(sigma <= 0):
         problems.append(_at(table, int(i), "sigma", "must be positive", f"{sigma[i]:g} m"))
     keys = _keys(table)
-    first, measurement = _group(table, keys, marker, np.hstack([pendant, wrench]), problems)
+    recorded = [table.numbers[c][:, None] for c in _RECORDED if c in table.numbers]
+    first, measurement = _group(table, keys, marker, np.hstack([pendant, wrench, *recorded]), problems)
     if not problems and not np.any(wrench):
         problems.append(Problem("every force is zero; a displacement under no load tells nothing", str(table.path)))
     if problems:
@@ -97,13 +99,18 @@ def _at(table: Table, i: int, stem: str, message: str, found: str = "", allowed:
 
 
 def _displacement_problems(table: Table, displacement: Array) -> list[Problem]:
-    return [
-        Problem(
-            "a displacement this large is not elastic; is the column in mm?", str(table.path), table.rows[i],
-            table.names[("dx", "dy", "dz")[k]], f"{displacement[i, k]:g} m", f"up to {_LARGEST_DISPLACEMENT} m",
-        )
-        for i, k in zip(*np.nonzero(np.abs(displacement) > _LARGEST_DISPLACEMENT), strict=True)
-    ]  # fmt: skip
+    out: list[Problem] = []
+    for i, k in zip(*np.nonzero(np.abs(displacement) > _LARGEST_DISPLACEMENT), strict=True):
+        stem = ("dx", "dy", "dz")[k]
+        name = table.names[stem]
+        if name == f"{stem}_m":
+            question, hint = "is the column in mm?", f"Then call it {stem}_mm."
+        else:
+            question, hint = "is it a position?", "A displacement is the loaded minus the unloaded position."
+        message = f"a displacement this large is not elastic; {question}"
+        found, allowed = f"{displacement[i, k]:g} m", f"up to {_LARGEST_DISPLACEMENT} m"
+        out.append(Problem(message, str(table.path), table.rows[i], name, found, allowed, hint))
+    return out
 
 
 def _marker_index(table: Table, experiment: Experiment, problems: list[Problem]) -> Indices:
@@ -144,9 +151,9 @@ def _group(
             problems.append(_at(table, i, "pose", f"{what} stands here twice; first in line {other}"))
         seen[m, int(marker[i])] = i
         if not np.array_equal(constant[i], constant[first[m]], equal_nan=True):
-            message = f"pose {key[0]!r} has other angles or another load than in line {table.rows[first[m]]}"
+            message = f"pose {key[0]!r} has other angles, times or another load than in line {table.rows[first[m]]}"
             problems.append(_at(table, i, "pose", message + "; give it another pose name, repeat or cycle"))
-    return np.array(first), measurement
+    return np.array(first, dtype=np.intp), measurement
 
 
 def _conditions(table: Table, suffix: str, first: Indices) -> Conditions:
@@ -159,16 +166,26 @@ def _conditions(table: Table, suffix: str, first: Indices) -> Conditions:
 
 def write_readings(path: str | Path, readings: Readings, experiment: Experiment) -> None:
     """Write a readings file that `read_readings` reads back to the last digit that matters (1e-12 relative)."""
-    n = readings.poses.q.shape[1]
-    header = ["pose", *(f"q{k + 1}_deg" for k in range(n)), "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm",
-              "marker", "dx_mm", "dy_mm", "dz_mm", "repeat", "cycle", "use"]  # fmt: skip
-    stated = bool(np.isfinite(readings.sigma).all())
-    header += ["sigma_mm"] if stated else []
-    degrees = np.rad2deg(readings.poses.pendant)
+    poses = readings.poses
+    n = poses.q.shape[1]
+    header = ["pose", *(f"q{k + 1}_deg" for k in range(n)), "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"]
+    columns = np.hstack([np.rad2deg(poses.pendant), poses.wrench]).tolist()
+    recorded = {
+        "time_s": poses.loaded.time, "time_unloaded_s": poses.unloaded.time,
+        "temperature_K": poses.loaded.temperature, "temperature_unloaded_K": poses.unloaded.temperature,
+        "approach": poses.loaded.approach,
+    }  # fmt: skip
+    present = {name: values.tolist() for name, values in recorded.items() if values is not None}
+    stated = bool(np.isfinite(readings.sigma).any())
+    states = readings.drive_state
+    header += ["marker", "dx_mm", "dy_mm", "dz_mm", "repeat", "cycle", "use", *present]
+    header += (["sigma_mm"] if stated else []) + (["drive_state"] if states else [])
     rows = []
     for i, m in enumerate(readings.measurement):
-        row = [readings.pose[m], *map(repr, degrees[m].tolist()), *map(repr, readings.poses.wrench[m].tolist())]
+        row = [readings.pose[m], *map(repr, columns[m])]
         row += [experiment.markers[readings.marker[i]].name, *map(repr, (readings.displacement[i] * 1e3).tolist())]
         row += [str(readings.repeat[m]), str(readings.cycle[m]), str(int(readings.use[i]))]
-        rows.append(row + ([repr(float(readings.sigma[i] * 1e3))] if stated else []))
+        row += [repr(values[m]) for values in present.values()]
+        row += [repr(float(readings.sigma[i] * 1e3)) if np.isfinite(readings.sigma[i]) else ""] if stated else []
+        rows.append(row + ([states[i]] if states else []))
     write_table(path, header, rows, [f"robot: {experiment.robot.name}"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 
 from qsframework.elastostatics import Model, Site, make_model
 from qsframework.errors import InputError, Problem, nearest
-from qsframework.experiment.spec import ExperimentSpec, LoadCaseSpec
+from qsframework.experiment.spec import ExperimentSpec
 from qsframework.files import Document, read_yaml, validate
 from qsframework.plugin import Array, Effect, Parameter, Spring
 from qsframework.plugin.facts import frozen
@@ -99,7 +98,7 @@ class Experiment:
         if self.fit is None:
             chosen = [e for e in model.effects if isinstance(e, Spring)]
             return tuple(p.name for e in chosen for p in e.parameters(model.facts))
-        return tuple(n for entry in self.fit for n in expand_name(entry, model))
+        return tuple(dict.fromkeys(n for entry in self.fit for n in expand_name(entry, model)))
 
     def fit_parameters(self) -> tuple[Parameter, ...]:
         """The parameters of `fit_names`, with their nominal values."""
@@ -143,13 +142,13 @@ def load_experiment(path: str | Path) -> Experiment:
     problems: list[Problem] = []
     markers = _markers(document, spec, robot, problems)
     effects, found = read_effects(document, spec.effects, robot.facts, tuple(m.name for m in markers))
-    problems += [*found, *_constraint_problems(document, spec, robot), *_load_problems(document, spec.loads)]
+    problems += [*found, *_constraint_problems(document, spec, robot), *_load_problems(document, spec)]
     if problems:
         raise InputError(problems)
     experiment = Experiment(
         path, robot, frozen(spec.load.point or spec.load.centre or np.zeros(3)), markers,
         Noise(None if isinstance(spec.noise, str) else spec.noise.sigma),
-        tuple(LoadCase(load.name, frozen(load.wrench()), load.poses) for load in spec.loads),
+        _loads(spec, robot),
         effects, tuple(p for e in effects for p in e.parameters(robot.facts)),
         None if spec.fit is None else tuple(spec.fit), _constraints(spec),
         None if spec.data is None else path.parent / spec.data,
@@ -186,11 +185,29 @@ def _constraint_problems(document: Document, spec: ExperimentSpec, robot: Robot)
                                     allowed=", ".join(robot.facts.joints)))  # fmt: skip
         elif len(ends) != 2 or ends[0] >= ends[1]:
             problems.append(Problem(f"joint_limits of {joint} must be [lower, upper]", str(document.path), line))
+        else:
+            k = robot.facts.joint_index(joint)
+            lower, upper = float(robot.controller.lower[k]), float(robot.controller.upper[k])
+            if ends[1] < lower or ends[0] > upper:
+                problems.append(Problem(f"joint_limits of {joint} leave nothing of its range", str(document.path), line,
+                                        allowed=f"{np.rad2deg(lower):g} to {np.rad2deg(upper):g} deg"))  # fmt: skip
     return problems
 
 
-def _load_problems(document: Document, loads: Sequence[LoadCaseSpec]) -> list[Problem]:
+def _loads(spec: ExperimentSpec, robot: Robot) -> tuple[LoadCase, ...]:
+    """The wrenches of `loads:`, or the weight of the hung mass."""
+    if spec.load.mass is not None:
+        weight = np.concatenate([spec.load.mass * robot.gravity, np.zeros(3)])
+        return (LoadCase("mass", frozen(weight), None),)
+    return tuple(LoadCase(load.name, frozen(load.wrench()), load.poses) for load in spec.loads)
+
+
+def _load_problems(document: Document, spec: ExperimentSpec) -> list[Problem]:
     problems: list[Problem] = []
+    loads = spec.loads
+    if spec.load.mass is not None and loads:
+        message = "load: a mass is a load by itself; give the mass or the list `loads`, not both"
+        problems.append(Problem(message, str(document.path), document.line("load")))
     names = [load.name for load in loads]
     for i, load in enumerate(loads):
         line = document.line("loads", i)
@@ -224,11 +241,17 @@ def _constraints(spec: ExperimentSpec) -> Constraints:
 
 def _check_model(document: Document, experiment: Experiment) -> None:
     """Effects that do not fit together, and names in `fit`, are problems of the file."""
-    for entry in (*(experiment.fit or ()), None):
+    problems: list[Problem] = []
+    file = str(document.path)
+    try:
+        model = experiment.model()
+    except InputError as error:
+        line = document.line("effects")
+        raise InputError([replace(p, file=file, line=line) for p in error.problems]) from None
+    for i, entry in enumerate(experiment.fit or ()):
         try:
-            model = experiment.model()
-            if entry is not None:
-                expand_name(entry, model)
+            expand_name(entry, model)
         except InputError as error:
-            line = document.line("fit" if entry is not None else "effects")
-            raise InputError([replace(p, file=str(document.path), line=line) for p in error.problems]) from None
+            problems += [replace(p, file=file, line=document.line("fit", i)) for p in error.problems]
+    if problems:
+        raise InputError(problems)

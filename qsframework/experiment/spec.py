@@ -23,6 +23,8 @@ class LoadSpec(FileModel):
             raise ValueError("load needs point_mm: [x, y, z], or mass_kg and centre_mm: [x, y, z]")
         if (self.mass is None) != (self.centre is None):
             raise ValueError("mass and centre belong together")
+        if self.point is not None and self.centre is not None:
+            raise ValueError("give either the point or the mass and its centre")
         if self.mass is not None and self.mass <= 0:
             raise ValueError("the mass must be positive")
         return self
@@ -66,6 +68,13 @@ class LoadCaseSpec(FileModel):
     mz: Annotated[float, Unit("N m")] = 0.0
     poses: int | None = None
 
+    @pydantic.field_validator("name")
+    @classmethod
+    def _named(cls, value: str) -> str:
+        if value.strip() != value or not value:
+            raise ValueError("needs letters, without blanks around them")
+        return value
+
     def wrench(self) -> list[float]:
         return [self.fx, self.fy, self.fz, self.mx, self.my, self.mz]
 
@@ -77,6 +86,13 @@ class ConstraintsSpec(FileModel):
     axis1_distance_min: Annotated[float | None, Unit("m")] = None
     of: str = "wrist_centre"
     joint_limits: Annotated[dict[str, list[float]], Unit("rad")] = pydantic.Field(default_factory=dict)
+
+    @pydantic.field_validator("axis1_distance_min")
+    @classmethod
+    def _distance(cls, value: float | None) -> float | None:
+        if value is not None and value < 0:
+            raise ValueError("a distance is not negative")
+        return value
 
 
 class ExperimentSpec(FileModel):
@@ -97,4 +113,13 @@ class ExperimentSpec(FileModel):
     def _some(cls, value: dict[str, MarkerSpec]) -> dict[str, MarkerSpec]:
         if not value:
             raise ValueError("at least one marker is needed")
+        if not all(name.strip() == name != "" for name in value):
+            raise ValueError("a marker needs a name without blanks around it")
+        return value
+
+    @pydantic.field_validator("fit")
+    @classmethod
+    def _something(cls, value: list[str] | None) -> list[str] | None:
+        if value is not None and not value:
+            raise ValueError("names no parameter; leave it out to fit every compliance")
         return value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,9 @@ from qsframework.errors import InputError, Problem
 
 _LARGEST = 5_000_000
 _DEEPEST = 30
+_LONGEST = 1000
 Key = str | int
+_DECIMAL = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -35,18 +38,19 @@ class Document:
 def read_text(path: str | Path, largest: int = _LARGEST) -> str:
     """The text of a file. InputError if it is missing, a directory, too large or not UTF-8."""
     path = Path(path)
-    if not path.exists():
-        raise InputError(Problem("no such file", file=str(path)))
-    if not path.is_file():
-        raise InputError(Problem("is not a file", file=str(path)))
-    if path.stat().st_size > largest:
-        raise InputError(Problem(f"is larger than {largest // 1_000_000} MB", file=str(path)))
+    shown = str(path) if len(str(path)) <= _LONGEST else str(path)[:_LONGEST] + "..."
     try:
+        if not path.exists():
+            raise InputError(Problem("no such file", file=shown))
+        if not path.is_file():
+            raise InputError(Problem("is not a file", file=shown))
+        if path.stat().st_size > largest:
+            raise InputError(Problem(f"is larger than {largest // 1_000_000} MB", file=shown))
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(Problem(f"is not UTF-8 text (byte {error.start})", file=str(path))) from error
+        raise InputError(Problem(f"is not UTF-8 text (byte {error.start})", file=shown)) from error
     except OSError as error:
-        raise InputError(Problem(f"cannot be read: {error.strerror}", file=str(path))) from error
+        raise InputError(Problem(f"cannot be read: {error.strerror}", file=shown)) from error
 
 
 def read_yaml(path: str | Path) -> Document:
@@ -95,16 +99,19 @@ def _construct(node: yaml.Node, at: tuple[Key, ...], lines: dict[tuple[Key, ...]
         for i, item in enumerate(node.value):
             lines[(*at, i)] = item.start_mark.line + 1
         return [_construct(item, (*at, i), lines, path) for i, item in enumerate(node.value)]
+    return _scalar(node, path)
+
+
+def _scalar(node: yaml.Node, path: Path) -> Any:
+    """Numbers are decimal: YAML 1.1 reads 1e5 as text, 010 as 8, 1:30 as 90 and 2026-01-01 as a date."""
+    plain = getattr(node, "style", None) is None
+    if plain and _DECIMAL.fullmatch(node.value):
+        return float(node.value) if set(node.value) & set(".eE") or len(node.value) > 18 else int(node.value)
     try:
         value = yaml.SafeLoader("").construct_object(node)
     except (ValueError, yaml.YAMLError) as error:
         raise InputError(
             Problem(f"cannot read {node.value!r}", file=str(path), line=node.start_mark.line + 1)
         ) from error
-    # YAML 1.1 reads 1e5 as text and 2026-01-01 as a date; files mean a number and a text
-    if isinstance(value, str) and node.style is None:  # type: ignore[union-attr]
-        try:
-            return float(value)
-        except ValueError:
-            return value
-    return value if value is None or isinstance(value, str | int | float | bool) else str(node.value)
+    infinite = isinstance(value, float) and (value != value or value in (float("inf"), -float("inf")))
+    return value if value is None or infinite or isinstance(value, str | bool) else str(node.value)

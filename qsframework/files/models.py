@@ -54,7 +54,7 @@ def validate(document: Document, model: type[M], data: Any = None, at: tuple[Key
     try:
         result = model.model_validate(converted)
     except pydantic.ValidationError as error:
-        problems.extend(_problem(document, model, at, e) for e in error.errors())
+        problems.extend(_problem(document, model, at, e) for e in _one_arm(error.errors()))
         result = None
     if problems or result is None:
         unique = {(p.line, p.message): p for p in problems}
@@ -111,7 +111,7 @@ def _to_si(document: Document, model: type[FileModel], data: Any, at: tuple[Key,
             out[key] = value
     for name in measured:
         if name not in out and any(units.split(k, [name]) or k == name for k in data):
-            out[name] = None if not model.model_fields[name].is_required() else _placeholder(model, name)
+            out[name] = _placeholder(model, name)
     return out
 
 
@@ -127,7 +127,7 @@ def _converted(document: Document, value: Any, unit: str, at: tuple[Key, ...], p
     if isinstance(value, dict):
         return {k: _converted(document, v, unit, (*at, k), problems) for k, v in value.items()}
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        problems.append(_at(document, at, f"{at[-1]} must be a finite number", found=repr(value)))
+        problems.append(_at(document, at, f"{_spoken(at)} must be a finite number", found=repr(value)))
         return 1.0
     return float(units.to_si(float(value), unit))
 
@@ -140,6 +140,37 @@ def _spellings(model: type[FileModel]) -> Iterator[str]:
     measured = model.measured()
     for name in model.model_fields:
         yield f"{name}_{units.ALLOWED.get(measured[name], (measured[name],))[0]}" if name in measured else name
+
+
+def _spoken(keys: tuple[Key, ...]) -> str:
+    """The last key with what it needs to be understood: `point_mm[1]`, `joint_limits_deg.joint_2[0]`."""
+    text = ""
+    for key in keys:
+        text += f"[{key}]" if isinstance(key, int) else f".{key}" if text else key
+    return text
+
+
+def _one_arm(errors: list[Any]) -> list[Any]:
+    """Without what pydantic says of the other arm, where a field is a mapping or one of a few words."""
+    words = {e["loc"][:-1]: e for e in errors if e["type"] == "literal_error" and str(e["loc"][-1]).startswith("lit")}
+    out = []
+    for e in errors:
+        owner = next((loc for loc in words if e["loc"][: len(loc)] == loc and loc), None)
+        if owner is None:
+            out.append(e)
+        elif isinstance(words[owner]["input"], dict):
+            if e is not words[owner]:
+                out.append({**e, "loc": (*owner, *e["loc"][len(owner) + 1 :])})
+        elif e is words[owner]:
+            out.append({**e, "loc": owner, "msg": f"must be a mapping, or the word {e['ctx']['expected']}"})
+    return out
+
+
+_WORDS = {
+    "model_type": "must be a mapping", "dict_type": "must be a mapping", "list_type": "must be a list",
+    "float_type": "must be a number", "int_type": "must be a whole number", "int_from_float": "must be a whole number",
+    "string_type": "must be text", "bool_type": "must be true or false",
+}  # fmt: skip
 
 
 def _problem(document: Document, model: type[FileModel], at: tuple[Key, ...], error: Any) -> Problem:
@@ -157,8 +188,23 @@ def _problem(document: Document, model: type[FileModel], at: tuple[Key, ...], er
         si = owner.measured().get(str(loc[-1]))
         name = units.allowed_names(str(loc[-1]), si) if si else str(loc[-1])
         return _at(document, (*at, *loc[:-1]), f"key {name!r} is missing")
-    found = repr(error.get("input"))
-    return _at(document, keys, f"{where}: {error['msg'].removeprefix('Value error, ')}", found=found[:80])
+    found = _found(document, keys) if len(keys) == len(at) + len(loc) else error.get("input")
+    said = _WORDS.get(error["type"], error["msg"].removeprefix("Value error, "))
+    allowed = ", ".join(_spellings(_owner(model, (*loc, "")))) if error["type"] == "model_type" else None
+    return _at(document, keys, f"{where}: {said}", found=_short(found), allowed=allowed)
+
+
+def _short(value: Any) -> str:
+    text = "nothing" if value is None else repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def _found(document: Document, keys: tuple[Key, ...]) -> Any:
+    """The value as the file has it, before its conversion to SI."""
+    value: Any = document.data
+    for key in keys:
+        value = value[key]
+    return value
 
 
 def _owner(model: type[FileModel], loc: tuple[Key, ...]) -> type[FileModel]:

@@ -58,8 +58,8 @@ READINGS: dict[str, tuple[Edit, tuple[str, ...]]] = {
     "unknown unit": (replace("dx_mm", "dx_parsnips"), ("column dx_parsnips", "'parsnips' is no unit", "dx_mm")),
     "unit of another kind": (replace("dx_mm", "dx_deg"), ("column dx_deg", "is no unit of this kind", "dx_mm")),
     "percent for an angle": (replace("q1_deg", "q1_percent"), ("column q1_percent", "q1_deg")),
-    "millimetres called metres": (replace("dx_mm", "dx_m"), ("column dx_m", "line 4", "-0.686 m", "in mm?")),
-    "degrees called radians": (replace("q1_deg", "q1_rad"), ("column q1_rad", "line 4", "outside its limits")),
+    "millimetres called metres": (replace("dx_mm", "dx_m"), ("column dx_m", "line 4", "in mm?", "call it dx_mm")),
+    "degrees called radians": (replace("q1_deg", "q1_rad"), ("column q1_rad", "looks like degrees", "q1_deg")),
     "angle outside its limits": (cell(1, 2, "150"), ("line 4", "q2_deg", "joint_2", "150 deg", "-60 to 76 deg")),
     "NaN angle": (cell(2, 1, "nan"), ("line 5", "q1_deg", "'nan'", "a finite number")),
     "NaN displacement": (cell(2, 12, "NaN"), ("line 5", "dy_mm", "a finite number")),
@@ -74,7 +74,7 @@ READINGS: dict[str, tuple[Edit, tuple[str, ...]]] = {
     "misspelt column": (replace("fx_N", "fxx_N"), ("unknown column", "Did you mean 'fx_N'?", "column fx")),
     "missing column": (lambda lines: [",".join(x.split(",")[:-1]) for x in lines[2:]], ("column dz", "is missing")),
     "a column twice": (replace("dy_mm", "dx_mm"), ("column dx", "stands here twice")),
-    "a seventh joint": (replace("q6_deg", "q6_deg,q7_deg"), ("unknown column", "column q7_deg")),
+    "a seventh joint": (replace("q6_deg", "q6_deg,q7_deg"), ("column q7_deg", "The robot has 6 joints")),
     "the same reading twice": (lambda lines: [*lines, lines[3]], ("line 47", "stands here twice", "first in line 4")),
     "one pose, two loads": (
         append(f"{FIRST},1,2,3,tool,0,0,0"), ("line 47", "pose '1'", "another load than in line 4"),
@@ -106,6 +106,20 @@ READINGS: dict[str, tuple[Edit, tuple[str, ...]]] = {
         lambda lines: [*lines[:2], lines[2] + ",repeat", *(x + ",1.5" for x in lines[3:] if x)],
         ("column repeat", "1, 2, 3"),
     ),
+    "repeat is huge": (
+        lambda lines: [*lines[:2], lines[2] + ",repeat", *(x + ",1e300" for x in lines[3:] if x)],
+        ("line 4", "column repeat", "'1e300'", "up to 100000"),
+    ),
+    "one measurement, two times": (
+        lambda lines: [lines[2] + ",time_s", lines[3] + ",1", lines[3] + ",2"], ("line 3", "times", "than in line 2"),
+    ),
+    "semicolons": (lambda lines: [x.replace(",", ";") for x in lines], ("line 3", "separated by ';'", "a comma")),
+    "tabs": (lambda lines: [x.replace(",", "\t") for x in lines], ("line 3", "separated by a tab")),
+    "a pose that looks like a comment": (cell(1, 0, "#1"), ("line 4", "starts with #", "column use")),
+    "an endless cell": (cell(1, 0, "1" * 200_000), ("line 4", "cannot be split into columns")),
+    "digits in groups": (cell(1, 11, "-0_686"), ("line 4", "dx_mm", "'-0_686'", "a finite number")),
+    "a position": (cell(1, 11, "1500"), ("line 4", "dx_mm", "1.5 m", "is it a position?")),
+    "a column without a name": (replace("dz_mm", "dz_mm,"), ("line 3", "column 15, which has no name")),
 }  # fmt: skip
 
 
@@ -173,6 +187,32 @@ EXPERIMENTS: dict[str, tuple[Edit, tuple[str, ...]]] = {
     "two open loads": (replace(", poses: 3", ""), ("two loads leave out `poses`",)),
     "a load twice": (replace("weight_and_side_pull", "weight"), ("load 'weight' stands here twice",)),
     "a zero load": (replace("fz_N: -4000", "fz_N: 0"), ("load 'weight' is zero", "fx_N")),
+    "noise without unit": (replace("sigma_mm", "sigma"), ("line 7", "'sigma'", "sigma_mm, sigma_m")),
+    "noise is a guess": (
+        replace("{sigma_mm: 0.03}", "guess"), ("line 7", "noise: must be a mapping, or the word 'estimate'", "'guess'"),
+    ),
+    "a number of base 60": (replace("[150, 0, 200]", "[1:30, 0, 200]"), ("line 2", "point_mm[0]", "'1:30'")),
+    "no load": (replace("{point_mm: [150, 0, 200]}", ""), ("line 2", "load: must be a mapping", "point_mm, mass_kg")),
+    "two load points": (
+        replace("{point_mm: [150, 0, 200]}", "{point_mm: [150, 0, 200], mass_kg: 9, centre_mm: [0, 0, 1]}"),
+        ("line 2", "either the point or the mass"),
+    ),
+    "a mass beside loads": (
+        replace("{point_mm: [150, 0, 200]}", "{mass_kg: 9, centre_mm: [0, 0, 1]}"), ("line 2", "not both"),
+    ),
+    "half a load": (replace("poses: 3", "poses: 2.5"), ("line 10", "poses: must be a whole number", "2.5")),
+    "nothing to fit": (append("fit: []"), ("line 12", "fit", "leave it out")),
+    "two unknown parameters": (
+        append("fit:\n- joint_complianse\n- joint_compliance[joint_7]"), ("line 13", "line 14", "'joint_complianse'"),
+    ),
+    "effects by name": (append("effects: [joint_compliance]"), ("line 12", "effects.0: must be a mapping")),
+    "limits out of reach": (
+        replace("of: wrist_centre", "joint_limits_deg: {joint_2: [100, 120]}"), ("joint_2", "-64 to 90 deg"),
+    ),
+    "a word for a limit": (
+        replace("of: wrist_centre", "joint_limits_deg: {joint_2: [a, 5]}"), ("joint_limits_deg.joint_2[0]", "'a'"),
+    ),
+    "a negative distance": (replace("min_m: 1.0", "min_m: -1.0"), ("axis1_distance_min", "is not negative", "-1.0")),
     "a load without unit": (replace("fz_N: -4000", "fz: -4000"), ("'fz'", "fz_N, fz_kN")),
 }  # fmt: skip
 
@@ -192,6 +232,12 @@ PLANS: dict[str, tuple[Edit, tuple[str, ...]]] = {
     "pose twice": (replace("row02", "row01"), ("pose 'row01' stands here twice", "line 6")),
     "outside the limits": (replace("row01,0,90", "row01,0,99"), ("joint_2 is outside its limits", "99 deg")),
     "repeats zero": (replace("weight,1", "weight,0"), ("column repeats", "1, 2, 3")),
+    "a pose twice under two names": (
+        lambda lines: [*lines[:15], lines[14].replace("row11", "row13")],
+        ("line 16", "'row13'", "of line 15", "repeats"),
+    ),
+    "nothing pulls": (lambda lines: [x.replace("-4000", "0") for x in lines], ("every force is zero",)),
+    "no end of repeats": (replace("weight,1", "weight,1e12"), ("column repeats", "'1e12'", "up to 100000")),
     "no force": (replace("fz_N", "f_N"), ("column fz", "is missing")),
 }
 

@@ -67,6 +67,28 @@ def test_numbers_as_people_write_them(tmp_path: Path) -> None:
         load(tmp_path, "name: a\nlever_m: 1\nlever_mm: 1\n")
 
 
+@pytest.mark.parametrize(("text", "value"), [("010", 10), ("-1.5E3", -1500.0), ("+2", 2), (".5", 0.5), ("5.", 5.0)])
+def test_numbers_are_decimal(tmp_path: Path, text: str, value: float) -> None:
+    assert load(tmp_path, f"name: a\nlever_m: {text}\n").lever == value
+
+
+@pytest.mark.parametrize("text", ["1:30", "0x1F", "0b1", "1_000", "'5'", "nan", ".nan", "1e999", "true", "2026-01-01"])
+def test_what_is_no_decimal_number_is_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(InputError, match="line 2: lever_m must be a finite number"):
+        load(tmp_path, f"name: a\nlever_m: {text}\n")
+
+
+def test_a_name_that_looks_like_a_number_stays_loud(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="name: must be text; found 5"):
+        load(tmp_path, "name: 5\nlever_m: 1\n")
+    assert load(tmp_path, "name: infinity\nlever_m: 1\n").name == "infinity"
+
+
+def test_a_path_that_is_too_long_is_an_input_error() -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        read_yaml("x" * 5000)
+
+
 def test_expansion_bombs_and_depth_are_refused(tmp_path: Path) -> None:
     bomb = "a: &a [1]\nb: &b [*a, *a]\nname: *b\n"
     with pytest.raises(InputError, match="aliases"):

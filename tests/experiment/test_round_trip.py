@@ -1,0 +1,137 @@
+"""What is written is read back: readings, plans and their proof."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from qsframework.errors import InputError
+from qsframework.experiment import (
+    Certificate,
+    Experiment,
+    Readings,
+    load_experiment,
+    make_plan,
+    read_plan,
+    read_readings,
+    write_plan,
+    write_readings,
+)
+from qsframework.plugin import Conditions, Poses
+
+SAME_FOLDER = settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+STATES = ("time", "temperature", "approach")
+
+
+def random_poses(experiment: Experiment, count: int, seed: int, recorded: bool) -> Poses:
+    rng = np.random.default_rng(seed)
+    controller = experiment.robot.controller
+    pendant = rng.uniform(controller.lower, controller.upper, (count, len(controller.lower)))
+    wrench = rng.normal(0.0, 10.0 ** rng.integers(-3, 5), (count, 6))
+    states = [
+        Conditions(rng.uniform(0, 1e4, count), rng.uniform(280, 310, count), rng.choice([-1.0, 1.0], count))
+        for _ in range(2)
+    ]
+    states[0] = dataclasses.replace(states[0], approach=states[1].approach)
+    return Poses(pendant, controller.to_joints(pendant), wrench, *(states if recorded else ()))
+
+
+def random_readings(experiment: Experiment, count: int, seed: int, recorded: bool) -> Readings:
+    rng = np.random.default_rng(seed)
+    markers = len(experiment.markers)
+    sigma = np.full(count * markers, np.nan)
+    sigma[:: 2 if recorded else count * markers + 1] = rng.uniform(1e-6, 1e-4)
+    return Readings(
+        random_poses(experiment, count, seed, recorded), tuple(f"p{i // 2}, \"{i // 2}\"" for i in range(count)),
+        np.arange(count) % 2 + 1, np.ones(count, dtype=np.intp), np.repeat(np.arange(count), markers),
+        np.tile(np.arange(markers), count), rng.normal(0.0, 1e-3, (count * markers, 3)), sigma,
+        rng.random(count * markers) < 0.8, np.arange(3, 3 + count * markers),
+        tuple(f"servo {i}" for i in range(count * markers)) if recorded else None, None,
+    )  # fmt: skip
+
+
+def close(a: object, b: object) -> bool:
+    return a is b if a is None or b is None else bool(np.allclose(a, b, rtol=1e-12, atol=1e-18, equal_nan=True))  # type: ignore[arg-type]
+
+
+@SAME_FOLDER
+@given(st.integers(1, 6), st.integers(0, 10**6), st.booleans())
+def test_readings(m900ib: Experiment, tmp_path: Path, count: int, seed: int, recorded: bool) -> None:
+    before = random_readings(m900ib, count, seed, recorded)
+    write_readings(tmp_path / "readings.csv", before, m900ib)
+    after = read_readings(tmp_path / "readings.csv", m900ib)
+    for name in ("pose", "drive_state"):
+        assert getattr(after, name) == getattr(before, name)
+    for name in ("repeat", "cycle", "measurement", "marker", "use", "rows"):
+        assert np.array_equal(getattr(after, name), getattr(before, name)), name
+    assert close(after.displacement, before.displacement)
+    assert close(after.sigma, before.sigma)
+    for name in ("pendant", "q", "wrench"):
+        assert close(getattr(after.poses, name), getattr(before.poses, name)), name
+    for side in ("unloaded", "loaded"):
+        for name in STATES:
+            assert close(getattr(getattr(after.poses, side), name), getattr(getattr(before.poses, side), name)), name
+
+
+@SAME_FOLDER
+@given(st.integers(1, 12), st.integers(0, 10**6))
+def test_plans(m900ib: Experiment, tmp_path: Path, count: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    certificate = Certificate("D", 0.1 + rng.random(), 0.1, 0.99999, 0.97, 1000, count, ("a[b].c", "d"))
+    loads = [str(w) for w in rng.choice(["weight", "side, pull"], count)]
+    poses, repeats = random_poses(m900ib, count, seed, False), rng.integers(1, 5, count).tolist()
+    before = make_plan(poses, loads, repeats, "D", certificate, seed)
+    write_plan(tmp_path / "plan.csv", before, m900ib)
+    after = read_plan(tmp_path / "plan.csv", m900ib)
+    for name in ("pose", "load", "repeats", "criterion", "certificate", "seed"):
+        assert getattr(after, name) == getattr(before, name), name
+    assert np.allclose(after.pendant, before.pendant, rtol=1e-15, atol=0)
+    assert np.array_equal(after.wrench, before.wrench)
+
+
+def test_a_changed_plan_loses_its_proof(m900ib: Experiment, tmp_path: Path) -> None:
+    certificate = Certificate("D", 1.0, 1.0, 1.0, 1.0, 10, 2, ("a",))
+    path = tmp_path / "plan.csv"
+    plan = make_plan(random_poses(m900ib, 2, 0, False), ["w", "w"], None, "D", certificate, 1)
+    write_plan(path, plan, m900ib)
+    assert read_plan(path, m900ib).certificate == certificate
+    path.write_text(path.read_text().replace(",w,1", ",w,2"))
+    assert read_plan(path, m900ib).certificate is None
+    path.with_suffix(".json").write_text(json.dumps({"criterion": "D"}))
+    with pytest.raises(InputError, match="is not the proof of a plan"):
+        read_plan(path, m900ib)
+    with pytest.raises(InputError, match=r"name it \.csv"):
+        write_plan(tmp_path / "other.json", plan, m900ib)
+    assert not (tmp_path / "other.json").exists()
+
+
+def test_a_hung_mass_is_a_load(tmp_path: Path) -> None:
+    path = tmp_path / "experiment.yaml"
+    path.write_text(
+        "robot: fanuc_m900ib\nload: {mass_kg: 250, centre_mm: [150, 0, 200]}\n"
+        "markers: {m1: {xyz_mm: [1, 2, 3]}}\nnoise: estimate\n"
+    )
+    experiment = load_experiment(path)
+    (load,) = experiment.loads
+    assert np.allclose(load.wrench, [0, 0, -250 * 9.81, 0, 0, 0])
+    assert np.allclose(experiment.load_point, [0.15, 0, 0.2])
+
+
+def test_a_parameter_named_twice_is_fitted_once(tmp_path: Path, m900ib: Experiment) -> None:
+    twice = m900ib.with_(fit=("joint_compliance", "joint_compliance[joint_3]"))
+    assert len(set(twice.fit_names())) == len(twice.fit_names()) == 6
+
+
+def test_many_readings_are_read_in_seconds(r2000ic: Experiment, tmp_path: Path) -> None:
+    assert r2000ic.data is not None
+    lines = r2000ic.data.read_text().splitlines()
+    row = lines[3].split(",", 1)[1]
+    path = tmp_path / "many.csv"
+    path.write_text("\n".join([*lines[:3], *(f"{i},{row}" for i in range(100_000))]))
+    assert len(read_readings(path, r2000ic).poses) == 100_000
