@@ -3,7 +3,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test lock clean
+.PHONY: help install demo test bench lock clean
 
 PYTHON ?= $(shell command -v python3.11 || echo python3)
 VENV := .venv
@@ -39,6 +39,9 @@ test: $(DONE)  ## lint, format, types and all tests
 	@$(BIN)/ruff format --check --quiet . || { echo "formatting differs: run $(BIN)/ruff format"; exit 1; }
 	@PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright --pythonpath $(BIN)/python
 	@$(ONE_THREAD) $(BIN)/python -m pytest -n 2
+
+bench: $(DONE)  ## measure speed against Pinocchio's loop and the memory
+	@$(BIN)/python benchmarks/kinematics.py
 
 lock:  ## choose the newest versions that resolve together, all extras included, and pin them
 	@rm -rf $(LOCK_VENV) && $(PYTHON) -m venv $(LOCK_VENV)

@@ -60,7 +60,7 @@ def full_displacement(model: Model, poses: Poses, x: Array | None = None) -> Arr
     parts = []
     for chunk in _chunks(poses):
         unloaded = settle(model, chunk, x, False)
-        loaded = settle(model, chunk, x, True, start=unloaded.eps)
+        loaded = settle(model, chunk, x, True, start=unloaded)
         parts.append(_outcome(loaded)[3] - _outcome(unloaded)[3])
     return np.concatenate(parts)
 
@@ -102,19 +102,20 @@ def _outcome(s: Settled) -> tuple[Array, Array, Array, Array]:
     return s.eps.T, state.tip.position.T, state.placed.matrix(state.tip.link), markers.transpose(2, 0, 1)
 
 
-def settle(model: Model, poses: Poses, x: Array | None, loaded: bool, start: Array | None = None) -> Settled:
+def settle(model: Model, poses: Poses, x: Array | None, loaded: bool, start: Settled | None = None) -> Settled:
     """Chord steps with the Hessian of the start; Newton steps with a fresh one where those do not settle."""
     x = model.nominal if x is None else x
     _, commanded = move_commanded(model, poses, x)
     compliance = np.concatenate([xs for _, xs in model.of_kind(Spring, x)] or [np.zeros(0)])
     K = _equivalent(model, commanded, x, poses)
     weight = 1.0 if loaded else 0.0
-    eps = np.zeros((len(compliance), len(poses))) if start is None else start
+    eps = np.zeros((len(compliance), len(poses))) if start is None else start.eps
 
-    def at(eps: Array) -> _Residual:
-        return _residual(model, poses, x, commanded, compliance, K, eps, weight)
+    def at(eps: Array, state: State | None = None) -> _Residual:
+        placed = _deflected(model, commanded, eps) if state is None else state
+        return _residual(model, poses, x, placed, compliance, K, eps, weight)
 
-    here = at(eps)
+    here = at(eps, None if start is None else start.at.state)
     H, size = here.hessian(), np.zeros(len(poses))
     for step in range(_STEPS):
         newton = step >= _CHORDS
@@ -174,10 +175,9 @@ class _Residual:
 
 
 def _residual(
-    model: Model, poses: Poses, x: Array, commanded: Motion, compliance: Array, K: springs.Stiffness, eps: Array,
+    model: Model, poses: Poses, x: Array, state: State, compliance: Array, K: springs.Stiffness, eps: Array,
     weight: float,
 ) -> _Residual:  # fmt: skip
-    state = _deflected(model, commanded, eps)
     applied = loads.apply_loads(model.of_kind(Load, x), poses.wrench, state.placed.matrix(model.tip.link), model.facts)
     conditions = poses.loaded if weight else poses.unloaded
     torques = springs.torques(model.of_kind(ParallelSpring, x), state.motion, conditions)

@@ -1,0 +1,133 @@
+# ruff: noqa: E402 - threads are set before numpy is imported
+"""Batch kinematics, predictions and equilibrium against the plain Pinocchio loop and the memory.
+
+Run: python benchmarks/kinematics.py [--quick]. All ratios come from one run; times are medians of
+CPU seconds, one thread.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import statistics
+import time
+from collections.abc import Callable
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
+
+import numpy as np
+
+from qsframework.elastostatics import Model, Site, full_displacement, make_model
+from qsframework.elastostatics.loads import gravity_torque, nominal_moments
+from qsframework.elastostatics.model import CHUNK
+from qsframework.elastostatics.motion import move, nominal_actuators
+from qsframework.elastostatics.state import place
+from qsframework.plugin import Poses, find
+from qsframework.robot import Robot, load_robot
+
+RUNS = 5
+TIP = Site(6, np.array([0.15, 0.0, 0.2]))
+
+
+def cpu(job: Callable[[], object], runs: int = RUNS) -> float:
+    """Median CPU seconds of a job."""
+    times = []
+    for _ in range(runs):
+        start = time.process_time()
+        job()
+        times.append(time.process_time() - start)
+    return statistics.median(times)
+
+
+def sample(robot: Robot, count: int) -> Poses:
+    rng = np.random.default_rng(0)
+    pendant = rng.uniform(robot.controller.lower, robot.controller.upper, (count, 6))
+    wrench = rng.normal(size=(count, 6)) * np.array([3e3] * 3 + [300.0] * 3)
+    return Poses(pendant, robot.controller.to_joints(pendant), wrench)
+
+
+def model(robot: Robot, extra: int = 0) -> Model:
+    """The robot's effects and `extra` off-axis springs and base springs."""
+    offaxis = find("offaxis_compliance").places(robot.facts)
+    effects = [*robot.effects, *offaxis[:extra]]
+    parameters = [*robot.parameters, *(p for e in offaxis[:extra] for p in e.parameters(robot.facts))]
+    return make_model(robot.facts, effects, parameters, TIP, [("tip", TIP)], robot.gravity)
+
+
+def pinocchio_loop(robot: Robot, poses: Poses) -> None:
+    """Position, Jacobian and gravity of each pose, stored: what the batch kernel does."""
+    import pinocchio as pin
+
+    data = robot.model.createData()
+    frame = robot.model.addFrame(
+        pin.Frame("bench_tip", 6, 0, pin.SE3(np.eye(3), TIP.xyz), pin.FrameType.OP_FRAME)
+    ) if not robot.model.existFrame("bench_tip") else robot.model.getFrameId("bench_tip")  # fmt: skip
+    data = robot.model.createData()
+    count = len(poses)
+    positions, jacobians, gravity = np.empty((count, 3)), np.empty((count, 6, 6)), np.empty((count, 6))
+    for i, q in enumerate(poses.q):
+        jacobians[i] = pin.computeFrameJacobian(robot.model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)
+        positions[i] = data.oMf[frame].translation
+        gravity[i] = pin.computeGeneralizedGravity(robot.model, data, q)
+
+
+def batch(m: Model, poses: Poses) -> None:
+    """The same by the batch kernel, stored."""
+    count = len(poses)
+    positions, jacobians, gravity = np.empty((3, count)), np.empty((6, 6, count)), np.empty((6, count))
+    moments, layout = nominal_moments(m.facts), m.layout
+    for start in range(0, count, CHUNK):
+        part = slice(start, start + CHUNK)
+        q = np.ascontiguousarray(poses.q[part].T)
+        state = place(move(layout, nominal_actuators(layout, q), np.zeros((layout.bars, q.shape[1]))), TIP, ())
+        positions[:, part] = state.tip.position
+        jacobians[:, :3, part], jacobians[:, 3:, part] = state.tip.elements.linear, state.tip.elements.angular
+        gravity[:, part] = gravity_torque(state, moments, m.gravity)
+
+
+def sensitivities(m: Model, poses: Poses, names: list[str], block: int = 100_000) -> None:
+    """Predictions and sensitivities in blocks, so that memory stays bounded."""
+    for start in range(0, len(poses), block):
+        part = poses.take(slice(start, start + block))
+        m.predict(part)
+        m.sensitivity(part, names=names)
+
+
+def writing(count: int, parameters: int) -> Callable[[], None]:
+    """The time to write the arrays that `sensitivities` produces: the bound set by memory."""
+
+    def write() -> None:
+        for _ in range(0, count, 100_000):
+            np.full((100_000, 1, 3, parameters), 1.0)
+            np.full((100_000, 1, 3), 1.0)
+
+    return write
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--quick", action="store_true", help="a tenth of the poses")
+    count = 100_000 if parser.parse_args().quick else 1_000_000
+    robot = load_robot("fanuc_m900ib")
+    poses = sample(robot, count)
+    few = poses.take(slice(0, count // 10))
+    plain, wide = model(robot), model(robot, 10)
+    names = [p.name for p in wide.parameters]
+    ours = cpu(lambda: batch(plain, poses))
+    loop = cpu(lambda: pinocchio_loop(robot, few), 3) * len(poses) / len(few)
+    print(f"positions + Jacobians + gravity, {count} poses: {ours:.3f} s; Pinocchio loop {loop:.3f} s", end="; ")
+    print(f"{loop / ours:.1f} times faster")
+    both, write = cpu(lambda: sensitivities(wide, poses, names)), cpu(writing(count, len(names)))
+    print(f"predictions + sensitivities of {len(names)} parameters: {both:.3f} s", end=", ")
+    print(f"{both / write:.1f} times the writing of the arrays")
+    linear, full = cpu(lambda: plain.predict(few)), cpu(lambda: full_displacement(plain, few))
+    print(f"full equilibrium of {len(few)} poses: {full:.3f} s", end=", ")
+    print(f"{full / linear:.1f} times the linear prediction ({linear:.3f} s)")
+    print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB")
+
+
+if __name__ == "__main__":
+    main()
