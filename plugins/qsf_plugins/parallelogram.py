@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.plugin import Array, InputError, Loop, LoopTerm, RobotFacts, place, setting
+from qsf_plugins.planar_loop import FLAT, Slopes, driven_term, implicit, link_length, parallel_sign, refuse
+from qsframework.plugin import Array, Loop, LoopTerm, Parameter, RobotFacts, place, setting
 
 
 @dataclass(frozen=True)
@@ -15,7 +16,12 @@ class Parallelogram(Loop):
 
     The driven joint's actuator turns the lever: q_driven = phi_driven - s q_driver, with s = +1
     where the two axes point alike and -1 where they are opposed. This is the correction of the
-    paper's equations (12)-(16).
+    paper's equations (12)-(16). Its parameter is the error of the coupling bar's length; with one,
+    the loop is the four-bar that the lengths then make.
+
+    A flat parallelogram with a perfect bar still closes, but any length error or elasticity of the
+    bar is amplified by 1 / sin of the transmission angle. Nearer to flat than 1e-6 rad the derivatives by
+    the bar stay at their values there: finite and huge. With a bar error such a pose is refused.
     """
 
     driven: str = place()
@@ -25,9 +31,13 @@ class Parallelogram(Loop):
     margin: float = setting("rad", float(np.deg2rad(15.0)))
     """Smallest transmission angle of a planned pose."""
     zero: float = setting("rad", float(np.pi / 2))
-    """Angle from link 2 to the lever, about the driver's axis, at zero joint angles."""
+    """Angle from link 2 to the lever, about the driver's axis, at zero joint angles. Its sign says
+    to which side a longer bar turns the driven link."""
     source = "Klimchik et al., section 3.1, corrected"
     check = "Play in the bearings of the coupling bar, length of the bar."
+
+    def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        return (Parameter(self.name, "m", typical=1e-4, source="length error of the coupling bar"),)
 
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
         return (self.driver, self.driven)
@@ -44,11 +54,61 @@ class Parallelogram(Loop):
         return np.stack([q[:, 0], q[:, 1] + self._sign(robot) * q[:, 0]], axis=1)
 
     def closure(self, actuators: Array, bars: Array, robot: RobotFacts) -> LoopTerm:
-        sign = self._sign(robot)
-        batch = len(actuators)
-        q = np.stack([actuators[:, 0], actuators[:, 1] - sign * actuators[:, 0]], axis=1)
-        q_u = np.broadcast_to(np.array([[1.0, 0.0], [-sign, 1.0]]), (batch, 2, 2))
-        return LoopTerm(q, q_u, np.zeros((batch, 2, 2, 2)))
+        sign, link = self._sign(robot), link_length(robot, self.driver, self.driven)
+        perfect = actuators[:, 1] - sign * actuators[:, 0]
+        psi, bar = self.zero + sign * perfect, bars[:, 0]
+        if not bar.any():
+            return driven_term(actuators[:, 0], perfect, self._perfect(psi, link), sign)
+        swing = self._swing(psi, bar, link)
+        slopes, sine = self._slopes(psi, swing, bar, link)
+        bad = ~np.isfinite(swing) | ((np.abs(sine) < FLAT) & (bar != 0.0))
+        refuse(self.name, "cannot close, or is flat,", bad, actuators, self.joints(robot), bars)
+        straight = bar == 0.0
+        exact = self._perfect(psi, link)
+        slopes = Slopes(
+            np.where(straight[:, None], exact.first, slopes.first),
+            np.where(straight[:, None, None], exact.second, slopes.second),
+        )
+        return driven_term(actuators[:, 0], perfect + sign * swing, slopes, sign)
+
+    def _swing(self, psi: Array, bar: Array, link: float) -> Array:
+        """rho - psi (N,): by how much a bar error turns the driven link; NaN where the loop is open.
+
+        (2 P - k) t^2 - 2 Q t - k = 0 with t = tan(swing / 2), by the root that vanishes with k.
+        """
+        a, k = self.lever, bar * (link + 0.5 * bar)
+        P, Q = a * (a - link * np.cos(psi)), link * a * np.sin(psi)
+        root = Q * Q + k * (2.0 * P - k)
+        denominator = Q + np.copysign(np.sqrt(np.where(root < 0.0, np.nan, root)), Q)
+        return 2.0 * np.arctan(-k / np.where(denominator == 0.0, np.where(k == 0.0, 1.0, np.nan), denominator))
+
+    def _slopes(self, psi: Array, swing: Array, bar: Array, link: float) -> tuple[Slopes, Array]:
+        """Derivatives of rho by (psi, bar), and the sine (N,) of the transmission angle.
+
+        F = (L^2 + 2 a^2 - (L + bar)^2) / 2 + L a (cos rho - cos psi) - a^2 cos(rho - psi)
+        """
+        a, rho = self.lever, psi + swing
+        cos, sin = a * a * np.cos(swing), a * a * np.sin(swing)
+        F_r = sin - link * a * np.sin(rho)
+        zero = np.zeros_like(psi)
+        F_y = np.stack([link * a * np.sin(psi) - sin, -(link + bar)], axis=1)
+        F_ry = np.stack([-cos, zero], axis=1)
+        F_yy = np.stack([link * a * np.cos(psi) + cos, zero, zero, zero - 1.0], axis=1).reshape(-1, 2, 2)
+        sine = F_r / (a * (link + bar))
+        safe = np.where(np.abs(sine) < FLAT, np.copysign(FLAT * a * link, F_r), F_r)
+        return implicit(safe, F_y, cos - link * a * np.cos(rho), F_ry, F_yy), sine
+
+    def _perfect(self, psi: Array, link: float) -> Slopes:
+        """rho = psi exactly; its derivatives by the bar are kept finite where the loop is flat."""
+        sine = np.sin(psi)
+        sine = np.where(np.abs(sine) < FLAT, np.copysign(FLAT, sine), sine)
+        first, second = np.zeros((len(psi), 2)), np.zeros((len(psi), 2, 2))
+        cot = np.cos(psi) / sine
+        first[:, 0] = 1.0
+        first[:, 1] = -1.0 / (self.lever * sine)
+        second[:, 0, 1] = second[:, 1, 0] = -cot * first[:, 1]
+        second[:, 1, 1] = first[:, 1] ** 2 * (self.lever / link - np.cos(psi)) / sine - 1.0 / (link * self.lever * sine)
+        return Slopes(first, second)
 
     def transmission_angle(self, q: Array, robot: RobotFacts) -> Array:
         """Angle between link 2 and the lever, folded into [0, 90] deg."""
@@ -57,15 +117,3 @@ class Parallelogram(Loop):
     @property
     def smallest_transmission_angle(self) -> float:
         return self.margin
-
-
-def parallel_sign(robot: RobotFacts, driver: str, driven: str) -> float:
-    """+1 where the axes of two joints point alike, -1 where opposed. InputError if they are not parallel."""
-    first, second = robot.joint_index(driver), robot.joint_index(driven)
-    rotation = np.eye(3)
-    for k in range(first + 1, second + 1):
-        rotation = rotation @ robot.placements[k, :3, :3]
-    cosine = float(robot.axes[first] @ rotation @ robot.axes[second])
-    if second <= first or abs(abs(cosine) - 1.0) > 1e-6:
-        raise InputError(f"a loop needs parallel axes: {driver} and {driven} are not (cosine {cosine:.6f})")
-    return float(np.sign(cosine))

@@ -32,7 +32,11 @@ from qsframework.plugin.terms import Reading
 
 ROBOT = sample_robot()
 SETTINGS = {
+    "point_spring": {f"{end}_{axis}_m": 0.1 for end in ("first", "second") for axis in "xyz"}
+    | {"first": "link_1", "second": "link_2"},
     "parallelogram": {"driver": "joint_2", "driven": "joint_3", "lever_m": 0.75},
+    "four_bar": {"driver": "joint_2", "driven": "joint_3", "lever_m": 0.75, "bar_m": 1.2, "rocker_mm": 600},
+    "bar_compliance": {"driven": "joint_3"},
     "gravity_compensator": {"joint": "joint_2", "lc_m": 0.235, "l2_m": 1.12, "zero_deg": 20},
     "compensator_stiffness": {"joint": "joint_2", "lc_mm": 235, "l2_m": 1.12},
 }

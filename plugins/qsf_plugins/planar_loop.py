@@ -1,0 +1,93 @@
+"""What the planar loops share: parallel axes, implicit differentiation, and how a loop that does not close says so.
+
+In the plane across the axes, seen from link 2 (x from the driver's axis A to the driven axis B):
+the lever stands at psi on A, the rocker at rho on B, the bar joins their ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from qsframework.plugin import Array, InputError, LoopTerm, Problem, RobotFacts
+
+FLAT = 1e-6
+"""Sine of the transmission angle under which a loop counts as flat."""
+
+
+def parallel_sign(robot: RobotFacts, driver: str, driven: str) -> float:
+    """+1 where the axes of two joints point alike, -1 where opposed. InputError if they are not parallel."""
+    first, second = robot.joint_index(driver), robot.joint_index(driven)
+    rotation = between(robot, first, second)[:3, :3]
+    cosine = float(robot.axes[first] @ rotation @ robot.axes[second])
+    if second <= first or abs(abs(cosine) - 1.0) > 1e-6:
+        raise InputError(f"a loop needs parallel axes: {driver} and {driven} are not (cosine {cosine:.6f})")
+    return float(np.sign(cosine))
+
+
+def link_length(robot: RobotFacts, driver: str, driven: str) -> float:
+    """Distance (m) of two parallel axes at zero angles."""
+    first, second = robot.joint_index(driver), robot.joint_index(driven)
+    arm = between(robot, first, second)[:3, 3]
+    axis = robot.axes[first]
+    return float(np.linalg.norm(arm - axis * (axis @ arm)))
+
+
+def between(robot: RobotFacts, first: int, second: int) -> Array:
+    """(4, 4) frame of joint `second` in that of joint `first` at zero angles."""
+    placement = np.eye(4)
+    for k in range(first + 1, second + 1):
+        placement = placement @ robot.placements[k]
+    return placement
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """An angle rho that solves F(rho, y) = 0, by its m variables y: first (N, m), second (N, m, m)."""
+
+    first: Array
+    second: Array
+
+
+def implicit(F_r: Array, F_y: Array, F_rr: Array, F_ry: Array, F_yy: Array) -> Slopes:
+    """Differentiate F(rho, y) = 0 twice, from F's own derivatives; F_r must not be zero."""
+    first = -F_y / F_r[:, None]
+    mixed = F_ry[:, :, None] * first[:, None, :]
+    second = F_yy + mixed + mixed.transpose(0, 2, 1) + F_rr[:, None, None] * first[:, :, None] * first[:, None, :]
+    return Slopes(first, -second / F_r[:, None, None])
+
+
+def driven_term(q_driver: Array, q_driven: Array, slopes: Slopes, sign: float) -> LoopTerm:
+    """The loop over (driver, driven), where rho = constant + sign q_driven and
+    y = (psi, lengths), psi = constant + sign phi_driven - phi_driver."""
+    batch, m = len(q_driver), slopes.first.shape[1] - 1
+    y_u = np.zeros((m + 1, m + 2))
+    y_u[0, :2] = -1.0, sign
+    y_u[1:, 2:] = np.eye(m)
+    q_u = np.zeros((batch, 2, m + 2))
+    q_u[:, 0, 0] = 1.0
+    q_u[:, 1] = sign * slopes.first @ y_u
+    q_uu = np.zeros((batch, 2, m + 2, m + 2))
+    q_uu[:, 1] = sign * (y_u.T @ slopes.second @ y_u)
+    return LoopTerm(np.stack([q_driver, q_driven], axis=1), q_u, q_uu)
+
+
+def refuse(
+    name: str, what: str, bad: npt.NDArray[np.bool_], angles: Array, names: tuple[str, ...], bars: Array | None = None
+) -> None:
+    """InputError if any pose is bad (N,), with the angles (N, k) of the first of them."""
+    if not bad.any():
+        return
+    first = int(np.flatnonzero(bad)[0])
+    pose = ", ".join(f"{n} {np.rad2deg(a):.2f} deg" for n, a in zip(names, angles[first], strict=True))
+    errors = ""
+    if bars is not None and bars.size and np.any(bars[first]):
+        errors = " with bar errors of " + ", ".join(f"{1e3 * b:.3f} mm" for b in bars[first])
+    raise InputError(
+        Problem(
+            f"{name} {what} at {int(bad.sum())} of {len(bad)} poses, first at pose {first + 1}: {pose}{errors}",
+            hint="Check the bar lengths, the angles at zero and the branch, or leave this pose out.",
+        )
+    )
