@@ -7,11 +7,12 @@ M_c and is not added again; only the equivalent stiffness K_eq of the commanded 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qsframework.elastostatics import loads, springs
+from qsframework.elastostatics import loads, pulls, springs
 from qsframework.elastostatics.evaluation import elastic_laws, gather, move_commanded
 from qsframework.elastostatics.hessian import load_hessian
 from qsframework.elastostatics.model import CHUNK, Model
@@ -166,12 +167,14 @@ class _Residual:
     applied: loads.Applied
     gravity: Array
     torques: springs.Torques
+    drawn: Sequence[pulls.Pull | None]
     weight: float
 
     def hessian(self, weight: float | None = None, gravity: bool = True) -> Array:
         """H at this state; the tip load and gravity can be left out."""
         applied = self.applied if gravity else replace(self.applied, moments=np.zeros_like(self.applied.moments))
-        return load_hessian(self.state, applied, self.gravity, self.torques, self.weight if weight is None else weight)
+        weight = self.weight if weight is None else weight
+        return load_hessian(self.state, applied, self.gravity, self.torques, self.drawn, weight)
 
 
 def _residual(
@@ -187,8 +190,11 @@ def _residual(
     for joints, term in torques:
         rates = springs.joint_rates(state.motion, joints)
         T[list(rates.active)] += np.einsum("jan,nj->an", rates.E, term.value)
+    drawn = pulls.pulls(model.of_kind(ParallelSpring, x), model.facts, state.placed, conditions)
+    pulled = pulls.torque(drawn, state.motion.coefficients)
+    T += 0.0 if pulled is None else pulled
     value, slope, _ = springs.answer(compliance, T, elastic_laws(model, x))
-    return _Residual(eps - value, slope, state, applied, model.gravity, torques, weight)
+    return _Residual(eps - value, slope, state, applied, model.gravity, torques, drawn, weight)
 
 
 def _equivalent(model: Model, motion: Motion, x: Array, poses: Poses) -> springs.Stiffness:

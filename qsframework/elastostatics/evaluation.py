@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.elastostatics import loads, springs
+from qsframework.elastostatics import loads, pulls, springs
 from qsframework.elastostatics.model import Model
-from qsframework.elastostatics.motion import Motion, move, nominal_actuators
+from qsframework.elastostatics.motion import Motion, combine, move, nominal_actuators
 from qsframework.elastostatics.sensors import Sensed, sense
 from qsframework.elastostatics.state import State, place
 from qsframework.plugin import (
@@ -45,6 +46,7 @@ class Evaluation:
     tau: Array
     preload: Array | None
     faces: tuple[springs.Faces, ...]
+    pulls: tuple[pulls.Pull | None, ...]
     rates: springs.JointRates
     joint_stiffness: Array
     unloaded: springs.Response | None
@@ -66,17 +68,21 @@ def evaluate(model: Model, poses: Poses, x: Array) -> Evaluation:
     compliance = np.concatenate([xs for _, xs in model.of_kind(Spring, x)] or [np.zeros(0)])
     tau = loads.wrench_torque(state.tip, applied.wrench.T)
     faces = tuple(springs.faces(e, motion, xs, poses.loaded) for e, xs in model.of_kind(ParallelSpring, x))
+    drawn = tuple(pulls.pulls(model.of_kind(ParallelSpring, x), model.facts, state.placed, poses.loaded))
     touched = tuple(sorted({j for f in faces for j in f.joints}))
-    rates = springs.joint_rates(motion, touched)
+    rates = springs.joint_rates(motion, touched, active_coordinates(motion, touched, drawn))
     joint_stiffness = gather(touched, [(f.joints, f.stiffness.value) for f in faces], len(poses))
     K = springs.Stiffness(rates.active, springs.sandwich(rates.E, joint_stiffness, rates.E))
+    pulled = pulls.stiffness(drawn, motion.coefficients)
+    if pulled is not None:
+        K = springs.Stiffness(rates.active, K.K + pulled[np.ix_(rates.active, rates.active)])
     laws = elastic_laws(model, x)
-    preload = _preload(model, state, applied, faces, touched, rates) if laws else None
+    preload = _preload(model, state, applied, faces, drawn, rates) if laws else None
     unloaded = None if preload is None else springs.respond(compliance, preload, K, laws)
     loaded = springs.respond(compliance, tau if preload is None else preload + tau, K, laws)
     sensed = _sense(model, x, poses, state, unloaded, loaded)
     return Evaluation(
-        model, x, poses, geometry, motion, state, applied, compliance, tau, preload, faces, rates,
+        model, x, poses, geometry, motion, state, applied, compliance, tau, preload, faces, drawn, rates,
         joint_stiffness, unloaded, loaded, sensed,
     )  # fmt: skip
 
@@ -121,13 +127,25 @@ def joint_torque(faces: tuple[springs.Faces, ...], touched: tuple[int, ...], bat
 
 def _preload(
     model: Model, state: State, applied: loads.Applied, faces: tuple[springs.Faces, ...],
-    touched: tuple[int, ...], rates: springs.JointRates,
+    drawn: tuple[pulls.Pull | None, ...], rates: springs.JointRates,
 ) -> Array:  # fmt: skip
     """tau_0: gravity and the compensators' torques on the coordinates, (ne, N)."""
     torque = loads.gravity_torque(state, applied.moments, model.gravity)
+    touched = tuple(sorted({j for f in faces for j in f.joints}))
     joints = joint_torque(faces, touched, torque.shape[1])
     torque[list(rates.active)] += np.einsum("jan,jn->an", rates.E, joints)
-    return torque
+    pulled = pulls.torque(drawn, state.motion.coefficients)
+    return torque if pulled is None else torque + pulled
+
+
+def active_coordinates(motion: Motion, touched: tuple[int, ...], drawn: Sequence[pulls.Pull | None]) -> tuple[int, ...]:
+    """The elastic coordinates that K_par couples: those that turn a touched joint or move a pull's ends."""
+    active = set(springs.joint_rates(motion, touched).active)
+    for pull in drawn:
+        if pull is not None:
+            moved = combine(motion.coefficients, pull.gradient)
+            active |= {c for c in range(len(moved)) if np.any(moved[c])}
+    return tuple(sorted(active))
 
 
 def _sense(

@@ -7,17 +7,22 @@ torque c for an element d before c. Gravity is a force at every mass centre.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from qsframework.elastostatics.loads import Applied, weighted_columns
-from qsframework.elastostatics.motion import Motion, combine
+from qsframework.elastostatics.motion import Motion
+from qsframework.elastostatics.pulls import Pull, on_coordinates
 from qsframework.elastostatics.springs import Torques
 from qsframework.elastostatics.state import State
 from qsframework.plugin import Array
 from qsframework.robot.kinematics import Twists, cross
 
 
-def load_hessian(state: State, applied: Applied, gravity: Array, torques: Torques, weight: float = 1.0) -> Array:
+def load_hessian(
+    state: State, applied: Applied, gravity: Array, torques: Torques, drawn: Sequence[Pull | None], weight: float = 1.0
+) -> Array:
     """H (ne, ne, N): tip load (times `weight`, 0 for the unloaded state), gravity and compensators."""
     count, batch = len(state.motion.layout.chain), state.motion.q.shape[-1]
     elements = np.zeros((count, count, batch))
@@ -38,7 +43,15 @@ def load_hessian(state: State, applied: Applied, gravity: Array, torques: Torque
         rows = [state.motion.layout.joint_elements[j] for j in joints]
         elements[np.ix_(rows, rows)] += term.dq.transpose(1, 2, 0)
         torque[rows] += term.value.T
-    return to_coordinates(state.motion, elements) + _curvature(state.motion, torque) + _turning(state, applied, weight)
+    for pull in drawn:
+        if pull is not None:
+            elements -= pull.stiffness()
+            torque += pull.torque()
+    return (
+        on_coordinates(state.motion.coefficients, elements)
+        + _curvature(state.motion, torque)
+        + _turning(state, applied, weight)
+    )
 
 
 def _add_force(total: Array, columns: Twists, force: Array) -> None:
@@ -57,12 +70,6 @@ def _add_moment(total: Array, columns: Twists, moment: Array) -> None:
     lever = cross(moment[None], columns.angular)
     for d in range(columns.upstream):
         total[d + 1 : columns.upstream, d] += np.einsum("cn,bcn->bn", lever[d], columns.angular[d + 1 :])
-
-
-def to_coordinates(motion: Motion, elements: Array) -> Array:
-    """E' M E for a matrix (m, m, N) over the elements: (ne, ne, N)."""
-    half = combine(motion.coefficients, elements)
-    return combine(motion.coefficients, np.ascontiguousarray(half.transpose(1, 0, 2))).transpose(1, 0, 2)
 
 
 def _curvature(motion: Motion, torque: Array) -> Array:

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.elastostatics import loads, springs
+from qsframework.elastostatics import loads, pulls, springs
 from qsframework.elastostatics.evaluation import Evaluation, gather, joint_torque
-from qsframework.elastostatics.motion import MotionRate, motion_along
+from qsframework.elastostatics.motion import MotionRate, combine, motion_along
 from qsframework.elastostatics.sensors import turn_rate
 from qsframework.elastostatics.state import ColumnRate, column_along
 from qsframework.plugin import Array, Geometry, Load, Loop, ParallelSpring, Sensor, Spring, SpringLaw
@@ -122,6 +122,9 @@ def _compliance(ev: Evaluation, first: int, i: int) -> Array:
 
 
 def _parallel(ev: Evaluation, number: int, i: int) -> Array:
+    pull = ev.pulls[number]
+    if pull is not None:
+        return _pulled(ev, pull, i)
     face = ev.faces[number]
     K = gather(ev.touched, [(face.joints, face.stiffness.dx[..., i])], len(ev.poses))
     preload = None
@@ -130,6 +133,14 @@ def _parallel(ev: Evaluation, number: int, i: int) -> Array:
         preload = np.zeros_like(ev.preload)
         preload[list(ev.rates.active)] = np.einsum("jan,nj->an", ev.rates.E[rows], face.torque.dx[..., i])
     return _finish(ev, Change(K=springs.sandwich(ev.rates.E, K, ev.rates.E), preload=preload))
+
+
+def _pulled(ev: Evaluation, pull: pulls.Pull, i: int) -> Array:
+    """A parameter of a spring between two points."""
+    coefficients, active = ev.motion.coefficients, ev.rates.active
+    K = pulls.on_coordinates(coefficients, pull.stiffness_by(i))[np.ix_(active, active)]
+    preload = None if ev.preload is None else combine(coefficients, pull.torque_by(i))
+    return _finish(ev, Change(K=K, preload=preload))
 
 
 def _law(ev: Evaluation, number: int, i: int) -> Array:
@@ -178,9 +189,13 @@ def _geometric(ev: Evaluation, rate: MotionRate) -> Array:
         tau = tau + loads.wrench_torque(ev.state.tip, wrench.T)
     markers = tuple(column_along(ev.motion, m, rate) for m in ev.state.markers)
     dE = springs.joint_rates(ev.motion, ev.touched, ev.rates.active, rate.coefficients).E
-    return _finish(
-        ev, Change(tau=tau, K=_stiffness_along(ev, rate, dE), preload=_preload_along(ev, rate, dE), markers=markers)
-    )
+    K, preload = _stiffness_along(ev, rate, dE), _preload_along(ev, rate, dE)
+    if any(pull is not None for pull in ev.pulls):
+        effects = ev.model.of_kind(ParallelSpring, ev.x)
+        dK, dtorque = pulls.along(effects, ev.motion, rate, ev.poses.loaded)
+        K = K + dK[np.ix_(ev.rates.active, ev.rates.active)]
+        preload = None if preload is None else preload + dtorque
+    return _finish(ev, Change(tau=tau, K=K, preload=preload, markers=markers))
 
 
 def _joint_rate(ev: Evaluation, joints: Sequence[int], rate: MotionRate) -> Array:

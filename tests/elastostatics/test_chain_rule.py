@@ -21,6 +21,11 @@ PARALLELOGRAM = build_effects(
 )
 BALANCER = build_effects({"effect": "gravity_compensator", "joint": "joint_2", "lc_m": 0.235, "l2_m": 1.12}, ROBOT)
 EQUIVALENT = build_effects({"effect": "compensator_stiffness", "joint": "joint_2", "lc_m": 0.2, "l2_m": 1.1}, ROBOT)
+POINTS = build_effects(
+    {"effect": "point_spring", "first": "link_1", "second": "link_4", "first_x_m": 0.3, "first_y_m": 0.1,
+     "first_z_m": 0.2, "second_x_m": 0.2, "second_y_m": 0.3, "second_z_m": 0.1},
+    ROBOT,
+)  # fmt: skip
 COUPLING = build_effects({"effect": "controller_coupling", "joint": "joint_3"}, ROBOT)
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
@@ -72,6 +77,10 @@ CASES = {
     "off-axis": [*JOINTS, *OFFAXIS],
     "parallelogram": [*JOINTS, *PARALLELOGRAM],
     "balancer": [*JOINTS, *PARALLELOGRAM, *BALANCER, *EQUIVALENT],
+    "point spring": [*JOINTS, *POINTS],
+    "point spring with off-axis springs": [*JOINTS, *OFFAXIS, *POINTS, *BALANCER],
+    "point spring with geometry": [*JOINTS, BentLoop(), Links(), *POINTS, Placements()],
+    "point spring with laws": [*JOINTS, *PARALLELOGRAM, *POINTS, Cubic(), *COUPLING],
     "coupling": [*JOINTS, *PARALLELOGRAM, *BALANCER, *EQUIVALENT, *COUPLING],
     "bars": [*JOINTS, BentLoop(), Links()],
     "coupled springs": [*JOINTS, BentLoop(), Links(), TwoJointSpring()],
@@ -81,7 +90,7 @@ CASES = {
     "loads": [*JOINTS, Hook(), Placements()],
     "loads with laws": [*JOINTS, *BALANCER, Hook(), Cubic(), Placements()],
     "sensors": [*JOINTS, *OFFAXIS, CrookedTracker(), Placements()],
-    "everything": [*JOINTS, *OFFAXIS, *BALANCER, *EQUIVALENT, *COUPLING, *ALL],
+    "everything": [*JOINTS, *OFFAXIS, *BALANCER, *EQUIVALENT, *POINTS, *COUPLING, *ALL],
 }
 
 

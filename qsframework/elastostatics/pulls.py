@@ -1,0 +1,145 @@
+"""Springs between two points of any two links: their torque and stiffness on the chain.
+
+A pull F(s) at the distance s between the points has the gradient g = ds/de over the elements e;
+its torque is -F g and its stiffness F' g g' + F d2s/de2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.elastostatics.motion import Coefficients, Motion, MotionRate, combine
+from qsframework.errors import InputError
+from qsframework.plugin import Array, Conditions, ParallelSpring, RobotFacts, TensionTerm
+from qsframework.plugin.check import difference
+from qsframework.robot.kinematics import Frames, cross, frames, twists
+
+_SHORTEST = 1e-9
+_STEP = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Pull:
+    """One spring at a batch of poses: gradient g (m, N), second derivative of s (m, m, N), and its tension.
+
+    slope_dx (N, p): derivative of F' by the effect's parameters
+    """
+
+    gradient: Array
+    second: Array
+    term: TensionTerm
+    slope_dx: Array
+
+    def torque(self) -> Array:
+        """-F g on the elements (m, N)."""
+        return -self.term.value * self.gradient
+
+    def stiffness(self) -> Array:
+        """F' g g' + F d2s on the elements (m, m, N)."""
+        return self._matrix(self.term.ds, self.term.value)
+
+    def stiffness_by(self, i: int) -> Array:
+        """The stiffness by parameter i."""
+        return self._matrix(self.slope_dx[:, i], self.term.dx[:, i])
+
+    def torque_by(self, i: int) -> Array:
+        """The torque by parameter i."""
+        return -self.term.dx[:, i] * self.gradient
+
+    def _matrix(self, slope: Array, force: Array) -> Array:
+        return slope * self.gradient[:, None] * self.gradient[None] + force * self.second
+
+
+Springs = Sequence[tuple[ParallelSpring, Array]]
+
+
+def pulls(effects: Springs, facts: RobotFacts, placed: Frames, conditions: Conditions) -> list[Pull | None]:
+    """The pull of each parallel spring, None for those that have no ends."""
+    return [_pull(effect, x, facts, placed, conditions) for effect, x in effects]
+
+
+def _pull(effect: ParallelSpring, x: Array, facts: RobotFacts, placed: Frames, conditions: Conditions) -> Pull | None:
+    ends = effect.ends(facts)
+    if ends is None:
+        return None
+    count = len(placed.chain)
+    points, columns = [], []
+    for end in ends:
+        link = facts.link_index(end.link)
+        points.append(placed.point(link, np.array(end.xyz)))
+        found = twists(placed, link, points[-1]).linear
+        columns.append(np.concatenate([found, np.zeros((count - len(found), *found.shape[1:]))]))
+    apart, speed = points[1] - points[0], columns[1] - columns[0]
+    length = np.sqrt(np.einsum("cn,cn->n", apart, apart))
+    if np.any(length < _SHORTEST):
+        raise InputError(f"{effect.name}: its two ends meet; a spring needs a length")
+    along = apart / length
+    gradient = np.einsum("cn,ecn->en", along, speed)
+    term = effect.tension(length, x, conditions)
+    slope_dx = difference(lambda v: effect.tension(length, v, conditions).ds, x)
+    return Pull(gradient, _second(placed, speed, along, gradient, length), term, slope_dx)
+
+
+def _second(placed: Frames, speed: Array, along: Array, gradient: Array, length: Array) -> Array:
+    """d2s: u . (omega_a x v_b) for a <= b, and the turning of u itself."""
+    turning = np.array([e.rotation for e in placed.chain.elements])
+    lever = cross(along[None], np.where(turning[:, None, None], placed.axes, 0.0))
+    swing = np.einsum("acn,bcn->abn", lever, speed)
+    upper = np.triu(np.ones(swing.shape[:2]))[:, :, None]
+    symmetric = swing * upper + (swing * np.triu(np.ones(swing.shape[:2]), 1)[:, :, None]).transpose(1, 0, 2)
+    cosines = np.einsum("acn,bcn->abn", speed, speed) - gradient[:, None] * gradient[None]
+    return symmetric + cosines / length
+
+
+def on_coordinates(coefficients: Coefficients, elements: Array) -> Array:
+    """E' M E for a matrix (m, m, N) over the elements: (ne, ne, N)."""
+    half = combine(coefficients, elements)
+    return combine(coefficients, np.ascontiguousarray(half.transpose(1, 0, 2))).transpose(1, 0, 2)
+
+
+def stiffness(found: Sequence[Pull | None], coefficients: Coefficients) -> Array | None:
+    """Stiffness (ne, ne, N) of all pulls on the coordinates, None if there is no pull."""
+    matrices = [p.stiffness() for p in found if p is not None]
+    return on_coordinates(coefficients, sum(matrices[1:], matrices[0])) if matrices else None
+
+
+def torque(found: Sequence[Pull | None], coefficients: Coefficients) -> Array | None:
+    """Torque (ne, N) of all pulls on the coordinates, None if there is no pull."""
+    vectors = [p.torque() for p in found if p is not None]
+    return combine(coefficients, sum(vectors[1:], vectors[0])) if vectors else None
+
+
+def along(effects: Springs, motion: Motion, rate: MotionRate, conditions: Conditions) -> tuple[Array, Array]:
+    """Derivatives of `stiffness` and `torque` along a change of the geometry.
+
+    The third derivative of s has no short form: fourth-order differences of the analytic stiffness
+    and torque, with a relative error of about 1e-10.
+    """
+
+    def at(step: float) -> tuple[Array, Array]:
+        values = motion.element_values()
+        moved = [step * r if v is None else v + step * r for v, r in zip(values, rate.elements, strict=True)]
+        placed = frames(motion.layout.chain, moved, motion.q.shape[-1])
+        found = pulls(effects, motion.layout.facts, placed, conditions)
+        bent = _bent(motion.coefficients, rate.coefficients, step)
+        K, tau = stiffness(found, bent), torque(found, bent)
+        assert K is not None
+        assert tau is not None
+        return K, tau
+
+    near, back, far, farther = at(_STEP), at(-_STEP), at(2 * _STEP), at(-2 * _STEP)
+    dK, dtau = ((8.0 * (near[i] - back[i]) - (far[i] - farther[i])) / (12.0 * _STEP) for i in (0, 1))
+    return dK, dtau
+
+
+def _bent(coefficients: Coefficients, slopes: Coefficients, step: float) -> Coefficients:
+    out = []
+    for terms, slope in zip(coefficients, slopes, strict=True):
+        total = dict(terms)
+        for e, s in slope:
+            total[e] = total.get(e, 0.0) + step * s
+        out.append(tuple(sorted(total.items())))
+    return tuple(out)
