@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.elastostatics import Model, Site
+from qsframework.elastostatics import Model, Site, flip_margin
 from qsframework.elastostatics.state import place
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment
@@ -100,6 +100,11 @@ def check_poses(experiment: Experiment, model: Model, pendant: Array) -> dict[st
         allowed["z_min"] = point[:, 2] >= limits.z_min
     if limits.axis1_distance_min is not None:
         allowed["axis1_distance_min"] = np.hypot(point[:, 0], point[:, 1]) >= limits.axis1_distance_min
+    if limits.flip_margin is not None:
+        allowed["flip_margin"] = np.ones(len(q), dtype=bool)
+        for load in experiment.loads:
+            loaded = Poses(pendant, q, np.tile(load.wrench, (len(q), 1)))
+            allowed["flip_margin"] &= flip_margin(model, loaded) >= limits.flip_margin
     return allowed
 
 

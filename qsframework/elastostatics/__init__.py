@@ -7,6 +7,7 @@ from qsframework.elastostatics.equilibrium import (
     equilibrium,
     full_displacement,
 )
+from qsframework.elastostatics.flips import flip_margin
 from qsframework.elastostatics.model import Model, make_model
 from qsframework.elastostatics.state import Site, State
 
@@ -18,6 +19,7 @@ __all__ = [
     "cartesian_compliance",
     "cartesian_stiffness",
     "equilibrium",
+    "flip_margin",
     "full_displacement",
     "make_model",
 ]

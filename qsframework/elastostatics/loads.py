@@ -72,7 +72,12 @@ def weighted_columns(state: State, link: int, moments: Array) -> Twists:
 
 
 def gravity_torque(state: State, moments: Array, gravity: Array) -> Array:
-    """Torque of the masses on the coordinates, (ne, N) N m.
+    """Torque of the masses on the coordinates, (ne, N) N m."""
+    return combine(state.motion.coefficients, element_gravity(state, moments, gravity))
+
+
+def element_gravity(state: State, moments: Array, gravity: Array) -> Array:
+    """Torque of the masses on every element of the chain, (m, N) N m.
 
     Element e carries the summed mass M and mass moment h of all links after it: g . (z x (h - M o)).
     """
@@ -91,7 +96,7 @@ def gravity_torque(state: State, moments: Array, gravity: Array) -> Array:
             torque[e] = np.einsum("cn,cn->n", pull, weight - mass * placed.origins[e])
         else:
             torque[e] = mass * (gravity @ placed.axes[e])
-    return combine(state.motion.coefficients, torque)
+    return torque
 
 
 def gravity_torque_along(state: State, moments: Array, gravity: Array, rate: MotionRate) -> Array:

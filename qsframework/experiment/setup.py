@@ -46,12 +46,16 @@ class LoadCase:
 
 @dataclass(frozen=True)
 class Constraints:
-    """What a planned pose must keep: heights and distances in m, pendant ranges in rad."""
+    """What a planned pose must keep: heights and distances in m, pendant ranges in rad.
+
+    flip_margin, N m: torque that must keep the passive joints of every loop pressed on one side
+    """
 
     z_min: float | None = None
     axis1_distance_min: float | None = None
     of: str = "wrist_centre"
     joint_limits: dict[str, tuple[float, float]] = field(default_factory=dict)
+    flip_margin: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +240,7 @@ def _load_problems(document: Document, spec: ExperimentSpec) -> list[Problem]:
 def _constraints(spec: ExperimentSpec) -> Constraints:
     c = spec.constraints
     limits = {joint: (ends[0], ends[1]) for joint, ends in c.joint_limits.items()}
-    return Constraints(c.z_min, c.axis1_distance_min, c.of, limits)
+    return Constraints(c.z_min, c.axis1_distance_min, c.of, limits, c.flip_margin)
 
 
 def _check_model(document: Document, experiment: Experiment) -> None:

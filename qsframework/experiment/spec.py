@@ -84,6 +84,7 @@ class ConstraintsSpec(FileModel):
 
     z_min: Annotated[float | None, Unit("m")] = None
     axis1_distance_min: Annotated[float | None, Unit("m")] = None
+    flip_margin: Annotated[float | None, Unit("N m")] = None
     of: str = "wrist_centre"
     joint_limits: Annotated[dict[str, list[float]], Unit("rad")] = pydantic.Field(default_factory=dict)
 

@@ -1,0 +1,59 @@
+"""Does a load press a parallelogram's passive joints on the other side than the arm's own weight does?
+
+The coupling bar carries the torque of the loop's driven actuator. If the load changes its sign, the
+play of the passive joints is crossed, the displacement jumps by it, and the reading says nothing
+about stiffness (section 3.3 of the paper). Such poses are left out of plans, with a margin.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qsframework.elastostatics import loads, pulls, springs
+from qsframework.elastostatics.evaluation import move_commanded
+from qsframework.elastostatics.model import CHUNK, Model
+from qsframework.elastostatics.motion import Motion
+from qsframework.elastostatics.state import State, place
+from qsframework.plugin import Array, Load, ParallelSpring, Poses
+
+
+def flip_margin(model: Model, poses: Poses, x: Array | None = None) -> Array:
+    """Torque (N,) N m that keeps the passive joints of every loop pressed on the unloaded side.
+
+    The smaller of the torques of the driven actuator, unloaded and loaded, counted in the unloaded
+    direction: negative where the load flips the joint; infinite for an arm without loops.
+    """
+    x = model.nominal if x is None else x
+    parts = [_margin(model, poses.take(slice(s, s + CHUNK)), x) for s in range(0, len(poses), CHUNK)]
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def _margin(model: Model, poses: Poses, x: Array) -> Array:
+    _, motion = move_commanded(model, poses, x)
+    state = place(motion, model.tip, ())
+    applied = loads.apply_loads(model.of_kind(Load, x), poses.wrench, state.placed.matrix(model.tip.link), model.facts)
+    own = _own_torque(model, state, motion, applied, x, poses)
+    tip = state.tip.elements
+    wrench = applied.wrench.T
+    added = np.zeros_like(own)
+    added[: tip.upstream] = np.einsum("ecn,cn->en", tip.linear, wrench[:3])
+    added[: tip.upstream] += np.einsum("ecn,cn->en", tip.angular, wrench[3:])
+    margin = np.full(len(poses), np.inf)
+    for place_, term in zip(model.layout.loops, motion.loops, strict=True):
+        joints = [model.layout.joint_elements[j] for j in place_.joints]
+        rate = term.q_u[:, :, len(place_.joints) - 1].T  # the driven actuator is the loop's last
+        unloaded = np.einsum("jn,jn->n", rate, own[joints])
+        loaded = unloaded + np.einsum("jn,jn->n", rate, added[joints])
+        margin = np.minimum(margin, np.minimum(np.abs(unloaded), np.sign(unloaded) * loaded))
+    return margin
+
+
+def _own_torque(model: Model, state: State, motion: Motion, applied: loads.Applied, x: Array, poses: Poses) -> Array:
+    """Torque (m, N) of gravity and compensators on every element of the chain."""
+    torque = loads.element_gravity(state, applied.moments, model.gravity)
+    for joints, term in springs.torques(model.of_kind(ParallelSpring, x), motion, poses.unloaded):
+        torque[[model.layout.joint_elements[j] for j in joints]] += term.value.T
+    for pull in pulls.pulls(model.of_kind(ParallelSpring, x), model.facts, state.placed, poses.unloaded):
+        if pull is not None:
+            torque += pull.torque()
+    return torque
