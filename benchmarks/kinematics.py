@@ -21,9 +21,9 @@ import numpy as np
 
 from qsframework.elastostatics import Model, Site, full_displacement, make_model
 from qsframework.elastostatics.loads import gravity_torque, nominal_moments
-from qsframework.elastostatics.model import CHUNK
 from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.state import place
+from qsframework.elastostatics.structure import CHUNK
 from qsframework.plugin import Poses, find
 from qsframework.robot import Robot, load_robot
 
@@ -114,8 +114,8 @@ def main() -> None:
     robot = load_robot("fanuc_m900ib")
     poses = sample(robot, count)
     few = poses.take(slice(0, count // 10))
-    plain, wide = model(robot), model(robot, 10)
-    names = [p.name for p in wide.parameters]
+    plain, wide = model(robot), model(robot, 12)
+    names = [p.name for p in wide.parameters if "compliance" in p.name or p.name.endswith(".stiffness")]
     ours = cpu(lambda: batch(plain, poses))
     loop = cpu(lambda: pinocchio_loop(robot, few), 3) * len(poses) / len(few)
     print(f"positions + Jacobians + gravity, {count} poses: {ours:.3f} s; Pinocchio loop {loop:.3f} s", end="; ")

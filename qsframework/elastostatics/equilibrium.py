@@ -15,9 +15,9 @@ import numpy as np
 from qsframework.elastostatics import loads, pulls, springs
 from qsframework.elastostatics.evaluation import elastic_laws, gather, move_commanded
 from qsframework.elastostatics.hessian import load_hessian
-from qsframework.elastostatics.model import CHUNK, Model
 from qsframework.elastostatics.motion import Motion, move
 from qsframework.elastostatics.state import State, place
+from qsframework.elastostatics.structure import CHUNK, Structure
 from qsframework.errors import InputError, NotConverged
 from qsframework.plugin import Array, Load, ParallelSpring, Poses, Spring
 
@@ -47,7 +47,7 @@ class Settled:
     K: springs.Stiffness
 
 
-def equilibrium(model: Model, poses: Poses, x: Array | None = None, loaded: bool = True) -> Equilibrium:
+def equilibrium(model: Structure, poses: Poses, x: Array | None = None, loaded: bool = True) -> Equilibrium:
     """Solve equation (17) under gravity, compensators and, if `loaded`, the wrench.
 
     Raises NotConverged if a pose does not settle (a load beyond the arm's stability).
@@ -56,7 +56,7 @@ def equilibrium(model: Model, poses: Poses, x: Array | None = None, loaded: bool
     return Equilibrium(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
-def full_displacement(model: Model, poses: Poses, x: Array | None = None) -> Array:
+def full_displacement(model: Structure, poses: Poses, x: Array | None = None) -> Array:
     """Loaded minus unloaded equilibrium of the markers (N, K, 3) m, without what sensors add."""
     parts = []
     for chunk in _chunks(poses):
@@ -66,7 +66,7 @@ def full_displacement(model: Model, poses: Poses, x: Array | None = None) -> Arr
     return np.concatenate(parts)
 
 
-def cartesian_stiffness(model: Model, poses: Poses, x: Array | None = None, hessian: bool = True) -> Array:
+def cartesian_stiffness(model: Structure, poses: Poses, x: Array | None = None, hessian: bool = True) -> Array:
     """K_C (N, 6, 6) at the loaded equilibrium, equation (18): (D (K_theta - H)^-1 D')^-1.
 
     Force over translation in N/m, moment over rotation in N m/rad. Without `hessian`, H holds the
@@ -81,7 +81,7 @@ def cartesian_stiffness(model: Model, poses: Poses, x: Array | None = None, hess
     return np.asarray(np.linalg.inv(compliance), dtype=np.float64)
 
 
-def cartesian_compliance(model: Model, poses: Poses, x: Array | None = None, hessian: bool = True) -> Array:
+def cartesian_compliance(model: Structure, poses: Poses, x: Array | None = None, hessian: bool = True) -> Array:
     """Tip twist per unit wrench (N, 6, 6) at the loaded equilibrium: D (I - C H)^-1 C D'."""
     parts = []
     for chunk in _chunks(poses):
@@ -103,7 +103,7 @@ def _outcome(s: Settled) -> tuple[Array, Array, Array, Array]:
     return s.eps.T, state.tip.position.T, state.placed.matrix(state.tip.link), markers.transpose(2, 0, 1)
 
 
-def settle(model: Model, poses: Poses, x: Array | None, loaded: bool, start: Settled | None = None) -> Settled:
+def settle(model: Structure, poses: Poses, x: Array | None, loaded: bool, start: Settled | None = None) -> Settled:
     """Chord steps with the Hessian of the start; Newton steps with a fresh one where those do not settle."""
     x = model.nominal if x is None else x
     _, commanded = move_commanded(model, poses, x)
@@ -141,7 +141,7 @@ def _chord(slope: Array, K: springs.Stiffness, H: Array, rhs: Array) -> Array:
     return first + springs.solve(K, slope, slope * np.einsum("abn,bn->an", H, first))
 
 
-def _deflected(model: Model, commanded: Motion, eps: Array) -> State:
+def _deflected(model: Structure, commanded: Motion, eps: Array) -> State:
     """Place the chain with its coordinates at eps: actuators, bars and virtual joints all move."""
     layout = commanded.layout
     phi, bars = commanded.phi.copy(), commanded.bars.copy()
@@ -178,7 +178,7 @@ class _Residual:
 
 
 def _residual(
-    model: Model, poses: Poses, x: Array, state: State, compliance: Array, K: springs.Stiffness, eps: Array,
+    model: Structure, poses: Poses, x: Array, state: State, compliance: Array, K: springs.Stiffness, eps: Array,
     weight: float,
 ) -> _Residual:  # fmt: skip
     applied = loads.apply_loads(model.of_kind(Load, x), poses.wrench, state.placed.matrix(model.tip.link), model.facts)
@@ -197,7 +197,7 @@ def _residual(
     return _Residual(eps - value, slope, state, applied, model.gravity, torques, drawn, weight)
 
 
-def _equivalent(model: Model, motion: Motion, x: Array, poses: Poses) -> springs.Stiffness:
+def _equivalent(model: Structure, motion: Motion, x: Array, poses: Poses) -> springs.Stiffness:
     """K_eq of the commanded pose: the compensators' equivalent stiffness alone."""
     blocks = []
     for effect, xs in model.of_kind(ParallelSpring, x):

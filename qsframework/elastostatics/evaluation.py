@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.elastostatics import loads, pulls, springs
-from qsframework.elastostatics.model import Model
 from qsframework.elastostatics.motion import Motion, combine, move, nominal_actuators
 from qsframework.elastostatics.sensors import Sensed, sense
 from qsframework.elastostatics.state import State, place
+from qsframework.elastostatics.structure import Structure
 from qsframework.plugin import (
     Array,
     Conditions,
@@ -35,7 +35,7 @@ class Evaluation:
     where every law is linear, because they then drop out of a displacement
     """
 
-    model: Model
+    model: Structure
     x: Array
     poses: Poses
     geometry: tuple[GeometryTerm, ...]
@@ -59,7 +59,7 @@ class Evaluation:
         return tuple(sorted({j for f in self.faces for j in f.joints}))
 
 
-def evaluate(model: Model, poses: Poses, x: Array) -> Evaluation:
+def evaluate(model: Structure, poses: Poses, x: Array) -> Evaluation:
     """Run the stages at the commanded poses."""
     geometry, motion = move_commanded(model, poses, x)
     state = place(motion, model.tip, model.markers)
@@ -87,7 +87,7 @@ def evaluate(model: Model, poses: Poses, x: Array) -> Evaluation:
     )  # fmt: skip
 
 
-def move_commanded(model: Model, poses: Poses, x: Array) -> tuple[tuple[GeometryTerm, ...], Motion]:
+def move_commanded(model: Structure, poses: Poses, x: Array) -> tuple[tuple[GeometryTerm, ...], Motion]:
     """Stages 0 and 1 at the commanded poses, with the errors of geometry and bars."""
     geometry = tuple(e.errors(poses, xs, model.facts) for e, xs in model.of_kind(Geometry, x))
     phi = nominal_actuators(model.layout, np.ascontiguousarray(poses.q.T))
@@ -102,7 +102,7 @@ def move_commanded(model: Model, poses: Poses, x: Array) -> tuple[tuple[Geometry
     return geometry, move(model.layout, phi, spread, placements)
 
 
-def elastic_laws(model: Model, x: Array) -> springs.Laws:
+def elastic_laws(model: Structure, x: Array) -> springs.Laws:
     """The springs' laws with the coordinates that they act on and their parameters."""
     return [(e, rows, xs) for (e, xs), rows in zip(model.of_kind(SpringLaw, x), model.law_rows, strict=True)]
 
@@ -126,7 +126,7 @@ def joint_torque(faces: tuple[springs.Faces, ...], touched: tuple[int, ...], bat
 
 
 def _preload(
-    model: Model, state: State, applied: loads.Applied, faces: tuple[springs.Faces, ...],
+    model: Structure, state: State, applied: loads.Applied, faces: tuple[springs.Faces, ...],
     drawn: tuple[pulls.Pull | None, ...], rates: springs.JointRates,
 ) -> Array:  # fmt: skip
     """tau_0: gravity and the compensators' torques on the coordinates, (ne, N)."""
@@ -149,7 +149,7 @@ def active_coordinates(motion: Motion, touched: tuple[int, ...], drawn: Sequence
 
 
 def _sense(
-    model: Model, x: Array, poses: Poses, state: State, unloaded: springs.Response | None, loaded: springs.Response
+    model: Structure, x: Array, poses: Poses, state: State, unloaded: springs.Response | None, loaded: springs.Response
 ) -> tuple[Sensed, Sensed] | None:
     """Readings of the unloaded and the loaded state, where the model has sensors."""
     sensors = model.of_kind(Sensor, x)

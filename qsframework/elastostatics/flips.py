@@ -11,13 +11,13 @@ import numpy as np
 
 from qsframework.elastostatics import loads, pulls, springs
 from qsframework.elastostatics.evaluation import move_commanded
-from qsframework.elastostatics.model import CHUNK, Model
 from qsframework.elastostatics.motion import Motion
 from qsframework.elastostatics.state import State, place
+from qsframework.elastostatics.structure import CHUNK, Structure
 from qsframework.plugin import Array, Load, ParallelSpring, Poses
 
 
-def flip_margin(model: Model, poses: Poses, x: Array | None = None) -> Array:
+def flip_margin(model: Structure, poses: Poses, x: Array | None = None) -> Array:
     """Torque (N,) N m that keeps the passive joints of every loop pressed on the unloaded side.
 
     The smaller of the torques of the driven actuator, unloaded and loaded, counted in the unloaded
@@ -28,7 +28,7 @@ def flip_margin(model: Model, poses: Poses, x: Array | None = None) -> Array:
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
-def _margin(model: Model, poses: Poses, x: Array) -> Array:
+def _margin(model: Structure, poses: Poses, x: Array) -> Array:
     _, motion = move_commanded(model, poses, x)
     state = place(motion, model.tip, ())
     applied = loads.apply_loads(model.of_kind(Load, x), poses.wrench, state.placed.matrix(model.tip.link), model.facts)
@@ -48,7 +48,9 @@ def _margin(model: Model, poses: Poses, x: Array) -> Array:
     return margin
 
 
-def _own_torque(model: Model, state: State, motion: Motion, applied: loads.Applied, x: Array, poses: Poses) -> Array:
+def _own_torque(
+    model: Structure, state: State, motion: Motion, applied: loads.Applied, x: Array, poses: Poses
+) -> Array:
     """Torque (m, N) of gravity and compensators on every element of the chain."""
     torque = loads.element_gravity(state, applied.moments, model.gravity)
     for joints, term in springs.torques(model.of_kind(ParallelSpring, x), motion, poses.unloaded):

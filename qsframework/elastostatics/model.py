@@ -1,4 +1,4 @@
-"""The pipeline: all effects of a robot and a campaign, stage by stage (physics.md, section 2).
+"""The pipeline: all effects of a robot and a campaign, stage by stage.
 
     readings = Model.predict(poses, x)            A = Model.sensitivity(poses, x)
 
@@ -8,81 +8,39 @@ and (10) of the paper; laws, if there are any, are solved for the unloaded and t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
-from qsframework.elastostatics.layout import Layout, make_layout
+from qsframework.elastostatics.evaluation import displacement, evaluate
+from qsframework.elastostatics.layout import make_layout
 from qsframework.elastostatics.state import Site
+from qsframework.elastostatics.structure import Structure, chunks
+from qsframework.elastostatics.tangents import sensitivities
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.plugin import Array, Effect, Parameter, Poses, RobotFacts, Spring, SpringLaw
 from qsframework.plugin.facts import frozen
 
-CHUNK = 4096
-K = TypeVar("K", bound=Effect)
-
 
 @dataclass(frozen=True, eq=False)
-class Model:
-    """The arm as it gives under load. Frozen; parameter values are passed as `x` (p,), in SI.
-
-    effects are ordered by stage; `slices[i]` are the positions of effect i's parameters in x
-    """
-
-    facts: RobotFacts
-    effects: tuple[Effect, ...]
-    parameters: tuple[Parameter, ...]
-    slices: tuple[slice, ...]
-    layout: Layout
-    tip: Site
-    markers: tuple[Site, ...]
-    marker_names: tuple[str, ...]
-    gravity: Array
-    law_rows: tuple[tuple[int, ...], ...]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the p parameters, in the order of x."""
-        return tuple(p.name for p in self.parameters)
-
-    @property
-    def nominal(self) -> Array:
-        """Nominal values (p,), SI."""
-        return np.array([p.nominal for p in self.parameters])
-
-    def index(self, names: Sequence[str]) -> list[int]:
-        """Positions of parameters in x; an InputError offers the nearest name."""
-        for name in names:
-            if name not in self.names:
-                problem = Problem(f"the model has no parameter {name!r}", allowed=", ".join(self.names))
-                raise InputError(Problem(problem.message, allowed=problem.allowed, hint=nearest(name, self.names)))
-        return [self.names.index(name) for name in names]
-
-    def of_kind(self, kind: type[K], x: Array) -> list[tuple[K, Array]]:
-        """The effects of one kind with their parameter values."""
-        return [(e, x[s]) for e, s in zip(self.effects, self.slices, strict=True) if isinstance(e, kind)]
+class Model(Structure):
+    """The arm as it gives under load."""
 
     def predict(self, poses: Poses, x: Array | None = None) -> Array:
         """Displacement readings (N, K, 3) m of K markers: loaded minus unloaded, base frame."""
-        from qsframework.elastostatics.evaluation import displacement, evaluate
-
-        x = self.nominal if x is None else self._checked(x)
+        x = self.nominal if x is None else self.checked(x)
         out = np.empty((len(poses), len(self.markers), 3))
-        for part, chunk in _chunks(poses):
+        for part, chunk in chunks(poses):
             out[part] = displacement(evaluate(self, chunk, x)).transpose(2, 0, 1)
         return out
 
     def sensitivity(self, poses: Poses, x: Array | None = None, names: Sequence[str] | None = None) -> Array:
         """d readings / d parameters (N, K, 3, p): the observation matrix, equation (4)."""
-        from qsframework.elastostatics.evaluation import evaluate
-        from qsframework.elastostatics.tangents import sensitivities
-
-        x = self.nominal if x is None else self._checked(x)
+        x = self.nominal if x is None else self.checked(x)
         wanted = list(range(len(self.parameters))) if names is None else self.index(names)
         out = np.empty((len(poses), len(self.markers), 3, len(wanted)))
-        for part, chunk in _chunks(poses):
+        for part, chunk in chunks(poses):
             out[part] = sensitivities(evaluate(self, chunk, x), wanted).transpose(3, 1, 2, 0)
         return out
 
@@ -93,18 +51,6 @@ class Model:
             angle = place.loop.transmission_angle(poses.q[:, list(place.joints)], self.facts)
             margin = np.minimum(margin, angle - place.loop.smallest_transmission_angle)
         return margin
-
-    def _checked(self, x: Array) -> Array:
-        x = np.asarray(x, dtype=float)
-        if x.shape != (len(self.parameters),) or not np.isfinite(x).all():
-            raise InputError(f"x must hold {len(self.parameters)} finite numbers, found shape {x.shape}")
-        return x
-
-
-def _chunks(poses: Poses) -> Iterator[tuple[slice, Poses]]:
-    for start in range(0, len(poses), CHUNK):
-        part = slice(start, min(start + CHUNK, len(poses)))
-        yield part, poses.take(part)
 
 
 def make_model(

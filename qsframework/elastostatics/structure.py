@@ -1,0 +1,73 @@
+"""What a model is made of: effects, parameters, the chain, the load point and the markers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from qsframework.elastostatics.layout import Layout
+from qsframework.elastostatics.state import Site
+from qsframework.errors import InputError, Problem, nearest
+from qsframework.plugin import Array, Effect, Parameter, Poses, RobotFacts
+
+CHUNK = 4096
+"""Poses worked on at a time, so that a batch stays in the processor's cache."""
+K = TypeVar("K", bound=Effect)
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """The parts of a model. Frozen; parameter values are passed as `x` (p,), in SI.
+
+    effects are ordered by stage; `slices[i]` are the positions of effect i's parameters in x
+    """
+
+    facts: RobotFacts
+    effects: tuple[Effect, ...]
+    parameters: tuple[Parameter, ...]
+    slices: tuple[slice, ...]
+    layout: Layout
+    tip: Site
+    markers: tuple[Site, ...]
+    marker_names: tuple[str, ...]
+    gravity: Array
+    law_rows: tuple[tuple[int, ...], ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the p parameters, in the order of x."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def nominal(self) -> Array:
+        """Nominal values (p,), SI."""
+        return np.array([p.nominal for p in self.parameters])
+
+    def index(self, names: Sequence[str]) -> list[int]:
+        """Positions of parameters in x; an InputError offers the nearest name."""
+        for name in names:
+            if name not in self.names:
+                problem = Problem(f"the model has no parameter {name!r}", allowed=", ".join(self.names))
+                raise InputError(Problem(problem.message, allowed=problem.allowed, hint=nearest(name, self.names)))
+        return [self.names.index(name) for name in names]
+
+    def of_kind(self, kind: type[K], x: Array) -> list[tuple[K, Array]]:
+        """The effects of one kind with their parameter values."""
+        return [(e, x[s]) for e, s in zip(self.effects, self.slices, strict=True) if isinstance(e, kind)]
+
+    def checked(self, x: Array) -> Array:
+        """x as an array, or an InputError if it does not hold one finite number per parameter."""
+        x = np.asarray(x, dtype=float)
+        if x.shape != (len(self.parameters),) or not np.isfinite(x).all():
+            raise InputError(f"x must hold {len(self.parameters)} finite numbers, found shape {x.shape}")
+        return x
+
+
+def chunks(poses: Poses) -> Iterator[tuple[slice, Poses]]:
+    """The poses, CHUNK at a time."""
+    for start in range(0, len(poses), CHUNK):
+        part = slice(start, min(start + CHUNK, len(poses)))
+        yield part, poses.take(part)
