@@ -13,24 +13,31 @@ from qsframework.experiment import Experiment, load_experiment, read_plan, read_
 from qsframework.files import write_text
 
 
-def list_robots() -> None:
+def list_robots(json: Path | None) -> None:
     """Name and title of every robot on the search path."""
     from qsframework.robot import load_robot, robot_names
 
     rows = tuple((name, load_robot(name).title) for name in robot_names())
     print_table(("robot", "title"), rows)
+    if json is not None:
+        write_json(json, dict(rows))
 
 
-def check_files(files: Sequence[Path]) -> None:
+def check_files(files: Sequence[Path], json: Path | None) -> None:
     """Load each file; raise one InputError with the problems of all."""
     problems = []
+    words: dict[str, str] = {}
     for file in files:
         try:
-            print(f"{file}: {_check(file)}")
+            words[str(file)] = _check(file)
         except InputError as error:
             problems += error.problems
     if problems:
         raise InputError(problems)
+    for name, said in words.items():
+        print(f"{name}: {said}")
+    if json is not None:
+        write_json(json, words)
 
 
 def _check(file: Path) -> str:
@@ -74,10 +81,14 @@ def run_design(
 
 def run_simulate(file: Path, plan_file: Path, output: Path, truth: str, seed: int, json: Path | None) -> None:
     """Simulate a plan and write its readings."""
+    from qsframework.design import broken_constraints
     from qsframework.experiment import simulate
 
     experiment = load_experiment(file)
-    result = simulate(experiment, read_plan(plan_file, experiment), truth=truth, seed=seed)
+    plan = read_plan(plan_file, experiment)
+    for constraint, poses in broken_constraints(experiment, plan).items():
+        print(f"note: {', '.join(poses)} break the constraint {constraint!r}")
+    result = simulate(experiment, plan, truth=truth, seed=seed)
     write_readings(output, result.readings, experiment)
     if json is not None:
         write_json(json, {"readings": str(output), "seed": seed, "truth": result.truth_by_name()})

@@ -155,6 +155,7 @@ def designed_plan(output: Path, seed: int, tell: Tell) -> list[Section]:
 
 def _against_table5(experiment: Experiment, plan: Plan) -> Table:
     """Promised sds beside those of the paper's Table 5 under the weight alone."""
+    from qsframework.design import broken_constraints
     from qsframework.information import promised_sd
 
     paper = read_plan(example("m900ib") / "table5.csv", experiment)
@@ -167,4 +168,7 @@ def _against_table5(experiment: Experiment, plan: Plan) -> Table:
             "the paper's Table 5": promised_sd(experiment, paper),
         },
     )
-    return replace(table, caption=table.caption + " Under the weight alone nothing loads joint 1.")
+    broken = broken_constraints(experiment, paper)
+    notes = "; ".join(f"{', '.join(poses)} break {constraint}" for constraint, poses in broken.items())
+    caption = f"{table.caption} Under the weight alone nothing loads joint 1. Of Table 5, {notes}."
+    return replace(table, caption=caption)

@@ -36,19 +36,22 @@ def demo(
 
 
 @app.command()
-def robots() -> None:
+def robots(json: Json = None) -> None:
     """List the robots that can be named in an experiment."""
     from qsframework.cli.commands import list_robots
 
-    list_robots()
+    list_robots(json)
 
 
 @app.command()
-def check(files: Annotated[list[Path], typer.Argument(help="robot.yaml, experiment.yaml or a robot's name")]) -> None:
+def check(
+    files: Annotated[list[Path], typer.Argument(help="robot.yaml, experiment.yaml or a robot's name")],
+    json: Json = None,
+) -> None:
     """Check robots and experiments, with the readings that they name; all problems at once."""
     from qsframework.cli.commands import check_files
 
-    check_files(files)
+    check_files(files, json)
 
 
 @app.command()

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from qsframework.elastostatics import Model, Site, flip_margin
 from qsframework.elastostatics.state import place
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment
+from qsframework.experiment import Experiment, Plan
 from qsframework.plugin import Array, Poses
 
 _BLOCK = 4096
@@ -106,6 +106,13 @@ def check_poses(experiment: Experiment, model: Model, pendant: Array) -> dict[st
             loaded = Poses(pendant, q, np.tile(load.wrench, (len(q), 1)))
             allowed["flip_margin"] &= flip_margin(model, loaded) >= limits.flip_margin
     return allowed
+
+
+def broken_constraints(experiment: Experiment, plan: Plan) -> dict[str, tuple[str, ...]]:
+    """The poses of a plan that break a constraint of the experiment, by the constraint's name."""
+    found = check_poses(experiment, experiment.model(), plan.pendant)
+    names = {c: tuple(p for p, ok in zip(plan.pose, allowed, strict=True) if not ok) for c, allowed in found.items()}
+    return {constraint: poses for constraint, poses in names.items() if poses}
 
 
 def reference_point(experiment: Experiment, model: Model, q: Array) -> Array:

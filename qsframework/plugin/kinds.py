@@ -1,4 +1,4 @@
-"""The seven kinds of effect, one per stage of the pipeline (physics.md, section 2).
+"""The seven kinds of effect, one per stage of the pipeline.
 
 An effect is a frozen dataclass whose fields are its configuration. It declares its parameters and
 gives its law with derivatives for a batch of N poses; `x` (p,) always holds the values of its own

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from qsframework.design import CRITERIA, check_poses, design, find_criterion, generate_candidates
+from qsframework.design import CRITERIA, broken_constraints, check_poses, design, find_criterion, generate_candidates
 from qsframework.design.exact import Quotas, exchange
 from qsframework.design.relaxed import relax
 from qsframework.errors import InputError, NotIdentifiable
@@ -147,6 +147,17 @@ def test_constraints_are_kept_and_explained(m900ib: Experiment) -> None:
     assert set(found.removed) >= {"z_min", "axis1_distance_min", "transmission angle"}
     with pytest.raises(InputError, match=r"z_min removed \d+"):
         generate_candidates(m900ib.with_(constraints=Constraints(z_min=9.0)), 10)
+
+
+def test_table_5_breaks_two_of_its_own_limits(m900ib: Experiment) -> None:
+    """Rows 7 and 8 are 5 deg from a flat loop, rows 11 and 12 are 0.84 m from axis 1."""
+    from qsframework.experiment import example
+
+    paper = read_plan(example("m900ib") / "table5.csv", m900ib)
+    assert broken_constraints(m900ib, paper) == {
+        "transmission angle": ("row07", "row08"),
+        "axis1_distance_min": ("row11", "row12"),
+    }
 
 
 def test_weight_alone_cannot_tell_joint_1(m900ib: Experiment) -> None:

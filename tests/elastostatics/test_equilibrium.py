@@ -120,7 +120,7 @@ def test_twice_the_load_twice_the_displacement_in_the_linear_model(robot: Robot,
 
 
 def test_the_linear_model_errs_by_little(robot: Robot, model: Model) -> None:
-    """Median 0.2 % of the deflection at 5 kN (physics.md, section 2)."""
+    """Median 0.2 % of the deflection at 5 kN."""
     p = poses(robot, 60, moment=0.0)
     p = Poses(p.pendant, p.q, p.wrench * (5e3 / np.linalg.norm(p.wrench, axis=1))[:, None])
     full, linear = full_displacement(model, p)[:, 0], model.predict(p)[:, 0]

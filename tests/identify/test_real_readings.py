@@ -1,4 +1,4 @@
-"""The R-2000iC's 43 readings: the numbers of independent code (physics.md, section 7)."""
+"""The R-2000iC's 43 readings: the numbers of independent code."""
 
 from __future__ import annotations
 
