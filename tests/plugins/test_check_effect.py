@@ -36,6 +36,14 @@ SETTINGS = {
     | {"first": "link_1", "second": "link_2"},
     "parallelogram": {"driver": "joint_2", "driven": "joint_3", "lever_m": 0.75},
     "four_bar": {"driver": "joint_2", "driven": "joint_3", "lever_m": 0.75, "bar_m": 1.2, "rocker_mm": 600},
+    "closed_chain": {
+        "driver": "joint_2",
+        "driven": "joint_3",
+        "links": [
+            {"name": "lever", "axis": [0, -1, 0], "to_mm": [700, 0, 100]},
+            {"name": "bar", "axis": [0, 1, 0], "to_m": [0.8, 0.0, 1.1]},
+        ],
+    },
     "bar_compliance": {"driven": "joint_3"},
     "gravity_compensator": {"joint": "joint_2", "lc_m": 0.235, "l2_m": 1.12, "zero_deg": 20},
     "compensator_stiffness": {"joint": "joint_2", "lc_mm": 235, "l2_m": 1.12},
