@@ -7,6 +7,7 @@ from qsframework.elastostatics.equilibrium import (
     equilibrium,
     full_displacement,
 )
+from qsframework.elastostatics.evaluation import spring_stiffness
 from qsframework.elastostatics.flips import flip_margin
 from qsframework.elastostatics.model import Model, make_model
 from qsframework.elastostatics.state import Site, State
@@ -22,4 +23,5 @@ __all__ = [
     "flip_margin",
     "full_displacement",
     "make_model",
+    "spring_stiffness",
 ]

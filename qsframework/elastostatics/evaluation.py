@@ -11,7 +11,7 @@ from qsframework.elastostatics import loads, pulls, springs
 from qsframework.elastostatics.motion import Motion, combine, move, nominal_actuators
 from qsframework.elastostatics.sensors import Sensed, sense
 from qsframework.elastostatics.state import State, place
-from qsframework.elastostatics.structure import Structure
+from qsframework.elastostatics.structure import Structure, chunks
 from qsframework.plugin import (
     Array,
     Conditions,
@@ -168,3 +168,21 @@ def displacement(ev: Evaluation) -> Array:
         return ev.sensed[1].position - ev.sensed[0].position
     eps = ev.loaded.eps if ev.unloaded is None else ev.loaded.eps - ev.unloaded.eps
     return np.stack([np.einsum("ecn,en->cn", m.linear, eps) for m in ev.state.markers])
+
+
+def spring_stiffness(model: Structure, poses: Poses, x: Array | None = None) -> Array:
+    """K_theta(q) (N, ne, ne) of the elastic coordinates, equation (10): diag(1/c) + K_par at the commanded pose.
+
+    A rigid spring (c = 0) has an infinite entry on the diagonal.
+    """
+    parts = []
+    for _, chunk in chunks(poses):
+        ev = evaluate(model, chunk, model.nominal if x is None else model.checked(x))
+        count = len(ev.compliance)
+        with np.errstate(divide="ignore"):
+            total = np.zeros((len(chunk), count, count))
+            total[:, range(count), range(count)] = 1.0 / ev.compliance
+        rows = np.ix_(range(len(chunk)), ev.loaded.stiffness.active, ev.loaded.stiffness.active)
+        total[rows] += ev.loaded.stiffness.K.transpose(2, 0, 1)
+        parts.append(total)
+    return np.concatenate(parts)

@@ -18,6 +18,7 @@ from qsframework.elastostatics import (
     equilibrium,
     full_displacement,
     make_model,
+    spring_stiffness,
 )
 from qsframework.elastostatics.loads import apply_loads
 from qsframework.errors import InputError, NotConverged
@@ -105,6 +106,22 @@ def test_stiffness_is_symmetric_without_moments(robot: Robot, model: Model) -> N
     assert np.abs(C - C.transpose(0, 2, 1)).max() < 1e-12 * np.abs(C).max()
     C = cartesian_compliance(model, poses(robot, 30, moment=3000.0))
     assert np.abs(C - C.transpose(0, 2, 1)).max() > 1e-6 * np.abs(C).max()
+
+
+def test_the_balancer_stiffens_joint_2_with_the_pose(robot: Robot, model: Model) -> None:
+    """Equation (10): K_theta2 = K2 + (K_c + K_eq) lc l2 eta(q2), all other springs constant."""
+    x = model.nominal
+    x[model.index(["compensator_stiffness[joint_2].stiffness"])] = 6.9e6
+    p = poses(robot, 15)
+    K = spring_stiffness(model, p, x)
+    b, lc, l2, s0 = p.q[:, 1], 0.235, 1.12, 0.70
+    s = np.sqrt(lc**2 + l2**2 - 2 * lc * l2 * np.cos(b))
+    eta = np.cos(b) + s0 * lc * l2 / s**3 * np.sin(b) ** 2 - s0 / s * np.cos(b)
+    assert np.allclose(K[:, 1, 1], 7.0e6 + (6.9e6 + 1e5) * lc * l2 * eta, rtol=1e-12)
+    assert np.allclose(K[:, 0, 0], 6.0e6)
+    assert np.allclose(K - np.einsum("nii->ni", K)[:, :, None] * np.eye(6), 0.0)
+    x[model.index(["joint_compliance[joint_1]"])] = 0.0
+    assert np.isinf(spring_stiffness(model, p, x)[:, 0, 0]).all()
 
 
 def test_no_load_no_displacement(robot: Robot, model: Model) -> None:
