@@ -209,8 +209,8 @@ def _vector(
     """Three finite numbers under one of the keys, times its factor."""
     for key, factor in factors.items():
         value = entry.get(key)
-        numbers = isinstance(value, list | tuple) and all(type(c) in (int, float) and np.isfinite(c) for c in value)
-        if numbers and len(value) == 3:
-            return factor * value[0], factor * value[1], factor * value[2]
+        numbers = list(value) if isinstance(value, list | tuple) else []
+        if len(numbers) == 3 and all(type(c) in (int, float) and np.isfinite(c) for c in numbers):
+            return factor * numbers[0], factor * numbers[1], factor * numbers[2]
     problems.append(Problem(f"closed_chain: link {index + 1} needs {asked}: three numbers", found=repr(entry)))
     return 0.0, 0.0, 1.0

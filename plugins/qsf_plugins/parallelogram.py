@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsf_plugins.planar_loop import FLAT, Slopes, driven_term, implicit, link_length, parallel_sign, refuse
-from qsframework.plugin import Array, Loop, LoopTerm, Parameter, RobotFacts, place, setting
+from qsframework.plugin import Array, InputError, Loop, LoopTerm, Parameter, RobotFacts, place, setting
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,8 @@ class Parallelogram(Loop):
         for joint in self.joints(robot):
             robot.joint_index(joint)
         self._sign(robot)
+        if not self.lever > 0.0:
+            raise InputError(f"{self.name}: lever must be a positive length, found {self.lever:g} m")
 
     def _sign(self, robot: RobotFacts) -> float:
         return parallel_sign(robot, self.driver, self.driven)

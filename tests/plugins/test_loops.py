@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from qsf_plugins.bar_compliance import BarCompliance
+from qsf_plugins.closed_chain import ChainLink, ClosedChain
 from qsf_plugins.four_bar import BARS, FourBar
 from qsf_plugins.joint_compliance import JointCompliance
 from qsf_plugins.parallelogram import Parallelogram
@@ -304,3 +305,163 @@ def test_motors_and_bar_give_together() -> None:
     x = np.array([0.0, 1.4e-7, 2e-7, SOFT])
     alone = sum(model.predict(poses, x * keep) for keep in np.eye(4)[1:])
     assert np.allclose(model.predict(poses, x), alone, rtol=1e-12, atol=1e-18)
+
+
+# A chain given by its pivots, held against the planar loops and against Pinocchio's point constraint.
+
+
+def pivot(length: float, angle: float) -> np.ndarray:
+    """A point about the driver's axis (+y) from link 2 (+z at zero): angles count from z to x."""
+    return length * np.array([np.sin(angle), 0.0, np.cos(angle)])
+
+
+def drawn(loop: FourBar, robot: RobotFacts) -> ClosedChain:
+    """The chain of a four-bar that is closed at zero angles: its rocker_zero must fit."""
+    lever = pivot(loop.lever, loop.lever_zero)
+    end = np.array([0.0, 0.0, LINK]) + pivot(loop.rocker, loop.rocker_zero)
+    links = (
+        ChainLink("lever", (0.0, sign(robot), 0.0), tuple(lever)),
+        ChainLink("bar", (0.0, 1.0, 0.0), tuple(end)),
+    )
+    return ClosedChain("joint_3", "joint_2", links)
+
+
+def closed_at_zero(loop: FourBar, robot: RobotFacts) -> FourBar:
+    q = loop.closure(np.zeros((1, 2)), np.zeros((1, 4)), robot).q[0, 1]
+    return replace(loop, rocker_zero=loop.rocker_zero + sign(robot) * q)
+
+
+SPATIAL = ClosedChain(
+    "joint_3",
+    "joint_2",
+    (
+        ChainLink("lever", tuple(np.array([0.1, -1.0, 0.05]) / np.linalg.norm([0.1, -1.0, 0.05])), (0.7, 0.25, 0.1)),
+        ChainLink("knuckle", (0.0, 1.0, 0.0), (0.7, 0.25, 0.1)),
+        ChainLink("bar", (1.0, 0.0, 0.0), (0.75, 0.1, 1.15)),
+    ),
+    at=(0.0, 0.2, 0.0),
+)
+
+
+@pytest.mark.parametrize("robot", [ROBOT, alike(ROBOT)], ids=["opposed", "alike"])
+@pytest.mark.parametrize("loop", BARRED, ids=str)
+def test_a_chain_reproduces_the_planar_loops(loop: FourBar, robot: RobotFacts) -> None:
+    loop = closed_at_zero(loop, robot)
+    chain = drawn(loop, robot)
+    assert [p.name for p in chain.parameters(robot)] == ["closed_chain[joint_3].lever", "closed_chain[joint_3].bar"]
+    check_effect(chain, robot)
+    phi = commands(100)
+    bars = np.random.default_rng(2).normal(0, 1e-3, (100, 4)) * [1, 1, 0, 0]
+    ours, theirs = chain.closure(phi, bars[:, [1, 0]], robot), loop.closure(phi, bars, robot)
+    columns = [0, 1, 3, 2]
+    assert np.allclose(ours.q, theirs.q, rtol=0, atol=1e-10)
+    assert np.allclose(ours.q_u, theirs.q_u[..., columns], rtol=0, atol=1e-10)
+    theirs_uu = theirs.q_uu[..., columns, :][..., columns]
+    assert np.allclose(ours.q_uu, theirs_uu, rtol=0, atol=1e-10 * np.abs(theirs_uu).max())
+    angles = [e.transmission_angle(theirs.q, robot) for e in (chain, loop)]
+    assert np.allclose(*angles, rtol=0, atol=1e-6)  # arcsin near 90 deg
+    if loop.bar == LINK:
+        one, other = chain.closure(phi, 0 * phi, robot), PARALLELOGRAM.closure(phi, 0 * phi[:, :1], robot)
+        assert np.allclose(one.q, other.q, rtol=0, atol=1e-12)
+        assert np.allclose(one.q_u[..., [0, 1, 3]], other.q_u, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("loop", [drawn(EQUAL, ROBOT), drawn(closed_at_zero(BENT, ROBOT), ROBOT), SPATIAL], ids=str)
+def test_a_chain_agrees_with_pinocchios_point_constraint(loop: ClosedChain) -> None:
+    """Link 2, elbow and mechanism as an explicit pin.Model: the points meet, and the constraint gives our slopes."""
+    import pinocchio as pin
+
+    model = pin.Model()
+
+    def add(parent: int, axis: tuple[float, ...] | np.ndarray, at: np.ndarray) -> int:
+        placement = pin.SE3(np.eye(3), np.array(at, dtype=float))
+        return model.addJoint(parent, pin.JointModelRevoluteUnaligned(np.array(axis)), placement, f"j{model.njoints}")
+
+    elbow = np.array([0.0, 0.0, LINK])
+    shoulder = add(0, (0.0, 1.0, 0.0), np.zeros(3))
+    forearm = add(shoulder, (0.0, -1.0, 0.0), elbow)
+    here, end = 0, np.zeros(3)
+    for link, start in zip(loop.links, (loop.at, *(link.to for link in loop.links)), strict=False):
+        here = add(here, link.axis, np.array(start) - end)
+        end = np.array(start)
+    close = np.array(loop.links[-1].to)
+    constraint = pin.PointAnchorConstraintModel(
+        model, here, pin.SE3(np.eye(3), close - end), forearm, pin.SE3(np.eye(3), close - elbow)
+    )
+    data, cdata = model.createData(), constraint.createData()
+    m = len(loop.parameters(ROBOT))
+    free = [1, *range(3, 2 + len(loop.links))]
+    for phi in commands(20, 4):
+        term = loop.closure(phi[None], np.zeros((1, m)), ROBOT)
+        q = np.zeros(model.nq)
+        q[0], q[2], q[1] = *phi, 0.0
+        for share in np.linspace(0.1, 1.0, 10):
+            q[0], q[2] = share * phi
+            for _ in range(10):
+                pin.computeJointJacobians(model, data, q)
+                constraint.calc(model, data, cdata)
+                J = constraint.jacobian(model, data, cdata)
+                q[free] -= np.linalg.lstsq(J[:, free], cdata.constraint_position_error, rcond=1e-10)[0]
+        assert np.abs(cdata.constraint_position_error).max() < 1e-12
+        assert np.isclose(term.q[0, 1], q[1], rtol=0, atol=1e-10)
+        slopes = -np.linalg.lstsq(J[:, free], J[:, [0, 2]], rcond=1e-10)[0][0]
+        assert np.allclose(term.q_u[0, 1, :2], slopes, rtol=0, atol=1e-10)
+
+
+def test_a_spatial_chain_keeps_the_protocol() -> None:
+    for seed in range(3):
+        check_effect(SPATIAL, ROBOT, seed)
+    assert [p.name.split(".")[1] for p in SPATIAL.parameters(ROBOT)] == ["lever", "bar"]
+
+
+def test_an_elastic_bar_of_a_chain_is_that_of_the_parallelogram() -> None:
+    chain = drawn(EQUAL, ROBOT)
+    springs = BarCompliance("joint_3", "closed_chain", 1), BarCompliance("joint_3")
+    poses = poses_at(ANGLES[:5])
+    found = []
+    for loop, spring in zip((chain, PARALLELOGRAM), springs, strict=True):
+        model = make_model(ROBOT, [loop, spring], [], TIP, [("tip", TIP)], np.zeros(3))
+        x = np.zeros(len(model.parameters))
+        x[-1] = SOFT
+        found.append(model.predict(poses, x))
+    assert np.allclose(*found, rtol=1e-9, atol=1e-15)
+
+
+LINKS = [{"name": "lever", "axis": [0, -2, 0], "to_mm": [750, 0, 0]}, {"name": "bar", "axis": [0, 1, 0],
+                                                                        "to_m": [0.75, 0, 1.1]}]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("links", "words"),
+    [
+        (LINKS[:1], "a list of two or three links"),
+        ("lever", "a list of two or three links"),
+        ([LINKS[0], LINKS[0]], "link 2 needs a name of its own"),
+        ([LINKS[0], {"name": "bar", "axis": [0, 0, 0], "to_m": [1, 0, 0]}], "must not be zero"),
+        ([LINKS[0], {"name": "bar", "axis": [0, 1, 0], "to": [1, 0, 0]}], "link 2 needs to_m: three numbers"),
+        ([LINKS[0], LINKS[1] | {"at_m": [0, 0, 0]}], "unknown key in link 2; found 'at_m'"),
+        ([LINKS[0], LINKS[1] | {"to_m": [1.5, 0.0, 0.0]}], None),
+        ([LINKS[0], LINKS[1] | {"axis": [1, 0, 0]}], "flat, or its links are free"),
+        ([*LINKS[:1], LINKS[1] | {"name": "knee"}, LINKS[1] | {"to_m": [0.3, 0, 0.4]}], "flat, or its links are free"),
+    ],
+)
+def test_spec_entries_of_a_chain(links: object, words: str | None) -> None:
+    entry = {"effect": "closed_chain", "driver": "joint_2", "driven": "joint_3", "links": links}
+    if words is None:
+        assert build_effects(entry, ROBOT)[0].name == "closed_chain[joint_3]"
+        return
+    with pytest.raises(InputError) as caught:
+        build_effects(entry, ROBOT)
+    assert words in str(caught.value)
+
+
+def test_a_chain_that_cannot_close_says_where() -> None:
+    chain = build_effects({"effect": "closed_chain", "driver": "joint_2", "driven": "joint_3", "links": LINKS}, ROBOT)[
+        0
+    ]
+    assert isinstance(chain, ClosedChain)
+    with pytest.raises(InputError, match=r"closed_chain\[joint_3\] cannot close without passing a flat.* pose 2"):
+        chain.closure(np.array([[0.0, 0.1], [0.0, 2.0]]), np.zeros((2, 2)), ROBOT)
+    assert chain.transmission_angle(np.array([[0.0, 2.0]]), ROBOT)[0] == 0.0
+    with pytest.raises(InputError, match="at these joint angles"):
+        chain.actuators(np.array([[0.0, 2.0]]), ROBOT)
