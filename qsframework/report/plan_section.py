@@ -19,7 +19,7 @@ def certificate_text(plan: Plan) -> str:
     if c is None:
         return "This plan carries no certificate: it was not designed here."
     return (
-        f"{c.criterion}-optimal over {c.candidates} candidates. The relaxed design is certified to an efficiency of "
+        f"{c.criterion}-optimal over {c.candidates} candidates, each a pose under one load. The relaxed design is certified to an efficiency of "
         f"{c.relaxed_efficiency:.6f} by the equivalence theorem; this plan of {c.poses} poses reaches at least "
         f"{c.efficiency:.4f} of the best that any plan over these candidates could reach."
     )
