@@ -105,7 +105,7 @@ class ClosedChain(Loop):
             v[:, rows] = share * known
             for _ in range(_ROUNDS):
                 gap, slope = self._gap(v, robot)
-                move = np.einsum("nzc,nc->nz", np.linalg.pinv(slope[:, :, free], rcond=1e-10), gap)
+                move = np.einsum("nzc,nc->nz", _left_inverse(slope[:, :, free]), gap)
                 v[:, free] -= np.clip(move, -STEP, STEP)
                 if np.abs(move).max(initial=0.0) < 1e-13:
                     break
@@ -141,7 +141,7 @@ class ClosedChain(Loop):
         refuse(self.name, what, np.isnan(v[:, 0]), actuators, self.joints(robot), bars)
         ends = self._ends(robot)
         slope = self._gap(v, robot)[1]
-        inverse = np.linalg.pinv(slope[:, :, free], rcond=1e-10)
+        inverse = _left_inverse(slope[:, :, free])
         first = np.concatenate(
             [np.broadcast_to(np.eye(known), (len(v), known, known)), -inverse @ slope[:, :, :known]], 1
         )
@@ -161,7 +161,7 @@ class ClosedChain(Loop):
         m = len(self.parameters(robot))
         passive = slope[:, :, 3 + m :]
         _, axes, arms, _ = self._ends(robot)[0].place(v)
-        across = np.eye(3) - passive @ np.linalg.pinv(passive, rcond=1e-10)
+        across = np.eye(3) - passive @ _left_inverse(passive)
         moving = np.stack([np.cross(axes[:, 0], arms[:, 0]), slope[:, :, 2 + m]], axis=2)
         sine = np.linalg.norm(across @ moving, axis=1) / np.maximum(np.linalg.norm(moving, axis=1), 1e-300)
         return np.where(lost, 0.0, np.arcsin(np.clip(sine.min(axis=1), 0.0, 1.0)))
@@ -169,6 +169,16 @@ class ClosedChain(Loop):
     @property
     def smallest_transmission_angle(self) -> float:
         return self.margin
+
+
+def _left_inverse(columns: Array) -> Array:
+    """(N, f, 3) that solves for f <= 3 independent columns (N, 3, f). Where they are not independent the answer
+    is huge, not a silent choice: the step is then bounded, and the end is checked."""
+    Q, R = np.linalg.qr(columns)
+    diagonal = np.einsum("nii->ni", R)
+    least = 1e-10 * np.maximum(np.abs(diagonal).max(axis=1, keepdims=True), 1e-300)
+    np.copyto(diagonal, np.copysign(least, diagonal), where=np.abs(diagonal) < least)
+    return np.linalg.solve(R, np.swapaxes(Q, 1, 2))
 
 
 def _read_links(links: Any, at: Any) -> tuple[tuple[ChainLink, ...], tuple[float, float, float]]:
