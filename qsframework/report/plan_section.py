@@ -19,9 +19,10 @@ def certificate_text(plan: Plan) -> str:
     if c is None:
         return "This plan carries no certificate: it was not designed here."
     return (
-        f"{c.criterion}-optimal over {c.candidates} candidates, each a pose under one load. The relaxed design is certified to an efficiency of "
-        f"{c.relaxed_efficiency:.6f} by the equivalence theorem; this plan of {c.poses} poses reaches at least "
-        f"{c.efficiency:.4f} of the best that any plan over these candidates could reach."
+        f"{c.criterion}-optimal over {c.candidates} candidates, each a pose under one load. The relaxed design is "
+        f"certified to an efficiency of {c.relaxed_efficiency:.6f} by the equivalence theorem; this plan of "
+        f"{c.poses} poses reaches at least {c.efficiency:.4f} of the best that any plan over these candidates could "
+        "reach."
     )
 
 
