@@ -465,3 +465,16 @@ def test_a_chain_that_cannot_close_says_where() -> None:
     assert chain.transmission_angle(np.array([[0.0, 2.0]]), ROBOT)[0] == 0.0
     with pytest.raises(InputError, match="at these joint angles"):
         chain.actuators(np.array([[0.0, 2.0]]), ROBOT)
+
+
+def test_a_bar_that_the_loop_does_not_have_is_an_error() -> None:
+    from qsframework.elastostatics import Site, make_model
+    from qsframework.plugin.check import sample_robot
+
+    robot = sample_robot()
+    effects = [
+        *build_effects({"effect": "parallelogram", "driver": "joint_2", "driven": "joint_3", "lever_m": 0.75}, robot),
+        *build_effects({"effect": "bar_compliance", "driven": "joint_3", "bar": 7}, robot),
+    ]
+    with pytest.raises(InputError, match="has 1 bars, counted from 0: no bar 7"):
+        make_model(robot, effects, [], Site(6, np.zeros(3)), [], np.zeros(3))
