@@ -143,7 +143,9 @@ class _Builder:
             for place in loops:
                 if place.loop.name == v.loop:
                     if not 0 <= v.index < len(place.bars):
-                        raise InputError(f"loop {v.loop!r} has {len(place.bars)} bars, counted from 0: no bar {v.index}")
+                        raise InputError(
+                            f"loop {v.loop!r} has {len(place.bars)} bars, counted from 0: no bar {v.index}"
+                        )
                     return "bar", place.bars[v.index]
             raise InputError(f"no loop {v.loop!r}; loops: {', '.join(p.loop.name for p in loops) or 'none'}")
         raise PluginError(f"{v!r} is not an Actuator, Bar or VirtualJoint")

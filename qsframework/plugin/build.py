@@ -13,7 +13,7 @@ from qsframework.errors import InputError, Problem, nearest
 from qsframework.plugin.facts import RobotFacts
 from qsframework.plugin.kinds import Effect
 from qsframework.plugin.registry import find
-from qsframework.plugin.settings import AXES, place_fields, plural
+from qsframework.plugin.settings import AXES, DIRECTIONS, place_fields, plural
 
 
 def build_effects(entry: Mapping[str, Any], robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[Effect, ...]:
@@ -22,7 +22,13 @@ def build_effects(entry: Mapping[str, Any], robot: RobotFacts, markers: Sequence
         raise InputError(Problem("an entry of effects needs the key 'effect' with the effect's name"))
     effect = find(entry["effect"])
     problems: list[Problem] = []
-    everywhere = {"joint": robot.joints, "axis": AXES, "link": robot.links, "marker": tuple(markers)}
+    everywhere = {
+        "joint": robot.joints,
+        "axis": AXES,
+        "direction": DIRECTIONS,
+        "link": robot.links,
+        "marker": tuple(markers),
+    }
     chosen: dict[str, Sequence[Any]] = {}
     for key, value in entry.items():
         if key != "effect":

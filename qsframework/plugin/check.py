@@ -124,7 +124,8 @@ def difference(function: Callable[[Array], Any], variable: Array) -> Array:
     columns = []
     for j in range(variable.shape[-1]):
         step = np.zeros_like(variable)
-        step[..., j] = _STEP * np.maximum(np.abs(variable[..., j]).max(initial=0.0), 1e-3)
+        scale = np.abs(variable[..., j]).max(initial=0.0)
+        step[..., j] = _STEP * (max(scale, 1e-3) if scale > 0 else 1.0)
         size = step[..., j].max(initial=0.0)
         near = np.asarray(function(variable + step)) - np.asarray(function(variable - step))
         far = np.asarray(function(variable + 2 * step)) - np.asarray(function(variable - 2 * step))

@@ -6,6 +6,7 @@ import dataclasses
 from typing import Any
 
 AXES = ("x", "y", "z")
+DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 _PLURALS = {"joint": "joints", "axis": "axes", "link": "links", "marker": "markers"}
 
 

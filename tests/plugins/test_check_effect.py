@@ -32,6 +32,14 @@ from qsframework.plugin.terms import Reading
 
 ROBOT = sample_robot()
 SETTINGS = {
+    "counterweight": {"link": "link_2", "x_m": 0.1, "y_m": 0.0, "z_m": -0.5},
+    "compensator_friction": {
+        "joint": "joint_2",
+        "lc_m": 0.235,
+        "l2_m": 1.12,
+        "spring_stiffness_N/m": 1e5,
+        "free_length_m": 0.7,
+    },
     "point_spring": {f"{end}_{axis}_m": 0.1 for end in ("first", "second") for axis in "xyz"}
     | {"first": "link_1", "second": "link_2"},
     "parallelogram": {"driver": "joint_2", "driven": "joint_3", "lever_m": 0.75},

@@ -1,0 +1,62 @@
+"""Friction in a balancer: the pose remembers from which side it was reached."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsf_plugins.spring_triangle import SpringTriangle
+from qsframework.plugin import (
+    Array,
+    Conditions,
+    InputError,
+    ParallelSpring,
+    Parameter,
+    RobotFacts,
+    TorqueTerm,
+    place,
+    setting,
+)
+
+
+@dataclass(frozen=True)
+class CompensatorFriction(ParallelSpring):
+    """The balancer's moment M_c is larger or smaller by a share mu, against the side of approach."""
+
+    joint: str = place()
+    lc: float = setting("m")
+    l2: float = setting("m")
+    spring_stiffness: float = setting("N/m")
+    """Of the balancer's spring: friction is a share of its force."""
+    free_length: float = setting("m")
+    zero: float = setting("rad", 0.0)
+    needs = ("approach",)
+    source = "friction of gas and spring balancers: 3 to 10 % of the force"
+    check = "Seals and guides of the balancer; approach poses from both sides."
+
+    def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        return (Parameter(self.name, "", typical=0.05, lower=0.0),)
+
+    def validate(self, robot: RobotFacts) -> None:
+        robot.joint_index(self.joint)
+
+    def joints(self, robot: RobotFacts) -> tuple[str, ...]:
+        return (self.joint,)
+
+    def torque(self, q: Array, x: Array, conditions: Conditions) -> TorqueTerm:
+        if conditions.approach is None:
+            raise InputError(f"{self.name} needs the column approach (-1 or 1) in the readings")
+        triangle, b = SpringTriangle(self.lc, self.l2), q[:, 0] + self.zero
+        moment = self.spring_stiffness * triangle.moment(b, self.free_length)
+        area = self.spring_stiffness * self.lc * self.l2
+        against = -conditions.approach * np.sign(moment)
+        slope = against * area * triangle.eta(b, self.free_length)
+        bend = against * area * triangle.eta_angle(b, self.free_length)
+        return TorqueTerm(
+            value=x[0] * (against * moment)[:, None],
+            dq=x[0] * slope[:, None, None],
+            dx=(against * moment)[:, None, None],
+            dqq=x[0] * bend[:, None, None, None],
+            dqx=slope[:, None, None, None],
+        )

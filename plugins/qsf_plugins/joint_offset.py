@@ -1,0 +1,34 @@
+"""The zero of an encoder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.plugin import Array, Geometry, GeometryTerm, Parameter, Poses, RobotFacts, place
+
+
+@dataclass(frozen=True)
+class JointOffset(Geometry):
+    """An actuator stands at a constant angle from what the controller thinks."""
+
+    joint: str = place()
+    source = "encoder zero after mastering: 10 to 50 urad; after a collision more"
+    check = "Mastering marks of this joint."
+
+    def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        return (Parameter(self.name, "rad", typical=1e-3),)
+
+    def validate(self, robot: RobotFacts) -> None:
+        robot.joint_index(self.joint)
+
+    def errors(self, poses: Poses, x: Array, robot: RobotFacts) -> GeometryTerm:
+        slope = np.zeros((*poses.q.shape, 1))
+        slope[:, robot.joint_index(self.joint), 0] = 1.0
+        return GeometryTerm(slope @ x, slope)
+
+    @classmethod
+    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[JointOffset, ...]:
+        return tuple(cls(joint) for joint in robot.joints)

@@ -1,0 +1,37 @@
+"""A joint is not quite where the drawing says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.plugin import Array, Geometry, GeometryTerm, Parameter, Poses, RobotFacts, place
+
+
+@dataclass(frozen=True)
+class JointPlacement(Geometry):
+    """A joint's frame is shifted (x, y, z) and turned (rx, ry, rz) against the previous link."""
+
+    joint: str = place()
+    moves_placements = True
+    source = "geometric calibration of arms: tenths of a millimetre and of a milliradian"
+    check = "Nothing on the robot; correct the model."
+
+    def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        lengths = tuple(Parameter(f"{self.name}.{axis}", "m", typical=5e-4) for axis in "xyz")
+        return lengths + tuple(Parameter(f"{self.name}.r{axis}", "rad", typical=5e-4) for axis in "xyz")
+
+    def validate(self, robot: RobotFacts) -> None:
+        robot.joint_index(self.joint)
+
+    def errors(self, poses: Poses, x: Array, robot: RobotFacts) -> GeometryTerm:
+        batch, n = poses.q.shape
+        twists = np.zeros((batch, n, 6, 6))
+        twists[:, robot.joint_index(self.joint)] = np.eye(6)
+        return GeometryTerm(np.zeros((batch, n)), np.zeros((batch, n, 6)), twists @ x, twists)
+
+    @classmethod
+    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[JointPlacement, ...]:
+        return tuple(cls(joint) for joint in robot.joints)

@@ -1,0 +1,43 @@
+"""A link is heavier than it was thought."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.plugin import Array, Load, Loads, LoadTerm, Parameter, RobotFacts, place
+
+
+@dataclass(frozen=True)
+class LinkMass(Load):
+    """A link's mass and first moments (mass times centre, in the link's frame) are larger than in the URDF.
+
+    They load the gears in both states of a displacement: they show where a law is not linear, in the
+    full equilibrium and in absolute positions.
+    """
+
+    link: str = place()
+    order = 3
+    source = "statics; masses of industrial arms are rarely published"
+    check = "Cables, hoses and equipment carried by the link."
+
+    def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        mass = Parameter(f"{self.name}.mass", "kg", typical=20.0)
+        return (mass, *(Parameter(f"{self.name}.{m}", "kg m", typical=10.0) for m in ("mx", "my", "mz")))
+
+    def validate(self, robot: RobotFacts) -> None:
+        robot.link_index(self.link)
+
+    def apply(self, loads: Loads, x: Array, robot: RobotFacts) -> LoadTerm:
+        moments_dx = np.zeros((len(robot.links), 4, 4))
+        moments_dx[robot.link_index(self.link)] = np.eye(4)
+        slope = np.broadcast_to(np.eye(6), (len(loads.wrench), 6, 6))
+        return LoadTerm(
+            loads.wrench, slope, np.zeros((len(loads.wrench), 6, 4)), moments=moments_dx @ x, moments_dx=moments_dx
+        )
+
+    @classmethod
+    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[LinkMass, ...]:
+        return tuple(cls(link) for link in robot.links[1:])

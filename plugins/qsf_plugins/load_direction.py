@@ -1,0 +1,35 @@
+"""The load does not pull where it was thought to pull."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsf_plugins.vectors import rotation, skew
+from qsframework.plugin import Array, Load, Loads, LoadTerm, Parameter, RobotFacts
+
+
+@dataclass(frozen=True)
+class LoadDirection(Load):
+    """Force and moment are turned by a rotation vector (rx, ry, 0) in the base frame."""
+
+    order = 1
+    source = "cables and weights: 0.5 to 2 deg"
+    check = "Plumb line of the weight, angle of the cable, level of the base frame."
+
+    def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        return tuple(Parameter(f"{self.name}.{axis}", "rad", typical=0.01) for axis in ("rx", "ry"))
+
+    def apply(self, loads: Loads, x: Array, robot: RobotFacts) -> LoadTerm:
+        R, J = rotation(np.array([x[0], x[1], 0.0]))
+        turned = np.zeros((6, 6))
+        turned[:3, :3] = turned[3:, 3:] = R
+        wrench = loads.wrench @ turned.T
+        dx = np.concatenate([-skew(wrench[:, :3]) @ J, -skew(wrench[:, 3:]) @ J], axis=1)[:, :, :2]
+        return LoadTerm(wrench, np.broadcast_to(turned, (len(wrench), 6, 6)), dx)
+
+    @classmethod
+    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[LoadDirection, ...]:
+        return (cls(),)

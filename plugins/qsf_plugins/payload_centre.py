@@ -1,0 +1,39 @@
+"""The load acts beside the point that was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsf_plugins.vectors import skew
+from qsframework.plugin import Array, Load, Loads, LoadTerm, Parameter, RobotFacts
+
+
+@dataclass(frozen=True)
+class PayloadCentre(Load):
+    """The force acts at an offset r, fixed in the last link: it adds the moment r x f at the load point."""
+
+    order = 2
+    source = "statics: moment of a force about another point"
+    check = "Where the cable is hooked, where the weight's centre hangs."
+
+    def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        return tuple(Parameter(f"{self.name}.{axis}", "m", typical=0.01) for axis in "xyz")
+
+    def apply(self, loads: Loads, x: Array, robot: RobotFacts) -> LoadTerm:
+        force = loads.wrench[:, :3]
+        arm = loads.rotation @ x
+        wrench = loads.wrench.copy()
+        wrench[:, 3:] += np.cross(arm, force)
+        slope = np.tile(np.eye(6), (len(force), 1, 1))
+        slope[:, 3:, :3] = skew(arm)
+        none = np.zeros((len(force), 3, 3))
+        dx = np.concatenate([none, -skew(force) @ loads.rotation], axis=1)
+        d_rotation = np.concatenate([none, skew(force) @ skew(arm)], axis=1)
+        return LoadTerm(wrench, slope, dx, d_rotation)
+
+    @classmethod
+    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[PayloadCentre, ...]:
+        return (cls(),)

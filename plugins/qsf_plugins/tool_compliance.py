@@ -1,0 +1,31 @@
+"""The tool and its flange."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from qsf_plugins.directions import DIRECTIONS, check_direction, compliance, virtual_joint
+from qsframework.plugin import Parameter, RobotFacts, Spring, VirtualJoint, place
+
+
+@dataclass(frozen=True)
+class ToolCompliance(Spring):
+    """The tool moves on the last link, about or along one axis of that link's frame."""
+
+    direction: str = place()
+    source = "six springs at the flange; tip effect of 0.05 to 0.5 mm on heavy arms"
+    check = "Flange bolts, tool changer, spindle mount."
+
+    def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        return (compliance(self.name, self.direction, translation=1e-7, rotation=1e-6),)
+
+    def virtual_joints(self, robot: RobotFacts) -> tuple[VirtualJoint, ...]:
+        return (virtual_joint(robot.flange, self.direction),)
+
+    def validate(self, robot: RobotFacts) -> None:
+        check_direction(self.name, self.direction)
+
+    @classmethod
+    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[ToolCompliance, ...]:
+        return tuple(cls(d) for d in DIRECTIONS)

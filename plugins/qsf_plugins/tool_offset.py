@@ -1,0 +1,52 @@
+"""A reflector sits beside the place that was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsf_plugins.vectors import skew
+from qsframework.plugin import (
+    Array,
+    Conditions,
+    InputError,
+    Parameter,
+    Problem,
+    Reading,
+    RobotFacts,
+    Sensor,
+    SensorTerm,
+    place,
+)
+
+
+@dataclass(frozen=True)
+class ToolOffset(Sensor):
+    """A marker's position in its link is off by a vector, which the link's rotation carries along."""
+
+    marker: str = place()
+    order = 0
+    source = "rigid-body kinematics"
+    check = "Where the reflector's nest is glued or bolted."
+
+    def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        return tuple(Parameter(f"{self.name}.{axis}", "m", typical=2e-3) for axis in "xyz")
+
+    def read(self, reading: Reading, x: Array, markers: Sequence[str], conditions: Conditions) -> SensorTerm:
+        if self.marker not in markers:
+            raise InputError(Problem(f"{self.name}: no such marker", allowed=", ".join(markers)))
+        k = list(markers).index(self.marker)
+        position = reading.position.copy()
+        carried = reading.rotation[:, k]
+        offset = carried @ x
+        position[:, k] += offset
+        d_position = np.broadcast_to(np.eye(3), (*position.shape, 3))
+        dx, d_rotation = np.zeros((*position.shape, 3)), np.zeros((*position.shape, 3))
+        dx[:, k], d_rotation[:, k] = carried, -skew(offset)
+        return SensorTerm(position, d_position, dx, d_rotation)
+
+    @classmethod
+    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[ToolOffset, ...]:
+        return tuple(cls(marker) for marker in markers)

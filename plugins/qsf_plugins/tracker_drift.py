@@ -1,0 +1,35 @@
+"""The tracker wanders with time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.plugin import Array, Conditions, InputError, Parameter, Reading, RobotFacts, Sensor, SensorTerm
+
+
+@dataclass(frozen=True)
+class TrackerDrift(Sensor):
+    """All readings move with a constant velocity; a displacement sees it between its two states."""
+
+    order = 3
+    needs = ("time",)
+    source = "drift of laser trackers and their stands: micrometres per hour"
+    check = "Warm-up and stand of the tracker; read a fixed reflector at every pose."
+
+    def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        return tuple(Parameter(f"{self.name}.{axis}", "m/s", typical=1e-8) for axis in ("vx", "vy", "vz"))
+
+    def read(self, reading: Reading, x: Array, markers: Sequence[str], conditions: Conditions) -> SensorTerm:
+        if conditions.time is None:
+            raise InputError(f"{self.name} needs the columns time_s and time_unloaded_s in the readings")
+        shape = reading.position.shape
+        time = conditions.time[:, None, None]
+        slope = np.broadcast_to(np.eye(3), (*shape, 3))
+        return SensorTerm(reading.position + time * x, slope, np.broadcast_to(time[..., None] * np.eye(3), (*shape, 3)))
+
+    @classmethod
+    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[TrackerDrift, ...]:
+        return (cls(),)

@@ -1,0 +1,32 @@
+"""The tracker's frame is turned against the robot's base."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsf_plugins.vectors import rotation, skew
+from qsframework.plugin import Array, Conditions, Parameter, Reading, RobotFacts, Sensor, SensorTerm
+
+
+@dataclass(frozen=True)
+class TrackerFrame(Sensor):
+    """All readings are turned by a rotation vector (rx, ry, rz) about the base's origin."""
+
+    order = 1
+    source = "frame fitting from reference points: 0.1 to 1 deg"
+    check = "How the base frame was measured; measure it again."
+
+    def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        return tuple(Parameter(f"{self.name}.{axis}", "rad", typical=5e-3) for axis in ("rx", "ry", "rz"))
+
+    def read(self, reading: Reading, x: Array, markers: Sequence[str], conditions: Conditions) -> SensorTerm:
+        R, J = rotation(x)
+        position = reading.position @ R.T
+        return SensorTerm(position, np.broadcast_to(R, (*position.shape, 3)), -skew(position) @ J)
+
+    @classmethod
+    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[TrackerFrame, ...]:
+        return (cls(),)

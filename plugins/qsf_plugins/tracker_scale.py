@@ -1,0 +1,30 @@
+"""The tracker's metre is not a metre."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.plugin import Array, Conditions, Parameter, Reading, RobotFacts, Sensor, SensorTerm
+
+
+@dataclass(frozen=True)
+class TrackerScale(Sensor):
+    """All readings are larger by a common factor 1 + k."""
+
+    order = 2
+    source = "refraction and scale of laser trackers: parts per million; a wrong unit: much more"
+    check = "Weather station of the tracker, a scale bar."
+
+    def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        return (Parameter(self.name, "", typical=1e-3, lower=-0.99),)
+
+    def read(self, reading: Reading, x: Array, markers: Sequence[str], conditions: Conditions) -> SensorTerm:
+        slope = np.broadcast_to((1.0 + x[0]) * np.eye(3), (*reading.position.shape, 3))
+        return SensorTerm(reading.position * (1.0 + x[0]), slope, reading.position[..., None])
+
+    @classmethod
+    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[TrackerScale, ...]:
+        return (cls(),)

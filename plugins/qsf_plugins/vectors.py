@@ -1,0 +1,29 @@
+"""Small vector algebra that several effects share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qsframework.plugin import Array
+
+
+def skew(v: Array) -> Array:
+    """[v]x of vectors (..., 3): skew(v) @ w = v x w."""
+    x, y, z = np.moveaxis(v, -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
+
+
+def rotation(v: Array) -> tuple[Array, Array]:
+    """Rotation matrix exp([v]x) (3, 3) of a rotation vector and its left Jacobian J (3, 3).
+
+    d (R f) = -[R f]x J dv.
+    """
+    angle = float(np.linalg.norm(v))
+    K = skew(np.asarray(v, dtype=float))
+    if angle < 1e-4:
+        first, second, third = 1.0 - angle**2 / 6.0, 0.5 - angle**2 / 24.0, 1.0 / 6.0 - angle**2 / 120.0
+    else:
+        first, second = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2
+        third = (angle - np.sin(angle)) / angle**3
+    return np.eye(3) + first * K + second * K @ K, np.eye(3) + second * K + third * K @ K
