@@ -9,7 +9,8 @@ import pytest
 
 from qsframework.experiment import Experiment, Readings, example, load_experiment, read_readings
 
-sys.path.insert(0, str(Path(__file__).parent / "elastostatics"))
+for folder in ("elastostatics", "proof"):
+    sys.path.insert(0, str(Path(__file__).parent / folder))
 ROOT = Path(__file__).resolve().parents[1]
 
 

@@ -1,0 +1,98 @@
+"""The full equilibrium against MuJoCo, where the parallelogram is closed by a constraint."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import mujoco_m900ib as mj
+import numpy as np
+import pytest
+
+from qsframework.elastostatics import Model, Site, full_displacement, make_model
+from qsframework.plugin import Poses, build_effects
+from qsframework.robot import Robot, load_robot
+
+PAIRS = 40
+FORCE = 5e3
+POINT = np.array([0.15, 0.0, 0.2])
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot("fanuc_m900ib")
+
+
+def model(robot: Robot, bar_compliance: float = 0.0) -> Model:
+    effects = list(robot.effects)
+    parameters = list(robot.parameters)
+    if bar_compliance:
+        (bar,) = build_effects({"effect": "bar_compliance", "driven": "joint_3"}, robot.facts)
+        effects.append(bar)
+        parameters += [dataclasses.replace(p, nominal=bar_compliance) for p in bar.parameters(robot.facts)]
+    return make_model(robot.facts, effects, parameters, Site(6, POINT), [("tip", Site(6, POINT))], robot.gravity)
+
+
+def pair(robot: Robot, rng: np.random.Generator, from_flat: float | None = None) -> Poses:
+    """A random pose and a force of 5 kN; `from_flat` (rad) sets the angle between link 2 and the lever."""
+    controller = robot.controller
+    while True:
+        pendant = rng.uniform(controller.lower, controller.upper)
+        if from_flat is not None:
+            pendant[2] = np.pi / 2 - from_flat - pendant[1]  # flat where J2 + J3 = 90 deg
+        if not controller.outside(pendant).any():
+            break
+    force = rng.normal(size=3)
+    wrench = np.append(FORCE * force / np.linalg.norm(force), np.zeros(3))
+    return Poses(pendant[None], controller.to_joints(pendant[None]), wrench[None])
+
+
+def test_a_really_closed_loop_gives_the_same_displacement(robot: Robot) -> None:
+    """40 pose-load pairs above 15 deg of transmission angle, gravity on: within 1 um of 1 to 9 mm.
+
+    The linear model is farther off than that, so the comparison tells the two apart.
+    """
+    rng, m = np.random.default_rng(5), model(robot)
+    full, linear = [], []
+    while len(full) < PAIRS:
+        p = pair(robot, rng)
+        if m.transmission_margin(p)[0] < 0:
+            continue
+        truth = mj.displacement(p.q[0], p.wrench[0, :3], POINT)
+        full.append(np.linalg.norm(full_displacement(m, p)[0, 0] - truth))
+        linear.append(np.linalg.norm(m.predict(p)[0, 0] - truth))
+    assert max(full) < 1e-6
+    assert np.median(full) < 0.1e-6
+    assert np.median(linear) > 1e-6
+
+
+@pytest.mark.parametrize("degrees", [3.0, 5.0, 8.0, 12.0])
+def test_close_to_flat_the_bar_takes_over_and_the_model_follows(robot: Robot, degrees: float) -> None:
+    """With the bar's spring in both they agree; without it the model misses most of the bar's part.
+
+    The bar is the stiffer the flatter the loop, because its force grows as 1 / sin: a soft bar would
+    let the loop snap through.
+    """
+    rng = np.random.default_rng(int(degrees))
+    stiffness = 3e7 * (np.sin(np.deg2rad(10.0)) / np.sin(np.deg2rad(degrees))) ** 2
+    stiff, soft = model(robot), model(robot, 1 / stiffness)
+    for _ in range(4):
+        p = pair(robot, rng, np.deg2rad(degrees))
+        truth = mj.displacement(p.q[0], p.wrench[0, :3], POINT, bar_stiffness=stiffness)
+        size = np.linalg.norm(truth)
+        followed = np.linalg.norm(full_displacement(soft, p)[0, 0] - truth)
+        ignored = np.linalg.norm(full_displacement(stiff, p)[0, 0] - truth)
+        assert followed < 2e-3 * size + 1e-6
+        assert ignored > 5 * followed
+
+
+def test_the_bar_s_share_grows_as_the_loop_flattens(robot: Robot) -> None:
+    """The same pose at 40, 20, 10 and 5 deg: the bar's part of the vertical sag grows like 1 / sin^2."""
+    shares = []
+    for degrees in (40.0, 20.0, 10.0, 5.0):
+        pendant = np.deg2rad([0.0, 60.0, 30.0 - degrees, 0.0, 40.0, 0.0])
+        q = robot.controller.to_joints(pendant[None])[0]
+        force = np.array([0.0, 0.0, -FORCE])
+        sag = [mj.displacement(q, force, POINT, bar)[2] for bar in (2e7, None)]
+        shares.append((sag[0] - sag[1]) / sag[1])
+    assert all(b > a for a, b in zip(shares[:-1], shares[1:], strict=True))
+    assert shares[-1] > 10 * shares[0]
