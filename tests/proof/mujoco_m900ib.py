@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - templates of one line per element
 """The M-900iB in MuJoCo, with its parallelogram really closed. Shares no code with qsframework.
 
 Bodies are placed at the commanded pose, so that every spring is at rest there: link 2 and the lever

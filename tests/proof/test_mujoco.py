@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import mujoco_m900ib as mj
 import numpy as np
@@ -94,5 +95,5 @@ def test_the_bar_s_share_grows_as_the_loop_flattens(robot: Robot) -> None:
         force = np.array([0.0, 0.0, -FORCE])
         sag = [mj.displacement(q, force, POINT, bar)[2] for bar in (2e7, None)]
         shares.append((sag[0] - sag[1]) / sag[1])
-    assert all(b > a for a, b in zip(shares[:-1], shares[1:], strict=True))
+    assert all(b > a for a, b in itertools.pairwise(shares))
     assert shares[-1] > 10 * shares[0]
