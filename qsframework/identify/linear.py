@@ -36,15 +36,15 @@ class Rows:
 
 
 def identify(experiment: Experiment, readings: Readings, fit: Sequence[str] | None = None) -> Fit:
-    """Estimate the experiment's parameters (or `fit`, exact names) from displacement readings.
+    """Estimate the experiment's parameters from displacement readings.
 
-    One step is exact where nothing stiffens the joints; K_par bends the model by some 1e-5, so the
+    `fit` names other parameters to estimate: effects, instances or single parameters. One step is exact where nothing stiffens the joints; K_par bends the model by some 1e-5, so the
     step is repeated about its own result until it settles. InputError where there are fewer readings
     than parameters; NotIdentifiable, naming the parameters, where the readings cannot tell them
     apart; NotConverged where the steps do not settle.
     """
     model = experiment.model()
-    names = experiment.fit_names() if fit is None else tuple(fit)
+    names = experiment.fit_names() if fit is None else experiment.with_(fit=tuple(fit)).fit_names()
     rows, source = _rows(experiment, readings)
     if 3 * len(rows.keep) <= len(names):
         raise InputError(

@@ -93,3 +93,7 @@ def test_parameters_that_cannot_be_told_are_named(r2000ic: Experiment, real: Rea
 def test_unknown_parameter(r2000ic: Experiment, real: Readings) -> None:
     with pytest.raises(InputError, match=r"Did you mean 'joint_compliance\[joint_3\]'"):
         identify(r2000ic, real, fit=["joint_complience[joint_3]"])
+
+
+def test_an_effect_stands_for_all_its_parameters(r2000ic: Experiment, real: Readings) -> None:
+    assert identify(r2000ic, real, fit=["joint_compliance"]).names == identify(r2000ic, real).names
