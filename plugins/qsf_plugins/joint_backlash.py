@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.plugin import Array, LawTerm, Parameter, RobotFacts, SpringLaw, place, setting
+from qsframework.plugin import Array, InputError, LawTerm, Parameter, Problem, RobotFacts, SpringLaw, place, setting
 
 
 @dataclass(frozen=True)
@@ -20,6 +20,7 @@ class JointBacklash(SpringLaw):
 
     joint: str = place()
     width: float = setting("N m", 20.0)
+    """Torque over which the gear crosses its gap; above 0."""
     source = "gear catalogues: 1 to 3 arcmin, below 1 arcmin for reduced backlash; (b / 2) sign(T)"
     check = "Gear play: push the joint to both sides with the drive held."
 
@@ -31,6 +32,8 @@ class JointBacklash(SpringLaw):
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
+        if self.width <= 0.0:
+            raise InputError(Problem(f"{self.name}: width must be above 0", found=f"{self.width:g} N m"))
 
     def extra(self, torque: Array, x: Array) -> LawTerm:
         root = np.sqrt(torque**2 + self.width**2)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.plugin import Array, LawTerm, Parameter, RobotFacts, SpringLaw, place, setting
+from qsframework.plugin import Array, InputError, LawTerm, Parameter, Problem, RobotFacts, SpringLaw, place, setting
 
 _ROUND = 0.05
 """Radius of the knee's corner, as a share of the knee."""
@@ -18,12 +18,13 @@ class JointHardening(SpringLaw):
     """A gear gives eps = c T + f(T): cubic, f = c3 T^3, or a further compliance beyond a knee torque.
 
     Without `knee` the parameter is c3, rad/(N m)^3. With `knee_Nm` it is the change of compliance,
-    rad/(N m), where |T| exceeds the knee; the corner is rounded over 5 % of the knee. Negative
-    values harden. T holds the preload of gravity and compensators.
+    rad/(N m), where |T| exceeds the knee; the corner is a hyperbola over 5 % of the knee, once
+    continuously differentiable. Negative values harden. T holds the preload of gravity and compensators.
     """
 
     joint: str = place()
     knee: float = setting("N m", 0.0)
+    """Torque beyond which the compliance changes; 0 for the cubic law."""
     source = "gear catalogues: piecewise-linear stiffness; a change of 10 to 20 % of the sag is common"
     check = "Gear type and wear; compare small and large loads at this joint alone."
 
@@ -37,6 +38,8 @@ class JointHardening(SpringLaw):
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
+        if self.knee < 0.0:
+            raise InputError(Problem(f"{self.name}: knee must not be negative", found=f"{self.knee:g} N m"))
 
     def extra(self, torque: Array, x: Array) -> LawTerm:
         shape, slope = self._knee(torque) if self.knee else (torque**3, 3.0 * torque**2)

@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pytest
 
 from qsframework.elastostatics import Model, Site, equilibrium, full_displacement, make_model
 from qsframework.errors import InputError
-from qsframework.plugin import Conditions, Effect, Poses, build_effects
+from qsframework.plugin import Conditions, Effect, Poses, SpringLaw, build_effects
 from qsframework.robot import Robot, load_robot
 
 POINT = np.array([0.15, 0.0, 0.2])
@@ -22,7 +23,7 @@ def robot() -> Robot:
     return load_robot("fanuc_m900ib")
 
 
-def arm(robot: Robot, entries: list[dict[str, object]], values: dict[str, float], point: np.ndarray = POINT,
+def arm(robot: Robot, entries: Sequence[Mapping[str, object]], values: dict[str, float], point: np.ndarray = POINT,
         marker: np.ndarray = MARKER, base: bool = True) -> Model:  # fmt: skip
     """The M-900iB's own effects (or none) with others whose parameters have the values given."""
     extra: list[Effect] = [e for entry in entries for e in build_effects(entry, robot.facts, ("m",))]
@@ -185,6 +186,7 @@ def test_hardening_and_backlash_at_one_joint(robot: Robot) -> None:
 def test_the_knee_changes_the_compliance(robot: Robot) -> None:
     (law,) = build_effects({"effect": "joint_hardening", "joint": "joint_2", "knee_Nm": 2000}, robot.facts)
     torque = np.array([[-9000.0], [-500.0], [0.0], [500.0], [9000.0]])
+    assert isinstance(law, SpringLaw)
     term = law.extra(torque, np.array([1e-8]))
     assert np.allclose(term.dT[[0, 4], 0], 1e-8, rtol=1e-4)
     assert np.abs(term.dT[1:4, 0]).max() < 2e-11
