@@ -22,13 +22,14 @@ _UNFILED = "simulated readings"
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """The rows of a fit: readings y (R, 3), sd of one coordinate (R,), and to which measurement each belongs."""
+    """The rows of a fit: readings y (R, 3), sd of one coordinate (R,), and the measurement and pose of each."""
 
     keep: Indices
     measured: Array
     sigma: Array
     measurement: Indices
     marker: Indices
+    pose: Indices
 
     def of(self, predicted: Array) -> Array:
         """Pick the rows out of a prediction (N, K, 3, ...)."""
@@ -38,10 +39,12 @@ class Rows:
 def identify(experiment: Experiment, readings: Readings, fit: Sequence[str] | None = None) -> Fit:
     """Estimate the experiment's parameters from displacement readings.
 
-    `fit` names other parameters to estimate: effects, instances or single parameters. One step is exact where nothing stiffens the joints; K_par bends the model by some 1e-5, so the
-    step is repeated about its own result until it settles. InputError where there are fewer readings
-    than parameters; NotIdentifiable, naming the parameters, where the readings cannot tell them
-    apart; NotConverged where the steps do not settle.
+    `fit` names other parameters to estimate: effects, instances or single parameters. One step is
+    exact where nothing stiffens the joints; K_par bends the model by some 1e-5, so the step is
+    repeated about its own result until it settles.
+
+    Raises InputError where there are fewer readings than parameters; NotIdentifiable, naming the
+    parameters, where the readings cannot tell them apart; NotConverged where the steps do not settle.
     """
     model = experiment.model()
     names = experiment.fit_names() if fit is None else experiment.with_(fit=tuple(fit)).fit_names()
@@ -84,7 +87,9 @@ def _rows(experiment: Experiment, readings: Readings) -> tuple[Rows, str]:
             "states no noise; give all of them or none"
         )
     sigma = np.ones(len(keep)) if missing.any() else stated
-    rows = Rows(keep, readings.displacement[keep], sigma, readings.measurement[keep], readings.marker[keep])
+    _, pose_of = np.unique(np.array(readings.pose), return_inverse=True)
+    poses = pose_of[readings.measurement[keep]]
+    rows = Rows(keep, readings.displacement[keep], sigma, readings.measurement[keep], readings.marker[keep], poses)
     return rows, "estimated" if missing.any() else "stated"
 
 
@@ -114,7 +119,7 @@ def _result(
     unit = float(np.sqrt(chi2 / dof)) if source == "estimated" else 1.0
     covariance = solution.covariance * np.outer(scales(chosen), scales(chosen)) * unit**2
     values = x[model.index([p.name for p in chosen])]
-    outside = left_out(white, solution.Q, rows.measurement) * rows.sigma[:, None]
+    outside = left_out(white, solution.Q, rows.pose) * rows.sigma[:, None]
     return Fit(
         "linear", model, x, _estimates(chosen, values, np.sqrt(np.diag(covariance))), covariance, test,
         unit if source == "estimated" else float(np.sqrt(np.mean(rows.sigma**2))), source,
@@ -151,16 +156,16 @@ def studentised(white: Array, Q: Array, parameters: int) -> Array:
     return (r / np.sqrt(variance * free)).reshape(white.shape)
 
 
-def left_out(white: Array, Q: Array, measurement: Indices) -> Array:
-    """Whitened errors (R, 3) at each measurement when all its markers are left out of the fit.
+def left_out(white: Array, Q: Array, pose: Indices) -> Array:
+    """Whitened errors (R, 3) at each pose when all its markers and repeats are left out of the fit.
 
-    Exact for linear least squares: (I - Q_i Q_i')^-1 r_i for the block of each measurement.
-    Raises NotIdentifiable if the fit hangs on a single measurement.
+    Exact for linear least squares: (I - Q_i Q_i')^-1 r_i for the block of each pose. Raises
+    NotIdentifiable if the fit hangs on a single pose.
     """
     out = np.empty_like(white)
     blocks = Q.reshape(*white.shape, -1)
-    for m in np.unique(measurement):
-        rows = measurement == m
+    for one in np.unique(pose):
+        rows = pose == one
         q = blocks[rows].reshape(-1, Q.shape[1])
         rest = np.eye(len(q)) - q @ q.T
         if np.linalg.cond(rest) > 1e12:

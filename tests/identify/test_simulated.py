@@ -58,6 +58,17 @@ def test_a_file_carries_the_readings_without_loss(m900ib: Experiment, plan: Plan
     assert len(filed.data_sha256) == 64
 
 
+def test_repeats_of_a_pose_are_left_out_together(m900ib: Experiment, plan: Plan) -> None:
+    """Leave-one-pose-out: a refit without a pose must not see the pose's repeats."""
+    twice = replace(plan, repeats=tuple(2 for _ in plan.pose))
+    readings = simulate(m900ib, twice, seed=6).readings
+    fit = identify(m900ib, readings)
+    use = np.array([readings.pose[m] != plan.pose[3] for m in readings.measurement])
+    without = identify(m900ib, replace(readings, use=use))
+    predicted = without.model.predict(readings.poses, without.x)[readings.measurement, readings.marker]
+    assert np.allclose((readings.displacement - predicted)[~use], fit.left_out[~use], rtol=1e-6, atol=1e-12)
+
+
 def test_weights_matter(m900ib: Experiment, plan: Plan) -> None:
     """Rows ten times noisier, and said so, cost little; the sds of the fit follow the stated ones."""
     simulation = simulate(m900ib, plan, seed=3)
