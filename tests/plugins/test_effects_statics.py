@@ -24,6 +24,18 @@ def robot() -> Robot:
     return load_robot("fanuc_m900ib")
 
 
+@pytest.fixture(scope="module", params=["straight", "crooked"])
+def facts(robot: Robot, request: pytest.FixtureRequest) -> RobotFacts:
+    """The arm, and the same arm with every joint's frame turned at random."""
+    from scipy.spatial.transform import Rotation
+
+    if request.param == "straight":
+        return robot.facts
+    placements = robot.facts.placements.copy()
+    placements[:, :3, :3] = Rotation.from_rotvec(np.random.default_rng(2).normal(size=(robot.facts.n, 3))).as_matrix()
+    return dataclasses.replace(robot.facts, placements=placements)
+
+
 def serial(robot: Robot, entries: Sequence[Mapping[str, object]], values: Mapping[str, float],
            point: np.ndarray = POINT, facts: RobotFacts | None = None) -> Model:  # fmt: skip
     """The arm as a plain chain with the effects given, and nothing of its own but its masses."""
@@ -58,14 +70,14 @@ def frames(facts: RobotFacts, q: np.ndarray) -> list[np.ndarray]:
     ("effect", "link"), [("link_compliance", 3), ("link_compliance", 2), ("tool_compliance", 6), ("base_compliance", 0)]
 )
 @pytest.mark.parametrize("direction", ["x", "y", "z", "rx", "ry", "rz"])
-def test_a_spring_at_a_link_s_frame(robot: Robot, effect: str, link: int, direction: str) -> None:
+def test_a_spring_at_a_link_s_frame(robot: Robot, facts: RobotFacts, effect: str, link: int, direction: str) -> None:
     """One spring: the load's part along it, times c, moves what lies beyond it."""
     where = f"link_{link}/{direction}" if effect == "link_compliance" else direction
     entry = {"effect": effect, "direction": direction} | ({"link": f"link_{link}"} if "/" in where else {})
     c, p = 3e-8, poses(robot)
-    got = serial(robot, [entry], {f"{effect}[{where}]": c}).predict(p)[:, 0]
+    got = serial(robot, [entry], {f"{effect}[{where}]": c}, facts=facts).predict(p)[:, 0]
     for i, q in enumerate(p.q):
-        at = frames(robot.facts, q)
+        at = frames(facts, q)
         axis = at[link][:3, "xyz".index(direction[-1])]
         lever = at[6][:3, :3] @ POINT + at[6][:3, 3] - at[link][:3, 3]
         force, moment = p.wrench[i, :3], p.wrench[i, 3:]
@@ -77,7 +89,7 @@ def test_a_spring_at_a_link_s_frame(robot: Robot, effect: str, link: int, direct
 
 
 @pytest.mark.parametrize("effect", ["counterweight", "link_mass"])
-def test_a_mass_on_the_last_link_hangs_like_a_load(robot: Robot, effect: str) -> None:
+def test_a_mass_on_the_last_link_hangs_like_a_load(robot: Robot, facts: RobotFacts, effect: str) -> None:
     """Its weight, pulling at its centre, turns joint 2 as far as the same force at that point does."""
     mass, (x, y, z) = 150.0, POINT
     if effect == "counterweight":
@@ -89,26 +101,27 @@ def test_a_mass_on_the_last_link_hangs_like_a_load(robot: Robot, effect: str) ->
                           mass * np.array([1.0, x, y, z]), strict=True))  # fmt: skip
     stiff = {"joint_compliance[joint_2]": C2}
     weight = np.tile([0.0, 0.0, mass * robot.gravity[2], 0.0, 0.0, 0.0], (8, 1))
-    hung = equilibrium(serial(robot, [JOINT_2, entry], stiff | values), poses(robot), loaded=False).tip
-    pulled = equilibrium(serial(robot, [JOINT_2], stiff), poses(robot, weight)).tip
-    plain = equilibrium(serial(robot, [JOINT_2], stiff), poses(robot), loaded=False).tip
+    hung = equilibrium(serial(robot, [JOINT_2, entry], stiff | values, facts=facts), poses(robot), loaded=False).tip
+    bare = serial(robot, [JOINT_2], stiff, facts=facts)
+    pulled = equilibrium(bare, poses(robot, weight)).tip
+    plain = equilibrium(bare, poses(robot), loaded=False).tip
     assert np.allclose(hung, pulled, rtol=0, atol=1e-11)
     assert np.abs(hung - plain).max() > 1e-4
 
 
-def test_a_link_mass_is_that_of_a_heavier_link(robot: Robot) -> None:
+def test_a_link_mass_is_that_of_a_heavier_link(robot: Robot, facts: RobotFacts) -> None:
     """First moments are taken in the link's own frame."""
     change = np.array([80.0, 12.0, -7.0, 20.0])
-    k = robot.facts.link_index("link_3")
-    masses, centres = robot.facts.masses.copy(), robot.facts.centres.copy()
+    k = facts.link_index("link_3")
+    masses, centres = facts.masses.copy(), facts.centres.copy()
     moment = masses[k] * centres[k] + change[1:]
     masses[k] += change[0]
     centres[k] = moment / masses[k]
-    heavier = dataclasses.replace(robot.facts, masses=masses, centres=centres)
+    heavier = dataclasses.replace(facts, masses=masses, centres=centres)
     names = [f"link_mass[link_3].{m}" for m in ("mass", "mx", "my", "mz")]
     stiff = {"joint_compliance[joint_2]": C2}
     entries = [JOINT_2, {"effect": "link_mass", "link": "link_3"}]
-    one = serial(robot, entries, stiff | dict(zip(names, change, strict=True)))
+    one = serial(robot, entries, stiff | dict(zip(names, change, strict=True)), facts=facts)
     two = serial(robot, [JOINT_2], stiff, facts=heavier)
     at = [equilibrium(m, poses(robot), loaded=False).tip for m in (one, two)]
     assert np.allclose(at[0], at[1], rtol=0, atol=1e-12)
@@ -136,22 +149,34 @@ def test_friction_is_a_share_of_the_balancer(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("joint", [1, 3, 6])
-def test_a_placement_moves_what_the_joint_carries(robot: Robot, joint: int) -> None:
+def test_a_placement_moves_what_the_joint_carries(robot: Robot, facts: RobotFacts, joint: int) -> None:
     """A shift and a turn of a joint's frame is the chain with that frame shifted and turned."""
     error = np.array([3e-4, -5e-4, 2e-4, 4e-4, -3e-4, 6e-4])
     names = [f"joint_placement[joint_{joint}].{a}" for a in ("x", "y", "z", "rx", "ry", "rz")]
     entries = [RIGID, {"effect": "joint_placement", "joint": f"joint_{joint}"}]
     p = poses(robot)
-    got = equilibrium(serial(robot, entries, dict(zip(names, error, strict=True))), p, loaded=False).tip
-    plain = equilibrium(serial(robot, [RIGID], {}), p, loaded=False).tip
+    values = dict(zip(names, error, strict=True))
+    got = equilibrium(serial(robot, entries, values, facts=facts), p, loaded=False).tip
+    plain = equilibrium(serial(robot, [RIGID], {}, facts=facts), p, loaded=False).tip
     for i, q in enumerate(p.q):
-        at = frames(robot.facts, q)
-        before = at[joint - 1] @ robot.facts.placements[joint - 1]
+        at = frames(facts, q)
+        before = at[joint - 1] @ facts.placements[joint - 1]
         tip = at[6][:3, :3] @ POINT + at[6][:3, 3]
         turn = before[:3, :3] @ error[3:]
         moved = before[:3, :3] @ error[:3] + np.cross(turn, tip - before[:3, 3])
         assert np.allclose(got[i] - plain[i], moved, rtol=0, atol=2e-6)  # the square of the turn, at 3 m
     assert np.abs(got - plain).max() > 2e-4
+
+
+def test_a_warm_arm_is_a_longer_arm(robot: Robot, facts: RobotFacts) -> None:
+    """Every length between joints grows by alpha (T - T0), whichever way the joints' frames stand."""
+    alpha, warmth = 1.2e-5, np.linspace(-15.0, 25.0, 8)
+    p = poses(robot)
+    p = dataclasses.replace(p, loaded=Conditions(temperature=293.15 + warmth))
+    warm = serial(robot, [RIGID, {"effect": "thermal_expansion"}], {"thermal_expansion": alpha}, np.zeros(3), facts)
+    tip = equilibrium(warm, p).tip - equilibrium(serial(robot, [RIGID], {}, np.zeros(3), facts), p).tip
+    expected = [alpha * t * frames(facts, q)[6][:3, 3] for t, q in zip(warmth, p.q, strict=True)]
+    assert np.allclose(tip, expected, rtol=1e-9, atol=1e-13)
 
 
 @pytest.mark.parametrize(
