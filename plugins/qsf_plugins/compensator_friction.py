@@ -41,11 +41,10 @@ class CompensatorFriction(ParallelSpring):
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
-        sizes = {"lc": self.lc, "l2": self.l2, "spring_stiffness": self.spring_stiffness}
-        wrong = [f"{key} = {value:g}" for key, value in sizes.items() if value <= 0.0]
-        if wrong or self.free_length < 0.0:
-            found = ", ".join([*wrong, f"free_length = {self.free_length:g}"])
-            raise InputError(Problem(f"{self.name}: levers and spring must be above 0", found=found))
+        SpringTriangle(self.lc, self.l2).check(self.name)
+        if self.spring_stiffness <= 0.0 or self.free_length < 0.0:
+            found = f"spring_stiffness = {self.spring_stiffness:g} N/m, free_length = {self.free_length:g} m"
+            raise InputError(Problem(f"{self.name}: the spring must be above 0", found=found))
 
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
         return (self.joint,)

@@ -33,6 +33,7 @@ class CompensatorStiffness(ParallelSpring):
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
+        SpringTriangle(self.lc, self.l2).check(self.name)
 
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
         return (self.joint,)

@@ -36,6 +36,7 @@ class GravityCompensator(ParallelSpring):
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
+        SpringTriangle(self.lc, self.l2).check(self.name)
 
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
         return (self.joint,)

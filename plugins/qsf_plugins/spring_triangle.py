@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.plugin import Array
+from qsframework.plugin import Array, InputError, Problem
 
 
 @dataclass(frozen=True)
@@ -15,6 +15,12 @@ class SpringTriangle:
 
     lc: float
     l2: float
+
+    def check(self, name: str) -> None:
+        """InputError where a side is not above 0 or where the spring has no length at b = 0."""
+        if min(self.lc, self.l2) <= 0.0 or self.lc == self.l2:
+            found = f"lc = {self.lc:g} m, l2 = {self.l2:g} m"
+            raise InputError(Problem(f"{name}: lc and l2 must be above 0 and differ", found=found))
 
     def length(self, b: Array) -> Array:
         """s(b), equation (7): s^2 = lc^2 + l2^2 - 2 lc l2 cos b."""

@@ -187,6 +187,8 @@ def test_parameters_are_checked_when_made() -> None:
         ({"effect": "gravity_compensator", "joint": "joint_2", "lc": 1, "l2_m": 1}, "the unit is missing"),
         ({"effect": "gravity_compensator", "joint": "joint_2", "lc_N": 1, "l2_m": 1}, "does not end in a unit of m"),
         ({"effect": "gravity_compensator", "joint": "joint_2", "lc_m": "long", "l2_m": 1}, "must be a finite number"),
+        ({"effect": "gravity_compensator", "joint": "joint_2", "lc_m": 0, "l2_m": 1}, "lc and l2 must be above 0"),
+        ({"effect": "compensator_stiffness", "joint": "joint_2", "lc_m": 1, "l2_m": 1}, "and differ"),
         ({"effect": "joint_compliance", "joints": "some"}, "must be 'all' or a list"),
         ({"effect": "joint_compliance", "joint": 3}, "must be a name"),
         ({"effect": "joint_compliance", "joint": "joint_9"}, "no joint 'joint_9'"),

@@ -185,7 +185,7 @@ def test_a_warm_arm_is_a_longer_arm(robot: Robot, facts: RobotFacts) -> None:
         ({"effect": "joint_backlash", "joint": "joint_2", "width_Nm": 0}, "width must be above 0"),
         ({"effect": "joint_hardening", "joint": "joint_2", "knee_Nm": -5}, "knee must not be negative"),
         ({"effect": "compensator_friction", "joint": "joint_2", "lc_m": 0, "l2_m": 1, "spring_stiffness_N/m": 1e5,
-          "free_length_m": 0.7}, "levers and spring must be above 0"),
+          "free_length_m": 0.7}, "lc and l2 must be above 0"),
     ],
 )  # fmt: skip
 def test_impossible_settings_are_refused(robot: Robot, entry: dict[str, object], words: str) -> None:
