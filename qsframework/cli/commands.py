@@ -64,6 +64,7 @@ def run_design(
     from qsframework.report import certificate_text, plan_section, provenance_section, sd_table, write_report
 
     experiment = load_experiment(file)
+    distinct_outputs([output, output.with_suffix(".json"), json, report], [file])
     with progress() as tell:
         plan = design(experiment, poses, criterion, candidates, seed, repeats, tell)
     write_plan(output, plan, experiment)
@@ -72,6 +73,7 @@ def run_design(
     print_table(table.header, table.rows)
     print(certificate_text(plan))
     print(f"plan: {output}")
+    print(f"next: measure each pose unloaded, then loaded, or try it: qsf simulate {file} {output}")
     if json is not None:
         write_json(json, {"plan": str(output), "certificate": plan.certificate.as_json() if plan.certificate else None})
     if report is not None:
@@ -85,6 +87,7 @@ def run_simulate(file: Path, plan_file: Path, output: Path, truth: str, seed: in
     from qsframework.experiment import simulate
 
     experiment = load_experiment(file)
+    distinct_outputs([output, json], [file, plan_file, plan_file.with_suffix(".json")])
     plan = read_plan(plan_file, experiment)
     for constraint, poses in broken_constraints(experiment, plan).items():
         print(f"note: {', '.join(poses)} break the constraint {constraint!r}")
@@ -93,6 +96,7 @@ def run_simulate(file: Path, plan_file: Path, output: Path, truth: str, seed: in
     if json is not None:
         write_json(json, {"readings": str(output), "seed": seed, "truth": result.truth_by_name()})
     print(f"{len(result.readings.use)} readings at {len(result.readings.poses)} poses: {output}")
+    print(f"next: qsf identify {file} --data {output}")
 
 
 def run_identify(
@@ -104,7 +108,9 @@ def run_identify(
 
     experiment = load_experiment(file)
     source = readings_file(experiment, data)
+    distinct_outputs([json, report], [file, source])
     result = identify(experiment, read_readings(source, experiment), fit)
+    print(result.verdict())
     for table in (fit_table(result), error_table(result)):
         print_table(table.header, table.rows)
         print(table.caption)
@@ -122,6 +128,15 @@ def readings_file(experiment: Experiment, data: Path | None) -> Path:
     if path is None:
         raise InputError(f"{experiment.path}: no readings; add `data: readings.csv` or give --data FILE")
     return path
+
+
+def distinct_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path]) -> None:
+    """InputError, before anything is computed, where two outputs or an output and an input are one file."""
+    seen = {path.resolve(): "an input" for path in inputs}
+    for path in (p for p in outputs if p is not None):
+        if path.resolve() in seen:
+            raise InputError(f"{path} would overwrite {seen[path.resolve()]} of this command; choose another name")
+        seen[path.resolve()] = "another output"
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -110,7 +110,7 @@ def with_offaxis(experiment: Experiment, joint: str, axis: str) -> Experiment:
 def _compare_models(fits: dict[str, Fit]) -> Section:
     rows = []
     for name, fit in fits.items():
-        broken = [e.name for e in fit.estimates if e.status]
+        broken = [e.name for e in fit.estimates if e.value < e.lower]
         rows.append(
             (name, f"{fit.rms_readings * 1e3:.3f}", f"{fit.rms * 1e3:.3f}", f"{fit.rms_left_out * 1e3:.3f}",
              ", ".join(broken) or "none")

@@ -12,6 +12,7 @@ from qsframework.information import RankTest
 from qsframework.plugin import Array, Indices
 
 HIGH_CORRELATION = 0.9
+_SIGNIFICANT = 1e-3
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ class Fit:
     sigma: float
     sigma_source: str
     rows: Indices
+    poses: tuple[str, ...]
     measured: Array
     predicted: Array
     nominal: Array
@@ -77,8 +79,38 @@ class Fit:
 
     @property
     def rms_left_out(self) -> float:
-        """RMS per axis of the leave-one-pose-out errors, m."""
-        return rms(self.left_out)
+        """RMS per axis of the leave-one-pose-out errors, m, over the poses that can be left out; NaN if none can."""
+        told = self.left_out[~np.isnan(self.left_out).any(axis=1)]
+        return rms(told) if len(told) else float("nan")
+
+    @property
+    def carriers(self) -> tuple[str, ...]:
+        """Poses that alone carry a parameter: without one of them the others cannot tell it."""
+        lost = np.flatnonzero(np.isnan(self.left_out).any(axis=1))
+        return tuple(dict.fromkeys(self.poses[i] for i in lost))
+
+    @property
+    def p_value(self) -> float | None:
+        """Probability of residuals this large under the stated noise; None if the noise is estimated."""
+        from scipy.stats import chi2
+
+        return None if self.sigma_source == "estimated" else float(chi2.sf(self.chi2, self.dof))
+
+    def verdict(self) -> str:
+        """Whether the residuals fit the noise, and what to do if they do not."""
+        if self.p_value is None:
+            return "The noise is estimated from the residuals, so they cannot say whether the model is right."
+        ratio = float(np.sqrt(self.chi2 / self.dof))
+        said = f"chi-square {self.chi2:.1f} on {self.dof} degrees of freedom, p = {self.p_value:.2g}"
+        if self.p_value >= _SIGNIFICANT:
+            return f"The residuals agree with the stated noise ({said})."
+        order = np.argsort(-np.abs(self.studentised).max(axis=1))[:3]
+        rows = ", ".join(f"{self.rows[i]} (pose {self.poses[i]})" for i in order)
+        return (
+            f"The residuals are {ratio:.1f} times the stated noise ({said}): the model or a reading is wrong, and the "
+            f"standard deviations are too small by that factor. Largest residuals: rows {rows}. Check the unit of the "
+            "load, the load point, the markers' names and places, and the noise."
+        )
 
     @property
     def correlation(self) -> Array:
@@ -109,11 +141,13 @@ class Fit:
             "sigma_source": self.sigma_source,
             "chi2": self.chi2,
             "dof": self.dof,
+            "p_value": self.p_value,
+            "poses_that_cannot_be_left_out": list(self.carriers),
             "rms_mm": {
                 "readings": self.rms_readings * 1e3,
                 "nominal": self.rms_nominal * 1e3,
                 "identified": self.rms * 1e3,
-                "leave_one_out": self.rms_left_out * 1e3,
+                "leave_one_out": None if np.isnan(self.rms_left_out) else self.rms_left_out * 1e3,
             },
             "model": {name: float(v) for name, v in zip(self.model.names, self.x, strict=True)},
             "data_sha256": self.data_sha256,

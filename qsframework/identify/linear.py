@@ -17,6 +17,9 @@ from qsframework.plugin import Array, Indices, Parameter
 
 _STEPS = 20
 _SETTLED = 1e-9
+_ALONE = 1e12
+_FAR = 5.0
+"""Prior standard deviations from the initial value beyond which an estimate deserves a second look."""
 _UNFILED = "simulated readings"
 
 
@@ -87,10 +90,11 @@ def _rows(experiment: Experiment, readings: Readings) -> tuple[Rows, str]:
             "states no noise; give all of them or none"
         )
     sigma = np.ones(len(keep)) if missing.any() else stated
+    estimated = missing.any() or experiment.noise.sigma is None
     _, pose_of = np.unique(np.array(readings.pose), return_inverse=True)
     poses = pose_of[readings.measurement[keep]]
     rows = Rows(keep, readings.displacement[keep], sigma, readings.measurement[keep], readings.marker[keep], poses)
-    return rows, "estimated" if missing.any() else "stated"
+    return rows, "estimated" if estimated else "stated"
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,25 +124,30 @@ def _result(
     covariance = solution.covariance * np.outer(scales(chosen), scales(chosen)) * unit**2
     values = x[model.index([p.name for p in chosen])]
     outside = left_out(white, solution.Q, rows.pose) * rows.sigma[:, None]
+    digest = sha256(readings.source) if readings.source is not None else ""
+    poses = tuple(readings.pose[m] for m in rows.measurement)
     return Fit(
         "linear", model, x, _estimates(chosen, values, np.sqrt(np.diag(covariance))), covariance, test,
-        unit if source == "estimated" else float(np.sqrt(np.mean(rows.sigma**2))), source,
-        readings.rows[rows.keep], rows.measured, predicted, nominal, residuals,
-        studentised(white, solution.Q, len(chosen)), outside,
-        chi2 / unit**2, dof, sha256(readings.source) if readings.source is not None else "",
+        unit * float(np.sqrt(np.mean(rows.sigma**2))), source, readings.rows[rows.keep], poses, rows.measured,
+        predicted, nominal, residuals, studentised(white, solution.Q, len(chosen)), outside, chi2 / unit**2, dof,
+        digest,
     )  # fmt: skip
 
 
 def _estimates(chosen: Sequence[Parameter], values: Array, sds: Array) -> tuple[Estimate, ...]:
-    def status(p: Parameter, value: float) -> str:
+    def status(p: Parameter, value: float, sd: float) -> str:
         if value < p.lower:
             return f"below its bound {p.lower:g}: the model or a convention is wrong"
         if value > p.upper:
             return f"above its bound {p.upper:g}: the model or a convention is wrong"
+        if sd > abs(value):
+            return "sd above the value: these readings do not tell it"
+        if p.sd is not None and abs(value - p.nominal) > _FAR * p.sd:
+            return f"{abs(value - p.nominal) / p.sd:.0f} prior sds from its initial value"
         return ""
 
     return tuple(
-        Estimate(p.name, p.unit, float(v), float(s), p.nominal, p.lower, p.upper, status(p, float(v)))
+        Estimate(p.name, p.unit, float(v), float(s), p.nominal, p.lower, p.upper, status(p, float(v), float(s)))
         for p, v, s in zip(chosen, values, sds, strict=True)
     )
 
@@ -159,8 +168,8 @@ def studentised(white: Array, Q: Array, parameters: int) -> Array:
 def left_out(white: Array, Q: Array, pose: Indices) -> Array:
     """Whitened errors (R, 3) at each pose when all its markers and repeats are left out of the fit.
 
-    Exact for linear least squares: (I - Q_i Q_i')^-1 r_i for the block of each pose. Raises
-    NotIdentifiable if the fit hangs on a single pose.
+    Exact for linear least squares: (I - Q_i Q_i')^-1 r_i for the block of each pose. NaN where the
+    other poses cannot tell the parameters: that pose alone carries one of them.
     """
     out = np.empty_like(white)
     blocks = Q.reshape(*white.shape, -1)
@@ -168,7 +177,6 @@ def left_out(white: Array, Q: Array, pose: Indices) -> Array:
         rows = pose == one
         q = blocks[rows].reshape(-1, Q.shape[1])
         rest = np.eye(len(q)) - q @ q.T
-        if np.linalg.cond(rest) > 1e12:
-            raise NotIdentifiable("without one of the poses the parameters cannot be told; measure more poses")
-        out[rows] = np.linalg.solve(rest, white[rows].ravel()).reshape(-1, 3)
+        alone = np.linalg.cond(rest) > _ALONE
+        out[rows] = np.nan if alone else np.linalg.solve(rest, white[rows].ravel()).reshape(-1, 3)
     return out

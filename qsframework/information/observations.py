@@ -40,9 +40,12 @@ def predicted_sd(model: Model, poses: Poses, names: Sequence[str], sigma: float,
     lost = set(test.unseen) | {name for group in test.tied for name in group}
     kept = [i for i, name in enumerate(names) if name not in lost]
     out = np.full(len(names), np.inf)
+    seen = [i for i, name in enumerate(names) if name not in test.unseen]
     if kept:
-        R = np.linalg.qr(flat[:, kept], mode="r")
-        out[kept] = np.linalg.norm(np.linalg.inv(R), axis=1)
+        # what a tied group shares still has to be told from the others: keep its seen directions
+        _, values, basis = np.linalg.svd(np.linalg.qr(flat[:, seen], mode="r"))
+        told = basis[: test.rank] / values[: test.rank, None]
+        out[kept] = np.linalg.norm(told, axis=0)[[seen.index(i) for i in kept]]
     return out * scales([model.parameters[i] for i in model.index(names)])
 
 

@@ -45,10 +45,13 @@ def error_table(fit: Fit) -> Table:
     """RMS per axis of the readings, the nominal model, the fit, and the poses left out."""
     names = ("readings", "nominal model", "identified", "leave-one-pose-out")
     values = (fit.rms_readings, fit.rms_nominal, fit.rms, fit.rms_left_out)
+    note = ""
+    if fit.carriers:
+        note = f" It leaves out {', '.join(fit.carriers)}: each of these poses alone carries a parameter."
     return Table(
         ("RMS per axis", "mm"),
         tuple((name, f"{value * 1e3:.4f}") for name, value in zip(names, values, strict=True)),
-        "The last row counts: it is the error at poses that the fit has not seen.",
+        "The last row counts: it is the error at poses that the fit has not seen." + note,
     )
 
 
@@ -56,14 +59,12 @@ def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> 
     """Tables and figures of one fit."""
     pairs = fit.high_correlations()
     said = "; ".join(f"{a} and {b}: {c:+.2f}" for a, b, c in pairs) or "none"
-    test = f"chi-square {fit.chi2:.1f} on {fit.dof} degrees of freedom" + (
-        " (by construction: the noise is estimated from the residuals)." if fit.sigma_source == "estimated" else "."
-    )
     return Section(
         title,
         (
+            Text(fit.verdict()),
             fit_table(fit, truth),
-            Text(f"Correlations above 0.9: {said}. {test}"),
+            Text(f"Correlations above 0.9: {said}."),
             error_table(fit),
             Figure(_measured_predicted(fit), "Points should lie on the line; a slope says that the stiffness is off."),
             Figure(
@@ -87,7 +88,7 @@ def _measured_predicted(fit: Fit) -> Any:
     for i, axis in enumerate(_AXES):
         figure.add_scatter(
             x=fit.predicted[:, i] * 1e3, y=fit.measured[:, i] * 1e3, mode="markers", name=f"d{axis}",
-            text=[f"row {r}" for r in fit.rows],
+            text=[f"row {r}, pose {html.escape(p)}" for r, p in zip(fit.rows, fit.poses, strict=True)],
         )  # fmt: skip
     ends = np.array([fit.measured.min(), fit.measured.max()]) * 1e3
     figure.add_scatter(x=ends, y=ends, mode="lines", name="equal", line={"color": "#999", "width": 1})

@@ -32,7 +32,7 @@ def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> T
     for i, p in enumerate(parameters):
         row = [p.name, f"{shown(p.nominal, p.unit)[0]:.4g}", shown(1.0, p.unit)[1]]
         for sd in columns.values():
-            share = f" ({100 * sd[i] / p.nominal:.1f} %)" if p.nominal else ""
+            share = f" ({100 * sd[i] / abs(p.nominal):.1f} %)" if p.nominal else ""
             row.append(f"{shown(float(sd[i]), p.unit)[0]:.3g}{share}" if np.isfinite(sd[i]) else "not identifiable")
         rows.append(tuple(row))
     return Table(
