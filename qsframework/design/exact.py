@@ -71,7 +71,10 @@ def _pick(members: Indices, order: Indices, taken: set[int], quotas: Quotas) -> 
     for i in order:
         if quotas.repeats or int(quotas.place[members[i]]) not in taken:
             return int(members[i])
-    raise NotIdentifiable(f"only {len(members)} candidates for a group of the plan: too few for its poses")
+    raise NotIdentifiable(
+        f"only {len(members)} candidates for a group of the plan: too few for its poses; allow repeats or take more "
+        "candidates"
+    )
 
 
 def _rounded(weights: Array, quotas: Quotas, rng: np.random.Generator) -> Indices:

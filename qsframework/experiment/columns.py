@@ -20,6 +20,8 @@ from qsframework.plugin import Array
 _LARGEST = 500_000_000
 _MOST = 100_000
 _TRUE, _FALSE = ("1", "true", "yes"), ("0", "false", "no")
+_MEASURED = ("dx", "dy", "dz", "sigma")
+"""Columns that may hold anything in a row that is masked (use = 0): that is why it is masked."""
 
 
 @dataclass(frozen=True)
@@ -78,8 +80,12 @@ def read_table(path: str | Path, columns: Sequence[Column], robot: str) -> Table
     table = Table(
         path, [line for line, _ in good], {c.stem: header[i] for i, (c, _) in chosen.items()}, {}, {}, problems
     )
+    switch = next((i for i, (column, _) in chosen.items() if column.stem == "use"), None)
+    masked = (
+        set[int]() if switch is None else {r for r, (_, c) in enumerate(good) if c[switch].strip().lower() in _FALSE}
+    )
     for i, (column, unit) in chosen.items():
-        _read_column(table, column, unit, [cells[i].strip() for _, cells in good])
+        _read_column(table, column, unit, [cells[i].strip() for _, cells in good], masked)
     return table
 
 
@@ -167,7 +173,7 @@ def _hint(name: str, columns: Sequence[Column], spellings: Sequence[str]) -> str
     return f"The robot has {joints} joints, q1 to q{joints}." if joint else nearest(name, spellings)
 
 
-def _read_column(table: Table, column: Column, unit: str, cells: list[str]) -> None:
+def _read_column(table: Table, column: Column, unit: str, cells: list[str], masked: set[int]) -> None:
     if column.kind == "text":
         table.texts[column.stem] = cells
         for i, cell in enumerate(cells):
@@ -179,6 +185,8 @@ def _read_column(table: Table, column: Column, unit: str, cells: list[str]) -> N
         if not cell and column.blank:
             continue
         value, allowed = _value(column, cell)
+        if value is None and column.stem in _MEASURED and i in masked:
+            continue
         if value is None:
             _wrong(table, i, column, "cannot be used", cell, allowed)
         else:

@@ -69,10 +69,11 @@ def read_readings(path: str | Path, experiment: Experiment) -> Readings:
     displacement = np.stack([table.numbers[c] for c in ("dx", "dy", "dz")], axis=1)
     problems = list(table.problems)
     problems += limit_problems(table, pendant, experiment)
-    problems += _displacement_problems(table, displacement)
+    use = table.numbers.get("use", np.ones(count)) != 0
+    problems += _displacement_problems(table, np.where(use[:, None], displacement, 0.0))
     marker = _marker_index(table, experiment, problems)
     sigma = table.numbers.get("sigma", np.full(count, np.nan))
-    for i in np.flatnonzero(sigma <= 0):
+    for i in np.flatnonzero((sigma <= 0) & use):
         problems.append(_at(table, int(i), "sigma", "must be positive", f"{sigma[i]:g} m"))
     keys = _keys(table)
     recorded = [table.numbers[c][:, None] for c in _RECORDED if c in table.numbers]
@@ -89,7 +90,7 @@ def read_readings(path: str | Path, experiment: Experiment) -> Readings:
     return Readings(
         poses, tuple(k[0] for k in names), np.array([k[1] for k in names]), np.array([k[2] for k in names]),
         measurement, marker, frozen(displacement), frozen(sigma),
-        table.numbers.get("use", np.ones(count)).astype(bool), np.array(table.rows),
+        use, np.array(table.rows),
         tuple(table.texts["drive_state"]) if "drive_state" in table.texts else None, table.path,
     )  # fmt: skip
 

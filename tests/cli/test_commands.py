@@ -104,6 +104,23 @@ def test_bad_input_ends_with_code_2(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["-o", "p.csv", "--json", "p.json"], "would overwrite another output"),
+        (["-o", "p.csv", "--report", "p.csv"], "would overwrite another output"),
+        (["-o", M900IB], "would overwrite an input"),
+    ],
+)
+def test_outputs_do_not_overwrite_each_other(
+    options: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=words):
+        run("design", M900IB, *options)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_an_unwritable_output_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
