@@ -8,7 +8,7 @@ import pytest
 
 from qsframework.robot import Robot, load_robot, robot_names
 
-ROBOTS = ("fanuc_m900ib", "fanuc_r2000ic")
+ROBOTS = ("fanuc_m900ib", "fanuc_r2000ic", "ur10")
 
 
 def flange(robot: Robot, pendant_deg) -> np.ndarray:
@@ -141,6 +141,39 @@ def test_r2000ic_has_no_loop():
     assert all("assumed" in p.source for p in robot.parameters)
     assert robot.flange.link == 6
     assert set(robot.frames) == {*robot.facts.links, "flange"}
+
+
+# standard Denavit-Hartenberg rows of the UR10: d, a, alpha
+UR10 = (
+    (0.1273, 0, np.pi / 2),
+    (0, -0.612, 0),
+    (0, -0.5723, 0),
+    (0.163941, 0, np.pi / 2),
+    (0.1157, 0, -np.pi / 2),
+    (0.0922, 0, 0),
+)
+
+
+def test_ur10_is_its_denavit_hartenberg_model():
+    robot = load_robot("ur10")
+    for q in np.random.default_rng(4).uniform(-3, 3, (100, 6)):
+        T = np.eye(4)
+        for (d, a, alpha), angle in zip(UR10, q, strict=True):
+            (ca, sa), (ct, st) = ((np.cos(v), np.sin(v)) for v in (alpha, angle))
+            T = T @ [[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0, sa, ca, d], [0, 0, 0, 1]]
+        np.testing.assert_allclose(flange(robot, np.rad2deg(q)), T, atol=1e-12)
+
+
+def test_ur10_centres_are_the_published_ones_in_denavit_hartenberg_frames():
+    """Universal Robots gives the centres in the frame behind each row; the URDF frames stand before a and alpha."""
+    published = ((0.021, 0, 0.027), (0.38, 0, 0.158), (0.24, 0, 0.068), (0, 0.007, 0.018), (0, 0.007, 0.018))
+    facts = load_robot("ur10").facts
+    for k, ((_, a, alpha), centre) in enumerate(zip(UR10, published, strict=False), start=1):
+        c, s = np.cos(alpha), np.sin(alpha)
+        turned = np.array([[1, 0, 0], [0, c, -s], [0, s, c]]) @ centre
+        np.testing.assert_allclose(facts.centres[k], turned + np.array([a, 0, 0]), atol=1e-12)
+    np.testing.assert_allclose(facts.centres[6], [0, 0, -0.026])
+    np.testing.assert_allclose(facts.masses[1:], [7.1, 12.7, 4.27, 2, 2, 0.365])
 
 
 @pytest.mark.parametrize("name", ROBOTS)
