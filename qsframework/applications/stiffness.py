@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from qsframework.elastostatics import Model, Site, cartesian_compliance, equilibrium, make_model
-from qsframework.elastostatics.evaluation import evaluate
+from qsframework.elastostatics.displacements import evaluate
 from qsframework.errors import InputError
 from qsframework.plugin import Array, Poses
 from qsframework.plugin.facts import frozen
@@ -104,5 +104,4 @@ def spring_names(model: Model) -> tuple[str, ...]:
 def _shares(model: Model, poses: Poses) -> Array:
     """Translation (ne, 3) of the tip that each spring's deflection makes, linear model."""
     ev = evaluate(model, poses, model.nominal)
-    eps = ev.loaded.eps if ev.unloaded is None else ev.loaded.eps - ev.unloaded.eps
-    return (ev.state.tip.linear * eps[:, None, :])[:, :, 0]
+    return (ev.state.tip.linear * ev.deflection[:, None, :])[:, :, 0]

@@ -1,4 +1,4 @@
-"""One batch through all stages, with everything that the chain rule needs afterwards."""
+"""One batch through the stages before the springs, with everything that the chain rule needs afterwards."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from qsframework.plugin import (
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluation:
-    """A model at N poses and parameter values x.
+class Stages:
+    """A model at N poses and parameter values x, up to the torques on the springs.
 
-    compliance (ne,), tau and preload (ne, N) N m; the preload and the unloaded response are None
-    where every law is linear, because they then drop out of a displacement
+    compliance (ne,), tau and preload (ne, N) N m; the preload is None where nobody asked for it:
+    a displacement under linear laws does not depend on it
     """
 
     model: Structure
@@ -49,18 +49,26 @@ class Evaluation:
     pulls: tuple[pulls.Pull | None, ...]
     rates: springs.JointRates
     joint_stiffness: Array
-    unloaded: springs.Response | None
-    loaded: springs.Response
-    sensed: tuple[Sensed, Sensed] | None
+    stiffness: springs.Stiffness
+    laws: springs.Laws
 
     @property
     def touched(self) -> tuple[int, ...]:
         """The joints that parallel springs act on."""
         return tuple(sorted({j for f in self.faces for j in f.joints}))
 
+    def respond(self, torque: Array) -> springs.Response:
+        """How the springs answer to a torque (ne, N)."""
+        return springs.respond(self.compliance, torque, self.stiffness, self.laws)
 
-def evaluate(model: Structure, poses: Poses, x: Array) -> Evaluation:
-    """Run the stages at the commanded poses."""
+    def sense(self, eps: Array | None, conditions: Conditions) -> Sensed | None:
+        """What the instrument says of the pose deflected by eps (ne, N); None without sensors."""
+        sensors = self.model.of_kind(Sensor, self.x)
+        return sense(sensors, self.state, eps, self.model.marker_names, conditions) if sensors else None
+
+
+def evaluate_stages(model: Structure, poses: Poses, x: Array, preload: bool) -> Stages:
+    """Run the stages before the springs at the commanded poses."""
     geometry, motion = move_commanded(model, poses, x)
     state = place(motion, model.tip, model.markers)
     rotation = state.placed.matrix(model.tip.link)
@@ -76,14 +84,10 @@ def evaluate(model: Structure, poses: Poses, x: Array) -> Evaluation:
     pulled = pulls.stiffness(drawn, motion.coefficients)
     if pulled is not None:
         K = springs.Stiffness(rates.active, K.K + pulled[np.ix_(rates.active, rates.active)])
-    laws = elastic_laws(model, x)
-    preload = _preload(model, state, applied, faces, drawn, rates) if laws else None
-    unloaded = None if preload is None else springs.respond(compliance, preload, K, laws)
-    loaded = springs.respond(compliance, tau if preload is None else preload + tau, K, laws)
-    sensed = _sense(model, x, poses, state, unloaded, loaded)
-    return Evaluation(
-        model, x, poses, geometry, motion, state, applied, compliance, tau, preload, faces, drawn, rates,
-        joint_stiffness, unloaded, loaded, sensed,
+    return Stages(
+        model, x, poses, geometry, motion, state, applied, compliance, tau,
+        _preload(model, state, applied, faces, drawn, rates) if preload else None,
+        faces, drawn, rates, joint_stiffness, K, elastic_laws(model, x),
     )  # fmt: skip
 
 
@@ -148,28 +152,6 @@ def active_coordinates(motion: Motion, touched: tuple[int, ...], drawn: Sequence
     return tuple(sorted(active))
 
 
-def _sense(
-    model: Structure, x: Array, poses: Poses, state: State, unloaded: springs.Response | None, loaded: springs.Response
-) -> tuple[Sensed, Sensed] | None:
-    """Readings of the unloaded and the loaded state, where the model has sensors."""
-    sensors = model.of_kind(Sensor, x)
-    if not sensors:
-        return None
-
-    def read(eps: Array | None, conditions: Conditions) -> Sensed:
-        return sense(sensors, state, eps, model.marker_names, conditions)
-
-    return read(None if unloaded is None else unloaded.eps, poses.unloaded), read(loaded.eps, poses.loaded)
-
-
-def displacement(ev: Evaluation) -> Array:
-    """Loaded minus unloaded reading of each marker, (K, 3, N) m."""
-    if ev.sensed is not None:
-        return ev.sensed[1].position - ev.sensed[0].position
-    eps = ev.loaded.eps if ev.unloaded is None else ev.loaded.eps - ev.unloaded.eps
-    return np.stack([np.einsum("ecn,en->cn", m.linear, eps) for m in ev.state.markers])
-
-
 def spring_stiffness(model: Structure, poses: Poses, x: Array | None = None) -> Array:
     """K_theta(q) (N, ne, ne) of the elastic coordinates, equation (10): diag(1/c) + K_par at the commanded pose.
 
@@ -177,12 +159,12 @@ def spring_stiffness(model: Structure, poses: Poses, x: Array | None = None) -> 
     """
     parts = []
     for _, chunk in chunks(poses):
-        ev = evaluate(model, chunk, model.nominal if x is None else model.checked(x))
+        ev = evaluate_stages(model, chunk, model.nominal if x is None else model.checked(x), preload=False)
         count = len(ev.compliance)
         with np.errstate(divide="ignore"):
             total = np.zeros((len(chunk), count, count))
             total[:, range(count), range(count)] = 1.0 / ev.compliance
-        rows = np.ix_(range(len(chunk)), ev.loaded.stiffness.active, ev.loaded.stiffness.active)
-        total[rows] += ev.loaded.stiffness.K.transpose(2, 0, 1)
+        rows = np.ix_(range(len(chunk)), ev.stiffness.active, ev.stiffness.active)
+        total[rows] += ev.stiffness.K.transpose(2, 0, 1)
         parts.append(total)
     return np.concatenate(parts)

@@ -1,6 +1,7 @@
 """The pipeline: all effects of a robot and a campaign, stage by stage.
 
-    readings = Model.predict(poses, x)            A = Model.sensitivity(poses, x)
+    displacements = Model.predict(poses, x)       A = Model.sensitivity(poses, x)
+    positions = Model.positions(poses, x)         A = Model.position_sensitivity(poses, x)
 
 The linear model: eps = C tau at the commanded pose, C = (diag(1/c) + K_par)^-1, equations (1)-(5)
 and (10) of the paper; laws, if there are any, are solved for the unloaded and the loaded state.
@@ -13,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.elastostatics.evaluation import displacement, evaluate
+from qsframework.elastostatics.displacements import displacement, evaluate, sensitivities
 from qsframework.elastostatics.layout import make_layout
+from qsframework.elastostatics.positions import evaluate_state, position, position_tangents
 from qsframework.elastostatics.state import Site
 from qsframework.elastostatics.structure import Structure, chunks
-from qsframework.elastostatics.tangents import sensitivities
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.plugin import Array, Effect, Parameter, Poses, RobotFacts, Spring, SpringLaw
 from qsframework.plugin.facts import frozen
@@ -42,6 +43,30 @@ class Model(Structure):
         out = np.empty((len(poses), len(self.markers), 3, len(wanted)))
         for part, chunk in chunks(poses):
             out[part] = sensitivities(evaluate(self, chunk, x), wanted).transpose(3, 1, 2, 0)
+        return out
+
+    def positions(self, poses: Poses, x: Array | None = None, loaded: bool = False) -> Array:
+        """Position readings (N, K, 3) m of K markers in one state, base frame.
+
+        The pose with the errors of its geometry, deflected by gravity and the compensators and, if
+        `loaded`, by the wrench; linear in the deflection, which is taken at the commanded pose. The
+        state's own time, temperature and approach count: `poses.unloaded` or `poses.loaded`.
+        """
+        x = self.nominal if x is None else self.checked(x)
+        out = np.empty((len(poses), len(self.markers), 3))
+        for part, chunk in chunks(poses):
+            out[part] = position(evaluate_state(self, chunk, x, loaded)).transpose(2, 0, 1)
+        return out
+
+    def position_sensitivity(
+        self, poses: Poses, x: Array | None = None, names: Sequence[str] | None = None, loaded: bool = False
+    ) -> Array:
+        """d position readings / d parameters (N, K, 3, p) of one state."""
+        x = self.nominal if x is None else self.checked(x)
+        wanted = list(range(len(self.parameters))) if names is None else self.index(names)
+        out = np.empty((len(poses), len(self.markers), 3, len(wanted)))
+        for part, chunk in chunks(poses):
+            out[part] = position_tangents(evaluate_state(self, chunk, x, loaded), wanted).transpose(3, 1, 2, 0)
         return out
 
     def transmission_margin(self, poses: Poses) -> Array:

@@ -1,43 +1,45 @@
 """The chain rule: how a reading changes with each parameter, through all seven stages.
 
-A parameter enters at the stage of its effect as a `Change`; everything after that stage is common.
+A parameter enters at the stage of its effect as a `Change`; everything after that stage is common
+to all of them, and the same for a displacement and for the position in one state.
     d eps = (I + diag(c + f') K)^-1 [d(c T + f) + (c + f') (d tau_0 + d tau - dK eps)]
-    d reading = D d eps + dD eps, through the sensors
+    d position = d FK + D d eps + dD eps, through the sensors
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from qsframework.elastostatics import loads, pulls, springs
-from qsframework.elastostatics.evaluation import Evaluation, gather, joint_torque
+from qsframework.elastostatics.evaluation import Stages, gather, joint_torque
 from qsframework.elastostatics.motion import MotionRate, combine, motion_along
-from qsframework.elastostatics.sensors import turn_rate
-from qsframework.elastostatics.state import ColumnRate, column_along
+from qsframework.elastostatics.sensors import Sensed, turn_rate
+from qsframework.elastostatics.state import Column, ColumnRate, column_along
 from qsframework.plugin import Array, Geometry, Load, Loop, ParallelSpring, Sensor, Spring, SpringLaw
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """What one parameter changes before the springs answer; None stands for nothing.
+    """What one parameter changes before the springs answer, or in the reading; None stands for nothing.
 
-    tau, preload (ne, N); K (a, a, N); law: (coordinates, derivative (N, k)) for the unloaded and
-    the loaded state; markers: rates of the markers' columns
+    tau, preload (ne, N); K (a, a, N); spring: the coordinate whose compliance it is; law and sensor:
+    which one it belongs to and its place there; markers: rates of the markers' columns
     """
 
     tau: Array | None = None
     preload: Array | None = None
     K: Array | None = None
-    law: tuple[tuple[int, ...], Array, Array] | None = None
+    spring: int | None = None
+    law: tuple[int, int] | None = None
+    sensor: tuple[int, int] | None = None
     markers: tuple[ColumnRate, ...] | None = None
 
 
-def sensitivities(ev: Evaluation, wanted: Sequence[int]) -> Array:
-    """d reading / d parameter for the wanted positions in x: (P, K, 3, N)."""
-    out = np.empty((len(wanted), len(ev.state.markers), 3, len(ev.poses)))
+def changes(ev: Stages, wanted: Sequence[int]) -> Iterator[tuple[int, Change]]:
+    """Row and change for each wanted position in x, one at a time because they are large."""
     counts: dict[type, int] = {}
     for effect, part in zip(ev.model.effects, ev.model.slices, strict=True):
         kind = next(k for k in _RULES if isinstance(effect, k))
@@ -45,83 +47,69 @@ def sensitivities(ev: Evaluation, wanted: Sequence[int]) -> Array:
         counts[kind] = number + (part.stop - part.start if kind is Spring else 1)
         for row, position in enumerate(wanted):
             if part.start <= position < part.stop:
-                out[row] = _RULES[kind](ev, number, position - part.start)
-    return out
+                yield row, _RULES[kind](ev, number, position - part.start)
 
 
-def _answer(ev: Evaluation, response: springs.Response, change: Change, is_loaded: bool) -> Array:
-    """d eps (ne, N) of one state."""
+def answer(ev: Stages, response: springs.Response, change: Change, loaded: bool) -> Array:
+    """d eps (ne, N) of one state; the wrench acts on the loaded one only."""
+    if change.spring is not None:
+        rhs = np.zeros_like(response.eps)
+        rhs[change.spring] = response.T[change.spring]
+        return response.react(rhs)
     drive = np.zeros_like(response.eps)
     if change.preload is not None and ev.preload is not None:
         drive += change.preload
-    if is_loaded and change.tau is not None:
+    if loaded and change.tau is not None:
         drive += change.tau
     if change.K is not None:
         drive -= springs.Stiffness(response.stiffness.active, change.K).times(response.eps)
     rhs = response.slope * drive
     if change.law is not None:
-        rows, unloaded, loaded = change.law
-        np.add.at(rhs, list(rows), (loaded if is_loaded else unloaded).T)
+        rows, term = response.laws[change.law[0]]
+        np.add.at(rhs, list(rows), term.dx[..., change.law[1]].T)
     return response.react(rhs)
 
 
-def _finish(ev: Evaluation, change: Change) -> Array:
-    """d reading (K, 3, N) of a change."""
-    loaded = _answer(ev, ev.loaded, change, True)
-    unloaded = None if ev.unloaded is None else _answer(ev, ev.unloaded, change, False)
-    return _readings(ev, unloaded, loaded, change.markers)
+def carry(columns: Sequence[Column | ColumnRate], eps: Array, turn: bool = False) -> Array:
+    """Shift (K, 3, N) of the markers, or the turn of their links, under a deflection eps (ne, N)."""
+    return np.stack([np.einsum("ecn,en->cn", c.angular if turn else c.linear, eps) for c in columns])
 
 
-def _readings(ev: Evaluation, unloaded: Array | None, loaded: Array, markers: tuple[ColumnRate, ...] | None) -> Array:
-    if ev.sensed is not None:
-        first = None if ev.unloaded is None else ev.unloaded.eps
-        return _sensed(ev, 1, loaded, ev.loaded.eps, markers) - _sensed(ev, 0, unloaded, first, markers)
-    change = loaded if unloaded is None else loaded - unloaded
-    out = np.stack([np.einsum("ecn,en->cn", m.linear, change) for m in ev.state.markers])
-    if markers is not None:
-        eps = ev.loaded.eps if ev.unloaded is None else ev.loaded.eps - ev.unloaded.eps
-        out += np.stack([np.einsum("ecn,en->cn", m.linear, eps) for m in markers])
-    return out
-
-
-def _sensed(
-    ev: Evaluation, which: int, change: Array | None, eps: Array | None, markers: tuple[ColumnRate, ...] | None
+def reading_along(
+    ev: Stages, sensed: Sensed | None, response: springs.Response | None, change: Change, loaded: bool
 ) -> Array:
-    """d reading of one state through the sensors."""
-    assert ev.sensed is not None
-    sensed = ev.sensed[which]
-    shift, spin = np.zeros_like(sensed.position), np.zeros_like(sensed.position)
-    carried = None
-    if change is not None:
-        shift += np.stack([np.einsum("ecn,en->cn", m.linear, change) for m in ev.state.markers])
-        spin += np.stack([np.einsum("ecn,en->cn", m.angular, change) for m in ev.state.markers])
-    if markers is not None:
-        shift += np.stack([m.position for m in markers])
-        carried = np.stack([m.turn for m in markers])
-        if eps is not None:
-            shift += np.stack([np.einsum("ecn,en->cn", m.linear, eps) for m in markers])
-            spin += np.stack([np.einsum("ecn,en->cn", m.angular, eps) for m in markers])
+    """d reading (K, 3, N) of one state; a response of None is the pose that nothing deflects."""
+    if change.sensor is not None:
+        assert sensed is not None
+        return sensed.by_parameters[change.sensor[0]][..., change.sensor[1]].transpose(1, 2, 0)
+    shift = np.zeros((len(ev.state.markers), *ev.state.tip.position.shape))
+    if sensed is not None:
+        shift = np.zeros_like(sensed.position)  # its layout in memory too, which einsum's rounding follows
+    spin, carried = np.zeros_like(shift), None
+    if response is not None:
+        rate = answer(ev, response, change, loaded)
+        shift += carry(ev.state.markers, rate)
+        if sensed is not None:
+            spin += carry(ev.state.markers, rate, turn=True)
+    if change.markers is not None:
+        shift += np.stack([m.position for m in change.markers])
+        carried = np.stack([m.turn for m in change.markers])
+        if response is not None:
+            shift += carry(change.markers, response.eps)
+            spin += carry(change.markers, response.eps, turn=True)
+    if sensed is None:
+        return shift
     turn = turn_rate(sensed.turned, spin, carried)
     total = np.einsum("nkij,kjn->kin", sensed.by_position, shift)
     return total + np.einsum("nkij,nkj->kin", sensed.by_rotation, turn)
 
 
-def _compliance(ev: Evaluation, first: int, i: int) -> Array:
+def _spring(ev: Stages, first: int, i: int) -> Change:
     """A spring: column D_i times the torque T_i that it carries, equation (4)."""
-    coordinate = first + i
-    if ev.sensed is None and coordinate not in ev.rates.active:
-        torque = ev.loaded.T[coordinate] if ev.unloaded is None else ev.loaded.T[coordinate] - ev.unloaded.T[coordinate]
-        return np.stack([m.linear[coordinate] * torque for m in ev.state.markers])
-
-    def answer(response: springs.Response) -> Array:
-        rhs = np.zeros_like(response.eps)
-        rhs[coordinate] = response.T[coordinate]
-        return response.react(rhs)
-
-    return _readings(ev, None if ev.unloaded is None else answer(ev.unloaded), answer(ev.loaded), None)
+    return Change(spring=first + i)
 
 
-def _parallel(ev: Evaluation, number: int, i: int) -> Array:
+def _parallel(ev: Stages, number: int, i: int) -> Change:
     pull = ev.pulls[number]
     if pull is not None:
         return _pulled(ev, pull, i)
@@ -132,55 +120,49 @@ def _parallel(ev: Evaluation, number: int, i: int) -> Array:
         rows = [ev.touched.index(j) for j in face.joints]
         preload = np.zeros_like(ev.preload)
         preload[list(ev.rates.active)] = np.einsum("jan,nj->an", ev.rates.E[rows], face.torque.dx[..., i])
-    return _finish(ev, Change(K=springs.sandwich(ev.rates.E, K, ev.rates.E), preload=preload))
+    return Change(K=springs.sandwich(ev.rates.E, K, ev.rates.E), preload=preload)
 
 
-def _pulled(ev: Evaluation, pull: pulls.Pull, i: int) -> Array:
+def _pulled(ev: Stages, pull: pulls.Pull, i: int) -> Change:
     """A parameter of a spring between two points."""
     coefficients, active = ev.motion.coefficients, ev.rates.active
     K = pulls.on_coordinates(coefficients, pull.stiffness_by(i))[np.ix_(active, active)]
     preload = None if ev.preload is None else combine(coefficients, pull.torque_by(i))
-    return _finish(ev, Change(K=K, preload=preload))
+    return Change(K=K, preload=preload)
 
 
-def _law(ev: Evaluation, number: int, i: int) -> Array:
-    assert ev.unloaded is not None
-    rows, loaded = ev.loaded.laws[number]
-    _, unloaded = ev.unloaded.laws[number]
-    return _finish(ev, Change(law=(rows, unloaded.dx[..., i], loaded.dx[..., i])))
+def _law(ev: Stages, number: int, i: int) -> Change:
+    return Change(law=(number, i))
 
 
-def _load(ev: Evaluation, number: int, i: int) -> Array:
+def _load(ev: Stages, number: int, i: int) -> Change:
     terms = ev.applied.terms
     wrench = loads.wrench_along(terms, None, terms[number].dx[..., i], number + 1)
     preload = None
     moments = terms[number].moments_dx
     if ev.preload is not None and moments is not None:
         preload = loads.gravity_torque(ev.state, moments[..., i], ev.model.gravity)
-    return _finish(ev, Change(tau=loads.wrench_torque(ev.state.tip, wrench.T), preload=preload))
+    return Change(tau=loads.wrench_torque(ev.state.tip, wrench.T), preload=preload)
 
 
-def _sensor(ev: Evaluation, number: int, i: int) -> Array:
-    assert ev.sensed is not None
-    unloaded, loaded = ev.sensed
-    change = loaded.by_parameters[number][..., i] - unloaded.by_parameters[number][..., i]
-    return change.transpose(1, 2, 0)
+def _sensor(ev: Stages, number: int, i: int) -> Change:
+    return Change(sensor=(number, i))
 
 
-def _geometry(ev: Evaluation, number: int, i: int) -> Array:
+def _geometry(ev: Stages, number: int, i: int) -> Change:
     term = ev.geometry[number]
     twists = None if term.twists_dx is None else term.twists_dx[..., i].transpose(1, 2, 0)
     bars = np.zeros((ev.model.layout.bars, len(ev.poses)))
     return _geometric(ev, motion_along(ev.motion, term.angles_dx[..., i].T, bars, twists))
 
 
-def _loop(ev: Evaluation, number: int, i: int) -> Array:
+def _loop(ev: Stages, number: int, i: int) -> Change:
     bars = np.zeros((ev.model.layout.bars, len(ev.poses)))
     bars[ev.model.layout.loops[number].bars[i]] = 1.0
     return _geometric(ev, motion_along(ev.motion, np.zeros_like(ev.motion.q), bars, None))
 
 
-def _geometric(ev: Evaluation, rate: MotionRate) -> Array:
+def _geometric(ev: Stages, rate: MotionRate) -> Change:
     """A change of the unloaded geometry reaches every stage after it."""
     tip = column_along(ev.motion, ev.state.tip, rate)
     tau = loads.wrench_torque(tip, ev.applied.wrench.T)
@@ -195,21 +177,21 @@ def _geometric(ev: Evaluation, rate: MotionRate) -> Array:
         dK, dtorque = pulls.along(effects, ev.motion, rate, ev.poses.loaded)
         K = K + dK[np.ix_(ev.rates.active, ev.rates.active)]
         preload = None if preload is None else preload + dtorque
-    return _finish(ev, Change(tau=tau, K=K, preload=preload, markers=markers))
+    return Change(tau=tau, K=K, preload=preload, markers=markers)
 
 
-def _joint_rate(ev: Evaluation, joints: Sequence[int], rate: MotionRate) -> Array:
+def _joint_rate(ev: Stages, joints: Sequence[int], rate: MotionRate) -> Array:
     return rate.elements[[ev.model.layout.joint_elements[j] for j in joints]]
 
 
-def _stiffness_along(ev: Evaluation, rate: MotionRate, dE: Array) -> Array:
+def _stiffness_along(ev: Stages, rate: MotionRate, dE: Array) -> Array:
     blocks = [(f.joints, np.einsum("nijk,kn->nij", f.stiffness.dq, _joint_rate(ev, f.joints, rate))) for f in ev.faces]
     E, K = ev.rates.E, ev.joint_stiffness
     slope = springs.sandwich(E, gather(ev.touched, blocks, len(ev.poses)), E)
     return slope + springs.sandwich(dE, K, E) + springs.sandwich(E, K, dE)
 
 
-def _preload_along(ev: Evaluation, rate: MotionRate, dE: Array) -> Array | None:
+def _preload_along(ev: Stages, rate: MotionRate, dE: Array) -> Array | None:
     if ev.preload is None:
         return None
     total = loads.gravity_torque_along(ev.state, ev.applied.moments, ev.model.gravity, rate)
@@ -226,7 +208,7 @@ def _preload_along(ev: Evaluation, rate: MotionRate, dE: Array) -> Array | None:
 _RULES = {
     Geometry: _geometry,
     Loop: _loop,
-    Spring: _compliance,
+    Spring: _spring,
     ParallelSpring: _parallel,
     SpringLaw: _law,
     Load: _load,

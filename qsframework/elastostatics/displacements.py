@@ -1,0 +1,74 @@
+"""Displacement readings, loaded minus unloaded: their value and their derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.elastostatics.evaluation import Stages, evaluate_stages
+from qsframework.elastostatics.sensors import Sensed
+from qsframework.elastostatics.springs import Response
+from qsframework.elastostatics.structure import Structure
+from qsframework.elastostatics.tangents import Change, answer, carry, changes, reading_along
+from qsframework.plugin import Array, Poses, SpringLaw
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation(Stages):
+    """The answers of both states of a displacement.
+
+    The unloaded response is None where every law is linear: what gravity bends then drops out.
+    """
+
+    unloaded: Response | None
+    loaded: Response
+    sensed: tuple[Sensed, Sensed] | None
+
+    @property
+    def deflection(self) -> Array:
+        """eps (ne, N) of the loaded state less that of the unloaded one."""
+        return self.loaded.eps if self.unloaded is None else self.loaded.eps - self.unloaded.eps
+
+
+def evaluate(model: Structure, poses: Poses, x: Array) -> Evaluation:
+    """Run all stages for both states. The arm is taken at the conditions of the loaded one."""
+    s = evaluate_stages(model, poses, x, preload=any(isinstance(e, SpringLaw) for e in model.effects))
+    unloaded = None if s.preload is None else s.respond(s.preload)
+    loaded = s.respond(s.tau if s.preload is None else s.preload + s.tau)
+    first = s.sense(None if unloaded is None else unloaded.eps, poses.unloaded)
+    second = s.sense(loaded.eps, poses.loaded)
+    return Evaluation(**vars(s), unloaded=unloaded, loaded=loaded,
+                      sensed=None if first is None or second is None else (first, second))  # fmt: skip
+
+
+def displacement(ev: Evaluation) -> Array:
+    """Loaded minus unloaded reading of each marker, (K, 3, N) m."""
+    if ev.sensed is not None:
+        return ev.sensed[1].position - ev.sensed[0].position
+    return carry(ev.state.markers, ev.deflection)
+
+
+def sensitivities(ev: Evaluation, wanted: Sequence[int]) -> Array:
+    """d reading / d parameter for the wanted positions in x: (P, K, 3, N)."""
+    out = np.empty((len(wanted), len(ev.state.markers), 3, len(ev.poses)))
+    for row, change in changes(ev, wanted):
+        out[row] = _along(ev, change)
+    return out
+
+
+def _along(ev: Evaluation, change: Change) -> Array:
+    """d displacement (K, 3, N) of a change; the geometric part of the markers' motion cancels."""
+    if ev.sensed is not None:
+        loaded = reading_along(ev, ev.sensed[1], ev.loaded, change, True)
+        return loaded - reading_along(ev, ev.sensed[0], ev.unloaded, change, False)
+    c = change.spring
+    if c is not None and c not in ev.rates.active:
+        torque = ev.loaded.T[c] if ev.unloaded is None else ev.loaded.T[c] - ev.unloaded.T[c]
+        return np.stack([m.linear[c] * torque for m in ev.state.markers])
+    rate = answer(ev, ev.loaded, change, True)
+    if ev.unloaded is not None:
+        rate = rate - answer(ev, ev.unloaded, change, False)
+    out = carry(ev.state.markers, rate)
+    return out if change.markers is None else out + carry(change.markers, ev.deflection)
