@@ -12,6 +12,7 @@ from qsframework.experiment import Experiment, Readings, example, load_experimen
 for folder in ("elastostatics", "proof"):
     sys.path.insert(0, str(Path(__file__).parent / folder))
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "docs"))
 
 
 @pytest.fixture(scope="session")

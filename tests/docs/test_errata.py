@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import paper_numbers as numbers
+import paper_table5 as table5
 import pytest
 
 from qsf_plugins.spring_triangle import SpringTriangle
-from qsframework.design import CRITERIA, check_poses
+from qsframework.design import check_poses
 from qsframework.design.candidates import reference_point
-from qsframework.elastostatics import Model, Site, make_model
+from qsframework.elastostatics import Site, make_model
 from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.state import place as place_chain
 from qsframework.experiment import Experiment, Plan, example, read_plan
-from qsframework.information import information, information_rows, predicted_sd
+from qsframework.information.two_step import stiffness_rows
 from qsframework.plugin import Actuator, Array, Parameter, Poses, RobotFacts, Spring
 from qsframework.plugin import find as find_effect
 
-JOINTS = [f"joint_compliance[joint_{k}]" for k in range(2, 7)]
-MIDDLE = np.arange(0.0, 120.1, 0.5)
-TRIANGLE = SpringTriangle(0.4722, 0.8609)
-"""Fitted to the paper's Table 2, because the paper prints neither length."""
+TRIANGLE = SpringTriangle(*numbers.FITTED)
 
 
 # The parallelogram: (12) and (16)
@@ -113,11 +112,10 @@ def test_q2_names_two_angles(m900ib: Experiment) -> None:
     assert np.abs(triangle.length(q2) - distance).max() > 0.2
 
 
-def second_step(b_deg: Sequence[float], power: int = 2) -> Array:
-    """Rows of (22) for [K2, Kc, s0 Kc]: [1, L cos b, L (L sin^2 b / s^3 - cos b / s)]; printed with sin."""
-    b, L = np.deg2rad(np.asarray(b_deg, dtype=float)), TRIANGLE.lc * TRIANGLE.l2
-    s = TRIANGLE.length(b)
-    return np.stack([np.ones_like(b), L * np.cos(b), L * (L * np.sin(b) ** power / s**3 - np.cos(b) / s)], axis=1)
+def printed(b: Array) -> Array:
+    """Rows of (22) as printed, with sin b instead of its square."""
+    L, s = TRIANGLE.lc * TRIANGLE.l2, TRIANGLE.length(b)
+    return np.stack([np.ones_like(b), L * np.cos(b), L * (L * np.sin(b) / s**3 - np.cos(b) / s)], axis=1)
 
 
 def test_equation_22_has_the_square_of_the_sine() -> None:
@@ -126,69 +124,41 @@ def test_equation_22_has_the_square_of_the_sine() -> None:
     moment: Callable[[Array], Array] = lambda angle: Kc * TRIANGLE.moment(angle, s0)  # noqa: E731
     numeric = K2 + (moment(np.deg2rad(b) + h) - moment(np.deg2rad(b) - h)) / (2 * h)
     unknowns = np.array([K2, Kc, s0 * Kc])
-    assert np.allclose(second_step(b) @ unknowns, numeric, rtol=1e-8)
-    assert np.abs(second_step(b, power=1) @ unknowns - numeric).max() > 0.05 * np.abs(numeric - K2).max()
+    assert np.allclose(stiffness_rows(np.deg2rad(b), TRIANGLE.lc, TRIANGLE.l2) @ unknowns, numeric, rtol=1e-8)
+    assert np.abs(printed(np.deg2rad(b)) @ unknowns - numeric).max() > 0.05 * np.abs(numeric - K2).max()
 
 
-# Tables 1 and 2: the criteria
+# Tables 1 to 4
 
 
-def values(criterion: str, *more: float) -> Array:
-    """The criterion at 0, each middle angle and 120 deg, and at more angles, with unit noise."""
-    rows = [second_step([0.0, middle, 120.0, *more]) for middle in MIDDLE]
-    return CRITERIA[criterion].value(np.stack([A.T @ A for A in rows]))
-
-
-def within(criterion: str, loss: float) -> tuple[float, float]:
-    """Between which middle angles the criterion is at most `loss` above its best."""
-    v = values(criterion)
-    good = MIDDLE[v <= v.min() * (1.0 + loss)]
-    return float(good.min()), float(good.max())
-
-
-@pytest.mark.parametrize(
-    ("criterion", "loss", "printed"),
-    [
-        ("A", 0.1, (37, 57)),
-        ("A", 0.2, (35, 60)),
-        ("A", 0.5, (29, 67)),
-        ("D", 0.1, (33, 68)),
-        ("D", 0.2, (26, 75)),
-        ("D", 0.5, (17, 87)),
-    ],
-)
-def test_table_2_has_its_columns_exchanged(criterion: str, loss: float, printed: tuple[float, float]) -> None:
+@pytest.mark.parametrize(("criterion", "loss"), sorted(numbers.RANGES))
+def test_table_2_has_its_columns_exchanged(criterion: str, loss: float) -> None:
     """The narrow ranges belong to the trace and the wide ones to the determinant, also where Table 2 heads them
     the other way round from Table 1."""
-    other = {"A": "D", "D": "A"}[criterion]
-    ours, wrong = (np.abs(np.subtract(within(c, loss), printed)).max() for c in (criterion, other))
-    assert ours <= 4.5
+    other, printed = {"A": "D", "D": "A"}[criterion], numbers.RANGES[criterion, loss]
+    ranges = (numbers.table_2(numbers.curve(c), loss) for c in (criterion, other))
+    ours, wrong = (np.abs(np.subtract(r, printed)).max() for r in ranges)
+    assert ours <= 4.0
     assert wrong > ours
 
 
 def test_the_determinant_is_its_cube_root() -> None:
     """Three, four, five measurements: 1 : 0.796 : 0.630 in Table 1. The determinant itself would halve each time."""
-    best = MIDDLE[values("D").argmin()]
-    three, four, five = (values("D", *more).min() for more in ((), (0.0,), (0.0, 120.0)))
-    assert abs(best - 48.0) <= 1.0
-    assert np.allclose([four / three, five / three], [0.796, 0.630], atol=0.003)
-    assert np.allclose([(four / three) ** 3, (five / three) ** 3], [0.5, 0.25], atol=1e-9)
+    _, four, five = numbers.table_1().ratio["D"]
+    assert np.allclose([four, five], [0.796, 0.630], atol=0.003)
+    assert np.allclose([four**3, five**3], [0.5, 0.25], atol=1e-9)
 
 
 def test_the_trace_does_not_need_it() -> None:
-    """1 : 0.690 : 0.551 in Table 1, by the best repeats of the same three angles."""
-    three = values("A").min()
-    four = min(values("A", a).min() for a in (0.0, 120.0))
-    repeat = [second_step([0.0, m, m, 120.0]) for m in MIDDLE]
-    four = min(four, CRITERIA["A"].value(np.stack([A.T @ A for A in repeat])).min())
-    assert abs(MIDDLE[values("A").argmin()] - 47.1) <= 1.0
-    assert abs(four / three - 0.690) < 0.01
+    """1 : 0.690 : 0.551 in Table 1."""
+    assert np.allclose(numbers.table_1().ratio["A"], [1.0, 0.690, 0.551], rtol=0.01, atol=0)
 
 
 def test_the_weighted_criterion_is_half_the_sum() -> None:
     """Table 1: trace 14.27, determinant 2.11, O3 8.19."""
     assert abs((14.27 + 2.11) / 2 - 8.19) < 0.005
-    assert np.allclose(values("O3"), (values("A") + values("D")) / 2, rtol=1e-12)
+    a, d, o3 = (numbers.curve(name) for name in ("A", "D", "O3"))
+    assert np.allclose(o3, (a + d) / 2, rtol=1e-12)
 
 
 def test_the_last_row_of_table_2_is_a_loss_of_100_percent() -> None:
@@ -199,21 +169,10 @@ def test_the_last_row_of_table_2_is_a_loss_of_100_percent() -> None:
 
 def test_table_3_prints_2_for_a_compliance_that_is_not_seen() -> None:
     """k2(88): a vertical force has nearly no lever on an upright link 2. sd is 17 where 2.00 is printed."""
-    sd = {middle: table_3(middle)[1] for middle in (60.0, 88.0)}
+    sd = {middle: numbers.table_3(middle)[1] for middle in (60.0, 88.0)}
     assert abs(sd[88.0] - 17.0) < 0.2
+    assert abs(sd[88.0] / numbers.K2_AT_88 - 8.5) < 0.1
     assert abs(sd[60.0] * np.cos(np.pi / 3) / (sd[88.0] * np.cos(np.deg2rad(88.0))) - 1.0) < 0.05, "as 1 / |cos q2|"
-
-
-def table_3(middle: float) -> Array:
-    """sd of k2(0), k2(middle), k2(120), k3(-30), k3(30) at sigma / F = 1 um/N, from six planar poses."""
-    l2, l3, M = 1.12, 1.285, np.zeros((5, 5))
-    for i, q2 in enumerate(np.deg2rad([0.0, middle, 120.0])):
-        for j, q3 in enumerate(np.deg2rad([-30.0, 30.0])):
-            A = np.zeros((2, 5))
-            A[:, i] = l2**2 * np.cos(q2) * np.array([-np.sin(q2), np.cos(q2)])
-            A[:, 3 + j] = l3**2 * np.cos(q3) * np.array([-np.sin(q3), np.cos(q3)])
-            M += A.T @ A
-    return np.sqrt(np.diag(np.linalg.inv(M)))
 
 
 # Table 5: the twelve poses
@@ -224,49 +183,21 @@ def paper(m900ib: Experiment) -> Plan:
     return read_plan(example("m900ib") / "table5.csv", m900ib)
 
 
-@pytest.fixture(scope="module")
-def one_marker(m900ib: Experiment) -> Model:
-    """The load at (150, 0, 200) mm of the flange, one reflector beside it."""
-    robot, (name, marker) = m900ib.robot, ("m1", m900ib.markers[0])
-    tip = m900ib.load_site
-    return make_model(robot.facts, robot.effects, robot.parameters, tip, [(name, m900ib.site(marker.link, marker.xyz))],
-                      robot.gravity)  # fmt: skip
-
-
-def joint_4(experiment: Experiment, model: Model, paper: Plan, q6_deg: float) -> float:
-    """sd of joint 4's compliance, as a share of its nominal value, with this q6 in row 2."""
-    pendant = np.array(paper.pendant)
-    pendant[1, 5] = np.deg2rad(q6_deg)
-    wrench = np.tile([0.0, 0.0, -2500.0, 0.0, 0.0, 0.0], (len(pendant), 1))
-    poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench)
-    sd = predicted_sd(model, poses, JOINTS, 3e-5)[2]
-    return float(sd / model.nominal[model.index(JOINTS[2:3])][0])
-
-
-def test_row_2_of_table_5_hardly_means_35(m900ib: Experiment, one_marker: Model, paper: Plan) -> None:
+def test_row_2_of_table_5_hardly_means_35() -> None:
     """Joint 4 is not seen with 35 nor with 45, and well with 135. A typo: no gain over it is claimed."""
-    assert joint_4(m900ib, one_marker, paper, 35.0) > 1.0
-    assert joint_4(m900ib, one_marker, paper, 45.0) > 1.0
-    assert joint_4(m900ib, one_marker, paper, 135.0) < 0.25
+    assert table5.joint_4_share(35.0) > 1.0
+    assert table5.joint_4_share(45.0) > 1.0
+    assert table5.joint_4_share(135.0) < 0.25
 
 
-@pytest.mark.parametrize(("first", "second"), [(5, 6), (7, 8)])
-def test_rows_of_table_5_are_the_same_twice(
-    m900ib: Experiment, one_marker: Model, paper: Plan, first: int, second: int
-) -> None:
+@pytest.mark.parametrize("pair", [(5, 6), (7, 8)])
+def test_rows_of_table_5_are_the_same_twice(pair: tuple[int, int]) -> None:
     """The same flange pose with the wrist flipped, hence the same information: ten distinct poses."""
-    import pinocchio as pin
-
-    model, data = m900ib.robot.model, m900ib.robot.model.createData()
-    flange = []
-    for row in (first, second):
-        pin.forwardKinematics(model, data, m900ib.robot.controller.to_joints(paper.pendant[row - 1 : row])[0])
-        flange.append(data.oMi[6].homogeneous.copy())
-    assert np.allclose(flange[0], flange[1], atol=1e-12)
-    pendant = paper.pendant[[first - 1, second - 1]]
-    poses = Poses(pendant, m900ib.robot.controller.to_joints(pendant), np.tile([0.0, 0, -2500, 0, 0, 0], (2, 1)))
-    one, other = information(information_rows(one_marker, poses, JOINTS, 3e-5))
+    poses = table5.table_5()
+    assert table5.flange_difference(poses, *pair) < 1e-12
+    one, other = table5.each_information(poses[[pair[0] - 1, pair[1] - 1]])
     assert np.allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(one).max())
+    assert table5.twins(poses) == [(5, 6), (7, 8)], "and no others"
 
 
 def test_rows_11_and_12_of_table_5_are_too_near_to_axis_1(m900ib: Experiment, paper: Plan) -> None:
