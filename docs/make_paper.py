@@ -195,7 +195,8 @@ def thirty_five(curves: dict[str, Array], weighted: dict[str, Array]) -> str:
 Table 5 measures at 0, 35 and 120 deg. On paper the ranges of 20 % of Table 2 (trace, 35 to 60 deg) and of Table 4 (0 to
 40 deg) meet in 35 to 40. The substance behind it: Tables 1 and 2 weigh every aggregated stiffness alike, but step one
 knows k2 the worse the more upright link 2 stands. With step one's covariance as the weight (the stiffnesses taken
-as equal, so that sd K = K^2 sd k has one factor for all) the best middle angle moves down, and 35 deg is within 1 % of it.
+as equal, so that sd K = K^2 sd k has one factor for all) the best middle angle moves
+down, and 35 deg is within 1 % of it.
 
 {table(head, rows)}
 
