@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from qsf_plugins.vectors import turns
 from qsframework.plugin import Array, Indices
 
 
@@ -32,7 +33,7 @@ class SerialPoint:
         along = self.arms / np.where(lengths > 0.0, lengths, 1.0)
         for i, (turn, stretch) in enumerate(zip(self.turns, self.stretches, strict=True)):
             moved[0, :, i] = rotation @ self.axes[i]
-            rotation = rotation @ _rotation(self.axes[i], v[:, turn])
+            rotation = rotation @ turns(self.axes[i], v[:, turn])
             moved[2, :, i] = rotation @ along[i]
             moved[1, :, i] = rotation @ self.arms[i]
             if stretch >= 0:
@@ -59,9 +60,3 @@ class SerialPoint:
             for j in later:
                 out[:, :, turn, j] = out[:, :, j, turn] = np.cross(axes[:, i], slope[:, :, j])
         return out
-
-
-def _rotation(axis: Array, angle: Array) -> Array:
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle)[:, None, None] * cross + (1.0 - np.cos(angle))[:, None, None] * (cross @ cross)

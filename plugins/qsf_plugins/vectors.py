@@ -14,6 +14,12 @@ def skew(v: Array) -> Array:
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
 
 
+def turns(axis: Array, angle: Array) -> Array:
+    """Rotations (N, 3, 3) about one unit axis by angles (N,)."""
+    cross = skew(np.asarray(axis, dtype=float))
+    return np.eye(3) + np.sin(angle)[:, None, None] * cross + (1.0 - np.cos(angle))[:, None, None] * (cross @ cross)
+
+
 def rotation(v: Array) -> tuple[Array, Array]:
     """Rotation matrix exp([v]x) (3, 3) of a rotation vector and its left Jacobian J (3, 3).
 

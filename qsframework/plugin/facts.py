@@ -31,6 +31,7 @@ class RobotFacts:
     axes        (n, 3) joint axes in their joint frames
     placements  (n, 4, 4) joint frame in the previous link's frame at zero angle
     masses      (n + 1,) kg; `centres` (n + 1, 3) m in the link frames
+    gravity     (3,) m/s^2 in the base frame
     """
 
     name: str
@@ -40,6 +41,7 @@ class RobotFacts:
     placements: Array
     masses: Array
     centres: Array
+    gravity: Array = field(default_factory=lambda: frozen([0.0, 0.0, -9.81]))
 
     @property
     def n(self) -> int:

@@ -61,6 +61,7 @@ def read_facts(name: str, model: Any, urdf: Urdf, base: str, flange: str) -> Rob
         placements=frozen([placement.homogeneous for placement in model.jointPlacements][1:]),
         masses=frozen([inertia.mass for inertia in model.inertias]),
         centres=frozen([inertia.lever for inertia in model.inertias]),
+        gravity=frozen(model.gravity.linear),
     )
 
 

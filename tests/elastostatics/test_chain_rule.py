@@ -101,6 +101,7 @@ BUILT_IN = [
         {"effect": "joint_placement", "joint": "joint_4"},
         {"effect": "encoder_eccentricity", "joint": "joint_3"},
         {"effect": "thermal_expansion"},
+        {"effect": "gravity_sag", "joint": "joint_2", "last": "link_4"},
         {"effect": "compensator_friction", "joint": "joint_2", "lc_m": 0.235, "l2_m": 1.12, "spring_stiffness_N/m": 1e5,
          "free_length_m": 0.7},
     )
