@@ -6,18 +6,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from qsframework.elastostatics import Model, Site, flip_margin
-from qsframework.elastostatics.state import place
+from qsframework.design.constraints import broken_constraints, check_poses, joint_range, reference_point
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, Plan
-from qsframework.plugin import Array, Poses
+from qsframework.experiment import Experiment
+from qsframework.plugin import Array
 
 _BLOCK = 4096
 _MOST = 200
 Progress = Callable[[int, int], None]
-Flags = npt.NDArray[np.bool_]
+__all__ = ["Candidates", "broken_constraints", "check_poses", "generate_candidates", "joint_range", "reference_point"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,72 +66,3 @@ def generate_candidates(
     if found < count:
         raise InputError(f"the experiment allows too few poses for {count} candidates: {result.words()}")
     return result
-
-
-def joint_range(experiment: Experiment) -> tuple[Array, Array]:
-    """Pendant angles (n,) between which poses are planned: the controller's limits and the experiment's."""
-    controller = experiment.robot.controller
-    lower, upper = np.array(controller.lower), np.array(controller.upper)
-    for joint, (low, high) in experiment.constraints.joint_limits.items():
-        k = experiment.robot.facts.joint_index(joint)
-        lower[k], upper[k] = max(lower[k], low), min(upper[k], high)
-        if lower[k] >= upper[k]:
-            raise InputError(
-                f"constraints leave no range for {joint}: the controller's limits and joint_limits exclude each other"
-            )
-    return lower, upper
-
-
-def check_poses(experiment: Experiment, model: Model, pendant: Array) -> dict[str, Flags]:
-    """For each constraint of the experiment, which poses (N,) keep it."""
-    robot, limits = experiment.robot, experiment.constraints
-    q = robot.controller.to_joints(pendant)
-    poses = Poses(pendant, q, np.zeros((len(q), 6)))
-    lower, upper = joint_range(experiment)
-    tolerance = robot.controller.tolerance
-    allowed = {
-        "joint limits": ((pendant >= lower - tolerance) & (pendant <= upper + tolerance)).all(axis=1),
-        "transmission angle": model.transmission_margin(poses) >= 0.0,
-    }
-    point = reference_point(experiment, model, q)
-    if limits.z_min is not None:
-        allowed["z_min"] = point[:, 2] >= limits.z_min
-    if limits.axis1_distance_min is not None:
-        allowed["axis1_distance_min"] = np.hypot(point[:, 0], point[:, 1]) >= limits.axis1_distance_min
-    if limits.flip_margin is not None:
-        allowed["flip_margin"] = np.ones(len(q), dtype=bool)
-        for load in experiment.loads:
-            loaded = Poses(pendant, q, np.tile(load.wrench, (len(q), 1)))
-            allowed["flip_margin"] &= flip_margin(model, loaded) >= limits.flip_margin
-    return allowed
-
-
-def broken_constraints(experiment: Experiment, plan: Plan) -> dict[str, tuple[str, ...]]:
-    """The poses of a plan that break a constraint of the experiment, by the constraint's name."""
-    found = check_poses(experiment, experiment.model(), plan.pendant)
-    names = {c: tuple(p for p, ok in zip(plan.pose, allowed, strict=True) if not ok) for c, allowed in found.items()}
-    return {constraint: poses for constraint, poses in names.items() if poses}
-
-
-def reference_point(experiment: Experiment, model: Model, q: Array) -> Array:
-    """Base-frame position (N, 3) of the point that the workspace constraints speak of."""
-    from qsframework.elastostatics.motion import move, nominal_actuators
-
-    site = _site(experiment)
-    layout = model.layout
-    out = np.empty((len(q), 3))
-    for start in range(0, len(q), _BLOCK):
-        block = np.ascontiguousarray(q[start : start + _BLOCK].T)
-        motion = move(layout, nominal_actuators(layout, block), np.zeros((layout.bars, block.shape[1])))
-        out[start : start + _BLOCK] = place(motion, site, ()).tip.position.T
-    return out
-
-
-def _site(experiment: Experiment) -> Site:
-    robot, of = experiment.robot, experiment.constraints.of
-    if of == "wrist_centre":
-        return Site(robot.facts.n - 1, np.zeros(3))
-    if of == "load_point":
-        return experiment.load_site
-    frame = robot.flange if of == "flange" else robot.frames[of]
-    return Site(frame.link, frame.placement[:3, 3])

@@ -11,12 +11,14 @@ from qsframework.elastostatics.evaluation import spring_stiffness
 from qsframework.elastostatics.flips import flip_margin
 from qsframework.elastostatics.model import Model, make_model
 from qsframework.elastostatics.state import Site, State
+from qsframework.elastostatics.torques import actuator_torques
 
 __all__ = [
     "Equilibrium",
     "Model",
     "Site",
     "State",
+    "actuator_torques",
     "cartesian_compliance",
     "cartesian_stiffness",
     "equilibrium",

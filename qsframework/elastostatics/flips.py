@@ -9,12 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from qsframework.elastostatics import loads, pulls, springs
-from qsframework.elastostatics.evaluation import move_commanded
-from qsframework.elastostatics.motion import Motion
-from qsframework.elastostatics.state import State, place
 from qsframework.elastostatics.structure import CHUNK, Structure
-from qsframework.plugin import Array, Load, ParallelSpring, Poses
+from qsframework.elastostatics.torques import element_torques
+from qsframework.plugin import Array, Poses
 
 
 def flip_margin(model: Structure, poses: Poses, x: Array | None = None) -> Array:
@@ -29,15 +26,7 @@ def flip_margin(model: Structure, poses: Poses, x: Array | None = None) -> Array
 
 
 def _margin(model: Structure, poses: Poses, x: Array) -> Array:
-    _, motion = move_commanded(model, poses, x)
-    state = place(motion, model.tip, ())
-    applied = loads.apply_loads(model.of_kind(Load, x), poses.wrench, state.placed.matrix(model.tip.link), model.facts)
-    own = _own_torque(model, state, motion, applied, x, poses)
-    tip = state.tip.elements
-    wrench = applied.wrench.T
-    added = np.zeros_like(own)
-    added[: tip.upstream] = np.einsum("ecn,cn->en", tip.linear, wrench[:3])
-    added[: tip.upstream] += np.einsum("ecn,cn->en", tip.angular, wrench[3:])
+    motion, own, added = element_torques(model, poses, x)
     margin = np.full(len(poses), np.inf)
     for place_, term in zip(model.layout.loops, motion.loops, strict=True):
         joints = [model.layout.joint_elements[j] for j in place_.joints]
@@ -46,16 +35,3 @@ def _margin(model: Structure, poses: Poses, x: Array) -> Array:
         loaded = unloaded + np.einsum("jn,jn->n", rate, added[joints])
         margin = np.minimum(margin, np.minimum(np.abs(unloaded), np.sign(unloaded) * loaded))
     return margin
-
-
-def _own_torque(
-    model: Structure, state: State, motion: Motion, applied: loads.Applied, x: Array, poses: Poses
-) -> Array:
-    """Torque (m, N) of gravity and compensators on every element of the chain."""
-    torque = loads.element_gravity(state, applied.moments, model.gravity)
-    for joints, term in springs.torques(model.of_kind(ParallelSpring, x), motion, poses.unloaded):
-        torque[[model.layout.joint_elements[j] for j in joints]] += term.value.T
-    for pull in pulls.pulls(model.of_kind(ParallelSpring, x), model.facts, state.placed, poses.unloaded):
-        if pull is not None:
-            torque += pull.torque()
-    return torque

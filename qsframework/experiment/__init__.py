@@ -1,9 +1,10 @@
 """What is done to the robot: campaigns, plans, readings, simulation."""
 
+from qsframework.experiment.constraints import Constraints, Sight
 from qsframework.experiment.examples import example
 from qsframework.experiment.plan import Certificate, Plan, make_plan, read_plan, write_plan
 from qsframework.experiment.readings import Readings, read_readings, write_readings
-from qsframework.experiment.setup import Constraints, Experiment, LoadCase, Marker, Noise, load_experiment
+from qsframework.experiment.setup import Experiment, LoadCase, Marker, Noise, load_experiment
 from qsframework.experiment.simulate import Simulation, simulate
 
 __all__ = [
@@ -15,6 +16,7 @@ __all__ = [
     "Noise",
     "Plan",
     "Readings",
+    "Sight",
     "Simulation",
     "example",
     "load_experiment",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,12 @@ import numpy as np
 
 from qsframework.elastostatics import Model, Site, make_model
 from qsframework.errors import InputError, Problem, nearest
+from qsframework.experiment.constraints import (
+    Constraints,
+    capacity_problems,
+    constraint_problems,
+    make_constraints,
+)
 from qsframework.experiment.spec import ExperimentSpec
 from qsframework.files import Document, read_yaml, validate
 from qsframework.plugin import Array, Effect, Parameter, Spring
@@ -42,20 +48,6 @@ class LoadCase:
     name: str
     wrench: Array
     poses: int | None
-
-
-@dataclass(frozen=True)
-class Constraints:
-    """What a planned pose must keep: heights and distances in m, pendant ranges in rad.
-
-    flip_margin, N m: torque that must keep the passive joints of every loop pressed on one side
-    """
-
-    z_min: float | None = None
-    axis1_distance_min: float | None = None
-    of: str = "wrist_centre"
-    joint_limits: dict[str, tuple[float, float]] = field(default_factory=dict)
-    flip_margin: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +138,7 @@ def load_experiment(path: str | Path) -> Experiment:
     problems: list[Problem] = []
     markers = _markers(document, spec, robot, problems)
     effects, found = read_effects(document, spec.effects, robot.facts, tuple(m.name for m in markers))
-    problems += [*found, *_constraint_problems(document, spec, robot), *_load_problems(document, spec)]
+    problems += [*found, *constraint_problems(document, spec, robot), *_load_problems(document, spec, robot)]
     if problems:
         raise InputError(problems)
     experiment = Experiment(
@@ -154,7 +146,7 @@ def load_experiment(path: str | Path) -> Experiment:
         Noise(None if isinstance(spec.noise, str) else spec.noise.sigma),
         _loads(spec, robot),
         effects, tuple(p for e in effects for p in e.parameters(robot.facts)),
-        None if spec.fit is None else tuple(spec.fit), _constraints(spec),
+        None if spec.fit is None else tuple(spec.fit), make_constraints(spec.constraints),
         None if spec.data is None else path.parent / spec.data,
     )  # fmt: skip
     _check_model(document, experiment)
@@ -174,30 +166,6 @@ def _markers(document: Document, spec: ExperimentSpec, robot: Robot, problems: l
     return tuple(out)
 
 
-def _constraint_problems(document: Document, spec: ExperimentSpec, robot: Robot) -> list[Problem]:
-    problems: list[Problem] = []
-    limits = spec.constraints
-    places = ("wrist_centre", "flange", "load_point", *robot.frames)
-    if limits.of not in places:
-        problems.append(Problem(f"constraints: unknown point {limits.of!r}", str(document.path),
-                                document.line("constraints", "of"), allowed=", ".join(places),
-                                hint=nearest(limits.of, places)))  # fmt: skip
-    for joint, ends in limits.joint_limits.items():
-        line = document.line("constraints", "joint_limits_deg", joint)
-        if joint not in robot.facts.joints:
-            problems.append(Problem(f"joint_limits: no joint {joint!r}", str(document.path), line,
-                                    allowed=", ".join(robot.facts.joints)))  # fmt: skip
-        elif len(ends) != 2 or ends[0] >= ends[1]:
-            problems.append(Problem(f"joint_limits of {joint} must be [lower, upper]", str(document.path), line))
-        else:
-            k = robot.facts.joint_index(joint)
-            lower, upper = float(robot.controller.lower[k]), float(robot.controller.upper[k])
-            if ends[1] < lower or ends[0] > upper:
-                problems.append(Problem(f"joint_limits of {joint} leave nothing of its range", str(document.path), line,
-                                        allowed=f"{np.rad2deg(lower):g} to {np.rad2deg(upper):g} deg"))  # fmt: skip
-    return problems
-
-
 def _loads(spec: ExperimentSpec, robot: Robot) -> tuple[LoadCase, ...]:
     """The wrenches of `loads:`, or the weight of the hung mass."""
     if spec.load.mass is not None:
@@ -206,8 +174,8 @@ def _loads(spec: ExperimentSpec, robot: Robot) -> tuple[LoadCase, ...]:
     return tuple(LoadCase(load.name, frozen(load.wrench()), load.poses) for load in spec.loads)
 
 
-def _load_problems(document: Document, spec: ExperimentSpec) -> list[Problem]:
-    problems: list[Problem] = []
+def _load_problems(document: Document, spec: ExperimentSpec, robot: Robot) -> list[Problem]:
+    problems = capacity_problems(document, spec, robot)
     loads = spec.loads
     if spec.load.mass is not None and loads:
         message = "load: a mass is a load by itself; give the mass or the list `loads`, not both"
@@ -235,12 +203,6 @@ def _load_problems(document: Document, spec: ExperimentSpec) -> list[Problem]:
             )
         )
     return problems
-
-
-def _constraints(spec: ExperimentSpec) -> Constraints:
-    c = spec.constraints
-    limits = {joint: (ends[0], ends[1]) for joint, ends in c.joint_limits.items()}
-    return Constraints(c.z_min, c.axis1_distance_min, c.of, limits, c.flip_margin)
 
 
 def _check_model(document: Document, experiment: Experiment) -> None:

@@ -79,21 +79,67 @@ class LoadCaseSpec(FileModel):
         return [self.fx, self.fy, self.fz, self.mx, self.my, self.mz]
 
 
+class SightSpec(FileModel):
+    """From where the tracker looks; all markers must be seen unless a list names some."""
+
+    station: Annotated[list[float], Unit("m")]
+    markers: list[str] | None = None
+    clearance: Annotated[float, Unit("m")] = 0.005
+
+    @pydantic.field_validator("station")
+    @classmethod
+    def _three(cls, value: list[float]) -> list[float]:
+        if len(value) != 3:
+            raise ValueError("station needs three numbers, base frame")
+        return value
+
+    @pydantic.field_validator("clearance")
+    @classmethod
+    def _not_negative(cls, value: float) -> float:
+        if value < 0:
+            raise ValueError("a clearance is not negative")
+        return value
+
+
 class ConstraintsSpec(FileModel):
     """What planned poses keep."""
 
+    x_min: Annotated[float | None, Unit("m")] = None
+    x_max: Annotated[float | None, Unit("m")] = None
+    y_min: Annotated[float | None, Unit("m")] = None
+    y_max: Annotated[float | None, Unit("m")] = None
     z_min: Annotated[float | None, Unit("m")] = None
+    z_max: Annotated[float | None, Unit("m")] = None
     axis1_distance_min: Annotated[float | None, Unit("m")] = None
     flip_margin: Annotated[float | None, Unit("N m")] = None
     of: str = "wrist_centre"
     joint_limits: Annotated[dict[str, list[float]], Unit("rad")] = pydantic.Field(default_factory=dict)
+    collision: bool = False
+    clearance: Annotated[float, Unit("m")] = 0.0
+    tool_radius: Annotated[float | None, Unit("m")] = None
+    floor: Annotated[float | None, Unit("m")] = None
+    sight: SightSpec | None = None
+    singularity_margin: float | None = None
+    load_capacity: bool = True
 
-    @pydantic.field_validator("axis1_distance_min")
+    @pydantic.field_validator("axis1_distance_min", "clearance", "tool_radius", "singularity_margin")
     @classmethod
     def _distance(cls, value: float | None) -> float | None:
         if value is not None and value < 0:
-            raise ValueError("a distance is not negative")
+            raise ValueError("a distance, a radius or a margin is not negative")
         return value
+
+    @pydantic.model_validator(mode="after")
+    def _ranges(self) -> ConstraintsSpec:
+        for axis in "xyz":
+            low, high = getattr(self, f"{axis}_min"), getattr(self, f"{axis}_max")
+            if low is not None and high is not None and low >= high:
+                raise ValueError(f"{axis}_min must be below {axis}_max")
+        if not self.collision and self.clearance > 0:
+            raise ValueError("a clearance needs `collision: true`")
+        if self.tool_radius is not None and not self.collision and self.floor is None:
+            raise ValueError("a tool_radius needs `collision: true` or floor_m")
+        return self
 
 
 class ExperimentSpec(FileModel):

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.plugin.facts import Array
+from qsframework.plugin.facts import Array, RobotFacts
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +33,17 @@ class Chain:
 
     def __len__(self) -> int:
         return len(self.elements)
+
+
+def joint_chain(facts: RobotFacts) -> Chain:
+    """The chain of the joints alone, undeflected: one element per joint."""
+    elements = (Element(p, axis, True) for p, axis in zip(facts.placements, facts.axes, strict=True))
+    return Chain(tuple(elements), tuple(range(facts.n + 1)))
+
+
+def joint_frames(facts: RobotFacts, q: Array) -> Frames:
+    """The links at joint angles (N, n), undeflected."""
+    return frames(joint_chain(facts), list(np.ascontiguousarray(q.T)), len(q))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,11 +6,13 @@ import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from math import inf
 from pathlib import Path
 from typing import Any, TypeVar
 
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.files import Document, read_yaml, validate
+from qsframework.plugin import Array, RobotFacts
 from qsframework.plugin.facts import frozen
 from qsframework.robot.checks import chain_joints, check_chain, check_structure
 from qsframework.robot.controller import Controller, read_controller
@@ -102,7 +104,14 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool = Fa
         flange=frames[spec.flange],
         shapes=read_shapes(urdf, frames),
         gravity=gravity,
+        payload=spec.payload,
+        torque_limits=_torque_limits(spec, facts),
     )
+
+
+def _torque_limits(spec: RobotSpec, facts: RobotFacts) -> Array | None:
+    stated = [spec.controller[joint].torque_limit for joint in facts.joints]
+    return None if all(t is None for t in stated) else frozen([inf if t is None else t for t in stated])
 
 
 @dataclass

@@ -35,6 +35,7 @@ class Robot:
     """An arm: kinematics, controller convention, effects with nominal parameters, and shapes.
 
     `model` is the `pin.Model`; `facts` are its constants; `frames` holds every link of the URDF.
+    payload kg, torque_limits (n,) N m of the actuators, infinite where not stated; None: nothing is stated.
     """
 
     name: str
@@ -49,3 +50,5 @@ class Robot:
     flange: LinkFrame
     shapes: tuple[Shape, ...]
     gravity: Array
+    payload: float | None = None
+    torque_limits: Array | None = None

@@ -16,10 +16,12 @@ from qsframework.plugin import Effect, Parameter, RobotFacts, build_effects
 
 
 class JointSpec(FileModel):
-    """One joint of `controller:`: limits of what the pendant shows, and the URDF angle in pendant angles."""
+    """One joint of `controller:`: limits of what the pendant shows, the URDF angle in pendant angles, and the
+    largest static torque of its actuator, where the maker states it."""
 
     limits: Annotated[list[float], Unit("rad")]
     equals: str | None = None
+    torque_limit: Annotated[float | None, Unit("N m")] = Field(default=None, gt=0)
 
 
 class RobotSpec(FileModel):
@@ -34,6 +36,7 @@ class RobotSpec(FileModel):
     limits_tolerance: Annotated[float, Unit("rad")] = radians(0.01)
     effects: list[dict[str, Any]] = Field(default_factory=list)
     nominal: str | None = None
+    payload: Annotated[float | None, Unit("kg")] = Field(default=None, gt=0)
     gravity: Annotated[list[float], Unit("m/s^2")] = Field(default_factory=lambda: [0.0, 0.0, -9.81])
 
 

@@ -1,0 +1,203 @@
+"""Which poses keep the constraints of an experiment, each by its name, many poses at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from qsframework.elastostatics import Model, Site, actuator_torques, flip_margin
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, Plan
+from qsframework.plugin import Array, Poses
+from qsframework.robot import Robot, Shape
+from qsframework.robot.collision import Collider, above_floor, make_collider
+from qsframework.robot.kinematics import Frames, joint_frames, twists
+from qsframework.robot.sight import visible
+
+_BLOCK = 4096
+Flags = npt.NDArray[np.bool_]
+
+
+def joint_range(experiment: Experiment) -> tuple[Array, Array]:
+    """Pendant angles (n,) between which poses are planned: the controller's limits and the experiment's."""
+    controller = experiment.robot.controller
+    lower, upper = np.array(controller.lower), np.array(controller.upper)
+    for joint, (low, high) in experiment.constraints.joint_limits.items():
+        k = experiment.robot.facts.joint_index(joint)
+        lower[k], upper[k] = max(lower[k], low), min(upper[k], high)
+        if lower[k] >= upper[k]:
+            raise InputError(
+                f"constraints leave no range for {joint}: the controller's limits and joint_limits exclude each other"
+            )
+    return lower, upper
+
+
+def check_poses(experiment: Experiment, model: Model, pendant: Array) -> dict[str, Flags]:
+    """For each constraint of the experiment, which poses (N,) keep it."""
+    robot = experiment.robot
+    q = robot.controller.to_joints(pendant)
+    poses = Poses(pendant, q, np.zeros((len(q), 6)))
+    lower, upper = joint_range(experiment)
+    tolerance = robot.controller.tolerance
+    allowed = {
+        "joint limits": ((pendant >= lower - tolerance) & (pendant <= upper + tolerance)).all(axis=1),
+        "transmission angle": model.transmission_margin(poses) >= 0.0,
+    }
+    allowed |= _check_places(experiment, q)
+    return allowed | _check_torques(experiment, model, poses)
+
+
+def broken_constraints(experiment: Experiment, plan: Plan) -> dict[str, tuple[str, ...]]:
+    """The poses of a plan that break a constraint of the experiment, by the constraint's name."""
+    found = check_poses(experiment, experiment.model(), plan.pendant)
+    names = {c: tuple(p for p, ok in zip(plan.pose, allowed, strict=True) if not ok) for c, allowed in found.items()}
+    return {constraint: poses for constraint, poses in names.items() if poses}
+
+
+@dataclass(frozen=True)
+class Removal:
+    """Of the poses tried: how many a constraint removed after those before it, by itself, and as the only one."""
+
+    in_order: int
+    alone: int
+    only: int
+
+
+def count_removed(allowed: Mapping[str, Flags]) -> dict[str, Removal]:
+    """What each constraint removed of the poses that `check_poses` looked at.
+
+    `in_order` counts poses that no constraint before it had removed; `alone` all that break it;
+    `only` those that break nothing else, which dropping the constraint would win.
+    """
+    broken = {name: ~flags for name, flags in allowed.items()}
+    total = sum((b.astype(int) for b in broken.values()), np.zeros(1, dtype=int))
+    gone = np.zeros(1, dtype=bool)
+    out: dict[str, Removal] = {}
+    for name, b in broken.items():
+        out[name] = Removal(int((b & ~gone).sum()), int(b.sum()), int((b & (total == 1)).sum()))
+        gone = gone | b
+    return out
+
+
+def reference_point(experiment: Experiment, model: Model, q: Array) -> Array:
+    """Base-frame position (N, 3) of the point that the workspace constraints speak of."""
+    site = _site(experiment)
+    return np.concatenate(
+        [f.point(site.link, site.xyz).T for _, f in _blocks(experiment.robot, q)] or [np.zeros((0, 3))]
+    )
+
+
+def singularity_margin(robot: Robot, placed: Frames) -> Array:
+    """Smallest singular value (N,) of the Jacobian at the wrist centre, translations per length of the arm.
+
+    The wrist centre is the origin of the last link but one; the length of the arm is the sum of the
+    distances from joint to joint, from the second one to there.
+    """
+    facts = robot.facts
+    centre = placed.positions[facts.n - 1]
+    columns = twists(placed, facts.n, centre)
+    length = float(np.linalg.norm(facts.placements[2 : facts.n - 1, :3, 3], axis=1).sum())
+    J = np.concatenate([columns.linear / (length or 1.0), columns.angular], axis=1)
+    return np.asarray(np.linalg.svd(J.transpose(2, 1, 0), compute_uv=False)[:, -1], dtype=np.float64)
+
+
+def collider_of(experiment: Experiment) -> Collider:
+    """The pairs of the arm's solids, and of the tool's sphere, that `collision: true` keeps apart."""
+    limits, site = experiment.constraints, experiment.load_site
+    return _collider(experiment.robot, limits.clearance, limits.tool_radius, site.link, tuple(site.xyz.tolist()))
+
+
+@lru_cache(maxsize=8)
+def _collider(
+    robot: Robot, clearance: float, radius: float | None, link: int, xyz: tuple[float, float, float]
+) -> Collider:
+    return make_collider(robot, clearance, _tool(radius, link, np.array(xyz)))
+
+
+def _tool(radius: float | None, link: int, xyz: Array) -> tuple[Shape, ...]:
+    """The sphere at the load point that stands for the tool and the load."""
+    if radius is None:
+        return ()
+    placement = np.eye(4)
+    placement[:3, 3] = xyz
+    return (Shape(link, placement, "sphere", (radius,), (0.8, 0.1, 0.1, 1.0)),)
+
+
+def _site(experiment: Experiment) -> Site:
+    robot, of = experiment.robot, experiment.constraints.of
+    if of == "wrist_centre":
+        return Site(robot.facts.n - 1, np.zeros(3))
+    if of == "load_point":
+        return experiment.load_site
+    frame = robot.flange if of == "flange" else robot.frames[of]
+    return Site(frame.link, frame.placement[:3, 3])
+
+
+def _blocks(robot: Robot, q: Array) -> Iterator[tuple[slice, Frames]]:
+    for start in range(0, len(q), _BLOCK):
+        part = slice(start, min(start + _BLOCK, len(q)))
+        yield part, joint_frames(robot.facts, q[part])
+
+
+def _check_places(experiment: Experiment, q: Array) -> dict[str, Flags]:
+    """The constraints that only ask where the arm stands."""
+    parts = [_check_placed(experiment, placed) for _, placed in _blocks(experiment.robot, q)]
+    return {name: np.concatenate([part[name] for part in parts]) for name in (parts[0] if parts else {})}
+
+
+def _check_placed(experiment: Experiment, placed: Frames) -> dict[str, Flags]:
+    limits, site = experiment.constraints, _site(experiment)
+    point = placed.point(site.link, site.xyz)
+    allowed: dict[str, Flags] = {}
+    for k, axis in enumerate("xyz"):
+        low, high = getattr(limits, f"{axis}_min"), getattr(limits, f"{axis}_max")
+        if low is not None:
+            allowed[f"{axis}_min"] = point[k] >= low
+        if high is not None:
+            allowed[f"{axis}_max"] = point[k] <= high
+    if limits.axis1_distance_min is not None:
+        allowed["axis1_distance_min"] = np.hypot(point[0], point[1]) >= limits.axis1_distance_min
+    if limits.singularity_margin is not None:
+        allowed["singularity_margin"] = singularity_margin(experiment.robot, placed) >= limits.singularity_margin
+    if limits.floor is not None:
+        tool = _tool(limits.tool_radius, experiment.load_site.link, experiment.load_site.xyz)
+        allowed["floor"] = above_floor((*experiment.robot.shapes, *tool), placed, limits.floor)
+    if limits.sight is not None:
+        allowed["sight"] = _check_sight(experiment, placed)
+    if limits.collision:
+        allowed["collision"] = ~collider_of(experiment).collides(placed)
+    return allowed
+
+
+def _check_sight(experiment: Experiment, placed: Frames) -> Flags:
+    sight, robot = experiment.constraints.sight, experiment.robot
+    good = np.ones(placed.positions.shape[-1], dtype=bool)
+    for marker in experiment.markers:
+        if sight is not None and (sight.markers is None or marker.name in sight.markers):
+            site = experiment.site(marker.link, marker.xyz)
+            good &= visible(robot.shapes, placed, sight.station, site.link, site.xyz, sight.clearance)
+    return good
+
+
+def _check_torques(experiment: Experiment, model: Model, poses: Poses) -> dict[str, Flags]:
+    """The constraints on torques, under no load and every load of the experiment."""
+    limits, robot = experiment.constraints, experiment.robot
+    allowed: dict[str, Flags] = {}
+    if limits.flip_margin is not None:
+        allowed["flip_margin"] = np.ones(len(poses), dtype=bool)
+        for load in experiment.loads:
+            allowed["flip_margin"] &= flip_margin(model, _under(poses, load.wrench)) >= limits.flip_margin
+    if limits.load_capacity and robot.torque_limits is not None:
+        allowed["load_capacity"] = np.ones(len(poses), dtype=bool)
+        for wrench in (np.zeros(6), *(load.wrench for load in experiment.loads)):
+            torque = np.abs(actuator_torques(model, _under(poses, wrench)))
+            allowed["load_capacity"] &= (torque <= robot.torque_limits).all(axis=1)
+    return allowed
+
+
+def _under(poses: Poses, wrench: Array) -> Poses:
+    return Poses(poses.pendant, poses.q, np.tile(wrench, (len(poses), 1)))
