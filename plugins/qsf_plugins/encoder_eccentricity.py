@@ -1,33 +1,52 @@
-"""An encoder's disc turns off its centre."""
+"""An encoder's disc turns off its centre, or errs several times per turn."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from qsframework.plugin import Array, Geometry, GeometryTerm, Parameter, Poses, RobotFacts, place
+from qsframework.plugin import Array, Geometry, GeometryTerm, InputError, Parameter, Poses, RobotFacts, place
 
 
 @dataclass(frozen=True)
 class EncoderEccentricity(Geometry):
-    """A joint's true angle differs by a sin q + b cos q from what the controller thinks."""
+    """A joint's true angle differs by the sum of a sin(n q) + b cos(n q) from what the controller thinks.
+
+    `waves_per_turn` lists the n: 1 is a disc off its centre, others are errors of a track or a gear that
+    come n times per turn. The parameters are `.sin` and `.cos` for 1, `.sin17` and `.cos17` for 17.
+    """
 
     joint: str = place()
-    source = "eccentricity of encoders and gears: once per turn, 10 to 50 urad"
+    waves_per_turn: Any = (1,)
+    source = "encoders and gears: once per turn 10 to 50 urad; a UR10: 8 and 17 times, 100 to 250 urad"
     check = "Encoder and gear of this joint."
 
+    def __post_init__(self) -> None:
+        if isinstance(self.waves_per_turn, list):  # as files have it; effects can be compared and hashed
+            object.__setattr__(self, "waves_per_turn", tuple(self.waves_per_turn))
+
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        return tuple(Parameter(f"{self.name}.{wave}", "rad", typical=5e-5) for wave in ("sin", "cos"))
+        names = [f"{wave}{'' if n == 1 else n}" for n in self.waves_per_turn for wave in ("sin", "cos")]
+        return tuple(Parameter(f"{self.name}.{name}", "rad", typical=5e-5) for name in names)
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
+        waves = self.waves_per_turn
+        whole = isinstance(waves, tuple) and all(type(n) is int and 1 <= n <= 100_000 for n in waves)
+        if not whole or not waves or len(set(waves)) < len(waves):
+            raise InputError(
+                f"{self.name}: waves_per_turn must be a list of whole numbers from 1 on, each once, such as [1, 17]; "
+                f"found {waves!r}"
+            )
 
     def errors(self, poses: Poses, x: Array, robot: RobotFacts) -> GeometryTerm:
         k = robot.joint_index(self.joint)
-        slope = np.zeros((*poses.q.shape, 2))
-        slope[:, k, 0], slope[:, k, 1] = np.sin(poses.q[:, k]), np.cos(poses.q[:, k])
+        angles = poses.q[:, k, None] * np.array(self.waves_per_turn)
+        slope = np.zeros((*poses.q.shape, 2 * angles.shape[1]))
+        slope[:, k, 0::2], slope[:, k, 1::2] = np.sin(angles), np.cos(angles)
         return GeometryTerm(slope @ x, slope)
 
     @classmethod
