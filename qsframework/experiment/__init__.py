@@ -6,6 +6,7 @@ from qsframework.experiment.plan import Certificate, Plan, make_plan, read_plan,
 from qsframework.experiment.readings import Readings, read_readings, write_readings
 from qsframework.experiment.setup import Experiment, LoadCase, Marker, Noise, load_experiment
 from qsframework.experiment.simulate import Simulation, simulate
+from qsframework.experiment.states import StateReadings, read_states, write_states
 
 __all__ = [
     "Certificate",
@@ -18,12 +19,15 @@ __all__ = [
     "Readings",
     "Sight",
     "Simulation",
+    "StateReadings",
     "example",
     "load_experiment",
     "make_plan",
     "read_plan",
     "read_readings",
+    "read_states",
     "simulate",
     "write_plan",
     "write_readings",
+    "write_states",
 ]

@@ -20,7 +20,7 @@ from qsframework.plugin import Array
 _LARGEST = 500_000_000
 _MOST = 100_000
 _TRUE, _FALSE = ("1", "true", "yes"), ("0", "false", "no")
-_MEASURED = ("dx", "dy", "dz", "sigma")
+_MEASURED = ("dx", "dy", "dz", "x", "y", "z", "sigma")
 """Columns that may hold anything in a row that is masked (use = 0): that is why it is masked."""
 
 

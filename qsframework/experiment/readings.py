@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.errors import InputError, Problem, nearest
+from qsframework.errors import InputError, Problem
 from qsframework.experiment.columns import Column, Table, read_table, write_table
+from qsframework.experiment.grouping import counts, group, marker_index, read_sigma
 from qsframework.experiment.plan import limit_problems
 from qsframework.experiment.setup import Experiment
 from qsframework.plugin import Array, Conditions, Indices, Poses
@@ -71,13 +72,13 @@ def read_readings(path: str | Path, experiment: Experiment) -> Readings:
     problems += limit_problems(table, pendant, experiment)
     use = table.numbers.get("use", np.ones(count)) != 0
     problems += _displacement_problems(table, np.where(use[:, None], displacement, 0.0))
-    marker = _marker_index(table, experiment, problems)
-    sigma = table.numbers.get("sigma", np.full(count, np.nan))
-    for i in np.flatnonzero((sigma <= 0) & use):
-        problems.append(_at(table, int(i), "sigma", "must be positive", f"{sigma[i]:g} m"))
-    keys = _keys(table)
+    marker = marker_index(table, experiment, problems)
+    sigma = read_sigma(table, use, problems)
+    keys = list(zip(table.texts["pose"], counts(table, "repeat"), counts(table, "cycle"), strict=True))
+    labels = [f"pose {pose!r}, repeat {repeat}, cycle {cycle}" for pose, repeat, cycle in keys]
     recorded = [table.numbers[c][:, None] for c in _RECORDED if c in table.numbers]
-    first, measurement = _group(table, keys, marker, np.hstack([pendant, wrench, *recorded]), problems)
+    constant = np.hstack([pendant, wrench, *recorded])
+    first, measurement = group(table, keys, labels, marker, constant, problems)
     if not problems and not np.any(wrench):
         problems.append(Problem("every force is zero; a displacement under no load tells nothing", str(table.path)))
     if problems:
@@ -95,10 +96,6 @@ def read_readings(path: str | Path, experiment: Experiment) -> Readings:
     )  # fmt: skip
 
 
-def _at(table: Table, i: int, stem: str, message: str, found: str = "", allowed: str | None = None) -> Problem:
-    return Problem(message, str(table.path), table.rows[i], table.names.get(stem, stem), found or None, allowed)
-
-
 def _displacement_problems(table: Table, displacement: Array) -> list[Problem]:
     out: list[Problem] = []
     for i, k in zip(*np.nonzero(np.abs(displacement) > _LARGEST_DISPLACEMENT), strict=True):
@@ -112,49 +109,6 @@ def _displacement_problems(table: Table, displacement: Array) -> list[Problem]:
         found, allowed = f"{displacement[i, k]:g} m", f"up to {_LARGEST_DISPLACEMENT} m"
         out.append(Problem(message, str(table.path), table.rows[i], name, found, allowed, hint))
     return out
-
-
-def _marker_index(table: Table, experiment: Experiment, problems: list[Problem]) -> Indices:
-    names = [m.name for m in experiment.markers]
-    index = np.zeros(len(table.rows), dtype=np.intp)
-    for i, name in enumerate(table.texts["marker"]):
-        if name in names:
-            index[i] = names.index(name)
-        elif name:
-            place = table.names["marker"]
-            problems.append(Problem("the experiment has no such marker", str(table.path), table.rows[i], place,
-                                    repr(name), ", ".join(names), nearest(name, names)))  # fmt: skip
-    return index
-
-
-def _keys(table: Table) -> list[tuple[str, int, int]]:
-    ones = np.ones(len(table.rows))
-    whole = [np.nan_to_num(table.numbers.get(c, ones), nan=1.0).astype(int).tolist() for c in ("repeat", "cycle")]
-    return list(zip(table.texts["pose"], *whole, strict=True))
-
-
-def _group(
-    table: Table, keys: list[tuple[str, int, int]], marker: Indices, constant: Array, problems: list[Problem]
-) -> tuple[Indices, Indices]:
-    """First row of each measurement, and the measurement of each row; its rows must agree in q and load."""
-    number: dict[tuple[str, int, int], int] = {}
-    first: list[int] = []
-    seen: dict[tuple[int, int], int] = {}
-    measurement = np.zeros(len(keys), dtype=np.intp)
-    for i, key in enumerate(keys):
-        m = number.setdefault(key, len(number))
-        if m == len(first):
-            first.append(i)
-        measurement[i] = m
-        if (m, int(marker[i])) in seen:
-            other = table.rows[seen[m, int(marker[i])]]
-            what = f"pose {key[0]!r}, repeat {key[1]}, cycle {key[2]}, marker {table.texts['marker'][i]!r}"
-            problems.append(_at(table, i, "pose", f"{what} stands here twice; first in line {other}"))
-        seen[m, int(marker[i])] = i
-        if not np.array_equal(constant[i], constant[first[m]], equal_nan=True):
-            message = f"pose {key[0]!r} has other angles, times or another load than in line {table.rows[first[m]]}"
-            problems.append(_at(table, i, "pose", message + "; give it another pose name, repeat or cycle"))
-    return np.array(first, dtype=np.intp), measurement
 
 
 def _conditions(table: Table, suffix: str, first: Indices) -> Conditions:
