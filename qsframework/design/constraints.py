@@ -16,7 +16,7 @@ from qsframework.plugin import Array, Poses
 from qsframework.robot import Robot, Shape
 from qsframework.robot.collision import Collider, above_floor, make_collider
 from qsframework.robot.kinematics import Frames, joint_frames, twists
-from qsframework.robot.sight import visible
+from qsframework.robot.sight import incidence, visible
 
 _BLOCK = 4096
 Flags = npt.NDArray[np.bool_]
@@ -180,6 +180,9 @@ def _check_sight(experiment: Experiment, placed: Frames) -> Flags:
         if sight is not None and (sight.markers is None or marker.name in sight.markers):
             site = experiment.site(marker.link, marker.xyz)
             good &= visible(robot.shapes, placed, sight.station, site.link, site.xyz, sight.clearance)
+            if sight.incidence_max is not None and marker.normal is not None:
+                normal = robot.frames[marker.link].placement[:3, :3] @ marker.normal
+                good &= incidence(placed, sight.station, site.link, site.xyz, normal) <= sight.incidence_max
     return good
 
 

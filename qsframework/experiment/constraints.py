@@ -18,12 +18,14 @@ from qsframework.robot import Robot
 class Sight:
     """A tracker at station (3,) m, base frame, that must see the markers (None: all of them).
 
-    clearance, m: the last piece of the line of sight, at the marker, that no solid can hide
+    clearance, m: the last piece of the line of sight, at the marker, that no solid can hide;
+    incidence_max, rad: largest angle between the line and the normal of a marker that has one
     """
 
     station: Array
     markers: tuple[str, ...] | None = None
     clearance: float = 0.005
+    incidence_max: float | None = None
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,8 @@ def make_constraints(spec: ConstraintsSpec) -> Constraints:
 
 
 def _sight(spec: SightSpec) -> Sight:
-    return Sight(frozen(spec.station), None if spec.markers is None else tuple(spec.markers), spec.clearance)
+    markers = None if spec.markers is None else tuple(spec.markers)
+    return Sight(frozen(spec.station), markers, spec.clearance, spec.incidence_max)
 
 
 def constraint_problems(document: Document, spec: ExperimentSpec, robot: Robot) -> list[Problem]:
@@ -85,6 +88,12 @@ def constraint_problems(document: Document, spec: ExperimentSpec, robot: Robot) 
         hint = "Give its links boxes, cylinders or spheres as visuals."
         line = document.line("constraints")
         problems.append(Problem("constraints: the robot's URDF has no simple solids to check", file, line, hint=hint))
+    if limits.sight is not None and limits.sight.incidence_max is not None:
+        used = spec.markers if limits.sight.markers is None else limits.sight.markers
+        if not any(name in spec.markers and spec.markers[name].normal is not None for name in used):
+            line = document.line("constraints", "sight")
+            hint = "Give a marker its normal: [x, y, z], the way its opening looks, in the frame of its link."
+            problems.append(Problem("sight: incidence_max needs a marker with a normal", file, line, hint=hint))
     for name in (limits.sight.markers or ()) if limits.sight is not None else ():
         if name not in spec.markers:
             line, allowed = document.line("constraints", "sight"), ", ".join(spec.markers)

@@ -27,11 +27,12 @@ from qsframework.robot.spec import read_effects
 
 @dataclass(frozen=True, eq=False)
 class Marker:
-    """A reflector fixed to a link of the URDF; xyz (3,) m in that link's frame."""
+    """A reflector fixed to a link of the URDF; xyz (3,) m and the unit normal (3,) in that link's frame."""
 
     name: str
     link: str
     xyz: Array
+    normal: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -162,7 +163,8 @@ def _markers(document: Document, spec: ExperimentSpec, robot: Robot, problems: l
             problems.append(Problem(f"marker {name!r}: no link {link!r}", str(document.path), line,
                                     allowed=", ".join(robot.frames), hint=nearest(link, robot.frames)))  # fmt: skip
             continue
-        out.append(Marker(name, link, frozen(entry.xyz)))
+        normal = None if entry.normal is None else frozen(np.array(entry.normal) / np.linalg.norm(entry.normal))
+        out.append(Marker(name, link, frozen(entry.xyz), normal))
     return tuple(out)
 
 

@@ -31,15 +31,18 @@ class LoadSpec(FileModel):
 
 
 class MarkerSpec(FileModel):
-    """A reflector: xyz in the frame of a link, the flange unless said."""
+    """A reflector: xyz in the frame of a link, the flange unless said; `normal` is where its opening looks."""
 
     xyz: Annotated[list[float], Unit("m")]
     link: str | None = None
+    normal: list[float] | None = None
 
     @pydantic.model_validator(mode="after")
     def _three(self) -> MarkerSpec:
         if len(self.xyz) != 3:
             raise ValueError("xyz needs three numbers")
+        if self.normal is not None and (len(self.normal) != 3 or not any(self.normal)):
+            raise ValueError("normal needs three numbers, not all zero")
         return self
 
 
@@ -85,6 +88,7 @@ class SightSpec(FileModel):
     station: Annotated[list[float], Unit("m")]
     markers: list[str] | None = None
     clearance: Annotated[float, Unit("m")] = 0.005
+    incidence_max: Annotated[float | None, Unit("rad")] = pydantic.Field(default=None, gt=0)
 
     @pydantic.field_validator("station")
     @classmethod

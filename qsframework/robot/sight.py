@@ -35,6 +35,15 @@ def visible(
     return free
 
 
+def incidence(placed: Frames, station: Array, link: int, xyz: Array, normal: Array) -> Array:
+    """Angle (N,) rad between the unit normal at a point of a link and the way from there to the station."""
+    way = station[:, None] - placed.point(link, xyz)
+    facing = np.einsum("j,jcn->cn", normal, placed.rotations[link])
+    along = np.einsum("cn,cn->n", way, facing)
+    aside = np.linalg.norm(way - along * facing, axis=0)
+    return np.asarray(np.arctan2(aside, along), dtype=np.float64)
+
+
 def depth(shape: Shape, xyz: Array) -> float:
     """How deep (m) a point of the solid's own link lies inside the solid; negative outside."""
     local = shape.placement[:3, :3].T @ (xyz - shape.placement[:3, 3])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -92,6 +93,37 @@ def test_each_marker_that_counts_must_be_seen(m900ib: Experiment) -> None:
     every = checked(m900ib, Constraints(sight=Sight(station)), pendant)["sight"]
     assert np.array_equal(every, np.all(single, axis=0))
     assert 10 < every.sum() < min(s.sum() for s in single)
+
+
+def test_a_reflector_is_seen_from_its_front(m900ib: Experiment) -> None:
+    normal, station = np.array([0.6, 0.0, 0.8]), np.array([3.5, 0.5, 1.0])
+    one = m900ib.with_(markers=(replace(m900ib.markers[0], normal=normal),))
+    pendant = sample(one, 200)
+    free = checked(one, Constraints(sight=Sight(station)), pendant)["sight"]
+    found = checked(one, Constraints(sight=Sight(station, incidence_max=np.deg2rad(60))), pendant)["sight"]
+    front = np.empty(200, dtype=bool)
+    for k, q in enumerate(one.robot.controller.to_joints(pendant)):
+        last = placements(one.robot, q).oMi[6]
+        way = station - last.act(one.markers[0].xyz)
+        front[k] = np.arccos(last.rotation @ normal @ way / np.linalg.norm(way)) <= np.deg2rad(60)
+    assert np.array_equal(found, free & front)
+    assert 5 < found.sum() < free.sum() - 5
+
+
+def test_normals_of_a_file_have_length_one(tmp_path: Path) -> None:
+    path = write(tmp_path, "{sight: {station_m: [4, 0, 1], incidence_max_deg: 60}}")
+    with pytest.raises(InputError, match="incidence_max needs a marker with a normal"):
+        load_experiment(path)
+    text = path.read_text()
+    path.write_text(text.replace("250, 250]}", "250, 250], normal: [0, 3, 4]}"))
+    experiment = load_experiment(path)
+    assert experiment.markers[0].normal is not None
+    assert np.allclose(experiment.markers[0].normal, [0, 0.6, 0.8])
+    assert experiment.constraints.sight is not None
+    assert np.isclose(experiment.constraints.sight.incidence_max or 0, np.pi / 3)
+    path.write_text(text.replace("250, 250]}", "250, 250], normal: [0, 0, 0]}"))
+    with pytest.raises(InputError, match="not all zero"):
+        load_experiment(path)
 
 
 def test_the_tool_is_kept_off_the_arm_and_the_floor(m900ib: Experiment) -> None:
