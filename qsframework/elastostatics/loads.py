@@ -102,6 +102,8 @@ def element_gravity(state: State, moments: Array, gravity: Array) -> Array:
 def gravity_torque_along(state: State, moments: Array, gravity: Array, rate: MotionRate) -> Array:
     """Derivative of `gravity_torque` along element rates."""
     total = np.zeros((state.coordinates, state.motion.q.shape[-1]))
+    if not state.coordinates:
+        return total  # a rigid arm asks for the geometry alone, and often
     for link in np.flatnonzero(np.any(moments, axis=1)):
         columns = weighted_columns(state, int(link), moments[link])
         slope = twists_along(columns, rate.elements[: columns.upstream])
