@@ -9,7 +9,16 @@ from typing import Any
 
 from qsframework.cli.progress import print_table, progress
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, load_experiment, read_plan, read_readings, write_plan, write_readings
+from qsframework.experiment import (
+    Experiment,
+    is_states,
+    load_experiment,
+    read_plan,
+    read_readings,
+    read_states,
+    write_plan,
+    write_readings,
+)
 from qsframework.files import write_text
 
 
@@ -49,7 +58,8 @@ def _check(file: Path) -> str:
     experiment = load_experiment(file)
     words = f"experiment with {experiment.robot.name}, {len(experiment.markers)} markers"
     if experiment.data is not None:
-        readings = read_readings(experiment.data, experiment)
+        read = read_states if is_states(experiment.data) else read_readings
+        readings = read(experiment.data, experiment)
         words += f", {len(readings.use)} readings at {len(readings.poses)} poses"
     return words + ", ok"
 

@@ -6,7 +6,7 @@ from qsframework.experiment.plan import Certificate, Plan, make_plan, read_plan,
 from qsframework.experiment.readings import Readings, read_readings, write_readings
 from qsframework.experiment.setup import Experiment, LoadCase, Marker, Noise, load_experiment
 from qsframework.experiment.simulate import Simulation, simulate
-from qsframework.experiment.states import StateReadings, read_states, write_states
+from qsframework.experiment.states import StateReadings, is_states, read_states, write_states
 
 __all__ = [
     "Certificate",
@@ -21,6 +21,7 @@ __all__ = [
     "Simulation",
     "StateReadings",
     "example",
+    "is_states",
     "load_experiment",
     "make_plan",
     "read_plan",

@@ -17,7 +17,8 @@ from qsframework.errors import InputError, Problem, nearest
 from qsframework.files import read_text, write_text
 from qsframework.plugin import Array
 
-_LARGEST = 500_000_000
+LARGEST = 500_000_000
+"""Bytes of a readings file."""
 _MOST = 100_000
 _TRUE, _FALSE = ("1", "true", "yes"), ("0", "false", "no")
 _MEASURED = ("dx", "dy", "dz", "x", "y", "z", "sigma")
@@ -56,7 +57,7 @@ class Table:
 def read_table(path: str | Path, columns: Sequence[Column], robot: str) -> Table:
     """Read a table. InputError at once where its header is wrong; problems in cells are collected."""
     path = Path(path)
-    text = read_text(path, _LARGEST)
+    text = read_text(path, LARGEST)
     if "\0" in text:
         raise InputError(Problem("is not a text table: it holds a NUL byte", file=str(path)))
     lines = [(i, line) for i, line in enumerate(text.splitlines(), start=1) if line.strip()]

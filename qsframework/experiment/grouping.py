@@ -7,7 +7,7 @@ from collections.abc import Hashable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.errors import Problem, nearest
+from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.columns import Table
 from qsframework.experiment.setup import Experiment
 from qsframework.plugin import Array, Indices
@@ -17,6 +17,13 @@ def at(table: Table, i: int, stem: str, message: str, found: str = "", allowed: 
        hint: str | None = None) -> Problem:  # fmt: skip
     """A problem in row i of a table, in the column of this stem."""
     return Problem(message, str(table.path), table.rows[i], table.names.get(stem, stem), found or None, allowed, hint)
+
+
+def no_load(table: Table, experiment: Experiment) -> None:
+    """InputError where the readings are of a load but the experiment does not say where it acts."""
+    if not experiment.has_load:
+        message = f"holds readings under load, but {experiment.path.name} does not say where the load acts"
+        raise InputError(Problem(message, str(table.path), hint="Add for example load: {point_mm: [150, 0, 200]}."))
 
 
 def marker_index(table: Table, experiment: Experiment, problems: list[Problem]) -> Indices:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from qsframework.errors import InputError, Problem
 from qsframework.experiment.columns import Column, Table, read_table, write_table
-from qsframework.experiment.grouping import counts, group, marker_index, read_sigma
+from qsframework.experiment.grouping import counts, group, marker_index, no_load, read_sigma
 from qsframework.experiment.plan import limit_problems
 from qsframework.experiment.setup import Experiment
 from qsframework.plugin import Array, Conditions, Indices, Poses
@@ -62,6 +62,7 @@ def _columns(experiment: Experiment) -> list[Column]:
 def read_readings(path: str | Path, experiment: Experiment) -> Readings:
     """Read and check a readings file. InputError with all its problems, each with row and column."""
     table = read_table(path, _columns(experiment), experiment.robot.name)
+    no_load(table, experiment)
     count = len(table.rows)
     n = experiment.robot.facts.n
     pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(n)], axis=1)

@@ -66,6 +66,7 @@ class Experiment:
     fit: tuple[str, ...] | None
     constraints: Constraints
     data: Path | None
+    has_load: bool = True
 
     @cached_property
     def _model(self) -> Model:
@@ -149,6 +150,7 @@ def load_experiment(path: str | Path) -> Experiment:
         effects, tuple(p for e in effects for p in e.parameters(robot.facts)),
         None if spec.fit is None else tuple(spec.fit), make_constraints(spec.constraints),
         None if spec.data is None else path.parent / spec.data,
+        "load" in spec.model_fields_set,
     )  # fmt: skip
     _check_model(document, experiment)
     return experiment
@@ -179,6 +181,9 @@ def _loads(spec: ExperimentSpec, robot: Robot) -> tuple[LoadCase, ...]:
 def _load_problems(document: Document, spec: ExperimentSpec, robot: Robot) -> list[Problem]:
     problems = capacity_problems(document, spec, robot)
     loads = spec.loads
+    if loads and "load" not in spec.model_fields_set:
+        message = "`loads` act somewhere: say where with `load`, for example load: {point_mm: [150, 0, 200]}"
+        problems.append(Problem(message, str(document.path), document.line("loads")))
     if spec.load.mass is not None and loads:
         message = "load: a mass is a load by itself; give the mass or the list `loads`, not both"
         problems.append(Problem(message, str(document.path), document.line("load")))

@@ -39,6 +39,8 @@ def simulate(
     sigma = experiment.noise.sigma
     if sigma is None:
         raise InputError(f"{experiment.path}: a simulation needs the noise, for example noise: {{sigma_mm: 0.03}}")
+    if not experiment.has_load:
+        raise InputError(f"{experiment.path}: a load acts somewhere; add for example load: {{point_mm: [150, 0, 200]}}")
     model = experiment.model()
     rng = np.random.default_rng(seed)
     x = _truth(model, truth, rng) if x is None else x

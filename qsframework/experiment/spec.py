@@ -151,7 +151,7 @@ class ExperimentSpec(FileModel):
 
     robot: str
     data: str | None = None
-    load: LoadSpec
+    load: LoadSpec = LoadSpec.model_construct()  # left out: the readings are of unloaded states
     markers: dict[str, MarkerSpec]
     noise: NoiseSpec | Literal["estimate"]
     loads: list[LoadCaseSpec] = pydantic.Field(default_factory=list)

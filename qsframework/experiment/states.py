@@ -10,10 +10,11 @@ import numpy.typing as npt
 
 from qsframework.elastostatics import make_model
 from qsframework.errors import InputError, Problem, nearest
-from qsframework.experiment.columns import Column, Table, read_table, write_table
-from qsframework.experiment.grouping import at, counts, group, marker_index, read_sigma
+from qsframework.experiment.columns import LARGEST, Column, Table, read_table, write_table
+from qsframework.experiment.grouping import at, counts, group, marker_index, no_load, read_sigma
 from qsframework.experiment.plan import limit_problems
 from qsframework.experiment.setup import Experiment
+from qsframework.files import read_text
 from qsframework.plugin import Array, Conditions, Indices, Poses
 from qsframework.plugin.facts import frozen
 
@@ -70,6 +71,14 @@ def _columns(experiment: Experiment) -> list[Column]:
     ]  # fmt: skip
 
 
+def is_states(path: str | Path) -> bool:
+    """Whether a file holds state readings: its header has a column `state` or a position."""
+    lines = (line.strip() for line in read_text(path, LARGEST).splitlines())
+    header = next((line for line in lines if line and not line.startswith("#")), "")
+    names = [name.strip() for name in header.split(",")]
+    return "state" in names or any(name.startswith(("x_", "y_", "z_")) for name in names)
+
+
 def read_states(path: str | Path, experiment: Experiment) -> StateReadings:
     """Read and check a file of state readings. InputError with all its problems, each with row and column."""
     table = read_table(path, _columns(experiment), experiment.robot.name)
@@ -79,6 +88,8 @@ def read_states(path: str | Path, experiment: Experiment) -> StateReadings:
     problems = [*table.problems, *limit_problems(table, pendant, experiment)]
     use = table.numbers.get("use", np.ones(count)) != 0
     loaded, wrench = _loads(table, problems)
+    if loaded.any():
+        no_load(table, experiment)
     problems += _position_problems(table, np.where(use[:, None], position, 0.0))
     marker = marker_index(table, experiment, problems)
     sigma = read_sigma(table, use, problems)

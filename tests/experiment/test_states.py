@@ -12,7 +12,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, StateReadings, load_experiment, read_states, write_states
+from qsframework.experiment import (
+    Experiment,
+    StateReadings,
+    is_states,
+    load_experiment,
+    read_readings,
+    read_states,
+    write_states,
+)
 from qsframework.plugin import Conditions, Poses
 
 SAME_FOLDER = settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -183,3 +191,30 @@ def test_a_masked_row_may_hold_anything(ur10: Experiment, tmp_path: Path, value:
     assert found.use.tolist() == [True, True, False, True]
     with pytest.raises(InputError, match="y_mm"):
         read_states(write(tmp_path, cell(2, 13, value)(list(ROWS))), ur10)
+
+
+UNLOADED = """robot: fanuc_m900ib
+markers: {tool: {xyz_mm: [150, 0, 200]}}
+noise: estimate
+"""
+
+
+def test_an_experiment_without_a_load_reads_unloaded_states_only(tmp_path: Path) -> None:
+    file = tmp_path / "experiment.yaml"
+    file.write_text(UNLOADED)
+    experiment = load_experiment(file)
+    head = "pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,"
+    states = tmp_path / "states.csv"
+    states.write_text(head + "marker,state,x_mm,y_mm,z_mm\nA,0,0,0,0,0,0,tool,unloaded,1,2,3\n")
+    assert is_states(states) and len(read_states(states, experiment).use) == 1
+    loaded = tmp_path / "loaded.csv"
+    loaded.write_text(head + "fx_N,fy_N,fz_N,marker,state,x_mm,y_mm,z_mm\nA,0,0,0,0,0,0,0,0,-9,tool,loaded,1,2,3\n")
+    displaced = tmp_path / "displaced.csv"
+    displaced.write_text(head + "fx_N,fy_N,fz_N,marker,dx_mm,dy_mm,dz_mm\nA,0,0,0,0,0,0,0,0,-9,tool,1,2,3\n")
+    assert not is_states(displaced)
+    for name, read in ((loaded, read_states), (displaced, read_readings)):
+        with pytest.raises(InputError, match="does not say where the load acts"):
+            read(name, experiment)
+    file.write_text(UNLOADED + "loads:\n  - {name: weight, fz_N: -4000}\n")
+    with pytest.raises(InputError, match="say where with `load`"):
+        load_experiment(file)
