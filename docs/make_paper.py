@@ -51,7 +51,7 @@ def solve() -> Designed:
 
 def rounded(pendant_deg: Array) -> Array:
     """To the digit that the page prints, so that its numbers follow from its poses."""
-    return np.round(pendant_deg, 1) + 0.0
+    return np.round(pendant_deg, 2) + 0.0
 
 
 def read_designed(text: str) -> Designed:
@@ -59,7 +59,7 @@ def read_designed(text: str) -> Designed:
 
     def poses(name: str) -> Array:
         block = text.split(f"<!-- poses: {name} -->\n")[1].split("\n\n")[0]
-        rows = [re.findall(r"-?\d+\.\d", line) for line in block.splitlines()[2:]]
+        rows = [re.findall(r"-?\d+\.\d+", line) for line in block.splitlines()[2:]]
         return np.array([[float(v) for v in row] for row in rows])
 
     return Designed(poses("plan"), poses("side"), poses("side among unknown"))
@@ -73,7 +73,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def pose_table(name: str, pendant_deg: Array) -> str:
     """Pendant angles, found again by `read_designed`."""
-    rows = [[str(i + 1), *(f"{a:.1f}" for a in pose)] for i, pose in enumerate(pendant_deg)]
+    rows = [[str(i + 1), *(f"{a:.2f}" for a in pose)] for i, pose in enumerate(pendant_deg)]
     return f"<!-- poses: {name} -->\n" + table(["pose", *(f"J{k}, deg" for k in range(1, 7))], rows)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from qsframework.cli.progress import print_table, progress
+from qsframework.cli.progress import print_table
 from qsframework.errors import InputError
 from qsframework.experiment import (
     Experiment,
@@ -16,7 +16,6 @@ from qsframework.experiment import (
     read_plan,
     read_readings,
     read_states,
-    write_plan,
     write_readings,
 )
 from qsframework.files import write_text
@@ -62,33 +61,6 @@ def _check(file: Path) -> str:
         readings = read(experiment.data, experiment)
         words += f", {len(readings.use)} readings at {len(readings.poses)} poses"
     return words + ", ok"
-
-
-def run_design(
-    file: Path, poses: int, criterion: str, candidates: int, repeats: bool, output: Path, seed: int,
-    json: Path | None, report: Path | None,
-) -> None:  # fmt: skip
-    """Design, write plan.csv and plan.json, print the promise of the plan."""
-    from qsframework.design import design
-    from qsframework.information import promised_sd
-    from qsframework.report import certificate_text, plan_section, provenance_section, sd_table, write_report
-
-    experiment = load_experiment(file)
-    distinct_outputs([output, output.with_suffix(".json"), json, report], [file])
-    with progress() as tell:
-        plan = design(experiment, poses, criterion, candidates, seed, repeats, tell)
-    write_plan(output, plan, experiment)
-    model = experiment.model()
-    table = sd_table(experiment.fit_parameters(), {"this plan": promised_sd(experiment, plan)})
-    print_table(table.header, table.rows)
-    print(certificate_text(plan))
-    print(f"plan: {output}")
-    print(f"next: measure each pose unloaded, then loaded, or try it: qsf simulate {file} {output}")
-    if json is not None:
-        write_json(json, {"plan": str(output), "certificate": plan.certificate.as_json() if plan.certificate else None})
-    if report is not None:
-        sections = (plan_section(experiment, plan, table, "Plan"), provenance_section(model.effects, [file], seed))
-        print(f"report: {write_report(report, f'Measurement plan: {experiment.robot.title}', sections)}")
 
 
 def run_simulate(file: Path, plan_file: Path, output: Path, truth: str, seed: int, json: Path | None) -> None:

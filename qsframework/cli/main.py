@@ -73,18 +73,42 @@ def stiffness(
 def design(
     experiment: ExperimentFile,
     poses: Annotated[int, typer.Option("-n", "--poses", help="Number of poses.", min=1)] = 12,
-    criterion: Annotated[str, typer.Option(help="D, A or O3 (the paper's weighted criterion).")] = "A",
-    candidates: Annotated[int, typer.Option(help="Poses to choose from.", min=1)] = 1000,
+    criterion: Annotated[
+        str,
+        typer.Option(
+            help="I: mean error of the tip after compensation; G: the largest one; D, A, E, O3: of the parameters; "
+            "Ds, L: of the parameters of --interest."
+        ),
+    ] = "I",
+    interest: Annotated[list[str] | None, typer.Option(help="A parameter that Ds and L speak of (repeat).")] = None,
+    candidates: Annotated[
+        str, typer.Option(help="How many poses to draw, 'grid:5' for 5 angles of each joint, or a file of poses.")
+    ] = "1000",
     repeats: Annotated[bool, typer.Option(help="Allow a pose to be measured more than once.")] = False,
+    budget: Annotated[float | None, typer.Option(help="Total cost instead of -n, by the loads' `cost`.")] = None,
+    prior: Annotated[bool, typer.Option(help="Count the stated sd of each parameter as a reading.")] = False,
+    taken: Annotated[list[Path] | None, typer.Option(help="Readings or a plan already taken (repeat).")] = None,
+    test_poses: Annotated[Path | None, typer.Option(help="Plan file: poses and loads of the work, for I, G.")] = None,
+    samples: Annotated[int, typer.Option(help="Draws of the parameters that the plan must suit.", min=1)] = 1,
+    worst: Annotated[bool, typer.Option(help="Suit the worst of the samples, not their mean.")] = False,
+    efficiency: Annotated[float, typer.Option(help="What must be certified.", min=0.0, max=1.0)] = 0.9999,
+    solver: Annotated[str, typer.Option(help="'columns', or 'cvxpy' as the reference.")] = "columns",
+    polish: Annotated[bool, typer.Option(help="Move the angles off the candidates where that helps.")] = True,
     output: Annotated[Path, typer.Option("-o", "--output", help="The plan.")] = Path("plan.csv"),
     seed: Seed = 0,
     json: Json = None,
     report: Report = None,
 ) -> None:
     """Choose the poses that pin the parameters down best, with a certificate."""
-    from qsframework.cli.commands import run_design
+    from qsframework.cli.design import DesignFiles, run_design
+    from qsframework.design import Wish
 
-    run_design(experiment, poses, criterion, candidates, repeats, output, seed, json, report)
+    wish = Wish(
+        criterion, tuple(interest or ()), repeats, efficiency, prior, samples, worst, budget, solver, polish=polish
+    )
+    run_design(
+        DesignFiles(experiment, candidates, tuple(taken or ()), test_poses, output, json, report), poses, wish, seed
+    )
 
 
 @app.command()

@@ -1,15 +1,33 @@
 """Measurement poses: candidates, criteria, relaxed and exact designs."""
 
-from qsframework.design.candidates import Candidates, broken_constraints, check_poses, generate_candidates
-from qsframework.design.criteria import CRITERIA, find_criterion
+from qsframework.design.candidates import (
+    Candidates,
+    broken_constraints,
+    check_poses,
+    filter_candidates,
+    generate_candidates,
+    grid_candidates,
+    read_candidates,
+)
+from qsframework.design.catalogue import CRITERIA, TITLES, find_criterion
+from qsframework.design.certified import Wish
 from qsframework.design.design import design
+from qsframework.design.problem import joint_sd
+from qsframework.design.symmetry import equivalent_poses
 
 __all__ = [
     "CRITERIA",
+    "TITLES",
     "Candidates",
+    "Wish",
     "broken_constraints",
     "check_poses",
     "design",
+    "equivalent_poses",
+    "filter_candidates",
     "find_criterion",
     "generate_candidates",
+    "grid_candidates",
+    "joint_sd",
+    "read_candidates",
 ]

@@ -1,68 +1,178 @@
-"""Poses that the experiment allows: Sobol points in joint space, filtered by its constraints."""
+"""Poses that the experiment allows: Sobol points, a grid or a file, filtered by its constraints."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
 
 import numpy as np
 
-from qsframework.design.constraints import broken_constraints, check_poses, joint_range, reference_point
+from qsframework.design.constraints import (
+    Removal,
+    broken_constraints,
+    check_poses,
+    count_removed,
+    joint_range,
+    reference_point,
+)
+from qsframework.design.symmetry import canonical, fold
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment
-from qsframework.plugin import Array
+from qsframework.experiment import Experiment, read_poses
+from qsframework.information import information, information_rows
+from qsframework.plugin import Array, Poses
 
 _BLOCK = 4096
-_MOST = 200
+_LEAST_TRIED = 200
+_MOST_GRID = 20_000_000
 Progress = Callable[[int, int], None]
-__all__ = ["Candidates", "broken_constraints", "check_poses", "generate_candidates", "joint_range", "reference_point"]
+__all__ = [
+    "Candidates",
+    "broken_constraints",
+    "check_poses",
+    "filter_candidates",
+    "generate_candidates",
+    "grid_candidates",
+    "joint_range",
+    "read_candidates",
+    "reference_point",
+]
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """N allowed poses, and how many of the tried points each constraint removed."""
+    """N allowed poses, and how many of the tried points each constraint removed after those before it.
+
+    alone: how many each constraint would have removed by itself; only: those that break nothing else
+    """
 
     pendant: Array
     tried: int
     removed: dict[str, int]
+    alone: dict[str, int]
+    only: dict[str, int]
 
     def __len__(self) -> int:
         return len(self.pendant)
 
     def words(self) -> str:
         """Which constraint removed how many, in one sentence."""
-        parts = [f"{name} removed {count}" for name, count in self.removed.items() if count]
+        parts = [
+            f"{name} removed {count} ({self.alone[name]} by itself, {self.only[name]} that break nothing else)"
+            for name, count in self.removed.items()
+            if self.alone[name]
+        ]
         return f"{self.tried} poses tried, {len(self)} allowed" + (": " + ", ".join(parts) if parts else "")
 
 
 def generate_candidates(
     experiment: Experiment, count: int, seed: int = 0, progress: Progress | None = None
 ) -> Candidates:
-    """`count` allowed poses, pendant angles (N, n) rad, the same for a seed.
+    """`count` allowed poses of a Sobol sequence, pendant angles (N, n) rad, the same for a seed.
 
-    InputError, naming what each constraint removed, if the experiment allows too few.
+    Poses that the wrist's flip makes equal are folded into one. InputError, naming what each constraint
+    removed, if the experiment allows too few.
     """
     from scipy.stats import qmc
 
-    model = experiment.model()
     lower, upper = joint_range(experiment)
     sampler = qmc.Sobol(len(lower), scramble=True, rng=np.random.default_rng(seed))
-    kept: list[Array] = []
-    removed: dict[str, int] = {}
+    most = max(_LEAST_TRIED, 100 * count // _BLOCK)
+    points = (snapped(experiment, lower + (upper - lower) * sampler.random(_BLOCK)) for _ in range(most))
+    result = _collect(experiment, points, count, progress, folds(experiment))
+    if len(result) < count:
+        raise InputError(f"the experiment allows too few poses for {count} candidates: {result.words()}")
+    return result
+
+
+def snapped(experiment: Experiment, pendant: Array) -> Array:
+    """Poses (N, n) with the joints of `joint_values` at the nearest of their stated angles."""
+    out = pendant.copy()
+    for joint, values in experiment.constraints.joint_values.items():
+        k = experiment.robot.facts.joint_index(joint)
+        stated = np.array(sorted(values))
+        low, high = joint_range(experiment)
+        share = (out[:, k] - low[k]) / (high[k] - low[k])
+        out[:, k] = stated[np.minimum((share * len(stated)).astype(int), len(stated) - 1)]
+    return out
+
+
+def grid_candidates(experiment: Experiment, levels: int, progress: Progress | None = None) -> Candidates:
+    """The allowed poses of a full grid with `levels` angles of each joint between its limits."""
+    lower, upper = joint_range(experiment)
+    total = levels ** len(lower)
+    if levels < 2 or total > _MOST_GRID:
+        raise InputError(f"a grid needs 2 or more levels and at most {_MOST_GRID:,} poses; {levels} give {total:,}")
+    axes = [np.linspace(low, high, levels) for low, high in zip(lower, upper, strict=True)]
+    inner = np.array(list(product(*axes[-3:])))
+    outer = list(product(*axes[:-3]))
+    step = max(1, _BLOCK // len(inner))
+    blocks = (
+        np.concatenate([np.hstack([np.tile(first, (len(inner), 1)), inner]) for first in outer[i : i + step]])
+        for i in range(0, len(outer), step)
+    )
+    points = (snapped(experiment, block) for block in blocks)
+    result = _collect(experiment, points, total, progress, folds(experiment))
+    first = np.sort(np.unique(np.round(result.pendant, 9), axis=0, return_index=True)[1])
+    return filled(experiment, replace(result, pendant=result.pendant[first]))
+
+
+def read_candidates(experiment: Experiment, path: str | Path) -> Candidates:
+    """The allowed poses of a file with columns pose, q1_deg, ...: InputError if none is allowed."""
+    return filter_candidates(experiment, read_poses(path, experiment).pendant)
+
+
+def filter_candidates(experiment: Experiment, pendant: Array) -> Candidates:
+    """Those of the poses (N, n) that the experiment allows, unchanged and in their order."""
+    blocks = (pendant[i : i + _BLOCK] for i in range(0, len(pendant), _BLOCK))
+    return filled(experiment, _collect(experiment, blocks, len(pendant), None, False))
+
+
+def filled(experiment: Experiment, result: Candidates) -> Candidates:
+    """The candidates, or an InputError where nothing is allowed."""
+    if not len(result):
+        raise InputError(f"{experiment.path}: no pose keeps the constraints: {result.words()}")
+    return result
+
+
+def folds(experiment: Experiment) -> bool:
+    """Whether a pose and its canonical form tell the same, asked of the model at a sample of poses and every load."""
+    lower, upper = joint_range(experiment)
+    pendant = lower + (upper - lower) * np.random.default_rng(0).random((16, len(lower)))
+    other, model, names = canonical(experiment, pendant), experiment.model(), experiment.fit_names()
+    to_joints = experiment.robot.controller.to_joints
+    for load in experiment.loads:
+        wrench = np.tile(load.wrench, (len(pendant), 1))
+        for one, two in zip(pendant, other, strict=True):
+            pair = np.stack([one, two])
+            rows = information_rows(model, Poses(pair, to_joints(pair), wrench[:2]), names, 1.0)
+            if len(fold(information(rows), 1e-7)[0]) > 1:
+                return False
+    return bool(experiment.loads)
+
+
+def _collect(
+    experiment: Experiment, blocks: Iterable[Array], count: int, progress: Progress | None, folded: bool
+) -> Candidates:
+    model = experiment.model()
+    kept: list[Array] = [np.zeros((0, experiment.robot.facts.n))]
+    total: dict[str, Removal] = {}
     tried = found = 0
-    for _ in range(_MOST):
-        pendant = lower + (upper - lower) * sampler.random(_BLOCK)
-        good = np.ones(_BLOCK, dtype=bool)
-        for name, allowed in check_poses(experiment, model, pendant).items():
-            removed[name] = removed.get(name, 0) + int((good & ~allowed).sum())
-            good &= allowed
+    for points in blocks:
+        pendant = canonical(experiment, points) if folded else points
+        allowed = check_poses(experiment, model, pendant)
+        for name, r in count_removed(allowed).items():
+            b = total.get(name, Removal(0, 0, 0))
+            total[name] = Removal(b.in_order + r.in_order, b.alone + r.alone, b.only + r.only)
+        good = np.logical_and.reduce(list(allowed.values()))
         kept.append(pendant[good])
-        tried, found = tried + _BLOCK, found + int(good.sum())
+        tried, found = tried + len(points), found + int(good.sum())
         if progress is not None:
             progress(min(found, count), count)
         if found >= count:
             break
-    result = Candidates(np.concatenate(kept)[:count], tried, removed)
-    if found < count:
-        raise InputError(f"the experiment allows too few poses for {count} candidates: {result.words()}")
-    return result
+    return Candidates(
+        np.concatenate(kept)[:count], tried, {n: r.in_order for n, r in total.items()},
+        {n: r.alone for n, r in total.items()}, {n: r.only for n, r in total.items()},
+    )  # fmt: skip

@@ -1,7 +1,8 @@
 """What makes a plan good: convex functions of the information matrix, smaller is better.
 
-All are homogeneous of degree -1, so that a ratio of values is an efficiency and the certificate of
-`information.certificate` holds. Parameters are scaled before; D does not depend on the scaling.
+All are homogeneous of degree -1 in M, so that a ratio of values is an efficiency and the certificate
+of `information.certificate` holds. Parameters are scaled before; D and I do not depend on the scaling.
+A solver asks a criterion for its `expansion` at one M: slope and curvature of log psi.
 """
 
 from __future__ import annotations
@@ -11,66 +12,173 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.errors import InputError, Problem, nearest
 from qsframework.plugin import Array
+
+SMOOTHING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Expansion:
+    """log psi near one M: slope G = -d log psi / d M, curvature d2 log psi [M_i, M_j] as
+
+        sum of c tr(P M_i Q M_j) over `pairs` (c, P, Q)  +  sum of c tr(V M_i) tr(V M_j) over `ranks` (c, V)
+
+    height: log psi, smoothed where psi has kinks; factor: psi(M) / psi(M*) <= <G, M*> / factor for
+    every M* >= 0, 1 for a smooth criterion
+    """
+
+    height: float
+    slope: Array
+    pairs: tuple[tuple[float, Array, Array], ...]
+    ranks: tuple[tuple[float, Array], ...]
+    factor: float = 1.0
 
 
 class Criterion(ABC):
-    """A criterion psi(M) and its slope; `weights` are the shares of trace and determinant in it."""
+    """A criterion psi(M) of information matrices (p, p)."""
 
     name: str
     title: str
-    trace_share: float
-    determinant_share: float
+    depends_on_scale: bool = True
+    kinked: bool = False
 
     @abstractmethod
     def value(self, M: Array) -> Array:
         """psi of information matrices (..., p, p); inf where M is singular."""
 
     @abstractmethod
+    def expansion(self, M: Array, mu: float = SMOOTHING) -> Expansion:
+        """Slope and curvature at one regular M; mu > 0 smooths a criterion that has kinks."""
+
+    def with_one(self, M: Array, block: Array) -> Array:
+        """psi (m,) of M + A_i' A_i for the rows (m, k, p) of m candidates."""
+        return self.value(M + np.swapaxes(block, -1, -2) @ block)
+
     def gradient(self, M: Array) -> Array:
         """G = -d psi / d M (p, p), positive semidefinite."""
+        return self.expansion(M).slope * float(self.value(M))
 
 
-@dataclass(frozen=True)
-class TraceDeterminant(Criterion):
-    """trace_share * trace(cov) + determinant_share * det(cov)^(1/p): the paper's O1, O2 and O3."""
+def covariance(M: Array) -> Array:
+    """Inverse of information matrices (..., p, p), symmetric; scaled, so that units cost no accuracy."""
+    size = np.sqrt(np.diagonal(M, axis1=-2, axis2=-1))
+    outer = size[..., :, None] * size[..., None, :]
+    cov = np.linalg.inv(M / outer) / outer
+    return 0.5 * (cov + np.swapaxes(cov, -1, -2))
 
-    name: str
-    title: str
-    trace_share: float
-    determinant_share: float
+
+def regular(M: Array) -> tuple[Array, Array]:
+    """Which of the matrices (..., p, p) are regular, and their log determinants (0 where not)."""
+    sign, logdet = np.linalg.slogdet(M)
+    good = (sign > 0) & np.isfinite(logdet) & (logdet > -600.0)
+    return good, np.where(good, logdet, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Determinant(Criterion):
+    """det of the covariance of `subset` (all parameters if None), to the power 1 / its size: D and D_s."""
+
+    name: str = "D"
+    title: str = "det(cov)^(1/p), the volume of the confidence ellipsoid"
+    subset: tuple[int, ...] | None = None
+    depends_on_scale: bool = False
 
     def value(self, M: Array) -> Array:
-        p = M.shape[-1]
-        sign, logdet = np.linalg.slogdet(M)
-        good = (sign > 0) & np.isfinite(logdet) & (logdet > -600.0)
-        total = np.where(good, self.determinant_share * np.exp(-np.where(good, logdet, 0.0) / p), np.inf)
-        if self.trace_share:
-            safe = np.where(good[..., None, None], M, np.eye(p))
-            trace = np.trace(np.linalg.inv(safe), axis1=-2, axis2=-1)
-            total = np.where(good & (trace > 0), total + self.trace_share * trace, np.inf)
-        return total
+        good, logdet = regular(M)
+        size = M.shape[-1]
+        if self.subset is not None:
+            rest = [i for i in range(size) if i not in self.subset]
+            block = M[..., rest, :][..., :, rest]
+            logdet = logdet - (regular(block)[1] if rest else 0.0)
+            size = len(self.subset)
+        return np.where(good, np.exp(-logdet / size), np.inf)
 
-    def gradient(self, M: Array) -> Array:
-        p = M.shape[-1]
-        cov = np.linalg.inv(M)
-        cov = 0.5 * (cov + cov.T)
-        _, logdet = np.linalg.slogdet(M)
-        return self.trace_share * cov @ cov + self.determinant_share * np.exp(-logdet / p) / p * cov
+    def with_one(self, M: Array, block: Array) -> Array:
+        if self.subset is not None or block.shape[1] >= M.shape[-1]:
+            return super().with_one(M, block)
+        grown = np.eye(block.shape[1]) + (block @ covariance(M)) @ np.swapaxes(block, -1, -2)
+        return float(self.value(M)) * np.linalg.det(grown) ** (-1.0 / M.shape[-1])
+
+    def expansion(self, M: Array, mu: float = SMOOTHING) -> Expansion:
+        cov = covariance(M)
+        if self.subset is None:
+            p = M.shape[-1]
+            return Expansion(float(np.log(self.value(M))), cov / p, ((1.0 / p, cov, cov),), ())
+        s = list(self.subset)
+        Q = cov[:, s] @ np.linalg.solve(cov[np.ix_(s, s)], cov[s])
+        Q = 0.5 * (Q + Q.T)
+        return Expansion(float(np.log(self.value(M))), Q / len(s), ((2.0 / len(s), cov, Q), (-1.0 / len(s), Q, Q)), ())
 
 
-CRITERIA: dict[str, Criterion] = {
-    "D": TraceDeterminant("D", "det(cov)^(1/p), the volume of the confidence ellipsoid", 0.0, 1.0),
-    "A": TraceDeterminant("A", "trace(cov), the mean variance of the scaled parameters", 1.0, 0.0),
-    "O3": TraceDeterminant("O3", "the paper's (trace(cov) + det(cov)^(1/p)) / 2", 0.5, 0.5),
-}
+@dataclass(frozen=True, eq=False)
+class Linear(Criterion):
+    """trace(W cov) with W (p, p) positive semidefinite; A has W = 1, c and L a chosen W, I that of test poses."""
+
+    name: str = "A"
+    title: str = "trace(cov), the sum of the variances of the scaled parameters"
+    weight: Array | None = None
+    depends_on_scale: bool = True
+
+    def value(self, M: Array) -> Array:
+        good, _ = regular(M)
+        safe = np.where(good[..., None, None], M, np.eye(M.shape[-1]))
+        cov = np.linalg.inv(safe)
+        if self.weight is None:
+            total = np.trace(cov, axis1=-2, axis2=-1)
+        else:
+            total = np.einsum("...ij,ij->...", cov, self.weight)
+        return np.where(good & (total > 0), total, np.inf)
+
+    def with_one(self, M: Array, block: Array) -> Array:
+        if block.shape[1] >= M.shape[-1]:
+            return super().with_one(M, block)
+        psi, cov, twice = self.parts(M)
+        turned = np.swapaxes(block, -1, -2)
+        saved = np.linalg.solve(np.eye(block.shape[1]) + block @ cov @ turned, block @ twice @ turned)
+        return psi - np.trace(saved, axis1=-2, axis2=-1)
+
+    def parts(self, M: Array) -> tuple[float, Array, Array]:
+        """psi, cov and cov W cov."""
+        cov = covariance(M)
+        if self.weight is None:
+            return float(np.trace(cov)), cov, cov @ cov
+        return float((cov * self.weight).sum()), cov, cov @ self.weight @ cov
+
+    def expansion(self, M: Array, mu: float = SMOOTHING) -> Expansion:
+        psi, cov, twice = self.parts(M)
+        return Expansion(float(np.log(psi)), twice / psi, ((2.0 / psi, cov, twice),), ((-1.0, twice / psi),))
 
 
-def find_criterion(name: str) -> Criterion:
-    """The criterion of a name; an InputError lists them."""
-    if name not in CRITERIA:
-        raise InputError(
-            Problem(f"unknown criterion {name!r}", allowed=", ".join(CRITERIA), hint=nearest(name, CRITERIA))
-        )
-    return CRITERIA[name]
+@dataclass(frozen=True, eq=False)
+class Sum(Criterion):
+    """Weighted sum of criteria: the paper's O3 is half of A and half of D."""
+
+    parts: tuple[tuple[float, Criterion], ...]
+    name: str = "O3"
+    title: str = "the paper's (trace(cov) + det(cov)^(1/p)) / 2"
+
+    def value(self, M: Array) -> Array:
+        values = [share * part.value(M) for share, part in self.parts]
+        return np.sum(values, axis=0)
+
+    def expansion(self, M: Array, mu: float = SMOOTHING) -> Expansion:
+        values = np.array([share * float(part.value(M)) for share, part in self.parts])
+        parts = [part.expansion(M, mu) for _, part in self.parts]
+        return mixed(parts, np.log(values) - [part.height for part in parts], values)
+
+    @property
+    def kinked(self) -> bool:  # type: ignore[override]
+        return any(part.kinked for _, part in self.parts)
+
+
+def mixed(parts: list[Expansion], offsets: Array, values: Array) -> Expansion:
+    """Expansion of log sum of exp(height + offset) over the parts, whose true values are given."""
+    heights = np.array([part.height for part in parts]) + offsets
+    height = float(np.logaddexp.reduce(heights))
+    shares = np.exp(heights - height)
+    slope = np.sum([share * part.slope for share, part in zip(shares, parts, strict=True)], axis=0)
+    pairs = [(share * c, P, Q) for share, part in zip(shares, parts, strict=True) for c, P, Q in part.pairs]
+    ranks = [(share * c, V) for share, part in zip(shares, parts, strict=True) for c, V in part.ranks]
+    ranks += [(float(share), part.slope) for share, part in zip(shares, parts, strict=True)]
+    factor = float(np.sqrt(shares * values / values.sum() * [part.factor for part in parts]).sum() ** 2)
+    return Expansion(height, slope, tuple(pairs), (*ranks, (-1.0, slope)), factor)

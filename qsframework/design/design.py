@@ -3,134 +3,211 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from qsframework.design.candidates import Candidates, generate_candidates
-from qsframework.design.criteria import Criterion, find_criterion
+from qsframework.design.catalogue import check_criterion, find_criterion
+from qsframework.design.certified import Wish, relaxed_design
+from qsframework.design.columns import Relaxed
+from qsframework.design.criteria import Criterion
 from qsframework.design.exact import Quotas, exchange
-from qsframework.design.relaxed import relax
-from qsframework.errors import InputError, NotIdentifiable
-from qsframework.experiment import Certificate, Experiment, LoadCase, Plan, make_plan
-from qsframework.information import (
-    Allowed,
-    efficiency_bound,
-    information_rows,
-    rank_test,
-    weighted_information,
+from qsframework.design.minimax import Robust
+from qsframework.design.polish import polish
+from qsframework.design.problem import (
+    Problem,
+    draw_samples,
+    make_problem,
+    require_rank,
+    taken_information,
+    tip_rows,
 )
+from qsframework.design.relaxed import SOLVER
+from qsframework.errors import InputError
+from qsframework.experiment import Certificate, Experiment, Plan, Readings, make_plan
+from qsframework.information.rows import gathered_information
 from qsframework.plugin import Array, Indices, Poses
 
-STARTS = 20
+_SHORTLIST = 2000
+_LOPSIDED = 0.9
 Progress = Callable[[str, int, int], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """N (pose, load) candidates of one design: whitened scaled rows (N, 3 K, p) and the groups by load."""
-
-    poses: Poses
-    rows: Array
-    place: Indices
-    load: Indices
-    loads: tuple[LoadCase, ...]
-    counts: tuple[int, ...]
-
-    @property
-    def groups(self) -> tuple[Indices, ...]:
-        return tuple(np.flatnonzero(self.load == g) for g in range(len(self.loads)))
-
-    def allowed(self) -> Allowed:
-        total = sum(self.counts)
-        return Allowed(self.groups, tuple(count / total for count in self.counts))
 
 
 def design(
     experiment: Experiment,
     poses: int,
-    criterion: str = "A",
-    candidates: int = 1000,
+    criterion: str = "I",
+    candidates: int | Candidates | Array = 1000,
     seed: int = 0,
     repeats: bool = False,
     progress: Progress | None = None,
+    *,
+    wish: Wish | None = None,
+    test_poses: Poses | None = None,
+    taken: Sequence[Plan | Readings] = (),
 ) -> Plan:
     """A plan of `poses` poses, certified against the best relaxed design over the same candidates.
 
-    InputError where the experiment cannot give a plan; NotIdentifiable, before any optimisation,
-    where its loads cannot tell the parameters apart.
+    candidates: how many to draw, or poses (N, n) rad; test_poses: where the tip is to be known best (I, G);
+    taken: plans or readings whose information is there already. InputError where the experiment cannot give
+    a plan; NotIdentifiable, before any optimisation, where its loads cannot tell the parameters apart;
+    NotCertified where the certificate misses the asked efficiency.
     """
-    rule = find_criterion(criterion)
+    wish = wish or Wish(criterion, repeats=repeats)
+    check_criterion(wish.criterion)
     tell = progress or (lambda *_: None)
-    found = generate_candidates(experiment, candidates, seed, lambda i, n: tell("candidate poses", i, n))
-    problem = make_problem(experiment, found, poses)
-    _require_rank(problem, experiment.fit_names())
-    tell("relaxed design (cvxpy)", 0, 1)
-    weights, _ = relax(problem.rows, rule, problem.allowed())
-    tell("relaxed design (cvxpy)", 1, 1)
-    quotas = Quotas(problem.groups, problem.counts, problem.place, repeats)
-    rng = np.random.default_rng(seed)
-    chosen = exchange(
-        problem.rows, rule, quotas, weights, STARTS, rng, lambda i, n: tell("exact plan (exchange)", i, n)
+    if isinstance(candidates, int):
+        candidates = generate_candidates(experiment, candidates, seed, lambda i, n: tell("candidate poses", i, n))
+    names = experiment.fit_names()
+    samples = draw_samples(experiment.model(), wish.samples, seed)
+    prior = _prior(experiment, wish, taken, names, samples)
+    total = poses if wish.budget is None else wish.budget
+    problem = make_problem(
+        experiment, candidates, total, samples, prior, wish.budget is not None, lambda i, n: tell("sensitivities", i, n)
     )
-    return _plan(experiment, problem, rule, weights, chosen, seed)
+    require_rank(problem)
+    rule = Robust(_criterion(problem, wish, test_poses), wish.worst)
+    relaxed, fixed = relaxed_design(problem, rule, wish, seed, lambda b: tell("relaxed design", int(1e6 * b), 10**6))
+    chosen, counts = _exact(problem, rule, wish, relaxed, fixed, seed, tell)
+    return _plan(problem, rule, wish, relaxed, chosen, counts, seed, tell)
 
 
-def make_problem(experiment: Experiment, candidates: Candidates, poses: int) -> Problem:
-    """Every allowed pose under every load case is a candidate of its own."""
-    if not experiment.loads:
-        raise InputError(f"{experiment.path}: a design needs `loads`, for example - {{name: weight, fz_N: -4000}}")
-    sigma = experiment.noise.sigma
-    if sigma is None:
-        raise InputError(f"{experiment.path}: a design needs the noise, for example noise: {{sigma_mm: 0.03}}")
-    counts = _counts(experiment.loads, poses)
-    count, cases = len(candidates), len(experiment.loads)
-    pendant = np.tile(candidates.pendant, (cases, 1))
-    wrench = np.repeat(np.stack([load.wrench for load in experiment.loads]), count, axis=0)
-    batch = Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench)
-    model = experiment.model()
-    rows = information_rows(model, batch, experiment.fit_names(), sigma)
-    return Problem(
-        batch, rows, np.tile(np.arange(count), cases), np.repeat(np.arange(cases), count), experiment.loads, counts
-    )
+def _prior(
+    experiment: Experiment, wish: Wish, taken: Sequence[Plan | Readings], names: Sequence[str], samples: Array
+) -> Array:
+    """Information (S, p, p) that is there before: stated sds, readings and plans taken already."""
+    parameters = experiment.fit_parameters()
+    stated = np.array([1.0 if wish.prior and p.sd else 0.0 for p in parameters])
+    total = np.tile(np.diag(stated), (len(samples), 1, 1))
+    for one in taken:
+        total = total + taken_information(experiment, one, names, samples)
+    return total
 
 
-def _counts(loads: Sequence[LoadCase], poses: int) -> tuple[int, ...]:
-    stated = sum(load.poses or 0 for load in loads)
-    open_cases = sum(load.poses is None for load in loads)
-    if stated > poses or (open_cases == 0 and stated != poses):
-        raise InputError(f"the loads ask for {stated} poses in all, the plan has {poses}")
-    return tuple(poses - stated if load.poses is None else load.poses for load in loads)
+def _criterion(problem: Problem, wish: Wish, test_poses: Poses | None) -> Criterion:
+    model = problem.experiment.model()
+    model.index(wish.interest)  # an InputError names the nearest
+    strange = [name for name in wish.interest if name not in problem.names]
+    if strange:
+        raise InputError(f"parameters of interest that are not fitted: {', '.join(strange)}")
+    interest = [problem.names.index(name) for name in wish.interest]
+    tip = None
+    if wish.criterion in ("I", "G"):
+        tip = tip_rows(problem.experiment, test_poses, problem.pendant, problem.names)
+    return find_criterion(wish.criterion, interest, len(problem.names), tip)
 
 
-def _require_rank(problem: Problem, names: Sequence[str]) -> None:
-    used = np.isin(problem.load, [g for g, count in enumerate(problem.counts) if count])
-    test = rank_test(problem.rows[used].reshape(-1, len(names)), names)
-    if not test.full:
-        raise NotIdentifiable(f"no plan with these loads can tell the parameters: {test.words()}")
+def _exact(
+    problem: Problem, rule: Robust, wish: Wish, relaxed: Relaxed, fixed: tuple[int | None, ...], seed: int,
+    tell: Progress,
+) -> tuple[Indices, Indices]:  # fmt: skip
+    """The plan's candidates (m,) and how often each is measured (m,)."""
+    short = _shortlist(problem, relaxed)
+    rows, weights = problem.rows.take(short), relaxed.spread(len(problem.rows))[short]
+    best, best_value = np.zeros(0, dtype=np.intp), np.inf
+    splits = _splits(problem, wish, relaxed, fixed)
+    for turn, counts in enumerate(splits):
+        quotas = _quotas(problem, short, counts, wish.repeats)
+
+        def said(i: int, n: int, turn: int = turn) -> None:
+            tell("exact plan (exchange)", turn * n + i, n * len(splits))
+
+        rng = np.random.default_rng(seed)
+        chosen = exchange(rows, rule, quotas, weights, wish.starts, rng, said, problem.prior)
+        M = problem.prior + gathered_information(problem.rows, short[chosen], np.ones(len(chosen)))
+        value = float(rule.value(M))
+        if value < best_value:
+            best, best_value = short[chosen], value
+    return np.unique(best, return_counts=True)
+
+
+def _shortlist(problem: Problem, relaxed: Relaxed) -> Indices:
+    """The candidates that score best at the relaxed design, some of every load, and those that carry weight."""
+    size = problem.per_load
+    each = max(_SHORTLIST // len(problem.loads), 50)
+    parts = [relaxed.index]
+    for g in range(len(problem.loads)):
+        values = relaxed.scores[g * size : (g + 1) * size]
+        top = np.argpartition(-values, each - 1)[:each] if each < size else np.arange(size)
+        parts.append(g * size + top)
+    return np.unique(np.concatenate(parts))
+
+
+def _splits(
+    problem: Problem, wish: Wish, relaxed: Relaxed, fixed: tuple[int | None, ...]
+) -> list[tuple[tuple[tuple[int, ...], int], ...]]:
+    """Ways to share the poses: pairs of loads that share a number of poses, and that number."""
+    free = tuple(g for g, c in enumerate(fixed) if c is None)
+    stated = tuple(((g,), c) for g, c in enumerate(fixed) if c)
+    if wish.budget is None:
+        rest = round(problem.total) - sum(c for c in fixed if c is not None)
+        return [(*stated, (free, rest)) if free and rest else stated]
+    return [
+        tuple(((g,), c) for g, c in enumerate(counts) if c) for counts in _affordable(problem, relaxed, wish.budget)
+    ]
+
+
+def _affordable(problem: Problem, relaxed: Relaxed, budget: float) -> list[tuple[int, ...]]:
+    """Numbers of poses per load near the relaxed shares that cost at most the budget and waste little of it."""
+    costs = problem.prices
+    share = np.bincount(problem.load(relaxed.index), relaxed.weights, len(costs)) * budget / costs
+    least = [max(m, c or 0) for m, c in zip(problem.least, problem.counts, strict=True)]
+    ranges = [range(max(int(s) - 1, m), int(s) + 3) for s, m in zip(share, least, strict=True)]
+    found = [c for c in product(*ranges) if np.dot(c, costs) <= budget + 1e-9 and sum(c) > 0]
+    tight = [c for c in found if np.dot(c, costs) + costs.min() > budget + 1e-9]
+    if not tight:
+        raise InputError(f"a budget of {budget:g} buys no plan that the loads allow")
+    return sorted(tight, key=lambda c: float(np.abs(np.array(c) - share).sum()))[:6]
+
+
+def _quotas(problem: Problem, short: Indices, counts: tuple[tuple[tuple[int, ...], int], ...], repeats: bool) -> Quotas:
+    load = problem.load(short)
+    groups = tuple(np.flatnonzero(np.isin(load, loads)) for loads, _ in counts)
+    return Quotas(groups, tuple(count for _, count in counts), problem.place(short), repeats)
 
 
 def _plan(
-    experiment: Experiment, problem: Problem, rule: Criterion, weights: Array, chosen: Indices, seed: int
-) -> Plan:
-    """Put the chosen candidates, merged into repeats, and the certificate into a Plan."""
-    count = len(chosen)
-    value = float(rule.value(weighted_information(problem.rows, np.bincount(chosen, minlength=len(problem.rows)))))
-    M = weighted_information(problem.rows, weights)
-    relaxed_value = float(rule.value(M)) / count
-    bound = efficiency_bound(float(rule.value(M)), rule.gradient(M), problem.rows, problem.allowed())
+    problem: Problem, rule: Robust, wish: Wish, relaxed: Relaxed, chosen: Indices, counts: Indices, seed: int,
+    tell: Progress,
+) -> Plan:  # fmt: skip
+    """Put the chosen candidates, polished, and the certificate into a Plan."""
+    total = int(counts.sum())
+    M = problem.prior + gathered_information(problem.rows, chosen, counts.astype(float))
+    relaxed_value = float(rule.value(relaxed.information)) / problem.total
+    before = relaxed.efficiency * relaxed_value / float(rule.value(M))
+    poses, polished = problem.batch(chosen), None
+    if wish.polish:
+        pendant = polish(problem, rule, chosen, counts, lambda i, n: tell("polish", i, n))
+        poses = replace(poses, pendant=pendant, q=problem.experiment.robot.controller.to_joints(pendant))
+        rows = problem.rows_of(poses)
+        M = problem.prior + sum(c * np.swapaxes(r, -1, -2) @ r for c, r in zip(counts, rows, strict=True))
+        polished = before
+    value = float(rule.value(M))
     certificate = Certificate(
-        criterion=rule.name,
-        value=value,
-        relaxed_value=relaxed_value,
-        relaxed_efficiency=bound,
-        efficiency=bound * relaxed_value / value,
-        candidates=len(problem.rows),
-        poses=count,
-        parameters=experiment.fit_names(),
-    )
-    picks, repeats = np.unique(chosen, return_counts=True)
-    order = np.lexsort((*problem.poses.pendant[picks].T[::-1], problem.load[picks]))
-    picks, repeats = picks[order], repeats[order]
-    names = tuple(problem.loads[g].name for g in problem.load[picks])
-    return make_plan(problem.poses.take(picks), names, repeats.tolist(), rule.name, certificate, seed)
+        criterion=rule.name, value=value, relaxed_value=relaxed_value, relaxed_efficiency=relaxed.efficiency,
+        efficiency=relaxed.efficiency * relaxed_value / value, candidates=len(problem.rows), poses=total,
+        parameters=problem.names, solver=SOLVER if wish.solver == "cvxpy" else "column generation",
+        polished_from=polished, notes=_notes(problem, rule, M[0]),
+    )  # fmt: skip
+    load = problem.load(chosen)
+    order = np.lexsort((*poses.pendant.T[::-1], load))
+    names = tuple(problem.loads[g].name for g in load[order])
+    return make_plan(poses.take(order), names, counts[order].tolist(), rule.name, certificate, seed)
+
+
+def _notes(problem: Problem, rule: Robust, M: Array) -> tuple[str, ...]:
+    """What a user should know about a criterion that depends on the parameters' scales."""
+    if not rule.inner.depends_on_scale:
+        return ()
+    variance = np.diag(np.linalg.inv(M))
+    share = variance / variance.sum()
+    notes = []
+    worst = int(np.argmax(share))
+    if len(share) > 2 and share[worst] > _LOPSIDED:
+        notes.append(
+            f"criterion {rule.name} is all but decided by {problem.names[worst]} ({100 * share[worst]:.0f} % of the "
+            "scaled variances): it depends on the scale given to each parameter; D and I do not"
+        )
+    return tuple(notes)

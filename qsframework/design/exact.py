@@ -1,4 +1,4 @@
-"""Exact plans: n poses out of the candidates, by rounding the relaxed design and by exchange."""
+"""Exact plans: n poses out of the candidates, by rounding the relaxed design and by exchange from many starts."""
 
 from __future__ import annotations
 
@@ -8,11 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.design.criteria import Criterion
+from qsframework.design.interior import moments_of
+from qsframework.design.minimax import Robust
 from qsframework.errors import NotIdentifiable
-from qsframework.information import information
+from qsframework.information.rows import block_scores, root
 from qsframework.plugin import Array, Indices
 
 _PASSES = 50
+_TRIED = 48
+_RIDGE = 1e-9
+_KINK = 1e-2
 Progress = Callable[[int, int], None]
 
 
@@ -33,38 +38,58 @@ class Quotas:
         return sum(self.counts)
 
 
+@dataclass(frozen=True, eq=False)
+class _Board:
+    """Everything an exchange looks at: rows (N, S, k, p), M_i (N, S, p, p), M0, the rule and the quotas."""
+
+    rows: Array
+    moments: Array
+    prior: Array
+    rule: Robust
+    quotas: Quotas
+    slots: tuple[int, ...]
+
+    def information(self, chosen: Indices) -> Array:
+        return self.prior + self.moments[chosen].sum(axis=0)
+
+    def value(self, M: Array) -> float:
+        return float(self.rule.value(M))
+
+
 def exchange(
     rows: Array,
-    criterion: Criterion,
+    criterion: Criterion | Robust,
     quotas: Quotas,
     weights: Array | None,
     starts: int,
     rng: np.random.Generator,
     progress: Progress | None = None,
+    prior: Array | None = None,
 ) -> Indices:
     """Indices (n,) of the best plan found from `starts` starts; the first rounds `weights`.
 
     Raises NotIdentifiable if no start gives a plan of full rank.
     """
-    M = information(rows)
+    four = rows[:, None] if rows.ndim == 3 else rows
+    rule = criterion if isinstance(criterion, Robust) else Robust(criterion)
+    moments = moments_of(four)
+    before = np.zeros(moments.shape[1:]) if prior is None else prior
+    slots = tuple(g for g, count in enumerate(quotas.counts) for _ in range(count))
+    board = _Board(four, moments, before, rule, quotas, slots)
     best, best_value = None, np.inf
     for start in range(starts):
         first = _rounded(weights, quotas, rng) if start == 0 and weights is not None else _random(quotas, weights, rng)
-        chosen, value = _climb(M, criterion, quotas, first)
+        chosen, value = _climb(board, first)
         if value < best_value:
             best, best_value = chosen, value
         if progress is not None:
             progress(start + 1, starts)
     if best is None:
         raise NotIdentifiable(
-            f"no plan of {quotas.poses} poses tells all {rows.shape[-1]} parameters apart; ask for more poses, "
+            f"no plan of {quotas.poses} poses tells all {four.shape[-1]} parameters apart; ask for more poses, "
             "another load, or fewer parameters"
         )
     return best
-
-
-def _slots(quotas: Quotas) -> list[int]:
-    return [g for g, count in enumerate(quotas.counts) for _ in range(count)]
 
 
 def _pick(members: Indices, order: Indices, taken: set[int], quotas: Quotas) -> int:
@@ -75,6 +100,10 @@ def _pick(members: Indices, order: Indices, taken: set[int], quotas: Quotas) -> 
         f"only {len(members)} candidates for a group of the plan: too few for its poses; allow repeats or take more "
         "candidates"
     )
+
+
+def _slots(quotas: Quotas) -> list[int]:
+    return [g for g, count in enumerate(quotas.counts) for _ in range(count)]
 
 
 def _rounded(weights: Array, quotas: Quotas, rng: np.random.Generator) -> Indices:
@@ -92,40 +121,65 @@ def _rounded(weights: Array, quotas: Quotas, rng: np.random.Generator) -> Indice
 
 
 def _random(quotas: Quotas, weights: Array | None, rng: np.random.Generator) -> Indices:
-    """Random candidates, half of them drawn by weight where there are weights."""
+    """Random candidates, half of the starts drawn by weight where there are weights."""
     chosen: list[int] = []
     taken: set[int] = set()
+    weighted = weights is not None and rng.random() < 0.5
     for group in _slots(quotas):
         members = quotas.groups[group]
         keys = rng.exponential(size=len(members))
-        if weights is not None and rng.random() < 0.5:
-            keys = keys / np.maximum(weights[members], 1e-12)
+        if weighted and weights is not None:
+            keys = keys / np.maximum(weights[members], 1e-6 / len(members))
         pick = _pick(members, np.argsort(keys), taken, quotas)
         taken.add(int(quotas.place[pick]))
         chosen.append(pick)
     return np.array(chosen)
 
 
-def _climb(M: Array, criterion: Criterion, quotas: Quotas, chosen: Indices) -> tuple[Indices, float]:
-    """Replace one pose after the other by the best candidate of its group until nothing helps."""
+def _climb(board: _Board, chosen: Indices) -> tuple[Indices, float]:
+    """Replace one pose after the other by a better candidate of its group until nothing helps.
+
+    Candidates are ranked by their scores and the best few are tried exactly; when that stops, all are tried.
+    """
     chosen = chosen.copy()
-    slots = _slots(quotas)
     # a singular start is climbed with a ridge that is too small to matter later
-    ridge = 1e-9 * np.trace(M.mean(axis=0)) / M.shape[-1] * np.eye(M.shape[-1])
-    value = float(criterion.value(M[chosen].sum(axis=0) + ridge))
+    size = np.diagonal(board.moments.mean(axis=0), axis1=-2, axis2=-1)
+    ridge = _RIDGE * np.einsum("sp,pq->spq", size, np.eye(size.shape[-1]))
+    value = board.value(board.information(chosen) + ridge)
+    small = len(board.rows) <= 4 * _TRIED
+    thorough, steps = small, 0
     for _ in range(_PASSES):
         improved = False
-        for slot, group in enumerate(slots):
-            members = quotas.groups[group]
-            others = np.delete(chosen, slot)
-            trial = criterion.value(M[others].sum(axis=0) + M[members] + ridge)
-            if not quotas.repeats:
-                trial = np.where(np.isin(quotas.place[members], quotas.place[others]), np.inf, trial)
-            pick = int(np.argmin(trial))
-            if trial[pick] < value * (1.0 - 1e-10):
-                chosen[slot], value, improved = members[pick], float(trial[pick]), True
-        if not improved:
+        for slot, group in enumerate(board.slots):
+            pick, trial = _best(board, chosen, slot, group, ridge, thorough)
+            if trial < value * (1.0 - 1e-10):
+                chosen[slot], value, improved = pick, trial, True
+                steps += 1
+        if not improved and thorough:
             break
-    exact = float(criterion.value(M[chosen].sum(axis=0)))
-    condition = np.linalg.cond(M[chosen].sum(axis=0))
-    return chosen, exact if condition < 1e14 else np.inf
+        thorough = small or not improved
+    M = board.information(chosen)
+    regular = max(np.linalg.cond(m / np.sqrt(np.outer(np.diag(m), np.diag(m)) + 1e-300)) for m in M) < 1e13
+    return chosen, board.value(M) if regular else np.inf
+
+
+def _best(board: _Board, chosen: Indices, slot: int, group: int, ridge: Array, thorough: bool) -> tuple[int, float]:
+    """The best candidate for one slot, and the criterion with it."""
+    quotas = board.quotas
+    members = quotas.groups[group]
+    others = np.delete(chosen, slot)
+    base = board.information(others) + ridge
+    if not quotas.repeats:
+        members = members[~np.isin(quotas.place[members], quotas.place[others])]
+    if not thorough and len(members) > _TRIED:
+        slope = board.rule.expansion(base, _KINK).slope
+        rank = block_scores(board.rows, [root(G) for G in slope])[members]
+        members = members[np.argpartition(-rank, _TRIED)[:_TRIED]]
+    best, best_value = -1, np.inf
+    for start in range(0, len(members), 4096):
+        part = members[start : start + 4096]
+        trial = board.rule.with_one(base, board.rows[part])
+        i = int(np.argmin(trial))
+        if trial[i] < best_value:
+            best, best_value = int(part[i]), float(trial[i])
+    return best, best_value

@@ -2,7 +2,7 @@
 
 from qsframework.experiment.constraints import Constraints, Sight
 from qsframework.experiment.examples import example
-from qsframework.experiment.plan import Certificate, Plan, make_plan, read_plan, write_plan
+from qsframework.experiment.plan import Certificate, Plan, make_plan, read_plan, read_poses, write_plan
 from qsframework.experiment.readings import Readings, read_readings, write_readings
 from qsframework.experiment.setup import Experiment, LoadCase, Marker, Noise, load_experiment
 from qsframework.experiment.simulate import Simulation, simulate
@@ -25,6 +25,7 @@ __all__ = [
     "load_experiment",
     "make_plan",
     "read_plan",
+    "read_poses",
     "read_readings",
     "read_states",
     "simulate",

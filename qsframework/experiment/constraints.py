@@ -36,7 +36,8 @@ class Constraints:
     flip_margin, N m: torque that must keep the passive joints of every loop pressed on one side;
     collision, with clearance and a sphere of tool_radius at the load point; floor: its height;
     singularity_margin: smallest singular value of the Jacobian, translations per length of the arm;
-    load_capacity: whether the robot's stated torques are kept
+    load_capacity: whether the robot's stated torques are kept;
+    joint_values, rad: the only angles at which a joint is planned, as the two-step method wants for joint 2
     """
 
     z_min: float | None = None
@@ -56,12 +57,14 @@ class Constraints:
     sight: Sight | None = None
     singularity_margin: float | None = None
     load_capacity: bool = True
+    joint_values: dict[str, tuple[float, ...]] = field(default_factory=dict)
 
 
 def make_constraints(spec: ConstraintsSpec) -> Constraints:
     """The constraints of a file's `constraints:`."""
     values = {name: getattr(spec, name) for name in type(spec).model_fields}
     values["joint_limits"] = {joint: (ends[0], ends[1]) for joint, ends in spec.joint_limits.items()}
+    values["joint_values"] = {joint: tuple(angles) for joint, angles in spec.joint_values.items()}
     values["sight"] = None if spec.sight is None else _sight(spec.sight)
     return Constraints(**values)
 
@@ -82,6 +85,7 @@ def constraint_problems(document: Document, spec: ExperimentSpec, robot: Robot) 
             Problem(f"constraints: unknown point {limits.of!r}", file, line,
                     allowed=", ".join(places), hint=nearest(limits.of, places))
         )  # fmt: skip
+    problems += _value_problems(document, spec, robot)
     for joint, ends in limits.joint_limits.items():
         problems += _joint_problems(document, robot, joint, ends)
     if (limits.collision or limits.floor is not None or limits.sight is not None) and not robot.shapes:
@@ -114,6 +118,26 @@ def _joint_problems(document: Document, robot: Robot, joint: str, ends: list[flo
         allowed = f"{np.rad2deg(lower):g} to {np.rad2deg(upper):g} deg"
         return [Problem(f"joint_limits of {joint} leave nothing of its range", **here, allowed=allowed)]
     return []
+
+
+def _value_problems(document: Document, spec: ExperimentSpec, robot: Robot) -> list[Problem]:
+    problems: list[Problem] = []
+    for joint, angles in spec.constraints.joint_values.items():
+        file, line = str(document.path), document.line("constraints", "joint_values_deg", joint)
+        if joint not in robot.facts.joints:
+            problems.append(
+                Problem(f"joint_values: no joint {joint!r}", file, line, allowed=", ".join(robot.facts.joints))
+            )
+            continue
+        k = robot.facts.joint_index(joint)
+        low, high = spec.constraints.joint_limits.get(joint, [-np.inf, np.inf])[:2]
+        low, high = max(low, float(robot.controller.lower[k])), min(high, float(robot.controller.upper[k]))
+        outside = [f"{np.rad2deg(a):g}" for a in angles if not low <= a <= high]
+        if not angles or outside:
+            allowed = f"{np.rad2deg(low):g} to {np.rad2deg(high):g} deg"
+            found = ", ".join(outside) + " deg" if outside else "no angle"
+            problems.append(Problem(f"joint_values of {joint}", file, line, found=found, allowed=allowed))
+    return problems
 
 
 def capacity_problems(document: Document, spec: ExperimentSpec, robot: Robot) -> list[Problem]:

@@ -24,7 +24,9 @@ class Certificate:
     """How far a plan is from the best: criterion values and certified efficiencies.
 
     value is the criterion of the plan, relaxed_value that of the relaxed design with as many poses;
-    relaxed_efficiency bounds the relaxed design, efficiency the plan, against the best design
+    relaxed_efficiency bounds the relaxed design, efficiency the plan, against the best design over the
+    candidates; polished_from is the plan's efficiency before its angles left the candidates (it may then
+    pass 1); notes are what the user should know about the criterion
     """
 
     criterion: str
@@ -35,6 +37,9 @@ class Certificate:
     candidates: int
     poses: int
     parameters: tuple[str, ...]
+    solver: str = ""
+    polished_from: float | None = None
+    notes: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         return dataclasses.asdict(self)
@@ -145,6 +150,19 @@ def read_plan(path: str | Path, experiment: Experiment) -> Plan:
     return make_plan(poses, load, repeats.tolist(), criterion, certificate, seed, names)
 
 
+def read_poses(path: str | Path, experiment: Experiment) -> Poses:
+    """Read a list of poses, without loads: columns q1_deg, ...; InputError with all its problems."""
+    path = Path(path)
+    n = experiment.robot.facts.n
+    columns = [dataclasses.replace(c, required=c.required and c.stem.startswith("q")) for c in _columns(experiment)]
+    table = read_table(path, columns, experiment.robot.name)
+    pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(n)], axis=1)
+    problems = [*table.problems, *limit_problems(table, pendant, experiment)]
+    if problems:
+        raise InputError(problems)
+    return Poses(pendant, experiment.robot.controller.to_joints(pendant), np.zeros((len(pendant), 6)))
+
+
 def _repeated_poses(table: Table, constant: Array) -> list[Problem]:
     """Names, and poses with the same angles and load, that stand in a plan more than once."""
     names: dict[str, int] = {}
@@ -172,7 +190,9 @@ def _proof(path: Path) -> tuple[Certificate | None, str, int | None]:
         if content["plan_sha256"] != sha256(path) or stored is None:
             return None, str(content["criterion"]), content["seed"]
         return (
-            Certificate(**{**stored, "parameters": tuple(stored["parameters"])}),
+            Certificate(
+                **{**stored, "parameters": tuple(stored["parameters"]), "notes": tuple(stored.get("notes", ()))}
+            ),
             content["criterion"],
             content["seed"],
         )

@@ -44,11 +44,17 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class LoadCase:
-    """A wrench (6,) at the load point, base frame, that a plan may put on a pose; `poses` says on how many."""
+    """A wrench (6,) at the load point, base frame, that a plan may put on a pose.
+
+    `poses` says on how many, `poses_min` on how many at least; loads that say neither share the rest.
+    cost: of a pose under this load, in plain poses
+    """
 
     name: str
     wrench: Array
     poses: int | None
+    poses_min: int | None = None
+    cost: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +181,9 @@ def _loads(spec: ExperimentSpec, robot: Robot) -> tuple[LoadCase, ...]:
     if spec.load.mass is not None:
         weight = np.concatenate([spec.load.mass * robot.gravity, np.zeros(3)])
         return (LoadCase("mass", frozen(weight), None),)
-    return tuple(LoadCase(load.name, frozen(load.wrench()), load.poses) for load in spec.loads)
+    return tuple(
+        LoadCase(load.name, frozen(load.wrench()), load.poses, load.poses_min, load.cost) for load in spec.loads
+    )
 
 
 def _load_problems(document: Document, spec: ExperimentSpec, robot: Robot) -> list[Problem]:
@@ -203,12 +211,9 @@ def _load_problems(document: Document, spec: ExperimentSpec, robot: Robot) -> li
             )
         if load.poses is not None and load.poses < 1:
             problems.append(Problem(f"load {load.name!r}: poses must be 1 or more", str(document.path), line))
-    if sum(load.poses is None for load in loads) > 1:
-        problems.append(
-            Problem(
-                "two loads leave out `poses`; only one may take the rest", str(document.path), document.line("loads")
-            )
-        )
+        if load.poses_min is not None and (load.poses_min < 1 or load.poses is not None):
+            message = f"load {load.name!r}: poses_min must be 1 or more, and goes without poses"
+            problems.append(Problem(message, str(document.path), line))
     return problems
 
 

@@ -70,6 +70,15 @@ class LoadCaseSpec(FileModel):
     my: Annotated[float, Unit("N m")] = 0.0
     mz: Annotated[float, Unit("N m")] = 0.0
     poses: int | None = None
+    poses_min: int | None = None
+    cost: float = 1.0
+
+    @pydantic.field_validator("cost")
+    @classmethod
+    def _costly(cls, value: float) -> float:
+        if not 0.0 < value < float("inf"):
+            raise ValueError("a cost is a positive number: how many plain poses one pose under this load is worth")
+        return value
 
     @pydantic.field_validator("name")
     @classmethod
@@ -125,6 +134,7 @@ class ConstraintsSpec(FileModel):
     sight: SightSpec | None = None
     singularity_margin: float | None = None
     load_capacity: bool = True
+    joint_values: Annotated[dict[str, list[float]], Unit("rad")] = pydantic.Field(default_factory=dict)
 
     @pydantic.field_validator("axis1_distance_min", "clearance", "tool_radius", "singularity_margin")
     @classmethod

@@ -1,12 +1,19 @@
 """What readings can tell: whitened sensitivities, rank in words, certificates."""
 
-from qsframework.information.certificate import Allowed, efficiency_bound, everything, scores, weighted_information
+from qsframework.information.certificate import Allowed, bound_of, efficiency_bound, everything
 from qsframework.information.observations import information, information_rows, predicted_sd, promised_sd, scales
 from qsframework.information.rank import RankTest, rank_test
+from qsframework.information.rows import HeldRows, MadeRows, MappedRows, Rows, as_rows, scores, weighted_information
 
 __all__ = [
     "Allowed",
+    "HeldRows",
+    "MadeRows",
+    "MappedRows",
     "RankTest",
+    "Rows",
+    "as_rows",
+    "bound_of",
     "efficiency_bound",
     "everything",
     "information",

@@ -18,11 +18,15 @@ def scales(parameters: Sequence[Parameter]) -> Array:
     return np.array([p.scale if p.sd is None else p.sd for p in parameters])
 
 
-def information_rows(model: Model, poses: Poses, names: Sequence[str], sigma: float) -> Array:
-    """Whitened rows (N, 3 K, p) of each pose, per unit of each parameter's scale (equation (4), whitened)."""
+def information_rows(model: Model, poses: Poses, names: Sequence[str], sigma: float, x: Array | None = None) -> Array:
+    """Whitened rows (N, 3 K, p) of each pose, per unit of each parameter's scale (equation (4), whitened).
+
+    x (q,): values of all parameters to take them at, the nominal ones if None
+    """
     chosen = [model.parameters[i] for i in model.index(names)]
-    A = model.sensitivity(poses, names=names)
-    return A.reshape(len(poses), -1, len(names)) * (scales(chosen) / sigma)
+    A = model.sensitivity(poses, x, names).reshape(len(poses), -1, len(names))
+    A *= scales(chosen) / sigma
+    return A
 
 
 def information(rows: Array) -> Array:

@@ -18,12 +18,15 @@ def certificate_text(plan: Plan) -> str:
     c = plan.certificate
     if c is None:
         return "This plan carries no certificate: it was not designed here."
-    return (
-        f"{c.criterion}-optimal over {c.candidates} candidates, each a pose under one load. The relaxed design is "
-        f"certified to an efficiency of {c.relaxed_efficiency:.6f} by the equivalence theorem; this plan of "
-        f"{c.poses} poses reaches at least {c.efficiency:.4f} of the best that any plan over these candidates could "
-        "reach."
+    chosen = c.efficiency if c.polished_from is None else c.polished_from
+    words = (
+        f"{c.criterion}-optimal over {c.candidates} candidates, each a pose under one load. The relaxed design "
+        f"({c.solver}) is certified to an efficiency of {c.relaxed_efficiency:.7f} by the equivalence theorem; the "
+        f"plan of {c.poses} of these poses reaches at least {chosen:.4f} of the best that any plan over them could."
     )
+    if c.polished_from is not None:
+        words += f" Angles then moved off the candidates, inside the constraints: {c.efficiency:.4f}."
+    return " ".join([words, *(f"Note: {note}." for note in c.notes)])
 
 
 def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> Table:
@@ -59,10 +62,10 @@ def pose_table(plan: Plan) -> Table:
     return Table(header, rows, "Angles as the pendant shows them.")
 
 
-def plan_section(experiment: Experiment, plan: Plan, sds: Table, title: str) -> Section:
-    """Certificate, promised sds, poses and the 3D view."""
+def plan_section(experiment: Experiment, plan: Plan, sds: Table, title: str, notes: Sequence[str] = ()) -> Section:
+    """Certificate, what else is to be known, promised sds, poses and the 3D view."""
     view = View(
         plan_scene(experiment, plan).html(),
         "Drag to turn, scroll to zoom; the slider shows one pose at a time. Red: the load; blue: the markers.",
     )
-    return Section(title, (Text(certificate_text(plan)), sds, pose_table(plan), view))
+    return Section(title, (Text(certificate_text(plan)), *map(Text, notes), sds, pose_table(plan), view))

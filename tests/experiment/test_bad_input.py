@@ -184,7 +184,13 @@ EXPERIMENTS: dict[str, tuple[Edit, tuple[str, ...]]] = {
     "limits the wrong way": (
         replace("of: wrist_centre", "joint_limits_deg: {joint_2: [9, 1]}"), ("joint_2 must be [lower, upper]",),
     ),
-    "two open loads": (replace(", poses: 3", ""), ("two loads leave out `poses`",)),
+    "both numbers": (
+        replace(", poses: 3", ", poses: 3, poses_min: 2"), ("poses_min must be 1 or more, and goes without",)
+    ),
+    "no cost": (replace(", poses: 3", ", poses: 3, cost: 0"), ("a cost is a positive number",)),
+    "values outside": (
+        replace("z_min_m: 0.5", "z_min_m: 0.5, joint_values_deg: {joint_2: [200]}"), ("joint_values of joint_2",)
+    ),
     "a load twice": (replace("weight_and_side_pull", "weight"), ("load 'weight' stands here twice",)),
     "a zero load": (replace("fz_N: -4000", "fz_N: 0"), ("load 'weight' is zero", "fx_N")),
     "noise without unit": (replace("sigma_mm", "sigma"), ("line 7", "'sigma'", "sigma_mm, sigma_m")),

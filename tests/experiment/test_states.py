@@ -206,7 +206,8 @@ def test_an_experiment_without_a_load_reads_unloaded_states_only(tmp_path: Path)
     head = "pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,"
     states = tmp_path / "states.csv"
     states.write_text(head + "marker,state,x_mm,y_mm,z_mm\nA,0,0,0,0,0,0,tool,unloaded,1,2,3\n")
-    assert is_states(states) and len(read_states(states, experiment).use) == 1
+    assert is_states(states)
+    assert len(read_states(states, experiment).use) == 1
     loaded = tmp_path / "loaded.csv"
     loaded.write_text(head + "fx_N,fy_N,fz_N,marker,state,x_mm,y_mm,z_mm\nA,0,0,0,0,0,0,0,0,-9,tool,loaded,1,2,3\n")
     displaced = tmp_path / "displaced.csv"

@@ -1,0 +1,115 @@
+"""`qsf design`: what the command reads, prints and writes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from qsframework.cli.commands import distinct_outputs, write_json
+from qsframework.cli.progress import print_table, progress
+from qsframework.design import (
+    Wish,
+    design,
+    equivalent_poses,
+    generate_candidates,
+    grid_candidates,
+    joint_sd,
+    read_candidates,
+)
+from qsframework.design.candidates import Candidates
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, Plan, Readings, load_experiment, read_plan, read_readings, write_plan
+from qsframework.information import promised_sd
+from qsframework.report import certificate_text, plan_section, provenance_section, sd_table, write_report
+
+Tell = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class DesignFiles:
+    """The files of one design; candidates: a number, grid:LEVELS or a file of poses."""
+
+    experiment: Path
+    candidates: str
+    taken: tuple[Path, ...]
+    test_poses: Path | None
+    output: Path
+    json: Path | None
+    report: Path | None
+
+    def inputs(self) -> list[Path]:
+        named = [Path(self.candidates)] if Path(self.candidates).is_file() else []
+        return [self.experiment, *self.taken, *named, *([self.test_poses] if self.test_poses else [])]
+
+
+def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int) -> None:
+    """Design, write plan.csv and plan.json, print the promise of the plan."""
+    experiment = load_experiment(files.experiment)
+    distinct_outputs([files.output, files.output.with_suffix(".json"), files.json, files.report], files.inputs())
+    taken = [_taken(path, experiment) for path in files.taken]
+    test = None if files.test_poses is None else read_plan(files.test_poses, experiment).poses
+    with progress() as tell:
+        found = find_candidates(files.candidates, experiment, seed, tell)
+        plan = design(experiment, poses, candidates=found, seed=seed, progress=tell, wish=wish, test_poses=test,
+                      taken=taken)  # fmt: skip
+    write_plan(files.output, plan, experiment)
+    sds = {"this plan": promised_sd(experiment, plan)}
+    if taken:
+        sds["with what was taken"] = joint_sd(experiment, [plan, *taken])
+    table = sd_table(experiment.fit_parameters(), sds)
+    print(found.words())
+    print_table(table.header, table.rows)
+    for line in (certificate_text(plan), *tip_words(plan), *twin_words(experiment, plan)):
+        print(line)
+    print(f"plan: {files.output}")
+    print(f"next: measure each pose unloaded, then loaded, or try it: qsf simulate {files.experiment} {files.output}")
+    if files.json is not None:
+        certificate = plan.certificate.as_json() if plan.certificate else None
+        write_json(files.json, {"plan": str(files.output), "certificate": certificate, "candidates": found.words()})
+    if files.report is not None:
+        notes = (found.words(), *tip_words(plan), *twin_words(experiment, plan))
+        sections = (
+            plan_section(experiment, plan, table, "Plan", notes),
+            provenance_section(experiment.model().effects, files.inputs(), seed),
+        )
+        print(f"report: {write_report(files.report, f'Measurement plan: {experiment.robot.title}', sections)}")
+
+
+def find_candidates(words: str, experiment: Experiment, seed: int, tell: Tell) -> Candidates:
+    """Candidates from a number, `grid:LEVELS`, or a file of poses."""
+    if words.isdigit() and int(words) > 0:
+        return generate_candidates(experiment, int(words), seed, lambda i, n: tell("candidate poses", i, n))
+    if words.startswith("grid:") and words[5:].isdigit():
+        return grid_candidates(experiment, int(words[5:]), lambda i, n: tell("candidate poses", i, n))
+    if Path(words).suffix == ".csv":
+        return read_candidates(experiment, Path(words))
+    raise InputError(f"--candidates {words}: give a number, grid:LEVELS (grid:5) or a .csv file of poses")
+
+
+def _taken(path: Path, experiment: Experiment) -> Plan | Readings:
+    """Readings or a plan: readings have a column `marker`."""
+    from qsframework.files import read_text
+
+    lines = [line for line in read_text(path).splitlines() if line.strip() and not line.startswith("#")]
+    header = lines[0].split(",") if lines else []
+    return read_readings(path, experiment) if "marker" in [h.strip() for h in header] else read_plan(path, experiment)
+
+
+def tip_words(plan: Plan) -> list[str]:
+    """What the criterion I or G says in millimetres."""
+    c = plan.certificate
+    if c is None or c.criterion not in ("I", "G"):
+        return []
+    size = 1e3 * float(np.sqrt(c.value))
+    which = "root mean square" if c.criterion == "I" else "largest"
+    return [
+        f"after compensation with a fit of this plan the tip is known to {size:.4f} mm ({which} over the test poses)"
+    ]
+
+
+def twin_words(experiment: Experiment, plan: Plan) -> list[str]:
+    """Poses of the plan that tell the same."""
+    return [f"{t.first} and {t.second} tell the same: {t.symmetry}" for t in equivalent_poses(experiment, plan)]

@@ -1,0 +1,60 @@
+"""The criteria by name, made for an experiment: which parameters are of interest, which test poses count."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from qsframework.design.criteria import Criterion, Determinant, Linear, Sum
+from qsframework.design.minimax import Largest, SmallestEigenvalue
+from qsframework.errors import InputError, Problem, nearest
+from qsframework.plugin import Array
+
+CRITERIA: dict[str, Criterion] = {
+    "D": Determinant(),
+    "A": Linear(),
+    "O3": Sum(((0.5, Linear()), (0.5, Determinant()))),
+    "E": SmallestEigenvalue(),
+}
+"""The criteria that need nothing besides the information matrix."""
+TITLES: dict[str, str] = {
+    "I": "mean variance of the tip after compensation, over the test poses",
+    "G": "largest variance of the tip after compensation, over the test poses",
+    **{name: criterion.title for name, criterion in CRITERIA.items()},
+    "Ds": "det of the covariance of the parameters of interest",
+    "L": "sum of the variances of the scaled parameters of interest",
+}
+
+
+def check_criterion(name: str) -> str:
+    """The name itself, or an InputError that lists the criteria."""
+    if name not in TITLES:
+        raise InputError(Problem(f"unknown criterion {name!r}", allowed=", ".join(TITLES), hint=nearest(name, TITLES)))
+    return name
+
+
+def find_criterion(
+    name: str, interest: Sequence[int] = (), parameters: int = 0, test_rows: Array | None = None
+) -> Criterion:
+    """The criterion of a name; an InputError lists them.
+
+    interest: positions, among `parameters` parameters, that Ds and L speak of; test_rows (J, 3, p): sensitivity
+    of the tip at J test poses per unit of each scaled parameter, m, for I and G
+    """
+    check_criterion(name)
+    if name in CRITERIA:
+        return CRITERIA[name]
+    if name in ("Ds", "L"):
+        if not len(interest):
+            raise InputError(f"criterion {name} needs the parameters of interest: --interest NAME")
+        if name == "Ds":
+            return Determinant("Ds", TITLES["Ds"], tuple(interest))
+        chosen = np.isin(np.arange(parameters), interest).astype(float)
+        return Linear("L", TITLES["L"], np.diag(chosen))
+    if test_rows is None or not len(test_rows):
+        raise InputError(f"criterion {name} needs test poses")
+    if name == "I":
+        flat = test_rows.reshape(-1, test_rows.shape[-1])
+        return Linear("I", TITLES["I"], flat.T @ flat / len(test_rows), depends_on_scale=False)
+    return Largest(test_rows, title=TITLES["G"])

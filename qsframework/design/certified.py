@@ -1,0 +1,154 @@
+"""The relaxed design of a problem, certified over all its candidates: by column generation, or by cvxpy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from qsframework.design.columns import Relaxed, make_task, solve_columns
+from qsframework.design.minimax import Robust
+from qsframework.design.problem import Problem, allowed_designs
+from qsframework.design.relaxed import relax
+from qsframework.errors import InputError, NotCertified
+from qsframework.information import Allowed, bound_of, scores
+from qsframework.information.rows import Rows, ScaledRows, gathered_information
+from qsframework.plugin import Array
+
+STARTS = 10
+MOST_FOR_CVXPY = 5000
+_AIM = {False: 1.0 - 1e-6, True: 1.0 - 1e-5}
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What is asked of a plan besides the number of its poses.
+
+    criterion and the parameters of interest (Ds, L); repeats: a pose may be measured more than once;
+    efficiency: what the relaxed design must be certified for; prior: the parameters' stated sds count as
+    readings; samples, worst: the criterion's mean (or worst) over so many draws of the parameters;
+    budget: total cost instead of a number of poses; solver: "columns", or "cvxpy" as the reference
+    """
+
+    criterion: str = "I"
+    interest: tuple[str, ...] = ()
+    repeats: bool = False
+    efficiency: float = 0.9999
+    prior: bool = False
+    samples: int = 1
+    worst: bool = False
+    budget: float | None = None
+    solver: str = "columns"
+    starts: int = STARTS
+    polish: bool = True
+
+
+def relaxed_design(
+    problem: Problem, rule: Robust, wish: Wish, seed: int, tell: Callable[[float], None]
+) -> tuple[Relaxed, tuple[int | None, ...]]:
+    """The relaxed design, and how many poses each load gets where that is fixed.
+
+    A load whose share falls below what it needs at least is fixed there and the rest is solved again;
+    the bound then allows every design that keeps the minimum.
+    """
+    fixed = problem.counts
+    while True:
+        allowed = allowed_designs(problem, fixed, _cap(problem, wish))
+        relaxed = _solve(problem, rule, wish, allowed, seed, tell)
+        share = (
+            np.bincount(problem.load(relaxed.index), relaxed.weights, len(problem.loads))
+            * problem.total
+            / problem.prices
+        )
+        short = [g for g, m in enumerate(problem.least) if fixed[g] is None and m and share[g] < m - 1e-6]
+        if not short:
+            break
+        fixed = tuple(problem.least[g] if g in short else c for g, c in enumerate(fixed))
+    bound = min(relaxed.efficiency, _free_bound(problem, relaxed, fixed, wish))
+    if bound < wish.efficiency:
+        raise NotCertified(
+            f"the relaxed design is certified for an efficiency of {bound:.6f}, asked for {wish.efficiency:g}"
+        )
+    return replace(relaxed, efficiency=bound), fixed
+
+
+def _cap(problem: Problem, wish: Wish) -> float:
+    """The largest weight of a candidate: 1 / n where it may be measured once only."""
+    return np.inf if wish.repeats or wish.budget is not None else 1.0 / problem.total
+
+
+def _priced(problem: Problem, wish: Wish) -> Rows:
+    """Rows per unit of cost where there is a budget, else as they are."""
+    if not problem.priced:
+        return problem.rows
+    return ScaledRows(problem.rows, 1.0 / np.sqrt(problem.prices[problem.load(np.arange(len(problem.rows)))]))
+
+
+def _free_bound(problem: Problem, relaxed: Relaxed, fixed: tuple[int | None, ...], wish: Wish) -> float:
+    """The bound over designs that give each load at least its minimum, where a minimum was made a number."""
+    if fixed == problem.counts:
+        return 1.0
+    size, total = problem.per_load, problem.total
+    slope, values = relaxed.expansion.slope, relaxed.scores
+    best = float((problem.prior / total * slope).sum())
+    cap = min(_cap(problem, wish), 1.0)
+    room, rest = np.full(len(values), cap), 1.0
+    for g, count in enumerate(problem.counts):
+        mine = slice(g * size, (g + 1) * size)
+        need = (count if count is not None else problem.least[g]) * float(problem.prices[g]) / total
+        best += _fill(values[mine], room[mine], need)
+        room[mine] = 0.0 if count is not None else room[mine]
+        rest -= need
+    best += _fill(values, room, rest)
+    return min(relaxed.expansion.factor / best, 1.0)
+
+
+def _fill(values: Array, room: Array, need: float) -> float:
+    """Largest sum of w_i values_i with sum of w = need and w <= room; the room that it takes is gone afterwards."""
+    total = 0.0
+    for i in np.argsort(-values):
+        if need <= 1e-12:
+            break
+        taken = min(need, float(room[i]))
+        total, need = total + taken * float(values[i]), need - taken
+        room[i] -= taken
+    return total
+
+
+def _solve(
+    problem: Problem, rule: Robust, wish: Wish, allowed: Allowed, seed: int, tell: Callable[[float], None]
+) -> Relaxed:
+    trouble = allowed.problems(len(problem.rows))
+    if trouble:
+        raise InputError(f"too few candidates: {trouble}; allow repeats or take more candidates")
+    prior = problem.prior / problem.total
+    if wish.solver == "cvxpy" and wish.budget is None:
+        return _by_cvxpy(problem, rule, allowed, prior)
+    if wish.solver != "columns":
+        raise InputError(f"unknown solver {wish.solver!r}; known are columns, cvxpy")
+    task = make_task(_priced(problem, wish), rule, allowed, prior if prior.any() else None)
+    rng = np.random.default_rng(seed)
+    try:
+        return solve_columns(task, rng, max(_AIM[rule.kinked], wish.efficiency), tell)
+    except NotCertified:
+        return solve_columns(task, rng, wish.efficiency, tell)
+
+
+def _by_cvxpy(problem: Problem, rule: Robust, allowed: Allowed, prior: Array) -> Relaxed:
+    """The reference: the convex programme as it is written, and its certificate over all candidates."""
+    if len(problem.rows) > MOST_FOR_CVXPY:
+        raise InputError(f"cvxpy takes up to {MOST_FOR_CVXPY} candidates, here are {len(problem.rows)}")
+    rows = problem.rows.take(np.arange(len(problem.rows)))
+    weights = relax(rows, rule, allowed, prior if prior.any() else None)
+    M = prior + gathered_information(problem.rows, np.flatnonzero(weights), weights[weights > 0])
+    best: Relaxed | None = None
+    for mu in (1e-9, 1e-7, 1e-5, 1e-4, 1e-3) if rule.kinked else (1e-9,):  # the dual of a kinked criterion is found
+        expansion = rule.expansion(M, mu)
+        values = scores(problem.rows, expansion.slope)
+        bound = bound_of(values, allowed, expansion.factor, float((prior * expansion.slope).sum()))
+        if best is None or bound > best.efficiency:
+            index = np.flatnonzero(weights)
+            best = Relaxed(index, weights[index], M, expansion, bound, values, 1.0)
+    assert best is not None
+    return best

@@ -1,0 +1,286 @@
+"""Relaxed designs at any size, by column generation.
+
+Few candidates carry weight. So a small problem over some of them is solved by an interior point method,
+its slope scores the others in one pass, the worst violators join it, and candidates that carry next to
+nothing leave. Random subsets come first, then the best sixteenth of all, and a full pass certifies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from qsframework.design.criteria import Expansion
+from qsframework.design.interior import Small, Solved, moments_of, solve_small
+from qsframework.design.minimax import Robust
+from qsframework.errors import NotCertified
+from qsframework.information.certificate import Allowed, bound_of, deletable
+from qsframework.information.rows import Rows, block_scores, root, scores
+from qsframework.plugin import Array, Indices
+
+_FIRST = 4096
+_SHORTLIST = 16
+_ROUNDS = 60
+_SUBSET_EFFICIENCY = 0.9
+_GOAL = 1e-7
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Relaxed:
+    """Weights of the candidates that carry any: indices and weights (m,), M (S, p, p), certified efficiency.
+
+    scores (N,) are <G, M_i> of all candidates at the last full pass; passes counts them, subsets as fractions
+    """
+
+    index: Indices
+    weights: Array
+    information: Array
+    expansion: Expansion
+    efficiency: float
+    scores: Array
+    passes: float
+
+    def spread(self, count: int) -> Array:
+        """The weights as (N,)."""
+        out = np.zeros(count)
+        out[self.index] = self.weights
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What to solve: rows of N candidates, the group of each (N,), the allowed designs, information M0 (S, p, p)."""
+
+    rows: Rows
+    label: npt.NDArray[np.int16]
+    allowed: Allowed
+    criterion: Robust
+    prior: Array
+
+    @property
+    def shares(self) -> Array:
+        return np.array(self.allowed.shares)
+
+    def within(self, index: Indices) -> Allowed:
+        """The allowed designs over some candidates."""
+        labels = self.label[index]
+        groups = tuple(np.flatnonzero(labels == g) for g in range(len(self.allowed.shares)))
+        return Allowed(groups, self.allowed.shares, self.allowed.cap)
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """The candidates of the small problem, their rows, and its solution."""
+
+    index: Indices
+    block: Array
+    solved: Solved
+
+
+def solve_columns(
+    task: Task, rng: np.random.Generator, efficiency: float = 1.0 - 1e-6, progress: Progress | None = None
+) -> Relaxed:
+    """The relaxed design, certified over all candidates; NotCertified where `efficiency` cannot be reached."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1, user_api="blas"):
+        return _solve_columns(task, rng, efficiency, progress)
+
+
+def _solve_columns(task: Task, rng: np.random.Generator, efficiency: float, progress: Progress | None) -> Relaxed:
+    tell = progress or (lambda _: None)
+    goal = min(1.0 - efficiency, 0.1)
+    state, passes = _from_subsets(task, rng, goal, tell)
+    bound, best, before = 0.0, 0.0, -1.0
+    values = np.zeros(len(task.rows))
+    for _ in range(20):
+        values = scores(task.rows, state.solved.expansion.slope)
+        passes += 1.0
+        bound = _bound(task, state, values, task.allowed)
+        tell(bound)
+        best = max(best, bound)
+        if bound >= efficiency or (best <= before and len(state.index) == len(task.rows)):
+            break
+        before = best
+        pool = _shortlist(task, state, values)
+        state, used = _improve(task, pool, state, 0.3 * goal)
+        passes += used
+    if bound < efficiency:
+        raise NotCertified(
+            f"the design reached a certified {task.criterion.name}-efficiency of {bound:.7g}, asked for "
+            f"{efficiency:.7g}; ask for less, or leave out parameters that the candidates hardly tell"
+        )
+    return _result(task, state, bound, values, passes)
+
+
+def _result(task: Task, state: Columns, bound: float, values: Array, passes: float) -> Relaxed:
+    w = state.solved.weights
+    M = task.prior + np.tensordot(w, moments_of(state.block), 1)
+    return Relaxed(state.index, w, M, state.solved.expansion, bound, values, passes)
+
+
+def _bound(task: Task, state: Columns, values: Array, allowed: Allowed) -> float:
+    expansion = state.solved.expansion
+    return bound_of(values, allowed, expansion.factor, float((task.prior * expansion.slope).sum()))
+
+
+def _from_subsets(task: Task, rng: np.random.Generator, goal: float, tell: Progress) -> tuple[Columns, float]:
+    """Nested random subsets, each solved to a moderate efficiency: a start that costs a tenth of a pass."""
+    count = len(task.rows)
+    order = _sample(task, rng, count)
+    size = min(_FIRST, count)
+    passes = 0.0
+    state: Columns | None = None
+    while True:
+        pool = np.sort(order[:size])
+        last = size == len(order)
+        target = 0.3 * goal if size == count else 1.0 - _SUBSET_EFFICIENCY
+        state, used = _improve(task, pool, state or _first(task, pool, rng), target)
+        passes += used
+        tell(0.0)
+        if last:
+            return state, passes
+        size = min(size * _SHORTLIST, len(order))
+
+
+def _sample(task: Task, rng: np.random.Generator, count: int) -> Indices:
+    """A random order of a sixteenth of the candidates (all, where there are few), every group taking part."""
+    if count <= _FIRST:
+        return np.arange(count)
+    wanted = max(_FIRST, count // _SHORTLIST)
+    parts = []
+    for g in range(len(task.allowed.shares)):
+        members = task.allowed.groups[g]
+        size = len(range(*members.indices(count))) if isinstance(members, slice) else len(members)
+        take = min(size, max(64, wanted * size // count))
+        picks = rng.choice(size, take, replace=False)
+        parts.append(picks + members.start if isinstance(members, slice) else members[picks])
+    return rng.permutation(np.concatenate(parts))
+
+
+def _first(task: Task, pool: Indices, rng: np.random.Generator) -> Columns:
+    """Some candidates of every group with which M is regular: random ones, then the pool's most independent."""
+    p = task.rows.parameters
+    picks = []
+    for g, share in enumerate(task.allowed.shares):
+        members = np.flatnonzero(task.label[pool] == g)
+        need = 4 * p if not np.isfinite(task.allowed.cap) else max(4 * p, int(2 * share / task.allowed.cap) + 4)
+        picks.append(rng.choice(members, min(len(members), need), replace=False) if share > 0 else members[:0])
+    chosen = np.unique(np.concatenate(picks))
+    block = task.rows.take(pool)
+    chosen = np.union1d(chosen, _independent(block, np.isin(task.label[pool], np.flatnonzero(task.shares))))
+    index = pool[chosen]
+    return _solve(task, index, block[chosen], None, 1.0 - _SUBSET_EFFICIENCY)
+
+
+def _independent(block: Array, useful: npt.NDArray[np.bool_]) -> Indices:
+    """Candidates whose rows a pivoted QR picks first in every scenario."""
+    import scipy.linalg
+
+    found: set[int] = set()
+    k = block.shape[2]
+    members = np.flatnonzero(useful)
+    for s in range(block.shape[1]):
+        flat = block[members, s].reshape(-1, block.shape[-1])
+        norms = np.linalg.norm(flat, axis=0)
+        scaled = (flat / np.where(norms > 0, norms, 1.0)).T
+        pivots = scipy.linalg.qr(scaled, mode="economic", pivoting=True)[-1]
+        found |= {int(members[i // k]) for i in pivots[: 2 * block.shape[-1]]}
+    return np.array(sorted(found))
+
+
+def _solve(task: Task, index: Indices, block: Array, start: Array | None, gap: float) -> Columns:
+    small = Small(moments_of(block), task.label[index].astype(np.intp), task.shares, task.allowed.cap, task.prior)
+    return Columns(index, block, solve_small(small, task.criterion, gap, start))
+
+
+def _improve(task: Task, pool: Indices, state: Columns, gap: float) -> tuple[Columns, float]:
+    """Solve over a pool of candidates until its own bound leaves `gap`; passes over all that this cost."""
+    block = task.rows.take(pool)
+    allowed = task.within(pool)
+    share = len(pool) / len(task.rows)
+    passes = share
+    inner = 0.3
+    for _ in range(_ROUNDS):
+        slope = state.solved.expansion.slope
+        values = block_pass(block, slope)
+        passes += share
+        open_gap = 1.0 - _bound(task, state, values, allowed)
+        if open_gap <= gap:
+            break
+        joining = _violators(task, pool, state, values)
+        if not len(joining) and inner < 1e-3 * gap:
+            break
+        inner = min(inner, 0.1 * open_gap) if len(joining) else 0.1 * min(inner, open_gap)
+        state = _renewed(task, pool, block, state, joining, max(inner, 0.1 * gap if gap > 0 else _GOAL * 0.01))
+    return state, passes
+
+
+def block_pass(block: Array, slope: Array) -> Array:
+    """Scores (n,) of rows in memory."""
+    from qsframework.information.rows import HeldRows
+
+    return scores(HeldRows(block), slope)
+
+
+def _violators(task: Task, pool: Indices, state: Columns, values: Array) -> Indices:
+    """Positions in the pool of up to 4 p candidates, of all groups, that improve the design most."""
+    excess = values / np.maximum(state.solved.multipliers, 1e-300)[task.label[pool]] - 1.0
+    excess[task.shares[task.label[pool]] <= 0] = -1.0
+    excess[np.isin(pool, state.index)] = -1.0
+    wanted = min(4 * task.rows.parameters, len(pool))
+    top = np.argpartition(-excess, wanted - 1)[:wanted]
+    return top[excess[top] > 1e-12]
+
+
+def _renewed(task: Task, pool: Indices, block: Array, state: Columns, joining: Indices, gap: float) -> Columns:
+    """The small problem without candidates that carry next to nothing, with those that join."""
+    solved = state.solved
+    ratio = solved.scores / np.maximum(solved.multipliers, 1e-300)[task.label[state.index]]
+    # the slope of a criterion with kinks jumps: a candidate that leaves may be asked back for ever
+    kinked = task.criterion.kinked
+    stays = ratio > 0.3 if kinked else solved.weights * task.rows.parameters >= 1.0 - ratio
+    for g, share in enumerate(task.allowed.shares):  # a group keeps what its share needs
+        mine = np.flatnonzero(task.label[state.index] == g)
+        if share > 0 and not stays[mine].any():
+            stays[mine[np.argmax(solved.weights[mine])]] = True
+    if np.isfinite(task.allowed.cap):
+        stays |= solved.weights > 1e-9 * task.allowed.cap
+    index = np.concatenate([state.index[stays], pool[joining]])
+    rows = np.concatenate([state.block[stays], block[joining]])
+    start = np.concatenate([solved.weights[stays], np.zeros(len(joining))])
+    for g, share in enumerate(task.allowed.shares):
+        mine = task.label[index] == g
+        total = start[mine].sum()
+        start[mine] = start[mine] * share / total if total > 0 else share / max(mine.sum(), 1)
+    return _solve(task, index, rows, start, gap)
+
+
+def _shortlist(task: Task, state: Columns, values: Array) -> Indices:
+    """The best sixteenth of all candidates, less those that no optimal design uses, with the present ones."""
+    count = len(values)
+    size = min(count, max(_FIRST, count // _SHORTLIST))
+    merit = values / np.maximum(state.solved.multipliers, 1e-300)[task.label] if len(task.shares) > 1 else values
+    top = np.argpartition(-merit, size - 1)[:size] if size < count else np.arange(count)
+    plain = len(task.shares) == 1 and not np.isfinite(task.allowed.cap) and task.rows.scenarios == 1
+    if plain and task.criterion.name == "D" and not task.prior.any():
+        top = top[~deletable(values, task.rows.parameters)[top]]
+    return np.union1d(top, state.index)
+
+
+def make_task(rows: Rows, criterion: Robust, allowed: Allowed, prior: Array | None = None) -> Task:
+    """A task; InputError-free: shapes are the caller's concern, groups must cover what carries a share."""
+    count, p = len(rows), rows.parameters
+    label = np.zeros(count, dtype=np.int16)
+    for g, members in enumerate(allowed.groups):
+        label[members] = g
+    before = np.zeros((rows.scenarios, p, p)) if prior is None else prior
+    cap = allowed.cap if allowed.cap < max(allowed.shares) else np.inf
+    return Task(rows, label, Allowed(allowed.groups, allowed.shares, cap), criterion, before)
+
+
+__all__ = ["Relaxed", "Task", "block_scores", "make_task", "root", "solve_columns"]

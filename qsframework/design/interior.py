@@ -1,0 +1,272 @@
+"""The small problem of a relaxed design: a primal-dual interior point method on some hundred candidates.
+
+minimise log psi(M0 + sum w_i M_i)   with   sum of w_i over each group = its share,  0 <= w_i <= cap
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from qsframework.design.criteria import Expansion
+from qsframework.design.minimax import Robust
+from qsframework.information import Allowed, bound_of
+from qsframework.plugin import Array, Indices
+
+_ITERATIONS = 80
+
+
+@dataclass(frozen=True, eq=False)
+class Small:
+    """m candidates: M_i (m, S, p, p), the group of each (m,), shares (g,), cap, information M0 (S, p, p)."""
+
+    moments: Array
+    label: Indices
+    shares: Array
+    cap: float
+    prior: Array
+
+    def information(self, weights: Array) -> Array:
+        """M0 + sum w_i M_i, (S, p, p)."""
+        return self.prior + np.tensordot(weights, self.moments, 1)
+
+    def scores(self, slope: Array) -> Array:
+        """<G, M_i> (m,)."""
+        return self.moments.reshape(len(self.moments), -1) @ slope.ravel()
+
+    def uniform(self) -> Array:
+        counts = np.bincount(self.label, minlength=len(self.shares))
+        return self.shares[self.label] / counts[self.label]
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """Weights (m,), the multiplier of each group, and the expansion there.
+
+    A candidate outside with a score above the multiplier of its group would improve the design.
+    """
+
+    weights: Array
+    multipliers: Array
+    expansion: Expansion
+    scores: Array
+    mu: float
+
+
+def moments_of(block: Array) -> Array:
+    """M_i = A_i' A_i (m, S, p, p) of rows (m, S, k, p)."""
+    return np.swapaxes(block, -1, -2) @ block
+
+
+def curvature(small: Small, expansion: Expansion) -> Array:
+    """Second derivatives (m, m) of log psi in the weights."""
+    count = len(small.moments)
+    flat = small.moments.reshape(count, -1)
+    H = np.zeros((count, count))
+    for c, P, Q in expansion.pairs:
+        H += c * ((P @ small.moments @ Q).reshape(count, -1) @ flat.T)
+    if expansion.ranks:
+        V = flat @ np.stack([v.ravel() for _, v in expansion.ranks]).T
+        H += (V * np.array([c for c, _ in expansion.ranks])) @ V.T
+    return 0.5 * (H + H.T)
+
+
+@dataclass(eq=False)
+class _Point:
+    """Primal and dual variables of the method; changed in place by its steps."""
+
+    w: Array
+    z: Array
+    y: Array
+    nu: Array
+    mu: float
+
+
+def solve_small(small: Small, criterion: Robust, gap: float, start: Array | None = None) -> Solved:
+    """Weights whose relative gap over the m candidates is at most `gap`, or as near as float64 gets.
+
+    start (m,) are weights to begin near; a share of the uniform design is mixed in.
+    """
+    if criterion.kinked:
+        return solve_kinked(small, criterion, gap, start)
+    point = _start(small, start)
+    best: Solved | None = None
+    best_gap = np.inf
+    for _ in range(_ITERATIONS):
+        expansion = criterion.expansion(small.information(point.w), max(point.mu, 1e-13))
+        scores = small.scores(expansion.slope)
+        reached = _gap(small, expansion, scores)
+        if best is None or reached < best_gap:
+            best, best_gap = Solved(point.w.copy(), point.nu.copy(), expansion, scores, point.mu), reached
+        if best_gap <= gap or point.mu < 1e-15:
+            break
+        if not _step(small, point, scores, curvature(small, expansion)):
+            break
+    assert best is not None
+    return best
+
+
+def _start(small: Small, start: Array | None) -> _Point:
+    uniform = small.uniform()
+    w = uniform if start is None else 0.7 * start + 0.3 * uniform
+    w = np.minimum(w, 0.5 * (small.cap + np.minimum(uniform, small.cap))) if np.isfinite(small.cap) else w
+    mu = 0.3 / len(w)
+    z = mu / w
+    y = mu / (small.cap - w) if np.isfinite(small.cap) else np.zeros(len(w))
+    return _Point(w, z, y, np.ones(len(small.shares)), mu)
+
+
+def _gap(small: Small, expansion: Expansion, scores: Array) -> float:
+    """1 - certified efficiency over the m candidates."""
+    groups = tuple(np.flatnonzero(small.label == g) for g in range(len(small.shares)))
+    allowed = Allowed(groups, tuple(small.shares), small.cap)
+    return 1.0 - bound_of(scores, allowed, expansion.factor, float((small.prior * expansion.slope).sum()))
+
+
+@dataclass(frozen=True, eq=False)
+class _System:
+    """The linear system of one step, factored: K = H + z / w + y / room, and the residuals."""
+
+    point: _Point
+    room: Array
+    capped: bool
+    factor: Any
+    E: Array
+    KE: Array
+    stationarity: Array
+    feasibility: Array
+
+    def direction(self, target_w: Array, target_y: Array) -> tuple[Array, Array, Array, Array]:
+        """Steps of w, nu, z, y towards w z = target_w and room y = target_y."""
+        import scipy.linalg
+
+        w, z, y = self.point.w, self.point.z, self.point.y
+        rhs = -self.stationarity + target_w / w - z - ((target_y / self.room - y) if self.capped else 0.0)
+        base = scipy.linalg.cho_solve(self.factor, rhs, check_finite=False)
+        dnu = np.linalg.solve(self.E @ self.KE, self.E @ base + self.feasibility)
+        dw = base - self.KE @ dnu
+        dz = (target_w - z * dw) / w - z
+        dy = (target_y + y * dw) / self.room - y if self.capped else np.zeros(len(w))
+        return dw, dnu, dz, dy
+
+
+def _system(small: Small, point: _Point, scores: Array, H: Array) -> _System:
+    import scipy.linalg
+
+    capped = bool(np.isfinite(small.cap))
+    room = small.cap - point.w if capped else np.ones(len(point.w))
+    H[np.diag_indices_from(H)] += point.z / point.w + (point.y / room if capped else 0.0)
+    E = (small.label[None, :] == np.arange(len(small.shares))[:, None]).astype(float)
+    factor = scipy.linalg.cho_factor(H, lower=True, check_finite=False)
+    KE = scipy.linalg.cho_solve(factor, E.T, check_finite=False)
+    stationarity = -scores - point.z + point.y + E.T @ point.nu
+    return _System(point, room, capped, factor, E, KE, stationarity, E @ point.w - small.shares)
+
+
+def _step(small: Small, point: _Point, scores: Array, H: Array) -> bool:
+    """One predictor-corrector step; False where the linear system cannot be solved any more."""
+    try:
+        system = _system(small, point, scores, H)
+    except (np.linalg.LinAlgError, ValueError):
+        return False
+    w, z, y, room, capped = point.w, point.z, point.y, system.room, system.capped
+    zero = np.zeros(len(w))
+    dw, dnu, dz, dy = system.direction(zero, zero)
+    reach = _reach(point, room, dw, dz, dy, capped)
+    pairs = 2 * len(w) if capped else len(w)
+    after = float((w + reach * dw) @ (z + reach * dz))
+    after += float((room - reach * dw) @ (y + reach * dy)) if capped else 0.0
+    sigma = min(max((max(after / pairs, 0.0) / point.mu) ** 2, 1e-4), 0.5)
+    target = sigma * point.mu
+    dw, dnu, dz, dy = system.direction(target - dw * dz, target + dw * dy if capped else zero)
+    reach = min(1.0, 0.99 * _reach(point, room, dw, dz, dy, capped))
+    point.w, point.z, point.nu = w + reach * dw, z + reach * dz, point.nu + reach * dnu
+    point.y = y + reach * dy if capped else y
+    total = float(point.w @ point.z) + (float((small.cap - point.w) @ point.y) if capped else 0.0)
+    point.mu = total / pairs
+    return bool(np.isfinite(point.mu))
+
+
+def _reach(point: _Point, room: Array, dw: Array, dz: Array, dy: Array, capped: bool) -> float:
+    """Largest step in [0, 1] that keeps every variable positive."""
+    limits = [1.0]
+    for value, change in [(point.w, dw), (point.z, dz)] + ([(room, -dw), (point.y, dy)] if capped else []):
+        falling = change < 0
+        if falling.any():
+            limits.append(float((-value[falling] / change[falling]).min()))
+    return min(limits)
+
+
+def solve_kinked(small: Small, criterion: Robust, gap: float, start: Array | None = None) -> Solved:
+    """The same for a criterion with kinks: damped Newton steps along the path of its barrier."""
+    point = _start(small, start)
+    mu, best, best_gap = 0.1, None, np.inf
+    w = point.w
+    E = (small.label[None, :] == np.arange(len(small.shares))[:, None]).astype(float)
+    for _ in range(14):
+        for _ in range(_ITERATIONS):
+            expansion = criterion.expansion(small.information(w), mu)
+            scores = small.scores(expansion.slope)
+            try:
+                dw, nu, decrement = _newton(small, w, mu, scores, curvature(small, expansion), E)
+            except np.linalg.LinAlgError:
+                break
+            if best is None or (reached := _gap(small, expansion, scores)) < best_gap:
+                reached = _gap(small, expansion, scores)
+                best, best_gap = Solved(w, nu, expansion, scores, mu), reached
+            if decrement < 0.3 * mu:
+                break
+            moved = _searched(small, criterion, w, dw, mu, decrement)
+            if moved is None:
+                break
+            w = moved
+        if best_gap <= gap or mu < 1e-13:
+            break
+        mu *= 0.1
+    assert best is not None
+    return best
+
+
+def _newton(small: Small, w: Array, mu: float, scores: Array, H: Array, E: Array) -> tuple[Array, Array, float]:
+    """Newton step (m,) of the barrier at weights w, multipliers of the groups, squared decrement."""
+    import scipy.linalg
+
+    capped = np.isfinite(small.cap)
+    room = small.cap - w if capped else np.full(len(w), np.inf)
+    # in units of each weight the matrix is well conditioned
+    K = H * np.outer(w, w)
+    K[np.diag_indices_from(K)] += mu + mu * (w / room) ** 2
+    slope = (-scores - mu / w + mu / room) * w
+    F = E * w
+    try:
+        factor = scipy.linalg.cho_factor(K, lower=True, check_finite=False)
+    except np.linalg.LinAlgError:
+        K[np.diag_indices_from(K)] += 1e-15 * np.trace(K)
+        factor = scipy.linalg.cho_factor(K, lower=True, check_finite=False)
+    KF = scipy.linalg.cho_solve(factor, F.T, check_finite=False)
+    base = scipy.linalg.cho_solve(factor, -slope, check_finite=False)
+    nu = np.linalg.solve(F @ KF, F @ base + E @ w - small.shares)
+    relative = base - KF @ nu
+    return w * relative, nu, float(relative @ K @ relative)
+
+
+def _barrier(small: Small, criterion: Robust, w: Array, mu: float) -> float:
+    total = criterion.expansion(small.information(w), mu).height - mu * float(np.log(w).sum())
+    return total - (mu * float(np.log(small.cap - w).sum()) if np.isfinite(small.cap) else 0.0)
+
+
+def _searched(small: Small, criterion: Robust, w: Array, dw: Array, mu: float, decrement: float) -> Array | None:
+    """The first of ever shorter steps that keeps the weights inside and lowers the barrier."""
+    step = 1.0
+    inside = [float((-w[dw < 0] / dw[dw < 0]).min(initial=np.inf))]
+    if np.isfinite(small.cap):
+        inside.append(float(((small.cap - w)[dw > 0] / dw[dw > 0]).min(initial=np.inf)))
+    step = min(1.0, 0.99 * min(inside))
+    now = _barrier(small, criterion, w, mu)
+    for _ in range(30):
+        if _barrier(small, criterion, w + step * dw, mu) <= now - 0.1 * step * decrement + 1e-14 * abs(now):
+            return w + step * dw
+        step *= 0.5
+    return None

@@ -1,0 +1,174 @@
+"""Criteria with kinks, smoothed by a barrier whose weights are the dual; and criteria over several scenarios."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.design.criteria import SMOOTHING, Criterion, Expansion, covariance, mixed, regular
+from qsframework.plugin import Array
+
+
+@dataclass(frozen=True, eq=False)
+class SmallestEigenvalue(Criterion):
+    """1 / the smallest eigenvalue of M: the variance in the worst direction (E).
+
+    Smoothed by the barrier min over t of -log t - mu log det(M - t), whose P = (M - t)^-1 gives the dual.
+    """
+
+    name: str = "E"
+    title: str = "largest eigenvalue of cov, the variance in the worst direction"
+    depends_on_scale: bool = True
+    kinked: bool = True
+
+    def value(self, M: Array) -> Array:
+        good, _ = regular(M)
+        smallest = np.linalg.eigvalsh(np.where(good[..., None, None], M, np.eye(M.shape[-1])))[..., 0]
+        return np.where(np.logical_and(good, smallest > 0), 1.0 / np.where(smallest > 0, smallest, 1.0), np.inf)
+
+    def expansion(self, M: Array, mu: float = SMOOTHING) -> Expansion:
+        values, vectors = np.linalg.eigh(M)
+        gap = _below(values, mu)
+        t, above = float(values[0]) - gap, values - values[0] + gap
+        P = (vectors / above) @ vectors.T
+        twice = P @ P
+        rank = -(mu**2) / (1.0 / t**2 + mu * float(np.trace(twice)))
+        height = -float(np.log(t)) - mu * float(np.log(above).sum())
+        factor = float(values[0]) * mu * float(np.trace(P))
+        return Expansion(height, mu * P, ((mu, P, P),), ((rank, twice),), factor)
+
+
+def _below(values: Array, mu: float) -> float:
+    """Gap min(values) - t with 1 / t = mu sum 1 / (values - t), by bisection on its logarithm."""
+    smallest = float(values[0])
+    low, high = smallest * mu * 1e-3, smallest
+    for _ in range(60):
+        gap = np.sqrt(low * high)
+        crowded = mu * float((1.0 / (values - smallest + gap)).sum())
+        low, high = (gap, high) if 1.0 / (smallest - gap) < crowded else (low, gap)
+    return float(np.sqrt(low * high))
+
+
+@dataclass(frozen=True, eq=False)
+class Largest(Criterion):
+    """The largest over J test poses of trace(A_j cov A_j'), rows A_j (J, k, p): G.
+
+    Smoothed by the barrier min over u of u - mu sum log(u - log psi_j), whose weights are the dual.
+    """
+
+    rows: Array
+    name: str = "G"
+    title: str = "the largest variance after compensation over the test poses"
+    depends_on_scale: bool = False
+    kinked: bool = True
+
+    def each(self, M: Array) -> Array:
+        """psi_j (..., J) at regular M."""
+        flat = self.rows.reshape(-1, self.rows.shape[-1])
+        turned = flat @ np.linalg.inv(M)
+        return (turned * flat).reshape(*M.shape[:-2], len(self.rows), -1).sum(axis=-1)
+
+    def value(self, M: Array) -> Array:
+        good, _ = regular(M)
+        each = self.each(np.where(good[..., None, None], M, np.eye(M.shape[-1])))
+        return np.where(np.logical_and(good, (each > 0).all(axis=-1)), each.max(axis=-1), np.inf)
+
+    def expansion(self, M: Array, mu: float = SMOOTHING) -> Expansion:
+        cov = covariance(M)
+        turned = self.rows @ cov
+        values = np.einsum("jkp,jkp->j", turned, self.rows)
+        heights = np.log(values)
+        height, shares, bends = smoothed(heights, mu)
+        counted = np.flatnonzero((shares > 1e-14) | (bends > 1e-12 * bends.max()))
+        slopes = np.swapaxes(turned[counted], -1, -2) @ turned[counted] / values[counted, None, None]
+        slope = np.asarray(np.tensordot(shares[counted], slopes, 1), dtype=np.float64)
+        mean = np.asarray(np.tensordot(bends[counted], slopes, 1), dtype=np.float64) / bends.sum()
+        ranks = [(float(bends[j] - shares[j]), V) for j, V in zip(counted, slopes, strict=True)]
+        factor = float((shares[counted] * values[counted]).sum() / values.max())
+        return Expansion(height, slope, ((2.0, cov, slope),), (*ranks, (-float(bends.sum()), mean)), factor)
+
+
+def smoothed(heights: Array, mu: float) -> tuple[float, Array, Array]:
+    """The smoothed largest of heights, its weights and their rates."""
+    logs = heights - heights.max()
+    u = _above(logs, mu)
+    height = float(heights.max()) + u - mu * float(np.log(u - logs).sum())
+    shares = mu / (u - logs)
+    shares = shares / shares.sum()
+    return height, shares, shares**2 / mu
+
+
+def highest(parts: list[Expansion], values: Array, mu: float) -> Expansion:
+    """Expansion of the smoothed largest of the parts, whose true values are given, with the mixture that bounds it."""
+    height, shares, bends = smoothed(np.array([part.height for part in parts]), mu)
+    slope = np.sum([share * part.slope for share, part in zip(shares, parts, strict=True)], axis=0)
+    pairs = [(share * c, P, Q) for share, part in zip(shares, parts, strict=True) for c, P, Q in part.pairs]
+    ranks = [(share * c, V) for share, part in zip(shares, parts, strict=True) for c, V in part.ranks]
+    ranks += [(float(bend), part.slope) for bend, part in zip(bends, parts, strict=True) if bend > 1e-12 * bends.max()]
+    mean = np.sum([b * part.slope for b, part in zip(bends, parts, strict=True)], axis=0) / bends.sum()
+    factor = float((shares * values * [part.factor for part in parts]).sum() / values.max())
+    return Expansion(height, slope, tuple(pairs), (*ranks, (-float(bends.sum()), mean)), factor)
+
+
+def _above(logs: Array, mu: float) -> float:
+    """u > max(logs) with mu sum 1 / (u - logs) = 1, by bisection; logs <= 0 with maximum 0."""
+    low, high = mu * 0.5, mu * len(logs) * 2.0
+    for _ in range(100):
+        u = np.sqrt(low * high)
+        low, high = (u, high) if mu * float((1.0 / (u - logs)).sum()) > 1.0 else (low, u)
+    return float(np.sqrt(low * high))
+
+
+@dataclass(frozen=True, eq=False)
+class Robust:
+    """A criterion over S scenarios of the parameters: M is (S, p, p); the mean of psi, or its largest."""
+
+    inner: Criterion
+    worst: bool = False
+
+    @property
+    def name(self) -> str:
+        return self.inner.name
+
+    @property
+    def kinked(self) -> bool:
+        return self.worst or self.inner.kinked
+
+    def values(self, M: Array) -> Array:
+        """psi (..., S) of each scenario."""
+        return self.inner.value(M)
+
+    def value(self, M: Array) -> Array:
+        """psi of (..., S, p, p): mean or largest over the scenarios."""
+        each = self.inner.value(M)
+        return each.max(axis=-1) if self.worst else each.mean(axis=-1)
+
+    def with_one(self, M: Array, block: Array) -> Array:
+        """psi (m,) of M + A_i' A_i for the rows (m, S, k, p) of m candidates."""
+        each = np.stack([self.inner.with_one(m, block[:, s]) for s, m in enumerate(M)], axis=-1)
+        return each.max(axis=-1) if self.worst else each.mean(axis=-1)
+
+    def expansion(self, M: Array, mu: float = SMOOTHING) -> Expansion:
+        """Expansion with slopes (S, p, p)."""
+        count = len(M)
+        each = [_in_scenario(self.inner.expansion(m, mu), s, count) for s, m in enumerate(M)]
+        if count == 1:
+            return each[0]
+        values = np.atleast_1d(self.inner.value(M))
+        return highest(each, values, mu) if self.worst else mixed(each, np.zeros(count), values)
+
+
+def _in_scenario(part: Expansion, s: int, count: int) -> Expansion:
+    def spread(matrix: Array) -> Array:
+        out = np.zeros((count, *matrix.shape))
+        out[s] = matrix
+        return out
+
+    return Expansion(
+        part.height,
+        spread(part.slope),
+        tuple((c, spread(P), spread(Q)) for c, P, Q in part.pairs),
+        tuple((c, spread(V)) for c, V in part.ranks),
+        part.factor,
+    )

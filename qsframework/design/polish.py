@@ -1,0 +1,108 @@
+"""Continuous polish: the angles of a plan's poses move inside the constraints until the criterion stops falling."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from qsframework.design.candidates import check_poses, joint_range, snapped
+from qsframework.design.interior import moments_of
+from qsframework.design.minimax import Robust
+from qsframework.design.problem import Problem
+from qsframework.information.rows import block_scores, root
+from qsframework.plugin import Array, Indices, Poses
+
+_STEP = 1e-5
+_SIZES = np.array([0.3, 0.1, 0.03, 0.01, 0.003, 0.001])
+_ROUNDS = 40
+_DIGITS = (2, 3, 4, 6)
+Progress = Callable[[int, int], None]
+
+
+def polish(problem: Problem, rule: Robust, chosen: Indices, counts: Indices, progress: Progress | None = None) -> Array:
+    """Pendant angles (m, n) of m poses, measured `counts` times, rounded to 0.01 deg, no worse than they came.
+
+    Every pose climbs along its own slope of the criterion; the longest step that helps and keeps the
+    constraints is taken.
+    """
+    poses = problem.batch(chosen)
+    pendant, wrench = poses.pendant.copy(), poses.wrench
+    start = _value(problem, rule, pendant, wrench, counts)
+    value = start
+    for turn in range(_ROUNDS):
+        moved = _moved(problem, rule, pendant, wrench, counts, value)
+        if progress is not None:
+            progress(turn + 1, _ROUNDS)
+        if moved is None:
+            break
+        new = _value(problem, rule, moved, wrench, counts)
+        if new > value * (1.0 - 1e-5):
+            break
+        pendant, value = moved, new
+    rounded = _rounded(problem, pendant)
+    return rounded if _value(problem, rule, rounded, wrench, counts) <= start else pendant
+
+
+def _rounded(problem: Problem, pendant: Array) -> Array:
+    """Angles in hundredths of a degree, in finer steps for a pose that would leave the constraints."""
+    lower, upper = joint_range(problem.experiment)
+    out = pendant.copy()
+    open_ = np.ones(len(out), dtype=bool)
+    for digits in _DIGITS:
+        trial = np.clip(np.deg2rad(np.round(np.rad2deg(pendant), digits)), lower, upper)
+        good = open_ & _kept(problem, trial)
+        out[good] = trial[good]
+        open_ &= ~good
+    return out
+
+
+def _hundredths(pendant: Array) -> Array:
+    return np.deg2rad(np.round(np.rad2deg(pendant), _DIGITS[0]))
+
+
+def _batch(problem: Problem, pendant: Array, wrench: Array) -> Poses:
+    return Poses(pendant, problem.experiment.robot.controller.to_joints(pendant), wrench)
+
+
+def _value(problem: Problem, rule: Robust, pendant: Array, wrench: Array, counts: Indices) -> float:
+    M = moments_of(problem.rows_of(_batch(problem, pendant, wrench)))
+    return float(rule.value(problem.prior + np.tensordot(counts, M, 1)))
+
+
+def _kept(problem: Problem, pendant: Array) -> Array:
+    checks = check_poses(problem.experiment, problem.experiment.model(), pendant)
+    same = np.abs(snapped(problem.experiment, pendant) - pendant).max(axis=1) < 1e-9
+    return np.logical_and.reduce([*checks.values(), same])
+
+
+def _moved(
+    problem: Problem, rule: Robust, pendant: Array, wrench: Array, counts: Indices, value: float
+) -> Array | None:
+    """One pose after the other a step along its slope, each step tried against the present plan."""
+    lower, upper = joint_range(problem.experiment)
+    count, n = pendant.shape
+    M_each = moments_of(problem.rows_of(_batch(problem, pendant, wrench)))
+    M = problem.prior + np.tensordot(counts, M_each, 1)
+    roots = [root(G) for G in rule.expansion(M, 1e-3).slope]
+    shifted = pendant[:, None, None] + _STEP * np.stack([np.eye(n), -np.eye(n)], axis=1)[None]
+    rows = problem.rows_of(_batch(problem, shifted.reshape(-1, n), np.repeat(wrench, 2 * n, axis=0)))
+    ends = block_scores(rows, roots).reshape(count, n, 2)
+    slope = (ends[..., 0] - ends[..., 1]) / (2.0 * _STEP)
+    fixed = [problem.experiment.robot.facts.joint_index(j) for j in problem.experiment.constraints.joint_values]
+    slope[:, fixed] = 0.0
+    slope /= np.maximum(np.abs(slope).max(axis=1, keepdims=True), 1e-300)
+    trials = np.clip(_hundredths(pendant[:, None] + _SIZES[:, None] * slope[:, None]), lower, upper)
+    flat = trials.reshape(-1, n)
+    kept = _kept(problem, flat).reshape(count, -1)
+    moments = moments_of(problem.rows_of(_batch(problem, flat, np.repeat(wrench, len(_SIZES), axis=0))))
+    moments = moments.reshape(count, len(_SIZES), *M.shape)
+    out, changed = pendant.copy(), False
+    for i in range(count):
+        values = np.atleast_1d(rule.value(M + counts[i] * (moments[i] - M_each[i])))
+        values = np.where(kept[i], values, np.inf)
+        best = int(np.argmin(values))
+        if values[best] < value * (1.0 - 1e-7):
+            M = M + counts[i] * (moments[i, best] - M_each[i])
+            out[i], value, changed = trials[i, best], float(values[best]), True
+    return out if changed else None

@@ -1,0 +1,234 @@
+"""A design problem: every allowed pose under every load is a candidate, with its whitened rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from qsframework.design.candidates import Candidates
+from qsframework.elastostatics import Model
+from qsframework.errors import InputError, NotIdentifiable
+from qsframework.experiment import Experiment, LoadCase, Plan, Readings
+from qsframework.information import Allowed, MadeRows, RankTest, Rows, as_rows, information_rows, rank_test, scales
+from qsframework.information.rows import gathered_information
+from qsframework.plugin import Array, Indices, Poses
+
+HELD_BYTES = 4_000_000_000
+"""Rows above this size are computed again in every pass instead of being held."""
+_SAMPLE = 4096
+_TEST_POSES = 200
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """N candidates, load by load: the poses (P, n), the rows, and how many poses of the plan each load gets.
+
+    total: number of poses, or the budget; prices (loads,): what a pose under each load takes of it;
+    counts: per load, None where the loads that say no number share the rest; least: per load at least so many;
+    prior: information (S, p, p) that is there before; samples: parameter values (S, q) that the rows are taken at
+    """
+
+    experiment: Experiment
+    pendant: Array
+    loads: tuple[LoadCase, ...]
+    counts: tuple[int | None, ...]
+    least: tuple[int, ...]
+    total: float
+    prices: Array
+    names: tuple[str, ...]
+    samples: Array
+    rows: Rows
+    prior: Array
+
+    @property
+    def per_load(self) -> int:
+        return len(self.pendant)
+
+    def place(self, index: Indices) -> Indices:
+        """The pose, a row of `pendant`, of candidates."""
+        return np.asarray(index) % self.per_load
+
+    def load(self, index: Indices) -> Indices:
+        """The load of candidates."""
+        return np.asarray(index) // self.per_load
+
+    def batch(self, index: Indices) -> Poses:
+        """The candidates' angles and wrenches."""
+        pendant = self.pendant[self.place(index)]
+        wrench = np.stack([load.wrench for load in self.loads])[self.load(index)]
+        return Poses(pendant, self.experiment.robot.controller.to_joints(pendant), wrench)
+
+    def rows_of(self, poses: Poses) -> Array:
+        """Whitened scaled rows (m, S, 3 K, p) of any poses."""
+        return sample_rows(self.experiment, poses, self.names, self.samples)
+
+    @property
+    def priced(self) -> bool:
+        """Whether `total` is a budget."""
+        return bool((self.prices != 1.0).any())
+
+
+def sample_rows(experiment: Experiment, poses: Poses, names: Sequence[str], samples: Array) -> Array:
+    """Whitened rows (m, S, 3 K, p) of poses at S samples of the parameters."""
+    model, sigma = experiment.model(), experiment.noise.sigma or 1.0
+    return np.stack([information_rows(model, poses, names, sigma, x) for x in samples], axis=1)
+
+
+def make_problem(
+    experiment: Experiment,
+    candidates: Candidates | Array,
+    total: float,
+    samples: Array | None = None,
+    prior: Array | None = None,
+    budget: bool = False,
+    progress: Progress | None = None,
+) -> Problem:
+    """Every allowed pose under every load case is a candidate of its own."""
+    if not experiment.loads:
+        raise InputError(f"{experiment.path}: a design needs `loads`, for example - {{name: weight, fz_N: -4000}}")
+    if experiment.noise.sigma is None:
+        raise InputError(f"{experiment.path}: a design needs the noise, for example noise: {{sigma_mm: 0.03}}")
+    pendant = candidates.pendant if isinstance(candidates, Candidates) else np.asarray(candidates, dtype=float)
+    if not np.isfinite(pendant).all():
+        bad = ", ".join(str(i) for i in np.flatnonzero(~np.isfinite(pendant).all(axis=1))[:5])
+        raise InputError(f"candidate poses with angles that are not numbers: rows {bad}")
+    counts = tuple(load.poses for load in experiment.loads)
+    least = tuple(load.poses_min or 0 for load in experiment.loads)
+    prices = np.array([load.cost if budget else 1.0 for load in experiment.loads])
+    asked = float(prices @ [(c or 0) + m for c, m in zip(counts, least, strict=True)])
+    if budget and any(counts):
+        raise InputError("with a budget the loads say poses_min, not poses: the numbers follow from their costs")
+    if asked > total or (None not in counts and asked != total):
+        raise InputError(f"the loads ask for {asked:g} poses in all, the plan has {total:g}")
+    names = experiment.fit_names()
+    at = experiment.model().nominal[None] if samples is None else samples
+    start = np.zeros((len(at), len(names), len(names))) if prior is None else prior
+    draft = Problem(
+        experiment,
+        pendant,
+        experiment.loads,
+        counts,
+        least,
+        total,
+        prices,
+        names,
+        at,
+        as_rows(np.zeros((0, 1, 1, 1))),
+        start,
+    )
+    return replace(draft, rows=_rows(draft, progress))
+
+
+def _rows(problem: Problem, progress: Progress | None) -> Rows:
+    count = problem.per_load * len(problem.loads)
+    shape = (count, len(problem.samples), 3 * len(problem.experiment.markers), len(problem.names))
+    if 8 * np.prod(shape, dtype=float) > HELD_BYTES:
+        return MadeRows(lambda index: problem.rows_of(problem.batch(index)), shape)
+    out = np.empty(shape)
+    for start in range(0, count, 65536):
+        index = np.arange(start, min(start + 65536, count))
+        out[index[0] : index[-1] + 1] = problem.rows_of(problem.batch(index))
+        if progress is not None:
+            progress(int(index[-1]) + 1, count)
+    return as_rows(out)
+
+
+def draw_samples(model: Model, count: int, seed: int) -> Array:
+    """Parameter values (count, q): the nominal ones, then draws from the priors, inside the bounds."""
+    rng = np.random.default_rng(seed)
+    sd = np.array([p.sd or 0.0 for p in model.parameters])
+    lower = np.array([max(p.lower, 0.1 * p.nominal) if p.lower == 0.0 else p.lower for p in model.parameters])
+    upper = np.array([p.upper for p in model.parameters])
+    drawn = np.clip(model.nominal + sd * rng.standard_normal((count - 1, len(sd))), lower, upper)
+    return np.concatenate([model.nominal[None], drawn])
+
+
+def tip_rows(experiment: Experiment, poses: Poses | None, candidates: Array, names: Sequence[str]) -> Array:
+    """Sensitivity (J, 3, p) of the load point at test poses, m per unit of each scaled parameter.
+
+    poses None: the first candidates under every load of the experiment stand for the work.
+    """
+    if poses is None:
+        few = candidates[:_TEST_POSES]
+        pendant = np.tile(few, (len(experiment.loads), 1))
+        wrench = np.repeat(np.stack([load.wrench for load in experiment.loads]), len(few), axis=0)
+        poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench)
+    model = replace(experiment.model(), markers=(experiment.load_site,), marker_names=("load point",))
+    chosen = [model.parameters[i] for i in model.index(names)]
+    return model.sensitivity(poses, names=names)[:, 0] * scales(chosen)
+
+
+def taken_information(experiment: Experiment, taken: Plan | Readings, names: Sequence[str], samples: Array) -> Array:
+    """Information (S, p, p) of readings already taken, or of the poses of a plan."""
+    if isinstance(taken, Plan):
+        rows = sample_rows(experiment, taken.poses, names, samples)
+        weights = np.array(taken.repeats, dtype=float)
+        return gathered_information(as_rows(rows), np.arange(len(rows)), weights)
+    rows = sample_rows(experiment, taken.poses, names, samples)
+    count = len(rows)
+    blocks = rows.reshape(count, rows.shape[1], len(experiment.markers), 3, -1)
+    used = blocks[taken.measurement[taken.use], :, taken.marker[taken.use]]
+    sigma, stated = experiment.noise.sigma or 1.0, taken.sigma[taken.use]
+    return gathered_information(as_rows(used), np.arange(len(used)), (sigma / np.where(stated > 0, stated, sigma)) ** 2)
+
+
+def joint_sd(experiment: Experiment, taken: Sequence[Plan | Readings]) -> Array:
+    """Standard deviations (p,) that plans and readings promise together, SI; inf where they cannot tell a parameter."""
+    names = experiment.fit_names()
+    nominal = experiment.model().nominal[None]
+    M = sum((taken_information(experiment, one, names, nominal)[0] for one in taken), np.zeros((len(names),) * 2))
+    size = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
+    values, vectors = np.linalg.eigh(M / np.outer(size, size))
+    lost = values <= 1e-12 * values[-1]
+    variance = (vectors[:, ~lost] ** 2 / values[~lost]).sum(axis=1) / size**2
+    variance[(vectors[:, lost] ** 2).sum(axis=1) > 1e-6] = np.inf
+    return np.sqrt(variance) * scales(experiment.fit_parameters())
+
+
+def require_rank(problem: Problem) -> None:
+    """NotIdentifiable, in words, where no plan over the candidates can tell the parameters apart."""
+    used = [g for g, count in enumerate(problem.counts) if count is None or count > 0]
+    rng = np.random.default_rng(0)
+    picks = [
+        g * problem.per_load + np.sort(rng.choice(problem.per_load, min(_SAMPLE, problem.per_load), replace=False))
+        for g in used
+    ]
+    before = _root(problem.prior[0])
+    if _tested(problem, np.concatenate(picks), before).full:
+        return
+    everything = np.concatenate([np.arange(g * problem.per_load, (g + 1) * problem.per_load) for g in used])
+    test = _tested(problem, everything, before)
+    if not test.full:
+        raise NotIdentifiable(f"no plan with these loads can tell the parameters: {test.words()}")
+
+
+def _root(M: Array) -> Array:
+    values, vectors = np.linalg.eigh(M)
+    return (vectors * np.sqrt(np.maximum(values, 0.0))).T
+
+
+def _tested(problem: Problem, index: Indices, before: Array) -> RankTest:
+    p = len(problem.names)
+    triangle = before
+    for start in range(0, len(index), _SAMPLE):
+        block = problem.rows.take(index[start : start + _SAMPLE])[:, 0].reshape(-1, p)
+        triangle = np.asarray(np.linalg.qr(np.concatenate([triangle, block]), mode="r"), dtype=np.float64)
+    return rank_test(triangle, problem.names)
+
+
+def allowed_designs(problem: Problem, fixed: tuple[int | None, ...], cap: float) -> Allowed:
+    """Loads with a number are groups of their own; the others share one group. Shares are of `total`."""
+    size, total = problem.per_load, problem.total
+    taken = [(c or 0) * float(price) / total for c, price in zip(fixed, problem.prices, strict=True)]
+    groups: list[tuple[slice | Indices, float]] = [
+        (slice(g * size, (g + 1) * size), taken[g]) for g, c in enumerate(fixed) if c is not None
+    ]
+    free = [g for g, c in enumerate(fixed) if c is None]
+    if free:
+        together = np.concatenate([np.arange(g * size, (g + 1) * size) for g in free])
+        whole = slice(free[0] * size, (free[-1] + 1) * size)
+        groups.append((whole if len(free) == free[-1] - free[0] + 1 else together, 1.0 - sum(taken)))
+    return Allowed(tuple(g for g, _ in groups), tuple(share for _, share in groups), cap)

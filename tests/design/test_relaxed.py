@@ -1,0 +1,190 @@
+"""Relaxed designs: every criterion against cvxpy, the certificate against what it bounds, deletion against support."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from qsframework.design.columns import make_task, solve_columns
+from qsframework.design.criteria import Criterion, Determinant, Linear, Sum
+from qsframework.design.minimax import Largest, Robust, SmallestEigenvalue
+from qsframework.design.relaxed import relax
+from qsframework.errors import NotCertified
+from qsframework.information import (
+    Allowed,
+    MadeRows,
+    as_rows,
+    bound_of,
+    efficiency_bound,
+    everything,
+    scores,
+    weighted_information,
+)
+from qsframework.information.certificate import deletable
+
+P = 4
+RNG = np.random.default_rng(0)
+ROWS = RNG.normal(size=(200, 3, P)) * np.array([1.0, 3.0, 0.1, 20.0])
+SCENARIOS = np.stack([ROWS, ROWS * RNG.uniform(0.5, 1.5, (200, 1, 1)), ROWS * RNG.uniform(0.2, 1.5, (1, 1, P))], axis=1)
+TWO = (np.arange(80), np.arange(80, 200))
+PRIOR = np.diag([0.1, 1.0, 0.01, 3.0])[None]
+EVERY: dict[str, Criterion] = {
+    "D": Determinant(),
+    "A": Linear(),
+    "O3": Sum(((0.5, Linear()), (0.5, Determinant()))),
+    "Ds": Determinant("Ds", subset=(0, 2)),
+    "L": Linear("L", weight=np.diag([1.0, 0.0, 1.0, 0.0])),
+    "c": Linear("c", weight=np.outer([1.0, -2.0, 0.5, 3.0], [1.0, -2.0, 0.5, 3.0])),
+    "E": SmallestEigenvalue(),
+    "G": Largest(RNG.normal(size=(7, 2, P))),
+}
+CASES = {
+    "all": (everything(200), None, ROWS[:, None], False),
+    "groups": (Allowed(TWO, (0.3, 0.7)), None, ROWS[:, None], False),
+    "prior": (Allowed(TWO, (0.3, 0.7)), PRIOR, ROWS[:, None], False),
+    "cap": (Allowed(TWO, (0.3, 0.7), 1 / 50), None, ROWS[:, None], False),
+    "mean": (everything(200), None, SCENARIOS, False),
+    "worst": (everything(200), None, SCENARIOS, True),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("name", EVERY)
+def test_column_generation_agrees_with_cvxpy(name: str, case: str) -> None:
+    """Same optimum from two unrelated solvers, and the certificate holds what it says."""
+    allowed, prior, rows, worst = CASES[case]
+    rule = Robust(EVERY[name], worst)
+    result = solve_columns(make_task(as_rows(rows), rule, allowed, prior), np.random.default_rng(0), 1 - 1e-5)
+    before = np.zeros(result.information.shape) if prior is None else prior
+    weights = relax(rows, rule, allowed, prior)
+    theirs = float(rule.value(before + weighted_information(rows, weights)))
+    ours = float(rule.value(result.information))
+    assert ours <= theirs * (1.0 + 1e-5)
+    assert ours * result.efficiency <= theirs * (1.0 + 1e-9), "the bound is above what another design reaches"
+    spread = result.spread(200)
+    assert np.allclose(before + weighted_information(rows, spread), result.information)
+    for members, share in zip(allowed.groups, allowed.shares, strict=True):
+        assert np.isclose(spread[members].sum(), share)
+    assert spread.min() >= 0.0
+    assert spread.max() <= min(allowed.cap, 1.0) + 1e-9
+
+
+def test_the_cone_form_agrees() -> None:
+    for criterion in (EVERY["A"], EVERY["L"], EVERY["c"]):
+        best = solve_columns(make_task(as_rows(ROWS), Robust(criterion), everything(200)), np.random.default_rng(0))
+        weights = relax(ROWS, criterion, everything(200), form="socp")
+        M = weighted_information(ROWS, weights)
+        weight = np.eye(P) if criterion.weight is None else criterion.weight  # type: ignore[attr-defined]
+        reached = float((np.linalg.lstsq(M, weight, rcond=None)[0]).trace())
+        assert np.isclose(reached, float(criterion.value(best.information[0])), rtol=1e-4)
+    with pytest.raises(NotCertified, match="cone form"):
+        relax(ROWS, EVERY["D"], everything(200), form="socp")
+
+
+@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("worst", [False, True])
+def test_slopes_and_curvatures_agree_with_differences(name: str, worst: bool) -> None:
+    """The expansion of the (smoothed) criterion over scenarios, in a random direction of the weights."""
+    rule = Robust(EVERY[name], worst)
+    moments = np.swapaxes(SCENARIOS, -1, -2) @ SCENARIOS
+    M, mu, h = moments[:30].mean(axis=0), 0.03, 1e-4
+    d = moments[31] / 3.0 - moments[40]
+    at = rule.expansion(M, mu)
+    ends = [rule.expansion(M + step * d, mu) for step in (h, -h)]
+    slope = (ends[0].height - ends[1].height) / (2 * h)
+    assert np.isclose(-(at.slope * d).sum(), slope, rtol=1e-5, atol=1e-9)
+    bend = -((ends[0].slope - ends[1].slope) * d).sum() / (2 * h)
+    model = sum(c * np.einsum("sij,sjk,skl,sli->", Q, d, P_, d) for c, P_, Q in at.pairs)
+    model += sum(c * (V * d).sum() ** 2 for c, V in at.ranks)
+    assert np.isclose(model, bend, rtol=1e-4, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_the_certificate_is_a_true_bound_for_any_weights(name: str) -> None:
+    rule = Robust(EVERY[name])
+    best = solve_columns(make_task(as_rows(ROWS), rule, everything(200)), np.random.default_rng(0), 1 - 1e-5)
+    top = float(rule.value(best.information))
+    rng = np.random.default_rng(3)
+    for _ in range(30):
+        M = weighted_information(ROWS[:, None], rng.dirichlet(np.full(200, 0.05)))
+        for mu in (1e-6, 1e-3, 1e-1):
+            expansion = rule.expansion(M, mu)
+            bound = bound_of(scores(as_rows(ROWS), expansion.slope), everything(200), expansion.factor)
+            assert bound <= top / float(rule.value(M)) * (1 + 1e-9)
+            assert bound < 0.95
+
+
+def test_a_wrong_weight_vector_is_not_certified() -> None:
+    best = solve_columns(make_task(as_rows(ROWS), Robust(Determinant()), everything(200)), np.random.default_rng(0))
+    weights = best.spread(200)
+    weights[best.index[np.argmax(best.weights)]] = 0.0
+    M = weighted_information(ROWS, weights / weights.sum())
+    assert efficiency_bound(float(Determinant().value(M)), Determinant().gradient(M), ROWS, everything(200)) < 0.99
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), p=st.integers(2, 5), k=st.integers(1, 4), spread=st.floats(0.02, 1.0))
+def test_deletion_never_removes_a_support_point(seed: int, p: int, k: int, spread: float) -> None:
+    rng = np.random.default_rng(seed)
+    rows = rng.normal(size=(60, k, p))
+    task = make_task(as_rows(rows), Robust(Determinant()), everything(60))
+    best = solve_columns(task, np.random.default_rng(0), 1 - 1e-8)
+    support = best.index[best.weights > 1e-3]
+    weights = (1 - spread) * best.spread(60) + spread * rng.dirichlet(np.ones(60))
+    M = weighted_information(rows, weights)
+    gone = deletable(scores(rows, np.linalg.inv(M) / p), p)
+    assert not gone[support].any()
+
+
+def test_units_do_not_matter_to_d() -> None:
+    scale = np.array([1e-6, 1.0, 1e5, 7.0])
+    one, two = (
+        solve_columns(make_task(as_rows(r), Robust(Determinant()), everything(200)), np.random.default_rng(0), 1 - 1e-8)
+        for r in (ROWS, ROWS * scale)
+    )
+    assert np.allclose(one.information[0], two.information[0] / np.outer(scale, scale), rtol=1e-4, atol=1e-6)
+
+
+def test_a_generator_of_rows_gives_the_same_design() -> None:
+    rng = np.random.default_rng(5)
+    rows = rng.normal(size=(30_000, 1, 3, 5))
+    made = MadeRows(lambda index: rows[index], rows.shape)
+    held, streamed = (
+        solve_columns(make_task(r, Robust(Determinant()), everything(30_000)), np.random.default_rng(1))
+        for r in (as_rows(rows), made)
+    )
+    assert np.array_equal(held.index, streamed.index)
+    assert np.array_equal(held.weights, streamed.weights)
+    assert held.efficiency >= 1 - 1e-6
+    assert held.passes < 4
+
+
+def test_mapped_rows_give_the_same_scores(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    rows = np.random.default_rng(6).normal(size=(50_000, 3, 4))
+    path = tmp_path / "rows.dat"
+    rows.tofile(path)
+    mapped = np.memmap(path, dtype=np.float64, mode="r", shape=rows.shape)
+    G = np.cov(rows.reshape(-1, 4).T)
+    assert np.array_equal(scores(mapped, G), scores(rows, G))
+    assert np.allclose(scores(rows, G), np.einsum("nki,ij,nkj->n", rows, G, rows))
+
+
+def test_threads_do_not_change_scores() -> None:
+    rows = as_rows(np.random.default_rng(7).normal(size=(40_000, 2, 6)))
+    G = np.diag(np.arange(6.0))
+    assert np.array_equal(scores(rows, G, threads=1), scores(rows, G, threads=3))
+
+
+def test_duplicated_candidates_share_a_weight_but_not_the_information() -> None:
+    once = solve_columns(make_task(as_rows(ROWS), Robust(Determinant()), everything(200)), np.random.default_rng(0))
+    twice = np.concatenate([ROWS, ROWS])
+    both = solve_columns(make_task(as_rows(twice), Robust(Determinant()), everything(400)), np.random.default_rng(0))
+    assert np.allclose(once.information, both.information, rtol=1e-3, atol=1e-3)
+
+
+def test_a_bound_that_misses_is_an_error() -> None:
+    task = make_task(as_rows(ROWS), Robust(Determinant()), everything(200))
+    with pytest.raises(NotCertified, match="certified D-efficiency of"):
+        solve_columns(task, np.random.default_rng(0), 1.0 + 1e-6)
