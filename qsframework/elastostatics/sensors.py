@@ -40,7 +40,7 @@ def sense(
         position = position + np.stack([np.einsum("ecn,en->cn", m.linear, eps) for m in state.markers])
         turn = np.stack([np.einsum("ecn,en->cn", m.angular, eps) for m in state.markers])
     links = [state.placed.matrix(m.link) for m in state.markers]
-    turned = _exponential(turn.transpose(2, 0, 1))
+    turned = exponential(turn.transpose(2, 0, 1))
     rotation = turned @ np.stack(links, axis=1)
     reading = position.transpose(2, 0, 1)
     terms: list[SensorTerm] = []
@@ -75,7 +75,7 @@ def _cross_matrix(v: Array) -> Array:
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
 
 
-def _exponential(v: Array) -> Array:
+def exponential(v: Array) -> Array:
     """Rotation matrices of rotation vectors (..., 3), Rodrigues."""
     angle = np.linalg.norm(v, axis=-1)[..., None, None]
     K = _cross_matrix(v)
@@ -90,9 +90,13 @@ def turn_rate(turn: Array, rate: Array, carried: Array | None) -> Array:
     """Small rotation (N, K, 3) of a link turned by exp(turn) when `turn` changes by `rate` and the
     undeflected link by `carried`; all (K, 3, N)."""
     v = turn.transpose(2, 0, 1)
-    K = _cross_matrix(v)
-    left = np.eye(3) + 0.5 * K + K @ K / 6.0
-    total = np.einsum("nkij,kjn->nki", left, rate)
+    total = np.einsum("nkij,kjn->nki", turning(v), rate)
     if carried is not None:
-        total = total + np.einsum("nkij,kjn->nki", _exponential(v), carried)
+        total = total + np.einsum("nkij,kjn->nki", exponential(v), carried)
     return total
+
+
+def turning(v: Array) -> Array:
+    """Small rotation of exp(v) per unit of v (..., 3): matrices (..., 3, 3), to second order in v."""
+    K = _cross_matrix(v)
+    return np.eye(3) + 0.5 * K + K @ K / 6.0
