@@ -40,8 +40,9 @@ test: $(DONE)  ## lint, format, types and all tests
 	@PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright --pythonpath $(BIN)/python
 	@$(ONE_THREAD) $(BIN)/python -m pytest -n 2
 
-bench: $(DONE)  ## measure speed against Pinocchio's loop and the memory
+bench: $(DONE)  ## measure kinematics and designs against Pinocchio, cvxpy, FIGAROH and the memory
 	@$(BIN)/python benchmarks/kinematics.py
+	@$(BIN)/python benchmarks/design.py
 
 lock:  ## choose the newest versions that resolve together, all extras included, and pin them
 	@rm -rf $(LOCK_VENV) && $(PYTHON) -m venv $(LOCK_VENV)

@@ -49,7 +49,7 @@ def find_criterion(
         if not len(interest):
             raise InputError(f"criterion {name} needs the parameters of interest: --interest NAME")
         if name == "Ds":
-            return Determinant("Ds", TITLES["Ds"], tuple(interest))
+            return Determinant("Ds", TITLES["Ds"], np.eye(parameters)[:, list(interest)])
         chosen = np.isin(np.arange(parameters), interest).astype(float)
         return Linear("L", TITLES["L"], np.diag(chosen))
     if test_rows is None or not len(test_rows):

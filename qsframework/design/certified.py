@@ -7,16 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qsframework.design.columns import Relaxed, make_task, solve_columns
+from qsframework.design.columns import Relaxed, solve_columns
 from qsframework.design.minimax import Robust
 from qsframework.design.problem import Problem, allowed_designs
 from qsframework.design.relaxed import relax
+from qsframework.design.task import make_task
 from qsframework.errors import InputError, NotCertified
 from qsframework.information import Allowed, bound_of, scores
 from qsframework.information.rows import Rows, ScaledRows, gathered_information
 from qsframework.plugin import Array
 
-STARTS = 10
+STARTS = 30
 MOST_FOR_CVXPY = 5000
 _AIM = {False: 1.0 - 1e-6, True: 1.0 - 1e-5}
 

@@ -8,17 +8,17 @@ nothing leave. Random subsets come first, then the best sixteenth of all, and a 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from qsframework.design.criteria import Expansion
 from qsframework.design.interior import Small, Solved, moments_of, solve_small
-from qsframework.design.minimax import Robust
-from qsframework.errors import NotCertified
+from qsframework.design.task import Task
+from qsframework.errors import NotCertified, NotIdentifiable
 from qsframework.information.certificate import Allowed, bound_of, deletable
-from qsframework.information.rows import Rows, block_scores, root, scores
+from qsframework.information.rows import HeldRows, scores
 from qsframework.plugin import Array, Indices
 
 _FIRST = 4096
@@ -52,27 +52,6 @@ class Relaxed:
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
-    """What to solve: rows of N candidates, the group of each (N,), the allowed designs, information M0 (S, p, p)."""
-
-    rows: Rows
-    label: npt.NDArray[np.int16]
-    allowed: Allowed
-    criterion: Robust
-    prior: Array
-
-    @property
-    def shares(self) -> Array:
-        return np.array(self.allowed.shares)
-
-    def within(self, index: Indices) -> Allowed:
-        """The allowed designs over some candidates."""
-        labels = self.label[index]
-        groups = tuple(np.flatnonzero(labels == g) for g in range(len(self.allowed.shares)))
-        return Allowed(groups, self.allowed.shares, self.allowed.cap)
-
-
-@dataclass(frozen=True, eq=False)
 class Columns:
     """The candidates of the small problem, their rows, and its solution."""
 
@@ -88,7 +67,10 @@ def solve_columns(
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1, user_api="blas"):
-        return _solve_columns(task, rng, efficiency, progress)
+        try:
+            return _solve_columns(task, rng, efficiency, progress)
+        except np.linalg.LinAlgError as error:
+            raise NotIdentifiable("the candidates cannot tell all parameters apart, or hardly") from error
 
 
 def _solve_columns(task: Task, rng: np.random.Generator, efficiency: float, progress: Progress | None) -> Relaxed:
@@ -98,7 +80,7 @@ def _solve_columns(task: Task, rng: np.random.Generator, efficiency: float, prog
     bound, best, before = 0.0, 0.0, -1.0
     values = np.zeros(len(task.rows))
     for _ in range(20):
-        values = scores(task.rows, state.solved.expansion.slope)
+        values = scores(task.rows, state.solved.expansion.slope, basis=task.basis)
         passes += 1.0
         bound = _bound(task, state, values, task.allowed)
         tell(bound)
@@ -120,7 +102,10 @@ def _solve_columns(task: Task, rng: np.random.Generator, efficiency: float, prog
 def _result(task: Task, state: Columns, bound: float, values: Array, passes: float) -> Relaxed:
     w = state.solved.weights
     M = task.prior + np.tensordot(w, moments_of(state.block), 1)
-    return Relaxed(state.index, w, M, state.solved.expansion, bound, values, passes)
+    back = np.linalg.inv(task.basis)
+    expansion = state.solved.expansion
+    own = replace(expansion, slope=task.basis @ expansion.slope @ task.basis.T, pairs=(), ranks=())
+    return Relaxed(state.index, w, back.T @ M @ back, own, bound, values, passes)
 
 
 def _bound(task: Task, state: Columns, values: Array, allowed: Allowed) -> float:
@@ -171,7 +156,7 @@ def _first(task: Task, pool: Indices, rng: np.random.Generator) -> Columns:
         need = 4 * p if not np.isfinite(task.allowed.cap) else max(4 * p, int(2 * share / task.allowed.cap) + 4)
         picks.append(rng.choice(members, min(len(members), need), replace=False) if share > 0 else members[:0])
     chosen = np.unique(np.concatenate(picks))
-    block = task.rows.take(pool)
+    block = task.take(pool)
     chosen = np.union1d(chosen, _independent(block, np.isin(task.label[pool], np.flatnonzero(task.shares))))
     index = pool[chosen]
     return _solve(task, index, block[chosen], None, 1.0 - _SUBSET_EFFICIENCY)
@@ -200,7 +185,7 @@ def _solve(task: Task, index: Indices, block: Array, start: Array | None, gap: f
 
 def _improve(task: Task, pool: Indices, state: Columns, gap: float) -> tuple[Columns, float]:
     """Solve over a pool of candidates until its own bound leaves `gap`; passes over all that this cost."""
-    block = task.rows.take(pool)
+    block = task.take(pool)
     allowed = task.within(pool)
     share = len(pool) / len(task.rows)
     passes = share
@@ -222,8 +207,6 @@ def _improve(task: Task, pool: Indices, state: Columns, gap: float) -> tuple[Col
 
 def block_pass(block: Array, slope: Array) -> Array:
     """Scores (n,) of rows in memory."""
-    from qsframework.information.rows import HeldRows
-
     return scores(HeldRows(block), slope)
 
 
@@ -250,6 +233,9 @@ def _renewed(task: Task, pool: Indices, block: Array, state: Columns, joining: I
             stays[mine[np.argmax(solved.weights[mine])]] = True
     if np.isfinite(task.allowed.cap):
         stays |= solved.weights > 1e-9 * task.allowed.cap
+    kept = np.concatenate([state.block[stays], block[joining]])
+    if not _tells(kept, task.prior):  # early weights are rough: what is left must still tell every parameter
+        stays[:] = True
     index = np.concatenate([state.index[stays], pool[joining]])
     rows = np.concatenate([state.block[stays], block[joining]])
     start = np.concatenate([solved.weights[stays], np.zeros(len(joining))])
@@ -258,6 +244,12 @@ def _renewed(task: Task, pool: Indices, block: Array, state: Columns, joining: I
         total = start[mine].sum()
         start[mine] = start[mine] * share / total if total > 0 else share / max(mine.sum(), 1)
     return _solve(task, index, rows, start, gap)
+
+
+def _tells(block: Array, prior: Array) -> bool:
+    """Whether rows in the basis tell every parameter well enough for a start."""
+    M = prior + moments_of(block).mean(axis=0)
+    return bool((np.linalg.eigvalsh(M)[:, 0] > 1e-12 * np.linalg.eigvalsh(M)[:, -1]).all())
 
 
 def _shortlist(task: Task, state: Columns, values: Array) -> Indices:
@@ -270,17 +262,3 @@ def _shortlist(task: Task, state: Columns, values: Array) -> Indices:
     if plain and task.criterion.name == "D" and not task.prior.any():
         top = top[~deletable(values, task.rows.parameters)[top]]
     return np.union1d(top, state.index)
-
-
-def make_task(rows: Rows, criterion: Robust, allowed: Allowed, prior: Array | None = None) -> Task:
-    """A task; InputError-free: shapes are the caller's concern, groups must cover what carries a share."""
-    count, p = len(rows), rows.parameters
-    label = np.zeros(count, dtype=np.int16)
-    for g, members in enumerate(allowed.groups):
-        label[members] = g
-    before = np.zeros((rows.scenarios, p, p)) if prior is None else prior
-    cap = allowed.cap if allowed.cap < max(allowed.shares) else np.inf
-    return Task(rows, label, Allowed(allowed.groups, allowed.shares, cap), criterion, before)
-
-
-__all__ = ["Relaxed", "Task", "block_scores", "make_task", "root", "solve_columns"]

@@ -8,7 +8,7 @@ A solver asks a criterion for its `expansion` at one M: slope and curvature of l
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,6 +54,10 @@ class Criterion(ABC):
         """psi (m,) of M + A_i' A_i for the rows (m, k, p) of m candidates."""
         return self.value(M + np.swapaxes(block, -1, -2) @ block)
 
+    @abstractmethod
+    def in_basis(self, T: Array) -> Criterion:
+        """The same criterion of T' M T, T (p, p) regular."""
+
     def gradient(self, M: Array) -> Array:
         """G = -d psi / d M (p, p), positive semidefinite."""
         return self.expansion(M).slope * float(self.value(M))
@@ -76,38 +80,48 @@ def regular(M: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Determinant(Criterion):
-    """det of the covariance of `subset` (all parameters if None), to the power 1 / its size: D and D_s."""
+    """det(K' cov K)^(1/s) with K (p, s): all parameters (D) where K is None, or those of interest (D_s).
+
+    shift is added to log psi: what a change of coordinates takes away
+    """
 
     name: str = "D"
     title: str = "det(cov)^(1/p), the volume of the confidence ellipsoid"
-    subset: tuple[int, ...] | None = None
+    directions: Array | None = None
+    shift: float = 0.0
     depends_on_scale: bool = False
 
     def value(self, M: Array) -> Array:
         good, logdet = regular(M)
         size = M.shape[-1]
-        if self.subset is not None:
-            rest = [i for i in range(size) if i not in self.subset]
-            block = M[..., rest, :][..., :, rest]
-            logdet = logdet - (regular(block)[1] if rest else 0.0)
-            size = len(self.subset)
-        return np.where(good, np.exp(-logdet / size), np.inf)
+        if self.directions is not None:
+            size = self.directions.shape[1]
+            safe = np.where(good[..., None, None], M, np.eye(M.shape[-1]))
+            logdet = -np.linalg.slogdet(self.directions.T @ covariance(safe) @ self.directions)[1]
+        return np.where(good, np.exp(self.shift - logdet / size), np.inf)
 
     def with_one(self, M: Array, block: Array) -> Array:
-        if self.subset is not None or block.shape[1] >= M.shape[-1]:
+        if self.directions is not None or block.shape[1] >= M.shape[-1]:
             return super().with_one(M, block)
         grown = np.eye(block.shape[1]) + (block @ covariance(M)) @ np.swapaxes(block, -1, -2)
         return float(self.value(M)) * np.linalg.det(grown) ** (-1.0 / M.shape[-1])
 
     def expansion(self, M: Array, mu: float = SMOOTHING) -> Expansion:
         cov = covariance(M)
-        if self.subset is None:
+        height = float(np.log(self.value(M)))
+        if self.directions is None:
             p = M.shape[-1]
-            return Expansion(float(np.log(self.value(M))), cov / p, ((1.0 / p, cov, cov),), ())
-        s = list(self.subset)
-        Q = cov[:, s] @ np.linalg.solve(cov[np.ix_(s, s)], cov[s])
+            return Expansion(height, cov / p, ((1.0 / p, cov, cov),), ())
+        turned = cov @ self.directions
+        size = self.directions.shape[1]
+        Q = turned @ np.linalg.solve(self.directions.T @ turned, turned.T)
         Q = 0.5 * (Q + Q.T)
-        return Expansion(float(np.log(self.value(M))), Q / len(s), ((2.0 / len(s), cov, Q), (-1.0 / len(s), Q, Q)), ())
+        return Expansion(height, Q / size, ((2.0 / size, cov, Q), (-1.0 / size, Q, Q)), ())
+
+    def in_basis(self, T: Array) -> Determinant:
+        if self.directions is not None:
+            return replace(self, directions=T.T @ self.directions)
+        return replace(self, shift=self.shift + 2.0 * float(np.linalg.slogdet(T)[1]) / len(T))
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +151,9 @@ class Linear(Criterion):
         saved = np.linalg.solve(np.eye(block.shape[1]) + block @ cov @ turned, block @ twice @ turned)
         return psi - np.trace(saved, axis1=-2, axis2=-1)
 
+    def in_basis(self, T: Array) -> Linear:
+        return replace(self, weight=T.T @ (T if self.weight is None else self.weight @ T))
+
     def parts(self, M: Array) -> tuple[float, Array, Array]:
         """psi, cov and cov W cov."""
         cov = covariance(M)
@@ -165,6 +182,9 @@ class Sum(Criterion):
         values = np.array([share * float(part.value(M)) for share, part in self.parts])
         parts = [part.expansion(M, mu) for _, part in self.parts]
         return mixed(parts, np.log(values) - [part.height for part in parts], values)
+
+    def in_basis(self, T: Array) -> Sum:
+        return replace(self, parts=tuple((share, part.in_basis(T)) for share, part in self.parts))
 
     @property
     def kinked(self) -> bool:  # type: ignore[override]

@@ -25,6 +25,7 @@ from qsframework.design.problem import (
     tip_rows,
 )
 from qsframework.design.relaxed import SOLVER
+from qsframework.design.task import white_basis
 from qsframework.errors import InputError
 from qsframework.experiment import Certificate, Experiment, Plan, Readings, make_plan
 from qsframework.information.rows import gathered_information
@@ -106,6 +107,8 @@ def _exact(
     """The plan's candidates (m,) and how often each is measured (m,)."""
     short = _shortlist(problem, relaxed)
     rows, weights = problem.rows.take(short), relaxed.spread(len(problem.rows))[short]
+    T = white_basis(rows, problem.prior)
+    rows, white, prior = rows @ T, rule.in_basis(T), T.T @ problem.prior @ T
     best, best_value = np.zeros(0, dtype=np.intp), np.inf
     splits = _splits(problem, wish, relaxed, fixed)
     for turn, counts in enumerate(splits):
@@ -115,7 +118,7 @@ def _exact(
             tell("exact plan (exchange)", turn * n + i, n * len(splits))
 
         rng = np.random.default_rng(seed)
-        chosen = exchange(rows, rule, quotas, weights, wish.starts, rng, said, problem.prior)
+        chosen = exchange(rows, white, quotas, weights, wish.starts, rng, said, prior)
         M = problem.prior + gathered_information(problem.rows, short[chosen], np.ones(len(chosen)))
         value = float(rule.value(M))
         if value < best_value:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -22,21 +23,37 @@ class SmallestEigenvalue(Criterion):
     depends_on_scale: bool = True
     kinked: bool = True
 
+    root: Array | None = None
+    """T of M = T^-T M' T^-1 where M' is what the methods are given."""
+
+    def _own(self, M: Array) -> Array:
+        """M in the parameters' own coordinates."""
+        if self.root is None:
+            return M
+        inverse = np.linalg.inv(self.root)
+        return inverse.T @ M @ inverse
+
     def value(self, M: Array) -> Array:
         good, _ = regular(M)
-        smallest = np.linalg.eigvalsh(np.where(good[..., None, None], M, np.eye(M.shape[-1])))[..., 0]
+        own = self._own(np.where(good[..., None, None], M, np.eye(M.shape[-1])))
+        smallest = np.linalg.eigvalsh(own)[..., 0]
         return np.where(np.logical_and(good, smallest > 0), 1.0 / np.where(smallest > 0, smallest, 1.0), np.inf)
 
     def expansion(self, M: Array, mu: float = SMOOTHING) -> Expansion:
-        values, vectors = np.linalg.eigh(M)
+        values, vectors = np.linalg.eigh(self._own(M))
         gap = _below(values, mu)
         t, above = float(values[0]) - gap, values - values[0] + gap
-        P = (vectors / above) @ vectors.T
-        twice = P @ P
-        rank = -(mu**2) / (1.0 / t**2 + mu * float(np.trace(twice)))
+        back = vectors if self.root is None else np.linalg.solve(self.root, vectors)
+        P = (back / above) @ back.T
+        twice = (back / above**2) @ back.T
+        spread = float((1.0 / above**2).sum())
+        rank = -(mu**2) / (1.0 / t**2 + mu * spread)
         height = -float(np.log(t)) - mu * float(np.log(above).sum())
-        factor = float(values[0]) * mu * float(np.trace(P))
+        factor = float(values[0]) * mu * float((1.0 / above).sum())
         return Expansion(height, mu * P, ((mu, P, P),), ((rank, twice),), factor)
+
+    def in_basis(self, T: Array) -> SmallestEigenvalue:
+        return replace(self, root=T if self.root is None else self.root @ T)
 
 
 def _below(values: Array, mu: float) -> float:
@@ -63,11 +80,17 @@ class Largest(Criterion):
     depends_on_scale: bool = False
     kinked: bool = True
 
+    def in_basis(self, T: Array) -> Largest:
+        return replace(self, rows=self.rows @ T)
+
     def each(self, M: Array) -> Array:
         """psi_j (..., J) at regular M."""
-        flat = self.rows.reshape(-1, self.rows.shape[-1])
-        turned = flat @ np.linalg.inv(M)
-        return (turned * flat).reshape(*M.shape[:-2], len(self.rows), -1).sum(axis=-1)
+        return np.linalg.inv(M).reshape(*M.shape[:-2], -1) @ self._weights.T
+
+    @cached_property
+    def _weights(self) -> Array:
+        """A_j' A_j as (J, p^2)."""
+        return (np.swapaxes(self.rows, -1, -2) @ self.rows).reshape(len(self.rows), -1)
 
     def value(self, M: Array) -> Array:
         good, _ = regular(M)
@@ -135,9 +158,9 @@ class Robust:
     def kinked(self) -> bool:
         return self.worst or self.inner.kinked
 
-    def values(self, M: Array) -> Array:
-        """psi (..., S) of each scenario."""
-        return self.inner.value(M)
+    def in_basis(self, T: Array) -> Robust:
+        """The same criterion of T' M T."""
+        return replace(self, inner=self.inner.in_basis(T))
 
     def value(self, M: Array) -> Array:
         """psi of (..., S, p, p): mean or largest over the scenarios."""

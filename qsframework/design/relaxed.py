@@ -91,13 +91,12 @@ def _objective(cp: Any, criterion: Criterion, S: Any, inverse: Array, scale: flo
     """psi / scale in cvxpy's words, or log psi for a determinant; M = L S L', inverse = L^-1."""
     p = inverse.shape[0]
     if isinstance(criterion, Determinant):
-        if criterion.subset is None:
+        if criterion.directions is None:
             return -cp.log_det(S) / p
-        s = list(criterion.subset)
-        X = cp.Variable((len(s), len(s)), symmetric=True)  # below the Schur complement of the subset in M
-        pick = inverse[:, s]
+        pick = inverse @ criterion.directions
+        X = cp.Variable((pick.shape[1],) * 2, symmetric=True)  # below the information about these directions
         constraints.append(S - pick @ X @ pick.T >> 0)
-        return -cp.log_det(X) / len(s)
+        return -cp.log_det(X) / pick.shape[1]
     if isinstance(criterion, Linear):
         W = np.eye(p) if criterion.weight is None else criterion.weight
         values, vectors = np.linalg.eigh(inverse @ W @ inverse.T / scale)
@@ -117,7 +116,7 @@ def _objective(cp: Any, criterion: Criterion, S: Any, inverse: Array, scale: flo
 
 def _offset(criterion: Criterion, inverse: Array) -> float:
     """log psi less what `_objective` says of it: the whitening's own determinant."""
-    if not isinstance(criterion, Determinant) or criterion.subset is not None:
+    if not isinstance(criterion, Determinant) or criterion.directions is not None:
         return 0.0
     return 2.0 * float(np.log(np.abs(np.diag(inverse))).sum()) / inverse.shape[0]
 

@@ -155,10 +155,14 @@ def block_scores(block: Array, roots: list[Array]) -> Array:
     return total
 
 
-def scores(rows: Array | Rows, gradient: Array, threads: int | None = None) -> Array:
-    """tr(G M_i) = |A_i B|_F^2 for every candidate (N,), with G = B B' (p, p) or (S, p, p): one full pass."""
+def scores(rows: Array | Rows, gradient: Array, threads: int | None = None, basis: Array | None = None) -> Array:
+    """tr(G M_i) = |A_i B|_F^2 for every candidate (N,), with G = B B' (p, p) or (S, p, p): one full pass.
+
+    basis T (p, p): the gradient is that of T' M T, and G = T gradient T'
+    """
     source = as_rows(rows)
     roots = [root(G) for G in gradient.reshape(-1, *gradient.shape[-2:])]
+    roots = roots if basis is None else [basis @ B for B in roots]
     out = np.empty(len(source))
 
     def share(start: int, stop: int) -> None:

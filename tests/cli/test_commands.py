@@ -125,3 +125,32 @@ def test_an_unwritable_output_is_an_error(tmp_path: Path, monkeypatch: pytest.Mo
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         run("simulate", M900IB, str(example("m900ib") / "table5.csv"), "-o", str(tmp_path / "file" / "r.csv"))
+
+
+@pytest.mark.parametrize("file", ["m900ib/experiment.yaml", "r2000ic/design.yaml", "ur10/design.yaml"])
+def test_design_on_three_robots(file: str, tmp_path: Path) -> None:
+    folder, name = file.split("/")
+    output = run(
+        "design", str(example(folder) / name), "-n", "14", "--candidates", "200", "-o", str(tmp_path / "plan.csv"),
+        "--report", str(tmp_path / "plan.html"), "--json", str(tmp_path / "plan.json2"),
+    )  # fmt: skip
+    assert "is certified to an efficiency of" in output
+    assert "the tip is known to" in output
+    assert "poses tried, 200 allowed" in output
+    page = (tmp_path / "plan.html").read_text()
+    assert "Standard deviation that each plan promises" in page
+    assert "certified to an efficiency" in page
+    certificate = json.loads((tmp_path / "plan.json2").read_text())["certificate"]
+    assert certificate["relaxed_efficiency"] >= 0.9999
+
+
+def test_design_options(tmp_path: Path) -> None:
+    plan = tmp_path / "plan.csv"
+    run("design", M900IB, "-n", "6", "--candidates", "150", "--criterion", "D", "--no-polish", "-o", str(plan))
+    more = ["-n", "4", "--candidates", str(plan), "--taken", str(plan), "-o", str(tmp_path / "more.csv")]
+    output = run("design", M900IB, *more, "--test-poses", str(plan), "--criterion", "G")
+    assert "with what was taken" in output
+    run("simulate", M900IB, str(plan), "-o", str(tmp_path / "r.csv"))
+    run("design", M900IB, *more[:4], "--taken", str(tmp_path / "r.csv"), "--repeats", "-o", str(tmp_path / "x.csv"))
+    with pytest.raises(InputError, match="give a number, grid:LEVELS"):
+        run("design", M900IB, "--candidates", "many")

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from qsframework.design.columns import make_task, solve_columns
+from qsframework.design.columns import solve_columns
 from qsframework.design.criteria import Criterion, Determinant, Linear, Sum
 from qsframework.design.minimax import Largest, Robust, SmallestEigenvalue
 from qsframework.design.relaxed import relax
+from qsframework.design.task import make_task
 from qsframework.errors import NotCertified
 from qsframework.information import (
     Allowed,
@@ -34,7 +35,7 @@ EVERY: dict[str, Criterion] = {
     "D": Determinant(),
     "A": Linear(),
     "O3": Sum(((0.5, Linear()), (0.5, Determinant()))),
-    "Ds": Determinant("Ds", subset=(0, 2)),
+    "Ds": Determinant("Ds", directions=np.eye(P)[:, [0, 2]]),
     "L": Linear("L", weight=np.diag([1.0, 0.0, 1.0, 0.0])),
     "c": Linear("c", weight=np.outer([1.0, -2.0, 0.5, 3.0], [1.0, -2.0, 0.5, 3.0])),
     "E": SmallestEigenvalue(),
@@ -99,6 +100,27 @@ def test_slopes_and_curvatures_agree_with_differences(name: str, worst: bool) ->
     model = sum(c * np.einsum("sij,sjk,skl,sli->", Q, d, P_, d) for c, P_, Q in at.pairs)
     model += sum(c * (V * d).sum() ** 2 for c, V in at.ranks)
     assert np.isclose(model, bend, rtol=1e-4, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("worst", [False, True])
+def test_another_basis_is_the_same_criterion(name: str, worst: bool) -> None:
+    rule = Robust(EVERY[name], worst)
+    T = np.random.default_rng(2).normal(size=(P, P))
+    M = (np.swapaxes(SCENARIOS, -1, -2) @ SCENARIOS)[:30].mean(axis=0)
+    one, two = rule.expansion(M, 0.01), rule.in_basis(T).expansion(T.T @ M @ T, 0.01)
+    assert np.isclose(float(rule.value(M)), float(rule.in_basis(T).value(T.T @ M @ T)), rtol=1e-9)
+    assert np.isclose(one.height, two.height, rtol=1e-9)
+    assert np.isclose(one.factor, two.factor, rtol=1e-9)
+    assert np.allclose(one.slope, T @ two.slope @ T.T, rtol=1e-7)
+
+
+def test_nearly_tied_parameters_are_designed_for() -> None:
+    """Rows of condition 1e7: M has 1e14, which the equations in their own coordinates do not survive."""
+    rng = np.random.default_rng(8)
+    rows = rng.normal(size=(6000, 3, 8)) @ np.diag(np.logspace(0, -7, 8)) @ np.linalg.qr(rng.normal(size=(8, 8)))[0]
+    best = solve_columns(make_task(as_rows(rows), Robust(Determinant()), everything(6000)), np.random.default_rng(0))
+    assert best.efficiency >= 1 - 1e-6
 
 
 @pytest.mark.parametrize("name", EVERY)
