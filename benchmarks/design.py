@@ -229,7 +229,7 @@ def against_figaroh(count: int) -> dict[str, Any]:
         seconds = cpu(lambda: results.append(solve_columns(task, np.random.default_rng(0))))
         M = weighted_information(rows, weights / weights.sum())
         value = float(CRITERIA["D"].value(M))
-        ours = float(task.criterion.value(results[-1].information))
+        ours = float(Robust(CRITERIA["D"]).value(results[-1].information))
         return {**theirs, "ours": seconds, "our_memory": memory(), "added": memory() - before,
                 "support": int((results[-1].weights > 1e-5).sum()),
                 "their_efficiency": results[-1].efficiency * ours / value}  # fmt: skip
@@ -237,7 +237,12 @@ def against_figaroh(count: int) -> dict[str, Any]:
 
 def kernel(count: int) -> dict[str, Any]:
     """Geometry and sensitivities of candidates with 20 parameters."""
-    model, names = model_of(20)
+    robot = load_robot("fanuc_m900ib")
+    extra = find("offaxis_compliance").places(robot.facts)[:12]
+    values = [*robot.parameters, *(p for e in extra for p in e.parameters(robot.facts))]
+    model = make_model(robot.facts, [*robot.effects, *extra], values, TIP, [("tip", TIP)], robot.gravity)
+    names = [n for n in model.names if "compliance[" in n or n.startswith("compensator_stiffness")][:20]
+    assert len(names) == 20
     poses = sample(model, count, 0)
     start = time.process_time()
     rows_of(model, names, poses)

@@ -226,7 +226,7 @@ def _renewed(task: Task, pool: Indices, block: Array, state: Columns, joining: I
     ratio = solved.scores / np.maximum(solved.multipliers, 1e-300)[task.label[state.index]]
     # the slope of a criterion with kinks jumps: a candidate that leaves may be asked back for ever
     kinked = task.criterion.kinked
-    stays = ratio > 0.3 if kinked else solved.weights * task.rows.parameters >= 1.0 - ratio
+    stays = (ratio > 0.7) | (solved.weights > 1e-4) if kinked else solved.weights * task.rows.parameters >= 1.0 - ratio
     for g, share in enumerate(task.allowed.shares):  # a group keeps what its share needs
         mine = np.flatnonzero(task.label[state.index] == g)
         if share > 0 and not stays[mine].any():

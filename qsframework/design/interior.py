@@ -13,6 +13,7 @@ import numpy as np
 from qsframework.design.criteria import Expansion
 from qsframework.design.minimax import Robust
 from qsframework.information import Allowed, bound_of
+from qsframework.information.rows import root
 from qsframework.plugin import Array, Indices
 
 _ITERATIONS = 80
@@ -62,15 +63,28 @@ def moments_of(block: Array) -> Array:
 
 def curvature(small: Small, expansion: Expansion) -> Array:
     """Second derivatives (m, m) of log psi in the weights."""
-    count = len(small.moments)
-    flat = small.moments.reshape(count, -1)
+    count, scenarios = small.moments.shape[:2]
     H = np.zeros((count, count))
     for c, P, Q in expansion.pairs:
-        H += c * ((P @ small.moments @ Q).reshape(count, -1) @ flat.T)
+        for s in range(scenarios):
+            if P[s].any() and Q[s].any():
+                Y = _turned(small.moments[:, s], P[s], None if Q is P else Q[s])
+                H += c * (Y @ Y.T)
     if expansion.ranks:
+        flat = small.moments.reshape(count, -1)
         V = flat @ np.stack([v.ravel() for _, v in expansion.ranks]).T
         H += (V * np.array([c for c, _ in expansion.ranks])) @ V.T
     return 0.5 * (H + H.T)
+
+
+def _turned(moments: Array, P: Array, Q: Array | None) -> Array:
+    """Y (m, r) with Y_i . Y_j = tr(P M_i Q M_j); a symmetric matrix, where Q is P, by its upper half."""
+    left = root(P)
+    if Q is not None:
+        return (left.T @ moments @ root(Q)).reshape(len(moments), -1)
+    turned = left.T @ moments @ left
+    rows, columns = np.triu_indices(left.shape[1])
+    return turned[:, rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2.0))
 
 
 @dataclass(eq=False)
@@ -202,7 +216,7 @@ def _reach(point: _Point, room: Array, dw: Array, dz: Array, dy: Array, capped: 
 def solve_kinked(small: Small, criterion: Robust, gap: float, start: Array | None = None) -> Solved:
     """The same for a criterion with kinks: damped Newton steps along the path of its barrier."""
     point = _start(small, start)
-    mu, best, best_gap = 0.1, None, np.inf
+    mu, best, best_gap = (0.1 if start is None else min(0.1, 5.0 * gap)), None, np.inf
     w = point.w
     E = (small.label[None, :] == np.arange(len(small.shares))[:, None]).astype(float)
     for _ in range(14):

@@ -184,6 +184,8 @@ class Robust:
 
 def _in_scenario(part: Expansion, s: int, count: int) -> Expansion:
     def spread(matrix: Array) -> Array:
+        if count == 1:
+            return matrix[None]
         out = np.zeros((count, *matrix.shape))
         out[s] = matrix
         return out
@@ -191,7 +193,7 @@ def _in_scenario(part: Expansion, s: int, count: int) -> Expansion:
     return Expansion(
         part.height,
         spread(part.slope),
-        tuple((c, spread(P), spread(Q)) for c, P, Q in part.pairs),
+        tuple((c, one := spread(P), one if Q is P else spread(Q)) for c, P, Q in part.pairs),
         tuple((c, spread(V)) for c, V in part.ranks),
         part.factor,
     )

@@ -81,6 +81,16 @@ class MappedRows(HeldRows):
 
     values: np.memmap
 
+    def take(self, index: Indices) -> Array:
+        """In the order of the file, a part at a time, so that few pages are held."""
+        out = np.empty((len(index), *self.shape[1:]))
+        order = np.argsort(index)
+        for first in range(0, len(order), 16384):
+            part = order[first : first + 16384]
+            out[part] = self.values[index[part]]
+            self.release(int(index[part[0]]), int(index[part[-1]]) + 1)
+        return out
+
     def release(self, start: int, stop: int) -> None:
         mapped = getattr(self.values, "_mmap", None)
         if mapped is None or not hasattr(mapped, "madvise"):
