@@ -1,7 +1,14 @@
 """What readings can tell: whitened sensitivities, rank in words, certificates."""
 
 from qsframework.information.certificate import Allowed, bound_of, efficiency_bound, everything
-from qsframework.information.observations import information, information_rows, predicted_sd, promised_sd, scales
+from qsframework.information.observations import (
+    information,
+    information_rows,
+    predicted_sd,
+    promised_beyond,
+    promised_sd,
+    scales,
+)
 from qsframework.information.rank import RankTest, rank_test
 from qsframework.information.rows import HeldRows, MadeRows, MappedRows, Rows, as_rows, scores, weighted_information
 
@@ -19,6 +26,7 @@ __all__ = [
     "information",
     "information_rows",
     "predicted_sd",
+    "promised_beyond",
     "promised_sd",
     "rank_test",
     "scales",

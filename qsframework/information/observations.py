@@ -53,6 +53,16 @@ def predicted_sd(model: Model, poses: Poses, names: Sequence[str], sigma: float,
     return out * scales([model.parameters[i] for i in model.index(names)])
 
 
+def promised_beyond(experiment: Experiment, plan: Plan) -> dict[str, float]:
+    """For each parameter of the model that is not fitted: the sd, SI, were it fitted too; inf if it cannot be told."""
+    fitted, model = experiment.fit_names(), experiment.model()
+    out: dict[str, float] = {}
+    for parameter in model.parameters:
+        if parameter.name not in fitted:
+            out[parameter.name] = float(promised_sd(experiment, plan, (*fitted, parameter.name))[-1])
+    return out
+
+
 def promised_sd(experiment: Experiment, plan: Plan, names: Sequence[str] | None = None) -> Array:
     """Standard deviation (p,) that a plan promises for the experiment's parameters, SI."""
     sigma = experiment.noise.sigma

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from qsframework.experiment import Experiment, Plan
+from qsframework.information import promised_beyond
 from qsframework.plugin import Array, Parameter
 from qsframework.report.fit_section import shown
 from qsframework.report.page import Section, Table, Text, View
@@ -46,6 +47,27 @@ def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> T
     )
 
 
+def beyond_table(experiment: Experiment, sds: Mapping[str, float]) -> Table:
+    """What the plan would tell about each parameter of the model that is not fitted, were it fitted too."""
+    model = experiment.model()
+    rows = []
+    for name, sd in sds.items():
+        p = model.parameters[model.index([name])[0]]
+        size, what = (abs(p.nominal), "nominal") if p.nominal else (p.typical, "typical")
+        verdict = "not identifiable: no reading depends on it, or only together with others"
+        if np.isfinite(sd):
+            share = 100 * sd / size
+            told = "" if share < 100 else ", not identifiable in practice"
+            verdict = f"{shown(sd, p.unit)[0]:.3g} {shown(1.0, p.unit)[1]} ({share:.3g} % of its {what} value{told})"
+        rows.append((name, verdict))
+    return Table(
+        ("parameter", "sd if fitted as well"),
+        tuple(rows),
+        "Parameters of the model that the fit holds at their nominal values: what this plan could tell of each, one at "
+        "a time.",
+    )
+
+
 def pose_table(plan: Plan) -> Table:
     """The plan's poses in pendant angles."""
     header = ("pose", *(f"J{k + 1} deg" for k in range(plan.pendant.shape[1])), "load", "force N", "repeats")
@@ -68,4 +90,6 @@ def plan_section(experiment: Experiment, plan: Plan, sds: Table, title: str, not
         plan_scene(experiment, plan).html(),
         "Drag to turn, scroll to zoom; the slider shows one pose at a time. Red: the load; blue: the markers.",
     )
-    return Section(title, (Text(certificate_text(plan)), *map(Text, notes), sds, pose_table(plan), view))
+    beyond = promised_beyond(experiment, plan)
+    more = (beyond_table(experiment, beyond),) if beyond else ()
+    return Section(title, (Text(certificate_text(plan)), *map(Text, notes), sds, *more, pose_table(plan), view))
