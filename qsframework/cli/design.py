@@ -106,7 +106,7 @@ def tip_words(plan: Plan) -> list[str]:
     size = 1e3 * float(np.sqrt(c.value))
     which = "root mean square" if c.criterion == "I" else "largest"
     return [
-        f"after compensation with a fit of this plan the tip is known to {size:.4f} mm ({which} over the test poses)"
+        f"After compensation with a fit of this plan the tip is known to {size:.4f} mm ({which} over the test poses)"
     ]
 
 

@@ -20,10 +20,11 @@ def certificate_text(plan: Plan) -> str:
     if c is None:
         return "This plan carries no certificate: it was not designed here."
     chosen = c.efficiency if c.polished_from is None else c.polished_from
+    certified = np.floor(1e7 * c.relaxed_efficiency) / 1e7  # never rounded up
     words = (
         f"{c.criterion}-optimal over {c.candidates} candidates, each a pose under one load. The relaxed design "
-        f"({c.solver}) is certified to an efficiency of {c.relaxed_efficiency:.7f} by the equivalence theorem; the "
-        f"plan of {c.poses} of these poses reaches at least {chosen:.4f} of the best that any plan over them could."
+        f"({c.solver}) is certified to an efficiency of {certified:.7f} by the equivalence theorem; the plan of "
+        f"{c.poses} of these poses reaches at least {chosen:.4f} of the best that any plan over them could."
     )
     if c.polished_from is not None:
         words += f" Angles then moved off the candidates, inside the constraints: {c.efficiency:.4f}."
