@@ -69,6 +69,17 @@ class Model(Structure):
             out[part] = position_tangents(evaluate_state(self, chunk, x, loaded), wanted).transpose(3, 1, 2, 0)
         return out
 
+    def position_rates(self, poses: Poses, x: Array, names: Sequence[str], loaded: bool = False) -> tuple[Array, Array]:
+        """`positions` and `position_sensitivity` of one state together, cheaper than one after the other."""
+        x, wanted = self.checked(x), self.index(names)
+        value = np.empty((len(poses), len(self.markers), 3))
+        slope = np.empty((*value.shape, len(wanted)))
+        for part, chunk in chunks(poses):
+            ev = evaluate_state(self, chunk, x, loaded)
+            value[part] = position(ev).transpose(2, 0, 1)
+            slope[part] = position_tangents(ev, wanted).transpose(3, 1, 2, 0)
+        return value, slope
+
     def transmission_margin(self, poses: Poses) -> Array:
         """Smallest margin (N,) rad over all loops: transmission angle less what the loop asks for."""
         margin = np.full(len(poses), np.inf)

@@ -73,6 +73,7 @@ class Experiment:
     constraints: Constraints
     data: Path | None
     has_load: bool = True
+    rigid: bool = False
 
     @cached_property
     def _model(self) -> Model:
@@ -156,7 +157,7 @@ def load_experiment(path: str | Path) -> Experiment:
         effects, tuple(p for e in effects for p in e.parameters(robot.facts)),
         None if spec.fit is None else tuple(spec.fit), make_constraints(spec.constraints),
         None if spec.data is None else path.parent / spec.data,
-        "load" in spec.model_fields_set,
+        "load" in spec.model_fields_set, spec.rigid,
     )  # fmt: skip
     _check_model(document, experiment)
     return experiment

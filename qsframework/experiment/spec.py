@@ -168,6 +168,7 @@ class ExperimentSpec(FileModel):
     constraints: ConstraintsSpec = ConstraintsSpec()
     effects: list[dict[str, Any]] = pydantic.Field(default_factory=list)
     fit: list[str] | None = None
+    rigid: bool = False
 
     @pydantic.field_validator("markers")
     @classmethod
