@@ -1,0 +1,193 @@
+"""The solver on its own: against closed forms, scipy, brute force, and problems it has to refuse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from qsframework.errors import InputError, NotConverged, NotIdentifiable
+from qsframework.identify.observations import Independent, Observations
+from qsframework.identify.solve import Solution, solve
+from qsframework.plugin import Array, Parameter
+
+
+def line(m: int = 30, seed: int = 0, lower: float = -np.inf) -> tuple[Observations, Array]:
+    """y = A x + noise with three parameters of very different size."""
+    rng = np.random.default_rng(seed)
+    size = np.array([1e-7, 1.0, 1e5])
+    A = rng.normal(size=(m, 3)) / size
+    truth = size * [1.0, -0.05, 2.0]
+    sigma = rng.uniform(0.5, 2.0, m) * 0.1
+    parameters = tuple(
+        Parameter(n, "", nominal=v, typical=v, sd=0.5 * v, lower=lower) for n, v in zip("abc", size, strict=True)
+    )
+    return _observations(lambda x: A @ x, lambda x: A, parameters, A @ truth + sigma * rng.normal(size=m), sigma), A
+
+
+def _observations(
+    predict: Callable[[Array], Array], jacobian: Callable[[Array], Array], parameters: tuple[Parameter, ...],
+    measured: Array, sigma: Array,
+) -> Observations:  # fmt: skip
+    index = np.arange(len(measured))
+    return Observations(measured, predict, jacobian, parameters, Independent(sigma), index, index)
+
+
+def decay(seed: int = 0) -> Observations:
+    """y = a exp(-b t): bent in b."""
+    t = np.linspace(0.0, 4.0, 40)
+    sigma = np.full(40, 0.01)
+    y = 2.0 * np.exp(-1.3 * t) + sigma * np.random.default_rng(seed).normal(size=40)
+    parameters = (Parameter("a", "", 1.0, 1.0, lower=0.0), Parameter("b", "", 0.4, 1.0, lower=0.0))
+    return _observations(
+        lambda x: x[0] * np.exp(-x[1] * t),
+        lambda x: np.stack([np.exp(-x[1] * t), -x[0] * t * np.exp(-x[1] * t)], axis=1),
+        parameters, y, sigma,
+    )  # fmt: skip
+
+
+def test_a_line_is_solved_in_closed_form() -> None:
+    o, A = line()
+    W = A / o.noise.whiten(np.ones(30))[:, None] ** -1
+    found = solve(o)
+    cov = np.linalg.inv((W * [1e-7, 1, 1e5]).T @ (W * [1e-7, 1, 1e5])) * np.outer([1e-7, 1, 1e5], [1e-7, 1, 1e5])
+    assert np.allclose(found.x, cov @ W.T @ o.noise.whiten(o.measured), rtol=1e-10)
+    assert np.allclose(found.covariance, cov, rtol=1e-9)
+    assert np.allclose(found.jacobian, W)
+    assert found.cost == pytest.approx(0.5 * (found.residuals**2).sum())
+
+
+def test_a_bound_is_met_exactly_and_named() -> None:
+    o, A = line(lower=0.0)
+    found = solve(o)
+    assert found.at_bound == ("b",)
+    assert found.x[1] == 0.0
+    W = o.noise.whiten(A[:, [0, 2]] * [1e-7, 1e5])
+    assert np.allclose(found.x[[0, 2]], np.linalg.lstsq(W, o.noise.whiten(o.measured))[0] * [1e-7, 1e5], rtol=1e-9)
+    assert not found.covariance[1].any()
+    assert found.free == 2
+
+
+def test_priors_are_readings() -> None:
+    o, A = line()
+    size = np.array([1e-7, 1.0, 1e5])
+    W = np.vstack([o.noise.whiten(A * size), 2.0 * np.eye(3)])
+    y = np.concatenate([o.noise.whiten(o.measured), 2.0 * np.ones(3)])
+    found = solve(o, priors=True)
+    assert np.allclose(found.x, np.linalg.lstsq(W, y)[0] * size, rtol=1e-9)
+    assert np.allclose(found.covariance, np.linalg.inv(W.T @ W) * np.outer(size, size), rtol=1e-9)
+
+
+def test_priors_tell_what_readings_cannot() -> None:
+    o, A = line()
+    blind = A.copy()
+    blind[:, 2] = 0.0
+    unseen = replace(o, jacobian=lambda x: blind, predict=lambda x: blind @ x)
+    with pytest.raises(NotIdentifiable, match="c: no reading depends on it"):
+        solve(unseen)
+    found = solve(unseen, priors=True)
+    assert found.x[2] == pytest.approx(1e5)
+    assert np.sqrt(found.covariance[2, 2]) == pytest.approx(0.5e5)
+
+
+def test_fixed_and_tied() -> None:
+    o, A = line()
+    found = solve(o, fixed=["c"])
+    W = o.noise.whiten(A)
+    left = o.noise.whiten(o.measured) - W[:, 2] * 1e5
+    assert found.x[2] == 1e5
+    assert np.allclose(found.x[:2], np.linalg.lstsq(W[:, :2] * [1e-7, 1], left)[0] * [1e-7, 1])
+    found = solve(o, tied=[("a", "c")])
+    assert found.x[2] / found.x[0] == pytest.approx(1e12)
+    both = np.stack([W[:, 0] * 1e-7 + W[:, 2] * 1e5, W[:, 1]], axis=1)
+    assert np.allclose(found.x[:2] / [1e-7, 1], np.linalg.lstsq(both, o.noise.whiten(o.measured))[0])
+    for wrong in ({"fixed": ["d"]}, {"fixed": ["a"], "tied": [("a", "b")]}, {"fixed": ["a", "b", "c"]}):
+        with pytest.raises(InputError):
+            solve(o, **wrong)  # type: ignore[arg-type]
+
+
+def scipys(o: Observations, loss: str, start: Array) -> Array:
+    kind = {"loss": loss, "f_scale": 1.345} if loss != "linear" else {}
+    return least_squares(
+        lambda x: o.noise.whiten(o.predict(x) - o.measured), start, lambda x: o.noise.whiten(o.jacobian(x)),
+        xtol=1e-15, ftol=1e-15, gtol=1e-15, **kind,
+    ).x  # fmt: skip
+
+
+@pytest.mark.parametrize("loss", ["linear", "huber", "soft_l1"])
+def test_a_bent_model_with_gross_readings_agrees_with_scipy(loss: str) -> None:
+    o = decay()
+    gross = o.measured.copy()
+    gross[[5, 20]] += [0.4, -0.3]
+    o = replace(o, measured=gross)
+    found = solve(o, loss=loss)
+    assert np.allclose(found.x, scipys(o, loss, np.array([2.0, 1.3])), rtol=1e-6)
+
+
+def test_robust_losses_resist() -> None:
+    clean, gross = decay(1), decay(1)
+    bad = gross.measured.copy()
+    bad[3] += 1.0
+    gross = replace(gross, measured=bad)
+    sound = solve(clean).x
+    off = {loss: abs(solve(gross, loss=loss).x[1] - sound[1]) for loss in ("linear", "huber", "soft_l1")}
+    assert off["huber"] < off["linear"] / 20
+    assert off["soft_l1"] < off["linear"] / 20
+    assert solve(gross, loss="huber").weights[3] < 0.02
+
+
+@pytest.mark.parametrize("loss", ["linear", "huber", "soft_l1"])
+def test_the_covariance_is_true(loss: str) -> None:
+    """200 campaigns: mean of (error / sd)^2 is 1 within 4 of its sds."""
+    found = [solve(decay(seed), loss=loss) for seed in range(200)]
+    z = np.array([(s.x - [2.0, 1.3]) / np.sqrt(np.diag(s.covariance)) for s in found])
+    assert np.all(np.abs((z**2).mean(axis=0) - 1.0) < 4.0 * np.sqrt(2.0 / 200))
+
+
+def test_other_starts_find_the_deeper_minimum() -> None:
+    """y = sin(b t): from b = 1 the nearest minimum is a wrong frequency."""
+    t = np.linspace(0.0, 6.0, 60)
+    p = (Parameter("b", "", 1.0, 1.0, sd=2.0, lower=0.0),)
+    o = _observations(
+        lambda x: np.sin(x[0] * t), lambda x: (t * np.cos(x[0] * t))[:, None], p, np.sin(2.7 * t), np.full(60, 0.1)
+    )
+    alone = _try(o, starts=0)
+    assert alone is None or abs(alone.x[0] - 2.7) > 0.1
+    found = solve(o, starts=12)
+    assert found.x[0] == pytest.approx(2.7)
+    assert np.array_equal(found.x, solve(o, starts=12).x)
+
+
+def _try(o: Observations, starts: int) -> Solution | None:
+    try:
+        return solve(o, starts=starts)
+    except NotConverged:
+        return None
+
+
+def test_what_does_not_converge_is_no_result() -> None:
+    o = decay()
+    with pytest.raises(NotConverged, match="no finite prediction"):
+        solve(replace(o, predict=lambda x: np.full(40, np.nan)))
+    with pytest.raises(NotConverged, match="no step lowers|did not settle"):
+        solve(replace(o, jacobian=lambda x: -o.jacobian(x)))
+
+
+def test_only_a_combination_is_told() -> None:
+    o, A = line()
+    tied = A.copy()
+    tied[:, 2] = tied[:, 0] * 1e-12
+    with pytest.raises(NotIdentifiable, match="a, c: the readings tell only a combination"):
+        solve(replace(o, jacobian=lambda x: tied, predict=lambda x: tied @ x))
+
+
+def test_bad_words() -> None:
+    with pytest.raises(InputError, match="Did you mean 'huber'"):
+        solve(decay(), loss="hubre")
+    with pytest.raises(InputError, match="outside its bounds"):
+        solve(decay(), start=np.array([-1.0, 1.0]))
+    with pytest.raises(InputError, match="positive"):
+        Independent(np.array([1.0, 0.0]))
