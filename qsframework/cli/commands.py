@@ -85,12 +85,16 @@ def run_identify(
     file: Path, data: Path | None, fit: list[str] | None, json: Path | None, report: Path | None
 ) -> None:  # fmt: skip
     """Identify, print the fit, write fit.json and the report."""
+    from qsframework.cli.positions import identify_states
     from qsframework.identify import identify
     from qsframework.report import error_table, fit_section, fit_table, provenance_section, write_report
 
     experiment = load_experiment(file)
     source = readings_file(experiment, data)
     distinct_outputs([json, report], [file, source])
+    if is_states(source):
+        identify_states(experiment, source, fit, json, report)
+        return
     result = identify(experiment, read_readings(source, experiment), fit)
     print(result.verdict())
     for table in (fit_table(result), error_table(result)):

@@ -68,7 +68,7 @@ def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> 
             error_table(fit),
             Figure(_measured_predicted(fit), "Points should lie on the line; a slope says that the stiffness is off."),
             Figure(
-                _residuals(fit),
+                residual_figure(fit),
                 "Studentised residuals by row of the file. Beyond ±3 a reading deserves a look; a run of one sign "
                 "says that the model misses something.",
             ),
@@ -95,11 +95,12 @@ def _measured_predicted(fit: Fit) -> Any:
     return figure
 
 
-def _residuals(fit: Fit) -> Any:
+def residual_figure(fit: Fit, names: tuple[str, ...] = ("dx", "dy", "dz")) -> Any:
+    """Studentised residuals by row of the file."""
     figure = _figure("Studentised residuals", "row of the readings file", "residual / its sd")
-    for i, axis in enumerate(_AXES):
+    for i, axis in enumerate(names):
         figure.add_scatter(
-            x=fit.rows, y=fit.studentised[:, i], mode="markers", name=f"d{axis}",
+            x=fit.rows, y=fit.studentised[:, i], mode="markers", name=axis,
             text=[f"{v * 1e3:.3f} mm" for v in fit.residuals[:, i]],
         )  # fmt: skip
     for level in (-3.0, 3.0):

@@ -1,0 +1,84 @@
+"""A fit of absolute positions in a report: errors as distances, trackers' frames, what is left aside."""
+
+from __future__ import annotations
+
+import html
+from typing import Any
+
+import numpy as np
+
+from qsframework.identify.absolute import PositionFit
+from qsframework.report.fit_section import fit_table, residual_figure
+from qsframework.report.page import Figure, Section, Table, Text
+
+
+def position_error_table(fit: PositionFit) -> Table:
+    """RMS of the distances between predicted and measured positions."""
+    left = fit.left_out[~np.isnan(fit.left_out).any(axis=1)]
+    rows = (
+        ("nominal arm, fitted tracker frame and markers", fit.error_of(fit.measured - fit.nominal)),
+        ("identified", fit.error_of(fit.residuals)),
+        ("leave-one-pose-out", fit.error_of(left) if len(left) else float("nan")),
+    )
+    return Table(
+        ("RMS of the distance", "mm"),
+        tuple((name, f"{value * 1e3:.4f}") for name, value in rows),
+        "The last row counts: it is the error at poses that the fit has not seen.",
+    )
+
+
+def frame_table(fit: PositionFit) -> Table:
+    """Where each tracker sees the robot's base."""
+    rows = tuple(
+        (f.series or "-", ", ".join(f"{v * 1e3:.3f}" for v in f.origin), "; ".join(
+            ", ".join(f"{v:.6f}" for v in row) for row in f.rotation))
+        for f in fit.frames
+    )  # fmt: skip
+    return Table(("series", "origin of the base, mm", "rotation matrix, by rows"), rows, "The base in tracker frames.")
+
+
+def left_aside_table(fit: PositionFit) -> Table:
+    """Parameters that these readings cannot tell."""
+    rows = tuple(
+        (entry.name, "no effect" if not entry.absorbed_by else ", ".join(entry.absorbed_by),
+         "-" if np.isinf(entry.sd) else f"{entry.sd:.2g}")
+        for entry in fit.left_aside
+    )  # fmt: skip
+    note = (
+        "The last column: its standard deviation if it were fitted too, in its typical sizes; - where nothing tells it."
+    )
+    return Table(("left aside", "absorbed by, or looks like", "sd"), rows, note)
+
+
+def position_section(fit: PositionFit, title: str) -> Section:
+    """Tables and figures of a fit of positions."""
+    masked = ", ".join(map(str, fit.masked)) or "none"
+    return Section(
+        title,
+        (
+            Text(fit.verdict()),
+            position_error_table(fit),
+            Text(f"Gross errors, masked and not used: rows {masked}."),
+            fit_table(fit),
+            left_aside_table(fit),
+            frame_table(fit),
+            Figure(_distances(fit), "Distances between predicted and measured positions by row of the file."),
+            Figure(
+                residual_figure(fit, ("x", "y", "z")),
+                "Studentised residuals by row of the file. A run of one sign says that the model misses something.",
+            ),
+        ),
+    )
+
+
+def _distances(fit: PositionFit) -> Any:
+    import plotly.graph_objects as go
+
+    figure = go.Figure(layout={"title": {"text": "Error of the position"}, "template": "plotly_white", "height": 380,
+                               "xaxis": {"title": {"text": "row of the readings file"}},
+                               "yaxis": {"title": {"text": "distance, mm"}}})  # fmt: skip
+    text = [f"pose {html.escape(p)}" for p in fit.poses]
+    for name, errors in (("nominal", fit.measured - fit.nominal), ("identified", fit.residuals)):
+        size = np.linalg.norm(errors, axis=1) * 1e3
+        figure.add_scatter(x=fit.rows, y=size, mode="markers", name=name, text=text, marker={"size": 4})
+    return figure
