@@ -26,7 +26,9 @@ class Readings:
 
     poses: the N measurements; pose, repeat, cycle: their names; measurement, marker (R,): indices;
     displacement (R, 3) m, loaded minus unloaded, base frame; sigma (R,) m, NaN where not stated;
-    use (R,) False where a row is masked; rows (R,) line numbers in `source`, which is None for a simulation
+    use (R,) False where a row is masked; rows (R,) line numbers in `source`, which is None for a simulation;
+    reference (R,): name of the unloaded reading behind each row, "" for one of its own: rows of one marker and
+    reference share its error; None where no row says so
     """
 
     poses: Poses
@@ -41,6 +43,7 @@ class Readings:
     rows: Indices
     drive_state: tuple[str, ...] | None
     source: Path | None
+    reference: tuple[str, ...] | None = None
 
 
 def _columns(experiment: Experiment) -> list[Column]:
@@ -56,6 +59,7 @@ def _columns(experiment: Experiment) -> list[Column]:
         Column("time", "number", "s"), Column("time_unloaded", "number", "s"),
         Column("temperature", "number", "K"), Column("temperature_unloaded", "number", "K"),
         Column("approach", "side"), Column("drive_state", "text"), Column("use", "flag"),
+        Column("reference", "text"),
     ]  # fmt: skip
 
 
@@ -94,6 +98,7 @@ def read_readings(path: str | Path, experiment: Experiment) -> Readings:
         measurement, marker, frozen(displacement), frozen(sigma),
         use, np.array(table.rows),
         tuple(table.texts["drive_state"]) if "drive_state" in table.texts else None, table.path,
+        tuple(table.texts["reference"]) if "reference" in table.texts else None,
     )  # fmt: skip
 
 
@@ -133,9 +138,10 @@ def write_readings(path: str | Path, readings: Readings, experiment: Experiment)
     }  # fmt: skip
     present = {name: values.tolist() for name, values in recorded.items() if values is not None}
     stated = bool(np.isfinite(readings.sigma).any())
-    states = readings.drive_state
+    states, reference = readings.drive_state, readings.reference
     header += ["marker", "dx_mm", "dy_mm", "dz_mm", "repeat", "cycle", "use", *present]
     header += (["sigma_mm"] if stated else []) + (["drive_state"] if states else [])
+    header += ["reference"] if reference else []
     rows = []
     for i, m in enumerate(readings.measurement):
         row = [readings.pose[m], *map(repr, columns[m])]
@@ -143,5 +149,5 @@ def write_readings(path: str | Path, readings: Readings, experiment: Experiment)
         row += [str(readings.repeat[m]), str(readings.cycle[m]), str(int(readings.use[i]))]
         row += [repr(values[m]) for values in present.values()]
         row += [repr(float(readings.sigma[i] * 1e3)) if np.isfinite(readings.sigma[i]) else ""] if stated else []
-        rows.append(row + ([states[i]] if states else []))
+        rows.append(row + ([states[i]] if states else []) + ([reference[i]] if reference else []))
     write_table(path, header, rows, [f"robot: {experiment.robot.name}"])

@@ -1,0 +1,158 @@
+"""Errors that readings share: covariances against their definition, and against simulated campaigns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, StateReadings, make_plan, read_readings, simulate, write_readings
+from qsframework.identify.differences import differences
+from qsframework.identify.noise import Blocks, grouped, readings_noise, shared_error
+from qsframework.identify.observations import Independent
+from qsframework.plugin import Conditions, Poses
+
+
+def dense(noise: Blocks, m: int) -> np.ndarray:
+    """Covariance (m, m) behind a noise: L^-1 of the unit matrix, inverted."""
+    L = np.linalg.inv(noise.whiten(np.eye(m)))
+    return L @ L.T
+
+
+def test_a_grouped_covariance_is_what_it_says() -> None:
+    rng = np.random.default_rng(0)
+    m = 24
+    sigma = rng.uniform(0.5, 2.0, m)
+    a, b = rng.integers(-1, 6, m), rng.integers(-1, 9, m)
+    sa, sb = rng.uniform(0.1, 3.0, m), rng.uniform(0.1, 3.0, m)
+    noise = grouped(sigma, [(a, sa), (b, sb)])
+    cov = np.diag(sigma**2)
+    for i in range(m):
+        for j in range(m):
+            cov[i, j] += sa[i] * sa[j] * (a[i] == a[j] >= 0) + sb[i] * sb[j] * (b[i] == b[j] >= 0)
+    assert isinstance(noise, Blocks)
+    assert np.allclose(dense(noise, m), cov, rtol=1e-12, atol=1e-12)
+    assert np.isclose(noise.log_det(), np.linalg.slogdet(cov)[1], rtol=1e-12)
+    one = rng.normal(size=m)
+    assert np.isclose(np.square(noise.whiten(one)).sum(), one @ np.linalg.solve(cov, one), rtol=1e-12)
+    assert np.allclose(noise.whiten(np.column_stack([one, 2 * one]))[:, 1], 2 * noise.whiten(one))
+
+
+def test_without_a_group_readings_are_independent() -> None:
+    assert isinstance(grouped(np.ones(6), [(np.full(6, -1), np.ones(6))]), Independent)
+    with pytest.raises(InputError, match="positive"):
+        grouped(np.zeros(4), [(np.zeros(4, dtype=int), np.ones(4))])
+
+
+SIMULATED = 200
+
+
+def campaign(rng: np.random.Generator, shared: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Residuals of 12 poses x 3 markers x 3 axes with 6 parameters, their columns, sigma and labels."""
+    A = rng.normal(size=(108, 6))
+    label = (3 * np.repeat(np.arange(12), 3)[:, None] + np.arange(3)).ravel()
+    y = rng.normal(size=108) + shared * rng.normal(size=36)[label]
+    return y - A @ np.linalg.lstsq(A, y, rcond=None)[0], A, np.ones(108), label
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_the_shared_error_of_a_pose_is_found_and_not_invented(stated: bool) -> None:
+    """REML is unbiased for the variance (4 sigma of the mean), and the test keeps its level of 5 %."""
+    rng = np.random.default_rng(1)
+    found = [shared_error(*campaign(rng, 1.0), stated=stated) for _ in range(SIMULATED)]
+    variance = np.array([f.sd**2 for f in found])
+    assert abs(variance.mean() - 1.0) < 4.0 * variance.std() / np.sqrt(SIMULATED)
+    assert np.mean([f.p_value < 0.01 for f in found]) > 0.95
+    assert "share an error" in found[0].words()
+    none = np.array([shared_error(*campaign(rng, 0.0), stated=stated).p_value for _ in range(SIMULATED)])
+    assert np.mean(none < 0.05) < 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / SIMULATED)
+    assert np.mean(none == 1.0) > 0.3  # half of the estimates are zero
+
+
+def test_reml_is_the_closed_form_where_there_is_one() -> None:
+    """Balanced groups and one mean: between and within sums of squares, the textbook's analysis of variance."""
+    rng = np.random.default_rng(3)
+    groups, size = 15, 4
+    label = np.repeat(np.arange(groups), size)
+    y = rng.normal(size=groups * size) + 1.5 * rng.normal(size=groups)[label]
+    means = y.reshape(groups, size).mean(axis=1)
+    within = np.square(y - means[label]).sum() / (groups * (size - 1))
+    between = size * means.var(ddof=1)
+    found = shared_error(y - y.mean(), np.ones((len(y), 1)), np.ones(len(y)), label, stated=False)
+    assert np.isclose(found.unit**2, within, rtol=1e-4)
+    assert np.isclose(found.sd**2, (between - within) / size, rtol=1e-4)
+
+
+def test_rows_against_one_reference_share_half_their_variance(m900ib: Experiment, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    readings = simulate(m900ib, two_loads(m900ib), seed=0).readings
+    named = replace(readings, reference=tuple(f"u{readings.measurement[i] // 2}" for i in range(len(readings.use))))
+    write_readings(tmp_path / "r.csv", named, m900ib)
+    again = read_readings(tmp_path / "r.csv", m900ib)
+    assert again.reference == named.reference
+    keep = np.arange(len(readings.use))
+    noise = readings_noise(again, keep, again.sigma)
+    assert isinstance(noise, Blocks)
+    cov = dense(noise, 3 * len(keep)) / 0.03e-3**2
+    K = len(m900ib.markers)
+    assert np.allclose(np.diag(cov), 1.0)
+    assert np.isclose(cov[0, 3 * K], 0.5)  # the same marker and axis under the other load of the pose
+    assert np.isclose(np.abs(cov[0]).sum(), 1.5)  # and nothing else
+    assert isinstance(readings_noise(readings, keep, readings.sigma), Independent)
+
+
+def two_loads(experiment: Experiment):  # type: ignore[no-untyped-def]
+    controller = experiment.robot.controller
+    rng = np.random.default_rng(0)
+    pendant = np.repeat(rng.uniform(controller.lower, controller.upper, (4, 6)) * 0.7, 2, axis=0)
+    wrench = np.tile([[0, 0, -4000.0, 0, 0, 0], [0, 1500.0, -4000, 0, 0, 0]], (4, 1))
+    return make_plan(Poses(pendant, controller.to_joints(pendant), wrench), ["weight", "side"] * 4)
+
+
+def states(experiment: Experiment, repeats: int = 1) -> StateReadings:
+    """4 poses, each unloaded once and loaded twice, all markers; positions are numbers in order."""
+    plan = two_loads(experiment)
+    K = len(experiment.markers)
+    order = [i for p in range(4) for i in (2 * p, 2 * p, 2 * p + 1)]
+    loaded = np.array([False, True, True] * 4)
+    taken = plan.poses.take(np.array(order))
+    poses = Poses(taken.pendant, taken.q, taken.wrench * loaded[:, None], Conditions(), Conditions())
+    rng = np.random.default_rng(5)
+    R = 12 * K
+    return StateReadings(
+        poses, loaded, tuple(f"p{i // 2}" for i in order), ("", "weight", "side") * 4, ("",) * 12,
+        np.ones(12, dtype=int), np.ones(12, dtype=int), np.repeat(np.arange(12), K), np.tile(np.arange(K), 12),
+        rng.normal(size=(R, 3)), np.full(R, 0.02e-3), np.ones(R, dtype=bool), np.arange(2, 2 + R), None, None,
+    )  # fmt: skip
+
+
+def test_differences_of_states_and_their_covariance(m900ib: Experiment) -> None:
+    """Against the definition: displacements are T times positions, their covariance T T' sigma^2."""
+    given = states(m900ib)
+    K = len(m900ib.markers)
+    readings, noise = differences(given, m900ib)
+    T = np.zeros((8 * K, 12 * K))
+    for row in range(8 * K):
+        m, k = divmod(row, K)
+        pose, load = divmod(m, 2)
+        T[row, (3 * pose + 1 + load) * K + k] = 1.0
+        T[row, 3 * pose * K + k] = -1.0
+    T3 = np.kron(T, np.eye(3))
+    assert np.allclose(readings.displacement, T @ given.position)
+    assert np.allclose(dense(noise, 24 * K), T3 @ T3.T * 0.02e-3**2)  # type: ignore[arg-type]
+    assert np.allclose(readings.sigma, 0.02e-3 * np.sqrt(2.0))
+    assert readings.rows.tolist() == given.rows[given.loaded[given.measurement]].tolist()
+    again = readings_noise(readings, np.arange(8 * K), readings.sigma)
+    assert np.allclose(dense(again, 24 * K), dense(noise, 24 * K))  # type: ignore[arg-type]
+
+
+def test_a_loaded_row_without_an_unloaded_one_is_named(m900ib: Experiment) -> None:
+    given = states(m900ib)
+    use = np.array(given.use)
+    use[0] = False
+    with pytest.raises(InputError) as caught:
+        differences(replace(given, use=use), m900ib)
+    assert [p.line for p in caught.value.problems] == [5, 8]
+    with pytest.raises(InputError, match="no row of a loaded state"):
+        differences(replace(given, use=~given.loaded[given.measurement]), m900ib)
