@@ -18,6 +18,7 @@ import numpy as np
 from qsframework.plugin import Array, Indices
 
 _CHUNK_BYTES = 1 << 19
+_SPAN = 1 << 25
 _LARGE = 20_000
 """Candidates above which a pass is shared by threads."""
 
@@ -85,10 +86,12 @@ class MappedRows(HeldRows):
         """In the order of the file, a part at a time, so that few pages are held."""
         out = np.empty((len(index), *self.shape[1:]))
         order = np.argsort(index)
-        for first in range(0, len(order), 16384):
-            part = order[first : first + 16384]
+        # a page that is touched may bring its neighbours along: so many candidates that even all of them stay few
+        reach = max(1, _SPAN // (8 * int(np.prod(self.shape[1:]))))
+        for part in np.split(order, np.flatnonzero(np.diff(index[order] // reach)) + 1):
             out[part] = self.values[index[part]]
-            self.release(int(index[part[0]]), int(index[part[-1]]) + 1)
+            if len(part):
+                self.release(int(index[part[0]]) // reach * reach, min(int(index[part[-1]]) + reach, len(self)))
         return out
 
     def release(self, start: int, stop: int) -> None:
