@@ -4,7 +4,7 @@ from qsframework.experiment.constraints import Constraints, Sight
 from qsframework.experiment.examples import example
 from qsframework.experiment.plan import Certificate, Plan, make_plan, read_plan, read_poses, write_plan
 from qsframework.experiment.readings import Readings, read_readings, write_readings
-from qsframework.experiment.setup import Experiment, LoadCase, Marker, Noise, load_experiment
+from qsframework.experiment.setup import Experiment, LoadCase, LoadUncertainty, Marker, Noise, load_experiment
 from qsframework.experiment.simulate import Simulation, simulate
 from qsframework.experiment.states import StateReadings, is_states, read_states, write_states
 
@@ -13,6 +13,7 @@ __all__ = [
     "Constraints",
     "Experiment",
     "LoadCase",
+    "LoadUncertainty",
     "Marker",
     "Noise",
     "Plan",

@@ -42,6 +42,14 @@ class Noise:
     sigma: float | None
 
 
+@dataclass(frozen=True)
+class LoadUncertainty:
+    """sd of the load's scale (1 = 100 %), and of its direction, rad, about each axis; one error for all readings."""
+
+    scale: float = 0.0
+    direction: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class LoadCase:
     """A wrench (6,) at the load point, base frame, that a plan may put on a pose.
@@ -74,6 +82,7 @@ class Experiment:
     data: Path | None
     has_load: bool = True
     rigid: bool = False
+    load_uncertainty: LoadUncertainty = LoadUncertainty()
 
     @cached_property
     def _model(self) -> Model:
@@ -158,6 +167,7 @@ def load_experiment(path: str | Path) -> Experiment:
         None if spec.fit is None else tuple(spec.fit), make_constraints(spec.constraints),
         None if spec.data is None else path.parent / spec.data,
         "load" in spec.model_fields_set, spec.rigid,
+        LoadUncertainty(spec.load_uncertainty.scale, spec.load_uncertainty.direction),
     )  # fmt: skip
     _check_model(document, experiment)
     return experiment

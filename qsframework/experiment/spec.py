@@ -59,6 +59,13 @@ class NoiseSpec(FileModel):
         return value
 
 
+class LoadUncertaintySpec(FileModel):
+    """sd of the load's size, and of its direction about each axis; one error for all readings."""
+
+    scale: Annotated[float, Unit("")] = pydantic.Field(default=0.0, ge=0.0, lt=0.5)
+    direction: Annotated[float, Unit("rad")] = pydantic.Field(default=0.0, ge=0.0, lt=0.5)
+
+
 class LoadCaseSpec(FileModel):
     """A wrench that a design may put on a pose."""
 
@@ -164,6 +171,7 @@ class ExperimentSpec(FileModel):
     load: LoadSpec = LoadSpec.model_construct()  # left out: the readings are of unloaded states
     markers: dict[str, MarkerSpec]
     noise: NoiseSpec | Literal["estimate"]
+    load_uncertainty: LoadUncertaintySpec = LoadUncertaintySpec()
     loads: list[LoadCaseSpec] = pydantic.Field(default_factory=list)
     constraints: ConstraintsSpec = ConstraintsSpec()
     effects: list[dict[str, Any]] = pydantic.Field(default_factory=list)

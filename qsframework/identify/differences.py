@@ -84,8 +84,8 @@ def _sigmas(states: StateReadings, experiment: Experiment, loaded: Indices, unlo
     sigma = np.stack([states.sigma[unloaded], states.sigma[loaded]])
     sigma = np.where(np.isnan(sigma), one, sigma)
     if np.isnan(sigma).any() and not np.isnan(sigma).all():
-        raise InputError(f"{states.source or 'state readings'}: some rows have no sigma_mm and the experiment states no "
-                         "noise; give all of them or none")  # fmt: skip
+        name = states.source or "state readings"
+        raise InputError(f"{name}: some rows have no sigma_mm and the experiment states no noise; give all or none")
     return sigma
 
 

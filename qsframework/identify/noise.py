@@ -137,8 +137,8 @@ class SharedError:
         """What was found, in one sentence."""
         if self.p_value > level:
             return f"No error shared by the markers of a pose is seen (p = {self.p_value:.2g})."
-        return (f"The markers of a pose share an error of {self.sd * 1e3:.4f} mm a coordinate (p = {self.p_value:.2g}): "
-                "the robot's repeatability, or what the model misses.")  # fmt: skip
+        size = f"{self.sd * 1e3:.4f} mm a coordinate (p = {self.p_value:.2g})"
+        return f"The markers of a pose share an error of {size}: the robot's repeatability, or what the model misses."
 
 
 def shared_error(residuals: Array, jacobian: Array, sigma: Array, label: Indices, stated: bool = True) -> SharedError:

@@ -1,0 +1,114 @@
+"""What the load's own error adds to the estimates: analytic, against differences and against a Monte Carlo."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qsframework.elastostatics import make_model
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, LoadUncertainty, Plan, load_experiment, make_plan, simulate
+from qsframework.identify import identify
+from qsframework.identify.uncertainty import LoadError, load_columns, load_shift, total_covariance
+from qsframework.plugin import Poses, check_effect, find
+
+
+@pytest.fixture(scope="module")
+def plan(m900ib: Experiment) -> Plan:
+    rng = np.random.default_rng(0)
+    controller = m900ib.robot.controller
+    pendant = rng.uniform(controller.lower, controller.upper, (10, 6)) * 0.8
+    wrench = np.tile(m900ib.loads[1].wrench, (10, 1))
+    return make_plan(Poses(pendant, controller.to_joints(pendant), wrench), ["pull"] * 10)
+
+
+def test_the_error_is_a_proper_effect(m900ib: Experiment) -> None:
+    check_effect(LoadError(), m900ib.robot.facts)
+
+
+def test_columns_are_those_of_the_effects(m900ib: Experiment, plan: Plan) -> None:
+    """load_scale and load_direction, the built-in effects, have the same sensitivities; rz by differences."""
+    model = m900ib.model()
+    readings = simulate(m900ib, plan).readings
+    J = load_columns(model, readings, model.nominal)
+    effects = (*model.effects, find("load_scale")(), find("load_direction")())
+    markers = list(zip(model.marker_names, model.markers, strict=True))
+    wide = make_model(model.facts, effects, model.parameters, model.tip, markers, model.gravity)
+    names = ["load_scale", "load_direction.rx", "load_direction.ry"]
+    assert np.allclose(J[..., :3], wide.sensitivity(plan.poses, None, names), rtol=1e-10, atol=1e-15)
+    h, ends = 1e-5, []
+    for angle in (h, -h):
+        R = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+        turned = replace(plan.poses, wrench=np.array(plan.poses.wrench @ np.kron(np.eye(2), R).T))
+        ends.append(model.predict(turned))
+    assert np.allclose(J[..., 3], (ends[0] - ends[1]) / (2 * h), rtol=1e-6, atol=1e-9)
+
+
+CAMPAIGNS = 400
+
+
+def test_the_spread_of_estimates_is_the_total_sd(m900ib: Experiment, plan: Plan) -> None:
+    """Campaigns whose load is wrong in size and direction: mean square of error / total sd is 1 (4 sigma of it).
+
+    One draw of the load moves all parameters together, so each parameter is judged by itself.
+    """
+    stated = m900ib.with_(load_uncertainty=LoadUncertainty(0.01, np.deg2rad(0.3)))
+    rng = np.random.default_rng(7)
+    z, noise_only = [], []
+    truth = m900ib.model().nominal
+    sds = None
+    for seed in range(CAMPAIGNS):
+        k, r = 0.01 * rng.standard_normal(), np.deg2rad(0.3) * rng.standard_normal(3)
+        halves = plan.poses.wrench.reshape(-1, 2, 3)
+        acting = ((1.0 + k) * (halves + np.cross(r, halves))).reshape(-1, 6)
+        wrong = make_plan(replace(plan.poses, wrench=acting), ["pull"] * 10)
+        readings = simulate(m900ib, wrong, seed=seed).readings
+        readings = replace(readings, poses=plan.poses)  # the wrench that was believed
+        fit = identify(stated, readings)
+        if sds is None:
+            sds = np.sqrt(np.diag(total_covariance(fit, stated, readings)))
+        error = np.array([e.value for e in fit.estimates]) - truth[fit.model.index(fit.names)]
+        z.append(error / sds)
+        noise_only.append(error / [e.sd for e in fit.estimates])
+    square = np.mean(np.square(z), axis=0)
+    assert np.all(np.abs(square - 1.0) < 4.0 * np.sqrt(2.0 / CAMPAIGNS)), square
+    assert np.mean(np.square(noise_only), axis=0).max() > 3.0  # the noise alone would be far too small
+
+
+def test_a_scale_error_is_one_of_all_compliances(m900ib: Experiment, plan: Plan) -> None:
+    """A load 1 % too large makes every compliance 1 % too large, for K_par here is next to nothing."""
+    stated = m900ib.with_(load_uncertainty=LoadUncertainty(0.01, 0.0))
+    readings = simulate(m900ib, plan).readings
+    fit = identify(stated, readings)
+    G = load_shift(fit, stated, readings)
+    values = np.array([e.value for e in fit.estimates])
+    assert np.allclose(G[:, 0], 0.01 * values, rtol=0.03)
+    assert not G[:, 1:].any()
+    nothing = total_covariance(fit, m900ib, readings)
+    assert np.array_equal(nothing, fit.covariance)
+
+
+TEXT = """robot: fanuc_m900ib
+load: {point_mm: [150, 0, 200]}
+markers: {tool: {xyz_mm: [150, 0, 200]}}
+noise: {sigma_mm: 0.03}
+"""
+
+
+def test_the_file_states_it(tmp_path: Path) -> None:
+    file = tmp_path / "experiment.yaml"
+    file.write_text(TEXT + "load_uncertainty: {scale_percent: 0.5, direction_deg: 0.3}\n")
+    found = load_experiment(file).load_uncertainty
+    assert np.isclose(found.scale, 0.005)
+    assert np.isclose(found.direction, np.deg2rad(0.3))
+    file.write_text(TEXT)
+    assert load_experiment(file).load_uncertainty == LoadUncertainty(0.0, 0.0)
+    for wrong, words in (
+        ("{scale: 0.5}", "scale_percent"), ("{scale_percent: -1}", "line 5"), ("{direction_mm: 3}", "direction_deg"),
+    ):  # fmt: skip
+        file.write_text(TEXT + f"load_uncertainty: {wrong}\n")
+        with pytest.raises(InputError, match=words):
+            load_experiment(file)
