@@ -2,6 +2,6 @@
 
 from qsframework.identify.absolute import PositionFit, identify_positions
 from qsframework.identify.fit import Estimate, Fit
-from qsframework.identify.linear import identify
+from qsframework.identify.identify import METHODS, identify
 
-__all__ = ["Estimate", "Fit", "PositionFit", "identify", "identify_positions"]
+__all__ = ["METHODS", "Estimate", "Fit", "PositionFit", "identify", "identify_positions"]

@@ -17,7 +17,10 @@ _SIGNIFICANT = 1e-3
 
 @dataclass(frozen=True)
 class Estimate:
-    """One identified parameter, SI. `status` is "" or says that the value breaks or meets a bound."""
+    """One identified parameter, SI. `status` is "" or says that the value breaks or meets a bound.
+
+    sd is NaN where the value stands at its bound, for the fit then says nothing about the other side; 0 where fixed.
+    """
 
     name: str
     unit: str
@@ -57,6 +60,8 @@ class Fit:
     chi2: float
     dof: int
     data_sha256: str
+    notes: tuple[str, ...] = ()
+    """What else to know about how the fit was made."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -114,9 +119,9 @@ class Fit:
 
     @property
     def correlation(self) -> Array:
-        """Correlation matrix of the estimates (p, p)."""
+        """Correlation matrix of the estimates (p, p); zero where no sd is quoted."""
         sd = np.sqrt(np.diag(self.covariance))
-        return self.covariance / np.outer(sd, sd)
+        return self.covariance / np.outer(np.where(sd > 0, sd, 1.0), np.where(sd > 0, sd, 1.0))
 
     def high_correlations(self, above: float = HIGH_CORRELATION) -> list[tuple[str, str, float]]:
         """Pairs of estimates that the readings hardly tell apart."""
@@ -133,7 +138,13 @@ class Fit:
         return {
             "method": self.method,
             "estimates": {
-                e.name: {"value": e.value, "sd": e.sd, "unit": e.unit, "initial": e.initial, "status": e.status}
+                e.name: {
+                    "value": e.value,
+                    "sd": None if np.isnan(e.sd) else e.sd,
+                    "unit": e.unit,
+                    "initial": e.initial,
+                    "status": e.status,
+                }
                 for e in self.estimates
             },
             "covariance": self.covariance.tolist(),
@@ -150,6 +161,7 @@ class Fit:
                 "leave_one_out": None if np.isnan(self.rms_left_out) else self.rms_left_out * 1e3,
             },
             "model": {name: float(v) for name, v in zip(self.model.names, self.x, strict=True)},
+            "notes": list(self.notes),
             "data_sha256": self.data_sha256,
         }
 

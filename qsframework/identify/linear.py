@@ -39,23 +39,17 @@ class Rows:
         return predicted[self.measurement, self.marker]
 
 
-def identify(experiment: Experiment, readings: Readings, fit: Sequence[str] | None = None) -> Fit:
-    """Estimate the experiment's parameters from displacement readings.
+def identify_linear(experiment: Experiment, readings: Readings, names: Sequence[str]) -> Fit:
+    """Estimate parameters by linear least squares, bounds and priors aside.
 
-    `fit` names other parameters to estimate: effects, instances or single parameters. One step is
-    exact where nothing stiffens the joints; K_par bends the model by some 1e-5, so the step is
+    One step is exact where nothing stiffens the joints; K_par bends the model by some 1e-5, so the step is
     repeated about its own result until it settles.
 
-    Raises InputError where there are fewer readings than parameters; NotIdentifiable, naming the
-    parameters, where the readings cannot tell them apart; NotConverged where the steps do not settle.
+    Raises NotIdentifiable, naming the parameters, where the readings cannot tell them apart; NotConverged where the
+    steps do not settle.
     """
     model = experiment.model()
-    names = experiment.fit_names() if fit is None else experiment.with_(fit=tuple(fit)).fit_names()
-    rows, source = _rows(experiment, readings)
-    if 3 * len(rows.keep) <= len(names):
-        raise InputError(
-            f"{len(rows.keep)} readings give {3 * len(rows.keep)} numbers: too few for {len(names)} parameters"
-        )
+    rows, source = fit_rows(experiment, readings, len(names))
     x0 = model.nominal
     chosen = [model.parameters[i] for i in model.index(names)]
     nominal = rows.of(model.predict(readings.poses, x0))
@@ -73,12 +67,19 @@ def identify(experiment: Experiment, readings: Readings, fit: Sequence[str] | No
             break
     else:
         raise NotConverged(
-            f"least squares did not settle in {_STEPS} steps; {', '.join(names)} act too far from linearly"
+            f"least squares did not settle in {_STEPS} steps; {', '.join(names)} act too far from linearly. "
+            "Use method one-step"
         )
-    return _result(model, x, chosen, rows, readings, test, solution, source, nominal, predicted)
+    covariance = solution.covariance * np.outer(scales(chosen), scales(chosen))
+    found = Found("linear", x, covariance, solution.Q, test, nominal, predicted)
+    return make_fit(model, chosen, rows, readings, source, found)
 
 
-def _rows(experiment: Experiment, readings: Readings) -> tuple[Rows, str]:
+def fit_rows(experiment: Experiment, readings: Readings, parameters: int) -> tuple[Rows, str]:
+    """The rows that are used, and whether their noise is "stated" or "estimated".
+
+    Raises InputError where there are fewer readings than parameters, or where the noise is stated for some only.
+    """
     keep = np.flatnonzero(readings.use)
     if not len(keep):
         raise InputError(f"{readings.source or _UNFILED}: every reading is masked (use = 0)")
@@ -94,6 +95,8 @@ def _rows(experiment: Experiment, readings: Readings) -> tuple[Rows, str]:
     _, pose_of = np.unique(np.array(readings.pose), return_inverse=True)
     poses = pose_of[readings.measurement[keep]]
     rows = Rows(keep, readings.displacement[keep], sigma, readings.measurement[keep], readings.marker[keep], poses)
+    if rows.measured.size <= parameters:
+        raise InputError(f"{len(keep)} readings give {rows.measured.size} numbers: too few for {parameters} parameters")
     return rows, "estimated" if estimated else "stated"
 
 
@@ -112,36 +115,63 @@ def _solve(whitened: Array, target: Array) -> _Solution:
     return _Solution(inverse @ (Q.T @ target), inverse @ inverse.T, Q)
 
 
-def _result(
-    model: Model, x: Array, chosen: Sequence[Parameter], rows: Rows, readings: Readings, test: RankTest,
-    solution: _Solution, source: str, nominal: Array, predicted: Array,
-) -> Fit:  # fmt: skip
-    residuals = rows.measured - predicted
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a method found: all parameters x, covariance (p, p) SI for noise of the stated size, and orthonormal columns
+    Q (3R, f) of the f free parameters at x. at_bound names those whose sd cannot be quoted."""
+
+    method: str
+    x: Array
+    covariance: Array
+    Q: Array
+    rank: RankTest
+    nominal: Array
+    predicted: Array
+    at_bound: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    unit: float | None = None
+
+
+def make_fit(
+    model: Model, chosen: Sequence[Parameter], rows: Rows, readings: Readings, source: str, found: Found
+) -> Fit:
+    """The fit with its proof: estimates, residuals, what is left out."""
+    residuals = rows.measured - found.predicted
     white = residuals / rows.sigma[:, None]
-    dof = white.size - len(chosen)
+    free = found.Q.shape[1]
+    dof = white.size - free
     chi2 = float((white**2).sum())
-    unit = float(np.sqrt(chi2 / dof)) if source == "estimated" else 1.0
-    covariance = solution.covariance * np.outer(scales(chosen), scales(chosen)) * unit**2
-    values = x[model.index([p.name for p in chosen])]
-    outside = left_out(white, solution.Q, rows.pose) * rows.sigma[:, None]
+    plain = float(np.sqrt(chi2 / dof))
+    unit = (plain if found.unit is None else found.unit) if source == "estimated" else 1.0
+    covariance = found.covariance * unit**2
+    values = found.x[model.index([p.name for p in chosen])]
+    outside = left_out(white, found.Q, rows.pose) * rows.sigma[:, None]
     digest = sha256(readings.source) if readings.source is not None else ""
     poses = tuple(readings.pose[m] for m in rows.measurement)
+    sd = np.array([np.nan if p.name in found.at_bound else s
+                   for p, s in zip(chosen, np.sqrt(np.diag(covariance)), strict=True)])  # fmt: skip
     return Fit(
-        "linear", model, x, _estimates(chosen, values, np.sqrt(np.diag(covariance))), covariance, test,
+        found.method, model, found.x, _estimates(chosen, values, sd), covariance, found.rank,
         unit * float(np.sqrt(np.mean(rows.sigma**2))), source, readings.rows[rows.keep], poses, rows.measured,
-        predicted, nominal, residuals, studentised(white, solution.Q, len(chosen)), outside, chi2 / unit**2, dof,
-        digest,
+        found.predicted, found.nominal, residuals, studentised(white, found.Q, free), outside, chi2 / unit**2, dof,
+        digest, found.notes,
     )  # fmt: skip
 
 
 def _estimates(chosen: Sequence[Parameter], values: Array, sds: Array) -> tuple[Estimate, ...]:
     def status(p: Parameter, value: float, sd: float) -> str:
+        if np.isnan(sd):
+            end = "lower" if value <= p.lower else "upper"
+            return f"at its {end} bound {value:g}: it errs to one side only, so no sd is quoted"
+        if sd == 0.0:
+            return "fixed"
         if value < p.lower:
             return f"below its bound {p.lower:g}: the model or a convention is wrong"
         if value > p.upper:
             return f"above its bound {p.upper:g}: the model or a convention is wrong"
-        if sd > abs(value):
-            return "sd above the value: these readings do not tell it"
+        if sd > abs(value) or (p.nominal != 0.0 and sd > abs(p.nominal)):
+            share = f"{100 * sd / abs(p.nominal):.0f} % of its nominal value" if p.nominal else "above the value"
+            return f"not identifiable from these readings: its sd is {share}"
         if p.sd is not None and abs(value - p.nominal) > _FAR * p.sd:
             return f"{abs(value - p.nominal) / p.sd:.0f} prior sds from its initial value"
         return ""

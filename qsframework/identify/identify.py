@@ -1,0 +1,157 @@
+"""The verb: from an experiment and its displacement readings to a fit, by the method that is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from qsframework.elastostatics import Model
+from qsframework.errors import InputError, NotConverged, Problem, nearest
+from qsframework.experiment import Experiment, Readings
+from qsframework.identify.fit import Fit
+from qsframework.identify.linear import Found, Rows, fit_rows, identify_linear, make_fit
+from qsframework.identify.observations import Independent, Noise, Observations
+from qsframework.identify.solve import Solution, solve
+from qsframework.identify.two_step import identify_two_step
+from qsframework.information import rank_test
+from qsframework.plugin import Array
+
+METHODS = ("linear", "one-step", "two-step")
+_ROUNDS = 50
+_STILL = 1e-6
+_MAD = 1.4826
+
+
+def identify(
+    experiment: Experiment, readings: Readings, fit: Sequence[str] | None = None, method: str = "linear",
+    priors: bool = False, loss: str = "linear", fixed: Sequence[str] = (), tied: Sequence[Sequence[str]] = (),
+) -> Fit:  # fmt: skip
+    """Estimate the experiment's parameters from displacement readings.
+
+    `fit` names other parameters to estimate: effects, instances or single parameters. method "linear" looks at no
+    bounds, so that a wrong model or convention shows itself in a value beyond them; "one-step" is nonlinear, keeps the
+    bounds, and takes `priors` (stated values and sds count as readings), a robust `loss` (huber, soft_l1), `fixed` and
+    `tied` parameters; "two-step" finds an aggregated compliance for each angle of the balanced joint first.
+
+    Raises InputError where there are fewer readings than parameters; NotIdentifiable, naming the parameters, where the
+    readings cannot tell them apart; NotConverged with its reason.
+    """
+    if method not in METHODS:
+        raise InputError(
+            Problem(f"unknown method {method!r}", allowed=", ".join(METHODS), hint=nearest(method, METHODS))
+        )
+    names = experiment.fit_names() if fit is None else experiment.with_(fit=tuple(fit)).fit_names()
+    if method != "one-step" and (priors or loss != "linear" or fixed or tied):
+        raise InputError(f"priors, loss, fixed and tied are for method one-step, not for {method}")
+    if method == "linear":
+        return identify_linear(experiment, readings, names)
+    if method == "two-step":
+        return identify_two_step(experiment, readings, names)
+    return _one_step(experiment, readings, names, priors, loss, fixed, tied)
+
+
+def displacement_observations(model: Model, readings: Readings, rows: Rows, names: Sequence[str]) -> Observations:
+    """The readings as scalars, with the named parameters to fit and all others at their nominal values."""
+    index = model.index(names)
+    nominal = model.nominal
+
+    def full(x: Array) -> Array:
+        every = nominal.copy()
+        every[index] = x
+        return every
+
+    return Observations(
+        rows.measured.ravel(),
+        lambda x: rows.of(model.predict(readings.poses, full(x))).ravel(),
+        lambda x: rows.of(model.sensitivity(readings.poses, full(x), names)).reshape(-1, len(names)),
+        tuple(model.parameters[i] for i in index),
+        Independent(np.repeat(rows.sigma, 3)),
+        np.repeat(rows.pose, 3),
+        np.repeat(readings.rows[rows.keep], 3),
+    )
+
+
+def _one_step(
+    experiment: Experiment, readings: Readings, names: Sequence[str], priors: bool, loss: str, fixed: Sequence[str],
+    tied: Sequence[Sequence[str]],
+) -> Fit:  # fmt: skip
+    model = experiment.model()
+    rows, source = fit_rows(experiment, readings, len(names))
+    observations = displacement_observations(model, readings, rows, names)
+    solution, unit = _settled(observations, priors, loss, fixed, tied, source == "estimated")
+    x = model.nominal
+    x[model.index(names)] = solution.x
+    moved = [i for i, v in enumerate(np.diag(solution.covariance)) if v > 0.0]
+    free = solution.jacobian[:, moved] * [observations.parameters[i].scale for i in moved]
+    Q = _columns(free, solution.free)
+    predicted = rows.of(model.predict(readings.poses, x))
+    nominal = rows.of(model.predict(readings.poses, model.nominal))
+    notes = _notes(priors, loss, fixed, tied, solution)
+    found = Found(
+        "one-step", x, solution.covariance, Q, rank_test(free, [names[i] for i in moved]), nominal, predicted,
+        solution.at_bound, notes, unit,
+    )  # fmt: skip
+    return make_fit(model, list(observations.parameters), rows, readings, source, found)
+
+
+def _columns(rows: Array, free: int) -> Array:
+    """Orthonormal columns (m, f) of what the readings can move, f at most the number of free parameters."""
+    U, values, _ = np.linalg.svd(rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300), full_matrices=False)
+    return U[:, : min(free, int((values > 1e-9 * values[0]).sum()))]
+
+
+def _settled(
+    observations: Observations, priors: bool, loss: str, fixed: Sequence[str], tied: Sequence[Sequence[str]],
+    estimated: bool,
+) -> tuple[Solution, float | None]:  # fmt: skip
+    """The solution and the noise's unit; where priors or a robust loss need the unit, it is found with them."""
+    if not estimated or (loss == "linear" and not priors):
+        return solve(observations, priors=priors, loss=loss, fixed=fixed, tied=tied), None
+    unit = _size(observations.noise.whiten(observations.measured - observations.predict(observations.start)), 0, loss)
+    for _ in range(_ROUNDS):
+        scaled = replace(observations, noise=Scaled(observations.noise, unit, len(observations.measured)))
+        solution = solve(scaled, priors=priors, loss=loss, fixed=fixed, tied=tied)
+        new = unit * _size(solution.residuals, solution.free, loss)
+        if abs(new - unit) <= _STILL * unit:
+            return replace(solution, covariance=solution.covariance / unit**2), unit
+        unit = new
+    raise NotConverged(f"the size of the noise did not settle in {_ROUNDS} rounds; state sigma_mm in the experiment")
+
+
+def _size(residuals: Array, free: int, loss: str) -> float:
+    """Sd of residuals that `free` parameters were fitted to; of a robust loss by their median, which outliers spare."""
+    share = len(residuals) / (len(residuals) - free)
+    if loss == "linear":
+        return float(np.sqrt(np.mean(residuals**2) * share))
+    return float(_MAD * np.median(np.abs(residuals)) * np.sqrt(share))
+
+
+@dataclass(frozen=True, eq=False)
+class Scaled:
+    """Noise `unit` times another."""
+
+    noise: Noise
+    unit: float
+    count: int
+
+    def whiten(self, values: Array) -> Array:
+        return self.noise.whiten(values) / self.unit
+
+    def log_det(self) -> float:
+        return self.noise.log_det() + 2.0 * self.count * float(np.log(self.unit))
+
+
+def _notes(
+    priors: bool, loss: str, fixed: Sequence[str], tied: Sequence[Sequence[str]], solution: Solution
+) -> tuple[str, ...]:  # fmt: skip
+    said = ["Stated values and sds counted as readings."] if priors else []
+    if loss != "linear":
+        light = int((solution.weights < 0.5).sum())
+        said.append(f"Loss {loss}: {light} coordinates lost more than half their weight.")
+    said += [f"Fixed: {', '.join(fixed)}."] if fixed else []
+    said += [f"Tied, in the ratio of their nominal values: {', '.join(group)}." for group in tied]
+    said += [f"At a bound: {', '.join(solution.at_bound)}; the other sds hold while it stays there."] if (
+        solution.at_bound) else []  # fmt: skip
+    return tuple(said)

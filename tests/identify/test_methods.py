@@ -1,0 +1,222 @@
+"""Linear, one step and two steps on the same readings of a whole arm with a balancer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from qsframework.cli.demo import read_as_relative
+from qsframework.errors import InputError, NotConverged
+from qsframework.experiment import Experiment, Plan, Readings, make_plan, simulate
+from qsframework.identify import Fit, identify
+from qsframework.identify.identify import displacement_observations
+from qsframework.identify.linear import fit_rows
+from qsframework.identify.two_step import _StepOne, find_balanced, identify_two_step
+from qsframework.information.two_step import distinct_angles
+from qsframework.plugin import Array, Poses
+
+K2, KC, S0 = "joint_compliance[joint_2]", "compensator_stiffness[joint_2].stiffness", (
+    "compensator_stiffness[joint_2].free_length"
+)  # fmt: skip
+TRUTH = {KC: 2.0e7, S0: 0.70}
+"""A balancer that stiffens joint 2 by some 40 %: one that readings can tell."""
+
+
+@pytest.fixture(scope="module")
+def arm(m900ib: Experiment) -> Experiment:
+    """The M-900iB whose balancer's equivalent stiffness is to be found, with a nominal that is off."""
+    known = {KC: {"nominal": 1.5e7, "sd": 5e6}, S0: {"nominal": 0.6, "sd": 0.1}}
+    robot = replace(
+        m900ib.robot,
+        parameters=tuple(replace(p, **known[p.name]) if p.name in known else p for p in m900ib.robot.parameters),
+    )
+    return m900ib.with_(robot=robot, fit=("joint_compliance", "compensator_stiffness"))
+
+
+def planned(arm: Experiment, elevations: tuple[float, ...], per_angle: int, seed: int = 0, load: int = 1) -> Plan:
+    """Poses at the given angles of joint 2 (deg), a side pull on some."""
+    rng = np.random.default_rng(seed)
+    controller = arm.robot.controller
+    count = per_angle * len(elevations)
+    pendant = np.deg2rad(rng.uniform([-170, 0, -60, -150, 30, -150], [170, 0, 20, 150, 100, 150], (count, 6)))
+    pendant[:, 1] = np.deg2rad(np.repeat(elevations, per_angle))
+    wrench = np.tile(arm.loads[load].wrench, (count, 1))
+    return make_plan(Poses(pendant, controller.to_joints(pendant), wrench), ["pull"] * count)
+
+
+def truth(arm: Experiment) -> Array:
+    x = arm.model().nominal
+    x[arm.model().index(list(TRUTH))] = list(TRUTH.values())
+    return x
+
+
+def measured(arm: Experiment, plan: Plan, seed: int, sigma: float = 0.03e-3) -> Readings:
+    return simulate(arm.with_(noise=replace(arm.noise, sigma=sigma)), plan, truth(arm), seed=seed).readings
+
+
+def values(fit: Fit) -> Array:
+    return np.array([e.value for e in fit.estimates])
+
+
+def test_without_noise_all_methods_find_the_truth(arm: Experiment) -> None:
+    plan = planned(arm, (-50.0, 10.0, 80.0), 5)
+    quiet = arm.with_(noise=replace(arm.noise, sigma=1e-12))
+    readings = simulate(quiet, plan, truth(arm)).readings
+    for method in ("one-step", "two-step"):
+        fit = identify(quiet, readings, method=method)
+        assert np.allclose(fit.x, truth(arm), rtol=1e-4), method
+
+
+def test_with_three_angles_one_step_is_two_steps(arm: Experiment) -> None:
+    """Same estimates and covariance, where readings are good enough that a parabola fits the sum of squares."""
+    plan = planned(arm, (-50.0, 10.0, 80.0), 6)
+    quiet = arm.with_(noise=replace(arm.noise, sigma=1e-6))
+    readings = measured(quiet, plan, 3, 1e-6)
+    one, two = (identify(quiet, readings, method=m) for m in ("one-step", "two-step"))
+    sd = np.array([e.sd for e in one.estimates])
+    assert np.all(np.abs(values(one) - values(two)) < 1e-3 * sd)
+    assert np.allclose(one.covariance, two.covariance, rtol=1e-3, atol=0.0)
+
+
+def errors(arm: Experiment, plan: Plan, campaigns: int) -> dict[str, Array]:
+    """Mean squared errors of K2 and of the balancer's stiffness at three angles, by method."""
+    names = arm.fit_names()
+    at = np.deg2rad([-50.0, 10.0, 80.0])
+    balanced = find_balanced(arm.model())
+
+    def told(x: Array) -> Array:
+        c, kc, s0 = x[arm.model().index([K2, KC, S0])]
+        return balanced.rows(at) @ [1.0 / c, kc, s0 * kc]
+
+    out: dict[str, list[Array]] = {"one": [], "two": [], "plain": []}
+    for seed in range(campaigns):
+        readings = measured(arm, plan, seed, 2e-6)
+        fits = {
+            "one": identify(arm, readings, method="one-step"),
+            "two": identify_two_step(arm, readings, names),
+            "plain": identify_two_step(arm, readings, names, weighted=False),
+        }
+        for name, fit in fits.items():
+            out[name].append(told(fit.x) - told(truth(arm)))
+    return {name: np.mean(np.square(all_), axis=0) for name, all_ in out.items()}
+
+
+def test_weights_decide_between_the_methods(arm: Experiment) -> None:
+    """Six angles, some of them hardly seen: one step and weighted two steps alike, plain step two loses."""
+    plan = planned(arm, (-55.0, -3.0, 3.0, 40.0, 60.0, 85.0), 2)
+    mse = errors(arm, plan, 15)
+    assert np.all(np.abs(mse["two"] / mse["one"] - 1.0) < 0.1)
+    assert np.sum(mse["two"]) < 1.05 * np.sum(mse["one"])
+    assert np.sum(mse["plain"]) > 1.2 * np.sum(mse["one"])
+
+
+@pytest.mark.parametrize("which", ["one", "first of two"])
+def test_derivatives_against_finite_differences(arm: Experiment, which: str) -> None:
+    readings = measured(arm, planned(arm, (-50.0, 10.0, 80.0), 2), 1)
+    names = arm.fit_names()
+    rows, _ = fit_rows(arm, readings, len(names))
+    if which == "one":
+        o = displacement_observations(arm.model(), readings, rows, names)
+    else:
+        angles, group = distinct_angles(readings.poses.q[:, 1], 1e-4)
+        o = _StepOne(arm.model(), find_balanced(arm.model()), readings, rows, names, angles, group).observations()
+    J = o.jacobian(o.start)
+    for i, v in enumerate(o.start):
+        step = np.zeros(len(o.start))
+        step[i] = 1e-4 * v
+        slope = (o.predict(o.start + step) - o.predict(o.start - step)) / (2e-4 * v)
+        assert np.allclose(J[:, i], slope, rtol=1e-5, atol=1e-6 * np.abs(slope).max()), o.names[i]
+
+
+def test_one_step_is_linear_where_the_model_is(r2000ic: Experiment, real: Readings) -> None:
+    linear, one = identify(r2000ic, real), identify(r2000ic, real, method="one-step")
+    assert np.allclose(values(linear), values(one), rtol=1e-9)
+    assert np.allclose(linear.covariance, one.covariance, rtol=1e-8)
+    assert np.allclose(linear.left_out, one.left_out, rtol=1e-6, atol=1e-12)
+    assert np.allclose(linear.studentised, one.studentised, rtol=1e-6)
+    assert one.sigma == pytest.approx(linear.sigma)
+
+
+def test_a_bound_is_named_where_linear_goes_beyond(r2000ic: Experiment, real: Readings) -> None:
+    wrong = read_as_relative(r2000ic, "joint_3")
+    one = identify(wrong, real, method="one-step")
+    (fifth,) = (e for e in one.estimates if "at its lower bound" in e.status)
+    assert fifth.name == "joint_compliance[joint_5]"
+    assert fifth.value == 0.0
+    assert np.isnan(fifth.sd)
+    assert one.as_json()["estimates"][fifth.name]["sd"] is None
+    assert one.dof == 3 * 43 - 5
+    assert "joint_5" in one.notes[0]
+    assert any("below its bound" in e.status for e in identify(wrong, real).estimates)
+
+
+@pytest.mark.parametrize("loss", ["huber", "soft_l1"])
+def test_a_gross_reading_hardly_moves_a_robust_fit(r2000ic: Experiment, real: Readings, loss: str) -> None:
+    gross = np.array(real.displacement)
+    gross[7] += [0.01, -0.01, 0.01]
+    bad = replace(real, displacement=gross)
+
+    def moved(**options: str) -> float:
+        good, off = (identify(r2000ic, r, method="one-step", **options) for r in (real, bad))  # type: ignore[arg-type]
+        return float(np.max(np.abs(values(off) - values(good)) / [e.sd for e in good.estimates]))
+
+    assert moved(loss=loss) < 0.2 * moved()
+
+
+def test_priors_pull_and_tell(m900ib: Experiment) -> None:
+    """With loads that never reach joint 1, its prior is what is left of it."""
+    readings = simulate(m900ib, planned(m900ib, (-50.0, 10.0, 80.0), 3, load=0), seed=2).readings
+    fit = identify(m900ib, readings, method="one-step", priors=True)
+    first = fit.estimates[0]
+    assert first.name == "joint_compliance[joint_1]"
+    assert first.value == pytest.approx(first.initial, rel=1e-6)
+    assert first.sd == pytest.approx(0.3 * first.initial, rel=1e-6)
+    assert "Stated values" in fit.notes[0]
+
+
+def test_estimated_noise_with_priors_settles(m900ib: Experiment) -> None:
+    readings = simulate(m900ib, planned(m900ib, (-50.0, 10.0, 80.0), 5), truth="drawn", seed=5).readings
+    unknown = m900ib.with_(noise=replace(m900ib.noise, sigma=None))
+    bare = replace(readings, sigma=np.full(len(readings.sigma), np.nan))
+    fit = identify(unknown, bare, method="one-step", priors=True)
+    assert fit.sigma_source == "estimated"
+    assert 0.8 < fit.sigma / 0.03e-3 < 1.2
+    stated = identify(m900ib, readings, method="one-step", priors=True)
+    assert np.allclose([e.sd for e in fit.estimates], [e.sd for e in stated.estimates], rtol=0.25)
+
+
+def test_fixed_and_tied_joints(m900ib: Experiment) -> None:
+    readings = simulate(m900ib, planned(m900ib, (-50.0, 10.0, 80.0), 5), seed=5).readings
+    names = m900ib.fit_names()
+    fit = identify(m900ib, readings, method="one-step", fixed=[names[0]], tied=[names[3:5]])
+    assert fit.estimates[0].value == fit.estimates[0].initial
+    ratio = fit.estimates[3].initial / fit.estimates[4].initial
+    assert fit.estimates[3].value / fit.estimates[4].value == pytest.approx(ratio)
+    assert fit.dof == 3 * 45 - 4
+    assert fit.estimates[0].status == "fixed"
+
+
+def test_words_where_two_steps_cannot_be_taken(arm: Experiment, r2000ic: Experiment, real: Readings) -> None:
+    with pytest.raises(InputError, match=r"this model has none\. Use method linear"):
+        identify(r2000ic, real, method="two-step")
+    readings = measured(arm, planned(arm, (-50.0, 10.0), 4), 1)
+    with pytest.raises(InputError, match=r"the readings have 2 \(-50\.0, 10\.0 deg\)"):
+        identify(arm, readings, method="two-step")
+    with pytest.raises(InputError, match=r"not in the fit: compensator_stiffness\[joint_2\]\.stiffness"):
+        identify(arm, readings, ["joint_compliance"], method="two-step")
+    with pytest.raises(InputError, match="Did you mean 'one-step'"):
+        identify(arm, readings, method="one-stop")
+    with pytest.raises(InputError, match="are for method one-step, not for two-step"):
+        identify(arm, readings, method="two-step", priors=True)
+
+
+def test_two_steps_say_where_the_balancer_is_not_told(arm: Experiment) -> None:
+    """Readings of an arm that a balancer makes softer: Kc would be negative."""
+    quiet = arm.with_(noise=replace(arm.noise, sigma=1e-6))
+    x = truth(arm)
+    x[arm.model().index([KC])] = -1e7
+    readings = simulate(quiet, planned(arm, (-50.0, 10.0, 80.0), 3), x).readings
+    with pytest.raises(NotConverged, match="Use one-step, which keeps the bounds"):
+        identify(quiet, readings, method="two-step")
