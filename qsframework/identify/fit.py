@@ -137,6 +137,7 @@ class Fit:
         """What `fit.json` holds (SI units)."""
         return {
             "method": self.method,
+            "parameters": list(self.names),
             "estimates": {
                 e.name: {
                     "value": e.value,

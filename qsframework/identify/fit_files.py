@@ -1,0 +1,192 @@
+"""Result files: fit.json both ways, nominal.yaml with identified values, a URDF with corrected joint origins."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import pydantic
+
+from qsframework.elastostatics import Model
+from qsframework.errors import InputError, Problem
+from qsframework.files import FileModel, Unit, read_yaml, sha256, validate, write_text
+from qsframework.identify.fit import Fit
+from qsframework.plugin import Array, Geometry, Loop, Parameter, Poses
+from qsframework.robot import Robot
+from qsframework.robot.corrected import write_corrected_urdf
+
+
+class EstimateSpec(FileModel):
+    """One estimate in fit.json, SI; sd is null where none is quoted."""
+
+    model_config = pydantic.ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
+    value: float
+    sd: float | None
+    unit: str
+    initial: float
+    status: str
+
+
+class FitSpec(FileModel):
+    """fit.json; keys that are for people only are passed over."""
+
+    model_config = pydantic.ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
+    method: str
+    parameters: list[str]
+    estimates: dict[str, EstimateSpec]
+    covariance: list[list[float]]
+    sigma: Annotated[float, Unit("m")]
+    sigma_source: str
+    chi2: float
+    dof: int
+    model: dict[str, float]
+    data_sha256: str
+
+
+@dataclass(frozen=True, eq=False)
+class StoredFit:
+    """A fit as its file holds it: values (p,), sd (p,) NaN where none is quoted, covariance (p, p), SI.
+
+    model: the values of all parameters of the model, estimated or not
+    """
+
+    method: str
+    names: tuple[str, ...]
+    values: Array
+    sd: Array
+    covariance: Array
+    status: tuple[str, ...]
+    sigma: float
+    sigma_source: str
+    chi2: float
+    dof: int
+    model: dict[str, float]
+    data_sha256: str
+
+    def x(self, model: Model) -> Array:
+        """Values of all parameters of a model (p,). InputError where the fit is of another model."""
+        missing = [n for n in model.names if n not in self.model]
+        if missing:
+            raise InputError(f"the fit is of another model: it has no {', '.join(missing)}")
+        return np.array([self.model[n] for n in model.names])
+
+    def is_of(self, data: Path) -> bool:
+        """Whether the readings in a file are those of the fit, by their hash."""
+        return self.data_sha256 == sha256(data)
+
+
+def write_fit(fit: Fit, path: str | Path) -> Path:
+    """Write fit.json, all or nothing."""
+    return write_text(path, json.dumps(fit.as_json(), indent=2, sort_keys=True, allow_nan=False) + "\n")
+
+
+def read_fit(path: str | Path) -> StoredFit:
+    """Read a fit.json. InputError with all its problems, each with its line."""
+    document = read_yaml(path)
+    spec = validate(document, FitSpec)
+    p = len(spec.parameters)
+    wrong = [
+        Problem(f"parameter {name!r} has no estimate", str(path), document.line("estimates"))
+        for name in spec.parameters
+        if name not in spec.estimates
+    ]
+    if len(spec.covariance) != p or any(len(row) != p for row in spec.covariance):
+        wrong.append(
+            Problem("covariance has another size than parameters", str(path), document.line("covariance"),
+                    allowed=f"{p} rows of {p} numbers")
+        )  # fmt: skip
+    elif not np.allclose(spec.covariance, np.transpose(spec.covariance), rtol=1e-6, atol=0.0):
+        wrong.append(Problem("covariance is not symmetric", str(path), document.line("covariance")))
+    if wrong:
+        raise InputError(wrong)
+    estimates = [spec.estimates[name] for name in spec.parameters]
+    return StoredFit(
+        spec.method, tuple(spec.parameters), np.array([e.value for e in estimates]),
+        np.array([np.nan if e.sd is None else e.sd for e in estimates]), np.array(spec.covariance).reshape(p, p),
+        tuple(e.status for e in estimates), spec.sigma, spec.sigma_source, spec.chi2, spec.dof, dict(spec.model),
+        spec.data_sha256,
+    )  # fmt: skip
+
+
+def write_nominal(fit: Fit, path: str | Path, robot: Robot) -> Path:
+    """Write a nominal.yaml of the robot with identified values, sds and their source; the rest as it was.
+
+    Parameters of the campaign (tracker, load) are named in a comment, for they are not the robot's. InputError where
+    an identified value lies beyond its bounds: a robot cannot be given it.
+    """
+    found = {e.name: e for e in fit.estimates}
+    beyond = [e.name for e in fit.estimates if not e.lower <= e.value <= e.upper]
+    if beyond:
+        raise InputError(f"{', '.join(beyond)} beyond its bounds: a robot cannot have it. Use method one-step")
+    source = f"identified, {fit.method}" + (f", readings sha256 {fit.data_sha256[:16]}" if fit.data_sha256 else "")
+    lines = [f"# {robot.title}: values of {source}."]
+    own = {p.name for p in robot.parameters}
+    others = [name for name in found if name not in own]
+    if others:
+        lines.append(f"# Identified too, but not the robot's: {', '.join(others)}")
+    for p in robot.parameters:
+        if p.name in found:
+            e = found[p.name]
+            told = source if not e.status else f"{source}; {e.status}"
+            lines += _entry(p, e.value, e.sd if e.sd > 0 else None, told)
+        elif p.source or p.nominal != 0.0:
+            lines += _entry(p, p.nominal, p.sd, p.source)
+    return write_text(path, "\n".join(lines) + "\n")
+
+
+def _entry(p: Parameter, value: float, sd: float | None, source: str) -> list[str]:
+    suffix = f"_{p.unit}" if p.unit else ""
+    out = [f"{p.name}:", f"  value{suffix}: {value!r}"]
+    out += [] if sd is None else [f"  sd{suffix}: {float(sd)!r}"]
+    return out + ([f"  source: {json.dumps(source)}"] if source else [])
+
+
+def write_urdf(robot: Robot, model: Model, x: Array, path: str | Path) -> tuple[str, ...]:
+    """Write the robot's URDF with the joint origins that joint placements and offsets of x give.
+
+    Returns the names of geometry effects that no origin can hold, because they change with the pose.
+    """
+    count, n = 2, model.facts.n
+    q = np.linspace(0.1, 0.9, count * n).reshape(count, n)
+    poses = Poses(q, q, np.zeros((count, 6)))
+    angles, twists, left = np.zeros(n), np.zeros((n, 6)), []
+    for effect, own in model.of_kind(Geometry, x):
+        term = effect.errors(poses, own, model.facts)
+        moved = np.zeros((count, n, 6)) if term.twists is None else term.twists
+        if not (np.allclose(term.angles[0], term.angles[1]) and np.allclose(moved[0], moved[1])):
+            left.append(effect.name)
+            continue
+        _add(twists, moved[0], effect.name)
+        angles += term.angles[0]
+    closed = {j for loop, _ in model.of_kind(Loop, x) for j in loop.joints(model.facts)}
+    through = [j for j in closed if angles[model.facts.joint_index(j)] != 0.0]
+    if through:
+        raise InputError(
+            f"{', '.join(sorted(through))}: an actuator's offset passes through a closed loop, which no URDF origin "
+            "can hold. Set it on the controller instead"
+        )
+    write_corrected_urdf(robot, twists, angles, Path(path))
+    return tuple(left)
+
+
+def _add(twists: Array, more: Array, name: str) -> None:
+    """Small placements add up; two effects that turn one joint are refused, for their order would matter."""
+    both = np.any(twists, axis=1) & np.any(more, axis=1)
+    if np.any(both):
+        raise InputError(f"{name} moves a joint's placement that another effect moves already")
+    twists += more
+
+
+def result_files(fit: Any, robot: Robot, nominal: Path | None, urdf: Path | None) -> Sequence[str]:
+    """Write the files that are asked for; what to tell about them."""
+    said = []
+    if nominal is not None:
+        said.append(f"nominal values: {write_nominal(fit, nominal, robot)}")
+    if urdf is not None:
+        left = write_urdf(robot, fit.model, fit.x, urdf)
+        said.append(f"corrected URDF: {urdf}" + (f"; not in it: {', '.join(left)}" if left else ""))
+    return said

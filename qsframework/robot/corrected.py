@@ -1,0 +1,64 @@
+"""A robot's URDF with corrected joint origins, for other programs."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from qsframework.errors import InputError
+from qsframework.files import read_yaml, write_text
+from qsframework.plugin import Array
+from qsframework.robot.expand import read_tree
+from qsframework.robot.robot import Robot
+from qsframework.robot.xml_tree import Node
+
+
+def write_corrected_urdf(robot: Robot, twists: Array, angles: Array, path: Path) -> Path:
+    """Write the robot's URDF with each joint's origin moved, written out by yourdfpy.
+
+    twists (n, 6): each joint's placement moved by x, y, z (m), then turned about x, y and z (rad), in its own frame;
+    angles (n,) rad: added to the joint's angle, here turned into its origin. Joints that do not bend keep theirs.
+    """
+    import yourdfpy
+
+    text = ElementTree.tostring(_element(_tree(robot)), encoding="unicode")
+    urdf = yourdfpy.URDF.load(
+        io.StringIO(text), load_meshes=False, build_scene_graph=False, load_collision_meshes=False
+    )
+    for k, name in enumerate(robot.facts.joints):
+        joint = urdf.joint_map[name]
+        moved = _move(twists[k]) @ _turn(np.asarray(robot.facts.axes[k]), float(angles[k]))
+        joint.origin = (np.eye(4) if joint.origin is None else joint.origin) @ moved
+    return write_text(path, urdf.write_xml_string().decode("utf-8"))
+
+
+def _tree(robot: Robot) -> Node:
+    file = robot.folder / "robot.yaml"
+    if not file.is_file():
+        raise InputError(f"{robot.folder}: the robot's file is not named robot.yaml; its URDF is not found again")
+    return read_tree(robot.folder / str(read_yaml(file).data["urdf"]), robot.folder)
+
+
+def _element(node: Node) -> ElementTree.Element:
+    element = ElementTree.Element(node.tag, {k: v for k, v in node.attributes.items() if ":" not in k})
+    element.extend(_element(child) for child in node.children)
+    return element
+
+
+def _move(twist: Array) -> Array:
+    out = np.eye(4)
+    out[:3, 3] = twist[:3]
+    for axis, angle in zip(np.eye(3), twist[3:], strict=True):
+        out = out @ _turn(axis, float(angle))
+    return out
+
+
+def _turn(axis: Array, angle: float) -> Array:
+    """Rotation (4, 4) by the angle about a unit axis through the origin."""
+    cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+    out = np.eye(4)
+    out[:3, :3] += np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+    return out

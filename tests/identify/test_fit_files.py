@@ -1,0 +1,145 @@
+"""Result files: what is written is read back, and a robot can be loaded from it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qsframework.cli.demo import read_as_relative
+from qsframework.elastostatics import Model, make_model
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, Readings
+from qsframework.identify import identify
+from qsframework.identify.fit_files import read_fit, write_fit, write_nominal, write_urdf
+from qsframework.plugin import Poses, build_effects
+from qsframework.robot import load_robot
+
+
+def test_a_fit_is_read_back(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
+    fit = identify(r2000ic, real, method="one-step")
+    stored = read_fit(write_fit(fit, tmp_path / "fit.json"))
+    assert stored.names == fit.names
+    assert np.array_equal(stored.values, [e.value for e in fit.estimates])
+    assert np.array_equal(stored.sd, [e.sd for e in fit.estimates])
+    assert np.array_equal(stored.covariance, fit.covariance)
+    assert np.array_equal(stored.x(fit.model), fit.x)
+    assert (stored.method, stored.sigma_source, stored.dof) == ("one-step", "estimated", fit.dof)
+    assert stored.sigma == pytest.approx(fit.sigma)
+    assert r2000ic.data is not None
+    assert stored.is_of(r2000ic.data)
+    assert not stored.is_of(r2000ic.path)
+
+
+def test_an_sd_that_is_not_quoted_stays_unquoted(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
+    fit = identify(read_as_relative(r2000ic, "joint_3"), real, method="one-step")
+    stored = read_fit(write_fit(fit, tmp_path / "fit.json"))
+    assert np.isnan(stored.sd[4])
+    with pytest.raises(InputError, match="the fit is of another model"):
+        stored.x(_with(r2000ic, {"effect": "joint_offset", "joint": "joint_1"}).model())
+
+
+def test_all_problems_of_a_fit_file_at_once(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
+    content = identify(r2000ic, real).as_json()
+    content["dof"] = "many"
+    del content["chi2"]
+    content["estimates"]["joint_compliance[joint_1]"]["value"] = None
+    path = tmp_path / "fit.json"
+    path.write_text(json.dumps(content, indent=2))
+    with pytest.raises(InputError) as caught:
+        read_fit(path)
+    said = str(caught.value)
+    assert "dof" in said
+    assert "chi2" in said
+    assert "joint_compliance[joint_1].value" in said
+    content = identify(r2000ic, real).as_json()
+    content["covariance"] = content["covariance"][:-1]
+    content["parameters"][0] = "joint_compliance[joint_9]"
+    path.write_text(json.dumps(content, indent=2))
+    with pytest.raises(InputError) as caught:
+        read_fit(path)
+    assert len(caught.value.problems) == 2
+    assert all(p.line for p in caught.value.problems)
+
+
+def test_a_robot_loads_with_the_identified_values(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
+    fit = identify(r2000ic, real)
+    folder = tmp_path / "robot"
+    shutil.copytree(r2000ic.robot.folder, folder)
+    write_nominal(fit, folder / "nominal.yaml", r2000ic.robot)
+    loaded = {p.name: p for p in load_robot(folder).parameters}
+    for e in fit.estimates:
+        assert loaded[e.name].nominal == pytest.approx(e.value, rel=1e-12)
+        assert loaded[e.name].sd == pytest.approx(e.sd, rel=1e-12)
+        assert "identified, linear, readings sha256" in loaded[e.name].source
+    wrong = identify(read_as_relative(r2000ic, "joint_3"), real)
+    with pytest.raises(InputError, match=r"joint_compliance\[joint_5\] beyond its bounds"):
+        write_nominal(wrong, folder / "nominal.yaml", r2000ic.robot)
+
+
+def _with(experiment: Experiment, *entries: dict[str, object]) -> Experiment:
+    facts = experiment.robot.facts
+    effects = tuple(e for entry in entries for e in build_effects(entry, facts))
+    more = tuple(p for e in effects for p in e.parameters(facts))
+    return experiment.with_(effects=(*experiment.effects, *effects), parameters=(*experiment.parameters, *more))
+
+
+GEOMETRY = (
+    {"effect": "joint_placement", "joint": "joint_2"},
+    {"effect": "joint_placement", "joint": "joint_5"},
+    {"effect": "joint_offset", "joint": "joint_4"},
+)
+
+
+def test_the_corrected_urdf_moves_as_the_corrected_model(r2000ic: Experiment, tmp_path: Path) -> None:
+    """Unloaded positions of three points of the flange: the written robot's own against the corrected model's."""
+    experiment = _with(r2000ic, *GEOMETRY, {"effect": "encoder_eccentricity", "joint": "joint_6"})
+    model = experiment.model()
+    rng = np.random.default_rng(0)
+    x = model.nominal
+    moved = [i for i, n in enumerate(model.names) if n.startswith(("joint_placement", "joint_offset"))]
+    x[moved] = rng.normal(size=len(moved)) * 5e-3
+    x[[i for i, n in enumerate(model.names) if n.startswith("encoder")]] = 1e-3
+    folder = tmp_path / "robot"
+    shutil.copytree(r2000ic.robot.folder, folder)
+    left = write_urdf(r2000ic.robot, model, x, folder / "corrected.urdf")
+    assert left == ("encoder_eccentricity[joint_6]",)
+    text = (folder / "robot.yaml").read_text()
+    (line,) = (part for part in text.splitlines() if part.startswith("urdf:"))
+    (folder / "robot.yaml").write_text(text.replace(line, "urdf: corrected.urdf"))
+    robot = load_robot(folder)
+    q = rng.uniform(-1.0, 1.0, (20, 6))
+    poses = Poses(q, q, np.zeros((20, 6)))
+
+    def points(source: Experiment, effects: tuple[dict[str, object], ...]) -> Model:
+        bare = _with(source.with_(effects=(), parameters=()), *effects)
+        sites = [(f"m{i}", source.site("link_6", 0.3 * np.eye(3)[i])) for i in range(3)]
+        return make_model(source.robot.facts, bare.effects, bare.parameters, source.load_site, sites, np.zeros(3))
+
+    true = points(r2000ic, GEOMETRY)
+    values = dict(zip(model.names, x, strict=True))
+    expected = true.positions(poses, np.array([values[n] for n in true.names]))
+    written = points(r2000ic.with_(robot=robot), ())
+    assert np.abs(expected - points(r2000ic, ()).positions(poses)).max() > 1e-3
+    assert np.allclose(written.positions(poses), expected, atol=1e-12)
+
+
+def test_an_offset_through_a_loop_is_refused(m900ib: Experiment, tmp_path: Path) -> None:
+    experiment = _with(m900ib, {"effect": "joint_offset", "joint": "joint_2"})
+    x = experiment.model().nominal
+    x[experiment.model().index(["joint_offset[joint_2]"])] = 1e-3
+    with pytest.raises(InputError, match="passes through a closed loop"):
+        write_urdf(m900ib.robot, experiment.model(), x, tmp_path / "out.urdf")
+    assert not (tmp_path / "out.urdf").exists()
+
+
+def test_a_campaigns_parameters_are_not_the_robots(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
+    scaled = _with(r2000ic, {"effect": "tool_offset", "marker": r2000ic.markers[0].name})
+    fit = identify(scaled, real)
+    fit = replace(fit, estimates=(*fit.estimates, replace(fit.estimates[0], name="load_scale")))
+    path = write_nominal(fit, tmp_path / "nominal.yaml", r2000ic.robot)
+    assert "# Identified too, but not the robot's: load_scale" in path.read_text()
