@@ -80,9 +80,13 @@ def curvature(small: Small, expansion: Expansion) -> Array:
 def _turned(moments: Array, P: Array, Q: Array | None) -> Array:
     """Y (m, r) with Y_i . Y_j = tr(P M_i Q M_j); a symmetric matrix, where Q is P, by its upper half."""
     left = root(P)
+    right = left if Q is None else root(Q)
+    count, p = moments.shape[:2]
+    # two large products are faster than many small ones
+    half = (moments.reshape(-1, p) @ right).reshape(count, p, -1).transpose(0, 2, 1).reshape(-1, p)
+    turned = (half @ left).reshape(count, right.shape[1], -1)
     if Q is not None:
-        return (left.T @ moments @ root(Q)).reshape(len(moments), -1)
-    turned = left.T @ moments @ left
+        return turned.reshape(count, -1)
     rows, columns = np.triu_indices(left.shape[1])
     return turned[:, rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2.0))
 
