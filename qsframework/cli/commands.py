@@ -81,33 +81,6 @@ def run_simulate(file: Path, plan_file: Path, output: Path, truth: str, seed: in
     print(f"next: qsf identify {file} --data {output}")
 
 
-def run_identify(
-    file: Path, data: Path | None, fit: list[str] | None, json: Path | None, report: Path | None
-) -> None:  # fmt: skip
-    """Identify, print the fit, write fit.json and the report."""
-    from qsframework.cli.positions import identify_states
-    from qsframework.identify import identify
-    from qsframework.report import error_table, fit_section, fit_table, provenance_section, write_report
-
-    experiment = load_experiment(file)
-    source = readings_file(experiment, data)
-    distinct_outputs([json, report], [file, source])
-    if is_states(source):
-        identify_states(experiment, source, fit, json, report)
-        return
-    result = identify(experiment, read_readings(source, experiment), fit)
-    print(result.verdict())
-    for table in (fit_table(result), error_table(result)):
-        print_table(table.header, table.rows)
-        print(table.caption)
-    if json is not None:
-        write_json(json, result.as_json())
-        print(f"fit: {json}")
-    if report is not None:
-        sections = (fit_section(result, "Fit"), provenance_section(result.model.effects, [file, source], None))
-        print(f"report: {write_report(report, f'Identification: {experiment.robot.title}', sections)}")
-
-
 def readings_file(experiment: Experiment, data: Path | None) -> Path:
     """The readings that a command works on."""
     path = data or experiment.data

@@ -131,13 +131,28 @@ def identify(
     experiment: ExperimentFile,
     data: Annotated[Path | None, typer.Option(help="Readings; the experiment's own if left out.")] = None,
     fit: Annotated[list[str] | None, typer.Option(help="Estimate this parameter (repeat the option).")] = None,
+    method: Annotated[
+        str, typer.Option(help="linear (no bounds), one-step (bounds, bent models), two-step (balanced joint first).")
+    ] = "linear",
+    priors: Annotated[bool, typer.Option(help="Count stated values and sds as readings (one-step).")] = False,
+    loss: Annotated[str, typer.Option(help="linear, huber or soft_l1 (one-step).")] = "linear",
+    fixed: Annotated[list[str] | None, typer.Option(help="Keep this parameter (one-step; repeat).")] = None,
+    tied: Annotated[
+        list[str] | None, typer.Option(help="NAME,NAME: keep the ratio of their nominal values (one-step; repeat).")
+    ] = None,
+    nominal: Annotated[Path | None, typer.Option(help="Write a nominal.yaml with the identified values.")] = None,
+    urdf: Annotated[Path | None, typer.Option(help="Write the robot's URDF with corrected joint origins.")] = None,
     json: Json = None,
     report: Report = None,
 ) -> None:
     """Estimate the parameters from readings."""
-    from qsframework.cli.commands import run_identify
+    from qsframework.cli.identify import FitFiles, How, run_identify
 
-    run_identify(experiment, data, fit, json, report)
+    groups = tuple(tuple(name.strip() for name in group.split(",")) for group in tied or ())
+    run_identify(
+        FitFiles(experiment, data, json, report, nominal, urdf),
+        How(fit, method, priors, loss, tuple(fixed or ()), groups),
+    )
 
 
 def main() -> None:

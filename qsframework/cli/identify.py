@@ -1,0 +1,73 @@
+"""`qsf identify`: what it calls and prints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from qsframework.cli.commands import distinct_outputs, readings_file, write_json
+from qsframework.cli.progress import print_table
+from qsframework.experiment import is_states, load_experiment, read_readings
+
+
+@dataclass(frozen=True)
+class FitFiles:
+    """What the command reads, and what it writes where it is asked to."""
+
+    experiment: Path
+    data: Path | None = None
+    json: Path | None = None
+    report: Path | None = None
+    nominal: Path | None = None
+    urdf: Path | None = None
+
+    @property
+    def outputs(self) -> tuple[Path | None, ...]:
+        return (self.json, self.report, self.nominal, self.urdf)
+
+
+@dataclass(frozen=True)
+class How:
+    """How to fit; tied: groups of names."""
+
+    fit: list[str] | None = None
+    method: str = "linear"
+    priors: bool = False
+    loss: str = "linear"
+    fixed: tuple[str, ...] = ()
+    tied: tuple[tuple[str, ...], ...] = ()
+
+
+def run_identify(files: FitFiles, how: How) -> None:
+    """Identify, print the fit, write the files and the report."""
+    from qsframework.cli.positions import identify_states
+    from qsframework.errors import InputError
+    from qsframework.identify import identify
+    from qsframework.identify.fit_files import result_files
+    from qsframework.report import error_table, fit_section, fit_table, provenance_section, write_report
+
+    experiment = load_experiment(files.experiment)
+    source = readings_file(experiment, files.data)
+    distinct_outputs(files.outputs, [files.experiment, source])
+    if is_states(source):
+        if how != How(how.fit):
+            raise InputError("method, priors, loss, fixed and tied are for displacement readings; these are positions")
+        identify_states(experiment, source, how.fit, files.json, files.report, files.nominal, files.urdf)
+        return
+    readings = read_readings(source, experiment)
+    result = identify(experiment, readings, how.fit, how.method, how.priors, how.loss, how.fixed, how.tied)
+    print(result.verdict())
+    for table in (fit_table(result), error_table(result)):
+        print_table(table.header, table.rows)
+        print(table.caption)
+    for note in result.notes:
+        print(note)
+    for said in result_files(result, experiment.robot, files.nominal, files.urdf):
+        print(said)
+    if files.json is not None:
+        write_json(files.json, result.as_json())
+        print(f"fit: {files.json}")
+    if files.report is not None:
+        inputs = [files.experiment, source]
+        sections = (fit_section(result, "Fit"), provenance_section(result.model.effects, inputs, None))
+        print(f"report: {write_report(files.report, f'Identification: {experiment.robot.title}', sections)}")
