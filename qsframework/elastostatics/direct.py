@@ -140,7 +140,10 @@ def geometry_tangents(ev: Stages, wanted: Sequence[int], elements: Array, out: A
             continue
         pairs = [(term.angles_dx, np.array(layout.joint_elements))]
         if term.twists_dx is not None and layout.placement_elements is not None:
-            flat = term.twists_dx.reshape(len(ev.poses), -1, term.twists_dx.shape[-1])
+            slopes = term.twists_dx
+            if slopes.strides[0] == 0:  # the same at every pose
+                slopes = slopes[:1]
+            flat = slopes.reshape(len(slopes), -1, slopes.shape[-1])
             pairs.append((flat, layout.placement_elements.ravel()))
         targets = {i: rows.pop(part.start + i) for i in mine}
         for i in mine:

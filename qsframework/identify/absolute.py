@@ -20,9 +20,11 @@ from qsframework.identify.positions import Mask, Positions, make_positions
 from qsframework.information import rank_test
 from qsframework.plugin import Array, Effect, Geometry, Parameter, Sensor, Spring
 
-_GROSS = 6.0
+_GROSS = 7.0
 """A reading is a gross error beyond so many robust standard deviations of one coordinate."""
-_ROUNDS = 5
+_ROUNDS = 10
+_LOUD = 10.0
+"""Gross errors so many times larger than the rest: the choice of parameters is made again without them."""
 _MANY = 0.1
 """Share of the readings beyond which it is the model that is wrong, not they."""
 
@@ -85,8 +87,7 @@ def identify_positions(
         x0[model.index([n for n in springs if n not in names])] = 0.0
     positions = make_positions(model, states)
     sigma, stated = _sigma(experiment, states, positions)
-    frames, x = positions.started(x0, BROAD)
-    problem, left = Problem.chosen(positions, frames, x, names, sigma)
+    problem, left = _begin(positions, x0, names, sigma)
     solved = problem.solve()
     masked: list[int] = []
     for _ in range(_ROUNDS):
@@ -94,10 +95,25 @@ def identify_positions(
         if not wrong.any() or wrong.mean() > _MANY:
             break
         masked += positions.rows[wrong].tolist()
+        loud = _rms((problem.at - positions.measured)[wrong]) > _LOUD * _rms((problem.at - positions.measured)[~wrong])
         positions, sigma = positions.take(~wrong), sigma[~wrong]
-        problem = problem.without(wrong, solved)
+        if loud:  # it hid what the others can tell
+            problem, left = _begin(positions, x0, names, sigma)
+        else:
+            problem = problem.without(wrong, solved)
         solved = problem.solve()
     return _result(solved, left, sigma, stated, tuple(sorted(masked)), states)
+
+
+def _begin(
+    positions: Positions, x0: Array, names: Sequence[str], sigma: Array
+) -> tuple[Problem, tuple[LeftAside, ...]]:
+    frames, x = positions.started(x0, names, BROAD)
+    return Problem.chosen(positions, frames, x, names, sigma)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _names(effect: Effect, experiment: Experiment) -> list[str]:
@@ -132,9 +148,10 @@ def _sigma(experiment: Experiment, states: StateReadings, positions: Positions) 
 
 
 def _gross(white: Array) -> Mask:
-    """Rows (R,) whose error is far beyond what the others' median allows."""
+    """Rows (R,) whose error is far beyond what the others' median allows; the largest first, for they bend the fit."""
     size = np.linalg.norm(white, axis=1)
-    return size > _GROSS * max(float(np.median(size)) / 1.538, 1e-12)  # median of the norm of three unit normals
+    robust = max(float(np.median(size)) / 1.538, 1e-3)  # median of the norm of three unit normals
+    return size > max(_GROSS * robust, 0.3 * float(size.max()))
 
 
 def _result(
@@ -151,10 +168,11 @@ def _result(
     rows = (solved.J * (scale / sigma[:, None, None])).reshape(white.size, -1)
     Q = rows @ inverse
     names = [p.name for p in problem.parameters]
-    values = np.concatenate([np.zeros(6 * len(solved.frames)), solved.x[positions.model.index(problem.names)]])
+    poses = [f.pose for f in solved.frames]
+    values = np.concatenate([*poses, solved.x[positions.model.index(problem.names)]])
     return PositionFit(
         "positions", positions.model, solved.x, _estimates(problem.parameters, values, np.sqrt(np.diag(covariance))),
-        covariance, rank_test(rows, names), unit * float(np.sqrt(np.mean(sigma**2))),
+        covariance, rank_test(solved.R, names), unit * float(np.sqrt(np.mean(sigma**2))),
         "stated" if stated else "estimated", positions.rows, positions.pose, positions.measured, solved.predicted,
         problem.nominal, solved.residuals, studentised(white, Q, len(scale)),
         _left_out(white, Q, positions.pose) * sigma[:, None], chi2 / unit**2, dof,

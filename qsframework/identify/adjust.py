@@ -110,13 +110,12 @@ class Problem:
             R, target = _triangle(rows, r, held, -held * offset)
             step: Array = np.asarray(np.linalg.solve(R, target), dtype=np.float64)
             cost = r @ r + ((held * offset) ** 2).sum()
-            x, frames, predicted = self._advance(x, frames, step, cost, held, offset, index)
             size = float(np.abs(R @ step).max()) / self.unit
+            fresh = size > 0.1 or size > 0.05 * last  # otherwise derivatives from that near serve once more
+            x, frames, predicted, found = self._advance(x, frames, step, cost, held, offset, index, fresh)
             if size < _SETTLED:
                 return Solved(self, x, frames, J, R, predicted)
-            if size > 0.1 or size > 0.05 * last:  # a Jacobian from that near serves once more
-                predicted, J = positions.rates(x, frames, self.names)
-            last = size
+            J, last = J if found is None else found, size
         raise NotConverged(
             f"the fit of {len(self.names)} parameters did not settle in {_STEPS} steps (last step {size:.1g} "
             "standard deviations); fit fewer parameters, or look for readings with wrong angles or markers"
@@ -124,20 +123,23 @@ class Problem:
 
     def _advance(
         self, x: Array, frames: tuple[Frame, ...], step: Array, cost: float, held: Array, offset: Array,
-        index: list[int],
-    ) -> tuple[Array, tuple[Frame, ...], Array]:  # fmt: skip
-        """The longest of the steps 1, 1/2, ... that does not raise the cost."""
+        index: list[int], fresh: bool,
+    ) -> tuple[Array, tuple[Frame, ...], Array, Array | None]:  # fmt: skip
+        """The longest of the steps 1, 1/2, ... that does not raise the cost; with derivatives there if `fresh`."""
         count = 6 * len(frames)
         for halving in range(_HALVINGS):
             z = step * self.scale * 0.5**halving
             moved = tuple(f.moved(z[6 * i : 6 * i + 6]) for i, f in enumerate(frames))
             values = x.copy()
             values[index] += z[count:]
-            predicted = self.positions.predict(values, moved)
+            if fresh:
+                predicted, J = self.positions.rates(values, moved, self.names)
+            else:
+                predicted, J = self.positions.predict(values, moved), None
             r = (self.positions.measured - predicted) / self.sigma[:, None]
             later = (r**2).sum() + ((held * (offset + step * 0.5**halving)) ** 2).sum()
             if later <= cost * (1.0 + 1e-9):
-                return values, moved, predicted
+                return values, moved, predicted, J
         raise NotConverged("no step lowers the error: the readings or a convention do not fit this robot")
 
 

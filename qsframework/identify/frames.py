@@ -30,8 +30,13 @@ class Frame:
         """The frame shifted by twist[:3] and turned by the rotation vector twist[3:], both on the tracker's axes."""
         return Frame(self.series, rotation(twist[3:]) @ self.rotation, self.origin + twist[:3])
 
+    @property
+    def pose(self) -> Array:
+        """Origin (3,) m and rotation vector (3,) rad."""
+        return np.concatenate([self.origin, rotation_vector(self.rotation)])
+
     def parameters(self) -> tuple[Parameter, ...]:
-        """Small motions of the frame; their nominal values are 0."""
+        """Motions of the frame: along the tracker's axes, and small turns about them."""
         name = f"frame[{self.series}]" if self.series else "frame"
         units = ("m",) * 3 + ("rad",) * 3
         return tuple(Parameter(f"{name}.{a}", u, typical=1e-2) for a, u in zip(AXES, units, strict=True))
@@ -50,6 +55,17 @@ def rotation(v: Array) -> Array:
     if angle < 1e-8:
         return np.eye(3) + K + 0.5 * K @ K
     return np.eye(3) + np.sin(angle) / angle * K + (1.0 - np.cos(angle)) / angle**2 * K @ K
+
+
+def rotation_vector(R: Array) -> Array:
+    """The vector (3,) along the axis of a rotation, as long as its angle in rad, 0 to pi."""
+    sine = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    size, cosine = float(np.linalg.norm(sine)), 0.5 * (float(np.trace(R)) - 1.0)
+    if cosine > -0.5:
+        return sine if size < 1e-12 else np.asarray(np.arctan2(size, cosine) / size * sine)
+    axis = np.linalg.eigh(0.5 * (R + R.T))[1][:, 2]  # near half a turn the sine loses the axis
+    along = float(axis @ sine)
+    return np.asarray(np.copysign(np.arctan2(abs(along), cosine), along) * axis)
 
 
 def turning(v: Array) -> Array:

@@ -59,6 +59,8 @@ class Positions:
         slope = np.empty((*out.shape, len(names)))
         for state, loaded in self._states():
             out[state], slope[state] = self.model.position_rates(self.poses.take(state), x, names, loaded)
+        if slope.shape[1] == 1 and np.array_equal(self.state, np.arange(len(self.poses))):
+            return out[:, 0], slope[:, 0]
         return out[self.state, self.marker], slope[self.state, self.marker]
 
     def _states(self) -> list[tuple[Indices, bool]]:
@@ -88,10 +90,13 @@ class Positions:
             out[rows] = frame.apply(points[rows])
         return out
 
-    def started(self, x: Array, broad: float) -> tuple[tuple[Frame, ...], Array]:
-        """Frames of all series, and x with the markers' offsets, within `broad` typical sizes, at the nominal arm."""
+    def started(self, x: Array, names: Sequence[str], broad: float) -> tuple[tuple[Frame, ...], Array]:
+        """Frames of all series, and x with the markers' offsets among the names, at the nominal arm.
+
+        The offsets are held by a prior of `broad` typical sizes.
+        """
         offsets = [n for e, part in zip(self.model.effects, self.model.slices, strict=True)
-                   if isinstance(e, Sensor) and e.order == 0 for n in self.model.names[part]]  # fmt: skip
+                   if isinstance(e, Sensor) and e.order == 0 for n in self.model.names[part] if n in names]  # fmt: skip
         offsets = [n for n in offsets if self.model.parameters[self.model.index([n])[0]].unit == "m"]
         points, slope = self.point_rates(x, offsets)
         for name, rows in self.series:
