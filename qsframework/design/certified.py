@@ -124,7 +124,9 @@ def _solve(
     if trouble:
         raise InputError(f"too few candidates: {trouble}; allow repeats or take more candidates")
     prior = problem.prior / problem.total
-    if wish.solver == "cvxpy" and wish.budget is None:
+    if wish.solver == "cvxpy":
+        if problem.priced:
+            raise InputError("a budget with costs needs the solver columns")
         return _by_cvxpy(problem, rule, allowed, prior)
     if wish.solver != "columns":
         raise InputError(f"unknown solver {wish.solver!r}; known are columns, cvxpy")

@@ -51,6 +51,7 @@ def design(
 ) -> Plan:
     """A plan of `poses` poses, certified against the best relaxed design over the same candidates.
 
+    wish: everything else that is asked; it replaces criterion and repeats;
     candidates: how many to draw, or poses (N, n) rad; test_poses: where the tip is to be known best (I, G);
     taken: plans or readings whose information is there already. InputError where the experiment cannot give
     a plan; NotIdentifiable, before any optimisation, where its loads cannot tell the parameters apart;

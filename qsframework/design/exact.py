@@ -147,14 +147,13 @@ def _climb(board: _Board, chosen: Indices) -> tuple[Indices, float]:
     ridge = _RIDGE * np.einsum("sp,pq->spq", size, np.eye(size.shape[-1]))
     value = board.value(board.information(chosen) + ridge)
     small = len(board.rows) <= 4 * _TRIED
-    thorough, steps = small, 0
+    thorough = small
     for _ in range(_PASSES):
         improved = False
         for slot, group in enumerate(board.slots):
             pick, trial = _best(board, chosen, slot, group, ridge, thorough)
             if trial < value * (1.0 - 1e-10):
                 chosen[slot], value, improved = pick, trial, True
-                steps += 1
         if not improved and thorough:
             break
         thorough = small or not improved
