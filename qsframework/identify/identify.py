@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from qsframework.elastostatics import Model
-from qsframework.errors import InputError, NotConverged, Problem, nearest
+from qsframework.errors import InputError, NotConverged, NotIdentifiable, Problem, nearest
 from qsframework.experiment import Experiment, Readings
 from qsframework.identify.fit import Fit
 from qsframework.identify.linear import Found, Rows, fit_rows, identify_linear, make_fit
 from qsframework.identify.observations import Independent, Noise, Observations
 from qsframework.identify.solve import Solution, solve
 from qsframework.identify.two_step import identify_two_step
-from qsframework.information import rank_test
+from qsframework.information import rank_test, what_would_help
 from qsframework.plugin import Array
 
 METHODS = ("linear", "one-step", "two-step")
@@ -80,7 +80,12 @@ def _one_step(
     model = experiment.model()
     rows, source = fit_rows(experiment, readings, len(names))
     observations = displacement_observations(model, readings, rows, names)
-    solution, unit = _settled(observations, priors, loss, fixed, tied, source == "estimated")
+    try:
+        solution, unit = _settled(observations, priors, loss, fixed, tied, source == "estimated")
+    except NotIdentifiable as error:
+        lost = [n for n in names if n in str(error)]
+        said = [f"{n}: {what_would_help(model, n, readings.poses)}" for n in lost]
+        raise NotIdentifiable("; ".join([str(error), *said])) from None
     x = model.nominal
     x[model.index(names)] = solution.x
     moved = [i for i, v in enumerate(np.diag(solution.covariance)) if v > 0.0]
@@ -91,7 +96,7 @@ def _one_step(
     notes = _notes(priors, loss, fixed, tied, solution)
     found = Found(
         "one-step", x, solution.covariance, Q, rank_test(free, [names[i] for i in moved]), nominal, predicted,
-        solution.at_bound, notes, unit,
+        solution.at_bound, notes, unit, solution.free_sd,
     )  # fmt: skip
     return make_fit(model, list(observations.parameters), rows, readings, source, found)
 
@@ -115,7 +120,7 @@ def _settled(
         solution = solve(scaled, priors=priors, loss=loss, fixed=fixed, tied=tied)
         new = unit * _size(solution.residuals, solution.free, loss)
         if abs(new - unit) <= _STILL * unit:
-            return replace(solution, covariance=solution.covariance / unit**2), unit
+            return replace(solution, covariance=solution.covariance / unit**2, free_sd=solution.free_sd / unit), unit
         unit = new
     raise NotConverged(f"the size of the noise did not settle in {_ROUNDS} rounds; state sigma_mm in the experiment")
 

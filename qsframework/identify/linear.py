@@ -12,7 +12,7 @@ from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.experiment import Experiment, Readings
 from qsframework.files import sha256
 from qsframework.identify.fit import Estimate, Fit
-from qsframework.information import RankTest, rank_test, scales
+from qsframework.information import RankTest, loss_words, rank_test, scales, what_would_help
 from qsframework.plugin import Array, Indices, Parameter
 
 _STEPS = 20
@@ -21,6 +21,8 @@ _ALONE = 1e12
 _FAR = 5.0
 """Prior standard deviations from the initial value beyond which an estimate deserves a second look."""
 _UNFILED = "simulated readings"
+UNTOLD = "not identifiable"
+"""How the status of an estimate begins whose sd is above its nominal value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +61,9 @@ def identify_linear(experiment: Experiment, readings: Readings, names: Sequence[
         whitened = (A * scales(chosen) / rows.sigma[:, None, None]).reshape(-1, len(names))
         test = rank_test(whitened, names)
         if not test.full:
-            raise NotIdentifiable(f"these readings cannot tell the parameters: {test.words()}")
+            raise NotIdentifiable(
+                f"these readings cannot tell the parameters: {loss_words(model, test, readings.poses)}"
+            )
         solution = _solve(whitened, ((rows.measured - predicted) / rows.sigma[:, None]).ravel())
         x[model.index(names)] += solution.z * scales(chosen)
         predicted = rows.of(model.predict(readings.poses, x))
@@ -118,7 +122,8 @@ def _solve(whitened: Array, target: Array) -> _Solution:
 @dataclass(frozen=True, eq=False)
 class Found:
     """What a method found: all parameters x, covariance (p, p) SI for noise of the stated size, and orthonormal columns
-    Q (3R, f) of the f free parameters at x. at_bound names those whose sd cannot be quoted."""
+    Q (3R, f) of the f free parameters at x. at_bound names those whose sd cannot be quoted;
+    free_sd (p,) are the sds without bounds."""
 
     method: str
     x: Array
@@ -130,6 +135,7 @@ class Found:
     at_bound: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     unit: float | None = None
+    free_sd: Array | None = None
 
 
 def make_fit(
@@ -150,35 +156,51 @@ def make_fit(
     poses = tuple(readings.pose[m] for m in rows.measurement)
     sd = np.array([np.nan if p.name in found.at_bound else s
                    for p, s in zip(chosen, np.sqrt(np.diag(covariance)), strict=True)])  # fmt: skip
+    free_sd = sd if found.free_sd is None else found.free_sd * unit
+    estimates = _estimates(chosen, values, sd, free_sd)
+    advice = tuple(
+        f"{e.name}: {e.status}; {what_would_help(model, e.name, readings.poses)}."
+        for e in estimates
+        if UNTOLD in e.status
+    )
     return Fit(
-        found.method, model, found.x, _estimates(chosen, values, sd), covariance, found.rank,
+        found.method, model, found.x, estimates, covariance, found.rank,
         unit * float(np.sqrt(np.mean(rows.sigma**2))), source, readings.rows[rows.keep], poses, rows.measured,
         found.predicted, found.nominal, residuals, studentised(white, found.Q, free), outside, chi2 / unit**2, dof,
-        digest, found.notes,
+        digest, (*found.notes, *advice),
     )  # fmt: skip
 
 
-def _estimates(chosen: Sequence[Parameter], values: Array, sds: Array) -> tuple[Estimate, ...]:
-    def status(p: Parameter, value: float, sd: float) -> str:
-        if np.isnan(sd):
-            end = "lower" if value <= p.lower else "upper"
-            return f"at its {end} bound {value:g}: it errs to one side only, so no sd is quoted"
-        if sd == 0.0:
-            return "fixed"
-        if value < p.lower:
-            return f"below its bound {p.lower:g}: the model or a convention is wrong"
-        if value > p.upper:
-            return f"above its bound {p.upper:g}: the model or a convention is wrong"
-        if sd > abs(value) or (p.nominal != 0.0 and sd > abs(p.nominal)):
-            share = f"{100 * sd / abs(p.nominal):.0f} % of its nominal value" if p.nominal else "above the value"
-            return f"not identifiable from these readings: its sd is {share}"
-        if p.sd is not None and abs(value - p.nominal) > _FAR * p.sd:
-            return f"{abs(value - p.nominal) / p.sd:.0f} prior sds from its initial value"
-        return ""
+def _status(p: Parameter, value: float, sd: float, free: float) -> str:
+    """What is to be said of an estimate; `free` is the sd that it would have without its bounds."""
+    share = f"{100 * free / abs(p.nominal):.0f} % of its nominal value" if p.nominal else "above its value"
+    untold = free > abs(value) if p.nominal == 0.0 else free > abs(p.nominal)
+    if np.isnan(sd):
+        end = f"at its {'lower' if value <= p.lower else 'upper'} bound {value:g}"
+        if untold:
+            return f"{UNTOLD} from these readings: {end}, and without it its sd is {share}"
+        return f"{end}: it errs to one side only, so no sd is quoted"
+    if sd == 0.0:
+        return "fixed"
+    beyond = max(p.lower - value, value - p.upper, 0.0)
+    if untold and beyond <= 2.0 * sd:
+        return f"{UNTOLD} from these readings: its sd is {share}"
+    if beyond > 0.0:
+        end = f"below its bound {p.lower:g}" if value < p.lower else f"above its bound {p.upper:g}"
+        return f"{end}: the model or a convention is wrong"
+    if sd > abs(value):
+        return "sd above the value: these readings hardly tell it from zero"
+    if p.sd is not None and abs(value - p.nominal) > _FAR * p.sd:
+        return f"{abs(value - p.nominal) / p.sd:.0f} prior sds from its initial value"
+    return ""
 
+
+def _estimates(chosen: Sequence[Parameter], values: Array, sds: Array, free: Array) -> tuple[Estimate, ...]:
     return tuple(
-        Estimate(p.name, p.unit, float(v), float(s), p.nominal, p.lower, p.upper, status(p, float(v), float(s)))
-        for p, v, s in zip(chosen, values, sds, strict=True)
+        Estimate(
+            p.name, p.unit, float(v), float(s), p.nominal, p.lower, p.upper, _status(p, float(v), float(s), float(f))
+        )
+        for p, v, s, f in zip(chosen, values, sds, free, strict=True)
     )
 
 

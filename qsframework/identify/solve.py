@@ -31,6 +31,7 @@ class Solution:
     cost is half the sum of squares, priors included (of a robust loss: half the sum of rho). covariance (p, p) is for
     noise of the stated size; rows of fixed parameters and of those at a bound are zero, for no sd can be quoted there.
     robust: factor on the covariance that a robust loss costs, 1 otherwise; weights (m,) that it gave to the readings.
+    free_sd (p,): the sds that bounds aside the readings would give, infinite where they cannot tell.
     """
 
     x: Array
@@ -42,6 +43,7 @@ class Solution:
     covariance: Array
     free: int
     weights: Array
+    free_sd: Array
     robust: float = 1.0
 
 
@@ -211,8 +213,17 @@ def _solution(problem: _Problem, best: tuple[float, Array, int]) -> Solution:
     T = reduction.T[:, inside]
     return Solution(
         x, o.noise.whiten(o.jacobian(x)), r, cost, steps, stopped, robust * T @ half @ half.T @ T.T, len(inside),
-        problem.loss.weights(r), robust,
+        problem.loss.weights(r), _free_sd(problem, z) * np.sqrt(robust), robust,
     )  # fmt: skip
+
+
+def _free_sd(problem: _Problem, z: Array) -> Array:
+    """Sds (p,) of all that is not fixed, bounds aside; infinite where rows cannot tell all of them."""
+    rows = np.vstack([problem.jacobian(z), problem.prior(z)[1]])
+    T = problem.reduction.T
+    if not rank_test(rows, [str(i) for i in range(rows.shape[1])]).full:
+        return np.where(problem.reduction.moved, np.inf, 0.0)
+    return np.linalg.norm(T @ np.linalg.inv(np.linalg.qr(rows, mode="r")), axis=1)
 
 
 def check_rank(rows: Array, names: Sequence[str], stopped: Sequence[str] = ()) -> None:

@@ -1,5 +1,6 @@
 """What readings can tell: whitened sensitivities, rank in words, certificates."""
 
+from qsframework.information.advice import loss_words, what_would_help
 from qsframework.information.certificate import Allowed, bound_of, efficiency_bound, everything
 from qsframework.information.observations import (
     information,
@@ -25,6 +26,7 @@ __all__ = [
     "everything",
     "information",
     "information_rows",
+    "loss_words",
     "predicted_sd",
     "promised_beyond",
     "promised_sd",
@@ -32,4 +34,5 @@ __all__ = [
     "scales",
     "scores",
     "weighted_information",
+    "what_would_help",
 ]
