@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -36,7 +37,7 @@ class Structure:
     gravity: Array
     law_rows: tuple[tuple[int, ...], ...]
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the p parameters, in the order of x."""
         return tuple(p.name for p in self.parameters)

@@ -17,8 +17,8 @@ _STEPS = 30
 _HALVINGS = 12
 _SETTLED = 1e-3
 """Largest last step, in standard deviations."""
-BROAD = 20.0
-"""Typical sizes of each parameter's prior standard deviation: 40 mm for a marker, 10 mm for a joint."""
+BROAD = 10.0
+"""Typical sizes of each parameter's prior standard deviation: 20 mm for a marker, 5 mm for a joint."""
 _TOLD = 10.0
 """Parameters that are told only to more than so many typical sizes are left aside; markers are never."""
 
