@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.identify import Fit
+from qsframework.identify import Estimate, Fit
 from qsframework.report.page import Figure, Section, Table, Text
 
 _AXES = ("x", "y", "z")
@@ -25,20 +25,32 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None) -> Table:
     rows = []
     for e in fit.estimates:
         value, unit = shown(e.value, e.unit)
-        sd, initial = shown(e.sd, e.unit)[0], shown(e.initial, e.unit)[0]
-        percent = f"{100 * e.sd / abs(e.value):.1f} %" if e.value else "-"
-        row = [e.name, f"{value:.4g} ± {sd:.2g}", unit, percent, f"{initial:.4g}"]
+        initial = shown(e.initial, e.unit)[0]
+        percent = f"{100 * e.sd / abs(e.initial):.1f} %" if e.initial and _quoted(e) else "-"
+        row = [e.name, f"{value:.4g}{_spread(e)}", unit, percent, f"{initial:.4g}"]
         if truth is not None:
             true = truth[e.name]
-            row += [f"{shown(true, e.unit)[0]:.4g}", f"{(e.value - true) / e.sd:+.2f}"]
+            error = f"{(e.value - true) / e.sd:+.2f}" if _quoted(e) else "-"
+            row += [f"{shown(true, e.unit)[0]:.4g}", error]
         rows.append((*row, e.status or "ok"))
     extra = () if truth is None else ("truth", "error / sd")
     return Table(
-        ("parameter", "value ± sd", "unit", "sd", "initial", *extra, "status"),
+        ("parameter", "value ± sd", "unit", "sd, % of initial", "initial", *extra, "status"),
         tuple(rows),
-        f"Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, {fit.sigma_source}. A status other than ok says that a "
-        "value lies at or beyond its bound.",
+        f"Method: {fit.method}. Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, {fit.sigma_source}. A parameter "
+        "whose sd is above 100 % of its initial value is not told by these readings; one at a bound has no sd.",
     )
+
+
+def _quoted(e: Estimate) -> bool:
+    """Whether an sd is quoted: neither fixed nor at a bound."""
+    return bool(e.sd > 0.0)
+
+
+def _spread(e: Estimate) -> str:
+    if _quoted(e):
+        return f" ± {shown(e.sd, e.unit)[0]:.2g}"
+    return " (at bound)" if np.isnan(e.sd) else " (fixed)"
 
 
 def error_table(fit: Fit) -> Table:
@@ -58,12 +70,14 @@ def error_table(fit: Fit) -> Table:
 def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> Section:
     """Tables and figures of one fit."""
     pairs = fit.high_correlations()
-    said = "; ".join(f"{a} and {b}: {c:+.2f}" for a, b, c in pairs) or "none"
+    pairs.sort(key=lambda pair: -abs(pair[2]))
+    said = "; ".join(f"{a} and {b}: {c:+.3f}" for a, b, c in pairs) or "none"
     return Section(
         title,
         (
             Text(fit.verdict()),
             fit_table(fit, truth),
+            *(Text(note) for note in fit.notes),
             Text(f"Correlations above 0.9: {said}."),
             error_table(fit),
             Figure(_measured_predicted(fit), "Points should lie on the line; a slope says that the stiffness is off."),

@@ -154,3 +154,42 @@ def test_design_options(tmp_path: Path) -> None:
     run("design", M900IB, *more[:4], "--taken", str(tmp_path / "r.csv"), "--repeats", "-o", str(tmp_path / "x.csv"))
     with pytest.raises(InputError, match="give a number, grid:LEVELS"):
         run("design", M900IB, "--candidates", "many")
+
+
+def test_identify_in_one_step_with_all_its_files(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+    from qsframework.cli.identify import FitFiles, How, run_identify
+    from qsframework.experiment import example
+    from qsframework.identify.fit_files import read_fit
+
+    names = {"json": "fit.json", "report": "r.html", "nominal": "nominal.yaml", "urdf": "robot.urdf"}
+    out = {key: tmp_path / name for key, name in names.items()}
+    files = FitFiles(example("r2000ic") / "experiment.yaml", **out)
+    run_identify(files, How(method="one-step", loss="huber", fixed=("joint_compliance[joint_1]",)))
+    said = capsys.readouterr().out
+    assert "(fixed)" in said
+    assert "Loss huber" in said
+    assert "nominal values:" in said
+    assert "corrected URDF:" in said
+    assert all(path.exists() for path in out.values())
+    assert read_fit(out["json"]).method == "one-step"
+    page = out["report"].read_text()
+    assert "Method: one-step" in page
+    assert "Fixed: joint_compliance[joint_1]." in page
+
+
+def test_identify_options_reach_the_fit(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    from typer.testing import CliRunner
+
+    from qsframework.cli.main import app
+    from qsframework.experiment import example
+    from qsframework.identify.fit_files import read_fit
+
+    options = ["--method", "one-step", "--tied", "joint_compliance[joint_4],joint_compliance[joint_5]"]
+    file = tmp_path / "fit.json"
+    result = CliRunner().invoke(
+        app, ["identify", str(example("r2000ic") / "experiment.yaml"), *options, "--json", str(file)]
+    )
+    assert result.exit_code == 0, result.output
+    stored = read_fit(file)
+    values = dict(zip(stored.names, stored.values, strict=True))
+    assert abs(values["joint_compliance[joint_4]"] / values["joint_compliance[joint_5]"] - 1.8 / 1.5) < 1e-9
