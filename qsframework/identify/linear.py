@@ -174,6 +174,7 @@ def make_fit(
 def _status(p: Parameter, value: float, sd: float, free: float) -> str:
     """What is to be said of an estimate; `free` is the sd that it would have without its bounds."""
     share = f"{100 * free / abs(p.nominal):.0f} % of its nominal value" if p.nominal else "above its value"
+    share = share if np.isfinite(free) or np.isnan(free) else "without limit"
     untold = free > abs(value) if p.nominal == 0.0 else free > abs(p.nominal)
     if np.isnan(sd):
         end = f"at its {'lower' if value <= p.lower else 'upper'} bound {value:g}"
