@@ -26,12 +26,14 @@ from qsframework.design.problem import (
 )
 from qsframework.design.relaxed import SOLVER
 from qsframework.design.task import white_basis
-from qsframework.errors import InputError
+from qsframework.errors import InputError, NotIdentifiable
 from qsframework.experiment import Certificate, Experiment, Plan, Readings, make_plan
 from qsframework.information.rows import gathered_information
 from qsframework.plugin import Array, Indices, Poses
 
 _SHORTLIST = 2000
+_NEAR, _SPLITS = 3, 12
+"""How far from the relaxed shares, and how many ways to spend a budget are tried."""
 _LOPSIDED = 0.9
 Progress = Callable[[str, int, int], None]
 
@@ -119,7 +121,12 @@ def _exact(
             tell("exact plan (exchange)", turn * n + i, n * len(splits))
 
         rng = np.random.default_rng(seed)
-        chosen = exchange(rows, white, quotas, weights, wish.starts, rng, said, prior)
+        try:
+            chosen = exchange(rows, white, quotas, weights, wish.starts, rng, said, prior)
+        except NotIdentifiable:
+            if turn + 1 == len(splits) and not len(best):
+                raise
+            continue
         M = problem.prior + gathered_information(problem.rows, short[chosen], np.ones(len(chosen)))
         value = float(rule.value(M))
         if value < best_value:
@@ -158,12 +165,12 @@ def _affordable(problem: Problem, relaxed: Relaxed, budget: float) -> list[tuple
     costs = problem.prices
     share = np.bincount(problem.load(relaxed.index), relaxed.weights, len(costs)) * budget / costs
     least = [max(m, c or 0) for m, c in zip(problem.least, problem.counts, strict=True)]
-    ranges = [range(max(int(s) - 1, m), int(s) + 3) for s, m in zip(share, least, strict=True)]
+    ranges = [range(max(int(s) - _NEAR, m), int(s) + _NEAR + 2) for s, m in zip(share, least, strict=True)]
     found = [c for c in product(*ranges) if np.dot(c, costs) <= budget + 1e-9 and sum(c) > 0]
     tight = [c for c in found if np.dot(c, costs) + costs.min() > budget + 1e-9]
     if not tight:
         raise InputError(f"a budget of {budget:g} buys no plan that the loads allow")
-    return sorted(tight, key=lambda c: float(np.abs(np.array(c) - share).sum()))[:6]
+    return sorted(tight, key=lambda c: float(np.abs(np.array(c) - share).sum()))[:_SPLITS]
 
 
 def _quotas(problem: Problem, short: Indices, counts: tuple[tuple[tuple[int, ...], int], ...], repeats: bool) -> Quotas:

@@ -1,0 +1,65 @@
+"""No plan beats the bound: every plan of a tiny problem, counted out, against the certificate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations, combinations_with_replacement, product
+
+import numpy as np
+import pytest
+
+from qsframework.design import Wish, design, generate_candidates
+from qsframework.design.catalogue import find_criterion
+from qsframework.design.problem import make_problem, tip_rows
+from qsframework.experiment import Experiment
+from qsframework.information import information
+
+FIT = tuple(f"joint_compliance[joint_{k}]" for k in (1, 2, 3))
+POSES, COUNT = 7, 4
+
+
+def small(experiment: Experiment, *changes: dict[str, object]) -> Experiment:
+    loads = tuple(replace(load, **change) for load, change in zip(experiment.loads, changes, strict=True))  # type: ignore[arg-type]
+    return experiment.with_(fit=FIT, loads=loads, markers=experiment.markers[:1])
+
+
+ASKED = {
+    "stated": ({"poses": 2}, {"poses": 2}, {}),
+    "least": ({"poses": None, "poses_min": 3}, {"poses": None}, {}),
+    "free": ({"poses": None}, {"poses": None}, {}),
+    "repeats": ({"poses": None}, {"poses": None}, {"repeats": True}),
+    "budget": ({"poses": None}, {"poses": None, "cost": 2.5}, {"budget": 7.0}),
+    "prior": ({"poses": None}, {"poses": None}, {"prior": True}),
+}
+
+
+@pytest.mark.parametrize("criterion", ["D", "A", "I", "E", "G"])
+@pytest.mark.parametrize("case", ASKED)
+def test_no_plan_beats_the_bound(m900ib: Experiment, case: str, criterion: str) -> None:
+    first, second, more = ASKED[case]
+    experiment = small(m900ib, first, second)
+    candidates = generate_candidates(experiment, POSES, seed=3)
+    wish = Wish(criterion, polish=False, efficiency=0.999, **more)  # type: ignore[arg-type]
+    certificate = design(experiment, COUNT, candidates=candidates, wish=wish).certificate
+    assert certificate is not None
+    problem = make_problem(experiment, candidates, wish.budget or COUNT, budget=wish.budget is not None)
+    M = information(problem.rows.take(np.arange(2 * POSES))[:, 0])
+    rule = find_criterion(criterion, (), 3, tip_rows(experiment, None, candidates.pendant, FIT))
+    before = np.eye(3) if wish.prior else np.zeros((3, 3))
+    values = [float(rule.value(before + M[list(plan)].sum(axis=0))) for plan in plans(experiment, wish)]
+    best = min(values)
+    assert certificate.relaxed_value * certificate.relaxed_efficiency <= best * (1 + 1e-9)
+    assert certificate.value <= best * (1 + 1e-9), "the exchange found less than the best plan"
+
+
+def plans(experiment: Experiment, wish: Wish):  # type: ignore[no-untyped-def]
+    """Every allowed plan, as candidates: pose i under load g is g * POSES + i."""
+    choose = combinations_with_replacement if wish.repeats else combinations
+    for sides in range(COUNT + 1 if wish.budget is None else 3):
+        weights = COUNT - sides if wish.budget is None else int(7.0 - 2.5 * sides + 1e-9)
+        one, two = experiment.loads
+        if (one.poses or weights) != weights or (two.poses or sides) != sides or weights < (one.poses_min or 0):
+            continue
+        for a, b in product(choose(range(POSES), min(weights, POSES)), choose(range(POSES), sides)):
+            if wish.repeats or not set(a) & set(b):
+                yield (*a, *(POSES + i for i in b))
