@@ -18,7 +18,7 @@ from qsframework.experiment import Experiment, Readings, example, load_experimen
 from qsframework.identify.identify import displacement_observations
 from qsframework.identify.linear import fit_rows
 from qsframework.identify.noise import pose_groups, readings_noise, shared_error
-from qsframework.identify.observations import Independent, Observations
+from qsframework.identify.observations import Observations
 from qsframework.identify.solve import solve
 from qsframework.information.two_step import step_two, stiffness_rows
 from qsframework.plugin import Array, Poses
@@ -83,7 +83,7 @@ def blank(experiment: Experiment, case: Case) -> Readings:
 
 
 def setting(case: Case) -> tuple[Experiment, Readings, Observations, Array, Array]:
-    """Experiment, readings, what is fitted (bounds off: parameters at a bound are a matter apart), truth, exact values."""
+    """Experiment, readings, what is fitted (without bounds), truth, exact values."""
     experiment = load_experiment(example("m900ib") / "experiment.yaml")
     readings = blank(experiment, case)
     names = experiment.fit_names()

@@ -11,6 +11,7 @@ from qsframework.cli.progress import print_table
 from qsframework.errors import InputError
 from qsframework.experiment import (
     Experiment,
+    Readings,
     is_states,
     load_experiment,
     read_plan,
@@ -60,6 +61,12 @@ def _check(file: Path) -> str:
         read = read_states if is_states(experiment.data) else read_readings
         readings = read(experiment.data, experiment)
         words += f", {len(readings.use)} readings at {len(readings.poses)} poses"
+        if isinstance(readings, Readings):
+            from qsframework.identify import check_readings
+
+            found = check_readings(experiment, readings)
+            if found:
+                return words + ", ok, but look at" + "".join(f"\n  {f.kind}: {f.words}" for f in found)
     return words + ", ok"
 
 

@@ -36,13 +36,14 @@ class How:
     loss: str = "linear"
     fixed: tuple[str, ...] = ()
     tied: tuple[tuple[str, ...], ...] = ()
+    clean: bool = False
 
 
 def run_identify(files: FitFiles, how: How) -> None:
     """Identify, print the fit, write the files and the report."""
     from qsframework.cli.positions import identify_states
     from qsframework.errors import InputError
-    from qsframework.identify import identify
+    from qsframework.identify import check_readings, identify, masked
     from qsframework.identify.fit_files import result_files
     from qsframework.report import error_table, fit_section, fit_table, provenance_section, write_report
 
@@ -51,10 +52,17 @@ def run_identify(files: FitFiles, how: How) -> None:
     distinct_outputs(files.outputs, [files.experiment, source])
     if is_states(source):
         if how != How(how.fit):
-            raise InputError("method, priors, loss, fixed and tied are for displacement readings; these are positions")
+            raise InputError(
+                "method, priors, loss, fixed, tied and clean are for displacement readings; these are positions"
+            )
         identify_states(experiment, source, how.fit, files.json, files.report, files.nominal, files.urdf)
         return
     readings = read_readings(source, experiment)
+    if how.clean:
+        found = check_readings(experiment if how.fit is None else experiment.with_(fit=tuple(how.fit)), readings)
+        for finding in found:
+            print(f"masked, {finding.kind}: {finding.words}")
+        readings = masked(readings, found)
     result = identify(experiment, readings, how.fit, how.method, how.priors, how.loss, how.fixed, how.tied)
     print(result.verdict())
     for table in (fit_table(result), error_table(result)):

@@ -140,6 +140,7 @@ def identify(
     tied: Annotated[
         list[str] | None, typer.Option(help="NAME,NAME: keep the ratio of their nominal values (one-step; repeat).")
     ] = None,
+    clean: Annotated[bool, typer.Option("--clean", help="Mask readings that cannot be right, and say which.")] = False,
     nominal: Annotated[Path | None, typer.Option(help="Write a nominal.yaml with the identified values.")] = None,
     urdf: Annotated[Path | None, typer.Option(help="Write the robot's URDF with corrected joint origins.")] = None,
     json: Json = None,
@@ -151,7 +152,7 @@ def identify(
     groups = tuple(tuple(name.strip() for name in group.split(",")) for group in tied or ())
     run_identify(
         FitFiles(experiment, data, json, report, nominal, urdf),
-        How(fit, method, priors, loss, tuple(fixed or ()), groups),
+        How(fit, method, priors, loss, tuple(fixed or ()), groups, clean),
     )
 
 

@@ -2,6 +2,17 @@
 
 from qsframework.identify.absolute import PositionFit, identify_positions
 from qsframework.identify.fit import Estimate, Fit
+from qsframework.identify.hygiene import Finding, check_readings, masked
 from qsframework.identify.identify import METHODS, identify
 
-__all__ = ["METHODS", "Estimate", "Fit", "PositionFit", "identify", "identify_positions"]
+__all__ = [
+    "METHODS",
+    "Estimate",
+    "Finding",
+    "Fit",
+    "PositionFit",
+    "check_readings",
+    "identify",
+    "identify_positions",
+    "masked",
+]

@@ -62,10 +62,18 @@ class Fit:
     data_sha256: str
     notes: tuple[str, ...] = ()
     """What else to know about how the fit was made."""
+    total_covariance: Array | None = None
+    """Covariance (p, p) with the load's stated uncertainty; None where none is stated."""
 
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(e.name for e in self.estimates)
+
+    @property
+    def sd_total(self) -> tuple[float, ...]:
+        """sd of each estimate with the load's stated uncertainty; that of the noise alone where none is stated."""
+        covariance = self.covariance if self.total_covariance is None else self.total_covariance
+        return tuple(float(s) for s in np.sqrt(np.diag(covariance)))
 
     @property
     def rms_readings(self) -> float:
@@ -142,11 +150,12 @@ class Fit:
                 e.name: {
                     "value": e.value,
                     "sd": None if np.isnan(e.sd) else e.sd,
+                    "sd_total": None if np.isnan(e.sd) else total,
                     "unit": e.unit,
                     "initial": e.initial,
                     "status": e.status,
                 }
-                for e in self.estimates
+                for e, total in zip(self.estimates, self.sd_total, strict=True)
             },
             "covariance": self.covariance.tolist(),
             "sigma_mm": self.sigma * 1e3,

@@ -15,6 +15,7 @@ from qsframework.identify.linear import Found, Rows, fit_rows, identify_linear, 
 from qsframework.identify.observations import Independent, Noise, Observations
 from qsframework.identify.solve import Solution, solve
 from qsframework.identify.two_step import identify_two_step
+from qsframework.identify.uncertainty import load_sds, total_covariance
 from qsframework.information import rank_test, what_would_help
 from qsframework.plugin import Array
 
@@ -46,10 +47,14 @@ def identify(
     if method != "one-step" and (priors or loss != "linear" or fixed or tied):
         raise InputError(f"priors, loss, fixed and tied are for method one-step, not for {method}")
     if method == "linear":
-        return identify_linear(experiment, readings, names)
-    if method == "two-step":
-        return identify_two_step(experiment, readings, names)
-    return _one_step(experiment, readings, names, priors, loss, fixed, tied)
+        found = identify_linear(experiment, readings, names)
+    elif method == "two-step":
+        found = identify_two_step(experiment, readings, names)
+    else:
+        found = _one_step(experiment, readings, names, priors, loss, fixed, tied)
+    if not load_sds(experiment, names).any():
+        return found
+    return replace(found, total_covariance=total_covariance(found, experiment, readings))
 
 
 def displacement_observations(model: Model, readings: Readings, rows: Rows, names: Sequence[str]) -> Observations:

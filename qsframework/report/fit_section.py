@@ -37,7 +37,7 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None) -> Table:
     return Table(
         ("parameter", "value ± sd", "unit", "sd, % of initial", "initial", *extra, "status"),
         tuple(rows),
-        f"Method: {fit.method}. Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, {fit.sigma_source}. A parameter "
+        f"Method: {fit.method}. {_total(fit)}Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, {fit.sigma_source}. A parameter "
         "whose sd is above 100 % of its initial value is not told by these readings; one at a bound has no sd.",
     )
 
@@ -51,6 +51,18 @@ def _spread(e: Estimate) -> str:
     if _quoted(e):
         return f" ± {shown(e.sd, e.unit)[0]:.2g}"
     return " (at bound)" if np.isnan(e.sd) else " (fixed)"
+
+
+def _total(fit: Fit) -> str:
+    """The sds with the load's uncertainty, where one is stated."""
+    if fit.total_covariance is None:
+        return ""
+    said = (
+        f"{e.name} {100 * total / abs(e.value):.1f} %"
+        for e, total in zip(fit.estimates, fit.sd_total, strict=True)
+        if e.value and not np.isnan(e.sd)
+    )
+    return f"The sd above is that of the noise alone; with the load's stated uncertainty: {', '.join(said)}. "
 
 
 def error_table(fit: Fit) -> Table:

@@ -112,3 +112,17 @@ def test_the_file_states_it(tmp_path: Path) -> None:
         file.write_text(TEXT + f"load_uncertainty: {wrong}\n")
         with pytest.raises(InputError, match=words):
             load_experiment(file)
+
+
+def test_a_fit_says_both_sds(m900ib: Experiment, plan: Plan) -> None:
+    from qsframework.report import fit_table
+
+    stated = m900ib.with_(load_uncertainty=LoadUncertainty(0.02, 0.0))
+    readings = simulate(m900ib, plan).readings
+    fit = identify(stated, readings)
+    assert np.allclose(np.square(fit.sd_total), np.diag(total_covariance(fit, stated, readings)))
+    assert all(t > e.sd for t, e in zip(fit.sd_total, fit.estimates, strict=True))
+    entry = fit.as_json()["estimates"][fit.names[0]]
+    assert entry["sd_total"] == fit.sd_total[0]
+    assert "with the load's stated uncertainty" in fit_table(fit).caption
+    assert identify(m900ib, readings).total_covariance is None
