@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged
 from qsframework.identify.choice import LeftAside, choose
 from qsframework.identify.frames import Frame
@@ -17,8 +18,12 @@ _STEPS = 30
 _HALVINGS = 12
 _SETTLED = 1e-3
 """Largest last step, in standard deviations."""
-BROAD = 10.0
-"""Typical sizes of each parameter's prior standard deviation: 20 mm for a marker, 5 mm for a joint."""
+BROAD = 20.0
+"""Typical sizes of a marker's prior standard deviation: 40 mm."""
+_ARM = 5.0
+"""The same for all else: 2.5 mm and 2.5 mrad for a joint's placement, 5 mrad for its zero."""
+_LEAST = 1e-3
+"""Share of the nominal arm's error below which residuals count as no smaller."""
 _TOLD = 10.0
 """Parameters that are told only to more than so many typical sizes are left aside; markers are never."""
 
@@ -42,7 +47,7 @@ class Solved:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Readings, the parameters to estimate, and where to start; `unit` is the sd for the broad priors."""
+    """Readings, the parameters to estimate, and where to start; `unit`: the nominal arm's error in sigmas."""
 
     positions: Positions
     frames: tuple[Frame, ...]
@@ -66,8 +71,7 @@ class Problem:
         every = [p for f in frames for p in f.parameters()]
         motions = len(every)
         every += [positions.model.parameters[i] for i in positions.model.index(names)]
-        sensors = {n for e, part in zip(positions.model.effects, positions.model.slices, strict=True)
-                   if isinstance(e, Sensor) for n in positions.model.names[part]}  # fmt: skip
+        sensors = _sensors(positions.model)
         limits = np.array([np.inf] * motions + [np.inf if n in sensors else _TOLD for n in names])
         scale = np.array([p.scale for p in every])
         rows = (J * scale / (unit * sigma)[:, None, None]).reshape(-1, len(every))
@@ -100,17 +104,20 @@ class Problem:
         model, positions = self.positions.model, self.positions
         index = model.index(self.names)
         start = np.array([model.parameters[i].nominal for i in index])
-        held = np.concatenate([np.zeros(6 * len(self.frames)), np.full(len(index), self.unit / BROAD)])
+        sensors, scale = _sensors(model), self.scale
+        loose = np.array([np.inf] * 6 * len(self.frames) + [BROAD if n in sensors else _ARM for n in self.names])
         x, frames, predicted, J = self.x, self.frames, self.at, self.first
         size = last = np.inf
         for _ in range(_STEPS):
-            offset = np.concatenate([np.zeros(6 * len(frames)), x[index] - start]) / self.scale
+            offset = np.concatenate([np.zeros(6 * len(frames)), x[index] - start]) / scale
             r = ((positions.measured - predicted) / self.sigma[:, None]).ravel()
-            rows = (J * (self.scale / self.sigma[:, None, None])).reshape(len(r), -1)
+            rows = (J * (scale / self.sigma[:, None, None])).reshape(len(r), -1)
+            unit = max(float(np.sqrt(np.mean(r**2))), _LEAST * self.unit)
+            held = unit / loose
             R, target = _triangle(rows, r, held, -held * offset)
             step: Array = np.asarray(np.linalg.solve(R, target), dtype=np.float64)
             cost = r @ r + ((held * offset) ** 2).sum()
-            size = float(np.abs(R @ step).max()) / self.unit
+            size = float(np.abs(R @ step).max()) / unit
             fresh = size > 0.1 or size > 0.05 * last  # otherwise derivatives from that near serve once more
             x, frames, predicted, found = self._advance(x, frames, step, cost, held, offset, index, fresh)
             if size < _SETTLED:
@@ -141,6 +148,12 @@ class Problem:
             if later <= cost * (1.0 + 1e-9):
                 return values, moved, predicted, J
         raise NotConverged("no step lowers the error: the readings or a convention do not fit this robot")
+
+
+def _sensors(model: Model) -> set[str]:
+    """The parameters of the instrument's side."""
+    effects = zip(model.effects, model.slices, strict=True)
+    return {n for e, part in effects if isinstance(e, Sensor) for n in model.names[part]}
 
 
 def _triangle(rows: Array, r: Array, held: Array, wish: Array) -> tuple[Array, Array]:
