@@ -37,8 +37,9 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None) -> Table:
     return Table(
         ("parameter", "value ± sd", "unit", "sd, % of initial", "initial", *extra, "status"),
         tuple(rows),
-        f"Method: {fit.method}. {_total(fit)}Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, {fit.sigma_source}. A parameter "
-        "whose sd is above 100 % of its initial value is not told by these readings; one at a bound has no sd.",
+        f"Method: {fit.method}. {_total(fit)}Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, "
+        f"{fit.sigma_source}. A parameter whose sd is above 100 % of its initial value "
+        "is not told by these readings; one at a bound has no sd.",
     )
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, StateReadings, make_plan, read_readings, simulate, write_readings
+from qsframework.identify import identify
 from qsframework.identify.differences import differences
 from qsframework.identify.noise import Blocks, grouped, readings_noise, shared_error
 from qsframework.identify.observations import Independent
@@ -156,3 +157,15 @@ def test_a_loaded_row_without_an_unloaded_one_is_named(m900ib: Experiment) -> No
     assert [p.line for p in caught.value.problems] == [5, 8]
     with pytest.raises(InputError, match="no row of a loaded state"):
         differences(replace(given, use=~given.loaded[given.measurement]), m900ib)
+
+
+def test_a_fit_takes_shared_references_into_account(m900ib: Experiment) -> None:
+    """One step has the covariance of generalised least squares; the linear method says that it has not."""
+    readings = simulate(m900ib, two_loads(m900ib), seed=0).readings
+    named = replace(readings, reference=tuple(f"u{readings.measurement[i] // 2}" for i in range(len(readings.use))))
+    fit = identify(m900ib, named, method="one-step")
+    A = fit.model.sensitivity(named.poses, fit.x, fit.names)[named.measurement, named.marker].reshape(-1, 6)
+    whitened = readings_noise(named, np.arange(len(named.use)), named.sigma).whiten(A) * 1e-6
+    assert np.allclose(fit.covariance, 1e-12 * np.linalg.inv(whitened.T @ whitened), rtol=1e-6, atol=0.0)
+    assert any("Use method one-step" in note for note in identify(m900ib, named).notes)
+    assert not identify(m900ib, readings).notes
