@@ -104,7 +104,7 @@ def errors(arm: Experiment, plan: Plan, campaigns: int) -> dict[str, Array]:
 
 
 def test_weights_decide_between_the_methods(arm: Experiment) -> None:
-    """Six angles, some of them hardly seen: one step and weighted two steps alike, plain step two loses (9 % in 150 campaigns)."""
+    """Six angles, some hardly seen: one step and weighted two steps alike; plain step two loses (9 % in 150 runs)."""
     plan = planned(arm, (-55.0, -3.0, 3.0, 40.0, 60.0, 85.0), 2)
     mse = errors(arm, plan, 15)
     assert np.all(np.abs(mse["two"] / mse["one"] - 1.0) < 0.02)
