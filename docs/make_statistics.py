@@ -21,7 +21,7 @@ from qsframework.identify.noise import pose_groups, readings_noise, shared_error
 from qsframework.identify.observations import Observations
 from qsframework.identify.solve import solve
 from qsframework.information.two_step import step_two, stiffness_rows
-from qsframework.plugin import Array, Poses
+from qsframework.plugin import Array, Indices, Poses
 
 SEED = 20261121
 DATE = "2026-11-21"
@@ -125,7 +125,7 @@ def campaigns(case: Case, count: int, start: int = 0, level: float = 0.95) -> tu
     return inside, sd / truth
 
 
-def fitted(given: Observations, case: Case, label: Array) -> tuple[Array, Array, float]:
+def fitted(given: Observations, case: Case, label: Indices) -> tuple[Array, Array, float]:
     """Estimates, their sds, and the degrees of freedom behind these."""
     solution = solve(given, starts=0)
     m, p = solution.jacobian.shape
@@ -192,7 +192,7 @@ def run(count: int, map_: Callable[..., object]) -> list[tuple[Case, Array, Arra
 
 def page(count: int, results: list[tuple[Case, Array, Array]], squares: dict[int, tuple[Array, Array]]) -> str:
     """The page's text."""
-    text = (Path(__file__).parent / "statistics_text.md").read_text()
+    text = (Path(__file__).parent / "statistics_text.txt").read_text()
     spread = 100 * np.sqrt(0.95 * 0.05 / count)
     table = ["| campaign | coverage, mean | smallest | largest | sd of the parameters, % |", "|---|---|---|---|---|"]
     for case, inside, sd in results:
@@ -218,7 +218,9 @@ def main() -> None:
     chosen = parser.parse_args()
     with ProcessPoolExecutor(2) as pool:
         results = run(chosen.campaigns, pool.map)
-        squares = dict(zip((3, 4, 6, 9), pool.map(mean_squares, [chosen.campaigns] * 4, (3, 4, 6, 9)), strict=True))
+        squares: dict[int, tuple[Array, Array]] = dict(
+            zip((3, 4, 6, 9), pool.map(mean_squares, [chosen.campaigns] * 4, (3, 4, 6, 9)), strict=True)
+        )
     chosen.output.write_text(page(chosen.campaigns, results, squares))
     print(chosen.output.read_text())
 
