@@ -172,7 +172,7 @@ def test_what_does_not_converge_is_no_result() -> None:
     o = decay()
     with pytest.raises(NotConverged, match="no finite prediction"):
         solve(replace(o, predict=lambda x: np.full(40, np.nan)))
-    with pytest.raises(NotConverged, match="no step lowers|did not settle"):
+    with pytest.raises(NotConverged, match=r"no step lowers|did not settle"):
         solve(replace(o, jacobian=lambda x: -o.jacobian(x)))
 
 
