@@ -18,7 +18,7 @@ from qsframework.experiment import Experiment, Readings, example, load_experimen
 from qsframework.identify.identify import displacement_observations
 from qsframework.identify.linear import fit_rows
 from qsframework.identify.noise import pose_groups, readings_noise, shared_error
-from qsframework.identify.observations import Observations
+from qsframework.identify.observations import Independent, Observations
 from qsframework.identify.solve import solve
 from qsframework.information.two_step import step_two, stiffness_rows
 from qsframework.plugin import Array, Indices, Poses
@@ -96,7 +96,8 @@ def setting(case: Case) -> tuple[Experiment, Readings, Observations, Array, Arra
         A = observations.jacobian(truth)
         observations = replace(observations, predict=lambda x: exact + A @ (x - truth), jacobian=lambda x: A)
     parameters = tuple(replace(p, nominal=case.nominal * p.nominal, lower=-np.inf) for p in observations.parameters)
-    noise = readings_noise(readings, rows.keep, rows.sigma) if case.covariance else observations.noise
+    full = readings_noise(readings, rows.keep, rows.sigma)
+    noise = full if case.covariance else Independent(np.repeat(rows.sigma, 3))
     return experiment, readings, replace(observations, parameters=parameters, noise=noise), truth, exact
 
 
