@@ -93,8 +93,8 @@ def _solve_columns(task: Task, rng: np.random.Generator, efficiency: float, prog
         passes += used
     if bound < efficiency:
         raise NotCertified(
-            f"the design reached a certified {task.criterion.name}-efficiency of {bound:.7g}, asked for "
-            f"{efficiency:.7g}; ask for less, or leave out parameters that the candidates hardly tell"
+            f"the design is certified to within {1.0 - bound:.1e} of {task.criterion.name}-efficiency 1, asked for "
+            f"{1.0 - efficiency:.1e}; ask for less, or leave out parameters that the candidates hardly tell"
         )
     return _result(task, state, bound, values, passes)
 

@@ -37,6 +37,20 @@ class Small:
         """<G, M_i> (m,)."""
         return self.moments.reshape(len(self.moments), -1) @ slope.ravel()
 
+    def used(self) -> Indices:
+        """The groups that carry a share."""
+        return np.flatnonzero(self.shares > 0.0)
+
+    def membership(self) -> Array:
+        """1 where a candidate is of a used group, (groups, m)."""
+        return (self.label[None, :] == self.used()[:, None]).astype(float)
+
+    def multipliers(self, nu: Array) -> Array:
+        """One for every group; nothing would enter a group without a share."""
+        out = np.full(len(self.shares), np.inf)
+        out[self.used()] = nu
+        return out
+
     def uniform(self) -> Array:
         counts = np.bincount(self.label, minlength=len(self.shares))
         return self.shares[self.label] / counts[self.label]
@@ -117,7 +131,7 @@ def solve_small(small: Small, criterion: Robust, gap: float, start: Array | None
         scores = small.scores(expansion.slope)
         reached = _gap(small, expansion, scores)
         if best is None or reached < best_gap:
-            best, best_gap = Solved(point.w.copy(), point.nu.copy(), expansion, scores, point.mu), reached
+            best, best_gap = Solved(point.w.copy(), small.multipliers(point.nu), expansion, scores, point.mu), reached
         if best_gap <= gap or point.mu < 1e-15:
             break
         if not _step(small, point, scores, curvature(small, expansion)):
@@ -133,7 +147,7 @@ def _start(small: Small, start: Array | None) -> _Point:
     mu = 0.3 / len(w)
     z = mu / w
     y = mu / (small.cap - w) if np.isfinite(small.cap) else np.zeros(len(w))
-    return _Point(w, z, y, np.ones(len(small.shares)), mu)
+    return _Point(w, z, y, np.ones(len(small.used())), mu)
 
 
 def _gap(small: Small, expansion: Expansion, scores: Array) -> float:
@@ -176,11 +190,11 @@ def _system(small: Small, point: _Point, scores: Array, H: Array) -> _System:
     capped = bool(np.isfinite(small.cap))
     room = small.cap - point.w if capped else np.ones(len(point.w))
     H[np.diag_indices_from(H)] += point.z / point.w + (point.y / room if capped else 0.0)
-    E = (small.label[None, :] == np.arange(len(small.shares))[:, None]).astype(float)
+    E = small.membership()
     factor = scipy.linalg.cho_factor(H, lower=True, check_finite=False)
     KE = scipy.linalg.cho_solve(factor, E.T, check_finite=False)
     stationarity = -scores - point.z + point.y + E.T @ point.nu
-    return _System(point, room, capped, factor, E, KE, stationarity, E @ point.w - small.shares)
+    return _System(point, room, capped, factor, E, KE, stationarity, E @ point.w - small.shares[small.used()])
 
 
 def _step(small: Small, point: _Point, scores: Array, H: Array) -> bool:
@@ -222,7 +236,7 @@ def solve_kinked(small: Small, criterion: Robust, gap: float, start: Array | Non
     point = _start(small, start)
     mu, best, best_gap = (0.1 if start is None else min(0.1, 5.0 * gap)), None, np.inf
     w = point.w
-    E = (small.label[None, :] == np.arange(len(small.shares))[:, None]).astype(float)
+    E = small.membership()
     for _ in range(14):
         for _ in range(_ITERATIONS):
             expansion = criterion.expansion(small.information(w), mu)
@@ -233,7 +247,7 @@ def solve_kinked(small: Small, criterion: Robust, gap: float, start: Array | Non
                 break
             if best is None or (reached := _gap(small, expansion, scores)) < best_gap:
                 reached = _gap(small, expansion, scores)
-                best, best_gap = Solved(w, nu, expansion, scores, mu), reached
+                best, best_gap = Solved(w, small.multipliers(nu), expansion, scores, mu), reached
             if decrement < 0.3 * mu:
                 break
             moved = _searched(small, criterion, w, dw, mu, decrement)
@@ -265,7 +279,7 @@ def _newton(small: Small, w: Array, mu: float, scores: Array, H: Array, E: Array
         factor = scipy.linalg.cho_factor(K, lower=True, check_finite=False)
     KF = scipy.linalg.cho_solve(factor, F.T, check_finite=False)
     base = scipy.linalg.cho_solve(factor, -slope, check_finite=False)
-    nu = np.linalg.solve(F @ KF, F @ base + E @ w - small.shares)
+    nu = np.linalg.solve(F @ KF, F @ base + E @ w - small.shares[small.used()])
     relative = base - KF @ nu
     return w * relative, nu, float(relative @ K @ relative)
 

@@ -103,6 +103,13 @@ def test_loads_share_poses_freely_and_keep_their_minimum(m900ib: Experiment) -> 
         design(least, 7, "D", 50)
 
 
+def test_a_load_may_get_no_pose(m900ib: Experiment) -> None:
+    """Three poses are all taken by the load that asks for three; the other's candidates stay out."""
+    plan = design(m900ib, 3, "D", 300, wish=Wish("D", polish=False))
+    assert set(plan.load) == {"weight_and_side_pull"}
+    assert proof(plan).relaxed_efficiency > 0.9999
+
+
 def test_a_budget_buys_the_better_plan(m900ib: Experiment) -> None:
     """Dear side pulls: the plan costs at most the budget, and no split of it that we try does better."""
     priced = loads(m900ib, {"poses": None}, {"poses": None, "cost": 4.0})
