@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from qsframework.plugin import Bar, InputError, Parameter, RobotFacts, Spring, place, setting
+from qsframework.plugin import Bar, Effect, InputError, Loop, Parameter, RobotFacts, Spring, place, setting
 
 
 @dataclass(frozen=True)
@@ -37,3 +38,10 @@ class BarCompliance(Spring):
 
     def virtual_joints(self, robot: RobotFacts) -> tuple[Bar, ...]:
         return (Bar(f"{self.loop}[{self.driven}]", int(self.bar)),)
+
+    @classmethod
+    def beside(cls, effects: Sequence[Effect], parameters: Sequence[Parameter]) -> tuple[BarCompliance, ...]:
+        """The coupling bar of every loop whose bars have length errors."""
+        owners = {p.name.rpartition("].")[0] + "]" if "]." in p.name else p.name for p in parameters}
+        loops = [e for e in effects if isinstance(e, Loop) and e.name in owners]
+        return tuple(cls(e.where, e.effect_name()) for e in loops)

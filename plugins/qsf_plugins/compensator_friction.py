@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from qsf_plugins.gravity_compensator import GravityCompensator
 from qsf_plugins.spring_triangle import SpringTriangle
 from qsframework.plugin import (
     Array,
     Conditions,
+    Effect,
     InputError,
     ParallelSpring,
     Parameter,
@@ -65,3 +68,11 @@ class CompensatorFriction(ParallelSpring):
             dqq=x[0] * bend[:, None, None, None],
             dqx=slope[:, None, None, None],
         )
+
+    @classmethod
+    def beside(cls, effects: Sequence[Effect], parameters: Sequence[Parameter]) -> tuple[CompensatorFriction, ...]:
+        """Friction of every balancer spring whose stiffness the robot states."""
+        value = {p.name: p.nominal for p in parameters}
+        springs = [e for e in effects if isinstance(e, GravityCompensator)]
+        found = [(e, value[f"{e.name}.stiffness"], value[f"{e.name}.free_length"]) for e in springs]
+        return tuple(cls(e.joint, e.lc, e.l2, K, s0, e.zero) for e, K, s0 in found if K > 0.0)

@@ -73,6 +73,14 @@ class Effect(ABC):
         """Every instance that a diagnosis may try on this robot; none by default."""
         return ()
 
+    @classmethod
+    def beside(cls, effects: Sequence[Effect], parameters: Sequence[Parameter]) -> tuple[Self, ...]:
+        """Instances that a diagnosis may try beside effects that the robot has, such as friction in its balancer.
+
+        parameters: of these effects, with their nominal values; none by default
+        """
+        return ()
+
 
 class Geometry(Effect):
     """Stage 0: joint angles and placements differ from the nominal ones."""
