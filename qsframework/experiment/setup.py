@@ -110,8 +110,8 @@ class Experiment:
         """The parameters to estimate: those that `fit:` names, else every compliance."""
         model = self.model()
         if self.fit is None:
-            chosen = [e for e in model.effects if isinstance(e, Spring)]
-            return tuple(p.name for e in chosen for p in e.parameters(model.facts))
+            effects = zip(model.effects, model.slices, strict=True)
+            return tuple(n for e, part in effects if isinstance(e, Spring) for n in model.names[part])
         return tuple(dict.fromkeys(n for entry in self.fit for n in expand_name(entry, model)))
 
     def fit_parameters(self) -> tuple[Parameter, ...]:
@@ -128,8 +128,8 @@ def expand_name(entry: str, model: Model) -> tuple[str, ...]:
     """The parameters that the name of an effect, an instance or a parameter stands for; exact names only."""
     names: list[str] = []
     known: list[str] = []
-    for effect in model.effects:
-        own = [p.name for p in effect.parameters(model.facts)]
+    for effect, part in zip(model.effects, model.slices, strict=True):
+        own = model.names[part]
         known += [effect.effect_name(), effect.name, *own]
         if entry in (effect.effect_name(), effect.name):
             names += own

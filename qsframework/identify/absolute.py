@@ -18,7 +18,7 @@ from qsframework.identify.frames import Frame
 from qsframework.identify.linear import studentised
 from qsframework.identify.positions import Mask, Positions, make_positions
 from qsframework.information import rank_test
-from qsframework.plugin import Array, Effect, Geometry, Parameter, Sensor, Spring
+from qsframework.plugin import Array, Geometry, Parameter, Sensor, Spring
 
 _GROSS = 7.0
 """A reading is a gross error beyond so many robust standard deviations of one coordinate."""
@@ -83,7 +83,8 @@ def identify_positions(
     names = _ordered(experiment)
     x0 = model.nominal
     if experiment.rigid:
-        springs = [n for e in model.effects if isinstance(e, Spring) for n in _names(e, experiment)]
+        effects = zip(model.effects, model.slices, strict=True)
+        springs = [n for e, part in effects if isinstance(e, Spring) for n in model.names[part]]
         x0[model.index([n for n in springs if n not in names])] = 0.0
     positions = make_positions(model, states)
     sigma, stated = _sigma(experiment, states, positions)
@@ -116,15 +117,12 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _names(effect: Effect, experiment: Experiment) -> list[str]:
-    return [p.name for p in effect.parameters(experiment.robot.facts)]
-
-
 def _ordered(experiment: Experiment) -> list[str]:
     """The names to fit, physically simple ones first: markers, zeros and sag, springs, placements, others."""
     wanted = set(experiment.fit_names())
     ranked: list[tuple[int, str]] = []
-    for effect in experiment.model().effects:
+    model = experiment.model()
+    for effect, part in zip(model.effects, model.slices, strict=True):
         rank = 4
         if isinstance(effect, Sensor):
             rank = 0
@@ -132,7 +130,7 @@ def _ordered(experiment: Experiment) -> list[str]:
             rank = 3 if effect.moves_placements else 1
         elif isinstance(effect, Spring):
             rank = 2
-        ranked += [(rank, name) for name in _names(effect, experiment) if name in wanted]
+        ranked += [(rank, name) for name in model.names[part] if name in wanted]
     return [name for _, name in sorted(ranked, key=lambda entry: entry[0])]
 
 
@@ -150,7 +148,8 @@ def _sigma(experiment: Experiment, states: StateReadings, positions: Positions) 
 def _gross(white: Array) -> Mask:
     """Rows (R,) whose error is far beyond what the others' median allows; the largest first, for they bend the fit."""
     size = np.linalg.norm(white, axis=1)
-    robust = max(float(np.median(size)) / 1.538, 1e-3)  # median of the norm of three unit normals
+    middle = float(np.sort(size)[len(size) // 2])  # np.median would import masked arrays, which takes 10 ms
+    robust = max(middle / 1.538, 1e-3)  # median of the norm of three unit normals
     return size > max(_GROSS * robust, 0.3 * float(size.max()))
 
 
@@ -194,10 +193,11 @@ def _left_out(white: Array, Q: Array, pose: Sequence[str]) -> Array:
     """Whitened errors (R, 3) at each pose when all its rows are left out, the poses of one size at a time."""
     out = np.full_like(white, np.nan)
     blocks = Q.reshape(len(white), 3, -1)
-    _, of = np.unique(np.array(pose), return_inverse=True)
+    number = {name: i for i, name in enumerate(dict.fromkeys(pose))}
+    of = np.array([number[name] for name in pose], dtype=np.intp)
     order, counts = np.argsort(of, kind="stable"), np.bincount(of)
     first = np.cumsum(counts) - counts
-    for size in np.unique(counts):
+    for size in sorted(set(counts.tolist())):
         rows = order[first[counts == size][:, None] + np.arange(size)]
         q = blocks[rows].reshape(len(rows), 3 * size, -1)
         rest = np.eye(3 * size) - q @ q.transpose(0, 2, 1)

@@ -18,6 +18,8 @@ _STEPS = 30
 _HALVINGS = 12
 _SETTLED = 1e-3
 """Largest last step, in standard deviations."""
+_NEAR = 0.5
+"""Derivatives are not taken again after a step shorter than this, in standard deviations."""
 BROAD = 20.0
 """Typical sizes of a marker's prior standard deviation: 40 mm."""
 _ARM = 5.0
@@ -118,10 +120,11 @@ class Problem:
             step: Array = np.asarray(np.linalg.solve(R, target), dtype=np.float64)
             cost = r @ r + ((held * offset) ** 2).sum()
             size = float(np.abs(R @ step).max()) / unit
-            fresh = size > 0.1 or size > 0.05 * last  # otherwise derivatives from that near serve once more
+            if size < _SETTLED:  # a step so short needs no look at where it leads
+                x, frames = self._moved(x, frames, step * scale, index)
+                return Solved(self, x, frames, J, R, predicted + J @ (step * scale))
+            fresh = size > _NEAR or size > 0.05 * last  # otherwise derivatives from that near serve once more
             x, frames, predicted, found = self._advance(x, frames, step, cost, held, offset, index, fresh)
-            if size < _SETTLED:
-                return Solved(self, x, frames, J, R, predicted)
             J, last = J if found is None else found, size
         raise NotConverged(
             f"the fit of {len(self.names)} parameters did not settle in {_STEPS} steps (last step {size:.1g} "
@@ -133,12 +136,8 @@ class Problem:
         index: list[int], fresh: bool,
     ) -> tuple[Array, tuple[Frame, ...], Array, Array | None]:  # fmt: skip
         """The longest of the steps 1, 1/2, ... that does not raise the cost; with derivatives there if `fresh`."""
-        count = 6 * len(frames)
         for halving in range(_HALVINGS):
-            z = step * self.scale * 0.5**halving
-            moved = tuple(f.moved(z[6 * i : 6 * i + 6]) for i, f in enumerate(frames))
-            values = x.copy()
-            values[index] += z[count:]
+            values, moved = self._moved(x, frames, step * self.scale * 0.5**halving, index)
             if fresh:
                 predicted, J = self.positions.rates(values, moved, self.names)
             else:
@@ -148,6 +147,14 @@ class Problem:
             if later <= cost * (1.0 + 1e-9):
                 return values, moved, predicted, J
         raise NotConverged("no step lowers the error: the readings or a convention do not fit this robot")
+
+    def _moved(
+        self, x: Array, frames: tuple[Frame, ...], z: Array, index: list[int]
+    ) -> tuple[Array, tuple[Frame, ...]]:
+        """Parameters and frames after a step z (p,)."""
+        values = x.copy()
+        values[index] += z[6 * len(frames) :]
+        return values, tuple(f.moved(z[6 * i : 6 * i + 6]) for i, f in enumerate(frames))
 
 
 def _sensors(model: Model) -> set[str]:
