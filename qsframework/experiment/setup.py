@@ -20,9 +20,14 @@ from qsframework.experiment.constraints import (
 from qsframework.experiment.spec import ExperimentSpec
 from qsframework.files import Document, read_yaml, validate
 from qsframework.plugin import Array, Effect, Parameter, Spring
+from qsframework.plugin.build import build_effects
 from qsframework.plugin.facts import frozen
 from qsframework.robot import Robot, load_robot
 from qsframework.robot.spec import read_effects
+
+GEOMETRY = "geometry"
+"""In `fit`: the zeros and placements of all joints; their effects need not be listed."""
+_GEOMETRIC = ("joint_offset", "joint_placement")
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,11 +126,28 @@ class Experiment:
 
     def with_(self, **changes: Any) -> Experiment:
         """A copy with some fields changed."""
-        return replace(self, **changes)
+        return _with_geometry(replace(self, **changes))
+
+
+def _with_geometry(experiment: Experiment) -> Experiment:
+    """With the effects that `geometry` in `fit` stands for, where they are not there yet."""
+    if GEOMETRY not in (experiment.fit or ()):
+        return experiment
+    facts, present = experiment.robot.facts, {e.name for e in (*experiment.robot.effects, *experiment.effects)}
+    wanted = [e for name in _GEOMETRIC for e in build_effects({"effect": name, "joints": "all"}, facts)]
+    more = tuple(e for e in wanted if e.name not in present)
+    added = tuple(p for e in more for p in e.parameters(facts))
+    effects, parameters = (*experiment.effects, *more), (*experiment.parameters, *added)
+    return replace(experiment, effects=effects, parameters=parameters) if more else experiment
 
 
 def expand_name(entry: str, model: Model) -> tuple[str, ...]:
-    """The parameters that the name of an effect, an instance or a parameter stands for; exact names only."""
+    """The parameters that the name of an effect, an instance or a parameter stands for; exact names only.
+
+    `geometry` stands for the zeros and placements of all joints.
+    """
+    if entry == GEOMETRY:
+        return tuple(n for name in _GEOMETRIC for n in expand_name(name, model))
     names: list[str] = []
     known: list[str] = []
     for effect, part in zip(model.effects, model.slices, strict=True):
@@ -136,7 +158,7 @@ def expand_name(entry: str, model: Model) -> tuple[str, ...]:
         elif entry in own:
             names.append(entry)
     if not names:
-        allowed = list(dict.fromkeys(known))
+        allowed = [*dict.fromkeys(known), GEOMETRY]
         raise InputError(
             Problem(f"fit: no parameter {entry!r}", allowed=", ".join(allowed), hint=nearest(entry, allowed))
         )
@@ -159,7 +181,7 @@ def load_experiment(path: str | Path) -> Experiment:
     problems += [*found, *constraint_problems(document, spec, robot), *_load_problems(document, spec, robot)]
     if problems:
         raise InputError(problems)
-    experiment = Experiment(
+    experiment = _with_geometry(Experiment(
         path, robot, frozen(spec.load.point or spec.load.centre or np.zeros(3)), markers,
         Noise(None if isinstance(spec.noise, str) else spec.noise.sigma),
         _loads(spec, robot),
@@ -168,7 +190,7 @@ def load_experiment(path: str | Path) -> Experiment:
         None if spec.data is None else path.parent / spec.data,
         "load" in spec.model_fields_set, spec.rigid,
         LoadUncertainty(spec.load_uncertainty.scale, spec.load_uncertainty.direction),
-    )  # fmt: skip
+    ))  # fmt: skip
     _check_model(document, experiment)
     return experiment
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, StateReadings
+from qsframework.experiment.setup import GEOMETRY, expand_name
 from qsframework.files import sha256
 from qsframework.identify.adjust import BROAD, Problem, Solved
 from qsframework.identify.choice import LeftAside
@@ -89,6 +90,7 @@ def identify_positions(
     positions = make_positions(model, states)
     sigma, stated = _sigma(experiment, states, positions)
     problem, left = _begin(positions, x0, names, sigma)
+    _check_geometry(experiment, problem, left)
     solved = problem.solve()
     masked: list[int] = []
     for _ in range(_ROUNDS):
@@ -111,6 +113,19 @@ def _begin(
 ) -> tuple[Problem, tuple[LeftAside, ...]]:
     frames, x = positions.started(x0, names, BROAD)
     return Problem.chosen(positions, frames, x, names, sigma)
+
+
+def _check_geometry(experiment: Experiment, problem: Problem, left: Sequence[LeftAside]) -> None:
+    """InputError where `geometry` is to be fitted and the readings tell nothing of it."""
+    if GEOMETRY not in (experiment.fit or ()):
+        return
+    wanted = expand_name(GEOMETRY, problem.positions.model)
+    if not set(wanted).intersection(problem.names):
+        reasons = "; ".join(entry.words() for entry in left if entry.name in wanted[:6])
+        raise InputError(
+            f"fit: {GEOMETRY}: these readings tell none of its {len(wanted)} numbers ({reasons}; ...); "
+            f"measure poses that move every joint, or leave {GEOMETRY} out"
+        )
 
 
 def _rms(values: Array) -> float:

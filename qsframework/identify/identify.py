@@ -10,6 +10,7 @@ import numpy as np
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged, NotIdentifiable, Problem, nearest
 from qsframework.experiment import Experiment, Readings
+from qsframework.experiment.setup import GEOMETRY
 from qsframework.identify.fit import Fit
 from qsframework.identify.linear import Found, Rows, fit_rows, identify_linear, make_fit
 from qsframework.identify.noise import readings_noise, reference_groups
@@ -47,6 +48,11 @@ def identify(
     if method not in METHODS:
         raise InputError(
             Problem(f"unknown method {method!r}", allowed=", ".join(METHODS), hint=nearest(method, METHODS))
+        )
+    if GEOMETRY in (fit or experiment.fit or ()):
+        raise InputError(
+            f"fit: {GEOMETRY} is told by absolute positions (x_mm, y_mm, z_mm); these readings are displacements, "
+            "which hardly depend on it. Name what they tell, such as joint_compliance, or give positions"
         )
     names = experiment.fit_names() if fit is None else experiment.with_(fit=tuple(fit)).fit_names()
     if method != "one-step" and (priors or loss != "linear" or fixed or tied):

@@ -1,0 +1,131 @@
+"""`fit: [geometry]`: zeros and placements of all joints, as far as absolute positions tell them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, StateReadings, load_experiment, read_states
+from qsframework.identify import identify, identify_positions
+from qsframework.plugin import Poses
+
+FILE = """
+robot: ur10
+rigid: true
+markers:
+  a: {xyz_mm: [0, 0, 93]}
+  b: {xyz_mm: [80, 0, 60]}
+noise: {sigma_mm: 0.03}
+effects:
+  - {effect: tool_offset, markers: all}
+"""
+LISTED = """
+  - {effect: joint_offset, joints: all}
+  - {effect: joint_placement, joints: all}
+"""
+PARTLY = """
+  - {effect: joint_placement, joints: [joint_2]}
+"""
+
+
+def written(folder: Path, text: str) -> Experiment:
+    file = folder / "experiment.yaml"
+    file.write_text(text)
+    return load_experiment(file)
+
+
+def states(experiment: Experiment, q: np.ndarray, x: np.ndarray) -> StateReadings:
+    rng = np.random.default_rng(1)
+    poses = Poses(q, q, np.zeros((len(q), 6)))
+    points = experiment.model().positions(poses, x)
+    count, markers = points.shape[:2]
+    ones, rows = np.ones(count, dtype=np.intp), count * markers
+    return StateReadings(
+        poses, np.zeros(count, dtype=bool), tuple(str(i) for i in range(count)), ("",) * count, ("",) * count,
+        ones, ones, np.repeat(np.arange(count), markers), np.tile(np.arange(markers), count),
+        (points + 3e-5 * rng.standard_normal(points.shape)).reshape(-1, 3), np.full(rows, np.nan),
+        np.ones(rows, dtype=bool), np.arange(2, 2 + rows), None, None,
+    )  # fmt: skip
+
+
+def spread(joints: slice = slice(None)) -> np.ndarray:
+    q = np.tile([0.1, -1.0, 1.2, 0.4, 0.9, 0.2], (60, 1))
+    q[:, joints] = np.random.default_rng(2).uniform(-2.5, 2.5, q[:, joints].shape)
+    return q
+
+
+def made(experiment: Experiment, q: np.ndarray) -> StateReadings:
+    """Readings of an arm with errors in its rigid geometry."""
+    model = experiment.model()
+    x = model.nominal
+    x[[i for i, n in enumerate(model.names) if n.startswith("joint_compliance")]] = 0.0
+    index = model.index(["joint_offset[joint_3]", "joint_placement[joint_2].x", "joint_placement[joint_4].rx"])
+    x[index] = 8e-4, 3e-4, -6e-4
+    return states(experiment, q, x)
+
+
+@pytest.mark.parametrize("more", ["", PARTLY, LISTED], ids=["no effects", "some effects", "all effects"])
+def test_geometry_is_the_zeros_and_placements_of_all_joints(more: str, tmp_path: Path) -> None:
+    experiment = written(tmp_path, FILE + more + "fit: [geometry]\n")
+    names = experiment.fit_names()
+    joints = experiment.robot.facts.joints
+    assert set(names) == {f"joint_offset[{j}]" for j in joints} | {
+        f"joint_placement[{j}].{axis}" for j in joints for axis in ("x", "y", "z", "rx", "ry", "rz")
+    }
+    assert len(names) == 42
+
+
+def test_it_gives_what_the_effects_by_name_give(tmp_path: Path) -> None:
+    long = written(tmp_path, FILE + LISTED + "fit: [tool_offset, joint_offset, joint_placement]\n")
+    readings = made(long, spread())
+    short = written(tmp_path, FILE + "fit: [tool_offset, geometry]\n")
+    by_name, fit = identify_positions(long, readings), identify_positions(short, readings)
+    assert fit.names == by_name.names
+    assert np.allclose([e.value for e in fit.estimates], [e.value for e in by_name.estimates], rtol=1e-9, atol=1e-12)
+    assert {e.name for e in fit.left_aside} == {e.name for e in by_name.left_aside}
+    named = {e.name: e for e in fit.estimates}
+    chosen = {n for n in short.fit_names() if n in named and not n.startswith("tool")}
+    aside = {e.name for e in fit.left_aside if not e.name.startswith("tool")}
+    assert chosen | aside == {n for n in short.fit_names() if not n.startswith("tool")}
+    assert len(chosen) == 4 * 6 + 6 - 6 - 6, "4 numbers for each turning joint and 6, less the frame and two markers"
+    estimate = named["joint_placement[joint_4].rx"]
+    assert abs(estimate.value + 6e-4) < 4.0 * estimate.sd
+    assert by_name.sigma_source == "stated"
+
+
+def test_geometry_can_be_asked_for_without_the_file(tmp_path: Path) -> None:
+    plain = written(tmp_path, FILE)
+    readings = made(plain.with_(fit=("geometry",)), spread())
+    fit = identify_positions(plain, readings, ["tool_offset", "geometry"])
+    assert "joint_placement[joint_2].x" in fit.names
+
+
+def test_nothing_to_tell_is_an_error(tmp_path: Path) -> None:
+    """Only joint 1 moves: the frame and the markers absorb all that their poses show."""
+    experiment = written(tmp_path, FILE + "fit: [tool_offset, geometry]\n")
+    with pytest.raises(InputError, match=r"none of its 42 numbers .*absorbed by frame.*move every joint"):
+        identify_positions(experiment, made(experiment, spread(slice(0, 1))))
+
+
+def test_displacements_do_not_tell_it(m900ib: Experiment) -> None:
+    for experiment, fit in ((m900ib.with_(fit=("geometry",)), None), (m900ib, ["geometry"])):
+        with pytest.raises(InputError, match="geometry is told by absolute positions"):
+            identify(experiment, None, fit)  # type: ignore[arg-type]
+
+
+def test_a_wrong_name_is_offered_it(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no parameter 'geometri'(.|\n)*geometry"):
+        written(tmp_path, FILE + "fit: [geometri]\n")
+
+
+def test_the_example_gives_the_same_by_either_name() -> None:
+    folder = Path(__file__).parents[2] / "examples" / "ur10"
+    experiment = load_experiment(folder / "experiment.yaml")
+    readings = read_states(folder / "series_d.csv", experiment)
+    short = identify_positions(experiment, readings, ["tool_offset", "geometry"])
+    long = identify_positions(experiment, readings, ["tool_offset", "joint_offset", "joint_placement"])
+    assert short.names == long.names
+    assert np.isclose(short.error_of(short.residuals), long.error_of(long.residuals), rtol=1e-12)
