@@ -1,0 +1,239 @@
+"""The noise as a hypothesis: gross rows, heavy tails, its true size, and errors that the markers of a pose share.
+
+Everything is judged on what all columns of a library together leave of the residuals, so that physics that any
+candidate could explain does not pass for noise; or on replicates, which no physics explains.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from qsframework.diagnose.outliers import Basis, find_outliers, heavy_tails
+from qsframework.experiment import Readings
+from qsframework.identify.noise import grouped, readings_noise
+from qsframework.identify.observations import Noise
+from qsframework.plugin import Array, Indices
+
+REACH = 10.0
+"""Columns are per typical size; a direction that not even ten of these lift above the noise needs no number."""
+FEWEST = 10
+"""Degrees of freedom below which nothing is said about the noise."""
+_LARGEST = 1e3
+"""Largest shared sd that is looked for, in sds of a reading's own error."""
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseAudit:
+    """What the readings say about their noise.
+
+    unit: true sigma / stated sigma, 1 where nothing speaks against the stated one; unit_source: "stated",
+    "residuals" (of the full library) or "replicates"; dof: degrees of freedom of its estimate, measured;
+    measured: the estimate itself, NaN without any; p_unit: of the stated sigma, two-sided, NaN where none is stated;
+    shared: sd m of the error that the markers of a measurement share; outliers: row indices to be left out;
+    heavy: p-value of normal tails; p_missing: of the library against the replicates, NaN without them;
+    noise: of the rows that stay, three coordinates each
+    """
+
+    unit: float
+    unit_source: str
+    dof: int
+    measured: float
+    p_unit: float
+    shared: float
+    p_shared: float
+    outliers: Indices
+    heavy: float
+    p_missing: float
+    noise: Noise
+    keep: Indices
+    words: tuple[str, ...]
+    level: float
+
+    def of(self, readings: Readings, keep: Indices, sigma: Array) -> Noise:
+        """Noise of rows `keep` (R,) of a file with stated sigma (R,), shared unloaded readings included."""
+        return readings_noise(readings, keep, sigma * self.unit, self.shared)
+
+
+@dataclass(frozen=True)
+class Size:
+    """An estimate of the noise: the sum of squares of the rows' own error in units of the stated one, its degrees of
+    freedom, the sd m that rows of one measurement share, its p-value, and what it was taken from."""
+
+    square: float
+    dof: int
+    shared: float
+    p_shared: float
+    source: str
+
+    @property
+    def unit(self) -> float:
+        return float(np.sqrt(self.square / self.dof)) if self.dof else np.nan
+
+
+def audit_noise(
+    white: Array, library: Array, sigma: Array, stated: bool, measurement: Indices, marker: Indices,
+    replicate: Indices, level: float = 0.01,
+) -> NoiseAudit:  # fmt: skip
+    """Audit residuals `white` (R, 3) of the fitted model, whitened by sigma (R,) m, against a `library` (R, 3, q).
+
+    library: whitened columns per typical size, of the fitted parameters and of every candidate; measurement,
+    marker (R,): numbers; replicate (R,): equal where pose, load and marker are; level: of each alarm
+    """
+    basis = make_basis(library)
+    enough = basis.dof >= FEWEST
+    out = find_outliers(white, basis, level) if enough else np.zeros(0, dtype=np.intp)
+    keep = np.setdiff1d(np.arange(len(white)), out)
+    kept, rows = basis.take(keep), white[keep]
+    heavy = heavy_tails(rows, kept) if enough else np.nan
+    size, p_missing = _size(rows, kept, sigma[keep], measurement[keep], replicate[keep], level)
+    p_unit = _two_sided(size) if stated and size.dof else np.nan
+    trusted = stated and not p_unit < level
+    unit = 1.0 if trusted else size.unit if size.dof else float(np.sqrt(np.mean(rows**2)))
+    shared = size.shared if size.p_shared < level else 0.0
+    noise = _noise(sigma[keep] * unit, shared, measurement[keep])
+    audit = NoiseAudit(unit, "stated" if trusted else size.source, size.dof, size.unit, p_unit, shared, size.p_shared,
+                       out, heavy, p_missing, noise, keep, (), level)  # fmt: skip
+    return replace(audit, words=_words(audit, stated))
+
+
+def _noise(sigma: Array, shared: float, measurement: Indices) -> Noise:
+    """Noise of rows of three coordinates with sd sigma (R,) m, `shared` within a measurement."""
+    label = (3 * measurement[:, None] + np.arange(3)).ravel()
+    return grouped(np.repeat(sigma, 3), [(label, np.full(len(label), shared))])
+
+
+def make_basis(library: Array) -> Basis:
+    """Orthonormal directions of a library (R, 3, q) that can rise above the noise."""
+    flat = library.reshape(3 * len(library), -1)
+    size = np.linalg.norm(flat, axis=0)
+    flat = flat[:, size * REACH >= 1.0]
+    if flat.shape[1] == 0:
+        return Basis(np.zeros((len(flat), 0)))
+    U, values, _ = np.linalg.svd(flat, full_matrices=False)
+    return Basis(U[:, (values * REACH >= 1.0) & (values > 1e-9 * values[0])])
+
+
+def estimate(white: Array, basis: Basis, sigma: Array, measurement: Indices, source: str, level: float) -> Size:
+    """The rows' own error and the one that rows of a measurement share, from what a basis leaves of white (R, 3).
+
+    Restricted maximum likelihood in the eigenvectors of what groups share beyond the columns: exact, and one
+    decomposition does for all sizes. The test is the likelihood ratio on its boundary.
+    """
+    from scipy.optimize import minimize_scalar
+    from scipy.stats import chi2
+
+    left = basis.left(white)
+    total = float(np.sum(left**2))
+    plain = Size(total, basis.dof, 0.0, 1.0, source)
+    if basis.dof < FEWEST or np.unique(measurement, return_counts=True)[1].max() < 2:
+        return plain
+    typical = float(np.sqrt(np.mean(sigma**2)))
+    label = np.unique((3 * measurement[:, None] + np.arange(3)).ravel(), return_inverse=True)[1]
+    Z = np.zeros((left.size, label.max() + 1))
+    Z[np.arange(left.size), label] = np.repeat(typical / sigma, 3)
+    Z -= basis.Q @ (basis.Q.T @ Z)
+    lam, V = np.linalg.eigh(Z.T @ Z)
+    seen = lam > 1e-6 * max(lam[-1], 1e-300)
+    lam, V = lam[seen], V[:, seen]
+    square = np.square(V.T @ (Z.T @ left.ravel())) / lam
+    rest = max(total - float(square.sum()), 0.0)
+    if basis.dof - len(lam) < FEWEST:
+        return plain
+
+    def deviance(ratio: float) -> float:
+        grown = 1.0 + ratio**2 * lam
+        return float(basis.dof * np.log(rest + (square / grown).sum()) + np.log(grown).sum())
+
+    best = minimize_scalar(lambda t: deviance(float(np.exp(t))), bounds=(np.log(1e-3), np.log(_LARGEST)),
+                           method="bounded", options={"xatol": 1e-6})  # fmt: skip
+    ratio, gain = float(np.exp(best.x)), deviance(0.0) - float(best.fun)
+    p = 0.5 * float(chi2.sf(gain, 1)) if gain > 0.0 else 1.0
+    own = rest + float((square / (1.0 + ratio**2 * lam)).sum())
+    shared = ratio * typical * float(np.sqrt(own / basis.dof))
+    if p >= level:
+        return replace(plain, shared=shared if gain > 0.0 else 0.0, p_shared=p)
+    # what is left to the rows' own error when the shared one takes its part
+    return Size(own, basis.dof, shared, p, source)
+
+
+def replicate_basis(replicate: Indices) -> Basis:
+    """The columns that let every group of replicates have its own mean: what they leave is pure error."""
+    _, group, count = np.unique(replicate, return_inverse=True, return_counts=True)
+    Q = np.zeros((len(group), len(count)))
+    Q[np.arange(len(group)), group] = 1.0 / np.sqrt(count[group])
+    return Basis(np.asarray(np.kron(Q, np.eye(3)), dtype=np.float64))
+
+
+def _size(
+    white: Array, basis: Basis, sigma: Array, measurement: Indices, replicate: Indices, level: float
+) -> tuple[Size, float]:
+    """The noise to believe, and the p-value of the library against the replicates."""
+    pure = replicate_basis(replicate)
+    fromlibrary = estimate(white, basis, sigma, measurement, "residuals", level)
+    if pure.dof < FEWEST:
+        usable = basis.dof >= FEWEST
+        return (fromlibrary if usable else replace(fromlibrary, square=0.0, dof=0)), np.nan
+    repeats = estimate(white, pure, sigma, measurement, "replicates", level)
+    p = lack_p_value(white, basis, pure, _noise(sigma, repeats.shared, measurement), sigma)
+    return (fromlibrary if p >= level else repeats), p
+
+
+def lack_p_value(white: Array, basis: Basis, pure: Basis, noise: Noise, sigma: Array) -> float:
+    """F test of what a basis leaves beyond replicates against what these leave; NaN where the basis spans all."""
+    from scipy.stats import f
+
+    each = np.repeat(sigma, 3)
+    y = noise.whiten(white.ravel() * each)
+    squares = []
+    for b in (basis, pure):
+        Q = np.linalg.qr(noise.whiten(b.Q * each[:, None]))[0]
+        squares.append((float(y @ y - np.square(Q.T @ y).sum()), b.dof))
+    (rest, dof), (error, free) = squares
+    if dof <= free:
+        return np.nan
+    return float(f.sf(max(rest - error, 0.0) / (dof - free) / (error / free), dof - free, free))
+
+
+def _two_sided(size: Size) -> float:
+    from scipy.stats import chi2
+
+    low = float(chi2.cdf(size.square, size.dof))
+    return 2.0 * min(low, float(chi2.sf(size.square, size.dof)))
+
+
+def _words(audit: NoiseAudit, stated: bool) -> tuple[str, ...]:
+    said = [_unit_words(audit, stated)]
+    if len(audit.outliers):
+        said.append(f"{len(audit.outliers)} rows do not belong to the others and are left out.")
+    if audit.p_shared < audit.level:
+        size = f"{audit.shared * 1e3:.4f} mm a coordinate (p = {audit.p_shared:.2g})"
+        said.append(f"The markers of a pose share an error of {size}: the robot's repeatability, or what no candidate "
+                    "explains.")  # fmt: skip
+    if audit.heavy < audit.level:
+        said.append(f"Errors have heavier tails than normal ones (p = {audit.heavy:.2g}).")
+    if audit.p_missing < audit.level:
+        said.append(f"No candidate explains all that is beyond the replicates (p = {audit.p_missing:.2g}).")
+    return tuple(said)
+
+
+def _unit_words(audit: NoiseAudit, stated: bool) -> str:
+    """Where the size of the noise was taken from, with its degrees of freedom."""
+    if not audit.dof:
+        if stated:
+            return (
+                "The stated noise is taken as it is: the candidates use up every reading and nothing was measured "
+                "twice, so nothing can be told about it without replicates."
+            )
+        return (
+            "The noise is unknown, and nothing can be told about it without replicates: the residuals' size is used, "
+            "which is its upper limit."
+        )
+    source = "replicates" if audit.unit_source == "replicates" else "what all candidates together leave unexplained"
+    told = f"from {source}, {audit.dof} degrees of freedom"
+    if audit.unit_source == "stated":
+        return f"The stated noise holds: measured {audit.measured:.2f} times as large (p = {audit.p_unit:.2g}; {told})."
+    if not stated:
+        return f"The noise is not stated; it was measured {told}."
+    return f"The noise is {audit.unit:.2f} times the stated one (p = {audit.p_unit:.1g}; {told})."
