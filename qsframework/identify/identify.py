@@ -13,7 +13,6 @@ from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.setup import GEOMETRY
 from qsframework.identify.fit import Fit
 from qsframework.identify.linear import Found, Rows, fit_rows, identify_linear, make_fit
-from qsframework.identify.noise import readings_noise, reference_groups
 from qsframework.identify.observations import Noise, Observations
 from qsframework.identify.solve import Solution, solve
 from qsframework.identify.two_step import identify_two_step
@@ -25,10 +24,6 @@ METHODS = ("linear", "one-step", "two-step")
 _ROUNDS = 50
 _STILL = 1e-6
 _MAD = 1.4826
-_SHARED = (
-    "Rows share an unloaded reading (column reference), which this method takes for errors of their own: its sds are "
-    "too small. Use method one-step."
-)
 
 
 def identify(
@@ -63,17 +58,9 @@ def identify(
         found = identify_two_step(experiment, readings, names)
     else:
         found = _one_step(experiment, readings, names, priors, loss, fixed, tied)
-    if method != "one-step" and _shares(readings):
-        found = replace(found, notes=(*found.notes, _SHARED))
     if not load_sds(experiment, names).any():
         return found
     return replace(found, total_covariance=total_covariance(found, experiment, readings))
-
-
-def _shares(readings: Readings) -> bool:
-    """Whether rows in use share an unloaded reading."""
-    label = reference_groups(readings, np.flatnonzero(readings.use))
-    return len(np.unique(label[label >= 0])) < int((label >= 0).sum())
 
 
 def displacement_observations(model: Model, readings: Readings, rows: Rows, names: Sequence[str]) -> Observations:
@@ -91,7 +78,7 @@ def displacement_observations(model: Model, readings: Readings, rows: Rows, name
         lambda x: rows.of(model.predict(readings.poses, full(x))).ravel(),
         lambda x: rows.of(model.sensitivity(readings.poses, full(x), names)).reshape(-1, len(names)),
         tuple(model.parameters[i] for i in index),
-        readings_noise(readings, rows.keep, rows.sigma),
+        rows.noise,
         np.repeat(rows.pose, 3),
         np.repeat(readings.rows[rows.keep], 3),
     )
@@ -170,6 +157,15 @@ class Scaled:
 
     def log_det(self) -> float:
         return self.noise.log_det() + 2.0 * self.count * float(np.log(self.unit))
+
+    def turned(self, values: Array) -> Array:
+        return self.noise.turned(values) / self.unit
+
+    def colour(self, values: Array) -> Array:
+        return self.noise.colour(values) * self.unit
+
+    def weights(self) -> Array:
+        return self.noise.weights() / self.unit**2
 
 
 def _notes(

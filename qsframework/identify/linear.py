@@ -12,6 +12,8 @@ from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.experiment import Experiment, Readings
 from qsframework.files import sha256
 from qsframework.identify.fit import Estimate, Fit
+from qsframework.identify.noise import left_out_together, readings_noise
+from qsframework.identify.observations import Independent, Noise
 from qsframework.information import RankTest, loss_words, rank_test, scales, what_would_help
 from qsframework.plugin import Array, Indices, Parameter
 
@@ -35,36 +37,46 @@ class Rows:
     measurement: Indices
     marker: Indices
     pose: Indices
+    stated_noise: Noise | None = None
+    """Covariance of the 3R scalars, with what rows share; independent errors if None."""
+    together: Indices | None = None
+    """Number (R,) of the set that each row is left out with, by its pose if None."""
+
+    @property
+    def noise(self) -> Noise:
+        """Covariance of the 3R scalars, up to a factor where the noise is estimated."""
+        return self.stated_noise or Independent(np.repeat(self.sigma, 3))
 
     def of(self, predicted: Array) -> Array:
         """Pick the rows out of a prediction (N, K, 3, ...)."""
         return predicted[self.measurement, self.marker]
 
 
-def identify_linear(experiment: Experiment, readings: Readings, names: Sequence[str]) -> Fit:
+def identify_linear(experiment: Experiment, readings: Readings, names: Sequence[str], shared: float = 0.0) -> Fit:
     """Estimate parameters by linear least squares, bounds and priors aside.
 
     One step is exact where nothing stiffens the joints; K_par bends the model by some 1e-5, so the step is
-    repeated about its own result until it settles.
+    repeated about its own result until it settles. shared: sd of the error that the markers of a pose share, see
+    `fit_rows`.
 
     Raises NotIdentifiable, naming the parameters, where the readings cannot tell them apart; NotConverged where the
     steps do not settle.
     """
     model = experiment.model()
-    rows, source = fit_rows(experiment, readings, len(names))
+    rows, source = fit_rows(experiment, readings, len(names), shared)
     x0 = model.nominal
     chosen = [model.parameters[i] for i in model.index(names)]
     nominal = rows.of(model.predict(readings.poses, x0))
     x, predicted = x0.copy(), nominal
     for _ in range(_STEPS):
         A = rows.of(model.sensitivity(readings.poses, x, names))
-        whitened = (A * scales(chosen) / rows.sigma[:, None, None]).reshape(-1, len(names))
+        whitened = rows.noise.whiten((A * scales(chosen)).reshape(-1, len(names)))
         test = rank_test(whitened, names)
         if not test.full:
             raise NotIdentifiable(
                 f"these readings cannot tell the parameters: {loss_words(model, test, readings.poses)}"
             )
-        solution = _solve(whitened, ((rows.measured - predicted) / rows.sigma[:, None]).ravel())
+        solution = _solve(whitened, rows.noise.whiten((rows.measured - predicted).ravel()))
         x[model.index(names)] += solution.z * scales(chosen)
         predicted = rows.of(model.predict(readings.poses, x))
         if np.abs(solution.z).max() <= _SETTLED:
@@ -79,8 +91,13 @@ def identify_linear(experiment: Experiment, readings: Readings, names: Sequence[
     return make_fit(model, chosen, rows, readings, source, found)
 
 
-def fit_rows(experiment: Experiment, readings: Readings, parameters: int) -> tuple[Rows, str]:
+def fit_rows(
+    experiment: Experiment, readings: Readings, parameters: int, shared: float = 0.0
+) -> tuple[Rows, str]:  # fmt: skip
     """The rows that are used, and whether their noise is "stated" or "estimated".
+
+    shared: sd of the error that the markers of a pose share, in the unit of the rows' sigma: m where that is stated,
+    sds of a coordinate where it is to be estimated
 
     Raises InputError where there are fewer readings than parameters, or where the noise is stated for some only.
     """
@@ -98,7 +115,10 @@ def fit_rows(experiment: Experiment, readings: Readings, parameters: int) -> tup
     estimated = missing.any() or experiment.noise.sigma is None
     _, pose_of = np.unique(np.array(readings.pose), return_inverse=True)
     poses = pose_of[readings.measurement[keep]]
-    rows = Rows(keep, readings.displacement[keep], sigma, readings.measurement[keep], readings.marker[keep], poses)
+    rows = Rows(
+        keep, readings.displacement[keep], sigma, readings.measurement[keep], readings.marker[keep], poses,
+        readings_noise(readings, keep, sigma, shared), left_out_together(readings, keep, poses),
+    )  # fmt: skip
     if rows.measured.size <= parameters:
         raise InputError(f"{len(keep)} readings give {rows.measured.size} numbers: too few for {parameters} parameters")
     return rows, "estimated" if estimated else "stated"
@@ -143,7 +163,7 @@ def make_fit(
 ) -> Fit:
     """The fit with its proof: estimates, residuals, what is left out."""
     residuals = rows.measured - found.predicted
-    white = residuals / rows.sigma[:, None]
+    white = rows.noise.whiten(residuals.ravel()).reshape(residuals.shape)
     free = found.Q.shape[1]
     dof = white.size - free
     chi2 = float((white**2).sum())
@@ -151,7 +171,8 @@ def make_fit(
     unit = (plain if found.unit is None else found.unit) if source == "estimated" else 1.0
     covariance = found.covariance * unit**2
     values = found.x[model.index([p.name for p in chosen])]
-    outside = left_out(white, found.Q, rows.pose) * rows.sigma[:, None]
+    outside = left_out(white, found.Q, rows.pose if rows.together is None else rows.together)
+    outside = rows.noise.colour(outside.ravel()).reshape(outside.shape)
     digest = sha256(readings.source) if readings.source is not None else ""
     poses = tuple(readings.pose[m] for m in rows.measurement)
     sd = np.array([np.nan if p.name in found.at_bound else s
@@ -166,8 +187,8 @@ def make_fit(
     return Fit(
         found.method, model, found.x, estimates, covariance, found.rank,
         unit * float(np.sqrt(np.mean(rows.sigma**2))), source, readings.rows[rows.keep], poses, rows.measured,
-        found.predicted, found.nominal, residuals, studentised(white, found.Q, free), outside, chi2 / unit**2, dof,
-        digest, (*found.notes, *advice),
+        found.predicted, found.nominal, residuals, studentised(white, found.Q, free, rows.noise), outside,
+        chi2 / unit**2, dof, digest, (*found.notes, *advice),
     )  # fmt: skip
 
 
@@ -205,24 +226,30 @@ def _estimates(chosen: Sequence[Parameter], values: Array, sds: Array, free: Arr
     )
 
 
-def studentised(white: Array, Q: Array, parameters: int) -> Array:
-    """Externally studentised residuals (R, 3): each coordinate against the fit without it.
+def studentised(white: Array, Q: Array, parameters: int, noise: Noise | None = None) -> Array:
+    """Externally studentised residuals (R, 3): each coordinate against the fit without it, and against what the
+    readings that share its errors say of them.
 
-    Under the model each follows Student's t with 3R - p - 1 degrees of freedom.
+    white and Q are whitened by `noise`, independent errors if None. Under the model each follows Student's t with
+    3R - p - 1 degrees of freedom: it is that of a shift of this one coordinate, added to the fit.
     """
     r = white.ravel()
-    leverage = np.einsum("ij,ij->i", Q, Q)
     dof = len(r) - parameters
-    free = np.maximum(1.0 - leverage, 1e-12)
-    variance = np.maximum(((r**2).sum() - r**2 / free) / max(dof - 1, 1), 1e-300)
-    return (r / np.sqrt(variance * free)).reshape(white.shape)
+    noise = noise or Independent(np.ones(len(r)))
+    weight = noise.weights()
+    slope = noise.turned(r) / np.sqrt(weight)
+    free = np.maximum(1.0 - np.square(noise.turned(Q)).sum(axis=1) / weight, 1e-12)
+    variance = np.maximum(((r**2).sum() - slope**2 / free) / max(dof - 1, 1), 1e-300)
+    return (slope / np.sqrt(variance * free)).reshape(white.shape)
 
 
 def left_out(white: Array, Q: Array, pose: Indices) -> Array:
     """Whitened errors (R, 3) at each pose when all its markers and repeats are left out of the fit.
 
-    Exact for linear least squares: (I - Q_i Q_i')^-1 r_i for the block of each pose. NaN where the
-    other poses cannot tell the parameters: that pose alone carries one of them.
+    Poses that share an unloaded reading have one number and are left out together: were one of them kept, it would
+    tell the error of the reading that they share, and the others would not be predicted from the model alone.
+    Exact for linear least squares: (I - Q_i Q_i')^-1 r_i for the block of each number. NaN where the other poses
+    cannot tell the parameters: that pose alone carries one of them.
     """
     out = np.empty_like(white)
     blocks = Q.reshape(*white.shape, -1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,10 +27,28 @@ class Blocks:
 
     def whiten(self, values: Array) -> Array:
         """L^-1 values, for values (m,) or (m, p)."""
+        return self._each(values, lambda inverse, v: inverse @ v)
+
+    def turned(self, values: Array) -> Array:
+        """L'^-1 values, for values (m,) or (m, p)."""
+        return self._each(values, lambda inverse, v: inverse.transpose(0, 2, 1) @ v)
+
+    def colour(self, values: Array) -> Array:
+        """L values, for values (m,) or (m, p)."""
+        return self._each(values, lambda inverse, v: np.asarray(np.linalg.solve(inverse, v), dtype=np.float64))
+
+    def weights(self) -> Array:
+        """Diagonal (m,) of Cov^-1."""
+        out = np.empty(sum(rows.size for rows, _ in self.parts))
+        for rows, inverse in self.parts:
+            out[rows] = np.square(inverse).sum(axis=1)
+        return out
+
+    def _each(self, values: Array, change: Callable[[Array, Array], Array]) -> Array:
         out = np.empty(values.shape)
         for rows, inverse in self.parts:
             v = values[rows] if values.ndim == 2 else values[rows][..., None]
-            out[rows] = (inverse @ v).reshape(values[rows].shape)
+            out[rows] = change(inverse, v).reshape(values[rows].shape)
         return out
 
     def log_det(self) -> float:
@@ -103,12 +121,28 @@ def reference_groups(readings: Readings, keep: Indices) -> Indices:
     return np.where(label[:, None] < 0, -1, 3 * label[:, None] + np.arange(3)).ravel()
 
 
+def left_out_together(readings: Readings, keep: Indices, pose: Indices) -> Indices:
+    """Number (R,) of the set that each kept row is left out with: its pose, and all that shares its unloaded reading.
+
+    What is left in the fit then knows nothing of the errors of what is left out.
+    """
+    reference = reference_groups(readings, keep)[::3]
+    none = np.zeros(len(keep))
+    return _connected(len(keep), [(pose, none), (reference, none)])
+
+
 def readings_noise(readings: Readings, keep: Indices, sigma: Array, shared: float = 0.0) -> Noise:
     """Noise of the kept rows' 3 R scalars: sigma (R,) m of a displacement, `shared` m the error within a pose.
 
     Half the variance of a displacement is the unloaded reading's: rows that have it in common share that
     half. Where their sigmas differ, the unloaded one has half the smallest variance.
     """
+    own, groups = noise_parts(readings, keep, sigma)
+    return grouped(own, [*groups, (pose_groups(readings, keep), np.full(len(own), shared))])
+
+
+def noise_parts(readings: Readings, keep: Indices, sigma: Array) -> tuple[Array, list[Group]]:
+    """sd (3 R,) of the kept rows' own errors, and the errors that unloaded readings bring to several of them."""
     each = np.repeat(sigma, 3)
     label = reference_groups(readings, keep)
     sd = np.zeros(len(each))
@@ -116,8 +150,7 @@ def readings_noise(readings: Readings, keep: Indices, sigma: Array, shared: floa
         rows = label == one
         if rows.sum() > 1:
             sd[rows] = each[rows].min() / np.sqrt(2.0)
-    own = np.sqrt(each**2 - sd**2)
-    return grouped(own, [(label, sd), (pose_groups(readings, keep), np.full(len(each), shared))])
+    return np.sqrt(each**2 - sd**2), [(label, sd)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,12 +174,14 @@ class SharedError:
         return f"The markers of a pose share an error of {size}: the robot's repeatability, or what the model misses."
 
 
-def shared_error(residuals: Array, jacobian: Array, sigma: Array, label: Indices, stated: bool = True) -> SharedError:
+def shared_error(
+    residuals: Array, jacobian: Array, sigma: Array, label: Indices, stated: bool = True, others: Sequence[Group] = ()
+) -> SharedError:  # fmt: skip
     """The sd of the error that readings of one label share, by restricted maximum likelihood (REML).
 
-    residuals (m,) and jacobian (m, p) of a fit that has settled, not whitened; sigma (m,) the readings'
-    own sd, up to a factor unless `stated`. The test is the likelihood ratio on its boundary, where half
-    of the cases without a shared error give an estimate of zero.
+    residuals (m,) and jacobian (m, p) of a fit that has settled, not whitened; sigma (m,) the readings' own sd, up to
+    a factor unless `stated`; others: errors that they share besides, known as sigma is. The test is the likelihood
+    ratio on its boundary, where half of the cases without a shared error give an estimate of zero.
     """
     from scipy.optimize import minimize_scalar
     from scipy.stats import chi2
@@ -156,7 +191,7 @@ def shared_error(residuals: Array, jacobian: Array, sigma: Array, label: Indices
     A = jacobian / np.where(size > 0, size, 1.0)
 
     def noise(ratio: float) -> Noise:
-        return grouped(sigma, [(label, np.full(len(sigma), ratio * typical))])
+        return grouped(sigma, [*others, (label, np.full(len(sigma), ratio * typical))])
 
     def deviance(ratio: float) -> tuple[float, float]:
         """-2 log restricted likelihood, up to a constant, and the variance of unit weight."""

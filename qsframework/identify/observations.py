@@ -23,6 +23,18 @@ class Noise(Protocol):
         """log det Cov."""
         ...
 
+    def turned(self, values: Array) -> Array:
+        """L'^-1 values, for values (m,) or (m, p)."""
+        ...
+
+    def colour(self, values: Array) -> Array:
+        """L values (m,): back from whitened to metres."""
+        ...
+
+    def weights(self) -> Array:
+        """Diagonal (m,) of Cov^-1."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class Independent:
@@ -39,6 +51,15 @@ class Independent:
 
     def log_det(self) -> float:
         return float(2.0 * np.log(self.sigma).sum())
+
+    def turned(self, values: Array) -> Array:
+        return self.whiten(values)
+
+    def colour(self, values: Array) -> Array:
+        return values * self.sigma
+
+    def weights(self) -> Array:
+        return 1.0 / self.sigma**2
 
 
 @dataclass(frozen=True, eq=False)

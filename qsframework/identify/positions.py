@@ -182,8 +182,22 @@ class Stacked:
 
     def whiten(self, values: Array) -> Array:
         """Each group by its own noise."""
-        pieces = np.split(values, self.ends[:-1])
-        return np.concatenate([part.whiten(v) for part, v in zip(self.parts, pieces, strict=True)])
+        return np.concatenate([part.whiten(v) for part, v in self._pieces(values)])
+
+    def turned(self, values: Array) -> Array:
+        """Each group by its own noise."""
+        return np.concatenate([part.turned(v) for part, v in self._pieces(values)])
+
+    def colour(self, values: Array) -> Array:
+        """Each group by its own noise."""
+        return np.concatenate([part.colour(v) for part, v in self._pieces(values)])
+
+    def weights(self) -> Array:
+        """Those of each group."""
+        return np.concatenate([part.weights() for part in self.parts])
+
+    def _pieces(self, values: Array) -> list[tuple[Noise, Array]]:
+        return list(zip(self.parts, np.split(values, self.ends[:-1]), strict=True))
 
     def log_det(self) -> float:
         """Sum over the groups."""

@@ -17,7 +17,7 @@ from qsframework.errors import InputError, NotConverged
 from qsframework.experiment import Experiment, Readings
 from qsframework.identify.fit import Fit
 from qsframework.identify.linear import Found, Rows, fit_rows, make_fit
-from qsframework.identify.observations import Independent, Observations
+from qsframework.identify.observations import Observations
 from qsframework.identify.solve import solve
 from qsframework.information import rank_test, scales
 from qsframework.information.two_step import distinct_angles, step_two, stiffness_covariance
@@ -93,8 +93,12 @@ def _spring_of(model: Model, joint: str) -> str | None:
     return None
 
 
-def identify_two_step(experiment: Experiment, readings: Readings, names: Sequence[str], weighted: bool = True) -> Fit:
+def identify_two_step(
+    experiment: Experiment, readings: Readings, names: Sequence[str], weighted: bool = True, shared: float = 0.0
+) -> Fit:  # fmt: skip
     """Estimate parameters in two steps; weighted False: step two by plain least squares, for comparison only.
+
+    shared: sd of the error that the markers of a pose share, see `fit_rows`.
 
     Raises InputError where the arm has no balancer, its stiffness is not to be fitted, or the readings have fewer than
     as many distinct angles of the balanced joint as step two has unknowns; NotConverged where a step finds a
@@ -103,7 +107,7 @@ def identify_two_step(experiment: Experiment, readings: Readings, names: Sequenc
     model = experiment.model()
     balanced = find_balanced(model)
     unknowns = _unknowns(balanced, names)
-    rows, source = fit_rows(experiment, readings, len(names))
+    rows, source = fit_rows(experiment, readings, len(names), shared)
     angles, group = distinct_angles(readings.poses.q[:, balanced.joint], _ANGLE)
     used = np.unique(group[rows.measurement])
     if len(used) < len(unknowns):
@@ -117,7 +121,7 @@ def identify_two_step(experiment: Experiment, readings: Readings, names: Sequenc
     x, covariance = first.run(weighted)
     chosen = [model.parameters[i] for i in model.index(names)]
     A = rows.of(model.sensitivity(readings.poses, x, names))
-    whitened = (A * scales(chosen) / rows.sigma[:, None, None]).reshape(-1, len(names))
+    whitened = rows.noise.whiten((A * scales(chosen)).reshape(-1, len(names)))
     found = Found(
         "two-step" if weighted else "two-step, unweighted", x, covariance, np.linalg.qr(whitened)[0],
         rank_test(whitened, names), rows.of(model.predict(readings.poses, model.nominal)),
@@ -215,7 +219,7 @@ class _StepOne:
 
         return Observations(
             self.rows.measured.ravel(), predict, jacobian, self._parameters(),
-            Independent(np.repeat(self.rows.sigma, 3)), np.repeat(self.rows.pose, 3),
+            self.rows.noise, np.repeat(self.rows.pose, 3),
             np.repeat(self.readings.rows[self.rows.keep], 3),
         )  # fmt: skip
 

@@ -6,10 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import kstest
 
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, StateReadings, make_plan, read_readings, simulate, write_readings
-from qsframework.identify import identify
+from qsframework.experiment import (
+    Experiment,
+    Readings,
+    StateReadings,
+    make_plan,
+    read_readings,
+    simulate,
+    write_readings,
+)
+from qsframework.identify import Fit, identify
 from qsframework.identify.differences import differences
 from qsframework.identify.noise import Blocks, grouped, readings_noise, shared_error
 from qsframework.identify.observations import Independent
@@ -159,13 +168,84 @@ def test_a_loaded_row_without_an_unloaded_one_is_named(m900ib: Experiment) -> No
         differences(replace(given, use=~given.loaded[given.measurement]), m900ib)
 
 
-def test_a_fit_takes_shared_references_into_account(m900ib: Experiment) -> None:
-    """One step has the covariance of generalised least squares; the linear method says that it has not."""
-    readings = simulate(m900ib, two_loads(m900ib), seed=0).readings
-    named = replace(readings, reference=tuple(f"u{readings.measurement[i] // 2}" for i in range(len(readings.use))))
-    fit = identify(m900ib, named, method="one-step")
-    A = fit.model.sensitivity(named.poses, fit.x, fit.names)[named.measurement, named.marker].reshape(-1, 6)
-    whitened = readings_noise(named, np.arange(len(named.use)), named.sigma).whiten(A) * 1e-6
-    assert np.allclose(fit.covariance, 1e-12 * np.linalg.inv(whitened.T @ whitened), rtol=1e-6, atol=0.0)
-    assert any("Use method one-step" in note for note in identify(m900ib, named).notes)
-    assert not identify(m900ib, readings).notes
+def referenced(experiment: Experiment, readings: Readings) -> Readings:
+    """Both loads of a pose against one unloaded reading."""
+    return replace(readings, reference=tuple(f"u{m // 2}" for m in readings.measurement))
+
+
+METHODS = ("linear", "one-step")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_fit_takes_shared_references_into_account(m900ib: Experiment, method: str) -> None:
+    """The covariance and the estimates of generalised least squares, computed with the dense covariance."""
+    named = referenced(m900ib, simulate(m900ib, two_loads(m900ib), seed=0).readings)
+    fit = identify(m900ib, named, method=method)
+    m = 3 * len(named.use)
+    A = fit.model.sensitivity(named.poses, fit.x, fit.names)[named.measurement, named.marker].reshape(-1, 6) * 1e-6
+    W = np.linalg.inv(dense(readings_noise(named, np.arange(len(named.use)), named.sigma), m))  # type: ignore[arg-type]
+    assert np.allclose(fit.covariance, 1e-12 * np.linalg.inv(A.T @ W @ A), rtol=1e-6, atol=0.0)
+    r = fit.residuals.ravel()
+    assert np.allclose(A.T @ W @ r, 0.0, atol=1e-6 * np.linalg.norm(A.T @ W) * np.linalg.norm(r))
+    assert fit.chi2 == pytest.approx(r @ W @ r)
+    assert not fit.notes
+    plain = identify(m900ib, replace(named, reference=None), method=method)
+    assert not np.allclose(fit.covariance, plain.covariance, rtol=0.05, atol=0.0)
+
+
+def test_studentised_and_left_out_against_refits(m900ib: Experiment) -> None:
+    """A coordinate with a shift of its own, and a fit without the poses that share a reading, each done in full."""
+    named = referenced(m900ib, simulate(m900ib, two_loads(m900ib), seed=3).readings)
+    fit = identify(m900ib, named)
+    m, at = 3 * len(named.use), (named.measurement, named.marker)
+    A = fit.model.sensitivity(named.poses, fit.x, fit.names)[at].reshape(-1, 6) * 1e-6
+    L = np.linalg.cholesky(dense(readings_noise(named, np.arange(len(named.use)), named.sigma), m))  # type: ignore[arg-type]
+    for i in (0, 31, m - 1):
+        B = np.linalg.solve(L, np.column_stack([A, np.eye(m)[:, i] * 1e-4]))
+        y = np.linalg.solve(L, fit.residuals.ravel())
+        shift, left, *_ = np.linalg.lstsq(B, y, rcond=None)
+        sd = np.sqrt(left[0] / (m - 7) * np.linalg.inv(B.T @ B)[6, 6])
+        assert fit.studentised.ravel()[i] == pytest.approx(shift[6] / sd, rel=1e-6)
+    out = np.isin(named.measurement, (2, 3))
+    rest = identify(m900ib, replace(named, use=~out))
+    predicted = fit.model.predict(named.poses, rest.x)[at]
+    assert np.allclose(fit.left_out[out], (named.displacement - predicted)[out], rtol=1e-4, atol=1e-9)
+
+
+def campaigns(experiment: Experiment, count: int, method: str = "linear") -> list[Fit]:
+    """Fits of campaigns in which both loads of a pose are measured against one unloaded reading."""
+    readings = referenced(experiment, simulate(experiment, two_loads(experiment), seed=0).readings)
+    exact = experiment.model().predict(readings.poses)[readings.measurement, readings.marker]
+    out, K = [], len(experiment.markers)
+    for seed in range(count):
+        rng = np.random.default_rng([21, seed])
+        u = np.repeat(rng.standard_normal((4, 1, K, 3)), 2, axis=1).reshape(-1, 3)
+        e = 0.03e-3 / np.sqrt(2.0) * (rng.standard_normal(exact.shape) - u)
+        out.append(identify(experiment, replace(readings, displacement=exact + e), method=method))
+    return out
+
+
+def test_chi_square_of_shared_references_is_chi_square(m900ib: Experiment) -> None:
+    """p-values uniform (Kolmogorov-Smirnov), mean and variance of chi-square, residuals of unit variance, coverage."""
+    fits = campaigns(m900ib, 300)
+    dof = fits[0].dof
+    squares = np.array([f.chi2 for f in fits])
+    assert abs(squares.mean() - dof) < 4.0 * np.sqrt(2.0 * dof / len(fits))
+    assert kstest([f.p_value for f in fits], "uniform").pvalue > 1e-3
+    r = np.array([f.studentised for f in fits])
+    each = np.mean(r**2, axis=0) / ((dof - 1) / (dof - 3))  # variance of Student's t with dof - 1
+    assert abs(each.mean() - 1.0) < 0.03
+    assert np.all(np.abs(each - 1.0) < 5.0 * np.sqrt(2.0 * 1.2 / len(fits)))
+    truth = np.array([e.initial for e in fits[0].estimates])
+    z = np.array([[(e.value - t) / e.sd for e, t in zip(f.estimates, truth, strict=True)] for f in fits])
+    spread = (np.abs(z) < 1.96).mean(axis=1).std() / np.sqrt(len(fits))
+    assert abs((np.abs(z) < 1.96).mean() - 0.95) < 0.005 + 3.0 * spread
+
+
+def test_an_estimated_sigma_is_that_of_a_displacement(m900ib: Experiment) -> None:
+    unknown = m900ib.with_(noise=replace(m900ib.noise, sigma=None))
+    readings = [f.measured for f in campaigns(m900ib, 100)]
+    base = referenced(m900ib, simulate(m900ib, two_loads(m900ib), seed=0).readings)
+    bare = replace(base, sigma=np.full(len(base.sigma), np.nan))
+    sigma = [identify(unknown, replace(bare, displacement=np.array(r))).sigma for r in readings]
+    assert np.mean(np.square(sigma)) / 0.03e-3**2 == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / 66 / 100))
