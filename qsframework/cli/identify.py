@@ -37,6 +37,7 @@ class How:
     fixed: tuple[str, ...] = ()
     tied: tuple[tuple[str, ...], ...] = ()
     clean: bool = False
+    shared_error: bool = False
 
 
 def run_identify(files: FitFiles, how: How) -> None:
@@ -63,7 +64,8 @@ def run_identify(files: FitFiles, how: How) -> None:
         for finding in found:
             print(f"masked, {finding.kind}: {finding.words}")
         readings = masked(readings, found)
-    result = identify(experiment, readings, how.fit, how.method, how.priors, how.loss, how.fixed, how.tied)
+    shared = "pose" if how.shared_error else ""
+    result = identify(experiment, readings, how.fit, how.method, how.priors, how.loss, how.fixed, how.tied, shared)
     print(result.verdict())
     for table in (fit_table(result), error_table(result)):
         print_table(table.header, table.rows)

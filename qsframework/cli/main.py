@@ -141,6 +141,9 @@ def identify(
         list[str] | None, typer.Option(help="NAME,NAME: keep the ratio of their nominal values (one-step; repeat).")
     ] = None,
     clean: Annotated[bool, typer.Option("--clean", help="Mask readings that cannot be right, and say which.")] = False,
+    shared_error: Annotated[
+        bool, typer.Option("--shared-error", help="Estimate the error that all markers of a pose share.")
+    ] = False,
     nominal: Annotated[Path | None, typer.Option(help="Write a nominal.yaml with the identified values.")] = None,
     urdf: Annotated[Path | None, typer.Option(help="Write the robot's URDF with corrected joint origins.")] = None,
     json: Json = None,
@@ -152,7 +155,7 @@ def identify(
     groups = tuple(tuple(name.strip() for name in group.split(",")) for group in tied or ())
     run_identify(
         FitFiles(experiment, data, json, report, nominal, urdf),
-        How(fit, method, priors, loss, tuple(fixed or ()), groups, clean),
+        How(fit, method, priors, loss, tuple(fixed or ()), groups, clean, shared_error),
     )
 
 

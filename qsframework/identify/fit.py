@@ -62,6 +62,8 @@ class Fit:
     data_sha256: str
     notes: tuple[str, ...] = ()
     """What else to know about how the fit was made."""
+    shared_sd: float = 0.0
+    """sd (m) of the error that all markers of a pose share, beside sigma; 0 where none was looked for or seen."""
     total_covariance: Array | None = None
     """Covariance (p, p) with the load's stated uncertainty; None where none is stated."""
 
@@ -160,6 +162,7 @@ class Fit:
             "covariance": self.covariance.tolist(),
             "sigma_mm": self.sigma * 1e3,
             "sigma_source": self.sigma_source,
+            "shared_by_pose_mm": self.shared_sd * 1e3,
             "chi2": self.chi2,
             "dof": self.dof,
             "p_value": self.p_value,

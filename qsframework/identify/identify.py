@@ -13,6 +13,7 @@ from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.setup import GEOMETRY
 from qsframework.identify.fit import Fit
 from qsframework.identify.linear import Found, Rows, fit_rows, identify_linear, make_fit
+from qsframework.identify.noise import SharedError, noise_parts, pose_groups, shared_error
 from qsframework.identify.observations import Noise, Observations
 from qsframework.identify.solve import Solution, solve
 from qsframework.identify.two_step import identify_two_step
@@ -21,6 +22,7 @@ from qsframework.information import rank_test, what_would_help
 from qsframework.plugin import Array
 
 METHODS = ("linear", "one-step", "two-step")
+SHARED = ("pose",)
 _ROUNDS = 50
 _STILL = 1e-6
 _MAD = 1.4826
@@ -29,6 +31,7 @@ _MAD = 1.4826
 def identify(
     experiment: Experiment, readings: Readings, fit: Sequence[str] | None = None, method: str = "linear",
     priors: bool = False, loss: str = "linear", fixed: Sequence[str] = (), tied: Sequence[Sequence[str]] = (),
+    shared: str = "",
 ) -> Fit:  # fmt: skip
     """Estimate the experiment's parameters from displacement readings.
 
@@ -36,6 +39,9 @@ def identify(
     bounds, so that a wrong model or convention shows itself in a value beyond them; "one-step" is nonlinear, keeps the
     bounds, and takes `priors` (stated values and sds count as readings), a robust `loss` (huber, soft_l1), `fixed` and
     `tied` parameters; "two-step" finds an aggregated compliance for each angle of the balanced joint first.
+
+    shared "pose": all markers of a measurement share an error, the robot's repeatability. Its sd is estimated from the
+    residuals (REML), and the readings are weighed with it; chi-square then says nothing of errors common to a pose.
 
     Raises InputError where there are fewer readings than parameters; NotIdentifiable, naming the parameters, where the
     readings cannot tell them apart; NotConverged with its reason.
@@ -52,15 +58,42 @@ def identify(
     names = experiment.fit_names() if fit is None else experiment.with_(fit=tuple(fit)).fit_names()
     if method != "one-step" and (priors or loss != "linear" or fixed or tied):
         raise InputError(f"priors, loss, fixed and tied are for method one-step, not for {method}")
-    if method == "linear":
-        found = identify_linear(experiment, readings, names)
-    elif method == "two-step":
-        found = identify_two_step(experiment, readings, names)
-    else:
-        found = _one_step(experiment, readings, names, priors, loss, fixed, tied)
+
+    def fitted(within: float) -> Fit:
+        if method == "linear":
+            return identify_linear(experiment, readings, names, within)
+        if method == "two-step":
+            return identify_two_step(experiment, readings, names, shared=within)
+        return _one_step(experiment, readings, names, priors, loss, fixed, tied, within)
+
+    found, within = fitted(0.0), 0.0
+    if shared:
+        error = _pose_error(experiment, readings, found, shared)
+        within = error.sd / error.unit
+        found = replace(fitted(within) if within else found, shared_sd=error.sd)
+        found = replace(found, notes=(error.words(), *found.notes))
     if not load_sds(experiment, names).any():
         return found
-    return replace(found, total_covariance=total_covariance(found, experiment, readings))
+    noise = fit_rows(experiment, readings, len(names), within)[0].noise
+    return replace(found, total_covariance=total_covariance(found, experiment, readings, noise))
+
+
+def _pose_error(experiment: Experiment, readings: Readings, found: Fit, shared: str) -> SharedError:
+    """The error that the markers of a measurement share, from the residuals of a fit without it."""
+    if shared not in SHARED:
+        raise InputError(Problem(f"unknown shared error {shared!r}", allowed=", ".join(SHARED),
+                                 hint=nearest(shared, SHARED)))  # fmt: skip
+    rows, source = fit_rows(experiment, readings, len(found.names))
+    if len(np.unique(rows.measurement)) == len(rows.measurement):
+        raise InputError(
+            "an error shared by the markers of a pose cannot be told from their own: every measurement has one marker "
+            "only. Leave it out, or measure more markers"
+        )
+    A = rows.of(found.model.sensitivity(readings.poses, found.x, found.names)).reshape(found.residuals.size, -1)
+    own, others = noise_parts(readings, rows.keep, rows.sigma)
+    label = pose_groups(readings, rows.keep)
+    free = np.sqrt(np.diag(found.covariance)) > 0.0
+    return shared_error(found.residuals.ravel(), A[:, free], own, label, source == "stated", others)
 
 
 def displacement_observations(model: Model, readings: Readings, rows: Rows, names: Sequence[str]) -> Observations:
@@ -86,10 +119,10 @@ def displacement_observations(model: Model, readings: Readings, rows: Rows, name
 
 def _one_step(
     experiment: Experiment, readings: Readings, names: Sequence[str], priors: bool, loss: str, fixed: Sequence[str],
-    tied: Sequence[Sequence[str]],
+    tied: Sequence[Sequence[str]], within: float = 0.0,
 ) -> Fit:  # fmt: skip
     model = experiment.model()
-    rows, source = fit_rows(experiment, readings, len(names))
+    rows, source = fit_rows(experiment, readings, len(names), within)
     observations = displacement_observations(model, readings, rows, names)
     try:
         solution, unit = _settled(observations, priors, loss, fixed, tied, source == "estimated")

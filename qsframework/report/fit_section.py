@@ -38,7 +38,7 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None) -> Table:
         ("parameter", "value ± sd", "unit", "sd, % of initial", "initial", *extra, "status"),
         tuple(rows),
         f"Method: {fit.method}. {_total(fit)}Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, "
-        f"{fit.sigma_source}. A parameter whose sd is above 100 % of its initial value "
+        f"{fit.sigma_source}{_shared(fit)}. A parameter whose sd is above 100 % of its initial value "
         "is not told by these readings; one at a bound has no sd.",
     )
 
@@ -52,6 +52,11 @@ def _spread(e: Estimate) -> str:
     if _quoted(e):
         return f" ± {shown(e.sd, e.unit)[0]:.2g}"
     return " (at bound)" if np.isnan(e.sd) else " (fixed)"
+
+
+def _shared(fit: Fit) -> str:
+    """The error that all markers of a pose share, where one was estimated."""
+    return f"; shared by all markers of a pose: {fit.shared_sd * 1e3:.4f} mm, estimated" if fit.shared_sd else ""
 
 
 def _total(fit: Fit) -> str:
