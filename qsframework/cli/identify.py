@@ -7,7 +7,7 @@ from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, readings_file, write_json
 from qsframework.cli.progress import print_table
-from qsframework.experiment import is_states, load_experiment, read_readings
+from qsframework.experiment import Experiment, Readings, is_states, load_experiment, read_readings, read_states
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,16 @@ class How:
     tied: tuple[tuple[str, ...], ...] = ()
     clean: bool = False
     shared_error: bool = False
+    differences: bool = False
+
+
+def _displacements(experiment: Experiment, source: Path) -> Readings:
+    """Readings of a file of displacements, or loaded minus unloaded positions of a file of states."""
+    from qsframework.identify.differences import differences
+
+    if is_states(source):
+        return differences(read_states(source, experiment), experiment)[0]
+    return read_readings(source, experiment)
 
 
 def run_identify(files: FitFiles, how: How) -> None:
@@ -51,14 +61,15 @@ def run_identify(files: FitFiles, how: How) -> None:
     experiment = load_experiment(files.experiment)
     source = readings_file(experiment, files.data)
     distinct_outputs(files.outputs, [files.experiment, source])
-    if is_states(source):
+    if is_states(source) and not how.differences:
         if how != How(how.fit):
             raise InputError(
-                "method, priors, loss, fixed, tied and clean are for displacement readings; these are positions"
+                "method, priors, loss, fixed, tied, clean and shared-error are for displacement readings; these are "
+                "positions. Positions with loaded states count as displacements with --differences"
             )
         identify_states(experiment, source, how.fit, files.json, files.report, files.nominal, files.urdf)
         return
-    readings = read_readings(source, experiment)
+    readings = _displacements(experiment, source)
     if how.clean:
         found = check_readings(experiment if how.fit is None else experiment.with_(fit=tuple(how.fit)), readings)
         for finding in found:

@@ -144,6 +144,9 @@ def identify(
     shared_error: Annotated[
         bool, typer.Option("--shared-error", help="Estimate the error that all markers of a pose share.")
     ] = False,
+    differences: Annotated[
+        bool, typer.Option("--differences", help="Fit loaded minus unloaded positions; tracker axes as the base's.")
+    ] = False,
     nominal: Annotated[Path | None, typer.Option(help="Write a nominal.yaml with the identified values.")] = None,
     urdf: Annotated[Path | None, typer.Option(help="Write the robot's URDF with corrected joint origins.")] = None,
     json: Json = None,
@@ -155,7 +158,7 @@ def identify(
     groups = tuple(tuple(name.strip() for name in group.split(",")) for group in tied or ())
     run_identify(
         FitFiles(experiment, data, json, report, nominal, urdf),
-        How(fit, method, priors, loss, tuple(fixed or ()), groups, clean, shared_error),
+        How(fit, method, priors, loss, tuple(fixed or ()), groups, clean, shared_error, differences),
     )
 
 

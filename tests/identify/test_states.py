@@ -1,0 +1,103 @@
+"""States with and without load: as differences with their covariance, and as absolute positions in one fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qsframework.cli.identify import FitFiles, How, run_identify
+from qsframework.errors import InputError, NotIdentifiable
+from qsframework.experiment import Experiment, StateReadings, load_experiment, make_plan, simulate, write_states
+from qsframework.identify import identify, identify_positions
+from qsframework.identify.fit_files import read_fit
+from qsframework.identify.frames import Frame, rotation, rotation_vector
+from qsframework.plugin import Array, Conditions, Poses
+
+SIGMA = 0.02e-3
+LOADS = np.array([[0, 0, 0, 0, 0, 0], [0, 0, -4000.0, 0, 0, 0], [0, 1500.0, -4000, 0, 0, 0]])
+BASE = Frame("", np.eye(3), np.zeros(3))
+TRACKER = Frame("", rotation(np.array([0.3, -1.2, 2.0])), np.array([1.0, -2.0, 0.5]))
+
+
+def measured(experiment: Experiment, x: Array, poses: int, frame: Frame, seed: int) -> StateReadings:
+    """Each pose unloaded and under two loads, all markers."""
+    rng = np.random.default_rng(seed)
+    controller = experiment.robot.controller
+    pendant = np.repeat(rng.uniform(controller.lower, controller.upper, (poses, 6)) * 0.7, 3, axis=0)
+    wrench = np.tile(LOADS, (poses, 1))
+    loaded = np.tile([False, True, True], poses)
+    N, K = 3 * poses, len(experiment.markers)
+    all_ = Poses(pendant, controller.to_joints(pendant), wrench, Conditions(), Conditions())
+    model = experiment.model()
+    points = np.where(loaded[:, None, None], model.positions(all_, x, True), model.positions(all_, x, False))
+    seen = frame.apply(points.reshape(-1, 3)) + SIGMA * rng.standard_normal((N * K, 3))
+    ones = np.ones(N, dtype=np.intp)
+    return StateReadings(
+        all_, loaded, tuple(f"p{i // 3}" for i in range(N)), ("", "weight", "side") * poses, ("",) * N, ones, ones,
+        np.repeat(np.arange(N), K), np.tile(np.arange(K), N), seen, np.full(N * K, SIGMA),
+        np.ones(N * K, dtype=bool), np.arange(2, 2 + N * K), None, None,
+    )  # fmt: skip
+
+
+def test_the_command_fits_differences_with_their_covariance(m900ib: Experiment, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    x = m900ib.model().nominal
+    write_states(tmp_path / "s.csv", measured(m900ib, x, 8, BASE, 1), m900ib)
+    run_identify(FitFiles(m900ib.path, tmp_path / "s.csv", tmp_path / "fit.json"), How(differences=True))
+    fit = read_fit(tmp_path / "fit.json")
+    truth = x[m900ib.model().index(fit.names)]
+    assert np.all(np.abs(fit.values - truth) < 4.0 * fit.sd)
+    assert abs(fit.chi2 - fit.dof) < 4.0 * np.sqrt(2.0 * fit.dof)
+    assert fit.dof == 8 * 2 * 3 * len(m900ib.markers) - len(fit.names)
+    with pytest.raises(InputError, match="count as displacements with --differences"):
+        run_identify(FitFiles(m900ib.path, tmp_path / "s.csv"), How(method="one-step"))
+
+
+ARM = """
+robot: fanuc_m900ib
+load: {point_mm: [150, 0, 200]}
+markers:
+  m1: {xyz_mm: [150, 250, 250]}
+  m2: {xyz_mm: [400, -150, 150]}
+  m3: {xyz_mm: [150, -150, -250]}
+noise: {sigma_mm: 0.02}
+effects:
+  - {effect: joint_offset, joints: [joint_2, joint_4]}
+"""
+
+
+def test_positions_with_loaded_states_tell_springs_zeros_and_the_frame(tmp_path: Path) -> None:
+    (tmp_path / "experiment.yaml").write_text(ARM)
+    wide = load_experiment(tmp_path / "experiment.yaml")
+    names = ["joint_compliance", "joint_offset"]
+    model, x = wide.model(), wide.model().nominal
+    index = model.index(wide.with_(fit=tuple(names)).fit_names())
+    scale = np.array([model.parameters[i].scale for i in index])
+    x[index] += 0.3 * scale * np.random.default_rng(7).uniform(-1, 1, len(index))
+    squares, z, dof = [], [], 0
+    for seed in range(12):
+        fit = identify_positions(wide, measured(wide, x, 12, TRACKER, seed), names)
+        assert not fit.left_aside
+        truth = x[model.index([e.name for e in fit.estimates[6:]])]
+        z += [(e.value - t) / e.sd for e, t in zip(fit.estimates[6:], truth, strict=True)]
+        frame = fit.frames[0]
+        turn = rotation_vector(frame.rotation @ TRACKER.rotation.T)
+        z += list(np.concatenate([frame.origin - TRACKER.origin, turn]) / [e.sd for e in fit.estimates[:6]])
+        squares.append(fit.chi2)
+        dof = fit.dof
+    assert np.abs(z).max() < 4.0
+    assert np.mean(np.square(z)) == pytest.approx(1.0, abs=0.5)
+    assert abs(np.mean(squares) - dof) < 4.0 * np.sqrt(2.0 * dof / 12)
+
+
+def test_poses_all_equal_are_refused_with_what_would_help(m900ib: Experiment) -> None:
+    controller = m900ib.robot.controller
+    pendant = np.tile(np.deg2rad([10.0, 20.0, -10.0, 30.0, -40.0, 20.0]), (8, 1))
+    poses = Poses(pendant, controller.to_joints(pendant), np.tile(LOADS[1], (8, 1)))
+    readings = simulate(m900ib, make_plan(poses, ["weight"] * 8), seed=0).readings
+    for method in ("linear", "one-step"):
+        with pytest.raises(NotIdentifiable, match="cannot tell the parameters") as caught:
+            identify(m900ib, readings, method=method)
+        assert "joint_1" in str(caught.value)
+        assert "add" in str(caught.value) or "measure" in str(caught.value), str(caught.value)
