@@ -142,12 +142,35 @@ def campaigns(case: Case, count: int, start: int = 0, level: float = 0.95) -> tu
     label = pose_groups(readings, np.arange(len(readings.use)))
     inside = np.zeros((count, len(truth)), dtype=bool)
     sd = np.zeros(len(truth))
+    drawn = [errors(case, readings, np.random.default_rng([SEED, CASES.index(case), start + c])) for c in range(count)]
+    quick = _straight(case, observations, truth, np.stack(drawn, axis=1)) if _is_straight(case) else None
     for c in range(count):
-        rng = np.random.default_rng([SEED, CASES.index(case), start + c])
-        given = replace(observations, measured=exact + errors(case, readings, rng))
-        x, sd, dof = fitted(given, case, label)
+        given = replace(observations, measured=exact + drawn[c])
+        if quick is None or c == 0:
+            x, sd, dof = fitted(given, case, label)
+        if quick is not None:  # a linear fit of all campaigns in one product; the solver's own answer stands beside it
+            assert c or (np.allclose(quick[0][0], x, rtol=1e-6) and np.allclose(quick[1][0], sd, rtol=1e-6))
+            x, sd = quick[0][c], quick[1][c]
         inside[c] = np.abs(x - truth) <= t.ppf(0.5 + level / 2.0, dof) * sd
     return inside, sd / truth
+
+
+def _is_straight(case: Case) -> bool:
+    """Whether the fit is one of weighted linear least squares."""
+    return case.nominal == 1.0 and not (case.within and case.modelled)
+
+
+def _straight(case: Case, observations: Observations, truth: Array, drawn: Array) -> tuple[Array, Array]:
+    """Estimates and sds (count, p) of all campaigns from errors (m, count)."""
+    A = observations.noise.whiten(observations.jacobian(truth)) * truth
+    Q, R = np.linalg.qr(A)
+    white = observations.noise.whiten(drawn)
+    inverse = np.linalg.inv(R)
+    x = truth * (1.0 + (inverse @ (Q.T @ white)).T)
+    m, p = A.shape
+    left = np.square(white).sum(axis=0) - np.square(Q.T @ white).sum(axis=0)
+    unit = np.sqrt(left / (m - p)) if case.estimated else np.ones(drawn.shape[1])
+    return x, unit[:, None] * truth * np.sqrt(np.square(inverse).sum(axis=1))
 
 
 def fitted(given: Observations, case: Case, label: Indices) -> tuple[Array, Array, float]:
