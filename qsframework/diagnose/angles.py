@@ -67,17 +67,14 @@ def _extremes(cosines: Array, left: Array) -> tuple[float, float]:
     return float(np.arctan2(sine[-1], cosine[0])), float(np.arctan2(most, cosine[shared - 1]))
 
 
-def angle_matrix(subspaces: Sequence[Subspace]) -> Array:
-    """Smallest principal angle (G, G), rad, of every pair; nan on the diagonal and for invisible causes.
+def angle_matrix(subspaces: Sequence[Subspace], largest: bool = False) -> Array:
+    """Smallest (or largest) principal angle (G, G), rad, of every pair; nan on the diagonal and for invisible causes.
 
     Between two causes that can only grow the angle is signed and reaches pi.
     """
     directions = _Directions(subspaces)
-    out = (
-        np.stack([directions.angles(i, False)[0] for i in range(len(subspaces))])
-        if len(subspaces)
-        else np.zeros((0, 0))
-    )
+    rows = [directions.angles(i, False)[int(largest)] for i in range(len(subspaces))]
+    out = np.stack(rows) if rows else np.zeros((0, 0))
     return np.fmin(out, out.T)
 
 

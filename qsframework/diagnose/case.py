@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -53,7 +54,8 @@ class Case:
     """Whitened columns of m scalar readings: fitted parameters A (m, f) per scale, causes B (m, p_g) per typical size.
 
     x: values of all parameters of `model`, the one that holds every cause; residuals (m,) whitened, of the baseline fit
-    (zero where nothing has been measured yet); pose (m,): number of the pose of each scalar reading
+    (zero where nothing has been measured yet); pose (m,): number of the pose of each scalar reading; raw (m, q): all
+    columns in m, not whitened
     """
 
     experiment: Experiment
@@ -66,6 +68,7 @@ class Case:
     B: tuple[Array, ...]
     residuals: Array
     pose: Indices
+    raw: Array
 
     @property
     def scale(self) -> Array:
@@ -74,9 +77,13 @@ class Case:
 
     def subspaces(self) -> tuple[Subspace, ...]:
         """One for each cause; without a direction where the cause is invisible in this protocol."""
+        return self.subspaces_of(range(len(self.causes)))
+
+    def subspaces_of(self, index: Sequence[int]) -> tuple[Subspace, ...]:
+        """The subspaces of some causes, by position."""
         Q, R = np.linalg.qr(self.A)
         back = np.linalg.solve(R, Q.T)
-        return tuple(self._subspace(c, b, Q, back) for c, b in zip(self.causes, self.B, strict=True))
+        return tuple(self._subspace(self.causes[i], self.B[i], Q, back) for i in index)
 
     def _subspace(self, cause: Cause, columns: Array, Q: Array, back: Array) -> Subspace:
         left = columns - Q @ (Q.T @ columns)
@@ -91,10 +98,12 @@ class Case:
         absorbed = -(back @ columns) @ (V[seen].T / values[seen]) * self.scale[:, None]
         return Subspace(cause, np.ascontiguousarray(U[:, seen]), values[seen], turn, absorbed, reach)
 
-    def take(self, kept: Indices) -> Case:
-        """The case of some scalar readings only; its residuals are not refitted."""
-        B = tuple(b[kept] for b in self.B)
-        return replace(self, A=self.A[kept], B=B, residuals=self.residuals[kept], pose=self.pose[kept])
+    def rewhitened(self, kept: Indices, noise: Noise, residuals: Array) -> Case:
+        """Of rows `kept`, under other noise, with residuals (len(kept), 3) m of a fit to them."""
+        scalars = (3 * kept[:, None] + np.arange(3)).ravel()
+        raw = self.raw[scalars]
+        A, B = _split(noise.whiten(raw), self.fitted, self.causes)
+        return replace(self, A=A, B=B, residuals=noise.whiten(residuals.ravel()), pose=self.pose[scalars], raw=raw)
 
 
 def make_case(
@@ -103,7 +112,7 @@ def make_case(
 ) -> Case:  # fmt: skip
     """Linearise about the parameter values `x` (by name, the others at their nominal or vanishing value).
 
-    residuals (3 R,) m, of the exact model there
+    residuals (R, 3) m, of the exact model there
     """
     model = widened(experiment.model(), causes)
     values = model.nominal
@@ -113,13 +122,18 @@ def make_case(
     columns = rows.of(model.sensitivity(poses, values, wanted)).reshape(-1, len(wanted))
     sizes = np.concatenate([scales([model.parameters[i] for i in model.index(fitted)]),
                             *(np.array(c.sizes) for c in causes)])  # fmt: skip
-    white = noise.whiten(columns * sizes)
-    ends = np.cumsum([len(fitted), *(len(c.parameters) for c in causes)])
-    parts = tuple(white[:, a:b] for a, b in zip(ends[:-1], ends[1:], strict=True))
+    raw = columns * sizes
+    A, B = _split(noise.whiten(raw), fitted, causes)
     return Case(
-        experiment, model, poses, tuple(fitted), tuple(causes), values, white[:, : len(fitted)], parts,
-        noise.whiten(residuals), np.repeat(rows.pose, 3),
+        experiment, model, poses, tuple(fitted), tuple(causes), values, A, B, noise.whiten(residuals.ravel()),
+        np.repeat(rows.pose, 3), raw,
     )  # fmt: skip
+
+
+def _split(white: Array, fitted: Sequence[str], causes: Sequence[Cause]) -> tuple[Array, tuple[Array, ...]]:
+    """Columns of the fitted parameters, and of each cause."""
+    ends = np.cumsum([len(fitted), *(len(c.parameters) for c in causes)])
+    return white[:, : len(fitted)], tuple(white[:, a:b] for a, b in pairwise(ends.tolist()))
 
 
 def plan_rows(poses: Poses, markers: int, sigma: float) -> Rows:
@@ -140,4 +154,4 @@ def plan_case(
 
     rows = plan_rows(poses, len(experiment.markers), sigma)
     noise = Independent(np.repeat(rows.sigma, 3))
-    return make_case(experiment, poses, fitted, causes, x or {}, rows, noise, np.zeros(rows.measured.size))
+    return make_case(experiment, poses, fitted, causes, x or {}, rows, noise, np.zeros_like(rows.measured))

@@ -88,7 +88,7 @@ class _Fit:
 
 def check_conventions(experiment: Experiment, readings: Readings) -> tuple[Convention, ...]:
     """The conventions under which the readings fit better than as given, the likeliest first; none is the rule."""
-    given = _fit(experiment, readings)
+    given = _fit(_trial(experiment, readings))
     changes = [*_couplings(experiment, readings), *_joint_signs(experiment, readings),
                *_displacement_axes(experiment, readings), *_force_axes(experiment, readings)]  # fmt: skip
     found = [_judge(change, given, len(changes)) for change in changes]
@@ -98,7 +98,7 @@ def check_conventions(experiment: Experiment, readings: Readings) -> tuple[Conve
 
 
 def _judge(change: _Change, given: _Fit, tried: int) -> Convention:
-    fit = _fit(change.experiment, change.readings)
+    fit = _fit(_trial(change.experiment, change.readings, given.trial))
     drop = np.log(max(given.square, 1e-300)) - np.log(max(fit.square, 1e-300))
     # late angles leave a measurement out: compare per number, on the numbers that both have
     drop -= np.log(given.dof / fit.dof)
@@ -112,18 +112,36 @@ def _judge(change: _Change, given: _Fit, tried: int) -> Convention:
                       evidence, fit.below, bool(compelling))  # fmt: skip
 
 
-def _fit(experiment: Experiment, readings: Readings) -> _Fit:
+def _trial(experiment: Experiment, readings: Readings, given: Trial | None = None) -> Trial:
+    """Whitened columns of the fitted parameters, and the readings less what the nominal values give.
+
+    given: the readings as they are, whose columns stay where only displacements change
+    """
+    if given is not None and readings.use is given.readings.use:
+        keep, sigma, stated = given.keep, given.sigma, given.stated
+        if experiment is given.experiment and readings.poses is given.readings.poses:
+            moved = (readings.displacement - given.readings.displacement)[keep] / sigma[:, None]
+            return replace(given, readings=readings, target=given.target + moved)
+    else:
+        rows, source = fit_rows(experiment, readings, len(experiment.fit_names()))
+        keep, sigma, stated = rows.keep, rows.sigma, source == "stated"
+    model, names = experiment.model(), experiment.fit_names()
+    at = readings.measurement[keep], readings.marker[keep]
+    size = scales([model.parameters[i] for i in model.index(names)])
+    A = model.sensitivity(readings.poses, model.nominal, names)[at] * size / sigma[:, None, None]
+    target = (readings.displacement[keep] - model.predict(readings.poses)[at]) / sigma[:, None]
+    return Trial(experiment, readings, keep, sigma, stated, A, target)
+
+
+def _fit(trial: Trial) -> _Fit:
     """The fitted parameters by linear least squares about their nominal values; what is not told stays there.
 
     Within their bounds: with the sign of all displacements reversed springs fit as well, but with negative compliances.
     """
-    model, names = experiment.model(), experiment.fit_names()
-    rows, source = fit_rows(experiment, readings, len(names))
-    x0, chosen = model.nominal, [model.parameters[i] for i in model.index(names)]
+    model, A, target = trial.experiment.model(), trial.A, trial.target
+    chosen = [model.parameters[i] for i in model.index(trial.experiment.fit_names())]
     size = scales(chosen)
-    A = rows.of(model.sensitivity(readings.poses, x0, names)) * size / rows.sigma[:, None, None]
-    target = (rows.measured - rows.of(model.predict(readings.poses, x0))) / rows.sigma[:, None]
-    U, values, V = np.linalg.svd(A.reshape(-1, len(names)), full_matrices=False)
+    U, values, V = np.linalg.svd(A.reshape(-1, len(chosen)), full_matrices=False)
     told = values > 1e-9 * values[0]
     U, values, V = U[:, told], values[told], V[told]
     z = U.T @ target.ravel()
@@ -135,9 +153,8 @@ def _fit(experiment: Experiment, readings: Readings) -> _Fit:
     square, dof = float(np.square(left).sum()), target.size - int(told.sum())
     sd = np.sqrt(np.square(V.T / values).sum(axis=1) * (np.square(target).sum() - z @ z) / dof)
     below = int((~np.isclose(sd, 0.0) & (free < low - _BELOW * sd)).sum())
-    rms = float(np.sqrt(np.mean(np.square(left * rows.sigma[:, None]))))
-    return _Fit(square, rms, start + free, sd, dof, below,
-                Trial(experiment, readings, rows.keep, rows.sigma, source == "stated", A, target))  # fmt: skip
+    rms = float(np.sqrt(np.mean(np.square(left * trial.sigma[:, None]))))
+    return _Fit(square, rms, start + free, sd, dof, below, trial)
 
 
 def _within(R: Array, z: Array, free: Array, low: Array, high: Array) -> Array:
@@ -213,10 +230,10 @@ def _displacement_axes(experiment: Experiment, readings: Readings) -> Iterator[_
 def _force_axes(experiment: Experiment, readings: Readings) -> Iterator[_Change]:
     """Axes of the load cell. Its reversal is that of the displacements, and moments turn as axial vectors do."""
     wrench = readings.poses.wrench
-    seen = [wrench]
+    seen = [wrench, -wrench]
     for P in _orientations():
         turned = np.hstack([wrench[:, :3] @ P.T, np.linalg.det(P) * wrench[:, 3:] @ P.T])
-        if np.array_equal(P, -np.eye(3)) or any(np.allclose(turned, w) for w in seen):
+        if any(np.allclose(turned, w) for w in seen):
             continue
         seen.append(turned)
         poses: Poses = replace(readings.poses, wrench=turned)

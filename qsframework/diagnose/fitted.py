@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from qsframework.elastostatics import Model, full_displacement, make_model
-from qsframework.errors import NotConverged
+from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.experiment import Readings
 from qsframework.identify.linear import Rows
-from qsframework.identify.observations import Noise, Observations
-from qsframework.identify.solve import Solution, solve
+from qsframework.identify.observations import Noise
 from qsframework.plugin import Array, Sensor
 
-_ROUNDS = 8
-_STILL = 0.01
-"""Change of the whitened residuals' norm, in units of noise, at which the equilibrium's part counts as settled."""
+_STEPS = 60
+_HALVINGS = 12
+_STILL = 1e-3
+"""Change of the whitened residuals' norm, in units of noise, at which a fit has settled."""
+_SLOW = 0.1
+"""How much of the last step the next one may be before the sensitivities are taken anew."""
+_UP = 1.0 + 1e-9
+_FLAT = 1e-10
+"""Smallest pivot relative to the largest, of columns in their scales."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +56,8 @@ class Settled:
 def exact_displacement(model: Model, readings: Readings, x: Array) -> Array:
     """Displacement readings (N, K, 3) m by the full equilibrium; sensors act as in the linear model."""
     plain = [(e, s) for e, s in zip(model.effects, model.slices, strict=True) if not isinstance(e, Sensor)]
+    if len(plain) == len(model.effects):
+        return full_displacement(model, readings.poses, x)
     index = [i for _, s in plain for i in range(s.start, s.stop)]
     markers = list(zip(model.marker_names, model.markers, strict=True))
     bare = make_model(
@@ -63,62 +70,114 @@ def exact_displacement(model: Model, readings: Readings, x: Array) -> Array:
 
 def settle_fit(
     model: Model, readings: Readings, rows: Rows, noise: Noise, names: Sequence[str], start: Array,
-    priors: Sequence[tuple[str, float]] = (), bounded: bool = False,
+    priors: Sequence[tuple[str, float]] = (),
 ) -> Settled:  # fmt: skip
-    """Fit `names` from `start` (q,), all others held there.
+    """Fit `names` from `start` (q,), all others held there, by Gauss-Newton steps on the exact model.
 
-    The equilibrium is what a linear fit is corrected by until nothing changes. priors: (name, sd) of parameters that
-    are pulled to their start, so that directions which no reading shows stay there.
+    The sensitivities are the linear model's, which the equilibrium leaves right to a percent: the steps settle on the
+    exact model's least squares all the same. priors: (name, sd) of parameters that are pulled to their start, so that
+    directions which no reading shows stay there. Bounds are not kept: a value beyond one says that the model is wrong.
+
+    Raises NotConverged where the steps do not settle.
     """
-    index = model.index(names)
-    sd = dict(priors)
-    free = tuple(
-        replace(model.parameters[i], nominal=float(start[i]), sd=sd.get(model.parameters[i].name),
-                lower=model.parameters[i].lower if bounded else -np.inf,
-                upper=model.parameters[i].upper if bounded else np.inf)
-        for i in index
-    )  # fmt: skip
-    x = start.copy()
-    exact = True
-    block = np.repeat(rows.pose, 3)
-
-    def full(z: Array) -> Array:
-        every = x.copy()
-        every[index] = z
-        return every
-
-    last: Array | None = None
-    z = start[index]
-    for _ in range(_ROUNDS):
-        defect, exact = _defect(model, readings, rows, full(z))
-        observations = Observations(
-            (rows.measured - defect).ravel(),
-            lambda v: rows.of(model.predict(readings.poses, full(v))).ravel(),
-            lambda v: rows.of(model.sensitivity(readings.poses, full(v), names)).reshape(-1, len(names)),
-            free, noise, block, np.repeat(rows.keep, 3),
-        )  # fmt: skip
-        solution = solve(observations, start=z, priors=bool(priors), starts=0)
-        z = solution.x
-        if last is not None and float(np.linalg.norm(solution.residuals - last)) <= _STILL:
+    problem = _Problem(model, readings, rows, noise, model.index(names), start, dict(priors), tuple(names))
+    x, size = start.copy(), np.inf
+    white, exact, jacobian, fresh = *problem.residuals(x), problem.jacobian(x), True
+    for _ in range(_STEPS):
+        pull, ridge = problem.prior(x)
+        step, _ = _solve(jacobian, white, pull, ridge, problem.scale)
+        found = problem.descend(x, step, white)
+        if found is None:
+            if fresh:
+                break
+            jacobian, fresh = problem.jacobian(x), True
+            continue
+        x, new, exact = found
+        moved = float(np.linalg.norm(new - white))
+        white = new
+        if moved <= _STILL:
             break
-        last = solution.residuals
-    return _settled(model, rows, tuple(names), full(z), solution, defect, readings, exact)
+        if moved > _SLOW * size:
+            jacobian, fresh = problem.jacobian(x), True
+        else:
+            fresh = False
+        size = moved
+    else:
+        raise NotConverged(
+            f"the exact model did not settle in {_STEPS} steps; {', '.join(names)} act far from linearly"
+        )
+    return problem.settled(x, white, exact)
 
 
-def _defect(model: Model, readings: Readings, rows: Rows, x: Array) -> tuple[Array, bool]:
-    """Exact minus linear prediction of the rows (R, 3) m; zero where the equilibrium does not settle."""
-    try:
-        return rows.of(exact_displacement(model, readings, x) - model.predict(readings.poses, x)), True
-    except NotConverged:
-        return np.zeros_like(rows.measured), False
+def _solve(J: Array, white: Array, pull: Array, ridge: Array, scale: Array) -> tuple[Array, Array]:
+    """A Gauss-Newton step with rows of the priors below, and its covariance, SI."""
+    A = np.concatenate([J * scale, np.diag(ridge * scale)[ridge > 0.0]])
+    b = np.concatenate([white, (pull * ridge)[ridge > 0.0]])
+    Q, R = np.linalg.qr(A)
+    if np.abs(np.diag(R)).min() < _FLAT * np.abs(np.diag(R)).max():
+        raise NotIdentifiable("these readings cannot tell the parameters of the extended model")
+    half = scale[:, None] * np.linalg.inv(R)
+    return scale * np.linalg.solve(R, Q.T @ b), half @ half.T
 
 
-def _settled(
-    model: Model, rows: Rows, names: tuple[str, ...], x: Array, solution: Solution, defect: Array,
-    readings: Readings, exact: bool,
-) -> Settled:  # fmt: skip
-    residuals = rows.measured - defect - rows.of(model.predict(readings.poses, x))
-    white = solution.residuals
-    return Settled(
-        model, names, x, solution.covariance, residuals, white, solution.jacobian, float(white @ white), exact
-    )
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Residuals and sensitivities of a fit."""
+
+    model: Model
+    readings: Readings
+    rows: Rows
+    noise: Noise
+    index: list[int]
+    start: Array
+    priors: dict[str, float]
+    names: tuple[str, ...]
+
+    @property
+    def scale(self) -> Array:
+        return np.array([self.priors.get(n, self.model.parameters[i].scale)
+                         for n, i in zip(self.names, self.index, strict=True)])  # fmt: skip
+
+    def prior(self, x: Array) -> tuple[Array, Array]:
+        """Distance of each parameter to its start, and 1 / sd; 0 where it has no prior."""
+        ridge = np.array([1.0 / self.priors[n] if n in self.priors else 0.0 for n in self.names])
+        return self.start[self.index] - x[self.index], ridge
+
+    def residuals(self, x: Array) -> tuple[Array, bool]:
+        """Whitened (m,), of the linear model where the equilibrium does not settle."""
+        try:
+            predicted, exact = exact_displacement(self.model, self.readings, x), True
+        except NotConverged:
+            predicted, exact = self.model.predict(self.readings.poses, x), False
+        return self.noise.whiten((self.rows.measured - self.rows.of(predicted)).ravel()), exact
+
+    def jacobian(self, x: Array) -> Array:
+        """Whitened (m, f), per SI."""
+        columns = self.rows.of(self.model.sensitivity(self.readings.poses, x, self.names))
+        return self.noise.whiten(columns.reshape(-1, len(self.names)))
+
+    def descend(self, x: Array, step: Array, white: Array) -> tuple[Array, Array, bool] | None:
+        """The longest of halved steps that does not raise the squares; None if none is short enough."""
+        pull, ridge = self.prior(x)
+        cost = float(white @ white) + float(np.square(pull * ridge).sum())
+        for _ in range(_HALVINGS):
+            new = x.copy()
+            new[self.index] += step
+            try:
+                left, exact = self.residuals(new)
+            except InputError:  # a loop that cannot close, a parameter beyond what the effect allows
+                left, exact = np.full_like(white, np.inf), False
+            far, _ = self.prior(new)
+            if np.isfinite(left).all() and float(left @ left) + float(np.square(far * ridge).sum()) <= cost * _UP:
+                return new, left, exact
+            step = 0.5 * step
+        return None
+
+    def settled(self, x: Array, white: Array, exact: bool) -> Settled:
+        """The result, with its covariance at the end."""
+        jacobian = self.jacobian(x)
+        _, covariance = _solve(jacobian, white, *self.prior(x), self.scale)
+        predicted = exact_displacement(self.model, self.readings, x) if exact else self.model.predict(
+            self.readings.poses, x)  # fmt: skip
+        residuals = self.rows.measured - self.rows.of(predicted)
+        return Settled(self.model, self.names, x, covariance, residuals, white, jacobian, float(white @ white), exact)

@@ -29,11 +29,11 @@ class NoiseAudit:
     """What the readings say about their noise.
 
     unit: true sigma / stated sigma, 1 where nothing speaks against the stated one; unit_source: "stated",
-    "residuals" (of the full library) or "replicates"; dof: degrees of freedom of its estimate, measured;
-    measured: the estimate itself, NaN without any; p_unit: of the stated sigma, two-sided, NaN where none is stated;
-    shared: sd m of the error that the markers of a measurement share; outliers: row indices to be left out;
-    heavy: p-value of normal tails; p_missing: of the library against the replicates, NaN without them;
-    noise: of the rows that stay, three coordinates each
+    "residuals" (of the full library) or "replicates"; measured: the estimate, NaN without any, with `dof` degrees of
+    freedom; p_unit: of the stated sigma, two-sided, NaN where none is stated; shared: sd m of the error that the
+    markers of a measurement share; nu: degrees of freedom by which a test in this noise must allow for its being
+    estimated, inf where it is stated; outliers: row indices to be left out; heavy: p-value of normal tails;
+    p_missing: of the library against the replicates, NaN without them; noise: of the rows that stay
     """
 
     unit: float
@@ -43,6 +43,7 @@ class NoiseAudit:
     p_unit: float
     shared: float
     p_shared: float
+    nu: float
     outliers: Indices
     heavy: float
     p_missing: float
@@ -58,13 +59,14 @@ class NoiseAudit:
 
 @dataclass(frozen=True)
 class Size:
-    """An estimate of the noise: the sum of squares of the rows' own error in units of the stated one, its degrees of
-    freedom, the sd m that rows of one measurement share, its p-value, and what it was taken from."""
+    """An estimate of the noise: a sum of squares of the rows' own error in units of the stated one, its degrees of
+    freedom, the sd m that rows of one measurement share, its p-value and its degrees of freedom, and the source."""
 
     square: float
     dof: int
     shared: float
     p_shared: float
+    dof_shared: float
     source: str
 
     @property
@@ -92,9 +94,10 @@ def audit_noise(
     trusted = stated and not p_unit < level
     unit = 1.0 if trusted else size.unit if size.dof else float(np.sqrt(np.mean(rows**2)))
     shared = size.shared if size.p_shared < level else 0.0
+    nu = min(np.inf if trusted else float(max(size.dof, 1)), size.dof_shared)
     noise = _noise(sigma[keep] * unit, shared, measurement[keep])
     audit = NoiseAudit(unit, "stated" if trusted else size.source, size.dof, size.unit, p_unit, shared, size.p_shared,
-                       out, heavy, p_missing, noise, keep, (), level)  # fmt: skip
+                       nu, out, heavy, p_missing, noise, keep, (), level)  # fmt: skip
     return replace(audit, words=_words(audit, stated))
 
 
@@ -126,7 +129,7 @@ def estimate(white: Array, basis: Basis, sigma: Array, measurement: Indices, sou
 
     left = basis.left(white)
     total = float(np.sum(left**2))
-    plain = Size(total, basis.dof, 0.0, 1.0, source)
+    plain = Size(total, basis.dof, 0.0, 1.0, np.inf, source)
     if basis.dof < FEWEST or np.unique(measurement, return_counts=True)[1].max() < 2:
         return plain
     typical = float(np.sqrt(np.mean(sigma**2)))
@@ -154,8 +157,9 @@ def estimate(white: Array, basis: Basis, sigma: Array, measurement: Indices, sou
     shared = ratio * typical * float(np.sqrt(own / basis.dof))
     if p >= level:
         return replace(plain, shared=shared if gain > 0.0 else 0.0, p_shared=p)
-    # what is left to the rows' own error when the shared one takes its part
-    return Size(own, basis.dof, shared, p, source)
+    # beyond what measurements share there is only the rows' own error: exactly chi-square
+    grown = ratio**2 * lam / (1.0 + ratio**2 * lam)
+    return Size(rest, basis.dof - len(lam), shared, p, float(np.square(grown).sum()), source)
 
 
 def replicate_basis(replicate: Indices) -> Basis:

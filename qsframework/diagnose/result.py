@@ -119,8 +119,8 @@ class Diagnosis:
     """What the model gets wrong.
 
     verdict: one of VERDICTS; words: the verdict in sentences; baseline and extended: the exact fits without and with
-    the named causes, over the rows `kept` of `readings`; case: linearised at the baseline; closing: at the extended
-    model; before, after: their lack of fit
+    the named causes, over the rows `kept` of `readings`; outliers: rows that the audit took out; case: linearised at
+    the baseline; before, after: their lack of fit
     """
 
     experiment: Experiment
@@ -136,6 +136,7 @@ class Diagnosis:
     after: LackOfFit
     rms: Errors
     kept: Indices
+    outliers: Indices
     baseline: Settled
     extended: Settled
     case: Case
@@ -180,9 +181,8 @@ class Diagnosis:
 
     def _problems(self) -> list[dict[str, Any]]:
         out: list[dict[str, Any]] = []
-        if len(self.audit.outliers):
-            rows = self.readings.rows[np.asarray(self.audit.outliers, dtype=np.intp)]
-            out.append({"id": "outliers", "rows": [int(r) for r in rows]})
+        if len(self.outliers):
+            out.append({"id": "outliers", "rows": [int(r) for r in self.readings.rows[self.outliers]]})
         if self.audit.unit_source != "stated":
             out.append({"id": "noise_level", "rows": [], "unit": self.audit.unit, "source": self.audit.unit_source,
                         "p_value": _number(self.audit.p_unit), "shared_mm": 1e3 * self.audit.shared})  # fmt: skip

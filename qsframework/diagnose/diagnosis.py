@@ -1,0 +1,233 @@
+"""`diagnose`: from readings to what the model gets wrong, step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from qsframework.diagnose.case import Case, make_case
+from qsframework.diagnose.causes import Untested, find_causes
+from qsframework.diagnose.conventions import Convention, check_conventions
+from qsframework.diagnose.explain import Answer, Library, explain, make_library, most_plausible, refit
+from qsframework.diagnose.fitted import Settled, exact_displacement, settle_fit
+from qsframework.diagnose.gain import HeldOut, Search, held_out
+from qsframework.diagnose.gate import Closing, close, motions
+from qsframework.diagnose.noise_audit import NoiseAudit, audit_noise
+from qsframework.diagnose.proof import audited_rows, misfit, replicates
+from qsframework.diagnose.result import Diagnosis, Errors, Finding, Value
+from qsframework.diagnose.search import LARGEST
+from qsframework.diagnose.table import findings_of, table_of
+from qsframework.diagnose.verdict import verdict_of, words_of
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, Readings
+from qsframework.identify.fit import rms
+from qsframework.identify.linear import Rows, fit_rows
+from qsframework.identify.noise import readings_noise
+from qsframework.identify.observations import Independent, Noise
+from qsframework.plugin import Indices
+
+LEVEL = 0.04
+_LIBRARY_SHARE = 0.6
+"""Of the level that the library's test gets; the dictionary of the closing gate gets the rest."""
+STEPS = ("conventions", "baseline", "causes", "noise", "search", "closing gate", "held-out gain", "table")
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class _Baseline:
+    """What the search starts from: rows and noise after the audit, the exact fit to them, the whitened case."""
+
+    experiment: Experiment
+    readings: Readings
+    rows: Rows
+    noise: Noise
+    fit: Settled
+    case: Case
+    audit: NoiseAudit
+    out: Indices
+    untested: tuple[Untested, ...]
+
+    @property
+    def nu(self) -> float:
+        return np.inf if self.audit.unit_source == "stated" else float(max(self.audit.dof, 1))
+
+
+def diagnose(
+    experiment: Experiment, readings: Readings, *, level: float = LEVEL, seed: int = 0, largest: int = LARGEST,
+    repeats: int = 3, progress: Progress | None = None,
+) -> Diagnosis:  # fmt: skip
+    """What the experiment's model gets wrong on these readings, and which causes explain it.
+
+    level: probability of naming anything where nothing acts; largest: causes named together at most; repeats: of the
+    cross-validation; progress(step, done, all) is called before each step.
+
+    Raises InputError, NotIdentifiable or NotConverged where the baseline itself cannot be fitted.
+    """
+    if not 0.0 < level < 0.5:
+        raise InputError(f"level must be between 0 and 0.5, found {level:g}")
+    tell = _teller(progress)
+    tell("conventions")
+    conventions = check_conventions(experiment, readings)
+    given = (experiment, readings)
+    for convention in conventions:
+        if convention.compelling:
+            experiment, readings = convention.experiment, convention.readings
+            break
+    base = _baseline(experiment, readings, tell)
+    tell("search")
+    library = make_library(base.case, base.fit, base.nu, seed)
+    answers = _answers(library, base, level, largest)
+    best = answers[0] if answers else None
+    tell("closing gate")
+    closing = _close(base, best, seed)
+    leftovers = closing.leftovers(level * (1.0 - _LIBRARY_SHARE))
+    tell("held-out gain")
+    held = _held(base, library, best, level, largest, seed, repeats)
+    tell("table")
+    extended = best.fit if best else base.fit
+    threshold = library.scores.threshold(level * _LIBRARY_SHARE)
+    findings = findings_of(library, answers, base.fit, held, threshold, _pose_names(base), seed)
+    findings = (*_convention_findings(conventions, held), *findings)
+    known = base.audit.unit_source == "stated"
+    before = misfit(base.experiment, base.readings, base.rows, base.fit, known)
+    after = misfit(base.experiment, base.readings, base.rows, extended, known)
+    errors = _errors(base, extended, held, given)
+    table = table_of(library, best, findings, base.untested)
+    verdict = verdict_of(findings, leftovers)
+    outliers = [int(base.readings.rows[i]) for i in base.out]
+    words = words_of(verdict, findings, leftovers, conventions, base.audit, errors, table, outliers)
+    return Diagnosis(
+        base.experiment, base.readings, verdict, words, findings, table, conventions, base.audit, leftovers, before,
+        after, errors, base.rows.keep, base.out, base.fit, extended, base.case, _notes(base, held, extended), level,
+        seed,
+    )  # fmt: skip
+
+
+def _pose_names(base: _Baseline) -> list[str]:
+    """Names of the poses by the number that the rows give them."""
+    names = [""] * (int(base.rows.pose.max()) + 1)
+    for number, measurement in zip(base.rows.pose.tolist(), base.rows.measurement.tolist(), strict=True):
+        names[number] = base.readings.pose[measurement]
+    return names
+
+
+def _convention_findings(conventions: Sequence[Convention], held: HeldOut) -> tuple[Finding, ...]:
+    """The compelling convention that was adopted, as a cause of its own."""
+    adopted = next((c for c in conventions if c.compelling), None)
+    if adopted is None:
+        return ()
+    value = Value(adopted.name, "", adopted.value, 0.0, 0.0 if adopted.value != 1.0 or "[" in adopted.name else 1.0)
+    s = float(np.sqrt(2.0 * max(adopted.evidence, 0.0)))
+    gain = 1.0 - adopted.rms / adopted.rms_given
+    p = float(np.exp(-min(adopted.evidence, 700.0)))
+    physics = "A convention of the file or of the controller is not the one that was assumed"
+    return (Finding(adopted.name, (value,), s, p, 2.0 * adopted.evidence, (), (), physics, adopted.words, gain),)
+
+
+def _teller(progress: Progress | None) -> Callable[[str], None]:
+    def tell(step: str) -> None:
+        if progress is not None:
+            progress(step, STEPS.index(step), len(STEPS))
+
+    return tell
+
+
+def _baseline(experiment: Experiment, readings: Readings, tell: Callable[[str], None]) -> _Baseline:
+    """The exact fit of the experiment's own parameters, the audit of the noise, and the fit under audited noise."""
+    tell("baseline")
+    model, names = experiment.model(), experiment.fit_names()
+    rows, source = fit_rows(experiment, readings, len(names))
+    noise = readings_noise(readings, rows.keep, rows.sigma)
+    fit = settle_fit(model, readings, rows, noise, names, model.nominal)
+    if source == "estimated":  # until the audit knows better, all that the baseline leaves counts as noise
+        unit = float(np.sqrt(fit.chi2 / (len(fit.white) - len(names))))
+        rows = replace(rows, sigma=rows.sigma * unit)
+        noise = readings_noise(readings, rows.keep, rows.sigma)
+    tell("causes")
+    causes, untested = find_causes(experiment, names, readings.poses)
+    case = make_case(experiment, readings.poses, names, causes, fit.by_name(), rows, noise, fit.residuals)
+    tell("noise")
+    library = np.concatenate([case.A, *case.B], axis=1)
+    shape = (len(rows.keep), 3)
+    audit = audit_noise(
+        case.residuals.reshape(shape), library.reshape(*shape, -1), rows.sigma, source == "stated", rows.measurement,
+        rows.marker, replicates(readings, rows),
+    )  # fmt: skip
+    good = np.setdiff1d(np.arange(len(rows.keep)), audit.outliers)
+    out = rows.keep[audit.outliers]
+    rows, noise = audited_rows(readings, rows, good, audit)
+    start = fit.x
+    fit = settle_fit(model, readings, rows, noise, names, start)
+    case = case.rewhitened(good, noise, fit.residuals)
+    return _Baseline(experiment, readings, rows, noise, fit, case, audit, out, untested)
+
+
+def _answers(library: Library, base: _Baseline, level: float, largest: int) -> list[Answer]:
+    """Explanations where the library's test is significant, most plausible alias first; none otherwise."""
+    if library.scores.p_value > level * _LIBRARY_SHARE:
+        return []
+    answers = explain(library, base.fit, base.readings, base.rows, base.noise, largest)
+    if not answers:
+        return []
+    first = answers[0]
+    members = tuple(most_plausible(library, i) for i in first.subset.members)
+    if members != first.subset.members:
+        causes = [base.case.causes[i] for i in members]
+        fit = refit(base.case, causes, base.fit, base.readings, base.rows, base.noise)
+        if fit is not None and fit.chi2 <= first.fit.chi2 + 1.0:
+            first = Answer(replace(first.subset, members=members), fit, first.ebic)
+    return [first, *answers[1:]]
+
+
+def _close(base: _Baseline, best: Answer | None, seed: int) -> Closing:
+    fit = best.fit if best else base.fit
+    moved = motions(fit.model, base.readings.poses, base.rows, fit.x)
+    drives = base.experiment.robot.facts.n
+    return close(moved, drives, fit.jacobian, fit.white, base.noise, base.nu, 2000, seed + 1)
+
+
+def _held(
+    base: _Baseline, library: Library, best: Answer | None, level: float, largest: int, seed: int, repeats: int
+) -> HeldOut:  # fmt: skip
+    """Cross-validation in independent noise, so that errors stay in metres at each row."""
+    sigma = np.repeat(base.rows.sigma, 3)
+    every = np.arange(len(base.rows.keep))
+    case = base.case.rewhitened(every, Independent(sigma), base.fit.residuals)
+    members = best.subset.members if best else ()
+    closing = _extended_case(base, best, Independent(sigma)) if best else None
+    alike = [set(library.aliases(i)) for i in members]
+    how = Search(
+        case.subspaces(), library.scores.threshold(level * _LIBRARY_SHARE), library.nu, library.stated,
+        library.heads, library.bounds, largest,
+    )  # fmt: skip
+    return held_out(case, closing, members, alike, how, sigma, seed, repeats)
+
+
+def _extended_case(base: _Baseline, best: Answer, noise: Noise) -> Case:
+    """The case whose fitted parameters are those of the extended model, linearised there, without further causes."""
+    causes = [base.case.causes[i] for i in best.subset.members]
+    experiment = base.experiment
+    fit = best.fit
+    case = make_case(
+        experiment, base.readings.poses, base.case.fitted, causes, fit.by_name(), base.rows, noise, fit.residuals
+    )
+    return replace(case, A=np.concatenate([case.A, *case.B], axis=1), causes=(), B=())
+
+
+def _errors(base: _Baseline, extended: Settled, held: HeldOut, given: tuple[Experiment, Readings]) -> Errors:
+    experiment, readings = given
+    model = experiment.model()
+    nominal = base.rows.measured - base.rows.of(exact_displacement(model, readings, model.nominal))
+    noise = float(np.sqrt(np.mean(base.rows.sigma**2) + base.audit.shared**2))
+    return Errors(
+        rms(nominal), rms(base.fit.residuals), rms(extended.residuals), held.rms_identified, held.rms_extended, noise
+    )
+
+
+def _notes(base: _Baseline, held: HeldOut, extended: Settled) -> tuple[str, ...]:
+    said = [f"Held-out errors: {held.folds}; the search chose the same causes in {100 * held.same:.0f} % of the folds."]
+    if not (base.fit.exact and extended.exact):
+        said.append("The full equilibrium did not settle somewhere: the linear model was used instead.")
+    return tuple(said)

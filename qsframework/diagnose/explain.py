@@ -1,0 +1,161 @@
+"""From scores to a name: significance of the library, search of subsets, exact refits of the best."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+
+from qsframework.diagnose.angles import alias_classes
+from qsframework.diagnose.case import Case, Subspace
+from qsframework.diagnose.causes import REACH, Cause, widened
+from qsframework.diagnose.fitted import Settled, settle_fit
+from qsframework.diagnose.score import Scores, blocks_of, score
+from qsframework.diagnose.search import LARGEST, Bounds, Gram, Subset, make_gram, search
+from qsframework.errors import NotConverged, NotIdentifiable
+from qsframework.experiment import Readings
+from qsframework.identify.linear import Rows
+from qsframework.identify.observations import Noise
+from qsframework.plugin import Array, InputError
+
+REFITS = 5
+_BEYOND = 2.0
+"""Standard deviations by which a parameter of an exact fit may end beyond its bound."""
+
+
+@dataclass(frozen=True, eq=False)
+class Library:
+    """The library against the baseline's residuals: subspaces, Gram matrix, scores, one position per alias class."""
+
+    case: Case
+    subspaces: tuple[Subspace, ...]
+    gram: Gram
+    scores: Scores
+    classes: tuple[tuple[int, ...], ...]
+    bounds: Bounds
+    stated: bool
+    nu: float
+
+    @property
+    def heads(self) -> tuple[int, ...]:
+        """One position for each class of aliases."""
+        return tuple(c[0] for c in self.classes)
+
+    def aliases(self, i: int) -> tuple[int, ...]:
+        """The class that cause i belongs to."""
+        return next((c for c in self.classes if i in c), (i,))
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """A subset with its exact fit; ebic less that of the baseline."""
+
+    subset: Subset
+    fit: Settled
+    ebic: float
+
+
+def make_library(case: Case, baseline: Settled, nu: float, seed: int) -> Library:
+    """Subspaces, scores and alias classes of all causes. nu: infinite where the size of the noise is stated."""
+    subspaces = case.subspaces()
+    Q, _ = np.linalg.qr(case.A)
+    residuals = case.residuals - Q @ (Q.T @ case.residuals)
+    bounds = _bounds(case, baseline)
+    stated = bool(np.isinf(nu))
+    gram = make_gram(subspaces, residuals, stated, bounds)
+    scores = score(blocks_of(subspaces), residuals, nu, seed=seed)
+    classes = tuple(c for c in alias_classes(subspaces) if subspaces[c[0]].visible)
+    return Library(case, subspaces, gram, scores, classes, bounds, stated, nu)
+
+
+def _bounds(case: Case, baseline: Settled) -> Bounds:
+    index = baseline.model.index(case.fitted)
+    lower = np.array([baseline.model.parameters[i].lower for i in index])
+    at = [baseline.names.index(name) for name in case.fitted]
+    sd = np.sqrt(np.diag(baseline.covariance))[at]
+    return Bounds(baseline.x[index], sd, lower)
+
+
+def explain(
+    library: Library, baseline: Settled, readings: Readings, rows: Rows, noise: Noise, largest: int = LARGEST
+) -> list[Answer]:  # fmt: skip
+    """The best explanations with one or more causes, each fitted exactly, best first."""
+    found = search(library.gram, library.heads, largest)
+    answers = []
+    for subset in found[:REFITS]:
+        fit = refit(library.case, [library.case.causes[i] for i in subset.members], baseline, readings, rows, noise)
+        if fit is not None and not _beyond(fit):
+            answers.append(Answer(subset, fit, _ebic(library, subset, fit.chi2, baseline.chi2)))
+    if not answers:
+        for subset in found[REFITS : 3 * REFITS]:
+            fit = refit(library.case, [library.case.causes[i] for i in subset.members], baseline, readings, rows, noise)
+            if fit is not None:
+                return [Answer(subset, fit, _ebic(library, subset, fit.chi2, baseline.chi2))]
+    return sorted(answers, key=lambda a: a.ebic)
+
+
+def _ebic(library: Library, subset: Subset, chi2: float, start: float) -> float:
+    m = library.gram.count
+    fall = chi2 - start if library.stated else m * float(np.log(chi2 / start))
+    many = comb(len(library.heads), len(subset.members))
+    return fall + subset.dof * float(np.log(m)) + 2.0 * float(np.log(many))
+
+
+def refit(
+    case: Case, causes: Sequence[Cause], baseline: Settled, readings: Readings, rows: Rows, noise: Noise
+) -> Settled | None:  # fmt: skip
+    """The exact model with some causes, fitted from the baseline; None where that leads nowhere.
+
+    A cause with several parameters may do things that no reading shows: its parameters are held near zero by REACH
+    times their typical sizes.
+    """
+    model = widened(case.experiment.model(), causes)
+    known = baseline.by_name()
+    start = np.array([known.get(p.name, p.nominal) for p in model.parameters])
+    names = [*case.fitted, *(n for c in causes for n in c.names)]
+    priors = [(n, REACH * size) for c in causes if len(c.names) > 1 for n, size in zip(c.names, c.sizes, strict=True)]
+    try:
+        return settle_fit(model, readings, rows, noise, names, start, priors)
+    except (NotConverged, NotIdentifiable, InputError, np.linalg.LinAlgError):
+        return None
+
+
+def _beyond(fit: Settled) -> bool:
+    """Whether a parameter ends significantly beyond its bound: then the subset is not physical."""
+    sd = np.sqrt(np.diag(fit.covariance))
+    for name, s in zip(fit.names, sd, strict=True):
+        p = fit.model.parameters[fit.model.names.index(name)]
+        value = fit.value(name)
+        if value < p.lower - _BEYOND * s or value > p.upper + _BEYOND * s:
+            return True
+    return False
+
+
+def size_of(library: Library, i: int, given: Sequence[int]) -> float:
+    """s of cause i beside the given ones."""
+    fall = float(library.gram.falls(tuple(given), [i])[0])
+    return float(np.sqrt(max(fall - len(library.gram.at[i]), 0.0)))
+
+
+def most_plausible(library: Library, i: int) -> int:
+    """Of causes that do the same to the readings, the one whose size is nearest to its typical one."""
+    members = library.aliases(i)
+
+    def oddness(j: int) -> float:
+        subspace = library.subspaces[j]
+        s = float(np.linalg.norm(subspace.Q.T @ library.case.residuals))
+        return abs(float(np.log(max(s, 1e-9) / float(subspace.values[0])))) + (0.0 if _right_sign(library, j) else 50.0)
+
+    return min(members, key=oddness)
+
+
+def _right_sign(library: Library, j: int) -> bool:
+    at = library.gram.at[j]
+    return not (library.gram.sided[j] and library.gram.c[at[0]] < 0.0)
+
+
+def cause_values(cause: Cause, fit: Settled) -> Array:
+    """Values (p,) of a cause's parameters in a fit, SI."""
+    return np.array([fit.value(n) for n in cause.names])

@@ -1,0 +1,40 @@
+"""Rows after the audit, replicates, and the lack of fit of a fitted model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qsframework.diagnose.fitted import Settled
+from qsframework.diagnose.lack_of_fit import LackOfFit, arm_axes, lack_of_fit, variables_of
+from qsframework.diagnose.noise_audit import NoiseAudit
+from qsframework.experiment import Experiment, Readings
+from qsframework.identify.linear import Rows
+from qsframework.identify.observations import Noise
+from qsframework.plugin import Indices
+
+
+def replicates(readings: Readings, rows: Rows) -> Indices:
+    """Equal numbers (R,) where pose, load and marker are: repeats and cycles of one reading."""
+    wrench = np.round(readings.poses.wrench, 6)
+    _, load = np.unique(wrench, axis=0, return_inverse=True)
+    keys = np.column_stack([rows.pose, load.ravel()[rows.measurement], rows.marker])
+    return np.unique(keys, axis=0, return_inverse=True)[1].ravel()
+
+
+def audited_rows(readings: Readings, rows: Rows, good: Indices, audit: NoiseAudit) -> tuple[Rows, Noise]:
+    """The good rows with their audited sigma, and the noise with what a pose shares."""
+    sigma = rows.sigma[good] * audit.unit
+    _, pose = np.unique(rows.pose[good], return_inverse=True)
+    kept = Rows(
+        rows.keep[good], rows.measured[good], sigma, rows.measurement[good], rows.marker[good], pose.astype(np.intp)
+    )
+    return kept, audit.of(readings, kept.keep, rows.sigma[good])
+
+
+def misfit(experiment: Experiment, readings: Readings, rows: Rows, fit: Settled, known: bool) -> LackOfFit:
+    """How far the residuals of a fit are from its noise, and what they depend on. known: the noise's size is stated."""
+    shape = (len(rows.keep), 3)
+    columns = fit.jacobian.reshape(*shape, -1)
+    variables = variables_of(experiment, readings, rows.keep)
+    axes = arm_axes(experiment, readings, rows.keep)
+    return lack_of_fit(fit.white.reshape(shape), columns, replicates(readings, rows), variables, known, axes)

@@ -1,0 +1,202 @@
+"""The table of all causes and the findings: what is named, tied, excluded, invisible."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from qsframework.diagnose.angles import angle_matrix, smallest_angles
+from qsframework.diagnose.causes import Cause, Untested
+from qsframework.diagnose.explain import Answer, Library, size_of
+from qsframework.diagnose.fitted import Settled
+from qsframework.diagnose.gain import HeldOut
+from qsframework.diagnose.result import EXCLUDED, INVISIBLE, NAMED, TIED, UNTESTED, Finding, Line, Rival, Value
+from qsframework.diagnose.rivals import rival_set
+from qsframework.diagnose.score import log_p_values
+from qsframework.diagnose.search import Subset
+from qsframework.diagnose.stability import hangs_on
+from qsframework.diagnose.words import people_size
+from qsframework.plugin import Array, Parameter
+
+_SIDES = 1.96
+_RIVALS_TRIED = 12
+_MOST_SETS = 20
+
+
+def findings_of(
+    library: Library, answers: Sequence[Answer], baseline: Settled, held: HeldOut, threshold: float,
+    pose_names: Sequence[str], seed: int,
+) -> tuple[Finding, ...]:  # fmt: skip
+    """The named causes of the best explanation with rivals, evidence and the poses that they hang on.
+
+    threshold: log p of a significant cause; pose_names: by number of the pose
+    """
+    if not answers:
+        return ()
+    best = answers[0]
+    members = best.subset.members
+    rivals = {i: _rivals(library, answers, i, seed) for i in members}
+    hanging = _hanging(library, best.subset, rivals, threshold, pose_names)
+    gain = 1.0 - held.rms_extended / held.rms_identified
+    out = [_finding(library, answers, baseline, i, rivals[i], hanging, gain) for i in members]
+    return tuple(sorted(out, key=lambda f: -f.s))
+
+
+def _finding(
+    library: Library, answers: Sequence[Answer], baseline: Settled, i: int, rivals: Sequence[int],
+    hanging: tuple[tuple[str, ...], ...], gain: float,
+) -> Finding:  # fmt: skip
+    best = answers[0]
+    cause = library.case.causes[i]
+    given = tuple(j for j in best.subset.members if j != i)
+    s = size_of(library, i, given)
+    if not given:  # the exact fit knows the size better than the linear one
+        s = float(np.sqrt(max(baseline.chi2 - best.fit.chi2 - best.subset.dof, 0.0)))
+    angles = smallest_angles(library.subspaces, i)
+    return Finding(
+        cause.name, values_of(cause, best.fit), s, _p_value(library, i, given), -best.ebic if not given
+        else _conditional_ebic(library, i, given),
+        tuple(Rival(library.case.causes[j].name, float(angles[j])) for j in rivals), hanging,
+        _sentence(cause), type(cause.effect).check, gain,
+    )  # fmt: skip
+
+
+def _sentence(cause: Cause) -> str:
+    return (type(cause.effect).__doc__ or cause.name).strip().splitlines()[0]
+
+
+def values_of(cause: Cause, fit: Settled) -> tuple[Value, ...]:
+    """Estimates of a cause's parameters."""
+    return tuple(Value(p.name, p.unit, fit.value(p.name), fit.sd(p.name), p.nominal) for p in cause.parameters)
+
+
+def _p_value(library: Library, i: int, given: Sequence[int]) -> float:
+    """Family-wise: max-T of a cause alone, a union bound for one beside others."""
+    if not given:
+        return float(library.scores.p_adjusted[i])
+    fall = library.gram.falls(tuple(given), [i])
+    dof = np.array([len(library.gram.at[i])])
+    log_p = log_p_values(fall, dof, np.array([library.gram.sided[i]]), library.nu)
+    return float(min(len(library.heads) * np.exp(log_p[0]), 1.0))
+
+
+def _conditional_ebic(library: Library, i: int, given: tuple[int, ...]) -> float:
+    """By how much EBIC falls with cause i beside the given ones."""
+    gram, count = library.gram, len(library.heads)
+    without, _, _ = gram.solve(given)
+    rss, _, _ = gram.solve((*given, i))
+    dof = sum(len(gram.at[j]) for j in given)
+    return gram.ebic(without, dof, len(given), count) - gram.ebic(rss, dof + len(gram.at[i]), len(given) + 1, count)
+
+
+def _rivals(library: Library, answers: Sequence[Answer], i: int, seed: int) -> tuple[int, ...]:
+    best = answers[0].subset.members
+    given = tuple(j for j in best if j != i)
+    found = rival_set(library.gram, i, given, _exact(answers, given), seed)
+    alike = [j for j in library.aliases(i) if j != i and library.subspaces[j].visible and j not in found]
+    return (*alike, *found)
+
+
+def _exact(answers: Sequence[Answer], given: tuple[int, ...]) -> Mapping[int, float]:
+    """Squares left by exact fits of the given causes and one more."""
+    out = {}
+    for a in answers:
+        more = set(a.subset.members) - set(given)
+        if len(more) == 1 and len(a.subset.members) == len(given) + 1:
+            out[more.pop()] = a.fit.chi2
+    return out
+
+
+def _hanging(
+    library: Library, best: Subset, rivals: Mapping[int, Sequence[int]], threshold: float, pose_names: Sequence[str]
+) -> tuple[tuple[str, ...], ...]:  # fmt: skip
+    """Poses that the names hang on; that a rival takes over is no news."""
+    from scipy.stats import chi2
+
+    allowed = {i: {i, *rivals[i], *library.aliases(i)} for i in best.members}
+    others = [s for s in _alternatives(library, best) if not _same(s.members, allowed)]
+    needed = float(chi2.isf(np.exp(threshold), max(best.dof, 1)))
+    unit = 1.0 if library.stated else library.gram.total / max(library.gram.count - len(library.case.fitted), 1)
+    found = hangs_on(library.case, library.subspaces, best, others[:_RIVALS_TRIED], needed * unit)
+    return tuple(tuple(pose_names[p] for p in poses) for poses in found[:_MOST_SETS])
+
+
+def _alternatives(library: Library, best: Subset) -> list[Subset]:
+    """Single causes, and the best subset with one member exchanged, that fit nearly as well."""
+    gram = library.gram
+    out = []
+    for i in best.members:
+        given = tuple(j for j in best.members if j != i)
+        others = [j for j in library.heads if j not in best.members]
+        falls = gram.falls(given, others)
+        for n in np.argsort(-falls)[:_RIVALS_TRIED]:
+            members = (*given, others[int(n)])
+            rss, _, physical = gram.solve(members)
+            if physical:
+                out.append(Subset(members, rss, sum(len(gram.at[j]) for j in members), 0.0))
+    return sorted(out, key=lambda s: s.rss)
+
+
+def _same(members: tuple[int, ...], allowed: Mapping[int, set[int]]) -> bool:
+    """Whether every named cause has itself or one of its rivals among the members."""
+    return all(any(m in ways for m in members) for ways in allowed.values())
+
+
+def table_of(
+    library: Library, best: Answer | None, findings: Sequence[Finding], untested: Sequence[Untested]
+) -> tuple[Line, ...]:  # fmt: skip
+    """One line for every cause: named ones first, then their rivals, what is excluded, what is invisible."""
+    named = {f.name for f in findings}
+    tied = {r.name for f in findings for r in f.rivals}
+    members = best.subset.members if best else ()
+    angles = angle_matrix(library.subspaces)
+    lines = [_line(library, best, i, named, tied, members, angles[i]) for i in range(len(library.subspaces))]
+    order = (NAMED, TIED, EXCLUDED, INVISIBLE)
+    lines.sort(key=lambda x: (order.index(x.status), x.p_value))
+    nan = float("nan")
+    more = [Line(u.name, UNTESTED, nan, nan, (), f"needs {', '.join(u.needs)}", "", nan) for u in untested]
+    return (*lines, *more)
+
+
+def _line(
+    library: Library, best: Answer | None, i: int, named: set[str], tied: set[str], members: Sequence[int],
+    angles: Array,
+) -> Line:  # fmt: skip
+    subspace, cause = library.subspaces[i], library.case.causes[i]
+    nan = float("nan")
+    if not subspace.visible:
+        bound = f"at {subspace.reach / 10.0:.2g} units of noise for its typical size" if subspace.reach else "no trace"
+        return Line(cause.name, INVISIBLE, 0.0, 1.0, (), bound, "", nan)
+    near = int(np.nanargmin(angles)) if np.isfinite(angles).any() else i
+    status = NAMED if cause.name in named else TIED if cause.name in tied else EXCLUDED
+    values = values_of(cause, best.fit) if best and i in members else ()
+    bound = "" if status == NAMED else _bound(library, i, [m for m in members if m != i])
+    return Line(
+        cause.name, status, float(library.scores.s()[i]), float(library.scores.p_adjusted[i]), values, bound,
+        library.case.causes[near].name, float(angles[near]),
+    )  # fmt: skip
+
+
+def _bound(library: Library, i: int, given: Sequence[int]) -> str:
+    """The largest size that the readings allow beside the named causes, 95 %, of each parameter by itself."""
+    gram, at, cause = library.gram, library.gram.at[i], library.case.causes[i]
+    G, c = gram.beside(given)
+    G, c = G[np.ix_(at, at)], c[at]
+    values, vectors = np.linalg.eigh(G)
+    turn = library.subspaces[i].turn @ vectors
+    unit = 1.0 if library.stated else gram.total / max(gram.count - len(library.case.fitted), 1)
+    z = vectors.T @ c
+    sizes = np.zeros(len(cause.parameters))
+    told = values > 1e-4
+    if not told.any():
+        return "the named causes do the same"
+    center = np.abs(turn[:, told] @ (z[told] / values[told]))
+    sizes = center + _SIDES * np.sqrt(np.square(turn[:, told]) @ (unit / values[told]))
+    return ", ".join(_size(p, s) for p, s in zip(cause.parameters, sizes, strict=True) if s > 0.0)
+
+
+def _size(parameter: Parameter, size: float) -> str:
+    last = parameter.name.rpartition("].")
+    label = f"{last[2]} " if last[0] else ""
+    return f"{label}{people_size(parameter, size)}"

@@ -1,0 +1,85 @@
+"""The verdict in words: what was found, what it gains, what cannot be told apart, and what would tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from qsframework.diagnose.conventions import Convention
+from qsframework.diagnose.noise_audit import NoiseAudit
+from qsframework.diagnose.result import Errors, Finding, Leftover, Line, Value
+from qsframework.diagnose.words import people_size
+from qsframework.plugin import Parameter
+
+_SHOWN = 3
+_FEW = 1.15
+"""Held-out error over the noise up to which nothing more is to be gained."""
+
+
+def verdict_of(findings: Sequence[Finding], leftovers: Sequence[Leftover]) -> str:
+    """none: nothing acts; explained: names that leave nothing; partly_explained: names that leave something."""
+    if not findings:
+        return "unexplained" if leftovers else "none"
+    return "partly_explained" if leftovers else "explained"
+
+
+def words_of(
+    verdict: str, findings: Sequence[Finding], leftovers: Sequence[Leftover], conventions: Sequence[Convention],
+    audit: NoiseAudit, errors: Errors, table: Sequence[Line], rows: Sequence[int],
+) -> str:  # fmt: skip
+    """The verdict in sentences. rows: lines of the file that the audit took out."""
+    said = [f"{c.name}: {c.words}." for c in conventions if c.compelling]
+    adopted = {c.name for c in conventions if c.compelling}
+    said += [_finding_words(f) for f in findings if f.name not in adopted]
+    if findings:
+        said.append(
+            f"Held-out error {_mm(errors.heldout_identified)} -> {_mm(errors.heldout_extended)} mm, noise "
+            f"{_mm(errors.noise)}."
+        )
+    elif verdict == "none":
+        said.append(_nothing(errors, table))
+    said += [_tied_words(f) for f in findings if f.rivals]
+    said += [_hanging_words(f) for f in findings[:1] if f.hangs_on]
+    if leftovers:
+        also = "also " if findings else ""
+        said.append(
+            f"The readings {also}hold something that no effect of the library explains: {leftovers[0].words()}."
+        )
+    if len(rows):
+        said.append(f"Outliers left out: rows {', '.join(map(str, rows))}.")
+    if audit.unit_source != "stated":
+        said += list(audit.words)
+    return " ".join(said)
+
+
+def _mm(value: float) -> str:
+    return f"{1e3 * value:.3f}"
+
+
+def _finding_words(f: Finding) -> str:
+    sizes = [f"{_said(v, v.value - v.initial)} +- {_said(v, v.sd)}" for v in f.values]
+    return f"{f.name}: {f.physics.rstrip('.')} ({', '.join(sizes)}; s = {f.s:.1f}, p = {f.p_value:.2g})."
+
+
+def _said(v: Value, size: float) -> str:
+    return people_size(Parameter(v.name, v.unit), size)
+
+
+def _nothing(errors: Errors, table: Sequence[Line]) -> str:
+    excluded = [x for x in table if x.bound and x.status.startswith("excluded")]
+    some = "; ".join(f"no {x.name} above {x.bound}" for x in excluded[:_SHOWN])
+    more = f" and {len(excluded) - _SHOWN} more in the table" if len(excluded) > _SHOWN else ""
+    return f"Nothing beyond the model is seen at {_mm(errors.identified)} mm, noise {_mm(errors.noise)}: {some}{more}."
+
+
+def _tied_words(f: Finding) -> str:
+    shown = [f"{r.name} (angle {np.rad2deg(r.angle):.0f} deg)" for r in f.rivals[:_SHOWN]]
+    more = f" and {len(f.rivals) - _SHOWN} more" if len(f.rivals) > _SHOWN else ""
+    return f"These readings cannot tell {f.name} from {', '.join(shown)}{more}: `--separate` designs poses that would."
+
+
+def _hanging_words(f: Finding) -> str:
+    sets = ["+".join(s) for s in f.hangs_on[:_SHOWN]]
+    more = f" and {len(f.hangs_on) - _SHOWN} more" if len(f.hangs_on) > _SHOWN else ""
+    return f"The name hangs on poses {', '.join(sets)}{more}: without them another answer, or none, fits as well."

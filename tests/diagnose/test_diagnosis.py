@@ -1,0 +1,96 @@
+"""The whole verb on hidden effects: name, place, size and gain; nothing where nothing acts."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from qsframework.diagnose import diagnose
+from qsframework.errors import InputError
+from qsframework.experiment import example, load_experiment, read_readings
+from qsframework.plugin import find
+from tests.diagnose.cases import campaign, measured
+
+HIDDEN = [
+    ("joint_hardening", ("joint_3",), 0.4),
+    ("joint_backlash", ("joint_2",), 0.6),
+    ("offaxis_compliance", ("joint_3", "x"), 0.6),
+    ("tool_compliance", ("y",), 0.2),
+    ("base_compliance", ("ry",), 0.2),
+    ("load_direction", (), 1.0),
+]
+
+
+@pytest.mark.parametrize(("effect", "place", "share"), HIDDEN, ids=[h[0] for h in HIDDEN])
+def test_a_hidden_effect_is_named_sized_and_gains(effect: str, place: tuple[str, ...], share: float) -> None:
+    hidden = find(effect)(*place)
+    truth = {p.name: share * p.typical for p in hidden.parameters(campaign().robot.facts)}
+    found = diagnose(campaign(), measured((hidden,), truth, seed=5), seed=1)
+    assert found.verdict == "explained", found.words
+    named = [f for f in found.findings if hidden.name in (f.name, *(r.name for r in f.rivals))]
+    assert len(found.findings) == 1 and named, found.words
+    if found.findings[0].name == hidden.name:
+        for value in found.findings[0].values:
+            assert abs(value.value - truth[value.name]) < 3.5 * value.sd
+    assert found.rms.heldout_gain > 0.0
+    assert found.findings[0].p_value < 0.01
+    json.dumps(found.as_json(), allow_nan=False)
+
+
+def test_two_causes_are_both_named() -> None:
+    first, second = find("joint_hardening")("joint_3"), find("tool_compliance")("y")
+    truth = {p.name: 0.4 * p.typical for e in (first, second) for p in e.parameters(campaign().robot.facts)}
+    found = diagnose(campaign(), measured((first, second), truth, seed=2))
+    assert {f.name for f in found.findings} == {first.name, second.name}, found.words
+
+
+def test_nothing_is_named_where_nothing_acts_and_bounds_are_given() -> None:
+    verdicts = []
+    for seed in range(12):
+        found = diagnose(campaign(), measured(seed=seed), seed=seed)
+        verdicts.append(found.verdict)
+        assert found.rms.heldout_extended == pytest.approx(found.rms.noise, rel=0.15)
+    assert verdicts.count("none") >= 10, verdicts
+    clean = diagnose(campaign(), measured(seed=0), seed=0)
+    assert "no " in clean.words and " above " in clean.words
+
+
+def test_bounds_of_excluded_causes_hold_the_truth_that_nothing_acts() -> None:
+    found = diagnose(campaign(), measured(seed=3))
+    excluded = [x for x in found.table if x.status == "excluded above"]
+    invisible = {x.name for x in found.table if x.status == "invisible here"}
+    assert len(excluded) > 40 and all(x.bound for x in excluded)
+    assert {"load_scale", "base_compliance[rz]"} <= invisible
+
+
+def test_the_same_seed_gives_the_same_result() -> None:
+    hidden = find("joint_hardening")("joint_3")
+    readings = measured((hidden,), {hidden.name: 4e-17}, seed=4)
+    one, two = (diagnose(campaign(), readings, seed=3).as_json() for _ in range(2))
+    assert one == two
+
+
+def test_the_r2000ic_joint_springs_are_not_the_whole_truth() -> None:
+    experiment = load_experiment(example("r2000ic") / "experiment.yaml")
+    assert experiment.data is not None
+    found = diagnose(experiment, read_readings(experiment.data, experiment))
+    assert found.verdict in ("explained", "partly_explained")
+    assert found.rms.heldout_extended <= 165e-6
+    assert found.audit.unit_source != "stated"
+    assert any(f.name.startswith(("offaxis_compliance", "tool_compliance", "link_compliance")) for f in found.findings)
+    for finding in found.findings:
+        if "compliance" in finding.name:
+            assert all(v.value > 0.0 for v in finding.values)
+    assert any(f.hangs_on for f in found.findings)
+    assert any(f.rivals for f in found.findings)
+
+
+def test_bad_levels_and_masked_readings_are_refused() -> None:
+    readings = measured(seed=0)
+    with pytest.raises(InputError, match="level"):
+        diagnose(campaign(), readings, level=0.0)
+    with pytest.raises(InputError, match="masked"):
+        diagnose(campaign(), replace(readings, use=np.zeros(len(readings.use), dtype=bool)))
