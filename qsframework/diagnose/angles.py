@@ -29,7 +29,8 @@ class _Directions:
         self.first = ends[:-1]
         self.sided = np.array([s.one_sided for s in subspaces], dtype=bool)
         every = np.concatenate([s.Q for s in subspaces], axis=1) if subspaces else np.zeros((0, 0))
-        self.Q: Array = np.linalg.qr(every, mode="r") if every.shape[0] > every.shape[1] else every
+        tall = every.shape[0] > every.shape[1]
+        self.Q = np.asarray(np.linalg.qr(every, mode="r") if tall else every, dtype=np.float64)
         self.single: Indices = np.flatnonzero(self.sizes == 1)
         self.wide: Indices = np.flatnonzero(self.sizes > 1)
 

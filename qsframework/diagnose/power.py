@@ -1,0 +1,264 @@
+"""Before measuring: the smallest size of every cause that a plan would detect and name.
+
+Detection is the library's own test: the largest of all scores against its distribution by Monte Carlo (max-T), and a
+noncentral chi-square under a cause of visible size s. A cause is named where it is detected and no other one explains
+its trace as well: with k1 and k2 directions at an angle phi, the other one wins in about
+Phi(-(s sin(phi/2) - D / (4 s sin(phi/2)))), D = (k1 - k2) (log m - 1) for the price of a direction in the BIC of m
+readings. All rivals add up, which is on the safe side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.diagnose.angles import alias_classes, angle_matrix, named_from
+from qsframework.diagnose.case import Case, Subspace, plan_case
+from qsframework.diagnose.causes import REACH, Cause, find_causes
+from qsframework.diagnose.foresight import CAN_DETECT, CAN_NAME, CANNOT_SEE, Curve, Foresight, Pair, Prospect, Size
+from qsframework.diagnose.score import DRAWS, blocks_of, score
+from qsframework.errors import InputError, NotIdentifiable
+from qsframework.experiment import Experiment, Plan
+from qsframework.information import rank_test
+from qsframework.plugin import Array, Indices, Poses
+
+LIBRARY_LEVEL = 0.024
+"""Family-wise level of the library's test in a diagnosis at its usual level of 4 %."""
+CLOSE = float(np.deg2rad(10.0))
+"""Causes at a smaller angle count as not separable: naming one of them takes s = 19 and more."""
+_MOST = 1e4
+_STEPS = 60
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class _Test:
+    """The library's test on these readings: per cause its directions, its threshold and the s that passes it.
+
+    G (K, K): products of all directions; owner (K,): cause of each
+    """
+
+    subspaces: tuple[Subspace, ...]
+    G: Array
+    owner: Indices
+    dof: Indices
+    sided: Array
+    thresholds: Array
+    needed: Array
+    heads: tuple[tuple[int, ...], ...]
+    readings: int
+
+
+def foresee(
+    experiment: Experiment, plan: Plan | Poses, *, level: float = LIBRARY_LEVEL, power: float = 0.85,
+    share: float = 0.95, sigma: float | None = None, seed: int = 0, progress: Progress | None = None,
+) -> Foresight:  # fmt: skip
+    """What a plan (or poses with their wrenches) would detect and name.
+
+    level: family-wise chance of an alarm; power: rate of detection, share: rate of right names that are asked for;
+    sigma: noise of one coordinate, m, that of the experiment if None. InputError where it is not known;
+    NotIdentifiable where the plan does not even tell the fitted parameters.
+    """
+    tell = progress or (lambda *_: None)
+    poses = plan.repeated() if isinstance(plan, Plan) else plan
+    noise = sigma or experiment.noise.sigma
+    if noise is None:
+        raise InputError(f"{experiment.path}: a forecast needs the noise, for example noise: {{sigma_mm: 0.03}}")
+    fitted = experiment.fit_names()
+    tell("causes", 0, 3)
+    causes, untested = find_causes(experiment, fitted, poses)
+    case = plan_case(experiment, poses, fitted, causes, noise)
+    rank = rank_test(case.A, fitted)
+    if not rank.full:
+        raise NotIdentifiable(f"the plan does not tell the fitted parameters: {rank.words()}")
+    subspaces = case.subspaces()
+    tell("causes", 1, 3)
+    angles = angle_matrix(subspaces)
+    test = _make_test(subspaces, len(case.A), level, power, seed)
+    tell("causes", 2, 3)
+    prospects = tuple(_prospect(case, test, angles, i, share) for i in range(len(causes)))
+    tell("causes", 3, 3)
+    names = [c.name for c in causes]
+    return Foresight(
+        prospects, untested, _pairs(names, angles, share), _groups(names, subspaces), angles, _curves(test), case,
+        len(poses), noise, level, power, share, seed,
+    )  # fmt: skip
+
+
+def _make_test(subspaces: tuple[Subspace, ...], readings: int, level: float, power: float, seed: int) -> _Test:
+    blocks = blocks_of(subspaces)
+    log_p = score(blocks, np.zeros(readings), draws=DRAWS, seed=seed).threshold(level)
+    Q = np.concatenate([b.Q for b in blocks], axis=1)
+    dof = np.array([b.Q.shape[1] for b in blocks])
+    sided = np.array([b.one_sided for b in blocks], dtype=bool)
+    thresholds, needed = np.full(len(blocks), np.inf), np.full(len(blocks), np.inf)
+    for k, side in sorted({(int(d), bool(o)) for d, o in zip(dof, sided, strict=True) if d}):
+        at = (dof == k) & (sided == side)
+        thresholds[at] = threshold(k, side, log_p)
+        needed[at] = needed_size(k, side, float(thresholds[at][0]), power)
+    owner = np.repeat(np.arange(len(blocks)), dof)
+    return _Test(subspaces, Q.T @ Q, owner, dof, sided, thresholds, needed, alias_classes(subspaces), readings)
+
+
+def threshold(dof: int, sided: bool, log_p: float) -> float:
+    """The statistic with this log p."""
+    from scipy.stats import chi2
+
+    return float(chi2.isf(min(np.exp(log_p) * (2.0 if sided else 1.0), 1.0), dof))
+
+
+def detection_rate(s: Array | float, dof: int, sided: bool, limit: float) -> Array:
+    """Chance that a cause of visible size s passes its threshold."""
+    from scipy.stats import ncx2, norm
+
+    s = np.asarray(s, dtype=np.float64)
+    if sided:
+        return np.asarray(norm.sf(np.sqrt(limit) - s))
+    return np.asarray(ncx2.sf(limit, dof, np.maximum(s, 1e-9) ** 2))
+
+
+def needed_size(dof: int, sided: bool, limit: float, power: float) -> float:
+    """The s that is detected at a rate of `power`."""
+    return _smallest(lambda s: float(detection_rate(s, dof, sided, limit)) >= power)
+
+
+def _smallest(enough: Callable[[float], bool]) -> float:
+    """Smallest s that is enough, by bisection; inf where none is."""
+    if not enough(_MOST):
+        return float("inf")
+    low, high = 1e-3, _MOST
+    for _ in range(_STEPS):
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if enough(middle) else (middle, high)
+    return high
+
+
+def _prospect(case: Case, test: _Test, angles: Array, i: int, share: float) -> Prospect:
+    cause, subspace = case.causes[i], test.subspaces[i]
+    if not subspace.visible:
+        return Prospect(cause, CANNOT_SEE, (), "", float("nan"), (), _hidden(case, i, subspace))
+    own = next(c for c in test.heads if i in c)
+    sizes = tuple(_size(case, test, i, j, own, share) for j in range(len(cause.parameters)))
+    aliases = tuple(case.causes[j].name for j in own if j != i)
+    row = angles[i].copy()
+    row[list(own)] = np.nan
+    near = int(np.nanargmin(row)) if np.isfinite(row).any() else -1
+    nearest, angle = (case.causes[near].name, float(row[near])) if near >= 0 else ("", float("nan"))
+    status, reason = _status(cause, sizes, nearest, aliases)
+    return Prospect(cause, status, sizes, nearest, angle, aliases, reason)
+
+
+def _status(cause: Cause, sizes: Sequence[Size], nearest: str, aliases: Sequence[str]) -> tuple[str, str]:
+    """What a realistic size of a visible cause comes to, and why it is not more."""
+    most = [REACH * size for size in cause.sizes]
+    if not any(x.detect <= m for x, m in zip(sizes, most, strict=True)):
+        return CANNOT_SEE, f"only above {REACH:g} times its typical size is it detected"
+    if aliases:
+        return CAN_DETECT, f"does the same to these readings as {', '.join(aliases)}"
+    if not any(x.name <= m for x, m in zip(sizes, most, strict=True)):
+        return CAN_DETECT, f"only above {REACH:g} times its typical size is it told from {nearest or 'noise'}"
+    return CAN_NAME, ""
+
+
+def _hidden(case: Case, i: int, subspace: Subspace) -> str:
+    """Why a cause shows nothing beyond the fitted parameters."""
+    raw = float(np.linalg.norm(case.B[i], axis=0).max(initial=0.0))
+    if raw <= 1e-9:
+        return "no reading of this plan depends on it"
+    if REACH * raw < 4.0:
+        return f"no reading loads it: {raw:.2g} units of noise at its typical size"
+    left = subspace.reach / REACH
+    return f"absorbed by the fitted parameters: of {raw:.2g} units of noise at its typical size {left:.2g} are left"
+
+
+def _size(case: Case, test: _Test, i: int, j: int, own: Sequence[int], share: float) -> Size:
+    """The smallest visible deviations of parameter j of cause i, alone."""
+    cause, mine = case.causes[i], np.flatnonzero(test.owner == i)
+    along = test.subspaces[i].Q.T @ case.B[i][:, j]
+    s = float(np.linalg.norm(along))
+    parameter, typical = cause.parameters[j], cause.sizes[j]
+    if s * REACH < 1.0:
+        return Size(parameter, s, np.inf, np.inf)
+    surely, perhaps = _reached(test, i, test.G[:, mine] @ (along / s))
+    detect = float((test.needed / np.maximum(surely, 1e-12)).min())
+    rivals = [c[0] for c in test.heads if c[0] not in own]
+
+    def missed(size: float) -> float:
+        rate = _detected(test, surely, size)
+        wrong = mistaken_by(size, perhaps[rivals], test.dof[i] - test.dof[rivals], test.readings)
+        return 1.0 - rate + float(wrong.sum())
+
+    name = _smallest(lambda size: missed(size) <= 1.0 - share)
+    return Size(parameter, s, detect / s * typical, name / s * typical)
+
+
+def _reached(test: _Test, i: int, products: Array) -> tuple[Array, Array]:
+    """Share (G,) of a direction of cause i that lies within each cause: whatever its sign, and with its better sign.
+
+    A cause that can only grow sees one sign only.
+    """
+    sided = test.sided[test.owner]
+    better = np.where(sided & test.sided[i], np.maximum(products, 0.0), np.abs(products))
+    worse = better if test.sided[i] else np.where(sided, 0.0, better)
+    surely, perhaps = (np.sqrt(np.bincount(test.owner, c**2, len(test.dof))) for c in (worse, better))
+    return np.minimum(surely, 1.0), np.minimum(perhaps, 1.0)
+
+
+def _detected(test: _Test, reached: Array, s: float) -> float:
+    """Chance that the cause which sees most of a trace of size s passes its threshold."""
+    best = int(np.argmin(test.needed / np.maximum(reached, 1e-12)))
+    rate = detection_rate(s * reached[best], int(test.dof[best]), bool(test.sided[best]), float(test.thresholds[best]))
+    return float(rate)
+
+
+def mistaken_by(s: float, reached: Array, more: Array, readings: int) -> Array:
+    """Chance (R,) that each rival explains a trace of visible size s better.
+
+    reached (R,): cosine of the trace's angle with the rival; more (R,): directions that the rival needs less
+    """
+    from scipy.stats import norm
+
+    half = np.sqrt(np.maximum(0.5 * (1.0 - reached), 1e-18))
+    price = more * (np.log(readings) - 1.0)
+    return np.asarray(norm.sf(s * half - price / (4.0 * s * half)))
+
+
+def _pairs(names: Sequence[str], angles: Array, share: float) -> tuple[Pair, ...]:
+    """All pairs that are too close to be separated, closest first."""
+    found = [(float(angles[i, j]), i, j) for i, j in np.argwhere(np.triu(angles < CLOSE, 1)).tolist()]
+    return tuple(Pair(names[i], names[j], angle, named_from(angle, share)) for angle, i, j in sorted(found))
+
+
+def _groups(names: Sequence[str], subspaces: Sequence[Subspace]) -> tuple[tuple[str, ...], ...]:
+    """Sets of causes each of which can do all that another one of the set does, or nearly."""
+    from scipy.sparse.csgraph import connected_components
+
+    dof = np.array([s.Q.shape[1] for s in subspaces])
+    close = (angle_matrix(subspaces, largest=True) < CLOSE) & (dof[:, None] == dof)
+    _, label = connected_components(close, directed=False)
+    sets = [np.flatnonzero(label == k).tolist() for k in range(int(label.max(initial=-1)) + 1)]
+    return tuple(tuple(names[i] for i in members) for members in sets if len(members) > 1)
+
+
+def _curves(test: _Test) -> tuple[Curve, ...]:
+    """Detection rate of causes with one direction, which can only grow or not, and with more."""
+    s = np.linspace(0.0, 12.0, 121)
+    out = []
+    for k, side in sorted({(int(d), bool(o)) for d, o in zip(test.dof, test.sided, strict=True) if d}):
+        limit = float(test.thresholds[(test.dof == k) & (test.sided == side)][0])
+        label = "1 direction that can only grow" if side else f"{k} direction{'s' if k > 1 else ''}"
+        out.append(Curve(label, s, detection_rate(s, k, side, limit)))
+    return tuple(out)
+
+
+def cause_named(causes: Sequence[Cause], name: str) -> Cause:
+    """The cause of a name; an InputError lists them."""
+    from qsframework.errors import Problem, nearest
+
+    for cause in causes:
+        if cause.name == name:
+            return cause
+    known = [c.name for c in causes]
+    raise InputError(Problem(f"no cause {name!r}", allowed=", ".join(known), hint=nearest(name, known)))
