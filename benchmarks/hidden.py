@@ -64,7 +64,7 @@ ROBOTS: dict[str, dict[str, Any]] = {
         "weight": (0.0, 0.0, -4000.0), "pull": (0.0, 1500.0, -4000.0),
     },
     "fanuc_r2000ic": {
-        "load": "load: {point_mm: [0, 0, 200]}",
+        "load": "load: {point_mm: [100, 0, 200]}",
         "markers": {"m1": (50, 200, 250), "m2": (250, -150, 150), "m3": (0, -150, 50)},
         "constraints": "constraints: {z_min_m: 0.4, axis1_distance_min_m: 0.6, of: wrist_centre}",
         "weight": (0.0, 0.0, -2000.0), "pull": (0.0, 800.0, -2000.0),
@@ -89,7 +89,7 @@ class Setting:
 class Case:
     """What to hide. effects: names of effects, each with its s; places are drawn from the seed, unless `at` names
     them. unknown: one of UNKNOWN with its s; stress: of the noise; convention: a wrong one; alias: the place drawn
-    must have an alias, and `apart`: places drawn must not be aliases of each other."""
+    must have an alias, and `apart`: places drawn must not be aliases of each other; sign: of a single parameter."""
 
     id: str
     group: str
@@ -102,6 +102,7 @@ class Case:
     convention: str | None = None
     alias: bool = False
     apart: bool = False
+    sign: float | None = None
 
 
 @dataclass(frozen=True)
@@ -184,6 +185,7 @@ def campaign(setting: Setting) -> Poses:
     wrench[:, :3] = of["weight"]
     if setting.loads == "two":
         wrench[::2, :3] = of["pull"]
+    pendant = np.deg2rad(np.round(np.rad2deg(pendant), 3))  # as a controller shows them
     q = experiment_of(setting.robot, setting.markers).robot.controller.to_joints(pendant)
     unloaded = loaded = Conditions()
     if setting.recorded:
@@ -543,7 +545,9 @@ def hide(case: Case) -> Truth:
         for k in h.rng.permutation(len(places)):
             instance = places[k]
             try:
-                deviation = h.size(instance, h.direction(instance), wanted)
+                d = h.direction(instance)
+                d = case.sign * np.abs(d) if case.sign is not None else d
+                deviation = h.size(instance, d, wanted)
             except Unreachable:
                 skipped.append(instance.name)
                 continue
@@ -634,7 +638,7 @@ def measured(truth: Truth) -> Array:
         d[..., [first, second]] = d[..., [second, first]]
     if case.convention == "sign":
         d = -d
-    return d
+    return np.round(d, 7)
 
 
 def write_case(truth: Truth, folder: str | Path) -> Path:
