@@ -5,23 +5,25 @@ A deterministic check before any physics is suspected: a wrong convention is not
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations, product
 
 import numpy as np
 
+from qsframework.diagnose.changes import Change, couplings, displacement_axes, earlier, force_axes, joint_signs
 from qsframework.experiment import Experiment, Readings
 from qsframework.identify.linear import fit_rows
 from qsframework.identify.mistakes import late_angles, swapped_markers
 from qsframework.identify.trial import Trial
 from qsframework.information import scales
-from qsframework.plugin import Array, Indices, Poses, Spring, registry
+from qsframework.plugin import Array, Indices, Spring
 
 LEVEL = 1e-4
 """The likelihood ratio, all conventions counted, beyond which one may be compelling."""
 RATIO = 0.8
 """How far the sum of squares must fall at least; a hidden effect makes smaller differences."""
+LOCAL = 0.25
+"""The same for the rows that a change touches: physics at some poses is not undone by exchanging their readings."""
 _BELOW = 2.0
 """sds below its bound from which a compliance speaks against a convention."""
 _UNITS = (
@@ -63,21 +65,11 @@ class Convention:
 
 
 @dataclass(frozen=True, eq=False)
-class _Change:
-    """A convention before it is judged."""
-
-    name: str
-    value: float
-    words: str
-    experiment: Experiment
-    readings: Readings
-
-
-@dataclass(frozen=True, eq=False)
 class _Fit:
-    """Linear least squares: weighted sum of squares, rms in m, estimates and sds (p,) in their scales, numbers free."""
+    """Linear least squares: sum of squares of the whitened residuals `left` (R, 3), rms in m, estimates and sds (p,) in their scales, numbers free."""
 
     square: float
+    left: Array
     rms: float
     x: Array
     sd: Array
@@ -89,27 +81,35 @@ class _Fit:
 def check_conventions(experiment: Experiment, readings: Readings) -> tuple[Convention, ...]:
     """The conventions under which the readings fit better than as given, the likeliest first; none is the rule."""
     given = _fit(_trial(experiment, readings))
-    changes = [*_couplings(experiment, readings), *_joint_signs(experiment, readings),
-               *_displacement_axes(experiment, readings), *_force_axes(experiment, readings)]  # fmt: skip
+    changes = [*couplings(experiment, readings), *joint_signs(experiment, readings),
+               *displacement_axes(experiment, readings), *force_axes(experiment, readings)]  # fmt: skip
     found = [_judge(change, given, len(changes)) for change in changes]
-    found += [_judge(change, given, count) for change, count in _mistakes(given)]
+    found += [_judge(*mistake) for mistake in _mistakes(given)]
     better = sorted((c for c in found if c.evidence > 0.0), key=lambda c: (not c.compelling, -c.evidence))
     return (*better, *_units(given))
 
 
-def _judge(change: _Change, given: _Fit, tried: int) -> Convention:
+def _judge(change: Change, given: _Fit, tried: int, rows: Indices | None = None) -> Convention:
+    """Apply a change and compare; `rows` of the file are those that it touches, None for all."""
     fit = _fit(_trial(change.experiment, change.readings, given.trial))
     drop = np.log(max(given.square, 1e-300)) - np.log(max(fit.square, 1e-300))
-    # late angles leave a measurement out: compare per number, on the numbers that both have
-    drop -= np.log(given.dof / fit.dof)
+    drop -= np.log(given.dof / fit.dof)  # late angles leave a measurement out
     evidence = 0.5 * min(fit.dof, given.dof) * float(drop) - float(np.log(tried))
-    whole = change.name not in ("swapped_markers", "late_angles")
-    enough = not whole or drop > -np.log(RATIO)
+    enough = drop > -np.log(RATIO) and (rows is None or _local(given, fit, rows) < LOCAL)
     compelling = evidence > -np.log(LEVEL) and enough and fit.below <= given.below
-    words = f"{change.words}: the readings then fit to {fit.rms * 1e3:.3f} mm a coordinate, as given to " \
-            f"{given.rms * 1e3:.3f} mm"  # fmt: skip
+    words = (
+        f"{change.words}: the readings then fit to {fit.rms * 1e3:.3f} mm a coordinate, as given to "
+        f"{given.rms * 1e3:.3f} mm"
+    )
     return Convention(change.name, change.value, words, change.experiment, change.readings, fit.rms, given.rms,
                       evidence, fit.below, bool(compelling))  # fmt: skip
+
+
+def _local(given: _Fit, fit: _Fit, rows: Indices) -> float:
+    """What a change leaves of the sum of squares of the rows that it touches."""
+    both = np.intersect1d(np.intersect1d(given.trial.keep, fit.trial.keep), rows)
+    after, before = (float(np.sum(f.left[np.isin(f.trial.keep, both)] ** 2)) for f in (fit, given))
+    return after / max(before, 1e-300)
 
 
 def _trial(experiment: Experiment, readings: Readings, given: Trial | None = None) -> Trial:
@@ -154,7 +154,7 @@ def _fit(trial: Trial) -> _Fit:
     sd = np.sqrt(np.square(V.T / values).sum(axis=1) * (np.square(target).sum() - z @ z) / dof)
     below = int((~np.isclose(sd, 0.0) & (free < low - _BELOW * sd)).sum())
     rms = float(np.sqrt(np.mean(np.square(left * trial.sigma[:, None]))))
-    return _Fit(square, rms, start + free, sd, dof, below, trial)
+    return _Fit(square, left, rms, start + free, sd, dof, below, trial)
 
 
 def _within(R: Array, z: Array, free: Array, low: Array, high: Array) -> Array:
@@ -167,112 +167,29 @@ def _within(R: Array, z: Array, free: Array, low: Array, high: Array) -> Array:
     return np.asarray(lsq_linear(R, z, (low, wide), method="bvls").x)
 
 
-def _couplings(experiment: Experiment, readings: Readings) -> Iterator[_Change]:
-    """An angle that is absolute where the file says relative, or the reverse, at every joint."""
-    kind = registry().get("controller_coupling")
-    if kind is None:
-        return
-    robot, model = experiment.robot, experiment.model()
-    held = dict(zip(model.names, model.nominal, strict=True))
-    for effect in kind.places(robot.facts, tuple(m.name for m in experiment.markers)):
-        (own,) = effect.parameters(robot.facts)
-        here = experiment if own.name in held else experiment.with_(effects=(*experiment.effects, effect))
-        others = tuple(p for p in experiment.parameters if p.name != own.name)
-        for value in (1.0, -1.0):
-            fixed = replace(own, nominal=held.get(own.name, 0.0) + value)
-            sign = "plus" if value > 0 else "minus"
-            words = (
-                f"{own.name} = {value:+g}: the true angle of {effect.where} is the file's {sign} the shown angle of "
-                "the joint before it; an absolute angle was read as relative, or the reverse"
-            )
-            yield _Change(own.name, value, words, here.with_(parameters=(*others, fixed)), readings)
-
-
-def _joint_signs(experiment: Experiment, readings: Readings) -> Iterator[_Change]:
-    for k, joint in enumerate(experiment.robot.facts.joints):
-        pendant = np.array(readings.poses.pendant)
-        pendant[:, k] *= -1.0
-        q = experiment.robot.controller.to_joints(pendant)
-        poses = replace(readings.poses, pendant=pendant, q=q)
-        words = f"the angle of {joint} counts the other way round"
-        yield _Change(f"joint_sign[{joint}]", -1.0, words, experiment, replace(readings, poses=poses))
-
-
-def _orientations() -> list[Array]:
-    """The 47 signed permutations of three axes that are not the identity."""
-    out = [np.diag(signs) @ np.eye(3)[list(order)]
-           for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]  # fmt: skip
-    return [P for P in out if not np.array_equal(P, np.eye(3))]
-
-
-def _axes(P: Array, what: str) -> str:
-    """`dx = -dy of the file` for each axis that changes."""
-    said = []
-    for row, axis in zip(P, "xyz", strict=True):
-        source = int(np.argmax(np.abs(row)))
-        if row[source] != 1.0 or "xyz"[source] != axis:
-            said.append(f"{what}{axis} is {'-' if row[source] < 0 else ''}{what}{'xyz'[source]} of the file")
-    return ", ".join(said)
-
-
-def _displacement_axes(experiment: Experiment, readings: Readings) -> Iterator[_Change]:
-    for P in _orientations():
-        reversed_ = np.array_equal(P, -np.eye(3))
-        name = "displacement_sign" if reversed_ else "displacement_axes"
-        words = (
-            "displacements are unloaded minus loaded, or the force is the one that the robot exerts: the sign of one "
-            "of them is reversed" if reversed_ else f"axes of the displacements: {_axes(P, 'd')}"
-        )  # fmt: skip
-        yield _Change(name, -1.0 if reversed_ else 1.0, words, experiment,
-                      replace(readings, displacement=readings.displacement @ P.T))  # fmt: skip
-
-
-def _force_axes(experiment: Experiment, readings: Readings) -> Iterator[_Change]:
-    """Axes of the load cell. Its reversal is that of the displacements, and moments turn as axial vectors do."""
-    wrench = readings.poses.wrench
-    seen = [wrench, -wrench]
-    for P in _orientations():
-        turned = np.hstack([wrench[:, :3] @ P.T, np.linalg.det(P) * wrench[:, 3:] @ P.T])
-        if any(np.allclose(turned, w) for w in seen):
-            continue
-        seen.append(turned)
-        poses: Poses = replace(readings.poses, wrench=turned)
-        yield _Change("force_axes", 1.0, f"axes of the force: {_axes(P, 'f')}", experiment,
-                      replace(readings, poses=poses))  # fmt: skip
-
-
-def _mistakes(given: _Fit) -> list[tuple[_Change, int]]:
-    """Markers that were exchanged and angles that were logged late, with the number of alternatives they were among."""
+def _mistakes(given: _Fit) -> list[tuple[Change, _Fit, int, Indices]]:
+    """Exchanged markers and late angles, with the number of alternatives that they were among and their rows."""
     trial = replace(given.trial, stated=False)  # a hidden effect must not look like a mistake
     readings, experiment = trial.readings, trial.experiment
-    out: list[tuple[_Change, int]] = []
+    out: list[tuple[Change, _Fit, int, Indices]] = []
     if np.linalg.matrix_rank(trial.A.reshape(-1, trial.A.shape[-1])) < trial.A.shape[-1]:
         return out
     swapped = swapped_markers(trial, LEVEL)
     if swapped:
         displacement = np.array(readings.displacement)
+        touched = np.unique(np.concatenate([rows for rows, _ in swapped]))
         for rows, _ in swapped:
             of = readings.measurement[rows]
             for m in np.unique(of):
                 a, b = rows[of == m]
                 displacement[[a, b]] = displacement[[b, a]]
         words = "; ".join(words for _, words in swapped)
-        change = _Change("swapped_markers", 1.0, words, experiment, replace(readings, displacement=displacement))
-        out.append((change, 3 * len(readings.poses)))
+        change = Change("swapped_markers", 1.0, words, experiment, replace(readings, displacement=displacement))
+        out.append((change, given, 3 * len(readings.poses), touched))
     for rows, words in late_angles(trial, LEVEL)[:1]:
-        out.append((_Change("late_angles", 1.0, words, experiment, _earlier(readings, rows)), len(readings.poses)))
+        change = Change("late_angles", 1.0, words, experiment, earlier(readings, rows))
+        out.append((change, given, len(readings.poses), rows))
     return out
-
-
-def _earlier(readings: Readings, rows: Indices) -> Readings:
-    """The angles of a run of measurements moved up by one; the last one's are missing, so it is masked."""
-    run = np.unique(readings.measurement[rows])
-    order = np.arange(len(readings.poses))
-    order[run[:-1]] = run[1:]
-    poses = replace(readings.poses, pendant=readings.poses.pendant[order], q=readings.poses.q[order])
-    use = np.array(readings.use)
-    use[readings.measurement == run[-1]] = False
-    return replace(readings, poses=poses, use=use)
 
 
 def _units(given: _Fit) -> list[Convention]:

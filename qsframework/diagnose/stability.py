@@ -17,11 +17,12 @@ _RIDGE = 1e-9
 
 
 def hangs_on(
-    case: Case, subspaces: Sequence[Subspace], chosen: Subset, others: Sequence[Subset], needed: float
+    case: Case, subspaces: Sequence[Subspace], chosen: Subset, without: Subset, others: Sequence[Subset], needed: float
 ) -> list[tuple[int, ...]]:
-    """Smallest sets of one or two poses without which another subset fits better or nothing is significant.
+    """Smallest sets of one or two poses without which a cause is not significant, or another takes its place.
 
-    others: subsets that count as another answer; needed: fall of the squares below which nothing is named
+    chosen: the subset with the cause; without: the same without it; others: those that count as another answer;
+    needed: by how much the cause must lower the squares to be named
     """
     blocks, count = _pose_blocks(case.pose)
     pairs = [(i,) for i in range(count)]
@@ -29,7 +30,7 @@ def hangs_on(
         pairs += list(combinations(range(count), 2))
     index = np.array([(*p, p[0]) if len(p) == 1 else p for p in pairs])
     same = index[:, 0] == index[:, 1]
-    none = _squares_without(case, np.zeros((len(case.pose), 0)), blocks, index, same)
+    none = _squares_without(case, _columns(subspaces, without), blocks, index, same)
     best = _squares_without(case, _columns(subspaces, chosen), blocks, index, same)
     lost = none - best < needed
     penalty = float(np.log(len(case.pose)))
@@ -43,7 +44,8 @@ def hangs_on(
 
 
 def _columns(subspaces: Sequence[Subspace], subset: Subset) -> Array:
-    return np.concatenate([subspaces[i].Q for i in subset.members], axis=1)
+    none = np.zeros((len(subspaces[0].Q), 0))
+    return np.concatenate([none, *(subspaces[i].Q for i in subset.members)], axis=1)
 
 
 def _pose_blocks(pose: Indices) -> tuple[Indices, int]:

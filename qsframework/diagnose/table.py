@@ -37,9 +37,9 @@ def findings_of(
     best = answers[0]
     members = best.subset.members
     rivals = {i: _rivals(library, answers, i, seed) for i in members}
-    hanging = _hanging(library, best.subset, rivals, threshold, pose_names)
+    hanging = {i: _hanging(library, best.subset, i, rivals[i], threshold, pose_names) for i in members}
     gain = 1.0 - held.rms_extended / held.rms_identified
-    out = [_finding(library, answers, baseline, i, rivals[i], hanging, gain) for i in members]
+    out = [_finding(library, answers, baseline, i, rivals[i], hanging[i], gain) for i in members]
     return tuple(sorted(out, key=lambda f: -f.s))
 
 
@@ -109,38 +109,35 @@ def _exact(answers: Sequence[Answer], given: tuple[int, ...]) -> Mapping[int, fl
 
 
 def _hanging(
-    library: Library, best: Subset, rivals: Mapping[int, Sequence[int]], threshold: float, pose_names: Sequence[str]
-) -> tuple[tuple[str, ...], ...]:  # fmt: skip
-    """Poses that the names hang on; that a rival takes over is no news."""
+    library: Library, best: Subset, i: int, rivals: Sequence[int], threshold: float, pose_names: Sequence[str]
+) -> tuple[tuple[str, ...], ...]:
+    """Poses that the name of cause i hangs on; that a rival takes over is no news."""
     from scipy.stats import chi2
 
-    allowed = {i: {i, *rivals[i], *library.aliases(i)} for i in best.members}
-    others = [s for s in _alternatives(library, best) if not _same(s.members, allowed)]
-    needed = float(chi2.isf(np.exp(threshold), max(best.dof, 1)))
-    unit = 1.0 if library.stated else library.gram.total / max(library.gram.count - len(library.case.fitted), 1)
-    found = hangs_on(library.case, library.subspaces, best, others[:_RIVALS_TRIED], needed * unit)
+    gram = library.gram
+    given = tuple(j for j in best.members if j != i)
+    allowed = {i, *rivals, *library.aliases(i)}
+    others = _alternatives(library, given, allowed)
+    dof = len(gram.at[i])
+    unit = 1.0 if library.stated else gram.total / max(gram.count - len(library.case.fitted), 1)
+    needed = float(chi2.isf(np.exp(threshold), max(dof, 1))) * unit
+    without = Subset(given, 0.0, best.dof - dof, 0.0)
+    found = hangs_on(library.case, library.subspaces, best, without, others, needed)
     return tuple(tuple(pose_names[p] for p in poses) for poses in found[:_MOST_SETS])
 
 
-def _alternatives(library: Library, best: Subset) -> list[Subset]:
-    """Single causes, and the best subset with one member exchanged, that fit nearly as well."""
+def _alternatives(library: Library, given: tuple[int, ...], allowed: set[int]) -> list[Subset]:
+    """The given causes with another one in the free place, the best few that are physical."""
     gram = library.gram
-    out = []
-    for i in best.members:
-        given = tuple(j for j in best.members if j != i)
-        others = [j for j in library.heads if j not in best.members]
-        falls = gram.falls(given, others)
-        for n in np.argsort(-falls)[:_RIVALS_TRIED]:
-            members = (*given, others[int(n)])
-            rss, _, physical = gram.solve(members)
-            if physical:
-                out.append(Subset(members, rss, sum(len(gram.at[j]) for j in members), 0.0))
-    return sorted(out, key=lambda s: s.rss)
-
-
-def _same(members: tuple[int, ...], allowed: Mapping[int, set[int]]) -> bool:
-    """Whether every named cause has itself or one of its rivals among the members."""
-    return all(any(m in ways for m in members) for ways in allowed.values())
+    others = [j for j in library.heads if j not in given and j not in allowed]
+    falls = gram.falls(given, others)
+    out: list[Subset] = []
+    for n in np.argsort(-falls)[: 2 * _RIVALS_TRIED]:
+        members = (*given, others[int(n)])
+        rss, _, physical = gram.solve(members)
+        if physical and len(out) < _RIVALS_TRIED:
+            out.append(Subset(members, rss, sum(len(gram.at[j]) for j in members), 0.0))
+    return out
 
 
 def table_of(

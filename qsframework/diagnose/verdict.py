@@ -8,8 +8,8 @@ import numpy as np
 
 from qsframework.diagnose.conventions import Convention
 from qsframework.diagnose.noise_audit import NoiseAudit
-from qsframework.diagnose.result import Errors, Finding, Leftover, Line, Value
-from qsframework.diagnose.words import people_size
+from qsframework.diagnose.result import Errors, Finding, Leftover, Line
+from qsframework.diagnose.words import people_estimate
 from qsframework.plugin import Parameter
 
 _SHOWN = 3
@@ -40,7 +40,7 @@ def words_of(
     elif verdict == "none":
         said.append(_nothing(errors, table))
     said += [_tied_words(f) for f in findings if f.rivals]
-    said += [_hanging_words(f) for f in findings[:1] if f.hangs_on]
+    said += [_hanging_words(f) for f in findings if f.hangs_on]
     if leftovers:
         also = "also " if findings else ""
         said.append(
@@ -58,12 +58,8 @@ def _mm(value: float) -> str:
 
 
 def _finding_words(f: Finding) -> str:
-    sizes = [f"{_said(v, v.value - v.initial)} +- {_said(v, v.sd)}" for v in f.values]
+    sizes = [people_estimate(Parameter(v.name, v.unit), v.value - v.initial, v.sd) for v in f.values]
     return f"{f.name}: {f.physics.rstrip('.')} ({', '.join(sizes)}; s = {f.s:.1f}, p = {f.p_value:.2g})."
-
-
-def _said(v: Value, size: float) -> str:
-    return people_size(Parameter(v.name, v.unit), size)
 
 
 def _nothing(errors: Errors, table: Sequence[Line]) -> str:
@@ -82,4 +78,4 @@ def _tied_words(f: Finding) -> str:
 def _hanging_words(f: Finding) -> str:
     sets = ["+".join(s) for s in f.hangs_on[:_SHOWN]]
     more = f" and {len(f.hangs_on) - _SHOWN} more" if len(f.hangs_on) > _SHOWN else ""
-    return f"The name hangs on poses {', '.join(sets)}{more}: without them another answer, or none, fits as well."
+    return f"{f.name} hangs on poses {', '.join(sets)}{more}: without them another answer, or none, fits as well."

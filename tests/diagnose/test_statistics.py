@@ -1,0 +1,211 @@
+"""The statistics of the search by brute force and by simulation, in a linear case of the M-900iB's own columns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from qsframework.diagnose.case import Case, Subspace, plan_case, plan_rows
+from qsframework.diagnose.causes import REACH, find_causes
+from qsframework.diagnose.gate import close, motions
+from qsframework.diagnose.rivals import rival_set
+from qsframework.diagnose.score import Block, blocks_of, score
+from qsframework.diagnose.search import Gram, Subset, make_gram, search
+from qsframework.diagnose.stability import hangs_on
+from qsframework.identify.observations import Independent
+from qsframework.plugin import Array
+from tests.diagnose.cases import SIGMA, campaign, poses
+
+
+@cache
+def linear() -> tuple[Case, tuple[Subspace, ...]]:
+    experiment = campaign()
+    planned = poses(3)
+    causes, _ = find_causes(experiment, experiment.fit_names(), planned)
+    case = plan_case(experiment, planned, experiment.fit_names(), causes, SIGMA)
+    return case, case.subspaces()
+
+
+def noise_left(case: Case, rng: np.random.Generator) -> Array:
+    Q, _ = np.linalg.qr(case.A)
+    r = rng.standard_normal(len(case.pose))
+    return r - Q @ (Q.T @ r)
+
+
+def test_subspaces_are_what_is_left_of_the_columns_beside_the_fit() -> None:
+    case, subspaces = linear()
+    for cause, columns, subspace in zip(case.causes, case.B, subspaces, strict=True):
+        assert np.abs(case.A.T @ subspace.Q).max(initial=0.0) < 1e-6 * np.linalg.norm(case.A)
+        if not subspace.visible:
+            continue
+        assert np.allclose(subspace.Q.T @ subspace.Q, np.eye(subspace.Q.shape[1]), atol=1e-12)
+        beta = subspace.turn[:, 0]  # SI parameters for one unit of s along the first direction
+        moved = columns @ (beta / np.array(cause.sizes))
+        fitted = case.A @ (subspace.absorbed[:, 0] / case.scale)
+        assert np.allclose(moved + fitted, subspace.Q[:, 0], atol=1e-6)
+        best = np.linalg.lstsq(case.A / np.linalg.norm(case.A, axis=0), moved, rcond=None)[0]
+        assert np.linalg.norm(moved - case.A / np.linalg.norm(case.A, axis=0) @ best) == pytest.approx(1.0, rel=1e-6)
+
+
+def test_invisible_causes_stay_below_four_units_at_ten_times_their_typical_size() -> None:
+    case, subspaces = linear()
+    Q, _ = np.linalg.qr(case.A)
+    for columns, subspace in zip(case.B, subspaces, strict=True):
+        if not subspace.visible:
+            left = columns - Q @ (Q.T @ columns)
+            assert np.linalg.norm(left, 2) * REACH < 4.0 or np.linalg.norm(left) < 1e-5 * np.linalg.norm(columns)
+
+
+def test_max_t_keeps_its_level() -> None:
+    case, subspaces = linear()
+    blocks = blocks_of(subspaces)
+    rng = np.random.default_rng(0)
+    threshold = score(blocks, noise_left(case, rng), seed=1).threshold(0.04)
+    runs = 1500
+    hits = sum(score(blocks, noise_left(case, rng), draws=10).log_p.min() <= threshold for _ in range(runs))
+    assert 0.025 < hits / runs < 0.058  # 0.04 and four sds
+
+
+def test_estimated_noise_keeps_its_level_too() -> None:
+    rng = np.random.default_rng(1)
+    Q, _ = np.linalg.qr(rng.standard_normal((60, 10)))
+    blocks = [Block(Q[:, :1]), Block(Q[:, 1:4]), Block(Q[:, 4:5], True), Block(Q[:, 5:10])]
+    threshold = score(blocks, rng.standard_normal(60), nu=20, draws=20000).threshold(0.05)
+    hits = 0
+    for _ in range(3000):
+        unit = np.sqrt(rng.chisquare(20) / 20)
+        hits += score(blocks, rng.standard_normal(60) / unit, nu=20, draws=10).log_p.min() <= threshold
+    assert 0.034 < hits / 3000 < 0.066
+
+
+def test_detection_reaches_its_goal_at_s_of_four_and_a_half() -> None:
+    case, subspaces = linear()
+    blocks = blocks_of(subspaces)
+    rng = np.random.default_rng(2)
+    threshold = score(blocks, noise_left(case, rng), seed=1).threshold(0.04)
+    seen = [s for s in subspaces if s.visible]
+    hits = []
+    for _ in range(600):
+        s = seen[rng.integers(len(seen))]
+        direction = s.Q[:, 0] if s.one_sided else s.Q @ _unit(rng, s.Q.shape[1])
+        hits.append(score(blocks, noise_left(case, rng) + 4.5 * direction, draws=10).log_p.min() <= threshold)
+    assert np.mean(hits) > 0.80
+
+
+def _unit(rng: np.random.Generator, k: int) -> Array:
+    v = rng.standard_normal(k)
+    return v / np.linalg.norm(v)
+
+
+def small(seed: int) -> tuple[list[Subspace], Array, Gram]:
+    """Eight of the causes, so that all subsets can be counted out."""
+    case, subspaces = linear()
+    rng = np.random.default_rng(seed)
+    seen = [i for i, s in enumerate(subspaces) if s.visible]
+    chosen = [subspaces[i] for i in rng.choice(seen, 8, replace=False)]
+    residuals = noise_left(case, rng) + 12.0 * chosen[0].Q[:, 0] + 9.0 * chosen[1].Q[:, -1]
+    return chosen, residuals, make_gram(chosen, residuals, True, None)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_search_finds_what_counting_all_subsets_finds(seed: int) -> None:
+    chosen, residuals, gram = small(seed)
+    best: tuple[float, tuple[int, ...]] = (np.inf, ())
+    for size in (1, 2, 3):
+        for members in combinations(range(len(chosen)), size):
+            Q = np.concatenate([chosen[i].Q for i in members], axis=1)
+            z = np.linalg.lstsq(Q, residuals, rcond=1e-9)[0]
+            first = 0
+            physical = True
+            for i in members:
+                physical &= not (chosen[i].one_sided and z[first] < 0.0)
+                first += chosen[i].Q.shape[1]
+            left = float(np.square(residuals - Q @ z).sum())
+            ebic = gram.ebic(left, Q.shape[1], size, len(chosen))
+            if physical and ebic < best[0]:
+                best = (ebic, members)
+    found = search(gram, range(len(chosen)))[0]
+    assert found.members == best[1]
+    assert found.ebic == pytest.approx(best[0], abs=1e-4)
+
+
+def test_the_set_of_rivals_covers_the_truth_and_is_small() -> None:
+    """Single causes of s = 8: the set holds the truth in at least 93 % and has at most 1.5 members on average."""
+    case, subspaces = linear()
+    rng = np.random.default_rng(5)
+    seen = [i for i, s in enumerate(subspaces) if s.visible]
+    covered, sizes = [], []
+    for run in range(200):
+        truth = int(rng.choice(seen))
+        s = subspaces[truth]
+        direction = s.Q[:, 0] if s.one_sided else s.Q @ _unit(rng, s.Q.shape[1])
+        gram = make_gram(subspaces, noise_left(case, rng) + 8.0 * direction, True, None)
+        falls = gram.falls((), gram.visible)
+        order = [gram.visible[i] for i in np.argsort(-falls) if not _wrong(gram, gram.visible[i])]
+        members = {order[0], *rival_set(gram, order[0], (), {}, seed=run)}
+        covered.append(truth in members)
+        sizes.append(len({tuple(np.round(subspaces[i].Q[:, 0], 6)) for i in members}))
+    assert np.mean(covered) >= 0.93
+    assert np.mean(sizes) <= 1.6
+
+
+def _wrong(gram: Gram, i: int) -> bool:
+    return gram.sided[i] and gram.c[gram.at[i][0]] < 0.0
+
+
+def test_deleting_poses_agrees_with_refits() -> None:
+    case, subspaces = linear()
+    rng = np.random.default_rng(8)
+    i = next(n for n, s in enumerate(subspaces) if s.cause.name == "joint_hardening[joint_3]")
+    j = next(n for n, s in enumerate(subspaces) if s.cause.name == "tool_compliance[y]")
+    residuals = noise_left(case, rng) + 4.0 * subspaces[i].Q[:, 0]
+    case = replace(case, residuals=residuals)
+    kept = case.pose < 12
+    case = replace(case, A=case.A[kept], residuals=residuals[kept], pose=case.pose[kept])
+    few = [replace(s, Q=s.Q[kept]) for s in subspaces]
+    chosen, other = Subset((i,), 0.0, 1, 0.0), Subset((j,), 0.0, 1, 0.0)
+    found = hangs_on(case, few, chosen, Subset((), 0.0, 0, 0.0), [other], 9.0)
+
+    def left(columns: Array, poses_out: tuple[int, ...]) -> float:
+        rows = ~np.isin(case.pose, poses_out)
+        A = np.concatenate([case.A, columns], axis=1)[rows]
+        A = A / np.linalg.norm(A, axis=0)
+        r = case.residuals[rows]
+        return float(np.square(r - A @ np.linalg.lstsq(A, r, rcond=None)[0]).sum())
+
+    expected: list[tuple[int, ...]] = []
+    for out in [*combinations(range(12), 1), *combinations(range(12), 2)]:
+        named = left(few[i].Q, out)
+        lost = left(np.zeros((len(case.pose), 0)), out) - named < 9.0 or left(few[j].Q, out) < named
+        if lost and not any(set(e) < set(out) for e in expected):
+            expected.append(out)
+    assert expected
+    assert sorted(found) == sorted(expected)
+
+
+def test_the_dictionary_is_silent_on_noise_and_sees_a_coupling_between_joints() -> None:
+    case, _ = linear()
+    experiment = campaign()
+    rows = plan_rows(case.poses, len(experiment.markers), SIGMA)
+    noise = Independent(np.full(len(case.pose), SIGMA))
+    moved = motions(case.model, case.poses, rows, case.x)
+    rng = np.random.default_rng(3)
+    runs = 250
+    flags = sum(
+        bool(close(moved, 6, case.A, noise_left(case, rng), noise, np.inf, 400, k).leftovers(0.05)) for k in range(runs)
+    )
+    assert flags / runs < 0.05 + 4 * np.sqrt(0.05 * 0.95 / runs)
+    # the drive of joint 5 gives under the torque of joint 2: no effect of the library does that
+    extra = (moved.columns[..., 4] * moved.torque[:, [1]]).reshape(-1)
+    Q, _ = np.linalg.qr(case.A)
+    extra -= Q @ (Q.T @ extra)
+    extra *= 10.0 / np.linalg.norm(extra)
+    hits = [
+        close(moved, 6, case.A, noise_left(case, rng) + extra, noise, np.inf, 400, k).leftovers(0.05) for k in range(40)
+    ]
+    assert sum(bool(h) for h in hits) >= 38
+    assert sum("joint_5" in h[0].place or "link_5" in h[0].place for h in hits if h) >= 30
