@@ -15,7 +15,7 @@ from qsframework.diagnose.fitted import Settled, exact_displacement, settle_fit
 from qsframework.diagnose.gain import HeldOut, Search, held_out
 from qsframework.diagnose.gate import Closing, close, motions
 from qsframework.diagnose.noise_audit import NoiseAudit, audit_noise
-from qsframework.diagnose.proof import audited_rows, misfit, replicates
+from qsframework.diagnose.proof import audited_rows, misfit, replicates, told_names
 from qsframework.diagnose.result import Diagnosis, Errors, Finding, Value
 from qsframework.diagnose.search import LARGEST
 from qsframework.diagnose.table import findings_of, table_of
@@ -48,6 +48,7 @@ class _Baseline:
     audit: NoiseAudit
     out: Indices
     untested: tuple[Untested, ...]
+    untold: tuple[str, ...]
 
     @property
     def nu(self) -> float:
@@ -137,9 +138,10 @@ def _teller(progress: Progress | None) -> Callable[[str], None]:
 def _baseline(experiment: Experiment, readings: Readings, tell: Callable[[str], None]) -> _Baseline:
     """The exact fit of the experiment's own parameters, the audit of the noise, and the fit under audited noise."""
     tell("baseline")
-    model, names = experiment.model(), experiment.fit_names()
-    rows, source = fit_rows(experiment, readings, len(names))
+    model = experiment.model()
+    rows, source = fit_rows(experiment, readings, len(experiment.fit_names()))
     noise = readings_noise(readings, rows.keep, rows.sigma)
+    names, untold = told_names(experiment, readings, rows, noise)
     fit = settle_fit(model, readings, rows, noise, names, model.nominal)
     if source == "estimated":  # until the audit knows better, all that the baseline leaves counts as noise
         unit = float(np.sqrt(fit.chi2 / (len(fit.white) - len(names))))
@@ -161,7 +163,7 @@ def _baseline(experiment: Experiment, readings: Readings, tell: Callable[[str], 
     start = fit.x
     fit = settle_fit(model, readings, rows, noise, names, start)
     case = case.rewhitened(good, noise, fit.residuals)
-    return _Baseline(experiment, readings, rows, noise, fit, case, audit, out, untested)
+    return _Baseline(experiment, readings, rows, noise, fit, case, audit, out, untested, untold)
 
 
 def _answers(library: Library, base: _Baseline, level: float, largest: int) -> list[Answer]:
@@ -169,6 +171,7 @@ def _answers(library: Library, base: _Baseline, level: float, largest: int) -> l
     if library.scores.p_value > level * _LIBRARY_SHARE:
         return []
     answers = explain(library, base.fit, base.readings, base.rows, base.noise, largest)
+    answers = [a for a in answers if _significant(library, a, level)]
     if not answers:
         return []
     first = answers[0]
@@ -179,6 +182,12 @@ def _answers(library: Library, base: _Baseline, level: float, largest: int) -> l
         if fit is not None and fit.chi2 <= first.fit.chi2 + 1.0:
             first = Answer(replace(first.subset, members=members), fit, first.ebic)
     return [first, *answers[1:]]
+
+
+def _significant(library: Library, answer: Answer, level: float) -> bool:
+    """Whether EBIC did not prefer a single cause that is not significant by itself."""
+    members = answer.subset.members
+    return len(members) != 1 or any(library.scores.p_adjusted[i] <= level for i in members)
 
 
 def _close(base: _Baseline, best: Answer | None, seed: int) -> Closing:
@@ -228,6 +237,8 @@ def _errors(base: _Baseline, extended: Settled, held: HeldOut, given: tuple[Expe
 
 def _notes(base: _Baseline, held: HeldOut, extended: Settled) -> tuple[str, ...]:
     said = [f"Held-out errors: {held.folds}; the search chose the same causes in {100 * held.same:.0f} % of the folds."]
+    if base.untold:
+        said.append(f"These readings do not tell {', '.join(base.untold)}: kept at the nominal value.")
     if not (base.fit.exact and extended.exact):
         said.append("The full equilibrium did not settle somewhere: the linear model was used instead.")
     return tuple(said)

@@ -7,9 +7,11 @@ import numpy as np
 from qsframework.diagnose.fitted import Settled
 from qsframework.diagnose.lack_of_fit import LackOfFit, arm_axes, lack_of_fit, variables_of
 from qsframework.diagnose.noise_audit import NoiseAudit
+from qsframework.errors import NotIdentifiable
 from qsframework.experiment import Experiment, Readings
 from qsframework.identify.linear import Rows
 from qsframework.identify.observations import Noise
+from qsframework.information import rank_test, scales
 from qsframework.plugin import Indices
 
 
@@ -19,6 +21,28 @@ def replicates(readings: Readings, rows: Rows) -> Indices:
     _, load = np.unique(wrench, axis=0, return_inverse=True)
     keys = np.column_stack([rows.pose, load.ravel()[rows.measurement], rows.marker])
     return np.unique(keys, axis=0, return_inverse=True)[1].ravel()
+
+
+def told_names(
+    experiment: Experiment, readings: Readings, rows: Rows, noise: Noise
+) -> tuple[tuple[str, ...], tuple[str, ...]]:  # fmt: skip
+    """The experiment's parameters that the readings tell, and those that they do not: of a tied group the last ones.
+
+    Raises NotIdentifiable where none is told.
+    """
+    model, names = experiment.model(), list(experiment.fit_names())
+    columns = rows.of(model.sensitivity(readings.poses, model.nominal, names)).reshape(-1, len(names))
+    white = noise.whiten(columns * scales([model.parameters[i] for i in model.index(names)]))
+    kept = list(range(len(names)))
+    while kept:
+        test = rank_test(white[:, kept], [names[i] for i in kept])
+        if test.full:
+            break
+        lost = {*test.unseen, *(group[-1] for group in test.tied)}
+        kept = [i for i in kept if names[i] not in lost] if lost else kept[:-1]
+    if not kept:
+        raise NotIdentifiable(f"these readings tell none of {', '.join(names)}: was the arm loaded?")
+    return tuple(names[i] for i in kept), tuple(n for i, n in enumerate(names) if i not in kept)
 
 
 def audited_rows(readings: Readings, rows: Rows, good: Indices, audit: NoiseAudit) -> tuple[Rows, Noise]:

@@ -31,7 +31,8 @@ def test_a_hidden_effect_is_named_sized_and_gains(effect: str, place: tuple[str,
     found = diagnose(campaign(), measured((hidden,), truth, seed=5), seed=1)
     assert found.verdict == "explained", found.words
     named = [f for f in found.findings if hidden.name in (f.name, *(r.name for r in f.rivals))]
-    assert len(found.findings) == 1 and named, found.words
+    assert len(found.findings) == 1, found.words
+    assert named, found.words
     if found.findings[0].name == hidden.name:
         for value in found.findings[0].values:
             assert abs(value.value - truth[value.name]) < 3.5 * value.sd
@@ -55,14 +56,16 @@ def test_nothing_is_named_where_nothing_acts_and_bounds_are_given() -> None:
         assert found.rms.heldout_extended == pytest.approx(found.rms.noise, rel=0.15)
     assert verdicts.count("none") >= 10, verdicts
     clean = diagnose(campaign(), measured(seed=0), seed=0)
-    assert "no " in clean.words and " above " in clean.words
+    assert "no " in clean.words
+    assert " above " in clean.words
 
 
 def test_bounds_of_excluded_causes_hold_the_truth_that_nothing_acts() -> None:
     found = diagnose(campaign(), measured(seed=3))
     excluded = [x for x in found.table if x.status == "excluded above"]
     invisible = {x.name for x in found.table if x.status == "invisible here"}
-    assert len(excluded) > 40 and all(x.bound for x in excluded)
+    assert len(excluded) > 40
+    assert all(x.bound for x in excluded)
     assert {"load_scale", "base_compliance[rz]"} <= invisible
 
 
@@ -94,3 +97,12 @@ def test_bad_levels_and_masked_readings_are_refused() -> None:
         diagnose(campaign(), readings, level=0.0)
     with pytest.raises(InputError, match="masked"):
         diagnose(campaign(), replace(readings, use=np.zeros(len(readings.use), dtype=bool)))
+
+
+def test_parameters_that_the_readings_do_not_tell_stay_nominal_and_are_named() -> None:
+    readings = measured(seed=6)
+    vertical = np.isclose(readings.poses.wrench[readings.measurement, 1], 0.0)
+    found = diagnose(campaign(), replace(readings, use=vertical))
+    assert any("joint_compliance[joint_1]" in note for note in found.notes)
+    assert "joint_compliance[joint_1]" not in found.baseline.names
+    assert found.verdict == "none", found.words
