@@ -23,7 +23,7 @@ from qsframework.plugin import Array, Effect, Parameter, Spring
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.facts import frozen
 from qsframework.robot import Robot, load_robot
-from qsframework.robot.spec import read_effects
+from qsframework.robot.spec import read_effects, read_nominal
 
 GEOMETRY = "geometry"
 """In `fit`: the zeros and placements of all joints; their effects need not be listed."""
@@ -178,6 +178,7 @@ def load_experiment(path: str | Path) -> Experiment:
     problems: list[Problem] = []
     markers = _markers(document, spec, robot, problems)
     effects, found = read_effects(document, spec.effects, robot.facts, tuple(m.name for m in markers))
+    parameters = _nominal(path, spec, effects, robot, problems, complete=not found)
     problems += [*found, *constraint_problems(document, spec, robot), *_load_problems(document, spec, robot)]
     if problems:
         raise InputError(problems)
@@ -185,7 +186,7 @@ def load_experiment(path: str | Path) -> Experiment:
         path, robot, frozen(spec.load.point or spec.load.centre or np.zeros(3)), markers,
         Noise(None if isinstance(spec.noise, str) else spec.noise.sigma),
         _loads(spec, robot),
-        effects, tuple(p for e in effects for p in e.parameters(robot.facts)),
+        effects, parameters,
         None if spec.fit is None else tuple(spec.fit), make_constraints(spec.constraints),
         None if spec.data is None else path.parent / spec.data,
         "load" in spec.model_fields_set, spec.rigid,
@@ -193,6 +194,20 @@ def load_experiment(path: str | Path) -> Experiment:
     ))  # fmt: skip
     _check_model(document, experiment)
     return experiment
+
+
+def _nominal(
+    path: Path, spec: ExperimentSpec, effects: tuple[Effect, ...], robot: Robot, problems: list[Problem], complete: bool
+) -> tuple[Parameter, ...]:  # fmt: skip
+    """Parameters of the campaign's own effects, with the values of its `nominal` file."""
+    parameters = {p.name: p for e in effects for p in e.parameters(robot.facts)}
+    if spec.nominal is not None:
+        try:
+            parameters, found = read_nominal(read_yaml(path.parent / spec.nominal), parameters, complete)
+            problems += found
+        except InputError as error:
+            problems += error.problems
+    return tuple(parameters.values())
 
 
 def _markers(document: Document, spec: ExperimentSpec, robot: Robot, problems: list[Problem]) -> tuple[Marker, ...]:

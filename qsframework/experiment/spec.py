@@ -175,6 +175,7 @@ class ExperimentSpec(FileModel):
     loads: list[LoadCaseSpec] = pydantic.Field(default_factory=list)
     constraints: ConstraintsSpec = ConstraintsSpec()
     effects: list[dict[str, Any]] = pydantic.Field(default_factory=list)
+    nominal: str | None = None  # a file of values of these effects, beside the experiment
     fit: list[str] | None = None
     rigid: bool = False
 

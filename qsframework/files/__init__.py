@@ -3,6 +3,7 @@
 from qsframework.files.documents import Document, read_text, read_yaml
 from qsframework.files.models import FileModel, Unit, json_schema, validate
 from qsframework.files.output import sha256, write_bytes, write_text
+from qsframework.files.yaml_text import yaml_text
 
 __all__ = [
     "Document",
@@ -15,4 +16,5 @@ __all__ = [
     "validate",
     "write_bytes",
     "write_text",
+    "yaml_text",
 ]

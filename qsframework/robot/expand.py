@@ -39,6 +39,17 @@ def read_tree(path: Path, folder: Path) -> Node:
         return _Expansion(folder).run(path)
 
 
+def files_of(path: Path, folder: Path) -> tuple[Path, ...]:
+    """The file and all that it includes, in the order in which xacro reads them."""
+    text = read_text(path, _LARGEST)
+    if path.suffix != ".xacro" and "xmlns:xacro" not in xml_tree.parse(text, str(path)).attributes:
+        return (path,)
+    with _LOCK:
+        expansion = _Expansion(folder)
+        expansion.run(path)
+    return tuple(dict.fromkeys(Path(name) for name in expansion.files))
+
+
 def inside(path: Path, folder: Path) -> bool:
     """Whether a path, links followed, stays in the folder."""
     try:

@@ -1,0 +1,240 @@
+"""The extended robot as files: robot.yaml with the named effects, their values, sds and evidence; an experiment on it.
+
+folder/experiment.yaml   the campaign with its own effects (load, instrument), on the extended robot
+folder/campaign.yaml     the values of these effects
+folder/robot/            robot.yaml, nominal.yaml, URDF and what it needs
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from qsframework.diagnose.conventions import compelling
+from qsframework.diagnose.result import Diagnosis
+from qsframework.elastostatics import Model
+from qsframework.errors import InputError, Problem
+from qsframework.experiment import Experiment, load_experiment
+from qsframework.files import read_yaml, sha256, write_bytes, write_text, yaml_text
+from qsframework.plugin import Effect, Load, Parameter, Sensor, build_effects
+from qsframework.plugin.entry import effect_entry
+from qsframework.plugin.settings import place_fields
+from qsframework.robot.copied import robot_files
+from qsframework.robot.loader import find_robot
+
+_HEAD = "Written by qsf diagnose."
+_ROBOT = Path("robot")
+
+
+@dataclass(frozen=True, eq=False)
+class Extension:
+    """What to write: a model on an experiment's robot, `values` of all its parameters and `sds` of the estimated
+    ones, SI; evidence: where a value comes from, by parameter; fit: names to estimate from now on; data: readings of
+    the extended experiment; notes: lines for the head of its file."""
+
+    experiment: Experiment
+    model: Model
+    values: Mapping[str, float]
+    sds: Mapping[str, float]
+    evidence: Mapping[str, str]
+    fit: tuple[str, ...] = ()
+    data: Path | None = None
+    notes: tuple[str, ...] = ()
+
+
+def extension_of(diagnosis: Diagnosis) -> Extension:
+    """The extension that a diagnosis calls for: its named causes, and the values of its exact fit."""
+    source, settled = diagnosis.readings.source, diagnosis.extended
+    told = f", readings sha256 {sha256(source)[:16]}" if source is not None and source.is_file() else ""
+    evidence = {name: f"identified beside the named causes{told}" for name in settled.names}
+    for f in diagnosis.findings:
+        gain = f", held-out gain {100 * f.heldout_gain:.0f} %" if f.heldout_gain == f.heldout_gain else ""
+        rivals = f"; not told from {', '.join(r.name for r in f.rivals)}" if f.rivals else ""
+        said = f"diagnosed: s = {f.s:.1f}, p = {f.p_value:.2g}{gain}{told}{rivals}"
+        evidence.update({v.name: said for v in f.values})
+    adopted = compelling(diagnosis.conventions)
+    read_otherwise = adopted is not None and adopted.name not in settled.model.names
+    notes = [diagnosis.words]
+    if adopted is not None and read_otherwise:
+        notes.append(f"The readings are not named here: they have to be corrected first. {adopted.words}.")
+    return Extension(
+        diagnosis.experiment, settled.model, diagnosis.values(), {n: settled.sd(n) for n in settled.names}, evidence,
+        settled.names, None if read_otherwise else source, tuple(notes),
+    )  # fmt: skip
+
+
+def write_extended(diagnosis: Diagnosis | Extension, folder: str | Path) -> tuple[Path, ...]:
+    """Write the extended robot and its experiment into a folder, all or nothing; the paths written.
+
+    InputError where the folder holds other files or the original, where a value lies beyond its bounds, or where the
+    experiment has no file to start from. The files are loaded once before they take their place.
+    """
+    extension = extension_of(diagnosis) if isinstance(diagnosis, Diagnosis) else diagnosis
+    folder = Path(folder)
+    _refuse_values(extension)
+    source, robot_yaml = _sources(extension.experiment)
+    _refuse_folder(folder, [source, robot_yaml])
+    contents = _contents(extension, folder, source, robot_yaml)
+    parent = folder.resolve().parent
+    try:
+        parent.mkdir(parents=True, exist_ok=True)
+        made = Path(tempfile.mkdtemp(dir=parent, prefix=f".{folder.name}."))
+    except OSError as error:
+        raise InputError(Problem(f"cannot be written: {error.strerror}", file=str(folder))) from error
+    try:
+        for name, content in contents.items():
+            write_bytes(made / name, content) if isinstance(content, bytes) else write_text(made / name, content)
+        _check(made / "experiment.yaml", extension)
+        made.chmod(0o755)
+        _put(made, folder)
+    finally:
+        shutil.rmtree(made, ignore_errors=True)
+    return tuple(folder / name for name in contents)
+
+
+def _refuse_values(extension: Extension) -> None:
+    found = [
+        f"{p.name} = {extension.values[p.name]:.4g} {p.unit}".strip()
+        for p in extension.model.parameters
+        if not p.lower <= extension.values[p.name] <= p.upper
+    ]
+    if found:
+        raise InputError(
+            f"the extended robot cannot be written: {', '.join(found)} beyond the bounds of what a robot can have. The "
+            "model still misses something that this value makes up for"
+        )
+
+
+def _sources(experiment: Experiment) -> tuple[Path, Path]:
+    """The experiment's file and its robot's."""
+    path = experiment.path
+    return path, find_robot(str(read_yaml(path).data["robot"]), path.parent)
+
+
+def _refuse_folder(folder: Path, originals: Sequence[Path]) -> None:
+    """InputError unless the folder is new, empty, or holds nothing but what an earlier call wrote."""
+    here = folder.resolve()
+    if any(original.resolve().is_relative_to(here) for original in originals):
+        raise InputError(Problem("holds the original files; name a new folder", file=str(folder)))
+    if not here.exists():
+        return
+    if not here.is_dir():
+        raise InputError(Problem("is a file; name a new folder", file=str(folder)))
+    inside = [p.relative_to(here) for p in here.rglob("*") if not p.is_dir()]
+    ours = here / "experiment.yaml"
+    known = ours.is_file() and ours.read_bytes().startswith(f"# {_HEAD}".encode())
+    others = [p for p in inside if not known or (p.parts[0] != str(_ROBOT) and p.name not in _OWN)]
+    if others:
+        shown = ", ".join(sorted(str(p) for p in others)[:3])
+        raise InputError(Problem(f"holds other files ({shown}); name a new or empty folder", file=str(folder)))
+
+
+_OWN = ("experiment.yaml", "campaign.yaml")
+
+
+def _contents(extension: Extension, folder: Path, source: Path, robot_yaml: Path) -> dict[Path, str | bytes]:
+    """What to write, by path in the folder."""
+    model, facts = extension.model, extension.experiment.robot.facts
+    document, robot = dict(read_yaml(source).data), dict(read_yaml(robot_yaml).data)
+    markers = tuple(str(name) for name in document["markers"])
+    arm, campaign = list(robot.get("effects", [])), []
+    for entry in document.get("effects", []):
+        instances = build_effects(entry, facts, markers)
+        (arm if all(of_arm(e) for e in instances) else campaign).append(entry)
+    listed = {e.name for entry in (*arm, *campaign) for e in build_effects(entry, facts, markers)}
+    for effect in model.effects:
+        if effect.name not in listed:
+            (arm if of_arm(effect) else campaign).append(effect_entry(effect))
+    own = {e.name for entry in campaign for e in build_effects(entry, facts, markers)}
+    values = _values(extension, lambda e: e.name not in own)
+    others = _values(extension, lambda e: e.name in own)
+    robot |= {"title": _extended(str(robot["title"])), "effects": arm, "nominal": "nominal.yaml"}
+    document |= {"robot": f"./{_ROBOT}", "effects": campaign, "nominal": "campaign.yaml", "fit": list(extension.fit)}
+    document["data"] = None if extension.data is None else _relative(extension.data, folder)
+    if not campaign:
+        del document["effects"]
+    if not others:
+        del document["nominal"]
+    document = {key: value for key, value in document.items() if value is not None and value != []}
+    out: dict[Path, str | bytes] = {Path("experiment.yaml"): yaml_text(document, "\n".join((_HEAD, *extension.notes)))}
+    if others:
+        out[Path("campaign.yaml")] = yaml_text(others, f"{_HEAD} Effects of the load and of the instrument.")
+    out[_ROBOT / "robot.yaml"] = yaml_text(robot, f"{_HEAD} The robot with the effects that the readings named.")
+    out[_ROBOT / "nominal.yaml"] = yaml_text(values, f"{_HEAD} Identified values; the others as they were.")
+    out.update({_ROBOT / f: (robot_yaml.parent / f).read_bytes() for f in robot_files(robot_yaml)})
+    return out
+
+
+def of_arm(effect: Effect) -> bool:
+    """Whether an effect belongs to the robot and stays with it; the others are of the load and the instrument.
+
+    The mass of a link is the robot's, though it acts as a load; what sits at a marker is the campaign's.
+    """
+    places = place_fields(type(effect))
+    if isinstance(effect, Load):
+        return "link" in places or "joint" in places
+    return not isinstance(effect, Sensor) and "marker" not in places
+
+
+def _values(extension: Extension, wanted: Callable[[Effect], bool]) -> dict[str, Any]:
+    """Entries of a nominal file for the effects that are wanted."""
+    model = extension.model
+    out: dict[str, Any] = {}
+    for effect, part in zip(model.effects, model.slices, strict=True):
+        if wanted(effect):
+            out.update({p.name: dict(_entry(extension, p)) for p in model.parameters[part]})
+    return out
+
+
+def _entry(extension: Extension, p: Parameter) -> Iterator[tuple[str, Any]]:
+    suffix = f"_{p.unit}" if p.unit else ""
+    yield f"value{suffix}", float(extension.values[p.name])
+    sd = extension.sds.get(p.name, 0.0)
+    if sd > 0.0 or p.sd is not None:
+        yield f"sd{suffix}", float(sd if sd > 0.0 else p.sd or 0.0)
+    source = extension.evidence.get(p.name, p.source)
+    if source:
+        yield "source", source
+
+
+def _extended(title: str) -> str:
+    return title if title.endswith(", extended") else f"{title}, extended"
+
+
+def _relative(data: Path, folder: Path) -> str:
+    return Path(os.path.relpath(data.resolve(), folder.resolve())).as_posix()
+
+
+def _check(path: Path, extension: Extension) -> None:
+    """The written experiment loads and has the values of the extension."""
+    model = load_experiment(path).model()
+    written = dict(zip(model.names, (float(v) for v in model.nominal), strict=True))
+    wrong = [n for n, v in extension.values.items() if abs(written.get(n, float("nan")) - v) <= 1e-12 * abs(v)]
+    if len(wrong) != len(extension.values) or len(written) != len(wrong):
+        lost = sorted(set(extension.values) ^ set(wrong)) or sorted(set(written) - set(wrong))
+        raise InputError(
+            f"the extended robot would lose {', '.join(lost)}: the experiment in memory is not the one in "
+            f"{extension.experiment.path}"
+        )
+
+
+def _put(made: Path, folder: Path) -> None:
+    """Move the finished folder to its place; an earlier one of ours gives way at the last moment."""
+    target = folder.resolve()
+    old = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.old."))
+    try:
+        if target.exists():
+            os.replace(target, old / "folder")
+        try:
+            os.replace(made, target)
+        except OSError as error:
+            if (old / "folder").exists():
+                os.replace(old / "folder", target)
+            raise InputError(Problem(f"cannot be written: {error.strerror}", file=str(folder))) from error
+    finally:
+        shutil.rmtree(old, ignore_errors=True)
