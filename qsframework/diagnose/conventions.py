@@ -66,7 +66,8 @@ class Convention:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Linear least squares: sum of squares of the whitened residuals `left` (R, 3), rms in m, estimates and sds (p,) in their scales, numbers free."""
+    """Linear least squares: whitened residuals `left` (R, 3) and their sum of squares, rms in m, estimates and sds (p,)
+    in their scales, degrees of freedom."""
 
     square: float
     left: Array
