@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -106,3 +107,19 @@ def test_parameters_that_the_readings_do_not_tell_stay_nominal_and_are_named() -
     assert any("joint_compliance[joint_1]" in note for note in found.notes)
     assert "joint_compliance[joint_1]" not in found.baseline.names
     assert found.verdict == "none", found.words
+
+
+def test_the_r2000ic_with_j3_read_as_relative_names_the_convention(tmp_path: Path, root: Path) -> None:
+    folder = tmp_path / "plain"
+    folder.mkdir()
+    for path in (root / "robots" / "fanuc_r2000ic").iterdir():
+        text = path.read_text(encoding="utf-8").replace("{equals: J3 + J2, ", "{")
+        (folder / path.name).write_text(text, encoding="utf-8")
+    given = example("r2000ic") / "experiment.yaml"
+    text = given.read_text(encoding="utf-8").replace("robot: fanuc_r2000ic", "robot: plain/robot.yaml")
+    (tmp_path / "experiment.yaml").write_text(text, encoding="utf-8")
+    plain = load_experiment(tmp_path / "experiment.yaml")
+    found = diagnose(plain, read_readings(example("r2000ic") / "readings.csv", plain))
+    assert found.findings[0].name == "controller_coupling[joint_3]"
+    assert found.findings[0].values[0].value == 1.0
+    assert found.rms.heldout_extended <= 165e-6
