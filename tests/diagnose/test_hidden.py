@@ -1,0 +1,138 @@
+"""Effects are hidden in simulated readings by the exact model; the diagnosis sees the files only and must find them."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_limits
+
+from qsframework.diagnose.diagnosis import diagnose
+from qsframework.diagnose.result import Diagnosis
+from qsframework.experiment import load_experiment, read_readings
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+
+
+def _load(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, BENCHMARKS / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # as its dataclasses want it
+    spec.loader.exec_module(module)
+    return module
+
+
+hidden = _load("hidden")
+benchmark = _load("diagnosis")
+Case = hidden.Case
+
+
+def _diagnose(case: hidden.Case, folder: Path) -> tuple[hidden.Truth, Diagnosis]:
+    with threadpool_limits(1):
+        truth = hidden.hide(case)
+        experiment = load_experiment(hidden.write_case(truth, folder))
+        assert experiment.data is not None
+        return truth, diagnose(experiment, read_readings(experiment.data, experiment))
+
+
+@pytest.mark.parametrize(
+    ("place", "s"),
+    [
+        ("joint_hardening[joint_3]", 12.0), ("offaxis_compliance[joint_3/x]", 12.0), ("joint_backlash[joint_5]", 12.0),
+        ("bar_compliance[joint_3]", 12.0), ("tool_compliance[z]", 12.0), ("load_direction", 12.0),
+    ],
+)  # fmt: skip
+def test_a_hidden_effect_is_named_placed_sized_and_gains(place: str, s: float, tmp_path: Path) -> None:
+    case = Case("one", "one", 3, effects=((place.partition("[")[0], s),), at=(place,) if "[" in place else ())
+    truth, d = _diagnose(case, tmp_path)
+    assert truth.s[0] == pytest.approx(s, rel=0.005)
+    assert d.verdict == "explained"
+    assert [f.name for f in d.findings] == [place]
+    found = {v.name: v for v in d.findings[0].values}
+    for name, true in truth.values.items():
+        assert abs(found[name].value - true) <= 3.0 * found[name].sd
+        assert found[name].sd < 0.5 * max(abs(v) for v in truth.values.values())
+    assert d.rms.heldout_extended < d.rms.heldout_identified
+
+
+def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path) -> None:
+    for seed, robot in ((1, "fanuc_m900ib"), (2, "fanuc_r2000ic")):
+        _, d = _diagnose(Case("null", "null", seed, hidden.Setting(robot)), tmp_path / robot)
+        assert (d.verdict, d.findings, d.leftovers) == ("none", (), ())
+
+
+def test_two_hidden_effects_are_both_named(tmp_path: Path) -> None:
+    at = ("joint_hardening[joint_2]", "offaxis_compliance[joint_4/y]")
+    effects = tuple((place.partition("[")[0], 16.0) for place in at)
+    _, d = _diagnose(Case("two", "two", 5, effects=effects, at=at), tmp_path)
+    assert sorted(f.name for f in d.findings) == sorted(at)
+
+
+@pytest.mark.parametrize("kind", hidden.UNKNOWN)
+def test_an_effect_outside_the_library_is_not_explained(kind: str, tmp_path: Path) -> None:
+    _, d = _diagnose(Case("unknown", "unknown", 4, hidden.Setting(recorded=True), unknown=(kind, 14.0)), tmp_path)
+    assert d.verdict in ("unexplained", "partly_explained")
+
+
+def test_the_files_say_nothing_of_what_is_hidden(tmp_path: Path) -> None:
+    truth = hidden.hide(Case("one", "one", 3, effects=(("joint_hardening", 20.0),)))
+    text = hidden.write_case(truth, tmp_path).read_text() + (tmp_path / "readings.csv").read_text()
+    assert "hardening" not in text
+
+
+def test_sensors_and_equilibrium_agree_with_the_model_where_both_are_exact() -> None:
+    """Without gravity's and the load's second order the generator's readings are those of the linear model."""
+    h = hidden.Hider(hidden.Setting(), 0)
+    instance = h.instances["tracker_frame"]
+    model, x = h.with_(h.values(instance, np.array([0.0, 0.0, 1.0])), [instance])
+    small = h.poses.take(slice(0, 5))
+    plain, turned = hidden.exact(h.base, small, h.x), hidden.exact(model, small, x)
+    angle = x[model.index(["tracker_frame.rz"])[0]]
+    R = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    np.testing.assert_allclose(turned, plain @ R.T, atol=1e-12)
+    assert np.abs(plain - h.base.predict(small, h.x)).max() < 0.01 * np.abs(plain).max()
+    assert np.abs(plain - h.base.predict(small, h.x)).max() > 1e-6  # it is not the linear model
+
+
+def test_the_size_of_an_effect_is_what_a_chi_square_would_see() -> None:
+    """s^2 is the chi-square left by the best fit to noise-free readings."""
+    truth = hidden.hide(Case("one", "one", 3, effects=(("offaxis_compliance", 8.0),)))
+    h = truth.hider
+    names = h.experiment.fit_names()
+    A = h.base.sensitivity(h.poses, h.x, names).reshape(-1, len(names)) / hidden.SIGMA
+    y = (truth.clean - hidden.exact(h.base, h.poses, h.x)).ravel() / hidden.SIGMA
+    U = np.linalg.qr(A)[0]
+    left = y - U @ (U.T @ y)
+    assert np.linalg.norm(left) == pytest.approx(8.0, rel=0.02)
+
+
+def test_a_stopped_run_goes_on_and_ends_alike(tmp_path: Path) -> None:
+    cases = [c for c in benchmark.make_cases(3, ["conventions"], 0) if "metres" in c.id]
+    assert len(cases) == 2
+    whole = benchmark.run_all(cases, tmp_path / "whole.jsonl", 1)
+    assert [r["outcome"] for r in whole] == ["refused", "refused"]
+    lines = (tmp_path / "whole.jsonl").read_text().splitlines()
+    (tmp_path / "cut.jsonl").write_text(lines[0] + "\n" + lines[1][:50])
+    assert benchmark.run_all(cases, tmp_path / "cut.jsonl", 1) == whole
+
+
+def _result(truth: str, causes: list[tuple[str, list[str]]], angles: dict[str, float]) -> dict[str, object]:
+    told = [{"id": name, "rivals": rivals} for name, rivals in causes]
+    return {"truth": {"effects": [truth]}, "causes": told, "angles": [angles], "verdict": "explained"}
+
+
+def test_how_answers_are_counted() -> None:
+    right = _result("a", [("a", ["c"])], {"a": 0.0, "c": 50.0})
+    alias = _result("a", [("b", ["a"])], {"a": 0.0, "b": 5.0})
+    lax = _result("a", [("b", ["a", "c"])], {"a": 0.0, "b": 5.0, "c": 50.0})
+    wrong = _result("a", [("c", [])], {"c": 50.0})
+    assert [benchmark.named(r) for r in (right, alias, lax, wrong)] == [True, True, False, False]
+    assert [benchmark.covered(r) for r in (right, alias, lax, wrong)] == [True, True, True, False]
+    low, high = benchmark.wilson(5, 100)
+    assert (low, high) == pytest.approx((0.02154, 0.11175), abs=1e-4)
