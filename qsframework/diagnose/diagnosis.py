@@ -52,7 +52,7 @@ class _Baseline:
 
     @property
     def nu(self) -> float:
-        return np.inf if self.audit.unit_source == "stated" else float(max(self.audit.dof, 1))
+        return self.audit.nu
 
 
 def diagnose(

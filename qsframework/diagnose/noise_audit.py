@@ -159,7 +159,9 @@ def estimate(white: Array, basis: Basis, sigma: Array, measurement: Indices, sou
         return replace(plain, shared=shared if gain > 0.0 else 0.0, p_shared=p)
     # beyond what measurements share there is only the rows' own error: exactly chi-square
     grown = ratio**2 * lam / (1.0 + ratio**2 * lam)
-    return Size(rest, basis.dof - len(lam), shared, p, float(np.square(grown).sum()), source)
+    # the variance of log(1 + ratio^2 lam) where ratio is estimated, as that of a chi-square
+    nu = float(np.square(grown).sum() / np.square(grown).max())
+    return Size(rest, basis.dof - len(lam), shared, p, nu, source)
 
 
 def replicate_basis(replicate: Indices) -> Basis:
@@ -210,7 +212,9 @@ def _two_sided(size: Size) -> float:
 def _words(audit: NoiseAudit, stated: bool) -> tuple[str, ...]:
     said = [_unit_words(audit, stated)]
     if len(audit.outliers):
-        said.append(f"{len(audit.outliers)} rows do not belong to the others and are left out.")
+        count = len(audit.outliers)
+        many = f"{count} rows do not belong to the others and are left out."
+        said.append(many if count > 1 else "1 row does not belong to the others and is left out.")
     if audit.p_shared < audit.level:
         size = f"{audit.shared * 1e3:.4f} mm a coordinate (p = {audit.p_shared:.2g})"
         said.append(f"The markers of a pose share an error of {size}: the robot's repeatability, or what no candidate "
