@@ -10,7 +10,7 @@ import numpy as np
 from qsframework.diagnose.case import Case, make_case
 from qsframework.diagnose.causes import Untested, find_causes
 from qsframework.diagnose.conventions import Convention, check_conventions
-from qsframework.diagnose.explain import Answer, Library, explain, make_library, most_plausible, refit
+from qsframework.diagnose.explain import Answer, Library, explain, make_library, most_plausible, refit, significant
 from qsframework.diagnose.fitted import Settled, exact_displacement, settle_fit
 from qsframework.diagnose.gain import HeldOut, Search, held_out
 from qsframework.diagnose.gate import Closing, close, motions
@@ -19,7 +19,7 @@ from qsframework.diagnose.proof import audited_rows, misfit, replicates, told_na
 from qsframework.diagnose.result import Diagnosis, Errors, Finding, Value
 from qsframework.diagnose.search import LARGEST
 from qsframework.diagnose.table import findings_of, table_of
-from qsframework.diagnose.verdict import verdict_of, words_of
+from qsframework.diagnose.verdict import ambiguous, verdict_of, words_of
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings
 from qsframework.identify.fit import rms
@@ -96,7 +96,7 @@ def diagnose(
     after = misfit(base.experiment, base.readings, base.rows, extended, known)
     errors = _errors(base, extended, held, given)
     table = table_of(library, best, findings, base.untested)
-    verdict = verdict_of(findings, leftovers)
+    verdict = verdict_of(findings, leftovers, ambiguous(library, findings))
     outliers = [int(base.readings.rows[i]) for i in base.out]
     words = words_of(verdict, findings, leftovers, conventions, base.audit, errors, table, outliers)
     return Diagnosis(
@@ -171,7 +171,7 @@ def _answers(library: Library, base: _Baseline, level: float, largest: int) -> l
     if library.scores.p_value > level * _LIBRARY_SHARE:
         return []
     answers = explain(library, base.fit, base.readings, base.rows, base.noise, largest)
-    answers = [a for a in answers if _significant(library, a, level)]
+    answers = [a for a in answers if significant(library, a, level)]
     if not answers:
         return []
     first = answers[0]
@@ -182,12 +182,6 @@ def _answers(library: Library, base: _Baseline, level: float, largest: int) -> l
         if fit is not None and fit.chi2 <= first.fit.chi2 + 1.0:
             first = Answer(replace(first.subset, members=members), fit, first.ebic)
     return [first, *answers[1:]]
-
-
-def _significant(library: Library, answer: Answer, level: float) -> bool:
-    """Whether EBIC did not prefer a single cause that is not significant by itself."""
-    members = answer.subset.members
-    return len(members) != 1 or any(library.scores.p_adjusted[i] <= level for i in members)
 
 
 def _close(base: _Baseline, best: Answer | None, seed: int) -> Closing:

@@ -12,7 +12,7 @@ from qsframework.diagnose.angles import alias_classes
 from qsframework.diagnose.case import Case, Subspace
 from qsframework.diagnose.causes import REACH, Cause, widened
 from qsframework.diagnose.fitted import Settled, settle_fit
-from qsframework.diagnose.score import Scores, blocks_of, score
+from qsframework.diagnose.score import Scores, blocks_of, log_p_values, score
 from qsframework.diagnose.search import LARGEST, Bounds, Gram, Subset, make_gram, search
 from qsframework.errors import NotConverged, NotIdentifiable
 from qsframework.experiment import Readings
@@ -137,6 +137,22 @@ def size_of(library: Library, i: int, given: Sequence[int]) -> float:
     """s of cause i beside the given ones."""
     fall = float(library.gram.falls(tuple(given), [i])[0])
     return float(np.sqrt(max(fall - len(library.gram.at[i]), 0.0)))
+
+
+def p_value_of(library: Library, i: int, given: Sequence[int]) -> float:
+    """Family-wise: max-T of a cause alone, a union bound for one beside others."""
+    if not given:
+        return float(library.scores.p_adjusted[i])
+    fall = library.gram.falls(tuple(given), [i])
+    dof = np.array([len(library.gram.at[i])])
+    log_p = log_p_values(fall, dof, np.array([library.gram.sided[i]]), library.nu)
+    return float(min(len(library.heads) * np.exp(log_p[0]), 1.0))
+
+
+def significant(library: Library, answer: Answer, level: float) -> bool:
+    """Whether every cause of an answer is significant beside the others; EBIC alone may prefer one that is not."""
+    members = answer.subset.members
+    return all(p_value_of(library, i, [j for j in members if j != i]) <= level for i in members)
 
 
 def most_plausible(library: Library, i: int) -> int:

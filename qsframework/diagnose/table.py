@@ -8,12 +8,11 @@ import numpy as np
 
 from qsframework.diagnose.angles import angle_matrix, smallest_angles
 from qsframework.diagnose.causes import Cause, Untested
-from qsframework.diagnose.explain import Answer, Library, size_of
+from qsframework.diagnose.explain import Answer, Library, p_value_of, size_of
 from qsframework.diagnose.fitted import Settled
 from qsframework.diagnose.gain import HeldOut
 from qsframework.diagnose.result import EXCLUDED, INVISIBLE, NAMED, TIED, UNTESTED, Finding, Line, Rival, Value
 from qsframework.diagnose.rivals import rival_set
-from qsframework.diagnose.score import log_p_values
 from qsframework.diagnose.search import Subset
 from qsframework.diagnose.stability import hangs_on
 from qsframework.diagnose.words import people_size
@@ -55,7 +54,7 @@ def _finding(
         s = float(np.sqrt(max(baseline.chi2 - best.fit.chi2 - best.subset.dof, 0.0)))
     angles = smallest_angles(library.subspaces, i)
     return Finding(
-        cause.name, values_of(cause, best.fit), s, _p_value(library, i, given), -best.ebic if not given
+        cause.name, values_of(cause, best.fit), s, p_value_of(library, i, given), -best.ebic if not given
         else _conditional_ebic(library, i, given),
         tuple(Rival(library.case.causes[j].name, float(angles[j])) for j in rivals), hanging,
         _sentence(cause), type(cause.effect).check, gain,
@@ -69,16 +68,6 @@ def _sentence(cause: Cause) -> str:
 def values_of(cause: Cause, fit: Settled) -> tuple[Value, ...]:
     """Estimates of a cause's parameters."""
     return tuple(Value(p.name, p.unit, fit.value(p.name), fit.sd(p.name), p.nominal) for p in cause.parameters)
-
-
-def _p_value(library: Library, i: int, given: Sequence[int]) -> float:
-    """Family-wise: max-T of a cause alone, a union bound for one beside others."""
-    if not given:
-        return float(library.scores.p_adjusted[i])
-    fall = library.gram.falls(tuple(given), [i])
-    dof = np.array([len(library.gram.at[i])])
-    log_p = log_p_values(fall, dof, np.array([library.gram.sided[i]]), library.nu)
-    return float(min(len(library.heads) * np.exp(log_p[0]), 1.0))
 
 
 def _conditional_ebic(library: Library, i: int, given: tuple[int, ...]) -> float:

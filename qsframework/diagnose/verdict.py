@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from qsframework.diagnose.conventions import Convention
+from qsframework.diagnose.explain import Library
 from qsframework.diagnose.noise_audit import NoiseAudit
 from qsframework.diagnose.result import Errors, Finding, Leftover, Line
 from qsframework.diagnose.words import people_estimate
@@ -17,11 +18,23 @@ _FEW = 1.15
 """Held-out error over the noise up to which nothing more is to be gained."""
 
 
-def verdict_of(findings: Sequence[Finding], leftovers: Sequence[Leftover]) -> str:
-    """none: nothing acts; explained: names that leave nothing; partly_explained: names that leave something."""
+MANY = 8
+"""Kinds of rivals beyond which a name is no explanation: something acts, and the readings do not say what."""
+
+
+def ambiguous(library: Library, findings: Sequence[Finding]) -> bool:
+    """Whether some cause could be any of many that do different things to the readings."""
+    at = {c.name: i for i, c in enumerate(library.case.causes)}
+    kinds = [{library.aliases(at[r.name]) for r in f.rivals} for f in findings]
+    return any(len(k) > MANY for k in kinds)
+
+
+def verdict_of(findings: Sequence[Finding], leftovers: Sequence[Leftover], unclear: bool) -> str:
+    """none: nothing acts; explained: names that leave nothing; partly_explained: names that leave something, or that
+    could as well be many others."""
     if not findings:
         return "unexplained" if leftovers else "none"
-    return "partly_explained" if leftovers else "explained"
+    return "partly_explained" if leftovers or unclear else "explained"
 
 
 def words_of(
