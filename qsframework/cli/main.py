@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from qsframework.cli.work import add_commands
 from qsframework.errors import QsfError
 
 app = typer.Typer(
@@ -160,6 +161,25 @@ def identify(
         FitFiles(experiment, data, json, report, nominal, urdf),
         How(fit, method, priors, loss, tuple(fixed or ()), groups, clean, shared_error, differences),
     )
+
+
+@app.command()
+def diagnose(
+    experiment: ExperimentFile,
+    data: Annotated[Path | None, typer.Argument(help="Readings; the experiment's own if left out.")] = None,
+    level: Annotated[float, typer.Option(help="Chance of naming anything where nothing acts.")] = 0.04,
+    extend: Annotated[Path | None, typer.Option(help="Folder for the extended robot and an experiment on it.")] = None,
+    seed: Seed = 0,
+    json: Json = None,
+    report: Report = None,
+) -> None:
+    """Name what the model gets wrong, extend it, and measure the gain."""
+    from qsframework.cli.diagnose import DiagnoseFiles, run_diagnose
+
+    run_diagnose(DiagnoseFiles(experiment, data, json, report, extend), level, seed)
+
+
+add_commands(app)
 
 
 def main() -> None:

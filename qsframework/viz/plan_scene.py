@@ -23,11 +23,11 @@ def plan_scene(experiment: Experiment, plan: Plan) -> Scene:
     for i, pose in enumerate(plan.pose):
         path = f"poses/{i}"
         opacity = 1.0 if i == 0 else 0.35
-        _draw_robot(scene, path, experiment.robot, state, i, opacity)
+        draw_robot(scene, path, experiment.robot, state, i, opacity)
         force = plan.wrench[i, :3] * _METRES_PER_NEWTON
         scene.arrow(f"{path}/load", state.tip.position[:, i], force, 0.02, _LOAD)
         for k, marker in enumerate(state.markers):
-            scene.sphere(f"{path}/marker_{k}", 0.03, _at(marker.position[:, i]), _MARKER)
+            scene.sphere(f"{path}/marker_{k}", 0.03, placed_at(marker.position[:, i]), _MARKER)
         scene.step(path, f"{pose} ({plan.load[i]})")
     return scene
 
@@ -40,13 +40,15 @@ def place_poses(experiment: Experiment, q: Array) -> State:
     return place(motion, model.tip, model.markers)
 
 
-def _at(position: Array) -> Array:
+def placed_at(position: Array) -> Array:
+    """A placement (4, 4) at a position (3,), not turned."""
     out = np.eye(4)
     out[:3, 3] = position
     return out
 
 
-def _draw_robot(scene: Scene, path: str, robot: Robot, state: State, i: int, opacity: float) -> None:
+def draw_robot(scene: Scene, path: str, robot: Robot, state: State, i: int, opacity: float) -> None:
+    """The robot's solids at pose i of the state."""
     for k, shape in enumerate(robot.shapes):
         link = np.eye(4)
         link[:3, :3] = state.placed.rotations[shape.link][:, :, i].T

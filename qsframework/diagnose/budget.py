@@ -1,0 +1,62 @@
+"""The error budget: how the error falls from the nominal model to the noise, one cause after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.diagnose.case import Case
+from qsframework.diagnose.result import Diagnosis
+from qsframework.plugin import Array
+
+
+@dataclass(frozen=True)
+class Step:
+    """RMS per axis, m, on the readings and held out, with what is named `label` added to the steps before."""
+
+    label: str
+    readings: float
+    heldout: float
+
+
+def error_budget(diagnosis: Diagnosis) -> tuple[Step, ...]:
+    """Nominal, identified, each cause in the order of its evidence, and the noise.
+
+    Steps between the identified and the extended model are fits of the linearised model with the causes so far; held
+    out means one pose after the other, the causes given. Both ends are those of the diagnosis itself.
+    """
+    case, e = diagnosis.case, diagnosis.rms
+    where = {c.name: i for i, c in enumerate(case.causes)}
+    steps = [Step("nominal", e.nominal, e.nominal), Step("identified", e.identified, e.heldout_identified)]
+    so_far: list[int] = []
+    found = sorted((f for f in diagnosis.findings if f.name in where), key=lambda f: -f.s)
+    for f in found:
+        so_far.append(where[f.name])
+        steps.append(Step(f"+ {f.name}", *linear_errors(case, so_far, diagnosis.baseline.residuals)))
+    if found:
+        steps[-1] = Step(steps[-1].label, e.extended, e.heldout_extended)
+    return (*steps, Step("noise", e.noise, e.noise))
+
+
+def linear_errors(case: Case, causes: Sequence[int], residuals: Array) -> tuple[float, float]:
+    """RMS per axis, m, on the readings and with one pose left out, of the baseline's columns with those of causes.
+
+    residuals (R, 3) m of the baseline
+    """
+    ends = np.cumsum([len(case.fitted), *(len(c.parameters) for c in case.causes)])
+    raw = [case.raw[:, : len(case.fitted)], *(case.raw[:, ends[i] : ends[i + 1]] for i in causes)]
+    white = np.concatenate([case.A, *(case.B[i] for i in causes)], axis=1)
+    plain, left = np.concatenate(raw, axis=1), residuals.ravel()
+    whole = left - plain @ _solve(white, case.residuals)
+    out = np.empty_like(left)
+    for pose in np.unique(case.pose):
+        test = case.pose == pose
+        out[test] = left[test] - plain[test] @ _solve(white[~test], case.residuals[~test])
+    return float(np.sqrt(np.mean(whole**2))), float(np.sqrt(np.mean(out**2)))
+
+
+def _solve(columns: Array, target: Array) -> Array:
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    return np.linalg.lstsq(columns / size, target, rcond=1e-10)[0] / size

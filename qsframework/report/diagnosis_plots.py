@@ -1,0 +1,204 @@
+"""Figures of a diagnosis: the error budget, residuals before and after, angles between causes, power of the test."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from qsframework.diagnose.angles import alias_classes, angle_matrix
+from qsframework.diagnose.budget import error_budget
+from qsframework.diagnose.power import detection_rate, threshold
+from qsframework.diagnose.result import Diagnosis
+from qsframework.diagnose.score import DRAWS, blocks_of, score
+from qsframework.plugin import Array
+from qsframework.report.page import Figure
+
+_BEFORE, _AFTER = "rgba(200, 70, 40, 0.55)", "rgba(30, 130, 60, 0.75)"
+_NOISE = "#888"
+_ACROSS = 3
+_MOST = 80
+"""Causes in the heat map, most visible first."""
+
+
+def _blank(title: str, x: str, y: str, height: int = 380) -> Any:
+    import plotly.graph_objects as go
+
+    axes = {"xaxis": {"title": {"text": x}}, "yaxis": {"title": {"text": y}}}
+    return go.Figure(
+        layout={"title": {"text": html.escape(title)}, **axes, "template": "plotly_white", "height": height}
+    )
+
+
+def budget_figure(diagnosis: Diagnosis) -> Figure:
+    """How the held-out error falls, cause by cause, down to the noise."""
+    import plotly.graph_objects as go
+
+    steps = error_budget(diagnosis)
+    body, noise = steps[:-1], steps[-1]
+    labels = [html.escape(s.label) for s in body]
+    held = [1e3 * s.heldout for s in body]
+    figure = _blank("Error budget", "", "RMS per axis, mm")
+    figure.add_trace(
+        go.Waterfall(
+            x=[*labels, "extended"], y=[held[0], *np.diff(held), 0.0], name="held out",
+            measure=["absolute", *["relative"] * (len(body) - 1), "total"],
+            decreasing={"marker": {"color": _AFTER}}, increasing={"marker": {"color": _BEFORE}},
+            text=[f"{v:.3f}" for v in [*held, held[-1]]], textposition="outside",
+        )
+    )  # fmt: skip
+    on = [1e3 * s.readings for s in body]
+    figure.add_scatter(x=[*labels, "extended"], y=[*on, on[-1]], mode="markers", name="on the readings",
+                       marker={"symbol": "diamond", "size": 9, "color": "#225"})  # fmt: skip
+    figure.add_hline(y=1e3 * noise.heldout, line={"color": _NOISE, "dash": "dot"}, annotation_text="noise")
+    return Figure(
+        figure,
+        "Bars: the error at poses left out, from the nominal to the extended model; the number is what is left after "
+        "each step. A cause earns its place if its bar falls visibly; what stays above the dotted line is still "
+        "unexplained. Diamonds far below the bars would say that the model follows the noise.",
+    )
+
+
+def joint_figure(diagnosis: Diagnosis) -> Figure:
+    """Residuals along their main direction against every joint angle."""
+    from plotly.subplots import make_subplots
+
+    direction, before, after = main_direction(diagnosis)
+    r = diagnosis.readings
+    q = np.rad2deg(r.poses.q[r.measurement[diagnosis.kept]])
+    joints = diagnosis.experiment.robot.facts.joints
+    lines = -(-len(joints) // _ACROSS)
+    figure = make_subplots(rows=lines, cols=_ACROSS, shared_yaxes=True, subplot_titles=[html.escape(j) for j in joints])
+    for k in range(len(joints)):
+        place = {"row": k // _ACROSS + 1, "col": k % _ACROSS + 1}
+        for values, colour, name in ((before, _BEFORE, "before"), (after, _AFTER, "after")):
+            figure.add_scatter(x=q[:, k], y=1e3 * values, mode="markers", name=name, legendgroup=name,
+                               showlegend=k == 0, marker={"color": colour, "size": 5}, **place)  # fmt: skip
+    title = "Residuals against the joint angles, deg"
+    figure.update_layout(template="plotly_white", height=260 * lines, title={"text": title})
+    figure.update_yaxes(title_text="residual, mm", col=1)
+    return Figure(
+        figure,
+        f"Measured minus predicted, along the residuals' main direction ({_vector(direction)}, base frame). Red points "
+        "that bend or slope say on which joint the missing effect depends; green points should be a level cloud.",
+    )
+
+
+def load_figure(diagnosis: Diagnosis) -> Figure:
+    """Residuals along their main direction against the load and against the order of the rows."""
+    from plotly.subplots import make_subplots
+
+    _, before, after = main_direction(diagnosis)
+    r = diagnosis.readings
+    force = np.linalg.norm(r.poses.wrench[r.measurement[diagnosis.kept], :3], axis=1)
+    figure = make_subplots(rows=1, cols=2, shared_yaxes=True, subplot_titles=["force, N", "row of the readings file"])
+    for col, x in ((1, force), (2, r.rows[diagnosis.kept])):
+        for values, colour, name in ((before, _BEFORE, "before"), (after, _AFTER, "after")):
+            figure.add_scatter(
+                x=x, y=1e3 * values, mode="markers", name=name, legendgroup=name, showlegend=col == 1,
+                marker={"color": colour, "size": 5}, text=_labels(diagnosis), row=1, col=col,
+            )  # fmt: skip
+    figure.update_layout(template="plotly_white", height=360, title={"text": "Residuals against load and order"})
+    figure.update_yaxes(title_text="residual, mm", col=1)
+    return Figure(
+        figure,
+        "Left: a residual that grows with the force points to a spring or a load, one that does not to play or a "
+        "sensor. Right: a slope or a step in the order of the readings points to drift.",
+    )
+
+
+def marker_figure(diagnosis: Diagnosis) -> Figure:
+    """Lengths of the residuals at each marker, before and after."""
+    r = diagnosis.readings
+    marker = r.marker[diagnosis.kept]
+    names = np.array([html.escape(m.name) for m in diagnosis.experiment.markers])
+    figure = _blank("Residuals at each marker", "", "length of the residual, mm")
+    pairs = zip(diagnosis.residuals(), (_BEFORE, _AFTER), ("before", "after"), strict=True)
+    for residuals, colour, name in pairs:
+        figure.add_box(x=names[marker], y=1e3 * np.linalg.norm(residuals, axis=1), name=name, marker={"color": colour},
+                       boxpoints="all", pointpos=0.0, jitter=0.5)  # fmt: skip
+    figure.update_layout(boxmode="group")
+    return Figure(
+        figure,
+        "One marker that stands out, and stays so after the extension, points to its mount or its stated place and not "
+        "to the robot.",
+    )
+
+
+def angle_figure(diagnosis: Diagnosis) -> Figure | None:
+    """Angles between the visible causes; None where fewer than two are visible."""
+    subspaces = diagnosis.case.subspaces()
+    heads = [c[0] for c in alias_classes(subspaces)]
+    heads = sorted(heads, key=lambda i: -subspaces[i].reach)[:_MOST]
+    if len(heads) < 2:
+        return None
+    angles = np.rad2deg(angle_matrix([subspaces[i] for i in heads]))
+    angles = np.where(np.isfinite(angles), np.minimum(angles, 180.0 - angles), 0.0)
+    order = _neighbours(angles)
+    names = [html.escape(subspaces[heads[i]].cause.name) for i in order]
+    figure = _blank("Angles between the causes, deg", "", "", height=max(420, 11 * len(names) + 200))
+    figure.add_heatmap(z=angles[np.ix_(order, order)], x=names, y=names, colorscale="Viridis", zmin=0.0, zmax=90.0,
+                       colorbar={"title": {"text": "deg"}})  # fmt: skip
+    figure.update_yaxes(autorange="reversed")
+    return Figure(
+        figure,
+        f"The {len(names)} visible causes that these readings show best, alike ones side by side; of causes that do "
+        "the same (within 1 deg) one stands for all. Dark squares are causes that these poses cannot tell apart, "
+        "whatever their size: other poses, loads or markers would.",
+    )
+
+
+def _neighbours(angles: Array) -> list[int]:
+    """An order that puts alike causes side by side."""
+    from scipy.cluster.hierarchy import leaves_list, linkage
+    from scipy.spatial.distance import squareform
+
+    return [int(i) for i in leaves_list(linkage(squareform(angles, checks=False), "average"))]
+
+
+def power_figure(diagnosis: Diagnosis) -> Figure:
+    """How surely a cause of visible size s is detected in these readings, with what they hold."""
+    blocks = [b for b in blocks_of(diagnosis.case.subspaces()) if b.Q.shape[1]]
+    scores = score(blocks, np.zeros(len(diagnosis.case.residuals)), draws=DRAWS, seed=diagnosis.seed)
+    limit = scores.threshold(diagnosis.level)
+    of = {s.cause.name: (s.Q.shape[1], s.one_sided) for s in diagnosis.case.subspaces() if s.visible}
+    top = max([12.0, *(1.15 * f.s for f in diagnosis.findings)])
+    s = np.linspace(0.0, top, 200)
+    figure = _blank("Power of the test on these readings", "s, visible size in units of noise", "chance of detection")
+    for dof, sided in sorted(set(of.values())):
+        rate = detection_rate(s, dof, sided, threshold(dof, sided, limit))
+        name = f"{dof} direction{'s' if dof > 1 else ''}{', can only grow' if sided else ''}"
+        figure.add_scatter(x=s, y=rate, mode="lines", name=name)
+    for f in diagnosis.findings:
+        if f.name in of:
+            dof, sided = of[f.name]
+            y = detection_rate(f.s, dof, sided, threshold(dof, sided, limit))
+            figure.add_scatter(x=[f.s], y=[float(y)], mode="markers+text", text=[html.escape(f.name)], showlegend=False,
+                               textposition="bottom left", marker={"size": 11, "color": "#c22"})  # fmt: skip
+    return Figure(
+        figure,
+        f"One line for each number of directions that a cause has; the test names something where nothing acts in "
+        f"{100 * diagnosis.level:g} % of data sets. Red: the causes named here. A cause to the left of the rise can be "
+        "there without being seen: its bound says how large.",
+    )
+
+
+def main_direction(diagnosis: Diagnosis) -> tuple[Array, Array, Array]:
+    """The direction (3,) in which the residuals are largest before the extension, and residuals (R,) along it, m."""
+    before, after = diagnosis.residuals()
+    direction = np.linalg.svd(before, full_matrices=False)[2][0]
+    direction = direction * np.sign(direction[int(np.argmax(np.abs(direction)))])
+    return direction, before @ direction, after @ direction
+
+
+def _labels(diagnosis: Diagnosis) -> list[str]:
+    r = diagnosis.readings
+    names = [m.name for m in diagnosis.experiment.markers]
+    return [html.escape(f"pose {r.pose[int(r.measurement[i])]}, {names[int(r.marker[i])]}, row {int(r.rows[i])}")
+            for i in diagnosis.kept]  # fmt: skip
+
+
+def _vector(direction: Sequence[float] | Array) -> str:
+    return ", ".join(f"{v:.2f}" for v in direction)

@@ -1,0 +1,116 @@
+"""The report of a diagnosis: verdict, causes, errors, residuals, what cannot be told apart, noise and data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from qsframework.diagnose.result import Diagnosis
+from qsframework.report import diagnosis_plots as plots
+from qsframework.report import diagnosis_tables as tables
+from qsframework.report.page import Figure, Section, Table, Text, View
+from qsframework.report.provenance import provenance_section
+from qsframework.viz import residual_scene
+from qsframework.viz.residual_scene import MOST
+
+Block = Text | Table | Figure | View
+
+_HOW = (
+    "Wrong conventions are applied and refitted first. The exact model (full equilibrium, every law) is fitted by "
+    "least squares; the noise is audited on what all causes together leave. Every effect of the library at every place "
+    "is scored from one Jacobian (Lagrange multiplier test), and the largest of all scores is compared with its own "
+    "distribution by Monte Carlo (max-T). Small sets of causes are searched by the extended BIC (gamma = 1), the best "
+    "are refitted with the exact model. A closing gate looks for any further smooth motion at any joint or link. "
+    "Held-out errors repeat the search in every fold."
+)
+
+
+def diagnosis_sections(diagnosis: Diagnosis, files: Sequence[Path]) -> tuple[Section, ...]:
+    """All sections of the report; files: what the diagnosis read, for their hashes."""
+    effects = diagnosis.extended.model.effects
+    computed = provenance_section(effects, files, diagnosis.seed)
+    settings = Text(f"Level {100 * diagnosis.level:g} %, {len(diagnosis.table)} causes tried, {_sizes(diagnosis)}.")
+    return (
+        Section("Verdict", tuple(_verdict(diagnosis))),
+        Section("Causes", tuple(_causes(diagnosis))),
+        Section("Residuals before and after", tuple(_residuals(diagnosis))),
+        Section("What these readings can tell", tuple(_tell(diagnosis))),
+        Section("Noise and data", tuple(_noise(diagnosis))),
+        Section(computed.title, (Text(_HOW), settings, *computed.blocks)),
+    )
+
+
+def _sizes(diagnosis: Diagnosis) -> str:
+    r = diagnosis.readings
+    return f"{len(diagnosis.kept)} of {len(r.use)} rows at {len(r.poses)} poses"
+
+
+def _verdict(diagnosis: Diagnosis) -> Iterator[Block]:
+    yield Text(f"{diagnosis.verdict.replace('_', ' ').capitalize()}. {diagnosis.words}")
+    for f in diagnosis.findings:
+        if f.check:
+            yield Text(f"On the robot: {f.name}: {f.check}")
+    yield tables.error_rows(diagnosis)
+    yield plots.budget_figure(diagnosis)
+
+
+def _causes(diagnosis: Diagnosis) -> Iterator[Block]:
+    yield tables.cause_table(diagnosis)
+    for f in diagnosis.findings:
+        if f.rivals:
+            said = ", ".join(f"{r.name} ({tables.degrees(r.angle)})" for r in f.rivals)
+            yield Text(f"{f.name} cannot be told from {said}: any of them explains the readings as well.")
+        if f.hangs_on:
+            sets = ", ".join("+".join(s) for s in f.hangs_on)
+            yield Text(f"{f.name} hangs on poses {sets}: without them another answer, or none, fits as well.")
+    for x in diagnosis.leftovers:
+        yield Text(f"Unexplained: {x.words()}.")
+    if (excluded := tables.excluded_table(diagnosis)).rows:
+        yield excluded
+    for said in tables.unseen_words(diagnosis):
+        yield Text(said)
+
+
+def _residuals(diagnosis: Diagnosis) -> Iterator[Block]:
+    before, after = diagnosis.residuals()
+    scene, factor = residual_scene(diagnosis.experiment, diagnosis.readings, diagnosis.kept, before, after)
+    shown = f"the {MOST} poses with the largest residuals" if len(diagnosis.readings.poses) > MOST else "all poses"
+    yield View(
+        scene.html(),
+        f"Measured minus predicted at the markers, {factor:.0f} times enlarged: red before, green after the extension; "
+        f"{shown}, the slider shows one at a time. Look for red arrows that turn together with a link.",
+    )
+    yield plots.joint_figure(diagnosis)
+    yield plots.load_figure(diagnosis)
+    yield plots.marker_figure(diagnosis)
+    if diagnosis.before.trends:
+        yield tables.trend_table(diagnosis)
+
+
+def _tell(diagnosis: Diagnosis) -> Iterator[Block]:
+    yield plots.power_figure(diagnosis)
+    angles = plots.angle_figure(diagnosis)
+    if angles is not None:
+        yield angles
+    yield tables.all_causes_table(diagnosis)
+
+
+def _noise(diagnosis: Diagnosis) -> Iterator[Block]:
+    for said in diagnosis.audit.words:
+        yield Text(said)
+    for label, fit in (("Before", diagnosis.before), ("After", diagnosis.after)):
+        for said in fit.words:
+            yield Text(f"{label} the extension: {said}")
+    if len(diagnosis.outliers):
+        yield tables.outlier_table(diagnosis)
+    if diagnosis.conventions:
+        yield tables.convention_table(diagnosis)
+        for c in diagnosis.conventions:
+            yield Text(f"{c.name}: {c.words}.")
+    else:
+        yield Text(
+            "No other convention (controller angles, joint signs, axes, signs, exchanged markers, late angles, units) "
+            "explains the readings better than the files as given."
+        )
+    for said in diagnosis.notes:
+        yield Text(said)

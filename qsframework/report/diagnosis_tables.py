@@ -1,0 +1,200 @@
+"""Tables of a diagnosis: its causes with their evidence, what is excluded, data problems, errors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from qsframework.diagnose.result import EXCLUDED, INVISIBLE, NAMED, TIED, UNTESTED, Diagnosis, Finding, Line, Value
+from qsframework.diagnose.words import people_estimate, people_size, three
+from qsframework.plugin import Parameter
+from qsframework.report.page import Table
+
+_STRONGEST = 12
+
+
+def estimate_words(values: Sequence[Value]) -> str:
+    """Estimates of a cause's parameters in the units of people; each by its last name where there are several."""
+    said = []
+    for v in values:
+        label = v.name.rpartition(".")[2] + " " if len(values) > 1 else ""
+        before = f" (was {people_size(Parameter(v.name, v.unit), v.initial)})" if v.initial != 0.0 else ""
+        said.append(f"{label}{people_estimate(Parameter(v.name, v.unit), v.value, v.sd)}{before}")
+    return "; ".join(said)
+
+
+def cause_table(diagnosis: Diagnosis) -> Table:
+    """Named causes and what cannot be told from them, with all the evidence."""
+    found = {f.name: f for f in diagnosis.findings}
+    lines = {x.name: x for x in diagnosis.table}
+    rows = [_named(f, lines.get(f.name)) for f in diagnosis.findings]
+    tied = [x for x in diagnosis.table if x.status == TIED and x.name not in found]
+    rows += [_row(x, diagnosis) for x in tied]
+    if not rows:
+        strongest = sorted((x for x in diagnosis.table if x.status == EXCLUDED), key=lambda x: -x.s)[:3]
+        rows = [_row(x, diagnosis) for x in strongest]
+    return Table(
+        ("cause", "estimate ± sd", "s", "adjusted p", "delta EBIC", "held-out gain", "nearest rival, angle", "status"),
+        tuple(rows),
+        "s: what the readings show of a cause, in units of noise, after the fitted parameters have absorbed what they "
+        "can. Adjusted p: how often the largest of all causes looks as strong where nothing acts. Delta EBIC: by how "
+        "much the extended BIC falls with the cause. Below 10 deg two causes do nearly the same to these readings.",
+    )
+
+
+def _named(f: Finding, line: Line | None) -> tuple[str, ...]:
+    rivals = ", ".join(f"{r.name}, {degrees(r.angle)}" for r in f.rivals)
+    near = f"{line.nearest}, {degrees(line.angle)}" if line is not None and line.nearest else "-"
+    return (
+        f.name, estimate_words(f.values), f"{f.s:.1f}", chance(f.p_value), f"{f.ebic_gain:.1f}",
+        f"{100 * f.heldout_gain:.0f} %" if np.isfinite(f.heldout_gain) else "-", rivals or near, NAMED,
+    )  # fmt: skip
+
+
+def _row(x: Line, diagnosis: Diagnosis) -> tuple[str, ...]:
+    owner = next((f.name for f in diagnosis.findings if x.name in [r.name for r in f.rivals]), "")
+    angle = next((r.angle for f in diagnosis.findings for r in f.rivals if r.name == x.name), x.angle)
+    near = f"{owner or x.nearest}, {degrees(angle)}" if owner or x.nearest else "-"
+    status = f"{x.status} {x.bound}" if x.status == EXCLUDED else x.status
+    return x.name, estimate_words(x.values) or "-", _size(x.s), chance(x.p_value), "-", "-", near, status
+
+
+def all_causes_table(diagnosis: Diagnosis) -> Table:
+    """Every cause that was tried, strongest first: what it showed, and what is excluded."""
+    order = (NAMED, TIED, EXCLUDED, INVISIBLE, UNTESTED)
+    lines = sorted(diagnosis.table, key=lambda x: (order.index(x.status), -x.s if np.isfinite(x.s) else 0.0))
+    rows = tuple(
+        (x.name, x.status, _size(x.s), chance(x.p_value), x.bound or "-",
+         f"{x.nearest}, {degrees(x.angle)}" if x.nearest else "-")
+        for x in lines
+    )  # fmt: skip
+    return Table(
+        ("cause", "status", "s", "adjusted p", "bound, 95 %", "nearest rival, angle"),
+        rows,
+        "Excluded above: a cause larger than this would have shown in these readings beside the named ones. Invisible "
+        "here: the fitted parameters absorb it, or no reading depends on it; nothing is said about it.",
+    )
+
+
+def excluded_table(diagnosis: Diagnosis) -> Table:
+    """One row for each kind of effect: above which size each place is excluded."""
+    kinds: dict[str, list[str]] = {}
+    for x in diagnosis.table:
+        if x.status == EXCLUDED and x.bound:
+            kind, where = _parts(x.name)
+            kinds.setdefault(kind, []).append(f"{where} {x.bound}".strip())
+    return Table(
+        ("no", "above (95 %)"),
+        tuple((kind, "; ".join(bounds)) for kind, bounds in kinds.items()),
+        "What these readings would have shown. It is not a statement about smaller ones.",
+    )
+
+
+def unseen_words(diagnosis: Diagnosis) -> Iterator[str]:
+    """Sentences on causes that are invisible here, and on those that could not be tested."""
+    hidden = [(x.name, "") for x in diagnosis.table if x.status == INVISIBLE]
+    if hidden:
+        yield f"Invisible in these readings, so nothing is said about them: {_grouped(hidden)}."
+    untested = [(x.name, x.bound) for x in diagnosis.table if x.status == UNTESTED]
+    if untested:
+        yield f"Not tested: {_grouped(untested)}."
+
+
+def _grouped(names: Sequence[tuple[str, str]]) -> str:
+    """`joint_backlash joint_1, joint_2; ...` from names and a remark on each kind."""
+    kinds: dict[str, list[str]] = {}
+    for name, remark in names:
+        kind, where = _parts(name)
+        kinds.setdefault(f"{kind} ({remark})" if remark else kind, []).append(where)
+    return "; ".join(f"{kind} {', '.join(w for w in where if w)}".strip() for kind, where in kinds.items())
+
+
+def _parts(name: str) -> tuple[str, str]:
+    """`joint_backlash[joint_3]` -> joint_backlash, joint_3."""
+    kind, _, where = name.partition("[")
+    return kind, where.removesuffix("]")
+
+
+def error_rows(diagnosis: Diagnosis) -> Table:
+    """RMS per axis on the readings and held out."""
+    e = diagnosis.rms
+    rows = (
+        ("nominal model", _mm(e.nominal), "-"),
+        ("identified", _mm(e.identified), _mm(e.heldout_identified)),
+        ("extended with the named causes", _mm(e.extended), _mm(e.heldout_extended)),
+        ("noise alone", _mm(e.noise), _mm(e.noise)),
+    )
+    return Table(
+        ("RMS per axis, mm", "on the readings", "held out"),
+        rows,
+        "Held out: at poses that neither the fit nor the choice of causes has seen. The extension is worth its "
+        "parameters where this error falls towards the noise.",
+    )
+
+
+def convention_table(diagnosis: Diagnosis) -> Table:
+    """Conventions under which the readings fit better than as given."""
+    rows = tuple(
+        (c.name, three(c.value), _mm(c.rms_given), _mm(c.rms), f"{c.evidence:.1f}", "adopted" if c.compelling else "no")
+        for c in diagnosis.conventions
+    )
+    return Table(
+        ("convention", "value", "as given, mm", "with it, mm", "log evidence", "compelling"),
+        rows,
+        "Wrong controller angles, axes, signs, units, exchanged markers and late angles were applied and refitted "
+        "before any cause was looked for. Only a compelling one counts; it says that the file, not the robot, is off.",
+    )
+
+
+def outlier_table(diagnosis: Diagnosis) -> Table:
+    """Rows that the audit of the noise took out."""
+    r = diagnosis.readings
+    names = [m.name for m in diagnosis.experiment.markers]
+    rows = tuple(
+        (str(int(r.rows[i])), r.pose[int(r.measurement[i])], names[int(r.marker[i])],
+         ", ".join(f"{1e3 * v:.3f}" for v in r.displacement[i]))
+        for i in diagnosis.outliers
+    )  # fmt: skip
+    return Table(
+        ("row", "pose", "marker", "dx, dy, dz mm"),
+        rows,
+        "Rows that do not belong to the others, whatever the cause; they took no part in the search.",
+    )
+
+
+def trend_table(diagnosis: Diagnosis) -> Table:
+    """On what the residuals depend, before and after."""
+    after = {t.variable: t for t in diagnosis.after.trends}
+    rows = tuple(
+        (t.variable, chance(t.p_value), f"{100 * t.share:.0f} %",
+         chance(after[t.variable].p_value) if t.variable in after else "-",
+         f"{100 * after[t.variable].share:.0f} %" if t.variable in after else "-")
+        for t in diagnosis.before.trends[:_STRONGEST]
+    )  # fmt: skip
+    return Table(
+        ("residuals depend on", "p before", "share before", "p after", "share after"),
+        rows,
+        "p: chance of such a dependence from noise alone, all variables counted. Small ones before that are large "
+        "after are what the named causes explain; small ones after are what is still missing.",
+    )
+
+
+def degrees(angle: float) -> str:
+    """An angle between causes; `-` where there is none."""
+    return f"{np.rad2deg(angle):.0f} deg" if np.isfinite(angle) else "-"
+
+
+def chance(p: float) -> str:
+    """A p-value in two digits."""
+    if not np.isfinite(p):
+        return "-"
+    return "< 1e-16" if p < 1e-16 else f"{p:.2g}"
+
+
+def _size(s: float) -> str:
+    return f"{s:.1f}" if np.isfinite(s) else "-"
+
+
+def _mm(value: float) -> str:
+    return f"{1e3 * value:.3f}" if np.isfinite(value) else "-"

@@ -1,0 +1,47 @@
+"""Residuals on the robot in 3D: what the model misses at every marker, before and after the extension."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qsframework.experiment import Experiment, Readings
+from qsframework.plugin import Array, Indices
+from qsframework.viz.plan_scene import draw_robot, place_poses, placed_at
+from qsframework.viz.scene import Colour, Scene
+
+BEFORE: Colour = (0.85, 0.2, 0.1, 1.0)
+AFTER: Colour = (0.1, 0.6, 0.25, 1.0)
+_MARKER = (0.1, 0.3, 0.9, 1.0)
+_LONGEST = 0.4
+"""Length, m, at which the largest residual is drawn."""
+MOST = 24
+"""Poses drawn: those with the largest residuals."""
+
+
+def residual_scene(
+    experiment: Experiment, readings: Readings, kept: Indices, before: Array, after: Array
+) -> tuple[Scene, float]:
+    """The poses with the largest residuals as steps of the slider, and by how much the arrows are enlarged.
+
+    kept (R,): rows of the readings; before, after (R, 3) m: their residuals, measured minus predicted
+    """
+    measurement = readings.measurement[kept]
+    worst = np.zeros(len(readings.poses))
+    np.maximum.at(worst, measurement, np.linalg.norm(before, axis=1))
+    there = np.unique(measurement)
+    chosen = there[np.argsort(-worst[there], kind="stable")][:MOST]
+    factor = _LONGEST / max(float(worst.max()), 1e-12)
+    scene = Scene(f"{experiment.robot.title}: residuals")
+    state = place_poses(experiment, readings.poses.q[chosen])
+    for i, m in enumerate(chosen.tolist()):
+        path = f"poses/{i}"
+        draw_robot(scene, path, experiment.robot, state, i, 1.0 if i == 0 else 0.25)
+        for row in np.flatnonzero(measurement == m).tolist():
+            k = int(readings.marker[kept[row]])
+            start = state.markers[k].position[:, i]
+            where = f"{path}/row_{row}"
+            scene.sphere(f"{where}/marker", 0.02, placed_at(start), _MARKER)
+            scene.arrow(f"{where}/before", start, factor * before[row], 0.012, BEFORE)
+            scene.arrow(f"{where}/after", start, factor * after[row], 0.016, AFTER)
+        scene.step(path, f"{readings.pose[m]}: up to {1e3 * worst[m]:.3f} mm")
+    return scene, factor
