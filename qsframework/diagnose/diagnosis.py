@@ -10,7 +10,7 @@ import numpy as np
 from qsframework.diagnose.case import Case, make_case
 from qsframework.diagnose.causes import Untested, find_causes
 from qsframework.diagnose.conventions import Convention, check_conventions
-from qsframework.diagnose.explain import Answer, Library, explain, make_library, most_plausible, refit, significant
+from qsframework.diagnose.explain import Answer, Library, explain, make_library, most_plausible, refit
 from qsframework.diagnose.fitted import Settled, exact_displacement, settle_fit
 from qsframework.diagnose.gain import HeldOut, Search, held_out
 from qsframework.diagnose.gate import Closing, close, motions
@@ -170,8 +170,7 @@ def _answers(library: Library, base: _Baseline, level: float, largest: int) -> l
     """Explanations where the library's test is significant, most plausible alias first; none otherwise."""
     if library.scores.p_value > level * _LIBRARY_SHARE:
         return []
-    answers = explain(library, base.fit, base.readings, base.rows, base.noise, largest)
-    answers = [a for a in answers if significant(library, a, level)]
+    answers = explain(library, base.fit, base.readings, base.rows, base.noise, level, largest)
     if not answers:
         return []
     first = answers[0]

@@ -21,6 +21,8 @@ from qsframework.identify.observations import Noise
 from qsframework.plugin import Array, InputError
 
 REFITS = 5
+_OTHERS = 0.1
+"""Share of the level for causes beside others."""
 _BEYOND = 2.0
 """Standard deviations by which a parameter of an exact fit may end beyond its bound."""
 
@@ -79,20 +81,23 @@ def _bounds(case: Case, baseline: Settled) -> Bounds:
 
 
 def explain(
-    library: Library, baseline: Settled, readings: Readings, rows: Rows, noise: Noise, largest: int = LARGEST
+    library: Library, baseline: Settled, readings: Readings, rows: Rows, noise: Noise, level: float,
+    largest: int = LARGEST,
 ) -> list[Answer]:  # fmt: skip
-    """The best explanations with one or more causes, each fitted exactly, best first."""
-    found = search(library.gram, library.heads, largest)
-    answers = []
-    for subset in found[:REFITS]:
-        fit = refit(library.case, [library.case.causes[i] for i in subset.members], baseline, readings, rows, noise)
+    """The best explanations with one or more causes, each fitted exactly, best first.
+
+    Every cause of an answer is significant: alone at the level, beside others at a tenth of it, because the best of
+    many pairs nearly always holds one cause that only fits the noise.
+    """
+    found = [s for s in search(library.gram, library.heads, largest) if significant(library, s, level)]
+    answers: list[Answer] = []
+    for subset in found:
+        causes = [library.case.causes[i] for i in subset.members]
+        fit = refit(library.case, causes, baseline, readings, rows, noise)
         if fit is not None and not _beyond(fit):
             answers.append(Answer(subset, fit, _ebic(library, subset, fit.chi2, baseline.chi2)))
-    if not answers:
-        for subset in found[REFITS : 3 * REFITS]:
-            fit = refit(library.case, [library.case.causes[i] for i in subset.members], baseline, readings, rows, noise)
-            if fit is not None:
-                return [Answer(subset, fit, _ebic(library, subset, fit.chi2, baseline.chi2))]
+        if len(answers) == REFITS:
+            break
     return sorted(answers, key=lambda a: a.ebic)
 
 
@@ -149,10 +154,11 @@ def p_value_of(library: Library, i: int, given: Sequence[int]) -> float:
     return float(min(len(library.heads) * np.exp(log_p[0]), 1.0))
 
 
-def significant(library: Library, answer: Answer, level: float) -> bool:
-    """Whether every cause of an answer is significant beside the others; EBIC alone may prefer one that is not."""
-    members = answer.subset.members
-    return all(p_value_of(library, i, [j for j in members if j != i]) <= level for i in members)
+def significant(library: Library, subset: Subset, level: float) -> bool:
+    """Whether every cause of a subset is significant: EBIC alone may prefer one that is not."""
+    members = subset.members
+    limit = level if len(members) == 1 else _OTHERS * level
+    return all(p_value_of(library, i, [j for j in members if j != i]) <= limit for i in members)
 
 
 def most_plausible(library: Library, i: int) -> int:
