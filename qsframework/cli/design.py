@@ -49,7 +49,7 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int) -> None:
     """Design, write plan.csv and plan.json, print the promise of the plan."""
     experiment = load_experiment(files.experiment)
     distinct_outputs([files.output, files.output.with_suffix(".json"), files.json, files.report], files.inputs())
-    taken = [_taken(path, experiment) for path in files.taken]
+    taken = [read_taken(path, experiment) for path in files.taken]
     test = None if files.test_poses is None else read_plan(files.test_poses, experiment).poses
     with progress() as tell:
         found = find_candidates(files.candidates, experiment, seed, tell)
@@ -89,7 +89,7 @@ def find_candidates(words: str, experiment: Experiment, seed: int, tell: Tell) -
     raise InputError(f"--candidates {words}: give a number, grid:LEVELS (grid:5) or a .csv file of poses")
 
 
-def _taken(path: Path, experiment: Experiment) -> Plan | Readings:
+def read_taken(path: Path, experiment: Experiment) -> Plan | Readings:
     """Readings or a plan: readings have a column `marker`."""
     from qsframework.files import read_text
 

@@ -23,6 +23,7 @@ ENOUGH = 4.0
 CLOSE = float(np.deg2rad(10.0))
 CANDIDATES = 500
 _FEW = 200
+_FEW_LOADS = 4
 _SEEN = 0.5
 """s below which an offer shows nothing worth saying."""
 Progress = Callable[[str, int, int], None]
@@ -166,14 +167,17 @@ def noise_of(experiment: Experiment, sigma: float | None) -> float:
 
 
 def with_loads(experiment: Experiment, taken: Sequence[Taken]) -> Experiment:
-    """The experiment, with the largest load that was used so far where it lists none."""
+    """The experiment, with the loads used so far where it lists none: all if they are few, else the largest."""
     if experiment.loads:
         return experiment
     wrenches = [one.wrench if isinstance(one, Plan | Poses) else one.poses.wrench for one in taken]
-    if not wrenches or not len(every := np.concatenate(wrenches)):
+    used = np.unique(np.round(np.concatenate(wrenches), 6), axis=0) if wrenches else np.zeros((0, 6))
+    used = used[used.any(axis=1)]
+    if not len(used):
         raise InputError(f"{experiment.path}: a design needs `loads`, for example - {{name: weight, fz_N: -4000}}")
-    largest = every[int(np.argmax(np.linalg.norm(every[:, :3], axis=1)))]
-    return experiment.with_(loads=(LoadCase("as measured", frozen(largest), None),))
+    order = np.argsort(-np.linalg.norm(used[:, :3], axis=1), kind="stable")
+    kept = used[order[: 1 if len(used) > _FEW_LOADS else len(used)]]
+    return experiment.with_(loads=tuple(LoadCase(f"load_{i + 1}", frozen(w), None) for i, w in enumerate(kept)))
 
 
 def drawn(experiment: Experiment, candidates: int | Candidates | Array, seed: int, tell: Progress) -> Array:

@@ -33,7 +33,7 @@ class Size:
 
     def words(self, size: float) -> str:
         """A size with its unit, and the parameter's own name where the cause has several."""
-        own = self.parameter.name.rpartition("].")[2] if "]." in self.parameter.name else ""
+        own = self.parameter.name.rpartition("]")[2].partition(".")[2]
         said = people_size(self.parameter, size) if np.isfinite(size) else "never"
         return f"{own} {said}".strip()
 
@@ -137,9 +137,11 @@ class Foresight:
         ]
         if self.groups:
             said.append("Cannot be separated: " + "; ".join(" / ".join(g) for g in self.groups) + ".")
-        hidden = [p.name for p in self.prospects if p.status == CANNOT_SEE]
-        if hidden:
-            said.append(f"Invisible here: {', '.join(hidden)}.")
+        hidden: dict[str, list[str]] = {}
+        for p in self.prospects:
+            if p.status == CANNOT_SEE:
+                hidden.setdefault(p.reason.partition(":")[0], []).append(p.name)
+        said += [f"Invisible here, {why}: {', '.join(names)}." for why, names in hidden.items()]
         said += [f"{u.name} needs the column {' and '.join(u.needs)}." for u in self.untested]
         return tuple(said)
 

@@ -1,0 +1,75 @@
+"""`qsf diagnose --plan`, `--separate` and `--second-day`: what a plan would show, and which poses would show more."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from qsframework.cli.commands import distinct_outputs, write_json
+from qsframework.cli.design import read_taken
+from qsframework.cli.progress import print_table, progress
+from qsframework.diagnose.result import Diagnosis
+from qsframework.experiment import load_experiment, read_plan, write_plan
+
+
+def run_foresight(
+    experiment: Path, plan: Path, json: Path | None = None, report: Path | None = None, seed: int = 0
+) -> None:
+    """Print, before anything is measured, what a plan would detect and name, and what stays invisible."""
+    from qsframework.diagnose.power import foresee
+    from qsframework.report.power_section import pair_table, power_section, size_table
+
+    campaign = load_experiment(experiment)
+    distinct_outputs([json, report], [experiment, plan, plan.with_suffix(".json")])
+    planned = read_plan(plan, campaign)
+    with progress() as tell:
+        found = foresee(campaign, planned, seed=seed, progress=tell)
+    for table in (size_table(found), pair_table(found)):
+        if table.rows:
+            print_table(table.header, table.rows)
+    for line in found.words():
+        print(line)
+    print(f"next: measure the plan, then qsf diagnose {experiment} readings.csv")
+    if json is not None:
+        write_json(json, found.as_json())
+    if report is not None:
+        from qsframework.report import provenance_section, write_report
+
+        sections = (
+            power_section(found),
+            provenance_section(campaign.model().effects, [experiment, plan], seed),
+        )
+        print(f"report: {write_report(report, f'Before measuring: {campaign.robot.title}', sections)}")
+
+
+def run_separate(
+    experiment: Path, taken: Sequence[Path], pair: tuple[str, str], count: int, output: Path,
+    json: Path | None = None, seed: int = 0,
+) -> None:  # fmt: skip
+    """Design poses that tell two named causes apart, beside readings or plans taken already."""
+    from qsframework.diagnose.discriminate import discriminate
+
+    campaign = load_experiment(experiment)
+    distinct_outputs([output, output.with_suffix(".json"), json], [experiment, *taken])
+    before = [read_taken(path, campaign) for path in taken]
+    with progress() as tell:
+        found = discriminate(campaign, before, pair[0], pair[1], count, seed=seed, progress=tell)
+    for line in found.words():
+        print(line)
+    if found.helps:
+        write_plan(output, found.plan, campaign)
+        print(f"plan: {output}")
+    if json is not None:
+        write_json(json, found.as_json())
+
+
+def run_second_day(diagnosis: Diagnosis, count: int, output: Path, seed: int = 0) -> None:
+    """Design the poses that separate what a diagnosis left open, write them as a plan and say what they would tell."""
+    from qsframework.diagnose.second_day import second_day
+
+    with progress() as tell:
+        found = second_day(diagnosis, count, seed=seed, progress=tell)
+    write_plan(output, found.plan, diagnosis.experiment)
+    for line in found.words():
+        print(line)
+    print(f"plan: {output}")

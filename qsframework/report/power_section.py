@@ -1,0 +1,136 @@
+"""What a plan would detect and name, in a report: sizes, what stays invisible, angles, power curves."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from qsframework.diagnose.foresight import CANNOT_SEE, Foresight, Prospect
+from qsframework.plugin import Array, Indices
+from qsframework.report.page import Figure, Section, Table, Text
+
+_LABELS = 120
+"""Causes up to which the axes of the heat map carry all names."""
+
+
+def size_table(foresight: Foresight) -> Table:
+    """Every visible cause: the smallest sizes that are detected and named, the nearest rival, the status."""
+    seen = [p for p in foresight.prospects if p.status != CANNOT_SEE]
+    rows = tuple(
+        (p.name, p.words("detect"), p.words("name"), _rival(p), f"{p.status}: {p.reason}" if p.reason else p.status)
+        for p in seen
+    )
+    return Table(
+        ("cause", "smallest size detected", "named", "nearest rival, angle", "status"),
+        rows,
+        f"Detected: shown in {100 * foresight.power:.0f} % of measurements of this plan, at "
+        f"{100 * foresight.level:.2g} % false alarms over all causes together. Named: also told from all other causes, "
+        f"its aliases apart, in {100 * foresight.share:.0f} %. Of a cause with several parameters each stands for "
+        "itself, the others at zero.",
+    )
+
+
+def hidden_table(foresight: Foresight) -> Table:
+    """What the plan cannot show, and why."""
+    rows = [(p.name, p.reason) for p in foresight.prospects if p.status == CANNOT_SEE]
+    rows += [(u.name, f"needs the column {' and '.join(u.needs)}") for u in foresight.untested]
+    return Table(
+        ("invisible here", "why"),
+        tuple(rows),
+        "A later diagnosis of this plan's readings says nothing about these.",
+    )
+
+
+def pair_table(foresight: Foresight) -> Table:
+    """Pairs of causes that the plan cannot separate."""
+    rows = tuple(
+        (p.first, p.second, f"{np.rad2deg(p.angle):.1f} deg", f"{p.s:.0f}" if p.s < 1e3 else "never")
+        for p in foresight.pairs
+    )
+    return Table(
+        ("cause", "rival", "angle", "told apart from s"),
+        rows,
+        "Below 10 deg two causes do nearly the same to the readings. s: visible size in units of noise from which the "
+        "right one is named in most measurements; `--separate` designs poses that widen the angle, or says what else "
+        "to measure.",
+    )
+
+
+def _rival(prospect: Prospect) -> str:
+    return f"{prospect.nearest}, {np.rad2deg(prospect.angle):.0f} deg" if prospect.nearest else "-"
+
+
+def angle_figure(names: Sequence[str], angles: Array) -> Any:
+    """Heat map of the angles (G, G) rad between causes; those alike stand side by side."""
+    import plotly.graph_objects as go
+
+    seen = np.flatnonzero(np.isfinite(angles).any(axis=0))
+    order = seen[_seriated(angles[np.ix_(seen, seen)])]
+    shown = np.minimum(np.rad2deg(angles[np.ix_(order, order)]), 90.0)
+    labels = [html.escape(names[int(i)]) for i in order]
+    figure = go.Figure(
+        go.Heatmap(
+            z=shown, x=labels, y=labels, zmin=0.0, zmax=90.0, colorscale="Inferno",
+            colorbar={"title": {"text": "angle, deg"}},
+            hovertemplate="%{x}<br>%{y}<br>%{z:.1f} deg<extra></extra>",
+        )
+    )  # fmt: skip
+    size = max(420, 200 + 11 * len(order)) if len(order) <= _LABELS else 1100
+    every = {"tickfont": {"size": 8}, "showticklabels": len(order) <= _LABELS, "automargin": True}
+    figure.update_layout(
+        title={"text": "Angles between causes"}, template="plotly_white", height=size,
+        xaxis={**every, "tickangle": 90, "dtick": 1}, yaxis={**every, "autorange": "reversed", "dtick": 1},
+    )  # fmt: skip
+    return figure
+
+
+def _seriated(angles: Array) -> Indices:
+    """An order (G,) in which causes that look alike are neighbours."""
+    from scipy.cluster.hierarchy import leaves_list, linkage
+    from scipy.spatial.distance import squareform
+
+    if len(angles) < 3:
+        return np.arange(len(angles))
+    apart = np.minimum(np.where(np.isfinite(angles), angles, 0.0), 0.5 * np.pi)
+    np.fill_diagonal(apart, 0.0)
+    tree = linkage(squareform(0.5 * (apart + apart.T), checks=False), "average", optimal_ordering=True)
+    return np.asarray(leaves_list(tree), dtype=np.intp)
+
+
+def power_figure(foresight: Foresight, marked: Sequence[tuple[str, float]] = ()) -> Any:
+    """Detection rate against s; marked: names with their s, as lines."""
+    import plotly.graph_objects as go
+
+    figure = go.Figure()
+    for curve in foresight.curves:
+        figure.add_scatter(x=curve.s, y=100.0 * curve.rate, mode="lines", name=html.escape(curve.label))
+    figure.add_hline(y=100.0 * foresight.power, line={"color": "#999", "width": 1, "dash": "dot"})
+    for name, s in marked:
+        figure.add_vline(x=s, line={"color": "#666", "width": 1}, annotation_text=html.escape(name))
+    figure.update_layout(
+        title={"text": "Chance of detection"}, template="plotly_white", height=380,
+        xaxis={"title": {"text": "s: visible size in units of noise"}}, yaxis={"title": {"text": "detected, %"}},
+    )  # fmt: skip
+    return figure
+
+
+def power_section(foresight: Foresight, title: str = "What this plan would show") -> Section:
+    """Everything that can be said before measuring."""
+    names = [p.name for p in foresight.prospects]
+    blocks: list[Text | Table | Figure] = [Text(said) for said in foresight.words()[:1]]
+    blocks.append(size_table(foresight))
+    if foresight.pairs:
+        blocks.append(pair_table(foresight))
+    blocks.append(hidden_table(foresight))
+    if np.isfinite(foresight.angles).any():
+        caption = "Dark: causes that do the same to these readings, whatever their size. Bright: told apart with ease."
+        blocks.append(Figure(angle_figure(names, foresight.angles), caption))
+    caption = (
+        "s grows with the effect and with the square root of the number of readings. A cause with more parameters "
+        "must show more before it is told from noise."
+    )
+    blocks.append(Figure(power_figure(foresight), caption))
+    return Section(title, tuple(blocks))
