@@ -7,31 +7,79 @@ from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, readings_file, write_json
 from qsframework.cli.progress import Tell, print_table, progress
-from qsframework.diagnose import STEPS, Diagnosis, diagnose
+from qsframework.diagnose import LEVEL, STEPS, Diagnosis, diagnose
+from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings, is_states, load_experiment, read_readings, read_states
 
 
 @dataclass(frozen=True)
 class DiagnoseFiles:
-    """What the command reads, and what it writes where it is asked to; extend: a folder."""
+    """What the command reads, and what it writes where it is asked to.
+
+    extend: a folder; second_day: a plan to write; plan: one to judge before measuring; output: of --separate
+    """
 
     experiment: Path
     data: Path | None = None
     json: Path | None = None
     report: Path | None = None
     extend: Path | None = None
+    second_day: Path | None = None
+    plan: Path | None = None
+    output: Path = Path("separate.csv")
 
 
-def run_diagnose(files: DiagnoseFiles, level: float, seed: int) -> None:
-    """Diagnose, print the verdict and the causes, write the files and the report."""
+@dataclass(frozen=True)
+class Asked:
+    """How to diagnose; separate: two causes that poses are to tell apart, instead of a diagnosis."""
+
+    level: float = LEVEL
+    seed: int = 0
+    count: int = 12
+    separate: tuple[str, str] | None = None
+
+
+def run_diagnose(files: DiagnoseFiles, asked: Asked) -> None:
+    """Diagnose readings, or judge a plan, or design poses that separate two causes."""
+    from qsframework.cli.diagnose_plan import run_foresight, run_second_day, run_separate
+
+    if files.plan is not None:
+        _alone(files, asked, "--plan")
+        run_foresight(files.experiment, files.plan, files.json, files.report, asked.seed)
+        return
     experiment = load_experiment(files.experiment)
     source = readings_file(experiment, files.data)
-    distinct_outputs((files.json, files.report, files.extend), [files.experiment, source])
+    if asked.separate is not None:
+        _alone(files, asked, "--separate")
+        run_separate(files.experiment, [source], asked.separate, asked.count, files.output, files.json, asked.seed)
+        return
+    outputs = (files.json, files.report, files.extend, files.second_day)
+    distinct_outputs(outputs, [files.experiment, source])
     readings = read_displacements(experiment, source)
     with progress() as tell:
-        found = diagnose(experiment, readings, level=level, seed=seed, progress=_steps(tell))
+        found = diagnose(experiment, readings, level=asked.level, seed=asked.seed, progress=_steps(tell))
         tell("diagnosis", len(STEPS), len(STEPS))
     print_diagnosis(found)
+    _write(found, files, [files.experiment, source])
+    if files.second_day is not None:
+        run_second_day(found, asked.count, files.second_day, asked.seed)
+
+
+def _alone(files: DiagnoseFiles, asked: Asked, option: str) -> None:
+    """InputError where options stand together that do not: a plan is judged before there are readings."""
+    others = {
+        "--extend": files.extend, "--second-day": files.second_day,
+        "--separate": asked.separate if option == "--plan" else None,
+        "the readings": files.data if option == "--plan" else None,
+        "--report": files.report if option == "--separate" else None,
+    }  # fmt: skip
+    wrong = [name for name, value in others.items() if value is not None]
+    if wrong:
+        raise InputError(f"{option} goes without {', '.join(wrong)}: run them one after the other")
+
+
+def _write(found: Diagnosis, files: DiagnoseFiles, inputs: list[Path]) -> None:
+    """The files that were asked for."""
     if files.json is not None:
         write_json(files.json, found.as_json())
         print(f"diagnosis: {files.json}")
@@ -39,13 +87,14 @@ def run_diagnose(files: DiagnoseFiles, level: float, seed: int) -> None:
         from qsframework.report.diagnosis_section import diagnosis_sections
         from qsframework.report.page import write_report
 
-        sections = diagnosis_sections(found, [files.experiment, source])
-        print(f"report: {write_report(files.report, f'Diagnosis: {experiment.robot.title}', sections)}")
+        sections = diagnosis_sections(found, inputs)
+        print(f"report: {write_report(files.report, f'Diagnosis: {found.experiment.robot.title}', sections)}")
     if files.extend is not None:
         from qsframework.diagnose.extend import write_extended
 
         write_extended(found, files.extend)
-        print(f"extended robot: {files.extend / 'robot'}, experiment: {files.extend / 'experiment.yaml'}")
+        print(f"extended robot: {files.extend / 'robot'}")
+        print(f"next: qsf simulate {files.extend / 'experiment.yaml'} plan.csv")
 
 
 def read_displacements(experiment: Experiment, source: Path) -> Readings:
@@ -73,7 +122,7 @@ def print_diagnosis(found: Diagnosis) -> None:
         print(f"{f.name}: look at: {f.check}")
     errors = tables.error_rows(found)
     print_table(errors.header, errors.rows)
-    excluded = tables.excluded_table(found)
+    excluded = tables.excluded_table(found, short=True)
     if excluded.rows:
         print_table(excluded.header, excluded.rows, "Excluded")
     for said in (*tables.unseen_words(found), *found.notes):

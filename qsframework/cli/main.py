@@ -169,14 +169,26 @@ def diagnose(
     data: Annotated[Path | None, typer.Argument(help="Readings; the experiment's own if left out.")] = None,
     level: Annotated[float, typer.Option(help="Chance of naming anything where nothing acts.")] = 0.04,
     extend: Annotated[Path | None, typer.Option(help="Folder for the extended robot and an experiment on it.")] = None,
+    second_day: Annotated[
+        Path | None, typer.Option("--second-day", help="Write a plan of poses that separate what is left open.")
+    ] = None,
+    separate: Annotated[
+        tuple[str, str] | None, typer.Option(help="CAUSE CAUSE: only design poses that tell these two apart.")
+    ] = None,
+    count: Annotated[int, typer.Option(help="Poses of --second-day and --separate.", min=1)] = 12,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The plan of --separate.")] = Path("separate.csv"),
+    plan: Annotated[
+        Path | None, typer.Option(help="Before measuring: what this plan would detect and name, and what not.")
+    ] = None,
     seed: Seed = 0,
     json: Json = None,
     report: Report = None,
 ) -> None:
     """Name what the model gets wrong, extend it, and measure the gain."""
-    from qsframework.cli.diagnose import DiagnoseFiles, run_diagnose
+    from qsframework.cli.diagnose import Asked, DiagnoseFiles, run_diagnose
 
-    run_diagnose(DiagnoseFiles(experiment, data, json, report, extend), level, seed)
+    files = DiagnoseFiles(experiment, data, json, report, extend, second_day, plan, output)
+    run_diagnose(files, Asked(level, seed, count, separate))
 
 
 add_commands(app)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from qsframework.diagnose.angles import angle_matrix, smallest_angles
-from qsframework.diagnose.causes import Cause, Untested
+from qsframework.diagnose.causes import REACH, Cause, Untested
 from qsframework.diagnose.explain import Answer, Library, p_value_of, size_of
 from qsframework.diagnose.fitted import Settled
 from qsframework.diagnose.gain import HeldOut
@@ -19,6 +19,8 @@ from qsframework.diagnose.words import people_size
 from qsframework.plugin import Array, Parameter
 
 _SIDES = 1.96
+_ROUNDING = 1e-6
+"""Share of a typical size below which a number is rounding."""
 _RIVALS_TRIED = 12
 _MOST_SETS = 20
 
@@ -152,7 +154,8 @@ def _line(
     subspace, cause = library.subspaces[i], library.case.causes[i]
     nan = float("nan")
     if not subspace.visible:
-        bound = f"at {subspace.reach / 10.0:.2g} units of noise for its typical size" if subspace.reach else "no trace"
+        s = subspace.reach / REACH
+        bound = f"{s:.2g} units of noise at its typical size" if s > _ROUNDING else "absorbed, or no reading shows it"
         return Line(cause.name, INVISIBLE, 0.0, 1.0, (), bound, "", nan)
     near = int(np.nanargmin(angles)) if np.isfinite(angles).any() else i
     status = NAMED if cause.name in named else TIED if cause.name in tied else EXCLUDED
@@ -179,10 +182,10 @@ def _bound(library: Library, i: int, given: Sequence[int]) -> str:
         return "the named causes do the same"
     center = np.abs(turn[:, told] @ (z[told] / values[told]))
     sizes = center + _SIDES * np.sqrt(np.square(turn[:, told]) @ (unit / values[told]))
-    return ", ".join(_size(p, s) for p, s in zip(cause.parameters, sizes, strict=True) if s > 0.0)
+    told_apart = sizes > _ROUNDING * np.array(cause.sizes)  # the fitted parameters absorb the others
+    return ", ".join(_size(cause, p, s) for p, s, t in zip(cause.parameters, sizes, told_apart, strict=True) if t)
 
 
-def _size(parameter: Parameter, size: float) -> str:
-    last = parameter.name.rpartition("].")
-    label = f"{last[2]} " if last[0] else ""
-    return f"{label}{people_size(parameter, size)}"
+def _size(cause: Cause, parameter: Parameter, size: float) -> str:
+    label = parameter.name.removeprefix(cause.name).removeprefix(".")
+    return f"{label} {people_size(parameter, size)}".strip()

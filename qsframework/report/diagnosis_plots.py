@@ -10,7 +10,8 @@ import numpy as np
 
 from qsframework.diagnose.angles import alias_classes, angle_matrix
 from qsframework.diagnose.budget import error_budget
-from qsframework.diagnose.power import detection_rate, threshold
+from qsframework.diagnose.diagnosis import LEVEL
+from qsframework.diagnose.power import LIBRARY_LEVEL, detection_rate, threshold
 from qsframework.diagnose.result import Diagnosis
 from qsframework.diagnose.score import DRAWS, blocks_of, score
 from qsframework.plugin import Array
@@ -141,7 +142,8 @@ def angle_figure(diagnosis: Diagnosis) -> Figure | None:
     figure = _blank("Angles between the causes, deg", "", "", height=max(420, 11 * len(names) + 200))
     figure.add_heatmap(z=angles[np.ix_(order, order)], x=names, y=names, colorscale="Viridis", zmin=0.0, zmax=90.0,
                        colorbar={"title": {"text": "deg"}})  # fmt: skip
-    figure.update_yaxes(autorange="reversed")
+    figure.update_yaxes(autorange="reversed", dtick=1, tickfont={"size": 8})
+    figure.update_xaxes(dtick=1, tickfont={"size": 8})
     return Figure(
         figure,
         f"The {len(names)} visible causes that these readings show best, alike ones side by side; of causes that do "
@@ -162,7 +164,7 @@ def power_figure(diagnosis: Diagnosis) -> Figure:
     """How surely a cause of visible size s is detected in these readings, with what they hold."""
     blocks = [b for b in blocks_of(diagnosis.case.subspaces()) if b.Q.shape[1]]
     scores = score(blocks, np.zeros(len(diagnosis.case.residuals)), draws=DRAWS, seed=diagnosis.seed)
-    limit = scores.threshold(diagnosis.level)
+    limit = scores.threshold(diagnosis.level * LIBRARY_LEVEL / LEVEL)
     of = {s.cause.name: (s.Q.shape[1], s.one_sided) for s in diagnosis.case.subspaces() if s.visible}
     top = max([12.0, *(1.15 * f.s for f in diagnosis.findings)])
     s = np.linspace(0.0, top, 200)
@@ -179,7 +181,7 @@ def power_figure(diagnosis: Diagnosis) -> Figure:
                                textposition="bottom left", marker={"size": 11, "color": "#c22"})  # fmt: skip
     return Figure(
         figure,
-        f"One line for each number of directions that a cause has; the test names something where nothing acts in "
+        f"One line for each number of directions that a cause has; where nothing acts something is named in "
         f"{100 * diagnosis.level:g} % of data sets. Red: the causes named here. A cause to the left of the rise can be "
         "there without being seen: its bound says how large.",
     )

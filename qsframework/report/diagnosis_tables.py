@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -12,6 +13,7 @@ from qsframework.plugin import Parameter
 from qsframework.report.page import Table
 
 _STRONGEST = 12
+_BRACKETS = re.compile(r" \([\d.e+-]+ [MkN]* ?m/rad\)")
 
 
 def estimate_words(values: Sequence[Value]) -> str:
@@ -77,13 +79,14 @@ def all_causes_table(diagnosis: Diagnosis) -> Table:
     )
 
 
-def excluded_table(diagnosis: Diagnosis) -> Table:
-    """One row for each kind of effect: above which size each place is excluded."""
+def excluded_table(diagnosis: Diagnosis, short: bool = False) -> Table:
+    """One row for each kind of effect: above which size each place is excluded; short: without stiffnesses."""
     kinds: dict[str, list[str]] = {}
-    for x in diagnosis.table:
+    for x in sorted(diagnosis.table, key=lambda x: x.name):
         if x.status == EXCLUDED and x.bound:
             kind, where = _parts(x.name)
-            kinds.setdefault(kind, []).append(f"{where} {x.bound}".strip())
+            bound = _BRACKETS.sub("", x.bound) if short else x.bound
+            kinds.setdefault(kind, []).append(f"{where} {bound}".strip())
     return Table(
         ("no", "above (95 %)"),
         tuple((kind, "; ".join(bounds)) for kind, bounds in kinds.items()),

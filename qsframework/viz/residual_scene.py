@@ -31,11 +31,11 @@ def residual_scene(
     there = np.unique(measurement)
     chosen = there[np.argsort(-worst[there], kind="stable")][:MOST]
     factor = _LONGEST / max(float(worst.max()), 1e-12)
-    scene = Scene(f"{experiment.robot.title}: residuals")
+    scene = Scene(f"{experiment.robot.title}: residuals", first=1)
     state = place_poses(experiment, readings.poses.q[chosen])
     for i, m in enumerate(chosen.tolist()):
         path = f"poses/{i}"
-        draw_robot(scene, path, experiment.robot, state, i, 1.0 if i == 0 else 0.25)
+        draw_robot(scene, path, experiment.robot, state, i, 0.5)
         for row in np.flatnonzero(measurement == m).tolist():
             k = int(readings.marker[kept[row]])
             start = state.markers[k].position[:, i]

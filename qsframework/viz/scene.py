@@ -24,6 +24,8 @@ class Scene:
     commands: list[dict[str, Any]] = field(default_factory=list)
     steps: list[tuple[str, str]] = field(default_factory=list)
     """Paths that a slider shows one at a time, with the label of each."""
+    first: int = 0
+    """The step that is shown at first, counted from 1; 0 shows all."""
 
     def box(self, path: str, size: tuple[float, ...], placement: Array, colour: Colour) -> None:
         """A box of size x, y, z about its placement (4, 4)."""
@@ -94,6 +96,7 @@ class Scene:
             title=html.escape(self.title),
             script=viewer.read_text(encoding="utf-8").replace("</script", "<\\/script"),
             commands=json.dumps(packed),
+            first=self.first,
             steps=json.dumps([["/meshcat/" + path, label] for path, label in self.steps]).replace("<", "\\u003c"),
         )
 
@@ -127,6 +130,7 @@ function show() {{
 if (steps.length) {{
   document.getElementById("bar").hidden = false;
   slider.max = steps.length;
+  slider.value = {first};
   slider.oninput = show;
   show();
 }}
