@@ -236,6 +236,7 @@ def degrees(angle: float) -> str:
 
 
 def json_degrees(angle: float) -> float | None:
+    """An angle in degrees as JSON can hold it."""
     return float(np.rad2deg(angle)) if np.isfinite(angle) else None
 
 
