@@ -34,8 +34,13 @@ def size_table(foresight: Foresight) -> Table:
 
 
 def hidden_table(foresight: Foresight) -> Table:
-    """What the plan cannot show, and why."""
-    rows = [(p.name, p.reason) for p in foresight.prospects if p.status == CANNOT_SEE]
+    """What the plan cannot show, and why; one row for each kind of effect and reason."""
+    kinds: dict[tuple[str, str], list[str]] = {}
+    for p in foresight.prospects:
+        if p.status == CANNOT_SEE:
+            kind, _, where = p.name.partition("[")
+            kinds.setdefault((kind, p.reason.partition(":")[0]), []).append(where.removesuffix("]"))
+    rows = [(f"{kind} {', '.join(where)}".strip(), why) for (kind, why), where in kinds.items()]
     rows += [(u.name, f"needs the column {' and '.join(u.needs)}") for u in foresight.untested]
     return Table(
         ("invisible here", "why"),
@@ -122,15 +127,15 @@ def power_section(foresight: Foresight, title: str = "What this plan would show"
     names = [p.name for p in foresight.prospects]
     blocks: list[Text | Table | Figure] = [Text(said) for said in foresight.words()[:1]]
     blocks.append(size_table(foresight))
-    if foresight.pairs:
-        blocks.append(pair_table(foresight))
-    blocks.append(hidden_table(foresight))
     if np.isfinite(foresight.angles).any():
         caption = "Dark: causes that do the same to these readings, whatever their size. Bright: told apart with ease."
         blocks.append(Figure(angle_figure(names, foresight.angles), caption))
+    if foresight.pairs:
+        blocks.append(pair_table(foresight))
     caption = (
         "s grows with the effect and with the square root of the number of readings. A cause with more parameters "
         "must show more before it is told from noise."
     )
     blocks.append(Figure(power_figure(foresight), caption))
+    blocks.append(hidden_table(foresight))
     return Section(title, tuple(blocks))

@@ -57,7 +57,10 @@ def test_outputs_must_differ_from_the_plan(plan_file):
 def test_the_section_shows_every_cause_once(foresight):
     section = power_section(foresight)
     tables = [b for b in section.blocks if hasattr(b, "rows")]
-    listed = [row[0] for row in (*tables[0].rows, *tables[-1].rows)]
+    listed = [row[0] for row in tables[0].rows]
+    for cell, _ in tables[-1].rows:
+        kind, _, places = cell.partition(" ")
+        listed += [f"{kind}[{where}]" if where else kind for where in places.split(", ")]
     every = [p.name for p in foresight.prospects] + [u.name for u in foresight.untested]
     assert sorted(listed) == sorted(every)
     assert len(pair_table(foresight).rows) == len(foresight.pairs) > 0
