@@ -1,5 +1,15 @@
 """What the calibrated model is for."""
 
+from qsframework.applications.compensate import Compensation, compensate
 from qsframework.applications.stiffness import Stiffness, stiffness_at
+from qsframework.applications.targets import Targets, joint_targets, read_targets
 
-__all__ = ["Stiffness", "stiffness_at"]
+__all__ = [
+    "Compensation",
+    "Stiffness",
+    "Targets",
+    "compensate",
+    "joint_targets",
+    "read_targets",
+    "stiffness_at",
+]

@@ -146,6 +146,7 @@ class Fit:
     def as_json(self) -> dict[str, Any]:
         """What `fit.json` holds (SI units)."""
         return {
+            "robot": self.model.facts.name,
             "method": self.method,
             "parameters": list(self.names),
             "estimates": {

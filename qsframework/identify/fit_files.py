@@ -35,6 +35,7 @@ class FitSpec(FileModel):
     """fit.json; keys that are for people only are passed over."""
 
     model_config = pydantic.ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
+    robot: str = ""
     method: str
     parameters: list[str]
     estimates: dict[str, EstimateSpec]
@@ -51,7 +52,7 @@ class FitSpec(FileModel):
 class StoredFit:
     """A fit as its file holds it: values (p,), sd (p,) NaN where none is quoted, covariance (p, p), SI.
 
-    model: the values of all parameters of the model, estimated or not
+    model: the values of all parameters of the model, estimated or not; robot: "" in files that do not say it
     """
 
     method: str
@@ -66,6 +67,8 @@ class StoredFit:
     dof: int
     model: dict[str, float]
     data_sha256: str
+    robot: str = ""
+    file: str = ""
 
     def x(self, model: Model) -> Array:
         """Values of all parameters of a model (p,). InputError where the fit is of another model."""
@@ -108,7 +111,7 @@ def read_fit(path: str | Path) -> StoredFit:
         spec.method, tuple(spec.parameters), np.array([e.value for e in estimates]),
         np.array([np.nan if e.sd is None else e.sd for e in estimates]), np.array(spec.covariance).reshape(p, p),
         tuple(e.status for e in estimates), spec.sigma, spec.sigma_source, spec.chi2, spec.dof, dict(spec.model),
-        spec.data_sha256,
+        spec.data_sha256, spec.robot, str(path),
     )  # fmt: skip
 
 

@@ -1,0 +1,181 @@
+"""targets.csv: where the loaded tool is wanted, as joint angles or as poses of the load point, and the wrench there.
+
+Joint targets: q1_deg, q2_deg, ... as the pendant shows them. Cartesian targets: x_mm, y_mm, z_mm of the load point in
+the base frame and the flange's rotation, as rx_deg, ry_deg, rz_deg (turns about the fixed base axes x, then y, then z:
+what FANUC calls W, P, R and KUKA C, B, A) or as a quaternion quat_w, quat_x, quat_y, quat_z. Joint angles in a
+Cartesian file are where the search for the joint angles starts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from qsframework.applications.inverse import TipPose, find_joints, rigid_tip
+from qsframework.errors import InputError, Problem
+from qsframework.experiment import Experiment
+from qsframework.experiment.columns import Column, Table, read_table
+from qsframework.experiment.grouping import no_load
+from qsframework.experiment.plan import limit_problems
+from qsframework.plugin import Array
+from qsframework.plugin.facts import frozen
+
+_XYZ, _TURNS = ("x", "y", "z"), ("rx", "ry", "rz")
+_QUATERNION = ("quat_w", "quat_x", "quat_y", "quat_z")
+_WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+_SEED = 0
+"""Random starts of the search are the same at every run."""
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """N targets: names, pendant angles (N, n) rad that the controller would go to, wanted poses, wrenches (N, 6).
+
+    path and rows (N,): where each stands in its file; `cartesian`: whether the file gave poses of the load point
+    """
+
+    name: tuple[str, ...]
+    pendant: Array
+    wanted: TipPose
+    wrench: Array
+    cartesian: bool
+    path: Path | None
+    rows: tuple[int, ...]
+
+    def __len__(self) -> int:
+        return len(self.name)
+
+    def problem(self, i: int, message: str, **more: str | None) -> Problem:
+        """A problem of target i, with its file and line."""
+        return Problem(
+            f"target {self.name[i]!r}: {message}", None if self.path is None else str(self.path), self.rows[i], **more
+        )
+
+
+def joint_targets(experiment: Experiment, pendant: Array, wrench: Array) -> Targets:
+    """Targets at pendant angles (N, n) rad under wrenches (N, 6), named t01, t02, ..."""
+    robot = experiment.robot
+    wanted = rigid_tip(robot, experiment.load_site, robot.controller.to_joints(pendant))
+    count = len(pendant)
+    names = tuple(f"t{i + 1:02d}" for i in range(count))
+    return Targets(names, frozen(pendant), wanted, frozen(wrench), False, None, tuple(range(1, count + 1)))
+
+
+def read_targets(path: str | Path, experiment: Experiment) -> Targets:
+    """Read and check a file of targets. InputError with all its problems, each with row and column."""
+    path, robot = Path(path), experiment.robot
+    table = read_table(path, _columns(robot.facts.n), robot.name)
+    no_load(table, experiment)
+    problems = list(table.problems)
+    cartesian = any(stem in table.numbers for stem in (*_XYZ, *_TURNS, *_QUATERNION))
+    joints = [f"q{k + 1}" for k in range(robot.facts.n)]
+    _complete(table, joints, cartesian)
+    pendant = np.stack([table.numbers[j] for j in joints], axis=1) if joints[0] in table.numbers else None
+    if pendant is not None:
+        problems += limit_problems(table, pendant, experiment)
+    zero = np.zeros(len(table.rows))
+    wrench = np.stack([table.numbers.get(c, zero) for c in _WRENCH], axis=1)
+    problems += _capacity(table, wrench, experiment)
+    names = table.texts.get("target", [f"t{i + 1:02d}" for i in range(len(table.rows))])
+    wanted = _poses(table, experiment, problems) if cartesian else None
+    if problems:
+        raise InputError(problems)
+    if wanted is None:
+        assert pendant is not None
+        made = joint_targets(experiment, pendant, wrench)
+        return replace(made, name=tuple(names), path=path, rows=tuple(table.rows))
+    found = _joints(experiment, table, names, wanted, pendant)
+    return Targets(tuple(names), frozen(found), wanted, frozen(wrench), True, path, tuple(table.rows))
+
+
+def _columns(n: int) -> list[Column]:
+    return [
+        Column("target", "text"),
+        *(Column(f"q{k + 1}", "number", "rad") for k in range(n)),
+        *(Column(c, "number", "m") for c in _XYZ),
+        *(Column(c, "number", "rad") for c in _TURNS),
+        *(Column(c, "number") for c in _QUATERNION),
+        *(Column(f, "number", "N", required=True) for f in _WRENCH[:3]),
+        *(Column(m, "number", "N m") for m in _WRENCH[3:]),
+    ]
+
+
+def _complete(table: Table, joints: list[str], cartesian: bool) -> None:
+    """InputError where a joint or a part of the pose is missing."""
+    given = table.numbers
+    groups = [(joints, not cartesian), (_XYZ, cartesian)]
+    groups += [(_QUATERNION, False)] if not any(s in given for s in _TURNS) else [(_TURNS, True)]
+    missing = [s for stems, needed in groups if needed or any(t in given for t in stems) for s in stems
+               if s not in given]  # fmt: skip
+    if cartesian and not any(s in given for s in (*_TURNS, *_QUATERNION)):
+        missing += ["rx_deg, ry_deg, rz_deg or quat_w, quat_x, quat_y, quat_z"]
+    if any(s in given for s in _TURNS) and any(s in given for s in _QUATERNION):
+        raise InputError(Problem("the rotation is given twice", str(table.path), allowed="angles or a quaternion"))
+    if missing:
+        hint = "Targets are joint angles q1_deg, ... or x_mm, y_mm, z_mm with rx_deg, ry_deg, rz_deg."
+        raise InputError(Problem(f"missing: {', '.join(missing)}", str(table.path), hint=hint))
+
+
+def _poses(table: Table, experiment: Experiment, problems: list[Problem]) -> TipPose:
+    """The wanted poses; the file speaks of the flange's rotation, the model of its link's."""
+    from scipy.spatial.transform import Rotation
+
+    position = np.stack([table.numbers[c] for c in _XYZ], axis=1)
+    if _QUATERNION[0] in table.numbers:
+        w, x, y, z = (table.numbers[c] for c in _QUATERNION)
+        size = np.sqrt(w**2 + x**2 + y**2 + z**2)
+        for i in np.flatnonzero(~(np.abs(size - 1.0) < 1e-3)):
+            problems.append(Problem("a quaternion of a rotation has length 1", str(table.path), table.rows[i],
+                                    "quat_w", f"{size[i]:.4g}"))  # fmt: skip
+        quaternion = np.stack([x, y, z, np.where(np.isfinite(w), w, 1.0)], axis=1)
+        quaternion = np.where((size > 0)[:, None], np.nan_to_num(quaternion), [0.0, 0.0, 0.0, 1.0])
+        turn = Rotation.from_quat(quaternion).as_matrix()
+    else:
+        angles = np.nan_to_num(np.stack([table.numbers[c] for c in _TURNS], axis=1))
+        turn = Rotation.from_euler("xyz", angles).as_matrix()
+    return TipPose(position, turn @ experiment.robot.flange.placement[:3, :3].T)
+
+
+def _capacity(table: Table, wrench: Array, experiment: Experiment) -> list[Problem]:
+    robot = experiment.robot
+    if robot.payload is None or not experiment.constraints.load_capacity:
+        return []
+    force, most = np.linalg.norm(wrench[:, :3], axis=1), robot.payload * float(np.linalg.norm(robot.gravity))
+    hint = "A load meant to be heavier needs constraints: {load_capacity: false} in the experiment."
+    return [
+        Problem("the force is more than the robot's payload", str(table.path), table.rows[i], "fx",
+                f"{force[i]:.0f} N", f"{robot.payload:g} kg, {most:.0f} N", hint)
+        for i in np.flatnonzero(force > most)
+    ]  # fmt: skip
+
+
+def _joints(
+    experiment: Experiment, table: Table, names: list[str], wanted: TipPose, starts: Array | None
+) -> Array:  # fmt: skip
+    """Pendant angles (N, n) of Cartesian targets, each search begun at its own start or at the row before."""
+    robot, rng = experiment.robot, np.random.default_rng(_SEED)
+    lower, upper = np.maximum(robot.controller.lower, -np.pi), np.minimum(robot.controller.upper, np.pi)
+    last, out, problems = 0.5 * (lower + upper), [], []
+    for i in range(len(wanted)):
+        found = find_joints(robot, experiment.load_site, wanted.take([i]), last if starts is None else starts[i], rng)
+        if not found.reached:
+            message = f"target {names[i]!r}: no joint angles within the limits put the load point there"
+            near = f"the nearest found is {found.away * 1e3:.1f} mm and {np.rad2deg(found.turned):.2f} deg away"
+            hint = "Move the target closer, turn the tool, or give joint angles to start from."
+            problems.append(Problem(message, str(table.path), table.rows[i], found=near, hint=hint))
+        else:
+            last = found.pendant
+        out.append(found.pendant)
+    if problems:
+        raise InputError(problems)
+    return np.stack(out)
+
+
+def flange_pose(experiment: Experiment, pose: TipPose) -> tuple[Array, Array]:
+    """The load point (N, 3) m and the flange's turns (N, 3) rad about the fixed axes x, y, z."""
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_matrix(pose.rotation @ experiment.robot.flange.placement[:3, :3])
+    return pose.position, turn.as_euler("xyz")

@@ -1,0 +1,279 @@
+"""`qsf compensate`: the loaded tool stands where it is wanted, and the error said to be left is the one that is."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from qsframework.applications.compensate import Compensation, compensate, tip_slope
+from qsframework.applications.inverse import TipPose, pose_error, rigid_tip
+from qsframework.applications.targets import Targets, flange_pose, joint_targets, read_targets
+from qsframework.cli.main import app
+from qsframework.elastostatics import equilibrium, full_displacement, make_model
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, Readings, load_experiment, make_plan, simulate
+from qsframework.identify import identify
+from qsframework.identify.fit_files import StoredFit, read_fit, write_fit
+from qsframework.plugin import Array, Poses
+
+MEASURED = np.array([0.0, 1500.0, -4000.0, 0.0, 0.0, 0.0])
+WORK = np.array([300.0, 700.0, -5500.0, 50.0, 0.0, 100.0])
+"""Wrenches of the readings and of the work."""
+
+
+def angles(count: int, seed: int) -> Array:
+    """Pendant angles (count, 6) rad that the M-900iB reaches, away from its wrist's singular pose."""
+    rng = np.random.default_rng(seed)
+    low, high = np.deg2rad([[-170, -30, -60, -170, 25, -170], [170, 60, 10, 170, 110, 170]])
+    return rng.uniform(low, high, (count, 6))
+
+
+def posed(experiment: Experiment, pendant: Array, wrench: Array) -> Poses:
+    return Poses(pendant, experiment.robot.controller.to_joints(pendant), np.tile(wrench, (len(pendant), 1)))
+
+
+def exact_fit(experiment: Experiment) -> StoredFit:
+    """A fit that knows every parameter."""
+    model = experiment.model()
+    values = dict(zip(model.names, model.nominal.tolist(), strict=True))
+    nothing = np.zeros(0)
+    name = experiment.robot.name
+    return StoredFit(
+        "exact", (), nothing, nothing, np.zeros((0, 0)), (), 3e-5, "stated", 0.0, 0, values, "", name, "fit.json"
+    )
+
+
+def stands(experiment: Experiment, result: Compensation, x: Array) -> TipPose:
+    """Where the real arm's load point settles at the corrected angles."""
+    q = experiment.robot.controller.to_joints(result.pendant)
+    found = equilibrium(experiment.model(), Poses(result.pendant, q, result.targets.wrench), x)
+    return TipPose(found.tip, found.tip_rotation)
+
+
+@pytest.fixture(scope="module")
+def targets(m900ib: Experiment) -> Targets:
+    return joint_targets(m900ib, angles(8, 5), np.tile(WORK, (8, 1)))
+
+
+def test_with_the_true_parameters_the_loaded_tool_stands_where_it_is_wanted(
+    m900ib: Experiment, targets: Targets
+) -> None:
+    result = compensate(m900ib, exact_fit(m900ib), targets)
+    error = pose_error(targets.wanted, stands(m900ib, result, m900ib.model().nominal))
+    assert result.size.min() > 1e-3
+    assert np.linalg.norm(error[:, :3], axis=1).max() < 1e-6 * result.size.min()
+    assert np.linalg.norm(error[:, 3:], axis=1).max() < 1e-6 * np.linalg.norm(result.deflection[:, 3:], axis=1).min()
+    told = rigid_tip(m900ib.robot, m900ib.load_site, m900ib.robot.controller.to_joints(result.pendant))
+    assert np.allclose(result.command.position, told.position)
+
+
+def test_identified_from_noisy_readings_of_the_full_equilibrium(m900ib: Experiment, targets: Targets) -> None:
+    """The readings come from the equilibrium (17) of an arm that differs; the tool errs by less than 1 %."""
+    model = m900ib.model()
+    plan = make_plan(posed(m900ib, angles(24, 1), MEASURED), ["pull"] * 24)
+    drawn = simulate(m900ib, plan, truth="drawn", seed=4)
+    moved = full_displacement(model, plan.poses, drawn.x)
+    noise = 3e-5 * np.random.default_rng(8).standard_normal(moved.shape)
+    readings: Readings = replace(drawn.readings, displacement=(moved + noise).reshape(-1, 3))
+    fit = stored(m900ib, readings, Path())
+    result = compensate(m900ib, fit, targets)
+    error = np.linalg.norm((stands(m900ib, result, drawn.x).position - targets.wanted.position), axis=1)
+    assert np.all(error < 0.01 * result.size)
+    before = compensate(m900ib, exact_fit(m900ib), targets)
+    uncalibrated = np.linalg.norm(stands(m900ib, before, drawn.x).position - targets.wanted.position, axis=1)
+    assert uncalibrated.mean() > 10 * error.mean(), "the nominal values would have erred far more"
+
+
+def stored(experiment: Experiment, readings: Readings, folder: Path) -> StoredFit:
+    """A fit as its file holds it, without a file where the folder is empty."""
+    found = identify(experiment, readings)
+    values = dict(zip(found.model.names, found.x.tolist(), strict=True))
+    return StoredFit(
+        found.method, found.names, np.array([e.value for e in found.estimates]),
+        np.array([e.sd for e in found.estimates]), found.covariance, tuple(e.status for e in found.estimates),
+        found.sigma, found.sigma_source, found.chi2, found.dof, values, "", experiment.robot.name, str(folder),
+    )  # fmt: skip
+
+
+def test_the_expected_error_is_the_one_found_in_simulation(m900ib: Experiment) -> None:
+    """Forty campaigns of the same plan: the RMS error of the true arm against the promised one, per target."""
+    plan = make_plan(posed(m900ib, angles(12, 1), MEASURED), ["pull"] * 12)
+    work = joint_targets(m900ib, angles(2, 5), np.tile(WORK, (2, 1)))
+    x = m900ib.model().nominal
+    squared, promised = [], []
+    for seed in range(40):
+        simulation = simulate(m900ib, plan, seed=seed)
+        result = compensate(m900ib, stored(m900ib, simulation.readings, Path()), work)
+        error = stands(m900ib, result, x).position - work.wanted.position
+        squared.append(np.sum(error**2, axis=1))
+        promised.append(result.sd)
+    ratio = np.sqrt(np.mean(squared, axis=0)) / np.sqrt(np.mean(np.square(promised), axis=0))
+    assert np.all(np.abs(ratio - 1.0) < 0.25), ratio
+
+
+def test_the_slope_of_the_tip_agrees_with_the_linear_models_own(m900ib: Experiment, targets: Targets) -> None:
+    """Differences of the full equilibrium against analytic derivatives of the linear model, a marker at the tip."""
+    robot = m900ib.robot
+    site = m900ib.load_site
+    model = make_model(robot.facts, robot.effects, robot.parameters, site, [("tip", site)], robot.gravity)
+    fit = replace(exact_fit(m900ib), names=m900ib.fit_names(), covariance=np.eye(len(m900ib.fit_names())))
+    poses = Poses(targets.pendant, robot.controller.to_joints(targets.pendant), targets.wrench)
+
+    def stand(x: Array) -> TipPose:
+        found = equilibrium(m900ib.model(), poses, x)
+        return TipPose(found.tip, found.tip_rotation)
+
+    slope = tip_slope(m900ib.model(), fit, model.nominal, stand)[:, :3]
+    analytic = model.position_sensitivity(poses, names=fit.names, loaded=True)[:, 0]
+    size = np.abs(analytic).max(axis=(0, 1))
+    assert np.all(np.abs(slope - analytic) < 0.02 * size)
+
+
+def test_unloaded_reference(m900ib: Experiment, targets: Targets) -> None:
+    """Taught with an empty hand: the loaded arm stands where the unloaded one stood at the taught angles."""
+    result = compensate(m900ib, exact_fit(m900ib), targets, "unloaded")
+    x = m900ib.model().nominal
+    q = m900ib.robot.controller.to_joints(targets.pendant)
+    empty = equilibrium(m900ib.model(), Poses(targets.pendant, q, targets.wrench), x, loaded=False)
+    error = stands(m900ib, result, x).position - empty.tip
+    assert np.abs(error).max() < 1e-9
+    with pytest.raises(InputError, match="unknown reference 'taught'"):
+        compensate(m900ib, exact_fit(m900ib), targets, "taught")
+
+
+def write_csv(path: Path, header: list[str], rows: Array) -> Path:
+    lines = [",".join(header), *(",".join(map(repr, row)) for row in rows.tolist())]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+FORCES = ["fx_N", "fy_N", "fz_N"]
+JOINTS = [f"q{k}_deg" for k in range(1, 7)]
+PLACE = ["x_mm", "y_mm", "z_mm"]
+TURNS = ["rx_deg", "ry_deg", "rz_deg"]
+
+
+@pytest.mark.parametrize("quaternion", [False, True])
+def test_cartesian_targets_are_the_joint_targets_they_came_from(
+    m900ib: Experiment, targets: Targets, tmp_path: Path, quaternion: bool
+) -> None:
+    from scipy.spatial.transform import Rotation
+
+    place, turn = flange_pose(m900ib, targets.wanted)
+    columns, names = [place * 1e3], list(PLACE)
+    if quaternion:
+        x, y, z, w = Rotation.from_euler("xyz", turn).as_quat().T
+        columns.append(np.stack([w, x, y, z], axis=1))
+        names += ["quat_w", "quat_x", "quat_y", "quat_z"]
+    else:
+        columns.append(np.rad2deg(turn))
+        names += TURNS
+    start = np.rad2deg(targets.pendant) + 3.0
+    columns += [start, targets.wrench[:, :3]]
+    path = write_csv(tmp_path / "t.csv", [*names, *JOINTS, *FORCES], np.hstack(columns))
+    read = read_targets(path, m900ib)
+    assert read.cartesian
+    assert np.allclose(read.pendant, targets.pendant, atol=1e-6), "near the start there is one solution"
+    assert np.abs(pose_error(read.wanted, targets.wanted)).max() < 1e-8
+
+
+def test_cartesian_targets_without_a_start(m900ib: Experiment, targets: Targets, tmp_path: Path) -> None:
+    """Any joint angles will do, within the limits, that put the load point there."""
+    place, turn = flange_pose(m900ib, targets.wanted)
+    rows = np.hstack([place * 1e3, np.rad2deg(turn), targets.wrench[:, :3]])
+    read = read_targets(write_csv(tmp_path / "t.csv", [*PLACE, *TURNS, *FORCES], rows), m900ib)
+    assert not m900ib.robot.controller.outside(read.pendant).any()
+    reached = rigid_tip(m900ib.robot, m900ib.load_site, m900ib.robot.controller.to_joints(read.pendant))
+    assert np.abs(pose_error(targets.wanted, reached)).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "words"),
+    [
+        ([*JOINTS, *FORCES], [0, 95, 0, 0, 40, 0, 0, 0, -1000], "line 2, column q2_deg: joint_2 is outside its limits"),
+        ([*JOINTS, *FORCES], [0, 0, 0, 0, 40, 0, 0, 0, -8000], "line 2, column fx: the force is more than .*700 kg"),
+        ([*PLACE, *TURNS, *FORCES], [9000, 0, 0, 0, 0, 0, 0, 0, -1], "line 2: target 't01': no joint angles .*mm and"),
+        ([*JOINTS[:5], *FORCES], [0, 0, 0, 0, 40, 0, 0, -1000], "missing: q6.* Targets are joint angles"),
+        ([*PLACE, *FORCES], [2000, 0, 1000, 0, 0, -1000], "missing: rx_deg, ry_deg, rz_deg or quat_w"),
+        ([*PLACE, "quat_w", "quat_x", "quat_y", "quat_z", *FORCES], [2000, 0, 1000, 1, 1, 0, 0, 0, 0, -1],
+         "column quat_w: a quaternion of a rotation has length 1; found 1.414"),
+        ([*PLACE, *TURNS, "quat_w", *FORCES], [2000, 0, 1000, 1, 1, 0, 1, 0, 0, -1], "the rotation is given twice"),
+        ([*JOINTS, "fx_N", "fy_N"], [0, 0, 0, 0, 40, 0, 0, 0], "column fz: this column is missing"),
+    ],
+)  # fmt: skip
+def test_wrong_targets(m900ib: Experiment, tmp_path: Path, header: list[str], row: list[float], words: str) -> None:
+    path = write_csv(tmp_path / "targets.csv", header, np.array([row], dtype=float))
+    with pytest.raises(InputError, match=words) as caught:
+        read_targets(path, m900ib)
+    assert "targets.csv" in str(caught.value)
+
+
+def test_a_target_at_a_joint_limit(m900ib: Experiment, tmp_path: Path) -> None:
+    """Joint 3 at its upper limit: the arm sags, so the correction goes on beyond it; at the lower one it comes back."""
+    rows = np.array([[0, 20, 30, 0, 60, 0, 0, 0, -5000], [0, 0, -90, 0, 60, 0, 0, 0, -5000]], dtype=float)
+    read = read_targets(write_csv(tmp_path / "t.csv", [*JOINTS, *FORCES], rows), m900ib)
+    words = "t.csv, line 2: target 't01': the target is at the limit of joint_3 .*30 deg. Move the target by 0.0"
+    with pytest.raises(InputError, match=words) as caught:
+        compensate(m900ib, exact_fit(m900ib), read)
+    assert len(caught.value.problems) == 1
+
+
+def test_a_singular_target(m900ib: Experiment, tmp_path: Path) -> None:
+    """What joint springs give, joints can take back, at any pose; a base that tilts needs all six directions."""
+    straight = np.deg2rad([[0.0, 20.0, -20.0, 10.0, 0.0, 5.0]])
+    at = joint_targets(m900ib, straight, WORK[None])
+    result = compensate(m900ib, exact_fit(m900ib), at)
+    assert np.abs(result.left).max() < 1e-8
+    text = m900ib.path.read_text() + "\neffects: [{effect: base_compliance, directions: [rx]}]\nnominal: nominal.yaml\n"
+    (tmp_path / "experiment.yaml").write_text(text)
+    (tmp_path / "nominal.yaml").write_text("base_compliance[rx]: {value_urad/(N m): 0.05}\n")
+    soft = load_experiment(tmp_path / "experiment.yaml")
+    with pytest.raises(InputError, match=r"'t01': no small correction .*singular pose"):
+        compensate(soft, exact_fit(soft), at)
+    bent = joint_targets(soft, straight + np.deg2rad([0, 0, 0, 0, 40, 0]), WORK[None])
+    assert np.abs(compensate(soft, exact_fit(soft), bent).left).max() < 1e-8
+
+
+def test_a_fit_of_another_robot(m900ib: Experiment, r2000ic: Experiment, targets: Targets) -> None:
+    with pytest.raises(InputError, match=r"fit.json: the fit is of another robot; found fanuc_r2000ic; allowed"):
+        compensate(m900ib, exact_fit(r2000ic), targets)
+    with pytest.raises(InputError, match=r"another model than experiment.yaml: only one has compensator_stiffness"):
+        compensate(m900ib, replace(exact_fit(r2000ic), robot=""), targets)
+
+
+def test_the_command(m900ib: Experiment, targets: Targets, tmp_path: Path) -> None:
+    plan = make_plan(posed(m900ib, angles(12, 1), MEASURED), ["pull"] * 12)
+    write_fit(identify(m900ib, simulate(m900ib, plan).readings), tmp_path / "fit.json")
+    assert read_fit(tmp_path / "fit.json").robot == "fanuc_m900ib"
+    rows = np.hstack([np.rad2deg(targets.pendant), targets.wrench[:, :3]])
+    path = write_csv(tmp_path / "t.csv", [*JOINTS, *FORCES], rows)
+    out = {name: tmp_path / name for name in ("c.csv", "c.json", "c.html")}
+    arguments = [str(m900ib.path), str(tmp_path / "fit.json"), str(path), "-o", str(out["c.csv"])]
+    arguments += ["--json", str(out["c.json"]), "--report", str(out["c.html"])]
+    run = CliRunner().invoke(app, ["compensate", *arguments], catch_exceptions=False)
+    assert run.exit_code == 0
+    assert "The largest expected error is" in run.output
+    lines = [line for line in out["c.csv"].read_text().splitlines() if not line.startswith("#")]
+    table = list(csv.DictReader(lines))
+    content = json.loads(out["c.json"].read_text())
+    assert [row["target"] for row in table] == [t["target"] for t in content["targets"]]
+    pendant = np.deg2rad([[float(row[j]) for j in JOINTS] for row in table])
+    settled = equilibrium(
+        m900ib.model(),
+        replace(posed(m900ib, pendant, WORK), wrench=np.hstack([targets.wrench[:, :3], np.zeros((8, 3))])),
+    )
+    wanted = targets.wanted.position
+    assert np.linalg.norm(settled.tip - wanted, axis=1).max() < 1e-4
+    assert max(t["expected_error_mm"] for t in content["targets"]) == content["largest"]["expected_error_mm"] < 0.1
+    page = out["c.html"].read_text()
+    assert "Corrected targets" in page
+    assert "Look for targets" in page
+    again = CliRunner().invoke(app, ["compensate", *arguments[:3], "-o", str(path)])
+    assert isinstance(again.exception, InputError)
+    assert "would overwrite an input" in str(again.exception)
