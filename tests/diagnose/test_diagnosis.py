@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from qsframework.diagnose import diagnose
 from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_readings
-from qsframework.plugin import find
+from qsframework.plugin import Array, LawTerm, Parameter, RobotFacts, SpringLaw, find, place
 from tests.diagnose.cases import campaign, measured
 
 HIDDEN = [
@@ -123,3 +124,42 @@ def test_the_r2000ic_with_j3_read_as_relative_names_the_convention(tmp_path: Pat
     assert found.findings[0].name == "controller_coupling[joint_3]"
     assert found.findings[0].values[0].value == 1.0
     assert found.rms.heldout_extended <= 165e-6
+
+
+def test_a_strangers_effect_takes_part_without_further_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A law that no built-in effect knows: the drive gives more near one angle of its joint."""
+
+    @dataclass(frozen=True)
+    class WornTeeth(SpringLaw):
+        """A gear gives more under one sense of the torque: its teeth are worn on one flank."""
+
+        joint: str = place()
+
+        def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+            return (Parameter(self.name, "rad/(N m)", typical=2e-7, lower=0.0),)
+
+        def springs(self, robot: RobotFacts) -> tuple[str, ...]:
+            return (f"joint_compliance[{self.joint}]",)
+
+        def extra(self, torque: Array, x: Array) -> LawTerm:
+            worn = np.logaddexp(0.0, torque / 50.0) * 50.0
+            side = 1.0 / (1.0 + np.exp(-torque / 50.0))
+            return LawTerm(x[0] * worn, x[0] * side, worn[..., None])
+
+        @classmethod
+        def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[WornTeeth, ...]:
+            return tuple(cls(joint) for joint in robot.joints)
+
+    from qsframework.diagnose import causes
+
+    known = dict(causes.registry()) | {"worn_teeth": WornTeeth}
+    monkeypatch.setattr(causes, "registry", lambda: known)
+    hidden = WornTeeth("joint_4")
+    found = diagnose(campaign(), measured((hidden,), {hidden.name: 1.2e-7}, seed=8))
+    assert [f.name for f in found.findings] == ["worn_teeth[joint_4]"], found.words
+    (value,) = found.findings[0].values
+    assert abs(value.value - 1.2e-7) < 4.0 * value.sd
+    monkeypatch.undo()
+    without = diagnose(campaign(), measured((hidden,), {hidden.name: 1.2e-7}, seed=8))
+    assert without.verdict != "none"
+    assert "worn_teeth[joint_4]" not in [f.name for f in without.findings]
