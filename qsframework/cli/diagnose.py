@@ -8,6 +8,7 @@ from pathlib import Path
 from qsframework.cli.commands import distinct_outputs, readings_file, write_json
 from qsframework.cli.progress import Tell, print_table, progress
 from qsframework.diagnose import LEVEL, STEPS, Diagnosis, diagnose
+from qsframework.diagnose.extend import check_folder, write_extended
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings, is_states, load_experiment, read_readings, read_states
 
@@ -55,6 +56,8 @@ def run_diagnose(files: DiagnoseFiles, asked: Asked) -> None:
         return
     outputs = (files.json, files.report, files.extend, files.second_day)
     distinct_outputs(outputs, [files.experiment, source])
+    if files.extend is not None:
+        check_folder(experiment, files.extend)
     readings = read_displacements(experiment, source)
     with progress() as tell:
         found = diagnose(experiment, readings, level=asked.level, seed=asked.seed, progress=_steps(tell))
@@ -90,8 +93,6 @@ def _write(found: Diagnosis, files: DiagnoseFiles, inputs: list[Path]) -> None:
         sections = diagnosis_sections(found, inputs)
         print(f"report: {write_report(files.report, f'Diagnosis: {found.experiment.robot.title}', sections)}")
     if files.extend is not None:
-        from qsframework.diagnose.extend import write_extended
-
         write_extended(found, files.extend)
         print(f"extended robot: {files.extend / 'robot'}")
         print(f"next: qsf simulate {files.extend / 'experiment.yaml'} plan.csv")

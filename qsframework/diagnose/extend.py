@@ -77,8 +77,7 @@ def write_extended(diagnosis: Diagnosis | Extension, folder: str | Path) -> tupl
     extension = extension_of(diagnosis) if isinstance(diagnosis, Diagnosis) else diagnosis
     folder = Path(folder)
     _refuse_values(extension)
-    source, robot_yaml = _sources(extension.experiment)
-    _refuse_folder(folder, [source, robot_yaml])
+    source, robot_yaml = check_folder(extension.experiment, folder)
     contents = _contents(extension, folder, source, robot_yaml)
     parent = folder.resolve().parent
     try:
@@ -110,10 +109,12 @@ def _refuse_values(extension: Extension) -> None:
         )
 
 
-def _sources(experiment: Experiment) -> tuple[Path, Path]:
-    """The experiment's file and its robot's."""
+def check_folder(experiment: Experiment, folder: Path) -> tuple[Path, Path]:
+    """The experiment's file and its robot's. InputError where the folder cannot take an extension of them."""
     path = experiment.path
-    return path, find_robot(str(read_yaml(path).data["robot"]), path.parent)
+    robot_yaml = find_robot(str(read_yaml(path).data["robot"]), path.parent)
+    _refuse_folder(folder, [path, robot_yaml])
+    return path, robot_yaml
 
 
 def _refuse_folder(folder: Path, originals: Sequence[Path]) -> None:

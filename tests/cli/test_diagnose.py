@@ -1,0 +1,83 @@
+"""`qsf diagnose` from files to files, on the example whose effect is hidden."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from qsframework.errors import InputError
+from qsframework.experiment import example, load_experiment, make_plan, write_plan
+from tests.cli.test_commands import M900IB, R2000IC, run
+from tests.diagnose.cases import poses
+
+HIDDEN = str(example("hidden_effect") / "experiment.yaml")
+TRUTH = -1.21e-16
+
+
+def test_the_hidden_effect_is_named_extended_and_simulated(tmp_path: Path) -> None:
+    result, report, out = tmp_path / "r.json", tmp_path / "r.html", tmp_path / "out"
+    output = run("diagnose", HIDDEN, "--json", str(result), "--report", str(report), "--extend", str(out))
+    assert "explained: " in output
+    found = json.loads(result.read_text())
+    assert [c["id"] for c in found["causes"]] == ["joint_hardening[joint_3]"]
+    value = found["causes"][0]["parameters"]["joint_hardening[joint_3]"]
+    assert abs(value["value"] - TRUTH) < 3 * value["sd"]
+    assert found["rms_mm"]["heldout_extended"] < 0.8 * found["rms_mm"]["heldout_identified"]
+    assert "joint_hardening[joint_3]" in report.read_text()
+    for words in ("urad/(kN m)^3", "no", "above (95 %)", "arcmin", "Not tested"):
+        assert words in output
+
+    extended = load_experiment(out / "experiment.yaml")
+    p = next(p for p in extended.robot.parameters if p.name == "joint_hardening[joint_3]")
+    assert p.nominal == value["value"]
+    assert p.sd == pytest.approx(value["sd"], rel=1e-12)
+    assert p.source.startswith("diagnosed: s = ")
+    assert "sha256" in p.source
+    assert "joint_hardening[joint_3]" in extended.fit_names()
+    assert extended.data is not None
+    assert extended.data.resolve() == example("hidden_effect") / "readings.csv"
+
+    plan, readings = tmp_path / "plan.csv", tmp_path / "again.csv"
+    write_plan(plan, make_plan(poses(1, 20), ["weight"] * 20), extended)
+    run("simulate", str(out / "experiment.yaml"), str(plan), "-o", str(readings))
+    assert readings.read_text().count("\n") > 60
+    fit = tmp_path / "fit.json"
+    run("identify", str(out / "experiment.yaml"), "--json", str(fit))
+    again = json.loads(fit.read_text())
+    assert again["chi2"] < 1.1 * again["dof"], "the extended model fits the noise that is stated"
+    assert "joint_hardening[joint_3]" in again["parameters"]
+
+
+def test_other_readings_than_the_experiments_own(tmp_path: Path) -> None:
+    data = Path(HIDDEN).parent / "readings.csv"
+    result = tmp_path / "r.json"
+    run("diagnose", M900IB, str(data), "--json", str(result), "--seed", "2")
+    assert [c["id"] for c in json.loads(result.read_text())["causes"]] == ["joint_hardening[joint_3]"]
+
+
+def test_a_plan_is_judged_before_measuring(tmp_path: Path) -> None:
+    plan, result = tmp_path / "plan.csv", tmp_path / "p.json"
+    write_plan(plan, make_plan(poses(1, 15), ["weight"] * 15), load_experiment(M900IB))
+    output = run("diagnose", M900IB, "--plan", str(plan), "--json", str(result))
+    assert "arcmin" in output
+    assert result.exists()
+
+
+def test_options_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="--plan goes without --extend"):
+        run("diagnose", M900IB, "--plan", "p.csv", "--extend", str(tmp_path / "o"))
+    with pytest.raises(InputError, match="--separate goes without --report"):
+        run("diagnose", R2000IC, "--separate", "a", "b", "--report", str(tmp_path / "r.html"))
+    with pytest.raises(InputError, match="would overwrite an input"):
+        run("diagnose", R2000IC, "--json", R2000IC)
+    with pytest.raises(InputError, match="no readings"):
+        run("diagnose", M900IB)
+
+
+def test_a_folder_with_files_is_refused_before_anything_is_computed(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(InputError, match="holds other files"):
+        run("diagnose", HIDDEN, "--extend", str(tmp_path), "--json", str(tmp_path / "r.json"))
+    assert not (tmp_path / "r.json").exists()
