@@ -136,7 +136,7 @@ def code() -> str:
         *(p for part in ("qsframework", "plugins", "robots") for p in (root / part).rglob("*")),
     ]
     for path in sorted(p for p in sources if p.suffix in (".py", ".yaml", ".xacro") and "_version" not in p.name):
-        if not {"cli", "report", "viz"} & set(path.parts):
+        if not {"cli", "report", "viz", "applications"} & set(path.parts):
             digest.update(path.read_bytes())
     return digest.hexdigest()[:12]
 
@@ -154,7 +154,7 @@ def run(case: Case) -> Result:
     try:
         out |= _diagnosed(case, truth)
     except Exception as error:  # a refusal is right for some cases, and a crash must not stop the benchmark
-        refused = type(error).__name__ == "InputError"
+        refused = type(error).__name__ == "InputError" and case.convention == "metres"
         text = re.sub(r"\S*/(readings\.csv|experiment\.yaml)", r"\1", f"{type(error).__name__}: {error}")
         out |= {"outcome": "refused" if refused else "failed", "error": text[:400],
                 "trace": "" if refused else traceback.format_exc()[-800:]}  # fmt: skip
@@ -242,7 +242,8 @@ def run_all(cases: Sequence[Case], out: Path, workers: int, any_code: bool = Fal
 
     def fits(case: Case) -> bool:
         r = done.get(case.id)
-        return r is not None and r["seed"] == case.seed and (any_code or r["code"] == code())
+        right = r is not None and r["seed"] == case.seed and r["outcome"] != "failed"
+        return right and (any_code or r["code"] == code())
 
     left = [c for c in cases if not fits(c)]
     left.sort(key=lambda c: zlib.crc32(c.id.encode()))  # so that a part of a run is a fair sample of all groups
@@ -555,13 +556,14 @@ def report(results: Sequence[Result]) -> str:
     ])  # fmt: skip
 
 
-def write_page(text: str, command: str) -> None:
+def write_page(text: str, command: str, results: Sequence[Result]) -> None:
     """Put the tables between the marks of docs/diagnosis.md."""
     machine = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
     page = PAGE.read_text()
     start, end = "<!-- results -->", "<!-- end of results -->"
     before, after = page.partition(start)[0], page.partition(end)[2]
-    when = f"`{command}`, {date.today().isoformat()}, {machine}."
+    versions = ", ".join(sorted({r["code"] for r in results}))
+    when = f"{command}; {date.today().isoformat()}; {machine}; code {versions} (a hash of the sources)."
     PAGE.write_text(f"{before}{start}\n{when}\n\n{text}\n{end}{after}")
 
 
@@ -591,7 +593,8 @@ def main() -> None:
     text = report(results)
     print(text)
     if given.write:
-        write_page(text, f"python benchmarks/diagnosis.py --seeds {seeds} --seed {given.seed}")
+        some = "" if len(results) == len(cases) else f", {len(results)} of its {len(cases)} cases, drawn at random"
+        write_page(text, f"`python benchmarks/diagnosis.py --seeds {seeds} --seed {given.seed}`{some}", results)
 
 
 if __name__ == "__main__":
