@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, readings_file, write_json
 from qsframework.cli.progress import Tell, print_table, progress
 from qsframework.diagnose import LEVEL, STEPS, Diagnosis, diagnose
+from qsframework.diagnose.discriminate import Discrimination
 from qsframework.diagnose.extend import check_folder, write_extended
+from qsframework.diagnose.separations import separations
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings, is_states, load_experiment, read_readings, read_states
 
@@ -62,8 +65,11 @@ def run_diagnose(files: DiagnoseFiles, asked: Asked) -> None:
     with progress() as tell:
         found = diagnose(experiment, readings, level=asked.level, seed=asked.seed, progress=_steps(tell))
         tell("diagnosis", len(STEPS), len(STEPS))
+        pairs, notes = separations(found, asked.count, progress=tell)
     print_diagnosis(found)
-    _write(found, files, [files.experiment, source])
+    for said in (*(line for pair in pairs for line in pair.words()), *notes):
+        print(said)
+    _write(found, pairs, files, [files.experiment, source])
     if files.second_day is not None:
         run_second_day(found, asked.count, files.second_day, asked.seed)
 
@@ -81,16 +87,16 @@ def _alone(files: DiagnoseFiles, asked: Asked, option: str) -> None:
         raise InputError(f"{option} goes without {', '.join(wrong)}: run them one after the other")
 
 
-def _write(found: Diagnosis, files: DiagnoseFiles, inputs: list[Path]) -> None:
-    """The files that were asked for."""
+def _write(found: Diagnosis, pairs: Sequence[Discrimination], files: DiagnoseFiles, inputs: list[Path]) -> None:
+    """The files that were asked for; pairs: what would separate rivals."""
     if files.json is not None:
-        write_json(files.json, found.as_json())
+        write_json(files.json, found.as_json() | {"separations": [pair.as_json() for pair in pairs]})
         print(f"diagnosis: {files.json}")
     if files.report is not None:
         from qsframework.report.diagnosis_section import diagnosis_sections
         from qsframework.report.page import write_report
 
-        sections = diagnosis_sections(found, inputs)
+        sections = diagnosis_sections(found, inputs, pairs)
         print(f"report: {write_report(files.report, f'Diagnosis: {found.experiment.robot.title}', sections)}")
     if files.extend is not None:
         write_extended(found, files.extend)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from qsframework.diagnose.discriminate import Discrimination
 from qsframework.diagnose.result import Diagnosis
 from qsframework.report import diagnosis_plots as plots
 from qsframework.report import diagnosis_tables as tables
@@ -25,14 +26,16 @@ _HOW = (
 )
 
 
-def diagnosis_sections(diagnosis: Diagnosis, files: Sequence[Path]) -> tuple[Section, ...]:
-    """All sections of the report; files: what the diagnosis read, for their hashes."""
+def diagnosis_sections(
+    diagnosis: Diagnosis, files: Sequence[Path], pairs: Sequence[Discrimination] = ()
+) -> tuple[Section, ...]:
+    """All sections of the report; files: what the diagnosis read, for their hashes; pairs: what separates rivals."""
     effects = diagnosis.extended.model.effects
     computed = provenance_section(effects, files, diagnosis.seed)
     settings = Text(f"Level {100 * diagnosis.level:g} %, {len(diagnosis.table)} causes tried, {_sizes(diagnosis)}.")
     return (
         Section("Verdict", tuple(_verdict(diagnosis))),
-        Section("Causes", tuple(_causes(diagnosis))),
+        Section("Causes", tuple(_causes(diagnosis, pairs))),
         Section("Residuals before and after", tuple(_residuals(diagnosis))),
         Section("What these readings can tell", tuple(_tell(diagnosis))),
         Section("Noise and data", tuple(_noise(diagnosis))),
@@ -54,7 +57,7 @@ def _verdict(diagnosis: Diagnosis) -> Iterator[Block]:
     yield plots.budget_figure(diagnosis)
 
 
-def _causes(diagnosis: Diagnosis) -> Iterator[Block]:
+def _causes(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[Block]:
     yield tables.cause_table(diagnosis)
     for f in diagnosis.findings:
         if f.rivals:
@@ -63,8 +66,11 @@ def _causes(diagnosis: Diagnosis) -> Iterator[Block]:
         if f.hangs_on:
             sets = ", ".join("+".join(s) for s in f.hangs_on)
             yield Text(f"{f.name} hangs on poses {sets}: without them another answer, or none, fits as well.")
-    for x in diagnosis.leftovers:
-        yield Text(f"Unexplained: {x.words()}.")
+    for pair in pairs:
+        for said in pair.words():
+            yield Text(said)
+    if diagnosis.leftovers:
+        yield tables.leftover_table(diagnosis)
     if (excluded := tables.excluded_table(diagnosis)).rows:
         yield excluded
     for said in tables.unseen_words(diagnosis):

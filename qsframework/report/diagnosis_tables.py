@@ -20,6 +20,9 @@ def estimate_words(values: Sequence[Value]) -> str:
     """Estimates of a cause's parameters in the units of people; each by its last name where there are several."""
     said = []
     for v in values:
+        if v.sd == 0.0:  # a convention is adopted, not estimated
+            said.append(f"set to {v.value:g} {v.unit}".strip())
+            continue
         label = v.name.rpartition(".")[2] + " " if len(values) > 1 else ""
         before = f" (was {people_size(Parameter(v.name, v.unit), v.initial)})" if v.initial != 0.0 else ""
         said.append(f"{label}{people_estimate(Parameter(v.name, v.unit), v.value, v.sd)}{before}")
@@ -163,6 +166,18 @@ def outlier_table(diagnosis: Diagnosis) -> Table:
         ("row", "pose", "marker", "dx, dy, dz mm"),
         rows,
         "Rows that do not belong to the others, whatever the cause; they took no part in the search.",
+    )
+
+
+def leftover_table(diagnosis: Diagnosis) -> Table:
+    """What the named causes leave, the plainest first."""
+    shown = diagnosis.leftovers[:_STRONGEST]
+    more = len(diagnosis.leftovers) - len(shown)
+    return Table(
+        ("unexplained: an extra motion at", "that depends on", "p"),
+        tuple((x.place, x.variable, chance(x.p_value)) for x in shown),
+        "A smooth extra motion, of no cause in the library, that the readings still hold. The first row is where to "
+        "look; the others are often the same motion seen from elsewhere" + (f" ({more} more)." if more else "."),
     )
 
 

@@ -9,6 +9,9 @@ from typing import Any
 
 from qsframework.files import write_text
 
+_WORDS = 40
+"""A column with a longer cell than this holds words, which are set from the left."""
+
 
 @dataclass(frozen=True)
 class Text:
@@ -71,7 +74,8 @@ def _block(block: Text | Table | Figure | View, name: str) -> dict[str, Any]:
     if isinstance(block, Text):
         return {"kind": "text", "text": block.text}
     if isinstance(block, Table):
-        return {"kind": "table", "header": block.header, "rows": block.rows, "caption": block.caption}
+        words = [any(len(row[i]) > _WORDS for row in block.rows) for i in range(len(block.header))]
+        return {"kind": "table", "header": block.header, "rows": block.rows, "caption": block.caption, "words": words}
     if isinstance(block, View):
         return {"kind": "view", "page": block.page, "caption": block.caption}
     drawn = block.figure.to_html(
