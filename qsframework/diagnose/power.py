@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.diagnose.angles import alias_classes, angle_matrix, named_from
+from qsframework.diagnose.bench import Bench
 from qsframework.diagnose.case import Case, Subspace, plan_case
 from qsframework.diagnose.causes import REACH, Cause, find_causes
 from qsframework.diagnose.foresight import CAN_DETECT, CAN_NAME, CANNOT_SEE, Curve, Foresight, Pair, Prospect, Size
@@ -29,6 +30,8 @@ LIBRARY_LEVEL = 0.024
 CLOSE = float(np.deg2rad(10.0))
 """Causes at a smaller angle count as not separable: naming one of them takes s = 19 and more."""
 _MOST = 1e4
+_BEYOND = 3.0
+"""Times the largest realistic size beyond which the linear model says how much would be needed."""
 _STEPS = 28
 _SURE = 8.0
 """s beyond a threshold from which detection is certain in double precision."""
@@ -55,13 +58,15 @@ class _Test:
 
 def foresee(
     experiment: Experiment, plan: Plan | Poses, *, level: float = LIBRARY_LEVEL, power: float = 0.85,
-    share: float = 0.95, sigma: float | None = None, seed: int = 0, progress: Progress | None = None,
+    share: float = 0.95, sigma: float | None = None, seed: int = 0, exact: bool = True,
+    progress: Progress | None = None,
 ) -> Foresight:  # fmt: skip
     """What a plan (or poses with their wrenches) would detect and name.
 
     level: family-wise chance of an alarm; power: rate of detection, share: rate of right names that are asked for;
-    sigma: noise of one coordinate, m, that of the experiment if None. InputError where it is not known;
-    NotIdentifiable where the plan does not even tell the fitted parameters.
+    sigma: noise of one coordinate, m, that of the experiment if None; exact: sizes are those at which the full
+    equilibrium shows as much, else those of the linear model. InputError where the noise is not known; NotIdentifiable
+    where the plan does not even tell the fitted parameters.
     """
     tell = progress or (lambda *_: None)
     poses = plan.repeated() if isinstance(plan, Plan) else plan
@@ -69,23 +74,27 @@ def foresee(
     if noise is None:
         raise InputError(f"{experiment.path}: a forecast needs the noise, for example noise: {{sigma_mm: 0.03}}")
     fitted = experiment.fit_names()
-    tell("causes", 0, 3)
+    tell("causes", 0, 2)
     causes, untested = find_causes(experiment, fitted, poses)
     case = plan_case(experiment, poses, fitted, causes, noise)
     rank = rank_test(case.A, fitted)
     if not rank.full:
         raise NotIdentifiable(f"the plan does not tell the fitted parameters: {rank.words()}")
     subspaces = case.subspaces()
-    tell("causes", 1, 3)
+    tell("causes", 1, 2)
     angles = angle_matrix(subspaces)
     test = _make_test(subspaces, len(case.A), level, power, seed)
-    tell("causes", 2, 3)
-    prospects = tuple(_prospect(case, test, angles, i, share) for i in range(len(causes)))
-    tell("causes", 3, 3)
+    tell("causes", 2, 2)
+    bench = Bench(experiment, poses, noise) if exact else None
+    prospects: list[Prospect] = []
+    for i in range(len(causes)):
+        tell("sizes", i, len(causes))
+        prospects.append(_prospect(case, test, angles, i, share, bench))
+    tell("sizes", len(causes), len(causes))
     names = [c.name for c in causes]
     return Foresight(
-        prospects, untested, _pairs(names, angles, share), _groups(names, subspaces), angles, _curves(test), case,
-        len(poses), noise, level, power, share, seed,
+        tuple(prospects), untested, _pairs(names, angles, share), _groups(names, subspaces), angles, _curves(test),
+        case, len(poses), noise, level, power, share, seed,
     )  # fmt: skip
 
 
@@ -139,12 +148,12 @@ def _smallest(enough: Callable[[float], bool]) -> float:
     return high
 
 
-def _prospect(case: Case, test: _Test, angles: Array, i: int, share: float) -> Prospect:
+def _prospect(case: Case, test: _Test, angles: Array, i: int, share: float, bench: Bench | None) -> Prospect:
     cause, subspace = case.causes[i], test.subspaces[i]
     if not subspace.visible:
         return Prospect(cause, CANNOT_SEE, (), "", float("nan"), (), _hidden(case, i, subspace))
     own = next(c for c in test.heads if i in c)
-    sizes = tuple(_size(case, test, i, j, own, share) for j in range(len(cause.parameters)))
+    sizes = tuple(_size(case, test, i, j, own, share, bench) for j in range(len(cause.parameters)))
     aliases = tuple(case.causes[j].name for j in own if j != i)
     row = angles[i].copy()
     row[list(own)] = np.nan
@@ -178,7 +187,9 @@ def _hidden(case: Case, i: int, subspace: Subspace) -> str:
     return f"absorbed by the fitted parameters: of {raw:.2g} units of noise at its typical size {rest}"
 
 
-def _size(case: Case, test: _Test, i: int, j: int, own: Sequence[int], share: float) -> Size:
+def _size(
+    case: Case, test: _Test, i: int, j: int, own: Sequence[int], share: float, bench: Bench | None
+) -> Size:  # fmt: skip
     """The smallest visible deviations of parameter j of cause i, alone."""
     cause, mine = case.causes[i], np.flatnonzero(test.owner == i)
     along = test.subspaces[i].Q.T @ case.B[i][:, j]
@@ -196,7 +207,13 @@ def _size(case: Case, test: _Test, i: int, j: int, own: Sequence[int], share: fl
         return 1.0 - rate + float(wrong.sum())
 
     name = _smallest(lambda size: missed(size) <= 1.0 - share)
-    return Size(parameter, s, detect / s * typical, name / s * typical)
+    found = [seen / s * typical for seen in (detect, name)]
+    if bench is not None:
+        most = _BEYOND * REACH * typical
+        for k, seen in enumerate((detect, name)):
+            if found[k] <= most:
+                found[k] = bench.size_for(cause, j, test.subspaces[i].Q, found[k], seen)
+    return Size(parameter, s, found[0], found[1])
 
 
 def _reached(test: _Test, i: int, products: Array) -> tuple[Array, Array]:
@@ -256,14 +273,3 @@ def _curves(test: _Test) -> tuple[Curve, ...]:
         label = "1 direction that can only grow" if side else f"{k} direction{'s' if k > 1 else ''}"
         out.append(Curve(label, s, detection_rate(s, k, side, limit)))
     return tuple(out)
-
-
-def cause_named(causes: Sequence[Cause], name: str) -> Cause:
-    """The cause of a name; an InputError lists them."""
-    from qsframework.errors import Problem, nearest
-
-    for cause in causes:
-        if cause.name == name:
-            return cause
-    known = [c.name for c in causes]
-    raise InputError(Problem(f"no cause {name!r}", allowed=", ".join(known), hint=nearest(name, known)))
