@@ -96,9 +96,9 @@ def diagnose(
     after = misfit(base.experiment, base.readings, base.rows, extended, known)
     errors = _errors(base, extended, held, given)
     table = table_of(library, best, findings, base.untested)
-    verdict = verdict_of(findings, leftovers, ambiguous(library, findings))
+    verdict = verdict_of(findings, leftovers, after, ambiguous(library, findings))
     outliers = [int(base.readings.rows[i]) for i in base.out]
-    words = words_of(verdict, findings, leftovers, conventions, base.audit, errors, table, outliers)
+    words = words_of(verdict, findings, leftovers, conventions, base.audit, after, errors, table, outliers)
     return Diagnosis(
         base.experiment, base.readings, verdict, words, findings, table, conventions, base.audit, leftovers, before,
         after, errors, base.rows.keep, base.out, base.fit, extended, base.case, _notes(base, held, extended), level,

@@ -8,6 +8,7 @@ import numpy as np
 
 from qsframework.diagnose.conventions import Convention
 from qsframework.diagnose.explain import Library
+from qsframework.diagnose.lack_of_fit import LackOfFit
 from qsframework.diagnose.noise_audit import NoiseAudit
 from qsframework.diagnose.result import Errors, Finding, Leftover, Line
 from qsframework.diagnose.words import people_estimate
@@ -18,6 +19,8 @@ _FEW = 1.15
 """Held-out error over the noise up to which nothing more is to be gained."""
 
 
+_MISFIT = 1e-3
+"""p-value of the lack of fit below which no name is final; the noise has been audited before."""
 MANY = 8
 """Kinds of rivals beyond which a name is no explanation: something acts, and the readings do not say what."""
 
@@ -29,17 +32,24 @@ def ambiguous(library: Library, findings: Sequence[Finding]) -> bool:
     return any(len(k) > MANY for k in kinds)
 
 
-def verdict_of(findings: Sequence[Finding], leftovers: Sequence[Leftover], unclear: bool) -> str:
+def misfits(after: LackOfFit) -> bool:
+    """Whether what the last model leaves is too much for the stated noise, or for the repeats."""
+    told = [p for p in (after.p_chi2, after.p_replicates) if np.isfinite(p)]
+    return min(told, default=1.0) * len(told) < _MISFIT
+
+
+def verdict_of(findings: Sequence[Finding], leftovers: Sequence[Leftover], after: LackOfFit, unclear: bool) -> str:
     """none: nothing acts; explained: names that leave nothing; partly_explained: names that leave something, or that
     could as well be many others."""
+    left = bool(leftovers) or misfits(after)
     if not findings:
-        return "unexplained" if leftovers else "none"
-    return "partly_explained" if leftovers or unclear else "explained"
+        return "unexplained" if left else "none"
+    return "partly_explained" if left or unclear else "explained"
 
 
 def words_of(
     verdict: str, findings: Sequence[Finding], leftovers: Sequence[Leftover], conventions: Sequence[Convention],
-    audit: NoiseAudit, errors: Errors, table: Sequence[Line], rows: Sequence[int],
+    audit: NoiseAudit, after: LackOfFit, errors: Errors, table: Sequence[Line], rows: Sequence[int],
 ) -> str:  # fmt: skip
     """The verdict in sentences. rows: lines of the file that the audit took out."""
     said = [f"{c.name}: {c.words}." for c in conventions if c.compelling]
@@ -59,6 +69,9 @@ def words_of(
         said.append(
             f"The readings {also}hold something that no effect of the library explains: {leftovers[0].words()}."
         )
+    elif misfits(after):
+        said.append("What is left is too much for the noise, though no place or variable stands out.")
+    said += [f"A suspicion: {c.words}." for c in conventions if c.name == "load_unit"]
     if len(rows):
         said.append(f"Outliers left out: rows {', '.join(map(str, rows))}.")
     if audit.unit_source != "stated":
