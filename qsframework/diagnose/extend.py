@@ -15,13 +15,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from qsframework.diagnose.conventions import compelling
 from qsframework.diagnose.result import Diagnosis
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, load_experiment
 from qsframework.files import read_yaml, sha256, write_bytes, write_text, yaml_text
-from qsframework.plugin import Effect, Load, Parameter, Sensor, build_effects
+from qsframework.plugin import Effect, Load, Parameter, Poses, Sensor, build_effects
 from qsframework.plugin.entry import effect_entry
 from qsframework.plugin.settings import place_fields
 from qsframework.robot.copied import robot_files
@@ -29,13 +31,15 @@ from qsframework.robot.loader import find_robot
 
 _HEAD = "Written by qsf diagnose."
 _ROBOT = Path("robot")
+_SAME = 1e-12
+"""Relative difference up to which a number in a file is the one in memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class Extension:
     """What to write: a model on an experiment's robot, `values` of all its parameters and `sds` of the estimated
     ones, SI; evidence: where a value comes from, by parameter; fit: names to estimate from now on; data: readings of
-    the extended experiment; notes: lines for the head of its file."""
+    the extended experiment; notes: lines for the head of its file; poses: where the files must predict the same."""
 
     experiment: Experiment
     model: Model
@@ -45,6 +49,7 @@ class Extension:
     fit: tuple[str, ...] = ()
     data: Path | None = None
     notes: tuple[str, ...] = ()
+    poses: Poses | None = None
 
 
 def extension_of(diagnosis: Diagnosis) -> Extension:
@@ -64,7 +69,7 @@ def extension_of(diagnosis: Diagnosis) -> Extension:
         notes.append(f"The readings are not named here: they have to be corrected first. {adopted.words}.")
     return Extension(
         diagnosis.experiment, settled.model, diagnosis.values(), {n: settled.sd(n) for n in settled.names}, evidence,
-        settled.names, None if read_otherwise else source, tuple(notes),
+        settled.names, None if read_otherwise else source, tuple(notes), diagnosis.readings.poses,
     )  # fmt: skip
 
 
@@ -212,12 +217,17 @@ def _relative(data: Path, folder: Path) -> str:
 
 
 def _check(path: Path, extension: Extension) -> None:
-    """The written experiment loads and has the values of the extension."""
-    model = load_experiment(path).model()
+    """The written experiment loads, has the values of the extension and predicts what it predicts."""
+    model, values = load_experiment(path).model(), extension.values
     written = dict(zip(model.names, (float(v) for v in model.nominal), strict=True))
-    wrong = [n for n, v in extension.values.items() if abs(written.get(n, float("nan")) - v) <= 1e-12 * abs(v)]
-    if len(wrong) != len(extension.values) or len(written) != len(wrong):
-        lost = sorted(set(extension.values) ^ set(wrong)) or sorted(set(written) - set(wrong))
+    lost = sorted(set(written) ^ set(values))
+    lost += [n for n in values if n in written and abs(written[n] - values[n]) > _SAME * abs(values[n])]
+    if not lost and extension.poses is not None:
+        x = np.array([values[n] for n in extension.model.names])
+        expected = extension.model.predict(extension.poses, x)
+        if np.abs(model.predict(extension.poses) - expected).max() > 1e3 * _SAME * np.abs(expected).max():
+            lost = ["its markers, its load or its gravity"]
+    if lost:
         raise InputError(
             f"the extended robot would lose {', '.join(lost)}: the experiment in memory is not the one in "
             f"{extension.experiment.path}"

@@ -244,6 +244,11 @@ def test_an_experiment_that_is_not_that_of_its_file_is_refused(extension: Extens
     values = {**extension.values, "made_up": 1.0}
     with pytest.raises(InputError, match="would lose made_up"):
         write_extended(replace(extension, values=values), tmp_path / "out")
+    moved = extension.experiment.with_(load_point=extension.experiment.load_point + 0.1)
+    model = moved.model()
+    values = dict(zip(model.names, model.nominal.tolist(), strict=True))
+    with pytest.raises(InputError, match="would lose its markers, its load"):
+        write_extended(Extension(moved, model, values, {}, {}, poses=poses_of(moved)), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
