@@ -15,6 +15,7 @@ from qsframework.diagnose.power import LIBRARY_LEVEL, detection_rate, threshold
 from qsframework.diagnose.result import Diagnosis
 from qsframework.diagnose.score import DRAWS, blocks_of, score
 from qsframework.plugin import Array
+from qsframework.report import power_section
 from qsframework.report.page import Figure
 
 _BEFORE, _AFTER = "rgba(200, 70, 40, 0.55)", "rgba(30, 130, 60, 0.75)"
@@ -135,29 +136,13 @@ def angle_figure(diagnosis: Diagnosis) -> Figure | None:
     heads = sorted(heads, key=lambda i: -subspaces[i].reach)[:_MOST]
     if len(heads) < 2:
         return None
-    angles = np.rad2deg(angle_matrix([subspaces[i] for i in heads]))
-    angles = np.where(np.isfinite(angles), np.minimum(angles, 180.0 - angles), 0.0)
-    order = _neighbours(angles)
-    names = [html.escape(subspaces[heads[i]].cause.name) for i in order]
-    figure = _blank("Angles between the causes, deg", "", "", height=max(420, 11 * len(names) + 200))
-    figure.add_heatmap(z=angles[np.ix_(order, order)], x=names, y=names, colorscale="Viridis", zmin=0.0, zmax=90.0,
-                       colorbar={"title": {"text": "deg"}})  # fmt: skip
-    figure.update_yaxes(autorange="reversed", dtick=1, tickfont={"size": 8})
-    figure.update_xaxes(dtick=1, tickfont={"size": 8})
+    shown = [subspaces[i] for i in heads]
     return Figure(
-        figure,
-        f"The {len(names)} visible causes that these readings show best, alike ones side by side; of causes that do "
+        power_section.angle_figure([x.cause.name for x in shown], angle_matrix(shown)),
+        f"The {len(shown)} visible causes that these readings show best, alike ones side by side; of causes that do "
         "the same (within 1 deg) one stands for all. Dark squares are causes that these poses cannot tell apart, "
         "whatever their size: other poses, loads or markers would.",
     )
-
-
-def _neighbours(angles: Array) -> list[int]:
-    """An order that puts alike causes side by side."""
-    from scipy.cluster.hierarchy import leaves_list, linkage
-    from scipy.spatial.distance import squareform
-
-    return [int(i) for i in leaves_list(linkage(squareform(angles, checks=False), "average"))]
 
 
 def power_figure(diagnosis: Diagnosis) -> Figure:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -81,3 +82,25 @@ def test_a_folder_with_files_is_refused_before_anything_is_computed(tmp_path: Pa
     with pytest.raises(InputError, match="holds other files"):
         run("diagnose", HIDDEN, "--extend", str(tmp_path), "--json", str(tmp_path / "r.json"))
     assert not (tmp_path / "r.json").exists()
+
+
+def test_a_wrong_convention_is_named_and_written_with_the_robot(tmp_path: Path) -> None:
+    """The R-2000iC whose J3 is read as relative."""
+    source = load_experiment(R2000IC).robot.folder
+    shutil.copytree(source, tmp_path / "robot")
+    robot = tmp_path / "robot" / "robot.yaml"
+    text = robot.read_text()
+    assert "equals: J3 + J2, " in text
+    robot.write_text(text.replace("equals: J3 + J2, ", ""))
+    shutil.copy(Path(R2000IC).parent / "readings.csv", tmp_path)
+    wrong = tmp_path / "experiment.yaml"
+    wrong.write_text(Path(R2000IC).read_text().replace("robot: fanuc_r2000ic", "robot: ./robot"))
+    out = tmp_path / "out"
+    output = run("diagnose", str(wrong), "--extend", str(out), "--json", str(tmp_path / "r.json"))
+    assert json.loads((tmp_path / "r.json").read_text())["conventions"] == ["controller_coupling[joint_3]"]
+    assert "set to 1" in output
+    extended = load_experiment(out / "experiment.yaml")
+    values = {p.name: p.nominal for p in extended.robot.parameters}
+    assert values["controller_coupling[joint_3]"] == 1.0
+    assert extended.data is not None
+    assert extended.data.resolve() == tmp_path / "readings.csv"
