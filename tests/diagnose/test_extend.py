@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 import yaml
 
+from qsframework.diagnose import diagnose
 from qsframework.diagnose.causes import Cause, proposed, widened
-from qsframework.diagnose.extend import Extension, of_arm, write_extended
+from qsframework.diagnose.extend import Extension, extension_of, of_arm, write_extended
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, load_experiment, read_plan, read_readings, simulate
 from qsframework.files import read_yaml
 from qsframework.plugin import Conditions, Effect, Poses, registry
+from tests.diagnose.cases import campaign, measured
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 ROBOTS = {"m900ib": EXAMPLES / "m900ib" / "experiment.yaml", "r2000ic": EXAMPLES / "r2000ic" / "experiment.yaml"}
@@ -285,3 +287,22 @@ def test_what_the_robot_is_made_of_comes_along(tmp_path: Path) -> None:
     assert (robot / "LICENSE").is_file()
     assert not (robot / "huge.bin").exists()
     assert "stand" in load_experiment(tmp_path / "out" / "experiment.yaml").robot.frames
+
+
+def test_readings_with_wrong_axes_are_not_named_as_data(tmp_path: Path) -> None:
+    """What is wrong with the file has to be corrected there: the extended experiment says so."""
+    readings = measured(seed=1, count=20)
+    source = EXAMPLES / "hidden_effect" / "readings.csv"
+    exchanged = replace(readings, displacement=readings.displacement[:, [1, 0, 2]], source=source)
+    found = diagnose(campaign(), exchanged)
+    assert found.conventions[0].compelling
+    assert found.conventions[0].name.startswith("displacement_")
+    extension = extension_of(found)
+    assert extension.data is None
+    write_extended(extension, tmp_path / "out")
+    head = (tmp_path / "out" / "experiment.yaml").read_text().partition("robot:")[0]
+    assert "have to be corrected first" in head
+    assert found.conventions[0].words in head
+    assert load_experiment(tmp_path / "out" / "experiment.yaml").data is None
+    right = extension_of(diagnose(campaign(), replace(readings, source=source)))
+    assert right.data == source
