@@ -9,7 +9,7 @@ from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.design import read_taken
 from qsframework.cli.progress import print_table, progress
 from qsframework.diagnose.result import Diagnosis
-from qsframework.experiment import load_experiment, read_plan, write_plan
+from qsframework.experiment import Experiment, Plan, Readings, is_states, load_experiment, read_plan, write_plan
 
 
 def run_foresight(
@@ -51,16 +51,36 @@ def run_separate(
 
     campaign = load_experiment(experiment)
     distinct_outputs([output, output.with_suffix(".json"), json], [experiment, *taken])
-    before = [read_taken(path, campaign) for path in taken]
+    before = [_taken(path, campaign) for path in taken]
+    sigma = campaign.noise.sigma or _left_over(campaign, before)
     with progress() as tell:
-        found = discriminate(campaign, before, pair[0], pair[1], count, seed=seed, progress=tell)
+        found = discriminate(campaign, before, pair[0], pair[1], count, sigma=sigma, seed=seed, progress=tell)
     for line in found.words():
         print(line)
-    if found.helps:
+    if found.useful:
         write_plan(output, found.plan, campaign)
         print(f"plan: {output}")
     if json is not None:
         write_json(json, found.as_json())
+
+
+def _taken(path: Path, experiment: Experiment) -> Plan | Readings:
+    """A plan, readings, or loaded minus unloaded positions of a file of states."""
+    from qsframework.cli.diagnose import read_displacements
+
+    return read_displacements(experiment, path) if is_states(path) else read_taken(path, experiment)
+
+
+def _left_over(experiment: Experiment, taken: Sequence[Plan | Readings]) -> float | None:
+    """What a fit of the readings leaves, where nobody states the noise: more than the noise, on the safe side."""
+    from qsframework.identify import identify
+
+    for one in taken:
+        if isinstance(one, Readings):
+            sigma = identify(experiment, one).sigma
+            print(f"Nobody states the noise; what the fitted model leaves counts as noise: {1e3 * sigma:.3g} mm.")
+            return sigma
+    return None
 
 
 def run_second_day(diagnosis: Diagnosis, count: int, output: Path, seed: int = 0) -> None:

@@ -63,9 +63,19 @@ class Discrimination:
         pairs = zip(self.parameters, self.values.tolist(), strict=True)
         return ", ".join(people_size(p, share * v) for p, v in pairs if v)
 
+    @property
+    def useful(self) -> bool:
+        """Whether the poses tell anything of the two, if only where the first one is larger."""
+        return self.s_after >= _SEEN and self.limit >= CLOSE
+
     def words(self) -> tuple[str, ...]:
         """What the poses reach, and what else would."""
         count = len(self.plan.pose)
+        if not self.useful:
+            apart = f", however many: the angle stays below {degrees(max(self.limit, np.deg2rad(1.0)))} deg"
+            said = [f"{self.first} ({self.size()}) against {self.second}: no more poses like these tell them apart"
+                    f"{apart if self.limit < CLOSE else ', s stays near 0'}."]  # fmt: skip
+            return (*said, *self._offer_words())
         said = [
             f"{self.first} ({self.size()}) against {self.second}: {count} more poses bring s from {self.s_before:.1f} "
             f"to {self.s_after:.1f} (at most {self.bound:.1f} by any {count} of {self.candidates}) and the angle from "
@@ -73,10 +83,7 @@ class Discrimination:
             f"{_percent(mistaken(self.s_after))} of measurements instead of {_percent(mistaken(self.s_before))}."
         ]
         if not self.helps:
-            why = f"s stays below {ENOUGH:g}" if self.bound < ENOUGH else f"the angle ends at {degrees(self.limit)} deg"
-            said.append(f"More poses like these do not separate them: {why}.")
-            if self.s_after >= _SEEN and self.limit >= CLOSE:
-                said.append(f"They would from {self.size(ENOUGH / self.s_after)} on.")
+            said.append(f"That is too little at this size; from {self.size(ENOUGH / self.s_after)} on it is enough.")
         return (*said, *self._offer_words())
 
     def _offer_words(self) -> tuple[str, ...]:

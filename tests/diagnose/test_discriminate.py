@@ -161,9 +161,21 @@ def test_where_poses_cannot_help_another_marker_does(experiment, first_day):
     assert found.offers[0].s >= by_name["elbow marker"].s
     assert all(o.s < 0.1 for o in found.offers if o.name.startswith("load"))
     said = " ".join(found.words())
-    assert "do not separate them" in said
+    assert "no more poses like these tell them apart" in said
+    assert not found.useful
     assert "a marker on link_3" in said
     assert "No help" in said
+
+
+def test_where_the_size_is_too_small_the_words_say_which_is_enough(experiment, first_day):
+    found = discriminate(experiment, first_day, PEDESTAL, BEARING, 8, candidates=60, values=[1e-9], alternatives=False)
+    assert found.useful
+    assert not found.helps
+    enough = 1e-9 * 4.0 / found.s_after
+    again = discriminate(experiment, first_day, PEDESTAL, BEARING, 8, candidates=60, values=[1.01 * enough])
+    assert again.helps
+    assert "from" in found.words()[1]
+    assert f"{1e9 * enough:.2f} nrad/(N m)" in found.words()[1]
 
 
 def test_a_base_marker_separates_the_pedestal_from_the_first_link(experiment, first_day):

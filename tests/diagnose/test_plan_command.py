@@ -102,3 +102,13 @@ def test_a_second_day_is_a_plan(tmp_path, capsys):
     run_second_day(found, 5, tmp_path / "day2.csv")
     assert "told right in" in capsys.readouterr().out
     assert len(read_plan(tmp_path / "day2.csv", hidden).pose) == 5
+
+
+def test_without_a_stated_noise_what_the_fit_leaves_counts(tmp_path, capsys):
+    file = example("r2000ic") / "experiment.yaml"
+    pair = ("offaxis_compliance[joint_4/z]", "offaxis_compliance[joint_3/x]")
+    run_separate(file, [file.parent / "readings.csv"], pair, 4, tmp_path / "more.csv")
+    said = capsys.readouterr().out
+    assert "Nobody states the noise" in said
+    assert "0.2" in said.split("counts as noise:")[1][:6]
+    assert len(read_plan(tmp_path / "more.csv", load_experiment(file)).pose) == 4
