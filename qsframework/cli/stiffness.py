@@ -20,12 +20,12 @@ _AXES = ("x", "y", "z", "rx", "ry", "rz")
 def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | None, report: Path | None) -> None:
     """Compute, print, write."""
     arm = load_robot(robot)
-    wrench = _numbers("--load", load, (3, 6))
+    wrench = numbers("--load", load, (3, 6))
     result = stiffness_at(
         arm,
-        np.deg2rad(_numbers("--pose", pose, (arm.facts.n,))),
+        np.deg2rad(numbers("--pose", pose, (arm.facts.n,))),
         np.concatenate([wrench, np.zeros(6 - len(wrench))]),
-        _numbers("--point", point, (3,)) * 1e-3,
+        numbers("--point", point, (3,)) * 1e-3,
     )
     section = Section(f"{arm.title} at {pose} deg under {load} N", (*_tables(result), Text(_words(result))))
     for block in section.blocks:
@@ -40,7 +40,8 @@ def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | Non
         print(f"report: {path}")
 
 
-def _numbers(option: str, text: str, counts: tuple[int, ...]) -> Array:
+def numbers(option: str, text: str, counts: tuple[int, ...]) -> Array:
+    """The numbers of an option, with commas between them; InputError unless there are as many as asked."""
     try:
         values = np.array([float(part) for part in text.split(",")])
     except ValueError as error:

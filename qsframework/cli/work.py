@@ -1,4 +1,4 @@
-"""The commands of `qsf` for work on the real robot: compensate. Each imports the library when it runs."""
+"""The commands of `qsf` for work on the real robot: compensate, export. Each imports the library when it runs."""
 
 from __future__ import annotations
 
@@ -36,7 +36,30 @@ def compensate(
     run_compensate(CompensateFiles(experiment, fit, targets, output, json, report), reference)
 
 
+def export(
+    plan: Annotated[Path, typer.Argument(help="plan.csv", show_default=False)],
+    experiment: Annotated[Path, typer.Option("--experiment", "-e", help="experiment.yaml", show_default=False)],
+    to: Annotated[str, typer.Option(help="fanuc-ls, krl or csv.", show_default=False)],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The file; krl makes .src and .dat.")],
+    order: Annotated[
+        str, typer.Option(help="shortest way, random (what drift cannot imitate), or as in the plan.")
+    ] = "shortest",
+    speed: Annotated[int, typer.Option(help="Percent of every joint's largest.", min=1, max=100)] = 10,
+    pause: Annotated[float, typer.Option(help="Seconds to wait at each pose.")] = 10.0,
+    hold: Annotated[bool, typer.Option("--hold", help="Wait for the start button instead.")] = False,
+    home: Annotated[
+        str | None, typer.Option(help="Pendant angles where the way begins and ends, deg: J1,J2,...")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
+    json: Json = None,
+) -> None:
+    """Put a plan on the robot: order it, check the way for collisions, write the controller's file."""
+    from qsframework.cli.export import ExportWish, run_export
+
+    run_export(plan, experiment, output, ExportWish(to, order, speed, None if hold else pause, home, seed), json)
+
+
 def add_commands(app: typer.Typer) -> None:
     """Register the commands."""
-    for command in (compensate,):
+    for command in (compensate, export):
         app.command()(command)

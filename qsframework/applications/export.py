@@ -1,0 +1,121 @@
+"""A plan as a file for the robot's controller, read back before it is called good."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+
+from qsframework.applications.export_fanuc import parse_fanuc, write_fanuc
+from qsframework.applications.export_krl import parse_krl, write_krl
+from qsframework.applications.parsed import Parsed, Stop, wrong
+from qsframework.applications.programme import Programme
+from qsframework.errors import InputError, Problem, nearest
+from qsframework.experiment import Plan
+from qsframework.files import read_text, write_text
+
+FORMATS = ("fanuc-ls", "krl", "csv")
+_MAKERS = {"fanuc-ls": "FANUC", "krl": "KUKA"}
+_KNOWN = ("FANUC", "KUKA", "ABB", "YASKAWA", "MOTOMAN", "UNIVERSAL ROBOTS", "STAUBLI", "KAWASAKI", "COMAU", "NACHI")
+_NAME = re.compile(r"[A-Za-z0-9_.+-]{1,16}")
+"""A pose's name that every format can hold."""
+
+
+def export(programme: Programme, plan: Plan, to: str, path: str | Path) -> tuple[Path, ...]:
+    """Write the programme in one of the FORMATS, read it back, and return the files.
+
+    InputError for another maker's robot, or names that the format cannot hold.
+    """
+    path = Path(path)
+    check_format(programme, to)
+    _check_names(programme)
+    if to == "krl":
+        src, dat = write_krl(programme, path.stem)
+        _proof(parse_krl(src, dat), programme, plan)
+        return write_text(path.with_suffix(".src"), src), write_text(path.with_suffix(".dat"), dat)
+    if to == "fanuc-ls":
+        text = write_fanuc(programme, re.sub(r"\W", "_", path.stem).upper())
+        _proof(parse_fanuc(text), programme, plan)
+    else:
+        text = write_csv(programme)
+        _proof(parse_csv(text), programme, plan)
+    return (write_text(path, text),)
+
+
+def read_export(path: str | Path) -> Parsed:
+    """Read back a file that `export` wrote, by its ending: .ls, .src (with its .dat) or .csv."""
+    path = Path(path)
+    ending = path.suffix.lower()
+    text = read_text(path)
+    if ending in (".src", ".dat"):
+        return parse_krl(read_text(path.with_suffix(".src")), read_text(path.with_suffix(".dat")))
+    return parse_fanuc(text) if ending == ".ls" else parse_csv(text)
+
+
+def check_format(programme: Programme, to: str) -> None:
+    """InputError for an unknown format, or the format of another maker's controller."""
+    if to not in FORMATS:
+        raise InputError(Problem(f"unknown format {to!r}", allowed=", ".join(FORMATS), hint=nearest(to, FORMATS)))
+    maker = next((m for m in _KNOWN if m in programme.title.upper()), None)
+    if to in _MAKERS and maker not in (None, _MAKERS[to]):
+        own = next((f for f, m in _MAKERS.items() if m == maker), "csv")
+        raise InputError(
+            Problem(f"{to} is for controllers by {_MAKERS[to]}", found=programme.title, hint=f"Use --to {own}.")
+        )
+
+
+def _check_names(programme: Programme) -> None:
+    problems = [
+        Problem(f"pose {name!r}: the controller cannot hold this name", allowed="1 to 16 letters, digits and _ . + -",
+                hint="Name it so in the plan's column pose.")
+        for name in dict.fromkeys(m.pose for m in programme.moves if m.measured)
+        if not _NAME.fullmatch(name)
+    ]  # fmt: skip
+    if problems:
+        raise InputError(problems)
+
+
+def _proof(parsed: Parsed, programme: Programme, plan: Plan) -> None:
+    found = [*parsed.differences(programme), *parsed.plan_differences(plan)]
+    if found:
+        raise InputError(f"the exported file does not say what the plan says, so it was not written: {found[0]}")
+
+
+def write_csv(programme: Programme) -> str:
+    """One row per stop, in the order of the way."""
+    n = len(programme.moves[0].pendant)
+    stream = io.StringIO()
+    payload = "not stated" if programme.payload is None else f"{programme.payload:g} kg"
+    stream.write(f"# robot: {programme.robot}\n# payload: {payload}\n")
+    writer = csv.writer(stream, lineterminator="\n")
+    angles = [f"q{k + 1}_deg" for k in range(n)]
+    writer.writerow(["stop", "pose", "visit", *angles, "speed_percent", "pause_s", "load", "fx_N", "fy_N", "fz_N"])
+    for i, move in enumerate(programme.moves, start=1):
+        pause = "0" if not move.measured else "hold" if programme.pause is None else repr(programme.pause)
+        degrees = [f"{v:.3f}" for v in np.rad2deg(move.pendant) + 0.0]
+        force = [f"{f:g}" for f in move.force]
+        writer.writerow([i, move.pose, move.repeat, *degrees, programme.speed, pause, move.load, *force])
+    return stream.getvalue()
+
+
+def parse_csv(text: str) -> Parsed:
+    """Read a table that `write_csv` wrote."""
+    robot = re.match(r"# robot: (\S+)\n", text)
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    rows = list(csv.DictReader(lines))
+    if robot is None or not rows or not {"stop", "pose", "visit", "q1_deg", "pause_s"} <= rows[0].keys():
+        raise wrong("is no table of `qsf export`")
+    angles = [name for name in rows[0] if re.fullmatch(r"q\d+_deg", name)]
+    return Parsed(
+        robot[1],
+        tuple(
+            Stop(
+                r["pose"], int(r["visit"]), np.deg2rad([float(r[a]) for a in angles]), int(r["speed_percent"]),
+                None if r["pause_s"] == "hold" else float(r["pause_s"]),
+            )
+            for r in rows
+        ),
+    )  # fmt: skip

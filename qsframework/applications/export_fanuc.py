@@ -1,0 +1,95 @@
+"""A programme as a FANUC TP listing (.ls), in joint angles, and back.
+
+Joint positions are what the pendant shows; J3 of a FANUC is what robot.yaml's `controller:` says it is.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from qsframework.applications.parsed import Parsed, Stop, bad_name, wrong
+from qsframework.applications.programme import Move, Programme
+
+_REMARK = 32
+"""Characters that a remark may have on the controller."""
+_MOST_JOINTS = 9
+_PER_LINE = 3
+
+
+def write_fanuc(programme: Programme, name: str) -> str:
+    """The listing. `name` is the programme's name on the controller: letters, digits and _, up to 36."""
+    if not re.fullmatch(r"[A-Z][A-Z0-9_]{0,35}", name):
+        raise bad_name(name, "a letter, then letters, digits and _, up to 36")
+    lines = [*_head(programme), "UFRAME_NUM=0", "UTOOL_NUM=1"]
+    for i, move in enumerate(programme.moves, start=1):
+        if move.measured:
+            lines.append(f"!{move.pose} visit {move.repeat}"[:_REMARK])
+        lines.append(f"J P[{i}] {programme.speed}% FINE")
+        if move.measured:
+            lines.append("PAUSE" if programme.pause is None else f"WAIT {programme.pause:6.2f}(sec)")
+    numbered = [_line(k, text) for k, text in enumerate(lines, start=1)]
+    positions = [_position(i, m) for i, m in enumerate(programme.moves, start=1)]
+    head = [
+        f"/PROG  {name}", "/ATTR", "OWNER\t\t= MNEDITOR;", 'COMMENT\t\t= "qsf export";', f"LINE_COUNT\t= {len(lines)};",
+        "PROTECT\t\t= READ_WRITE;", "TCD:  STACK_SIZE\t= 0,", "      TASK_PRIORITY\t= 50,", "      TIME_SLICE\t= 0,",
+        "      BUSY_LAMP_OFF\t= 0,", "      ABORT_REQUEST\t= 0,", "      PAUSE_REQUEST\t= 0;",
+        "DEFAULT_GROUP\t= 1,*,*,*,*;", "CONTROL_CODE\t= 00000000 00000000;", "/MN",
+    ]  # fmt: skip
+    return "\n".join([*head, *numbered, "/POS", *positions, "/END"]) + "\n"
+
+
+def _head(programme: Programme) -> list[str]:
+    payload = "payload not stated" if programme.payload is None else f"payload {programme.payload:g} kg"
+    remarks = [f"robot {programme.robot}", payload, "set PAYLOAD of tool and weight"]
+    if len(remarks[0]) >= _REMARK:
+        raise bad_name(programme.robot, f"a robot's name of up to {_REMARK - 7} characters, for a remark holds no more")
+    return [f"!{text}" for text in remarks]
+
+
+def _line(number: int, text: str) -> str:
+    motion = text.startswith("J P[")
+    return f"{number:4d}:{text}    ;" if motion else f"{number:4d}:  {text} ;"
+
+
+def _position(index: int, move: Move) -> str:
+    degrees = np.rad2deg(move.pendant)
+    if len(degrees) > _MOST_JOINTS:
+        raise bad_name(f"{len(degrees)} joints", "up to 9")
+    cells = [f"J{k}={value:10.3f} deg" for k, value in enumerate(degrees + 0.0, start=1)]
+    rows = [",\t".join(cells[s : s + _PER_LINE]) for s in range(0, len(cells), _PER_LINE)]
+    label = f':"{move.pose[:16]}"' if move.measured else ""
+    return f"P[{index}{label}]{{\n   GP1:\n\tUF : 0, UT : 1,\t\n\t" + ",\n\t".join(rows) + "\n};"
+
+
+_MOVE = re.compile(r"\s*\d+:\s*J P\[(\d+)\] (\d+)% FINE\s*;")
+_VISIT = re.compile(r"\s*\d+:\s*!(\S+) visit (\d+) ;")
+_WAIT = re.compile(r"\s*\d+:\s*(?:WAIT\s+([\d.]+)\(sec\)|(PAUSE)) ;")
+_POINT = re.compile(r"P\[(\d+)[^\]]*\]\{(.*?)\};", re.DOTALL)
+
+
+def parse_fanuc(text: str) -> Parsed:
+    """Read a listing that `write_fanuc` wrote."""
+    robot = re.search(r"!robot (\S+) ;", text)
+    if not text.startswith("/PROG") or robot is None or "/POS" not in text:
+        raise wrong("is no listing of `qsf export`")
+    body, positions = text.split("/POS", 1)
+    points = {
+        int(m[1]): np.deg2rad([float(v) for v in re.findall(r"J\d+=\s*(-?[\d.]+) deg", m[2])])
+        for m in _POINT.finditer(positions)
+    }
+    stops: list[Stop] = []
+    visit: tuple[str, int] = ("", 0)
+    for line in body.splitlines():
+        if match := _VISIT.fullmatch(line):
+            visit = (match[1], int(match[2]))
+        elif match := _MOVE.fullmatch(line):
+            if int(match[1]) not in points:
+                raise wrong(f"P[{match[1]}] has no position")
+            stops.append(Stop(*visit, points[int(match[1])], int(match[2]), 0.0))
+            visit = ("", 0)
+        elif match := _WAIT.fullmatch(line):
+            pause = None if match[2] else float(match[1])
+            stops[-1] = stops[-1].waiting(pause)
+    return Parsed(robot[1], tuple(stops))

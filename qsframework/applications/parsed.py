@@ -1,0 +1,74 @@
+"""What an exported file says, read back: the proof that it says what the plan says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from qsframework.applications.programme import Programme
+from qsframework.errors import InputError, Problem
+from qsframework.experiment import Plan
+from qsframework.plugin import Array
+
+ROUNDING = float(np.deg2rad(0.0005 * 1.001))
+"""Files state angles to a thousandth of a degree."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stop:
+    """A stop of an exported file: pose "" in between; pause 0: none, None: until started by hand."""
+
+    pose: str
+    repeat: int
+    pendant: Array
+    speed: int
+    pause: float | None
+
+    def waiting(self, pause: float | None) -> Stop:
+        """The stop with its pause."""
+        return replace(self, pause=pause)
+
+
+@dataclass(frozen=True, eq=False)
+class Parsed:
+    """A file that was read back."""
+
+    robot: str
+    stops: tuple[Stop, ...]
+
+    def differences(self, programme: Programme) -> list[str]:
+        """Where the file says something else than the programme; empty for a good one."""
+        out = [] if self.robot == programme.robot else [f"robot {self.robot}, not {programme.robot}"]
+        if len(self.stops) != len(programme.moves):
+            return [*out, f"{len(self.stops)} stops, not {len(programme.moves)}"]
+        for i, (stop, move) in enumerate(zip(self.stops, programme.moves, strict=True), start=1):
+            pause = programme.pause if move.measured else 0.0
+            said, meant = (stop.pose, stop.repeat), (move.pose, move.repeat)
+            if said != meant or stop.speed != programme.speed or stop.pause != pause:
+                out.append(f"stop {i}: {said}, {stop.speed} %, pause {stop.pause}")
+            if stop.pendant.shape != move.pendant.shape or np.abs(stop.pendant - move.pendant).max() > ROUNDING:
+                out.append(f"stop {i}: other angles")
+        return out
+
+    def plan_differences(self, plan: Plan) -> list[str]:
+        """Where the measured stops differ from the plan: another pose, other angles, another number of repeats."""
+        out = []
+        for name, pendant, repeats in zip(plan.pose, plan.pendant, plan.repeats, strict=True):
+            own = [s for s in self.stops if s.pose == name]
+            if len(own) != repeats:
+                out.append(f"{name}: {len(own)} visits, not {repeats}")
+            if any(np.abs(s.pendant - pendant).max() > ROUNDING for s in own):
+                out.append(f"{name}: other angles")
+        known = set(plan.pose) | {""}
+        return out + [f"{s.pose}: not in the plan" for s in self.stops if s.pose not in known]
+
+
+def wrong(message: str) -> InputError:
+    """An exported file that cannot be read."""
+    return InputError(Problem(message))
+
+
+def bad_name(found: str, allowed: str) -> InputError:
+    """A name that the controller cannot hold."""
+    return InputError(Problem("a name that the controller cannot hold", found=repr(found), allowed=allowed))

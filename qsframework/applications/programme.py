@@ -1,0 +1,205 @@
+"""A plan as a sequence of moves of the real robot: ordered, checked, with poses in between where needed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from qsframework.applications.ordering import visits, way_length
+from qsframework.applications.way import Surroundings, find_way, surroundings
+from qsframework.elastostatics import actuator_torques
+from qsframework.errors import InputError, Problem
+from qsframework.experiment import Experiment, Plan
+from qsframework.plugin import Array
+from qsframework.plugin.facts import frozen
+
+_ROUNDS = 4
+_DETOUR = 2.0
+"""rad that a way which is not free counts longer when the order is sought again."""
+Tell = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """A joint move to pendant angles (n,) rad. `pose` is the plan's name, "" for a pose in between or home.
+
+    repeat: 1, 2, ... counts the visits of the pose; load: its name
+    """
+
+    pendant: Array
+    pose: str = ""
+    repeat: int = 0
+    load: str = ""
+    force: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def measured(self) -> bool:
+        return self.pose != ""
+
+
+@dataclass(frozen=True, eq=False)
+class Programme:
+    """What the robot is to do. speed: percent of every joint's largest; pause: s at each pose, None: until started.
+
+    length, length_as_planned: rad of the slowest joint, in this order and in the plan's
+    """
+
+    robot: str
+    title: str
+    payload: float | None
+    moves: tuple[Move, ...]
+    speed: int
+    pause: float | None
+    length: float = 0.0
+    length_as_planned: float = 0.0
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def vias(self) -> int:
+        """How many poses in between were needed."""
+        return sum(1 for m in self.moves if not m.measured)
+
+
+def make_programme(
+    experiment: Experiment, plan: Plan, order: str = "shortest", seed: int = 0, speed: int = 10,
+    pause: float | None = 10.0, home: Array | None = None, tell: Tell | None = None, file: str = "",
+) -> Programme:  # fmt: skip
+    """Order a plan and check the way. home (n,) rad: pendant angles where the way begins and ends.
+
+    InputError where a pose is outside the limits or collides, a load is above the payload or an actuator's torque, or
+    no free way was found between two poses; each names the poses.
+    """
+    _check_numbers(speed, pause)
+    check_plan(experiment, plan, file)
+    around = surroundings(experiment)
+    _check_poses(around, plan, home, file)
+    tell = tell or (lambda label, done, total: None)
+    sequence = _free_order(around, plan, order, seed, home, tell)
+    moves = _moves(around, plan, sequence, home, np.random.default_rng(seed), tell, file)
+    told = Programme(experiment.robot.name, experiment.robot.title, experiment.robot.payload, moves, speed, pause)
+    points = np.stack([m.pendant for m in moves])
+    planned = way_length(plan.pendant, visits(plan, "plan"), home)
+    notes = _notes(experiment, around, home)
+    return Programme(told.robot, told.title, told.payload, moves, speed, pause,
+                     way_length(points, range(len(points)), None), planned, notes)  # fmt: skip
+
+
+def check_plan(experiment: Experiment, plan: Plan, file: str = "") -> None:
+    """InputError with every pose outside the limits and every load that the robot must not carry."""
+    robot, problems = experiment.robot, []
+    where = file or None
+    outside = robot.controller.outside(plan.pendant)
+    for i, k in zip(*np.nonzero(outside), strict=True):
+        low, high = np.rad2deg([robot.controller.lower[k], robot.controller.upper[k]])
+        problems.append(
+            Problem(f"pose {plan.pose[i]!r}: {robot.facts.joints[k]} is outside its limits", where,
+                    found=f"{np.rad2deg(plan.pendant[i, k]):g} deg", allowed=f"{low:g} to {high:g} deg")
+        )  # fmt: skip
+    force = np.linalg.norm(plan.wrench[:, :3], axis=1)
+    most = np.inf if robot.payload is None else robot.payload * float(np.linalg.norm(robot.gravity))
+    for i in np.flatnonzero(force > most * (1.0 + 1e-9)):
+        problems.append(
+            Problem(f"pose {plan.pose[i]!r}: the load is above the wrist's payload", where, found=f"{force[i]:.0f} N",
+                    allowed=f"{robot.payload:g} kg, {most:.0f} N",
+                    hint="The real robot is never told to hold it: plan with a smaller load.")
+        )  # fmt: skip
+    if robot.torque_limits is not None:
+        torque = np.abs(actuator_torques(experiment.model(), plan.poses))
+        for i, k in zip(*np.nonzero(torque > robot.torque_limits), strict=True):
+            problems.append(
+                Problem(f"pose {plan.pose[i]!r}: {robot.facts.joints[k]} cannot hold the load", where,
+                        found=f"{torque[i, k]:.0f} N m", allowed=f"up to {robot.torque_limits[k]:.0f} N m")
+            )  # fmt: skip
+    if problems:
+        raise InputError(problems)
+
+
+def _check_numbers(speed: int, pause: float | None) -> None:
+    if not 1 <= speed <= 100:
+        raise InputError(Problem("the speed is a share of the robot's own", found=f"{speed} %", allowed="1 to 100 %"))
+    if pause is not None and not 0.0 < pause <= 3600.0:
+        raise InputError(Problem("the pause at a pose", found=f"{pause:g} s", allowed="above 0, up to 3600 s"))
+
+
+def _check_poses(around: Surroundings, plan: Plan, home: Array | None, file: str) -> None:
+    pendant = plan.pendant if home is None else np.vstack([plan.pendant, home])
+    names = [*(f"pose {p!r}" for p in plan.pose), "home"]
+    problems = [
+        Problem(f"{names[i]}: breaks {what!r}", file or None,
+                hint="Leave it out, or design with `collision: true` and floor_m among the constraints.")
+        for what, hit in around.broken(pendant).items()
+        for i in np.flatnonzero(hit)
+    ]  # fmt: skip
+    if problems:
+        raise InputError(problems)
+
+
+def _free_order(
+    around: Surroundings, plan: Plan, order: str, seed: int, home: Array | None, tell: Tell
+) -> tuple[int, ...]:  # fmt: skip
+    """An order with few ways that are not free: such a way counts longer, and the order is sought again."""
+    penalty: dict[tuple[int, int], float] = {}
+    free: dict[tuple[int, int], bool] = {}
+    best: tuple[int, tuple[int, ...]] | None = None
+    for k in range(_ROUNDS):
+        sequence = visits(plan, order, seed, home, penalty)
+        pairs = [(min(i, j), max(i, j)) for i, j in pairwise(sequence)]
+        for i, j in pairs:
+            if (i, j) not in free:
+                free[i, j] = around.way_is_free(plan.pendant[i], plan.pendant[j])
+        blocked = [pair for pair in pairs if not free[pair]]
+        tell("order", k + 1, _ROUNDS)
+        if best is None or len(blocked) < best[0]:
+            best = (len(blocked), sequence)
+        if not blocked or order != "shortest":
+            break
+        penalty |= dict.fromkeys(blocked, _DETOUR)
+    tell("order", _ROUNDS, _ROUNDS)
+    assert best is not None
+    return best[1]
+
+
+def _moves(
+    around: Surroundings, plan: Plan, sequence: tuple[int, ...], home: Array | None, rng: np.random.Generator,
+    tell: Tell, file: str,
+) -> tuple[Move, ...]:  # fmt: skip
+    stops: list[Move] = []
+    seen: dict[int, int] = {}
+    for i in sequence:
+        seen[i] = seen.get(i, 0) + 1
+        x, y, z = (float(f) for f in plan.wrench[i, :3])
+        stops.append(Move(frozen(plan.pendant[i]), plan.pose[i], seen[i], plan.load[i], (x, y, z)))
+    if home is not None:
+        stops = [Move(frozen(home)), *stops, Move(frozen(home))]
+    out, problems = stops[:1], []
+    for k, (here, there) in enumerate(pairwise(stops)):
+        between = find_way(around, here.pendant, there.pendant, rng)
+        tell("way", k + 1, len(stops) - 1)
+        if between is None:
+            ends = f"from {here.pose or 'home'} to {there.pose or 'home'}"
+            hit = ", ".join(around.obstacles(here.pendant, there.pendant))
+            hint = "Leave one of the two out of the plan, or put a pose between them that both can reach."
+            problems.append(Problem(f"no free way found {ends}: it breaks {hit}", file or None, hint=hint))
+        out += [*(Move(p) for p in between or ()), there]
+    if problems:
+        raise InputError(problems)
+    return tuple(out)
+
+
+def _notes(experiment: Experiment, around: Surroundings, home: Array | None) -> tuple[str, ...]:
+    notes = []
+    if not experiment.robot.shapes:
+        notes.append("the robot's URDF has no simple solids: nothing was checked for collisions")
+    if around.floor is None:
+        notes.append("the experiment states no floor_m among its constraints: the way was not checked against a floor")
+    if experiment.constraints.tool_radius is None:
+        notes.append("the experiment states no tool_radius_mm: tool and weight were not checked for collisions")
+    if experiment.robot.payload is None:
+        notes.append("robot.yaml states no payload_kg: the loads were not checked against it")
+    if home is None:
+        notes.append("no home position was given: bring the arm to the first pose by hand, slowly")
+    notes.append("the cell, cables and people are not known here: run it once at low speed without the weight")
+    return tuple(notes)

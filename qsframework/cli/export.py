@@ -1,0 +1,93 @@
+"""`qsf export`: what it calls and prints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from qsframework.applications.export import FORMATS, export
+from qsframework.applications.programme import Programme, make_programme
+from qsframework.cli.commands import distinct_outputs, write_json
+from qsframework.cli.progress import progress
+from qsframework.errors import InputError, Problem, nearest
+from qsframework.experiment import Experiment, load_experiment, read_plan
+from qsframework.plugin import Array
+
+
+@dataclass(frozen=True)
+class ExportWish:
+    """How the plan is to be driven; pause None: wait for the start button."""
+
+    to: str
+    order: str
+    speed: int
+    pause: float | None
+    home: str | None
+    seed: int
+
+
+def run_export(plan_file: Path, file: Path, output: Path, wish: ExportWish, json: Path | None) -> None:
+    """Order and check the plan, write it for the controller, read it back."""
+    if wish.to not in FORMATS:
+        allowed, hint = ", ".join(FORMATS), nearest(wish.to, FORMATS)
+        raise InputError(Problem(f"unknown format {wish.to!r}", allowed=allowed, hint=hint))
+    outputs = [output.with_suffix(s) for s in (".src", ".dat")] if wish.to == "krl" else [output]
+    distinct_outputs([*outputs, json], [file, plan_file, plan_file.with_suffix(".json")])
+    experiment = load_experiment(file)
+    plan = read_plan(plan_file, experiment)
+    home = None if wish.home is None else home_pose(experiment, wish.home)
+    with progress() as tell:
+        programme = make_programme(
+            experiment, plan, wish.order, wish.seed, wish.speed, wish.pause, home, tell, str(plan_file)
+        )
+    files = export(programme, plan, wish.to, output)
+    print(words(programme))
+    for note in programme.notes:
+        print(f"note: {note}")
+    print("written and read back: " + ", ".join(map(str, files)))
+    if json is not None:
+        write_json(json, as_json(programme, wish, files))
+
+
+def home_pose(experiment: Experiment, text: str) -> Array:
+    """Pendant angles (n,) rad of `--home`."""
+    from qsframework.cli.stiffness import numbers
+
+    robot = experiment.robot
+    pendant = np.deg2rad(numbers("--home", text, (robot.facts.n,)))
+    outside = np.flatnonzero(robot.controller.outside(pendant[None])[0])
+    if len(outside):
+        k = int(outside[0])
+        low, high = np.rad2deg([robot.controller.lower[k], robot.controller.upper[k]])
+        message = f"--home: {robot.facts.joints[k]} is outside its limits"
+        raise InputError(Problem(message, found=f"{np.rad2deg(pendant[k]):g} deg", allowed=f"{low:g} to {high:g} deg"))
+    return pendant
+
+
+def words(programme: Programme) -> str:
+    """How long the way is, and what lies in between."""
+    measured = sum(m.measured for m in programme.moves)
+    way, before = np.rad2deg([programme.length, programme.length_as_planned])
+    text = f"{measured} stops to measure, {programme.vias} more to drive by. The way turns the busiest joint by "
+    return text + f"{way:.0f} deg in all; the plan's own order asks {before:.0f} deg before any detour."
+
+
+def as_json(programme: Programme, wish: ExportWish, files: tuple[Path, ...]) -> dict[str, object]:
+    """The sequence as the file holds it."""
+    return {
+        "robot": programme.robot,
+        "files": [str(f) for f in files],
+        "order": wish.order,
+        "seed": wish.seed,
+        "speed_percent": programme.speed,
+        "pause_s": programme.pause,
+        "way_deg": float(np.rad2deg(programme.length)),
+        "way_as_planned_deg": float(np.rad2deg(programme.length_as_planned)),
+        "stops": [
+            {"pose": m.pose, "visit": m.repeat, "q_deg": np.rad2deg(m.pendant).tolist(), "load": m.load}
+            for m in programme.moves
+        ],
+        "notes": list(programme.notes),
+    }

@@ -1,0 +1,262 @@
+"""The plan on the robot: a short order, a way that is free, files that say what the plan says."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from qsframework.applications import programme as programme_module
+from qsframework.applications import way as way_module
+from qsframework.applications.export import FORMATS, export, read_export
+from qsframework.applications.inverse import rigid_tip
+from qsframework.applications.ordering import shortest_path, travel, visits, way_length
+from qsframework.applications.programme import Programme, make_programme
+from qsframework.applications.way import Surroundings, find_way, stretch, surroundings
+from qsframework.cli.main import app
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, Plan, example, load_experiment, make_plan, write_plan
+from qsframework.plugin import Array, Poses
+from qsframework.robot.collision import above_floor, make_collider
+from qsframework.robot.kinematics import joint_frames
+
+HOME = np.deg2rad([0.0, 0.0, 0.0, 0.0, -90.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def cell() -> Experiment:
+    """The R-2000iC on a floor, with a tool."""
+    experiment = load_experiment(example("r2000ic") / "design.yaml")
+    return replace(experiment, constraints=replace(experiment.constraints, z_min=None, floor=0.0, tool_radius=0.3))
+
+
+@pytest.fixture(scope="module")
+def around(cell: Experiment) -> Surroundings:
+    return surroundings(cell)
+
+
+def plan_of(experiment: Experiment, pendant: Array, repeats: list[int] | None = None, force: float = -1000.0) -> Plan:
+    wrench = np.tile([0.0, 0.0, force, 0.0, 0.0, 0.0], (len(pendant), 1))
+    return make_plan(
+        Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench), ["w"] * len(pendant), repeats
+    )
+
+
+@pytest.fixture(scope="module")
+def plan(cell: Experiment, around: Surroundings) -> Plan:
+    """Poses with the tool near the floor, so that many straight ways are not free."""
+    controller = cell.robot.controller
+    pendant = np.random.default_rng(0).uniform(controller.lower, controller.upper, (600, 6))
+    pendant = pendant[around.free(pendant)]
+    height = rigid_tip(cell.robot, cell.load_site, controller.to_joints(pendant)).position[:, 2]
+    return plan_of(cell, pendant[np.argsort(height)[8:22]], [2, 1] * 7)
+
+
+@pytest.fixture(scope="module")
+def programme(cell: Experiment, plan: Plan) -> Programme:
+    return make_programme(cell, plan, home=HOME)
+
+
+@pytest.mark.parametrize("begin", [False, True])
+@pytest.mark.parametrize("count", [2, 3, 5, 7])
+def test_the_order_is_the_shortest_of_all(count: int, begin: bool) -> None:
+    """Against every order there is."""
+    rng = np.random.default_rng(count)
+    for _ in range(4):
+        points, home = rng.uniform(-2, 2, (count, 6)), rng.uniform(-2, 2, 6) if begin else None
+        start = None if home is None else travel(home[None], points)[0]
+        found = shortest_path(travel(points, points), start, rng)
+        assert sorted(found) == list(range(count))
+        best = min(way_length(points, order, home) for order in itertools.permutations(range(count)))
+        assert way_length(points, found, home) == pytest.approx(best, rel=1e-9)
+
+
+def test_many_poses_take_a_much_shorter_way() -> None:
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-2, 2, (40, 6))
+    found = shortest_path(travel(points, points), None, rng)
+    assert sorted(found) == list(range(40))
+    assert way_length(points, found) < 0.65 * way_length(points, range(40))
+
+
+@pytest.mark.parametrize("order", ["shortest", "random", "plan"])
+def test_repeats_stand_apart(cell: Experiment, plan: Plan, order: str) -> None:
+    for seed in range(10):
+        sequence = visits(plan, order, seed)
+        assert sorted(sequence) == sorted(np.repeat(np.arange(14), plan.repeats).tolist())
+        assert all(i != j for i, j in itertools.pairwise(sequence))
+    assert visits(plan, order, 1) == visits(plan, order, 1)
+    if order == "random":
+        assert visits(plan, order, 1) != visits(plan, order, 2)
+
+
+def test_loads_stay_together(cell: Experiment, plan: Plan) -> None:
+    """A load is changed by hand, so poses under one load come one after the other."""
+    mixed = replace(plan, load=tuple("ab"[i % 2] for i in range(14)))
+    loads = [mixed.load[i] for i in visits(mixed)]
+    assert sum(a != b for a, b in itertools.pairwise(loads)) == 1
+
+
+def test_the_way_is_free(cell: Experiment, programme: Programme) -> None:
+    """Every half degree of the way, asked of the collision checker itself; some straight ways were not free."""
+    assert programme.vias > 2, "home twice, and at least one pose in between"
+    collider = make_collider(cell.robot, 0.0)
+    points = [m.pendant for m in programme.moves]
+    fine = []
+    for first, second in itertools.pairwise(points):
+        count = int(np.abs(second - first).max() / np.deg2rad(0.5)) + 2
+        fine.append(first + np.linspace(0, 1, count)[:, None] * (second - first))
+    pendant = np.concatenate(fine)
+    placed = joint_frames(cell.robot.facts, cell.robot.controller.to_joints(pendant))
+    assert collider.collides(placed).mean() < 0.002, "between two checked poses a corner may be cut by a hair"
+    assert above_floor(cell.robot.shapes, placed, -0.01).all()
+    assert not cell.robot.controller.outside(pendant).any()
+    assert np.allclose(points[0], HOME)
+    assert np.allclose(points[-1], HOME)
+
+
+def test_a_way_around(cell: Experiment, around: Surroundings, plan: Plan) -> None:
+    """Of all pairs some are not free; around each of them a way is found, and it is free."""
+    blocked = [
+        (a, b) for a, b in itertools.combinations(plan.pendant, 2) if not around.way_is_free(a, b)
+    ]  # fmt: skip
+    assert blocked
+    for first, second in blocked[:3]:
+        between = find_way(around, first, second, np.random.default_rng(0))
+        assert between
+        for a, b in itertools.pairwise([first, *between, second]):
+            assert around.free(stretch(a, b)).all()
+
+
+def test_no_way_is_told(cell: Experiment, plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the search switched off, the straight ways that are not free are named with what they hit."""
+    monkeypatch.setattr(way_module, "_GROWTHS", 0)
+    with pytest.raises(InputError, match=r"plan.csv: no free way found from p\d+ to p\d+: it breaks .*Leave one"):
+        make_programme(cell, plan, "plan", file="plan.csv")
+
+
+@pytest.mark.parametrize("to", FORMATS)
+@pytest.mark.parametrize("pause", [12.5, None])
+def test_round_trip(programme: Programme, plan: Plan, tmp_path: Path, to: str, pause: float | None) -> None:
+    made = replace(programme, pause=pause, speed=15, title="an arm")
+    files = export(made, plan, to, tmp_path / f"way.{ {'fanuc-ls': 'ls', 'krl': 'src', 'csv': 'csv'}[to] }")
+    assert len(files) == (2 if to == "krl" else 1)
+    read = read_export(files[0])
+    assert read.differences(made) == []
+    assert read.plan_differences(plan) == []
+    assert [s.pose for s in read.stops if s.pose] == [m.pose for m in made.moves if m.measured]
+    assert {s.pause for s in read.stops if s.pose} == {pause}
+    back = {s.pose: s.pendant for s in read.stops}
+    assert np.allclose([back[p] for p in plan.pose], plan.pendant, atol=np.deg2rad(6e-4))
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_a_changed_file_is_seen(cell: Experiment, plan: Plan, programme: Programme, tmp_path: Path, to: str) -> None:
+    """One digit of an angle, a missing stop, another robot, another speed: the reader tells each."""
+    files = export(
+        replace(programme, title=""), plan, to, tmp_path / "way.ls" if to == "fanuc-ls" else tmp_path / f"way.{to}"
+    )
+    text = {f: f.read_text() for f in files}
+    angle = f"{np.rad2deg(plan.pendant[0, 1]):.3f}"
+    changes = [(angle, f"{float(angle) + 0.01:.3f}"), ("fanuc_r2000ic", "ur10")]
+    changes.append({"fanuc-ls": ("% FINE", "0% FINE"), "krl": ("]=10", "]=11"), "csv": (",10,", ",11,")}[to])
+    changes.append(
+        {"fanuc-ls": ("WAIT  10.00", "WAIT  99.00"), "krl": ("SEC 10", "SEC 99"), "csv": ("10.0,", "9.0,")}[to]
+    )
+    for old, new in changes:
+        assert any(old in t for t in text.values())
+        for file, content in text.items():
+            file.write_text(content.replace(old, new))
+        assert read_export(files[0]).differences(programme), f"{old} -> {new}"
+    for file, content in text.items():
+        file.write_text(content)
+    assert not read_export(files[0]).differences(programme)
+
+
+def test_the_fanuc_listing(programme: Programme, plan: Plan, tmp_path: Path) -> None:
+    """What the controller's loader insists on: numbered lines, remarks of 32 characters, joints in three columns."""
+    text = export(programme, plan, "fanuc-ls", tmp_path / "way.ls")[0].read_text()
+    lines = re.findall(r"^ *(\d+):(.*);$", text, re.MULTILINE)
+    assert [int(n) for n, _ in lines] == list(range(1, len(lines) + 1))
+    assert f"LINE_COUNT\t= {len(lines)};" in text
+    assert all(len(t.strip()) <= 33 for _, t in lines if t.strip().startswith("!"))
+    block = re.findall(r"^P\[\d+.*?^};", text, re.MULTILINE | re.DOTALL)
+    assert len(block) == len(programme.moves)
+    shape = r'P\[\d+(:"\S{1,16}")?\]\{\n   GP1:\n\tUF : 0, UT : 1,\t\n(\t(J\d= *-?\d+\.\d{3} deg,?\t?){3}\n){2}\};'
+    assert all(re.fullmatch(shape, b) for b in block)
+    assert text.endswith("/END\n")
+
+
+def test_wrong_plans(m900ib: Experiment, cell: Experiment, plan: Plan, programme: Programme, tmp_path: Path) -> None:
+    good = np.deg2rad([[0.0, 20.0, -10.0, 0.0, 60.0, 0.0], [10.0, 20.0, -10.0, 0.0, 60.0, 0.0]])
+    heavy = np.array([[0.0, 0.0, -1000.0, 0.0, 0.0, 0.0], [0.0, 0.0, -7000.0, 0.0, 0.0, 0.0]])
+    with pytest.raises(InputError, match=r"F: pose 'p02': the load is above .*found 7000 N; allowed: 700 kg, 6867 N"):
+        make_programme(m900ib, replace(plan_of(m900ib, good), wrench=heavy), file="F")
+    with pytest.raises(
+        InputError, match=r"pose 'p01': joint_2 is outside its limits; found 95 deg; allowed: -64 to 90"
+    ):
+        make_programme(m900ib, plan_of(m900ib, good + np.deg2rad([0, 75, 0, 0, 0, 0])))
+    down = np.random.default_rng(1).uniform(cell.robot.controller.lower, cell.robot.controller.upper, (300, 6))
+    hit = surroundings(cell).broken(down)
+    with pytest.raises(InputError, match=r"pose 'p01': breaks 'floor'"):
+        make_programme(cell, plan_of(cell, down[hit["floor"] & ~hit["self collision"]][:1]))
+    with pytest.raises(InputError, match=r"fanuc-ls is for controllers by FANUC; found KUKA KR500. Use --to krl"):
+        export(replace(programme, title="KUKA KR500"), plan, "fanuc-ls", tmp_path / "x.ls")
+    with pytest.raises(InputError, match="unknown format 'rapid'"):
+        export(programme, plan, "rapid", tmp_path / "x.mod")
+    named = replace(programme, moves=tuple(replace(m, pose="a b") if m.measured else m for m in programme.moves))
+    with pytest.raises(InputError, match="pose 'a b': the controller cannot hold this name"):
+        export(named, plan, "csv", tmp_path / "x.csv")
+    with pytest.raises(InputError, match="found '1plan'; allowed: a letter"):
+        export(replace(programme, title=""), plan, "krl", tmp_path / "1plan.src")
+    with pytest.raises(InputError, match="found 0 s; allowed: above 0"):
+        make_programme(cell, plan, pause=0.0)
+    assert list(tmp_path.iterdir()) == []
+    assert programme_module.check_plan(m900ib, plan_of(m900ib, good)) is None
+
+
+def test_the_command(m900ib: Experiment, tmp_path: Path) -> None:
+    pendant = np.deg2rad([[0, 20, -10, 0, 60, 0], [90, 20, -10, 0, 60, 0], [10, 20, -10, 10, 60, 0]])
+    write_plan(tmp_path / "plan.csv", plan_of(m900ib, pendant), m900ib)
+    out, told = tmp_path / "way.ls", tmp_path / "way.json"
+    arguments = ["export", str(tmp_path / "plan.csv"), "-e", str(m900ib.path), "--to", "fanuc-ls"]
+    run = CliRunner().invoke(app, [*arguments, "-o", str(out), "--json", str(told)], catch_exceptions=False)
+    assert run.exit_code == 0
+    assert "3 stops to measure" in run.output
+    assert "not checked against a floor" in run.output
+    assert "the plan's own order asks 170 deg" in run.output
+    content = json.loads(told.read_text())
+    assert [s["pose"] for s in content["stops"]] in (["p01", "p03", "p02"], ["p02", "p03", "p01"])
+    assert content["way_deg"] == pytest.approx(90.0)
+    assert [s.pose for s in read_export(out).stops] == [s["pose"] for s in content["stops"]]
+    for more, words in (
+        (["--to", "fanuc"], "unknown format 'fanuc'"), (["--home", "0,0"], "--home: found 2 numbers"),
+        (["--home", "0,95,0,0,0,0"], "--home: joint_2 is outside"), (["--order", "tsp"], "unknown order 'tsp'"),
+    ):  # fmt: skip
+        wrong = CliRunner().invoke(app, [*arguments, "-o", str(out), *more])
+        assert isinstance(wrong.exception, InputError)
+        assert words in str(wrong.exception)
+
+
+def test_a_plan_of_another_robot(m900ib: Experiment, cell: Experiment, plan: Plan, tmp_path: Path) -> None:
+    write_plan(tmp_path / "plan.csv", plan, cell)
+    arguments = [
+        "export",
+        str(tmp_path / "plan.csv"),
+        "-e",
+        str(m900ib.path),
+        "--to",
+        "csv",
+        "-o",
+        str(tmp_path / "o.csv"),
+    ]
+    run = CliRunner().invoke(app, arguments)
+    assert isinstance(run.exception, InputError)
+    assert "fanuc_r2000ic" in str(run.exception)
+    assert not (tmp_path / "o.csv").exists()
