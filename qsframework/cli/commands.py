@@ -88,11 +88,11 @@ def run_simulate(file: Path, plan_file: Path, output: Path, truth: str, seed: in
     print(f"next: qsf identify {file} --data {output}")
 
 
-def readings_file(experiment: Experiment, data: Path | None) -> Path:
-    """The readings that a command works on."""
+def readings_file(experiment: Experiment, data: Path | None, option: str = "--data FILE") -> Path:
+    """The readings that a command works on; option: how the command is given them."""
     path = data or experiment.data
     if path is None:
-        raise InputError(f"{experiment.path}: no readings; add `data: readings.csv` or give --data FILE")
+        raise InputError(f"{experiment.path}: no readings; add `data: readings.csv` or give {option}")
     return path
 
 

@@ -52,7 +52,7 @@ def run_diagnose(files: DiagnoseFiles, asked: Asked) -> None:
         run_foresight(files.experiment, files.plan, files.json, files.report, asked.seed)
         return
     experiment = load_experiment(files.experiment)
-    source = readings_file(experiment, files.data)
+    source = readings_file(experiment, files.data, f"them: qsf diagnose {files.experiment} readings.csv")
     if asked.separate is not None:
         _alone(files, asked, "--separate")
         run_separate(files.experiment, [source], asked.separate, asked.count, files.output, files.json, asked.seed)
