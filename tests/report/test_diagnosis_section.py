@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -21,7 +22,7 @@ from qsframework.report.diagnosis_section import diagnosis_sections
 from qsframework.report.diagnosis_tables import cause_table, excluded_table, outlier_table, unseen_words
 from qsframework.viz import residual_scene
 from tests.diagnose.cases import SIGMA, campaign, measured
-from tests.report.test_report import EVIL, Page, parse
+from tests.report.test_report import EVIL, Page, chromium, parse
 
 
 @cache
@@ -192,3 +193,14 @@ def test_names_of_users_are_escaped(tmp_path: Path) -> None:
     assert "&lt;script&gt;alert" in page.read_text()
     (frame,) = parse(page).frames
     assert EVIL not in frame
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium on this machine")
+def test_a_browser_draws_the_figures_without_complaint(page: Path, tmp_path: Path) -> None:
+    from PIL import Image
+
+    log = chromium(page, tmp_path / "page.png", tmp_path)
+    console = [line for line in log.splitlines() if "CONSOLE" in line and "GPU stall" not in line]
+    assert not [line for line in console if "rror" in line], console
+    pixels = np.asarray(Image.open(tmp_path / "page.png").convert("RGB")).astype(int)
+    assert np.ptp(pixels, axis=(0, 1)).min() > 150, "an empty page"
