@@ -122,7 +122,7 @@ def print_diagnosis(found: Diagnosis) -> None:
     """The verdict, the causes, what is excluded and what is wrong with the data."""
     from qsframework.report import diagnosis_tables as tables
 
-    print(f"{found.verdict.replace('_', ' ')}: {found.words}")
+    print(tables.verdict_words(found))
     causes = tables.cause_table(found)
     print_table(causes.header, causes.rows)
     for f in found.findings:

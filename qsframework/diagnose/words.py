@@ -16,11 +16,13 @@ _SCALES: dict[str, tuple[tuple[float, str], ...]] = {
     "1/K": ((1e-6, "um/(m K)"),),
     "": ((1e-2, "%"),),
 }
-"""For each SI unit the size of one shown unit, largest first; the first one in which a value is at least 0.1."""
+"""For each SI unit the size of one shown unit, largest first; the first one in which a value is large enough."""
 _DEGREE = math.pi / 180.0
 _ARCMIN = _DEGREE / 60.0
 _ANGLES = ((_DEGREE, "deg"), (_ARCMIN, "arcmin"), (1e-6, "urad"))
 _SEEN = 0.1
+_SEEN_ANGLE = 0.01
+"""Play and offsets are said in arcmin even where they are small."""
 _STIFF = ((1e6, "MN m/rad"), (1e3, "kN m/rad"), (1.0, "N m/rad"))
 
 
@@ -43,8 +45,9 @@ def shown_unit(parameter: Parameter, value: float) -> tuple[float, str]:
     scales = _ANGLES if parameter.unit == "rad" else _SCALES.get(parameter.unit, ((1.0, parameter.unit),))
     if parameter.unit == "rad" and abs(value) < _DEGREE:
         scales = scales[1:]
+    seen = _SEEN_ANGLE if parameter.unit == "rad" else _SEEN
     for size, unit in scales[:-1]:
-        if abs(value) >= _SEEN * size or value == 0.0:
+        if abs(value) >= seen * size or value == 0.0:
             return size, unit
     return scales[-1]
 

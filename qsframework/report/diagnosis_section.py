@@ -49,7 +49,7 @@ def _sizes(diagnosis: Diagnosis) -> str:
 
 
 def _verdict(diagnosis: Diagnosis) -> Iterator[Block]:
-    yield Text(f"{diagnosis.verdict.replace('_', ' ').capitalize()}. {diagnosis.words}")
+    yield Text(tables.verdict_words(diagnosis))
     for f in diagnosis.findings:
         if f.check:
             yield Text(f"On the robot: {f.name}: {f.check}")

@@ -13,7 +13,16 @@ from qsframework.plugin import Parameter
 from qsframework.report.page import Table
 
 _STRONGEST = 12
+_VERDICTS = {
+    "none": "Nothing to name", "explained": "Explained", "partly_explained": "Partly explained",
+    "unexplained": "Unexplained",
+}  # fmt: skip
 _BRACKETS = re.compile(r" \([\d.e+-]+ [MkN]* ?m/rad\)")
+
+
+def verdict_words(diagnosis: Diagnosis) -> str:
+    """The verdict and what it rests on, in sentences."""
+    return f"{_VERDICTS[diagnosis.verdict]}. {diagnosis.words}"
 
 
 def estimate_words(values: Sequence[Value]) -> str:

@@ -14,6 +14,7 @@ from qsframework.units import conversion
     [
         ("joint_backlash[joint_3]", "rad", 1.0 * math.pi / 180.0 / 60.0, "1.00 arcmin"),
         ("joint_offset[joint_3]", "rad", 0.05, "2.86 deg"),
+        ("joint_backlash[joint_1]", "rad", 1.44e-5, "0.0495 arcmin"),
         ("encoder_eccentricity[joint_3].cos", "rad", 2e-6, "2.00 urad"),
         ("joint_compliance[joint_3]", "rad/(N m)", 4e-7, "0.400 urad/(N m) (2.50 MN m/rad)"),
         ("joint_hardening[joint_3]", "rad/(N m)", -4e-7, "-0.400 urad/(N m)"),
