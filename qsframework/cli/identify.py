@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from qsframework.cli.commands import distinct_outputs, readings_file, write_json
 from qsframework.cli.progress import print_table
 from qsframework.experiment import Experiment, Readings, is_states, load_experiment, read_readings, read_states
 
+if TYPE_CHECKING:
+    from qsframework.identify import Choices
+
 
 @dataclass(frozen=True)
 class FitFiles:
-    """What the command reads, and what it writes where it is asked to."""
+    """What the command reads, and what it writes where it is asked to; positions join the displacements of data."""
 
     experiment: Path
     data: Path | None = None
@@ -20,6 +24,7 @@ class FitFiles:
     report: Path | None = None
     nominal: Path | None = None
     urdf: Path | None = None
+    positions: Path | None = None
 
     @property
     def outputs(self) -> tuple[Path | None, ...]:
@@ -28,10 +33,10 @@ class FitFiles:
 
 @dataclass(frozen=True)
 class How:
-    """How to fit; tied: groups of names."""
+    """How to fit; method "" is linear for displacements; tied: groups of names."""
 
     fit: list[str] | None = None
-    method: str = "linear"
+    method: str = ""
     priors: bool = False
     loss: str = "linear"
     fixed: tuple[str, ...] = ()
@@ -50,33 +55,77 @@ def _displacements(experiment: Experiment, source: Path) -> Readings:
     return read_readings(source, experiment)
 
 
+def _choices(how: How) -> Choices | None:
+    """How to fit positions, None for the plain fit. InputError for what is for displacements only."""
+    from qsframework.errors import InputError
+    from qsframework.identify import Choices
+
+    if how.method not in ("", "one-step"):
+        raise InputError(
+            f"method {how.method} is for displacements alone; absolute positions are always fitted in one step "
+            "together with their tracker's frame. Leave --method out"
+        )
+    if how.shared_error:
+        raise InputError(
+            "shared-error is for displacement readings alone; these are positions. Positions with loaded states count "
+            "as displacements with --differences"
+        )
+    chosen = Choices(how.priors, how.loss, how.fixed, how.tied)
+    return None if chosen == Choices() and not how.method else chosen
+
+
+def _check_kinds(files: FitFiles, source: Path, clean: bool) -> None:
+    """InputError where --positions names no positions, or is given beside positions; --clean needs displacements."""
+    from qsframework.errors import InputError
+
+    if clean:
+        raise InputError(
+            "clean is for displacement readings; gross errors of positions are always masked and named. "
+            "Leave --clean out"
+        )
+    if files.positions is None:
+        return
+    if not is_states(files.positions):
+        raise InputError(f"{files.positions}: --positions needs absolute positions x_mm, y_mm, z_mm")
+    if is_states(source):
+        raise InputError(f"{source} holds positions too; with --positions, --data is a file of displacements")
+
+
+def _cleaned(experiment: Experiment, readings: Readings, fit: list[str] | None) -> Readings:
+    """The readings without those that cannot be right, which are named."""
+    from qsframework.identify import check_readings, masked
+
+    found = check_readings(experiment if fit is None else experiment.with_(fit=tuple(fit)), readings)
+    for finding in found:
+        print(f"masked, {finding.kind}: {finding.words}")
+    return masked(readings, found)
+
+
 def run_identify(files: FitFiles, how: How) -> None:
     """Identify, print the fit, write the files and the report."""
     from qsframework.cli.positions import identify_states
-    from qsframework.errors import InputError
-    from qsframework.identify import check_readings, identify, masked
+    from qsframework.identify import identify
     from qsframework.identify.fit_files import result_files
     from qsframework.report import error_table, fit_section, fit_table, provenance_section, write_report
 
     experiment = load_experiment(files.experiment)
     source = readings_file(experiment, files.data)
-    distinct_outputs(files.outputs, [files.experiment, source])
+    distinct_outputs(files.outputs, [files.experiment, source, *([files.positions] if files.positions else [])])
+    _check_kinds(files, source, how.clean and is_states(source) and not how.differences)
+    outputs = files.json, files.report, files.nominal, files.urdf
     if is_states(source) and not how.differences:
-        if how != How(how.fit):
-            raise InputError(
-                "method, priors, loss, fixed, tied, clean and shared-error are for displacement readings; these are "
-                "positions. Positions with loaded states count as displacements with --differences"
-            )
-        identify_states(experiment, source, how.fit, files.json, files.report, files.nominal, files.urdf)
+        identify_states(experiment, source, how.fit, *outputs, _choices(how))
         return
     readings = _displacements(experiment, source)
     if how.clean:
-        found = check_readings(experiment if how.fit is None else experiment.with_(fit=tuple(how.fit)), readings)
-        for finding in found:
-            print(f"masked, {finding.kind}: {finding.words}")
-        readings = masked(readings, found)
+        readings = _cleaned(experiment, readings, how.fit)
+    if files.positions is not None:
+        identify_states(experiment, files.positions, how.fit, *outputs, _choices(how), readings)
+        return
     shared = "pose" if how.shared_error else ""
-    result = identify(experiment, readings, how.fit, how.method, how.priors, how.loss, how.fixed, how.tied, shared)
+    result = identify(
+        experiment, readings, how.fit, how.method or "linear", how.priors, how.loss, how.fixed, how.tied, shared
+    )
     print(result.verdict())
     for table in (fit_table(result), error_table(result)):
         print_table(table.header, table.rows)

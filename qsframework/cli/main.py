@@ -133,8 +133,14 @@ def identify(
     data: Annotated[Path | None, typer.Option(help="Readings; the experiment's own if left out.")] = None,
     fit: Annotated[list[str] | None, typer.Option(help="Estimate this parameter (repeat the option).")] = None,
     method: Annotated[
-        str, typer.Option(help="linear (no bounds), one-step (bounds, bent models), two-step (balanced joint first).")
-    ] = "linear",
+        str | None,
+        typer.Option(
+            help="linear (no bounds, the default), one-step (bounds, bent models), two-step (balanced joint)."
+        ),
+    ] = None,
+    positions: Annotated[
+        Path | None, typer.Option(help="Absolute positions that join the displacements of --data in one fit.")
+    ] = None,
     priors: Annotated[bool, typer.Option(help="Count stated values and sds as readings (one-step).")] = False,
     loss: Annotated[str, typer.Option(help="linear, huber or soft_l1 (one-step).")] = "linear",
     fixed: Annotated[list[str] | None, typer.Option(help="Keep this parameter (one-step; repeat).")] = None,
@@ -158,8 +164,8 @@ def identify(
 
     groups = tuple(tuple(name.strip() for name in group.split(",")) for group in tied or ())
     run_identify(
-        FitFiles(experiment, data, json, report, nominal, urdf),
-        How(fit, method, priors, loss, tuple(fixed or ()), groups, clean, shared_error, differences),
+        FitFiles(experiment, data, json, report, nominal, urdf, positions),
+        How(fit, method or "", priors, loss, tuple(fixed or ()), groups, clean, shared_error, differences),
     )
 
 

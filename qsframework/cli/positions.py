@@ -3,28 +3,39 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from qsframework.cli.progress import print_table
-from qsframework.experiment import Experiment, read_states
+from qsframework.experiment import Experiment, Readings, read_states
+
+if TYPE_CHECKING:
+    from qsframework.identify import Choices
 
 
 def identify_states(
     experiment: Experiment, source: Path, fit: list[str] | None, json: Path | None, report: Path | None,
-    nominal: Path | None = None, urdf: Path | None = None,
+    nominal: Path | None = None, urdf: Path | None = None, how: Choices | None = None,
+    displacements: Readings | None = None,
 ) -> None:  # fmt: skip
-    """Identify from a file of state readings, print the fit, write fit.json and the report."""
+    """Identify from a file of state readings, and from displacements where given; print the fit, write the files."""
     from qsframework.cli.commands import write_json
-    from qsframework.identify import identify_positions
+    from qsframework.identify import identify_jointly, identify_positions
     from qsframework.identify.fit_files import result_files
     from qsframework.report import provenance_section, write_report
     from qsframework.report.fit_section import fit_table
     from qsframework.report.position_section import left_aside_table, position_error_table, position_section
 
-    result = identify_positions(experiment, read_states(source, experiment), fit)
+    states = read_states(source, experiment)
+    if how is None and displacements is None:
+        result = identify_positions(experiment, states, fit)
+    else:
+        result = identify_jointly(experiment, states, fit, displacements, how)
     print(result.verdict())
     for table in (fit_table(result), left_aside_table(result), position_error_table(result)):
         print_table(table.header, table.rows)
         print(table.caption)
+    for note in result.notes:
+        print(note)
     if result.masked:
         print(f"gross errors, masked: rows {', '.join(map(str, result.masked))}; look at them")
     for said in result_files(result, experiment.robot, nominal, urdf):
@@ -34,5 +45,7 @@ def identify_states(
         print(f"fit: {json}")
     if report is not None:
         files = [experiment.path, source]
+        if displacements is not None and displacements.source is not None:
+            files.append(displacements.source)
         sections = (position_section(result, "Fit"), provenance_section(result.model.effects, files, None))
         print(f"report: {write_report(report, f'Identification: {experiment.robot.title}', sections)}")

@@ -4,15 +4,18 @@ from qsframework.identify.absolute import PositionFit, identify_positions
 from qsframework.identify.fit import Estimate, Fit
 from qsframework.identify.hygiene import Finding, check_readings, masked
 from qsframework.identify.identify import METHODS, identify
+from qsframework.identify.joint import Choices, identify_jointly
 
 __all__ = [
     "METHODS",
+    "Choices",
     "Estimate",
     "Finding",
     "Fit",
     "PositionFit",
     "check_readings",
     "identify",
+    "identify_jointly",
     "identify_positions",
     "masked",
 ]

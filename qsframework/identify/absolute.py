@@ -41,6 +41,13 @@ class PositionFit(Fit):
     frames: tuple[Frame, ...] = ()
     left_aside: tuple[LeftAside, ...] = ()
     masked: tuple[int, ...] = ()
+    displaced: int = 0
+    """How many of the last rows are displacements of a joint fit, and no positions."""
+
+    @property
+    def absolute(self) -> slice:
+        """The rows that are positions."""
+        return slice(0, len(self.rows) - self.displaced)
 
     def error_of(self, residuals: Array) -> float:
         """RMS of the norms of position errors (R, 3), m."""
@@ -63,7 +70,7 @@ class PositionFit(Fit):
         }
         content["left_aside"] = [entry.words() for entry in self.left_aside]
         content["masked_rows"] = list(self.masked)
-        content["rms_norm_mm"] = self.error_of(self.residuals) * 1e3
+        content["rms_norm_mm"] = self.error_of(self.residuals[self.absolute]) * 1e3
         return content
 
 
@@ -81,14 +88,14 @@ def identify_positions(
     """
     experiment = experiment if fit is None else experiment.with_(fit=tuple(fit))
     model = experiment.model()
-    names = _ordered(experiment)
+    names = fit_order(experiment)
     x0 = model.nominal
     if experiment.rigid:
         effects = zip(model.effects, model.slices, strict=True)
         springs = [n for e, part in effects if isinstance(e, Spring) for n in model.names[part]]
         x0[model.index([n for n in springs if n not in names])] = 0.0
     positions = make_positions(model, states)
-    sigma, stated = _sigma(experiment, states, positions)
+    sigma, stated = position_sigma(experiment, states, positions)
     problem, left = _begin(positions, x0, names, sigma)
     _check_geometry(experiment, problem, left)
     solved = problem.solve()
@@ -132,7 +139,7 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _ordered(experiment: Experiment) -> list[str]:
+def fit_order(experiment: Experiment) -> list[str]:
     """The names to fit, physically simple ones first: markers, zeros and sag, springs, placements, others."""
     wanted = set(experiment.fit_names())
     ranked: list[tuple[int, str]] = []
@@ -149,7 +156,7 @@ def _ordered(experiment: Experiment) -> list[str]:
     return [name for _, name in sorted(ranked, key=lambda entry: entry[0])]
 
 
-def _sigma(experiment: Experiment, states: StateReadings, positions: Positions) -> tuple[Array, bool]:
+def position_sigma(experiment: Experiment, states: StateReadings, positions: Positions) -> tuple[Array, bool]:
     """sd (R,) of one coordinate, and whether it is stated; 1 mm stands for what is to be estimated."""
     sigma = np.where(np.isnan(states.sigma), experiment.noise.sigma or np.nan, states.sigma)[positions.keep]
     missing = np.isnan(sigma)

@@ -73,8 +73,7 @@ class Problem:
         every = [p for f in frames for p in f.parameters()]
         motions = len(every)
         every += [positions.model.parameters[i] for i in positions.model.index(names)]
-        sensors = _sensors(positions.model)
-        limits = np.array([np.inf] * motions + [np.inf if n in sensors else _TOLD for n in names])
+        limits = np.array([np.inf] * motions + limits_of(positions.model, names))
         scale = np.array([p.scale for p in every])
         rows = (J * scale / (unit * sigma)[:, None, None]).reshape(-1, len(every))
         taken, left = choose(rows, [p.name for p in every], limits)
@@ -155,6 +154,12 @@ class Problem:
         values = x.copy()
         values[index] += z[6 * len(frames) :]
         return values, tuple(f.moved(z[6 * i : 6 * i + 6]) for i, f in enumerate(frames))
+
+
+def limits_of(model: Model, names: Sequence[str]) -> list[float]:
+    """How many typical sizes a parameter may be uncertain by: markers are never left aside for it."""
+    sensors = _sensors(model)
+    return [np.inf if n in sensors else _TOLD for n in names]
 
 
 def _sensors(model: Model) -> set[str]:

@@ -96,10 +96,12 @@ def _pose_error(experiment: Experiment, readings: Readings, found: Fit, shared: 
     return shared_error(found.residuals.ravel(), A[:, free], own, label, source == "stated", others)
 
 
-def displacement_observations(model: Model, readings: Readings, rows: Rows, names: Sequence[str]) -> Observations:
-    """The readings as scalars, with the named parameters to fit and all others at their nominal values."""
+def displacement_observations(
+    model: Model, readings: Readings, rows: Rows, names: Sequence[str], x: Array | None = None
+) -> Observations:
+    """The readings as scalars, with the named parameters to fit and all others as in x, nominal if None."""
     index = model.index(names)
-    nominal = model.nominal
+    nominal = model.nominal if x is None else x
 
     def full(x: Array) -> Array:
         every = nominal.copy()
@@ -125,7 +127,7 @@ def _one_step(
     rows, source = fit_rows(experiment, readings, len(names), within)
     observations = displacement_observations(model, readings, rows, names)
     try:
-        solution, unit = _settled(observations, priors, loss, fixed, tied, source == "estimated")
+        solution, unit = settled(observations, priors, loss, fixed, tied, source == "estimated")
     except NotIdentifiable as error:
         lost = [n for n in names if n in str(error)]
         said = [f"{n}: {what_would_help(model, n, readings.poses)}" for n in lost]
@@ -134,10 +136,10 @@ def _one_step(
     x[model.index(names)] = solution.x
     moved = [i for i, v in enumerate(np.diag(solution.covariance)) if v > 0.0]
     free = solution.jacobian[:, moved] * [observations.parameters[i].scale for i in moved]
-    Q = _columns(free, solution.free)
+    Q = orthonormal(free, solution.free)
     predicted = rows.of(model.predict(readings.poses, x))
     nominal = rows.of(model.predict(readings.poses, model.nominal))
-    notes = _notes(priors, loss, fixed, tied, solution)
+    notes = words_of(priors, loss, fixed, tied, solution)
     found = Found(
         "one-step", x, solution.covariance, Q, rank_test(free, [names[i] for i in moved]), nominal, predicted,
         solution.at_bound, notes, unit, solution.free_sd,
@@ -145,23 +147,29 @@ def _one_step(
     return make_fit(model, list(observations.parameters), rows, readings, source, found)
 
 
-def _columns(rows: Array, free: int) -> Array:
+def orthonormal(rows: Array, free: int) -> Array:
     """Orthonormal columns (m, f) of what the readings can move, f at most the number of free parameters."""
     U, values, _ = np.linalg.svd(rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300), full_matrices=False)
     return U[:, : min(free, int((values > 1e-9 * values[0]).sum()))]
 
 
-def _settled(
+def settled(
     observations: Observations, priors: bool, loss: str, fixed: Sequence[str], tied: Sequence[Sequence[str]],
-    estimated: bool,
+    estimated: bool, start: Array | None = None, tolerance: float = 1e-9, starts: int = 5,
 ) -> tuple[Solution, float | None]:  # fmt: skip
     """The solution and the noise's unit; where priors or a robust loss need the unit, it is found with them."""
     if not estimated or (loss == "linear" and not priors):
-        return solve(observations, priors=priors, loss=loss, fixed=fixed, tied=tied), None
-    unit = _size(observations.noise.whiten(observations.measured - observations.predict(observations.start)), 0, loss)
+        return solve(observations, start, priors, loss, fixed, tied, tolerance, starts=starts), None
+    unit = _size(
+        observations.noise.whiten(
+            observations.measured - observations.predict(observations.start if start is None else start)
+        ),
+        0,
+        loss,
+    )
     for _ in range(_ROUNDS):
         scaled = replace(observations, noise=Scaled(observations.noise, unit, len(observations.measured)))
-        solution = solve(scaled, priors=priors, loss=loss, fixed=fixed, tied=tied)
+        solution = solve(scaled, start, priors, loss, fixed, tied, tolerance, starts=starts)
         new = unit * _size(solution.residuals, solution.free, loss)
         if abs(new - unit) <= _STILL * unit:
             return replace(solution, covariance=solution.covariance / unit**2, free_sd=solution.free_sd / unit), unit
@@ -201,9 +209,10 @@ class Scaled:
         return self.noise.weights() / self.unit**2
 
 
-def _notes(
+def words_of(
     priors: bool, loss: str, fixed: Sequence[str], tied: Sequence[Sequence[str]], solution: Solution
 ) -> tuple[str, ...]:  # fmt: skip
+    """What to say of how a fit was made."""
     said = ["Stated values and sds counted as readings."] if priors else []
     if loss != "linear":
         light = int((solution.weights < 0.5).sum())

@@ -130,6 +130,8 @@ class _Problem:
 
 def _other_starts(problem: _Problem, count: int, seed: int) -> list[Array]:
     """Starts in the directions in which the sensitivities change; none where the model is as good as linear."""
+    if count == 0:
+        return []
     reduction = problem.reduction
     zero = np.zeros(reduction.free)
     J = problem.jacobian(zero)

@@ -14,16 +14,23 @@ from qsframework.report.page import Figure, Section, Table, Text
 
 def position_error_table(fit: PositionFit) -> Table:
     """RMS of the distances between predicted and measured positions."""
-    left = fit.left_out[~np.isnan(fit.left_out).any(axis=1)]
-    rows = (
-        ("nominal arm, fitted tracker frame and markers", fit.error_of(fit.measured - fit.nominal)),
-        ("identified", fit.error_of(fit.residuals)),
+    at = fit.absolute
+    left = fit.left_out[at][~np.isnan(fit.left_out[at]).any(axis=1)]
+    rows: tuple[tuple[str, float], ...] = (
+        ("nominal arm, fitted tracker frame and markers", fit.error_of((fit.measured - fit.nominal)[at])),
+        ("identified", fit.error_of(fit.residuals[at])),
         ("leave-one-pose-out", fit.error_of(left) if len(left) else float("nan")),
     )
+    if fit.displaced:
+        last = slice(at.stop, None)
+        rows += (
+            ("displacements, nominal arm", fit.error_of((fit.measured - fit.nominal)[last])),
+            ("displacements, identified", fit.error_of(fit.residuals[last])),
+        )
     return Table(
         ("RMS of the distance", "mm"),
         tuple((name, f"{value * 1e3:.4f}") for name, value in rows),
-        "The last row counts: it is the error at poses that the fit has not seen.",
+        "Leave-one-pose-out counts: it is the error at poses that the fit has not seen.",
     )
 
 
@@ -60,6 +67,7 @@ def position_section(fit: PositionFit, title: str) -> Section:
             position_error_table(fit),
             Text(f"Gross errors, masked and not used: rows {masked}."),
             fit_table(fit),
+            *(Text(note) for note in fit.notes),
             left_aside_table(fit),
             frame_table(fit),
             Figure(_distances(fit), "Distances between predicted and measured positions by row of the file."),
@@ -77,8 +85,10 @@ def _distances(fit: PositionFit) -> Any:
     figure = go.Figure(layout={"title": {"text": "Error of the position"}, "template": "plotly_white", "height": 380,
                                "xaxis": {"title": {"text": "row of the readings file"}},
                                "yaxis": {"title": {"text": "distance, mm"}}})  # fmt: skip
-    text = [f"pose {html.escape(p)}" for p in fit.poses]
+    text = [f"pose {html.escape(p)}" for p in fit.poses[fit.absolute]]
     for name, errors in (("nominal", fit.measured - fit.nominal), ("identified", fit.residuals)):
         size = np.linalg.norm(errors, axis=1) * 1e3
-        figure.add_scatter(x=fit.rows, y=size, mode="markers", name=name, text=text, marker={"size": 4})
+        figure.add_scatter(
+            x=fit.rows[fit.absolute], y=size[fit.absolute], mode="markers", name=name, text=text, marker={"size": 4}
+        )
     return figure
