@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from qsframework.errors import InputError, Problem
 from qsframework.experiment.columns import Column, Table, read_table, write_table
-from qsframework.experiment.grouping import counts, group, marker_index, no_load, read_sigma
+from qsframework.experiment.grouping import at, counts, group, marker_index, no_load, read_sigma
 from qsframework.experiment.plan import limit_problems
 from qsframework.experiment.setup import Experiment
 from qsframework.plugin import Array, Conditions, Indices, Poses
@@ -86,6 +86,7 @@ def read_readings(path: str | Path, experiment: Experiment) -> Readings:
     first, measurement = group(table, keys, labels, marker, constant, problems)
     if not problems and not np.any(wrench):
         problems.append(Problem("every force is zero; a displacement under no load tells nothing", str(table.path)))
+    problems += _unloaded_problems(table, wrench, use) if not problems else []
     if problems:
         raise InputError(problems)
     poses = Poses(
@@ -100,6 +101,15 @@ def read_readings(path: str | Path, experiment: Experiment) -> Readings:
         tuple(table.texts["drive_state"]) if "drive_state" in table.texts else None, table.path,
         tuple(table.texts["reference"]) if "reference" in table.texts else None,
     )  # fmt: skip
+
+
+def _unloaded_problems(table: Table, wrench: Array, use: npt.NDArray[np.bool_]) -> list[Problem]:
+    """Rows in use that have no load: a displacement from nothing."""
+    hint = "Give the row its load, or mask it with use = 0."
+    return [
+        at(table, int(i), "fx", "no force and no moment: a displacement under no load tells nothing", hint=hint)
+        for i in np.flatnonzero(use & ~np.any(wrench, axis=1))
+    ]
 
 
 def _displacement_problems(table: Table, displacement: Array) -> list[Problem]:

@@ -1,0 +1,136 @@
+"""Every bad input that a user may bring is an error that says what to do; a fit that failed is never a result.
+
+Poses all equal: test_states.py; absolute positions without a tracker frame: test_absolute.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qsframework.errors import InputError, NotConverged
+from qsframework.experiment import Experiment, Readings, make_plan, read_readings, simulate, write_readings
+from qsframework.identify import identify
+from qsframework.identify.observations import Independent, Observations
+from qsframework.identify.solve import solve
+from qsframework.plugin import Parameter, Poses
+
+
+def readings_of(experiment: Experiment, count: int = 6) -> Readings:
+    controller = experiment.robot.controller
+    draws = np.random.default_rng(2).uniform(controller.lower, controller.upper, (count, 6)) * 0.6
+    pendant = draws
+    wrench = np.tile([0.0, 1500.0, -3000.0, 0.0, 0.0, 0.0], (count, 1))
+    plan = make_plan(Poses(pendant, controller.to_joints(pendant), wrench), ["pull"] * count)
+    return simulate(experiment, plan, seed=0).readings
+
+
+@pytest.fixture(scope="module")
+def lines(m900ib: Experiment, tmp_path_factory: pytest.TempPathFactory) -> list[list[str]]:
+    file = tmp_path_factory.mktemp("good") / "r.csv"
+    write_readings(file, readings_of(m900ib), m900ib)
+    return [line.split(",") for line in file.read_text().splitlines() if not line.startswith("#")]
+
+
+def rewritten(lines: list[list[str]], folder: Path, column: str, value: str, row: int | None = None) -> Path:
+    """The file with one column's value changed, in one row or in all; added where it is missing."""
+    head = lines[0] if column in lines[0] else [*lines[0], column]
+    out = [",".join(head)]
+    for i, line in enumerate(lines[1:]):
+        cells = [*line, *[""] * (len(head) - len(line))]
+        if row is None or i == row:
+            cells[head.index(column)] = value
+        out.append(",".join(cells))
+    file = folder / "r.csv"
+    file.write_text("\n".join(out) + "\n")
+    return file
+
+
+def test_fewer_readings_than_parameters(m900ib: Experiment) -> None:
+    few = readings_of(m900ib)
+    few = replace(few, use=np.arange(len(few.use)) < 2)
+    for method in ("linear", "one-step"):
+        with pytest.raises(InputError, match="2 readings give 6 numbers: too few for"):
+            identify(m900ib, few, method=method)
+
+
+def test_no_load(m900ib: Experiment, lines: list[list[str]], tmp_path: Path) -> None:
+    zero = lines
+    for column in ("fx_N", "fy_N", "fz_N"):
+        file = rewritten(zero, tmp_path, column, "0")
+        zero = [line.split(",") for line in file.read_text().splitlines()]
+    with pytest.raises(InputError, match="every force is zero; a displacement under no load tells nothing"):
+        read_readings(tmp_path / "r.csv", m900ib)
+
+
+def test_a_load_row_of_zero(m900ib: Experiment, lines: list[list[str]], tmp_path: Path) -> None:
+    zero = lines
+    for column in ("fx_N", "fy_N", "fz_N"):
+        head = zero[0]
+        pose = zero[1][head.index("pose")]
+        zero = [zero[0]] + [
+            [
+                "0" if name == column and line[head.index("pose")] == pose else cell
+                for name, cell in zip(head, line, strict=True)
+            ]
+            for line in zero[1:]
+        ]
+    file = tmp_path / "r.csv"
+    file.write_text("\n".join(",".join(line) for line in zero) + "\n")
+    with pytest.raises(InputError, match="no force and no moment") as caught:
+        read_readings(file, m900ib)
+    problem = caught.value.problems[0]
+    assert problem.line == 2
+    assert "use = 0" in str(problem.hint)
+    masked = rewritten(zero, tmp_path, "use", "1")
+    content = masked.read_text().splitlines()
+    count = sum(line[zero[0].index("pose")] == zero[1][zero[0].index("pose")] for line in zero[1:])
+    at = content[0].split(",").index("use")
+    for i in range(1, count + 1):
+        cells = content[i].split(",")
+        cells[at] = "0"
+        content[i] = ",".join(cells)
+    masked.write_text("\n".join(content) + "\n")
+    assert len(read_readings(masked, m900ib).use) == len(lines) - 1
+
+
+@pytest.mark.parametrize("value", ["0", "-0.02"])
+def test_sigma_zero(m900ib: Experiment, lines: list[list[str]], tmp_path: Path, value: str) -> None:
+    with pytest.raises(InputError, match="must be positive") as caught:
+        read_readings(rewritten(lines, tmp_path, "sigma_mm", value, row=3), m900ib)
+    assert caught.value.problems[0].line == 5
+    with pytest.raises(InputError, match="the noise of every reading must be a positive number"):
+        Independent(np.array([1.0, 0.0]))
+
+
+def test_sigma_missing_in_some_rows(m900ib: Experiment) -> None:
+    readings = readings_of(m900ib)
+    sigma = np.full(len(readings.sigma), 2e-5)
+    sigma[:3] = np.nan
+    unknown = m900ib.with_(noise=replace(m900ib.noise, sigma=None))
+    with pytest.raises(InputError, match=r"3 readings have no sigma_mm.*give all of them or none"):
+        identify(unknown, replace(readings, sigma=sigma))
+
+
+def test_a_marker_that_is_nowhere_defined(m900ib: Experiment, lines: list[list[str]], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="the experiment has no such marker") as caught:
+        read_readings(rewritten(lines, tmp_path, "marker", "nose", row=0), m900ib)
+    problem = caught.value.problems[0]
+    assert problem.line == 2
+    assert m900ib.markers[0].name in str(problem.allowed)
+
+
+def test_a_fit_that_did_not_converge_is_no_result() -> None:
+    """A model whose derivative has the wrong sign: no step lowers the error."""
+    false = Observations(
+        np.ones(3), lambda x: np.full(3, 5.0) + x[0], lambda x: np.full((3, 1), -1.0),
+        (Parameter("a", "1", typical=1.0),),
+        Independent(np.ones(3)), np.arange(3), np.arange(3),
+    )  # fmt: skip
+    with pytest.raises(
+        NotConverged, match=r"stuck after \d+ steps.*start nearer|did not settle in \d+ steps; fix a parameter"
+    ):
+        solve(false)
