@@ -15,10 +15,11 @@ from qsframework.diagnose.fitted import Settled, exact_displacement, settle_fit
 from qsframework.diagnose.gain import HeldOut, Search, held_out
 from qsframework.diagnose.gate import Closing, close, motions
 from qsframework.diagnose.noise_audit import NoiseAudit, audit_noise
-from qsframework.diagnose.proof import audited_rows, misfit, replicates, told_names
+from qsframework.diagnose.proof import audited_rows, library_basis, misfit, replicates, told_names
 from qsframework.diagnose.result import Diagnosis, Errors, Finding, Value
 from qsframework.diagnose.search import LARGEST
 from qsframework.diagnose.table import findings_of, table_of
+from qsframework.diagnose.taming import tamed
 from qsframework.diagnose.verdict import ambiguous, verdict_of, words_of
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings
@@ -163,6 +164,8 @@ def _baseline(experiment: Experiment, readings: Readings, tell: Callable[[str], 
     start = fit.x
     fit = settle_fit(model, readings, rows, noise, names, start)
     case = case.rewhitened(good, noise, fit.residuals)
+    if audit.heavy_tailed:
+        case = replace(case, residuals=tamed(case.residuals, library_basis(case)))
     return _Baseline(experiment, readings, rows, noise, fit, case, audit, out, untested, untold)
 
 
@@ -187,7 +190,8 @@ def _close(base: _Baseline, best: Answer | None, seed: int) -> Closing:
     fit = best.fit if best else base.fit
     moved = motions(fit.model, base.readings.poses, base.rows, fit.x)
     drives = base.experiment.robot.facts.n
-    return close(moved, drives, fit.jacobian, fit.white, base.noise, base.nu, 2000, seed + 1)
+    white = tamed(fit.white, library_basis(base.case)) if base.audit.heavy_tailed else fit.white
+    return close(moved, drives, fit.jacobian, white, base.noise, base.nu, 2000, seed + 1)
 
 
 def _held(
@@ -232,6 +236,8 @@ def _notes(base: _Baseline, held: HeldOut, extended: Settled) -> tuple[str, ...]
     said = [f"Held-out errors: {held.folds}; the search chose the same causes in {100 * held.same:.0f} % of the folds."]
     if base.untold:
         said.append(f"These readings do not tell {', '.join(base.untold)}: kept at the nominal value.")
+    if base.audit.heavy_tailed:
+        said.append("The errors have heavy tails: in the tests large ones count by Huber's rule, as 1.3 sds at most.")
     if not (base.fit.exact and extended.exact):
         said.append("The full equilibrium did not settle somewhere: the linear model was used instead.")
     return tuple(said)

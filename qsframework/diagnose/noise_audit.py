@@ -52,6 +52,11 @@ class NoiseAudit:
     words: tuple[str, ...]
     level: float
 
+    @property
+    def heavy_tailed(self) -> bool:
+        """Whether the errors of the rows that stay are plainly not normal."""
+        return bool(self.heavy < self.level)
+
     def of(self, readings: Readings, keep: Indices, sigma: Array) -> Noise:
         """Noise of rows `keep` (R,) of a file with stated sigma (R,), shared unloaded readings included."""
         return readings_noise(readings, keep, sigma * self.unit, self.shared)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from qsframework.diagnose.case import Case
 from qsframework.diagnose.fitted import Settled
 from qsframework.diagnose.lack_of_fit import LackOfFit, arm_axes, lack_of_fit, variables_of
-from qsframework.diagnose.noise_audit import NoiseAudit
+from qsframework.diagnose.noise_audit import NoiseAudit, make_basis
 from qsframework.errors import NotIdentifiable
 from qsframework.experiment import Experiment, Readings
 from qsframework.identify.linear import Rows
 from qsframework.identify.observations import Noise
 from qsframework.information import rank_test, scales
-from qsframework.plugin import Indices
+from qsframework.plugin import Array, Indices
 
 
 def replicates(readings: Readings, rows: Rows) -> Indices:
@@ -53,6 +54,12 @@ def audited_rows(readings: Readings, rows: Rows, good: Indices, audit: NoiseAudi
         rows.keep[good], rows.measured[good], sigma, rows.measurement[good], rows.marker[good], pose.astype(np.intp)
     )
     return kept, audit.of(readings, kept.keep, rows.sigma[good])
+
+
+def library_basis(case: Case) -> Array:
+    """Orthonormal directions (m, q) of the fitted parameters and of every cause that rises above the noise."""
+    columns = np.concatenate([case.A, *case.B], axis=1)
+    return make_basis(columns.reshape(-1, 3, columns.shape[1])).Q
 
 
 def misfit(experiment: Experiment, readings: Readings, rows: Rows, fit: Settled, known: bool) -> LackOfFit:
