@@ -21,7 +21,7 @@ from qsframework.identify.observations import Noise
 from qsframework.plugin import Array, InputError
 
 REFITS = 5
-_OTHERS = 0.1
+_OTHERS = 0.025
 """Share of the level for causes beside others."""
 _BEYOND = 2.0
 """Standard deviations by which a parameter of an exact fit may end beyond its bound."""
@@ -86,7 +86,7 @@ def explain(
 ) -> list[Answer]:  # fmt: skip
     """The best explanations with one or more causes, each fitted exactly, best first.
 
-    Every cause of an answer is significant: alone at the level, beside others at a tenth of it, because the best of
+    Every cause of an answer is significant: alone at the level, beside others at a fortieth of it, because the best of
     many pairs nearly always holds one cause that only fits the noise.
     """
     found = [s for s in search(library.gram, library.heads, largest) if significant(library, s, level)]
