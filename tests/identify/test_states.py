@@ -51,7 +51,7 @@ def test_the_command_fits_differences_with_their_covariance(m900ib: Experiment, 
     assert abs(fit.chi2 - fit.dof) < 4.0 * np.sqrt(2.0 * fit.dof)
     assert fit.dof == 8 * 2 * 3 * len(m900ib.markers) - len(fit.names)
     with pytest.raises(InputError, match="count as displacements with --differences"):
-        run_identify(FitFiles(m900ib.path, tmp_path / "s.csv"), How(method="one-step"))
+        run_identify(FitFiles(m900ib.path, tmp_path / "s.csv"), How(shared_error=True))
 
 
 ARM = """
