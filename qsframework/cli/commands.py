@@ -67,7 +67,18 @@ def _check(file: Path) -> str:
             found = check_readings(experiment, readings)
             if found:
                 return words + ", ok, but look at" + "".join(f"\n  {f.kind}: {f.words}" for f in found)
+        else:
+            from qsframework.applications.closure import check_states
+
+            checks = check_states(experiment, readings)
+            if checks:
+                head = ", ok" if all(c.good is not False for c in checks) else ", ok, but look at what is marked with !"
+                return words + head + "".join(f"\n  {_MARK[c.good]} {c.kind}: {c.words}" for c in checks)
     return words + ", ok"
+
+
+_MARK = {True: " ", False: "!", None: "?"}
+"""Before what `qsf check` says of states: as it should be, look at it, not measured."""
 
 
 def run_simulate(file: Path, plan_file: Path, output: Path, truth: str, seed: int, json: Path | None) -> None:

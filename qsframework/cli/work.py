@@ -1,4 +1,4 @@
-"""The commands of `qsf` for work on the real robot: compensate, export. Each imports the library when it runs."""
+"""The commands of `qsf` for work on the real robot. Each imports the library when it runs."""
 
 from __future__ import annotations
 
@@ -59,7 +59,32 @@ def export(
     run_export(plan, experiment, output, ExportWish(to, order, speed, None if hold else pause, home, seed), json)
 
 
+def protocol(
+    experiment: ExperimentFile,
+    plan: Annotated[Path, typer.Argument(help="plan.csv", show_default=False)],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The sheet to print.")] = Path("sheet.html"),
+    readings: Annotated[Path, typer.Option(help="The table to fill in.")] = Path("readings.csv"),
+    order: Annotated[
+        str, typer.Option(help="random (what drift cannot imitate), shortest, or as in the plan.")
+    ] = "random",
+    cycles: Annotated[int, typer.Option(help="Times the load is put on at each visit.", min=1)] = 2,
+    repeat_share: Annotated[float, typer.Option(help="Share of the poses that are visited twice.", min=0, max=1)] = 0.2,
+    settle: Annotated[float, typer.Option(help="Seconds to wait before a reading.", min=0)] = 30.0,
+    warm_up: Annotated[float, typer.Option(help="Minutes.", min=0)] = 30.0,
+    drive: Annotated[str, typer.Option(help="What holds the arm while it is read: servo or brake.")] = "servo",
+    reflectors: Annotated[int, typer.Option(help="Reflectors fixed to the floor.", min=0)] = 3,
+    half: Annotated[bool, typer.Option(help="Half the load, too, at repeated poses: is the arm linear?")] = True,
+    seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
+) -> None:
+    """Write the measuring day as a sheet to print and a table of readings to fill in."""
+    from qsframework.applications.protocol import ProtocolWish
+    from qsframework.cli.protocol import run_protocol
+
+    wish = ProtocolWish(order, seed, cycles, repeat_share, settle, warm_up, drive, reflectors, half)
+    run_protocol(experiment, plan, output, readings, wish)
+
+
 def add_commands(app: typer.Typer) -> None:
     """Register the commands."""
-    for command in (compensate, export):
+    for command in (compensate, export, protocol):
         app.command()(command)

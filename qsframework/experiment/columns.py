@@ -86,7 +86,9 @@ def read_table(path: str | Path, columns: Sequence[Column], robot: str) -> Table
         set[int]() if switch is None else {r for r, (_, c) in enumerate(good) if c[switch].strip().lower() in _FALSE}
     )
     for i, (column, unit) in chosen.items():
-        _read_column(table, column, unit, [cells[i].strip() for _, cells in good], masked)
+        cells = [row[i].strip() for _, row in good]
+        if column.required or any(cells):  # an optional column that nobody filled in is as good as not there
+            _read_column(table, column, unit, cells, masked)
     return table
 
 

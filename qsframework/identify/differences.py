@@ -20,12 +20,13 @@ def differences(states: StateReadings, experiment: Experiment) -> tuple[Readings
     the tracker's axes, which must be those of the base. Masked rows are left out. Where no row states its sigma, that
     of the experiment is that of one displacement, and each state has half its variance.
 
-    Raises InputError that names the loaded rows without an unloaded one.
+    Raises InputError that names the loaded rows without an unloaded one, or with one in another drive state.
     """
     loaded = np.flatnonzero(states.use & states.loaded[states.measurement])
     if not len(loaded):
         raise InputError(f"{states.source or 'state readings'}: no row of a loaded state; displacements need one")
     unloaded = _references(states, loaded)
+    _check_drives(states, loaded, unloaded)
     sigma = _sigmas(states, experiment, loaded, unloaded)
     used, measurement = np.unique(states.measurement[loaded], return_inverse=True)
     poses = states.poses.take(used)
@@ -43,6 +44,24 @@ def differences(states: StateReadings, experiment: Experiment) -> tuple[Readings
     )  # fmt: skip
     each = np.repeat(sigma if stated else np.full_like(sigma, np.sqrt(0.5)), 3, axis=1)
     return readings, grouped(each[1], [(reference_groups(readings, np.arange(len(loaded))), each[0])])
+
+
+def _check_drives(states: StateReadings, loaded: Indices, unloaded: Indices) -> None:
+    """InputError where the two states of a displacement were read in different drive states: two different arms."""
+    if states.drive_state is None:
+        return
+    problems = []
+    for i, j in zip(loaded.tolist(), unloaded.tolist(), strict=True):
+        here, there = states.drive_state[i], states.drive_state[j]
+        if here and there and here != there:
+            message = f"the loaded state was read in drive state {here!r}, its unloaded one (line {states.rows[j]}) in"
+            hint = "A held brake and a servo give differently: read both alike, or put 0 in the row's column use."
+            problems.append(
+                Problem(f"{message} {there!r}", str(states.source or "state readings"), int(states.rows[i]),
+                        "drive_state", hint=hint)
+            )  # fmt: skip
+    if problems:
+        raise InputError(problems)
 
 
 def _name(states: StateReadings, m: int) -> str:

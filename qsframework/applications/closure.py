@@ -1,0 +1,298 @@
+"""What filled-in state readings say before any fit: repeatability, closure, linearity, the floor, the drives.
+
+The tracker's frame does not matter: all is said of differences of positions of one marker at one pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, StateReadings
+from qsframework.experiment.columns import Column, read_table
+from qsframework.identify.differences import differences
+from qsframework.plugin import Array
+
+LEVEL = 1e-3
+_PARALLEL = 1e-6
+_LEAST_RATIO = 0.9
+"""Two sizes of a load closer than this tell nothing of linearity."""
+_WORTH = 0.01
+"""Shares of the deflection below this are not worth a word of warning, however sure they are."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing looked at: its kind, whether it is as it should be (None: not measured), and what was found."""
+
+    kind: str
+    good: bool | None
+    words: str
+    numbers: dict[str, float]
+
+
+def check_states(experiment: Experiment, states: StateReadings) -> tuple[Check, ...]:
+    """All checks of a file of states with loads; one with no loaded state has nothing to check.
+
+    InputError where a loaded row has no unloaded one, or was read in another drive state than it.
+    """
+    if not np.any(states.use & states.loaded[states.measurement]):
+        return ()
+    differences(states, experiment)
+    table = _Table(experiment, states)
+    floor = None if states.source is None else states.source.with_name(f"{states.source.stem}_floor.csv")
+    found = [_repeatability(table), _closure(table), *_hysteresis(table), _linearity(table), _drives(states)]
+    return tuple(found + ([_floor(experiment, floor, table.sigma)] if floor is not None and floor.is_file() else []))
+
+
+class _Table:
+    """Positions by (pose, series, repeat, cycle, load) and marker, in the order of the file; masked rows left out."""
+
+    def __init__(self, experiment: Experiment, states: StateReadings) -> None:
+        own = states.sigma[np.isfinite(states.sigma) & states.use]
+        noise = experiment.noise.sigma
+        self.sigma = float(np.sqrt(np.mean(own**2))) if len(own) else None if noise is None else noise / np.sqrt(2.0)
+        self.unloaded: dict[tuple[str, str, int, int], dict[int, Array]] = {}
+        self.loaded: dict[tuple[str, str, int, int, str], dict[int, Array]] = {}
+        self.wrench: dict[tuple[str, str, int, int, str], Array] = {}
+        for i in np.flatnonzero(states.use).tolist():
+            m = states.measurement[i]
+            key = (states.pose[m], states.series[m], int(states.repeat[m]), int(states.cycle[m]))
+            if states.loaded[m]:
+                self.loaded.setdefault((*key, states.load_id[m]), {})[int(states.marker[i])] = states.position[i]
+                self.wrench[*key, states.load_id[m]] = states.poses.wrench[m]
+            elif not states.load_id[m]:
+                self.unloaded.setdefault(key, {})[int(states.marker[i])] = states.position[i]
+
+    def moved(self) -> Iterable[tuple[tuple[str, str, int, int, str], int, Array]]:
+        """Displacement of every marker that was read in both states of a cycle."""
+        for key, markers in self.loaded.items():
+            before = self.unloaded.get(key[:4], {})
+            for marker, place in markers.items():
+                if marker in before:
+                    yield key, marker, place - before[marker]
+
+    def expected(self, variance: float) -> str:
+        """The stated noise of a difference that holds so many variances of one position, in words."""
+        return (
+            "no noise is stated"
+            if self.sigma is None
+            else f"the noise alone gives {_mm(np.sqrt(variance) * self.sigma)}"
+        )
+
+
+def _mm(value: float) -> str:
+    return f"{value * 1e3:.4f} mm"
+
+
+def _larger(squares: float, count: int, variance: float | None) -> bool:
+    """Whether a sum of squares is larger than chance allows, with `count` degrees of freedom."""
+    from scipy.stats import chi2
+
+    return variance is not None and count > 0 and float(chi2.sf(squares / variance, count)) < LEVEL
+
+
+def _spread(values: dict[Any, list[Array]]) -> tuple[float, int]:
+    """Sum of squares about the groups' means, and its degrees of freedom."""
+    squares, count = 0.0, 0
+    for group in values.values():
+        stack = np.array(group)
+        squares += float(np.sum((stack - stack.mean(axis=0)) ** 2))
+        count += 3 * (len(stack) - 1)
+    return squares, count
+
+
+def _repeatability(table: _Table) -> Check:
+    """Displacements of the same pose and load: between cycles of a visit, and between visits."""
+    cycles: dict[Any, list[Array]] = {}
+    for (pose, series, repeat, _, load), marker, d in table.moved():
+        cycles.setdefault((pose, series, load, marker, repeat), []).append(d)
+    between: dict[Any, list[Array]] = {}
+    counts: dict[Any, list[int]] = {}
+    for key, group in cycles.items():
+        between.setdefault(key[:4], []).append(np.mean(group, axis=0))
+        counts.setdefault(key[:4], []).append(len(group))
+    each = int(np.median([c for group in counts.values() for c in group])) if counts else 1
+    within, visits = _spread(cycles), _spread(between)
+    if not within[1] and not visits[1]:
+        return Check("repeatability", None, "no displacement was measured twice; plan 20 % repeats", {})
+    variance = None if table.sigma is None else 2.0 * table.sigma**2
+    numbers, parts, good = {}, [], True
+    for name, (squares, count), share in (("cycles of a visit", within, 1.0), ("visits", visits, 1.0 / each)):
+        if not count:
+            parts.append(f"between {name}: not measured")
+            continue
+        sd = float(np.sqrt(squares / count))
+        numbers[f"sd_mm between {name}"] = sd * 1e3
+        parts.append(f"between {name} {_mm(sd)} per axis ({count} degrees of freedom; {table.expected(2.0 * share)})")
+        good &= not _larger(squares, count, None if variance is None else share * variance)
+    advice = (
+        "" if good else ". More than the noise: settle longer, check reflectors and mounts, or state a larger noise"
+    )
+    return Check("repeatability", good, "displacements differ " + ", ".join(parts) + advice, numbers)
+
+
+def _returns(table: _Table) -> list[tuple[tuple[str, str, int, int], int, Array, list[Array]]]:
+    """For each unloaded state with one in the cycle after it: how far each marker came back to another place, and the
+    displacements of the loads in between."""
+    out = []
+    for key, before in table.unloaded.items():
+        after = table.unloaded.get((*key[:3], key[3] + 1))
+        if after is None:
+            continue
+        loads = [m for k, m in table.loaded.items() if k[:4] == key]
+        for marker in before.keys() & after.keys():
+            moved = [m[marker] - before[marker] for m in loads if marker in m]
+            out.append((key, marker, after[marker] - before[marker], moved))
+    return out
+
+
+def _closure(table: _Table) -> Check:
+    """Unloaded after a cycle against unloaded before it."""
+    returns = _returns(table)
+    if not returns:
+        words = "no unloaded state was read after a load; end each visit unloaded, with the number of the next cycle"
+        return Check("closure", None, words, {})
+    shifts = np.array([r[2] for r in returns])
+    rms = float(np.sqrt(np.mean(shifts**2)))
+    stands: dict[Any, list[Array]] = {}  # about their mean, for neighbouring shifts share a reading
+    for key, markers in table.unloaded.items():
+        for marker, place in markers.items():
+            stands.setdefault((*key[:3], marker), []).append(place)
+    squares, count = _spread(stands)
+    worst = int(np.argmax(np.linalg.norm(shifts, axis=1)))
+    (pose, _, repeat, cycle), largest = returns[worst][0], float(np.linalg.norm(shifts[worst]))
+    good = not _larger(squares, count, None if table.sigma is None else table.sigma**2)
+    words = (
+        f"after unloading the markers stand {_mm(rms)} per axis (RMS) from where they stood before "
+        f"({table.expected(2.0)}); most, {_mm(largest)}, at pose {pose}, repeat {repeat}, cycle {cycle}"
+    )
+    if not good:
+        words += ". More than the noise: the tracker or the base drifts, or friction holds the arm. Wait longer"
+    return Check("closure", good, words, {"rms_mm": rms * 1e3, "largest_mm": largest * 1e3})
+
+
+def _hysteresis(table: _Table) -> list[Check]:
+    """The part of the deflection that stays after unloading, for the first cycle and the later ones."""
+    out = []
+    for name, chosen in (("first cycle", lambda c: c == 1), ("later cycles", lambda c: c > 1)):
+        check = _stays(table, name, chosen)
+        out += [] if check is None else [check]
+    return out
+
+
+def _stays(table: _Table, name: str, chosen: Callable[[int], bool]) -> Check | None:
+    along, size = [], []
+    for (_, _, _, cycle), _, shift, moved in _returns(table):
+        if chosen(cycle) and moved:
+            d = max(moved, key=lambda m: float(np.linalg.norm(m)))
+            length = float(np.linalg.norm(d))
+            along.append(float(shift @ d) / length)
+            size.append(length)
+    if len(size) < 2 or not np.any(size):
+        return None
+    d, s = np.array(size), np.array(along)
+    share = float(s @ d / (d @ d))
+    spread = float(np.sum((s - share * d) ** 2) / (len(d) - 1))
+    stated = 0.0 if table.sigma is None else 2.0 * table.sigma**2
+    sd = float(np.sqrt(max(spread, stated) / (d @ d)))
+    good = not (abs(share) > 3.3 * sd and abs(share) > _WORTH)
+    words = f"{name}: {100 * share:.2f} +- {100 * sd:.2f} % of the deflection stays after unloading"
+    if not good:
+        words += ". Preload once more before reading; friction or play that stays is a cause for qsf diagnose"
+    return Check("hysteresis", good, words, {"share": share, "sd": sd})
+
+
+def _linearity(table: _Table) -> Check:
+    """Two sizes of one load at the same visit: does half the load give half the deflection?"""
+    products, squares, residuals = [], [], 0.0
+    count, ratios = 0, []
+    by_visit: dict[Any, list[tuple[Array, Array]]] = {}
+    for key, marker, d in table.moved():
+        by_visit.setdefault((*key[:4], marker), []).append((table.wrench[key], d))
+    variance = None if table.sigma is None else table.sigma**2
+    weight = 0.0
+    for loads in by_visit.values():
+        for (w, d), (v, e) in combinations(loads, 2):
+            (w, d), (v, e) = sorted(((w, d), (v, e)), key=lambda p: float(np.linalg.norm(p[0])))
+            ratio = float(np.linalg.norm(w) / np.linalg.norm(v))
+            if ratio > _LEAST_RATIO or np.linalg.norm(w - ratio * v) > _PARALLEL * np.linalg.norm(v):
+                continue
+            should = ratio * e
+            products.append(float((d - should) @ should))
+            squares.append(float(should @ should))
+            residuals += float(np.sum((d - should) ** 2))
+            # the unloaded state is in both: d - r e = L1 - r L2 - (1 - r) U
+            weight += (1.0 + ratio**2 + (1.0 - ratio) ** 2) * float(should @ should)
+            ratios.append(ratio)
+            count += 1
+    if not count or not sum(squares):
+        words = "not measured: no pose was read under two sizes of one load in the same cycle"
+        return Check("linearity", None, words, {})
+    total = sum(squares)
+    share = sum(products) / total
+    scatter = max(residuals - share**2 * total, 0.0) / max(3 * count - 1, 1) / total
+    stated = 0.0 if variance is None else variance * weight / total**2
+    sd = float(np.sqrt(max(scatter, stated)))
+    good = not (abs(share) > 3.3 * sd and abs(share) > _WORTH)
+    ratio = float(np.mean(ratios))
+    side = "more" if share > 0 else "less"
+    words = (
+        f"{100 * ratio:.0f} % of a load gives {abs(100 * share):.2f} +- {100 * sd:.2f} % {side} than "
+        f"{100 * ratio:.0f} % of the deflection ({count} pairs)"
+    )
+    if not good:
+        words += ". The springs are not linear, or there is play: look with qsf diagnose before trusting a linear fit"
+    return Check("linearity", good, words, {"share": share, "sd": sd, "pairs": float(count)})
+
+
+def _drives(states: StateReadings) -> Check:
+    """Which drive states were recorded; a difference within one reading has been refused by `differences`."""
+    if states.drive_state is None or not any(states.drive_state):
+        words = "not recorded; a held brake and a servo give differently: write servo or brake in drive_state"
+        return Check("drive state", None, words, {})
+    used = [d or "not recorded" for d, use in zip(states.drive_state, states.use, strict=True) if use]
+    counts = {d: used.count(d) for d in dict.fromkeys(used)}
+    good = len(counts) == 1
+    words = ", ".join(f"{d}: {n} rows" for d, n in counts.items())
+    words += "" if good else ". Readings in different drive states are of different arms: fit them apart"
+    return Check("drive state", good, words, {d: float(n) for d, n in counts.items()})
+
+
+def _floor(experiment: Experiment, path: Path, sigma: float | None) -> Check:
+    """The reflectors on the floor against where they were first read."""
+    columns = [
+        Column("visit", "count", required=True), Column("pose", "text"), Column("repeat", "count"),
+        Column("reflector", "text", required=True), Column("time", "number", "s", blank=True),
+        *(Column(c, "number", "m", required=True, blank=True) for c in ("x", "y", "z")),
+    ]  # fmt: skip
+    table = read_table(path, columns, experiment.robot.name)
+    if table.problems:
+        raise InputError(table.problems)
+    place = np.stack([table.numbers[c] for c in ("x", "y", "z")], axis=1)
+    shifts, where = [], []
+    seen: dict[str, list[Array]] = {}
+    for name, visit, p in zip(table.texts["reflector"], table.numbers["visit"], place, strict=True):
+        if np.isfinite(p).all():
+            seen.setdefault(name, []).append(p)
+            if len(seen[name]) > 1:
+                shifts.append(p - seen[name][0])
+                where.append(f"{name}, visit {visit:.0f}")
+    if not shifts:
+        return Check("floor", None, "no reflector on the floor was read twice", {})
+    size = np.linalg.norm(shifts, axis=1)
+    rms, worst = float(np.sqrt(np.mean(np.square(shifts)))), int(np.argmax(size))
+    squares, count = _spread(seen)
+    good = not _larger(squares, count, None if sigma is None else sigma**2)
+    words = (
+        f"reflectors on the floor moved by {_mm(rms)} per axis (RMS), most {_mm(float(size[worst]))}: {where[worst]}"
+    )
+    if not good:
+        words += ". More than the noise: the tracker or its stand moved; start a new series there"
+    return Check("floor", good, words, {"rms_mm": rms * 1e3, "largest_mm": float(size[worst]) * 1e3})

@@ -1,0 +1,190 @@
+"""How a plan is measured: which state of which pose after which, and the file of readings to fill in.
+
+At every visit the markers are read unloaded, loaded, unloaded, loaded, unloaded: two cycles. Unloaded state c and
+loaded state c make one displacement; what the unloaded states differ by is drift and hysteresis, which no fit could
+tell from compliance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from qsframework.applications.ordering import visits
+from qsframework.applications.programme import check_plan
+from qsframework.errors import InputError, Problem
+from qsframework.experiment import Experiment, Plan
+from qsframework.experiment.columns import write_table
+from qsframework.plugin import Array
+
+DRIVES = ("servo", "brake")
+HALF = "half of "
+"""Before the name of a load: half its weight."""
+_READ = 20.0
+_HANDLE = 60.0
+"""Seconds that a reading of all markers and a change of the load take, for the estimate of the whole."""
+
+
+@dataclass(frozen=True)
+class ProtocolWish:
+    """settle: s after every move and change of load; warm_up: minutes; drive: what holds the arm while it is read.
+
+    half: poses with a repeat are measured under half the load too, which shows whether the arm is linear
+    """
+
+    order: str = "random"
+    seed: int = 0
+    cycles: int = 2
+    repeat_share: float = 0.2
+    settle: float = 30.0
+    warm_up: float = 30.0
+    drive: str = "servo"
+    reflectors: int = 3
+    half: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """One state to read: load_id "" is unloaded; wrench (6,)."""
+
+    cycle: int
+    load_id: str
+    wrench: Array
+
+    @property
+    def loaded(self) -> bool:
+        return self.load_id != ""
+
+
+@dataclass(frozen=True, eq=False)
+class Visit:
+    """One stay at a pose: its states in the order in which they are read; pendant (n,) rad."""
+
+    number: int
+    pose: str
+    repeat: int
+    pendant: Array
+    load: str
+    wrench: Array
+    states: tuple[State, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Protocol:
+    """The visits of a campaign."""
+
+    robot: str
+    title: str
+    visits: tuple[Visit, ...]
+    wish: ProtocolWish
+    markers: tuple[str, ...]
+
+    @property
+    def readings(self) -> int:
+        """How many positions of markers are read, without the floor's reflectors."""
+        return sum(len(v.states) for v in self.visits) * len(self.markers)
+
+    @property
+    def repeated(self) -> tuple[str, ...]:
+        """Poses that are visited more than once."""
+        return tuple(dict.fromkeys(v.pose for v in self.visits if v.repeat > 1))
+
+    @property
+    def hours(self) -> float:
+        """About how long it takes, with the warm-up."""
+        states = sum(len(v.states) for v in self.visits)
+        seconds = states * (self.wish.settle + _READ + _HANDLE) + len(self.visits) * (self.wish.settle + _READ)
+        return (seconds + 60.0 * self.wish.warm_up) / 3600.0
+
+
+def make_protocol(experiment: Experiment, plan: Plan, wish: ProtocolWish | None = None, file: str = "") -> Protocol:
+    """The order and the states of a campaign. InputError for a plan that the robot must not carry out."""
+    wish = wish or ProtocolWish()
+    _check(wish)
+    check_plan(experiment, plan, file)
+    if not np.any(plan.wrench, axis=1).all():
+        bare = [p for p, w in zip(plan.pose, plan.wrench, strict=True) if not np.any(w)]
+        raise InputError(Problem(f"no load at {', '.join(bare)}: nothing would bend the arm", file or None))
+    repeats = _repeats(plan, wish)
+    sequence = visits(replace(plan, repeats=repeats), wish.order, wish.seed)
+    seen: dict[int, int] = {}
+    out: list[Visit] = []
+    for number, i in enumerate(sequence, start=1):
+        seen[i] = seen.get(i, 0) + 1
+        load = plan.load[i] or "load"
+        half = wish.half and repeats[i] > 1
+        states = _states(load, plan.wrench[i], wish.cycles, half)
+        out.append(Visit(number, plan.pose[i], seen[i], plan.pendant[i], load, plan.wrench[i], states))
+    names = tuple(m.name for m in experiment.markers)
+    return Protocol(experiment.robot.name, experiment.robot.title, tuple(out), wish, names)
+
+
+def _check(wish: ProtocolWish) -> None:
+    problems = []
+    if wish.drive not in DRIVES:
+        problems.append(Problem(f"unknown drive state {wish.drive!r}", allowed=", ".join(DRIVES)))
+    for what, value, low, high in (
+        ("cycles", wish.cycles, 1, 10), ("share of repeats", wish.repeat_share, 0, 1),
+        ("reflectors", wish.reflectors, 0, 20),
+        ("settling time, s", wish.settle, 0, 3600), ("warm-up, min", wish.warm_up, 0, 600),
+    ):  # fmt: skip
+        if not low <= value <= high:
+            problems.append(Problem(what, found=f"{value:g}", allowed=f"{low} to {high}"))
+    if problems:
+        raise InputError(problems)
+
+
+def _repeats(plan: Plan, wish: ProtocolWish) -> tuple[int, ...]:
+    """The plan's repeats, and one more for poses drawn until the share of poses with repeats is reached."""
+    repeats = list(plan.repeats)
+    missing = int(np.ceil(wish.repeat_share * len(repeats) - 1e-9)) - sum(r > 1 for r in repeats)
+    single = [i for i, r in enumerate(repeats) if r == 1]
+    for i in np.random.default_rng(wish.seed).permutation(single)[: max(missing, 0)]:
+        repeats[i] = 2
+    return tuple(repeats)
+
+
+def _states(load: str, wrench: Array, cycles: int, half: bool) -> tuple[State, ...]:
+    nothing, out = np.zeros(6), list[State]()
+    for cycle in range(1, cycles + 1):
+        out.append(State(cycle, "", nothing))
+        out += [State(cycle, HALF + load, 0.5 * wrench)] if half else []
+        out.append(State(cycle, load, wrench))
+    return (*out, State(cycles + 1, "", nothing))
+
+
+def write_reading_file(path: Path, protocol: Protocol) -> None:
+    """The table to fill in: one row per state and marker in the order of reading; no position, time or temperature."""
+    n = len(protocol.visits[0].pendant)
+    header = ["pose", *(f"q{k + 1}_deg" for k in range(n)), "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"]
+    header += ["marker", "state", "x_mm", "y_mm", "z_mm", "load_id", "repeat", "cycle", "use"]
+    header += ["time_s", "temperature_degC", "drive_state"]
+    rows = []
+    for visit in protocol.visits:
+        angles = [repr(v) for v in np.rad2deg(visit.pendant).tolist()]
+        for state in visit.states:
+            wrench = [f"{v:.10g}" for v in state.wrench] if state.loaded else [""] * 6
+            for marker in protocol.markers:
+                rows.append(
+                    [visit.pose, *angles, *wrench, marker, "loaded" if state.loaded else "unloaded", "", "", "",
+                     state.load_id, str(visit.repeat), str(state.cycle), "1", "", "", protocol.wish.drive]
+                )  # fmt: skip
+    write_table(path, header, rows, [f"robot: {protocol.robot}"])
+
+
+def floor_file(readings: Path) -> Path:
+    """The table of the floor's reflectors that belongs to a file of readings."""
+    return readings.with_name(f"{readings.stem}_floor.csv")
+
+
+def write_floor_file(path: Path, protocol: Protocol) -> None:
+    """The table of the floor's reflectors to fill in: all of them at the start of every visit."""
+    rows = [
+        [str(v.number), v.pose, str(v.repeat), f"floor_{k + 1}", "", "", "", ""]
+        for v in protocol.visits
+        for k in range(protocol.wish.reflectors)
+    ]
+    write_table(path, ["visit", "pose", "repeat", "reflector", "x_mm", "y_mm", "z_mm", "time_s"], rows,
+                [f"robot: {protocol.robot}"])  # fmt: skip

@@ -1,0 +1,39 @@
+"""`qsf protocol`: what it calls and prints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from qsframework.applications.protocol import (
+    ProtocolWish,
+    floor_file,
+    make_protocol,
+    write_floor_file,
+    write_reading_file,
+)
+from qsframework.cli.commands import distinct_outputs
+from qsframework.experiment import load_experiment, read_plan
+
+
+def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish: ProtocolWish) -> None:
+    """Write the sheet and the files to fill in."""
+    from qsframework.report import provenance_section, write_report
+    from qsframework.report.protocol_section import protocol_sections
+
+    floor = floor_file(readings)
+    distinct_outputs([sheet, readings, floor], [file, plan_file, plan_file.with_suffix(".json")])
+    experiment = load_experiment(file)
+    plan = read_plan(plan_file, experiment)
+    protocol = make_protocol(experiment, plan, wish, str(plan_file))
+    sections = (
+        *protocol_sections(protocol, readings.name, floor.name),
+        provenance_section(experiment.model().effects, [file, plan_file], wish.seed),
+    )
+    write_report(sheet, f"Protocol: {experiment.robot.title}", sections)
+    write_reading_file(readings, protocol)
+    print(f"{len(protocol.visits)} visits, {protocol.readings} readings, about {protocol.hours:.1f} hours: {sheet}")
+    print(f"to fill in: {readings}")
+    if wish.reflectors:
+        write_floor_file(floor, protocol)
+        print(f"to fill in: {floor}")
+    print(f"next: `data: {readings.name}` in {file.name}, then qsf check {file}")
