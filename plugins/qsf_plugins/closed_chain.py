@@ -170,6 +170,14 @@ class ClosedChain(Loop):
     def smallest_transmission_angle(self) -> float:
         return self.margin
 
+    def outline(self, q: Array, robot: RobotFacts) -> Array:
+        v = self._inverse(q, robot)
+        lost = np.isnan(v[:, 0])
+        _, _, arms, _ = self._ends(robot)[0].place(np.where(lost[:, None], 0.0, v))
+        pivots = np.array(self.at) + np.cumsum(np.concatenate([np.zeros((len(q), 1, 3)), arms], axis=1), axis=1)
+        pivots[lost] = np.nan
+        return np.stack([pivots[:, :-1], pivots[:, 1:]], axis=2)
+
 
 def _left_inverse(columns: Array) -> Array:
     """(N, f, 3) that solves for f <= 3 independent columns (N, 3, f). Where they are not independent the answer

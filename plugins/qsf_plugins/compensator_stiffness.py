@@ -7,7 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsf_plugins.spring_triangle import SpringTriangle
-from qsframework.plugin import Array, Conditions, ParallelSpring, Parameter, RobotFacts, StiffnessTerm, place, setting
+from qsframework.plugin import (
+    Array,
+    Conditions,
+    ParallelSpring,
+    Parameter,
+    Point,
+    RobotFacts,
+    StiffnessTerm,
+    place,
+    setting,
+)
 
 
 @dataclass(frozen=True)
@@ -34,6 +44,9 @@ class CompensatorStiffness(ParallelSpring):
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
         SpringTriangle(self.lc, self.l2).check(self.name)
+
+    def outline(self, robot: RobotFacts) -> tuple[Point, Point]:
+        return SpringTriangle(self.lc, self.l2).pivots(robot, self.joint, self.zero)
 
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
         return (self.joint,)

@@ -6,7 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsf_plugins.planar_loop import FLAT, Slopes, driven_term, implicit, link_length, parallel_sign, refuse
+from qsf_plugins.planar_loop import (
+    FLAT,
+    Slopes,
+    driven_term,
+    implicit,
+    link_length,
+    parallel_sign,
+    planar_outline,
+    refuse,
+)
 from qsframework.plugin import Array, InputError, Loop, LoopTerm, Parameter, RobotFacts, place, setting
 
 BARS = ("bar", "lever", "link", "rocker")
@@ -123,6 +132,12 @@ class FourBar(Loop):
     @property
     def smallest_transmission_angle(self) -> float:
         return self.margin
+
+    def outline(self, q: Array, robot: RobotFacts) -> Array:
+        sign = self._sign(robot)
+        lever = np.stack([np.full(len(q), self.lever), self._lever(q, robot, sign)])
+        rocker = np.stack([np.full(len(q), self.rocker), self.rocker_zero + sign * q[:, 1]])
+        return planar_outline(robot, self.driver, self.driven, q, lever, rocker)
 
 
 def _wrap(angle: Array) -> Array:

@@ -7,7 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsf_plugins.spring_triangle import SpringTriangle
-from qsframework.plugin import Array, Conditions, ParallelSpring, Parameter, RobotFacts, TorqueTerm, place, setting
+from qsframework.plugin import (
+    Array,
+    Conditions,
+    ParallelSpring,
+    Parameter,
+    Point,
+    RobotFacts,
+    TorqueTerm,
+    place,
+    setting,
+)
 
 
 @dataclass(frozen=True)
@@ -37,6 +47,9 @@ class GravityCompensator(ParallelSpring):
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
         SpringTriangle(self.lc, self.l2).check(self.name)
+
+    def outline(self, robot: RobotFacts) -> tuple[Point, Point]:
+        return SpringTriangle(self.lc, self.l2).pivots(robot, self.joint, self.zero)
 
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
         return (self.joint,)

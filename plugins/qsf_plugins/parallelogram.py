@@ -6,7 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsf_plugins.planar_loop import FLAT, Slopes, driven_term, implicit, link_length, parallel_sign, refuse
+from qsf_plugins.planar_loop import (
+    FLAT,
+    Slopes,
+    driven_term,
+    implicit,
+    link_length,
+    parallel_sign,
+    planar_outline,
+    refuse,
+)
 from qsframework.plugin import Array, InputError, Loop, LoopTerm, Parameter, RobotFacts, place, setting
 
 
@@ -119,3 +128,7 @@ class Parallelogram(Loop):
     @property
     def smallest_transmission_angle(self) -> float:
         return self.margin
+
+    def outline(self, q: Array, robot: RobotFacts) -> Array:
+        side = np.stack([np.full(len(q), self.lever), self.zero + self._sign(robot) * q[:, 1]])
+        return planar_outline(robot, self.driver, self.driven, q, side, side)

@@ -35,6 +35,27 @@ def link_length(robot: RobotFacts, driver: str, driven: str) -> float:
     return float(np.linalg.norm(arm - axis * (axis @ arm)))
 
 
+def planar_outline(robot: RobotFacts, driver: str, driven: str, q: Array, lever: Array, rocker: Array) -> Array:
+    """Ends (N, 3, 2, 3) of lever, bar and rocker, as `Loop.outline` wants them, at joint angles q (N, 2).
+
+    lever, rocker (2, N): length and angle from link 2 of each, about the driver's axis
+    """
+    k = robot.joint_index(driver)
+    axis, arm = robot.axes[k], between(robot, k, robot.joint_index(driven))[:3, 3]
+    arm = arm - axis * (axis @ arm)
+    x = arm / np.linalg.norm(arm)
+    y = np.cross(axis, x)
+
+    def reach(length: Array, angle: Array) -> Array:
+        turned = q[:, 0] + angle
+        return length[:, None] * (np.cos(turned)[:, None] * x + np.sin(turned)[:, None] * y)
+
+    zero = np.zeros(len(q))
+    shoulder, elbow = reach(zero, zero), reach(zero + float(np.linalg.norm(arm)), zero)
+    low, high = reach(*lever), elbow + reach(*rocker)
+    return np.stack([np.stack(ends, axis=1) for ends in ((shoulder, low), (low, high), (elbow, high))], axis=1)
+
+
 def between(robot: RobotFacts, first: int, second: int) -> Array:
     """(4, 4) frame of joint `second` in that of joint `first` at zero angles."""
     placement = np.eye(4)

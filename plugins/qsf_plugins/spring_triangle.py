@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.plugin import Array, InputError, Problem
+from qsf_plugins.vectors import turns
+from qsframework.plugin import Array, InputError, Point, Problem, RobotFacts
 
 
 @dataclass(frozen=True)
@@ -49,3 +50,20 @@ class SpringTriangle:
         s, area = self.length(b), self.lc * self.l2
         bend = 3.0 * area * np.cos(b) / s**3 - 3.0 * area**2 * np.sin(b) ** 2 / s**5 + 1.0 / s
         return np.sin(b) * (free_length * bend - 1.0)
+
+    def pivots(self, robot: RobotFacts, joint: str, zero: float) -> tuple[Point, Point]:
+        """Where the spring ends, on the previous link and on the joint's: b is zero + q, and l2 lies along the arm."""
+        k = robot.joint_index(joint)
+        axis = robot.axes[k]
+        arm = robot.placements[k + 1][:3, 3] if k + 1 < robot.n else np.zeros(3)
+        arm = arm - axis * (axis @ arm)
+        if not np.linalg.norm(arm) > 1e-9:  # the next joint lies on the axis: any direction across it
+            arm = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+        arm = arm / np.linalg.norm(arm)
+        base = robot.placements[k] @ np.append(self.lc * turns(axis, np.array([-zero]))[0] @ arm, 1.0)
+        return _point(robot.links[k], base[:3]), _point(robot.link_of(joint), self.l2 * arm)
+
+
+def _point(link: str, xyz: Array) -> Point:
+    x, y, z = (float(c) for c in xyz)
+    return Point(link, (x, y, z))

@@ -71,6 +71,27 @@ def stiffness(
 
 
 @app.command()
+def show(
+    subject: Annotated[str, typer.Argument(metavar="ROBOT|EXPERIMENT", help="A robot's name, or experiment.yaml.")],
+    plan: Annotated[Path | None, typer.Argument(help="plan.csv", show_default=False)] = None,
+    fit: Annotated[Path | None, typer.Option(help="fit.json: its values, and the residuals of its readings.")] = None,
+    data: Annotated[Path | None, typer.Option(help="Readings of --fit; the experiment's own if left out.")] = None,
+    pose: Annotated[str | None, typer.Option(help="Pendant angles, deg: J1,J2,... instead of a plan.")] = None,
+    load: Annotated[str | None, typer.Option(help="Force, N, base frame: fx,fy,fz[,mx,my,mz in Nm].")] = None,
+    point: Annotated[str | None, typer.Option(help="Where the load acts on a robot, mm, flange frame.")] = None,
+    scale: Annotated[
+        float, typer.Option(help="Deflections, ellipsoids and residuals are drawn this much larger.")
+    ] = 100,
+    html: Annotated[Path | None, typer.Option(help="Write one page that needs no network, instead of serving.")] = None,
+    port: Annotated[int, typer.Option(help="Port on this machine; 0 takes any free one.")] = 7000,
+) -> None:
+    """See the robot in 3D: poses, loads, limits, deflection, stiffness, residuals."""
+    from qsframework.cli.show import Shown, run_show
+
+    run_show(Shown(subject, plan, fit, data, pose, load, point, scale), html, port)
+
+
+@app.command()
 def design(
     experiment: ExperimentFile,
     poses: Annotated[int, typer.Option("-n", "--poses", help="Number of poses.", min=1)] = 12,

@@ -123,6 +123,13 @@ class Loop(Effect):
     def smallest_transmission_angle(self) -> float:
         """The margin (rad) below which no pose is planned."""
 
+    def outline(self, q: Array, robot: RobotFacts) -> Array | None:
+        """For pictures: ends (N, bars, 2, 3) m of the bars at joint angles q (N, k), NaN where the loop is open.
+
+        In the frame of the first of `joints` before it turns; None: nothing to draw.
+        """
+        return None
+
 
 class Spring(Effect):
     """Stage 2: elastic coordinates, one compliance parameter for each."""
@@ -158,6 +165,10 @@ class ParallelSpring(Effect):
     def ends(self, robot: RobotFacts) -> tuple[Point, Point] | None:
         """The two points that `tension` pulls together."""
         return None
+
+    def outline(self, robot: RobotFacts) -> tuple[Point, Point] | None:
+        """For pictures: the two pivots of the spring; None: nothing to draw."""
+        return self.ends(robot)
 
     def tension(self, length: Array, x: Array, conditions: Conditions) -> TensionTerm:
         """The pull at a distance (N,) between the two ends."""

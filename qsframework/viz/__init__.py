@@ -1,7 +1,20 @@
 """Pictures in 3D."""
 
-from qsframework.viz.plan_scene import place_poses, plan_scene
+from qsframework.viz.plan_scene import plan_scene
+from qsframework.viz.residual_arrows import residuals
 from qsframework.viz.residual_scene import residual_scene
 from qsframework.viz.scene import Scene
+from qsframework.viz.server import Site, serve
+from qsframework.viz.show_scene import Residuals, place_poses, show_scene
 
-__all__ = ["Scene", "place_poses", "plan_scene", "residual_scene"]
+__all__ = [
+    "Residuals",
+    "Scene",
+    "Site",
+    "place_poses",
+    "plan_scene",
+    "residual_scene",
+    "residuals",
+    "serve",
+    "show_scene",
+]

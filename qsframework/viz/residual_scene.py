@@ -6,8 +6,9 @@ import numpy as np
 
 from qsframework.experiment import Experiment, Readings
 from qsframework.plugin import Array, Indices
-from qsframework.viz.plan_scene import draw_robot, place_poses, placed_at
-from qsframework.viz.scene import Colour, Scene
+from qsframework.viz.robot_shapes import draw_robot, link_frames
+from qsframework.viz.scene import Colour, Scene, placed_at
+from qsframework.viz.show_scene import place_poses
 
 BEFORE: Colour = (0.85, 0.2, 0.1, 1.0)
 AFTER: Colour = (0.1, 0.6, 0.25, 1.0)
@@ -35,7 +36,8 @@ def residual_scene(
     state = place_poses(experiment, readings.poses.q[chosen])
     for i, m in enumerate(chosen.tolist()):
         path = f"poses/{i}"
-        draw_robot(scene, path, experiment.robot, state, i, 0.5)
+        links, q = link_frames(state.placed, i), readings.poses.q[m]
+        draw_robot(scene, path, experiment.robot, links, q, 0.5)
         for row in np.flatnonzero(measurement == m).tolist():
             k = int(readings.marker[kept[row]])
             start = state.markers[k].position[:, i]

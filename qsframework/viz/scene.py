@@ -1,19 +1,17 @@
-"""3D scenes as one self-contained HTML file: meshcat's viewer with the scene packed into the page."""
+"""A 3D scene: objects by path, in metres, z up; steps of a slider and layers to hide. `html` writes it as one page."""
 
 from __future__ import annotations
 
-import base64
-import html
-import json
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from qsframework.plugin import Array
+from qsframework.viz.page import render
 
 Colour = tuple[float, float, float, float]
+_AXES: tuple[Colour, ...] = ((0.85, 0.1, 0.1, 1.0), (0.1, 0.6, 0.1, 1.0), (0.1, 0.2, 0.85, 1.0))
 
 
 @dataclass
@@ -24,8 +22,22 @@ class Scene:
     commands: list[dict[str, Any]] = field(default_factory=list)
     steps: list[tuple[str, str]] = field(default_factory=list)
     """Paths that a slider shows one at a time, with the label of each."""
+    ghosts: dict[str, str] = field(default_factory=dict)
+    """Path of a step -> path of what stands for it while another step is chosen."""
     first: int = 0
     """The step that is shown at first, counted from 1; 0 shows all."""
+    layers: dict[str, list[str]] = field(default_factory=dict)
+    """Paths that a box on the page shows or hides together."""
+    notes: list[str] = field(default_factory=list)
+    """Sentences on the page: what is seen, at what scale."""
+    size: float = 3.0
+    """How large the scene is, m: the camera stands so far off that this fills the view."""
+
+    def transform(self, path: str, placement: Array) -> None:
+        """Move a path and everything below it by a placement (4, 4)."""
+        from meshcat.commands import SetTransform
+
+        self.commands.append(SetTransform(np.asarray(placement, dtype=float), _where(path)).lower())
 
     def box(self, path: str, size: tuple[float, ...], placement: Array, colour: Colour) -> None:
         """A box of size x, y, z about its placement (4, 4)."""
@@ -39,100 +51,101 @@ class Scene:
 
         self._add(path, Sphere(radius), placement, colour)
 
-    def cylinder(self, path: str, radius: float, length: float, placement: Array, colour: Colour) -> None:
-        """A cylinder along the z axis of its placement."""
+    def ellipsoid(self, path: str, centre: Array, axes: Array, colour: Colour) -> None:
+        """An ellipsoid about a point (3,) with its half axes (m) as the columns of axes (3, 3)."""
+        from meshcat.geometry import Sphere
+
+        placement = placed_at(centre)
+        placement[:3, :3] = axes if np.linalg.det(axes) > 0.0 else -axes
+        self._add(path, Sphere(1.0), placement, colour)
+
+    def cylinder(
+        self, path: str, radius: float, length: float, placement: Array, colour: Colour, top: float | None = None
+    ) -> None:
+        """A cylinder along the z axis of its placement; a cone where the radius at its `top` is another."""
         from meshcat.geometry import Cylinder
 
         turned = np.eye(4)  # meshcat's cylinder lies along y
         turned[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
-        self._add(path, Cylinder(length, radius), placement @ turned, colour)
+        solid = Cylinder(length, radius) if top is None else Cylinder(length, radius, top, radius)
+        self._add(path, solid, placement @ turned, colour)
+
+    def mesh(self, path: str, mesh: Any, placement: Array, colour: Colour) -> None:
+        """A geometry of meshcat, such as a mesh from a file."""
+        self._add(path, mesh, placement, colour)
 
     def rod(self, path: str, start: Array, end: Array, radius: float, colour: Colour) -> None:
         """A cylinder between two points (3,)."""
-        vector = end - start
+        length = float(np.linalg.norm(end - start))
+        if length > 0.0:
+            self.cylinder(path, radius, length, along(start, end), colour)
+
+    def arrow(self, path: str, start: Array, vector: Array, radius: float, colour: Colour) -> None:
+        """An arrow from a point (3,) whose tip is `vector` (3,) away; nothing where that is zero."""
         length = float(np.linalg.norm(vector))
         if length == 0.0:
             return
-        z = vector / length
-        x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
-        x /= np.linalg.norm(x)
-        placement = np.eye(4)
-        placement[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
-        placement[:3, 3] = 0.5 * (start + end)
-        self.cylinder(path, radius, length, placement, colour)
+        end, share = start + vector, min(6.0 * radius / length, 0.6)
+        neck = end - share * vector
+        self.rod(f"{path}/shaft", start, neck, radius, colour)
+        head = along(neck, end)
+        head[:3, 3] = end
+        self.transform(f"{path}/head", head)
+        back = placed_at(np.array([0.0, 0.0, -0.5 * share * length]))
+        self.cylinder(f"{path}/head/cone", 2.4 * radius, share * length, back, colour, top=0.0)
 
-    def arrow(self, path: str, start: Array, vector: Array, radius: float, colour: Colour) -> None:
-        """A rod with a ball at its tip, which marks the head."""
-        self.rod(f"{path}/shaft", start, start + vector, radius, colour)
-        head = np.eye(4)
-        head[:3, 3] = start + vector
-        self.sphere(f"{path}/head", 2.2 * radius, head, colour)
+    def axes(self, path: str, placement: Array, size: float) -> None:
+        """A frame: its x, y and z axis in red, green and blue."""
+        self.transform(path, placement)
+        for name, vector, colour in zip("xyz", np.eye(3), _AXES, strict=True):
+            self.rod(f"{path}/{name}", np.zeros(3), size * vector, 0.06 * size, colour)
 
-    def step(self, path: str, label: str) -> None:
-        """Make a path one of the slider's steps."""
+    def step(self, path: str, label: str, ghost: str | None = None) -> None:
+        """Make a path one of the slider's steps; its ghost is seen while another step is chosen."""
         self.steps.append((path, label))
+        if ghost is not None:
+            self.ghosts[path] = ghost
+
+    def layer(self, name: str, path: str) -> None:
+        """Put a path into a layer that a box shows or hides."""
+        self.layers.setdefault(name, []).append(path)
 
     def _add(self, path: str, geometry: Any, placement: Array, colour: Colour) -> None:
-        from meshcat.commands import SetObject, SetTransform
+        from meshcat.commands import SetObject
         from meshcat.geometry import MeshPhongMaterial
-        from meshcat.path import Path as ScenePath
 
         red, green, blue = (int(255 * c) for c in colour[:3])
         material = MeshPhongMaterial(
             color=(red << 16) + (green << 8) + blue, opacity=colour[3], transparent=colour[3] < 1
         )
-        where = ScenePath(("meshcat", *path.split("/")))
-        self.commands.append(SetObject(geometry, material, where).lower())
-        self.commands.append(SetTransform(np.asarray(placement, dtype=float), where).lower())
+        self.commands.append(SetObject(geometry, material, _where(path)).lower())
+        self.transform(path, placement)
 
-    def html(self) -> str:
-        """The page: no request leaves it."""
-        import meshcat
-        import umsgpack
-
-        viewer = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
-        packed = [base64.b64encode(umsgpack.packb(command)).decode() for command in self.commands]
-        return _PAGE.format(
-            title=html.escape(self.title),
-            script=viewer.read_text(encoding="utf-8").replace("</script", "<\\/script"),
-            commands=json.dumps(packed),
-            first=self.first,
-            steps=json.dumps([["/meshcat/" + path, label] for path, label in self.steps]).replace("<", "\\u003c"),
+    def html(self, watch: str | None = None) -> str:
+        """The page: no request leaves it, but to `watch` on the same server, if it is given."""
+        return render(
+            self.title, self.commands, self.steps, self.ghosts, self.first, self.layers, self.notes, self.size, watch
         )
 
 
-_PAGE = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
-<style>
-body {{ margin: 0; overflow: hidden; font: 14px sans-serif; }}
-#view {{ width: 100vw; height: 100vh; }}
-#bar {{ position: fixed; left: 12px; bottom: 12px; background: #fffd; padding: 6px 10px; border-radius: 4px; }}
-</style></head><body>
-<div id="view"></div>
-<div id="bar" hidden><label>Pose <input id="step" type="range" min="0" value="0"></label> <span id="label"></span></div>
-<script>{script}</script>
-<script>
-const viewer = new MeshCat.Viewer(document.getElementById("view"));
-const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0));
-for (const command of {commands}) viewer.handle_command_bytearray(bytes(command));
-const set = (path, property, value) =>
-  viewer.handle_command({{type: "set_property", path: path, property: property, value: value}});
-set("/Background", "top_color", [0.93, 0.95, 0.97]);
-set("/Background", "bottom_color", [0.8, 0.83, 0.87]);
-set("/Cameras/default/rotated/<object>", "position", [3.9, 1.9, 3.4]);
-const steps = {steps};
-const slider = document.getElementById("step");
-function show() {{
-  const chosen = Number(slider.value);
-  steps.forEach(([path, label], i) => set(path, "visible", chosen === 0 || chosen === i + 1));
-  document.getElementById("label").textContent = chosen === 0 ? "all" : steps[chosen - 1][1];
-}}
-if (steps.length) {{
-  document.getElementById("bar").hidden = false;
-  slider.max = steps.length;
-  slider.value = {first};
-  slider.oninput = show;
-  show();
-}}
-</script></body></html>
-"""
+def placed_at(position: Array) -> Array:
+    """A placement (4, 4) at a position (3,), not turned."""
+    out = np.eye(4)
+    out[:3, 3] = position
+    return out
+
+
+def along(start: Array, end: Array) -> Array:
+    """A placement (4, 4) in the middle of two points (3,), its z axis from one to the other."""
+    z = (end - start) / np.linalg.norm(end - start)
+    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
+    x /= np.linalg.norm(x)
+    placement = placed_at(0.5 * (start + end))
+    placement[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
+    return placement
+
+
+def _where(path: str) -> Any:
+    from meshcat.path import Path
+
+    return Path(("meshcat", *path.split("/")))

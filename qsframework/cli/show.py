@@ -1,0 +1,123 @@
+"""`qsf show`: what it reads, and where the page goes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from qsframework.cli.commands import distinct_outputs
+from qsframework.cli.stiffness import numbers
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, is_states, load_experiment, read_plan, read_readings
+from qsframework.files import write_text
+from qsframework.identify.fit_files import StoredFit, read_fit
+from qsframework.plugin import Array
+from qsframework.robot import load_robot, robot_names
+from qsframework.robot.loader import find_robot
+from qsframework.viz import Scene, Site, serve, show_scene
+from qsframework.viz.subject import floating, measured, one_pose, robot_alone
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What to show: a robot or an experiment, and what the options say."""
+
+    subject: str
+    plan: Path | None = None
+    fit: Path | None = None
+    data: Path | None = None
+    pose: str | None = None
+    load: str | None = None
+    point: str | None = None
+    scale: float = 100.0
+
+    @property
+    def is_experiment(self) -> bool:
+        """Whether the subject is a file that is not a robot's."""
+        path = Path(self.subject)
+        return self.subject not in robot_names() and path.is_file() and path.name not in ("robot.yaml", "robot.yml")
+
+    def files(self) -> list[Path]:
+        """All files that the scene is made from."""
+        own = Path(self.subject) if self.is_experiment else find_robot(self.subject)
+        given = [own, self.plan, self.fit, self.data]
+        if self.is_experiment:
+            experiment = load_experiment(self.subject)
+            given += [experiment.robot.folder / "robot.yaml", experiment.data if self.fit else None]
+        return [path for path in dict.fromkeys(given) if path is not None]
+
+
+def run_show(shown: Shown, html: Path | None, port: int) -> None:
+    """Write the page, or serve it until Ctrl-C."""
+    if html is not None:
+        distinct_outputs([html], shown.files())
+        print(f"scene: {write_text(html, make_scene(shown).html())}")
+        return
+    first = make_scene(shown).html  # bad input ends here, before anything listens
+    pages = [first]
+    site = Site(lambda watch: (pages.pop() if pages else make_scene(shown).html)(watch), shown.files())
+    with serve(site, port) as server:
+        print(f"http://127.0.0.1:{server.server_address[1]}/ shows the scene, on this machine only; Ctrl-C ends it")
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            print()
+
+
+def make_scene(shown: Shown) -> Scene:
+    """Read everything and draw it."""
+    if not (np.isfinite(shown.scale) and shown.scale > 0.0):
+        raise InputError(f"--scale {shown.scale:g}: allowed: a number above 0; 1 shows deflections as they are")
+    experiment = _experiment(shown)
+    pose = None if shown.pose is None else np.deg2rad(numbers("--pose", shown.pose, (experiment.robot.facts.n,)))
+    if shown.plan is not None and (pose is not None or shown.load is not None):
+        raise InputError("a plan has its own poses and loads; leave out --pose and --load, or the plan")
+    x, readings, note = None, None, None
+    if shown.data is not None and shown.fit is None:
+        raise InputError("--data is for the residuals of a fit: give --fit too")
+    if shown.fit is not None:
+        fit = _fit(shown.fit, experiment)
+        x = fit.x(experiment.model())
+        data = shown.data or experiment.data
+        if data is None or is_states(data):
+            note = "No residual vectors: they need readings of displacements (--data)."
+        else:
+            readings = read_readings(data, experiment)
+            note = None if fit.is_of(data) else f"The fit is not of the readings in {data.name}, which are shown."
+    missed = None
+    if shown.plan is not None:
+        plan = read_plan(shown.plan, experiment)
+    elif readings is not None and x is not None and pose is None:
+        plan, missed = measured(experiment, readings, x)
+    else:
+        plan = one_pose(experiment, pose, _load(shown.load))
+    if readings is not None and x is not None and missed is None:
+        missed = floating(experiment, readings, x)
+    scene = show_scene(experiment, plan, x, shown.scale, missed)
+    scene.notes += [note] if note else []
+    return scene
+
+
+def _experiment(shown: Shown) -> Experiment:
+    point = None if shown.point is None else numbers("--point", shown.point, (3,)) * 1e-3
+    if not shown.is_experiment:
+        return robot_alone(load_robot(shown.subject), np.zeros(3) if point is None else point)
+    if point is not None:
+        raise InputError("--point is for a robot by itself; an experiment says where its load acts")
+    return load_experiment(shown.subject)
+
+
+def _load(text: str | None) -> Array | None:
+    if text is None:
+        return None
+    wrench = numbers("--load", text, (3, 6))
+    return np.concatenate([wrench, np.zeros(6 - len(wrench))])
+
+
+def _fit(path: Path, experiment: Experiment) -> StoredFit:
+    fit = read_fit(path)
+    if fit.robot and fit.robot != experiment.robot.name:
+        raise InputError(f"{path}: the fit is of robot {fit.robot}, not of {experiment.robot.name}")
+    return fit

@@ -1,0 +1,83 @@
+"""The deflected robot, exaggerated: loaded minus unloaded equilibrium times a factor, on the commanded pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.elastostatics import Model
+from qsframework.elastostatics.equilibrium import settle
+from qsframework.plugin import Array, Poses
+from qsframework.viz.robot_shapes import link_frames
+
+_SETTLED = 256
+"""Poses settled at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Deflection:
+    """Loaded minus unloaded at N poses: move (N, links, 3) m and turn (N, links, 3) rad of the links, base axes.
+
+    angles (N, n) rad of the joints, markers (N, K, 3) m, tip (N, 3) m
+    """
+
+    move: Array
+    turn: Array
+    angles: Array
+    markers: Array
+    tip: Array
+
+    def links(self, frames: Array, i: int, factor: float) -> Array:
+        """Frames (links, 4, 4) of pose i moved by the exaggerated deflection.
+
+        Origins move by the factor times their deflection, links turn by the factor times their rotation vector: each
+        stays rigid, so large factors open the joints a little.
+        """
+        out = frames.copy()
+        out[:, :3, 3] += factor * self.move[i]
+        for link, turn in enumerate(self.turn[i]):
+            out[link, :3, :3] = rotation(factor * turn) @ frames[link, :3, :3]
+        return out
+
+
+def deflection(model: Model, poses: Poses, x: Array | None = None) -> Deflection:
+    """The full equilibrium of every pose, unloaded and loaded. NotConverged where a pose does not settle."""
+    parts = [_deflection(model, poses.take(slice(i, i + _SETTLED)), x) for i in range(0, len(poses), _SETTLED)]
+    return Deflection(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+def _deflection(model: Model, poses: Poses, x: Array | None) -> tuple[Array, Array, Array, Array, Array]:
+    unloaded = settle(model, poses, x, False)
+    loaded = settle(model, poses, x, True, start=unloaded).at.state
+    state, count = unloaded.at.state, len(poses)
+    before, after = (np.stack([link_frames(s.placed, i) for i in range(count)]) for s in (state, loaded))
+    turn = np.array([[vector(b[:3, :3] @ a[:3, :3].T) for a, b in zip(*pair, strict=True)]
+                     for pair in zip(before, after, strict=True)])  # fmt: skip
+    pairs = zip(state.markers, loaded.markers, strict=True)
+    markers = np.array([(b.position - a.position).T for a, b in pairs]).reshape(-1, count, 3).transpose(1, 0, 2)
+    return (
+        after[:, :, :3, 3] - before[:, :, :3, 3],
+        turn,
+        (loaded.motion.q - state.motion.q).T,
+        markers,
+        (loaded.tip.position - state.tip.position).T,
+    )
+
+
+def rotation(v: Array) -> Array:
+    """The rotation (3, 3) by a rotation vector (3,)."""
+    angle = float(np.linalg.norm(v))
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = v / angle
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
+
+
+def vector(R: Array) -> Array:
+    """The rotation vector (3,) of a rotation (3, 3) by less than half a turn."""
+    half = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    sine = float(np.linalg.norm(half))
+    angle = float(np.arctan2(sine, 0.5 * (np.trace(R) - 1.0)))
+    return half if sine == 0.0 else half * (angle / sine)

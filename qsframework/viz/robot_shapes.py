@@ -1,0 +1,118 @@
+"""The robot: its solids, the bars of its loops and its balancers, all from the spec."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qsframework.plugin import Array, Loop, ParallelSpring, RobotFacts
+from qsframework.robot import Robot
+from qsframework.robot.kinematics import Frames
+from qsframework.viz.scene import Colour, Scene, placed_at
+
+_BAR: Colour = (0.25, 0.3, 0.38, 1.0)
+_SPRING: Colour = (0.1, 0.45, 0.5, 1.0)
+_BONE: Colour = (0.55, 0.57, 0.6, 1.0)
+_THIN = 0.018
+"""Radius, as a part of the arm's reach, of bars, springs, and of the bones of an arm without solids."""
+
+
+def link_frames(placed: Frames, i: int) -> Array:
+    """The frames (links, 4, 4) of the moving links at pose i."""
+    out = np.tile(np.eye(4), (len(placed.positions), 1, 1))
+    out[:, :3, :3] = placed.rotations[:, :, :, i].transpose(0, 2, 1)
+    out[:, :3, 3] = placed.positions[:, :, i]
+    return out
+
+
+def reach(facts: RobotFacts) -> float:
+    """Length (m) of the stretched arm: the distances of its joints added up."""
+    return float(np.linalg.norm(facts.placements[1:, :3, 3], axis=1).sum()) or 1.0
+
+
+def draw_robot(
+    scene: Scene,
+    path: str,
+    robot: Robot,
+    links: Array,
+    q: Array,
+    opacity: float = 1.0,
+    tint: Colour | None = None,
+    without: frozenset[int] = frozenset(),
+) -> None:
+    """The robot with its links at (links, 4, 4) and its joints at q (n,) rad; `tint` replaces the solids' colours.
+
+    without: links whose solids are left out
+    """
+    for link, placement in enumerate(links):
+        scene.transform(f"{path}/link_{link}", placement)
+    for k, shape in enumerate(robot.shapes):
+        if shape.link in without:
+            continue
+        colour = (*(tint or shape.rgba)[:3], shape.rgba[3] * opacity)
+        where = f"{path}/link_{shape.link}/shape_{k}"
+        if shape.kind == "box":
+            scene.box(where, shape.size, shape.placement, colour)
+        elif shape.kind == "cylinder":
+            scene.cylinder(where, shape.size[0], shape.size[1], shape.placement, colour)
+        else:
+            scene.sphere(where, shape.size[0], shape.placement, colour)
+    draw_bones(scene, path, robot, opacity, tint)
+    draw_loops(scene, path, robot, links, q, opacity, tint)
+    draw_balancers(scene, path, robot, links, opacity, tint)
+
+
+def draw_bones(scene: Scene, path: str, robot: Robot, opacity: float, tint: Colour | None = None) -> None:
+    """A rod from joint to joint where the URDF gives a link no solid, so that no arm is invisible."""
+    solid = {shape.link for shape in robot.shapes}
+    radius = _THIN * reach(robot.facts)
+    colour = (*(tint or _BONE)[:3], opacity)
+    for link in range(len(robot.facts.links)):
+        if link in solid:
+            continue
+        last = link == robot.facts.n
+        end = robot.flange.placement[:3, 3] if last else robot.facts.placements[link][:3, 3]
+        scene.rod(f"{path}/link_{link}/bone", np.zeros(3), end, radius, colour)
+        scene.sphere(f"{path}/link_{link}/joint", 1.6 * radius, np.eye(4), colour)
+
+
+def draw_loops(
+    scene: Scene, path: str, robot: Robot, links: Array, q: Array, opacity: float, tint: Colour | None = None
+) -> None:
+    """The bars of every closed loop, where its effect says they are."""
+    radius = 0.6 * _THIN * reach(robot.facts)
+    colour = (*(tint or _BAR)[:3], opacity)
+    for k, loop in enumerate(e for e in robot.effects if isinstance(e, Loop)):
+        joints = [robot.facts.joint_index(j) for j in loop.joints(robot.facts)]
+        ends = loop.outline(q[None, joints], robot.facts)
+        if ends is None or not np.isfinite(ends).all():  # an exaggerated loop may be open
+            continue
+        frame = links[joints[0]] @ robot.facts.placements[joints[0]]
+        scene.transform(f"{path}/loop_{k}", frame)
+        for b, (start, end) in enumerate(ends[0]):
+            where = f"{path}/loop_{k}/bar_{b}"
+            scene.rod(where, start, end, radius, colour)
+            scene.sphere(f"{where}_pivot", 1.5 * radius, placed_at(end), colour)
+
+
+def draw_balancers(
+    scene: Scene, path: str, robot: Robot, links: Array, opacity: float, tint: Colour | None = None
+) -> None:
+    """Every spring between two points: a cylinder on the one side, its rod on the other."""
+    radius = _THIN * reach(robot.facts)
+    colour = (*(tint or _SPRING)[:3], opacity)
+    drawn: list[Array] = []
+    for effect in (e for e in robot.effects if isinstance(e, ParallelSpring)):
+        pivots = effect.outline(robot.facts)
+        if pivots is None:
+            continue
+        start, end = (links[robot.facts.link_index(p.link)] @ np.append(p.xyz, 1.0) for p in pivots)
+        ends = np.stack([start[:3], end[:3]])
+        if any(np.allclose(ends, other) for other in drawn):  # two effects of one balancer
+            continue
+        where = f"{path}/balancer_{len(drawn)}"
+        drawn.append(ends)
+        middle = ends.mean(axis=0)
+        scene.rod(f"{where}/cylinder", ends[0], middle, radius, colour)
+        scene.rod(f"{where}/rod", middle, ends[1], 0.5 * radius, colour)
+        for k in range(2):
+            scene.sphere(f"{where}/pivot_{k}", 1.2 * radius, placed_at(ends[k]), colour)

@@ -1,0 +1,166 @@
+"""One scene of all that can be seen of a robot at work: poses, loads, limits, deflection, stiffness, residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.elastostatics.motion import move, nominal_actuators
+from qsframework.elastostatics.state import State, place
+from qsframework.errors import InputError, NotConverged
+from qsframework.experiment import Experiment, Plan
+from qsframework.plugin import Array, Indices
+from qsframework.viz.arrows import draw_loads, largest_loads
+from qsframework.viz.deflection import Deflection, deflection
+from qsframework.viz.ellipsoids import draw_ellipsoid, half_axes
+from qsframework.viz.ghosts import MOST, draw_ghost, draw_way
+from qsframework.viz.limits import draw_limits, draw_sight
+from qsframework.viz.residual_arrows import draw_residuals
+from qsframework.viz.robot_shapes import draw_robot, link_frames, reach
+from qsframework.viz.scene import Colour, Scene, placed_at
+
+_MARKER: Colour = (0.1, 0.3, 0.9, 1.0)
+_DEFLECTED: Colour = (0.9, 0.35, 0.3, 1.0)
+_OPACITY = 0.45
+_STILL = 2e-3
+"""Links that move less, m or rad, are not drawn twice: their solids would lie in each other."""
+_PLAIN_FORCE = 1000.0
+"""Force (N) of the ellipsoids where no pose is loaded."""
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Residual vectors (R, 3) m of a fit at the marker positions (R, 3) m; pose (R,): step of each, -1 for none."""
+
+    start: Array
+    vector: Array
+    pose: Indices
+
+
+def show_scene(
+    experiment: Experiment, plan: Plan, x: Array | None = None, scale: float = 100.0, missed: Residuals | None = None
+) -> Scene:
+    """Every pose of the plan as a step of the slider, at parameters x (nominal unless said).
+
+    scale: factor of the deflection, the ellipsoids and the residuals. InputError unless it is above 0.
+    """
+    if not (np.isfinite(scale) and scale > 0.0):
+        raise InputError(f"scale must be above 0, found {scale:g}")
+    drawing = _Drawing(experiment, plan, scale, x)
+    scene = drawing.scene
+    for i in range(len(plan.pose)):
+        drawing.pose(i)
+    drawing.order()
+    draw_limits(scene, "limits", experiment)
+    scene.layer("limits", "limits")
+    if missed is not None:
+        drawing.residuals(missed)
+    scene.first = 1
+    return scene
+
+
+def place_poses(experiment: Experiment, q: Array) -> State:
+    """Forward kinematics of the model at joint angles (N, n), undeflected."""
+    model = experiment.model()
+    layout = model.layout
+    motion = move(layout, nominal_actuators(layout, np.ascontiguousarray(q.T)), np.zeros((layout.bars, len(q))))
+    return place(motion, model.tip, model.markers)
+
+
+class _Drawing:
+    """One scene in the making: what its parts share."""
+
+    def __init__(self, experiment: Experiment, plan: Plan, scale: float, x: Array | None) -> None:
+        model = experiment.model()
+        self.scene = Scene(f"{experiment.robot.title}: {len(plan.pose)} poses", size=reach(model.facts))
+        self.experiment, self.plan, self.scale = experiment, plan, scale
+        self.state = place_poses(experiment, plan.q)
+        self.frames = [link_frames(self.state.placed, i) for i in range(len(plan.pose))]
+        self.largest = largest_loads(plan.wrench)
+        self.force = float(self.largest[0]) or _PLAIN_FORCE
+        self.given: Deflection | None = None
+        self.axes: Array | None = None
+        notes = self.scene.notes
+        try:
+            self.axes = half_axes(model, plan.poses, x, self.force)
+            self.given = deflection(model, plan.poses, x) if plan.wrench.any() else None
+        except NotConverged as error:
+            notes.append(f"No deflection is drawn: {error}.")
+        if self.given is not None:
+            notes.append(
+                f"Red robot: the loaded arm, its deflection (full equilibrium, loaded minus unloaded) x {scale:g}."
+            )
+        if self.axes is not None and self.axes.any():
+            notes.append(
+                f"Orange ellipsoid: where the tool goes under {self.force:.4g} N in any direction, x {scale:g}; "
+                "long where the arm is soft."
+            )
+
+    def pose(self, i: int) -> None:
+        """Robot, markers, load, deflection and ellipsoid of pose i, and its ghost."""
+        scene, robot, path = self.scene, self.experiment.robot, f"poses/{i}"
+        links, tip = self.frames[i], self.state.tip.position[:, i]
+        draw_robot(scene, f"{path}/robot", robot, links, self.plan.q[i])
+        scene.axes(f"{path}/robot/flange", links[robot.flange.link] @ robot.flange.placement, 0.25)
+        scene.layer("robot", f"{path}/robot")
+        for k, marker in enumerate(self.state.markers):
+            scene.sphere(f"{path}/markers/{k}", 0.03, placed_at(marker.position[:, i]), _MARKER)
+        self._sight(path, i)
+        scene.layer("markers", f"{path}/markers")
+        draw_loads(scene, f"{path}/load", tip, self.plan.wrench[i], self.largest)
+        scene.layer("load", f"{path}/load")
+        if self.axes is not None:
+            draw_ellipsoid(scene, f"{path}/ellipsoid", tip, self.axes[i], self.scale)
+            scene.layer("ellipsoid", f"{path}/ellipsoid")
+        label = f"{self.plan.pose[i]} ({self.plan.load[i]})" if self.plan.load[i] else self.plan.pose[i]
+        if self.given is not None:
+            self._deflected(path, i, self.given)
+            label += f", the load point moves {1e3 * np.linalg.norm(self.given.tip[i]):.3f} mm"
+        many = len(self.plan.pose)
+        ghost = f"ghosts/{i}" if 1 < many <= MOST else None
+        if ghost is not None:
+            draw_ghost(scene, ghost, robot, links, self.plan.q[i])
+        scene.step(path, label, ghost)
+
+    def _deflected(self, path: str, i: int, given: Deflection) -> None:
+        scene, where = self.scene, f"{path}/deflected"
+        links = given.links(self.frames[i], i, self.scale)
+        q = self.plan.q[i] + self.scale * given.angles[i]
+        still = frozenset(np.flatnonzero(np.abs(links - self.frames[i]).max(axis=(1, 2)) < _STILL).tolist())
+        draw_robot(scene, where, self.experiment.robot, links, q, _OPACITY, _DEFLECTED, still)
+        points = [("tip", self.state.tip.position[:, i], given.tip[i])]
+        points += [(f"marker_{k}", m.position[:, i], given.markers[i, k]) for k, m in enumerate(self.state.markers)]
+        for name, start, moved in points:
+            end = start + self.scale * moved
+            scene.sphere(f"{where}/{name}", 0.025, placed_at(end), _DEFLECTED)
+            scene.rod(f"{where}/{name}_way", start, end, 0.006, _DEFLECTED)
+        scene.layer("deflected", where)
+
+    def _sight(self, path: str, i: int) -> None:
+        sight = self.experiment.constraints.sight
+        if sight is None:
+            return
+        for k, marker in enumerate(self.experiment.markers):
+            if sight.markers is None or marker.name in sight.markers:
+                draw_sight(self.scene, f"{path}/markers/sight_{k}", sight.station, self.state.markers[k].position[:, i])
+
+    def order(self) -> None:
+        """The way through the load points, and the layer of the ghosts."""
+        if len(self.plan.pose) > 1:
+            draw_way(self.scene, "way", self.state.tip.position.T)
+            self.scene.layer("order", "way")
+        if self.scene.ghosts:
+            self.scene.layer("ghosts", "ghosts")
+
+    def residuals(self, missed: Residuals) -> None:
+        """Residual vectors, at their pose where it is a step."""
+        for pose in np.unique(missed.pose).tolist():
+            rows = missed.pose == pose
+            path = "residuals" if pose < 0 else f"poses/{pose}/residuals"
+            draw_residuals(self.scene, path, missed.start[rows], missed.vector[rows], self.scale)
+            self.scene.layer("residuals", path)
+        rms = 1e3 * float(np.sqrt(np.mean(missed.vector**2)))
+        self.scene.notes.append(
+            f"Purple arrows: measured minus predicted, x {self.scale:g}; RMS per axis {rms:.4f} mm."
+        )

@@ -1,0 +1,80 @@
+"""What is to be shown: a robot by itself as a campaign, one pose as a plan, readings as a plan with their residuals."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qsframework.errors import InputError, Problem
+from qsframework.experiment import Constraints, Experiment, LoadCase, Noise, Plan, Readings, make_plan
+from qsframework.plugin import Array, Indices, Poses
+from qsframework.plugin.facts import frozen
+from qsframework.robot import Robot
+from qsframework.viz.residual_arrows import residuals
+from qsframework.viz.show_scene import Residuals, place_poses
+
+MOST = 40
+"""Poses of readings that become steps: those with the largest residuals."""
+
+
+def robot_alone(robot: Robot, point: Array) -> Experiment:
+    """A campaign with a robot and nothing else: a load point (3,) m of the flange, its stated payload as the load."""
+    loads = ()
+    if robot.payload is not None:
+        weight = np.concatenate([robot.payload * robot.gravity, np.zeros(3)])
+        loads = (LoadCase("payload", frozen(weight), None),)
+    file = robot.folder / "robot.yaml"
+    return Experiment(file, robot, frozen(point), (), Noise(None), loads, (), (), None, Constraints(), None)
+
+
+def one_pose(experiment: Experiment, pendant: Array | None, load: Array | None) -> Plan:
+    """One pose: pendant angles (n,) rad, zero or the nearest allowed unless said; a wrench (6,), the first load."""
+    robot = experiment.robot
+    controller, facts = robot.controller, robot.facts
+    if pendant is None:
+        pendant = np.clip(np.zeros(facts.n), controller.lower, controller.upper)
+    if pendant.shape != (facts.n,):
+        raise InputError(f"a pose of {robot.name} has {facts.n} angles, found {pendant.size}")
+    outside = np.flatnonzero(controller.outside(pendant[None])[0])
+    if len(outside):
+        degrees = np.rad2deg([pendant, controller.lower, controller.upper])
+        raise InputError([
+            Problem(f"{facts.joints[k]} is outside its limits", found=f"{degrees[0, k]:g} deg",
+                    allowed=f"{degrees[1, k]:g} to {degrees[2, k]:g} deg")
+            for k in outside
+        ])  # fmt: skip
+    name = ""
+    if load is None:
+        load, name = (experiment.loads[0].wrench, experiment.loads[0].name) if experiment.loads else (np.zeros(6), "")
+    words = ", ".join(f"{angle:.4g}" for angle in np.rad2deg(pendant))
+    poses = Poses(pendant[None], controller.to_joints(pendant[None]), np.asarray(load)[None])
+    return make_plan(poses, [name], names=[f"{words} deg"])
+
+
+def measured(experiment: Experiment, readings: Readings, x: Array) -> tuple[Plan, Residuals]:
+    """The poses with the largest residuals at parameters x, in the order of the readings, and all residuals on them."""
+    rows, missed = residuals(experiment, readings, x)
+    if not len(rows):
+        raise InputError("every reading is masked (use = 0): there are no residuals")
+    measurement = readings.measurement[rows]
+    worst = np.zeros(len(readings.poses))
+    np.maximum.at(worst, measurement, np.linalg.norm(missed, axis=1))
+    there = np.unique(measurement)
+    chosen = np.sort(there[np.argsort(-worst[there], kind="stable")][:MOST])
+    names = [f"{readings.pose[m]}, residual up to {1e3 * worst[m]:.3f} mm" for m in chosen]
+    plan = make_plan(readings.poses.take(chosen), [""] * len(chosen), names=names)
+    shown = np.isin(measurement, chosen)
+    step = np.searchsorted(chosen, measurement[shown])
+    return plan, _placed(experiment, readings, rows[shown], missed[shown], step)
+
+
+def floating(experiment: Experiment, readings: Readings, x: Array) -> Residuals:
+    """All residuals at parameters x where their markers were, beside the poses of another plan."""
+    rows, missed = residuals(experiment, readings, x)
+    return _placed(experiment, readings, rows, missed, np.full(len(rows), -1))
+
+
+def _placed(experiment: Experiment, readings: Readings, rows: Indices, missed: Array, pose: Indices) -> Residuals:
+    state = place_poses(experiment, readings.poses.q)
+    positions = np.stack([marker.position for marker in state.markers])
+    start = positions[readings.marker[rows], :, readings.measurement[rows]]
+    return Residuals(start, missed, pose)
