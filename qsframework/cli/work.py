@@ -84,7 +84,20 @@ def protocol(
     run_protocol(experiment, plan, output, readings, wish)
 
 
+def compare(
+    robots: Annotated[list[str], typer.Argument(help="Two or more robots, by name or folder.", show_default=False)],
+    task: Annotated[Path, typer.Option(help="task.yaml: path, map and campaign.", show_default=False)],
+    seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
+    json: Json = None,
+    report: Report = None,
+) -> None:
+    """Compare robots: deflection over the workspace and along a path, and what equally many poses would tell."""
+    from qsframework.cli.compare import run_compare
+
+    run_compare(robots, task, seed, json, report)
+
+
 def add_commands(app: typer.Typer) -> None:
     """Register the commands."""
-    for command in (compensate, export, protocol):
+    for command in (compensate, export, protocol, compare):
         app.command()(command)

@@ -1,0 +1,235 @@
+"""Robots side by side: how far each gives over a slice of the workspace and along a path, and how well as many
+measured poses would tell its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from qsframework.applications.reach import Tool, reach, tool_of
+from qsframework.applications.task import Task
+from qsframework.design import Wish, design
+from qsframework.elastostatics import Model, cartesian_compliance, equilibrium, make_model
+from qsframework.errors import InputError, NotCertified, NotConverged, NotIdentifiable
+from qsframework.experiment import Constraints, Experiment, LoadCase, Marker, Noise, Plan
+from qsframework.information import information_rows, promised_sd, scales
+from qsframework.plugin import Array, Parameter, Poses
+from qsframework.plugin.facts import frozen
+from qsframework.robot import Robot
+from qsframework.robot.collision import Flags
+
+_SPREAD = 0.2
+"""m: the campaign's three reflectors stand this far from the load point, along the axes of the last link."""
+_EFFICIENCY = 0.99
+Tell = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """One robot. NaN where it does not reach.
+
+    deflection (C,) m and softest (C,) N/m: of the map's C cells (z, then x); pendant (P, n) rad: along the path
+    task (P,) m: the load point's way from unloaded to loaded; after (P,) m: expected error after compensation with a
+    fit of the campaign, NaN without one; sds: of the parameters, with `campaign` in words
+    """
+
+    robot: Robot
+    deflection: Array
+    softest: Array
+    pendant: Array
+    task: Array
+    after: Array
+    parameters: tuple[Parameter, ...]
+    sds: Array
+    campaign: str
+    notes: tuple[str, ...]
+
+    @property
+    def reached(self) -> Flags:
+        """Which cells of the map it reaches (C,)."""
+        return np.isfinite(self.deflection)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """All robots on one task."""
+
+    task: Task
+    robots: tuple[Compared, ...]
+
+    @property
+    def shared(self) -> Flags:
+        """Cells of the map that every robot reaches (C,)."""
+        return np.logical_and.reduce([r.reached for r in self.robots])
+
+    def as_json(self) -> dict[str, Any]:
+        """Millimetres, N/um and the parameters' SI units."""
+        shared = self.shared
+        return {
+            "task": self.task.title,
+            "map": {"x_m": self.task.map_x.tolist(), "z_m": self.task.map_z.tolist(), "y_m": self.task.map_y},
+            "shared_cells": int(shared.sum()),
+            "robots": {r.robot.name: _robot_json(r, shared) for r in self.robots},
+        }
+
+
+def _robot_json(r: Compared, shared: Flags) -> dict[str, Any]:
+    def listed(values: Array, scale: float) -> list[float | None]:
+        return [float(v * scale) if np.isfinite(v) else None for v in values]
+
+    return {
+        "cells_reached": int(r.reached.sum()),
+        "deflection_mm": listed(r.deflection, 1e3),
+        "softest_N_per_um": listed(r.softest, 1e-6),
+        "shared_mean_deflection_mm": float(r.deflection[shared].mean() * 1e3) if shared.any() else None,
+        "task_deflection_mm": listed(r.task, 1e3),
+        "task_after_compensation_mm": listed(r.after, 1e3),
+        "campaign": r.campaign,
+        "sds": {p.name: {"sd": float(s) if np.isfinite(s) else None, "unit": p.unit, "nominal": p.nominal}
+                for p, s in zip(r.parameters, r.sds, strict=True)},
+        "notes": list(r.notes),
+    }  # fmt: skip
+
+
+def compare(robots: Sequence[Robot], task: Task, seed: int = 0, tell: Tell | None = None) -> Comparison:
+    """Compare robots on a task, each by its nominal parameters."""
+    names = [r.name for r in robots]
+    if len(set(names)) != len(names) or len(names) < 2:
+        raise InputError(f"compare needs two or more different robots, found {', '.join(names)}")
+    tell = tell or (lambda label, done, total: None)
+    out = []
+    for k, robot in enumerate(robots):
+        out.append(_one(robot, task, seed, lambda i, k=k: tell("robots", 3 * k + i, 3 * len(robots))))
+    return Comparison(task, tuple(out))
+
+
+def _one(robot: Robot, task: Task, seed: int, told: Callable[[int], None]) -> Compared:
+    tool = tool_of(robot, task.tool)
+    experiment = campaign_of(robot, task, tool)
+    model = tip_model(robot, tool)
+    deflection, softest = _map(robot, model, tool, task, seed)
+    told(1)
+    pendant, reached = reach(robot, model, tool, task.points, task.directions, seed)
+    poses = Poses(pendant, robot.controller.to_joints(pendant), task.wrenches)
+    moved = np.full(len(pendant), np.nan)
+    moved[reached] = _deflections(model, poses.take(reached))
+    told(2)
+    after = np.full(len(pendant), np.nan)
+    sds, campaign = np.full(len(experiment.fit_names()), np.nan), "no point of the path is reached"
+    if reached.any():
+        plan, campaign = _designed(experiment, task, poses.take(reached), seed)
+        if plan is not None:
+            sds = promised_sd(experiment, plan)
+            after[reached] = _after(experiment, model, plan, poses.take(reached))
+    told(3)
+    notes = _notes(robot, task, reached)
+    return Compared(robot, deflection, softest, frozen(pendant), moved, after, experiment.fit_parameters(), sds,
+                    campaign, notes)  # fmt: skip
+
+
+def campaign_of(robot: Robot, task: Task, tool: Tool) -> Experiment:
+    """The task's campaign on a robot: the load hung beside the tool, three reflectors around it."""
+    link = robot.facts.links[tool.site.link]
+    side = np.eye(3)[int(np.argmin(np.abs(tool.axis)))]
+    side = side - (side @ tool.axis) * tool.axis
+    hung = tool.site.xyz + task.campaign.lever * side / np.linalg.norm(side)
+    load_point = (np.linalg.inv(robot.flange.placement) @ np.append(hung, 1.0))[:3]
+    markers = tuple(
+        Marker(f"m{k + 1}", link, frozen(tool.site.xyz + _SPREAD * np.eye(3)[k])) for k in range(3)
+    )  # fmt: skip
+    loads = tuple(
+        LoadCase(s.name, frozen(s.wrench()), s.poses, s.poses_min, s.cost) for s in task.campaign.loads
+    )  # fmt: skip
+    return Experiment(
+        task.path, robot, frozen(load_point), markers, Noise(task.campaign.sigma), loads, (), (), None,
+        Constraints(load_capacity=False), None,
+    )  # fmt: skip
+
+
+def _map(robot: Robot, model: Model, tool: Tool, task: Task, seed: int) -> tuple[Array, Array]:
+    """Deflection (C,) m and the stiffness (C,) N/m in the direction that gives most."""
+    z, x = (a.ravel() for a in np.meshgrid(task.map_z, task.map_x, indexing="ij"))
+    points = np.stack([x, np.full(len(x), task.map_y), z], axis=1)
+    pendant, reached = reach(robot, model, tool, points, np.tile(task.map_direction, (len(x), 1)), seed)
+    wrench = np.tile(np.concatenate([task.map_force, np.zeros(3)]), (len(x), 1))
+    poses = Poses(pendant, robot.controller.to_joints(pendant), wrench).take(reached)
+    deflection, softest = np.full(len(x), np.nan), np.full(len(x), np.nan)
+    moved = _deflections(model, poses)
+    stable = np.isfinite(moved)
+    deflection[reached] = moved
+    if stable.any():
+        compliance = cartesian_compliance(model, poses.take(stable))[:, :3, :3]
+        softest[np.flatnonzero(reached)[stable]] = 1.0 / np.linalg.svd(compliance, compute_uv=False)[:, 0]
+    return deflection, softest
+
+
+def _deflections(model: Model, poses: Poses) -> Array:
+    """Way (N,) m of the load point from unloaded to loaded, full equilibrium; NaN where the load is not carried."""
+    if not len(poses):
+        return np.zeros(0)
+    try:
+        moved = equilibrium(model, poses).tip - equilibrium(model, poses, loaded=False).tip
+    except NotConverged:
+        if len(poses) == 1:
+            return np.full(1, np.nan)
+        return np.concatenate([_deflections(model, poses.take([i])) for i in range(len(poses))])
+    return np.asarray(np.linalg.norm(moved, axis=1))
+
+
+def _designed(experiment: Experiment, task: Task, work: Poses, seed: int) -> tuple[Plan | None, str]:
+    """The campaign's plan, best for the tip along the path, or why there is none."""
+    wish = Wish("I", efficiency=_EFFICIENCY, polish=False)
+    count = task.campaign.poses
+    try:
+        plan = design(experiment, count, candidates=task.campaign.candidates, seed=seed, wish=wish, test_poses=work)
+    except (InputError, NotIdentifiable, NotCertified) as error:
+        return None, f"no plan of {count} poses: {error}"
+    return plan, f"{count} poses under {', '.join(dict.fromkeys(plan.load))}, best for the tip along the path"
+
+
+def _after(experiment: Experiment, at: Model, plan: Plan, work: Poses) -> Array:
+    """Root mean squared error (N,) m of the load point that a fit of the plan would leave, S cov S'.
+
+    at: the model whose only marker is the load point of the work
+    """
+    model, names = experiment.model(), experiment.fit_names()
+    size = scales(experiment.fit_parameters())
+    rows = information_rows(model, plan.repeated(), names, task_sigma(experiment)).reshape(-1, len(names))
+    covariance = np.linalg.inv(rows.T @ rows) * np.outer(size, size)
+    S = at.position_sensitivity(work, names=names, loaded=True)[:, 0]
+    S = S - at.position_sensitivity(work, names=names, loaded=False)[:, 0]
+    return np.sqrt(np.einsum("ncp,pq,ncq->n", S, covariance, S))
+
+
+def task_sigma(experiment: Experiment) -> float:
+    """sd of one coordinate of a displacement, m, which a campaign always states."""
+    if experiment.noise.sigma is None:
+        raise InputError("the campaign states no noise")
+    return experiment.noise.sigma
+
+
+def tip_model(robot: Robot, tool: Tool) -> Model:
+    """A robot's model with the load at the tool, and one marker there."""
+    return make_model(robot.facts, robot.effects, robot.parameters, tool.site, [("tip", tool.site)], robot.gravity)
+
+
+def _notes(robot: Robot, task: Task, reached: Flags) -> tuple[str, ...]:
+    notes = []
+    if not reached.all():
+        missed = ", ".join(str(i + 1) for i in np.flatnonzero(~reached))
+        notes.append(f"does not reach point {missed} of the path in this direction")
+    if robot.payload is None:
+        notes.append("its payload is not stated: the forces were not checked against it")
+    else:
+        most = robot.payload * float(np.linalg.norm(robot.gravity))
+        forces = [*task.wrenches[:, :3], task.map_force, *(np.array(s.wrench()[:3]) for s in task.campaign.loads)]
+        largest = max(float(np.linalg.norm(f)) for f in forces)
+        if largest > most:
+            notes.append(f"its payload, {robot.payload:g} kg, is less than the {largest:.0f} N of the task or campaign")
+    assumed = dict.fromkeys(p.name.split("[")[0] for p in robot.parameters if "assumed" in p.source)
+    if assumed:
+        notes.append(f"values assumed, not measured: {', '.join(assumed)}; what is said of the robot is no better")
+    return tuple(notes)

@@ -1,0 +1,163 @@
+"""task.yaml: the work that robots are compared for: a path with forces, a slice of the workspace, a campaign.
+
+It is said so that it means the same to every robot: the load point lies on the last axis, `tool` beyond the flange,
+and `approach` is the way the tool points, base frame. How the tool is turned about the last axis is free.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import pydantic
+
+from qsframework.errors import InputError, Problem
+from qsframework.experiment.spec import LoadCaseSpec
+from qsframework.files import FileModel, Unit, read_yaml, validate
+from qsframework.plugin import Array
+from qsframework.plugin.facts import frozen
+
+
+class _Approaching(FileModel):
+    """Something with a direction in which the tool points."""
+
+    approach: list[float] | None = None
+
+    @pydantic.field_validator("approach")
+    @classmethod
+    def _direction(cls, value: list[float] | None) -> list[float] | None:
+        if value is not None and (len(value) != 3 or not any(value)):
+            raise ValueError("approach needs three numbers, not all zero: the way the tool points, base frame")
+        return value
+
+
+class PointSpec(_Approaching):
+    """A point of the path, base frame, with the force and moment on the tool there."""
+
+    xyz: Annotated[list[float], Unit("m")]
+    fx: Annotated[float, Unit("N")] = 0.0
+    fy: Annotated[float, Unit("N")] = 0.0
+    fz: Annotated[float, Unit("N")] = 0.0
+    mx: Annotated[float, Unit("N m")] = 0.0
+    my: Annotated[float, Unit("N m")] = 0.0
+    mz: Annotated[float, Unit("N m")] = 0.0
+
+    @pydantic.field_validator("xyz")
+    @classmethod
+    def _three(cls, value: list[float]) -> list[float]:
+        if len(value) != 3:
+            raise ValueError("xyz needs three numbers, base frame")
+        return value
+
+
+class MapSpec(_Approaching):
+    """A slice x, z of the workspace at one y, and the force of its deflection map."""
+
+    x: Annotated[list[float], Unit("m")]
+    z: Annotated[list[float], Unit("m")]
+    y: Annotated[float, Unit("m")] = 0.0
+    steps: int = pydantic.Field(default=14, ge=2, le=100)
+    fx: Annotated[float, Unit("N")] = 0.0
+    fy: Annotated[float, Unit("N")] = 0.0
+    fz: Annotated[float, Unit("N")] = 0.0
+
+    @pydantic.model_validator(mode="after")
+    def _ranges(self) -> MapSpec:
+        for axis in ("x", "z"):
+            ends = getattr(self, axis)
+            if len(ends) != 2 or ends[0] >= ends[1]:
+                raise ValueError(f"{axis} of the map needs [from, to]")
+        if not any((self.fx, self.fy, self.fz)):
+            raise ValueError("the map needs a force, such as fz_N: -1000")
+        return self
+
+
+class CampaignSpec(FileModel):
+    """The campaign that every robot is given: as many poses, the same noise, the same loads.
+
+    lever: how far to the side of the last axis the load hangs; on the axis it would tell nothing of the last joint
+    """
+
+    poses: int = pydantic.Field(default=12, ge=1, le=1000)
+    candidates: int = pydantic.Field(default=300, ge=20, le=100000)
+    sigma: Annotated[float, Unit("m")] = pydantic.Field(gt=0)
+    lever: Annotated[float, Unit("m")] = pydantic.Field(default=0.2, ge=0)
+    loads: list[LoadCaseSpec] = pydantic.Field(min_length=1)
+
+
+class TaskSpec(FileModel):
+    """task.yaml."""
+
+    title: str
+    tool: Annotated[float, Unit("m")] = pydantic.Field(ge=0)
+    approach: list[float]
+    path: list[PointSpec] = pydantic.Field(min_length=1)
+    map: MapSpec
+    campaign: CampaignSpec
+
+    @pydantic.field_validator("approach")
+    @classmethod
+    def _direction(cls, value: list[float]) -> list[float]:
+        if len(value) != 3 or not any(value):
+            raise ValueError("approach needs three numbers, not all zero: the way the tool points, base frame")
+        return value
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is asked. tool: m from the flange along the last axis to the load point.
+
+    points (P, 3) m, directions (P, 3) the tool points in, wrenches (P, 6), all base frame
+    map_x, map_z (steps,) m at map_y, with map_direction (3,) and map_force (3,) N
+    """
+
+    path: Path
+    title: str
+    tool: float
+    points: Array
+    directions: Array
+    wrenches: Array
+    map_x: Array
+    map_z: Array
+    map_y: float
+    map_direction: Array
+    map_force: Array
+    campaign: CampaignSpec
+
+
+def load_task(path: str | Path) -> Task:
+    """Read a task.yaml. InputError with all its problems, each with file and line."""
+    document = read_yaml(path)
+    spec = validate(document, TaskSpec)
+    wrenches = np.array([[p.fx, p.fy, p.fz, p.mx, p.my, p.mz] for p in spec.path])
+    problems = [
+        Problem(f"path, point {i + 1}: no force acts there", str(path), document.line("path", int(i)),
+                allowed="fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm")
+        for i in np.flatnonzero(~np.any(wrenches, axis=1))
+    ]  # fmt: skip
+    names = [load.name for load in spec.campaign.loads]
+    for i, load in enumerate(spec.campaign.loads):
+        where = {"file": str(path), "line": document.line("campaign", "loads", i)}
+        if names.index(load.name) != i:
+            problems.append(Problem(f"load {load.name!r} stands here twice", **where))
+        if not any(load.wrench()):
+            problems.append(Problem(f"load {load.name!r} is zero", **where, allowed="fx_N, fy_N, fz_N"))
+    if problems:
+        raise InputError(problems)
+    return Task(
+        Path(path), spec.title, spec.tool, frozen([p.xyz for p in spec.path]),
+        frozen([_unit(p.approach or spec.approach) for p in spec.path]), frozen(wrenches),
+        _steps(spec.map.x, spec.map.steps), _steps(spec.map.z, spec.map.steps), spec.map.y,
+        frozen(_unit(spec.map.approach or spec.approach)), frozen([spec.map.fx, spec.map.fy, spec.map.fz]),
+        spec.campaign,
+    )  # fmt: skip
+
+
+def _steps(ends: list[float], count: int) -> Array:
+    return frozen(np.linspace(ends[0], ends[1], count))
+
+
+def _unit(direction: list[float]) -> Array:
+    return np.array(direction) / np.linalg.norm(direction)

@@ -1,0 +1,141 @@
+"""Robots side by side in a report: heat maps on one scale, the path, and what as many poses would tell."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from qsframework.applications.compare import Compared, Comparison
+from qsframework.plugin import Array
+from qsframework.report.fit_section import shown
+from qsframework.report.page import Figure, Section, Table, Text
+from qsframework.robot.collision import Flags
+
+
+def summary_table(result: Comparison) -> Table:
+    """One row per robot: reach, stiffness, the task, and what compensation leaves."""
+    shared = result.shared
+    rows = tuple(_summary(r, shared) for r in result.robots)
+    header = (
+        "robot", "cells reached", "shared: mean mm", "shared: softest N/um", "path reached", "path: mean mm",
+        "path: worst mm", "after compensation: mean mm", "worst mm",
+    )  # fmt: skip
+    return Table(
+        header, rows,
+        f"'Shared' counts the {int(shared.sum())} cells of the map that every robot reaches. Mean and worst over the "
+        "path count the points that the robot reaches: compare them only where all points are reached.",
+    )  # fmt: skip
+
+
+def _summary(r: Compared, shared: Flags) -> tuple[str, ...]:
+    here, done = np.isfinite(r.task), np.isfinite(r.after)
+    return (
+        r.robot.name,
+        str(int(r.reached.sum())),
+        _number(r.deflection[shared], np.mean, 1e3),
+        _number(r.softest[shared], np.min, 1e-6),
+        f"{int(here.sum())} of {len(here)}",
+        _number(r.task[here], np.mean, 1e3),
+        _number(r.task[here], np.max, 1e3),
+        _number(r.after[done], np.mean, 1e3),
+        _number(r.after[done], np.max, 1e3),
+    )
+
+
+def _number(values: Array, how: Any, scale: float) -> str:
+    return f"{float(how(values)) * scale:.4g}" if len(values) else "none"
+
+
+def sd_tables(result: Comparison) -> tuple[Table, ...]:
+    """Promised sd of each robot's parameters from as many poses."""
+    out = []
+    for r in result.robots:
+        rows = []
+        for p, sd in zip(r.parameters, r.sds, strict=True):
+            value, unit = shown(p.nominal, p.unit)
+            share = f" ({100 * sd / abs(p.nominal):.1f} %)" if p.nominal and np.isfinite(sd) else ""
+            told = f"{shown(float(sd), p.unit)[0]:.3g}{share}" if np.isfinite(sd) else "not told"
+            rows.append((p.name, f"{value:.4g}", told, unit))
+        caption = f"{r.robot.title}: {r.campaign}. Look for parameters whose sd is a large share of their value."
+        out.append(Table((r.robot.name, "nominal", "promised sd", "unit"), tuple(rows), caption))
+    return tuple(out)
+
+
+def compare_sections(result: Comparison) -> tuple[Section, ...]:
+    """Summary, maps, path and campaign."""
+    notes = tuple(Text(f"{r.robot.name}: {note}.") for r in result.robots for note in r.notes)
+    maps = (
+        Figure(
+            heat_maps(result, [r.deflection * 1e3 for r in result.robots], "mm", "Deflection under the map's force"),
+            "All maps share one colour scale: darker gives more; empty cells are not reached with the tool pointing "
+            "that way. Look for robots that are dark where the work is, and jumps, where the arm changes posture.",
+        ),
+        Figure(
+            heat_maps(result, [r.softest * 1e-6 for r in result.robots], "N/um", "Stiffness in the softest direction"),
+            "The force per micrometre in the direction that gives most, whatever the force. Darker is stiffer. Look at "
+            "the smallest value in the part of the workspace that the task needs.",
+        ),
+    )
+    told = Text(
+        "Each robot was given a plan of its own of as many poses under the same loads and noise, best for the tip "
+        "along this path. What a fit of it would leave along the path is 'after compensation'."
+    )
+    return (
+        Section("Summary", (summary_table(result), *notes)),
+        Section("Workspace", maps),
+        Section("Along the path", (Figure(path_figure(result), _PATH),)),
+        Section("Identifiability", (told, *sd_tables(result))),
+    )
+
+
+_PATH = (
+    "Solid: how far the tool moves under the task's force, without any correction. Dashed: what is to be expected "
+    "after compensation with a fit of the campaign. Look for where the lines cross, and for gaps: points not reached."
+)
+
+
+def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) -> Any:
+    """One heat map for each robot over x and z, all on one scale."""
+    from plotly.subplots import make_subplots
+
+    task, count = result.task, len(result.robots)
+    names = [r.robot.title.split(",")[0] for r in result.robots]
+    figure = make_subplots(rows=1, cols=count, subplot_titles=names, shared_yaxes=True)
+    for k, cells in enumerate(values, start=1):
+        grid = cells.reshape(len(task.map_z), len(task.map_x))
+        z = [[float(v) if np.isfinite(v) else None for v in row] for row in grid]
+        figure.add_heatmap(
+            x=task.map_x.tolist(), y=task.map_z.tolist(), z=z, coloraxis="coloraxis", row=1, col=k,
+            hovertemplate="x %{x:.2f} m, z %{y:.2f} m: %{z:.3g} " + unit + "<extra></extra>",
+        )  # fmt: skip
+        figure.add_scatter(
+            x=task.points[:, 0].tolist(), y=task.points[:, 2].tolist(), mode="markers", showlegend=False, row=1, col=k,
+            marker={"color": "black", "size": 5, "symbol": "x"}, hovertemplate="the path<extra></extra>",
+        )  # fmt: skip
+        figure.update_xaxes(title_text="x, m", row=1, col=k)
+    figure.update_yaxes(title_text="z, m", row=1, col=1)
+    figure.update_layout(
+        title=f"{title}, {unit}, at y = {task.map_y:g} m", height=420,
+        coloraxis={"colorscale": "Blues", "colorbar": {"title": unit}},
+    )  # fmt: skip
+    return figure
+
+
+def path_figure(result: Comparison) -> Any:
+    """Deflection along the path, uncorrected and after compensation."""
+    import plotly.graph_objects as go
+
+    colours = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#8c564b", "#e377c2", "#17becf")
+    figure, points = go.Figure(), list(range(1, len(result.task.points) + 1))
+    for k, r in enumerate(result.robots):
+        for values, dash, name in ((r.task, "solid", r.robot.name), (r.after, "dash", f"{r.robot.name}, compensated")):
+            y = [float(v * 1e3) if np.isfinite(v) else None for v in values]
+            line = {"dash": dash, "color": colours[k % len(colours)]}
+            figure.add_scatter(x=points, y=y, mode="lines+markers", line=line, name=name)
+    figure.update_layout(
+        xaxis_title="point of the path",
+        yaxis={"type": "log", "title": "distance from the wanted place, mm"},
+        height=420,
+    )
+    return figure

@@ -1,0 +1,209 @@
+"""`qsf compare`: every number of the comparison, computed another way; and tasks that cannot be used."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from qsframework.applications.compare import Compared, Comparison, campaign_of, compare, tip_model
+from qsframework.applications.reach import reach, tool_of
+from qsframework.applications.stiffness import stiffness_at
+from qsframework.applications.task import Task, load_task
+from qsframework.cli.main import app
+from qsframework.design import Wish, design
+from qsframework.elastostatics import equilibrium
+from qsframework.errors import InputError
+from qsframework.experiment import simulate
+from qsframework.identify import identify
+from qsframework.plugin import Poses
+from qsframework.report.compare_section import heat_maps, path_figure
+from qsframework.robot import load_robot
+from qsframework.robot.kinematics import joint_frames
+
+NAMES = ("fanuc_m900ib", "fanuc_r2000ic")
+
+
+@pytest.fixture(scope="module")
+def task(root: Path) -> Task:
+    """The example with a coarser map and fewer candidates."""
+    found = load_task(root / "examples" / "compare" / "task.yaml")
+    campaign = found.campaign.model_copy(update={"candidates": 120})
+    return replace(found, map_x=found.map_x[::3], map_z=found.map_z[::3], campaign=campaign)
+
+
+@pytest.fixture(scope="module")
+def result(task: Task) -> Comparison:
+    return compare([load_robot(name) for name in NAMES], task)
+
+
+def test_the_tool_stands_where_it_is_asked(result: Comparison, task: Task) -> None:
+    """Position and direction by the kinematics; the flange is `tool` behind the load point, on the last axis."""
+    for r in result.robots:
+        tool, robot = tool_of(r.robot, task.tool), r.robot
+        placed = joint_frames(robot.facts, robot.controller.to_joints(r.pendant))
+        place = placed.point(tool.site.link, tool.site.xyz).T
+        assert np.abs(place - task.points).max() < 1e-6
+        assert np.abs(placed.matrix(tool.site.link) @ tool.axis - task.directions).max() < 1e-6
+        flange = placed.point(robot.flange.link, robot.flange.placement[:3, 3]).T
+        assert np.allclose(place - flange, task.tool * task.directions, atol=1e-6)
+        wrist = placed.positions[robot.facts.n - 1].T
+        assert np.all(np.einsum("nc,nc->n", flange - wrist, task.directions) > -1e-9), "it points away from the wrist"
+        assert not robot.controller.outside(r.pendant).any()
+
+
+def test_out_of_reach_is_out_of_reach(task: Task) -> None:
+    """Points farther than the stretched arm, and points reached before; none of the first, all of the second."""
+    robot = load_robot("fanuc_r2000ic")
+    tool = tool_of(robot, 0.2)
+    model = tip_model(robot, tool)
+    q = np.deg2rad([[0, 10, -10, 0, -70, 0], [40, 20, -20, 30, -60, 0], [-60, 0, 0, -40, 50, 0]])
+    placed = joint_frames(robot.facts, robot.controller.to_joints(q))
+    near = placed.point(tool.site.link, tool.site.xyz).T
+    looks = placed.matrix(tool.site.link) @ tool.axis
+    far = 8.0 * near / np.linalg.norm(near, axis=1, keepdims=True)
+    _, reached = reach(robot, model, tool, np.vstack([near, far]), np.vstack([looks, looks]))
+    assert reached.tolist() == [True] * 3 + [False] * 3
+
+
+def test_the_map_is_that_of_qsf_stiffness(result: Comparison, task: Task) -> None:
+    """Cells against `stiffness_at`, at the same angles found again."""
+    for r in result.robots:
+        tool = tool_of(r.robot, task.tool)
+        model = tip_model(r.robot, tool)
+        z, x = (a.ravel() for a in np.meshgrid(task.map_z, task.map_x, indexing="ij"))
+        points = np.stack([x, np.full(len(x), task.map_y), z], axis=1)
+        pendant, reached = reach(r.robot, model, tool, points, np.tile(task.map_direction, (len(x), 1)))
+        assert np.array_equal(reached, r.reached)
+        assert 0 < reached.sum() < len(x)
+        flange = np.asarray(np.linalg.solve(r.robot.flange.placement, np.append(tool.site.xyz, 1.0)), dtype=float)
+        wrench = np.append(task.map_force, np.zeros(3))
+        for i in np.flatnonzero(reached)[:: max(1, reached.sum() // 4)]:
+            one = stiffness_at(r.robot, pendant[i], wrench, flange[:3])
+            assert r.deflection[i] == pytest.approx(np.linalg.norm(one.full), rel=1e-6)
+            gives = max(np.linalg.eigvalsh(one.compliance[:3, :3] @ one.compliance[:3, :3].T))
+            assert r.softest[i] == pytest.approx(1.0 / np.sqrt(gives), rel=1e-6)
+    assert result.shared.sum() == np.logical_and(*(r.reached for r in result.robots)).sum() > 0
+
+
+def test_the_error_after_compensation_is_found_in_simulation(result: Comparison, task: Task) -> None:
+    """Sixty campaigns of the robot's plan: the deflection that each fit predicts along the path, against the true."""
+    r: Compared = result.robots[1]
+    tool = tool_of(r.robot, task.tool)
+    experiment, model = campaign_of(r.robot, task, tool), tip_model(r.robot, tool)
+    work = Poses(r.pendant, r.robot.controller.to_joints(r.pendant), task.wrenches)
+    wish = Wish("I", efficiency=0.99, polish=False)
+    plan = design(experiment, task.campaign.poses, candidates=task.campaign.candidates, wish=wish, test_poses=work)
+    true = equilibrium(model, work).tip - equilibrium(model, work, loaded=False).tip
+    assert np.allclose(np.linalg.norm(true, axis=1), r.task, rtol=1e-9)
+    squared = []
+    for seed in range(60):
+        fit = identify(experiment, simulate(experiment, plan, seed=seed).readings)
+        x = model.nominal
+        x[model.index(fit.names)] = [e.value for e in fit.estimates]
+        said = equilibrium(model, work, x).tip - equilibrium(model, work, x, loaded=False).tip
+        squared.append(np.sum((said - true) ** 2, axis=1))
+    ratio = np.sqrt(np.mean(squared, axis=0)) / r.after
+    assert np.all(np.abs(ratio - 1.0) < 0.25), ratio
+
+
+def test_a_robot_that_does_not_reach(task: Task) -> None:
+    """The UR10 stands beside a heavy one: its own numbers are empty, and said so; its shared cells are few."""
+    small = replace(task, map_x=np.array([0.5, 0.7, 2.0]), map_z=np.array([0.3, 0.5]))
+    heavy, light = compare([load_robot("fanuc_r2000ic"), load_robot("ur10")], small).robots
+    assert np.isfinite(heavy.task).all()
+    assert np.isnan(light.task).all()
+    assert np.isnan(light.after).all()
+    assert light.campaign == "no point of the path is reached"
+    assert any("does not reach point 1, 2, 3, 4, 5" in note for note in light.notes)
+
+
+def test_loads_that_tell_nothing_are_said(task: Task) -> None:
+    """Loads on the last axis tell nothing of joint 6: there is no plan, and the table says why."""
+    bare = replace(task, campaign=task.campaign.model_copy(update={"lever": 0.0}))
+    first = compare([load_robot(name) for name in NAMES], bare).robots[0]
+    assert "joint_compliance[joint_6]: no reading depends on it" in first.campaign
+    assert np.isnan(first.after).all()
+    assert np.isfinite(first.task).all()
+
+
+def test_the_figures_hold_the_numbers(result: Comparison, task: Task) -> None:
+    figure = heat_maps(result, [r.deflection * 1e3 for r in result.robots], "mm", "Deflection")
+    maps = [t for t in figure.data if t.type == "heatmap"]
+    assert len(maps) == 2
+    for trace, r in zip(maps, result.robots, strict=True):
+        assert trace.coloraxis == "coloraxis", "one scale for all"
+        shown = np.array([[np.nan if v is None else v for v in row] for row in trace.z])
+        expected = r.deflection.reshape(len(task.map_z), len(task.map_x)) * 1e3
+        assert np.allclose(shown, expected, equal_nan=True)
+    lines = path_figure(result).data
+    assert np.allclose(lines[0].y, result.robots[0].task * 1e3)
+    assert np.allclose(lines[3].y, result.robots[1].after * 1e3)
+
+
+TEXT = """title: t
+tool_mm: 250
+approach: [0, 0, -1]
+path:
+  - {xyz_mm: [1700, 0, 800], fz_N: 600}
+map: {x_mm: [600, 2600], z_mm: [0, 2400], steps: 3, fz_N: -1000}
+campaign: {poses: 8, sigma_mm: 0.03, candidates: 60, loads: [{name: w, fz_N: -1000, fy_N: 500}]}
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("tool_mm", "tool", "line 2: key 'tool' does not say its unit"),
+        ("tool_mm", "tool_kg", "line 2: key 'tool_kg' ends in no unit of this kind"),
+        ("[0, 0, -1]", "[0, 0, 0]", "line 3: .*approach needs three numbers"),
+        ("[1700, 0, 800]", "[1700, 0]", "line 5: .*xyz needs three numbers"),
+        (", fz_N: 600}", "}", "line 5: path, point 1: no force acts there"),
+        ("steps: 3, fz_N: -1000", "steps: 3", "line 6: .*the map needs a force"),
+        ("[600, 2600]", "[2600, 600]", r"line 6: .*x of the map needs \[from, to\]"),
+        ("poses: 8", "poses: 0", "line 7: .*poses"),
+        ("name: w, fz_N: -1000, fy_N: 500", "name: w", "line 7: load 'w' is zero"),
+        ("title: t", "tittle: t", "line 1: .*tittle"),
+    ],
+)
+def test_wrong_tasks(tmp_path: Path, old: str, new: str, words: str) -> None:
+    file = tmp_path / "task.yaml"
+    file.write_text(TEXT)
+    load_task(file)
+    assert old in TEXT
+    file.write_text(TEXT.replace(old, new))
+    with pytest.raises(InputError, match=words) as caught:
+        load_task(file)
+    assert "task.yaml" in str(caught.value)
+
+
+def test_the_command(tmp_path: Path) -> None:
+    file, told, page = (tmp_path / name for name in ("task.yaml", "c.json", "c.html"))
+    file.write_text(TEXT)
+    arguments = ["compare", *NAMES, "--task", str(file), "--json", str(told), "--report", str(page)]
+    run = CliRunner().invoke(app, arguments, catch_exceptions=False)
+    assert run.exit_code == 0
+    content = json.loads(told.read_text())
+    assert set(content["robots"]) == set(NAMES)
+    assert len(content["robots"]["fanuc_m900ib"]["deflection_mm"]) == 9
+    text = page.read_text()
+    for words in (
+        "One colour scale".lower(),
+        "Along the path",
+        "Identifiability",
+        "Look for points",
+        "8 poses under w",
+    ):
+        assert words in text, words
+    assert "its payload is not stated" in run.output
+    for names, words in (
+        (["fanuc_m900ib"], "two or more different robots"), (["fanuc_m900ib"] * 2, "two or more different robots"),
+        (["fanuc_m900ib", "fanuc_r2000"], "Did you mean 'fanuc_r2000ic'"),
+    ):  # fmt: skip
+        wrong = CliRunner().invoke(app, ["compare", *names, "--task", str(file)])
+        assert isinstance(wrong.exception, InputError)
+        assert words in str(wrong.exception)
