@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from qsframework.identify.fit import Estimate, Fit
 from qsframework.identify.frames import Frame
 from qsframework.identify.linear import studentised
 from qsframework.identify.positions import Mask, Positions, make_positions
+from qsframework.identify.single import single_pose
 from qsframework.information import rank_test
 from qsframework.plugin import Array, Geometry, Parameter, Sensor, Spring
 
@@ -83,8 +84,8 @@ def identify_positions(
     name, with what absorbs them. Gross errors are masked and named. Where the experiment says
     `rigid: true`, springs that are not estimated count as rigid.
 
-    Raises InputError where there are too few readings or poses that do not spread; NotConverged where
-    the steps do not settle.
+    Raises InputError where there are too few readings or poses that do not spread; NotIdentifiable where all are of
+    one pose; NotConverged where the steps do not settle.
     """
     experiment = experiment if fit is None else experiment.with_(fit=tuple(fit))
     model = experiment.model()
@@ -98,6 +99,9 @@ def identify_positions(
     sigma, stated = position_sigma(experiment, states, positions)
     problem, left = _begin(positions, x0, names, sigma)
     _check_geometry(experiment, problem, left)
+    lonely = single_pose(
+        positions.poses.q[np.unique(positions.state)], len(problem.names), " beside the tracker's frame"
+    )
     solved = problem.solve()
     masked: list[int] = []
     for _ in range(_ROUNDS):
@@ -112,7 +116,7 @@ def identify_positions(
         else:
             problem = problem.without(wrong, solved)
         solved = problem.solve()
-    return _result(solved, left, sigma, stated, tuple(sorted(masked)), states)
+    return replace(_result(solved, left, sigma, stated, tuple(sorted(masked)), states), notes=lonely)
 
 
 def _begin(

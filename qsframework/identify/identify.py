@@ -15,6 +15,7 @@ from qsframework.identify.fit import Fit
 from qsframework.identify.linear import Found, Rows, fit_rows, identify_linear, make_fit
 from qsframework.identify.noise import SharedError, noise_parts, pose_groups, shared_error
 from qsframework.identify.observations import Noise, Observations
+from qsframework.identify.single import single_pose
 from qsframework.identify.solve import Solution, solve
 from qsframework.identify.two_step import identify_two_step
 from qsframework.identify.uncertainty import load_sds, total_covariance
@@ -44,7 +45,7 @@ def identify(
     residuals (REML), and the readings are weighed with it; chi-square then says nothing of errors common to a pose.
 
     Raises InputError where there are fewer readings than parameters; NotIdentifiable, naming the parameters, where the
-    readings cannot tell them apart; NotConverged with its reason.
+    readings cannot tell them apart, or are all of one pose; NotConverged with its reason.
     """
     if method not in METHODS:
         raise InputError(
@@ -67,11 +68,15 @@ def identify(
         return _one_step(experiment, readings, names, priors, loss, fixed, tied, within)
 
     found, within = fitted(0.0), 0.0
+    free = 1 if priors else int((np.diag(found.covariance) > 0.0).sum()) - sum(len(group) - 1 for group in tied)
+    used = np.unique(readings.measurement[readings.use])
+    lonely = single_pose(readings.poses.q[used], free)
     if shared:
         error = _pose_error(experiment, readings, found, shared)
         within = error.sd / error.unit
         found = replace(fitted(within) if within else found, shared_sd=error.sd)
         found = replace(found, notes=(error.words(), *found.notes))
+    found = replace(found, notes=(*lonely, *found.notes)) if lonely else found
     if not load_sds(experiment, names).any():
         return found
     noise = fit_rows(experiment, readings, len(names), within)[0].noise

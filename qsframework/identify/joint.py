@@ -182,6 +182,7 @@ def _result(
     measured = o.measured.reshape(-1, 3)
     predicted = o.predict(solution.x).reshape(-1, 3)
     outside = o.noise.colour(left_out(white, Q, _together(data, o)).ravel()).reshape(-1, 3)
+    notes = (*plain.notes, *notes)
     poses, more, sigma = positions.pose, notes, data.sigma
     if data.displacements is not None and data.rows is not None:
         r = data.displacements

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,15 @@ import pytest
 
 from qsframework.cli.identify import FitFiles, How, run_identify
 from qsframework.errors import InputError, NotIdentifiable
-from qsframework.experiment import Experiment, StateReadings, load_experiment, make_plan, simulate, write_states
+from qsframework.experiment import (
+    Experiment,
+    Readings,
+    StateReadings,
+    load_experiment,
+    make_plan,
+    simulate,
+    write_states,
+)
 from qsframework.identify import identify, identify_positions
 from qsframework.identify.fit_files import read_fit
 from qsframework.identify.frames import Frame, rotation, rotation_vector
@@ -101,3 +110,40 @@ def test_poses_all_equal_are_refused_with_what_would_help(m900ib: Experiment) ->
             identify(m900ib, readings, method=method)
         assert "joint_1" in str(caught.value)
         assert "add" in str(caught.value) or "measure" in str(caught.value), str(caught.value)
+
+
+def one_pose(experiment: Experiment, jitter: float, count: int = 6) -> Readings:
+    """A few visits to one random pose, each with angles that differ by `jitter` rad."""
+    rng = np.random.default_rng(3)
+    controller = experiment.robot.controller
+    pendant = np.tile(rng.uniform(controller.lower, controller.upper, 6) * 0.6, (count, 1))
+    pendant += jitter * rng.uniform(-0.5, 0.5, pendant.shape)
+    poses = Poses(pendant, controller.to_joints(pendant), np.tile(LOADS[2], (count, 1)))
+    return simulate(experiment, make_plan(poses, ["side"] * count), seed=0).readings
+
+
+def test_one_pose_that_could_be_fitted_is_refused_too(m900ib: Experiment) -> None:
+    """Three markers at one random pose have full rank: without a second pose nothing could contradict the fit."""
+    for method in ("linear", "one-step"):
+        with pytest.raises(NotIdentifiable, match="all 6 measurements are of one pose: 6 parameters would rest"):
+            identify(m900ib, one_pose(m900ib, 1e-5), method=method)
+    assert identify(m900ib, one_pose(m900ib, 0.1)).rank.full
+    names = m900ib.fit_names()
+    fit = identify(m900ib, one_pose(m900ib, 0.0), fit=names[1:2])
+    assert "Only one pose was measured" in fit.notes[0]
+    fixed = identify(m900ib, one_pose(m900ib, 0.0), method="one-step", fixed=names[1:])
+    assert "Only one pose was measured" in fixed.notes[0]
+    assert "Only one pose was measured" in identify(m900ib, one_pose(m900ib, 0.0), None, "one-step", True).notes[0]
+    masked = one_pose(m900ib, 0.1)
+    with pytest.raises(NotIdentifiable, match="the only measurement is of one pose"):
+        identify(m900ib, replace(masked, use=masked.measurement == 2))
+
+
+def test_positions_at_one_pose_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "experiment.yaml").write_text(ARM)
+    wide = load_experiment(tmp_path / "experiment.yaml")
+    states = measured(wide, wide.model().nominal, 8, TRACKER, 1)
+    at = np.arange(3)  # the three states of one pose
+    rows = np.isin(states.measurement, at)
+    with pytest.raises(NotIdentifiable, match=r"are of one pose.*beside the tracker's frame"):
+        identify_positions(wide, replace(states, use=rows), ["joint_compliance"])
