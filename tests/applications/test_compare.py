@@ -195,7 +195,7 @@ def test_the_command(tmp_path: Path) -> None:
         "One colour scale".lower(),
         "Along the path",
         "Identifiability",
-        "Look for points",
+        "Look for where",
         "8 poses under w",
     ):
         assert words in text, words
