@@ -606,7 +606,7 @@ def main() -> None:
     text = report(results)
     print(text)
     if given.write:
-        some = "" if len(results) == len(cases) else f", {len(results)} of its {len(cases)} cases, drawn at random"
+        some = "" if len(results) == len(cases) else f", {len(results)} of its {len(cases)} cases"
         write_page(text, f"`python benchmarks/diagnosis.py --seeds {seeds} --seed {given.seed}`{some}", results)
 
 

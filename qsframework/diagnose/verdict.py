@@ -35,7 +35,7 @@ def ambiguous(library: Library, findings: Sequence[Finding]) -> bool:
 def misfits(after: LackOfFit) -> bool:
     """Whether what the last model leaves is too much for the stated noise, or for the repeats."""
     told = [p for p in (after.p_chi2, after.p_replicates) if np.isfinite(p)]
-    return min(told, default=1.0) * len(told) < _MISFIT
+    return bool(told) and min(told) * len(told) < _MISFIT
 
 
 def verdict_of(findings: Sequence[Finding], leftovers: Sequence[Leftover], after: LackOfFit, unclear: bool) -> str:

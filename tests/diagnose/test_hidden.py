@@ -67,6 +67,13 @@ def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path) -> None:
         assert (d.verdict, d.findings, d.leftovers) == ("none", (), ())
 
 
+def test_noise_that_the_file_understates_is_named_and_nothing_else(tmp_path: Path) -> None:
+    _, d = _diagnose(Case("stress", "stress", 6, stress="sigma_too_small"), tmp_path)
+    assert (d.verdict, d.findings, d.leftovers) == ("none", (), ())
+    assert [p["id"] for p in d.as_json()["data_problems"]] == ["noise_level"]
+    assert d.audit.unit == pytest.approx(1.5, rel=0.1)
+
+
 def test_two_hidden_effects_are_both_named(tmp_path: Path) -> None:
     at = ("joint_hardening[joint_2]", "offaxis_compliance[joint_4/y]")
     effects = tuple((place.partition("[")[0], 16.0) for place in at)
