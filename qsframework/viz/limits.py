@@ -9,8 +9,8 @@ from qsframework.plugin import Array
 from qsframework.viz.robot_shapes import reach
 from qsframework.viz.scene import Colour, Scene, placed_at
 
-_FORBIDDEN: Colour = (0.85, 0.35, 0.2, 0.16)
-_WALL: Colour = (0.2, 0.45, 0.75, 0.12)
+_FORBIDDEN: Colour = (0.85, 0.35, 0.2, 0.12)
+_WALL: Colour = (0.2, 0.45, 0.75, 0.07)
 _STATION: Colour = (0.1, 0.6, 0.25, 1.0)
 _SHEET = 0.004
 

@@ -80,9 +80,9 @@ const set = (path, property, value) =>
 set("/Background", "top_color", [0.93, 0.95, 0.97]);
 set("/Background", "bottom_color", [0.8, 0.83, 0.87]);
 const size = {size};
-set("/Cameras/default/rotated/<object>", "position", [1.25 * size, 0.35 * size, 1.1 * size]);
-const up = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0.32 * size, 1];
-viewer.handle_command({{type: "set_transform", path: "/Cameras/default", matrix: up}});
+set("/Cameras/default/rotated/<object>", "position", [1.1 * size, 0.65 * size, 0.95 * size]);
+viewer.controls.target.set(0, 0.3 * size, 0);
+viewer.controls.update();
 const steps = {steps}, layers = {layers}, watch = {watch};
 const slider = document.getElementById("step"), boxes = {{}};
 const ghosts = () => !boxes.ghosts || boxes.ghosts.checked;
