@@ -19,7 +19,7 @@ from qsframework.elastostatics.evaluation import evaluate_stages
 from qsframework.elastostatics.structure import chunks
 from qsframework.identify.linear import Rows
 from qsframework.identify.observations import Noise
-from qsframework.plugin import Actuator, Array, Coordinate, Parameter, Poses, RobotFacts, Spring, VirtualJoint
+from qsframework.plugin import Actuator, Array, Coordinate, Indices, Parameter, Poses, RobotFacts, Spring, VirtualJoint
 
 _LEFT = 1e-2
 """Share of a column that must remain beside what is already explained."""
@@ -62,6 +62,8 @@ class Motions:
     order: Array
     step: Array
     recorded: tuple[tuple[str, Array], ...]
+    marker: Indices
+    marker_names: tuple[str, ...]
 
 
 def motions(model: Model, poses: Poses, rows: Rows, x: Array) -> Motions:
@@ -84,7 +86,7 @@ def motions(model: Model, poses: Poses, rows: Rows, x: Array) -> Motions:
     recorded = tuple((name, _spread(value[n])) for name, value in _conditions(poses) if np.ptp(value) > 0.0)
     return Motions(
         _places(model.facts), rows.of(np.concatenate(columns)), np.concatenate(torque)[n], poses.q[n], order[n],
-        came[n], recorded,
+        came[n], recorded, rows.marker, model.marker_names,
     )  # fmt: skip
 
 
@@ -136,6 +138,17 @@ def dictionary(moved: Motions, drives: int) -> Iterator[tuple[str, str, Array]]:
         yield place.name, "nothing (a constant)", D
         for name, value in moved.recorded:
             yield place.name, name, _join(D, value[:, None] * np.ones_like(t), value[:, None] * t)
+    yield from _markers(moved)
+
+
+def _markers(moved: Motions) -> Iterator[tuple[str, str, Array]]:
+    """One marker moves in its mount while the others stay."""
+    if len(moved.marker_names) < 2:
+        return
+    for k, name in enumerate(moved.marker_names):
+        own = (moved.marker == k).astype(float)[:, None, None] * np.eye(3)
+        drift = own * moved.order[:, None, None]
+        yield f"marker {name}", "the order of the readings", np.concatenate([own, drift], axis=2)
 
 
 def _join(D: Array, *factors: Array) -> Array:
