@@ -152,8 +152,10 @@ def arm_values(experiment: Experiment, fit: StoredFit) -> Array:
 
 
 def fit_notes(experiment: Experiment, fit: StoredFit) -> tuple[str, ...]:
-    """What the expected errors do not say."""
+    """What the expected errors do not say, and what was not checked."""
     notes = []
+    if experiment.robot.payload is None:
+        notes.append("robot.yaml states no payload_kg: the forces were not checked against it")
     known = [n for n, sd in zip(fit.names, fit.sd, strict=True) if not np.isfinite(sd)]
     if known:
         notes.append(f"counted as known exactly, for the fit quotes no sd: {', '.join(known)}")

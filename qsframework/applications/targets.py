@@ -8,6 +8,7 @@ Cartesian file are where the search for the joint angles starts.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from qsframework.plugin.facts import frozen
 _XYZ, _TURNS = ("x", "y", "z"), ("rx", "ry", "rz")
 _QUATERNION = ("quat_w", "quat_x", "quat_y", "quat_z")
 _WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+Tell = Callable[[str, int, int], None]
 _SEED = 0
 """Random starts of the search are the same at every run."""
 
@@ -63,8 +65,11 @@ def joint_targets(experiment: Experiment, pendant: Array, wrench: Array) -> Targ
     return Targets(names, frozen(pendant), wanted, frozen(wrench), False, None, tuple(range(1, count + 1)))
 
 
-def read_targets(path: str | Path, experiment: Experiment) -> Targets:
-    """Read and check a file of targets. InputError with all its problems, each with row and column."""
+def read_targets(path: str | Path, experiment: Experiment, tell: Tell | None = None) -> Targets:
+    """Read and check a file of targets, and find joint angles of Cartesian ones.
+
+    InputError with all its problems, each with row and column.
+    """
     path, robot = Path(path), experiment.robot
     table = read_table(path, _columns(robot.facts.n), robot.name)
     no_load(table, experiment)
@@ -86,7 +91,7 @@ def read_targets(path: str | Path, experiment: Experiment) -> Targets:
         assert pendant is not None
         made = joint_targets(experiment, pendant, wrench)
         return replace(made, name=tuple(names), path=path, rows=tuple(table.rows))
-    found = _joints(experiment, table, names, wanted, pendant)
+    found = _joints(experiment, table, names, wanted, pendant, tell or (lambda label, done, total: None))
     return Targets(tuple(names), frozen(found), wanted, frozen(wrench), True, path, tuple(table.rows))
 
 
@@ -152,13 +157,14 @@ def _capacity(table: Table, wrench: Array, experiment: Experiment) -> list[Probl
 
 
 def _joints(
-    experiment: Experiment, table: Table, names: list[str], wanted: TipPose, starts: Array | None
+    experiment: Experiment, table: Table, names: list[str], wanted: TipPose, starts: Array | None, tell: Tell
 ) -> Array:  # fmt: skip
     """Pendant angles (N, n) of Cartesian targets, each search begun at its own start or at the row before."""
     robot, rng = experiment.robot, np.random.default_rng(_SEED)
     lower, upper = np.maximum(robot.controller.lower, -np.pi), np.minimum(robot.controller.upper, np.pi)
     last, out, problems = 0.5 * (lower + upper), [], []
     for i in range(len(wanted)):
+        tell("joint angles", i, len(wanted))
         found = find_joints(robot, experiment.load_site, wanted.take([i]), last if starts is None else starts[i], rng)
         if not found.reached:
             message = f"target {names[i]!r}: no joint angles within the limits put the load point there"
@@ -168,6 +174,7 @@ def _joints(
         else:
             last = found.pendant
         out.append(found.pendant)
+    tell("joint angles", len(wanted), len(wanted))
     if problems:
         raise InputError(problems)
     return np.stack(out)

@@ -38,8 +38,8 @@ def run_compensate(files: CompensateFiles, reference: str) -> None:
     inputs = [files.experiment, files.fit, files.targets]
     distinct_outputs([files.output, files.json, files.report], inputs)
     experiment, fit = load_experiment(files.experiment), read_fit(files.fit)
-    targets = read_targets(files.targets, experiment)
     with progress() as tell:
+        targets = read_targets(files.targets, experiment, tell)
         result = compensate(experiment, fit, targets, reference, tell)
     table = target_table(result)
     print_table(table.header, table.rows[:_SHOWN])

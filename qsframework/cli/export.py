@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json as json_module
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +13,8 @@ from qsframework.applications.programme import Programme, make_programme
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem, nearest
-from qsframework.experiment import Experiment, load_experiment, read_plan
+from qsframework.experiment import Experiment, Plan, load_experiment, read_plan
+from qsframework.files import read_text
 from qsframework.plugin import Array
 
 
@@ -36,7 +38,7 @@ def run_export(plan_file: Path, file: Path, output: Path, wish: ExportWish, json
     outputs = [output.with_suffix(s) for s in (".src", ".dat")] if wish.to == "krl" else [output]
     distinct_outputs([*outputs, json], [file, plan_file, plan_file.with_suffix(".json")])
     experiment = load_experiment(file)
-    plan = read_plan(plan_file, experiment)
+    plan = plan_of(plan_file, experiment)
     home = None if wish.home is None else home_pose(experiment, wish.home)
     with progress() as tell:
         programme = make_programme(
@@ -49,6 +51,19 @@ def run_export(plan_file: Path, file: Path, output: Path, wish: ExportWish, json
     print("written and read back: " + ", ".join(map(str, files)))
     if json is not None:
         write_json(json, as_json(programme, wish, files))
+
+
+def plan_of(file: Path, experiment: Experiment) -> Plan:
+    """A plan for the real robot: InputError where it, or the proof beside it, names another robot."""
+    plan, beside, name = read_plan(file, experiment), file.with_suffix(".json"), experiment.robot.name
+    if beside.is_file():
+        named = json_module.loads(read_text(beside)).get("robot", name)
+        if named != name:
+            hint = "Give --experiment of the robot that the plan was made for."
+            raise InputError(
+                Problem("the plan is of another robot", str(beside), found=str(named), allowed=name, hint=hint)
+            )
+    return plan
 
 
 def home_pose(experiment: Experiment, text: str) -> Array:

@@ -12,7 +12,8 @@ from qsframework.applications.protocol import (
     write_reading_file,
 )
 from qsframework.cli.commands import distinct_outputs
-from qsframework.experiment import load_experiment, read_plan
+from qsframework.cli.export import plan_of
+from qsframework.experiment import load_experiment
 
 
 def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish: ProtocolWish) -> None:
@@ -23,7 +24,7 @@ def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish:
     floor = floor_file(readings)
     distinct_outputs([sheet, readings, floor], [file, plan_file, plan_file.with_suffix(".json")])
     experiment = load_experiment(file)
-    plan = read_plan(plan_file, experiment)
+    plan = plan_of(plan_file, experiment)
     protocol = make_protocol(experiment, plan, wish, str(plan_file))
     sections = (
         *protocol_sections(protocol, readings.name, floor.name),

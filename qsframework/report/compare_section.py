@@ -68,12 +68,13 @@ def compare_sections(result: Comparison) -> tuple[Section, ...]:
     maps = (
         Figure(
             heat_maps(result, [r.deflection * 1e3 for r in result.robots], "mm", "Deflection under the map's force"),
-            "All maps share one colour scale: darker gives more; empty cells are not reached with the tool pointing "
-            "that way. Look for robots that are dark where the work is, and jumps, where the arm changes posture.",
+            "All maps share one colour scale, in powers of ten: darker gives more; grey cells are not reached with the "
+            "tool pointing that way. Look for robots that are dark where the work (crosses) is, and for jumps, where "
+            "the arm changes its posture.",
         ),
         Figure(
             heat_maps(result, [r.softest * 1e-6 for r in result.robots], "N/um", "Stiffness in the softest direction"),
-            "The force per micrometre in the direction that gives most, whatever the force. Darker is stiffer. Look at "
+            "The force per micrometre in the direction that gives most, in powers of ten. Darker is stiffer. Look at "
             "the smallest value in the part of the workspace that the task needs.",
         ),
     )
@@ -96,7 +97,7 @@ _PATH = (
 
 
 def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) -> Any:
-    """One heat map for each robot over x and z, all on one scale."""
+    """One heat map for each robot over x and z, all on one logarithmic scale; grey where it does not reach."""
     from plotly.subplots import make_subplots
 
     task, count = result.task, len(result.robots)
@@ -104,10 +105,11 @@ def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) ->
     figure = make_subplots(rows=1, cols=count, subplot_titles=names, shared_yaxes=True)
     for k, cells in enumerate(values, start=1):
         grid = cells.reshape(len(task.map_z), len(task.map_x))
-        z = [[float(v) if np.isfinite(v) else None for v in row] for row in grid]
+        z = [[float(np.log10(v)) if np.isfinite(v) else None for v in row] for row in grid]
+        said = [[float(v) if np.isfinite(v) else None for v in row] for row in grid]
         figure.add_heatmap(
             x=task.map_x.tolist(), y=task.map_z.tolist(), z=z, coloraxis="coloraxis", row=1, col=k,
-            hovertemplate="x %{x:.2f} m, z %{y:.2f} m: %{z:.3g} " + unit + "<extra></extra>",
+            customdata=said, hovertemplate="x %{x:.2f} m, z %{y:.2f} m: %{customdata:.3g} " + unit + "<extra></extra>",
         )  # fmt: skip
         figure.add_scatter(
             x=task.points[:, 0].tolist(), y=task.points[:, 2].tolist(), mode="markers", showlegend=False, row=1, col=k,
@@ -115,11 +117,25 @@ def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) ->
         )  # fmt: skip
         figure.update_xaxes(title_text="x, m", row=1, col=k)
     figure.update_yaxes(title_text="z, m", row=1, col=1)
+    ticks = _ticks(np.concatenate(values))
+    bar = {"title": unit, "tickvals": np.log10(ticks).tolist(), "ticktext": [f"{v:g}" for v in ticks]}
     figure.update_layout(
-        title=f"{title}, {unit}, at y = {task.map_y:g} m", height=420,
-        coloraxis={"colorscale": "Blues", "colorbar": {"title": unit}},
+        title=f"{title}, {unit}, at y = {task.map_y:g} m", height=420, plot_bgcolor="#ddd",
+        coloraxis={"colorscale": "Blues", "colorbar": bar},
     )  # fmt: skip
+    figure.update_xaxes(showgrid=False, zeroline=False)
+    figure.update_yaxes(showgrid=False, zeroline=False)
     return figure
+
+
+def _ticks(values: Array) -> list[float]:
+    """Round numbers 1, 2, 5, 10, ... over the range of the values that are there."""
+    known = values[np.isfinite(values) & (values > 0.0)]
+    if not len(known):
+        return [1.0]
+    low, high = int(np.floor(np.log10(known.min()))), int(np.ceil(np.log10(known.max())))
+    steps = (1, 2, 5) if high - low < 3 else (1,)
+    return [m * 10.0**k for k in range(low, high + 1) for m in steps if known.min() <= m * 10.0**k <= known.max()]
 
 
 def path_figure(result: Comparison) -> Any:

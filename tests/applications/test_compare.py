@@ -139,7 +139,11 @@ def test_the_figures_hold_the_numbers(result: Comparison, task: Task) -> None:
         assert trace.coloraxis == "coloraxis", "one scale for all"
         shown = np.array([[np.nan if v is None else v for v in row] for row in trace.z])
         expected = r.deflection.reshape(len(task.map_z), len(task.map_x)) * 1e3
-        assert np.allclose(shown, expected, equal_nan=True)
+        assert np.allclose(shown, np.log10(expected), equal_nan=True)
+        assert np.allclose(np.array(trace.customdata, dtype=float), expected, equal_nan=True)
+    bar = figure.layout.coloraxis.colorbar
+    assert np.allclose([float(t) for t in bar.ticktext], 10.0 ** np.array(bar.tickvals))
+    assert len(bar.ticktext) > 1
     lines = path_figure(result).data
     assert np.allclose(lines[0].y, result.robots[0].task * 1e3)
     assert np.allclose(lines[3].y, result.robots[1].after * 1e3)

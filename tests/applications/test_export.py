@@ -244,8 +244,9 @@ def test_the_command(m900ib: Experiment, tmp_path: Path) -> None:
         assert words in str(wrong.exception)
 
 
-def test_a_plan_of_another_robot(m900ib: Experiment, cell: Experiment, plan: Plan, tmp_path: Path) -> None:
-    write_plan(tmp_path / "plan.csv", plan, cell)
+def test_a_plan_of_another_robot(m900ib: Experiment, cell: Experiment, tmp_path: Path) -> None:
+    both = plan_of(cell, np.deg2rad([[0, 20, -10, 0, 60, 0], [90, 20, -10, 0, 60, 0]]))
+    write_plan(tmp_path / "plan.csv", both, cell)
     arguments = [
         "export",
         str(tmp_path / "plan.csv"),
@@ -260,3 +261,9 @@ def test_a_plan_of_another_robot(m900ib: Experiment, cell: Experiment, plan: Pla
     assert isinstance(run.exception, InputError)
     assert "fanuc_r2000ic" in str(run.exception)
     assert not (tmp_path / "o.csv").exists()
+    text = (tmp_path / "plan.csv").read_text()
+    (tmp_path / "plan.csv").write_text("\n".join(line for line in text.splitlines() if not line.startswith("#")))
+    again = CliRunner().invoke(app, arguments)
+    assert isinstance(again.exception, InputError)
+    words = "plan.json: the plan is of another robot; found fanuc_r2000ic; allowed: fanuc_m900ib"
+    assert words in str(again.exception)
