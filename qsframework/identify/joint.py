@@ -23,9 +23,6 @@ from qsframework.identify.solve import Solution
 from qsframework.information import rank_test
 from qsframework.plugin import Array, Indices
 
-_SETTLED = 1e-6
-"""Share of the residuals that the last step may still explain: frames metres away leave no more digits."""
-
 
 @dataclass(frozen=True)
 class Choices:
@@ -99,7 +96,7 @@ def identify_jointly(
     observations = data.observations(x, told)
     start = np.clip(x[model.index(told)], *_bounds(observations)[data.motions :].T)
     start = np.concatenate([np.zeros(data.motions), start])
-    solution, unit = settled(observations, how.priors, how.loss, (), groups, not data.stated, start, _SETTLED, 0)
+    solution, unit = settled(observations, how.priors, how.loss, (), groups, not data.stated, start, starts=0)
     x[model.index(told)] = solution.x[data.motions :]
     return _result(
         data, observations, solution, unit, x, (*words_of(how.priors, how.loss, how.fixed, groups, solution),), left

@@ -120,6 +120,15 @@ class _Problem:
             return np.inf
         return 0.5 * float(self.loss.rho(r).sum() + np.square(self.prior(z)[0]).sum())
 
+    def digits(self) -> float:
+        """What rounding does to the cost: readings of metres with residuals of micrometres leave it few digits.
+
+        A step that gains less than this is neither better nor worse, and must not be refused for it.
+        """
+        o = self.observations
+        readings = float(np.linalg.norm(o.noise.whiten(o.measured)))
+        return 4.0 * np.finfo(float).eps * readings * float(np.sqrt(len(o.measured)))
+
     def rows(self, z: Array) -> tuple[Array, Array, Array]:
         """Rows, residuals and weights' roots of the linearised problem, priors below."""
         r, J = self.residuals(z), self.jacobian(z)
@@ -152,7 +161,7 @@ def _other_starts(problem: _Problem, count: int, seed: int) -> list[Array]:
 
 def _descend(problem: _Problem, z: Array, tolerance: float) -> tuple[float, Array, int]:
     """Levenberg-Marquardt from z: cost, minimum, steps."""
-    cost, damping = problem.cost(z), 0.0
+    cost, damping, digits = problem.cost(z), 0.0, problem.digits()
     if not np.isfinite(cost):
         raise NotConverged("the model has no finite prediction at the start of the fit")
     for step in range(1, _STEPS + 1):
@@ -167,7 +176,7 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> tuple[float, Arra
             d = plain if damping == 0.0 else _bounded(A, r, z, problem.reduction, damping, size)
             trial = np.clip(z + d, problem.reduction.lower, problem.reduction.upper)
             new = problem.cost(trial)
-            if new <= cost * (1.0 + 1e-13):
+            if new <= cost * (1.0 + 1e-13) + digits:
                 z, cost = trial, new
                 damping = 0.0 if damping < 1e-6 else damping / 10.0
                 break

@@ -20,7 +20,10 @@ from qsframework.experiment import (
     write_readings,
 )
 from qsframework.identify import Choices, identify, identify_jointly, identify_positions
+from qsframework.identify.absolute import fit_order
 from qsframework.identify.frames import Frame, rotation
+from qsframework.identify.joint import _data
+from qsframework.identify.solve import solve
 from qsframework.plugin import Array, Poses
 
 ARM = """
@@ -104,6 +107,29 @@ def test_both_kinds_tell_more_than_either_and_the_truth(arm: Experiment) -> None
     assert np.abs(z).max() < 4.0
     assert np.mean(np.square(z)) == pytest.approx(1.0, abs=0.6)
     assert abs(np.mean(squares) - dof) < 4.0 * np.sqrt(2.0 * dof / 6)
+
+
+def test_derivatives_at_the_solution_and_as_many_digits_as_the_readings_have(arm: Experiment) -> None:
+    """Positions with and without load, and displacements; a step that rounding hides is no reason not to settle."""
+    x = true_x(arm)
+    experiment = arm.with_(fit=tuple(NAMES))
+    data = _data(experiment, positions(arm, x, 10, 1), displacements(arm, x, 10, 101))
+    names = [n for n in fit_order(experiment) if n in data.plain.names]
+    o = data.observations(data.plain.x.copy(), names)
+    start = np.concatenate([np.zeros(6), data.plain.x[arm.model().index(names)]])
+    best = solve(o, start, tolerance=1e-6, starts=0)
+    J = o.jacobian(best.x)
+    for i, p in enumerate(o.parameters):
+        step = np.zeros(len(best.x))
+        step[i] = 0.1 * p.scale
+        one, two = ((o.predict(best.x + k * step) - o.predict(best.x - k * step)) / step[i] for k in (1, 2))
+        slope = (8.0 * one - two) / 12.0
+        assert np.linalg.norm(J[:, i] - slope) < 1e-9 * np.linalg.norm(slope), p.name
+    again = solve(
+        o, start, tolerance=1e-10, starts=0
+    )  # steps that gain less than rounding were refused: 200, and stuck
+    assert again.iterations < 8
+    assert again.cost == pytest.approx(best.cost, rel=1e-9)
 
 
 def test_without_choices_it_is_the_plain_fit(arm: Experiment) -> None:
