@@ -8,6 +8,7 @@ of any pendant angle. The order is that of a travelling salesman on an open path
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,6 +31,16 @@ def way_length(pendant: Array, order: Sequence[int], home: Array | None = None) 
     """Length, rad of the slowest joint, of the way through poses (N, n) in an order, from `home` if there is one."""
     points = pendant[list(order)] if home is None else np.vstack([home, pendant[list(order)]])
     return float(np.abs(np.diff(points, axis=0)).max(axis=1).sum()) if len(points) > 1 else 0.0
+
+
+def with_repeats(plan: Plan, share: float, seed: int = 0) -> Plan:
+    """A plan with its repeats, and one more for poses drawn until `share` of the poses have some."""
+    repeats = list(plan.repeats)
+    missing = int(np.ceil(share * len(repeats) - 1e-9)) - sum(r > 1 for r in repeats)
+    single = [i for i, r in enumerate(repeats) if r == 1]
+    for i in np.random.default_rng(seed).permutation(single)[: max(missing, 0)]:
+        repeats[i] = 2
+    return replace(plan, repeats=tuple(repeats))
 
 
 def visits(

@@ -129,7 +129,7 @@ def _check_poses(around: Surroundings, plan: Plan, home: Array | None, file: str
     names = [*(f"pose {p!r}" for p in plan.pose), "home"]
     problems = [
         Problem(f"{names[i]}: breaks {what!r}", file or None,
-                hint="Leave it out, or design with `collision: true` and floor_m among the constraints.")
+                hint="Leave it out, or design with this among the constraints of the experiment.")
         for what, hit in around.broken(pendant).items()
         for i in np.flatnonzero(hit)
     ]  # fmt: skip

@@ -7,12 +7,12 @@ tell from compliance.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.ordering import visits
+from qsframework.applications.ordering import visits, with_repeats
 from qsframework.applications.programme import check_plan
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Plan
@@ -107,14 +107,14 @@ def make_protocol(experiment: Experiment, plan: Plan, wish: ProtocolWish | None 
     if not np.any(plan.wrench, axis=1).all():
         bare = [p for p, w in zip(plan.pose, plan.wrench, strict=True) if not np.any(w)]
         raise InputError(Problem(f"no load at {', '.join(bare)}: nothing would bend the arm", file or None))
-    repeats = _repeats(plan, wish)
-    sequence = visits(replace(plan, repeats=repeats), wish.order, wish.seed)
+    plan = with_repeats(plan, wish.repeat_share, wish.seed)
+    sequence = visits(plan, wish.order, wish.seed)
     seen: dict[int, int] = {}
     out: list[Visit] = []
     for number, i in enumerate(sequence, start=1):
         seen[i] = seen.get(i, 0) + 1
         load = plan.load[i] or "load"
-        half = wish.half and repeats[i] > 1
+        half = wish.half and plan.repeats[i] > 1
         states = _states(load, plan.wrench[i], wish.cycles, half)
         out.append(Visit(number, plan.pose[i], seen[i], plan.pendant[i], load, plan.wrench[i], states))
     names = tuple(m.name for m in experiment.markers)
@@ -134,16 +134,6 @@ def _check(wish: ProtocolWish) -> None:
             problems.append(Problem(what, found=f"{value:g}", allowed=f"{low} to {high}"))
     if problems:
         raise InputError(problems)
-
-
-def _repeats(plan: Plan, wish: ProtocolWish) -> tuple[int, ...]:
-    """The plan's repeats, and one more for poses drawn until the share of poses with repeats is reached."""
-    repeats = list(plan.repeats)
-    missing = int(np.ceil(wish.repeat_share * len(repeats) - 1e-9)) - sum(r > 1 for r in repeats)
-    single = [i for i, r in enumerate(repeats) if r == 1]
-    for i in np.random.default_rng(wish.seed).permutation(single)[: max(missing, 0)]:
-        repeats[i] = 2
-    return tuple(repeats)
 
 
 def _states(load: str, wrench: Array, cycles: int, half: bool) -> tuple[State, ...]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from qsframework.applications.export import FORMATS, export
+from qsframework.applications.ordering import with_repeats
 from qsframework.applications.programme import Programme, make_programme
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.progress import progress
@@ -28,6 +29,7 @@ class ExportWish:
     pause: float | None
     home: str | None
     seed: int
+    repeat_share: float = 0.0
 
 
 def run_export(plan_file: Path, file: Path, output: Path, wish: ExportWish, json: Path | None) -> None:
@@ -38,7 +40,7 @@ def run_export(plan_file: Path, file: Path, output: Path, wish: ExportWish, json
     outputs = [output.with_suffix(s) for s in (".src", ".dat")] if wish.to == "krl" else [output]
     distinct_outputs([*outputs, json], [file, plan_file, plan_file.with_suffix(".json")])
     experiment = load_experiment(file)
-    plan = plan_of(plan_file, experiment)
+    plan = with_repeats(plan_of(plan_file, experiment), wish.repeat_share, wish.seed)
     home = None if wish.home is None else home_pose(experiment, wish.home)
     with progress() as tell:
         programme = make_programme(

@@ -50,13 +50,17 @@ def export(
     home: Annotated[
         str | None, typer.Option(help="Pendant angles where the way begins and ends, deg: J1,J2,...")
     ] = None,
+    repeat_share: Annotated[
+        float, typer.Option(help="Share of the poses visited twice, as qsf protocol draws them.", min=0, max=1)
+    ] = 0.0,
     seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
     json: Json = None,
 ) -> None:
     """Put a plan on the robot: order it, check the way for collisions, write the controller's file."""
     from qsframework.cli.export import ExportWish, run_export
 
-    run_export(plan, experiment, output, ExportWish(to, order, speed, None if hold else pause, home, seed), json)
+    wish = ExportWish(to, order, speed, None if hold else pause, home, seed, repeat_share)
+    run_export(plan, experiment, output, wish, json)
 
 
 def protocol(

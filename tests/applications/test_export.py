@@ -235,6 +235,10 @@ def test_the_command(m900ib: Experiment, tmp_path: Path) -> None:
     assert [s["pose"] for s in content["stops"]] in (["p01", "p03", "p02"], ["p02", "p03", "p01"])
     assert content["way_deg"] == pytest.approx(90.0)
     assert [s.pose for s in read_export(out).stops] == [s["pose"] for s in content["stops"]]
+    more = ["--order", "random", "--repeat-share", "0.34", "--hold"]
+    again = CliRunner().invoke(app, [*arguments, "-o", str(out), *more], catch_exceptions=False)
+    assert "5 stops to measure" in again.output, "a third of three poses, rounded up, a second time"
+    assert {s.pause for s in read_export(out).stops} == {None}
     for more, words in (
         (["--to", "fanuc"], "unknown format 'fanuc'"), (["--home", "0,0"], "--home: found 2 numbers"),
         (["--home", "0,95,0,0,0,0"], "--home: joint_2 is outside"), (["--order", "tsp"], "unknown order 'tsp'"),

@@ -14,6 +14,8 @@ import pytest
 from typer.testing import CliRunner
 
 from qsframework.applications.closure import Check, check_states
+from qsframework.applications.ordering import with_repeats
+from qsframework.applications.programme import make_programme
 from qsframework.applications.protocol import (
     Protocol,
     ProtocolWish,
@@ -103,6 +105,14 @@ def test_the_order_of_the_day(m900ib: Experiment, plan: Plan, protocol: Protocol
     assert [v.pose for v in make_protocol(m900ib, plan, ProtocolWish(seed=1)).visits] != order
     kept = make_protocol(m900ib, replace(plan, repeats=(3,) * 4 + (1,) * 8))
     assert len(kept.visits) == 4 * 3 + 8, "the plan has its own repeats"
+
+
+@pytest.mark.parametrize("order", ["random", "plan", "shortest"])
+def test_the_exported_programme_drives_in_the_order_of_the_sheet(m900ib: Experiment, plan: Plan, order: str) -> None:
+    wish = ProtocolWish(order=order, seed=3)
+    programme = make_programme(m900ib, with_repeats(plan, wish.repeat_share, 3), order, 3)
+    stops = [(m.pose, m.repeat) for m in programme.moves if m.measured]
+    assert stops == [(v.pose, v.repeat) for v in make_protocol(m900ib, plan, wish).visits]
 
 
 def test_the_table_is_in_the_measured_order(protocol: Protocol, tmp_path: Path) -> None:
