@@ -200,10 +200,13 @@ def _block(
 
 
 def tip_slope(model: Model, fit: StoredFit, x: Array, stand: Callable[[Array], TipPose]) -> Array:
-    """d tip / d parameters of the fit (N, 6, p), by central differences of the full equilibrium."""
+    """d tip / d parameters of the fit (N, 6, p), by central differences of the full equilibrium.
+
+    Parameters that are not the model's, such as the tracker's frame, move no tip.
+    """
     out = np.zeros((len(stand(x)), 6, len(fit.names)))
     for k, name in enumerate(fit.names):
-        if fit.covariance[k, k] > 0.0:  # the others are known exactly, or not at all
+        if fit.covariance[k, k] > 0.0 and name in model.names:  # the others are known exactly, or not at all
             i = model.index([name])[0]
             step = np.zeros(len(x))
             step[i] = _STEP * max(model.parameters[i].scale, abs(x[i]))

@@ -240,6 +240,30 @@ def test_a_singular_target(m900ib: Experiment, tmp_path: Path) -> None:
     assert np.abs(compensate(soft, exact_fit(soft), bent).left).max() < 1e-8
 
 
+def test_errors_of_geometry_are_corrected_too(m900ib: Experiment, targets: Targets, tmp_path: Path) -> None:
+    """A fit of positions knows joint zeros, and has parameters of the tracker's frame, which move no tip."""
+    text = m900ib.path.read_text() + "\neffects: [{effect: joint_offset, joints: [joint_2, joint_5]}]\n"
+    (tmp_path / "experiment.yaml").write_text(text)
+    bent = load_experiment(tmp_path / "experiment.yaml")
+    model, offsets = bent.model(), ("joint_offset[joint_2]", "joint_offset[joint_5]")
+    x = model.nominal
+    x[model.index(offsets)] = 3e-3, -2e-3
+    sd = np.array([1e-4, 2e-4, 1.0])
+    fit = replace(
+        exact_fit(bent), model=dict(zip(model.names, x.tolist(), strict=True)), names=(*offsets, "frame[s].x"),
+        values=np.array([3e-3, -2e-3, 1.0]), sd=sd, covariance=np.diag(sd**2),
+    )  # fmt: skip
+    result = compensate(bent, fit, targets)
+    assert result.size.max() > 6e-3, "3 mrad at two metres and more"
+    assert np.abs(pose_error(targets.wanted, stands(bent, result, x))).max() < 1e-8
+    squared = np.zeros(len(targets))
+    for k, name in enumerate(offsets):
+        y = x.copy()
+        y[model.index([name])] += sd[k]
+        squared += np.sum((stands(bent, result, y).position - targets.wanted.position) ** 2, axis=1)
+    assert np.allclose(result.sd, np.sqrt(squared), rtol=0.01)
+
+
 def test_a_fit_of_another_robot(m900ib: Experiment, r2000ic: Experiment, targets: Targets) -> None:
     with pytest.raises(InputError, match=r"fit.json: the fit is of another robot; found fanuc_r2000ic; allowed"):
         compensate(m900ib, exact_fit(r2000ic), targets)
