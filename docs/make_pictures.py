@@ -1,4 +1,7 @@
-"""Make the README's picture: the report of a design in headless Chromium. Run: python docs/make_pictures.py"""
+"""Make the README's pictures in headless Chromium: the report of a design, and `qsf show`.
+
+Run: python docs/make_pictures.py
+"""
 
 from __future__ import annotations
 
@@ -7,31 +10,39 @@ import tempfile
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
+EXPERIMENT = HERE.parent / "examples" / "m900ib" / "experiment.yaml"
 FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader", "--virtual-time-budget=15000", "--hide-scrollbars", "--window-size=1060,1500",
+    "--enable-unsafe-swiftshader", "--virtual-time-budget=15000", "--hide-scrollbars",
 )  # fmt: skip
 
 
-def screenshot(page: Path, picture: Path) -> None:
-    """Save what Chromium shows of a page."""
+def screenshot(page: Path, picture: Path, size: str, at: str = "") -> None:
+    """Save what Chromium shows of a page, or of the place #at in it, in a window of a size such as 1060,1500."""
     picture.parent.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as profile:
         subprocess.run(
-            ["chromium", *FLAGS, f"--user-data-dir={profile}", f"--screenshot={picture}", page.as_uri()],
+            ["chromium", *FLAGS, f"--window-size={size}", f"--user-data-dir={profile}", f"--screenshot={picture}",
+             page.as_uri() + at],
             check=True,
             capture_output=True,
-        )
+        )  # fmt: skip
 
 
-def main() -> None:
-    """Design twelve poses for the M-900iB and picture the report."""
-    experiment = HERE.parent / "examples" / "m900ib" / "experiment.yaml"
+def qsf(*arguments: str) -> None:
+    """Run a command of qsf."""
+    subprocess.run(["qsf", *arguments], check=True, capture_output=True)
+
+
+def main(images: Path = HERE / "images") -> None:
+    """Design twelve poses for the M-900iB; picture the report, and the plan in 3D."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        options = ["--output", str(folder / "plan.csv"), "--report", str(folder / "plan.html")]
-        subprocess.run(["qsf", "design", str(experiment), *options], check=True, capture_output=True)
-        screenshot(folder / "plan.html", HERE / "images" / "report.png")
+        plan = str(folder / "plan.csv")
+        qsf("design", str(EXPERIMENT), "--output", plan, "--report", str(folder / "plan.html"))
+        qsf("show", str(EXPERIMENT), plan, "--html", str(folder / "show.html"))
+        screenshot(folder / "plan.html", images / "report.png", "1060,1860")
+        screenshot(folder / "show.html", images / "show.png", "1000,680", "#5")
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from qsframework.cli.commands import write_json
 from qsframework.cli.progress import print_table
 from qsframework.errors import InputError
 from qsframework.plugin import Array
-from qsframework.report import Section, Table, Text, provenance_section, write_report
+from qsframework.report import Section, Table, Text, View, provenance_section, write_report
 from qsframework.robot import load_robot
 
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -36,8 +36,21 @@ def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | Non
         write_json(json, result.as_json())
     if report is not None:
         files = [arm.folder / "robot.yaml"]
-        path = write_report(report, f"Stiffness: {arm.title}", [section, provenance_section(arm.effects, files, None)])
+        seen = Section("In 3D", (_view(robot, pose, load, point),))
+        own = provenance_section(arm.effects, files, None)
+        path = write_report(report, f"Stiffness: {arm.title}", [section, seen, own])
         print(f"report: {path}")
+
+
+def _view(robot: str, pose: str, load: str, point: str) -> View:
+    """The loaded arm and its ellipsoid, 100 times exaggerated."""
+    from qsframework.cli.show import Shown, make_scene
+
+    return View(
+        make_scene(Shown(robot, pose=pose, load=load, point=point)).html(),
+        "Red: the loaded arm, its deflection 100 times exaggerated. Orange: where the load point goes under this force "
+        "in any direction; look for the long axis, in which the arm is soft. Drag to turn, scroll to zoom.",
+    )
 
 
 def numbers(option: str, text: str, counts: tuple[int, ...]) -> Array:

@@ -89,7 +89,9 @@ def plan_section(experiment: Experiment, plan: Plan, sds: Table, title: str, not
     """Certificate, what else is to be known, promised sds, poses and the 3D view."""
     view = View(
         plan_scene(experiment, plan).html(),
-        "Drag to turn, scroll to zoom; the slider shows one pose at a time. Red: the load; blue: the markers.",
+        "Drag to turn, scroll to zoom; the slider goes through the poses in their order, the others are ghosts. Red "
+        "arrow: the load; blue: the markers; red arm: the deflection, 100 times exaggerated; orange: where the load "
+        "point goes under the largest force in any direction. Look for poses that give in different directions.",
     )
     beyond = promised_beyond(experiment, plan)
     more = (beyond_table(experiment, beyond),) if beyond else ()

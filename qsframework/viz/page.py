@@ -55,7 +55,7 @@ def _inside(value: Any) -> str:
 
 
 _PAGE = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title><link rel="icon" href="data:,">
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
 <style>
 body {{ margin: 0; overflow: hidden; font: 14px sans-serif; }}
 #view {{ width: 100vw; height: 100vh; }}
@@ -109,7 +109,7 @@ if (steps.length) {{
   document.getElementById("order").hidden = steps.length < 2;
   slider.min = steps.some(s => s[2]) ? 1 : 0;
   slider.max = steps.length;
-  slider.value = {first};
+  slider.value = Number(location.hash.slice(1)) || {first};
   slider.oninput = show;
   show();
 }}

@@ -61,7 +61,7 @@ class _Server(ThreadingHTTPServer):
 
 def _handler(site: Site) -> type[BaseHTTPRequestHandler]:
     class Handler(BaseHTTPRequestHandler):
-        """GET / is the page, GET /changed its state; anything else, or another host's name, is refused."""
+        """GET / is the page, GET /changed its state; no icon; anything else, or another host's name, is refused."""
 
         def do_GET(self) -> None:
             host = (self.headers.get("Host") or "").rpartition(":")[0]
@@ -71,6 +71,8 @@ def _handler(site: Site) -> type[BaseHTTPRequestHandler]:
                 self._answer(200, "text/html", site.page())
             elif self.path == _WATCH:
                 self._answer(200, "text/plain", site.state)
+            elif self.path == "/favicon.ico":  # browsers ask by themselves, and would complain
+                self._answer(200, "image/x-icon", "")
             else:
                 self._answer(404, "text/plain", "not found\n")
 

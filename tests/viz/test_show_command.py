@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -12,11 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from qsframework.applications import stiffness_at
 from qsframework.cli.show import Shown, make_scene, run_show
 from qsframework.errors import InputError, QsfError
 from qsframework.experiment import Experiment, Plan, example, make_plan, write_plan
 from qsframework.identify.fit_files import read_fit
 from qsframework.plugin import Poses
+from qsframework.robot import load_robot
 
 M900IB = example("m900ib") / "experiment.yaml"
 R2000IC = example("r2000ic") / "experiment.yaml"
@@ -132,6 +135,39 @@ def test_bad_input_ends_with_code_two() -> None:
                          capture_output=True, text=True)  # fmt: skip
     assert run.returncode == 2
     assert run.stderr.startswith("error: --scale 0")
+
+
+def test_the_stiffness_report_holds_the_scene_of_its_load(tmp_path: Path) -> None:
+    from html.parser import HTMLParser
+
+    from qsframework.cli.stiffness import run_stiffness
+
+    class Frames(HTMLParser):
+        pages: list[str]
+
+        def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+            if tag == "iframe":
+                self.pages.append(dict(attrs)["srcdoc"] or "")
+
+    report = tmp_path / "stiffness.html"
+    run_stiffness("fanuc_m900ib", "0,20,-10,30,40,0", "0,0,-4000", "150,0,200", None, report)
+    frames = Frames()
+    frames.pages = []
+    frames.feed(report.read_text())
+    (page,) = frames.pages
+    size = 1e3 * float(np.linalg.norm(stiffness_at(
+        load_robot("fanuc_m900ib"), np.deg2rad([0.0, 20, -10, 30, 40, 0]), np.array([0.0, 0, -4000, 0, 0, 0]),
+        np.array([0.15, 0.0, 0.2]),
+    ).full))  # fmt: skip
+    assert f"the load point moves {size:.3f} mm" in page
+
+
+def test_the_pages_example_runs(root: Path, plan: Path, tmp_path: Path) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", (root / "docs" / "show.md").read_text(), re.S)
+    (tmp_path / "experiment.yaml").write_text(M900IB.read_text())
+    (tmp_path / "plan.csv").write_text(plan.read_text())
+    subprocess.run([sys.executable, "-W", "ignore::ResourceWarning", "-c", code], cwd=tmp_path, check=True)
+    assert "x 200" in (tmp_path / "scene.html").read_text()
 
 
 def test_it_serves_until_it_is_stopped() -> None:
