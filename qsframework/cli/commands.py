@@ -12,6 +12,7 @@ from qsframework.errors import InputError
 from qsframework.experiment import (
     Experiment,
     Readings,
+    StateReadings,
     is_states,
     load_experiment,
     read_plan,
@@ -68,13 +69,21 @@ def _check(file: Path) -> str:
             if found:
                 return words + ", ok, but look at" + "".join(f"\n  {f.kind}: {f.words}" for f in found)
         else:
-            from qsframework.applications.closure import check_states
-
-            checks = check_states(experiment, readings)
-            if checks:
-                head = ", ok" if all(c.good is not False for c in checks) else ", ok, but look at what is marked with !"
-                return words + head + "".join(f"\n  {_MARK[c.good]} {c.kind}: {c.words}" for c in checks)
+            lines = _state_lines(experiment, readings)
+            if lines:
+                bad = any(line.startswith(_MARK[False]) for line in lines)
+                head = ", ok, but look at what is marked with !" if bad else ", ok"
+                return words + head + "".join(f"\n  {line}" for line in lines)
     return words + ", ok"
+
+
+def _state_lines(experiment: Experiment, states: StateReadings) -> list[str]:
+    """What the states of a measuring day say, and the positions that cannot be right."""
+    from qsframework.applications.closure import check_states
+    from qsframework.identify import check_positions
+
+    checks = [f"{_MARK[c.good]} {c.kind}: {c.words}" for c in check_states(experiment, states)]
+    return checks + [f"{_MARK[False]} {f.kind}: {f.words}" for f in check_positions(experiment, states)]
 
 
 _MARK = {True: " ", False: "!", None: "?"}

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qsframework.cli.commands import distinct_outputs, readings_file, write_json
+from qsframework.cli.positions import print_findings
 from qsframework.cli.progress import print_table
 from qsframework.experiment import Experiment, Readings, is_states, load_experiment, read_readings, read_states
 
@@ -74,15 +75,10 @@ def _choices(how: How) -> Choices | None:
     return None if chosen == Choices() and not how.method else chosen
 
 
-def _check_kinds(files: FitFiles, source: Path, clean: bool) -> None:
-    """InputError where --positions names no positions, or is given beside positions; --clean needs displacements."""
+def _check_kinds(files: FitFiles, source: Path) -> None:
+    """InputError where --positions names no positions, or is given beside positions."""
     from qsframework.errors import InputError
 
-    if clean:
-        raise InputError(
-            "clean is for displacement readings; gross errors of positions are always masked and named. "
-            "Leave --clean out"
-        )
     if files.positions is None:
         return
     if not is_states(files.positions):
@@ -96,8 +92,7 @@ def _cleaned(experiment: Experiment, readings: Readings, fit: list[str] | None) 
     from qsframework.identify import check_readings, masked
 
     found = check_readings(experiment if fit is None else experiment.with_(fit=tuple(fit)), readings)
-    for finding in found:
-        print(f"masked, {finding.kind}: {finding.words}")
+    print_findings(found)
     return masked(readings, found)
 
 
@@ -111,16 +106,16 @@ def run_identify(files: FitFiles, how: How) -> None:
     experiment = load_experiment(files.experiment)
     source = readings_file(experiment, files.data)
     distinct_outputs(files.outputs, [files.experiment, source, *([files.positions] if files.positions else [])])
-    _check_kinds(files, source, how.clean and is_states(source) and not how.differences)
+    _check_kinds(files, source)
     outputs = files.json, files.report, files.nominal, files.urdf
     if is_states(source) and not how.differences:
-        identify_states(experiment, source, how.fit, *outputs, _choices(how))
+        identify_states(experiment, source, how.fit, *outputs, _choices(how), clean=how.clean)
         return
     readings = _displacements(experiment, source)
     if how.clean:
         readings = _cleaned(experiment, readings, how.fit)
     if files.positions is not None:
-        identify_states(experiment, files.positions, how.fit, *outputs, _choices(how), readings)
+        identify_states(experiment, files.positions, how.fit, *outputs, _choices(how), readings, how.clean)
         return
     shared = "pose" if how.shared_error else ""
     result = identify(

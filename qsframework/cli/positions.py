@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,23 +10,36 @@ from qsframework.cli.progress import print_table
 from qsframework.experiment import Experiment, Readings, read_states
 
 if TYPE_CHECKING:
-    from qsframework.identify import Choices
+    from qsframework.identify import Choices, Finding
+
+
+def print_findings(found: Sequence[Finding]) -> None:
+    """What was masked, a line each."""
+    for one in found:
+        print(f"masked, {one.kind}: {one.words}")
 
 
 def identify_states(
     experiment: Experiment, source: Path, fit: list[str] | None, json: Path | None, report: Path | None,
     nominal: Path | None = None, urdf: Path | None = None, how: Choices | None = None,
-    displacements: Readings | None = None,
+    displacements: Readings | None = None, clean: bool = False,
 ) -> None:  # fmt: skip
-    """Identify from a file of state readings, and from displacements where given; print the fit, write the files."""
+    """Identify from a file of state readings, and from displacements where given; print the fit, write the files.
+
+    clean: mask the positions that cannot be right, and name them
+    """
     from qsframework.cli.commands import write_json
-    from qsframework.identify import identify_jointly, identify_positions
+    from qsframework.identify import check_positions, identify_jointly, identify_positions, masked
     from qsframework.identify.fit_files import result_files
     from qsframework.report import provenance_section, write_report
     from qsframework.report.fit_section import fit_table
     from qsframework.report.position_section import left_aside_table, position_error_table, position_section
 
     states = read_states(source, experiment)
+    if clean:
+        found = check_positions(experiment, states, fit)
+        print_findings(found)
+        states = masked(states, found)
     if how is None and displacements is None:
         result = identify_positions(experiment, states, fit)
     else:

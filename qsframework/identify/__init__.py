@@ -5,6 +5,7 @@ from qsframework.identify.fit import Estimate, Fit
 from qsframework.identify.hygiene import Finding, check_readings, masked
 from qsframework.identify.identify import METHODS, identify
 from qsframework.identify.joint import Choices, identify_jointly
+from qsframework.identify.state_hygiene import check_positions
 
 __all__ = [
     "METHODS",
@@ -13,6 +14,7 @@ __all__ = [
     "Finding",
     "Fit",
     "PositionFit",
+    "check_positions",
     "check_readings",
     "identify",
     "identify_jointly",

@@ -22,7 +22,7 @@ from qsframework.identify.single import single_pose
 from qsframework.information import rank_test
 from qsframework.plugin import Array, Geometry, Parameter, Sensor, Spring
 
-_GROSS = 7.0
+GROSS = 7.0
 """A reading is a gross error beyond so many robust standard deviations of one coordinate."""
 _ROUNDS = 10
 _LOUD = 10.0
@@ -176,7 +176,7 @@ def _gross(white: Array) -> Mask:
     size = np.linalg.norm(white, axis=1)
     middle = float(np.sort(size)[len(size) // 2])  # np.median would import masked arrays, which takes 10 ms
     robust = max(middle / 1.538, 1e-3)  # median of the norm of three unit normals
-    return size > max(_GROSS * robust, 0.3 * float(size.max()))
+    return size > max(GROSS * robust, 0.3 * float(size.max()))
 
 
 def _result(

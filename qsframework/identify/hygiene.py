@@ -7,15 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
-from qsframework.experiment import Experiment, Readings
+from qsframework.experiment import Experiment, Readings, StateReadings
 from qsframework.identify.mistakes import late_angles, swapped_markers, tool_misfit
 from qsframework.identify.trial import Trial, trial
 from qsframework.plugin import Array, Indices
 
+Given = TypeVar("Given", Readings, StateReadings)
 LEVEL = 0.01
 KINDS = ("zero", "duplicate", "late angles", "swapped markers", "gross", "tool")
 _TESTED = 4
@@ -43,10 +45,7 @@ def check_readings(experiment: Experiment, readings: Readings, level: float = LE
     The first two need no model; the others compare with a fit of the experiment's parameters, and are left out where
     the readings cannot tell these. Findings of late angles and of swapped markers mask the rows they name.
     """
-    found: list[Finding] = []
-    for kind, where in (("zero", _zeros(readings)), ("duplicate", _duplicates(readings))):
-        for rows, words in where:
-            found.append(_finding(kind, readings, rows, words))
+    found = unread(readings, readings.displacement, "displacement")
     share = level / _TESTED
     for kind, look in (("late angles", late_angles), ("swapped markers", swapped_markers)):
         found += _looked(experiment, readings, found, kind, look, share)
@@ -60,18 +59,19 @@ def _looked(
     look: Callable[[Trial, float], list[tuple[Indices, str]]], level: float,
 ) -> list[Finding]:  # fmt: skip
     fit = _trial(experiment, masked(readings, found))
-    return [] if fit is None else [_finding(kind, readings, rows, words) for rows, words in look(fit, level)]
+    return [] if fit is None else [finding(kind, readings, rows, words) for rows, words in look(fit, level)]
 
 
-def masked(readings: Readings, findings: list[Finding] | tuple[Finding, ...]) -> Readings:
+def masked(readings: Given, findings: list[Finding] | tuple[Finding, ...]) -> Given:
     """The same readings with `use` False where a finding says so."""
     use = np.array(readings.use, dtype=bool)
-    for finding in findings:
-        use[finding.mask.astype(bool)] = False
+    for one in findings:
+        use[one.mask.astype(bool)] = False
     return replace(readings, use=use)
 
 
-def _finding(kind: str, readings: Readings, index: Indices, words: str) -> Finding:
+def finding(kind: str, readings: Readings | StateReadings, index: Indices, words: str) -> Finding:
+    """What is wrong with the rows at `index` (k,) of the readings."""
     mask = np.zeros(len(readings.use), dtype=bool)
     mask[index] = True
     return Finding(kind, tuple(int(r) for r in readings.rows[index]), words, mask)
@@ -84,30 +84,27 @@ def _trial(experiment: Experiment, readings: Readings) -> Trial | None:
         return None
 
 
-def _zeros(readings: Readings) -> list[tuple[Indices, str]]:
-    """Displacements that are zero to the last digit: the instrument did not read."""
-    rows = np.flatnonzero(readings.use & ~np.any(readings.displacement, axis=1))
-    if not len(rows):
-        return []
-    return [(rows, f"{_lines(readings, rows)}: the displacement is exactly zero: nothing was read")]
-
-
-def _duplicates(readings: Readings) -> list[tuple[Indices, str]]:
-    """Displacements equal to the last digit in all axes: a row was copied. The first of them stays."""
+def unread(readings: Readings | StateReadings, values: Array, what: str) -> list[Finding]:
+    """Values (R, 3) m that are zero to the last digit, where the instrument did not read; and copies of other rows, of
+    which the first one stays."""
+    found: list[Finding] = []
+    rows = np.flatnonzero(readings.use & ~np.any(values, axis=1))
+    if len(rows):
+        words = f"{lines(readings, rows)}: the {what} is exactly zero: nothing was read"
+        found.append(finding("zero", readings, rows, words))
     seen: dict[object, int] = {}
-    coarse = bool(np.allclose(readings.displacement / _COARSE, np.round(readings.displacement / _COARSE), atol=1e-6))
-    out: dict[int, list[int]] = {}
-    for i in np.flatnonzero(readings.use & np.any(readings.displacement, axis=1)).tolist():
-        first = seen.setdefault(np.round(readings.displacement[i], 12).tobytes(), i)
+    coarse = bool(np.allclose(values / _COARSE, np.round(values / _COARSE), atol=1e-6))
+    copies: dict[int, list[int]] = {}
+    for i in np.flatnonzero(readings.use & np.any(values, axis=1)).tolist():
+        first = seen.setdefault(np.round(values[i], 12).tobytes(), i)
         if coarse and readings.pose[readings.measurement[i]] == readings.pose[readings.measurement[first]]:
             continue
-        if first != i and np.count_nonzero(readings.displacement[i]) == 3:
-            out.setdefault(first, []).append(i)
-    return [
-        (np.array(copies), f"{_lines(readings, np.array(copies))}: the same displacement to the last digit as in row "
-                           f"{readings.rows[first]}: a row was copied")
-        for first, copies in out.items()
-    ]  # fmt: skip
+        if first != i and np.count_nonzero(values[i]) == 3:
+            copies.setdefault(first, []).append(i)
+    for first, more in copies.items():
+        words = f"{lines(readings, np.array(more))}: the same {what} to the last digit as in row {readings.rows[first]}"
+        found.append(finding("duplicate", readings, np.array(more), f"{words}: a row was copied"))
+    return found
 
 
 def _gross(
@@ -125,12 +122,12 @@ def _gross(
             break
         i = fit.keep[worst]
         size = float(np.linalg.norm(fit.residuals[worst]) * 1e3)
-        words = f"{_lines(readings, np.array([i]))}: {size:.3f} mm off what the other readings say (p = {p[worst]:.1g})"
-        out.append(_finding("gross", readings, np.array([i]), words))
+        words = f"{lines(readings, np.array([i]))}: {size:.3f} mm off what the other readings say (p = {p[worst]:.1g})"
+        out.append(finding("gross", readings, np.array([i]), words))
     return tuple(out)
 
 
-def _lines(readings: Readings, rows: Indices) -> str:
+def lines(readings: Readings | StateReadings, rows: Indices) -> str:
     """Rows with their poses: `row 7 (pose 3)`."""
     told = [f"{readings.rows[i]} (pose {readings.pose[readings.measurement[i]]})" for i in rows[:5]]
     more = f" and {len(rows) - 5} more" if len(rows) > 5 else ""
