@@ -12,7 +12,7 @@ import pytest
 from qsframework.experiment import Experiment, make_plan
 from qsframework.plugin import Array, Poses
 from qsframework.robot import load_robot, robot_names
-from qsframework.viz import Scene, show_scene
+from qsframework.viz import Scene, Site, serve, show_scene
 from qsframework.viz.subject import one_pose, robot_alone
 
 EVIL = "</script><script>document.title = 'taken'</script>"
@@ -124,3 +124,21 @@ def test_the_page_loads_nothing(m900ib: Experiment) -> None:
     assert "href=" not in own
     assert "const steps" in own
     assert "watch = null" in own
+
+
+@browser
+def test_the_served_page_is_drawn_without_complaint(m900ib: Experiment, tmp_path: Path) -> None:
+    import threading
+
+    scene = show_scene(m900ib, one_pose(m900ib, None, None))
+    with serve(Site(scene.html, []), 0) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_address[1]}/"
+        log = browse(address, tmp_path, f"--screenshot={tmp_path / 'served.png'}")
+        server.shutdown()
+    console = [line for line in log.splitlines() if "CONSOLE" in line and "GPU stall" not in line]
+    assert not console, console
+    from PIL import Image
+
+    pixels = np.asarray(Image.open(tmp_path / "served.png").convert("RGB")).astype(int)
+    assert int((pixels[..., 0] - pixels[..., 2] > 80).sum()) > 3000
