@@ -13,7 +13,7 @@ import numpy as np
 from qsframework.diagnose.changes import Change, couplings, displacement_axes, earlier, force_axes, joint_signs
 from qsframework.experiment import Experiment, Readings
 from qsframework.identify.linear import fit_rows
-from qsframework.identify.mistakes import late_angles, swapped_markers
+from qsframework.identify.mistakes import exchanges, late_angles
 from qsframework.identify.trial import Trial
 from qsframework.information import scales
 from qsframework.plugin import Array, Indices, Spring
@@ -114,24 +114,25 @@ def _local(given: _Fit, fit: _Fit, rows: Indices) -> float:
 
 
 def _trial(experiment: Experiment, readings: Readings, given: Trial | None = None) -> Trial:
-    """Whitened columns of the fitted parameters, and the readings less what the nominal values give.
+    """Columns of the fitted parameters, and the readings less what the nominal values give.
 
     given: the readings as they are, whose columns stay where only displacements change
     """
     if given is not None and readings.use is given.readings.use:
         keep, sigma, stated = given.keep, given.sigma, given.stated
         if experiment is given.experiment and readings.poses is given.readings.poses:
-            moved = (readings.displacement - given.readings.displacement)[keep] / sigma[:, None]
-            return replace(given, readings=readings, target=given.target + moved)
+            moved = (readings.displacement - given.readings.displacement)[keep]
+            return replace(given, readings=readings, errors=given.errors + moved)
+        noise = given.noise
     else:
         rows, source = fit_rows(experiment, readings, len(experiment.fit_names()))
-        keep, sigma, stated = rows.keep, rows.sigma, source == "stated"
+        keep, sigma, stated, noise = rows.keep, rows.sigma, source == "stated", rows.noise
     model, names = experiment.model(), experiment.fit_names()
     at = readings.measurement[keep], readings.marker[keep]
     size = scales([model.parameters[i] for i in model.index(names)])
-    A = model.sensitivity(readings.poses, model.nominal, names)[at] * size / sigma[:, None, None]
-    target = (readings.displacement[keep] - model.predict(readings.poses)[at]) / sigma[:, None]
-    return Trial(experiment, readings, keep, sigma, stated, A, target)
+    slopes = model.sensitivity(readings.poses, model.nominal, names)[at] * size
+    errors = readings.displacement[keep] - model.predict(readings.poses)[at]
+    return Trial(experiment, readings, keep, sigma, stated, slopes, errors, noise)
 
 
 def _fit(trial: Trial) -> _Fit:
@@ -154,7 +155,7 @@ def _fit(trial: Trial) -> _Fit:
     square, dof = float(np.square(left).sum()), target.size - int(told.sum())
     sd = np.sqrt(np.square(V.T / values).sum(axis=1) * (np.square(target).sum() - z @ z) / dof)
     below = int((~np.isclose(sd, 0.0) & (free < low - _BELOW * sd)).sum())
-    rms = float(np.sqrt(np.mean(np.square(left * trial.sigma[:, None]))))
+    rms = float(np.sqrt(np.mean(np.square(trial.noise.colour(left.ravel())))))
     return _Fit(square, left, rms, start + free, sd, dof, below, trial)
 
 
@@ -175,15 +176,12 @@ def _mistakes(given: _Fit) -> list[tuple[Change, _Fit, int, Indices]]:
     out: list[tuple[Change, _Fit, int, Indices]] = []
     if np.linalg.matrix_rank(trial.A.reshape(-1, trial.A.shape[-1])) < trial.A.shape[-1]:
         return out
-    swapped = swapped_markers(trial, LEVEL)
+    swapped = exchanges(trial, LEVEL)
     if swapped:
         displacement = np.array(readings.displacement)
-        touched = np.unique(np.concatenate([rows for rows, _ in swapped]))
-        for rows, _ in swapped:
-            of = readings.measurement[rows]
-            for m in np.unique(of):
-                a, b = rows[of == m]
-                displacement[[a, b]] = displacement[[b, a]]
+        touched = np.unique(np.concatenate([order for order, _ in swapped]))
+        for order, _ in swapped:
+            displacement[order[:, 0]] = readings.displacement[order[:, 1]]
         words = "; ".join(words for _, words in swapped)
         change = Change("swapped_markers", 1.0, words, experiment, replace(readings, displacement=displacement))
         out.append((change, given, 3 * len(readings.poses), touched))

@@ -7,6 +7,7 @@ a factor of c in at most 1 of c cases, so n alternatives at a level a need a fac
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -16,7 +17,9 @@ from qsframework.plugin import Array, Indices, Poses
 
 Found = list[tuple[Indices, str]]
 _SLACK = 16.0
-"""How much worse, in squares of the noise, an exchange may fit than leaving out the worse of its two rows."""
+"""How much worse, in squares of the noise, an exchange may fit than leaving out the worst of its rows."""
+_AT_ONCE = 500
+"""Exchanges tried in one product."""
 
 
 def _gain(fit: Trial, before: float, after: float) -> float:
@@ -26,71 +29,79 @@ def _gain(fit: Trial, before: float, after: float) -> float:
     return fit.dof * float(np.log(max(before, 1e-300) / max(after, 1e-300)))
 
 
-def _square(A: Array, target: Array) -> float:
-    Q = np.linalg.qr(A.reshape(-1, A.shape[-1]))[0]
-    return float(np.square(left(Q, target)).sum())
-
-
 def swapped_markers(fit: Trial, level: float) -> Found:
-    """Pairs of markers of one measurement, or of all measurements, that fit much better exchanged."""
+    """Two or three markers of one measurement, or of all measurements, that fit much better exchanged."""
+    return [(np.unique(order), words) for order, words in exchanges(fit, level)]
+
+
+def exchanges(fit: Trial, level: float) -> Found:
+    """Such exchanges as orders (k, 2): a row of the readings, and the row whose displacement it should have."""
     of = fit.readings.measurement[fit.keep]
     marker = fit.readings.marker[fit.keep]
-    pairs = [np.array([[i, j]]) for m in np.unique(of) for i, j in _pairs(np.flatnonzero(of == m))]
-    everywhere: dict[tuple[int, int], list[Indices]] = {}
-    for pair in pairs:
-        a, b = sorted(pair[0], key=lambda i: int(marker[i]))
-        everywhere.setdefault((int(marker[a]), int(marker[b])), []).append(np.array([[a, b]]))
+    orders = [order for m in np.unique(of) for order in _orders(np.flatnonzero(of == m))]
+    everywhere: dict[bytes, list[Indices]] = {}
+    for order in orders:
+        key = marker[order]
+        everywhere.setdefault(key[np.argsort(key[:, 0])].tobytes(), []).append(order)
     whole = [np.concatenate(group) for group in everywhere.values() if len(group) > 1]
-    candidates = [*pairs, *whole]
+    candidates = [*orders, *whole]
+    single = len(orders)
     need = 2.0 * np.log(max(len(candidates), 1) / level)
     out: Found = []
-    while candidates:
-        Q, r0 = fit.Q, left(fit.Q, fit.target)
-        before = float(np.square(r0).sum())
-        after = [before + _exchange(fit, Q, r0, pair) for pair in candidates]
+    able = np.ones(len(candidates), dtype=bool)
+    while able.any():
+        before = fit.square()
+        after = np.full(len(candidates), before)
+        after[able] += _exchanges(fit, [candidates[c] for c in np.flatnonzero(able)])
         alone = fit.row_squares()
-        for c, pair in enumerate(candidates):
-            if len(pair) == 1 and after[c] > before - alone[pair[0]].max() + _SLACK * fit.unit(after[c]):
+        for c in np.flatnonzero(able[:single]):
+            if after[c] > before - alone[candidates[c][:, 0]].max() + _SLACK * fit.unit(float(after[c])):
                 after[c] = before  # one gross reading explains it as well
         best = int(np.argmin(after))
-        if _gain(fit, before, after[best]) <= need:
+        if _gain(fit, before, float(after[best])) <= need:
             break
         chosen = candidates[best]
-        out.append((fit.keep[np.unique(chosen)], _swap_words(fit, chosen)))
-        fit = replace(fit, target=fit.target + _change(fit, chosen))
+        out.append((fit.keep[chosen], _swap_words(fit, chosen, best < single)))
+        fit = replace(fit, errors=fit.errors + _change(fit, chosen))
         taken = set(chosen.ravel().tolist())
-        candidates = [c for c in candidates if not taken & set(c.ravel().tolist())]
+        able &= np.array([not taken & set(c.ravel().tolist()) for c in candidates])
     return out
 
 
-def _pairs(rows: Indices) -> list[tuple[int, int]]:
-    return [(int(a), int(b)) for n, a in enumerate(rows) for b in rows[n + 1 :]]
+def _orders(rows: Indices) -> list[Indices]:
+    """Exchanges of two and of three rows: (k, 2), each row and the row whose reading it should have."""
+    out = [np.array([[a, b], [b, a]]) for a, b in combinations(rows.tolist(), 2)]
+    for a, b, c in combinations(rows.tolist(), 3):
+        out += [np.array([[a, b], [b, c], [c, a]]), np.array([[a, c], [c, b], [b, a]])]
+    return out
 
 
-def _change(fit: Trial, pairs: Indices) -> Array:
-    """What exchanging pairs of rows (n, 2) adds to the target (R, 3)."""
-    d = np.zeros_like(fit.target)
+def _change(fit: Trial, order: Indices) -> Array:
+    """What an exchange (k, 2) adds to the errors (R, 3), m."""
+    d = np.zeros_like(fit.errors)
     measured = fit.readings.displacement[fit.keep]
-    a, b = pairs.T
-    d[a] = (measured[b] - measured[a]) / fit.sigma[a, None]
-    d[b] = (measured[a] - measured[b]) / fit.sigma[b, None]
+    d[order[:, 0]] = measured[order[:, 1]] - measured[order[:, 0]]
     return d
 
 
-def _exchange(fit: Trial, Q: Array, r: Array, pairs: Indices) -> float:
-    """How much the sum of squares changes when pairs of rows are exchanged."""
-    d = _change(fit, pairs).ravel()
-    rows = np.flatnonzero(d)
-    d = d[rows]
-    return float(2.0 * r.ravel()[rows] @ d + d @ d - np.square(Q[rows].T @ d).sum())
+def _exchanges(fit: Trial, orders: list[Indices]) -> Array:
+    """How much the sum of squares changes with each exchange."""
+    r = left(fit.Q, fit.target).ravel()
+    out = []
+    for k in range(0, len(orders), _AT_ONCE):
+        d = fit.noise.whiten(np.stack([_change(fit, o).ravel() for o in orders[k : k + _AT_ONCE]], axis=1))
+        out.append(2.0 * r @ d + np.square(d).sum(axis=0) - np.square(fit.Q.T @ d).sum(axis=0))
+    return np.concatenate(out)
 
 
-def _swap_words(fit: Trial, pairs: Indices) -> str:
+def _swap_words(fit: Trial, order: Indices, single: bool) -> str:
     readings = fit.readings
-    a, b = (fit.experiment.markers[readings.marker[fit.keep[i]]].name for i in pairs[0])
-    where = f"pose {readings.pose[readings.measurement[fit.keep[pairs[0, 0]]]]}" if len(pairs) == 1 else "all poses"
-    rows = ", ".join(str(readings.rows[i]) for i in fit.keep[np.unique(pairs)][:6])
-    return f"markers {a} and {b} are exchanged at {where} (rows {rows}): the readings fit far better if exchanged"
+    at = [fit.keep[i] for i in order[:, 0]]
+    names = [fit.experiment.markers[m].name for m in np.unique(readings.marker[at])]
+    said = " and ".join(names) if len(names) == 2 else f"{', '.join(names[:-1])} and {names[-1]}"
+    where = f"pose {readings.pose[readings.measurement[at[0]]]}" if single else "all poses"
+    rows = ", ".join(str(readings.rows[i]) for i in fit.keep[np.unique(order)][:6])
+    return f"markers {said} are exchanged at {where} (rows {rows}): the readings fit far better if exchanged"
 
 
 def late_angles(fit: Trial, level: float) -> Found:
@@ -108,12 +119,13 @@ def late_angles(fit: Trial, level: float) -> Found:
     best: tuple[float, tuple[int, int]] | None = None
     for k, j in runs:
         told, late = of != j - 1, ((of >= k) & (of < j - 1))[of != j - 1]
-        if told.sum() * 3 <= fit.A.shape[-1]:
+        if told.sum() * 3 <= fit.slopes.shape[-1]:
             continue
-        A = np.where(late[:, None, None], shifted.A[told], fit.A[told])
-        target = np.where(late[:, None], shifted.target[told], fit.target[told])
-        after = _square(A, target)
-        gain = _gain(fit, _square(fit.A[told], fit.target[told]), after)
+        here = fit.take(told)
+        slopes = np.where(late[:, None, None], shifted.slopes[told], here.slopes)
+        errors = np.where(late[:, None], shifted.errors[told], here.errors)
+        after = replace(here, slopes=slopes, errors=errors).square()
+        gain = _gain(fit, here.square(), after)
         if gain > need and (best is None or after < best[0]):
             best = after, (k, j)
     alone, rest = _stuck(fit, stuck, level)
@@ -127,10 +139,9 @@ def _shifted(fit: Trial, poses: Poses) -> Trial:
     there = replace(poses, pendant=poses.pendant[after], q=poses.q[after])
     at = fit.readings.measurement[fit.keep], fit.readings.marker[fit.keep]
     size = scales([model.parameters[i] for i in model.index(names)])
-    A = model.sensitivity(there, model.nominal, names)[at] * size / fit.sigma[:, None, None]
-    predicted = model.predict(there, model.nominal)[at]
-    measured = fit.readings.displacement[fit.keep]
-    return replace(fit, A=A, target=(measured - predicted) / fit.sigma[:, None])
+    slopes = model.sensitivity(there, model.nominal, names)[at] * size
+    errors = fit.readings.displacement[fit.keep] - model.predict(there, model.nominal)[at]
+    return replace(fit, slopes=slopes, errors=errors)
 
 
 def _late_words(fit: Trial, k: int, j: int) -> tuple[Indices, str]:
@@ -149,18 +160,18 @@ def _stuck(fit: Trial, stuck: Indices, level: float) -> tuple[Found, float]:
 
     out: Found = []
     of = fit.readings.measurement[fit.keep]
-    r = left(fit.Q, fit.target).ravel()
-    without = float(r @ r)
+    t, columns = fit.shifts()
+    whole = without = fit.square()
     for m in stuck:
         rows = np.flatnonzero(of == m)
         at = (3 * rows[:, None] + np.arange(3)).ravel()
-        q = fit.Q[at]
+        q = columns[at]
         rest = np.eye(len(at)) - q @ q.T
         if not len(rows) or np.linalg.cond(rest) > 1e10:
             continue
-        square = float(r[at] @ np.linalg.solve(rest, r[at]))
+        square = float(t[at] @ np.linalg.solve(rest, t[at]))
         free = max(fit.dof - len(at), 1)
-        spread = max(float(r @ r) - square, 1e-300) / free
+        spread = max(whole - square, 1e-300) / free
         p = chi2.sf(square, len(at)) if fit.stated else f.sf(square / len(at) / spread, len(at), free)
         if p * len(stuck) < level:
             without -= square

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from qsframework.errors import NotIdentifiable
 from qsframework.experiment import Experiment, Readings
 from qsframework.identify.linear import fit_rows
+from qsframework.identify.noise import readings_noise
+from qsframework.identify.observations import Noise
+from qsframework.identify.positions import Mask
 from qsframework.information import rank_test, scales
 from qsframework.plugin import Array, Indices
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """R used rows with their measured displacement, sigma (R,), and whitened, scaled columns A (R, 3, p).
+    """R used rows, their scaled sensitivities `slopes` (R, 3, p) m, and `errors` (R, 3) m: measured less what the
+    nominal arm gives. sigma (R,) of a coordinate; noise: the covariance of all scalars, with what rows share.
 
-    stated: whether sigma is known; target (R, 3) whitened measured less what fixed parameters give
+    stated: whether sigma is known
     """
 
     experiment: Experiment
@@ -25,14 +30,25 @@ class Trial:
     keep: Indices
     sigma: Array
     stated: bool
-    A: Array
-    target: Array
+    slopes: Array
+    errors: Array
+    noise: Noise
+
+    @cached_property
+    def A(self) -> Array:
+        """Whitened columns (R, 3, p)."""
+        return self.noise.whiten(self.slopes.reshape(self.errors.size, -1)).reshape(self.slopes.shape)
+
+    @cached_property
+    def target(self) -> Array:
+        """Whitened errors (R, 3)."""
+        return self.noise.whiten(self.errors.ravel()).reshape(self.errors.shape)
 
     @property
     def dof(self) -> int:
-        return self.target.size - self.A.shape[-1]
+        return self.errors.size - self.slopes.shape[-1]
 
-    @property
+    @cached_property
     def Q(self) -> Array:
         """Orthonormal columns (3R, p)."""
         return np.linalg.qr(self.A.reshape(-1, self.A.shape[-1]))[0]
@@ -40,21 +56,39 @@ class Trial:
     @property
     def residuals(self) -> Array:
         """measured minus fitted (R, 3) m."""
-        return left(self.Q, self.target) * self.sigma[:, None]
+        return self.noise.colour(left(self.Q, self.target).ravel()).reshape(self.errors.shape)
 
     def unit(self, square: float) -> float:
         """Variance of unit weight where a fit leaves this sum of squares; 1 where the noise is stated."""
         return 1.0 if self.stated else square / max(self.dof, 1)
 
+    def square(self) -> float:
+        """Sum of squares that the fit leaves."""
+        return float(np.square(left(self.Q, self.target)).sum())
+
+    def take(self, rows: Mask) -> Trial:
+        """Some of the rows (R,), with the errors that they share among themselves."""
+        keep, sigma = self.keep[rows], self.sigma[rows]
+        noise = readings_noise(self.readings, keep, sigma)
+        return replace(
+            self, keep=keep, sigma=sigma, slopes=self.slopes[rows], errors=self.errors[rows], noise=noise
+        )  # fmt: skip
+
+    def shifts(self) -> tuple[Array, Array]:
+        """Slopes t (3R,) and columns q (3R, p) by which a shift of some coordinates is judged: left out together, they
+        take t' (I - q q')^-1 t off the sum of squares, if they are not coupled by a shared error."""
+        root = np.sqrt(self.noise.weights())
+        r = left(self.Q, self.target).ravel()
+        return self.noise.turned(r) / root, self.noise.turned(self.Q) / root[:, None]
+
     def row_squares(self) -> Array:
         """How much (R,) the sum of squares falls when a row is left out; 0 where the others cannot do without it."""
-        Q = self.Q
-        r = left(Q, self.target)
-        q = Q.reshape(*r.shape, -1)
+        t, q = self.shifts()
+        t, q = t.reshape(self.errors.shape), q.reshape(*self.errors.shape, -1)
         rest = np.eye(3) - q @ q.transpose(0, 2, 1)
         told = np.linalg.cond(rest) < 1e10
-        square = np.zeros(len(r))
-        square[told] = np.einsum("ri,ri->r", r[told], np.linalg.solve(rest[told], r[told][..., None])[..., 0])
+        square = np.zeros(len(t))
+        square[told] = np.einsum("ri,ri->r", t[told], np.linalg.solve(rest[told], t[told][..., None])[..., 0])
         return square
 
     def row_p_values(self) -> Array:
@@ -64,8 +98,8 @@ class Trial:
         square = self.row_squares()
         if self.stated:
             return chi2.sf(square, 3)
-        total, free = float(np.square(left(self.Q, self.target)).sum()), max(self.dof - 3, 1)
-        return f.sf(square / 3.0 / np.maximum((total - square) / free, 1e-300), 3, free)
+        free = max(self.dof - 3, 1)
+        return f.sf(square / 3.0 / np.maximum((self.square() - square) / free, 1e-300), 3, free)
 
 
 def left(Q: Array, target: Array) -> Array:
@@ -80,10 +114,9 @@ def trial(experiment: Experiment, readings: Readings) -> Trial:
     rows, source = fit_rows(experiment, readings, len(names))
     x0 = model.nominal
     chosen = [model.parameters[i] for i in model.index(names)]
-    A = rows.of(model.sensitivity(readings.poses, x0, names)) * scales(chosen) / rows.sigma[:, None, None]
-    test = rank_test(A.reshape(-1, len(names)), names)
+    slopes = rows.of(model.sensitivity(readings.poses, x0, names)) * scales(chosen)
+    test = rank_test(rows.noise.whiten(slopes.reshape(-1, len(names))), names)
     if not test.full:
         raise NotIdentifiable(test.words())
-    predicted = rows.of(model.predict(readings.poses, x0))
-    target = (rows.measured - predicted) / rows.sigma[:, None]
-    return Trial(experiment, readings, rows.keep, rows.sigma, source == "stated", A, target)
+    errors = rows.measured - rows.of(model.predict(readings.poses, x0))
+    return Trial(experiment, readings, rows.keep, rows.sigma, source == "stated", slopes, errors, rows.noise)

@@ -10,6 +10,10 @@ import pytest
 from qsframework.experiment import Experiment, Plan, Readings, make_plan, read_readings, simulate
 from qsframework.identify import identify
 from qsframework.identify.hygiene import Finding, check_readings, masked
+from qsframework.identify.mistakes import _exchanges, _orders
+from qsframework.identify.noise import noise_parts
+from qsframework.identify.observations import Independent
+from qsframework.identify.trial import trial
 from qsframework.plugin import Poses
 
 
@@ -97,6 +101,65 @@ def test_markers_swapped_everywhere_are_named(m900ib: Experiment, plan: Plan, st
     finding = only(check_readings(experiment_of(m900ib, stated), replace(readings, marker=marker)), "swapped markers")
     assert "m1 and m2 are exchanged at all poses" in finding.words
     assert finding.mask.sum() == 28
+
+
+@NOISE
+@pytest.mark.parametrize("source", [[10, 11, 9], [11, 9, 10]])
+def test_three_markers_in_the_wrong_places(m900ib: Experiment, plan: Plan, stated: bool, source: list[int]) -> None:
+    readings = clean(m900ib, plan)
+    displacement = np.array(readings.displacement)
+    displacement[[9, 10, 11]] = displacement[source]
+    finding = only(check_readings(experiment_of(m900ib, stated), replace(readings, displacement=displacement)),
+                   "swapped markers")  # fmt: skip
+    assert finding.rows == tuple(readings.rows[9:12])
+    assert "m1, m2 and m3 are exchanged at pose" in finding.words
+    everywhere = clean(m900ib, plan)
+    given = replace(everywhere, marker=np.array([1, 2, 0])[everywhere.marker])
+    finding = only(check_readings(experiment_of(m900ib, stated), given), "swapped markers")
+    assert "m1, m2 and m3 are exchanged at all poses" in finding.words
+
+
+def sharing(readings: Readings) -> Readings:
+    """Two measurements on one unloaded reading of each marker."""
+    return replace(readings, reference=tuple(f"u{m // 2}" for m in readings.measurement))
+
+
+@NOISE
+def test_what_readings_share_counts_in_every_test(m900ib: Experiment, plan: Plan, stated: bool) -> None:
+    """What leaving a row out takes off the sum of squares, against a fit without it; exchanges against a new fit."""
+    given = trial(experiment_of(m900ib, stated), sharing(clean(m900ib, plan)))
+    assert not isinstance(given.noise, Independent)
+    fall = given.row_squares()
+    for row in (0, 7, 20, 41):
+        rest = given.take(np.arange(len(fall)) != row)
+        assert given.square() - rest.square() == pytest.approx(fall[row], rel=1e-8)
+    orders = _orders(np.arange(9, 12))
+    assert len(orders) == 5
+    for order, change in zip(orders, _exchanges(given, orders), strict=True):
+        displacement = np.array(given.readings.displacement)
+        displacement[order[:, 0]] = given.readings.displacement[order[:, 1]]
+        again = trial(given.experiment, replace(given.readings, displacement=displacement))
+        assert again.square() - given.square() == pytest.approx(change, rel=1e-8)
+
+
+@NOISE
+def test_with_shared_readings_clean_ones_are_left_alone_and_gross_ones_found(
+    m900ib: Experiment, plan: Plan, stated: bool
+) -> None:
+    experiment, wrong, found = experiment_of(m900ib, stated), 0, 0
+    readings = sharing(clean(m900ib, plan))
+    own, groups = noise_parts(readings, np.arange(42), np.full(42, m900ib.noise.sigma or 1.0))
+    exact = m900ib.model().predict(readings.poses)[readings.measurement, readings.marker]
+    for seed in range(40):
+        rng = np.random.default_rng([7, seed])
+        common = rng.standard_normal(int(groups[0][0].max()) + 1)[groups[0][0]]
+        e = own * rng.standard_normal(126) + groups[0][1] * common
+        drawn = replace(readings, displacement=exact + e.reshape(42, 3))
+        wrong += bool(check_readings(experiment, drawn, level=0.05))
+        gross = check_readings(experiment, spoil(drawn, [8], np.array([[0.0, 0.3e-3, 0.0]])))
+        found += [f.rows for f in gross] == [(readings.rows[8],)]
+    assert wrong <= 40 * 0.05 + 3.0 * np.sqrt(40 * 0.05 * 0.95)
+    assert found >= 34
 
 
 @NOISE
