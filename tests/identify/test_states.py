@@ -20,6 +20,7 @@ from qsframework.experiment import (
     write_states,
 )
 from qsframework.identify import identify, identify_positions
+from qsframework.identify.differences import differences
 from qsframework.identify.fit_files import read_fit
 from qsframework.identify.frames import Frame, rotation, rotation_vector
 from qsframework.plugin import Array, Conditions, Poses
@@ -147,3 +148,18 @@ def test_positions_at_one_pose_are_refused(tmp_path: Path) -> None:
     rows = np.isin(states.measurement, at)
     with pytest.raises(NotIdentifiable, match=r"are of one pose.*beside the tracker's frame"):
         identify_positions(wide, replace(states, use=rows), ["joint_compliance"])
+
+
+def test_unequal_sigmas_of_the_two_states_give_the_exact_covariance(m900ib: Experiment) -> None:
+    """cov(l1 - u, l2 - u) is the variance of the unloaded position, and that of another pose is zero."""
+    states = measured(m900ib, m900ib.model().nominal, 2, BASE, 1)
+    sigma = np.where(states.loaded[states.measurement], 3.0 * SIGMA, SIGMA)
+    readings, noise = differences(replace(states, sigma=sigma), m900ib)
+    assert readings.sigma == pytest.approx(np.full(len(readings.use), np.sqrt(10.0) * SIGMA))
+    m = 3 * len(readings.use)
+    white = noise.whiten(np.eye(m))
+    cov = np.linalg.inv(white.T @ white)
+    K = 3 * len(m900ib.markers)
+    assert np.diag(cov) == pytest.approx(np.full(m, 10.0 * SIGMA**2))
+    assert np.diag(cov[:K, K : 2 * K]) == pytest.approx(np.full(K, SIGMA**2))
+    assert np.abs(cov[:K, 2 * K : 3 * K]).max() < 1e-9 * SIGMA**2
