@@ -47,12 +47,19 @@ def robots(json: Json = None) -> None:
 @app.command()
 def check(
     files: Annotated[list[Path], typer.Argument(help="robot.yaml, experiment.yaml or a robot's name")],
+    conformance: Annotated[
+        bool, typer.Option("--conformance", help="Try the robots with everything, down to a small campaign.")
+    ] = False,
     json: Json = None,
 ) -> None:
     """Check robots and experiments, with the readings that they name; all problems at once."""
     from qsframework.cli.commands import check_files
 
     check_files(files, json)
+    if conformance:
+        from qsframework.cli.new import run_conformance
+
+        run_conformance(files)
 
 
 @app.command()

@@ -1,0 +1,223 @@
+"""`check_robot`: does a robot work with everything? From its files to a small campaign that ends in a diagnosis."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from qsframework.design import Wish, design
+from qsframework.diagnose import diagnose
+from qsframework.errors import QsfError
+from qsframework.experiment import Experiment, Plan, Readings, load_experiment, simulate
+from qsframework.files import write_text, yaml_text
+from qsframework.identify import identify
+from qsframework.plugin import Array, Poses
+from qsframework.robot import Robot, load_robot
+from qsframework.robot.kinematics import joint_frames
+from qsframework.robot.reference import reference_flange, reference_gravity
+
+POSES = 8
+_TRIED = 20
+_SDS = 4.0
+_STEP = 1e-4
+Progress = Callable[[str, int, int], None]
+STEPS = ("kinematics", "gravity", "model", "derivatives", "design", "identify", "diagnose")
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was tried: whether it held, and what was found."""
+
+    name: str
+    good: bool
+    words: str
+
+
+@dataclass
+class _Run:
+    """The robot, its small campaign, and what has been found so far."""
+
+    robot: Robot
+    experiment: Experiment
+    seed: int
+    plan: Plan | None = None
+    readings: Readings | None = None
+    checks: list[Check] = field(default_factory=list)
+
+    def angles(self, count: int) -> Array:
+        """Pendant angles (count, n) rad inside the limits, no loop flat."""
+        control, rng = self.robot.controller, np.random.default_rng(self.seed)
+        pendant = rng.uniform(control.lower, control.upper, (50 * count, len(control.lower)))
+        poses = self.poses(pendant)
+        return pendant[self.experiment.model().transmission_margin(poses) >= 0.0][:count]
+
+    def poses(self, pendant: Array) -> Poses:
+        """The pendant angles under the campaign's first load."""
+        wrench = np.tile(self.experiment.loads[0].wrench, (len(pendant), 1))
+        return Poses(pendant, self.robot.controller.to_joints(pendant), wrench)
+
+
+def check_robot(robot: Robot | str | Path, seed: int = 0, progress: Progress | None = None) -> tuple[Check, ...]:
+    """Try a robot: kinematics and gravity against Pinocchio, derivatives against finite differences, then a campaign
+    in small - eight poses designed, simulated, identified, diagnosed.
+
+    A robot whose files are wrong raises InputError, as `load_robot` does; what fails later is a Check that is not good.
+    """
+    loaded = robot if isinstance(robot, Robot) else load_robot(robot)
+    with tempfile.TemporaryDirectory() as folder:
+        run = _Run(loaded, small_campaign(loaded, Path(folder)), seed)
+        tests = (_kinematics, _gravity, _model, _derivatives, _design, _identify, _diagnose)
+        for i, (name, test) in enumerate(zip(STEPS, tests, strict=True)):
+            if progress is not None:
+                progress(name, i, len(STEPS))
+            failed = next((c.name for c in run.checks if not c.good), None)
+            if failed:
+                run.checks.append(Check(name, False, f"not tried, because {failed} failed"))
+                continue
+            try:
+                good, words = test(run)
+            except QsfError as error:
+                good, words = False, str(error)
+            run.checks.append(Check(name, good, words))
+    return tuple(run.checks)
+
+
+def small_campaign(robot: Robot, folder: Path) -> Experiment:
+    """An experiment on the robot: a weight, the same with a side pull, three markers half as far apart as the wrist."""
+    force = 9.81 * (0.8 * robot.payload if robot.payload else 0.1 * float(robot.facts.masses[1:].sum()))
+    size = 1e3 * _size(robot)
+    flange = next(name for name, frame in robot.frames.items() if frame is robot.flange)
+    data: dict[str, Any] = {
+        "robot": str(robot.folder),
+        "load": {"point_mm": [size, 0.3 * size, 0.5 * size]},
+        "markers": {
+            "m1": {"xyz_mm": [size, size, size], "link": flange},
+            "m2": {"xyz_mm": [2 * size, -size, 0.0], "link": flange},
+            "m3": {"xyz_mm": [0.0, -size, -size], "link": flange},
+        },
+        "noise": {"sigma_mm": 0.03},
+        "loads": [
+            {"name": "weight", "fz_N": -force},
+            {"name": "side_pull", "fz_N": -0.8 * force, "fy_N": 0.5 * force},
+        ],
+    }
+    return load_experiment(write_text(folder / "experiment.yaml", yaml_text(data)))
+
+
+def _size(robot: Robot) -> float:
+    """Length (m) of a tool that fits the arm: a tenth of all link lengths."""
+    return 0.1 * float(np.linalg.norm(robot.facts.placements[:, :3, 3], axis=1).sum())
+
+
+def _flange(robot: Robot, q: Array) -> Array:
+    """Placements (N, 4, 4) of the flange by the batch kernel."""
+    placed = joint_frames(robot.facts, q)
+    out = np.tile(np.eye(4), (len(q), 1, 1))
+    out[:, :3, :3] = placed.matrix(robot.flange.link)
+    out[:, :3, 3] = placed.positions[robot.flange.link].T
+    return out @ robot.flange.placement
+
+
+def _kinematics(run: _Run) -> tuple[bool, str]:
+    q = run.robot.controller.to_joints(run.angles(_TRIED))
+    if not len(q):
+        return False, "no pose inside the limits closes the loops: look at the limits, margin and zero of the loop"
+    error = float(np.abs(_flange(run.robot, q) - reference_flange(run.robot, q)).max())
+    back = float(np.abs(run.robot.controller.to_joints(run.robot.controller.to_pendant(q)) - q).max())
+    return max(error, back) < 1e-9, f"{len(q)} poses, {error:.1g} m from Pinocchio; pendant angles there and back"
+
+
+def potential_energy(robot: Robot, q: Array) -> Array:
+    """Energy (N,) J of the links' weight at joint angles (N, n)."""
+    placed = joint_frames(robot.facts, q)
+    centres = [placed.point(link, centre) for link, centre in enumerate(robot.facts.centres)]
+    return -sum(
+        (m * (robot.gravity @ centre) for m, centre in zip(robot.facts.masses, centres, strict=True)), np.zeros(len(q))
+    )
+
+
+def _gravity(run: _Run) -> tuple[bool, str]:
+    """The torque that holds a link up is the slope of the potential energy; joint by joint, sign included."""
+    robot, q = run.robot, run.robot.controller.to_joints(run.angles(_TRIED))
+    held, slope = reference_gravity(robot, q), np.empty_like(q)
+    for k in range(robot.facts.n):
+        step = _STEP * np.eye(robot.facts.n)[k]
+        slope[:, k] = (potential_energy(robot, q + step) - potential_energy(robot, q - step)) / (2 * _STEP)
+    scale = float(np.abs(held).max())
+    if not scale > 0.0:
+        return False, "no joint carries any weight: the links have no mass, or gravity_m/s^2 is zero"
+    error = float(np.abs(held - slope).max()) / scale
+    words = f"largest holding torque {scale:.0f} N m, slope of the energy within {error:.1g}"
+    return error < 1e-6, words
+
+
+def _model(run: _Run) -> tuple[bool, str]:
+    """A load does work on what it bends: never the other way round."""
+    experiment, poses = run.experiment, run.poses(run.angles(_TRIED))
+    model, names = experiment.model(), experiment.fit_names()
+    if not names:
+        return False, "no compliance: add {effect: joint_compliance, joints: all} to the effects"
+    rigid = [n for n in names if not model.nominal[model.index([n])[0]] > 0.0]
+    if rigid:
+        return False, f"without a nominal value, so that the simulated arm is rigid there: {', '.join(rigid)}"
+    site = experiment.with_(markers=_at_load(experiment))
+    moved = site.model().predict(poses)[:, 0]
+    work = np.einsum("ij,ij->i", moved, poses.wrench[:, :3])
+    size = 1e3 * float(np.median(np.linalg.norm(moved, axis=1)))
+    return bool((work > 0.0).all()), f"the load point gives by {size:.2g} mm (median), always along the load"
+
+
+def _at_load(experiment: Experiment) -> tuple[Any, ...]:
+    """One marker where the load acts."""
+    from dataclasses import replace
+
+    return (replace(experiment.markers[0], name="load", xyz=experiment.load_point),)
+
+
+def _derivatives(run: _Run) -> tuple[bool, str]:
+    """d reading / d parameter of every parameter against central differences, relative to its largest entry."""
+    model, poses = run.experiment.model(), run.poses(run.angles(5))
+    x = np.array(model.nominal)
+    exact, worst, where = model.sensitivity(poses, x), 0.0, ""
+    for i, parameter in enumerate(model.parameters):
+        h = 1e-4 * (abs(x[i]) or parameter.typical)
+        up, down = x.copy(), x.copy()
+        up[i] += h
+        down[i] -= h if x[i] - h >= parameter.lower else 0.0
+        slope = (model.predict(poses, up) - model.predict(poses, down)) / (up[i] - down[i])
+        one_sided = down[i] == x[i]
+        size = float(np.abs(exact[..., i]).max())
+        floor = 1e-13 / h + 1e-6 * size + (1e-3 * size if one_sided else 0.0)
+        error = float(np.abs(slope - exact[..., i]).max()) / floor
+        worst, where = max((worst, where), (error, parameter.name))
+    words = f"{len(model.parameters)} parameters against finite differences"
+    return worst < 10.0, words if worst < 10.0 else f"{words}: {where} differs"
+
+
+def _design(run: _Run) -> tuple[bool, str]:
+    wish = Wish("D", efficiency=0.5, polish=False)
+    run.plan = design(run.experiment, POSES, candidates=200, seed=run.seed, wish=wish)
+    outside = run.robot.controller.outside(run.plan.pendant)
+    return not outside.any(), f"{POSES} poses inside the limits"
+
+
+def _identify(run: _Run) -> tuple[bool, str]:
+    """Values drawn within their sds come back within four sds of the fit."""
+    assert run.plan is not None
+    result = simulate(run.experiment, run.plan, truth="drawn", seed=run.seed)
+    run.readings, truth = result.readings, result.truth_by_name()
+    fit = identify(run.experiment, result.readings)
+    off = {e.name: abs(e.value - truth[e.name]) / e.sd for e in fit.estimates}
+    name = max(off, key=lambda n: off[n])
+    return off[name] < _SDS, f"{len(off)} values recovered from {len(fit.rows)} readings, worst {off[name]:.1f} sd"
+
+
+def _diagnose(run: _Run) -> tuple[bool, str]:
+    assert run.readings is not None
+    found = diagnose(run.experiment, run.readings, seed=run.seed, largest=1, repeats=1)
+    return True, f"ran to its end: {found.verdict}"
