@@ -3,7 +3,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test bench lock clean
+.PHONY: help install demo test docs bench lock clean
 
 PYTHON ?= $(shell command -v python3.11 || echo python3)
 VENV := .venv
@@ -27,7 +27,7 @@ $(DONE): pyproject.toml requirements.lock
 	@if [ -f $@ ]; then rm $@; else rm -rf $(VENV); $(PYTHON) -m venv $(VENV); fi
 	@echo "Installing into $(VENV): one to three minutes and 1.5 GB, once"
 	@PYTHONUNBUFFERED=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_CONSTRAINT=requirements.lock \
-		$(BIN)/python -m pip install --progress-bar off -e '.[test]' | $(DOTS)
+		$(BIN)/python -m pip install --progress-bar off -e '.[test,docs]' | $(DOTS)
 	@touch $@
 
 demo: $(DONE)  ## run the main job: calibrate on real readings, design a plan, write a report
@@ -40,6 +40,10 @@ test: $(DONE)  ## lint, format, types and all tests
 	@PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright --pythonpath $(BIN)/python
 	@$(ONE_THREAD) $(BIN)/python -m pytest -n 2
 
+docs: $(DONE)  ## build the site into build/site, with no warning
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	@echo "build/site/index.html"
+
 bench: $(DONE)  ## measure kinematics and designs against Pinocchio, cvxpy, FIGAROH and the memory
 	@$(BIN)/python benchmarks/kinematics.py
 	@$(BIN)/python benchmarks/design.py
@@ -49,7 +53,7 @@ lock:  ## choose the newest versions that resolve together, all extras included,
 	@PYTHONUNBUFFERED=1 PIP_DISABLE_PIP_VERSION_CHECK=1 \
 		$(LOCK_VENV)/bin/python -m pip install --progress-bar off -e '.[test,bench,docs]' $(LOCK_ARGS) | $(DOTS)
 	@{ echo "# Every distribution that qsframework and its extras need, for Python 3.11 on Linux x86-64."; \
-	   echo "# Made by \`make lock\`; used as: pip install -c requirements.lock -e '.[test]'"; \
+	   echo "# Made by \`make lock\`; used as: pip install -c requirements.lock -e '.[test,docs]'"; \
 	   $(LOCK_VENV)/bin/python -m pip freeze --all --exclude pip --exclude-editable | grep -E '^[A-Za-z0-9._-]+==' | LC_ALL=C sort -f; } > requirements.lock
 	@rm -rf $(LOCK_VENV)
 

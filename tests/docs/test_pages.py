@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def test_every_page_is_in_the_menu(root: Path) -> None:
-    menu = re.findall(r"^  - .*: (\S+\.md)$", (root / "mkdocs.yml").read_text(), re.M)
+    menu = re.findall(r"^ +- .*: (\S+\.md)$", (root / "mkdocs.yml").read_text(), re.M)
     assert sorted(menu) == sorted(path.name for path in (root / "docs").glob("*.md"))
 
 

@@ -1,0 +1,35 @@
+"""Write docs/python.md from the scripts in examples/scripts: python docs/make_python.py"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "python.md"
+HEAD = """# From Python
+
+Every command is a thin layer over the library. The three scripts below lie in `examples/scripts`; the tests run them.
+Quantities are SI, angles radians; the [API page](api.md) lists the functions.
+"""
+SCRIPTS = {
+    "design_simulate_identify": "A plan, its simulation, and the fit",
+    "find_a_hidden_effect": "A hidden effect",
+    "compensate_targets": "Corrected targets",
+}
+
+
+def page() -> str:
+    """The page, one section per script."""
+    sections = [
+        f"\n## {title}\n\n`examples/scripts/{name}.py`\n\n```python\n{_text(name)}```\n"
+        for name, title in SCRIPTS.items()
+    ]
+    return HEAD + "".join(sections)
+
+
+def _text(name: str) -> str:
+    return (ROOT / "examples" / "scripts" / f"{name}.py").read_text()
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page())

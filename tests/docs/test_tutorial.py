@@ -1,0 +1,42 @@
+"""docs/tutorial.md: its commands run as written, one after the other, and its experiment is the example's."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import yaml
+
+
+def blocks(root: Path, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", (root / "docs" / "tutorial.md").read_text(), re.M | re.S)
+
+
+def test_every_command_runs(root: Path, tmp_path: Path) -> None:
+    (tmp_path / "examples").symlink_to(root / "examples")
+    (table,) = blocks(root, "csv")
+    (tmp_path / "targets.csv").write_text(table)
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    commands = [line for block in blocks(root, "sh") for line in block.splitlines()]
+    assert [c.split()[1] for c in commands] == [
+        "check", "design", "simulate", "identify", "diagnose", "stiffness", "compensate"
+    ]  # fmt: skip
+    for command in commands:
+        run = subprocess.run(
+            command, shell=True, cwd=tmp_path, env={**os.environ, "PATH": path}, capture_output=True, text=True
+        )
+        assert run.returncode == 0, f"{command}: {run.stderr}"
+        assert run.stdout.strip(), command
+    assert json.loads((tmp_path / "diagnosis.json").read_text())["causes"][0]["id"] == "joint_hardening[joint_3]"
+    assert len(json.loads((tmp_path / "fit.json").read_text())["parameters"]) == 6
+    assert (tmp_path / "corrected.csv").read_text().count("hole_") == 2
+
+
+def test_the_experiment_shown_is_the_readmes(root: Path) -> None:
+    shown = yaml.safe_load(blocks(root, "yaml")[0])
+    readme = re.findall(r"^```yaml\n(.*?)^```", (root / "README.md").read_text(), re.M | re.S)[0]
+    assert shown == yaml.safe_load(readme)
