@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -25,3 +26,31 @@ def try_robot(robot: Path) -> list[str]:
     for check in checks:
         print(f"  {'ok' if check.good else 'NO'}  {check.name}: {check.words}")
     return [f"{check.name}: {check.words}" for check in checks if not check.good]
+
+
+def run_new(name: str, urdf: Path, output: Path | None, base: str | None, flange: str | None) -> None:
+    """Write the folder of a new robot, try it, and print what is still to be looked up."""
+    from qsframework.files import write_text
+    from qsframework.robot.scaffold import propose
+
+    if not _NAME.fullmatch(name):
+        raise InputError(Problem(f"name: use letters, digits, _ . and - only, found {name!r}"))
+    if not urdf.is_file():
+        raise InputError(Problem("no such file", file=str(urdf), hint="Give a URDF or xacro with --urdf."))
+    folder = Path(name) if output is None else output
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(Problem("exists already, and nothing is overwritten", file=str(folder), hint="Choose -o."))
+    proposal = propose(name, urdf, base, flange)
+    for file, text in proposal.files.items():
+        write_text(folder / file, text)
+    print(f"{folder}: {', '.join(proposal.files)}")
+    failed = try_robot(folder)
+    print("to look up, in README.md too:")
+    for note in proposal.checklist:
+        print(f"  - {note}")
+    if failed:
+        raise InputError([Problem(words, file=str(folder)) for words in failed])
+    print(f"next: qsf show {folder}, and name it in an experiment: robot: {folder}")
+
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")

@@ -101,7 +101,20 @@ def compare(
     run_compare(robots, task, seed, json, report)
 
 
+def new(
+    name: Annotated[str, typer.Argument(help="The robot's name.", show_default=False)],
+    urdf: Annotated[Path, typer.Option(help="Its URDF or xacro.", show_default=False)],
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder to make; the name if left out.")] = None,
+    base: Annotated[str | None, typer.Option(help="Link that stands still; the root if left out.")] = None,
+    flange: Annotated[str | None, typer.Option(help="Link that carries the tool.")] = None,
+) -> None:
+    """Make a robot's folder from a URDF, try it, and say what is still to be looked up."""
+    from qsframework.cli.new import run_new
+
+    run_new(name, urdf, output, base, flange)
+
+
 def add_commands(app: typer.Typer) -> None:
     """Register the commands."""
-    for command in (compensate, export, protocol, compare):
+    for command in (compensate, export, protocol, compare, new):
         app.command()(command)

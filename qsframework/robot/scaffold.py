@@ -1,0 +1,223 @@
+"""A robot's folder proposed from a URDF: what the file tells, what is assumed, and what it cannot tell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from qsframework.errors import InputError, Problem
+from qsframework.robot.checks import chain_joints, check_chain, check_structure
+from qsframework.robot.expand import read_tree
+from qsframework.robot.model import plain_urdf
+from qsframework.robot.scaffold_text import nominal_text, readme_text, robot_text
+from qsframework.robot.urdf import Inertial, Joint, Link, Origin, Urdf, Visual, read_urdf
+
+_MASS_PER_REACH = 150.0  # kg/m^2: R-2000iC 1100 kg at 2.65 m, IRB 2400 380 kg at 1.55 m
+_TWIST_AT_EFFORT = 2.5e-3  # rad: the KUKA KR500 gives 2.1 to 3.6 mrad at its joints' largest torques
+_TWIST_AT_WEIGHT = 1.0e-3  # rad: the KUKA KR240/KR270 under its own weight and a tool
+_TOOL_SHARE, _TOOL_REACH = 0.15, 0.1  # of the moving mass; of the reach, beyond the flange
+_FLANGES = ("flange", "tool0")
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Files by name, and the checklist: what to look up, because a URDF does not say it."""
+
+    files: dict[str, str]
+    checklist: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """Assumed stiffness (N m/rad) of a joint, and why."""
+
+    joint: str
+    value: float
+    why: str
+
+
+def propose(name: str, urdf: Path, base: str | None = None, flange: str | None = None) -> Proposal:
+    """The files of a new robot from a URDF or xacro. InputError where the file is no arm, or holds several."""
+    source = read_urdf(urdf, urdf.parent)
+    if source.unreadable:
+        raise InputError(source.unreadable)
+    base, flange = _ends(source, base, flange)
+    chain = chain_joints(source, base, flange)
+    if chain is None:
+        message = f"link {flange!r} does not hang on {base!r}"
+        raise InputError(Problem(message, file=str(urdf), hint="Choose other links with --base and --flange."))
+    arm, dropped = _arm(source, base, chain)
+    arm, guessed = _with_masses(arm, chain, base)
+    problems = [*check_structure(arm)]
+    problems = problems or check_chain(arm, base, flange)
+    if problems:
+        raise InputError(problems)
+    moving = [joint for joint in chain if joint.moves]
+    stiffness = _stiffness(arm, moving, _efforts(urdf))
+    notes = _checklist(moving, dropped, guessed)
+    files = {
+        f"{name}.urdf": _urdf_text(arm, name, base, guessed),
+        "robot.yaml": robot_text(name, urdf.name, base, flange, [(j.name, _degrees(j)) for j in moving]),
+        "nominal.yaml": nominal_text([(s.joint, s.value, s.why) for s in stiffness]),
+        "README.md": readme_text(name, urdf.name, guessed, stiffness[0].why, notes),
+    }
+    return Proposal(files, notes)
+
+
+def _ends(urdf: Urdf, base: str | None, flange: str | None) -> tuple[str, str]:
+    """The links of the chain: those asked for, or the only ones there are."""
+    links, file = [link.name for link in urdf.links], str(urdf.path)
+    for key, link in (("--base", base), ("--flange", flange)):
+        if link is not None and link not in links:
+            raise InputError(Problem(f"{key}: no link {link!r}", file=file, allowed=", ".join(links)))
+    roots = [link for link in links if link not in urdf.above()]
+    if base is None:
+        if len(roots) != 1:
+            found = ", ".join(roots) or "none"
+            raise InputError(Problem("a URDF has one root link", file=file, found=found, hint="Is it a robot?"))
+        base = roots[0]
+    if flange is not None:
+        return base, flange
+    below = urdf.below(base)
+    ends = [j for j in below if j.moves and j.mimic is None and not any(o.moves and o.mimic is None
+            for o in urdf.below(j.child))]  # fmt: skip
+    if not ends:
+        raise InputError(Problem(f"no joint moves beyond {base!r}", file=file, hint="An arm has revolute joints."))
+    if len(ends) > 1:
+        allowed = ", ".join(j.child for j in ends)
+        message = f"{len(ends)} chains hang on {base!r}; say which one is the arm"
+        raise InputError(Problem(message, file=file, allowed=allowed, hint="Give --flange LINK (and --base LINK)."))
+    fixed = [j.child for j in urdf.below(ends[0].child) if not j.moves and j.parent == ends[0].child]
+    return base, next((n for n in _FLANGES if n in fixed), ends[0].child)
+
+
+def _arm(urdf: Urdf, base: str, chain: list[Joint]) -> tuple[Urdf, list[Joint]]:
+    """The chain and what is fixed to it; and the moving joints that were left out."""
+    names, joints, dropped = {base}, [], []
+    for joint in urdf.below(base):
+        if joint.parent in names and (joint in chain or not joint.moves):
+            names.add(joint.child)
+            joints.append(joint)
+        elif joint.moves:
+            dropped.append(joint)
+    links = tuple(link for link in urdf.links if link.name in names)
+    return replace(urdf, links=links, joints=tuple(joints)), dropped
+
+
+def _with_masses(urdf: Urdf, chain: list[Joint], base: str) -> tuple[Urdf, bool]:
+    """With assumed masses on all moving links if one of them has none."""
+    moving = [j for j in chain if j.moves]
+    bare = [j.child for j in moving if not _mass_of(urdf, j.child) > 0.0]
+    if not bare:
+        return urdf, False
+    reach = sum(float(np.linalg.norm(j.origin.xyz)) for j in chain[1:]) or 1.0
+    shares = 0.5 ** np.arange(1, len(moving) + 1)
+    masses = _MASS_PER_REACH * reach**2 * shares / shares.sum()
+    links = {link.name: link for link in urdf.links}
+    for joint, mass in zip(moving, masses, strict=True):
+        link, after = links[joint.child], [j for j in urdf.joints if j.parent == joint.child and j in chain]
+        half = 0.5 * after[0].origin.xyz if after else np.zeros(3)
+        inertia = float(mass) * max(0.1 * reach, 0.05) ** 2 * np.eye(3)
+        given = Inertial(float(mass), Origin(half, np.zeros(3)), inertia, link.place, link.place)
+        links[joint.child] = replace(link, inertial=given)
+    for j in urdf.joints:  # a mass on a fixed link would count twice
+        if not j.moves and j.parent != base:
+            links[j.child] = replace(links[j.child], inertial=None)
+    return replace(urdf, links=tuple(links.values())), True
+
+
+def _mass_of(urdf: Urdf, name: str) -> float:
+    """Mass of a link and of what is fixed to it."""
+    inertial = urdf.link(name).inertial
+    fixed = [j.child for j in urdf.joints if j.parent == name and not j.moves]
+    return (inertial.mass if inertial else 0.0) + sum(_mass_of(urdf, child) for child in fixed)
+
+
+def _efforts(urdf: Path) -> dict[str, float]:
+    """The largest torque of each joint of the file that states one."""
+    out: dict[str, float] = {}
+    for joint in read_tree(urdf, urdf.parent).all("joint"):
+        limit = joint.first("limit")
+        try:
+            effort = float(limit.get("effort")) if limit is not None else 0.0
+        except (TypeError, ValueError):
+            effort = 0.0
+        if 0.0 < effort < 1e6:
+            out[joint.get("name")] = effort
+    return out
+
+
+def _stiffness(urdf: Urdf, moving: list[Joint], efforts: dict[str, float]) -> list[Stiffness]:
+    """From the largest torques if all are stated, else from what the links weigh."""
+    if all(j.name in efforts for j in moving) and len({efforts[j.name] for j in moving}) > 1:
+        why = "assumed: 2.5 mrad at the joint's largest torque in the URDF"
+        return [Stiffness(j.name, efforts[j.name] / _TWIST_AT_EFFORT, why) for j in moving]
+    lengths = [float(np.linalg.norm(j.origin.xyz)) for j in moving] + [0.0]
+    masses = [_mass_of(urdf, j.child) for j in moving]
+    tool, reach = _TOOL_SHARE * sum(masses), sum(lengths[1:])
+    out = []
+    for k, joint in enumerate(moving):
+        arms = np.cumsum([0.0, *lengths[k + 1 : -1]])
+        moment = sum(m * (a + 0.5 * b) for m, a, b in zip(masses[k:], arms, lengths[k + 1 :], strict=True))
+        moment += tool * (float(arms[-1]) + _TOOL_REACH * max(reach, 0.1))
+        why = "assumed: 1 mrad under the stretched arm's own weight and a tool of 15 % of it"
+        out.append(Stiffness(joint.name, 9.81 * moment / _TWIST_AT_WEIGHT, why))
+    return out
+
+
+def _degrees(joint: Joint) -> tuple[float, float]:
+    lower, upper = joint.limits if joint.limits and joint.kind == "revolute" else (-2 * np.pi, 2 * np.pi)
+    return round(float(np.rad2deg(lower)), 3), round(float(np.rad2deg(upper)), 3)
+
+
+def _checklist(moving: list[Joint], dropped: list[Joint], guessed: bool) -> tuple[str, ...]:
+    """What a URDF cannot tell."""
+    notes = [
+        "controller: does the pendant show J3 as the relative angle, or as the forearm's elevation (FANUC, ABB with a "
+        "parallelogram)? Then write equals: J3 + J2 or J3 - J2",
+        "limits: a maker's limits hold for what the pendant shows; compare them with the manual",
+        "loops: a parallelogram or other coupling bar? Lever length and margin: see the comment in robot.yaml",
+        "springs: a balancer or counterweight? Pivots and spring: see the comment in robot.yaml",
+        "compliances: all are assumed; replace them where the maker or a paper states some",
+        "payload: add payload_kg, and torque_limit_Nm per joint where the maker states them",
+    ]
+    if guessed:
+        notes.append("masses: the URDF has none for some link, so all moving links have assumed ones")
+    unlimited = [j.name for j in moving if j.kind == "continuous"]
+    if unlimited:
+        notes.append(f"limits: -360..360 deg are assumed for {', '.join(unlimited)}, continuous in the URDF")
+    if dropped:
+        names = ", ".join(j.name for j in dropped)
+        notes.append(f"left out, as they do not move the flange: {names}. Bars of a loop are an effect")
+    return tuple(notes)
+
+
+def _urdf_text(urdf: Urdf, name: str, base: str, guessed: bool) -> str:
+    """One plain URDF: numbers in full, simple solids, no meshes."""
+    text = plain_urdf(urdf, base).replace('<robot name="robot">', f"<robot name={quoteattr(name)}>", 1)
+    for link in urdf.links:
+        text = text.replace(f"<link name={quoteattr(link.name)}>", _head(link), 1)
+    told = "The masses are assumed, see README.md." if guessed else ""
+    return f'<?xml version="1.0"?>\n<!-- Made by qsf new from {urdf.path.name}. {told} -->\n' + text
+
+
+def _head(link: Link) -> str:
+    return f"<link name={quoteattr(link.name)}>" + "".join(_visual(v) for v in link.visuals)
+
+
+def _visual(visual: Visual) -> str:
+    def row(values: object) -> str:
+        return " ".join(f"{float(v):.9g}" for v in np.atleast_1d(np.asarray(values, dtype=float)))
+
+    size = {
+        "box": f'<box size="{row(visual.size)}"/>',
+        "sphere": f'<sphere radius="{visual.size[0]:.9g}"/>',
+        "cylinder": f'<cylinder radius="{visual.size[0]:.9g}" length="{visual.size[-1]:.9g}"/>',
+    }[visual.kind]
+    return (
+        f'<visual><origin xyz="{row(visual.origin.xyz)}" rpy="{row(visual.origin.rpy)}"/><geometry>{size}</geometry>'
+        f'<material name=""><color rgba="{row(visual.rgba)}"/></material></visual>'
+    )

@@ -1,0 +1,57 @@
+"""The words of a new robot's files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+
+_LOOPS = """  # A parallelogram? Then the driven joint follows the driver; lever_m is from axis 3 to the bar's pivot, zero_deg
+  # the angle from link 2 to the lever at zero joint angles:
+  # - {{effect: parallelogram, driver: {second}, driven: {third}, lever_m: 0.5, zero_deg: -90, margin_deg: 15}}
+  # A balancer with its pivots across from the joint, or between any two points:
+  # - {{effect: gravity_compensator, joint: {second}, lc_m: 0.25, l2_m: 1.0}}
+  # - {{effect: point_spring, first: LINK, first_x_m: -0.7, first_y_m: 0, first_z_m: -0.1,
+  #    second: LINK, second_x_m: -0.2, second_y_m: 0, second_z_m: 0}}
+"""
+
+
+def robot_text(
+    name: str, source: str, base: str, flange: str, limits: Sequence[tuple[str, tuple[float, float]]]
+) -> str:
+    """robot.yaml."""
+    joints = [joint for joint, _ in limits]
+    second, third = (joints[1], joints[2]) if len(joints) > 2 else ("JOINT", "JOINT")
+    rows = "".join(f"  {json.dumps(j)}: {{limits_deg: [{lo:g}, {hi:g}]}}\n" for j, (lo, hi) in limits)
+    return (
+        f"name: {json.dumps(name)}\ntitle: {json.dumps(name)}\nurdf: {json.dumps(name + '.urdf')}\n"
+        f"base: {json.dumps(base)}\nflange: {json.dumps(flange)}\n"
+        f"controller:                       # limits of {source}; assumed: the pendant shows the URDF's angles\n{rows}"
+        "effects:\n  - {effect: joint_compliance, joints: all}\n"
+        + _LOOPS.format(second=second, third=third)
+        + "nominal: nominal.yaml\n# payload_kg: 100\n"
+    )
+
+
+def nominal_text(values: Sequence[tuple[str, float, str]]) -> str:
+    """nominal.yaml: compliances from stiffnesses (N m/rad)."""
+    out = "# All assumed, to plan with; none is measured.\n"
+    for joint, stiffness, why in values:
+        key = json.dumps(f"joint_compliance[{joint}]")
+        out += f"{key}:\n  value_urad/(N m): {1e6 / stiffness:.4g}   # K = {stiffness / 1e6:.3g} MN m/rad\n"
+        out += f'  sd_percent: 60\n  source: "{why}"\n'
+    return out
+
+
+def readme_text(name: str, source: str, guessed: bool, why: str, checklist: Sequence[str]) -> str:
+    """README.md with the table of sources to fill in, and the checklist."""
+    masses = "**assumed**: 150 kg per square metre of reach, halved from link to link" if guessed else source
+    rows = (
+        ("joint placements, axes, limits", source),
+        ("pendant", "**assumed**: shows the URDF's angles"),
+        ("link masses and centres", masses),
+        ("joint compliances", f"**assumed** ({why.removeprefix('assumed: ')}), sd 60 %"),
+        ("loops and springs", "none: not known"),
+    )
+    table = "".join(f"| {a} | {b} |\n" for a, b in rows)
+    todo = "".join(f"- [ ] {note}\n" for note in checklist)
+    return f"# {name}\n\n| what | source |\n|---|---|\n{table}\n## To look up\n\n{todo}"

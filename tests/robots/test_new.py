@@ -1,0 +1,140 @@
+"""`qsf new`: from a stranger's URDF to a robot that works; wrong files are refused and nothing is overwritten."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qsframework.applications.conformance import check_robot
+from qsframework.cli.new import run_new
+from qsframework.errors import InputError
+from qsframework.robot import load_robot
+from qsframework.robot.reference import reference_flange
+from qsframework.robot.scaffold import propose
+
+JOINT = (
+    '<joint name="{n}" type="{k}"><parent link="{p}"/><child link="{c}"/>'
+    '<origin xyz="{x}"/><axis xyz="{a}"/>{more}</joint>'
+)
+LIMIT = '<limit lower="-2" upper="2" effort="0" velocity="0"/>'
+
+
+def joint(n: str, p: str, c: str, x: str = "0 0 0.5", a: str = "0 1 0", k: str = "revolute", more: str = LIMIT) -> str:
+    return JOINT.format(n=n, p=p, c=c, x=x, a=a, k=k, more=more)
+
+
+def urdf(where: Path, *joints: str) -> Path:
+    names = dict.fromkeys(re.findall(r'link="(\w+)"', "".join(joints)))
+    file = where / "stranger.urdf"
+    links = "".join(f'<link name="{n}"/>' for n in names)
+    file.write_text(f'<robot name="stranger">{links}{"".join(joints)}</robot>')
+    return file
+
+
+ARM = (joint("a", "base", "l1", a="0 0 1"), joint("b", "l1", "l2", "0.2 0 0"), joint("c", "l2", "l3", "0 0 1"),
+       joint("d", "l3", "l4", "0 0 0.2", "1 0 0"), joint("e", "l4", "l5", "1 0 0"),
+       joint("f", "l5", "l6", "0.2 0 0", "1 0 0", "continuous", ""))  # fmt: skip
+
+
+def written(where: Path, file: Path, **ends: str) -> Path:
+    proposal = propose("arm", file, **ends)
+    (where / "arm").mkdir()
+    for name, text in proposal.files.items():
+        (where / "arm" / name).write_text(text)
+    return where / "arm"
+
+
+def test_the_page_runs(root: Path, tmp_path: Path) -> None:
+    page = (root / "docs" / "add-a-robot.md").read_text()
+    source = root / "robots" / "kuka_kr500_r2800_2" / "kuka_kr500_r2800_2.urdf.xacro"
+    shutil.copy(source, tmp_path / "arm.urdf.xacro")
+    (experiment,) = re.findall(r"^```yaml\n(.*?)^```", page, re.M | re.S)
+    (tmp_path / "experiment.yaml").write_text(experiment)
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    commands = [line for block in re.findall(r"^```sh\n(.*?)^```", page, re.M | re.S) for line in block.splitlines()]
+    assert any(c.startswith("qsf design") for c in commands)
+    for command in commands:
+        done = subprocess.run(command, shell=True, cwd=tmp_path, env={**os.environ, "PATH": path},
+                              capture_output=True, text=True)  # fmt: skip
+        assert done.returncode == 0, f"{command}: {done.stderr}"
+    assert (tmp_path / "plan.csv").is_file()
+    one, two = load_robot("kuka_kr500_r2800_2"), load_robot(tmp_path / "my_arm")
+    q = np.random.default_rng(0).uniform(-2, 2, (20, 6))
+    np.testing.assert_allclose(reference_flange(two, q), reference_flange(one, q), atol=1e-12)
+    np.testing.assert_allclose(two.facts.masses, one.facts.masses)
+    assert len(two.shapes) == len(one.shapes)
+    stiffness = [1 / p.nominal for p in two.parameters]
+    np.testing.assert_allclose(stiffness, np.array([13440, 18360, 11027, 5359, 5364, 3113]) / 2.5e-3, rtol=1e-3)
+
+
+def test_an_arm_without_masses_works(tmp_path: Path) -> None:
+    folder = written(tmp_path, urdf(tmp_path, *ARM))
+    readme = (folder / "README.md").read_text()
+    assert "masses: the URDF has none" in readme
+    assert "continuous in the URDF" in readme
+    robot = load_robot(folder)
+    assert robot.facts.masses.sum() == pytest.approx(150 * (0.2 + 1 + 0.2 + 1 + 0.2) ** 2)
+    assert all("assumed" in p.source for p in robot.parameters)
+    checks = check_robot(robot)
+    assert all(c.good for c in checks), checks
+
+
+def test_bars_that_follow_by_mimic_are_left_out_and_told(tmp_path: Path) -> None:
+    bar = joint("bar", "l2", "rod", k="continuous", more='<mimic joint="c"/>')
+    proposal = propose("arm", urdf(tmp_path, *ARM, bar))
+    assert any("bar" in note and "left out" in note for note in proposal.checklist)
+    assert "rod" not in proposal.files["arm.urdf"]
+
+
+def test_branches_are_asked_for(tmp_path: Path) -> None:
+    file = urdf(tmp_path, *ARM, joint("g", "l1", "camera"))
+    with pytest.raises(InputError, match=r"2 chains.*l6, camera|2 chains.*camera, l6"):
+        propose("arm", file)
+    assert '"l6"' in propose("arm", file, flange="l6").files["robot.yaml"]
+    with pytest.raises(InputError, match="no link 'l9'"):
+        propose("arm", file, flange="l9")
+    with pytest.raises(InputError, match="does not hang on"):
+        propose("arm", file, base="l5", flange="l1")
+
+
+@pytest.mark.parametrize(
+    ("joints", "words"),
+    [
+        ((joint("a", "base", "l1", k="fixed", more=""),), "no joint moves"),
+        ((ARM[0], joint("b", "l1", "l2", more=LIMIT + '<mimic joint="a"/>'), joint("c", "l2", "l3")), "mimic"),
+        ((joint("a", "base", "l1", k="prismatic"),), "prismatic"),
+        ((joint("a", "base", "l1", more=""),), "no limits"),
+        ((joint("a", "base", "l1"), joint("b", "other", "l2")), "one root"),
+    ],
+)
+def test_what_is_no_arm_is_refused(joints: tuple[str, ...], words: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=words):
+        run_new("arm", urdf(tmp_path, *joints), tmp_path / "new", None, None)
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("text", ["", "no xml", "<html/>", '<robot name="x"/>', "<robot><link"])
+def test_what_is_no_urdf_is_refused(text: str, tmp_path: Path) -> None:
+    (tmp_path / "x.urdf").write_text(text)
+    with pytest.raises(InputError):
+        run_new("arm", tmp_path / "x.urdf", tmp_path / "new", None, None)
+    assert not (tmp_path / "new").exists()
+
+
+def test_nothing_is_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("keep")
+    with pytest.raises(InputError, match="nothing is overwritten"):
+        run_new("arm", urdf(tmp_path, *ARM), tmp_path / "mine", None, None)
+    assert [f.name for f in (tmp_path / "mine").iterdir()] == ["notes.txt"]
+    with pytest.raises(InputError, match="no such file"):
+        run_new("arm", tmp_path / "none.urdf", tmp_path / "new", None, None)
+    with pytest.raises(InputError, match="letters"):
+        run_new("../arm", tmp_path / "stranger.urdf", tmp_path / "new", None, None)
