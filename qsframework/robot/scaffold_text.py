@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 
-_LOOPS = """  # A parallelogram? Then the driven joint follows the driver; lever_m is from axis 3 to the bar's pivot, zero_deg
+_LOOPS = """  # A parallelogram? Then the driven joint follows the driver; lever_m: axis 3 to the bar's pivot; zero_deg:
   # the angle from link 2 to the lever at zero joint angles:
   # - {{effect: parallelogram, driver: {second}, driven: {third}, lever_m: 0.5, zero_deg: -90, margin_deg: 15}}
   # A balancer with its pivots across from the joint, or between any two points:
