@@ -33,7 +33,7 @@ def test_the_commands_run_and_print_what_is_said(name: str, root: Path, tmp_path
     (tmp_path / "examples").symlink_to(root / "examples")
     readme = root / "examples" / name / "README.md"
     commands = [line for block in blocks(readme, "sh") for line in block.splitlines()]
-    assert any(c.startswith("qsf identify ") for c in commands)
+    assert any(c.startswith(("qsf identify ", "qsf diagnose ")) for c in commands)
     assert all("--report" in c for c in commands if c.startswith(("qsf identify ", "qsf design ")))
     printed = ""
     for command in commands:
