@@ -29,6 +29,7 @@ def test_the_wheel_holds_robots_examples_and_plugins(wheel: Path) -> None:
         "qsf_plugins/joint_compliance.py",
         "qsframework/report/templates/report.html.j2",
         "qsframework/py.typed",
+        "qsf_plugins/py.typed",
     ):
         assert name in names
 
