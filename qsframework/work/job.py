@@ -1,0 +1,48 @@
+"""What the results of a job depend on, part by part: inputs, options, seed, code."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections.abc import Iterable, Mapping
+from importlib.metadata import entry_points, version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from qsframework.files import sha256
+
+_LIBRARIES = ("numpy", "scipy", "pin")
+
+
+def job_of(command: str, options: Mapping[str, Any], inputs: Iterable[Path]) -> dict[str, str]:
+    """The parts of a job for the head of its checkpoint; a folder among the inputs stands for all its files."""
+    parts = {"command": command}
+    parts |= {name: json.dumps(value, sort_keys=True, default=str) for name, value in options.items()}
+    for path in inputs:
+        parts[f"input {path.name}"] = folder_hash(path) if path.is_dir() else sha256(path)
+    return parts | versions()
+
+
+def versions() -> dict[str, str]:
+    """What computes: Python, the libraries, this package's own code, and third parties' effects."""
+    here = {"python": ".".join(map(str, sys.version_info[:3]))} | {name: version(name) for name in _LIBRARIES}
+    here["qsframework"] = f"{version('qsframework')} {code_hash()[:16]}"
+    others = {e.dist.name: e.dist.version for e in entry_points(group="qsframework.effects") if e.dist is not None}
+    others.pop("qsframework", None)
+    return here | {name: others[name] for name in sorted(others)}
+
+
+def code_hash() -> str:
+    """Hash of the sources of the package and its physics."""
+    folders = [find_spec(name).submodule_search_locations[0] for name in ("qsframework", "qsf_plugins")]  # type: ignore[union-attr,index]
+    return hashlib.sha256("".join(folder_hash(Path(f), "*.py") for f in folders).encode()).hexdigest()
+
+
+def folder_hash(folder: Path, pattern: str = "*") -> str:
+    """Hash of the names and contents of the files in a folder."""
+    digest = hashlib.sha256()
+    for path in sorted(p for p in folder.rglob(pattern) if p.is_file() and "__pycache__" not in p.parts):
+        digest.update(f"{path.relative_to(folder).as_posix()} {sha256(path)}\n".encode())
+    return digest.hexdigest()

@@ -1,0 +1,175 @@
+"""The same bits from every executor; lost workers."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from long_tasks import bits, die, refuse, shared, spectrum, tasks
+
+from qsframework.errors import InputError
+from qsframework.work import Dask, InProcess, Local, WorkerLost, run
+
+HERE = Path(__file__).resolve().parent
+COUNT = 12
+
+
+@pytest.fixture(scope="module")
+def wanted() -> bytes:
+    return bits(run(spectrum, shared(), tasks(COUNT)))
+
+
+@pytest.fixture(scope="module")
+def local() -> Iterator[Local]:
+    executor = Local(2)
+    yield executor
+    executor.close()
+
+
+def test_seeds_make_the_tasks_differ(wanted: bytes) -> None:
+    assert bits(run(spectrum, shared(), tasks(COUNT, seed=1))) != wanted
+    assert len({v.tobytes() for _, v, _ in run(spectrum, shared(), tasks(COUNT))}) == COUNT
+
+
+def test_local_gives_the_same_bits(local: Local, wanted: bytes) -> None:
+    assert bits(run(spectrum, shared(), tasks(COUNT), local)) == wanted
+
+
+def test_tasks_are_taken_only_as_they_are_needed(local: Local) -> None:
+    taken: list[int] = []
+
+    def endless() -> Iterator[tuple[int, np.random.SeedSequence]]:
+        for task in itertools.count():
+            taken.append(task)
+            yield tasks(1)[0]
+
+    results = run(spectrum, shared(20), endless(), local)
+    for _ in range(3):
+        next(results)
+    results.close()  # type: ignore[attr-defined]
+    assert len(taken) <= 3 + 2 * 2
+
+
+def test_a_task_s_error_arrives_as_it_was_raised(local: Local) -> None:
+    with pytest.raises(InputError) as caught:
+        list(run(refuse, None, range(4), local))
+    assert [p.line for p in caught.value.problems] == [3, None]
+
+
+def test_a_lost_process_is_said_and_the_next_job_runs(local: Local, wanted: bytes) -> None:
+    with pytest.raises(WorkerLost, match="worker process ended"):
+        list(run(die, 3, range(8), local))
+    assert bits(run(spectrum, shared(), tasks(COUNT), local)) == wanted
+
+
+def test_one_thread_of_linear_algebra_inside_a_task() -> None:
+    from threadpoolctl import threadpool_info, threadpool_limits
+
+    def threads(_: None, task: int) -> list[int]:
+        import scipy.linalg  # noqa: F401 - brings a second OpenBLAS where it was not loaded yet
+
+        return [lib["num_threads"] for lib in threadpool_info() if lib["user_api"] == "blas"]
+
+    with threadpool_limits(2):
+        inside = list(InProcess().map(threads, None, range(2)))[1]
+        outside = threads(None, 0)
+    assert set(inside) == {1}
+    assert max(outside) == min(2, os.cpu_count() or 1)
+
+
+# ---------------------------------------------------------------- a cluster
+
+
+@dataclass
+class Cluster:
+    """A scheduler and its workers, in processes of their own."""
+
+    address: str
+    workers: list[subprocess.Popen[bytes]]
+
+
+def free_port() -> int:
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return int(s.getsockname()[1])
+
+
+def started(folder: Path, *command: str) -> subprocess.Popen[bytes]:
+    environment = os.environ | {"PYTHONPATH": str(HERE), "OPENBLAS_NUM_THREADS": "1"}
+    with open(os.devnull, "w") as nowhere:
+        return subprocess.Popen(
+            [sys.executable, "-m", "dask", *command], stdout=nowhere, stderr=nowhere, cwd=folder, env=environment
+        )
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    """A scheduler and two workers on this machine, which end with the test whatever happens."""
+    address = f"tcp://127.0.0.1:{free_port()}"
+    port = address.rsplit(":", 1)[1]
+    processes = [started(tmp_path, "scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard", "--no-show")]
+    worker = ("worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-nanny", "--no-dashboard",
+              "--memory-limit", "0", "--death-timeout", "30", "--local-directory", str(tmp_path))  # fmt: skip
+    try:
+        processes += [started(tmp_path, *worker, "--name", f"w{k}") for k in range(2)]
+        yield Cluster(address, processes[1:])
+    finally:
+        for process in processes:
+            process.kill()
+        for process in processes:
+            process.wait(timeout=10)
+
+
+def wait_for_workers(dask: Dask, count: int, limit: float = 30.0) -> None:
+    end = time.monotonic() + limit
+    while len(dask.client.nthreads()) != count:
+        assert time.monotonic() < end, f"{len(dask.client.nthreads())} workers, {count} expected"
+        time.sleep(0.1)
+
+
+def test_dask_gives_the_same_bits_though_a_worker_is_killed(cluster: Cluster, wanted: bytes) -> None:
+    dask = Dask(cluster.address, answer=30.0)
+    try:
+        wait_for_workers(dask, 2)
+        results = []
+        for result in run(spectrum, shared(sleep=0.15), tasks(COUNT), dask):
+            results.append(result)
+            if len(results) == 2:
+                cluster.workers[0].send_signal(signal.SIGKILL)
+        assert cluster.workers[0].wait(timeout=5) == -signal.SIGKILL
+        wait_for_workers(dask, 1)
+        assert bits(results) == wanted
+        with pytest.raises(InputError) as caught:
+            list(run(refuse, None, range(2), dask))
+        assert [p.line for p in caught.value.problems] == [3, None]
+        dask.alone = 3.0
+        cluster.workers[1].send_signal(signal.SIGKILL)
+        with pytest.raises(WorkerLost, match="no workers"):
+            list(run(spectrum, shared(), tasks(2), dask))
+    finally:
+        dask.close()
+
+
+def test_no_scheduler_is_said() -> None:
+    start = time.monotonic()
+    with pytest.raises(InputError, match="dask scheduler"):
+        Dask(f"tcp://127.0.0.1:{free_port()}", answer=1.0)
+    with pytest.raises(InputError, match="dask scheduler"):
+        Dask("no address", answer=1.0)
+    assert time.monotonic() - start < 15
+
+
+def test_without_dask_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"qsframework\[cluster\]"):
+        Dask("tcp://127.0.0.1:1")
