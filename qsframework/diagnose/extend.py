@@ -8,8 +8,6 @@ folder/robot/            robot.yaml, nominal.yaml, URDF and what it needs
 from __future__ import annotations
 
 import os
-import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +20,7 @@ from qsframework.diagnose.result import Diagnosis
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, load_experiment
-from qsframework.files import read_yaml, sha256, write_bytes, write_text, yaml_text
+from qsframework.files import read_yaml, sha256, write_folder, yaml_text
 from qsframework.plugin import Effect, Load, Parameter, Poses, Sensor, build_effects
 from qsframework.plugin.entry import effect_entry
 from qsframework.plugin.settings import place_fields
@@ -84,21 +82,7 @@ def write_extended(diagnosis: Diagnosis | Extension, folder: str | Path) -> tupl
     _refuse_values(extension)
     source, robot_yaml = check_folder(extension.experiment, folder)
     contents = _contents(extension, folder, source, robot_yaml)
-    parent = folder.resolve().parent
-    try:
-        parent.mkdir(parents=True, exist_ok=True)
-        made = Path(tempfile.mkdtemp(dir=parent, prefix=f".{folder.name}."))
-    except OSError as error:
-        raise InputError(Problem(f"cannot be written: {error.strerror}", file=str(folder))) from error
-    try:
-        for name, content in contents.items():
-            write_bytes(made / name, content) if isinstance(content, bytes) else write_text(made / name, content)
-        _check(made / "experiment.yaml", extension)
-        made.chmod(0o755)
-        _put(made, folder)
-    finally:
-        shutil.rmtree(made, ignore_errors=True)
-    return tuple(folder / name for name in contents)
+    return write_folder(folder, contents, lambda made: _check(made / "experiment.yaml", extension))
 
 
 def _refuse_values(extension: Extension) -> None:
@@ -232,20 +216,3 @@ def _check(path: Path, extension: Extension) -> None:
             f"the extended robot would lose {', '.join(lost)}: the experiment in memory is not the one in "
             f"{extension.experiment.path}"
         )
-
-
-def _put(made: Path, folder: Path) -> None:
-    """Move the finished folder to its place; an earlier one of ours gives way at the last moment."""
-    target = folder.resolve()
-    old = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.old."))
-    try:
-        if target.exists():
-            os.replace(target, old / "folder")
-        try:
-            os.replace(made, target)
-        except OSError as error:
-            if (old / "folder").exists():
-                os.replace(old / "folder", target)
-            raise InputError(Problem(f"cannot be written: {error.strerror}", file=str(folder))) from error
-    finally:
-        shutil.rmtree(old, ignore_errors=True)

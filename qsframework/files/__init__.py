@@ -1,6 +1,7 @@
 """Files in and out: safe YAML that knows its lines, models with units in their keys, atomic writes."""
 
 from qsframework.files.documents import Document, read_text, read_yaml
+from qsframework.files.folders import write_folder
 from qsframework.files.models import FileModel, Unit, json_schema, validate
 from qsframework.files.output import sha256, write_bytes, write_text
 from qsframework.files.yaml_text import yaml_text
@@ -15,6 +16,7 @@ __all__ = [
     "sha256",
     "validate",
     "write_bytes",
+    "write_folder",
     "write_text",
     "yaml_text",
 ]
