@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from qsframework.cli.stop import Stopped, listening
 from qsframework.cli.work import add_commands
 from qsframework.errors import QsfError
 
@@ -229,9 +230,13 @@ add_commands(app)
 
 
 def main() -> None:
-    """Run `qsf`; bad input ends with exit code 2 and a message that says what to do."""
+    """Run `qsf`; bad input ends with exit code 2 and a message that says what to do, Ctrl-C with 130 and one line."""
     try:
-        app()
+        with listening():
+            app()
+    except Stopped as stopped:
+        print("stopped: the files written so far are whole", file=sys.stderr)
+        sys.exit(stopped.code)
     except QsfError as error:
         lines = str(error).splitlines()
         shown = lines[:_MOST]

@@ -9,6 +9,7 @@ import numpy as np
 
 from qsframework.cli.commands import distinct_outputs
 from qsframework.cli.stiffness import numbers
+from qsframework.cli.stop import Stopped
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, is_states, load_experiment, read_plan, read_readings
 from qsframework.files import write_text
@@ -62,7 +63,7 @@ def run_show(shown: Shown, html: Path | None, port: int) -> None:
         print(f"http://127.0.0.1:{server.server_address[1]}/ shows the scene, on this machine only; Ctrl-C ends it")
         try:
             server.serve_forever()
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, Stopped):
             print()
 
 
