@@ -1,10 +1,26 @@
-"""One tree of exceptions: everything a user can mend derives from `QsfError`."""
+"""One tree of exceptions: everything a user can mend derives from `QsfError`. And the warning of what will go."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+import functools
+import warnings
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import ParamSpec, TypeVar
+
+__all__ = [
+    "InputError",
+    "NotCertified",
+    "NotConverged",
+    "NotIdentifiable",
+    "PluginError",
+    "Problem",
+    "QsfDeprecation",
+    "QsfError",
+]
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 
 class QsfError(Exception):
@@ -75,3 +91,35 @@ def nearest(name: str, allowed: Iterable[str]) -> str | None:
     """A sentence with the nearest allowed name, or None if nothing is near."""
     close = difflib.get_close_matches(name, list(allowed), n=1, cutoff=0.5)
     return f"Did you mean {close[0]!r}?" if close else None
+
+
+class QsfDeprecation(FutureWarning):
+    """Something public that a later release will not have; shown to users, not only to developers."""
+
+
+def deprecated(instead: str, since: str, until: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
+    """Mark a public function that will go; its first call in a process warns, naming the caller's line.
+
+    instead: what to use; since: the release that first warned; until: the release that no longer has it
+    """
+
+    def mark(function: Callable[_P, _R]) -> Callable[_P, _R]:
+        name = f"{function.__module__}.{function.__qualname__}"
+        words = f"{name} is deprecated since {since} and goes in {until}; use {instead}"
+        told: list[str] = []
+
+        @functools.wraps(function)
+        def call(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+            if not told:
+                told.append(words)
+                warnings.warn(words, QsfDeprecation, stacklevel=2)
+            return function(*args, **kwargs)
+
+        DEPRECATED[name] = until
+        return call
+
+    return mark
+
+
+DEPRECATED: dict[str, str] = {}
+"""Everything that is marked, and the release in which it goes: a release must not be made with what is due."""

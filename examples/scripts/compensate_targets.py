@@ -7,8 +7,7 @@ import numpy as np
 
 from qsframework.applications import compensate, joint_targets
 from qsframework.experiment import example, load_experiment, read_readings
-from qsframework.identify import identify
-from qsframework.identify.fit_files import read_fit, write_fit
+from qsframework.identify import identify, read_fit, write_fit
 
 folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path()
 experiment = load_experiment(example("r2000ic") / "experiment.yaml")

@@ -14,7 +14,6 @@ from qsframework.errors import QsfError
 
 app = typer.Typer(
     name="qsf",
-    help="Elastostatic calibration of heavy, quasi-serial industrial robots.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -24,6 +23,23 @@ ExperimentFile = Annotated[Path, typer.Argument(help="experiment.yaml", show_def
 Json = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON.")]
 Report = Annotated[Path | None, typer.Option("--report", help="Write an HTML report.")]
 Seed = Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)]
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        print(f"qsframework {version('qsframework')}")
+        raise typer.Exit
+
+
+@app.callback()
+def whole(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and end.", callback=_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Elastostatic calibration of heavy, quasi-serial industrial robots."""
 
 
 @app.command()

@@ -2,6 +2,7 @@
 
 from qsframework.identify.absolute import PositionFit, identify_positions
 from qsframework.identify.fit import Estimate, Fit
+from qsframework.identify.fit_files import StoredFit, read_fit, write_fit, write_nominal
 from qsframework.identify.hygiene import Finding, check_readings, masked
 from qsframework.identify.identify import METHODS, identify
 from qsframework.identify.joint import Choices, identify_jointly
@@ -14,10 +15,14 @@ __all__ = [
     "Finding",
     "Fit",
     "PositionFit",
+    "StoredFit",
     "check_positions",
     "check_readings",
     "identify",
     "identify_jointly",
     "identify_positions",
     "masked",
+    "read_fit",
+    "write_fit",
+    "write_nominal",
 ]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from qsframework.elastostatics import Model
+from qsframework.files.formats import FORMAT
 from qsframework.information import RankTest
 from qsframework.plugin import Array, Indices
 
@@ -146,6 +147,7 @@ class Fit:
     def as_json(self) -> dict[str, Any]:
         """What `fit.json` holds (SI units)."""
         return {
+            "format": FORMAT,
             "robot": self.model.facts.name,
             "method": self.method,
             "parameters": list(self.names),

@@ -14,6 +14,7 @@ import pydantic
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem
 from qsframework.files import FileModel, Unit, read_yaml, sha256, validate, write_text
+from qsframework.files.formats import check_format
 from qsframework.identify.fit import Fit
 from qsframework.plugin import Array, Geometry, Loop, Parameter, Poses
 from qsframework.robot import Robot
@@ -35,6 +36,7 @@ class FitSpec(FileModel):
     """fit.json; keys that are for people only are passed over."""
 
     model_config = pydantic.ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
+    format: int = 1
     robot: str = ""
     method: str
     parameters: list[str]
@@ -90,6 +92,7 @@ def write_fit(fit: Fit, path: str | Path) -> Path:
 def read_fit(path: str | Path) -> StoredFit:
     """Read a fit.json. InputError with all its problems, each with its line."""
     document = read_yaml(path)
+    check_format(document)
     spec = validate(document, FitSpec)
     p = len(spec.parameters)
     wrong = [

@@ -81,6 +81,34 @@ def test_a_robot_loads_with_the_identified_values(r2000ic: Experiment, real: Rea
         write_nominal(wrong, folder / "nominal.yaml", r2000ic.robot)
 
 
+@pytest.mark.parametrize(("number", "hint"), [(2, "A newer qsframework wrote it"), (0, ""), (True, ""), ("one", "")])
+def test_a_file_of_an_unknown_format_is_refused_before_it_is_read(
+    number: object, hint: str, r2000ic: Experiment, real: Readings, tmp_path: Path
+) -> None:
+    content = identify(r2000ic, real).as_json()
+    assert content["format"] == 1
+    content["format"] = number
+    del content["chi2"]
+    path = tmp_path / "fit.json"
+    path.write_text(json.dumps(content, indent=2))
+    with pytest.raises(InputError, match="of a format that this qsframework does not read") as caught:
+        read_fit(path)
+    assert hint in str(caught.value)
+    assert caught.value.problems[0].line == content_line(path, '"format"')
+
+
+def test_a_file_without_a_format_is_of_the_first(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
+    content = identify(r2000ic, real).as_json()
+    del content["format"]
+    path = tmp_path / "fit.json"
+    path.write_text(json.dumps(content))
+    assert read_fit(path).dof == content["dof"]
+
+
+def content_line(path: Path, text: str) -> int:
+    return next(i for i, line in enumerate(path.read_text().splitlines(), 1) if text in line)
+
+
 def _with(experiment: Experiment, *entries: dict[str, object]) -> Experiment:
     facts = experiment.robot.facts
     effects = tuple(e for entry in entries for e in build_effects(entry, facts))

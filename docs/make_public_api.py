@@ -1,0 +1,114 @@
+"""Write docs/public_api.txt, every public Python name with its signature: python docs/make_public_api.py"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import re
+from collections.abc import Iterator
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any, get_args
+
+LIST = Path(__file__).parent / "public_api.txt"
+PACKAGES: dict[str, tuple[str, ...]] = {
+    "qsframework": (),
+    "qsframework.errors": (),
+    "qsframework.plugin": (),
+    "qsframework.robot": (),
+    "qsframework.elastostatics": (
+        "Equilibrium", "Model", "Site", "actuator_torques", "cartesian_compliance", "cartesian_stiffness",
+        "equilibrium", "flip_margin", "full_displacement", "make_model", "spring_stiffness",
+    ),
+    "qsframework.experiment": (),
+    "qsframework.information": (
+        "RankTest", "information_rows", "predicted_sd", "promised_beyond", "promised_sd", "rank_test",
+        "what_would_help",
+    ),
+    "qsframework.design": (),
+    "qsframework.identify": (),
+    "qsframework.diagnose": (),
+    "qsframework.applications": (),
+    "qsframework.viz": ("Scene", "plan_scene", "residual_scene", "show_scene"),
+}  # fmt: skip
+"""What a user may import: of each package the names given here, or all of its `__all__`. All else may change."""
+HEAD = """# Every public Python name of qsframework with its signature; docs/versions.md says what that promises.
+# Made by `python docs/make_public_api.py`; a change of this list is told in CHANGELOG.md.
+"""
+
+
+def listing() -> str:
+    """The list, one section per package."""
+    return HEAD + "".join(f"\n[{package}]\n" + "".join(f"{line}\n" for line in _lines(package)) for package in PACKAGES)
+
+
+def public(package: str) -> list[str]:
+    """The public names of a package."""
+    return sorted(PACKAGES[package] or importlib.import_module(package).__all__)
+
+
+def _lines(package: str) -> Iterator[str]:
+    module = importlib.import_module(package)
+    for name in public(package):
+        thing = getattr(module, name)
+        if inspect.isclass(thing) and not get_args(thing):
+            yield from _class(name, thing)
+        elif inspect.isfunction(thing):
+            yield f"def {name}{_signature(thing)}"
+        elif get_args(thing):
+            yield f"{name}: a type"
+        else:
+            yield f"{name}: {type(thing).__name__}"
+
+
+def _class(name: str, cls: type) -> Iterator[str]:
+    """The class with its constructor, and what it adds to its bases that are public themselves."""
+    bases = ", ".join(b.__name__ for b in cls.__bases__ if b is not object)
+    head = f"class {name}({bases})" if bases else f"class {name}"
+    yield f"{head}: {_signature(cls.__init__)}" if inspect.isfunction(cls.__init__) else head
+    fields = set(getattr(cls, "__dataclass_fields__", ()))
+    for member in sorted(_members(cls) - fields):
+        value = inspect.getattr_static(cls, member, None)
+        plain = value.__func__ if isinstance(value, staticmethod | classmethod) else value
+        if isinstance(plain, property | cached_property):
+            function = plain.fget if isinstance(plain, property) else plain.func
+            yield f"  {member} -> {function.__annotations__.get('return', '?')}"
+        elif inspect.isfunction(plain):
+            yield f"  def {member}{_signature(plain)}"
+        else:
+            yield f"  {member}: {_annotation(cls, member)}"
+
+
+def _members(cls: type) -> set[str]:
+    """Names without an underscore that the class has, less those of its public bases."""
+    out: set[str] = set()
+    for part in cls.__mro__:
+        if part.__module__.startswith("qsframework") and (part is cls or part.__name__ not in _public_classes()):
+            out |= {k for k in (*vars(part), *inspect.get_annotations(part)) if not k.startswith("_")}
+    return out
+
+
+@cache
+def _public_classes() -> frozenset[str]:
+    modules = [importlib.import_module(package) for package in PACKAGES]
+    return frozenset(n for m in modules for n in public(m.__name__) if inspect.isclass(getattr(m, n)))
+
+
+def _signature(function: Any) -> str:
+    """As it is written; addresses of functions that stand as defaults are left out."""
+    try:
+        text = re.sub(r" at 0x[0-9a-f]+", "", str(inspect.signature(function)))
+    except ValueError:
+        return "(...)"
+    return re.sub(r"(: |-> )(['\"])(.*?)\2", r"\1\3", text)
+
+
+def _annotation(cls: type, name: str) -> str:
+    for part in cls.__mro__:
+        if name in (stated := inspect.get_annotations(part)):
+            return str(stated[name])
+    return type(getattr(cls, name, None)).__name__
+
+
+if __name__ == "__main__":
+    LIST.write_text(listing())

@@ -1,0 +1,100 @@
+"""The public API is what docs/public_api.txt lists, so that a change of it is a deliberate act."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import re
+import warnings
+from importlib.metadata import version
+from pathlib import Path
+
+import make_public_api
+import pytest
+
+from qsframework import __version__
+from qsframework.errors import DEPRECATED, QsfDeprecation, deprecated
+
+TELL = """the public API differs from docs/public_api.txt. If that is meant: keep the old name or argument and mark it
+with qsframework.errors.deprecated, as docs/versions.md asks; tell users in CHANGELOG.md; then run
+python docs/make_public_api.py
+"""
+
+
+def test_the_public_api_changes_only_on_purpose(root: Path) -> None:
+    kept = (root / "docs" / "public_api.txt").read_text().splitlines()
+    found = make_public_api.listing().splitlines()
+    assert found == kept, TELL + "\n".join(difflib.unified_diff(kept, found, "listed", "found", lineterm="", n=0))
+
+
+def test_the_list_notices_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An argument, a method or a name more or less is another list."""
+    import qsframework.identify as package
+
+    before = make_public_api.listing()
+    monkeypatch.setattr(package, "read_fit", lambda path, strict=True: None)
+    assert make_public_api.listing() != before
+    monkeypatch.undo()
+    monkeypatch.setattr(package.Fit, "added", lambda self: None, raising=False)
+    assert "def added" in make_public_api.listing()
+    monkeypatch.undo()
+    monkeypatch.setattr(package, "__all__", package.__all__[1:])
+    assert make_public_api.listing() != before
+
+
+def test_every_public_name_is_in_its_package() -> None:
+    for package in make_public_api.PACKAGES:
+        module = importlib.import_module(package)
+        assert set(make_public_api.public(package)) <= set(module.__all__), package
+
+
+def test_what_the_pages_show_is_public(root: Path) -> None:
+    """docs/api.md documents public names only; scripts and pages import nothing else."""
+    for dotted in re.findall(r"^::: (\S+)$", (root / "docs" / "api.md").read_text(), re.M):
+        package = ".".join(dotted.split(".")[:2])
+        assert package in make_public_api.PACKAGES, dotted
+        assert dotted == package or dotted.split(".")[-1] in make_public_api.public(package), dotted
+    pages = [*(root / "docs").glob("*.md"), *(root / "examples" / "scripts").glob("*.py"), root / "README.md"]
+    line = re.compile(r"^from (qsframework[\w.]*) import ([\w, ]+)$", re.M)
+    said = [(page.name, *found) for page in pages for found in line.findall(page.read_text())]
+    assert len(said) > 10
+    for page, package, names in said:
+        assert package in make_public_api.PACKAGES, f"{page}: {package}"
+        assert set(names.split(", ")) <= set(make_public_api.public(package)), f"{page}: {names}"
+
+
+def test_the_version_stands_in_one_place(root: Path) -> None:
+    stated = re.findall(r'^version = "(.+)"$', (root / "pyproject.toml").read_text(), re.M)
+    assert stated == [version("qsframework")] == [__version__]
+    assert re.fullmatch(r"\d+\.\d+\.\d+(rc\d+)?", __version__)
+    assert f"## {__version__}" in (root / "CHANGELOG.md").read_text()
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        importlib.import_module("qsframework").__getattr__("nothing")
+
+
+def test_a_deprecated_function_works_and_warns_once_at_the_callers_line() -> None:
+    @deprecated("new(n)", since="0.2", until="0.4")
+    def old(n: int, *, twice: bool = False) -> int:
+        """What it did."""
+        return 2 * n if twice else n
+
+    name = next(n for n in DEPRECATED if n.endswith("old"))
+    try:
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            assert (old(3), old(3, twice=True)) == (3, 6)
+        assert len(told) == 1
+        assert told[0].category is QsfDeprecation
+        assert "old is deprecated since 0.2 and goes in 0.4; use new(n)" in str(told[0].message)
+        assert told[0].filename == __file__
+        assert old.__doc__ == "What it did."
+        assert DEPRECATED[name] == "0.4"
+    finally:
+        del DEPRECATED[name]
+
+
+def test_nothing_is_left_that_this_version_should_no_longer_have(root: Path) -> None:
+    for package in make_public_api.PACKAGES:
+        importlib.import_module(package)
+    now = tuple(int(n) for n in __version__.split("rc")[0].split("."))
+    assert [name for name, until in DEPRECATED.items() if tuple(int(n) for n in until.split(".")) <= now] == []

@@ -1,0 +1,57 @@
+"""The bindings are made at run time; these are the parts that robot/ asks for."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+_Array = npt.NDArray[np.float64]
+
+class SE3:
+    homogeneous: _Array
+    rotation: _Array
+    translation: _Array
+
+class Motion:
+    linear: _Array
+    angular: _Array
+    def __init__(self, linear: _Array, angular: _Array) -> None: ...
+
+class Inertia:
+    mass: float
+    lever: _Array
+
+class FrameType:
+    BODY: FrameType
+
+class Frame:
+    name: str
+    type: FrameType
+    parentJoint: int
+    placement: SE3
+
+class JointData:
+    S: _Array
+
+class JointModel:
+    def createData(self) -> JointData: ...
+    def calc(self, data: JointData, q: _Array) -> None: ...
+
+class Data:
+    oMi: Sequence[SE3]
+
+class Model:
+    nq: int
+    nv: int
+    njoints: int
+    names: Sequence[str]
+    gravity: Motion
+    joints: Sequence[JointModel]
+    jointPlacements: Sequence[SE3]
+    inertias: Sequence[Inertia]
+    frames: Sequence[Frame]
+    def createData(self) -> Data: ...
+
+def buildModelFromXML(xml: str) -> Model: ...
+def forwardKinematics(model: Model, data: Data, q: _Array) -> None: ...
+def computeGeneralizedGravity(model: Model, data: Data, q: _Array) -> _Array: ...
