@@ -7,11 +7,15 @@ mistaken for each other.
 
 from __future__ import annotations
 
-from functools import cache
+import math
+import re
+from functools import cache, lru_cache
 from typing import Any
 
 _ALIASES = {"Nm": "N*m", "kNm": "kN*m", "percent": "percent", "": "dimensionless"}
 _LONGEST = 40
+_SHAPE = re.compile(r"(?:1\s*(?=/)|[^\W\d]\w*+|[°%²³]|(?:\*\*|\^)\s*-?\d(?![\w.]|\s*(?:\*\*|\^))|[*/()\s])+")
+"""Names joined by * and /, each to a power of one digit: pint would also work out 9**9**9."""
 
 ALLOWED: dict[str, tuple[str, ...]] = {
     "rad": ("deg", "rad", "mrad", "urad", "arcmin"),
@@ -40,23 +44,27 @@ def _text(unit: str) -> str:
     return _ALIASES.get(unit, unit.replace(" ", "*") if "(" not in unit else unit.replace("N m", "N*m"))
 
 
-@cache
+@lru_cache(maxsize=2048)
 def conversion(unit: str) -> tuple[float, float, str]:
     """`(factor, offset, dimension)` with SI value = factor * value + offset.
 
-    Raises ValueError if pint does not know the unit.
+    Raises ValueError if pint does not know the unit, or if it is no straight line to SI, as decibels are not.
     """
-    if len(unit) > _LONGEST:
-        raise ValueError(f"unknown unit {unit[:_LONGEST]!r}...")
+    if len(unit) > _LONGEST or (unit and _SHAPE.fullmatch(_text(unit)) is None):
+        raise ValueError(f"unknown unit {unit[:_LONGEST]!r}")
     registry = _registry()
     try:
         parsed = registry.Unit(_text(unit))
         zero = registry.Quantity(0.0, parsed).to_base_units()
         one = registry.Quantity(1.0, parsed).to_base_units()
+        two = registry.Quantity(2.0, parsed).to_base_units().magnitude
     except Exception as error:  # pint raises many kinds on text that is no unit
         raise ValueError(f"unknown unit {unit!r}") from error
+    factor, offset = float(one.magnitude - zero.magnitude), float(zero.magnitude)
+    if not (0.0 < factor < math.inf and math.isclose(two - one.magnitude, factor, rel_tol=1e-9)):
+        raise ValueError(f"the unit {unit!r} has no constant factor to SI")
     angle = sum(power for name, power in dict(parsed._units).items() if name.endswith(_ANGLES))
-    return one.magnitude - zero.magnitude, zero.magnitude, f"{one.dimensionality}, angle^{angle:g}"
+    return factor, offset, f"{one.dimensionality}, angle^{angle:g}"
 
 
 def known(unit: str) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,8 +47,26 @@ def export(programme: Programme, plan: Plan, to: str, path: str | Path) -> tuple
 
 
 def read_export(path: str | Path) -> Parsed:
-    """Read back a file that `export` wrote, by its ending: .ls, .src (with its .dat) or .csv."""
+    """Read back a file that `export` wrote, by its ending: .ls, .src (with its .dat) or .csv.
+
+    InputError where it has been spoilt since.
+    """
     path = Path(path)
+    try:
+        parsed = _parsed(path)
+    except InputError as error:
+        raise InputError([replace(p, file=p.file or str(path)) for p in error.problems]) from error
+    except (ValueError, IndexError, KeyError, TypeError, csv.Error) as error:
+        raise InputError(Problem(f"is no file of `qsf export`: {error}", file=str(path))) from error
+    angles = [stop.pendant for stop in parsed.stops]
+    if not angles or any(a.shape != angles[0].shape or not np.isfinite(a).all() or not a.size for a in angles):
+        raise InputError(Problem("does not hold the same number of finite angles at every stop", file=str(path)))
+    if not all(np.isfinite(stop.pause or 0.0) for stop in parsed.stops):
+        raise InputError(Problem("holds a pause that is no finite number", file=str(path)))
+    return parsed
+
+
+def _parsed(path: Path) -> Parsed:
     ending = path.suffix.lower()
     text = read_text(path)
     if ending in (".src", ".dat"):

@@ -78,6 +78,8 @@ def read_table(path: str | Path, columns: Sequence[Column], robot: str) -> Table
         if len(cells) != len(header)
     ]
     good = [(line, cells) for line, cells in parsed[1:] if len(cells) == len(header)]
+    if not good:
+        raise InputError(problems)
     table = Table(
         path, [line for line, _ in good], {c.stem: header[i] for i, (c, _) in chosen.items()}, {}, {}, problems
     )

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pydantic
 
 from qsframework.errors import InputError, Problem
 from qsframework.experiment.columns import Column, Table, read_table, write_table
 from qsframework.experiment.setup import Experiment
-from qsframework.files import read_text, sha256, write_text
+from qsframework.files import FileModel, read_yaml, sha256, validate, write_text
 from qsframework.plugin import Array, Poses
 from qsframework.plugin.facts import frozen
 
@@ -43,6 +44,37 @@ class Certificate:
 
     def as_json(self) -> dict[str, Any]:
         return dataclasses.asdict(self)
+
+
+class _ReadModel(FileModel):
+    """A part of plan.json; keys that it does not know are passed over."""
+
+    model_config = pydantic.ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class CertificateSpec(_ReadModel):
+    """A certificate in plan.json."""
+
+    criterion: str
+    value: float
+    relaxed_value: float
+    relaxed_efficiency: float
+    efficiency: float
+    candidates: int
+    poses: int
+    parameters: list[str]
+    solver: str = ""
+    polished_from: float | None = None
+    notes: list[str] = pydantic.Field(default_factory=list)
+
+
+class ProofSpec(_ReadModel):
+    """plan.json, the proof beside a plan."""
+
+    criterion: str
+    certificate: CertificateSpec | None
+    seed: int | None
+    plan_sha256: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,19 +217,18 @@ def _proof(path: Path) -> tuple[Certificate | None, str, int | None]:
     if not beside.is_file():
         return None, "", None
     try:
-        content = json.loads(read_text(beside))
-        stored = content["certificate"]
-        if content["plan_sha256"] != sha256(path) or stored is None:
-            return None, str(content["criterion"]), content["seed"]
-        return (
-            Certificate(
-                **{**stored, "parameters": tuple(stored["parameters"]), "notes": tuple(stored.get("notes", ()))}
-            ),
-            content["criterion"],
-            content["seed"],
-        )
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(Problem(f"is not the proof of a plan: {error}", file=str(beside))) from error
+        proof = validate(read_yaml(beside), ProofSpec)
+    except InputError as error:
+        told = (dataclasses.replace(p, message=f"is not the proof of a plan: {p.message}") for p in error.problems)
+        raise InputError(told) from error
+    stored = proof.certificate
+    if proof.plan_sha256 != sha256(path) or stored is None:
+        return None, proof.criterion, proof.seed
+    values: dict[str, Any] = stored.model_dump() | {
+        "parameters": tuple(stored.parameters),
+        "notes": tuple(stored.notes),
+    }
+    return Certificate(**values), proof.criterion, proof.seed
 
 
 def _degrees_hint(name: str, fits: bool) -> str | None:

@@ -9,12 +9,14 @@ import numpy as np
 
 from qsframework.errors import Problem
 from qsframework.plugin import Array
-from qsframework.robot.expand import read_tree
+from qsframework.robot.expand import Sources, read_tree
 from qsframework.robot.xml_tree import Node, Place
 
 MOVING = ("revolute", "continuous", "prismatic", "floating", "planar")
 JOINT_TYPES = (*MOVING, "fixed")
 _GREY = (0.7, 0.7, 0.7, 1.0)
+_LARGEST = 1e9
+"""No length, mass or inertia of an arm comes near; the square of a number beyond 1e154 is infinite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +115,10 @@ class Urdf:
         return found
 
 
-def read_urdf(path: Path, folder: Path) -> Urdf:
+def read_urdf(path: Path, folder: Path, sources: Sources | None = None) -> Urdf:
     """Read a URDF or expand a xacro of a robot's folder. InputError if it is no XML of a robot."""
     reader = _Reader()
-    root = read_tree(path, folder)
+    root = read_tree(path, folder, sources)
     if root.tag != "robot":
         reader.problems.append(root.place.problem("the outermost element must be <robot>", found=f"<{root.tag}>"))
     reader.materials = {node.get("name"): node for node in root.all("material")}
@@ -141,8 +143,9 @@ class _Reader:
             values = np.array([float(part) for part in text.split()])
         except ValueError:
             values = np.empty(0)
-        if len(values) != count or not np.isfinite(values).all():
+        if len(values) != count or not (np.abs(values) <= _LARGEST).all():
             wanted = "a finite number" if count == 1 else f"{count} finite numbers"
+            wanted += f" of up to {_LARGEST:g}" if np.isfinite(values).all() and len(values) == count else ""
             self.problems.append(
                 node.place.problem(f"{owner}: {key} of <{node.tag}> must be {wanted}", found=repr(text[:60]))
             )
