@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from qsframework.cli.progress import progress
@@ -28,21 +29,38 @@ def try_robot(robot: Path) -> list[str]:
     return [f"{check.name}: {check.words}" for check in checks if not check.good]
 
 
-def run_new(name: str, urdf: Path, output: Path | None, base: str | None, flange: str | None) -> None:
+@dataclass(frozen=True)
+class NewWish:
+    """Where the folder goes, which links the arm ends at, and what its xacro asks for: NAME=FOLDER and NAME=VALUE."""
+
+    output: Path | None = None
+    base: str | None = None
+    flange: str | None = None
+    packages: Sequence[str] = ()
+    arguments: Sequence[str] = ()
+
+
+def run_new(name: str, urdf: Path, wish: NewWish) -> None:
     """Write the folder of a new robot, try it, and print what is still to be looked up."""
-    from qsframework.files import write_text
+    from qsframework.files import write_folder
+    from qsframework.robot.expand import Sources
     from qsframework.robot.scaffold import propose
 
     if not _NAME.fullmatch(name):
         raise InputError(Problem(f"name: use letters, digits, _ . and - only, found {name!r}"))
     if not urdf.is_file():
         raise InputError(Problem("no such file", file=str(urdf), hint="Give a URDF or xacro with --urdf."))
-    folder = Path(name) if output is None else output
+    folder = wish.output or Path(name)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(Problem("exists already, and nothing is overwritten", file=str(folder), hint="Choose -o."))
-    proposal = propose(name, urdf, base, flange)
-    for file, text in proposal.files.items():
-        write_text(folder / file, text)
+    packages = {key: Path(value) for key, value in _pairs("--package", wish.packages, "NAME=FOLDER").items()}
+    missing = [Problem(f"--package {key}: no such folder", str(value)) for key, value in packages.items()
+               if not value.is_dir()]  # fmt: skip
+    if missing:
+        raise InputError(missing)
+    sources = Sources(packages, _pairs("--arg", wish.arguments, "NAME=VALUE"), nearby=True)
+    proposal = propose(name, urdf, wish.base, wish.flange, sources)
+    write_folder(folder, proposal.files)
     print(f"{folder}: {', '.join(proposal.files)}")
     failed = try_robot(folder)
     print("to look up, in README.md too:")
@@ -51,6 +69,14 @@ def run_new(name: str, urdf: Path, output: Path | None, base: str | None, flange
     if failed:
         raise InputError([Problem(words, file=str(folder)) for words in failed])
     print(f"next: qsf show {folder}, and name it in an experiment: robot: {folder}")
+
+
+def _pairs(option: str, texts: Sequence[str], form: str) -> dict[str, str]:
+    """NAME=VALUE options by name."""
+    wrong = [text for text in texts if not text.partition("=")[0] or not text.partition("=")[2]]
+    if wrong:
+        raise InputError(Problem(f"{option}: not understood", found=repr(wrong[0]), allowed=form))
+    return {name: value for name, _, value in (text.partition("=") for text in texts)}
 
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ from qsframework.robot.xml_tree import Node, Place
 
 _LARGEST = 5_000_000
 _MOST_CALLS = 10_000
+_LEVELS = 4
+_PACKAGE = re.compile(r"\w[\w.-]*")
 _ORIGIN = "qsf_origin"
 _BUILT_IN = frozenset(
     f"xacro:{name}" for name in ("include", "property", "macro", "if", "unless", "arg", "insert_block", "attribute")
@@ -29,14 +32,40 @@ _BUILT_IN = frozenset(
 _LOCK = threading.Lock()  # xacro keeps its state in its module
 
 
-def read_tree(path: Path, folder: Path) -> Node:
+@dataclass(frozen=True)
+class Sources:
+    """What a xacro of somebody else's asks for besides its own folder: $(find PACKAGE) and $(arg NAME).
+
+    nearby: a package is also sought by its name among the folders around the file, as in a ROS workspace. Files are
+    read from the robot's folder and from the packages that were asked for, and from nowhere else.
+    """
+
+    packages: Mapping[str, Path] = field(default_factory=dict)
+    arguments: Mapping[str, str] = field(default_factory=dict)
+    nearby: bool = False
+
+    def find(self, package: str, folder: Path) -> Path | None:
+        """The folder of a package that is asked for by a file in `folder`."""
+        if package in self.packages:
+            return self.packages[package]
+        if (folder / package).is_dir():
+            return folder / package
+        around = [folder.resolve(), *folder.resolve().parents][:_LEVELS] if self.nearby else []
+        for here in around:
+            found = here if here.name == package else here / package
+            if found.is_dir():
+                return found
+        return None
+
+
+def read_tree(path: Path, folder: Path, sources: Sources | None = None) -> Node:
     """The expanded tree of a robot file. InputError with file and line if it cannot be read."""
     text = read_text(path, _LARGEST)
     root = xml_tree.parse(text, str(path))
     if path.suffix != ".xacro" and "xmlns:xacro" not in root.attributes:
         return root
     with _LOCK:
-        return _Expansion(folder).run(path)
+        return _Expansion(folder, sources).run(path)
 
 
 def files_of(path: Path, folder: Path) -> tuple[Path, ...]:
@@ -61,8 +90,10 @@ def inside(path: Path, folder: Path) -> bool:
 class _Expansion:
     """One run of xacro: the files it read, the limits it keeps."""
 
-    def __init__(self, folder: Path):
+    def __init__(self, folder: Path, sources: Sources | None = None):
         self.folder = folder
+        self.sources = sources or Sources()
+        self.roots = [folder]
         self.files: list[str] = []
         self.calls = 0
 
@@ -71,7 +102,7 @@ class _Expansion:
 
         with self._confined(xacro):
             try:
-                document: Any = xacro.process_file(str(path), verbosity=0)
+                document: Any = xacro.process_file(str(path), mappings=dict(self.sources.arguments), verbosity=0)
                 root = self._node(document.documentElement)
             except InputError:
                 raise
@@ -108,7 +139,7 @@ class _Expansion:
         from xml.dom import minidom
 
         path = Path(str(filename))
-        if not inside(path, self.folder):
+        if not any(inside(path, folder) for folder in self.roots):
             raise InputError(Problem(f"includes {path.name!r} from outside the robot's folder", file=self._current()))
         if len(self._xacro.filestack) > 20:
             raise InputError(Problem("includes are nested too deeply", file=str(path)))
@@ -133,15 +164,26 @@ class _Expansion:
         """`$(find package)` is a folder of the robot's folder, `$(arg name)` an argument; no others."""
         words = text[2:-1].split()
         if len(words) == 2 and words[0] == "find":
-            return str(self.folder / words[1])
+            return self._package(words[1])
         if len(words) == 2 and words[0] == "arg":
             arguments = self._xacro.substitution_args_context["arg"]
             if words[1] in arguments:
                 return arguments[words[1]]
-            raise ValueError(f"argument {words[1]!r} has no default")
+            raise ValueError(f"argument {words[1]!r} has no default; `qsf new` is told by --arg {words[1]}=VALUE")
         if text == "$(cwd)" or words[:1] == ["dirname"]:
             return str(self.folder)
         raise ValueError(f"{text} is not allowed; a robot file may use $(arg NAME) and $(find FOLDER)")
+
+    def _package(self, name: str) -> str:
+        if not _PACKAGE.fullmatch(name):  # a path: refused where a file is read through it
+            return str(self.folder / name)
+        found = self.sources.find(name, self.folder)
+        if found is None:
+            hint = "`qsf new` is told where it is by --package NAME=FOLDER."
+            message = f"$(find {name}): no folder of this name in {self.folder}"
+            raise InputError(Problem(message, file=self._current(), hint=hint))
+        self.roots.append(found)
+        return str(found)
 
     def _call(self, call: Any, node: Any, macros: Any, symbols: Any) -> Any:
         """Expand a macro and place what it wrote at the line of the call."""

@@ -8,18 +8,19 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from qsframework.errors import InputError, Problem
-from qsframework.robot.checks import chain_joints, check_chain, check_structure
-from qsframework.robot.expand import read_tree
+from qsframework.errors import InputError
+from qsframework.robot.checks import check_chain, check_structure
+from qsframework.robot.expand import Sources, read_tree
 from qsframework.robot.model import plain_urdf
+from qsframework.robot.scaffold_chain import choose_chain
+from qsframework.robot.scaffold_masses import mass_of, with_bodies, with_masses
 from qsframework.robot.scaffold_text import nominal_text, readme_text, robot_text
-from qsframework.robot.urdf import Inertial, Joint, Link, Origin, Urdf, Visual, read_urdf
+from qsframework.robot.urdf import Joint, Link, Urdf, Visual, read_urdf
 
-_MASS_PER_REACH = 150.0  # kg/m^2: R-2000iC 1100 kg at 2.65 m, IRB 2400 380 kg at 1.55 m
 _TWIST_AT_EFFORT = 2.5e-3  # rad: the KUKA KR500 gives 2.1 to 3.6 mrad at its joints' largest torques
 _TWIST_AT_WEIGHT = 1.0e-3  # rad: the KUKA KR240/KR270 under its own weight and a tool
+_TOLD = 6
 _TOOL_SHARE, _TOOL_REACH = 0.15, 0.1  # of the moving mass; of the reach, beyond the flange
-_FLANGES = ("flange", "tool0")
 
 
 @dataclass(frozen=True)
@@ -39,59 +40,36 @@ class Stiffness:
     why: str
 
 
-def propose(name: str, urdf: Path, base: str | None = None, flange: str | None = None) -> Proposal:
-    """The files of a new robot from a URDF or xacro. InputError where the file is no arm, or holds several."""
-    source = read_urdf(urdf, urdf.parent)
+def propose(
+    name: str, urdf: Path, base: str | None = None, flange: str | None = None, sources: Sources | None = None
+) -> Proposal:
+    """The files of a new robot from a URDF or xacro. InputError where the file is no arm, or holds several.
+
+    sources: where a xacro's packages are and what its arguments say
+    """
+    sources = sources or Sources(nearby=True)
+    source = read_urdf(urdf, urdf.parent, sources)
     if source.unreadable:
         raise InputError(source.unreadable)
-    base, flange = _ends(source, base, flange)
-    chain = chain_joints(source, base, flange)
-    if chain is None:
-        message = f"link {flange!r} does not hang on {base!r}"
-        raise InputError(Problem(message, file=str(urdf), hint="Choose other links with --base and --flange."))
+    base, flange, chain = choose_chain(source, base, flange)
     arm, dropped = _arm(source, base, chain)
-    arm, guessed = _with_masses(arm, chain, base)
+    lost = sum(mass_of(source, joint.child) for joint in dropped)
+    arm, impossible = with_bodies(arm)
+    arm, guessed = with_masses(arm, chain, base)
     problems = [*check_structure(arm)]
     problems = problems or check_chain(arm, base, flange)
     if problems:
         raise InputError(problems)
     moving = [joint for joint in chain if joint.moves]
-    stiffness = _stiffness(arm, moving, _efforts(urdf))
-    notes = _checklist(moving, dropped, guessed)
+    stiffness = _stiffness(arm, moving, _efforts(urdf, sources))
+    notes = _checklist(moving, dropped, lost, guessed, impossible)
     files = {
-        f"{name}.urdf": _urdf_text(arm, name, base, guessed),
+        f"{name}.urdf": _urdf_text(arm, name, base, bool(guessed)),
         "robot.yaml": robot_text(name, urdf.name, base, flange, [(j.name, _degrees(j)) for j in moving]),
         "nominal.yaml": nominal_text([(s.joint, s.value, s.why) for s in stiffness]),
         "README.md": readme_text(name, urdf.name, guessed, stiffness[0].why, notes),
     }
     return Proposal(files, notes)
-
-
-def _ends(urdf: Urdf, base: str | None, flange: str | None) -> tuple[str, str]:
-    """The links of the chain: those asked for, or the only ones there are."""
-    links, file = [link.name for link in urdf.links], str(urdf.path)
-    for key, link in (("--base", base), ("--flange", flange)):
-        if link is not None and link not in links:
-            raise InputError(Problem(f"{key}: no link {link!r}", file=file, allowed=", ".join(links)))
-    roots = [link for link in links if link not in urdf.above()]
-    if base is None:
-        if len(roots) != 1:
-            found = ", ".join(roots) or "none"
-            raise InputError(Problem("a URDF has one root link", file=file, found=found, hint="Is it a robot?"))
-        base = roots[0]
-    if flange is not None:
-        return base, flange
-    below = urdf.below(base)
-    ends = [j for j in below if j.moves and j.mimic is None and not any(o.moves and o.mimic is None
-            for o in urdf.below(j.child))]  # fmt: skip
-    if not ends:
-        raise InputError(Problem(f"no joint moves beyond {base!r}", file=file, hint="An arm has revolute joints."))
-    if len(ends) > 1:
-        allowed = ", ".join(j.child for j in ends)
-        message = f"{len(ends)} chains hang on {base!r}; say which one is the arm"
-        raise InputError(Problem(message, file=file, allowed=allowed, hint="Give --flange LINK (and --base LINK)."))
-    fixed = [j.child for j in urdf.below(ends[0].child) if not j.moves and j.parent == ends[0].child]
-    return base, next((n for n in _FLANGES if n in fixed), ends[0].child)
 
 
 def _arm(urdf: Urdf, base: str, chain: list[Joint]) -> tuple[Urdf, list[Joint]]:
@@ -100,46 +78,17 @@ def _arm(urdf: Urdf, base: str, chain: list[Joint]) -> tuple[Urdf, list[Joint]]:
     for joint in urdf.below(base):
         if joint.parent in names and (joint in chain or not joint.moves):
             names.add(joint.child)
-            joints.append(joint)
+            joints.append(replace(joint, limits=None) if joint.kind == "continuous" else joint)
         elif joint.moves:
             dropped.append(joint)
     links = tuple(link for link in urdf.links if link.name in names)
     return replace(urdf, links=links, joints=tuple(joints)), dropped
 
 
-def _with_masses(urdf: Urdf, chain: list[Joint], base: str) -> tuple[Urdf, bool]:
-    """With assumed masses on all moving links if one of them has none."""
-    moving = [j for j in chain if j.moves]
-    bare = [j.child for j in moving if not _mass_of(urdf, j.child) > 0.0]
-    if not bare:
-        return urdf, False
-    reach = sum(float(np.linalg.norm(j.origin.xyz)) for j in chain[1:]) or 1.0
-    shares = 0.5 ** np.arange(1, len(moving) + 1)
-    masses = _MASS_PER_REACH * reach**2 * shares / shares.sum()
-    links = {link.name: link for link in urdf.links}
-    for joint, mass in zip(moving, masses, strict=True):
-        link, after = links[joint.child], [j for j in urdf.joints if j.parent == joint.child and j in chain]
-        half = 0.5 * after[0].origin.xyz if after else np.zeros(3)
-        inertia = float(mass) * max(0.1 * reach, 0.05) ** 2 * np.eye(3)
-        given = Inertial(float(mass), Origin(half, np.zeros(3)), inertia, link.place, link.place)
-        links[joint.child] = replace(link, inertial=given)
-    for j in urdf.joints:  # a mass on a fixed link would count twice
-        if not j.moves and j.parent != base:
-            links[j.child] = replace(links[j.child], inertial=None)
-    return replace(urdf, links=tuple(links.values())), True
-
-
-def _mass_of(urdf: Urdf, name: str) -> float:
-    """Mass of a link and of what is fixed to it."""
-    inertial = urdf.link(name).inertial
-    fixed = [j.child for j in urdf.joints if j.parent == name and not j.moves]
-    return (inertial.mass if inertial else 0.0) + sum(_mass_of(urdf, child) for child in fixed)
-
-
-def _efforts(urdf: Path) -> dict[str, float]:
+def _efforts(urdf: Path, sources: Sources) -> dict[str, float]:
     """The largest torque of each joint of the file that states one."""
     out: dict[str, float] = {}
-    for joint in read_tree(urdf, urdf.parent).all("joint"):
+    for joint in read_tree(urdf, urdf.parent, sources).all("joint"):
         limit = joint.first("limit")
         try:
             effort = float(limit.get("effort")) if limit is not None else 0.0
@@ -156,7 +105,7 @@ def _stiffness(urdf: Urdf, moving: list[Joint], efforts: dict[str, float]) -> li
         why = "assumed: 2.5 mrad at the joint's largest torque in the URDF"
         return [Stiffness(j.name, efforts[j.name] / _TWIST_AT_EFFORT, why) for j in moving]
     lengths = [float(np.linalg.norm(j.origin.xyz)) for j in moving] + [0.0]
-    masses = [_mass_of(urdf, j.child) for j in moving]
+    masses = [mass_of(urdf, j.child) for j in moving]
     tool, reach = _TOOL_SHARE * sum(masses), sum(lengths[1:])
     out = []
     for k, joint in enumerate(moving):
@@ -173,25 +122,37 @@ def _degrees(joint: Joint) -> tuple[float, float]:
     return round(float(np.rad2deg(lower)), 3), round(float(np.rad2deg(upper)), 3)
 
 
-def _checklist(moving: list[Joint], dropped: list[Joint], guessed: bool) -> tuple[str, ...]:
+def _checklist(
+    moving: list[Joint], dropped: list[Joint], lost: float, guessed: tuple[str, ...], impossible: tuple[str, ...]
+) -> tuple[str, ...]:
     """What a URDF cannot tell."""
+    span = sum(float(np.linalg.norm(j.origin.xyz)) for j in moving[1:])
     notes = [
         "controller: does the pendant show J3 as the relative angle, or as the forearm's elevation (FANUC, ABB with a "
         "parallelogram)? Then write equals: J3 + J2 or J3 - J2",
         "limits: a maker's limits hold for what the pendant shows; compare them with the manual",
+        f"size: from the first axis to the last the joints are {span:.3g} m apart in all; does the manual agree?",
         "loops: a parallelogram or other coupling bar? Lever length and margin: see the comment in robot.yaml",
         "springs: a balancer or counterweight? Pivots and spring: see the comment in robot.yaml",
         "compliances: all are assumed; replace them where the maker or a paper states some",
         "payload: add payload_kg, and torque_limit_Nm per joint where the maker states them",
     ]
     if guessed:
-        notes.append("masses: the URDF has none for some link, so all moving links have assumed ones")
+        which = "all moving links have assumed ones" if len(guessed) == len(moving) else "there they are assumed"
+        notes.append(f"masses: the URDF has none for {', '.join(guessed)}; {which}")
+    if impossible:
+        notes.append(
+            f"inertias: no body has those of {', '.join(impossible)} in the URDF; balls of the same mass stand in, "
+            "which changes nothing here, for an arm at rest has no use for them"
+        )
     unlimited = [j.name for j in moving if j.kind == "continuous"]
     if unlimited:
         notes.append(f"limits: -360..360 deg are assumed for {', '.join(unlimited)}, continuous in the URDF")
     if dropped:
-        names = ", ".join(j.name for j in dropped)
-        notes.append(f"left out, as they do not move the flange: {names}. Bars of a loop are an effect")
+        more = f" and {len(dropped) - _TOLD} more" if len(dropped) > _TOLD else ""
+        names = ", ".join(j.name for j in dropped[:_TOLD]) + more
+        weight = f"; what they carry, {lost:.3g} kg with all that is fixed to it, is left out too" if lost > 0 else ""
+        notes.append(f"left out, as they do not move the flange: {names}{weight}. Bars of a loop are an effect")
     return tuple(notes)
 
 
@@ -200,7 +161,7 @@ def _urdf_text(urdf: Urdf, name: str, base: str, guessed: bool) -> str:
     text = plain_urdf(urdf, base).replace('<robot name="robot">', f"<robot name={quoteattr(name)}>", 1)
     for link in urdf.links:
         text = text.replace(f"<link name={quoteattr(link.name)}>", _head(link), 1)
-    told = "The masses are assumed, see README.md." if guessed else ""
+    told = "Masses are assumed, see README.md." if guessed else ""
     return f'<?xml version="1.0"?>\n<!-- Made by qsf new from {urdf.path.name}. {told} -->\n' + text
 
 

@@ -42,9 +42,9 @@ def nominal_text(values: Sequence[tuple[str, float, str]]) -> str:
     return out
 
 
-def readme_text(name: str, source: str, guessed: bool, why: str, checklist: Sequence[str]) -> str:
-    """README.md with the table of sources to fill in, and the checklist."""
-    masses = "**assumed**: 150 kg per square metre of reach, halved from link to link" if guessed else source
+def readme_text(name: str, source: str, guessed: Sequence[str], why: str, checklist: Sequence[str]) -> str:
+    """README.md with the table of sources to fill in, and the checklist. guessed: links with an assumed mass"""
+    masses = f"{source}; **assumed** for {', '.join(guessed)}, see below" if guessed else source
     rows = (
         ("joint placements, axes, limits", source),
         ("pendant", "**assumed**: shows the URDF's angles"),

@@ -107,7 +107,8 @@ class Urdf:
 
     def below(self, link: str) -> list[Joint]:
         """All joints on the far side of a link, parents first."""
-        found, open_links = [], [link]
+        open_links = [link]
+        found: list[Joint] = []
         while open_links:
             here = [joint for joint in self.joints if joint.parent == open_links[0]]
             found += here

@@ -1,0 +1,115 @@
+"""Which joints of a stranger's URDF are the arm: from the link that stands still to the one that carries the tool."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qsframework.errors import InputError, Problem
+from qsframework.robot.checks import chain_joints
+from qsframework.robot.urdf import Joint, Urdf
+
+_SAME = 1e-4
+_FLANGES = ("flange", "tool0")
+_OFFERED = 8
+_TRUNK = 3
+"""Joints before a parting that could be an arm which carries a hand."""
+
+
+def choose_chain(urdf: Urdf, base: str | None, flange: str | None) -> tuple[str, str, list[Joint]]:
+    """Base, flange and all joints between them: those asked for, or the only ones there are.
+
+    What slides or follows beyond the last turning joint, or turns about that joint's own axis, is a gripper's and no
+    part of the arm. InputError where the
+    file holds no arm or several.
+    """
+    links, file = [link.name for link in urdf.links], str(urdf.path)
+    for key, link in (("--base", base), ("--flange", flange)):
+        if link is not None and link not in links:
+            raise InputError(Problem(f"{key}: no link {link!r}", file=file, allowed=", ".join(links)))
+    base = base or _root(urdf, links)
+    flange = flange or _flange(urdf, base)
+    chain = chain_joints(urdf, base, flange)
+    if chain is None:
+        message = f"link {flange!r} does not hang on {base!r}"
+        raise InputError(Problem(message, file=file, hint="Choose other links with --base and --flange."))
+    _check_kinds(chain)
+    return base, flange, chain
+
+
+def _root(urdf: Urdf, links: list[str]) -> str:
+    roots = [link for link in links if link not in urdf.above()]
+    if len(roots) != 1:
+        found = ", ".join(roots) or "none"
+        raise InputError(Problem("a URDF has one root link", file=str(urdf.path), found=found, hint="Is it a robot?"))
+    return roots[0]
+
+
+def _turns(joint: Joint) -> bool:
+    """A joint with a motor of its own that an arm can have."""
+    return joint.kind in ("revolute", "continuous") and joint.mimic is None
+
+
+def _flange(urdf: Urdf, base: str) -> str:
+    below, file = urdf.below(base), str(urdf.path)
+    ends = [j for j in below if _turns(j) and not any(_turns(o) for o in urdf.below(j.child))]
+    if not ends:
+        raise InputError(Problem(f"no joint turns beyond {base!r}", file=file, hint="An arm has revolute joints."))
+    if len(ends) > 1:
+        hint = "Give --flange LINK (and --base LINK if the arm does not start at the root)."
+        raise InputError(
+            Problem(f"{len(ends)} chains hang on {base!r}; say which one is the arm", file=file,
+                    allowed=_offered(urdf, base, ends), hint=hint)
+        )  # fmt: skip
+    last = _before_a_spin(chain_joints(urdf, base, ends[0].child) or [], ends[0])
+    fixed, here = [], [last.child]
+    while here:
+        here = [j.child for j in below if j.parent in here and j.kind == "fixed"]
+        fixed += here
+    return next((name for name in _FLANGES if name in fixed), last.child)
+
+
+def _before_a_spin(chain: list[Joint], last: Joint) -> Joint:
+    """The last joint, or the one before it where both turn about one axis: then the last is a gripper's, and no
+    force could tell the two apart."""
+    turning = [j for j in chain if _turns(j)]
+    if len(turning) < 2 or last is not turning[-1]:
+        return last
+    before = turning[-2]
+    place = np.eye(4)
+    for joint in chain[chain.index(before) + 1 :]:
+        place = place @ joint.origin.matrix()
+    axis = before.axis / np.linalg.norm(before.axis)
+    other = place[:3, :3] @ (last.axis / np.linalg.norm(last.axis))
+    apart = np.linalg.norm(np.cross(axis, place[:3, 3])) + np.linalg.norm(np.cross(axis, other))
+    return before if apart < _SAME else last
+
+
+def _offered(urdf: Urdf, base: str, ends: list[Joint]) -> str:
+    """The links where chains end, and before them those where an arm parts into a hand."""
+    paths = [[j.child for j in chain_joints(urdf, base, end.child) or [] if _turns(j)] for end in ends]
+    through: dict[str, int] = {}
+    for path in paths:
+        for link in path[:-1]:
+            through[link] = through.get(link, 0) + 1
+    parting: dict[str, str] = {}
+    for path in paths:
+        for k, link in enumerate(path[:-1]):
+            if k + 1 >= _TRUNK and through[link] > 1 and through[link] > through.get(path[k + 1], 1):
+                parting[link] = f"{link} ({k + 1} joints, then {through[link]} chains)"
+                break
+    hands = {path[-1] for path in paths if any(link in parting for link in path)}
+    single = [f"{p[-1]} ({len(p)} joint{'s' * (len(p) > 1)})" for p in paths if p[-1] not in hands]
+    listed = [*parting.values(), *sorted(single, key=lambda text: -int(text.split("(")[-1].split()[0]))]
+    more = f" and {len(listed) - _OFFERED} more" if len(listed) > _OFFERED else ""
+    return ", ".join(listed[:_OFFERED]) + more
+
+
+def _check_kinds(chain: list[Joint]) -> None:
+    """InputError where a joint slides or floats before one that turns: the arm begins beyond it."""
+    for joint in reversed(chain):
+        if joint.moves and joint.kind not in ("revolute", "continuous"):
+            turning = any(_turns(j) for j in chain[chain.index(joint) + 1 :])
+            hint = f"Lock it and begin the arm beyond it: --base {joint.child}." if turning else None
+            hint = hint or f"End the arm before it: --flange {joint.parent}."
+            message = f"joint {joint.name!r}: a {joint.kind} joint cannot be part of the arm"
+            raise InputError(joint.place.problem(message, hint=hint))

@@ -1,0 +1,206 @@
+"""`qsf new` on what strangers' URDFs are like: grippers, mobile bases, torsos, packages, impossible inertias."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qsframework.applications.conformance import check_robot
+from qsframework.cli.new import NewWish, run_new
+from qsframework.errors import InputError
+from qsframework.robot import load_robot
+from qsframework.robot.expand import Sources
+from qsframework.robot.reference import reference_flange
+from qsframework.robot.scaffold import Proposal, propose
+
+BODY = (
+    '<inertial><origin xyz="0 0 {z}"/><mass value="{m}"/>'
+    '<inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
+LIMIT = '<limit lower="-2.5" upper="2.5" effort="0" velocity="1"/>'
+
+
+def link(name: str, mass: float = 0.0, inertia: float | None = None, z: float = 0.1) -> str:
+    inside = BODY.format(m=mass, i=0.01 * mass if inertia is None else inertia, z=z) if mass else ""
+    mesh = f'<visual><geometry><mesh filename="package://gone/{name}.stl"/></geometry></visual>'
+    return f'<link name="{name}">{inside}{mesh}</link>'
+
+
+def joint(parent: str, child: str, axis: str, xyz: str = "0 0 0.4", kind: str = "revolute", more: str = LIMIT) -> str:
+    axis = "" if kind == "fixed" else f'<axis xyz="{axis}"/>'
+    return (
+        f'<joint name="to_{child}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{xyz}"/>{axis}{more if kind != "fixed" else ""}</joint>'
+    )
+
+
+ARM = (
+    link("foot", 20) + link("turret", 30) + link("upper", 18) + link("fore", 9) + link("roll", 4) + link("bend", 2)
+    + link("hand", 1)
+    + joint("foot", "turret", "0 0 1") + joint("turret", "upper", "0 1 0", "0.2 0 0.2")
+    + joint("upper", "fore", "0 1 0", "0 0 0.8") + joint("fore", "roll", "1 0 0", "0.3 0 0.1")
+    + joint("roll", "bend", "0 1 0", "0.5 0 0") + joint("bend", "hand", "1 0 0", "0.1 0 0")
+)  # fmt: skip
+FINGERS = (
+    link("palm", 0.8) + link("left", 0.1) + link("right", 0.1) + joint("hand", "palm", "", "0.05 0 0", "fixed")
+    + joint("palm", "left", "0 1 0", "0.1 0.03 0", "prismatic")
+    + joint("palm", "right", "0 -1 0", "0.1 -0.03 0", "prismatic", LIMIT + '<mimic joint="to_left"/>')
+)  # fmt: skip
+
+
+def file_of(folder: Path, text: str, name: str = "robot.urdf", more: str = "") -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / name
+    file.write_text(f'<?xml version="1.0"?>\n<robot name="stranger"{more}>{text}</robot>\n')
+    return file
+
+
+def works(folder: Path, proposal: Proposal) -> Path:
+    """The folder of a proposal, with its marked values filled in, passes the conformance test."""
+    (folder / "arm").mkdir()
+    for name, text in proposal.files.items():
+        filled = text.replace("# payload_kg: 100", "payload_kg: 8").replace("sd_percent: 60", "sd_percent: 20")
+        (folder / "arm" / name).write_text(filled)
+    checks = check_robot(folder / "arm")
+    assert all(c.good for c in checks), [c for c in checks if not c.good]
+    return folder / "arm"
+
+
+def test_an_arm_with_a_gripper_ends_at_its_last_turning_joint(tmp_path: Path) -> None:
+    proposal = propose("arm", file_of(tmp_path, ARM + FINGERS))
+    told = next(note for note in proposal.checklist if note.startswith("left out"))
+    assert "to_left, to_right; what they carry, 0.2 kg" in told
+    robot = load_robot(works(tmp_path, proposal))
+    assert robot.facts.masses[-1] == pytest.approx(1.8)  # hand and palm
+    with pytest.raises(
+        InputError, match=r"prismatic joint cannot be part of the arm\. End the arm before it: --flange palm"
+    ):
+        propose("arm", tmp_path / "robot.urdf", flange="left")
+
+
+def test_a_propeller_on_the_last_axis_is_left_out(tmp_path: Path) -> None:
+    spin = link("propeller", 0.1) + joint("hand", "propeller", "-1 0 0", "0.05 0 0", "continuous", "")
+    file = file_of(tmp_path, ARM + spin)
+    assert 'flange: "hand"' in propose("arm", file).files["robot.yaml"]
+    assert any("to_propeller" in note for note in propose("arm", file).checklist)
+    assert 'flange: "propeller"' in propose("arm", file, flange="propeller").files["robot.yaml"]
+    file_of(tmp_path, ARM + spin.replace("0.05 0 0", "0.05 0 0.02"))
+    assert 'flange: "propeller"' in propose("arm", file).files["robot.yaml"]
+
+
+def test_a_hand_of_turning_fingers_asks_where_the_arm_ends(tmp_path: Path) -> None:
+    fingers = "".join(
+        link(f"f{k}", 0.1) + link(f"g{k}", 0.1) + joint("hand", f"f{k}", "0 1 0") + joint(f"f{k}", f"g{k}", "0 1 0")
+        for k in range(3)
+    )
+    file = file_of(tmp_path, ARM + fingers + link("lamp", 1) + joint("foot", "lamp", "0 0 1"))
+    with pytest.raises(
+        InputError, match=r"4 chains hang on 'foot'.*allowed: hand \(6 joints, then 3 chains\), lamp \(1 joint\)\."
+    ):
+        propose("arm", file)
+    assert "6 chains" not in propose("arm", file, flange="hand").files["robot.yaml"]
+
+
+def test_an_arm_on_a_lift_of_a_mobile_base(tmp_path: Path) -> None:
+    cart = (
+        link("cart", 80) + link("wheel_left", 3) + link("wheel_right", 3) + link("lift", 12)
+        + joint("cart", "wheel_left", "0 1 0", kind="continuous", more="")
+        + joint("cart", "wheel_right", "0 1 0", kind="continuous", more="")
+        + joint("cart", "lift", "0 0 1", kind="prismatic") + joint("lift", "foot", "", kind="fixed")
+    )  # fmt: skip
+    file = file_of(tmp_path, cart + ARM)
+    with pytest.raises(InputError, match=r"3 chains.*allowed: hand \(6 joints\), wheel_left \(1 joint\), wheel_right"):
+        propose("arm", file)
+    with pytest.raises(
+        InputError, match=r"line \d+: joint 'to_lift': a prismatic .* begin the arm beyond it: --base lift"
+    ):
+        propose("arm", file, flange="hand")
+    works(tmp_path, propose("arm", file, base="lift", flange="hand"))
+
+
+def test_inertias_of_no_body_do_not_stop_an_arm_at_rest(tmp_path: Path) -> None:
+    """Dots and needles, as exporters write them, and an inertia without a mass on a sensor's frame."""
+    text = ARM.replace(link("roll", 4), link("roll", 4, 0.0)).replace(
+        link("bend", 2), link("bend", 2).replace('iyy="0.02"', 'iyy="0.9"')
+    )
+    sensor = '<link name="cell"><inertial><mass value="0"/><inertia ixx="1" iyy="1" izz="9"/></inertial></link>'
+    proposal = propose("arm", file_of(tmp_path, text + sensor + joint("bend", "cell", "", kind="fixed")))
+    assert any(note.startswith("inertias: no body has those of roll, bend ") for note in proposal.checklist)
+    robot = load_robot(works(tmp_path, proposal))
+    np.testing.assert_allclose(robot.facts.masses, [20, 30, 18, 9, 4, 2, 1])
+
+
+def test_one_link_without_a_mass_keeps_the_others(tmp_path: Path) -> None:
+    proposal = propose("arm", file_of(tmp_path, ARM.replace(link("roll", 4), link("roll"))))
+    assert any("none for roll; there they are assumed" in note for note in proposal.checklist)
+    assert "**assumed** for roll" in proposal.files["README.md"]
+    robot = load_robot(works(tmp_path, proposal))
+    np.testing.assert_allclose(robot.facts.masses, [20, 30, 18, 9, 4.5, 2, 1])
+
+
+def test_a_continuous_joint_with_empty_limits(tmp_path: Path) -> None:
+    last = joint("bend", "hand", "1 0 0", "0.1 0 0")
+    empty = last.replace('type="revolute"', 'type="continuous"').replace(
+        'lower="-2.5" upper="2.5"', 'lower="0" upper="0"'
+    )
+    proposal = propose("arm", file_of(tmp_path, ARM.replace(last, empty)))
+    robot = load_robot(works(tmp_path, proposal))
+    assert np.rad2deg(robot.controller.upper[-1]) == pytest.approx(360)
+
+
+def test_an_arm_that_moves_in_a_horizontal_plane(tmp_path: Path) -> None:
+    text = link("foot") + link("one", 5) + link("two", 3) + joint("foot", "one", "0 0 1")
+    works(tmp_path, propose("arm", file_of(tmp_path, text + joint("one", "two", "0 0 1", "0.4 0 0"))))
+
+
+XACRO = ' xmlns:xacro="http://www.ros.org/wiki/xacro"'
+
+
+def workspace(tmp_path: Path) -> Path:
+    """Two packages beside each other, as in a ROS workspace; the arm's length is an argument without a default."""
+    lengths = '<xacro:property name="reach" value="0.8"/>'
+    file_of(tmp_path / "src" / "maker_resources" / "urdf", lengths, "lengths.xacro", XACRO)
+    macro = ARM.replace("0 0 0.8", "0 0 ${reach}").replace("0.5 0 0", "$(arg forearm) 0 0")
+    macro = f'<xacro:macro name="arm" params="prefix">{macro}</xacro:macro>'
+    file_of(tmp_path / "src" / "maker_arm" / "urdf", macro, "arm_macro.xacro", XACRO)
+    text = (
+        '<xacro:arg name="forearm" default="0.5"/>'
+        '<xacro:include filename="$(find maker_resources)/urdf/lengths.xacro"/>'
+        '<xacro:include filename="$(find maker_arm)/urdf/arm_macro.xacro"/><xacro:arm prefix=""/>'
+    )
+    return file_of(tmp_path / "src" / "maker_arm" / "urdf", text, "arm.xacro", XACRO)
+
+
+def test_packages_beside_each_other_are_found(tmp_path: Path) -> None:
+    file = workspace(tmp_path)
+    robot = load_robot(works(tmp_path, propose("arm", file)))
+    assert reference_flange(robot, np.zeros((1, 6)))[0, :3, 3] == pytest.approx([1.1, 0, 1.5])
+
+
+def test_a_package_elsewhere_and_an_argument_are_told(tmp_path: Path) -> None:
+    file = workspace(tmp_path)
+    (tmp_path / "src" / "maker_resources").rename(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match=r"arm.xacro: \$\(find maker_resources\): no folder .*--package NAME=FOLDER"):
+        propose("arm", file)
+    sources = Sources({"maker_resources": tmp_path / "elsewhere"}, {"forearm": "0.7"}, nearby=True)
+    robot = load_robot(works(tmp_path, propose("arm", file, sources=sources)))
+    assert reference_flange(robot, np.zeros((1, 6)))[0, 0, 3] == pytest.approx(1.3)
+    wishes = (["maker_resources"], "not understood"), ([f"maker_resources={tmp_path / 'none'}"], "no such folder")
+    for packages, words in wishes:
+        with pytest.raises(InputError, match=words):
+            run_new("arm", file, NewWish(tmp_path / "new", packages=packages))
+    file.write_text(file.read_text().replace('<xacro:arg name="forearm" default="0.5"/>', ""))
+    with pytest.raises(InputError, match=r"argument 'forearm' has no default; .*--arg forearm=VALUE"):
+        propose("arm", file, sources=Sources(sources.packages, nearby=True))
+
+
+def test_a_package_opens_no_other_folder(tmp_path: Path) -> None:
+    file = workspace(tmp_path)
+    file_of(tmp_path / "src" / "secret", "", "secret.xacro", XACRO)
+    text = file.read_text()
+    for target in ("../../secret/secret.xacro", "$(find maker_arm)/../secret/secret.xacro", "$(find ..)/x.xacro"):
+        file.write_text(text.replace("$(find maker_arm)/urdf/arm_macro.xacro", target))
+        with pytest.raises(InputError, match="outside the robot's folder"):
+            propose("arm", file)
