@@ -9,6 +9,8 @@ PYTHON ?= $(shell command -v python3.11 || echo python3)
 VENV := .venv
 BIN := $(VENV)/bin
 DONE := $(VENV)/installed
+BENCHED := $(VENV)/bench-installed
+BENCHMARKS := startup kinematics design scaling identify
 LOCK_VENV := build/lock-venv
 
 # One dot for every package that pip looks at; its errors still show.
@@ -44,9 +46,13 @@ docs: $(DONE)  ## build the site into build/site, with no warning
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	@echo "build/site/index.html"
 
-bench: $(DONE)  ## measure kinematics and designs against Pinocchio, cvxpy, FIGAROH and the memory
-	@$(BIN)/python benchmarks/kinematics.py
-	@$(BIN)/python benchmarks/design.py
+bench: $(BENCHED)  ## measure against Pinocchio, cvxpy, FIGAROH and the memory: docs/performance.md, half an hour
+	@for script in $(BENCHMARKS); do echo "benchmarks/$$script.py"; $(BIN)/python benchmarks/$$script.py --write; done
+
+$(BENCHED): $(DONE)
+	@PYTHONUNBUFFERED=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_CONSTRAINT=requirements.lock \
+		$(BIN)/python -m pip install --progress-bar off -e '.[bench]' | $(DOTS)
+	@touch $@
 
 lock:  ## choose the newest versions that resolve together, all extras included, and pin them
 	@rm -rf $(LOCK_VENV) && $(PYTHON) -m venv $(LOCK_VENV)

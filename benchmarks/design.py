@@ -11,9 +11,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import platform
-import resource
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -27,6 +24,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import numpy as np
 import scipy.linalg
+from common import RUNS, cpu, memory, show, table
 
 from qsframework.design import CRITERIA
 from qsframework.design.catalogue import find_criterion
@@ -41,10 +39,8 @@ from qsframework.information import as_rows, bound_of, everything, rank_test, sc
 from qsframework.plugin import Poses, find
 from qsframework.robot import load_robot
 
-RUNS = 5
 TIP = Site(6, np.array([0.15, 0.1, 0.25]))
 HERE = Path(__file__).resolve().parent
-PAGE = HERE.parent / "docs" / "performance.md"
 SPRINGS = ("offaxis_compliance", "base_compliance", "tool_compliance", "link_compliance")
 MORE = ("joint_hardening", "load_direction")
 """One marker tells about 25 springs apart; more parameters need other physics."""
@@ -93,20 +89,6 @@ def robot_rows(count: int, parameters: int) -> np.ndarray:
         out[start:stop] = rows_of(model, names, sample(model, stop - start, start))
     out /= np.sqrt((out[:1000] ** 2).mean(axis=(0, 1)))
     return out
-
-
-def cpu(job: Callable[[], object], runs: int = RUNS) -> float:
-    times = []
-    for _ in range(runs):
-        start = time.process_time()
-        job()
-        times.append(time.process_time() - start)
-    return statistics.median(times)
-
-
-def memory() -> float:
-    """Peak resident memory, MB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
 def relaxed(count: int, parameters: int, criterion: str, runs: int) -> dict[str, Any]:
@@ -266,11 +248,6 @@ def run(name: str, *arguments: Any) -> dict[str, Any]:
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def table(header: list[str], rows: list[list[str]]) -> str:
-    return "\n".join(["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
-                     + ["| " + " | ".join(row) + " |" for row in rows])  # fmt: skip
-
-
 def relaxed_table(quick: bool) -> str:
     large = 100_000 if quick else 1_000_000
     jobs = [("D", large, 9, "3"), ("D", large, 32, "3"), ("A", large, 9, "5"), ("A", large, 32, "5"),
@@ -346,23 +323,13 @@ def main() -> None:
     seconds = run("kernel", 100_000 if given.quick else 1_000_000)["seconds"]
     size = "1e5" if given.quick else "1e6"
     parts = [
-        "## Relaxed designs",
+        "### Relaxed designs",
         relaxed_table(given.quick), mapped_text(given.quick),
         f"Rows of {size} candidates with 20 parameters, geometry included: {seconds:.2f} s CPU (goal for 1e6: 4 s).",
-        "## Exact plans", exact_table(given.quick),
-        "## Against cvxpy", reference_table(given.quick), "## Against FIGAROH 1.0.2", figaroh_table(given.quick),
+        "### Exact plans", exact_table(given.quick),
+        "### Against cvxpy", reference_table(given.quick), "### Against FIGAROH 1.0.2", figaroh_table(given.quick),
     ]  # fmt: skip
-    text = "\n\n".join(parts)
-    print(text)
-    if given.write:
-        command = "python benchmarks/design.py --write" + (" --quick" if given.quick else "")
-        intro = (
-            "# Performance\n\nOptimal designs on the M-900iB (one marker, three rows per candidate), written by "
-            f"`{command}`. CPU seconds, one BLAS thread, medians of {RUNS} runs; {platform.machine()}, "
-            f"{os.cpu_count()} cores, Python {platform.python_version()}, numpy {np.__version__}. A pass scores all "
-            "candidates once; memory is resident, beyond the rows themselves.\n\n"
-        )
-        PAGE.write_text(intro + text + "\n")
+    show("design", "\n\n".join(parts), given.write, given.quick)
 
 
 if __name__ == "__main__":

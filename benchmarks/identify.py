@@ -1,6 +1,6 @@
 """Identification of the repository's UR10 from absolute positions, side by side with FIGAROH 1.0.2.
 
-    python benchmarks/identify.py [--seeds 20] [--out identify.json]
+    python benchmarks/identify.py [--seeds 20] [--out identify.json] [--write]
     python benchmarks/identify.py one B --seed 0 --model structural|elastic|sag|waves
 
 Both fit the same random half of the readings of examples/ur10 (all rows, nothing masked beforehand) and are
@@ -25,6 +25,8 @@ import sys
 import time
 from pathlib import Path
 from typing import Any
+
+from common import show, table
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
@@ -92,6 +94,36 @@ def median(runs: list[dict[str, Any]], key: str) -> float:
     return statistics.median(r[key] for r in runs)
 
 
+def compare(series: str, seeds: int) -> tuple[list[list[str]], list[dict[str, Any]]]:
+    """The lines of one series and all runs behind them."""
+    lines: list[list[str]] = []
+    everything: list[dict[str, Any]] = []
+    compared: dict[str, list[dict[str, Any]]] = {}
+    for model in MODELS:
+        ours, fresh = [], AGAINST[model] not in compared
+        reference = compared.setdefault(AGAINST[model], [])
+        for seed in range(seeds):
+            ours.append(own(series, seed, model))
+            if fresh:
+                reference.append(theirs(series, seed, AGAINST[model]))
+        everything += ours + (reference if fresh else [])
+        lines.append([f"{series} {model}", *_line(ours, [r for r in reference if "skipped" not in r])])
+        print(lines[-1], file=sys.stderr)
+        if len(lines[-1][2]) == 0:
+            print(reference[0]["skipped"], file=sys.stderr)
+    return lines, everything
+
+
+def _line(ours: list[dict[str, Any]], told: list[dict[str, Any]]) -> list[str]:
+    keys = ("held_out_mm", "time_s", "memory_MB")
+    error, seconds, size = (median(ours, key) for key in keys)
+    if not told:
+        return [f"{error:.4f}", "", f"{seconds:.3f}", "", "", f"{size:.0f}", ""]
+    their_error, their_seconds, their_size = (median(told, key) for key in keys)
+    return [f"{error:.4f}", f"{their_error:.4f}", f"{seconds:.3f}", f"{their_seconds:.2f}",
+            f"{their_seconds / seconds:.0f}", f"{size:.0f}", f"{their_size:.0f}"]  # fmt: skip
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -99,38 +131,21 @@ def main() -> None:
     parser.add_argument("series", nargs="?", default="B")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--model", choices=list(MODELS), default="structural")
-    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--seeds", type=int, default=20, help="random halves; at least five are written")
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--write", action="store_true", help="write the table to docs/performance.md")
     given = parser.parse_args()
     if given.job == "one":
         print(json.dumps(one(given.series, given.seed, given.model)))
         return
-    everything = []
-    print(
-        "| series, model | held out, mm | FIGAROH | time, s | FIGAROH | ratio | memory, MB | FIGAROH |\n|---|"
-        + "--:|" * 7
-    )
-    for series in "BD":
-        compared: dict[str, list[dict[str, Any]]] = {}
-        for model in MODELS:
-            ours, fresh = [], AGAINST[model] not in compared
-            reference = compared.setdefault(AGAINST[model], [])
-            for seed in range(given.seeds):
-                ours.append(own(series, seed, model))
-                if fresh:
-                    reference.append(theirs(series, seed, AGAINST[model]))
-            everything += ours + (reference if fresh else [])
-            told = [r for r in reference if "skipped" not in r]
-            mine = [median(ours, key) for key in ("held_out_mm", "time_s", "memory_MB")]
-            if told:
-                other = [median(told, key) for key in ("held_out_mm", "time_s", "memory_MB")]
-                print(f"| {series} {model} | {mine[0]:.4f} | {other[0]:.4f} | {mine[1]:.3f} | {other[1]:.2f} | "
-                      f"{other[1] / mine[1]:.0f} | {mine[2]:.0f} | {other[2]:.0f} |", flush=True)  # fmt: skip
-            else:
-                print(f"| {series} {model} | {mine[0]:.4f} | {reference[0]['skipped']} | {mine[1]:.3f} | | | "
-                      f"{mine[2]:.0f} | |", flush=True)  # fmt: skip
+    (b, runs_b), (d, runs_d) = compare("B", given.seeds), compare("D", given.seeds)
+    head = ["series, model", "held out, mm", "FIGAROH", "clock s", "FIGAROH", "ratio", "memory, MB", "FIGAROH"]
+    text = table(head, b + d)
+    if not any(line[2] for line in b + d):
+        text += "\n\nFIGAROH is not compared here: it is not installed."
+    show("identification", text, given.write, given.seeds < 5, given.seeds)
     if given.out:
-        given.out.write_text(json.dumps(everything, indent=1) + "\n")
+        given.out.write_text(json.dumps(runs_b + runs_d, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -1,23 +1,21 @@
 # ruff: noqa: E402 - threads are set before numpy is imported
 """Batch kinematics, predictions and equilibrium against the plain Pinocchio loop and the memory.
 
-Run: python benchmarks/kinematics.py [--quick]. All ratios come from one run; times are medians of
-CPU seconds, one thread.
+Run: python benchmarks/kinematics.py [--quick] [--write]. The jobs of a ratio take turns in one
+run; times are medians of CPU seconds, one thread.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-import resource
-import statistics
-import time
 from collections.abc import Callable
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
 import numpy as np
+from common import RUNS, memory, show, table, turns
 
 from qsframework.elastostatics import Model, Site, full_displacement, make_model
 from qsframework.elastostatics.loads import gravity_torque, nominal_moments
@@ -27,18 +25,7 @@ from qsframework.elastostatics.structure import CHUNK
 from qsframework.plugin import Poses, find
 from qsframework.robot import Robot, load_robot
 
-RUNS = 5
 TIP = Site(6, np.array([0.15, 0.0, 0.2]))
-
-
-def cpu(job: Callable[[], object], runs: int = RUNS) -> float:
-    """Median CPU seconds of a job."""
-    times = []
-    for _ in range(runs):
-        start = time.process_time()
-        job()
-        times.append(time.process_time() - start)
-    return statistics.median(times)
 
 
 def sample(robot: Robot, count: int) -> Poses:
@@ -95,38 +82,60 @@ def sensitivities(m: Model, poses: Poses, names: list[str], block: int = 100_000
         m.sensitivity(part, names=names)
 
 
-def writing(count: int, parameters: int) -> Callable[[], None]:
-    """The time to write the arrays that `sensitivities` produces: the bound set by memory."""
+def writing(count: int, *shapes: tuple[int, ...], block: int = 100_000) -> Callable[[], None]:
+    """The time to write arrays of these shapes for all poses: the bound set by memory."""
 
     def write() -> None:
-        for _ in range(0, count, 100_000):
-            np.full((100_000, 1, 3, parameters), 1.0)
-            np.full((100_000, 1, 3), 1.0)
+        for _ in range(0, count, block):
+            for shape in shapes:
+                np.full((min(block, count), *shape), 1.0)
 
     return write
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--quick", action="store_true", help="a tenth of the poses")
-    count = 100_000 if parser.parse_args().quick else 1_000_000
+def tables(count: int, runs: int) -> str:
+    """All comparisons as Markdown."""
     robot = load_robot("fanuc_m900ib")
     poses = sample(robot, count)
     few = poses.take(slice(0, count // 10))
     plain, wide = model(robot), model(robot, 12)
     names = [p.name for p in wide.parameters if "compliance" in p.name or p.name.endswith(".stiffness")]
-    ours = cpu(lambda: batch(plain, poses))
-    loop = cpu(lambda: pinocchio_loop(robot, few), 3) * len(poses) / len(few)
-    print(f"positions + Jacobians + gravity, {count} poses: {ours:.3f} s; Pinocchio loop {loop:.3f} s", end="; ")
-    print(f"{loop / ours:.1f} times faster")
-    both, write = cpu(lambda: sensitivities(wide, poses, names)), cpu(writing(count, len(names)))
-    print(f"predictions + sensitivities of {len(names)} parameters: {both:.3f} s", end=", ")
-    print(f"{both / write:.1f} times the writing of the arrays")
-    linear, full = cpu(lambda: plain.predict(few)), cpu(lambda: full_displacement(plain, few))
-    print(f"full equilibrium of {len(few)} poses: {full:.3f} s", end=", ")
-    print(f"{full / linear:.1f} times the linear prediction ({linear:.3f} s)")
-    print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB")
+    kinematics = turns({
+        "ours": lambda: batch(plain, poses),
+        "loop": lambda: pinocchio_loop(robot, few),
+        "writing": writing(count, (3,), (6, 6), (6,)),
+    }, runs)  # fmt: skip
+    loop = kinematics["loop"] * len(poses) / len(few)
+    both = turns({
+        "ours": lambda: sensitivities(wide, poses, names),
+        "writing": writing(count, (1, 3, len(names)), (1, 3)),
+    }, runs)  # fmt: skip
+    states = turns({"full": lambda: full_displacement(plain, few), "linear": lambda: plain.predict(few)}, runs)
+    rows = [
+        (f"positions, Jacobians, gravity torques of {count:.0e} poses", kinematics["ours"],
+         f"Pinocchio, pose by pose ({len(few):.0e} of them, scaled up)", loop),
+        ("the same", kinematics["ours"], "writing these arrays", kinematics["writing"]),
+        (f"predictions and {len(names)} sensitivities of {count:.0e} poses", both["ours"],
+         "writing these arrays", both["writing"]),
+        (f"full equilibrium of {len(few):.0e} poses", states["full"], "linear prediction", states["linear"]),
+    ]  # fmt: skip
+    text = [[what, f"{ours:.3f}", against, f"{other:.3f}", _ratio(ours, other)] for what, ours, against, other in rows]
+    head = ["what", "CPU s", "against", "CPU s", "ratio"]
+    return table(head, text) + f"\n\nPeak memory of all of this {memory() / 1024:.2f} GB."
+
+
+def _ratio(ours: float, other: float) -> str:
+    return f"{other / ours:.1f} times faster" if other > ours else f"{ours / other:.1f} times it"
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--quick", action="store_true", help="a tenth of the poses, one run")
+    parser.add_argument("--write", action="store_true", help="write the table to docs/performance.md")
+    given = parser.parse_args()
+    text = tables(100_000 if given.quick else 1_000_000, 1 if given.quick else RUNS)
+    show("kinematics", text, given.write, given.quick)
 
 
 if __name__ == "__main__":

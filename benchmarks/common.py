@@ -1,0 +1,120 @@
+"""What the benchmarks share: clocks, tables, and the page docs/performance.md.
+
+Each script writes its own section of the page, between two marks, with its command, the date and the machine; a
+script that stops half-way leaves the page as it was.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import resource
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import date
+from importlib.metadata import version
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent
+PAGE = ROOT / "docs" / "performance.md"
+RUNS = 5
+THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+def cpu(job: Callable[[], object], runs: int = RUNS) -> float:
+    """Median CPU seconds of a job."""
+    return turns({"job": job}, runs)["job"]
+
+
+def turns(jobs: Mapping[str, Callable[[], object]], runs: int = RUNS) -> dict[str, float]:
+    """Median CPU seconds of each job. They take turns, so that whatever slows the machine slows all of them."""
+    times: dict[str, list[float]] = {name: [] for name in jobs}
+    for _ in range(runs):
+        for name, job in jobs.items():
+            start = time.process_time()
+            job()
+            times[name].append(time.process_time() - start)
+    return {name: statistics.median(each) for name, each in times.items()}
+
+
+def memory() -> float:
+    """Peak resident memory of this process, MB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+@dataclass(frozen=True)
+class Ran:
+    """A finished process: CPU and clock seconds, peak resident memory in MB."""
+
+    cpu: float
+    wall: float
+    memory: float
+
+
+def ran(command: Sequence[str], folder: Path | str = ".") -> Ran:
+    """Run a command to its end, its output thrown away; an error stops the benchmark with what it said."""
+    start = time.perf_counter()
+    process = subprocess.Popen(
+        list(command), cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env={**os.environ, **THREADS}
+    )
+    assert process.stderr is not None
+    with process.stderr as stream:
+        told = stream.read()
+    _, status, used = os.wait4(process.pid, 0)  # what this process alone has used
+    wall = time.perf_counter() - start
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise SystemExit(f"{' '.join(command)} failed:\n{told.decode(errors='replace')[-2000:]}")
+    return Ran(used.ru_utime + used.ru_stime, wall, used.ru_maxrss / 1024.0)
+
+
+def medians(commands: Mapping[str, Sequence[str]], folder: Path | str, runs: int = RUNS) -> dict[str, Ran]:
+    """Medians of several runs of each command, which take turns."""
+    found: dict[str, list[Ran]] = {name: [] for name in commands}
+    for _ in range(runs):
+        for name, command in commands.items():
+            found[name].append(ran(command, folder))
+    return {
+        name: Ran(*(statistics.median(getattr(r, key) for r in each) for key in ("cpu", "wall", "memory")))
+        for name, each in found.items()
+    }
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table."""
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])
+
+
+def machine() -> str:
+    """Processor, cores, Python and the libraries that do the work."""
+    names = ("numpy", "scipy", "pin", "cvxpy")
+    cores = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
+    return f"{cores}, {', '.join(f'{name} {version(name)}' for name in names)}"
+
+
+def write_section(name: str, text: str, command: str, runs: int = RUNS) -> None:
+    """Print a section and put it between its marks on the page, with the command, the date and the machine."""
+    start, end = f"<!-- {name} -->", f"<!-- end of {name} -->"
+    page = PAGE.read_text()
+    if page.count(start) != 1 or page.count(end) != 1:
+        raise SystemExit(f"{PAGE} must hold {start} and {end} once each")
+    before, after = page.partition(start)[0], page.partition(end)[2]
+    made = f"`{command}`, {date.today().isoformat()}, medians of {runs} runs; {machine()}."
+    new = PAGE.with_suffix(".md.new")
+    new.write_text(f"{before}{start}\n{text}\n\n{made}\n{end}{after}")
+    new.replace(PAGE)
+
+
+def show(name: str, text: str, write: bool, quick: bool, runs: int = RUNS) -> None:
+    """Print a section; write it if asked to, but never a quick run, whose sizes are not those of the page."""
+    print(text, flush=True)
+    if write and quick:
+        print("a quick run is not written to the page", file=sys.stderr)
+    elif write:
+        write_section(name, text, f"python benchmarks/{Path(sys.argv[0]).name} --write", runs)

@@ -1,0 +1,87 @@
+"""Start-up, imports and whole commands, each as a process of its own.
+
+    python benchmarks/startup.py [--quick] [--write]
+
+Start-up and imports stand beside an empty Python and the libraries that they need in any case; the whole commands are
+those of the README and the examples, reports included. Medians; all commands take turns.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from common import ROOT, RUNS, Ran, medians, ran, show, table
+
+QSF = str(Path(sys.executable).with_name("qsf"))
+EXAMPLES = ROOT / "examples"
+
+
+def python(code: str) -> list[str]:
+    return [sys.executable, "-c", code]
+
+
+def starts(runs: int) -> str:
+    """How long nothing takes: the interpreter, the imports, the commands that only answer."""
+    found = medians({
+        "an empty Python": python("pass"),
+        "import numpy": python("import numpy"),
+        "import qsframework": python("import qsframework"),
+        "`qsf --help`": [QSF, "--help"],
+        "import pinocchio": python("import pinocchio"),
+        "a robot in memory": python("from qsframework.robot import load_robot; load_robot('fanuc_m900ib')"),
+        "`qsf check fanuc_m900ib`": [QSF, "check", "fanuc_m900ib"],
+        "import cvxpy": python("import cvxpy"),
+    }, ROOT, runs)  # fmt: skip
+    empty = found["an empty Python"].cpu
+    rows = [[name, f"{r.cpu:.2f}", f"{r.cpu / empty:.1f}", f"{r.memory:.0f}"] for name, r in found.items()]
+    return table(["what", "CPU s", "times an empty Python", "peak memory, MB"], rows)
+
+
+def commands(folder: Path) -> dict[str, tuple[Sequence[str], str]]:
+    """The commands with their goals."""
+    hidden, r2000ic = EXAMPLES / "hidden_effect" / "experiment.yaml", EXAMPLES / "r2000ic" / "experiment.yaml"
+    m900ib, ur10 = EXAMPLES / "m900ib" / "experiment.yaml", EXAMPLES / "ur10" / "experiment.yaml"
+    plan = str(folder / "made.csv")
+    report = ["--report", str(folder / "report.html")]
+    return {
+        "demo: fit 43 poses, design 12, report": ([QSF, "demo", "--output", str(folder / "demo")], ""),
+        "design: 12 poses of the M-900iB, report": (
+            [QSF, "design", str(m900ib), "--output", str(folder / "d.csv"), *report], ""),
+        "simulate that plan": ([QSF, "simulate", str(m900ib), plan, "--output", str(folder / "s.csv")], ""),
+        "identify the R-2000iC, report": ([QSF, "identify", str(r2000ic), *report], ""),
+        "identify the UR10's geometry, report": ([QSF, "identify", str(ur10), *report], ""),
+        "diagnose 60 poses x 3 markers, report": ([QSF, "diagnose", str(hidden), *report], "20 s by the clock"),
+    }  # fmt: skip
+
+
+def whole(runs: int) -> str:
+    """Commands from their start to their end."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        ran([QSF, "design", str(EXAMPLES / "m900ib" / "experiment.yaml"), "--output", str(folder / "made.csv")])
+        asked = commands(folder)
+        found: Mapping[str, Ran] = medians({name: command for name, (command, _) in asked.items()}, folder, runs)
+    rows = [[n, f"{r.cpu:.1f}", f"{r.wall:.1f}", f"{r.memory:.0f}", asked[n][1]] for n, r in found.items()]
+    return table(["command", "CPU s", "clock s", "peak memory, MB", "goal"], rows)
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="one run")
+    parser.add_argument("--write", action="store_true", help="write the tables to docs/performance.md")
+    given = parser.parse_args()
+    if shutil.which(QSF) is None:
+        raise SystemExit(f"{QSF} is not there: install qsframework into this environment")
+    runs = 1 if given.quick else RUNS
+    show("start-up", starts(runs), given.write, given.quick)
+    show("commands", whole(runs), given.write, given.quick)
+
+
+if __name__ == "__main__":
+    main()
