@@ -214,7 +214,7 @@ def _design(run: _Run) -> tuple[bool, str]:
 def _identify(run: _Run) -> tuple[bool, str]:
     """Values drawn within their sds come back within four sds of the fit."""
     assert run.plan is not None
-    result = simulate(run.experiment, run.plan, truth="drawn", seed=run.seed)
+    result = simulate(run.experiment, run.plan, truth="drawn", seed=run.seed, exact=True)
     run.readings, truth = result.readings, result.truth_by_name()
     fit = identify(run.experiment, result.readings)
     off = {e.name: abs(e.value - truth[e.name]) / e.sd for e in fit.estimates}

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from qsframework.cli.progress import print_table
-from qsframework.errors import InputError
+from qsframework.errors import InputError, Problem
 from qsframework.experiment import (
     Experiment,
     Readings,
@@ -35,7 +35,7 @@ def list_robots(json: Path | None) -> None:
 
 def check_files(files: Sequence[Path], json: Path | None) -> None:
     """Load each file; raise one InputError with the problems of all."""
-    problems = []
+    problems: list[Problem] = []
     words: dict[str, str] = {}
     for file in files:
         try:
@@ -90,7 +90,9 @@ _MARK = {True: " ", False: "!", None: "?"}
 """Before what `qsf check` says of states: as it should be, look at it, not measured."""
 
 
-def run_simulate(file: Path, plan_file: Path, output: Path, truth: str, seed: int, json: Path | None) -> None:
+def run_simulate(
+    file: Path, plan_file: Path, output: Path, truth: str, seed: int, json: Path | None, exact: bool = False
+) -> None:
     """Simulate a plan and write its readings."""
     from qsframework.design import broken_constraints
     from qsframework.experiment import simulate
@@ -100,7 +102,7 @@ def run_simulate(file: Path, plan_file: Path, output: Path, truth: str, seed: in
     plan = read_plan(plan_file, experiment)
     for constraint, poses in broken_constraints(experiment, plan).items():
         print(f"note: {', '.join(poses)} break the constraint {constraint!r}")
-    result = simulate(experiment, plan, truth=truth, seed=seed)
+    result = simulate(experiment, plan, truth=truth, seed=seed, exact=exact)
     write_readings(output, result.readings, experiment)
     if json is not None:
         write_json(json, {"readings": str(output), "seed": seed, "truth": result.truth_by_name()})

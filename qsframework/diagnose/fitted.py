@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.elastostatics import Model, full_displacement, make_model
+from qsframework.elastostatics import Model, exact_readings
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.experiment import Readings
 from qsframework.identify.linear import Rows
 from qsframework.identify.observations import Noise
-from qsframework.plugin import Array, Poses, Sensor
+from qsframework.plugin import Array, Poses
 
 _STEPS = 60
 _HALVINGS = 12
@@ -60,17 +60,7 @@ def exact_displacement(model: Model, readings: Readings, x: Array) -> Array:
 
 def displacement_at(model: Model, poses: Poses, x: Array) -> Array:
     """The same at any poses."""
-    plain = [(e, s) for e, s in zip(model.effects, model.slices, strict=True) if not isinstance(e, Sensor)]
-    if len(plain) == len(model.effects):
-        return full_displacement(model, poses, x)
-    index = [i for _, s in plain for i in range(s.start, s.stop)]
-    markers = list(zip(model.marker_names, model.markers, strict=True))
-    bare = make_model(
-        model.facts, [e for e, _ in plain], [model.parameters[i] for i in index], model.tip, markers, model.gravity
-    )
-    own = x[index]
-    defect = full_displacement(bare, poses, own) - bare.predict(poses, own)
-    return model.predict(poses, x) + defect
+    return exact_readings(model, poses, x)
 
 
 def settle_fit(

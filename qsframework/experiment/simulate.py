@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.elastostatics import Model
+from qsframework.elastostatics import Model, exact_readings
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.plan import Plan
 from qsframework.experiment.readings import Readings
@@ -30,11 +30,17 @@ class Simulation:
 
 
 def simulate(
-    experiment: Experiment, plan: Plan, x: Array | None = None, truth: str = "nominal", seed: int = 0
+    experiment: Experiment,
+    plan: Plan,
+    x: Array | None = None,
+    truth: str = "nominal",
+    seed: int = 0,
+    exact: bool = False,
 ) -> Simulation:
     """Measure a plan in simulation: independent Gaussian noise on every coordinate.
 
-    x (p,) are the true parameters; without them the nominal values, or values drawn from the priors.
+    x (p,) are the true parameters; without them the nominal values, or values drawn from the priors. exact: the arm
+    settles in its full equilibrium, as a real one does, and not by the linear model.
     """
     sigma = experiment.noise.sigma
     if sigma is None:
@@ -45,14 +51,14 @@ def simulate(
     rng = np.random.default_rng(seed)
     x = _truth(model, truth, rng) if x is None else x
     poses = plan.repeated()
-    exact = model.predict(poses, x)
-    count, markers = exact.shape[:2]
+    moved = exact_readings(model, poses, x) if exact else model.predict(poses, x)
+    count, markers = moved.shape[:2]
     order = np.repeat(np.arange(len(plan.pose)), plan.repeats)
     repeat = np.concatenate([np.arange(1, r + 1) for r in plan.repeats])
     readings = Readings(
         poses, tuple(plan.pose[i] for i in order), repeat, np.ones(count, dtype=np.intp),
         np.repeat(np.arange(count), markers), np.tile(np.arange(markers), count),
-        frozen((exact + sigma * rng.standard_normal(exact.shape)).reshape(-1, 3)),
+        frozen((moved + sigma * rng.standard_normal(moved.shape)).reshape(-1, 3)),
         frozen(np.full(count * markers, sigma)), np.ones(count * markers, dtype=bool),
         np.arange(3, 3 + count * markers), None, None,
     )  # fmt: skip
