@@ -46,6 +46,7 @@ class ClosedChain(Loop):
     """Where the lever's joint is; in a spec `at_m` of the first link."""
     margin: float = setting("rad", float(np.deg2rad(15.0)))
     """Smallest transmission angle of a planned pose."""
+    equation = "end of the chain (phi, psi) = pivot on the driven link (q); G = dq/dphi from its derivative"
     source = "Loop closure by points, implicit differentiation"
     check = "Play in the passive joints, lengths of the links of the mechanism."
 

@@ -36,6 +36,7 @@ class CompensatorFriction(ParallelSpring):
     free_length: float = setting("m")
     zero: float = setting("rad", 0.0)
     needs = ("approach",)
+    equation = "T = -mu a |M_c|, a = +1 or -1 by the side of approach, M_c from (9)"
     source = "friction of gas and spring balancers: 3 to 10 % of the force"
     check = "Seals and guides of the balancer; approach poses from both sides."
 

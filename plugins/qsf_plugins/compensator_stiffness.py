@@ -32,6 +32,7 @@ class CompensatorStiffness(ParallelSpring):
     lc: float = setting("m")
     l2: float = setting("m")
     zero: float = setting("rad", 0.0)
+    equation = "K = K_2 + K_eq lc l2 eta(b)  (10), (11)"
     source = "Klimchik et al., equation (10); KUKA KR270: Klimchik et al., ICRA 2013"
     check = "Balancer pressure, stiffness of its mounts, stick of its piston."
 

@@ -18,6 +18,7 @@ class ControllerCoupling(Geometry):
     """
 
     joint: str = place()
+    equation = "q_j = pendant_j + k pendant_(j-1)"
     source = "FANUC operator's manual B-83444EN/01: J3 is shown as the forearm's elevation"
     check = "How the controller shows this joint: move the joint before it alone and watch."
 

@@ -22,6 +22,7 @@ class Counterweight(Load):
     y: float = setting("m")
     z: float = setting("m")
     order = 4
+    equation = "tau_0 gains J' (m g), J that of the mass's point"
     source = "Klimchik et al., section 3.3"
     check = "Mass and lever of the counterweight, play of the passive joints."
 

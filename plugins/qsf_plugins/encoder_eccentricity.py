@@ -21,6 +21,7 @@ class EncoderEccentricity(Geometry):
 
     joint: str = place()
     waves_per_turn: Any = (1,)
+    equation = "q = q_0 + sum over n of a_n sin(n q_0) + b_n cos(n q_0)"
     source = "encoders and gears: once per turn 10 to 50 urad; a UR10: 8 and 17 times, 100 to 250 urad"
     check = "Encoder and gear of this joint."
 

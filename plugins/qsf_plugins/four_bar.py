@@ -49,6 +49,7 @@ class FourBar(Loop):
     positive about the driver's axis, as in a parallelogram with its lever at +90 deg; -1 otherwise."""
     margin: float = setting("rad", float(np.deg2rad(15.0)))
     """Smallest transmission angle of a planned pose."""
+    equation = "|lever end - rocker end| = bar; G = dq/dphi from its derivative"
     source = "Freudenstein's equation, differentiated"
     check = "Play in the bearings of the coupling bar; the lengths of lever, bar and rocker."
 

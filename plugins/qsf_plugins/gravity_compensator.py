@@ -35,6 +35,7 @@ class GravityCompensator(ParallelSpring):
     """From the joint's axis to the spring's pivot on the link that the joint moves."""
     zero: float = setting("rad", 0.0)
     """Angle b between these two lines at zero joint angle; b grows with the joint angle."""
+    equation = "M_c = K_c lc l2 (1 - s0 / s) sin b  (9), s^2 = lc^2 + l2^2 - 2 lc l2 cos b  (7)"
     source = "Klimchik et al., equations (7)-(11), (11) corrected"
     check = "Pressure or preload of the balancer, wear of its pivots."
 

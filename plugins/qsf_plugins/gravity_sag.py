@@ -33,6 +33,7 @@ class GravitySag(Geometry):
     joint: str = place()
     last: str = ""
     """The last link that turns apart; those farther out are taken as lumped into it. The flange by default."""
+    equation = "dq_j = sum over carried links k of (d x z_j) . R_k P_k, d the direction of gravity"
     source = "statics of a tree of rigid bodies; base parameters: Khalil, Dombre, Modeling of Robots, ch. 9"
     check = "Stiffness of this gear; weights of the links, cables and tool that it carries."
 

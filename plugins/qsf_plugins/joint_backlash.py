@@ -21,6 +21,7 @@ class JointBacklash(SpringLaw):
     joint: str = place()
     width: float = setting("N m", 20.0)
     """Torque over which the gear crosses its gap; above 0."""
+    equation = "eps = c T + (b / 2) T / sqrt(T^2 + w^2)"
     source = "gear catalogues: 1 to 3 arcmin, below 1 arcmin for reduced backlash; (b / 2) sign(T)"
     check = "Gear play: push the joint to both sides with the drive held."
 

@@ -25,6 +25,7 @@ class JointHardening(SpringLaw):
     joint: str = place()
     knee: float = setting("N m", 0.0)
     """Torque beyond which the compliance changes; 0 for the cubic law."""
+    equation = "eps = c T + c3 T^3; with a knee: a further compliance where |T| exceeds it"
     source = "gear catalogues: piecewise-linear stiffness; a change of 10 to 20 % of the sag is common"
     check = "Gear type and wear; compare small and large loads at this joint alone."
 

@@ -15,6 +15,7 @@ class JointOffset(Geometry):
     """An actuator stands at a constant angle from what the controller thinks."""
 
     joint: str = place()
+    equation = "q = q_0 + offset"
     source = "encoder zero after mastering: 10 to 50 urad; after a collision more"
     check = "Mastering marks of this joint."
 

@@ -16,6 +16,7 @@ class JointPlacement(Geometry):
 
     joint: str = place()
     moves_placements = True
+    equation = "frame = nominal frame moved by (x, y, z), turned by the rotation vector (rx, ry, rz)"
     source = "geometric calibration of arms: tenths of a millimetre and of a milliradian"
     check = "Nothing on the robot; correct the model."
 

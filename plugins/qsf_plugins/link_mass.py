@@ -20,6 +20,7 @@ class LinkMass(Load):
 
     link: str = place()
     order = 3
+    equation = "tau_0 gains J' (dm g) and the moment of d(m c) under gravity"
     source = "statics; masses of industrial arms are rarely published"
     check = "Cables, hoses and equipment carried by the link."
 

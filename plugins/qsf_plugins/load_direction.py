@@ -16,6 +16,7 @@ class LoadDirection(Load):
     """Force and moment are turned by a rotation vector (rx, ry, 0) in the base frame."""
 
     order = 1
+    equation = "w = turn(rx, ry, 0) w_0"
     source = "cables and weights: 0.5 to 2 deg"
     check = "Plumb line of the weight, angle of the cable, level of the base frame."
 

@@ -15,6 +15,7 @@ class LoadScale(Load):
     """Force and moment are larger by a common factor 1 + k: a load cell's gain, or a wrong weight."""
 
     order = 0
+    equation = "w = (1 + k) w_0"
     source = "load cells and weights: 1 to 5 % without calibration"
     check = "Calibration of the load cell; weigh the weights."
 

@@ -42,6 +42,7 @@ class Parallelogram(Loop):
     zero: float = setting("rad", float(np.pi / 2))
     """Angle from link 2 to the lever, about the driver's axis, at zero joint angles. Its sign says
     to which side a longer bar turns the driven link."""
+    equation = "q_driven = phi_driven - s q_driver, s = +1 or -1  (12)-(16), corrected"
     source = "Klimchik et al., section 3.1, corrected"
     check = "Play in the bearings of the coupling bar, length of the bar."
 

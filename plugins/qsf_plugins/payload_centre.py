@@ -16,6 +16,7 @@ class PayloadCentre(Load):
     """The force acts at an offset r, fixed in the last link: it adds the moment r x f at the load point."""
 
     order = 2
+    equation = "moment = moment_0 + (R r) x f, R the rotation of the last link"
     source = "statics: moment of a force about another point"
     check = "Where the cable is hooked, where the weight's centre hangs."
 

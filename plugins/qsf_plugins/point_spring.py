@@ -37,6 +37,7 @@ class PointSpring(ParallelSpring):
     second_x: float = setting("m")
     second_y: float = setting("m")
     second_z: float = setting("m")
+    equation = "T = -d/dq K (s - s0)^2 / 2, s the distance of the two points"
     source = "potential energy K (s - s0)^2 / 2 of a spring; geometry of balancers: ros-industrial/abb"
     check = "Pressure or preload of the balancer, wear of its pivots."
 

@@ -21,6 +21,7 @@ class ThermalExpansion(Geometry):
     reference: float = setting("K", 293.15)
     moves_placements = True
     needs = ("temperature",)
+    equation = "origin of each joint = (1 + alpha (T - T0)) its nominal origin"
     source = "cast iron and steel: 11 to 12 um/(m K)"
     check = "Warm-up before measuring; temperature of the links."
 

@@ -28,6 +28,7 @@ class ToolOffset(Sensor):
 
     marker: str = place()
     order = 0
+    equation = "marker = link's place + R_link (nominal + offset)"
     source = "rigid-body kinematics"
     check = "Where the reflector's nest is glued or bolted."
 

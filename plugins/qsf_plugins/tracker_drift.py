@@ -16,6 +16,7 @@ class TrackerDrift(Sensor):
 
     order = 3
     needs = ("time",)
+    equation = "reading gains v t; a displacement v (t_loaded - t_unloaded)"
     source = "drift of laser trackers and their stands: micrometres per hour"
     check = "Warm-up and stand of the tracker; read a fixed reflector at every pose."
 

@@ -16,6 +16,7 @@ class TrackerFrame(Sensor):
     """All readings are turned by a rotation vector (rx, ry, rz) about the base's origin."""
 
     order = 1
+    equation = "reading = turn(rx, ry, rz) p"
     source = "frame fitting from reference points: 0.1 to 1 deg"
     check = "How the base frame was measured; measure it again."
 

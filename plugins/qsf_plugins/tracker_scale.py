@@ -15,6 +15,7 @@ class TrackerScale(Sensor):
     """All readings are larger by a common factor 1 + k."""
 
     order = 2
+    equation = "reading = (1 + k) p"
     source = "refraction and scale of laser trackers: parts per million; a wrong unit: much more"
     check = "Weather station of the tracker, a scale bar."
 

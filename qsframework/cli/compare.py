@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from qsframework.applications.compare import compare
@@ -14,8 +15,9 @@ from qsframework.robot import load_robot
 
 def run_compare(names: Sequence[str], task_file: Path, seed: int, json: Path | None, report: Path | None) -> None:
     """Compare, print the summary, write the JSON and the report."""
-    from qsframework.report import provenance_section, write_report
+    from qsframework.report import write_report
     from qsframework.report.compare_section import compare_sections, summary_table
+    from qsframework.report.provenance import AFTER, EQUILIBRIUM, INFORMATION, STIFFNESS, provenance_section
 
     distinct_outputs([json, report], [task_file])
     task = load_task(task_file)
@@ -32,7 +34,8 @@ def run_compare(names: Sequence[str], task_file: Path, seed: int, json: Path | N
     if json is not None:
         write_json(json, result.as_json())
     if report is not None:
-        files = [task_file, *(r.folder / "robot.yaml" for r in robots)]
         effects = [e for r in robots for e in r.effects]
-        sections = (*compare_sections(result), provenance_section(effects, files, seed))
+        parameters = [replace(p, name=f"{r.name}: {p.name}") for r in robots for p in r.parameters]
+        laws = (EQUILIBRIUM, STIFFNESS, INFORMATION, AFTER)
+        sections = (*compare_sections(result), provenance_section(effects, [task_file], seed, laws, parameters, robots))
         print(f"report: {write_report(report, f'Comparison: {task.title}', sections)}")

@@ -32,8 +32,9 @@ class CompensateFiles:
 
 def run_compensate(files: CompensateFiles, reference: str) -> None:
     """Correct the targets, print what is gained, write corrected.csv, the JSON and the report."""
-    from qsframework.report import provenance_section, write_report
+    from qsframework.report import write_report
     from qsframework.report.compensation_section import compensation_section, target_table
+    from qsframework.report.provenance import AFTER, EQUILIBRIUM, computed
 
     inputs = [files.experiment, files.fit, files.targets]
     distinct_outputs([files.output, files.json, files.report], inputs)
@@ -53,7 +54,7 @@ def run_compensate(files: CompensateFiles, reference: str) -> None:
     if files.json is not None:
         write_json(files.json, result.as_json())
     if files.report is not None:
-        sections = (compensation_section(result), provenance_section(experiment.model().effects, inputs, None))
+        sections = (compensation_section(result), computed(experiment, inputs, None, (EQUILIBRIUM, AFTER)))
         print(f"report: {write_report(files.report, f'Compensation: {experiment.robot.title}', sections)}")
 
 

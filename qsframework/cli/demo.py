@@ -30,10 +30,10 @@ from qsframework.report import (
     Text,
     fit_section,
     plan_section,
-    provenance_section,
     sd_table,
     write_report,
 )
+from qsframework.report.provenance import AFTER, INFORMATION, LEAST_SQUARES, LINEAR, computed
 
 POSES = 12
 CANDIDATES = 1000
@@ -82,11 +82,11 @@ def real_readings(tell: Tell) -> list[Section]:
         tell(label, i, len(models))
         fits[name] = identify(variant, readings)
     tell(label, len(models), len(models))
-    effects = next(reversed(fits.values())).model.effects
+    last = next(reversed(models.values()))
     return [
         _compare_models(fits),
         fit_section(fits["joint springs, J3 absolute"], "R-2000iC: fit of the joint springs"),
-        provenance_section(effects, [experiment.path, experiment.data], None),
+        computed(last, [experiment.path, experiment.data], None, (LINEAR, LEAST_SQUARES)),
     ]
 
 
@@ -149,7 +149,7 @@ def designed_plan(output: Path, seed: int, tell: Tell) -> list[Section]:
     return [
         plan_section(experiment, plan, _against_table5(experiment, plan), f"M-900iB/700: {POSES} designed poses"),
         fit_section(fit, "M-900iB/700: identified from simulated readings", simulation.truth_by_name()),
-        provenance_section(fit.model.effects, files, seed),
+        computed(experiment, files, seed, (LINEAR, LEAST_SQUARES, INFORMATION, AFTER)),
     ]
 
 

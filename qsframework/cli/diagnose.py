@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, readings_file, write_json
-from qsframework.cli.progress import Tell, print_table, progress
+from qsframework.cli.progress import Tell, print_line, print_table, progress
 from qsframework.diagnose import LEVEL, STEPS, Diagnosis, diagnose
 from qsframework.diagnose.discriminate import Discrimination
 from qsframework.diagnose.extend import check_folder, write_extended
@@ -122,11 +122,11 @@ def print_diagnosis(found: Diagnosis) -> None:
     """The verdict, the causes, what is excluded and what is wrong with the data."""
     from qsframework.report import diagnosis_tables as tables
 
-    print(tables.verdict_words(found))
+    print(f"{tables.verdict_words(found)}.")
+    for lead, said in tables.verdict_lines(found).rows:
+        print_line(lead, said)
     causes = tables.cause_table(found)
     print_table(causes.header, causes.rows)
-    for f in found.findings:
-        print(f"{f.name}: look at: {f.check}")
     errors = tables.error_rows(found)
     print_table(errors.header, errors.rows)
     excluded = tables.excluded_table(found, short=True)

@@ -33,11 +33,12 @@ def run_foresight(
     if json is not None:
         write_json(json, found.as_json())
     if report is not None:
-        from qsframework.report import provenance_section, write_report
+        from qsframework.report import write_report
+        from qsframework.report.provenance import INFORMATION, LINEAR, computed
 
         sections = (
             power_section(found),
-            provenance_section(campaign.model().effects, [experiment, plan], seed),
+            computed(campaign, [experiment, plan], seed, (LINEAR, INFORMATION)),
         )
         print(f"report: {write_report(report, f'Before measuring: {campaign.robot.title}', sections)}")
 

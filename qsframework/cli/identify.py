@@ -101,7 +101,8 @@ def run_identify(files: FitFiles, how: How) -> None:
     from qsframework.cli.positions import identify_states
     from qsframework.identify import identify
     from qsframework.identify.fit_files import result_files
-    from qsframework.report import error_table, fit_section, fit_table, provenance_section, write_report
+    from qsframework.report import error_table, fit_section, fit_table, write_report
+    from qsframework.report.provenance import LEAST_SQUARES, LINEAR, computed
 
     experiment = load_experiment(files.experiment)
     source = readings_file(experiment, files.data)
@@ -134,5 +135,5 @@ def run_identify(files: FitFiles, how: How) -> None:
         print(f"fit: {files.json}")
     if files.report is not None:
         inputs = [files.experiment, source]
-        sections = (fit_section(result, "Fit"), provenance_section(result.model.effects, inputs, None))
+        sections = (fit_section(result, "Fit"), computed(experiment, inputs, None, (LINEAR, LEAST_SQUARES)))
         print(f"report: {write_report(files.report, f'Identification: {experiment.robot.title}', sections)}")

@@ -31,9 +31,10 @@ def identify_states(
     from qsframework.cli.commands import write_json
     from qsframework.identify import check_positions, identify_jointly, identify_positions, masked
     from qsframework.identify.fit_files import result_files
-    from qsframework.report import provenance_section, write_report
+    from qsframework.report import write_report
     from qsframework.report.fit_section import fit_table
     from qsframework.report.position_section import left_aside_table, position_error_table, position_section
+    from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, computed
 
     states = read_states(source, experiment)
     if clean:
@@ -61,5 +62,5 @@ def identify_states(
         files = [experiment.path, source]
         if displacements is not None and displacements.source is not None:
             files.append(displacements.source)
-        sections = (position_section(result, "Fit"), provenance_section(result.model.effects, files, None))
+        sections = (position_section(result, "Fit"), computed(experiment, files, None, (EQUILIBRIUM, LEAST_SQUARES)))
         print(f"report: {write_report(report, f'Identification: {experiment.robot.title}', sections)}")

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 Tell = Callable[[str, int, int], None]
 _WIDE = 160
 """Columns of a table that goes to a file or a pipe."""
+_LINE = 120
+"""Columns of text that goes there."""
 
 
 @contextmanager
@@ -26,6 +28,16 @@ def progress() -> Iterator[Tell]:
             bars.update(tasks[label], completed=done, total=total)  # type: ignore[arg-type]
 
         yield tell
+
+
+def print_line(lead: str, said: str) -> None:
+    """A statement as an item of a list, with what it is about in front, folded at the terminal's width."""
+    import shutil
+    import textwrap
+
+    width = shutil.get_terminal_size((_LINE, 24)).columns
+    text = f"{lead}: {said}" if lead else said
+    print(textwrap.fill(text, width, initial_indent="  - ", subsequent_indent="    ", break_on_hyphens=False))
 
 
 def print_table(header: tuple[str, ...], rows: tuple[tuple[str, ...], ...], title: str = "") -> None:

@@ -18,8 +18,9 @@ from qsframework.experiment import load_experiment
 
 def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish: ProtocolWish) -> None:
     """Write the sheet and the files to fill in."""
-    from qsframework.report import provenance_section, write_report
+    from qsframework.report import write_report
     from qsframework.report.protocol_section import protocol_sections
+    from qsframework.report.provenance import computed
 
     floor = floor_file(readings)
     distinct_outputs([sheet, readings, floor], [file, plan_file, plan_file.with_suffix(".json")])
@@ -28,7 +29,7 @@ def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish:
     protocol = make_protocol(experiment, plan, wish, str(plan_file))
     sections = (
         *protocol_sections(protocol, readings.name, floor.name),
-        provenance_section(experiment.model().effects, [file, plan_file], wish.seed),
+        computed(experiment, [file, plan_file], wish.seed),
     )
     write_report(sheet, f"Protocol: {experiment.robot.title}", sections)
     write_reading_file(readings, protocol)

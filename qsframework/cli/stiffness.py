@@ -12,6 +12,7 @@ from qsframework.cli.progress import print_table
 from qsframework.errors import InputError
 from qsframework.plugin import Array
 from qsframework.report import Section, Table, Text, View, provenance_section, write_report
+from qsframework.report.provenance import EQUILIBRIUM, LINEAR, STIFFNESS
 from qsframework.robot import load_robot
 
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -35,14 +36,14 @@ def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | Non
     if json is not None:
         write_json(json, result.as_json())
     if report is not None:
-        files = [arm.folder / "robot.yaml"]
-        seen = Section("In 3D", (_view(robot, pose, load, point),))
-        own = provenance_section(arm.effects, files, None)
+        seen = Section("In 3D", (_view(robot, pose, load, point, _tables(result)[0]),))
+        laws = (LINEAR, EQUILIBRIUM, STIFFNESS)
+        own = provenance_section(arm.effects, [], None, laws, arm.parameters, [arm])
         path = write_report(report, f"Stiffness: {arm.title}", [section, seen, own])
         print(f"report: {path}")
 
 
-def _view(robot: str, pose: str, load: str, point: str) -> View:
+def _view(robot: str, pose: str, load: str, point: str, shares: Table) -> View:
     """The loaded arm and its ellipsoid, 100 times exaggerated."""
     from qsframework.cli.show import Shown, make_scene
 
@@ -50,6 +51,7 @@ def _view(robot: str, pose: str, load: str, point: str) -> View:
         make_scene(Shown(robot, pose=pose, load=load, point=point)).html(),
         "Red: the loaded arm, its deflection 100 times exaggerated. Orange: where the load point goes under this force "
         "in any direction; look for the long axis, in which the arm is soft. Drag to turn, scroll to zoom.",
+        shares,
     )
 
 

@@ -99,9 +99,9 @@ def diagnose(
     table = table_of(library, best, findings, base.untested)
     verdict = verdict_of(findings, leftovers, after, ambiguous(library, findings))
     outliers = [int(base.readings.rows[i]) for i in base.out]
-    words = words_of(verdict, findings, leftovers, conventions, base.audit, after, errors, table, outliers)
+    said = words_of(verdict, findings, leftovers, conventions, base.audit, after, errors, table, outliers)
     return Diagnosis(
-        base.experiment, base.readings, verdict, words, findings, table, conventions, base.audit, leftovers, before,
+        base.experiment, base.readings, verdict, said, findings, table, conventions, base.audit, leftovers, before,
         after, errors, base.rows.keep, base.out, base.fit, extended, base.case, _notes(base, held, extended), level,
         seed,
     )  # fmt: skip

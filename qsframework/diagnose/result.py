@@ -118,7 +118,7 @@ class Errors:
 class Diagnosis:
     """What the model gets wrong.
 
-    verdict: one of VERDICTS; words: the verdict in sentences; baseline and extended: the exact fits without and with
+    verdict: one of VERDICTS; statements: what it rests on; baseline and extended: the exact fits without and with
     the named causes, over the rows `kept` of `readings`; outliers: rows that the audit took out; case: linearised at
     the baseline; before, after: their lack of fit
     """
@@ -126,7 +126,7 @@ class Diagnosis:
     experiment: Experiment
     readings: Readings
     verdict: str
-    words: str
+    statements: tuple[str, ...]
     findings: tuple[Finding, ...]
     table: tuple[Line, ...]
     conventions: tuple[Convention, ...]
@@ -143,6 +143,11 @@ class Diagnosis:
     notes: tuple[str, ...]
     level: float
     seed: int
+
+    @property
+    def words(self) -> str:
+        """The statements as one paragraph."""
+        return " ".join(self.statements)
 
     @property
     def extended_model(self) -> Model:

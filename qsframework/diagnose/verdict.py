@@ -54,8 +54,8 @@ def verdict_of(findings: Sequence[Finding], leftovers: Sequence[Leftover], after
 def words_of(
     verdict: str, findings: Sequence[Finding], leftovers: Sequence[Leftover], conventions: Sequence[Convention],
     audit: NoiseAudit, after: LackOfFit, errors: Errors, table: Sequence[Line], rows: Sequence[int],
-) -> str:  # fmt: skip
-    """The verdict in sentences. rows: lines of the file that the audit took out."""
+) -> tuple[str, ...]:  # fmt: skip
+    """The verdict in statements, one or two sentences each. rows: lines of the file that the audit took out."""
     said = [f"{c.name}: {c.words}." for c in conventions if c.compelling]
     adopted = {c.name for c in conventions if c.compelling}
     said += [_finding_words(f) for f in findings if f.name not in adopted]
@@ -80,7 +80,7 @@ def words_of(
         said.append(f"Outliers left out: rows {', '.join(map(str, rows))}.")
     if audit.unit_source != "stated":
         said += list(audit.words)
-    return " ".join(said)
+    return tuple(said)
 
 
 def _mm(value: float) -> str:

@@ -41,6 +41,8 @@ class Effect(ABC):
     """Place among the effects of the same stage; the wrench and the reading pass in this order."""
     source: ClassVar[str] = ""
     """Where the law is published."""
+    equation: ClassVar[str] = ""
+    """The law as one line of plain text, for reports."""
     check: ClassVar[str] = ""
     """What to look at on the real robot when this effect is found."""
     needs: ClassVar[tuple[str, ...]] = ()

@@ -8,8 +8,9 @@ import numpy as np
 
 from qsframework.applications.compare import Compared, Comparison
 from qsframework.plugin import Array
+from qsframework.report.blocks import Figure, Section, Table, Text
 from qsframework.report.fit_section import shown
-from qsframework.report.page import Figure, Section, Table, Text
+from qsframework.report.numbers import row_table
 from qsframework.robot.collision import Flags
 
 
@@ -71,11 +72,13 @@ def compare_sections(result: Comparison) -> tuple[Section, ...]:
             "All maps share one colour scale, in powers of ten: darker gives more; grey cells are not reached with the "
             "tool pointing that way. Look for robots that are dark where the work (crosses) is, and for jumps, where "
             "the arm changes its posture.",
+            map_table(result, [r.deflection * 1e3 for r in result.robots], "mm"),
         ),
         Figure(
             heat_maps(result, [r.softest * 1e-6 for r in result.robots], "N/um", "Stiffness in the softest direction"),
             "The force per micrometre in the direction that gives most, in powers of ten. Darker is stiffer. Look at "
             "the smallest value in the part of the workspace that the task needs.",
+            map_table(result, [r.softest * 1e-6 for r in result.robots], "N/um"),
         ),
     )
     told = Text(
@@ -126,6 +129,14 @@ def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) ->
     figure.update_xaxes(showgrid=False, zeroline=False)
     figure.update_yaxes(showgrid=False, zeroline=False)
     return figure
+
+
+def map_table(result: Comparison, values: list[Array], unit: str) -> Table:
+    """All cells of the maps: one row each, one column for each robot."""
+    task = result.task
+    z, x = (v.ravel() for v in np.meshgrid(task.map_z, task.map_x, indexing="ij"))
+    header = ("x, m", "z, m", *(f"{r.robot.name}, {unit}" for r in result.robots))
+    return row_table(header, [x.tolist(), z.tolist(), *(v.ravel().tolist() for v in values)], "-: not reached.")
 
 
 def _ticks(values: Array) -> list[float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from qsframework.applications.compensate import Compensation
-from qsframework.report.page import Figure, Section, Table, Text
+from qsframework.report.blocks import Figure, Section, Table, Text
 
 
 def target_table(result: Compensation) -> Table:
@@ -27,7 +27,8 @@ def target_table(result: Compensation) -> Table:
         (*header, *(f"dJ{k + 1} deg" for k in range(n))),
         rows,
         "Distance of the load point from its wanted place without the correction; the root mean square of the distance "
-        "that is to be expected with it, from the covariance of the fit; and what was added to each angle.",
+        "that is to be expected with it, from the covariance of the fit and the stated uncertainty of the load; and what "
+        "was added to each angle.",
     )
 
 
@@ -46,11 +47,13 @@ def compensation_section(result: Compensation) -> Section:
         "Each pair of bars is a target, on a logarithmic scale. Look for targets whose second bar is not much lower "
         "than the first: there the fit knows too little, and more readings near that pose would help."
     )
-    worst = result.worst
+    worst, share = result.worst, float((result.noise_sd**2).sum() / max((result.sd**2).sum(), 1e-300))
     text = (
         "Each target was moved so that the loaded arm, by the full equilibrium of the identified model, stands where "
         "it is wanted. What then remains is the error of the identified parameters, S cov S' with S the derivative of "
         f"the tip at the corrected angles. It is largest at target {names[worst]}: {result.sd[worst] * 1e3:.4f} mm. "
+        f"The readings' noise makes {100.0 * share:.0f} % of its mean square, the stated uncertainty of the measuring "
+        "campaign's load the rest, which more readings do not lessen. "
         "Effects that the model does not hold, and the robot's repeatability, come on top."
     )
     notes = tuple(Text(f"Note: {note}.") for note in result.notes)

@@ -16,7 +16,8 @@ from qsframework.diagnose.result import Diagnosis
 from qsframework.diagnose.score import DRAWS, blocks_of, score
 from qsframework.plugin import Array
 from qsframework.report import power_section
-from qsframework.report.page import Figure
+from qsframework.report.blocks import Figure, Table
+from qsframework.report.numbers import row_table
 
 _BEFORE, _AFTER = "rgba(200, 70, 40, 0.55)", "rgba(30, 130, 60, 0.75)"
 _NOISE = "#888"
@@ -48,6 +49,7 @@ def budget_figure(diagnosis: Diagnosis) -> Figure:
             x=[*labels, "extended"], y=[held[0], *np.diff(held), 0.0], name="held out",
             measure=["absolute", *["relative"] * (len(body) - 1), "total"],
             decreasing={"marker": {"color": _AFTER}}, increasing={"marker": {"color": _BEFORE}},
+            totals={"marker": {"color": "#8aa0b8"}},
             text=[f"{v:.3f}" for v in [*held, held[-1]]], textposition="outside",
         )
     )  # fmt: skip
@@ -60,6 +62,10 @@ def budget_figure(diagnosis: Diagnosis) -> Figure:
         "Bars: the error at poses left out, from the nominal to the extended model; the number is what is left after "
         "each step. A cause earns its place if its bar falls visibly; what stays above the dotted line is still "
         "unexplained. Diamonds far below the bars would say that the model follows the noise.",
+        row_table(
+            ("step", "held out, mm", "on the readings, mm"),
+            [[s.label for s in steps], [1e3 * s.heldout for s in steps], [1e3 * s.readings for s in steps]],
+        ),
     )
 
 
@@ -85,6 +91,10 @@ def joint_figure(diagnosis: Diagnosis) -> Figure:
         figure,
         f"Measured minus predicted, along the residuals' main direction ({_vector(direction)}, base frame). Red points "
         "that bend or slope say on which joint the missing effect depends; green points should be a level cloud.",
+        row_table(
+            ("row", "pose", "marker", *(f"{j}, deg" for j in joints), "before, mm", "after, mm"),
+            [*_named_rows(diagnosis), *q.T.tolist(), (1e3 * before).tolist(), (1e3 * after).tolist()],
+        ),
     )
 
 
@@ -108,6 +118,10 @@ def load_figure(diagnosis: Diagnosis) -> Figure:
         figure,
         "Left: a residual that grows with the force points to a spring or a load, one that does not to play or a "
         "sensor. Right: a slope or a step in the order of the readings points to drift.",
+        row_table(
+            ("row", "pose", "marker", "force, N", "before, mm", "after, mm"),
+            [*_named_rows(diagnosis), force.tolist(), (1e3 * before).tolist(), (1e3 * after).tolist()],
+        ),
     )
 
 
@@ -126,7 +140,29 @@ def marker_figure(diagnosis: Diagnosis) -> Figure:
         figure,
         "One marker that stands out, and stays so after the extension, points to its mount or its stated place and not "
         "to the robot.",
+        _marker_table(diagnosis),
     )
+
+
+def _marker_table(diagnosis: Diagnosis) -> Table:
+    """RMS and largest length of the residuals at each marker, before and after."""
+    marker = diagnosis.readings.marker[diagnosis.kept]
+    rows = []
+    for k, m in enumerate(diagnosis.experiment.markers):
+        sizes = [1e3 * np.linalg.norm(r[marker == k], axis=1) for r in diagnosis.residuals()]
+        if len(sizes[0]):
+            told = (f"{v:.4f}" for s in sizes for v in (np.sqrt(np.mean(s**2)), s.max()))
+            rows.append((m.name, str(len(sizes[0])), *told))
+    header = ("marker", "rows", "before: RMS mm", "largest mm", "after: RMS mm", "largest mm")
+    return Table(header, tuple(rows), "Lengths of the residual vectors.")
+
+
+def _named_rows(diagnosis: Diagnosis) -> list[list[str]]:
+    """Row of the file, pose and marker of every residual, a list each."""
+    r, kept = diagnosis.readings, diagnosis.kept.tolist()
+    names = [m.name for m in diagnosis.experiment.markers]
+    poses = [r.pose[int(r.measurement[i])] for i in kept]
+    return [[str(int(r.rows[i])) for i in kept], poses, [names[int(r.marker[i])] for i in kept]]
 
 
 def angle_figure(diagnosis: Diagnosis) -> Figure | None:

@@ -9,12 +9,10 @@ from qsframework.diagnose.discriminate import Discrimination
 from qsframework.diagnose.result import Diagnosis
 from qsframework.report import diagnosis_plots as plots
 from qsframework.report import diagnosis_tables as tables
-from qsframework.report.page import Figure, Section, Table, Text, View
-from qsframework.report.provenance import provenance_section
+from qsframework.report.blocks import Block, Section, Text, View
+from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, LINEAR, provenance_section
 from qsframework.viz import residual_scene
 from qsframework.viz.residual_scene import MOST
-
-Block = Text | Table | Figure | View
 
 _HOW = (
     "Wrong conventions are applied and refitted first. The exact model (full equilibrium, every law) is fitted by "
@@ -26,12 +24,20 @@ _HOW = (
 )
 
 
+_LAWS = (
+    ("score of a cause", "s^2 = |P r|^2, P onto the cause's part of the Jacobian that the fit leaves", "Rao 1948"),
+    ("chance over all causes", "adjusted p = share of simulated maxima above s (max-T)", "Westfall, Young 1993"),
+    ("choice of a set", "extended BIC = BIC + 2 gamma log(number of sets of this size)", "Chen, Chen 2008"),
+)
+
+
 def diagnosis_sections(
     diagnosis: Diagnosis, files: Sequence[Path], pairs: Sequence[Discrimination] = ()
 ) -> tuple[Section, ...]:
     """All sections of the report; files: what the diagnosis read, for their hashes; pairs: what separates rivals."""
-    effects = diagnosis.extended.model.effects
-    computed = provenance_section(effects, files, diagnosis.seed)
+    model, robots = diagnosis.extended.model, (diagnosis.experiment.robot,)
+    laws = (LINEAR, EQUILIBRIUM, LEAST_SQUARES, *_LAWS)
+    computed = provenance_section(model.effects, files, diagnosis.seed, laws, model.parameters, robots)
     settings = Text(f"Level {100 * diagnosis.level:g} %, {len(diagnosis.table)} causes tried, {_sizes(diagnosis)}.")
     return (
         Section("Verdict", tuple(_verdict(diagnosis))),
@@ -49,10 +55,8 @@ def _sizes(diagnosis: Diagnosis) -> str:
 
 
 def _verdict(diagnosis: Diagnosis) -> Iterator[Block]:
-    yield Text(tables.verdict_words(diagnosis))
-    for f in diagnosis.findings:
-        if f.check:
-            yield Text(f"On the robot: {f.name}: {f.check}")
+    yield Text(f"{tables.verdict_words(diagnosis)}.")
+    yield tables.verdict_lines(diagnosis)
     yield tables.error_rows(diagnosis)
     yield plots.budget_figure(diagnosis)
 
@@ -85,6 +89,7 @@ def _residuals(diagnosis: Diagnosis) -> Iterator[Block]:
         scene.html(),
         f"Measured minus predicted at the markers, {factor:.0f} times enlarged: red before, green after the extension; "
         f"{shown}, the slider shows one at a time. Look for red arrows that turn together with a link.",
+        tables.pose_table(diagnosis),
     )
     yield plots.joint_figure(diagnosis)
     yield plots.load_figure(diagnosis)

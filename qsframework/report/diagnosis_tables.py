@@ -10,7 +10,7 @@ import numpy as np
 from qsframework.diagnose.result import EXCLUDED, INVISIBLE, NAMED, TIED, UNTESTED, Diagnosis, Finding, Line, Value
 from qsframework.diagnose.words import people_estimate, people_size, three
 from qsframework.plugin import Parameter
-from qsframework.report.page import Table
+from qsframework.report.blocks import Lines, Table
 
 _STRONGEST = 12
 _VERDICTS = {
@@ -21,8 +21,22 @@ _BRACKETS = re.compile(r" \([\d.e+-]+ [MkN]* ?m/rad\)")
 
 
 def verdict_words(diagnosis: Diagnosis) -> str:
-    """The verdict and what it rests on, in sentences."""
-    return f"{_VERDICTS[diagnosis.verdict]}. {diagnosis.words}"
+    """The verdict in a word or two."""
+    return _VERDICTS[diagnosis.verdict]
+
+
+def verdict_lines(diagnosis: Diagnosis) -> Lines:
+    """What the verdict rests on, a statement each, and what to look at on the robot; causes stand in front."""
+    names = [*(f.name for f in diagnosis.findings), *(c.name for c in diagnosis.conventions)]
+    rows = [_led(said, names) for said in diagnosis.statements]
+    rows += [("Look at", f"{f.check} ({f.name})") for f in diagnosis.findings if f.check]
+    return Lines(tuple(rows))
+
+
+def _led(said: str, names: Sequence[str]) -> tuple[str, str]:
+    """A statement and the cause that it begins with, if it does."""
+    lead, colon, rest = said.partition(": ")
+    return (lead, rest) if colon and lead in names else ("", said)
 
 
 def estimate_words(values: Sequence[Value]) -> str:
@@ -176,6 +190,19 @@ def outlier_table(diagnosis: Diagnosis) -> Table:
         rows,
         "Rows that do not belong to the others, whatever the cause; they took no part in the search.",
     )
+
+
+def pose_table(diagnosis: Diagnosis) -> Table:
+    """What the model misses at each pose, before and after, worst first."""
+    r = diagnosis.readings
+    at = r.measurement[diagnosis.kept]
+    sizes = [1e3 * np.linalg.norm(v, axis=1) for v in diagnosis.residuals()]
+    worst = {m: float(sizes[0][at == m].max()) for m in np.unique(at).tolist()}
+    rows = tuple(
+        (r.pose[m], str(int((at == m).sum())), f"{worst[m]:.4f}", f"{sizes[1][at == m].max():.4f}")
+        for m in sorted(worst, key=lambda m: -worst[m])
+    )
+    return Table(("pose", "rows", "largest residual before, mm", "after, mm"), rows, "Lengths of the vectors.")
 
 
 def leftover_table(diagnosis: Diagnosis) -> Table:

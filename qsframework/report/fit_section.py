@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from qsframework.identify import Estimate, Fit
-from qsframework.report.page import Figure, Section, Table, Text
+from qsframework.plugin import Array, Indices
+from qsframework.report.blocks import Figure, Section, Table, Text
 
 _AXES = ("x", "y", "z")
 _SHOWN = {"rad/(N m)": (1e6, "urad/(N m)"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
@@ -98,14 +100,35 @@ def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> 
             *(Text(note) for note in fit.notes),
             Text(f"Correlations above 0.9: {said}."),
             error_table(fit),
-            Figure(_measured_predicted(fit), "Points should lie on the line; a slope says that the stiffness is off."),
+            Figure(
+                _measured_predicted(fit),
+                "Look for a slope: points should lie on the line; one says that the stiffness is off.",
+                _reading_table(fit),
+            ),
             Figure(
                 residual_figure(fit),
                 "Studentised residuals by row of the file. Beyond ±3 a reading deserves a look; a run of one sign "
                 "says that the model misses something.",
+                residual_table(fit.rows, fit.poses, fit.residuals, fit.studentised),
             ),
         ),
     )
+
+
+def _reading_table(fit: Fit) -> Table:
+    """Predicted and measured displacement by row of the file."""
+    header = ("row", "pose", *(f"{what} d{a} mm" for what in ("predicted", "measured") for a in _AXES))
+    values = np.column_stack([fit.predicted, fit.measured]) * 1e3
+    return Table(header, tuple((str(r), p, *(f"{v:.4f}" for v in row)) for r, p, row in
+                               zip(fit.rows, fit.poses, values, strict=True)))  # fmt: skip
+
+
+def residual_table(rows: Sequence[int] | Indices, poses: Sequence[str], left: Array, student: Array) -> Table:
+    """Residuals (R, 3) m and in units of their sd, by row of the file."""
+    header = ("row", "pose", *(f"{a}, mm" for a in _AXES), *(f"{a} / its sd" for a in _AXES))
+    lines = zip(rows, poses, left * 1e3, student, strict=True)
+    return Table(header, tuple((str(r), str(p), *(f"{v:.4f}" for v in a), *(f"{v:.2f}" for v in b)) for r, p, a, b in
+                               lines), "Measured minus predicted.")  # fmt: skip
 
 
 def _figure(title: str, x: str, y: str) -> Any:

@@ -3,54 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from qsframework.files import write_text
+from qsframework.report.blocks import Block, Figure, Lines, Section, Table, Text, View
+from qsframework.report.numbers import figure_table
 
+__all__ = ["Block", "Figure", "Lines", "Section", "Table", "Text", "View", "write_report"]
 _WORDS = 40
 """A column with a longer cell than this holds words, which are set from the left."""
-
-
-@dataclass(frozen=True)
-class Text:
-    """A paragraph."""
-
-    text: str
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows of cells under a header; `caption` says what to look for."""
-
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    caption: str = ""
-
-
-@dataclass(frozen=True)
-class Figure:
-    """A plotly figure; `caption` says what to look for."""
-
-    figure: Any
-    caption: str
-
-
-@dataclass(frozen=True)
-class View:
-    """A 3D scene as a page of its own inside the report."""
-
-    page: str
-    caption: str
-
-
-@dataclass(frozen=True)
-class Section:
-    """A titled part of a report."""
-
-    title: str
-    blocks: tuple[Text | Table | Figure | View, ...]
+_OPEN = 14
+"""Numbers of a figure with no more rows than this stand open below it."""
+_PRINTED = 60
+"""Numbers with no more rows than this are printed, also if they are folded on the screen."""
 
 
 def write_report(path: str | Path, title: str, sections: Sequence[Section]) -> Path:
@@ -69,16 +35,28 @@ def write_report(path: str | Path, title: str, sections: Sequence[Section]) -> P
     return write_text(path, page)
 
 
-def _block(block: Text | Table | Figure | View, name: str) -> dict[str, Any]:
+def _block(block: Block, name: str) -> dict[str, Any]:
     """What the template needs of a block; only figures hold markup that is not escaped."""
     if isinstance(block, Text):
         return {"kind": "text", "text": block.text}
+    if isinstance(block, Lines):
+        return {"kind": "lines", "rows": block.rows}
     if isinstance(block, Table):
-        words = [any(len(row[i]) > _WORDS for row in block.rows) for i in range(len(block.header))]
-        return {"kind": "table", "header": block.header, "rows": block.rows, "caption": block.caption, "words": words}
+        return {"kind": "table", "table": _table(block)}
     if isinstance(block, View):
-        return {"kind": "view", "page": block.page, "caption": block.caption}
-    drawn = block.figure.to_html(
-        full_html=False, include_plotlyjs=False, div_id=name, config={"displaylogo": False, "responsive": True}
-    )
-    return {"kind": "figure", "html": drawn, "caption": block.caption}
+        numbers, inside = block.table, {"kind": "view", "page": block.page}
+    else:
+        numbers = figure_table(block.figure) if block.table is None else block.table
+        drawn = block.figure.to_html(
+            full_html=False, include_plotlyjs=False, div_id=name, config={"displaylogo": False, "responsive": True}
+        )
+        inside = {"kind": "figure", "html": drawn}
+    rows = len(numbers.rows)
+    folded = {"rows": rows, "open": rows <= _OPEN, "printed": rows <= _PRINTED}
+    return {**inside, **folded, "caption": block.caption, "table": _table(numbers)}
+
+
+def _table(table: Table) -> dict[str, Any]:
+    """A table, and which of its columns hold words."""
+    words = [any(len(row[i]) > _WORDS for row in table.rows) for i in range(len(table.header))]
+    return {"header": table.header, "rows": table.rows, "caption": table.caption, "words": words}

@@ -9,8 +9,8 @@ import numpy as np
 from qsframework.experiment import Experiment, Plan
 from qsframework.information import promised_beyond
 from qsframework.plugin import Array, Parameter
+from qsframework.report.blocks import Section, Table, Text, View
 from qsframework.report.fit_section import shown
-from qsframework.report.page import Section, Table, Text, View
 from qsframework.viz import plan_scene
 
 
@@ -92,7 +92,8 @@ def plan_section(experiment: Experiment, plan: Plan, sds: Table, title: str, not
         "Drag to turn, scroll to zoom; the slider goes through the poses in their order, the others are ghosts. Red "
         "arrow: the load; blue: the markers; red arm: the deflection, 100 times exaggerated; orange: where the load "
         "point goes under the largest force in any direction. Look for poses that give in different directions.",
+        pose_table(plan),
     )
     beyond = promised_beyond(experiment, plan)
     more = (beyond_table(experiment, beyond),) if beyond else ()
-    return Section(title, (Text(certificate_text(plan)), *map(Text, notes), sds, *more, pose_table(plan), view))
+    return Section(title, (Text(certificate_text(plan)), *map(Text, notes), sds, *more, view))

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from qsframework.identify.absolute import PositionFit
-from qsframework.report.fit_section import fit_table, residual_figure
-from qsframework.report.page import Figure, Section, Table, Text
+from qsframework.report.blocks import Figure, Section, Table, Text
+from qsframework.report.fit_section import fit_table, residual_figure, residual_table
 
 
 def position_error_table(fit: PositionFit) -> Table:
@@ -70,10 +70,16 @@ def position_section(fit: PositionFit, title: str) -> Section:
             *(Text(note) for note in fit.notes),
             left_aside_table(fit),
             frame_table(fit),
-            Figure(_distances(fit), "Distances between predicted and measured positions by row of the file."),
+            Figure(
+                _distances(fit),
+                "Distances between predicted and measured positions by row of the file. Look for rows that stay far "
+                "off when all others fall: a gross error, or a pose that the model does not describe.",
+            ),
             Figure(
                 residual_figure(fit, ("x", "y", "z")),
-                "Studentised residuals by row of the file. A run of one sign says that the model misses something.",
+                "Studentised residuals by row of the file. Look for a run of one sign: it says that the model misses "
+                "something.",
+                residual_table(fit.rows, fit.poses, fit.residuals, fit.studentised),
             ),
         ),
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from qsframework.diagnose.foresight import CANNOT_SEE, Foresight, Prospect
 from qsframework.plugin import Array, Indices
-from qsframework.report.page import Figure, Section, Table, Text
+from qsframework.report.blocks import Figure, Section, Table, Text
 
 _LABELS = 120
 """Causes up to which the axes of the heat map carry all names."""

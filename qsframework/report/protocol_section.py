@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from qsframework.applications.protocol import Protocol, Visit
-from qsframework.report.page import Section, Table, Text
+from qsframework.report.blocks import Section, Table, Text
 
 _BOX = "\u2610"
 

@@ -20,7 +20,7 @@ TRUTH = -1.21e-16
 def test_the_hidden_effect_is_named_extended_and_simulated(tmp_path: Path) -> None:
     result, report, out = tmp_path / "r.json", tmp_path / "r.html", tmp_path / "out"
     output = run("diagnose", HIDDEN, "--json", str(result), "--report", str(report), "--extend", str(out))
-    assert "\nExplained. joint_hardening[joint_3]: " in output
+    assert "\nExplained.\n  - joint_hardening[joint_3]: " in output
     found = json.loads(result.read_text())
     assert [c["id"] for c in found["causes"]] == ["joint_hardening[joint_3]"]
     value = found["causes"][0]["parameters"]["joint_hardening[joint_3]"]

@@ -183,7 +183,7 @@ def test_names_of_users_are_escaped(tmp_path: Path) -> None:
     markers = tuple(replace(m, name=EVIL) for m in diagnosis.experiment.markers)
     poses = tuple(EVIL for _ in diagnosis.readings.pose)
     evil = replace(
-        diagnosis, words=EVIL, notes=(EVIL,), experiment=replace(diagnosis.experiment, markers=markers),
+        diagnosis, statements=(EVIL,), notes=(EVIL,), experiment=replace(diagnosis.experiment, markers=markers),
         readings=replace(diagnosis.readings, pose=poses),
         findings=tuple(replace(f, check=EVIL, physics=EVIL) for f in diagnosis.findings),
     )  # fmt: skip

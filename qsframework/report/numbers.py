@@ -1,0 +1,77 @@
+"""The numbers of a figure as a table, read off the figure itself, so that both always say the same."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+from qsframework.report.blocks import Table
+
+_CURVE = 60
+"""A line of more points than this is a smooth curve: about this many of them are told."""
+_MARKUP = re.compile(r"<[^>]+>")
+
+
+def figure_table(figure: Any) -> Table:
+    """Every number of a plotly figure's traces: series side by side where they share their x, else one after another.
+
+    Heat maps become a matrix. Columns carry the titles of the axes.
+    """
+    traces = [t for t in figure.data if t.type != "heatmap"]
+    maps = [t for t in figure.data if t.type == "heatmap"]
+    if maps:
+        return _matrix(maps[0])
+    series = [_Series(t, i) for i, t in enumerate(traces)]
+    x, y = _title(figure.layout.xaxis) or "x", _title(figure.layout.yaxis) or "y"
+    note = "" if not any(s.thinned for s in series) else "Smooth curves are told at some of their points."
+    if all(a.x == b.x for a, b in pairwise(series)):
+        rows = zip(series[0].x, *(s.y for s in series), strict=True)
+        names = (y,) if len(series) == 1 else tuple(f"{s.name}: {y}" if i == 0 else s.name for i, s in
+                                                    enumerate(series))  # fmt: skip
+        return Table((x, *names), tuple(tuple(map(_cell, row)) for row in rows), note)
+    rows = ((s.name, _cell(a), _cell(b)) for s in series for a, b in zip(s.x, s.y, strict=True))
+    return Table(("series", x, y), tuple(rows), note)
+
+
+class _Series:
+    """One trace: its name and its points as lists."""
+
+    def __init__(self, trace: Any, number: int) -> None:
+        self.name = _plain(trace.name or f"series {number + 1}")
+        x, y = list(trace.x if trace.x is not None else range(1, len(trace.y) + 1)), list(trace.y)
+        self.thinned = getattr(trace, "mode", None) == "lines" and len(x) > _CURVE
+        step = -(-len(x) // _CURVE) if self.thinned else 1
+        self.x, self.y = [_plain(v) for v in x[::step]], y[::step]
+
+
+def _matrix(trace: Any) -> Table:
+    """A heat map with its labels."""
+    shown = trace.z if trace.customdata is None else trace.customdata
+    header = ("", *(_plain(str(v)) for v in trace.x))
+    return Table(header, tuple((_plain(str(label)), *map(_cell, row)) for label, row in
+                               zip(trace.y, shown, strict=True)))  # fmt: skip
+
+
+def _title(axis: Any) -> str:
+    return _plain(axis.title.text or "")
+
+
+def _plain(value: Any) -> Any:
+    """Text without the markup that plotly would draw."""
+    import html
+
+    return html.unescape(_MARKUP.sub(" ", value)) if isinstance(value, str) else value
+
+
+def _cell(value: Any) -> str:
+    """A number with four digits; words as they are; nothing as a dash."""
+    if value is None or (isinstance(value, float) and value != value):
+        return "-"
+    return value if isinstance(value, str) else f"{value:.4g}"
+
+
+def row_table(header: Sequence[str], columns: Sequence[Sequence[Any]], caption: str = "") -> Table:
+    """A table from columns of numbers or words."""
+    return Table(tuple(header), tuple(tuple(map(_cell, row)) for row in zip(*columns, strict=True)), caption)
