@@ -24,6 +24,8 @@ from qsframework.plugin import Array, Load, ParallelSpring, Poses, Spring
 _STEPS = 40
 _CHORDS = 8
 _SINGULAR = 1e13
+_FARTHEST = np.pi
+"""Deflection of one spring, rad or m, beyond which there is no equilibrium to speak of."""
 _TOLERANCE = 1e-8
 """Last step relative to the deflection; each step leaves at most 1e-2 of the one before, mostly 1e-4."""
 
@@ -58,7 +60,7 @@ def equilibrium(model: Structure, poses: Poses, x: Array | None = None, loaded: 
 
 def full_displacement(model: Structure, poses: Poses, x: Array | None = None) -> Array:
     """Loaded minus unloaded equilibrium of the markers (N, K, 3) m, without what sensors add."""
-    parts = []
+    parts: list[Array] = []
     for chunk in _chunks(poses):
         unloaded = settle(model, chunk, x, False)
         loaded = settle(model, chunk, x, True, start=unloaded)
@@ -83,7 +85,7 @@ def cartesian_stiffness(model: Structure, poses: Poses, x: Array | None = None, 
 
 def cartesian_compliance(model: Structure, poses: Poses, x: Array | None = None, hessian: bool = True) -> Array:
     """Tip twist per unit wrench (N, 6, 6) at the loaded equilibrium: D (I - C H)^-1 C D'."""
-    parts = []
+    parts: list[Array] = []
     for chunk in _chunks(poses):
         s = settle(model, chunk, x, True)
         H = s.at.hessian() if hessian else s.at.hessian(weight=0.0, gravity=False)
@@ -127,11 +129,26 @@ def settle(model: Structure, poses: Poses, x: Array | None, loaded: bool, start:
         size = np.abs(change).max(axis=0)
         here = at(eps)
         if np.all(size <= _TOLERANCE * np.maximum(np.abs(eps).max(axis=0), 1e-9)):
-            return Settled(here, eps, K)
+            return Settled(here, _elastic(eps), K)
     worst = int(np.argmax(size))
     raise NotConverged(
         f"pose {worst} of the batch does not settle in {_STEPS} steps (last change {size[worst]:.1e} rad): "
         "the load may be beyond the arm's stability"
+    )
+
+
+def _elastic(eps: Array) -> Array:
+    """eps (ne, N) of a settled batch, or NotConverged where no arm gives so much and still stands.
+
+    Of numbers far too large a step loses its digits and looks settled.
+    """
+    most = np.abs(eps).max(axis=0, initial=0.0)
+    if np.all(most <= _FARTHEST):
+        return eps
+    worst = int(np.argmax(most))
+    raise NotConverged(
+        f"pose {worst} of the batch gives by {most[worst]:.2g} rad or m: no elastic arm does. Look at the units of "
+        "its compliances and of the load"
     )
 
 
@@ -199,7 +216,7 @@ def _residual(
 
 def _equivalent(model: Structure, motion: Motion, x: Array, poses: Poses) -> springs.Stiffness:
     """K_eq of the commanded pose: the compensators' equivalent stiffness alone."""
-    blocks = []
+    blocks: list[tuple[tuple[int, ...], Array]] = []
     for effect, xs in model.of_kind(ParallelSpring, x):
         joints = tuple(model.facts.joint_index(j) for j in effect.joints(model.facts))
         term = effect.stiffness(motion.q[list(joints)].T, xs, poses.loaded)

@@ -24,7 +24,7 @@ def few(count: int) -> Callable[[Any], Any]:
     """The same few examples in every run, as slow as they are."""
     return settings(max_examples=count, derandomize=True, deadline=None, database=None,
                     phases=(Phase.explicit, Phase.generate),
-                    suppress_health_check=list(HealthCheck))  # fmt: skip
+                    suppress_health_check=tuple(HealthCheck))  # fmt: skip
 
 
 @cache
