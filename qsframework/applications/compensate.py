@@ -42,7 +42,8 @@ class Compensation:
     pendant (N, n) rad: the corrected angles; command: the pose that a controller with Cartesian targets is to be told
     deflection (N, 6): from the wanted pose to where the arm would stand uncorrected, m and rad
     left (N, 6): the same after the correction, by the same parameters: what the solver left
-    covariance (N, 6, 6): of the tip's error after the correction, from the fit's covariance
+    covariance (N, 6, 6): of the tip's error after the correction, from the fit's covariance and the uncertainty that
+    was stated for the measuring campaign's load; noise_covariance: without the latter
     """
 
     targets: Targets
@@ -51,6 +52,7 @@ class Compensation:
     deflection: Array
     left: Array
     covariance: Array
+    noise_covariance: Array
     notes: tuple[str, ...] = ()
 
     @property
@@ -62,6 +64,11 @@ class Compensation:
     def sd(self) -> Array:
         """Root of the mean squared distance (N,) m from the wanted place that is to be expected after it."""
         return np.sqrt(np.einsum("ncc->n", self.covariance[:, :3, :3]))
+
+    @property
+    def noise_sd(self) -> Array:
+        """The part of `sd` (N,) m that the readings' noise alone leaves."""
+        return np.sqrt(np.einsum("ncc->n", self.noise_covariance[:, :3, :3]))
 
     @property
     def turn_sd(self) -> Array:
@@ -85,6 +92,7 @@ class Compensation:
                 "rotation_mrad": (self.deflection[i, 3:] * 1e3).tolist(),
                 "solver_left_mm": float(np.linalg.norm(self.left[i, :3]) * 1e3),
                 "expected_error_mm": float(self.sd[i] * 1e3),
+                "of_noise_mm": float(self.noise_sd[i] * 1e3),
                 "sd_mm": (axes[i] * 1e3).tolist(),
                 "expected_error_mrad": float(self.turn_sd[i] * 1e3),
             }
@@ -113,17 +121,17 @@ def compensate(
         raise InputError("reference 'unloaded' is for joint targets; a Cartesian target says itself where to stand")
     model, x = experiment.model(), arm_values(experiment, fit)
     _check_torques(experiment, model, x, targets)
-    parts = []
+    parts: list[tuple[Array, ...]] = []
     for start in range(0, len(targets), _BLOCK):
         part = np.arange(start, min(start + _BLOCK, len(targets)))
         parts.append(_block(experiment, fit, x, targets, part, reference))
         if tell is not None:
             tell("targets", int(part[-1]) + 1, len(targets))
-    pendant, deflection, left, covariance = (np.concatenate(a) for a in zip(*parts, strict=True))
+    pendant, deflection, left, covariance, noise = (np.concatenate(a) for a in zip(*parts, strict=True))
     _check_corrected(experiment, targets, pendant, deflection, left)
     command = rigid_tip(experiment.robot, experiment.load_site, experiment.robot.controller.to_joints(pendant))
     notes = fit_notes(experiment, fit)
-    return Compensation(targets, frozen(pendant), command, deflection, left, covariance, notes)
+    return Compensation(targets, frozen(pendant), command, deflection, left, covariance, noise, notes)
 
 
 def check_fit(experiment: Experiment, fit: StoredFit) -> None:
@@ -153,7 +161,7 @@ def arm_values(experiment: Experiment, fit: StoredFit) -> Array:
 
 def fit_notes(experiment: Experiment, fit: StoredFit) -> tuple[str, ...]:
     """What the expected errors do not say, and what was not checked."""
-    notes = []
+    notes: list[str] = []
     if experiment.robot.payload is None:
         notes.append("robot.yaml states no payload_kg: the forces were not checked against it")
     known = [n for n, sd in zip(fit.names, fit.sd, strict=True) if not np.isfinite(sd)]
@@ -162,6 +170,10 @@ def fit_notes(experiment: Experiment, fit: StoredFit) -> tuple[str, ...]:
     fixed = [n for n in experiment.model().names if n not in fit.names and fit.model[n] != 0.0]
     if fixed:
         notes.append(f"not identified, counted as known exactly at their nominal values: {', '.join(fixed)}")
+    if experiment.has_load and fit.total_covariance is None:
+        notes.append(
+            "the fit states no uncertainty of its load (load_uncertainty in experiment.yaml): counted as exact"
+        )
     if fit.sigma_source != "estimated" and fit.dof > 0:
         from scipy.stats import chi2
 
@@ -173,8 +185,8 @@ def fit_notes(experiment: Experiment, fit: StoredFit) -> tuple[str, ...]:
 
 def _block(
     experiment: Experiment, fit: StoredFit, x: Array, targets: Targets, part: Indices, reference: str
-) -> tuple[Array, Array, Array, Array]:
-    """Corrected angles, deflection, what is left, and the covariance of some targets."""
+) -> tuple[Array, ...]:
+    """Corrected angles, deflection, what is left, and the covariances, whole and of the noise, of some targets."""
     model, robot = experiment.model(), experiment.robot
     wrench, start = targets.wrench[part], targets.pendant[part]
 
@@ -196,7 +208,8 @@ def _block(
     slope = tip_slope(model, fit, x, lambda v: stand(pendant, v))
     if reference == "unloaded":
         slope = slope - tip_slope(model, fit, x, lambda v: stand(start, v, False))
-    return pendant, deflection, error, slope @ fit.covariance @ slope.transpose(0, 2, 1)
+    whole, noise = (slope @ C @ slope.transpose(0, 2, 1) for C in (fit.whole_covariance, fit.covariance))
+    return pendant, deflection, error, whole, noise
 
 
 def tip_slope(model: Model, fit: StoredFit, x: Array, stand: Callable[[Array], TipPose]) -> Array:
@@ -219,7 +232,7 @@ def _tip(model: Model, poses: Poses, x: Array, loaded: bool, targets: Targets, p
     try:
         found = equilibrium(model, poses, x, loaded)
     except NotConverged:
-        problems = []
+        problems: list[Problem] = []
         for k, i in enumerate(part):
             try:
                 equilibrium(model, poses.take([k]), x, loaded)
@@ -249,7 +262,8 @@ def _check_torques(experiment: Experiment, model: Model, x: Array, targets: Targ
 
 def _check_corrected(experiment: Experiment, targets: Targets, pendant: Array, deflection: Array, left: Array) -> None:
     """InputError with each target that cannot be corrected, and why."""
-    robot, problems = experiment.robot, []
+    robot = experiment.robot
+    problems: list[Problem] = []
     outside, moved = robot.controller.outside(pendant), np.abs(pendant - targets.pendant)
     length = arm_length(robot)
 

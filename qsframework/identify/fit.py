@@ -163,6 +163,7 @@ class Fit:
                 for e, total in zip(self.estimates, self.sd_total, strict=True)
             },
             "covariance": self.covariance.tolist(),
+            "covariance_total": None if self.total_covariance is None else self.total_covariance.tolist(),
             "sigma_mm": self.sigma * 1e3,
             "sigma_source": self.sigma_source,
             "shared_by_pose_mm": self.shared_sd * 1e3,

@@ -42,6 +42,7 @@ class FitSpec(FileModel):
     parameters: list[str]
     estimates: dict[str, EstimateSpec]
     covariance: list[list[float]]
+    covariance_total: list[list[float]] | None = None  # with the load's stated uncertainty
     sigma: Annotated[float, Unit("m")]
     sigma_source: str
     chi2: float
@@ -71,6 +72,13 @@ class StoredFit:
     data_sha256: str
     robot: str = ""
     file: str = ""
+    total_covariance: Array | None = None
+    """With the stated uncertainty of the campaign's load; None where none was stated."""
+
+    @property
+    def whole_covariance(self) -> Array:
+        """Covariance (p, p) of the noise and, where it was stated, of the load."""
+        return self.covariance if self.total_covariance is None else self.total_covariance
 
     def x(self, model: Model) -> Array:
         """Values of all parameters of a model (p,). InputError where the fit is of another model."""
@@ -100,13 +108,16 @@ def read_fit(path: str | Path) -> StoredFit:
         for name in spec.parameters
         if name not in spec.estimates
     ]
-    if len(spec.covariance) != p or any(len(row) != p for row in spec.covariance):
-        wrong.append(
-            Problem("covariance has another size than parameters", str(path), document.line("covariance"),
-                    allowed=f"{p} rows of {p} numbers")
-        )  # fmt: skip
-    elif not np.allclose(spec.covariance, np.transpose(spec.covariance), rtol=1e-6, atol=0.0):
-        wrong.append(Problem("covariance is not symmetric", str(path), document.line("covariance")))
+    for key, given in (("covariance", spec.covariance), ("covariance_total", spec.covariance_total)):
+        if given is None:
+            continue
+        if len(given) != p or any(len(row) != p for row in given):
+            wrong.append(
+                Problem(f"{key} has another size than parameters", str(path), document.line(key),
+                        allowed=f"{p} rows of {p} numbers")
+            )  # fmt: skip
+        elif not np.allclose(given, np.transpose(given), rtol=1e-6, atol=0.0):
+            wrong.append(Problem(f"{key} is not symmetric", str(path), document.line(key)))
     if wrong:
         raise InputError(wrong)
     estimates = [spec.estimates[name] for name in spec.parameters]
@@ -115,6 +126,7 @@ def read_fit(path: str | Path) -> StoredFit:
         np.array([np.nan if e.sd is None else e.sd for e in estimates]), np.array(spec.covariance).reshape(p, p),
         tuple(e.status for e in estimates), spec.sigma, spec.sigma_source, spec.chi2, spec.dof, dict(spec.model),
         spec.data_sha256, spec.robot, str(path),
+        None if spec.covariance_total is None else np.array(spec.covariance_total).reshape(p, p),
     )  # fmt: skip
 
 
@@ -159,7 +171,8 @@ def write_urdf(robot: Robot, model: Model, x: Array, path: str | Path) -> tuple[
     count, n = 2, model.facts.n
     q = np.linspace(0.1, 0.9, count * n).reshape(count, n)
     poses = Poses(q, q, np.zeros((count, 6)))
-    angles, twists, left = np.zeros(n), np.zeros((n, 6)), []
+    angles, twists = np.zeros(n), np.zeros((n, 6))
+    left: list[str] = []
     for effect, own in model.of_kind(Geometry, x):
         term = effect.errors(poses, own, model.facts)
         moved = np.zeros((count, n, 6)) if term.twists is None else term.twists
@@ -189,7 +202,7 @@ def _add(twists: Array, more: Array, name: str) -> None:
 
 def result_files(fit: Any, robot: Robot, nominal: Path | None, urdf: Path | None) -> Sequence[str]:
     """Write the files that are asked for; what to tell about them."""
-    said = []
+    said: list[str] = []
     if nominal is not None:
         said.append(f"nominal values: {write_nominal(fit, nominal, robot)}")
     if urdf is not None:

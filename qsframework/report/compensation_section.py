@@ -27,8 +27,19 @@ def target_table(result: Compensation) -> Table:
         (*header, *(f"dJ{k + 1} deg" for k in range(n))),
         rows,
         "Distance of the load point from its wanted place without the correction; the root mean square of the distance "
-        "that is to be expected with it, from the covariance of the fit and the stated uncertainty of the load; and what "
-        "was added to each angle.",
+        "that is to be expected with it, from the covariance of the fit and the stated uncertainty of the load; and "
+        "what was added to each angle.",
+    )
+
+
+def _of_noise(result: Compensation) -> str:
+    """What part is the noise's, where an uncertainty of the load was stated."""
+    whole, noise = (float((sd**2).sum()) for sd in (result.sd, result.noise_sd))
+    if not whole > noise:
+        return ""
+    return (
+        f"The readings' noise makes {100.0 * noise / whole:.0f} % of its mean square, the stated uncertainty of the "
+        "measuring campaign's load the rest, which more readings do not lessen. "
     )
 
 
@@ -47,14 +58,12 @@ def compensation_section(result: Compensation) -> Section:
         "Each pair of bars is a target, on a logarithmic scale. Look for targets whose second bar is not much lower "
         "than the first: there the fit knows too little, and more readings near that pose would help."
     )
-    worst, share = result.worst, float((result.noise_sd**2).sum() / max((result.sd**2).sum(), 1e-300))
+    worst = result.worst
     text = (
         "Each target was moved so that the loaded arm, by the full equilibrium of the identified model, stands where "
         "it is wanted. What then remains is the error of the identified parameters, S cov S' with S the derivative of "
         f"the tip at the corrected angles. It is largest at target {names[worst]}: {result.sd[worst] * 1e3:.4f} mm. "
-        f"The readings' noise makes {100.0 * share:.0f} % of its mean square, the stated uncertainty of the measuring "
-        "campaign's load the rest, which more readings do not lessen. "
-        "Effects that the model does not hold, and the robot's repeatability, come on top."
+        f"{_of_noise(result)}Effects that the model does not hold, and the robot's repeatability, come on top."
     )
     notes = tuple(Text(f"Note: {note}.") for note in result.notes)
     return Section("Corrected targets", (Text(text), *notes, Figure(figure, caption), target_table(result)))

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from qsframework.applications.compensate import Compensation, compensate, tip_slope
@@ -17,7 +18,7 @@ from qsframework.applications.targets import Targets, flange_pose, joint_targets
 from qsframework.cli.main import app
 from qsframework.elastostatics import equilibrium, full_displacement, make_model
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, Readings, load_experiment, make_plan, simulate
+from qsframework.experiment import Experiment, LoadUncertainty, Readings, load_experiment, make_plan, simulate
 from qsframework.identify import identify
 from qsframework.identify.fit_files import StoredFit, read_fit, write_fit
 from qsframework.plugin import Array, Poses
@@ -98,6 +99,7 @@ def stored(experiment: Experiment, readings: Readings, folder: Path) -> StoredFi
         found.method, found.names, np.array([e.value for e in found.estimates]),
         np.array([e.sd for e in found.estimates]), found.covariance, tuple(e.status for e in found.estimates),
         found.sigma, found.sigma_source, found.chi2, found.dof, values, "", experiment.robot.name, str(folder),
+        found.total_covariance,
     )  # fmt: skip
 
 
@@ -133,6 +135,36 @@ def test_the_slope_of_the_tip_agrees_with_the_linear_models_own(m900ib: Experime
     analytic = model.position_sensitivity(poses, names=fit.names, loaded=True)[:, 0]
     size = np.abs(analytic).max(axis=(0, 1))
     assert np.all(np.abs(slope - analytic) < 0.02 * size)
+
+
+def test_the_uncertainty_of_the_load_counts(m900ib: Experiment, tmp_path: Path) -> None:
+    """Campaigns whose load is wrong in size and direction: the true arm errs as said, far more than noise explains."""
+    stated = m900ib.with_(load_uncertainty=LoadUncertainty(0.02, np.deg2rad(0.5)))
+    poses = posed(stated, angles(12, 1), MEASURED)
+    work = joint_targets(stated, angles(2, 5), np.tile(WORK, (2, 1)))
+    x, rng = stated.model().nominal, np.random.default_rng(6)
+    error, said, noise = [], [], []
+    for seed in range(60):
+        turn = Rotation.from_rotvec(np.deg2rad(0.5) * rng.standard_normal(3)).as_matrix()
+        wrong = (1.0 + 0.02 * rng.standard_normal()) * np.kron(np.eye(2), turn)
+        acting = make_plan(replace(poses, wrench=poses.wrench @ wrong.T), ["pull"] * 12)
+        readings = replace(simulate(stated, acting, seed=seed).readings, poses=poses)
+        fit = stored(stated, readings, tmp_path)
+        result = compensate(stated, fit, work)
+        error.append(np.linalg.norm(stands(stated, result, x).position - work.wanted.position, axis=1))
+        said.append(result.sd)
+        noise.append(result.noise_sd)
+    ratio = np.sqrt(np.mean(np.square(error), axis=0)) / np.sqrt(np.mean(np.square(said), axis=0))
+    assert np.all((ratio > 0.75) & (ratio < 1.25)), ratio
+    assert np.all(np.mean(said, axis=0) > 2.0 * np.mean(noise, axis=0))
+    assert "states no uncertainty of its load" not in " ".join(result.notes)
+    found = identify(stated, readings)
+    write_fit(found, tmp_path / "fit.json")
+    again = read_fit(tmp_path / "fit.json")
+    np.testing.assert_allclose(compensate(stated, again, work).sd, result.sd, rtol=1e-9)
+    plain = replace(again, total_covariance=None)
+    np.testing.assert_allclose(compensate(stated, plain, work).sd, result.noise_sd, rtol=1e-9)
+    assert "states no uncertainty of its load" in " ".join(compensate(stated, plain, work).notes)
 
 
 def test_unloaded_reference(m900ib: Experiment, targets: Targets) -> None:
