@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.progress import print_table, progress
+from qsframework.cli.where import Where, at_work
 from qsframework.design import (
     Wish,
     design,
@@ -24,6 +26,7 @@ from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan, Readings, load_experiment, read_plan, read_readings, write_plan
 from qsframework.information import promised_sd
 from qsframework.report import certificate_text, plan_section, provenance_section, sd_table, write_report
+from qsframework.work import Work, job_of
 
 Tell = Callable[[str, int, int], None]
 
@@ -45,16 +48,21 @@ class DesignFiles:
         return [self.experiment, *self.taken, *named, *([self.test_poses] if self.test_poses else [])]
 
 
-def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int) -> None:
+def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, where: Where) -> None:
     """Design, write plan.csv and plan.json, print the promise of the plan."""
     experiment = load_experiment(files.experiment)
-    distinct_outputs([files.output, files.output.with_suffix(".json"), files.json, files.report], files.inputs())
+    outputs = [files.output, files.output.with_suffix(".json"), files.json, files.report, where.checkpoint]
+    distinct_outputs(outputs, files.inputs())
     taken = [read_taken(path, experiment) for path in files.taken]
     test = None if files.test_poses is None else read_plan(files.test_poses, experiment).poses
-    with progress() as tell:
-        found = find_candidates(files.candidates, experiment, seed, tell)
+    options = {"poses": poses, "seed": seed, "candidates": files.candidates, **asdict(wish)}
+    with (
+        at_work(where, lambda: job_of("design", options, {"experiment": experiment}, files.inputs()[1:])) as work,
+        progress() as tell,
+    ):
+        found = find_candidates(files.candidates, experiment, seed, tell, work)
         plan = design(experiment, poses, candidates=found, seed=seed, progress=tell, wish=wish, test_poses=test,
-                      taken=taken)  # fmt: skip
+                      taken=taken, work=work)  # fmt: skip
     write_plan(files.output, plan, experiment)
     sds = {"this plan": promised_sd(experiment, plan)}
     if taken:
@@ -78,12 +86,12 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int) -> None:
         print(f"report: {write_report(files.report, f'Measurement plan: {experiment.robot.title}', sections)}")
 
 
-def find_candidates(words: str, experiment: Experiment, seed: int, tell: Tell) -> Candidates:
+def find_candidates(words: str, experiment: Experiment, seed: int, tell: Tell, work: Work) -> Candidates:
     """Candidates from a number, `grid:LEVELS`, or a file of poses."""
     if words.isdigit() and int(words) > 0:
-        return generate_candidates(experiment, int(words), seed, lambda i, n: tell("candidate poses", i, n))
+        return generate_candidates(experiment, int(words), seed, partial(tell, "candidate poses"), work)
     if words.startswith("grid:") and words[5:].isdigit():
-        return grid_candidates(experiment, int(words[5:]), lambda i, n: tell("candidate poses", i, n))
+        return grid_candidates(experiment, int(words[5:]), partial(tell, "candidate poses"), work)
     if Path(words).suffix == ".csv":
         return read_candidates(experiment, Path(words))
     raise InputError(f"--candidates {words}: give a number, grid:LEVELS (grid:5) or a .csv file of poses")

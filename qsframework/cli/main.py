@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from qsframework.cli.stop import Stopped, listening
+from qsframework.cli.where import DaskAddress, Jobs, Kept, Where
 from qsframework.cli.work import add_commands
 from qsframework.errors import QsfError
 
@@ -141,6 +142,9 @@ def design(
     solver: Annotated[str, typer.Option(help="'columns', or 'cvxpy' as the reference.")] = "columns",
     polish: Annotated[bool, typer.Option(help="Move the angles off the candidates where that helps.")] = True,
     output: Annotated[Path, typer.Option("-o", "--output", help="The plan.")] = Path("plan.csv"),
+    jobs: Jobs = 1,
+    dask: DaskAddress = None,
+    checkpoint: Kept = None,
     seed: Seed = 0,
     json: Json = None,
     report: Report = None,
@@ -153,8 +157,9 @@ def design(
         criterion, tuple(interest or ()), repeats, efficiency, prior, samples, worst, budget, solver, polish=polish
     )
     run_design(
-        DesignFiles(experiment, candidates, tuple(taken or ()), test_poses, output, json, report), poses, wish, seed
-    )
+        DesignFiles(experiment, candidates, tuple(taken or ()), test_poses, output, json, report), poses, wish, seed,
+        Where(jobs, dask, checkpoint),
+    )  # fmt: skip
 
 
 @app.command()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -22,6 +23,7 @@ from qsframework.errors import InputError
 from qsframework.experiment import Experiment, read_poses
 from qsframework.information import information, information_rows
 from qsframework.plugin import Array, Poses
+from qsframework.work import HERE, Work
 
 _BLOCK = 4096
 _LEAST_TRIED = 200
@@ -67,7 +69,7 @@ class Candidates:
 
 
 def generate_candidates(
-    experiment: Experiment, count: int, seed: int = 0, progress: Progress | None = None
+    experiment: Experiment, count: int, seed: int = 0, progress: Progress | None = None, work: Work = HERE
 ) -> Candidates:
     """`count` allowed poses of a Sobol sequence, pendant angles (N, n) rad, the same for a seed.
 
@@ -80,7 +82,7 @@ def generate_candidates(
     sampler = qmc.Sobol(len(lower), scramble=True, rng=np.random.default_rng(seed))
     most = max(_LEAST_TRIED, 100 * count // _BLOCK)
     points = (snapped(experiment, lower + (upper - lower) * sampler.random(_BLOCK)) for _ in range(most))
-    result = _collect(experiment, points, count, progress, folds(experiment))
+    result = _collect(experiment, points, count, progress, folds(experiment), work)
     if len(result) < count:
         raise InputError(f"the experiment allows too few poses for {count} candidates: {result.words()}")
     return result
@@ -98,7 +100,9 @@ def snapped(experiment: Experiment, pendant: Array) -> Array:
     return out
 
 
-def grid_candidates(experiment: Experiment, levels: int, progress: Progress | None = None) -> Candidates:
+def grid_candidates(
+    experiment: Experiment, levels: int, progress: Progress | None = None, work: Work = HERE
+) -> Candidates:
     """The allowed poses of a full grid with `levels` angles of each joint between its limits."""
     lower, upper = joint_range(experiment)
     total = levels ** len(lower)
@@ -113,7 +117,7 @@ def grid_candidates(experiment: Experiment, levels: int, progress: Progress | No
         for i in range(0, len(outer), step)
     )
     points = (snapped(experiment, block) for block in blocks)
-    result = _collect(experiment, points, total, progress, folds(experiment))
+    result = _collect(experiment, points, total, progress, folds(experiment), work)
     first = np.sort(np.unique(np.round(result.pendant, 9), axis=0, return_index=True)[1])
     return filled(experiment, replace(result, pendant=result.pendant[first]))
 
@@ -152,26 +156,40 @@ def folds(experiment: Experiment) -> bool:
     return bool(experiment.loads)
 
 
+def _checked(shared: tuple[Experiment, bool], points: Array) -> tuple[Array, dict[str, tuple[int, int, int]]]:
+    """The poses of a block that are allowed, and how many each constraint removed."""
+    experiment, folded = shared
+    pendant = canonical(experiment, points) if folded else points
+    allowed = check_poses(experiment, experiment.model(), pendant)
+    removed = {name: (r.in_order, r.alone, r.only) for name, r in count_removed(allowed).items()}
+    return pendant[np.logical_and.reduce(list(allowed.values()))], removed
+
+
 def _collect(
-    experiment: Experiment, blocks: Iterable[Array], count: int, progress: Progress | None, folded: bool
-) -> Candidates:
-    model = experiment.model()
+    experiment: Experiment, blocks: Iterable[Array], count: int, progress: Progress | None, folded: bool,
+    work: Work = HERE,
+) -> Candidates:  # fmt: skip
     kept: list[Array] = [np.zeros((0, experiment.robot.facts.n))]
     total: dict[str, Removal] = {}
     tried = found = 0
-    for points in blocks:
-        pendant = canonical(experiment, points) if folded else points
-        allowed = check_poses(experiment, model, pendant)
-        for name, r in count_removed(allowed).items():
-            b = total.get(name, Removal(0, 0, 0))
-            total[name] = Removal(b.in_order + r.in_order, b.alone + r.alone, b.only + r.only)
-        good = np.logical_and.reduce(list(allowed.values()))
-        kept.append(pendant[good])
-        tried, found = tried + len(points), found + int(good.sum())
-        if progress is not None:
-            progress(min(found, count), count)
-        if found >= count:
-            break
+    sizes: list[int] = []
+
+    def told() -> Iterator[Array]:
+        for points in blocks:
+            sizes.append(len(points))
+            yield points
+
+    with closing(work.run("candidate poses", _checked, (experiment, folded), told())) as results:
+        for i, (good, removed) in enumerate(results):
+            for name, r in removed.items():
+                b = total.get(name, Removal(0, 0, 0))
+                total[name] = Removal(b.in_order + r[0], b.alone + r[1], b.only + r[2])
+            kept.append(good)
+            tried, found = tried + sizes[i], found + len(good)
+            if progress is not None:
+                progress(min(found, count), count)
+            if found >= count:
+                break
     return Candidates(
         np.concatenate(kept)[:count], tried, {n: r.in_order for n, r in total.items()},
         {n: r.alone for n, r in total.items()}, {n: r.only for n, r in total.items()},

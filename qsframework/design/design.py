@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -30,6 +31,7 @@ from qsframework.errors import InputError, NotIdentifiable
 from qsframework.experiment import Certificate, Experiment, Plan, Readings, make_plan
 from qsframework.information.rows import gathered_information
 from qsframework.plugin import Array, Indices, Poses
+from qsframework.work import HERE, Work
 
 _SHORTLIST = 2000
 _NEAR, _SPLITS = 3, 12
@@ -50,12 +52,14 @@ def design(
     wish: Wish | None = None,
     test_poses: Poses | None = None,
     taken: Sequence[Plan | Readings] = (),
+    work: Work = HERE,
 ) -> Plan:
     """A plan of `poses` poses, certified against the best relaxed design over the same candidates.
 
     wish: everything else that is asked; it replaces criterion and repeats;
     candidates: how many to draw, or poses (N, n) rad; test_poses: where the tip is to be known best (I, G);
-    taken: plans or readings whose information is there already. InputError where the experiment cannot give
+    taken: plans or readings whose information is there already; work: where the candidates and the exchange are
+    computed, and the checkpoint that keeps them. InputError where the experiment cannot give
     a plan; NotIdentifiable, before any optimisation, where its loads cannot tell the parameters apart;
     NotCertified where the certificate misses the asked efficiency.
     """
@@ -63,18 +67,19 @@ def design(
     check_criterion(wish.criterion)
     tell = progress or (lambda *_: None)
     if isinstance(candidates, int):
-        candidates = generate_candidates(experiment, candidates, seed, lambda i, n: tell("candidate poses", i, n))
+        told = partial(tell, "candidate poses")
+        candidates = generate_candidates(experiment, candidates, seed, told, work)
     names = experiment.fit_names()
     samples = draw_samples(experiment.model(), wish.samples, seed)
     prior = _prior(experiment, wish, taken, names, samples)
     total = poses if wish.budget is None else wish.budget
     problem = make_problem(
-        experiment, candidates, total, samples, prior, wish.budget is not None, lambda i, n: tell("sensitivities", i, n)
+        experiment, candidates, total, samples, prior, wish.budget is not None, partial(tell, "sensitivities"), work
     )
     require_rank(problem)
     rule = Robust(_criterion(problem, wish, test_poses), wish.worst)
     relaxed, fixed = relaxed_design(problem, rule, wish, seed, lambda b: tell("relaxed design", int(1e6 * b), 10**6))
-    chosen, counts = _exact(problem, rule, wish, relaxed, fixed, seed, tell)
+    chosen, counts = _exact(problem, rule, wish, relaxed, fixed, seed, tell, work)
     return _plan(problem, rule, wish, relaxed, chosen, counts, seed, tell)
 
 
@@ -105,7 +110,7 @@ def _criterion(problem: Problem, wish: Wish, test_poses: Poses | None) -> Criter
 
 def _exact(
     problem: Problem, rule: Robust, wish: Wish, relaxed: Relaxed, fixed: tuple[int | None, ...], seed: int,
-    tell: Progress,
+    tell: Progress, work: Work,
 ) -> tuple[Indices, Indices]:  # fmt: skip
     """The plan's candidates (m,) and how often each is measured (m,)."""
     short = _shortlist(problem, relaxed)
@@ -122,7 +127,7 @@ def _exact(
 
         rng = np.random.default_rng(seed)
         try:
-            chosen = exchange(rows, white, quotas, weights, wish.starts, rng, said, prior)
+            chosen = exchange(rows, white, quotas, weights, wish.starts, rng, said, prior, work, f"exchange {turn}")
         except NotIdentifiable:
             if turn + 1 == len(splits) and not len(best):
                 raise

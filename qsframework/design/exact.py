@@ -13,6 +13,7 @@ from qsframework.design.minimax import Robust
 from qsframework.errors import NotIdentifiable
 from qsframework.information.rows import block_scores, root
 from qsframework.plugin import Array, Indices
+from qsframework.work import HERE, Work
 
 _PASSES = 50
 _TRIED = 48
@@ -65,6 +66,8 @@ def exchange(
     rng: np.random.Generator,
     progress: Progress | None = None,
     prior: Array | None = None,
+    work: Work = HERE,
+    stage: str = "exchange",
 ) -> Indices:
     """Indices (n,) of the best plan found from `starts` starts; the first rounds `weights`.
 
@@ -77,9 +80,11 @@ def exchange(
     slots = tuple(g for g, count in enumerate(quotas.counts) for _ in range(count))
     board = _Board(four, moments, before, rule, quotas, slots)
     best, best_value = None, np.inf
-    for start in range(starts):
-        first = _rounded(weights, quotas, rng) if start == 0 and weights is not None else _random(quotas, weights, rng)
-        chosen, value = _climb(board, first)
+    firsts = [
+        _rounded(weights, quotas, rng) if start == 0 and weights is not None else _random(quotas, weights, rng)
+        for start in range(starts)
+    ]
+    for start, (chosen, value) in enumerate(work.run(stage, _climb, board, firsts)):
         if value < best_value:
             best, best_value = chosen, value
         if progress is not None:

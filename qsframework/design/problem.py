@@ -14,10 +14,12 @@ from qsframework.experiment import Experiment, LoadCase, Plan, Readings
 from qsframework.information import Allowed, MadeRows, RankTest, Rows, as_rows, information_rows, rank_test, scales
 from qsframework.information.rows import gathered_information
 from qsframework.plugin import Array, Indices, Poses
+from qsframework.work import HERE, Work
 
 HELD_BYTES = 4_000_000_000
 """Rows above this size are computed again in every pass instead of being held."""
 _SAMPLE = 4096
+_CHUNK = 65536
 _TEST_POSES = 200
 Progress = Callable[[int, int], None]
 
@@ -85,6 +87,7 @@ def make_problem(
     prior: Array | None = None,
     budget: bool = False,
     progress: Progress | None = None,
+    work: Work = HERE,
 ) -> Problem:
     """Every allowed pose under every load case is a candidate of its own."""
     if not experiment.loads:
@@ -119,21 +122,28 @@ def make_problem(
         as_rows(np.zeros((0, 1, 1, 1))),
         start,
     )
-    return replace(draft, rows=_rows(draft, progress))
+    return replace(draft, rows=_rows(draft, progress, work))
 
 
-def _rows(problem: Problem, progress: Progress | None) -> Rows:
+def _rows(problem: Problem, progress: Progress | None, work: Work) -> Rows:
     count = problem.per_load * len(problem.loads)
     shape = (count, len(problem.samples), 3 * len(problem.experiment.markers), len(problem.names))
     if 8 * np.prod(shape, dtype=float) > HELD_BYTES:
         return MadeRows(lambda index: problem.rows_of(problem.batch(index)), shape)
     out = np.empty(shape)
-    for start in range(0, count, 65536):
-        index = np.arange(start, min(start + 65536, count))
-        out[index[0] : index[-1] + 1] = problem.rows_of(problem.batch(index))
+    shared = (problem.experiment, problem.names, problem.samples)
+    starts = range(0, count, _CHUNK)
+    tasks = (problem.batch(np.arange(start, min(start + _CHUNK, count))) for start in starts)
+    # not kept by a checkpoint: they are sooner made again than read
+    for start, rows in zip(starts, work.run("sensitivities", _chunk, shared, tasks, keep=False), strict=True):
+        out[start : start + len(rows)] = rows
         if progress is not None:
-            progress(int(index[-1]) + 1, count)
+            progress(start + len(rows), count)
     return as_rows(out)
+
+
+def _chunk(shared: tuple[Experiment, tuple[str, ...], Array], poses: Poses) -> Array:
+    return sample_rows(shared[0], poses, shared[1], shared[2])
 
 
 def draw_samples(model: Model, count: int, seed: int) -> Array:

@@ -11,6 +11,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -29,8 +30,15 @@ def _view(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:
 class _Packer(pickle.Pickler):
     """Pickle, and the read-only mappings of a robot's links."""
 
-    dispatch_table = copyreg.dispatch_table.copy()
+    dispatch_table = dict(copyreg.dispatch_table)
     dispatch_table[MappingProxyType] = lambda view: (_view, (dict(view),))
+
+
+class _Hasher(_Packer):
+    """Bytes to hash: of a path the name only, so that the same files in another folder are the same."""
+
+    dispatch_table = dict(_Packer.dispatch_table)
+    dispatch_table[type(Path())] = lambda path: (Path, (path.name,))
 
 
 @dataclass(frozen=True)
@@ -43,10 +51,19 @@ class Packed:
 
 def pack(value: Any) -> Packed:
     """The value as bytes."""
-    stream = io.BytesIO()
-    _Packer(stream, protocol=pickle.HIGHEST_PROTOCOL).dump(value)
-    content = stream.getvalue()
+    content = _dumped(_Packer, value)
     return Packed(content, hashlib.sha256(content).hexdigest())
+
+
+def value_hash(value: Any) -> str:
+    """Hash of all that a value holds, the same in every process and every folder."""
+    return hashlib.sha256(_dumped(_Hasher, value)).hexdigest()
+
+
+def _dumped(packer: type[_Packer], value: Any) -> bytes:
+    stream = io.BytesIO()
+    packer(stream, protocol=5).dump(value)
+    return stream.getvalue()
 
 
 def unpack(packed: Packed) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import sys
 from collections.abc import Iterable, Mapping
 from importlib.metadata import entry_points, version
@@ -12,16 +11,22 @@ from pathlib import Path
 from typing import Any
 
 from qsframework.files import sha256
+from qsframework.work.carry import value_hash
 
 _LIBRARIES = ("numpy", "scipy", "pin")
 
 
-def job_of(command: str, options: Mapping[str, Any], inputs: Iterable[Path]) -> dict[str, str]:
-    """The parts of a job for the head of its checkpoint; a folder among the inputs stands for all its files."""
+def job_of(
+    command: str, options: Mapping[str, Any], values: Mapping[str, Any], files: Iterable[Path] = ()
+) -> dict[str, str]:
+    """The parts of a job for the head of its checkpoint.
+
+    options: plain values, said as they are where two jobs differ; values: of anything loaded, by its hash
+    """
     parts = {"command": command}
-    parts |= {name: json.dumps(value, sort_keys=True, default=str) for name, value in options.items()}
-    for path in inputs:
-        parts[f"input {path.name}"] = folder_hash(path) if path.is_dir() else sha256(path)
+    parts |= {name: str(value) for name, value in options.items()}
+    parts |= {name: value_hash(value) for name, value in values.items()}
+    parts |= {f"file {path.name}": sha256(path) for path in files}
     return parts | versions()
 
 

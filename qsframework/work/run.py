@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import chain
 from typing import TypeVar
@@ -25,7 +25,7 @@ class Work:
 
     def run(
         self, stage: str, function: Callable[[S, T], R], shared: S, tasks: Iterable[T], keep: bool = True
-    ) -> Iterator[R]:
+    ) -> Generator[R, None, None]:
         """function(shared, task) of each task, in the order of the tasks.
 
         stage: the name under which a checkpoint keeps the results; keep: False where they are sooner made than read
@@ -44,7 +44,7 @@ def run(
     executor: Executor | None = None,
     checkpoint: Checkpoint | None = None,
     stage: str = "",
-) -> Iterator[R]:
+) -> Generator[R, None, None]:
     """function(shared, task) of each task, in the order of the tasks, whatever the executor.
 
     Tasks whose results the checkpoint holds are not run again; every other result is written to it as it comes.
