@@ -7,7 +7,7 @@ import functools
 import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import ParamSpec, TypeVar
+from typing import ParamSpec, TypedDict, TypeVar
 
 __all__ = [
     "InputError",
@@ -57,6 +57,13 @@ class Problem:
         if self.hint is not None:
             text += f". {self.hint}"
         return text
+
+
+class Place(TypedDict):
+    """Where problems stand, as keywords of `Problem`."""
+
+    file: str
+    line: int | None
 
 
 class InputError(QsfError):

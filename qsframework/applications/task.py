@@ -13,8 +13,8 @@ from typing import Annotated
 import numpy as np
 import pydantic
 
-from qsframework.errors import InputError, Problem
-from qsframework.experiment.spec import LoadCaseSpec
+from qsframework.errors import InputError, Place, Problem
+from qsframework.experiment.spec import SHORTEST, LoadCaseSpec
 from qsframework.files import FileModel, Unit, read_yaml, validate
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
@@ -28,7 +28,7 @@ class _Approaching(FileModel):
     @pydantic.field_validator("approach")
     @classmethod
     def _direction(cls, value: list[float] | None) -> list[float] | None:
-        if value is not None and (len(value) != 3 or not any(value)):
+        if value is not None and (len(value) != 3 or max(map(abs, value)) < SHORTEST):
             raise ValueError("approach needs three numbers, not all zero: the way the tool points, base frame")
         return value
 
@@ -96,11 +96,12 @@ class TaskSpec(FileModel):
     path: list[PointSpec] = pydantic.Field(min_length=1)
     map: MapSpec
     campaign: CampaignSpec
+    floor: Annotated[float | None, Unit("m")] = None
 
     @pydantic.field_validator("approach")
     @classmethod
     def _direction(cls, value: list[float]) -> list[float]:
-        if len(value) != 3 or not any(value):
+        if len(value) != 3 or max(map(abs, value)) < SHORTEST:
             raise ValueError("approach needs three numbers, not all zero: the way the tool points, base frame")
         return value
 
@@ -110,6 +111,7 @@ class Task:
     """What is asked. tool: m from the flange along the last axis to the load point.
 
     points (P, 3) m, directions (P, 3) the tool points in, wrenches (P, 6), all base frame
+    floor: its height, m, base frame; None: not known
     map_x, map_z (steps,) m at map_y, with map_direction (3,) and map_force (3,) N
     """
 
@@ -125,6 +127,7 @@ class Task:
     map_direction: Array
     map_force: Array
     campaign: CampaignSpec
+    floor: float | None = None
 
 
 def load_task(path: str | Path) -> Task:
@@ -139,7 +142,7 @@ def load_task(path: str | Path) -> Task:
     ]  # fmt: skip
     names = [load.name for load in spec.campaign.loads]
     for i, load in enumerate(spec.campaign.loads):
-        where = {"file": str(path), "line": document.line("campaign", "loads", i)}
+        where: Place = {"file": str(path), "line": document.line("campaign", "loads", i)}
         if names.index(load.name) != i:
             problems.append(Problem(f"load {load.name!r} stands here twice", **where))
         if not any(load.wrench()):
@@ -151,7 +154,7 @@ def load_task(path: str | Path) -> Task:
         frozen([_unit(p.approach or spec.approach) for p in spec.path]), frozen(wrenches),
         _steps(spec.map.x, spec.map.steps), _steps(spec.map.z, spec.map.steps), spec.map.y,
         frozen(_unit(spec.map.approach or spec.approach)), frozen([spec.map.fx, spec.map.fy, spec.map.fz]),
-        spec.campaign,
+        spec.campaign, spec.floor,
     )  # fmt: skip
 
 

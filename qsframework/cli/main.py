@@ -10,6 +10,7 @@ import typer
 
 from qsframework.cli.stop import Stopped, listening
 from qsframework.cli.where import DaskAddress, Jobs, Kept, Where
+from qsframework.cli.trust import Trust
 from qsframework.cli.work import add_commands
 from qsframework.errors import QsfError
 
@@ -39,6 +40,7 @@ def whole(
     version: Annotated[
         bool, typer.Option("--version", help="Print the version and end.", callback=_version, is_eager=True)
     ] = False,
+    trust: Trust = False,
 ) -> None:
     """Elastostatic calibration of heavy, quasi-serial industrial robots."""
 
@@ -55,7 +57,7 @@ def demo(
 
 
 @app.command()
-def robots(json: Json = None) -> None:
+def robots(json: Json = None, trust: Trust = False) -> None:
     """List the robots that can be named in an experiment."""
     from qsframework.cli.commands import list_robots
 
@@ -69,6 +71,7 @@ def check(
         bool, typer.Option("--conformance", help="Try the robots with everything, down to a small campaign.")
     ] = False,
     json: Json = None,
+    trust: Trust = False,
 ) -> None:
     """Check robots and experiments, with the readings that they name; all problems at once."""
     from qsframework.cli.commands import check_files
@@ -88,6 +91,7 @@ def stiffness(
     point: Annotated[str, typer.Option(help="Where the load acts, mm, flange frame.")] = "0,0,0",
     json: Json = None,
     report: Report = None,
+    trust: Trust = False,
 ) -> None:
     """Deflection under a load, the share of each spring, and the Cartesian stiffness."""
     from qsframework.cli.stiffness import run_stiffness
@@ -109,6 +113,7 @@ def show(
     ] = 100,
     html: Annotated[Path | None, typer.Option(help="Write one page that needs no network, instead of serving.")] = None,
     port: Annotated[int, typer.Option(help="Port on this machine; 0 takes any free one.")] = 7000,
+    trust: Trust = False,
 ) -> None:
     """See the robot in 3D: poses, loads, limits, deflection, stiffness, residuals."""
     from qsframework.cli.show import Shown, run_show
@@ -148,6 +153,7 @@ def design(
     seed: Seed = 0,
     json: Json = None,
     report: Report = None,
+    trust: Trust = False,
 ) -> None:
     """Choose the poses that pin the parameters down best, with a certificate."""
     from qsframework.cli.design import DesignFiles, run_design
@@ -170,6 +176,7 @@ def simulate(
     truth: Annotated[str, typer.Option(help="'nominal' values, or 'drawn' from the priors.")] = "nominal",
     seed: Seed = 0,
     json: Json = None,
+    trust: Trust = False,
 ) -> None:
     """Make readings of a plan, with seeded noise."""
     from qsframework.cli.commands import run_simulate
@@ -208,6 +215,7 @@ def identify(
     urdf: Annotated[Path | None, typer.Option(help="Write the robot's URDF with corrected joint origins.")] = None,
     json: Json = None,
     report: Report = None,
+    trust: Trust = False,
 ) -> None:
     """Estimate the parameters from readings."""
     from qsframework.cli.identify import FitFiles, How, run_identify
@@ -239,6 +247,7 @@ def diagnose(
     seed: Seed = 0,
     json: Json = None,
     report: Report = None,
+    trust: Trust = False,
 ) -> None:
     """Name what the model gets wrong, extend it, and measure the gain."""
     from qsframework.cli.diagnose import Asked, DiagnoseFiles, run_diagnose

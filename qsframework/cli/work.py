@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from qsframework.cli.trust import Trust
+
 ExperimentFile = Annotated[Path, typer.Argument(help="experiment.yaml", show_default=False)]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON.")]
 Report = Annotated[Path | None, typer.Option("--report", help="Write an HTML report.")]
@@ -29,6 +31,7 @@ def compensate(
     ] = "commanded",
     json: Json = None,
     report: Report = None,
+    trust: Trust = False,
 ) -> None:
     """Correct targets so that the loaded tool stands where it is wanted, and say what error is left."""
     from qsframework.cli.compensate import CompensateFiles, run_compensate
@@ -55,6 +58,7 @@ def export(
     ] = 0.0,
     seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
     json: Json = None,
+    trust: Trust = False,
 ) -> None:
     """Put a plan on the robot: order it, check the way for collisions, write the controller's file."""
     from qsframework.cli.export import ExportWish, run_export
@@ -79,6 +83,7 @@ def protocol(
     reflectors: Annotated[int, typer.Option(help="Reflectors fixed to the floor.", min=0)] = 3,
     half: Annotated[bool, typer.Option(help="Half the load, too, at repeated poses: is the arm linear?")] = True,
     seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
+    trust: Trust = False,
 ) -> None:
     """Write the measuring day as a sheet to print and a table of readings to fill in."""
     from qsframework.applications.protocol import ProtocolWish
@@ -91,14 +96,16 @@ def protocol(
 def compare(
     robots: Annotated[list[str], typer.Argument(help="Two or more robots, by name or folder.", show_default=False)],
     task: Annotated[Path, typer.Option(help="task.yaml: path, map and campaign.", show_default=False)],
+    fit: Annotated[list[str] | None, typer.Option(help="ROBOT=fit.json: its identified values.")] = None,
     seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
     json: Json = None,
     report: Report = None,
+    trust: Trust = False,
 ) -> None:
     """Compare robots: deflection over the workspace and along a path, and what equally many poses would tell."""
     from qsframework.cli.compare import run_compare
 
-    run_compare(robots, task, seed, json, report)
+    run_compare(robots, task, seed, json, report, fit or ())
 
 
 def new(

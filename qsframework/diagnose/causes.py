@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from qsframework.elastostatics import Model, make_model
 from qsframework.experiment import Experiment
 from qsframework.plugin import Effect, InputError, Parameter, Poses, Spring, SpringLaw, registry
+from qsframework.plugin.trusted import file_of
 
 REACH = 10.0
 """How many times its typical size an effect may have; what is not seen even then is invisible in this protocol."""
@@ -82,9 +83,13 @@ def _present(effect: Effect, fitted: Sequence[str], model: Model) -> Cause:
 
 
 def proposed(model: Model) -> list[Effect]:
-    """Every instance that the effects of the registry propose for this robot, its markers and its own effects."""
+    """Every instance that the effects of the registry propose for this robot, its markers and its own effects.
+
+    Effects from files, which are in no registry, propose instances where the model has one already.
+    """
     out: list[Effect] = []
-    for kind in registry().values():
+    from_files = [type(e) for e in model.effects if file_of(type(e)) is not None]
+    for kind in dict.fromkeys([*registry().values(), *from_files]):
         found = [*kind.places(model.facts, model.marker_names), *kind.beside(model.effects, model.parameters)]
         for effect in found:
             try:

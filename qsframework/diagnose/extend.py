@@ -3,6 +3,7 @@
 folder/experiment.yaml   the campaign with its own effects (load, instrument), on the extended robot
 folder/campaign.yaml     the values of these effects
 folder/robot/            robot.yaml, nominal.yaml, URDF and what it needs
+folder/effects/          effects of the campaign that are files, as robot/effects/ holds those of the arm
 """
 
 from __future__ import annotations
@@ -21,14 +22,17 @@ from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, load_experiment
 from qsframework.files import read_yaml, sha256, write_folder, yaml_text
-from qsframework.plugin import Effect, Load, Parameter, Poses, Sensor, build_effects
+from qsframework.plugin import Effect, Load, Parameter, Poses, Sensor
 from qsframework.plugin.entry import effect_entry
 from qsframework.plugin.settings import place_fields
+from qsframework.plugin.trusted import file_of
 from qsframework.robot.copied import robot_files
 from qsframework.robot.loader import find_robot
+from qsframework.robot.named_files import entry_effects, named_file
 
 _HEAD = "Written by qsf diagnose."
-_ROBOT = Path("robot")
+_ROBOT, _EFFECTS = Path("robot"), Path("effects")
+_FOLDERS = (str(_ROBOT), str(_EFFECTS))
 _SAME = 1e-12
 """Relative difference up to which a number in a file is the one in memory."""
 
@@ -118,7 +122,7 @@ def _refuse_folder(folder: Path, originals: Sequence[Path]) -> None:
     inside = [p.relative_to(here) for p in here.rglob("*") if not p.is_dir()]
     ours = here / "experiment.yaml"
     known = ours.is_file() and ours.read_bytes().startswith(f"# {_HEAD}".encode())
-    others = [p for p in inside if not known or (p.parts[0] != str(_ROBOT) and p.name not in _OWN)]
+    others = [p for p in inside if not known or (p.parts[0] not in _FOLDERS and p.name not in _OWN)]
     if others:
         shown = ", ".join(sorted(str(p) for p in others)[:3])
         raise InputError(Problem(f"holds other files ({shown}); name a new or empty folder", file=str(folder)))
@@ -129,18 +133,8 @@ _OWN = ("experiment.yaml", "campaign.yaml")
 
 def _contents(extension: Extension, folder: Path, source: Path, robot_yaml: Path) -> dict[Path, str | bytes]:
     """What to write, by path in the folder."""
-    model, facts = extension.model, extension.experiment.robot.facts
     document, robot = dict(read_yaml(source).data), dict(read_yaml(robot_yaml).data)
-    markers = tuple(str(name) for name in document["markers"])
-    arm, campaign = list(robot.get("effects", [])), []
-    for entry in document.get("effects", []):
-        instances = build_effects(entry, facts, markers)
-        (arm if all(of_arm(e) for e in instances) else campaign).append(entry)
-    listed = {e.name for entry in (*arm, *campaign) for e in build_effects(entry, facts, markers)}
-    for effect in model.effects:
-        if effect.name not in listed:
-            (arm if of_arm(effect) else campaign).append(effect_entry(effect))
-    own = {e.name for entry in campaign for e in build_effects(entry, facts, markers)}
+    arm, campaign, own, code = _entries(extension, source, robot_yaml)
     values = _values(extension, lambda e: e.name not in own)
     others = _values(extension, lambda e: e.name in own)
     robot |= {"title": _extended(str(robot["title"])), "effects": arm, "nominal": "nominal.yaml"}
@@ -157,7 +151,58 @@ def _contents(extension: Extension, folder: Path, source: Path, robot_yaml: Path
     out[_ROBOT / "robot.yaml"] = yaml_text(robot, f"{_HEAD} The robot with the effects that the readings named.")
     out[_ROBOT / "nominal.yaml"] = yaml_text(values, f"{_HEAD} Identified values; the others as they were.")
     out.update({_ROBOT / f: (robot_yaml.parent / f).read_bytes() for f in robot_files(robot_yaml)})
-    return out
+    return out | code
+
+
+_Entries = list[dict[str, Any]]
+
+
+def _entries(
+    extension: Extension, source: Path, robot_yaml: Path
+) -> tuple[_Entries, _Entries, set[str], dict[Path, str | bytes]]:
+    """Entries of the arm and of the campaign, names of the campaign's effects, and the code that entries name."""
+    model, document = extension.model, read_yaml(source).data
+    facts, markers = extension.experiment.robot.facts, tuple(str(name) for name in document["markers"])
+    code: dict[Path, str | bytes] = {}
+    arm: _Entries = []
+    campaign: _Entries = []
+    listed: set[str] = set()
+    own: set[str] = set()
+
+    def add(entry: Mapping[str, Any], origin: Path, effects: Sequence[Effect], of_robot: bool) -> None:
+        (arm if of_robot else campaign).append(_moved(entry, origin, _ROBOT if of_robot else Path(), code))
+        names = {e.name for e in effects}
+        listed.update(names)
+        own.update(set() if of_robot else names)
+
+    trust = _trusted(model)
+    for entry in read_yaml(robot_yaml).data.get("effects", []):
+        add(entry, robot_yaml.parent, entry_effects(entry, robot_yaml.parent, facts, markers, trust=trust), True)
+    for entry in document.get("effects", []):
+        effects = entry_effects(entry, source.parent, facts, markers, trust=trust)
+        add(entry, source.parent, effects, all(of_arm(e) for e in effects))
+    for effect in model.effects:
+        if effect.name not in listed:
+            file = file_of(type(effect))
+            entry = effect_entry(effect) | ({} if file is None else {"file": file.name})
+            add(entry, source.parent if file is None else file.parent, [effect], of_arm(effect))
+    return arm, campaign, own, code
+
+
+def _trusted(model: Model) -> bool:
+    """Whether the model has effects from files: then the user has trusted them already."""
+    return any(file_of(type(e)) is not None for e in model.effects)
+
+
+def _moved(entry: Mapping[str, Any], origin: Path, to: Path, code: dict[Path, str | bytes]) -> dict[str, Any]:
+    """The entry of a file in the folder `origin` for a file in `to`; the code that it names goes along."""
+    if "file" not in entry:
+        return dict(entry)
+    path = named_file(entry, origin)
+    content, there = path.read_bytes(), to / _EFFECTS / path.name
+    if code.setdefault(there, content) != content:
+        raise InputError(Problem(f"two different effects are files of the name {path.name}", file=str(path)))
+    return dict(entry) | {"file": (_EFFECTS / path.name).as_posix()}
 
 
 def of_arm(effect: Effect) -> bool:
@@ -202,7 +247,7 @@ def _relative(data: Path, folder: Path) -> str:
 
 def _check(path: Path, extension: Extension) -> None:
     """The written experiment loads, has the values of the extension and predicts what it predicts."""
-    model, values = load_experiment(path).model(), extension.values
+    model, values = load_experiment(path, trust=_trusted(extension.model)).model(), extension.values
     written = dict(zip(model.names, (float(v) for v in model.nominal), strict=True))
     lost = sorted(set(written) ^ set(values))
     lost += [n for n in values if n in written and abs(written[n] - values[n]) > _SAME * abs(values[n])]

@@ -20,6 +20,7 @@ from qsframework.plugin import Array
 LARGEST = 500_000_000
 """Bytes of a readings file."""
 _MOST = 100_000
+_GREATEST = 1e15
 _TRUE, _FALSE = ("1", "true", "yes"), ("0", "false", "no")
 _MEASURED = ("dx", "dy", "dz", "x", "y", "z", "sigma")
 """Columns that may hold anything in a row that is masked (use = 0): that is why it is masked."""
@@ -211,7 +212,7 @@ def _value(column: Column, cell: str) -> tuple[float | None, str]:
         return value if 1 <= value <= _MOST and value == int(value) else None, f"1, 2, 3, ... up to {_MOST}"
     if column.kind == "side":
         return value if value in (-1.0, 1.0) else None, "-1 or 1"
-    return value if math.isfinite(value) else None, "a finite number"
+    return value if abs(value) <= _GREATEST else None, f"a finite number, at most {_GREATEST:g}"
 
 
 def _wrong(table: Table, i: int, column: Column, message: str, found: str, allowed: str) -> None:

@@ -22,6 +22,7 @@ from qsframework.files import Document, read_yaml, validate
 from qsframework.plugin import Array, Effect, Parameter, Spring
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.facts import frozen
+from qsframework.plugin.trusted import trusted
 from qsframework.robot import Robot, load_robot
 from qsframework.robot.spec import read_effects, read_nominal
 
@@ -165,19 +166,24 @@ def expand_name(entry: str, model: Model) -> tuple[str, ...]:
     return tuple(names)
 
 
-def load_experiment(path: str | Path) -> Experiment:
-    """Read an experiment.yaml. InputError with all its problems, each with file and line."""
+def load_experiment(path: str | Path, *, trust: bool | None = None) -> Experiment:
+    """Read an experiment.yaml. InputError with all its problems, each with file and line.
+
+    trust: whether effects that it or its robot names by `file:` may run their code; None: as the command was told,
+    by default not
+    """
     path = Path(path)
     document = read_yaml(path)
     spec = validate(document, ExperimentSpec)
     try:
-        robot = load_robot(spec.robot, beside=path.parent)
+        robot = load_robot(spec.robot, beside=path.parent, trust=trust)
     except InputError as error:
         line = document.line("robot")
         raise InputError([replace(p, file=p.file or str(path), line=p.line or line) for p in error.problems]) from None
     problems: list[Problem] = []
     markers = _markers(document, spec, robot, problems)
-    effects, found = read_effects(document, spec.effects, robot.facts, tuple(m.name for m in markers))
+    names = tuple(m.name for m in markers)
+    effects, found = read_effects(document, spec.effects, robot.facts, names, trust=trusted(trust))
     parameters = _nominal(path, spec, effects, robot, problems, complete=not found)
     problems += [*found, *constraint_problems(document, spec, robot), *_load_problems(document, spec, robot)]
     if problems:

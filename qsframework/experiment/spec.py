@@ -8,6 +8,9 @@ import pydantic
 
 from qsframework.files import FileModel, Unit
 
+SHORTEST = 1e-9
+"""A direction whose numbers are all smaller is none: its length would be rounded away."""
+
 
 class LoadSpec(FileModel):
     """Where the force acts: a point in the flange frame, or a hung mass with its centre."""
@@ -41,7 +44,7 @@ class MarkerSpec(FileModel):
     def _three(self) -> MarkerSpec:
         if len(self.xyz) != 3:
             raise ValueError("xyz needs three numbers")
-        if self.normal is not None and (len(self.normal) != 3 or not any(self.normal)):
+        if self.normal is not None and (len(self.normal) != 3 or max(map(abs, self.normal)) < SHORTEST):
             raise ValueError("normal needs three numbers, not all zero")
         return self
 
@@ -172,9 +175,9 @@ class ExperimentSpec(FileModel):
     markers: dict[str, MarkerSpec]
     noise: NoiseSpec | Literal["estimate"]
     load_uncertainty: LoadUncertaintySpec = LoadUncertaintySpec()
-    loads: list[LoadCaseSpec] = pydantic.Field(default_factory=list)
+    loads: list[LoadCaseSpec] = pydantic.Field(default_factory=list[LoadCaseSpec])
     constraints: ConstraintsSpec = ConstraintsSpec()
-    effects: list[dict[str, Any]] = pydantic.Field(default_factory=list)
+    effects: list[dict[str, Any]] = pydantic.Field(default_factory=list[dict[str, Any]])
     nominal: str | None = None  # a file of values of these effects, beside the experiment
     fit: list[str] | None = None
     rigid: bool = False

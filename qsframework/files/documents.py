@@ -16,7 +16,7 @@ _LARGEST = 5_000_000
 _DEEPEST = 30
 _LONGEST = 1000
 Key = str | int
-_DECIMAL = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+DECIMAL = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def _construct(node: yaml.Node, at: tuple[Key, ...], lines: dict[tuple[Key, ...]
 def _scalar(node: yaml.Node, path: Path) -> Any:
     """Numbers are decimal: YAML 1.1 reads 1e5 as text, 010 as 8, 1:30 as 90 and 2026-01-01 as a date."""
     plain = getattr(node, "style", None) is None
-    if plain and _DECIMAL.fullmatch(node.value):
+    if plain and DECIMAL.fullmatch(node.value):
         return float(node.value) if set(node.value) & set(".eE") or len(node.value) > 18 else int(node.value)
     try:
         value = yaml.SafeLoader("").construct_object(node)

@@ -12,6 +12,7 @@ import pydantic
 from qsframework import units
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.files.documents import Document, Key
+from qsframework.files.plain import is_list, is_mapping
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ def validate(document: Document, model: type[M], data: Any = None, at: tuple[Key
     InputError with all problems, each with file and line.
     """
     data = document.data if data is None and not at else data
-    problems: list[Problem] = []
+    problems = list(_beyond(document, data, at))
     converted = _to_si(document, model, data, at, problems)
     try:
         result = model.model_validate(converted)
@@ -60,6 +61,19 @@ def validate(document: Document, model: type[M], data: Any = None, at: tuple[Key
         unique = {(p.line, p.message): p for p in problems}
         raise InputError(sorted(unique.values(), key=lambda p: p.line or 0))
     return result
+
+
+GREATEST = 1e30
+"""No quantity in a file is larger: the square of a number beyond 1e154 is infinite."""
+
+
+def _beyond(document: Document, data: Any, at: tuple[Key, ...]) -> Iterator[Problem]:
+    """Numbers that are finite and yet none of a robot."""
+    if is_mapping(data) or is_list(data):
+        for key, value in data.items() if is_mapping(data) else enumerate(data):
+            yield from _beyond(document, value, (*at, key))
+    elif isinstance(data, int | float) and GREATEST < abs(data) < math.inf:
+        yield _at(document, at, f"{_spoken(at)} is beyond {GREATEST:g}, which no quantity is", found=_short(data))
 
 
 def _nested(info: pydantic.fields.FieldInfo) -> tuple[type[FileModel] | None, bool, bool]:
@@ -79,7 +93,7 @@ def _nested(info: pydantic.fields.FieldInfo) -> tuple[type[FileModel] | None, bo
 
 def _to_si(document: Document, model: type[FileModel], data: Any, at: tuple[Key, ...], problems: list[Problem]) -> Any:
     """A copy with measured keys renamed to their fields and converted, nested models included."""
-    if not isinstance(data, dict):
+    if not is_mapping(data):
         return data
     measured = model.measured()
     out: dict[str, Any] = {}
@@ -88,9 +102,9 @@ def _to_si(document: Document, model: type[FileModel], data: Any, at: tuple[Key,
         if key in model.model_fields and key not in measured:
             inner, in_list, in_map = _nested(model.model_fields[key])
             here = (*at, key)
-            if inner is not None and in_list and isinstance(value, list):
+            if inner is not None and in_list and is_list(value):
                 value = [_to_si(document, inner, v, (*here, i), problems) for i, v in enumerate(value)]
-            elif inner is not None and in_map and isinstance(value, dict):
+            elif inner is not None and in_map and is_mapping(value):
                 value = {k: _to_si(document, inner, v, (*here, k), problems) for k, v in value.items()}
             elif inner is not None:
                 value = _to_si(document, inner, value, here, problems)
@@ -122,9 +136,9 @@ def _placeholder(model: type[FileModel], name: str) -> Any:
 
 
 def _converted(document: Document, value: Any, unit: str, at: tuple[Key, ...], problems: list[Problem]) -> Any:
-    if isinstance(value, list):
+    if is_list(value):
         return [_converted(document, v, unit, (*at, i), problems) for i, v in enumerate(value)]
-    if isinstance(value, dict):
+    if is_mapping(value):
         return {k: _converted(document, v, unit, (*at, k), problems) for k, v in value.items()}
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         problems.append(_at(document, at, f"{_spoken(at)} must be a finite number", found=repr(value)))
@@ -153,7 +167,7 @@ def _spoken(keys: tuple[Key, ...]) -> str:
 def _one_arm(errors: list[Any]) -> list[Any]:
     """Without what pydantic says of the other arm, where a field is a mapping or one of a few words."""
     words = {e["loc"][:-1]: e for e in errors if e["type"] == "literal_error" and str(e["loc"][-1]).startswith("lit")}
-    out = []
+    out: list[Any] = []
     for e in errors:
         owner = next((loc for loc in words if e["loc"][: len(loc)] == loc and loc), None)
         if owner is None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from qsframework.files.documents import _DECIMAL
+from qsframework.files.documents import DECIMAL
 
 _ENDLESS = 1_000_000
 
@@ -20,7 +20,7 @@ class _Dumper(yaml.SafeDumper):
 
 
 def _text(dumper: yaml.SafeDumper, data: str) -> yaml.Node:
-    return dumper.represent_scalar("tag:yaml.org,2002:str", data, style='"' if _DECIMAL.fullmatch(data) else None)
+    return dumper.represent_scalar("tag:yaml.org,2002:str", data, style='"' if DECIMAL.fullmatch(data) else None)
 
 
 _Dumper.add_representer(str, _text)

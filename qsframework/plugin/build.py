@@ -10,17 +10,24 @@ from typing import Any
 
 from qsframework import units
 from qsframework.errors import InputError, Problem, nearest
+from qsframework.files.plain import is_list
 from qsframework.plugin.facts import RobotFacts
 from qsframework.plugin.kinds import Effect
 from qsframework.plugin.registry import find
 from qsframework.plugin.settings import AXES, DIRECTIONS, place_fields, plural
 
 
-def build_effects(entry: Mapping[str, Any], robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[Effect, ...]:
-    """The instances that one entry of `effects:` asks for. InputError with every problem found."""
-    if not isinstance(entry.get("effect"), str):
-        raise InputError(Problem("an entry of effects needs the key 'effect' with the effect's name"))
-    effect = find(entry["effect"])
+def build_effects(
+    entry: Mapping[str, Any], robot: RobotFacts, markers: Sequence[str] = (), effect: type[Effect] | None = None
+) -> tuple[Effect, ...]:
+    """The instances that one entry of `effects:` asks for. InputError with every problem found.
+
+    effect: the class where it is known already; else it is the installed one that the entry names
+    """
+    if effect is None:
+        if not isinstance(entry.get("effect"), str):
+            raise InputError(Problem("an entry of effects needs the key 'effect' with the effect's name"))
+        effect = find(entry["effect"])
     problems: list[Problem] = []
     everywhere = {
         "joint": robot.joints,
@@ -96,7 +103,7 @@ def _read_key(
 def _places(place: str, value: Any, everywhere: Mapping[str, Sequence[str]], problems: list[Problem]) -> Sequence[Any]:
     if value == "all":
         return list(everywhere.get(place, ()))
-    if isinstance(value, list) and value and all(isinstance(v, str) for v in value):
+    if is_list(value) and value and all(isinstance(v, str) for v in value):
         return value
     problems.append(Problem(f"{plural(place)} must be 'all' or a list of names", found=repr(value)))
     return []

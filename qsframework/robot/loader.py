@@ -14,6 +14,7 @@ from qsframework.errors import InputError, Problem, nearest
 from qsframework.files import Document, read_yaml, validate
 from qsframework.plugin import Array, RobotFacts
 from qsframework.plugin.facts import frozen
+from qsframework.plugin.trusted import trusted
 from qsframework.robot.checks import chain_joints, check_chain, check_structure
 from qsframework.robot.controller import Controller, read_controller
 from qsframework.robot.expand import inside
@@ -68,10 +69,10 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool = False) -> Robot:
+def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | None = None) -> Robot:
     """Load a robot by name or path. InputError with all problems of its files, each with file and line.
 
-    `trust` stands for effects from files, which run code; robots have none yet, so it changes nothing.
+    trust: whether effects that it names by `file:` may run their code; None: as the command was told, by default not
     """
     document = read_yaml(find_robot(name, beside))
     reading = _Reading(document)
@@ -81,7 +82,7 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool = Fa
     facts = read_facts(spec.name, model, urdf, spec.base, spec.flange)
     frames = read_frames(model)
     controller = reading.attempt(read_controller, document, spec, facts)
-    effects, problems = read_effects(document, spec.effects, facts)
+    effects, problems = read_effects(document, spec.effects, facts, trust=trusted(trust))
     reading.problems += problems
     parameters = {p.name: p for effect in effects for p in effect.parameters(facts)}
     if spec.nominal is not None:
@@ -119,7 +120,7 @@ class _Reading:
     """One robot.yaml and the problems found so far in it and in the files that it names."""
 
     document: Document
-    problems: list[Problem] = field(default_factory=list)
+    problems: list[Problem] = field(default_factory=list[Problem])
 
     def attempt(self, function: Callable[..., T], *arguments: Any) -> T | None:
         """The function's value; None, and its problems kept, if it raises InputError."""

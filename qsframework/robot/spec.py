@@ -10,9 +10,12 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from qsframework import units
-from qsframework.errors import InputError, Problem, nearest
+from qsframework.errors import InputError, Place, Problem, nearest
 from qsframework.files import Document, FileModel, Unit
-from qsframework.plugin import Effect, Parameter, RobotFacts, build_effects
+from qsframework.files.models import GREATEST
+from qsframework.files.plain import is_mapping
+from qsframework.plugin import Effect, Parameter, RobotFacts
+from qsframework.robot.named_files import entry_effects
 
 
 class JointSpec(FileModel):
@@ -34,27 +37,31 @@ class RobotSpec(FileModel):
     flange: str
     controller: dict[str, JointSpec]
     limits_tolerance: Annotated[float, Unit("rad")] = radians(0.01)
-    effects: list[dict[str, Any]] = Field(default_factory=list)
+    effects: list[dict[str, Any]] = Field(default_factory=list[dict[str, Any]])
     nominal: str | None = None
     payload: Annotated[float | None, Unit("kg")] = Field(default=None, gt=0)
     gravity: Annotated[list[float], Unit("m/s^2")] = Field(default_factory=lambda: [0.0, 0.0, -9.81])
 
 
 def read_effects(
-    document: Document, entries: list[dict[str, Any]], facts: RobotFacts, markers: tuple[str, ...] = ()
-) -> tuple[tuple[Effect, ...], list[Problem]]:
-    """The effects of a list `effects:` in the order of the pipeline, and the problems with file and line."""
+    document: Document, entries: list[dict[str, Any]], facts: RobotFacts, markers: tuple[str, ...] = (),
+    *, trust: bool = False,
+) -> tuple[tuple[Effect, ...], list[Problem]]:  # fmt: skip
+    """The effects of a list `effects:` in the order of the pipeline, and the problems with file and line.
+
+    trust: whether an entry may name an effect by `file:`, which runs its code
+    """
     effects: dict[str, Effect] = {}
     problems: list[Problem] = []
     for i, entry in enumerate(entries):
-        here = {"file": str(document.path), "line": document.line("effects", i)}
+        here: Place = {"file": str(document.path), "line": document.line("effects", i)}
         try:
-            for effect in build_effects(entry, facts, markers):
+            for effect in entry_effects(entry, document.path.parent, facts, markers, trust=trust):
                 if effect.name in effects:
                     problems.append(Problem(f"the effect {effect.name} stands here a second time", **here))
                 effects[effect.name] = effect
         except InputError as error:
-            problems += [replace(p, **here) for p in error.problems]
+            problems += [p if p.file else replace(p, **here) for p in error.problems]
     return tuple(sorted(effects.values(), key=lambda e: (e.stage, e.order))), problems
 
 
@@ -91,11 +98,11 @@ class _Entry:
 
     document: Document
     parameter: Parameter
-    problems: list[Problem] = field(default_factory=list)
+    problems: list[Problem] = field(default_factory=list[Problem])
 
     def read(self, entry: Any) -> Parameter:
         """The parameter with the entry's values; unchanged where there is a problem."""
-        if not isinstance(entry, dict):
+        if not is_mapping(entry):
             self.problem("must be a mapping with its value", found=repr(entry))
             return self.parameter
         found: dict[str, Any] = {}
@@ -128,7 +135,7 @@ class _Entry:
             self.problem(f"{key!r} does not say its unit", key, allowed=allowed)
         elif name != "percent" and not (units.known(suffix) and units.same_dimension(suffix, unit)):
             self.problem(f"{key!r} does not end in a unit of {unit or 'a ratio'}", key, allowed=allowed)
-        elif isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < float("inf"):
+        elif isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= GREATEST:
             self.problem(f"{key} must be a finite number", key, found=repr(value))
         elif name in found or {name, *found} >= {"sd", "percent"}:
             self.problem(f"{stem} is given twice", key)

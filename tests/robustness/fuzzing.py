@@ -29,10 +29,12 @@ from qsframework.applications.export import read_export, write_csv
 from qsframework.applications.export_fanuc import write_fanuc
 from qsframework.applications.export_krl import write_krl
 from qsframework.applications.programme import Move, Programme
+from qsframework.applications.stiffness import stiffness_at
 from qsframework.applications.targets import read_targets
 from qsframework.applications.task import load_task
-from qsframework.errors import InputError
+from qsframework.errors import InputError, QsfError
 from qsframework.experiment import (
+    Experiment,
     example,
     is_states,
     load_experiment,
@@ -44,7 +46,8 @@ from qsframework.experiment import (
 from qsframework.files import sha256
 from qsframework.identify import identify
 from qsframework.identify.fit_files import read_fit, write_fit
-from qsframework.robot import load_robot
+from qsframework.plugin import Poses
+from qsframework.robot import Robot, load_robot
 
 ROOT = Path(__file__).resolve().parents[2]
 ROBOTS = ("ur10", "fanuc_m900ib", "kuka_kr270")
@@ -173,6 +176,27 @@ def corpus(folder: Path) -> dict[str, list[Good]]:
     }
 
 
+def used_robot(robot: Robot) -> tuple[Any, ...]:
+    """The robot, and what it does under a load at one pose: an answer in finite numbers, or words."""
+    pendant = 0.5 * (robot.controller.lower + robot.controller.upper) + 0.1
+    try:
+        return robot, stiffness_at(robot, pendant, np.array([10.0, 20.0, -100.0, 0.0, 0.0, 0.0]), np.zeros(3))
+    except QsfError as error:
+        return robot, str(error) or "no words"
+
+
+def used_experiment(experiment: Experiment) -> tuple[Any, ...]:
+    """The campaign, and its displacements at two poses: finite numbers, or words."""
+    controller = experiment.robot.controller
+    pendant = np.linspace(0.4, 0.6, 2)[:, None] * (controller.upper - controller.lower) + controller.lower
+    wrench = experiment.loads[0].wrench if experiment.loads else np.array([10.0, 20.0, -100.0, 0.0, 0.0, 0.0])
+    try:
+        poses = Poses(pendant, controller.to_joints(pendant), np.tile(wrench, (2, 1)))
+        return experiment, experiment.model().predict(poses)
+    except QsfError as error:
+        return experiment, str(error) or "no words"
+
+
 def _good(label: str, path: Path, kind: str, read: Callable[[], Any]) -> Good:
     read()
     return Good(label, path, kind, read, path.read_bytes())
@@ -182,7 +206,7 @@ def _robot_files(folder: Path) -> dict[str, list[Good]]:
     out: dict[str, list[Good]] = {"robot.yaml": [], "nominal.yaml": [], "URDF": [], "xacro": []}
     small = copy_small(folder / "small")
     for name, own in {**{n: _copied_robot(folder, n) for n in ROBOTS}, "small": small}.items():
-        read = lambda own=own: load_robot(own)  # noqa: E731
+        read = lambda own=own: used_robot(load_robot(own))  # noqa: E731
         for file in ("robot.yaml", "nominal.yaml"):
             out[file].append(_good(name, own / file, "yaml", read))
         for path in (*own.glob("*.xacro"), *own.glob("*.urdf")):
@@ -244,7 +268,7 @@ def _experiments(folder: Path) -> list[Good]:
         (own / f"{name}.yaml").write_bytes((example(name) / "experiment.yaml").read_bytes())
     names = ("every", "every", "every", "every", "plain", "plain", "m900ib", "r2000ic")
     paths = [own / f"{name}.yaml" for name in names]
-    return [_good(p.stem, p, "yaml", lambda p=p: load_experiment(p)) for p in paths]
+    return [_good(p.stem, p, "yaml", lambda p=p: used_experiment(load_experiment(p))) for p in paths]
 
 
 def _tables(folder: Path) -> dict[str, list[Good]]:
