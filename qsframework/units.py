@@ -37,7 +37,8 @@ _ANGLES = ("radian", "degree", "arcminute", "arcsecond", "turn", "gradian")
 def _registry() -> Any:
     import pint
 
-    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    registry: Any = pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    return registry
 
 
 def _text(unit: str) -> str:

@@ -51,6 +51,10 @@ def check_states(experiment: Experiment, states: StateReadings) -> tuple[Check, 
     return tuple(found + ([_floor(experiment, floor, table.sigma)] if floor is not None and floor.is_file() else []))
 
 
+_Visit = tuple[str, str, int, int]
+"""Pose, series, repeat and cycle."""
+
+
 class _Table:
     """Positions by (pose, series, repeat, cycle, load) and marker, in the order of the file; masked rows left out."""
 
@@ -58,11 +62,11 @@ class _Table:
         own = states.sigma[np.isfinite(states.sigma) & states.use]
         noise = experiment.noise.sigma
         self.sigma = float(np.sqrt(np.mean(own**2))) if len(own) else None if noise is None else noise / np.sqrt(2.0)
-        self.unloaded: dict[tuple[str, str, int, int], dict[int, Array]] = {}
+        self.unloaded: dict[_Visit, dict[int, Array]] = {}
         self.loaded: dict[tuple[str, str, int, int, str], dict[int, Array]] = {}
         self.wrench: dict[tuple[str, str, int, int, str], Array] = {}
         for i in np.flatnonzero(states.use).tolist():
-            m = states.measurement[i]
+            m = int(states.measurement[i])
             key = (states.pose[m], states.series[m], int(states.repeat[m]), int(states.cycle[m]))
             if states.loaded[m]:
                 self.loaded.setdefault((*key, states.load_id[m]), {})[int(states.marker[i])] = states.position[i]
@@ -123,7 +127,9 @@ def _repeatability(table: _Table) -> Check:
     if not within[1] and not visits[1]:
         return Check("repeatability", None, "no displacement was measured twice; plan 20 % repeats", {})
     variance = None if table.sigma is None else 2.0 * table.sigma**2
-    numbers, parts, good = {}, [], True
+    good = True
+    numbers: dict[str, float] = {}
+    parts: list[str] = []
     for name, (squares, count), share in (("cycles of a visit", within, 1.0), ("visits", visits, 1.0 / each)):
         if not count:
             parts.append(f"between {name}: not measured")
@@ -141,7 +147,7 @@ def _repeatability(table: _Table) -> Check:
 def _returns(table: _Table) -> list[tuple[tuple[str, str, int, int], int, Array, list[Array]]]:
     """For each unloaded state with one in the cycle after it: how far each marker came back to another place, and the
     displacements of the loads in between."""
-    out = []
+    out: list[tuple[_Visit, int, Array, list[Array]]] = []
     for key, before in table.unloaded.items():
         after = table.unloaded.get((*key[:3], key[3] + 1))
         if after is None:
@@ -180,15 +186,17 @@ def _closure(table: _Table) -> Check:
 
 def _hysteresis(table: _Table) -> list[Check]:
     """The part of the deflection that stays after unloading, for the first cycle and the later ones."""
-    out = []
-    for name, chosen in (("first cycle", lambda c: c == 1), ("later cycles", lambda c: c > 1)):
+    out: list[Check] = []
+    cycles: dict[str, Callable[[int], bool]] = {"first cycle": lambda c: c == 1, "later cycles": lambda c: c > 1}
+    for name, chosen in cycles.items():
         check = _stays(table, name, chosen)
         out += [] if check is None else [check]
     return out
 
 
 def _stays(table: _Table, name: str, chosen: Callable[[int], bool]) -> Check | None:
-    along, size = [], []
+    along: list[float] = []
+    size: list[float] = []
     for (_, _, _, cycle), _, shift, moved in _returns(table):
         if chosen(cycle) and moved:
             d = max(moved, key=lambda m: float(np.linalg.norm(m)))
@@ -211,13 +219,14 @@ def _stays(table: _Table, name: str, chosen: Callable[[int], bool]) -> Check | N
 
 def _linearity(table: _Table) -> Check:
     """Two sizes of one load at the same visit: does half the load give half the deflection?"""
-    products, squares, residuals = [], [], 0.0
-    count, ratios = 0, []
+    residuals, weight, count = 0.0, 0.0, 0
+    products: list[float] = []
+    squares: list[float] = []
+    ratios: list[float] = []
     by_visit: dict[Any, list[tuple[Array, Array]]] = {}
     for key, marker, d in table.moved():
         by_visit.setdefault((*key[:4], marker), []).append((table.wrench[key], d))
     variance = None if table.sigma is None else table.sigma**2
-    weight = 0.0
     for loads in by_visit.values():
         for (w, d), (v, e) in combinations(loads, 2):
             (w, d), (v, e) = sorted(((w, d), (v, e)), key=lambda p: float(np.linalg.norm(p[0])))
@@ -276,7 +285,8 @@ def _floor(experiment: Experiment, path: Path, sigma: float | None) -> Check:
     if table.problems:
         raise InputError(table.problems)
     place = np.stack([table.numbers[c] for c in ("x", "y", "z")], axis=1)
-    shifts, where = [], []
+    shifts: list[float] = []
+    where: list[str] = []
     seen: dict[str, list[Array]] = {}
     for name, visit, p in zip(table.texts["reflector"], table.numbers["visit"], place, strict=True):
         if np.isfinite(p).all():

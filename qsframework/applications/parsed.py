@@ -53,7 +53,7 @@ class Parsed:
 
     def plan_differences(self, plan: Plan) -> list[str]:
         """Where the measured stops differ from the plan: another pose, other angles, another number of repeats."""
-        out = []
+        out: list[str] = []
         for name, pendant, repeats in zip(plan.pose, plan.pendant, plan.repeats, strict=True):
             own = [s for s in self.stops if s.pose == name]
             if len(own) != repeats:

@@ -89,7 +89,8 @@ def make_programme(
 
 def check_plan(experiment: Experiment, plan: Plan, file: str = "") -> None:
     """InputError with every pose outside the limits and every load that the robot must not carry."""
-    robot, problems = experiment.robot, []
+    robot = experiment.robot
+    problems: list[Problem] = []
     where = file or None
     outside = robot.controller.outside(plan.pendant)
     for i, k in zip(*np.nonzero(outside), strict=True):
@@ -174,7 +175,8 @@ def _moves(
         stops.append(Move(frozen(plan.pendant[i]), plan.pose[i], seen[i], plan.load[i], (x, y, z)))
     if home is not None:
         stops = [Move(frozen(home)), *stops, Move(frozen(home))]
-    out, problems = stops[:1], []
+    out = stops[:1]
+    problems: list[Problem] = []
     for k, (here, there) in enumerate(pairwise(stops)):
         between = find_way(around, here.pendant, there.pendant, rng)
         tell("way", k + 1, len(stops) - 1)
@@ -190,7 +192,7 @@ def _moves(
 
 
 def _notes(experiment: Experiment, around: Surroundings, home: Array | None) -> tuple[str, ...]:
-    notes = []
+    notes: list[str] = []
     if not experiment.robot.shapes:
         notes.append("the robot's URDF has no simple solids: nothing was checked for collisions")
     if around.floor is None:

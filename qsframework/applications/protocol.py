@@ -122,7 +122,7 @@ def make_protocol(experiment: Experiment, plan: Plan, wish: ProtocolWish | None 
 
 
 def _check(wish: ProtocolWish) -> None:
-    problems = []
+    problems: list[Problem] = []
     if wish.drive not in DRIVES:
         problems.append(Problem(f"unknown drive state {wish.drive!r}", allowed=", ".join(DRIVES)))
     for what, value, low, high in (
@@ -151,7 +151,7 @@ def write_reading_file(path: Path, protocol: Protocol) -> None:
     header = ["pose", *(f"q{k + 1}_deg" for k in range(n)), "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"]
     header += ["marker", "state", "x_mm", "y_mm", "z_mm", "load_id", "repeat", "cycle", "use"]
     header += ["time_s", "temperature_degC", "drive_state"]
-    rows = []
+    rows: list[list[str]] = []
     for visit in protocol.visits:
         angles = [repr(v) for v in np.rad2deg(visit.pendant).tolist()]
         for state in visit.states:

@@ -162,7 +162,9 @@ def _joints(
     """Pendant angles (N, n) of Cartesian targets, each search begun at its own start or at the row before."""
     robot, rng = experiment.robot, np.random.default_rng(_SEED)
     lower, upper = np.maximum(robot.controller.lower, -np.pi), np.minimum(robot.controller.upper, np.pi)
-    last, out, problems = 0.5 * (lower + upper), [], []
+    last = 0.5 * (lower + upper)
+    out: list[Array] = []
+    problems: list[Problem] = []
     for i in range(len(wanted)):
         tell("joint angles", i, len(wanted))
         found = find_joints(robot, experiment.load_site, wanted.take([i]), last if starts is None else starts[i], rng)

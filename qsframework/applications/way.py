@@ -43,8 +43,8 @@ class Surroundings:
         q = robot.controller.to_joints(pendant)
         placed = joint_frames(robot.facts, q)
         poses = Poses(pendant, q, np.zeros((len(q), 6)))
-        out = {
-            "joint limits": robot.controller.outside(pendant).any(axis=1),
+        out: dict[str, Flags] = {
+            "joint limits": np.any(robot.controller.outside(pendant), axis=1),
             "transmission angle": self.experiment.model().transmission_margin(poses) < 0.0,
             "self collision": self.collider.collides(placed),
         }
@@ -140,7 +140,7 @@ class _Tree:
 
     def back(self, index: int) -> list[Array]:
         """From a pose back to the root."""
-        out = []
+        out: list[Array] = []
         while index >= 0:
             out.append(self.points[index])
             index = self.parent[index]

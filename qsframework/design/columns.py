@@ -74,7 +74,7 @@ def solve_columns(
 
 
 def _solve_columns(task: Task, rng: np.random.Generator, efficiency: float, progress: Progress | None) -> Relaxed:
-    tell = progress or (lambda _: None)
+    tell: Progress = progress or (lambda _: None)
     goal = min(1.0 - efficiency, 0.1)
     state, passes = _from_subsets(task, rng, goal, tell)
     bound, best, before = 0.0, 0.0, -1.0
@@ -137,7 +137,7 @@ def _sample(task: Task, rng: np.random.Generator, count: int) -> Indices:
     if count <= _FIRST:
         return np.arange(count)
     wanted = max(_FIRST, count // _SHORTLIST)
-    parts = []
+    parts: list[Indices] = []
     for g in range(len(task.allowed.shares)):
         members = task.allowed.groups[g]
         size = len(range(*members.indices(count))) if isinstance(members, slice) else len(members)
@@ -150,7 +150,7 @@ def _sample(task: Task, rng: np.random.Generator, count: int) -> Indices:
 def _first(task: Task, pool: Indices, rng: np.random.Generator) -> Columns:
     """Some candidates of every group with which M is regular: random ones, then the pool's most independent."""
     p = task.rows.parameters
-    picks = []
+    picks: list[Indices] = []
     for g, share in enumerate(task.allowed.shares):
         members = np.flatnonzero(task.label[pool] == g)
         need = 4 * p if not np.isfinite(task.allowed.cap) else max(4 * p, int(2 * share / task.allowed.cap) + 4)

@@ -43,8 +43,8 @@ def check_poses(experiment: Experiment, model: Model, pendant: Array) -> dict[st
     poses = Poses(pendant, q, np.zeros((len(q), 6)))
     lower, upper = joint_range(experiment)
     tolerance = robot.controller.tolerance
-    allowed = {
-        "joint limits": ((pendant >= lower - tolerance) & (pendant <= upper + tolerance)).all(axis=1),
+    allowed: dict[str, Flags] = {
+        "joint limits": np.all((pendant >= lower - tolerance) & (pendant <= upper + tolerance), axis=1),
         "transmission angle": model.transmission_margin(poses) >= 0.0,
     }
     allowed |= _check_places(experiment, q)

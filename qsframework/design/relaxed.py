@@ -39,7 +39,8 @@ def relax(
     if allowed.cap < 1.0:
         constraints.append(w <= allowed.cap)
     uniform = _uniform(allowed, count)
-    terms, offsets = [], []
+    terms: list[cp.Expression] = []
+    offsets: list[float] = []
     scale = None
     for s in range(scenarios):
         before = np.zeros((four.shape[-1],) * 2) if prior is None else prior.reshape(-1, *prior.shape[-2:])[s]

@@ -57,8 +57,8 @@ def fold(matrices: Array, rtol: float = _RTOL) -> tuple[Indices, Indices]:
 
 def _key(flat: Array) -> Array:
     """One number (N,) per row, close for close rows: a projection on a fixed direction of unit length."""
-    direction = np.random.default_rng(0).normal(size=flat.shape[1])
-    return flat @ (direction / (np.linalg.norm(direction) or 1.0))
+    direction: Array = np.random.default_rng(0).normal(size=flat.shape[1])
+    return flat @ (direction / (float(np.linalg.norm(direction)) or 1.0))
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ class _Directions:
         left = self.Q - own @ cosines
         left -= own @ (own.T @ left)
         column = self.first[self.single]
-        cosine = np.linalg.norm(cosines[:, column], axis=0)
+        cosine: Array = np.linalg.norm(cosines[:, column], axis=0)
         if self.sided[i]:  # two causes that can only grow may point away from each other
             cosine = np.where(self.sided[self.single], cosines[0, column], cosine)
         smallest[self.single] = np.arctan2(np.linalg.norm(left[:, column], axis=0), cosine)

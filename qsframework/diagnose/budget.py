@@ -58,5 +58,5 @@ def linear_errors(case: Case, causes: Sequence[int], residuals: Array) -> tuple[
 
 
 def _solve(columns: Array, target: Array) -> Array:
-    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    size: Array = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     return np.linalg.lstsq(columns / size, target, rcond=1e-10)[0] / size

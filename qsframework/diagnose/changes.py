@@ -64,7 +64,7 @@ def _orientations() -> list[Array]:
 
 def _axes(P: Array, what: str) -> str:
     """`dx = -dy of the file` for each axis that changes."""
-    said = []
+    said: list[str] = []
     for row, axis in zip(P, "xyz", strict=True):
         source = int(np.argmax(np.abs(row)))
         if row[source] != 1.0 or "xyz"[source] != axis:

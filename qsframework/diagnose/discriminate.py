@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -138,7 +138,7 @@ def discriminate(
     their typical sizes if None; others: causes that are named already; x: parameter values to linearise at, by name;
     alternatives: whether to try other kinds of readings, where poses do not help if None.
     """
-    tell = progress or (lambda *_: None)
+    tell: Progress = progress or (lambda step, done, total: None)
     before = [taken] if isinstance(taken, Plan | Readings | Poses) else list(taken)
     experiment = with_loads(experiment, before)
     noise = noise_of(experiment, sigma)
@@ -162,7 +162,7 @@ def discriminate(
         return found
     few = min(_FEW, len(pendant))
     other = offers(question, experiment, before, count, few, seed, others, tell)
-    return Discrimination(**{**vars(found), "offers": other})
+    return replace(found, offers=other)
 
 
 def noise_of(experiment: Experiment, sigma: float | None) -> float:
@@ -199,7 +199,7 @@ def known_causes(experiment: Experiment, poses: Poses, names: Sequence[str]) -> 
     causes, untested = find_causes(experiment, experiment.fit_names(), poses.take(slice(0, 1)))
     found = {c.name: c for c in causes}
     waiting = {u.name: u.needs for u in untested}
-    problems = []
+    problems: list[Problem] = []
     for name in names:
         if name in waiting:
             problems.append(Problem(f"{name} shows only in readings with the column {' and '.join(waiting[name])}: "

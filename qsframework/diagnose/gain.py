@@ -78,7 +78,9 @@ def held_out(
     named causes' (`members`), used in folds that choose these; alike: for each member the causes that count as the
     same; sigma (m,) m of each scalar
     """
-    identified, extended, same = [], [], []
+    identified: list[Array] = []
+    extended: list[Array] = []
+    same: list[bool] = []
     weights = 1.0 / sigma
     for test in folds(case.pose, seed, repeats):
         train = np.setdiff1d(np.arange(len(case.pose)), test)
@@ -108,7 +110,7 @@ def _matches(chosen: Sequence[int], alike: Sequence[set[int]]) -> bool:
 
 def _errors(columns: Array, residuals: Array, train: Indices, test: Indices) -> Array:
     """Whitened errors of the test scalars after a fit to the others."""
-    size = np.maximum(np.linalg.norm(columns[train], axis=0), 1e-300)
+    size: Array = np.maximum(np.linalg.norm(columns[train], axis=0), 1e-300)
     x = np.linalg.lstsq(columns[train] / size, residuals[train], rcond=1e-10)[0]
     return residuals[test] - (columns[test] / size) @ x
 
@@ -121,7 +123,7 @@ def _choose(case: Case, train: Indices, how: Search) -> tuple[int, ...]:
     if not len(falls) or log_p.min() > how.threshold:
         return ()
     heads = set(how.classes)
-    short = [gram.visible[i] for i in np.argsort(log_p) if gram.visible[i] in heads][:_SHORT]
+    short = [j for j in (gram.visible[int(i)] for i in np.argsort(log_p)) if j in heads][:_SHORT]
     found = search(gram, short, how.largest)
     return found[0].members if found else ()
 

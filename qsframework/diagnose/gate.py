@@ -75,7 +75,8 @@ def motions(model: Model, poses: Poses, rows: Rows, x: Array) -> Motions:
     values = np.array([known.get(p.name, 0.0) for p in probe.parameters])
     springs = [p.name for e in probe.effects if isinstance(e, Spring) for p in e.parameters(model.facts)]
     own = [springs.index(p.name) for p in Probe().parameters(model.facts)]
-    columns, torque = [], []
+    columns: list[Array] = []
+    torque: list[Array] = []
     for _, part in chunks(poses):
         stages = evaluate_stages(probe, part, values, preload=False)
         columns.append(np.stack([m.linear[own] for m in stages.state.markers]).transpose(3, 0, 2, 1))
@@ -178,7 +179,8 @@ def close(
     """Test the dictionary against whitened residuals (m,) of a fit whose whitened columns are `explained` (m, f)."""
     Q, _ = np.linalg.qr(explained / np.maximum(np.linalg.norm(explained, axis=0), 1e-300))
     residual = white - Q @ (Q.T @ white)
-    labels, blocks = [], []
+    labels: list[tuple[str, str]] = []
+    blocks: list[Block] = []
     for place, variable, columns in dictionary(moved, drives):
         flat = noise.whiten(columns.reshape(len(white), -1))
         norm = np.linalg.norm(flat, axis=0)

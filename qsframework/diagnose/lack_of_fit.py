@@ -156,7 +156,7 @@ def smooth(values: Array) -> Array:
         return (values[:, None] == different[None, 1:]).astype(float)
     if len(different) < 2:
         return np.zeros((len(values), 0))
-    t = 2.0 * (values - different[0]) / (different[-1] - different[0]) - 1.0
+    t: Array = 2.0 * (values - different[0]) / (different[-1] - different[0]) - 1.0
     return np.polynomial.legendre.legvander(t, min(DEGREE, len(different) - 1))[:, 1:]
 
 
@@ -187,7 +187,7 @@ def variables_of(experiment: Experiment, readings: Readings, keep: Indices) -> d
         values = getattr(recorded, name)
         if values is not None:
             out[name] = values[of]
-    out["marker"] = np.array([experiment.markers[m].name for m in readings.marker[keep]])
+    out["marker"] = np.array([experiment.markers[int(m)].name for m in readings.marker[keep]])
     return {name: values for name, values in out.items() if len(np.unique(values)) > 1}
 
 

@@ -197,7 +197,7 @@ def lack_p_value(white: Array, basis: Basis, pure: Basis, noise: Noise, sigma: A
 
     each = np.repeat(sigma, 3)
     y = noise.whiten(white.ravel() * each)
-    squares = []
+    squares: list[tuple[float, int]] = []
     for b in (basis, pure):
         Q = np.linalg.qr(noise.whiten(b.Q * each[:, None]))[0]
         squares.append((float(y @ y - np.square(Q.T @ y).sum()), b.dof))

@@ -77,7 +77,7 @@ def _directions(experiment: Experiment) -> list[LoadCase]:
     have = np.stack([load.wrench for load in experiment.loads])
     part, unit = (slice(0, 3), "f") if have[:, :3].any() else (slice(3, 6), "m")
     size = float(np.linalg.norm(have[:, part], axis=1).max())
-    out = []
+    out: list[LoadCase] = []
     for sign, word in ((1.0, "+"), (-1.0, "-")):
         for k, axis in enumerate("xyz"):
             wrench = np.zeros(6)
@@ -156,7 +156,7 @@ def _absolute(
     sizes[at] = scales([asked.model.parameters[i] for i in asked.model.index([asked.known[i] for i in at])])
     asked = replace(asked, sizes=sizes)
     wanted = [*asked.known, *second.names, *first.names]
-    parts = []
+    parts: list[Array] = []
     for loaded in (False, True):
         slopes = asked.model.position_sensitivity(poses, asked.x, wanted, loaded)
         points = asked.model.positions(poses, asked.x, loaded)

@@ -68,7 +68,7 @@ def foresee(
     equilibrium shows as much, else those of the linear model. InputError where the noise is not known; NotIdentifiable
     where the plan does not even tell the fitted parameters.
     """
-    tell = progress or (lambda *_: None)
+    tell: Progress = progress or (lambda step, done, total: None)
     poses = plan.repeated() if isinstance(plan, Plan) else plan
     noise = sigma or experiment.noise.sigma
     if noise is None:
@@ -267,7 +267,7 @@ def _groups(names: Sequence[str], subspaces: Sequence[Subspace]) -> tuple[tuple[
 def _curves(test: _Test) -> tuple[Curve, ...]:
     """Detection rate of causes with one direction, which can only grow or not, and with more."""
     s = np.linspace(0.0, 12.0, 121)
-    out = []
+    out: list[Curve] = []
     for k, side in sorted({(int(d), bool(o)) for d, o in zip(test.dof, test.sided, strict=True) if d}):
         limit = float(test.thresholds[(test.dof == k) & (test.sided == side)][0])
         label = "1 direction that can only grow" if side else f"{k} direction{'s' if k > 1 else ''}"

@@ -50,7 +50,7 @@ class Contest:
 def contest(gram: Gram, given: Sequence[int]) -> Contest:
     """The contest of all causes beside the given ones."""
     G, c = gram.beside(given)
-    half = []
+    half: list[Array] = []
     for at in gram.at:
         values, vectors = np.linalg.eigh(G[np.ix_(at, at)])
         kept = values > _FLOOR

@@ -97,7 +97,7 @@ def second_day(
     The size of a named cause is its estimate; the readings that the diagnosis kept count as taken. InputError where
     nothing is left to separate.
     """
-    tell = progress or (lambda *_: None)
+    tell: Progress = progress or (lambda step, done, total: None)
     first_day = replace(diagnosis.readings, use=_kept(diagnosis))
     experiment = with_loads(diagnosis.experiment, [first_day])
     pairs, notes = _pairs(diagnosis)
@@ -171,7 +171,8 @@ def _pairs(diagnosis: Diagnosis) -> tuple[list[tuple[Finding, Cause, Cause]], li
             notes.append(f"{finding.name} has {len(finding.rivals)} rivals; the likeliest {len(names)} were looked at.")
         angles = smallest_angles(subspaces, position[finding.name])
         known = {*names, *(f.name for f in diagnosis.findings)}
-        far = [i for i in np.argsort(angles) if angles[i] > ALIKE and diagnosis.case.causes[i].name not in known]
+        order = (int(i) for i in np.argsort(angles))
+        far = [i for i in order if angles[i] > ALIKE and diagnosis.case.causes[i].name not in known]
         names += [diagnosis.case.causes[i].name for i in far[:1]]
         for rival in (causes[n] for n in names):
             waiting = sorted({*cause.effect.needs, *rival.effect.needs})

@@ -91,7 +91,7 @@ def _rivals(library: Library, answers: Sequence[Answer], i: int, seed: int) -> t
 
 def _exact(answers: Sequence[Answer], given: tuple[int, ...]) -> Mapping[int, float]:
     """Squares left by exact fits of the given causes and one more."""
-    out = {}
+    out: dict[int, float] = {}
     for a in answers:
         more = set(a.subset.members) - set(given)
         if len(more) == 1 and len(a.subset.members) == len(given) + 1:

@@ -157,7 +157,7 @@ def spring_stiffness(model: Structure, poses: Poses, x: Array | None = None) -> 
 
     A rigid spring (c = 0) has an infinite entry on the diagonal.
     """
-    parts = []
+    parts: list[Array] = []
     for _, chunk in chunks(poses):
         ev = evaluate_stages(model, chunk, model.nominal if x is None else model.checked(x), preload=False)
         count = len(ev.compliance)

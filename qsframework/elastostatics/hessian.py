@@ -109,7 +109,7 @@ def _turning(state: State, applied: Applied, weight: float) -> Array | float:
         return 0.0
     from qsframework.elastostatics.loads import wrench_along
 
-    columns = []
+    columns: list[Array] = []
     for d in range(state.coordinates):
         columns.append(wrench_along(applied.terms, state.tip.angular[d], None).T)
     change = weight * np.stack(columns)

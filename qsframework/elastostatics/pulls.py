@@ -66,7 +66,8 @@ def _pull(effect: ParallelSpring, x: Array, facts: RobotFacts, placed: Frames, c
     if ends is None:
         return None
     count = len(placed.chain)
-    points, columns = [], []
+    points: list[Array] = []
+    columns: list[Array] = []
     for end in ends:
         link = facts.link_index(end.link)
         points.append(placed.point(link, np.array(end.xyz)))
@@ -136,7 +137,7 @@ def along(effects: Springs, motion: Motion, rate: MotionRate, conditions: Condit
 
 
 def _bent(coefficients: Coefficients, slopes: Coefficients, step: float) -> Coefficients:
-    out = []
+    out: list[tuple[tuple[int, Array | float], ...]] = []
     for terms, slope in zip(coefficients, slopes, strict=True):
         total = dict(terms)
         for e, s in slope:

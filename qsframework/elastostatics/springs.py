@@ -8,7 +8,7 @@ K_par touches few coordinates; only those are coupled.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -196,6 +196,11 @@ def answer(compliance: Array, T: Array, laws: Laws) -> tuple[Array, Array, Terms
     return value, slope, tuple(terms)
 
 
+Left = tuple[Array, Array, Array, Terms]
+"""What is left of eps - c T - f(T), T, and the laws' slope and terms there."""
+Residual = Callable[[Array], Left]
+
+
 def respond(compliance: Array, torque: Array, stiffness: Stiffness, laws: Laws) -> Response:
     """Solve eps = c T + f(T), T = torque - K_par eps, by Newton with backtracking.
 
@@ -204,7 +209,7 @@ def respond(compliance: Array, torque: Array, stiffness: Stiffness, laws: Laws) 
     if not laws:
         return respond_linear(compliance, torque, stiffness)
 
-    def residual(eps: Array) -> tuple[Array, Array, Array, Terms]:
+    def residual(eps: Array) -> Left:
         T = torque - stiffness.times(eps)
         value, slope, terms = answer(compliance, T, laws)
         return eps - value, T, slope, terms
@@ -220,7 +225,7 @@ def respond(compliance: Array, torque: Array, stiffness: Stiffness, laws: Laws) 
     raise NotConverged(f"the springs' laws did not settle in {_STEPS} steps; largest step {np.abs(step).max():.1e} rad")
 
 
-def _backtrack(residual, eps: Array, step: Array, error: Array):  # type: ignore[no-untyped-def]
+def _backtrack(residual: Residual, eps: Array, step: Array, error: Array) -> tuple[Array, Left]:
     """Halve the step, pose by pose, until the residual does not grow."""
     size = np.ones(eps.shape[1])
     before = np.abs(error).max(axis=0)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from qsframework.errors import Problem, nearest
+from qsframework.errors import Place, Problem, nearest
 from qsframework.experiment.spec import ConstraintsSpec, ExperimentSpec, SightSpec
 from qsframework.files import Document
 from qsframework.plugin import Array
@@ -43,7 +43,7 @@ class Constraints:
     z_min: float | None = None
     axis1_distance_min: float | None = None
     of: str = "wrist_centre"
-    joint_limits: dict[str, tuple[float, float]] = field(default_factory=dict)
+    joint_limits: dict[str, tuple[float, float]] = field(default_factory=dict[str, tuple[float, float]])
     flip_margin: float | None = None
     x_min: float | None = None
     x_max: float | None = None
@@ -57,7 +57,7 @@ class Constraints:
     sight: Sight | None = None
     singularity_margin: float | None = None
     load_capacity: bool = True
-    joint_values: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    joint_values: dict[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
 
 
 def make_constraints(spec: ConstraintsSpec) -> Constraints:
@@ -107,7 +107,7 @@ def constraint_problems(document: Document, spec: ExperimentSpec, robot: Robot) 
 
 
 def _joint_problems(document: Document, robot: Robot, joint: str, ends: list[float]) -> list[Problem]:
-    here = {"file": str(document.path), "line": document.line("constraints", "joint_limits_deg", joint)}
+    here: Place = {"file": str(document.path), "line": document.line("constraints", "joint_limits_deg", joint)}
     if joint not in robot.facts.joints:
         return [Problem(f"joint_limits: no joint {joint!r}", **here, allowed=", ".join(robot.facts.joints))]
     if len(ends) != 2 or ends[0] >= ends[1]:
@@ -147,7 +147,7 @@ def capacity_problems(document: Document, spec: ExperimentSpec, robot: Robot) ->
     most = robot.payload * float(np.linalg.norm(robot.gravity))
     allowed = f"{robot.payload:g} kg, {most:.0f} N"
     hint = "A load meant to be heavier needs constraints: {load_capacity: false}."
-    problems = []
+    problems: list[Problem] = []
     if spec.load.mass is not None and spec.load.mass > robot.payload:
         problems.append(
             Problem(f"load: {spec.load.mass:g} kg is more than the robot's payload", str(document.path),

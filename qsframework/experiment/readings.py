@@ -93,7 +93,7 @@ def read_readings(path: str | Path, experiment: Experiment) -> Readings:
         frozen(pendant[first]), frozen(experiment.robot.controller.to_joints(pendant[first])), frozen(wrench[first]),
         _conditions(table, "_unloaded", first), _conditions(table, "", first),
     )  # fmt: skip
-    names = [keys[i] for i in first]
+    names = [keys[int(i)] for i in first]
     return Readings(
         poses, tuple(k[0] for k in names), np.array([k[1] for k in names]), np.array([k[2] for k in names]),
         measurement, marker, frozen(displacement), frozen(sigma),
@@ -115,7 +115,7 @@ def _unloaded_problems(table: Table, wrench: Array, use: npt.NDArray[np.bool_]) 
 def _displacement_problems(table: Table, displacement: Array) -> list[Problem]:
     out: list[Problem] = []
     for i, k in zip(*np.nonzero(np.abs(displacement) > _LARGEST_DISPLACEMENT), strict=True):
-        stem = ("dx", "dy", "dz")[k]
+        stem = ("dx", "dy", "dz")[int(k)]
         name = table.names[stem]
         if name == f"{stem}_m":
             question, hint = "is the column in mm?", f"Then call it {stem}_mm."
@@ -152,10 +152,10 @@ def write_readings(path: str | Path, readings: Readings, experiment: Experiment)
     header += ["marker", "dx_mm", "dy_mm", "dz_mm", "repeat", "cycle", "use", *present]
     header += (["sigma_mm"] if stated else []) + (["drive_state"] if states else [])
     header += ["reference"] if reference else []
-    rows = []
-    for i, m in enumerate(readings.measurement):
+    rows: list[list[str]] = []
+    for i, m in enumerate(int(m) for m in readings.measurement):
         row = [readings.pose[m], *map(repr, columns[m])]
-        row += [experiment.markers[readings.marker[i]].name, *map(repr, (readings.displacement[i] * 1e3).tolist())]
+        row += [experiment.markers[int(readings.marker[i])].name, *map(repr, (readings.displacement[i] * 1e3).tolist())]
         row += [str(readings.repeat[m]), str(readings.cycle[m]), str(int(readings.use[i]))]
         row += [repr(values[m]) for values in present.values()]
         row += [repr(float(readings.sigma[i] * 1e3)) if np.isfinite(readings.sigma[i]) else ""] if stated else []

@@ -101,7 +101,7 @@ def read_states(path: str | Path, experiment: Experiment) -> StateReadings:
     first, measurement = group(table, keys, _labels(keys), marker, constant, problems)
     if problems:
         raise InputError(problems)
-    names = [keys[i] for i in first]
+    names = [keys[int(i)] for i in first]
     conditions = Conditions(*(frozen(table.numbers[c][first]) if c in table.numbers else None for c in _RECORDED))
     joints = experiment.robot.controller.to_joints(pendant[first])
     poses = Poses(frozen(pendant[first]), frozen(joints), frozen(wrench[first]), conditions, conditions)
@@ -116,7 +116,7 @@ def read_states(path: str | Path, experiment: Experiment) -> StateReadings:
 
 
 def _labels(keys: list[tuple[str, str, str, int, int, bool]]) -> list[str]:
-    out = []
+    out: list[str] = []
     for pose, load, series, repeat, cycle, loaded in keys:
         more = (f", load {load!r}" if load else "") + (f", series {series!r}" if series else "")
         out.append(f"pose {pose!r}, {STATES[loaded]}{more}, repeat {repeat}, cycle {cycle}")
@@ -201,9 +201,9 @@ def write_states(path: str | Path, readings: StateReadings, experiment: Experime
     header = ["pose", *(f"q{k + 1}_deg" for k in range(n)), *forces, "marker", "state", "x_mm", "y_mm", "z_mm"]
     header += [*named, "repeat", "cycle", "use", *present, *(["sigma_mm"] if stated else [])]
     header += ["drive_state"] if drive else []
-    rows = []
-    for i, m in enumerate(readings.measurement):
-        row = [readings.pose[m], *map(repr, columns[m]), experiment.markers[readings.marker[i]].name]
+    rows: list[list[str]] = []
+    for i, m in enumerate(int(m) for m in readings.measurement):
+        row = [readings.pose[m], *map(repr, columns[m]), experiment.markers[int(readings.marker[i])].name]
         row += [STATES[int(readings.loaded[m])], *map(repr, (readings.position[i] * 1e3).tolist())]
         row += [*(values[m] for values in named.values()), str(readings.repeat[m]), str(readings.cycle[m])]
         row += [str(int(readings.use[i])), *(repr(values[m]) for values in present.values())]

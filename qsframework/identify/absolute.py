@@ -207,7 +207,7 @@ def _result(
 
 
 def _estimates(parameters: Sequence[Parameter], values: Array, sds: Array) -> tuple[Estimate, ...]:
-    out = []
+    out: list[Estimate] = []
     for p, v, s in zip(parameters, values, sds, strict=True):
         beyond = "below" if v < p.lower else "above" if v > p.upper else ""
         status = f"{beyond} its bound: the model or a convention is wrong" if beyond else ""

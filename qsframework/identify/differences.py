@@ -35,8 +35,9 @@ def differences(states: StateReadings, experiment: Experiment) -> tuple[Readings
     names = tuple(_name(states, int(m)) for m in states.measurement[unloaded])
     stated = np.isfinite(sigma).all()
     total = np.sqrt(np.square(sigma).sum(axis=0)) if stated else np.full(len(loaded), np.nan)
-    drive = None if states.drive_state is None else tuple(states.drive_state[i] for i in loaded)
-    labels = tuple(states.pose[m] + (f" {states.load_id[m]}" if states.load_id[m] else "") for m in used)
+    drive = None if states.drive_state is None else tuple(states.drive_state[int(i)] for i in loaded)
+    measured = (int(m) for m in used)
+    labels = tuple(states.pose[m] + (f" {states.load_id[m]}" if states.load_id[m] else "") for m in measured)
     readings = Readings(
         poses, labels, states.repeat[used], states.cycle[used], measurement, states.marker[loaded],
         frozen(states.position[loaded] - states.position[unloaded]), frozen(total), np.ones(len(loaded), dtype=bool),
@@ -50,8 +51,8 @@ def _check_drives(states: StateReadings, loaded: Indices, unloaded: Indices) -> 
     """InputError where the two states of a displacement were read in different drive states: two different arms."""
     if states.drive_state is None:
         return
-    problems = []
-    for i, j in zip(loaded.tolist(), unloaded.tolist(), strict=True):
+    problems: list[Problem] = []
+    for i, j in zip(map(int, loaded), map(int, unloaded), strict=True):
         here, there = states.drive_state[i], states.drive_state[j]
         if here and there and here != there:
             message = f"the loaded state was read in drive state {here!r}, its unloaded one (line {states.rows[j]}) in"
@@ -75,13 +76,14 @@ def _references(states: StateReadings, loaded: Indices) -> Indices:
     exact: dict[tuple[object, ...], int] = {}
     of_pose: dict[tuple[object, ...], list[int]] = {}
     for i in np.flatnonzero(states.use & ~states.loaded[states.measurement]).tolist():
-        m = states.measurement[i]
+        m = int(states.measurement[i])
         place = (states.pose[m], states.series[m], int(states.marker[i]))
         exact[(*place, states.load_id[m], int(states.repeat[m]), int(states.cycle[m]))] = i
         of_pose.setdefault(place, []).append(i)
-    out, problems = [], []
+    out: list[int] = []
+    problems: list[Problem] = []
     for i in loaded.tolist():
-        m = states.measurement[i]
+        m = int(states.measurement[i])
         place = (states.pose[m], states.series[m], int(states.marker[i]))
         turn = (int(states.repeat[m]), int(states.cycle[m]))
         only = of_pose.get(place, [])

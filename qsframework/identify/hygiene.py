@@ -96,7 +96,7 @@ def unread(readings: Readings | StateReadings, values: Array, what: str) -> list
     coarse = bool(np.allclose(values / _COARSE, np.round(values / _COARSE), atol=1e-6))
     copies: dict[int, list[int]] = {}
     for i in np.flatnonzero(readings.use & np.any(values, axis=1)).tolist():
-        first = seen.setdefault(np.round(values[i], 12).tobytes(), i)
+        first = seen.setdefault(np.round(np.asarray(values[i]), 12).tobytes(), i)
         if coarse and readings.pose[readings.measurement[i]] == readings.pose[readings.measurement[first]]:
             continue
         if first != i and np.count_nonzero(values[i]) == 3:

@@ -210,7 +210,7 @@ def _together(data: _Data, o: Observations) -> Indices:
 
 
 def _estimates(o: Observations, values: Array, covariance: Array, solution: Solution) -> tuple[Estimate, ...]:
-    out = []
+    out: list[Estimate] = []
     for p, v, s in zip(o.parameters, values.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True):
         bound = p.name in solution.at_bound
         end = f"at its {'lower' if v <= p.lower else 'upper'} bound {v:g}: it errs to one side only, so no sd is quoted"

@@ -73,9 +73,7 @@ def identify_linear(experiment: Experiment, readings: Readings, names: Sequence[
         whitened = rows.noise.whiten((A * scales(chosen)).reshape(-1, len(names)))
         test = rank_test(whitened, names)
         if not test.full:
-            raise NotIdentifiable(
-                f"these readings cannot tell the parameters: {loss_words(model, test, readings.poses)}"
-            )
+            raise _untold(model, test, readings, x - x0, chosen)
         solution = _solve(whitened, rows.noise.whiten((rows.measured - predicted).ravel()))
         x[model.index(names)] += solution.z * scales(chosen)
         predicted = rows.of(model.predict(readings.poses, x))
@@ -89,6 +87,21 @@ def identify_linear(experiment: Experiment, readings: Readings, names: Sequence[
     covariance = solution.covariance * np.outer(scales(chosen), scales(chosen))
     found = Found("linear", x, covariance, solution.Q, test, nominal, predicted)
     return make_fit(model, chosen, rows, readings, source, found)
+
+
+def _untold(
+    model: Model, test: RankTest, readings: Readings, moved: Array, chosen: Sequence[Parameter]
+) -> NotIdentifiable | NotConverged:  # fmt: skip
+    """Why the rank is short: the readings cannot tell, or a step has led to where the model does not bend any more."""
+    if not np.any(moved):
+        return NotIdentifiable(f"these readings cannot tell the parameters: {loss_words(model, test, readings.poses)}")
+    size = np.abs(moved[model.index([p.name for p in chosen])] / scales(chosen))
+    far = chosen[int(np.argmax(size))]
+    return NotConverged(
+        f"least squares leads to {far.name} = {far.nominal + moved[model.index([far.name])[0]]:.3g} {far.unit}, where "
+        f"the model tells nothing any more ({test.words()}). Look at the units of readings and loads and at sigma, or "
+        "use method one-step, which keeps the bounds"
+    )
 
 
 def fit_rows(
@@ -167,14 +180,15 @@ def make_fit(
     free = found.Q.shape[1]
     dof = white.size - free
     chi2 = float((white**2).sum())
+    least = rounding(rows.noise, rows.measured.ravel())
     plain = float(np.sqrt(chi2 / dof))
-    unit = (plain if found.unit is None else found.unit) if source == "estimated" else 1.0
+    unit = max(plain if found.unit is None else found.unit, least) if source == "estimated" else 1.0
     covariance = found.covariance * unit**2
     values = found.x[model.index([p.name for p in chosen])]
     outside = left_out(white, found.Q, rows.pose if rows.together is None else rows.together)
     outside = rows.noise.colour(outside.ravel()).reshape(outside.shape)
     digest = sha256(readings.source) if readings.source is not None else ""
-    poses = tuple(readings.pose[m] for m in rows.measurement)
+    poses = tuple(readings.pose[int(m)] for m in rows.measurement)
     sd = np.array([np.nan if p.name in found.at_bound else s
                    for p, s in zip(chosen, np.sqrt(np.diag(covariance)), strict=True)])  # fmt: skip
     free_sd = sd if found.free_sd is None else found.free_sd * unit
@@ -188,8 +202,17 @@ def make_fit(
         found.method, model, found.x, estimates, covariance, found.rank,
         unit * float(np.sqrt(np.mean(rows.sigma**2))), source, readings.rows[rows.keep], poses, rows.measured,
         found.predicted, found.nominal, residuals, studentised(white, found.Q, free, rows.noise), outside,
-        chi2 / unit**2, dof, digest, (*found.notes, *advice),
+        chi2 / unit**2, dof, digest, (*found.notes, *_exact(source == "estimated" and unit == least), *advice),
     )  # fmt: skip
+
+
+def rounding(noise: Noise, measured: Array) -> float:
+    """Whitened size that rounding leaves of readings (m,): no noise is estimated below it, and none is zero."""
+    return float(np.finfo(float).eps * np.sqrt(np.mean(noise.whiten(measured) ** 2))) or 1.0
+
+
+def _exact(no_noise: bool) -> tuple[str, ...]:
+    return ("The readings have no noise: sigma is what rounding leaves, and the sds say no more.",) if no_noise else ()
 
 
 def _status(p: Parameter, value: float, sd: float, free: float) -> str:

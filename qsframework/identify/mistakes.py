@@ -87,7 +87,7 @@ def _change(fit: Trial, order: Indices) -> Array:
 def _exchanges(fit: Trial, orders: list[Indices]) -> Array:
     """How much the sum of squares changes with each exchange."""
     r = left(fit.Q, fit.target).ravel()
-    out = []
+    out: list[Array] = []
     for k in range(0, len(orders), _AT_ONCE):
         d = fit.noise.whiten(np.stack([_change(fit, o).ravel() for o in orders[k : k + _AT_ONCE]], axis=1))
         out.append(2.0 * r @ d + np.square(d).sum(axis=0) - np.square(fit.Q.T @ d).sum(axis=0))
@@ -97,7 +97,7 @@ def _exchanges(fit: Trial, orders: list[Indices]) -> Array:
 def _swap_words(fit: Trial, order: Indices, single: bool) -> str:
     readings = fit.readings
     at = [fit.keep[i] for i in order[:, 0]]
-    names = [fit.experiment.markers[m].name for m in np.unique(readings.marker[at])]
+    names = [fit.experiment.markers[int(m)].name for m in np.unique(readings.marker[at])]
     said = " and ".join(names) if len(names) == 2 else f"{', '.join(names[:-1])} and {names[-1]}"
     where = f"pose {readings.pose[readings.measurement[at[0]]]}" if single else "all poses"
     rows = ", ".join(str(readings.rows[i]) for i in fit.keep[np.unique(order)][:6])
@@ -175,7 +175,7 @@ def _stuck(fit: Trial, stuck: Indices, level: float) -> tuple[Found, float]:
         p = chi2.sf(square, len(at)) if fit.stated else f.sf(square / len(at) / spread, len(at), free)
         if p * len(stuck) < level:
             without -= square
-            pose = fit.readings.pose[m]
+            pose = fit.readings.pose[int(m)]
             lines = ", ".join(str(fit.readings.rows[i]) for i in fit.keep[rows])
             out.append((fit.keep[rows], f"rows {lines} (pose {pose}): the angles are those of the pose before, and the "
                                         "readings do not fit there: they were logged too early"))  # fmt: skip

@@ -69,12 +69,14 @@ def grouped(sigma: Array, groups: Sequence[Group]) -> Noise:
     block = _connected(len(sigma), groups)
     counts = np.bincount(block)
     order, first = np.argsort(block, kind="stable"), np.cumsum(counts) - counts
-    parts, logarithm = [], 0.0
+    logarithm = 0.0
+    parts: list[tuple[Indices, Array]] = []
     for size in np.unique(counts):
         rows = order[first[counts == size][:, None] + np.arange(size)]
         L = np.linalg.cholesky(_covariance(sigma, groups, rows))
         logarithm += 2.0 * float(np.log(np.diagonal(L, axis1=1, axis2=2)).sum())
-        parts.append((rows, np.linalg.solve(L, np.broadcast_to(np.eye(size), L.shape))))
+        inverse: Array = np.linalg.solve(L, np.broadcast_to(np.eye(size), L.shape))
+        parts.append((rows, inverse))
     return Blocks(tuple(parts), logarithm)
 
 
@@ -115,7 +117,7 @@ def reference_groups(readings: Readings, keep: Indices) -> Indices:
     """
     if readings.reference is None:
         return np.full(3 * len(keep), -1, dtype=np.intp)
-    keys = [(readings.reference[i], int(readings.marker[i])) for i in keep]
+    keys = [(readings.reference[int(i)], int(readings.marker[i])) for i in keep]
     number: dict[tuple[str, int], int] = {}
     label = np.array([number.setdefault(k, len(number)) if k[0] else -1 for k in keys], dtype=np.intp)
     return np.where(label[:, None] < 0, -1, 3 * label[:, None] + np.arange(3)).ravel()
@@ -198,7 +200,7 @@ def shared_error(
         V = noise(ratio)
         Q, R = np.linalg.qr(V.whiten(A))
         r = V.whiten(residuals)
-        square = float(r @ r - np.square(Q.T @ r).sum())
+        square = max(float(r @ r - np.square(Q.T @ r).sum()), 1e-300)  # exact readings leave nothing
         free = len(r) - A.shape[1]
         both = V.log_det() + 2.0 * float(np.log(np.abs(np.diag(R))).sum())
         return (square + both, 1.0) if stated else (free * np.log(square / free) + both, square / free)

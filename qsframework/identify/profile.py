@@ -50,7 +50,7 @@ def profile_interval(
     best = float(solution.x[i])
     parameter = observations.parameters[i]
     cost = _profile(observations, solution, i)
-    ends = []
+    ends: list[float] = []
     for side, bound in ((-1.0, parameter.lower), (1.0, parameter.upper)):
         ends.append(_end(lambda v: 2.0 * (cost(v) - solution.cost) - rise, best, side * quantile * sd, bound, name))
     return Interval(name, level, ends[0], ends[1], (best - quantile * sd, best + quantile * sd))

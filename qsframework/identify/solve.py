@@ -146,7 +146,7 @@ def _other_starts(problem: _Problem, count: int, seed: int) -> list[Array]:
     J = problem.jacobian(zero)
     size = np.linalg.norm(J)
     spread = reduction.spread
-    curved = []
+    curved: list[bool] = []
     for i in range(reduction.free):
         away = zero.copy()
         away[i] = spread[i] if spread[i] <= reduction.upper[i] else max(-spread[i], reduction.lower[i])
@@ -186,7 +186,17 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> tuple[float, Arra
                 f"the fit is stuck after {step} steps: no step lowers the sum of squares, though it has a slope. "
                 "Look at the readings' units, start nearer, or fix a parameter"
             )
-    raise NotConverged(f"the fit did not settle in {_STEPS} steps; fix a parameter or state priors")
+    raise NotConverged(f"the fit did not settle in {_STEPS} steps: {_farthest(problem, z)}")
+
+
+def _farthest(problem: _Problem, z: Array) -> str:
+    """Which parameter has run away, and what to do about it."""
+    k = int(np.argmax(np.abs(z) / problem.reduction.spread))
+    name = problem.reduction.names[k][0]
+    i = problem.observations.names.index(name)
+    p = problem.observations.parameters[i]
+    value = f"{name} is at {problem.reduction.x(z)[i]:.3g} {p.unit}, nominal {p.nominal:.3g}"
+    return f"{value}. Look at the units of readings and loads; else fix this parameter or state priors"
 
 
 def _bounded(A: Array, r: Array, z: Array, reduction: Reduction, damping: float, size: Array | None = None) -> Array:

@@ -39,7 +39,7 @@ def check_positions(
 
 
 def _names(experiment: Experiment, marker: Indices) -> str:
-    names = [experiment.markers[m].name for m in marker]
+    names = [experiment.markers[int(m)].name for m in marker]
     return " and ".join(names) if len(names) < 3 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -47,7 +47,7 @@ def _exchanged_everywhere(experiment: Experiment, states: StateReadings) -> list
     """Markers whose shape is that of the experiment in another order."""
     found: list[Finding] = []
     for tool in tools(experiment, states):
-        nominal = np.array([experiment.markers[m].xyz for m in tool.marker])
+        nominal = np.array([experiment.markers[int(m)].xyz for m in tool.marker])
         shape, _ = judged(tool, LEVEL)
         one = Tool(tool.marker, np.arange(len(nominal))[None], shape.points[None], np.ones((1, len(nominal))), False)
         here = _apart(one, nominal)
@@ -83,7 +83,8 @@ def _distances(experiment: Experiment, states: StateReadings, tool: Tool, level:
             continue
         k = one_wrong(tool, shape, s)
         rows = tool.rows[s, tool.read[s]] if k is None else tool.rows[s, [k]]
-        who = "" if k is None else f"marker {experiment.markers[tool.marker[k]].name} is not where it was on the tool: "
+        name = "" if k is None else experiment.markers[int(tool.marker[k])].name
+        who = f"marker {name} is not where it was on the tool: " if name else ""
         words = f"{lines(states, rows)}: {who}{_wrong_distances(experiment, tool, shape, s)}"
         found.append(finding("tool", states, rows, words))
     return found

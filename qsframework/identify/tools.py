@@ -194,7 +194,7 @@ def judged(tool: Tool, level: float) -> tuple[Shape, Mask]:
 def orders(tool: Tool, state: int) -> list[Indices]:
     """Other orders (K,) of the markers that were read in a state."""
     read = np.flatnonzero(tool.read[state])
-    out = []
+    out: list[Indices] = []
     tried = permutations(read.tolist()) if len(read) <= _FEW else _exchanges(read.tolist())
     for chosen in tried:
         order = np.arange(len(tool.marker))
@@ -227,7 +227,7 @@ def mended(tool: Tool, shape: Shape, state: int) -> Indices | None:
 
 def one_wrong(tool: Tool, shape: Shape, state: int) -> int | None:
     """The marker without which a bad state has the shape, None where several would do, or none."""
-    able = []
+    able: list[int] = []
     for k in np.flatnonzero(tool.read[state]).tolist():
         rest = tool.without(state, k)
         if shape.dof(rest)[0] > 0 and float(shape.p_values(rest, inside=False)[0]) > _MENDED:

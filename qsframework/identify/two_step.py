@@ -251,5 +251,5 @@ def _gain(rows: Array, covariance: Array, weighted: bool) -> Array:
     """d found / d stiffness (3, n) of step two."""
     L = np.linalg.cholesky(covariance) if weighted else np.eye(len(rows))
     A = np.linalg.solve(L, rows)
-    size = np.linalg.norm(A, axis=0)
+    size: Array = np.linalg.norm(A, axis=0)
     return np.linalg.lstsq(A / size, np.linalg.inv(L), rcond=None)[0] / size[:, None]

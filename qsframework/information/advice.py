@@ -104,7 +104,7 @@ def spring_torques(model: Model, poses: Poses) -> Array:
 
 def unit_torques(model: Model, poses: Poses) -> Array:
     """Torque (N, ne, 3) per newton along the base's x, y and z at the load point, m."""
-    out = []
+    out: list[Array] = []
     for axis in range(3):
         wrench = np.zeros((len(poses), 6))
         wrench[:, axis] = 1.0

@@ -103,7 +103,7 @@ def step_two_covariance(rows: Array, covariance: Array, weighted: bool = True) -
     """
     if weighted:
         return _inverse(step_two_information(rows, covariance))
-    size = np.linalg.norm(rows, axis=0)
+    size: Array = np.linalg.norm(rows, axis=0)
     gain = np.linalg.lstsq(rows / size, np.eye(len(rows)), rcond=None)[0] / size[:, None]
     return gain @ covariance @ gain.T
 
@@ -112,7 +112,7 @@ def step_two(rows: Array, stiffness: Array, covariance: Array, weighted: bool = 
     """Solve (21): K2, Kc, s0 Kc (3,) and their covariance from aggregated stiffnesses (n,), N m/rad."""
     L = np.linalg.cholesky(covariance) if weighted else np.eye(len(rows))
     A = np.linalg.solve(L, rows)
-    size = np.linalg.norm(A, axis=0)
+    size: Array = np.linalg.norm(A, axis=0)
     values = np.linalg.lstsq(A / size, np.linalg.solve(L, stiffness), rcond=None)[0] / size
     return values, step_two_covariance(rows, covariance, weighted)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -121,7 +121,7 @@ def _check_case(
 
 def difference(function: Callable[[Array], Any], variable: Array) -> Array:
     """Fourth-order central differences along the last axis of the variable, put last in the result."""
-    columns = []
+    columns: list[Array] = []
     for j in range(variable.shape[-1]):
         step = np.zeros_like(variable)
         scale = np.abs(variable[..., j]).max(initial=0.0)
@@ -184,7 +184,7 @@ def _loop(effect: Loop, robot: RobotFacts, x: Array, rng: np.random.Generator) -
 
 def _spring(effect: Spring, robot: RobotFacts, x: Array, rng: np.random.Generator) -> Iterator[Case]:
     virtual, mixing = effect.virtual_joints(robot), effect.mixing(robot)
-    for joint in virtual:
+    for joint in cast("tuple[object, ...]", virtual):
         if isinstance(joint, Actuator):
             robot.joint_index(joint.joint)
         elif isinstance(joint, VirtualJoint):

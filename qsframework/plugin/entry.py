@@ -31,7 +31,8 @@ def _plain(effect: Effect, name: str, value: Any) -> Any:
     if isinstance(value, bool | str | int):
         return value
     if isinstance(value, np.bool_ | np.integer | np.floating):
-        return value.item()
+        plain: bool | int | float = value.item()
+        return plain
     if isinstance(value, float):
         return value
     raise InputError(

@@ -32,7 +32,7 @@ def check_chain(urdf: Urdf, base: str, flange: str) -> list[Problem]:
     chain = chain_joints(urdf, base, flange)
     if chain is None:
         return [urdf.link(flange).place.problem(f"link {flange!r} does not hang on the base {base!r}")]
-    problems = []
+    problems: list[Problem] = []
     for joint in urdf.below(base):
         here = joint in chain
         if here and joint.kind not in _SUPPORTED:
@@ -54,7 +54,8 @@ def check_chain(urdf: Urdf, base: str, flange: str) -> list[Problem]:
 
 def chain_joints(urdf: Urdf, base: str, flange: str) -> list[Joint] | None:
     """All joints from base to flange in this order, None if the flange does not hang on the base."""
-    above, chain, link = urdf.above(), [], flange
+    above, link = urdf.above(), flange
+    chain: list[Joint] = []
     while link != base:
         if link not in above:
             return None

@@ -70,7 +70,8 @@ def make_collider(robot: Robot, clearance: float = 0.0, more: Sequence[Shape] = 
     zero pose of the pendant, or in nearly all of a fixed sample of poses.
     """
     shapes = (*robot.shapes, *more)
-    pairs, left_out = [], []
+    pairs: list[tuple[int, int]] = []
+    left_out: list[LeftOut] = []
     for i, j in combinations(range(len(shapes)), 2):
         apart = abs(shapes[i].link - shapes[j].link)
         if apart > 1:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.errors import InputError, Problem
+from qsframework.errors import InputError, Place, Problem
 from qsframework.files import Document
 from qsframework.plugin import Array, RobotFacts
 from qsframework.plugin.facts import frozen
@@ -48,7 +48,8 @@ def read_controller(document: Document, spec: RobotSpec, facts: RobotFacts) -> C
     matrix, offset, limits = np.eye(n), np.zeros(n), np.zeros((n, 2))
     problems: list[Problem] = []
     for k, joint in enumerate(facts.joints):
-        entry, here = spec.controller[joint], {"file": str(document.path), "line": document.line("controller", joint)}
+        entry = spec.controller[joint]
+        here: Place = {"file": str(document.path), "line": document.line("controller", joint)}
         if len(entry.limits) != 2 or entry.limits[0] >= entry.limits[1]:
             found = ", ".join(f"{math.degrees(v):g}" for v in entry.limits)
             problems.append(Problem(f"{joint}: limits must be [lower, upper]", **here, found=f"[{found}] deg"))

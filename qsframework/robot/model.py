@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+import numpy.typing as npt
 
 from qsframework.errors import InputError, Problem
 from qsframework.plugin import Array, RobotFacts
@@ -15,10 +16,13 @@ from qsframework.robot.checks import chain_joints
 from qsframework.robot.robot import LinkFrame, Shape
 from qsframework.robot.urdf import Inertial, Joint, Link, Origin, Urdf
 
+if TYPE_CHECKING:
+    import pinocchio as pin
+
 _NO_LIMIT = (-1e3, 1e3)
 
 
-def build_model(urdf: Urdf, base: str, gravity: Array) -> Any:
+def build_model(urdf: Urdf, base: str, gravity: Array) -> pin.Model:
     """The `pin.Model` of what hangs on the base: one revolute joint per moving joint, fixed links merged.
 
     Pinocchio reads plain numbers, so that a continuous joint has one angle and not a cosine and a sine.
@@ -26,10 +30,10 @@ def build_model(urdf: Urdf, base: str, gravity: Array) -> Any:
     import pinocchio as pin
 
     try:
-        model = pin.buildModelFromXML(plain_urdf(urdf, base))  # pyright: ignore[reportAttributeAccessIssue]
+        model = pin.buildModelFromXML(plain_urdf(urdf, base))
     except Exception as error:  # the bindings raise several kinds
         raise InputError(Problem(f"Pinocchio cannot read it: {error}", file=str(urdf.path))) from error
-    model.gravity = pin.Motion(np.array(gravity, dtype=float), np.zeros(3))  # pyright: ignore[reportAttributeAccessIssue]
+    model.gravity = pin.Motion(np.array(gravity, dtype=float), np.zeros(3))
     return model
 
 
@@ -42,13 +46,13 @@ def plain_urdf(urdf: Urdf, base: str) -> str:
     return '<robot name="robot">\n' + "\n".join(body) + "\n</robot>\n"
 
 
-def read_facts(name: str, model: Any, urdf: Urdf, base: str, flange: str) -> RobotFacts:
+def read_facts(name: str, model: pin.Model, urdf: Urdf, base: str, flange: str) -> RobotFacts:
     """The constants of the chain, all from the model: they cannot differ from it."""
     chain = [joint for joint in chain_joints(urdf, base, flange) or [] if joint.moves]
     joints = tuple(joint.name for joint in chain)
     if tuple(model.names)[1:] != joints or model.nq != len(joints) or model.nv != len(joints):
         raise InputError(Problem("Pinocchio reads another chain than the file holds", file=str(urdf.path)))
-    axes = []
+    axes: list[Array] = []
     for k in range(1, model.njoints):
         data = model.joints[k].createData()
         model.joints[k].calc(data, np.zeros(model.nq))
@@ -65,7 +69,7 @@ def read_facts(name: str, model: Any, urdf: Urdf, base: str, flange: str) -> Rob
     )
 
 
-def read_frames(model: Any) -> MappingProxyType[str, LinkFrame]:
+def read_frames(model: pin.Model) -> MappingProxyType[str, LinkFrame]:
     """Every link of the URDF as a frame of a moving link, in the model's order."""
     import pinocchio as pin
 
@@ -73,7 +77,7 @@ def read_frames(model: Any) -> MappingProxyType[str, LinkFrame]:
         {
             frame.name: LinkFrame(int(frame.parentJoint), frozen(frame.placement.homogeneous))
             for frame in model.frames
-            if frame.type == pin.FrameType.BODY  # pyright: ignore[reportAttributeAccessIssue]
+            if frame.type == pin.FrameType.BODY
         }
     )
 
@@ -88,7 +92,7 @@ def read_shapes(urdf: Urdf, frames: MappingProxyType[str, LinkFrame]) -> tuple[S
     )
 
 
-def _text(values: Any) -> str:
+def _text(values: npt.ArrayLike) -> str:
     return '"' + " ".join(repr(float(v)) for v in np.atleast_1d(values)) + '"'
 
 

@@ -14,7 +14,7 @@ def reference_flange(robot: Robot, q: Array) -> Array:
 
     data, out = robot.model.createData(), np.empty((len(q), 4, 4))
     for i, angles in enumerate(q):
-        pin.forwardKinematics(robot.model, data, angles)  # pyright: ignore[reportAttributeAccessIssue]
+        pin.forwardKinematics(robot.model, data, angles)
         out[i] = data.oMi[robot.flange.link].homogeneous @ robot.flange.placement
     return out
 
@@ -24,4 +24,4 @@ def reference_gravity(robot: Robot, q: Array) -> Array:
     import pinocchio as pin
 
     data = robot.model.createData()
-    return np.array([pin.computeGeneralizedGravity(robot.model, data, angles).copy() for angles in q])  # pyright: ignore[reportAttributeAccessIssue]
+    return np.array([pin.computeGeneralizedGravity(robot.model, data, angles).copy() for angles in q])

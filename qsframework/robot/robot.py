@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from qsframework.plugin import Array, Effect, Parameter, RobotFacts
 from qsframework.robot.controller import Controller
+
+if TYPE_CHECKING:
+    import pinocchio as pin
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +44,7 @@ class Robot:
     name: str
     title: str
     folder: Path
-    model: Any
+    model: pin.Model
     facts: RobotFacts
     controller: Controller
     effects: tuple[Effect, ...]

@@ -132,8 +132,8 @@ def read_urdf(path: Path, folder: Path, sources: Sources | None = None) -> Urdf:
 class _Reader:
     """Reads elements; a number that cannot be read becomes a problem and NaN."""
 
-    problems: list[Problem] = field(default_factory=list)
-    materials: dict[str, Node] = field(default_factory=dict)
+    problems: list[Problem] = field(default_factory=list[Problem])
+    materials: dict[str, Node] = field(default_factory=dict[str, Node])
 
     def numbers(self, node: Node, key: str, count: int, owner: str, default: str | None = None) -> Array:
         text = node.attributes.get(key, default)

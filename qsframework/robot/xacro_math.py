@@ -22,12 +22,25 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
 } | {"abs": abs, "bool": bool, "float": float, "int": int, "len": len, "max": max, "min": min, "round": round,
      "str": str, "sum": sum}  # fmt: skip
 
+
+def _power(a: Any, b: Any) -> float:
+    return float(a) ** float(b)
+
+
+def _inside(a: Any, b: Any) -> bool:
+    return a in b
+
+
+def _outside(a: Any, b: Any) -> bool:
+    return a not in b
+
+
 _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
     ast.FloorDiv: operator.floordiv, ast.Mod: operator.mod,
-    ast.Pow: lambda a, b: float(a) ** float(b),
+    ast.Pow: _power,
     ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt,
-    ast.GtE: operator.ge, ast.In: lambda a, b: a in b, ast.NotIn: lambda a, b: a not in b,
+    ast.GtE: operator.ge, ast.In: _inside, ast.NotIn: _outside,
     ast.UAdd: operator.pos, ast.USub: operator.neg, ast.Not: operator.not_,
 }  # fmt: skip
 
@@ -49,7 +62,7 @@ def _value(node: ast.expr, names: Mapping[str, Any]) -> Any:
             return node.value
         case ast.Name():
             return _name(node.id, names)
-        case ast.UnaryOp():
+        case ast.UnaryOp() if type(node.op) in _OPERATORS:
             return _OPERATORS[type(node.op)](_value(node.operand, names))
         case ast.BinOp():
             return _binary(node.op, _value(node.left, names), _value(node.right, names))
@@ -68,7 +81,8 @@ def _value(node: ast.expr, names: Mapping[str, Any]) -> Any:
             return _attribute(node, names)
         case ast.Call(keywords=[]):
             return _call(node, names)
-    raise ValueError("only arithmetic is allowed in an expression of a robot file")
+        case _:
+            raise ValueError("only arithmetic is allowed in an expression of a robot file")
 
 
 def _name(name: str, names: Mapping[str, Any]) -> Any:
@@ -94,7 +108,8 @@ def _call(node: ast.Call, names: Mapping[str, Any]) -> Any:
     match node.func:
         case ast.Name(id=name) | ast.Attribute(value=ast.Name(id="math" | "python"), attr=name) if name in FUNCTIONS:
             return FUNCTIONS[name](*(_value(argument, names) for argument in node.args))
-    raise ValueError(f"the function {ast.unparse(node.func)!r} is not allowed in a robot file")
+        case _:
+            raise ValueError(f"the function {ast.unparse(node.func)!r} is not allowed in a robot file")
 
 
 def _binary(op: ast.operator, left: Any, right: Any) -> Any:

@@ -32,7 +32,7 @@ class Node:
     tag: str
     attributes: dict[str, str]
     place: Place
-    children: list[Node] = field(default_factory=list)
+    children: list[Node] = field(default_factory=list["Node"])
 
     def all(self, tag: str) -> Iterator[Node]:
         return (child for child in self.children if child.tag == tag)
@@ -68,7 +68,8 @@ def starts(text: str, file: str) -> list[Start]:
 def _read(text: str, file: str) -> tuple[Node, list[Start]]:
     parser = expat.ParserCreate("utf-8")
     top = Node("", {}, Place(file, 1))
-    stack, found = [top], []
+    stack: list[Node] = [top]
+    found: list[Start] = []
 
     def refuse(*_: Any) -> None:
         message = "a document type (DOCTYPE) or entity is not allowed in a robot file"

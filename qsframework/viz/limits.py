@@ -38,7 +38,7 @@ def _draw_box(scene: Scene, path: str, experiment: Experiment, size: float) -> N
     limits = experiment.constraints
     low = np.array([-size if v is None else v for v in (limits.x_min, limits.y_min, limits.z_min)])
     high = np.array([size if v is None else v for v in (limits.x_max, limits.y_max, limits.z_max)])
-    given = []
+    given: list[str] = []
     for k, axis in enumerate("xyz"):
         for side, values in (("min", low), ("max", high)):
             value = getattr(limits, f"{axis}_{side}")

@@ -19,16 +19,16 @@ class Scene:
     """Objects to draw, in metres, z up. Built up, then written once with `html`."""
 
     title: str
-    commands: list[dict[str, Any]] = field(default_factory=list)
-    steps: list[tuple[str, str]] = field(default_factory=list)
+    commands: list[dict[str, Any]] = field(default_factory=list[dict[str, Any]])
+    steps: list[tuple[str, str]] = field(default_factory=list[tuple[str, str]])
     """Paths that a slider shows one at a time, with the label of each."""
-    ghosts: dict[str, str] = field(default_factory=dict)
+    ghosts: dict[str, str] = field(default_factory=dict[str, str])
     """Path of a step -> path of what stands for it while another step is chosen."""
     first: int = 0
     """The step that is shown at first, counted from 1; 0 shows all."""
-    layers: dict[str, list[str]] = field(default_factory=dict)
+    layers: dict[str, list[str]] = field(default_factory=dict[str, list[str]])
     """Paths that a box on the page shows or hides together."""
-    notes: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list[str])
     """Sentences on the page: what is seen, at what scale."""
     size: float = 3.0
     """How large the scene is, m: the camera stands so far off that this fills the view."""
