@@ -3,13 +3,13 @@ measured poses would tell its parameters."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from qsframework.applications.reach import Tool, reach, tool_of
+from qsframework.applications.reach import Free, Reached, Tool, reach, tool_of
 from qsframework.applications.task import Task
 from qsframework.design import Wish, design
 from qsframework.elastostatics import Model, cartesian_compliance, equilibrium, make_model
@@ -19,7 +19,8 @@ from qsframework.information import information_rows, promised_sd, scales
 from qsframework.plugin import Array, Parameter, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.robot import Robot
-from qsframework.robot.collision import Flags
+from qsframework.robot.collision import Flags, above_floor, make_collider
+from qsframework.robot.kinematics import joint_frames
 
 _SPREAD = 0.2
 """m: the campaign's three reflectors stand this far from the load point, along the axes of the last link."""
@@ -32,6 +33,7 @@ class Compared:
     """One robot. NaN where it does not reach.
 
     deflection (C,) m and softest (C,) N/m: of the map's C cells (z, then x); pendant (P, n) rad: along the path
+    touching: cells of the map that it would reach if it could touch itself or the floor
     task (P,) m: the load point's way from unloaded to loaded; after (P,) m: expected error after compensation with a
     fit of the campaign, NaN without one; sds: of the parameters, with `campaign` in words
     """
@@ -46,6 +48,7 @@ class Compared:
     sds: Array
     campaign: str
     notes: tuple[str, ...]
+    touching: int = 0
 
     @property
     def reached(self) -> Flags:
@@ -80,11 +83,22 @@ def _robot_json(r: Compared, shared: Flags) -> dict[str, Any]:
     def listed(values: Array, scale: float) -> list[float | None]:
         return [float(v * scale) if np.isfinite(v) else None for v in values]
 
+    def over(values: Array, how: Callable[[Array], Any]) -> float | None:
+        known = values[np.isfinite(values)]
+        return float(how(known)) if len(known) else None
+
     return {
         "cells_reached": int(r.reached.sum()),
+        "cells_only_touching_itself_or_the_floor": r.touching,
         "deflection_mm": listed(r.deflection, 1e3),
         "softest_N_per_um": listed(r.softest, 1e-6),
-        "shared_mean_deflection_mm": float(r.deflection[shared].mean() * 1e3) if shared.any() else None,
+        "shared_mean_deflection_mm": over(r.deflection[shared] * 1e3, np.mean),
+        "shared_softest_N_per_um": over(r.softest[shared] * 1e-6, np.min),
+        "task_points_reached": int(np.isfinite(r.task).sum()),
+        "task_mean_mm": over(r.task * 1e3, np.mean),
+        "task_worst_mm": over(r.task * 1e3, np.max),
+        "after_compensation_mean_mm": over(r.after * 1e3, np.mean),
+        "after_compensation_worst_mm": over(r.after * 1e3, np.max),
         "task_deflection_mm": listed(r.task, 1e3),
         "task_after_compensation_mm": listed(r.after, 1e3),
         "campaign": r.campaign,
@@ -94,25 +108,31 @@ def _robot_json(r: Compared, shared: Flags) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def compare(robots: Sequence[Robot], task: Task, seed: int = 0, tell: Tell | None = None) -> Comparison:
-    """Compare robots on a task, each by its nominal parameters."""
+def compare(
+    robots: Sequence[Robot], task: Task, seed: int = 0, tell: Tell | None = None,
+    notes: Mapping[str, Sequence[str]] | None = None,
+) -> Comparison:  # fmt: skip
+    """Compare robots on a task, each by its nominal parameters (see `with_fit`); notes: more to say, by robot."""
     names = [r.name for r in robots]
     if len(set(names)) != len(names) or len(names) < 2:
         raise InputError(f"compare needs two or more different robots, found {', '.join(names)}")
     tell = tell or (lambda label, done, total: None)
-    out = []
+    out: list[Compared] = []
     for k, robot in enumerate(robots):
         out.append(_one(robot, task, seed, lambda i, k=k: tell("robots", 3 * k + i, 3 * len(robots))))
-    return Comparison(task, tuple(out))
+    more = notes or {}
+    return Comparison(task, tuple(replace(r, notes=(*r.notes, *more.get(r.robot.name, ()))) for r in out))
 
 
 def _one(robot: Robot, task: Task, seed: int, told: Callable[[int], None]) -> Compared:
     tool = tool_of(robot, task.tool)
     experiment = campaign_of(robot, task, tool)
     model = tip_model(robot, tool)
-    deflection, softest = _map(robot, model, tool, task, seed)
+    free = _free(robot, task)
+    deflection, softest, touching = _map(robot, model, tool, task, seed, free)
     told(1)
-    pendant, reached = reach(robot, model, tool, task.points, task.directions, seed)
+    found = reach(robot, model, tool, task.points, task.directions, seed, free)
+    pendant, reached = found.pendant, found.good
     poses = Poses(pendant, robot.controller.to_joints(pendant), task.wrenches)
     moved = np.full(len(pendant), np.nan)
     moved[reached] = _deflections(model, poses.take(reached))
@@ -125,9 +145,21 @@ def _one(robot: Robot, task: Task, seed: int, told: Callable[[int], None]) -> Co
             sds = promised_sd(experiment, plan)
             after[reached] = _after(experiment, model, plan, poses.take(reached))
     told(3)
-    notes = _notes(robot, task, reached)
+    notes = _notes(robot, task, found, touching)
     return Compared(robot, deflection, softest, frozen(pendant), moved, after, experiment.fit_parameters(), sds,
-                    campaign, notes)  # fmt: skip
+                    campaign, notes, touching)  # fmt: skip
+
+
+def _free(robot: Robot, task: Task) -> Free:
+    """Which joint angles keep the arm's simple solids apart and above the floor."""
+    collider = make_collider(robot)
+
+    def free(q: Array) -> Flags:
+        placed = joint_frames(robot.facts, q)
+        clear = ~collider.collides(placed)
+        return clear if task.floor is None else clear & above_floor(robot.shapes, placed, task.floor)
+
+    return free
 
 
 def campaign_of(robot: Robot, task: Task, tool: Tool) -> Experiment:
@@ -149,11 +181,13 @@ def campaign_of(robot: Robot, task: Task, tool: Tool) -> Experiment:
     )  # fmt: skip
 
 
-def _map(robot: Robot, model: Model, tool: Tool, task: Task, seed: int) -> tuple[Array, Array]:
-    """Deflection (C,) m and the stiffness (C,) N/m in the direction that gives most."""
+def _map(robot: Robot, model: Model, tool: Tool, task: Task, seed: int, free: Free) -> tuple[Array, Array, int]:
+    """Deflection (C,) m, the stiffness (C,) N/m in the direction that gives most, and the cells that are reached only
+    by touching."""
     z, x = (a.ravel() for a in np.meshgrid(task.map_z, task.map_x, indexing="ij"))
     points = np.stack([x, np.full(len(x), task.map_y), z], axis=1)
-    pendant, reached = reach(robot, model, tool, points, np.tile(task.map_direction, (len(x), 1)), seed)
+    found = reach(robot, model, tool, points, np.tile(task.map_direction, (len(x), 1)), seed, free)
+    pendant, reached = found.pendant, found.good
     wrench = np.tile(np.concatenate([task.map_force, np.zeros(3)]), (len(x), 1))
     poses = Poses(pendant, robot.controller.to_joints(pendant), wrench).take(reached)
     deflection, softest = np.full(len(x), np.nan), np.full(len(x), np.nan)
@@ -163,7 +197,7 @@ def _map(robot: Robot, model: Model, tool: Tool, task: Task, seed: int) -> tuple
     if stable.any():
         compliance = cartesian_compliance(model, poses.take(stable))[:, :3, :3]
         softest[np.flatnonzero(reached)[stable]] = 1.0 / np.linalg.svd(compliance, compute_uv=False)[:, 0]
-    return deflection, softest
+    return deflection, softest, int(found.blocked.sum())
 
 
 def _deflections(model: Model, poses: Poses) -> Array:
@@ -216,11 +250,17 @@ def tip_model(robot: Robot, tool: Tool) -> Model:
     return make_model(robot.facts, robot.effects, robot.parameters, tool.site, [("tip", tool.site)], robot.gravity)
 
 
-def _notes(robot: Robot, task: Task, reached: Flags) -> tuple[str, ...]:
-    notes = []
+def _notes(robot: Robot, task: Task, found: Reached, touching: int) -> tuple[str, ...]:
+    reached = found.good
+    notes: list[str] = []
     if not reached.all():
         missed = ", ".join(str(i + 1) for i in np.flatnonzero(~reached))
-        notes.append(f"does not reach point {missed} of the path in this direction")
+        touch = " without touching itself or the floor" if (found.blocked & ~reached).any() else ""
+        notes.append(f"does not reach point {missed} of the path in this direction{touch}")
+    if touching:
+        notes.append(f"{touching} cells of the map would be reached if the arm could touch itself or the floor")
+    if not robot.shapes:
+        notes.append("its URDF has no simple solids: nothing was checked for collisions")
     if robot.payload is None:
         notes.append("its payload is not stated: the forces were not checked against it")
     else:
@@ -229,6 +269,11 @@ def _notes(robot: Robot, task: Task, reached: Flags) -> tuple[str, ...]:
         largest = max(float(np.linalg.norm(f)) for f in forces)
         if largest > most:
             notes.append(f"its payload, {robot.payload:g} kg, is less than the {largest:.0f} N of the task or campaign")
+    identified = dict.fromkeys(
+        p.source.removeprefix("identified: ") for p in robot.parameters if "identified: " in p.source
+    )
+    if identified:
+        notes.append(f"with identified values of {', '.join(identified)}")
     assumed = dict.fromkeys(p.name.split("[")[0] for p in robot.parameters if "assumed" in p.source)
     if assumed:
         notes.append(f"values assumed, not measured: {', '.join(assumed)}; what is said of the robot is no better")

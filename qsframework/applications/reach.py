@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,8 @@ _STEPS = 40
 _LARGEST_STEP = 0.3
 _TRIES = 24
 _CLOSE = 1e-8
+Free = Callable[[Array], Flags]
+"""Which of N joint angles (N, n) keep the arm clear of itself and of what stands around it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +41,20 @@ def tool_of(robot: Robot, length: float) -> Tool:
     return Tool(Site(robot.flange.link, frozen(on_axis + length * axis)), frozen(axis))
 
 
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """Pendant angles (N, n) rad, which of N points are reached, and which would be if the arm could touch itself or
+    the floor."""
+
+    pendant: Array
+    good: Flags
+    blocked: Flags
+
+
 def reach(
-    robot: Robot, model: Model, tool: Tool, points: Array, directions: Array, seed: int = 0
-) -> tuple[Array, Flags]:
-    """Pendant angles (N, n) and which of N points are reached, within the limits and the loops' margins.
+    robot: Robot, model: Model, tool: Tool, points: Array, directions: Array, seed: int = 0, free: Free | None = None
+) -> Reached:
+    """Pendant angles of N points within the limits, the loops' margins and what `free` says.
 
     Points are reached from the solution of a neighbour where there is one, so that a map shows one posture as far as
     it goes; elsewhere from random poses.
@@ -50,11 +63,23 @@ def reach(
     lower, upper = np.maximum(controller.lower, -np.pi), np.minimum(controller.upper, np.pi)
     rng = np.random.default_rng(seed)
     pendant, reached = np.zeros((count, robot.facts.n)), np.zeros(count, dtype=bool)
+    blocked = np.zeros(count, dtype=bool)
+
+    def clear(found: Array, good: Flags, whose: Indices) -> Flags:
+        """Those of the good that are free too; the points of the others are noted."""
+        if free is not None and good.any():
+            kept = good.copy()
+            kept[good] = free(robot.controller.to_joints(found[good]))
+            blocked[whose[good & ~kept]] = True
+            return kept
+        return good
 
     def randomly(chosen: Indices) -> None:
-        pendant[chosen], reached[chosen] = _random(
-            robot, model, tool, points[chosen], directions[chosen], lower, upper, rng
-        )
+        n, each = robot.facts.n, np.repeat(chosen, _TRIES)
+        start = rng.uniform(lower, upper, (len(each), n))
+        found, good = _newton(robot, model, tool, points[each], directions[each], start)
+        good = clear(found, good, each)
+        pendant[chosen], reached[chosen] = _middle(found, good, 0.5 * (lower + upper))
 
     for i in np.argsort(np.linalg.norm(points - points.mean(axis=0), axis=1)):
         randomly(np.array([i]))
@@ -68,24 +93,18 @@ def reach(
         ring = distance[left, near] <= 1.01 * distance[left, near].min()
         chosen = left[ring]
         start = pendant[near[ring]]
-        pendant[chosen], reached[chosen] = _newton(robot, model, tool, points[chosen], directions[chosen], start)
+        pendant[chosen], good = _newton(robot, model, tool, points[chosen], directions[chosen], start)
+        reached[chosen] = clear(pendant[chosen], good, chosen)
         tried[chosen] = True
     if reached.any() and not reached.all():
         randomly(np.flatnonzero(~reached))
-    return pendant, reached
+    return Reached(pendant, reached, blocked & ~reached)
 
 
-def _random(
-    robot: Robot, model: Model, tool: Tool, points: Array, directions: Array, lower: Array, upper: Array,
-    rng: np.random.Generator,
-) -> tuple[Array, Flags]:  # fmt: skip
-    """From random poses; of those that end at the point, the one nearest to the middle of the ranges."""
-    count, n = len(points), robot.facts.n
-    start = rng.uniform(lower, upper, (count * _TRIES, n))
-    each = np.repeat(np.arange(count), _TRIES)
-    pendant, good = _newton(robot, model, tool, points[each], directions[each], start)
-    far = np.abs(pendant - 0.5 * (lower + upper)).max(axis=1)
-    far = np.where(good, far, np.inf).reshape(count, _TRIES)
+def _middle(pendant: Array, good: Flags, middle: Array) -> tuple[Array, Flags]:
+    """Of the good tries at each point, the one nearest to the middle of the ranges."""
+    count = len(pendant) // _TRIES
+    far = np.where(good, np.abs(pendant - middle).max(axis=1), np.inf).reshape(count, _TRIES)
     best = np.arange(count) * _TRIES + far.argmin(axis=1)
     return pendant[best], good[best]
 

@@ -2,28 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from qsframework.applications.compare import compare
 from qsframework.applications.task import load_task
 from qsframework.cli.commands import distinct_outputs, write_json
+from qsframework.cli.pairs import pairs
 from qsframework.cli.progress import print_table, progress
-from qsframework.robot import load_robot
+from qsframework.errors import InputError, Problem
+from qsframework.robot import Robot, load_robot
 
 
-def run_compare(names: Sequence[str], task_file: Path, seed: int, json: Path | None, report: Path | None) -> None:
+def run_compare(
+    names: Sequence[str], task_file: Path, seed: int, json: Path | None, report: Path | None, fits: Sequence[str] = ()
+) -> None:
     """Compare, print the summary, write the JSON and the report."""
     from qsframework.report import write_report
     from qsframework.report.compare_section import compare_sections, summary_table
     from qsframework.report.provenance import AFTER, EQUILIBRIUM, INFORMATION, STIFFNESS, provenance_section
 
-    distinct_outputs([json, report], [task_file])
+    fit_files = pairs("--fit", fits, "ROBOT=fit.json")
+    distinct_outputs([json, report], [task_file, *map(Path, fit_files.values())])
     task = load_task(task_file)
     robots = [load_robot(name, beside=task_file.parent) for name in names]
+    robots, notes = identified(robots, fit_files)
     with progress() as tell:
-        result = compare(robots, task, seed, tell)
+        result = compare(robots, task, seed, tell, notes)
     table = summary_table(result)
     print_table(table.header, table.rows, task.title)
     print(table.caption)
@@ -34,8 +40,31 @@ def run_compare(names: Sequence[str], task_file: Path, seed: int, json: Path | N
     if json is not None:
         write_json(json, result.as_json())
     if report is not None:
+        inputs = [task_file, *map(Path, fit_files.values())]
         effects = [e for r in robots for e in r.effects]
         parameters = [replace(p, name=f"{r.name}: {p.name}") for r in robots for p in r.parameters]
         laws = (EQUILIBRIUM, STIFFNESS, INFORMATION, AFTER)
-        sections = (*compare_sections(result), provenance_section(effects, [task_file], seed, laws, parameters, robots))
+        sections = (*compare_sections(result), provenance_section(effects, inputs, seed, laws, parameters, robots))
         print(f"report: {write_report(report, f'Comparison: {task.title}', sections)}")
+
+
+def identified(robots: list[Robot], fits: Mapping[str, str]) -> tuple[list[Robot], dict[str, tuple[str, ...]]]:
+    """The robots with the values of their fits, and what to note of each."""
+    from qsframework.applications.known import with_fit
+    from qsframework.identify.fit_files import read_fit
+
+    unknown = [name for name in fits if name not in {r.name for r in robots}]
+    if unknown:
+        allowed = ", ".join(r.name for r in robots)
+        raise InputError(Problem("--fit: this robot is not compared", found=unknown[0], allowed=allowed))
+    out: list[Robot] = []
+    notes: dict[str, tuple[str, ...]] = {}
+    for robot in robots:
+        if robot.name in fits:
+            robot, others = with_fit(robot, read_fit(fits[robot.name]))
+            if others:
+                notes[robot.name] = (
+                    f"estimates that are no effects of its robot.yaml are left out: {', '.join(others)}",
+                )
+        out.append(robot)
+    return out, notes

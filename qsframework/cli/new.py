@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from qsframework.cli.pairs import pairs
 from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem
 
@@ -53,12 +54,12 @@ def run_new(name: str, urdf: Path, wish: NewWish) -> None:
     folder = wish.output or Path(name)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(Problem("exists already, and nothing is overwritten", file=str(folder), hint="Choose -o."))
-    packages = {key: Path(value) for key, value in _pairs("--package", wish.packages, "NAME=FOLDER").items()}
+    packages = {key: Path(value) for key, value in pairs("--package", wish.packages, "NAME=FOLDER").items()}
     missing = [Problem(f"--package {key}: no such folder", str(value)) for key, value in packages.items()
                if not value.is_dir()]  # fmt: skip
     if missing:
         raise InputError(missing)
-    sources = Sources(packages, _pairs("--arg", wish.arguments, "NAME=VALUE"), nearby=True)
+    sources = Sources(packages, pairs("--arg", wish.arguments, "NAME=VALUE"), nearby=True)
     proposal = propose(name, urdf, wish.base, wish.flange, sources)
     write_folder(folder, proposal.files)
     print(f"{folder}: {', '.join(proposal.files)}")
@@ -69,14 +70,6 @@ def run_new(name: str, urdf: Path, wish: NewWish) -> None:
     if failed:
         raise InputError([Problem(words, file=str(folder)) for words in failed])
     print(f"next: qsf show {folder}, and name it in an experiment: robot: {folder}")
-
-
-def _pairs(option: str, texts: Sequence[str], form: str) -> dict[str, str]:
-    """NAME=VALUE options by name."""
-    wrong = [text for text in texts if not text.partition("=")[0] or not text.partition("=")[2]]
-    if wrong:
-        raise InputError(Problem(f"{option}: not understood", found=repr(wrong[0]), allowed=form))
-    return {name: value for name, _, value in (text.partition("=") for text in texts)}
 
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")

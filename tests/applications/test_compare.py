@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from qsframework.applications.compare import Compared, Comparison, campaign_of, compare, tip_model
+from qsframework.applications.compare import Compared, Comparison, _free, campaign_of, compare, tip_model
+from qsframework.applications.known import with_fit
 from qsframework.applications.reach import reach, tool_of
 from qsframework.applications.stiffness import stiffness_at
 from qsframework.applications.task import Task, load_task
@@ -18,11 +19,13 @@ from qsframework.cli.main import app
 from qsframework.design import Wish, design
 from qsframework.elastostatics import equilibrium
 from qsframework.errors import InputError
-from qsframework.experiment import simulate
+from qsframework.experiment import load_experiment, read_readings, simulate
 from qsframework.identify import identify
+from qsframework.identify.fit_files import read_fit, write_fit
 from qsframework.plugin import Poses
 from qsframework.report.compare_section import heat_maps, path_figure
 from qsframework.robot import load_robot
+from qsframework.robot.collision import lowest_point, make_collider
 from qsframework.robot.kinematics import joint_frames
 
 NAMES = ("fanuc_m900ib", "fanuc_r2000ic")
@@ -66,8 +69,8 @@ def test_out_of_reach_is_out_of_reach(task: Task) -> None:
     near = placed.point(tool.site.link, tool.site.xyz).T
     looks = placed.matrix(tool.site.link) @ tool.axis
     far = 8.0 * near / np.linalg.norm(near, axis=1, keepdims=True)
-    _, reached = reach(robot, model, tool, np.vstack([near, far]), np.vstack([looks, looks]))
-    assert reached.tolist() == [True] * 3 + [False] * 3
+    found = reach(robot, model, tool, np.vstack([near, far]), np.vstack([looks, looks]))
+    assert found.good.tolist() == [True] * 3 + [False] * 3
 
 
 def test_the_map_is_that_of_qsf_stiffness(result: Comparison, task: Task) -> None:
@@ -77,7 +80,8 @@ def test_the_map_is_that_of_qsf_stiffness(result: Comparison, task: Task) -> Non
         model = tip_model(r.robot, tool)
         z, x = (a.ravel() for a in np.meshgrid(task.map_z, task.map_x, indexing="ij"))
         points = np.stack([x, np.full(len(x), task.map_y), z], axis=1)
-        pendant, reached = reach(r.robot, model, tool, points, np.tile(task.map_direction, (len(x), 1)))
+        found = reach(r.robot, model, tool, points, np.tile(task.map_direction, (len(x), 1)), 0, _free(r.robot, task))
+        pendant, reached = found.pendant, found.good
         assert np.array_equal(reached, r.reached)
         assert 0 < reached.sum() < len(x)
         flange = np.asarray(np.linalg.solve(r.robot.flange.placement, np.append(tool.site.xyz, 1.0)), dtype=float)
@@ -211,3 +215,82 @@ def test_the_command(tmp_path: Path) -> None:
         wrong = CliRunner().invoke(app, ["compare", *names, "--task", str(file)])
         assert isinstance(wrong.exception, InputError)
         assert words in str(wrong.exception)
+
+
+def test_cells_where_the_arm_touches_itself_or_the_floor_are_not_reached(task: Task) -> None:
+    """Every pose that counts is free by the collider's slow matrix and the lowest points; a floor takes cells."""
+    robot = load_robot("fanuc_r2000ic")
+    low = replace(task, map_z=np.linspace(-0.4, 0.8, 5), map_x=np.linspace(0.7, 2.2, 5), floor=0.3)
+    tool, model = tool_of(robot, low.tool), tip_model(robot, tool_of(robot, low.tool))
+    z, x = (a.ravel() for a in np.meshgrid(low.map_z, low.map_x, indexing="ij"))
+    points, looks = np.stack([x, np.zeros(len(x)), z], axis=1), np.tile(low.map_direction, (len(x), 1))
+    found = reach(robot, model, tool, points, looks, 0, _free(robot, low))
+    placed = joint_frames(robot.facts, robot.controller.to_joints(found.pendant[found.good]))
+    assert not make_collider(robot).matrix(placed).any()
+    assert min(float(lowest_point(s, placed).min()) for s in robot.shapes if s.link > 0) >= 0.3
+    anywhere = reach(robot, model, tool, points, looks)
+    assert found.good.sum() < anywhere.good.sum()
+    assert (found.blocked & ~found.good).sum() > 0
+    assert not (found.blocked & ~anywhere.good).any()
+    two = compare([robot, load_robot("fanuc_m900ib")], low).robots[0]
+    assert two.touching == found.blocked.sum()
+    assert any(
+        f"{two.touching} cells of the map would be reached if the arm could touch itself" in n for n in two.notes
+    )
+
+
+def fit_of(root: Path, folder: Path) -> Path:
+    """A fit of the real readings of the R-2000iC, as a file."""
+    experiment = load_experiment(root / "examples" / "r2000ic" / "experiment.yaml")
+    assert experiment.data is not None
+    return write_fit(identify(experiment, read_readings(experiment.data, experiment)), folder / "fit.json")
+
+
+def test_identified_values_stand_in_for_the_nominal(root: Path, task: Task, tmp_path: Path) -> None:
+    fit = read_fit(fit_of(root, tmp_path))
+    robot, others = with_fit(load_robot("fanuc_r2000ic"), fit)
+    assert not others
+    values = {p.name: p.nominal for p in robot.parameters}
+    assert [values[n] for n in fit.names] == pytest.approx(fit.values.tolist())
+    small = replace(task, map_x=np.array([1.5, 1.8]), map_z=np.array([0.8, 1.0]))
+    measured = compare([robot, load_robot("fanuc_m900ib")], small).robots[0]
+    plain = compare([load_robot("fanuc_r2000ic"), load_robot("fanuc_m900ib")], small).robots[0]
+    tool = tool_of(robot, small.tool)
+    flange = np.asarray(np.linalg.solve(robot.flange.placement, np.append(tool.site.xyz, 1.0)), dtype=float)
+    one = stiffness_at(robot, measured.pendant[0], small.wrenches[0], flange[:3])
+    assert measured.task[0] == pytest.approx(np.linalg.norm(one.full), rel=1e-6)
+    assert abs(measured.task[0] / plain.task[0] - 1.0) > 0.01
+    assert any("with identified values of" in note for note in measured.notes)
+
+
+def test_wrong_fits(root: Path, tmp_path: Path) -> None:
+    fit, robot = read_fit(fit_of(root, tmp_path)), load_robot("fanuc_r2000ic")
+    with pytest.raises(InputError, match=r"fit\.json: the fit is of another robot; found fanuc_r2000ic"):
+        with_fit(load_robot("ur10"), fit)
+    with pytest.raises(InputError, match="estimates no parameter of fanuc_r2000ic"):
+        with_fit(robot, replace(fit, names=("frame[s].x",)))
+    bad = replace(fit, model={**fit.model, fit.names[2]: -1e-7})
+    with pytest.raises(InputError, match=r"joint_compliance\[joint_3\] is beyond its bounds.*one-step"):
+        with_fit(robot, bad)
+    extra = replace(fit, names=(*fit.names, "frame[s].x"), sd=np.append(fit.sd, 1.0))
+    assert with_fit(robot, extra)[1] == ("frame[s].x",)
+
+
+def test_the_command_takes_fits(root: Path, tmp_path: Path) -> None:
+    (tmp_path / "task.yaml").write_text(TEXT)
+    fit, told = fit_of(root, tmp_path), tmp_path / "c.json"
+    arguments = ["compare", *NAMES, "--task", str(tmp_path / "task.yaml"), "--json", str(told)]
+    run = CliRunner().invoke(app, [*arguments, "--fit", f"fanuc_r2000ic={fit}"], catch_exceptions=False)
+    assert run.exit_code == 0
+    assert "with identified values of" in run.output
+    for r in json.loads(told.read_text())["robots"].values():
+        known = [v for v in r["task_deflection_mm"] if v is not None]
+        assert r["task_mean_mm"] == pytest.approx(np.mean(known))
+        assert r["task_worst_mm"] == pytest.approx(max(known))
+        after = [v for v in r["task_after_compensation_mm"] if v is not None]
+        assert r["after_compensation_worst_mm"] == pytest.approx(max(after))
+        assert all(s["sd"] > 0 for s in r["sds"].values())
+    for wrong, words in ((str(fit), "--fit: not understood"), (f"ur10={fit}", "this robot is not compared")):
+        failed = CliRunner().invoke(app, [*arguments, "--fit", wrong])
+        assert isinstance(failed.exception, InputError)
+        assert words in str(failed.exception)

@@ -1,0 +1,15 @@
+"""Options of the form NAME=VALUE."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from qsframework.errors import InputError, Problem
+
+
+def pairs(option: str, texts: Sequence[str], form: str) -> dict[str, str]:
+    """NAME=VALUE options by name."""
+    wrong = [text for text in texts if not text.partition("=")[0] or not text.partition("=")[2]]
+    if wrong:
+        raise InputError(Problem(f"{option}: not understood", found=repr(wrong[0]), allowed=form))
+    return {name: value for name, _, value in (text.partition("=") for text in texts)}
