@@ -39,6 +39,7 @@ def simulate(
 ) -> Simulation:
     """Measure a plan in simulation: independent Gaussian noise on every coordinate.
 
+    Readings without any noise (sigma 0) state none: a fit then estimates what rounding leaves.
     x (p,) are the true parameters; without them the nominal values, or values drawn from the priors. exact: the arm
     settles in its full equilibrium, as a real one does, and not by the linear model.
     """
@@ -59,7 +60,7 @@ def simulate(
         poses, tuple(plan.pose[i] for i in order), repeat, np.ones(count, dtype=np.intp),
         np.repeat(np.arange(count), markers), np.tile(np.arange(markers), count),
         frozen((moved + sigma * rng.standard_normal(moved.shape)).reshape(-1, 3)),
-        frozen(np.full(count * markers, sigma)), np.ones(count * markers, dtype=bool),
+        frozen(np.full(count * markers, sigma or np.nan)), np.ones(count * markers, dtype=bool),
         np.arange(3, 3 + count * markers), None, None,
     )  # fmt: skip
     return Simulation(readings, model, frozen(x))

@@ -12,7 +12,7 @@ from qsframework.errors import InputError, NotConverged, NotIdentifiable, Proble
 from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.setup import GEOMETRY
 from qsframework.identify.fit import Fit
-from qsframework.identify.linear import Found, Rows, fit_rows, identify_linear, make_fit
+from qsframework.identify.linear import Found, Rows, fit_rows, identify_linear, make_fit, rounding
 from qsframework.identify.noise import SharedError, noise_parts, pose_groups, shared_error
 from qsframework.identify.observations import Noise, Observations
 from qsframework.identify.single import single_pose
@@ -165,17 +165,13 @@ def settled(
     """The solution and the noise's unit; where priors or a robust loss need the unit, it is found with them."""
     if not estimated or (loss == "linear" and not priors):
         return solve(observations, start, priors, loss, fixed, tied, tolerance, starts=starts), None
-    unit = _size(
-        observations.noise.whiten(
-            observations.measured - observations.predict(observations.start if start is None else start)
-        ),
-        0,
-        loss,
-    )
+    least = rounding(observations.noise, observations.measured)
+    first = observations.measured - observations.predict(observations.start if start is None else start)
+    unit = max(_size(observations.noise.whiten(first), 0, loss), least)
     for _ in range(_ROUNDS):
         scaled = replace(observations, noise=Scaled(observations.noise, unit, len(observations.measured)))
         solution = solve(scaled, start, priors, loss, fixed, tied, tolerance, starts=starts)
-        new = unit * _size(solution.residuals, solution.free, loss)
+        new = max(unit * _size(solution.residuals, solution.free, loss), least)
         if abs(new - unit) <= _STILL * unit:
             return replace(solution, covariance=solution.covariance / unit**2, free_sd=solution.free_sd / unit), unit
         unit = new

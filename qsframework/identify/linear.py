@@ -19,6 +19,8 @@ from qsframework.plugin import Array, Indices, Parameter
 
 _STEPS = 20
 _SETTLED = 1e-9
+_NOISY = 1e-5
+"""Step below which one that no longer shrinks is the rounding of readings far larger than what they tell."""
 _ALONE = 1e12
 _FAR = 5.0
 """Prior standard deviations from the initial value beyond which an estimate deserves a second look."""
@@ -67,7 +69,7 @@ def identify_linear(experiment: Experiment, readings: Readings, names: Sequence[
     x0 = model.nominal
     chosen = [model.parameters[i] for i in model.index(names)]
     nominal = rows.of(model.predict(readings.poses, x0))
-    x, predicted = x0.copy(), nominal
+    x, predicted, before = x0.copy(), nominal, np.inf
     for _ in range(_STEPS):
         A = rows.of(model.sensitivity(readings.poses, x, names))
         whitened = rows.noise.whiten((A * scales(chosen)).reshape(-1, len(names)))
@@ -77,8 +79,10 @@ def identify_linear(experiment: Experiment, readings: Readings, names: Sequence[
         solution = _solve(whitened, rows.noise.whiten((rows.measured - predicted).ravel()))
         x[model.index(names)] += solution.z * scales(chosen)
         predicted = rows.of(model.predict(readings.poses, x))
-        if np.abs(solution.z).max() <= _SETTLED:
+        size = float(np.abs(solution.z).max())
+        if size <= _SETTLED or 0.5 * before <= size <= _NOISY:
             break
+        before = size
     else:
         raise NotConverged(
             f"least squares did not settle in {_STEPS} steps; {', '.join(names)} act too far from linearly. "

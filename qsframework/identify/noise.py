@@ -75,8 +75,8 @@ def grouped(sigma: Array, groups: Sequence[Group]) -> Noise:
         rows = order[first[counts == size][:, None] + np.arange(size)]
         L = np.linalg.cholesky(_covariance(sigma, groups, rows))
         logarithm += 2.0 * float(np.log(np.diagonal(L, axis1=1, axis2=2)).sum())
-        inverse: Array = np.linalg.solve(L, np.broadcast_to(np.eye(size), L.shape))
-        parts.append((rows, inverse))
+        inverse = np.linalg.solve(L, np.broadcast_to(np.eye(size), L.shape))
+        parts.append((rows, np.asarray(inverse, dtype=np.float64)))
     return Blocks(tuple(parts), logarithm)
 
 

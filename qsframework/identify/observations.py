@@ -44,7 +44,10 @@ class Independent:
 
     def __post_init__(self) -> None:
         if not (np.all(np.isfinite(self.sigma)) and np.all(self.sigma > 0)):
-            raise InputError("the noise of every reading must be a positive number")
+            raise InputError(
+                "the noise of every reading must be a positive number; leave it out (noise: estimate, and no sigma_mm) "
+                "to have it estimated from the residuals"
+            )
 
     def whiten(self, values: Array) -> Array:
         return values / (self.sigma if values.ndim == 1 else self.sigma[:, None])

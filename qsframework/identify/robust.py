@@ -46,8 +46,11 @@ class Loss:
         return (1.0 + (r / k) ** 2) ** -1.5 if self.name == "soft_l1" else np.ones_like(r)
 
     def price(self, r: Array, parameters: int) -> float:
-        """Factor on the covariance of plain least squares with noise of `unit`: mean psi^2 / (mean psi')^2."""
+        """Factor on the covariance of plain least squares with noise of `unit`: mean psi^2 / (mean psi')^2.
+
+        1 where there are no residuals at all.
+        """
         if self.name == "linear":
             return 1.0
         psi = self.weights(r) * r / self.unit
-        return float((psi**2).sum() / max(len(r) - parameters, 1) / np.mean(self.slope(r)) ** 2)
+        return float((psi**2).sum() / max(len(r) - parameters, 1) / np.mean(self.slope(r)) ** 2) or 1.0

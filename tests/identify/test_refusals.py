@@ -131,6 +131,6 @@ def test_a_fit_that_did_not_converge_is_no_result() -> None:
         Independent(np.ones(3)), np.arange(3), np.arange(3),
     )  # fmt: skip
     with pytest.raises(
-        NotConverged, match=r"stuck after \d+ steps.*start nearer|did not settle in \d+ steps; fix a parameter"
+        NotConverged, match=r"stuck after \d+ steps.*start nearer|did not settle in \d+ steps.*fix this parameter"
     ):
         solve(false)
