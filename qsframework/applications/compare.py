@@ -274,7 +274,7 @@ def _notes(robot: Robot, task: Task, found: Reached, touching: int) -> tuple[str
     )
     if identified:
         notes.append(f"with identified values of {', '.join(identified)}")
-    assumed = dict.fromkeys(p.name.split("[")[0] for p in robot.parameters if "assumed" in p.source)
+    assumed = dict.fromkeys(p.name.split("[")[0] for p in robot.parameters if p.source.startswith("assumed"))
     if assumed:
         notes.append(f"values assumed, not measured: {', '.join(assumed)}; what is said of the robot is no better")
     return tuple(notes)

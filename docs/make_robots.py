@@ -1,0 +1,95 @@
+"""Write docs/robots.md, all robots of the repository and what their conformance runs found: python docs/make_robots.py
+
+About two minutes. The times are those of the machine that runs it; everything else is the same anywhere.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from datetime import date
+from pathlib import Path
+
+from qsframework.applications.conformance import STEPS, Check, check_robot
+from qsframework.robot import Robot, load_robot
+
+DOCS = Path(__file__).parent
+PAGE = DOCS / "robots.md"
+FOLDER = DOCS.parent / "robots"
+_PLAIN = ("joint_compliance",)
+HEAD = """# The robots
+
+Each is a folder under `robots/` with `robot.yaml`, a URDF written anew with simple solids, `nominal.yaml`, and a README
+that states the source of every number. What no source states is assumed and marked so: most stiffnesses, all masses of
+FANUC's and KUKA's links. A plan made with assumed values is still good, for the optimal poses hardly depend on them; a
+prediction made with them is no better than they are. [Add yours](add-a-robot.md).
+
+"""
+MIDDLE = """
+"Assumed" counts parameters of these effects whose `source` in `nominal.yaml` begins so; what is published was published
+for the robot or for one of its family, as the README says.
+
+## Their conformance runs
+
+`qsf check ROBOT --conformance` tries a robot with everything: kinematics and holding torques against Pinocchio, a load
+that does work on what it bends, all derivatives against finite differences, and a campaign in small, of eight poses
+under two loads: designed, simulated, identified (largest error in sd of the fit), diagnosed with nothing hidden.
+
+"""
+
+
+def robots() -> list[Robot]:
+    """All robots of the repository, by name."""
+    return [load_robot(p.parent) for p in sorted(FOLDER.glob("*/robot.yaml"))]
+
+
+def robots_table(loaded: list[Robot]) -> str:
+    """What each robot is."""
+    lines = [
+        "| robot | title | loops and springs beside the joints' own | payload | assumed |",
+        "|---|---|---|---|---|",
+    ]
+    for r in loaded:
+        extras = dict.fromkeys(p.split("[")[0] for p in (e.name for e in r.effects) if not p.startswith(_PLAIN))
+        assumed = sum(p.source.startswith("assumed") for p in r.parameters)
+        payload = "not stated" if r.payload is None else f"{r.payload:g} kg"
+        listed = ", ".join(f"`{x}`" for x in extras) or "none"
+        lines.append(f"| `{r.name}` | {r.title} | {listed} | {payload} | {assumed} of {len(r.parameters)} |")
+    return "\n".join(lines) + "\n"
+
+
+def run_row(name: str, checks: tuple[Check, ...], seconds: float) -> str:
+    """One robot's run."""
+    words = {c.name: c.words for c in checks}
+
+    def found(step: str, pattern: str) -> str:
+        match = re.search(pattern, words[step])
+        return match[1] if match else words[step]
+
+    cells = (
+        f"`{name}`",
+        f"{sum(c.good for c in checks)} of {len(STEPS)}",
+        found("kinematics", r"(\S+ m) from Pinocchio"),
+        found("gravity", r"within (\S+)"),
+        found("model", r"gives by (.*? mm)"),
+        found("identify", r"worst (.*? sd)"),
+        found("diagnose", r"end: (\w+)"),
+        f"{seconds:.0f} s",
+    )
+    return "| " + " | ".join(cells) + " |"
+
+
+def runs_table(loaded: list[Robot]) -> str:
+    """What each conformance run found, and how long it took."""
+    lines = ["| robot | held | kinematics | torques | deflection, median | worst error | diagnosis | time |"]
+    lines.append("|---|---|---|---|---|---|---|---|")
+    for r in loaded:
+        start = time.perf_counter()
+        checks = check_robot(r)
+        lines.append(run_row(r.name, checks, time.perf_counter() - start))
+    return "\n".join(lines) + f"\n\n{date.today()}, two cores shared with other work, Python 3.11.\n"
+
+
+if __name__ == "__main__":
+    found = robots()
+    PAGE.write_text(HEAD + robots_table(found) + MIDDLE + runs_table(found))
