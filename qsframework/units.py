@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from functools import cache, lru_cache
-from typing import Any
+from typing import Any, cast
 
 _ALIASES = {"Nm": "N*m", "kNm": "kN*m", "percent": "percent", "": "dimensionless"}
 _LONGEST = 40
@@ -37,8 +37,8 @@ _ANGLES = ("radian", "degree", "arcminute", "arcsecond", "turn", "gradian")
 def _registry() -> Any:
     import pint
 
-    registry: Any = pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
-    return registry
+    library = cast("Any", pint)  # its registry is generic in kinds that nobody names
+    return library.UnitRegistry(autoconvert_offset_to_baseunit=True)
 
 
 def _text(unit: str) -> str:

@@ -192,14 +192,15 @@ def _left_inverse(columns: Array) -> Array:
 
 def _read_links(links: Any, at: Any) -> tuple[tuple[ChainLink, ...], tuple[float, float, float]]:
     """Links from a spec's list of mappings, or as they are. InputError with all problems."""
-    if isinstance(links, tuple) and all(isinstance(link, ChainLink) for link in links):
-        return links, at
-    if not isinstance(links, list) or not 2 <= len(links) <= 3 or not all(isinstance(e, Mapping) for e in links):
+    listed = links
+    if isinstance(links, tuple) and all(isinstance(link, ChainLink) for link in listed):
+        return listed, at
+    if not isinstance(links, list) or not 2 <= len(listed) <= 3 or not all(isinstance(e, Mapping) for e in listed):
         example = "[{name: lever, axis: [0, 1, 0], to_m: [-0.75, 0, 0]}, {name: bar, ...}]"
         raise InputError(Problem("closed_chain: links must be a list of two or three links", allowed=example))
     problems: list[Problem] = []
     read: list[ChainLink] = []
-    for i, entry in enumerate(links):
+    for i, entry in enumerate(listed):
         name = entry.get("name")
         if not isinstance(name, str) or not name or name in [link.name for link in read]:
             problems.append(Problem(f"closed_chain: link {i + 1} needs a name of its own", found=repr(name)))
@@ -227,8 +228,9 @@ def _vector(
 ) -> tuple[float, float, float]:
     """Three finite numbers under one of the keys, times its factor."""
     for key, factor in factors.items():
-        value = entry.get(key)
-        numbers = list(value) if isinstance(value, list | tuple) else []
+        value: Any = entry.get(key)
+        listed = value
+        numbers: list[Any] = list(listed) if isinstance(value, list | tuple) else []
         if len(numbers) == 3 and all(type(c) in (int, float) and np.isfinite(c) for c in numbers):
             return factor * numbers[0], factor * numbers[1], factor * numbers[2]
     problems.append(Problem(f"closed_chain: link {index + 1} needs {asked}: three numbers", found=repr(entry)))

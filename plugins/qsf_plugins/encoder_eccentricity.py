@@ -26,8 +26,9 @@ class EncoderEccentricity(Geometry):
     check = "Encoder and gear of this joint."
 
     def __post_init__(self) -> None:
-        if isinstance(self.waves_per_turn, list):  # as files have it; effects can be compared and hashed
-            object.__setattr__(self, "waves_per_turn", tuple(self.waves_per_turn))
+        waves = listed = self.waves_per_turn
+        if isinstance(waves, list):  # as files have it; effects can be compared and hashed
+            object.__setattr__(self, "waves_per_turn", tuple(listed))
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         names = [f"{wave}{'' if n == 1 else n}" for n in self.waves_per_turn for wave in ("sin", "cos")]
@@ -35,8 +36,8 @@ class EncoderEccentricity(Geometry):
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
-        waves = self.waves_per_turn
-        whole = isinstance(waves, tuple) and all(type(n) is int and 1 <= n <= 100_000 for n in waves)
+        waves = listed = self.waves_per_turn
+        whole = isinstance(waves, tuple) and all(type(n) is int and 1 <= n <= 100_000 for n in listed)
         if not whole or not waves or len(set(waves)) < len(waves):
             raise InputError(
                 f"{self.name}: waves_per_turn must be a list of whole numbers from 1 on, each once, such as [1, 17]; "

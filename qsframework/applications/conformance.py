@@ -47,7 +47,7 @@ class _Run:
     experiment: Experiment
     seed: int
     plan: Plan | None = None
-    checks: list[Check] = field(default_factory=list)
+    checks: list[Check] = field(default_factory=list[Check])
 
     def angles(self, count: int) -> Array:
         """Pendant angles (count, n) rad inside the limits, no loop flat."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
@@ -27,7 +27,7 @@ class Stopped(BaseException):
 
 
 @contextmanager
-def listening() -> Iterator[None]:
+def listening() -> Generator[None, None, None]:
     """Within, these signals raise `Stopped`; a second one ends the process at once."""
     here = threading.current_thread() is threading.main_thread()  # no other thread may listen
     before = [(number, signal.signal(number, _stop)) for number in _SIGNALS] if here else []

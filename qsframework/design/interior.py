@@ -177,7 +177,7 @@ class _System:
         w, z, y = self.point.w, self.point.z, self.point.y
         rhs = -self.stationarity + target_w / w - z - ((target_y / self.room - y) if self.capped else 0.0)
         base = scipy.linalg.cho_solve(self.factor, rhs, check_finite=False)
-        dnu: Array = np.linalg.solve(self.E @ self.KE, self.E @ base + self.feasibility)
+        dnu = np.asarray(np.linalg.solve(self.E @ self.KE, self.E @ base + self.feasibility), dtype=np.float64)
         dw = base - self.KE @ dnu
         dz = (target_w - z * dw) / w - z
         dy = (target_y + y * dw) / self.room - y if self.capped else np.zeros(len(w))
@@ -279,7 +279,8 @@ def _newton(small: Small, w: Array, mu: float, scores: Array, H: Array, E: Array
         factor = scipy.linalg.cho_factor(K, lower=True, check_finite=False)
     KF = scipy.linalg.cho_solve(factor, F.T, check_finite=False)
     base = scipy.linalg.cho_solve(factor, -slope, check_finite=False)
-    nu: Array = np.linalg.solve(F @ KF, F @ base + E @ w - small.shares[small.used()])
+    right = F @ base + E @ w - small.shares[small.used()]
+    nu = np.asarray(np.linalg.solve(F @ KF, right), dtype=np.float64)
     relative = base - KF @ nu
     return w * relative, nu, float(relative @ K @ relative)
 

@@ -57,7 +57,7 @@ def fold(matrices: Array, rtol: float = _RTOL) -> tuple[Indices, Indices]:
 
 def _key(flat: Array) -> Array:
     """One number (N,) per row, close for close rows: a projection on a fixed direction of unit length."""
-    direction: Array = np.random.default_rng(0).normal(size=flat.shape[1])
+    direction: Array = np.random.default_rng(0).normal(size=int(flat.shape[1]))
     return flat @ (direction / (float(np.linalg.norm(direction)) or 1.0))
 
 

@@ -157,7 +157,8 @@ def smooth(values: Array) -> Array:
     if len(different) < 2:
         return np.zeros((len(values), 0))
     t: Array = 2.0 * (values - different[0]) / (different[-1] - different[0]) - 1.0
-    return np.polynomial.legendre.legvander(t, min(DEGREE, len(different) - 1))[:, 1:]
+    columns = np.polynomial.legendre.legvander(t, min(DEGREE, len(different) - 1))
+    return np.asarray(columns[:, 1:], dtype=np.float64)
 
 
 def _words(found: LackOfFit, level: float) -> tuple[str, ...]:

@@ -77,9 +77,9 @@ def _row_p_values(white: Array, basis: Basis, out: Indices) -> Array:
 
     keep = np.setdiff1d(np.arange(len(white)), out)
     q = basis.Q.reshape(len(white), 3, -1)
-    N = np.eye(q.shape[2]) - np.einsum("rik,ril->kl", q[out], q[out])  # Q'Q of the rows that stay
+    N: Array = np.eye(q.shape[2]) - np.einsum("rik,ril->kl", q[out], q[out])  # Q'Q of the rows that stay
     try:
-        G: Array = np.linalg.inv(np.linalg.cholesky(N + 1e-12 * np.eye(len(N))))
+        G = np.linalg.inv(np.linalg.cholesky(N + 1e-12 * np.eye(len(N))))
     except np.linalg.LinAlgError:
         return np.ones(len(white))
     z = np.einsum("rik,ri->k", q[keep], white[keep])

@@ -28,11 +28,11 @@ def effect_entry(effect: Effect) -> dict[str, Any]:
 
 def _plain(effect: Effect, name: str, value: Any) -> Any:
     """A value that a file can hold; numbers keep all digits."""
+    number = value
     if isinstance(value, bool | str | int):
         return value
     if isinstance(value, np.bool_ | np.integer | np.floating):
-        plain: bool | int | float = value.item()
-        return plain
+        return number.item()
     if isinstance(value, float):
         return value
     raise InputError(

@@ -10,7 +10,7 @@ import dataclasses
 import hashlib
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
@@ -22,12 +22,14 @@ from qsframework.plugin.kinds import Effect
 from qsframework.plugin.registry import registry
 
 _LARGEST = 1_000_000
+_ORIGIN = "_qsf_origin"
+"""Attribute of a class from a file: the file and its text."""
 _trusting = False
 _loaded: dict[tuple[str, str], dict[str, type[Effect]]] = {}
 
 
 @contextmanager
-def trusting(value: bool = True) -> Iterator[None]:
+def trusting(value: bool = True) -> Generator[None, None, None]:
     """For the time of the context, effects from files are run where a call does not say otherwise."""
     global _trusting
     before, _trusting = _trusting, value
@@ -57,7 +59,7 @@ def effect_of_file(path: Path, name: str | None = None) -> type[Effect]:
 
 def file_of(effect: type[Effect]) -> Path | None:
     """The file that an effect comes from; None for an installed one."""
-    origin = effect.__dict__.get("_qsf_origin")
+    origin = effect.__dict__.get(_ORIGIN)
     return None if origin is None else Path(origin[0])
 
 
@@ -86,7 +88,7 @@ def _effects(path: Path, text: str) -> dict[str, type[Effect]]:
         if plain:
             raise InputError(Problem(f"the effect {plain[0]!r} is no @dataclass(frozen=True)", file=str(path)))
         for effect in effects.values():
-            effect._qsf_origin = key  # type: ignore[attr-defined]
+            setattr(effect, _ORIGIN, key)
             effect.__reduce__ = _reduced  # type: ignore[method-assign,assignment]
         _loaded[key] = effects
     return _loaded[key]
@@ -112,7 +114,7 @@ def _run(path: Path, text: str) -> ModuleType:
 def _reduced(effect: Any) -> tuple[Any, ...]:
     """An instance for a pickle: another process, which cannot import its class, makes it from the same text."""
     values = {f.name: getattr(effect, f.name) for f in dataclasses.fields(effect)}
-    return _rebuilt, (*type(effect)._qsf_origin, effect.effect_name(), values)
+    return _rebuilt, (*getattr(type(effect), _ORIGIN), effect.effect_name(), values)
 
 
 def _rebuilt(path: str, text: str, name: str, values: dict[str, Any]) -> Effect:

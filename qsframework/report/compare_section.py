@@ -8,10 +8,11 @@ import numpy as np
 
 from qsframework.applications.compare import Compared, Comparison
 from qsframework.plugin import Array
-from qsframework.report.blocks import Figure, Section, Table, Text
+from qsframework.report.blocks import Figure, Section, Table, Text, View
 from qsframework.report.fit_section import shown
 from qsframework.report.numbers import row_table
 from qsframework.robot.collision import Flags
+from qsframework.viz import task_scene
 
 
 def summary_table(result: Comparison) -> Table:
@@ -50,9 +51,9 @@ def _number(values: Array, how: Any, scale: float) -> str:
 
 def sd_tables(result: Comparison) -> tuple[Table, ...]:
     """Promised sd of each robot's parameters from as many poses."""
-    out = []
+    out: list[Table] = []
     for r in result.robots:
-        rows = []
+        rows: list[tuple[str, ...]] = []
         for p, sd in zip(r.parameters, r.sds, strict=True):
             value, unit = shown(p.nominal, p.unit)
             share = f" ({100 * sd / abs(p.nominal):.1f} %)" if p.nominal and np.isfinite(sd) else ""
@@ -88,7 +89,7 @@ def compare_sections(result: Comparison) -> tuple[Section, ...]:
     return (
         Section("Summary", (summary_table(result), *notes)),
         Section("Workspace", maps),
-        Section("Along the path", (Figure(path_figure(result), _PATH),)),
+        Section("Along the path", (Figure(path_figure(result), _PATH), path_view(result))),
         Section("Identifiability", (told, *sd_tables(result))),
     )
 
@@ -97,6 +98,21 @@ _PATH = (
     "Solid: how far the tool moves under the task's force, without any correction. Dashed: what is to be expected "
     "after compensation with a fit of the campaign. Look for where the lines cross, and for gaps: points not reached."
 )
+
+
+def path_view(result: Comparison) -> View:
+    """Each robot where it gives most along the path."""
+    moved = [r.task for r in result.robots]
+    scene = task_scene([r.robot for r in result.robots], [r.pendant for r in result.robots], moved, result.task.points)
+    header = ("point", "x, m", "y, m", "z, m", *(f"{r.robot.name}, mm" for r in result.robots))
+    points = result.task.points
+    columns = [list(range(1, len(points) + 1)), *points.T.tolist(), *((1e3 * m).tolist() for m in moved)]
+    return View(
+        scene.html(),
+        "The slider goes through the robots, each at the point of the path (blue) where it gives most (red). Look how "
+        "far the arm is stretched there: a workpiece nearer to the base would move less.",
+        row_table(header, columns, "How far the tool moves under the task's force, uncorrected; -: not reached."),
+    )
 
 
 def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) -> Any:

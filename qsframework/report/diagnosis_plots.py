@@ -60,8 +60,8 @@ def budget_figure(diagnosis: Diagnosis) -> Figure:
     return Figure(
         figure,
         "Bars: the error at poses left out, from the nominal to the extended model; the number is what is left after "
-        "each step. A cause earns its place if its bar falls visibly; what stays above the dotted line is still "
-        "unexplained. Diamonds far below the bars would say that the model follows the noise.",
+        "each step. Look for bars that fall visibly: these causes earn their place; what stays above the dotted line "
+        "is still unexplained. Diamonds far below the bars would say that the model follows the noise.",
         row_table(
             ("step", "held out, mm", "on the readings, mm"),
             [[s.label for s in steps], [1e3 * s.heldout for s in steps], [1e3 * s.readings for s in steps]],
@@ -89,8 +89,8 @@ def joint_figure(diagnosis: Diagnosis) -> Figure:
     figure.update_yaxes(title_text="residual, mm", col=1)
     return Figure(
         figure,
-        f"Measured minus predicted, along the residuals' main direction ({_vector(direction)}, base frame). Red points "
-        "that bend or slope say on which joint the missing effect depends; green points should be a level cloud.",
+        f"Measured minus predicted, along the residuals' main direction ({_vector(direction)}, base frame). Look for red "
+        "points that bend or slope say on which joint the missing effect depends; green points should be a level cloud.",
         row_table(
             ("row", "pose", "marker", *(f"{j}, deg" for j in joints), "before, mm", "after, mm"),
             [*_named_rows(diagnosis), *q.T.tolist(), (1e3 * before).tolist(), (1e3 * after).tolist()],
@@ -116,8 +116,8 @@ def load_figure(diagnosis: Diagnosis) -> Figure:
     figure.update_yaxes(title_text="residual, mm", col=1)
     return Figure(
         figure,
-        "Left: a residual that grows with the force points to a spring or a load, one that does not to play or a "
-        "sensor. Right: a slope or a step in the order of the readings points to drift.",
+        "Look left for a residual that grows with the force points to a spring or a load, one that does not to play or a "
+        "sensor; right for a slope or a step in the order of the readings: they point to drift.",
         row_table(
             ("row", "pose", "marker", "force, N", "before, mm", "after, mm"),
             [*_named_rows(diagnosis), force.tolist(), (1e3 * before).tolist(), (1e3 * after).tolist()],
@@ -138,7 +138,7 @@ def marker_figure(diagnosis: Diagnosis) -> Figure:
     figure.update_layout(boxmode="group")
     return Figure(
         figure,
-        "One marker that stands out, and stays so after the extension, points to its mount or its stated place and not "
+        "Look for one marker that stands out, and stays so after the extension, it points to its mount or its stated place and not "
         "to the robot.",
         _marker_table(diagnosis),
     )
@@ -147,7 +147,7 @@ def marker_figure(diagnosis: Diagnosis) -> Figure:
 def _marker_table(diagnosis: Diagnosis) -> Table:
     """RMS and largest length of the residuals at each marker, before and after."""
     marker = diagnosis.readings.marker[diagnosis.kept]
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for k, m in enumerate(diagnosis.experiment.markers):
         sizes = [1e3 * np.linalg.norm(r[marker == k], axis=1) for r in diagnosis.residuals()]
         if len(sizes[0]):
@@ -177,7 +177,7 @@ def angle_figure(diagnosis: Diagnosis) -> Figure | None:
         power_section.angle_figure([x.cause.name for x in shown], angle_matrix(shown)),
         f"The {len(shown)} visible causes that these readings show best, alike ones side by side; of causes that do "
         "the same (within 1 deg) one stands for all. Dark squares are causes that these poses cannot tell apart, "
-        "whatever their size: other poses, loads or markers would.",
+        "whatever their size: look where other poses, loads or markers would.",
     )
 
 

@@ -41,7 +41,7 @@ def _led(said: str, names: Sequence[str]) -> tuple[str, str]:
 
 def estimate_words(values: Sequence[Value]) -> str:
     """Estimates of a cause's parameters in the units of people; each by its last name where there are several."""
-    said = []
+    said: list[str] = []
     for v in values:
         if v.sd == 0.0:  # a convention is adopted, not estimated
             said.append(f"set to {v.value:g} {v.unit}".strip())
@@ -197,7 +197,7 @@ def pose_table(diagnosis: Diagnosis) -> Table:
     r = diagnosis.readings
     at = r.measurement[diagnosis.kept]
     sizes = [1e3 * np.linalg.norm(v, axis=1) for v in diagnosis.residuals()]
-    worst = {m: float(sizes[0][at == m].max()) for m in np.unique(at).tolist()}
+    worst = {m: float(sizes[0][at == m].max()) for m in map(int, np.unique(at))}
     rows = tuple(
         (r.pose[m], str(int((at == m).sum())), f"{worst[m]:.4f}", f"{sizes[1][at == m].max():.4f}")
         for m in sorted(worst, key=lambda m: -worst[m])

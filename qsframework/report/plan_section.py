@@ -33,7 +33,7 @@ def certificate_text(plan: Plan) -> str:
 
 def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> Table:
     """Promised standard deviation of each parameter, one column per plan."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for i, p in enumerate(parameters):
         row = [p.name, f"{shown(p.nominal, p.unit)[0]:.4g}", shown(1.0, p.unit)[1]]
         for sd in columns.values():
@@ -51,7 +51,7 @@ def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> T
 def beyond_table(experiment: Experiment, sds: Mapping[str, float]) -> Table:
     """What the plan would tell about each parameter of the model that is not fitted, were it fitted too."""
     model = experiment.model()
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name, sd in sds.items():
         p = model.parameters[model.index([name])[0]]
         size, what = (abs(p.nominal), "nominal") if p.nominal else (p.typical, "typical")
@@ -87,13 +87,18 @@ def pose_table(plan: Plan) -> Table:
 
 def plan_section(experiment: Experiment, plan: Plan, sds: Table, title: str, notes: Sequence[str] = ()) -> Section:
     """Certificate, what else is to be known, promised sds, poses and the 3D view."""
-    view = View(
+    beyond = promised_beyond(experiment, plan)
+    more = (beyond_table(experiment, beyond),) if beyond else ()
+    text = (Text(certificate_text(plan)), *map(Text, notes))
+    return Section(title, (*text, sds, *more, plan_view(experiment, plan)))
+
+
+def plan_view(experiment: Experiment, plan: Plan) -> View:
+    """The poses in 3D and as a table."""
+    return View(
         plan_scene(experiment, plan).html(),
         "Drag to turn, scroll to zoom; the slider goes through the poses in their order, the others are ghosts. Red "
         "arrow: the load; blue: the markers; red arm: the deflection, 100 times exaggerated; orange: where the load "
         "point goes under the largest force in any direction. Look for poses that give in different directions.",
         pose_table(plan),
     )
-    beyond = promised_beyond(experiment, plan)
-    more = (beyond_table(experiment, beyond),) if beyond else ()
-    return Section(title, (Text(certificate_text(plan)), *map(Text, notes), sds, *more, view))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -40,8 +40,8 @@ class Sources:
     read from the robot's folder and from the packages that were asked for, and from nowhere else.
     """
 
-    packages: Mapping[str, Path] = field(default_factory=dict)
-    arguments: Mapping[str, str] = field(default_factory=dict)
+    packages: Mapping[str, Path] = field(default_factory=dict[str, Path])
+    arguments: Mapping[str, str] = field(default_factory=dict[str, str])
     nearby: bool = False
 
     def find(self, package: str, folder: Path) -> Path | None:
@@ -111,28 +111,37 @@ class _Expansion:
         return root
 
     @contextmanager
-    def _confined(self, xacro: Any) -> Iterator[None]:
+    def _confined(self, xacro: Any) -> Generator[None, None, None]:
         """Put our reading, evaluation and limits in the place of xacro's for the time of the run."""
-        quiet = lambda *_, **__: None  # noqa: E731
-        call = xacro.handle_macro_call
+
+        def quiet(*_: Any, **__: Any) -> None:
+            return None
+
+        def value(text: str, names: Mapping[str, Any], _: Any = None) -> Any:
+            return evaluate(text, names)
+
+        def call(node: Any, macros: Any, symbols: Any) -> Any:
+            return self._call(theirs, node, macros, symbols)
+
+        theirs = xacro.handle_macro_call
         changed: dict[str, Any] = {
             "parse": self._parse,
-            "safe_eval": lambda text, names, _=None: evaluate(text, names),
+            "safe_eval": value,
             "eval_extension": self._extension,
-            "handle_macro_call": lambda node, macros, symbols: self._call(call, node, macros, symbols),
+            "handle_macro_call": call,
             "warning": quiet,
             "print_location": quiet,
             "glob": _NoGlob,
         }
         before = {name: getattr(xacro, name) for name in changed}
-        for name, value in changed.items():
-            setattr(xacro, name, value)
+        for name, own in changed.items():
+            setattr(xacro, name, own)
         self._xacro = xacro
         try:
             yield
         finally:
-            for name, value in before.items():
-                setattr(xacro, name, value)
+            for name, their in before.items():
+                setattr(xacro, name, their)
 
     def _parse(self, source: Any, filename: str | None = None) -> Any:
         """A file's document, its elements marked with `qsf_origin="file index:line"`."""
@@ -146,7 +155,8 @@ class _Expansion:
         data = read_text(path, _LARGEST)
         self.files.append(str(path))
         content = data.encode("utf-8")
-        parts, last = [], 0
+        parts: list[bytes] = []
+        last = 0
         for start in xml_tree.starts(data, str(path)):
             if start.tag in _BUILT_IN:
                 continue

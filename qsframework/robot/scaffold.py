@@ -74,7 +74,9 @@ def propose(
 
 def _arm(urdf: Urdf, base: str, chain: list[Joint]) -> tuple[Urdf, list[Joint]]:
     """The chain and what is fixed to it; and the moving joints that were left out."""
-    names, joints, dropped = {base}, [], []
+    names = {base}
+    joints: list[Joint] = []
+    dropped: list[Joint] = []
     for joint in urdf.below(base):
         if joint.parent in names and (joint in chain or not joint.moves):
             names.add(joint.child)
@@ -107,7 +109,7 @@ def _stiffness(urdf: Urdf, moving: list[Joint], efforts: dict[str, float]) -> li
     lengths = [float(np.linalg.norm(j.origin.xyz)) for j in moving] + [0.0]
     masses = [mass_of(urdf, j.child) for j in moving]
     tool, reach = _TOOL_SHARE * sum(masses), sum(lengths[1:])
-    out = []
+    out: list[Stiffness] = []
     for k, joint in enumerate(moving):
         arms = np.cumsum([0.0, *lengths[k + 1 : -1]])
         moment = sum(m * (a + 0.5 * b) for m, a, b in zip(masses[k:], arms, lengths[k + 1 :], strict=True))

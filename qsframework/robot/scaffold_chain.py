@@ -61,7 +61,8 @@ def _flange(urdf: Urdf, base: str) -> str:
                     allowed=_offered(urdf, base, ends), hint=hint)
         )  # fmt: skip
     last = _before_a_spin(chain_joints(urdf, base, ends[0].child) or [], ends[0])
-    fixed, here = [], [last.child]
+    here = [last.child]
+    fixed: list[str] = []
     while here:
         here = [j.child for j in below if j.parent in here and j.kind == "fixed"]
         fixed += here

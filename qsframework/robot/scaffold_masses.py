@@ -26,7 +26,8 @@ def with_bodies(urdf: Urdf) -> tuple[Urdf, tuple[str, ...]]:
 
     An inertia without a mass says nothing of an arm at rest and is left out.
     """
-    links, changed = [], []
+    links: list[Link] = []
+    changed: list[str] = []
     for link in urdf.links:
         given = link.inertial
         if given is not None and given.mass == 0.0:

@@ -87,9 +87,9 @@ def _ball(start: Array, way: Array, radius: float) -> tuple[Array, Array]:
     """Where |start + t way| < radius, in two dimensions or three."""
     a = np.einsum("cn,cn->n", way, way)
     b = np.einsum("cn,cn->n", start, way)
-    c = np.einsum("cn,cn->n", start, start) - radius * radius
-    flat = a < _FLAT * _FLAT
-    root = b * b - a * c
+    c: Array = np.einsum("cn,cn->n", start, start) - radius * radius
+    flat: Flags = a < _FLAT * _FLAT
+    root: Array = b * b - a * c
     wide = np.sqrt(np.maximum(root, 0.0))
     step = np.where(flat, 1.0, a)
     missed = np.where(flat, c >= 0.0, root <= 0.0)

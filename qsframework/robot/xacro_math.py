@@ -23,6 +23,14 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
      "str": str, "sum": sum}  # fmt: skip
 
 
+def _ratio(a: Any, b: Any) -> Any:
+    return a / b
+
+
+def _whole(a: Any, b: Any) -> Any:
+    return a // b
+
+
 def _power(a: Any, b: Any) -> float:
     return float(a) ** float(b)
 
@@ -36,8 +44,8 @@ def _outside(a: Any, b: Any) -> bool:
 
 
 _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
-    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
-    ast.FloorDiv: operator.floordiv, ast.Mod: operator.mod,
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: _ratio,
+    ast.FloorDiv: _whole, ast.Mod: operator.mod,
     ast.Pow: _power,
     ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt,
     ast.GtE: operator.ge, ast.In: _inside, ast.NotIn: _outside,
@@ -92,9 +100,13 @@ def _name(name: str, names: Mapping[str, Any]) -> Any:
         value = names[name]
     except KeyError as error:
         raise ValueError(f"name {name!r} is not defined") from error
-    if callable(value) and not isinstance(value, Mapping):
+    if _is_function(value):
         raise ValueError(f"{name!r} is a function; call it")
     return value
+
+
+def _is_function(value: object) -> bool:
+    return callable(value) and not isinstance(value, Mapping)
 
 
 def _attribute(node: ast.Attribute, names: Mapping[str, Any]) -> Any:

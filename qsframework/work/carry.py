@@ -30,14 +30,14 @@ def _view(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:
 class _Packer(pickle.Pickler):
     """Pickle, and the read-only mappings of a robot's links."""
 
-    dispatch_table = dict(copyreg.dispatch_table)
+    dispatch_table = dict(copyreg.dispatch_table)  # noqa: RUF012 - as pickle has it
     dispatch_table[MappingProxyType] = lambda view: (_view, (dict(view),))
 
 
 class _Hasher(_Packer):
     """Bytes to hash: of a path the name only, so that the same files in another folder are the same."""
 
-    dispatch_table = dict(_Packer.dispatch_table)
+    dispatch_table = dict(_Packer.dispatch_table)  # noqa: RUF012 - as pickle has it
     dispatch_table[type(Path())] = lambda path: (Path, (path.name,))
 
 

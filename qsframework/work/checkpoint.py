@@ -17,6 +17,7 @@ from typing import Any
 
 from qsframework.errors import InputError, Problem
 from qsframework.files import write_text
+from qsframework.files.plain import is_mapping
 from qsframework.work.encode import decode, encode
 
 FORMAT = "qsframework checkpoint 1"
@@ -142,7 +143,7 @@ def _opened(line: bytes) -> dict[str, Any] | None:
         record = json.loads(text)
     except ValueError:
         return None
-    return record if isinstance(record, dict) else None
+    return record if is_mapping(record) else None
 
 
 def _short(value: Any) -> str:

@@ -57,7 +57,7 @@ class Dask:
                 f"the Dask scheduler at {self.address} has no workers. Start some: dask worker {self.address}"
             ) from error
         try:
-            found: Mapping[str, Mapping[str, str]] = self.client.run(versions, on_error="return")
+            found: Mapping[str, Mapping[str, str] | BaseException] = self.client.run(versions, on_error="return")
         except Exception as error:  # whatever a foreign worker's missing package raises
             raise InputError(f"the workers at {self.address} do not know qsframework: {error}") from error
         mine = versions()

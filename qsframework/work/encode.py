@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from qsframework.files.plain import is_list, is_mapping, is_tuple
+
 _KINDS = "fiub"
 
 
@@ -37,11 +39,11 @@ def _plain(value: Any) -> Any:
         return value
     if isinstance(value, float):
         return value if math.isfinite(value) else {"float": str(value)}
-    if isinstance(value, list):
+    if is_list(value):
         return [_plain(v) for v in value]
-    if isinstance(value, tuple):
+    if is_tuple(value):
         return {"tuple": [_plain(v) for v in value]}
-    if isinstance(value, dict):
+    if is_mapping(value):
         return {"dict": [[_plain(k), _plain(v)] for k, v in value.items()]}
     raise TypeError(f"a {type(value).__name__} cannot be written to a checkpoint")
 
@@ -56,9 +58,9 @@ def _array(value: Any) -> dict[str, Any]:
 
 
 def _value(plain: Any) -> Any:
-    if isinstance(plain, list):
+    if is_list(plain):
         return [_value(v) for v in plain]
-    if not isinstance(plain, dict):
+    if not is_mapping(plain):
         return plain
     if "float" in plain:
         return float(plain["float"])

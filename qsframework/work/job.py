@@ -41,8 +41,9 @@ def versions() -> dict[str, str]:
 
 def code_hash() -> str:
     """Hash of the sources of the package and its physics."""
-    folders = [find_spec(name).submodule_search_locations[0] for name in ("qsframework", "qsf_plugins")]  # type: ignore[union-attr,index]
-    return hashlib.sha256("".join(folder_hash(Path(f), "*.py") for f in folders).encode()).hexdigest()
+    specs = [find_spec(name) for name in ("qsframework", "qsf_plugins")]
+    folders = [Path(place) for spec in specs if spec for place in (spec.submodule_search_locations or ())[:1]]
+    return hashlib.sha256("".join(folder_hash(f, "*.py") for f in folders).encode()).hexdigest()
 
 
 def folder_hash(folder: Path, pattern: str = "*") -> str:
