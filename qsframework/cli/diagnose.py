@@ -8,6 +8,7 @@ from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, readings_file, write_json
 from qsframework.cli.progress import Tell, print_line, print_table, progress
+from qsframework.cli.where import ALONE, Where
 from qsframework.diagnose import LEVEL, STEPS, Diagnosis, diagnose
 from qsframework.diagnose.discriminate import Discrimination
 from qsframework.diagnose.extend import check_folder, write_extended
@@ -43,14 +44,16 @@ class Asked:
     separate: tuple[str, str] | None = None
 
 
-def run_diagnose(files: DiagnoseFiles, asked: Asked) -> None:
+def run_diagnose(files: DiagnoseFiles, asked: Asked, where: Where = ALONE) -> None:
     """Diagnose readings, or judge a plan, or design poses that separate two causes."""
     from qsframework.cli.diagnose_plan import run_foresight, run_second_day, run_separate
 
     if files.plan is not None:
         _alone(files, asked, "--plan")
-        run_foresight(files.experiment, files.plan, files.json, files.report, asked.seed)
+        run_foresight(files.experiment, files.plan, files.json, files.report, asked.seed, where)
         return
+    if where != ALONE:
+        raise InputError("--jobs, --dask and --checkpoint go with --plan: the diagnosis of readings takes seconds")
     experiment = load_experiment(files.experiment)
     source = readings_file(experiment, files.data, f"them: qsf diagnose {files.experiment} readings.csv")
     if asked.separate is not None:

@@ -8,22 +8,26 @@ from pathlib import Path
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.design import read_taken
 from qsframework.cli.progress import print_table, progress
+from qsframework.cli.where import ALONE, Where, at_work
 from qsframework.diagnose.result import Diagnosis
 from qsframework.experiment import Experiment, Plan, Readings, is_states, load_experiment, read_plan, write_plan
+from qsframework.work import job_of
 
 
 def run_foresight(
-    experiment: Path, plan: Path, json: Path | None = None, report: Path | None = None, seed: int = 0
-) -> None:
+    experiment: Path, plan: Path, json: Path | None = None, report: Path | None = None, seed: int = 0,
+    where: Where = ALONE,
+) -> None:  # fmt: skip
     """Print, before anything is measured, what a plan would detect and name, and what stays invisible."""
     from qsframework.diagnose.power import foresee
     from qsframework.report.power_section import pair_table, power_section, size_table
 
     campaign = load_experiment(experiment)
-    distinct_outputs([json, report], [experiment, plan, plan.with_suffix(".json")])
+    distinct_outputs([json, report, where.checkpoint], [experiment, plan, plan.with_suffix(".json")])
     planned = read_plan(plan, campaign)
-    with progress() as tell:
-        found = foresee(campaign, planned, seed=seed, progress=tell)
+    values = {"experiment": campaign, "plan": planned}
+    with at_work(where, lambda: job_of("diagnose --plan", {"seed": seed}, values)) as work, progress() as tell:
+        found = foresee(campaign, planned, seed=seed, progress=tell, work=work)
     for table in (size_table(found), pair_table(found)):
         if table.rows:
             print_table(table.header, table.rows)

@@ -244,6 +244,9 @@ def diagnose(
     plan: Annotated[
         Path | None, typer.Option(help="Before measuring: what this plan would detect and name, and what not.")
     ] = None,
+    jobs: Jobs = 1,
+    dask: DaskAddress = None,
+    checkpoint: Kept = None,
     seed: Seed = 0,
     json: Json = None,
     report: Report = None,
@@ -253,7 +256,7 @@ def diagnose(
     from qsframework.cli.diagnose import Asked, DiagnoseFiles, run_diagnose
 
     files = DiagnoseFiles(experiment, data, json, report, extend, second_day, plan, output)
-    run_diagnose(files, Asked(level, seed, count, separate))
+    run_diagnose(files, Asked(level, seed, count, separate), Where(jobs, dask, checkpoint))
 
 
 add_commands(app)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,7 +35,7 @@ class Where:
 
 
 @contextmanager
-def at_work(where: Where, job: Callable[[], dict[str, str]]) -> Iterator[Work]:
+def at_work(where: Where, job: Callable[[], dict[str, str]]) -> Generator[Work, None, None]:
     """The executor and the checkpoint, let go of in the end. job: what the results depend on."""
     from qsframework.work import Checkpoint, Dask, InProcess, Local, Work
 
@@ -52,3 +52,7 @@ def at_work(where: Where, job: Callable[[], dict[str, str]]) -> Iterator[Work]:
             executor = Dask(where.dask)
         stack.callback(executor.close)
         yield Work(executor, checkpoint)
+
+
+ALONE = Where()
+"""In this process, with nothing kept."""

@@ -24,6 +24,7 @@ from qsframework.errors import InputError, NotIdentifiable
 from qsframework.experiment import Experiment, Plan
 from qsframework.information import rank_test
 from qsframework.plugin import Array, Indices, Poses
+from qsframework.work import HERE, Work
 
 LIBRARY_LEVEL = 0.024
 """Family-wise level of the library's test in a diagnosis at its usual level of 4 %."""
@@ -59,14 +60,14 @@ class _Test:
 def foresee(
     experiment: Experiment, plan: Plan | Poses, *, level: float = LIBRARY_LEVEL, power: float = 0.85,
     share: float = 0.95, sigma: float | None = None, seed: int = 0, exact: bool = True,
-    progress: Progress | None = None,
+    progress: Progress | None = None, work: Work = HERE,
 ) -> Foresight:  # fmt: skip
     """What a plan (or poses with their wrenches) would detect and name.
 
     level: family-wise chance of an alarm; power: rate of detection, share: rate of right names that are asked for;
     sigma: noise of one coordinate, m, that of the experiment if None; exact: sizes are those at which the full
-    equilibrium shows as much, else those of the linear model. InputError where the noise is not known; NotIdentifiable
-    where the plan does not even tell the fitted parameters.
+    equilibrium shows as much, else those of the linear model; work: where, cause by cause.
+    InputError where the noise is not known; NotIdentifiable where the plan does not even tell the fitted parameters.
     """
     tell: Progress = progress or (lambda step, done, total: None)
     poses = plan.repeated() if isinstance(plan, Plan) else plan
@@ -87,10 +88,10 @@ def foresee(
     tell("causes", 2, 2)
     bench = Bench(experiment, poses, noise) if exact else None
     prospects: list[Prospect] = []
-    for i in range(len(causes)):
-        tell("sizes", i, len(causes))
-        prospects.append(_prospect(case, test, angles, i, share, bench))
-    tell("sizes", len(causes), len(causes))
+    tell("sizes", 0, len(causes))
+    for found in work.run("sizes", _sizes, (case, test, share, bench), range(len(causes))):
+        prospects.append(_prospect(case, test, angles, len(prospects), found))
+        tell("sizes", len(prospects), len(causes))
     names = [c.name for c in causes]
     return Foresight(
         tuple(prospects), untested, _pairs(names, angles, share), _groups(names, subspaces), angles, _curves(test),
@@ -148,12 +149,22 @@ def _smallest(enough: Callable[[float], bool]) -> float:
     return high
 
 
-def _prospect(case: Case, test: _Test, angles: Array, i: int, share: float, bench: Bench | None) -> Prospect:
+def _sizes(shared: tuple[Case, _Test, float, Bench | None], i: int) -> list[tuple[float, float, float]]:
+    """Of each parameter of cause i, where it is visible: s, and the smallest sizes that are detected and named."""
+    case, test, share, bench = shared
+    if not test.subspaces[i].visible:
+        return []
+    own = next(c for c in test.heads if i in c)
+    sizes = [_size(case, test, i, j, own, share, bench) for j in range(len(case.causes[i].parameters))]
+    return [(size.s, size.detect, size.name) for size in sizes]
+
+
+def _prospect(case: Case, test: _Test, angles: Array, i: int, found: list[tuple[float, float, float]]) -> Prospect:
     cause, subspace = case.causes[i], test.subspaces[i]
     if not subspace.visible:
         return Prospect(cause, CANNOT_SEE, (), "", float("nan"), (), _hidden(case, i, subspace))
     own = next(c for c in test.heads if i in c)
-    sizes = tuple(_size(case, test, i, j, own, share, bench) for j in range(len(cause.parameters)))
+    sizes = tuple(Size(p, *size) for p, size in zip(cause.parameters, found, strict=True))
     aliases = tuple(case.causes[j].name for j in own if j != i)
     row = angles[i].copy()
     row[list(own)] = np.nan

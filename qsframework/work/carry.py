@@ -15,11 +15,15 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import numpy.typing as npt
+
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
 _HELD = 4
 """Unpacked values that a worker keeps: a command has few stages, and each has one."""
+Array = npt.NDArray[Any]
 _unpacked: OrderedDict[str, Any] = OrderedDict()
 
 
@@ -27,8 +31,27 @@ def _view(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:
     return MappingProxyType(content)
 
 
+def _strided(base: Array, offset: int, shape: tuple[int, ...], strides: tuple[int, ...], dtype: str) -> Array:
+    return np.ndarray(shape, np.dtype(dtype), base, offset, strides)
+
+
+def _layout(array: Array) -> Any:
+    """How to make an array with gaps again, gaps included; other arrays keep their layout anyway.
+
+    Sums over memory with gaps are added in another order than without, so that their last bits differ.
+    """
+    base = array.base
+    if array.flags.forc or not isinstance(base, np.ndarray) or not base.flags.forc or array.dtype.hasobject:
+        return NotImplemented
+    offset = array.__array_interface__["data"][0] - base.__array_interface__["data"][0]
+    return _strided, (base, offset, array.shape, array.strides, array.dtype.str)
+
+
 class _Packer(pickle.Pickler):
-    """Pickle, and the read-only mappings of a robot's links."""
+    """Pickle, with the read-only mappings of a robot's links, and arrays as they lie in memory."""
+
+    def reducer_override(self, obj: Any) -> Any:
+        return _layout(obj) if type(obj) is np.ndarray else NotImplemented
 
     dispatch_table = dict(copyreg.dispatch_table)  # noqa: RUF012 - as pickle has it
     dispatch_table[MappingProxyType] = lambda view: (_view, (dict(view),))
@@ -89,6 +112,17 @@ def _controller(modules: int) -> ThreadpoolController:
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
+
+
+def settled(result: Any) -> Any:
+    """A result of tuples, lists, dictionaries and arrays, these without gaps: as it comes from elsewhere."""
+    if isinstance(result, np.ndarray):
+        return np.ascontiguousarray(result) if result.ndim else result
+    if isinstance(result, tuple | list):
+        return type(result)(map(settled, result))  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
+    if isinstance(result, dict):
+        return {key: settled(value) for key, value in result.items()}  # pyright: ignore[reportUnknownVariableType]
+    return result
 
 
 def at_worker(function: Callable[[Any, Any], Any], packed: Packed, task: Any) -> Any:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from itertools import chain
 from typing import TypeVar
 
+from qsframework.work.carry import settled
 from qsframework.work.checkpoint import Checkpoint
 from qsframework.work.executors import Executor, InProcess
 
@@ -51,7 +52,7 @@ def run(
     """
     where = executor or InProcess()
     if checkpoint is None:
-        yield from where.map(function, shared, tasks)
+        yield from map(settled, where.map(function, shared, tasks))
         return
     left = iter(enumerate(tasks))
     for i, task in left:
@@ -74,7 +75,7 @@ def _run_rest(
             if not checkpoint.has(stage, i):
                 yield task
 
-    for result in where.map(function, shared, missing()):
+    for result in map(settled, where.map(function, shared, missing())):
         while checkpoint.has(stage, order[0]):
             yield checkpoint.result(stage, order.popleft())
         checkpoint.add(stage, order[0], result)

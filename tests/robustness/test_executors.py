@@ -19,6 +19,7 @@ from long_tasks import bits, die, refuse, shared, spectrum, tasks
 
 from qsframework.errors import InputError
 from qsframework.work import Dask, InProcess, Local, WorkerLost, run
+from qsframework.work.carry import pack, unpack
 
 HERE = Path(__file__).resolve().parent
 COUNT = 12
@@ -43,6 +44,18 @@ def test_seeds_make_the_tasks_differ(wanted: bytes) -> None:
 
 def test_local_gives_the_same_bits(local: Local, wanted: bytes) -> None:
     assert bits(run(spectrum, shared(), tasks(COUNT), local)) == wanted
+
+
+def test_arrays_with_gaps_lie_the_same_in_a_worker() -> None:
+    """Sums over memory with gaps differ in their last bits from sums over the same numbers without."""
+    wide = np.random.default_rng(0).standard_normal((200, 7))
+    column, block, turned = unpack(pack((wide[:, 3], wide[::2, 1:6:2], wide.T)))
+    for made, given in ((column, wide[:, 3]), (block, wide[::2, 1:6:2]), (turned, wide.T)):
+        assert made.strides == given.strides
+        assert np.array_equal(made, given)
+    (back,) = InProcess().map(lambda shared, task: shared[:, task], wide, [2])
+    assert not back.flags.forc
+    assert next(run(lambda shared, task: shared[:, task], wide, [2])).flags.forc
 
 
 def test_tasks_are_taken_only_as_they_are_needed(local: Local) -> None:
