@@ -80,6 +80,25 @@ def test_with_three_angles_one_step_is_two_steps(arm: Experiment) -> None:
     assert np.allclose(one.covariance, two.covariance, rtol=1e-3, atol=0.0)
 
 
+def test_two_steps_weigh_errors_that_readings_share_as_one_step_does(arm: Experiment) -> None:
+    """Two measurements, at different angles of joint 2 too, against one unloaded reading; and an error within a pose."""
+    plan = planned(arm, (-50.0, 10.0, 80.0), 6)
+    quiet = arm.with_(noise=replace(arm.noise, sigma=1e-6))
+    alone = measured(quiet, plan, 3, 1e-6)
+    against = tuple(f"u{m % (len(plan.pose) // 2)}" for m in alone.measurement.tolist())
+    together = replace(alone, reference=against)
+    names = quiet.fit_names()
+    two = identify(quiet, together, method="two-step")
+    one = identify(quiet, together, method="one-step")
+    sd = np.array([e.sd for e in one.estimates])
+    assert np.all(np.abs(values(one) - values(two)) < 1e-3 * sd)
+    assert np.allclose(one.covariance, two.covariance, rtol=1e-3, atol=0.0)
+    ignored = identify(quiet, alone, method="two-step")
+    assert not np.allclose(ignored.covariance, two.covariance, rtol=0.05, atol=0.0)
+    within = [identify_two_step(quiet, together, names, shared=s).covariance for s in (0.0, 2e-6)]
+    assert np.all(np.diag(within[1]) > 1.02 * np.diag(within[0]))
+
+
 def errors(arm: Experiment, plan: Plan, campaigns: int) -> dict[str, Array]:
     """Mean squared errors of K2 and of the balancer's stiffness at three angles, by method."""
     names = arm.fit_names()
