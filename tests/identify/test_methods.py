@@ -81,7 +81,7 @@ def test_with_three_angles_one_step_is_two_steps(arm: Experiment) -> None:
 
 
 def test_two_steps_weigh_errors_that_readings_share_as_one_step_does(arm: Experiment) -> None:
-    """Two measurements, at different angles of joint 2 too, against one unloaded reading; and an error within a pose."""
+    """Two measurements, at different angles of joint 2 too, against one unloaded reading; errors within a pose."""
     plan = planned(arm, (-50.0, 10.0, 80.0), 6)
     quiet = arm.with_(noise=replace(arm.noise, sigma=1e-6))
     alone = measured(quiet, plan, 3, 1e-6)
