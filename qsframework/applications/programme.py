@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 
 from qsframework.applications.ordering import visits, way_length
 from qsframework.applications.way import Surroundings, find_way, surroundings
+from qsframework.design import broken_constraints
 from qsframework.elastostatics import actuator_torques
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Plan
@@ -19,6 +20,8 @@ from qsframework.plugin.facts import frozen
 _ROUNDS = 4
 _DETOUR = 2.0
 """rad that a way which is not free counts longer when the order is sought again."""
+_FOR_THE_READINGS = ("sight", "singularity_margin", "joint_values")
+"""Constraints whose breach harms the readings, not the robot."""
 Tell = Callable[[str, int, int], None]
 
 
@@ -76,13 +79,14 @@ def make_programme(
     check_plan(experiment, plan, file)
     around = surroundings(experiment)
     _check_poses(around, plan, home, file)
+    _check_rest(experiment, plan, file)
     tell = tell or (lambda label, done, total: None)
     sequence = _free_order(around, plan, order, seed, home, tell)
     moves = _moves(around, plan, sequence, home, np.random.default_rng(seed), tell, file)
     told = Programme(experiment.robot.name, experiment.robot.title, experiment.robot.payload, moves, speed, pause)
     points = np.stack([m.pendant for m in moves])
     planned = way_length(plan.pendant, visits(plan, "plan"), home)
-    notes = _notes(experiment, around, home)
+    notes = (*_unseen(experiment, plan, moves, around), *_notes(experiment, around, home))
     return Programme(told.robot, told.title, told.payload, moves, speed, pause,
                      way_length(points, range(len(points)), None), planned, notes)  # fmt: skip
 
@@ -108,7 +112,8 @@ def check_plan(experiment: Experiment, plan: Plan, file: str = "") -> None:
                     hint="The real robot is never told to hold it: plan with a smaller load.")
         )  # fmt: skip
     if robot.torque_limits is not None:
-        torque = np.abs(actuator_torques(experiment.model(), plan.poses))
+        empty = replace(plan.poses, wrench=np.zeros_like(plan.wrench))
+        torque = np.max([np.abs(actuator_torques(experiment.model(), p)) for p in (plan.poses, empty)], axis=0)
         for i, k in zip(*np.nonzero(torque > robot.torque_limits), strict=True):
             problems.append(
                 Problem(f"pose {plan.pose[i]!r}: {robot.facts.joints[k]} cannot hold the load", where,
@@ -136,6 +141,38 @@ def _check_poses(around: Surroundings, plan: Plan, home: Array | None, file: str
     ]  # fmt: skip
     if problems:
         raise InputError(problems)
+
+
+def _check_rest(experiment: Experiment, plan: Plan, file: str) -> None:
+    """InputError where a pose breaks a constraint of the experiment that keeps robot and load safe."""
+    problems = [
+        Problem(f"pose {pose!r}: breaks {constraint!r}", file or None,
+                hint="Leave it out, or design with the constraints of this experiment.")
+        for constraint, poses in broken_constraints(experiment, plan).items()
+        if constraint not in (*_FOR_THE_READINGS, "load_capacity")  # `check_plan` asks for the plan's own loads
+        for pose in poses
+    ]  # fmt: skip
+    if problems:
+        raise InputError(problems)
+
+
+def _unseen(
+    experiment: Experiment, plan: Plan, moves: tuple[Move, ...], around: Surroundings
+) -> tuple[str, ...]:  # fmt: skip
+    """Constraints that only the readings need, where they are broken: at poses, and the sight on the way."""
+    broken = broken_constraints(experiment, plan)
+    notes = [f"{', '.join(broken[c])} break the constraint {c!r}" for c in _FOR_THE_READINGS if c in broken]
+    if experiment.constraints.sight is not None:
+        lost = [
+            f"{a.pose or 'between'} to {b.pose or 'between'}"
+            for a, b in pairwise(moves)
+            if around.loses_sight(a.pendant, b.pendant)
+        ]
+        if lost:
+            notes.append(
+                f"the tracker loses a marker on the way {', '.join(lost)}: it must find it again by absolute distance"
+            )
+    return tuple(notes)
 
 
 def _free_order(

@@ -2,7 +2,8 @@
 
 The controller moves all joints at once along a straight line in its angles. On that line are checked: the pendant's
 limits, the angle that every loop needs between its bars, the arm's simple solids against each other (with the
-clearance of the experiment) and against the floor, and the box of the experiment's constraints. Where the straight
+clearance of the experiment) and against the floor, and the box and the distance from axis 1 of the experiment's
+constraints. Where the straight
 line is not free, poses in between are sought by two random trees that grow towards each other (RRT-Connect).
 """
 
@@ -12,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.design.constraints import reference_point
-from qsframework.experiment import Experiment
+from qsframework.design.constraints import check_poses, reference_point
+from qsframework.experiment import Constraints, Experiment
 from qsframework.plugin import Array, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.robot import Shape
@@ -56,6 +57,8 @@ class Surroundings:
                 bound = getattr(limits, f"{axis}_{side}")
                 if bound is not None:
                     out[f"{axis}_{side}"] = sign * (point[:, k] - bound) < 0.0
+        if limits.axis1_distance_min is not None:
+            out["axis1_distance_min"] = np.hypot(point[:, 0], point[:, 1]) < limits.axis1_distance_min
         return out
 
     def free(self, pendant: Array) -> Flags:
@@ -65,6 +68,22 @@ class Surroundings:
     def way_is_free(self, first: Array, second: Array) -> bool:
         """Whether the joint motion from one pose to another breaks nothing."""
         return bool(self.free(stretch(first, second)).all())
+
+    def loses_sight(self, first: Array, second: Array) -> bool:
+        """Whether the tracker loses a marker on the straight way between two poses at which it sees all."""
+        sight = self.experiment.constraints.sight
+        if sight is None:
+            return False
+        alone = self.experiment.with_(constraints=Constraints(sight=sight, load_capacity=False))
+        return not bool(check_poses(alone, alone.model(), stretch(first, second))["sight"].all())
+
+    def range(self) -> tuple[Array, Array]:
+        """Pendant angles (n,) between which poses in between may lie: the experiment's narrower limits count too."""
+        controller, own = self.experiment.robot.controller, self.experiment.constraints.joint_limits
+        joints = self.experiment.robot.facts.joints
+        ends = [own.get(j, (-np.inf, np.inf)) for j in joints]
+        low, high = np.array(ends).T
+        return np.maximum(controller.lower, low), np.minimum(controller.upper, high)
 
     def obstacles(self, first: Array, second: Array) -> tuple[str, ...]:
         """What the joint motion from one pose to another breaks."""
@@ -94,12 +113,13 @@ def find_way(around: Surroundings, first: Array, second: Array, rng: np.random.G
     if around.way_is_free(first, second):
         return ()
     trees = [_Tree(first), _Tree(second)]
-    controller = around.experiment.robot.controller
+    lowest, highest = around.range()
+    lowest, highest = np.minimum(lowest, np.minimum(first, second)), np.maximum(highest, np.maximum(first, second))
     lower, upper = np.minimum(first, second) - _SPREAD, np.maximum(first, second) + _SPREAD
     for k in range(_GROWTHS):
         wide = k >= _GROWTHS // 3
-        low = controller.lower if wide else np.maximum(lower, controller.lower)
-        high = controller.upper if wide else np.minimum(upper, controller.upper)
+        low = lowest if wide else np.maximum(lower, lowest)
+        high = highest if wide else np.minimum(upper, highest)
         grown, other = trees[k % 2], trees[1 - k % 2]
         new = grown.grow(rng.uniform(low, high), around)
         if new is None:
@@ -152,7 +172,7 @@ def _shortened(path: list[Array], around: Surroundings, rng: np.random.Generator
     for _ in range(_SHORTCUTS):
         if len(path) < 3:
             break
-        i, j = sorted(rng.choice(len(path), 2, replace=False))
+        i, j = sorted(map(int, rng.choice(len(path), 2, replace=False)))
         if j - i > 1 and around.way_is_free(path[i], path[j]):
             path = path[: i + 1] + path[j:]
     return path

@@ -7,6 +7,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,8 +21,10 @@ from qsframework.applications.ordering import shortest_path, travel, visits, way
 from qsframework.applications.programme import Programme, make_programme
 from qsframework.applications.way import Surroundings, find_way, stretch, surroundings
 from qsframework.cli.main import app
+from qsframework.elastostatics import actuator_torques
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, Plan, example, load_experiment, make_plan, write_plan
+from qsframework.experiment import Constraints, Experiment, Plan, example, load_experiment, make_plan, write_plan
+from qsframework.experiment.constraints import Sight
 from qsframework.plugin import Array, Poses
 from qsframework.robot.collision import above_floor, make_collider
 from qsframework.robot.kinematics import joint_frames
@@ -271,3 +274,61 @@ def test_a_plan_of_another_robot(m900ib: Experiment, cell: Experiment, tmp_path:
     assert isinstance(again.exception, InputError)
     words = "plan.json: the plan is of another robot; found fanuc_r2000ic; allowed: fanuc_m900ib"
     assert words in str(again.exception)
+
+
+GOOD = np.deg2rad([[0.0, 20.0, -10.0, 0.0, -60.0, 0.0], [90.0, 20.0, -10.0, 0.0, -60.0, 0.0]])
+
+
+def bounded(experiment: Experiment, **more: Any) -> Experiment:
+    """The experiment without constraints but these."""
+    return replace(experiment, constraints=replace(Constraints(), **more))
+
+
+def test_a_torque_above_the_motors_is_refused(m900ib: Experiment) -> None:
+    torque = np.abs(actuator_torques(m900ib.model(), plan_of(m900ib, GOOD).poses))
+    limits = torque.max(axis=0) * 1.01
+    strong = replace(m900ib, robot=replace(m900ib.robot, torque_limits=limits), constraints=Constraints())
+    make_programme(strong, plan_of(strong, GOOD), order="plan")
+    limits[1] = 0.5 * torque[:, 1].max()
+    weak = replace(strong, robot=replace(strong.robot, torque_limits=limits))
+    with pytest.raises(
+        InputError, match=r"pose 'p0.': joint_2 cannot hold the load; found \d+ N m; allowed: up to \d+ N m"
+    ):
+        make_programme(weak, plan_of(weak, GOOD))
+
+
+def test_poses_keep_the_constraints_of_their_experiment(m900ib: Experiment) -> None:
+    narrow = bounded(m900ib, joint_limits={"joint_1": (-1.0, 1.0)})
+    with pytest.raises(InputError, match=r"P: pose 'p02': breaks 'joint limits'"):
+        make_programme(narrow, plan_of(narrow, GOOD), file="P")
+    straight = np.array([*GOOD, GOOD[0] * [1, 1, 1, 1, 0, 1]])
+    rigid = bounded(m900ib, singularity_margin=0.01)
+    notes = make_programme(rigid, plan_of(rigid, straight)).notes
+    assert any("p03 break the constraint 'singularity_margin'" in note for note in notes)
+
+
+def test_poses_in_between_keep_narrower_limits_and_the_distance_from_axis_1(cell: Experiment, plan: Plan) -> None:
+    highest = plan.pendant.max(axis=0)[0] + 0.02, plan.pendant.min(axis=0)[0] - 0.02
+    narrow = replace(cell, constraints=replace(cell.constraints, joint_limits={"joint_1": highest[::-1]}))
+    made = make_programme(narrow, plan)
+    assert made.vias > 0
+    first = np.array([m.pendant[0] for m in made.moves])
+    assert first.min() >= highest[1]
+    assert first.max() <= highest[0]
+    far = replace(cell, constraints=replace(cell.constraints, axis1_distance_min=0.9, of="wrist_centre"))
+    q = far.robot.controller.to_joints(plan.pendant)
+    centre = joint_frames(far.robot.facts, q).positions[far.robot.facts.n - 1]
+    near = np.hypot(centre[0], centre[1]) < 0.9
+    assert np.array_equal(surroundings(far).broken(plan.pendant)["axis1_distance_min"], near)
+
+
+def test_where_the_tracker_loses_a_marker(m900ib: Experiment) -> None:
+    """Behind the column the arm hides the tool, in front it does not."""
+    station = Sight(np.array([6.0, 0.0, 1.5]), None, 0.05, None)
+    seen = bounded(m900ib, sight=station)
+    turned = GOOD[0] + np.deg2rad([[-20, 0, 0, 0, 0, 0], [20, 0, 0, 0, 0, 0], [179, 0, 0, 0, 0, 0]])
+    made = make_programme(seen, plan_of(seen, turned[:2]), order="plan")
+    assert not any("tracker loses" in note for note in made.notes)
+    notes = make_programme(seen, plan_of(seen, turned), order="plan").notes
+    assert any("p03 break the constraint 'sight'" in note for note in notes)
+    assert any("loses a marker on the way p02 to p03" in note for note in notes)
