@@ -18,6 +18,9 @@ from qsf_plugins.planar_loop import (
 )
 from qsframework.plugin import Array, InputError, Loop, LoopTerm, Parameter, RobotFacts, place, setting
 
+_SHORTEST = 1e-6
+"""m between two axes that are not one."""
+
 
 @dataclass(frozen=True)
 class Parallelogram(Loop):
@@ -58,6 +61,8 @@ class Parallelogram(Loop):
         self._sign(robot)
         if not self.lever > 0.0:
             raise InputError(f"{self.name}: lever must be a positive length, found {self.lever:g} m")
+        if not link_length(robot, self.driver, self.driven) > _SHORTEST:
+            raise InputError(f"{self.name}: {self.driver} and {self.driven} have one axis: no link for a parallelogram")
 
     def _sign(self, robot: RobotFacts) -> float:
         return parallel_sign(robot, self.driver, self.driven)

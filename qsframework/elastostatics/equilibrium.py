@@ -126,9 +126,9 @@ def settle(model: Structure, poses: Poses, x: Array | None, loaded: bool, start:
             H = here.hessian()
         change = _react(here.slope, K, H, here.value) if newton else _chord(here.slope, K, H, here.value)
         eps = eps - change
-        size = np.abs(change).max(axis=0)
+        size = np.abs(change).max(axis=0, initial=0.0)
         here = at(eps)
-        if np.all(size <= _TOLERANCE * np.maximum(np.abs(eps).max(axis=0), 1e-9)):
+        if np.all(size <= _TOLERANCE * np.maximum(np.abs(eps).max(axis=0, initial=0.0), 1e-9)):
             return Settled(here, _elastic(eps), K)
     worst = int(np.argmax(size))
     raise NotConverged(

@@ -192,7 +192,8 @@ class _Expansion:
             hint = "`qsf new` is told where it is by --package NAME=FOLDER."
             message = f"$(find {name}): no folder of this name in {self.folder}"
             raise InputError(Problem(message, file=self._current(), hint=hint))
-        self.roots.append(found)
+        if found != self.folder / name:  # a link in the robot's own folder leads to nowhere else
+            self.roots.append(found)
         return str(found)
 
     def _call(self, call: Any, node: Any, macros: Any, symbols: Any) -> Any:

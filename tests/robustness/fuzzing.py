@@ -213,7 +213,7 @@ def _robot_files(folder: Path) -> dict[str, list[Good]]:
             kind = "xacro" if path.suffix == ".xacro" else "URDF"
             out[kind].append(_good(name, path, "xml", read))
     # the small arm is read ten times as fast, so that more of the time goes to different files
-    return {key: [*goods[:-1], *[goods[-1]] * 3] if key != "xacro" else goods for key, goods in out.items()}
+    return {key: [*goods[:-1], *[goods[-1]] * 12] if key != "xacro" else goods for key, goods in out.items()}
 
 
 def _copied_robot(folder: Path, name: str) -> Path:

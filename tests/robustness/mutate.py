@@ -19,7 +19,8 @@ NUMBERS = (
 TEXTS = (
     "", " ", "a", "-", "null", "all", "\x00", "a\x00b", "\ufeff", "\u202e", "\ud7ff", "é", "日本語", "😀", "a b",
     "a\tb", "../x", "../../../../etc/passwd", "/etc/passwd", "/dev/zero", "/dev/stdin", "/", ".", "..", "~", "~root",
-    "*", "?", "file:///etc/passwd", "package://x/y", "http://localhost/x", "CON", "a" * 300, "a" * 5000, "a/" * 200, "\\",
+    "*", "?", "file:///etc/passwd", "package://x/y", "http://localhost/x", "CON", "a" * 300, "a" * 5000, "a/" * 200,
+    "\\",
     "'",
     '"', "`id`", "$(id)", "${1+1}", "${9**9**9}", "%s%n", "{{7*7}}", "<script>alert(1)</script>", "]]>", "&amp;",
     "&lol;", "<!--", "__class__", "joint_1", "joint_99", "-J1", "J1 + J2", "J999999999999999999999", "J0", "1e9*J2",

@@ -1,0 +1,81 @@
+"""Spoiled files that once ended in a traceback, a warning, a hang or a number from garbage.
+
+A file's name says its format, the good file whose place it takes (fuzzing.py), and what is wrong with it.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+import fuzzing
+
+FILES = sorted((Path(__file__).parent / "regressions").iterdir())
+TAKEN = {"no_springs"}
+"""What is sound after all; everything else is refused."""
+
+
+@pytest.fixture(scope="module")
+def corpus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[fuzzing.Good]]:
+    return fuzzing.corpus(tmp_path_factory.mktemp("fuzz"))
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda f: f.stem)
+def test_what_was_a_fault_is_none(corpus: dict[str, list[fuzzing.Good]], file: Path) -> None:
+    kind, label, what = file.stem.split("--")
+    good = next(g for g in corpus[kind] if g.label == label and g.path.suffix == file.suffix)
+    assert file.read_bytes() != good.content
+    found = fuzzing.try_file(good, file.read_bytes())
+    expected = fuzzing.Outcome.VALUE if what in TAKEN else fuzzing.Outcome.REFUSED
+    assert found.outcome is expected, found.words
+    assert found.seconds < 2.0
+
+
+def test_the_fuzzing_sees_faults(corpus: dict[str, list[fuzzing.Good]], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A reader that fails, warns, hangs, gives NaN, refuses without words or never gives the same is found out."""
+    good = corpus["fit.json"][0]
+    reads = iter(range(1000))
+
+    def warns() -> object:
+        return fuzzing.np.float64(1e300) * fuzzing.np.float64(1e300)
+
+    def hangs() -> object:
+        while True:
+            pass
+
+    def refuses(*problems: fuzzing.Problem) -> object:
+        raise fuzzing.InputError(problems)
+
+    monkeypatch.setattr(fuzzing, "TIME_LIMIT", 0.2)
+    readers = {
+        "KeyError": lambda: {}["a"],
+        "RuntimeWarning": warns,
+        "a hang": hangs,
+        "a value with 1 = nan": lambda: (1.0, float("nan")),
+        "without words": refuses,
+        "refusal without words": lambda: refuses(fuzzing.Problem(" ")),
+        "second read": lambda: next(reads),
+    }
+    for words, read in readers.items():
+        found = fuzzing.try_file(fuzzing.dataclasses.replace(good, read=read), b"x")
+        assert found.outcome is fuzzing.Outcome.FAULT, words
+        assert words in found.words
+    taken = fuzzing.try_file(fuzzing.dataclasses.replace(good, read=lambda: {"sd": float("nan"), "x": 1.0}), b"x")
+    assert taken.outcome is fuzzing.Outcome.VALUE
+    assert good.path.read_bytes() == good.content
+
+
+def test_a_reader_that_fails_fails_the_fuzzing(
+    corpus: dict[str, list[fuzzing.Good]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With one reader broken on purpose, the seeds of the fuzzing find it."""
+
+    def broken(*_: object) -> object:
+        raise KeyError("broken on purpose")
+
+    monkeypatch.setattr("qsframework.robot.loader.read_controller", broken)
+    found = [fuzzing.try_seed(corpus["URDF"], seed) for seed in range(30)]
+    assert any(f.outcome is fuzzing.Outcome.FAULT and "broken on purpose" in f.words for f in found)
