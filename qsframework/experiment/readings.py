@@ -29,6 +29,7 @@ class Readings:
     use (R,) False where a row is masked; rows (R,) line numbers in `source`, which is None for a simulation;
     reference (R,): name of the unloaded reading behind each row, "" for one of its own: rows of one marker and
     reference share its error; None where no row says so
+    reference_share (R,): part of a displacement's variance that is the unloaded reading's; None where nobody says
     """
 
     poses: Poses
@@ -44,6 +45,7 @@ class Readings:
     drive_state: tuple[str, ...] | None
     source: Path | None
     reference: tuple[str, ...] | None = None
+    reference_share: Array | None = None
 
 
 def _columns(experiment: Experiment) -> list[Column]:
@@ -123,7 +125,7 @@ def _displacement_problems(table: Table, displacement: Array) -> list[Problem]:
             question, hint = "is it a position?", "A displacement is the loaded minus the unloaded position."
         message = f"a displacement this large is not elastic; {question}"
         found, allowed = f"{displacement[i, k]:g} m", f"up to {_LARGEST_DISPLACEMENT} m"
-        out.append(Problem(message, str(table.path), table.rows[i], name, found, allowed, hint))
+        out.append(Problem(message, str(table.path), table.rows[int(i)], name, found, allowed, hint))
     return out
 
 

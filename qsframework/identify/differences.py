@@ -42,6 +42,7 @@ def differences(states: StateReadings, experiment: Experiment) -> tuple[Readings
         poses, labels, states.repeat[used], states.cycle[used], measurement, states.marker[loaded],
         frozen(states.position[loaded] - states.position[unloaded]), frozen(total), np.ones(len(loaded), dtype=bool),
         states.rows[loaded], drive, states.source, names,
+        frozen(np.square(sigma[0]) / np.square(total)) if stated else None,
     )  # fmt: skip
     each = np.repeat(sigma if stated else np.full_like(sigma, np.sqrt(0.5)), 3, axis=1)
     return readings, grouped(each[1], [(reference_groups(readings, np.arange(len(loaded))), each[0])])

@@ -136,8 +136,8 @@ def left_out_together(readings: Readings, keep: Indices, pose: Indices) -> Indic
 def readings_noise(readings: Readings, keep: Indices, sigma: Array, shared: float = 0.0) -> Noise:
     """Noise of the kept rows' 3 R scalars: sigma (R,) m of a displacement, `shared` m the error within a pose.
 
-    Half the variance of a displacement is the unloaded reading's: rows that have it in common share that
-    half. Where their sigmas differ, the unloaded one has half the smallest variance.
+    Half the variance of a displacement is the unloaded reading's, unless `reference_share` says how much: rows that
+    have it in common share that part. Where halves differ, the unloaded one has half the smallest variance.
     """
     own, groups = noise_parts(readings, keep, sigma)
     return grouped(own, [*groups, (pose_groups(readings, keep), np.full(len(own), shared))])
@@ -148,6 +148,9 @@ def noise_parts(readings: Readings, keep: Indices, sigma: Array) -> tuple[Array,
     each = np.repeat(sigma, 3)
     label = reference_groups(readings, keep)
     sd = np.zeros(len(each))
+    if readings.reference_share is not None:
+        sd = np.where(label >= 0, each * np.sqrt(np.repeat(readings.reference_share[keep], 3)), 0.0)
+        return np.sqrt(each**2 - sd**2), [(label, sd)]
     for one in np.unique(label[label >= 0]):
         rows = label == one
         if rows.sum() > 1:

@@ -23,6 +23,7 @@ from qsframework.identify import identify, identify_positions
 from qsframework.identify.differences import differences
 from qsframework.identify.fit_files import read_fit
 from qsframework.identify.frames import Frame, rotation, rotation_vector
+from qsframework.identify.linear import fit_rows
 from qsframework.plugin import Array, Conditions, Poses
 
 SIGMA = 0.02e-3
@@ -163,3 +164,5 @@ def test_unequal_sigmas_of_the_two_states_give_the_exact_covariance(m900ib: Expe
     assert np.diag(cov) == pytest.approx(np.full(m, 10.0 * SIGMA**2))
     assert np.diag(cov[:K, K : 2 * K]) == pytest.approx(np.full(K, SIGMA**2))
     assert np.abs(cov[:K, 2 * K : 3 * K]).max() < 1e-9 * SIGMA**2
+    used = fit_rows(m900ib, readings, 6)[0].noise.whiten(np.eye(m))
+    assert np.linalg.inv(used.T @ used) == pytest.approx(cov, abs=1e-9 * SIGMA**2)  # the fit weighs with the same
