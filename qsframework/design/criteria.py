@@ -72,9 +72,10 @@ def covariance(M: Array) -> Array:
 
 
 def regular(M: Array) -> tuple[Array, Array]:
-    """Which of the matrices (..., p, p) are regular, and their log determinants (0 where not)."""
+    """Which of the matrices (..., p, p) are regular, whatever their size, and their log determinants (0 where not)."""
     sign, logdet = np.linalg.slogdet(M)
-    good = (sign > 0) & np.isfinite(logdet) & (logdet > -600.0)
+    size = np.log(np.maximum(np.diagonal(M, axis1=-2, axis2=-1), 1e-300)).sum(axis=-1)
+    good = (sign > 0) & np.isfinite(logdet) & (logdet - size > -36.0 * M.shape[-1])
     return good, np.where(good, logdet, 0.0)
 
 

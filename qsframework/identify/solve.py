@@ -20,6 +20,8 @@ from qsframework.plugin import Array
 
 _STEPS = 200
 _DAMPINGS = 40
+_BLUR = 1e-15
+"""What rounding leaves of a prediction, of the sum of its parts' sizes; a step that changes it by less is none."""
 _CURVED = 0.02
 """Relative change of the sensitivities over a parameter's spread above which other starts are tried."""
 
@@ -167,7 +169,8 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> tuple[float, Arra
     for step in range(1, _STEPS + 1):
         A, r, _ = problem.rows(z)
         plain = _bounded(A, r, z, problem.reduction, 0.0)
-        small = np.linalg.norm(A @ plain) <= tolerance * np.linalg.norm(r)
+        gain, blur = np.linalg.norm(A @ plain), _BLUR * np.linalg.norm(np.abs(A) @ np.abs(z))
+        small = gain <= max(tolerance * np.linalg.norm(r), blur)
         if np.abs(plain).max(initial=0.0) <= tolerance or small:
             final = np.clip(z + plain, problem.reduction.lower, problem.reduction.upper)
             return problem.cost(final), final, step

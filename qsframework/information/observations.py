@@ -47,8 +47,9 @@ def predicted_sd(model: Model, poses: Poses, names: Sequence[str], sigma: float,
     seen = [i for i, name in enumerate(names) if name not in test.unseen]
     if kept:
         # what a tied group shares still has to be told from the others: keep its seen directions
-        _, values, basis = np.linalg.svd(np.linalg.qr(flat[:, seen], mode="r"))
-        told = basis[: test.rank] / values[: test.rank, None]
+        size = np.linalg.norm(flat[:, seen], axis=0)  # a small column is not to be taken for the lost direction
+        _, values, basis = np.linalg.svd(np.linalg.qr(flat[:, seen] / size, mode="r"))
+        told = basis[: test.rank] / values[: test.rank, None] / size
         out[kept] = np.linalg.norm(told, axis=0)[[seen.index(i) for i in kept]]
     return out * scales([model.parameters[i] for i in model.index(names)])
 

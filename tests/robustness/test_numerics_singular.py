@@ -1,0 +1,254 @@
+"""Plans that hardly tell a direction, and arms of forty parameters: stable ranks, honest sds, exact references."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from fractions import Fraction
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numerics import SIGMA, campaign, candidates, few, noisy, poses, with_effects
+
+from qsframework.design import Wish, design
+from qsframework.design.criteria import Determinant, Linear
+from qsframework.design.problem import joint_sd
+from qsframework.errors import NotIdentifiable
+from qsframework.experiment import Experiment, make_plan, simulate
+from qsframework.identify import identify
+from qsframework.identify.linear import _solve
+from qsframework.identify.observations import Independent, Observations
+from qsframework.identify.solve import solve
+from qsframework.information import information_rows, predicted_sd, promised_sd, rank_test
+from qsframework.plugin import Array, Parameter, build_effects
+from qsframework.plugin.facts import frozen
+
+
+def exact_least_squares(A: Array, y: Array) -> tuple[list[Fraction], list[Fraction]]:
+    """The solution of the normal equations and the diagonal of their inverse, in rational numbers: no rounding."""
+    rows = [[Fraction(v) for v in row] for row in A.tolist()]
+    right = [Fraction(v) for v in y.tolist()]
+    p = A.shape[1]
+    M = [[sum((r[i] * r[j] for r in rows), Fraction(0)) for j in range(p)] for i in range(p)]
+    b = [sum((r[i] * v for r, v in zip(rows, right, strict=True)), Fraction(0)) for i in range(p)]
+    inverse = rational_inverse(M)
+    return [sum((inverse[i][j] * b[j] for j in range(p)), Fraction(0)) for i in range(p)], [
+        inverse[i][i] for i in range(p)
+    ]
+
+
+def rational_inverse(M: Sequence[Sequence[Fraction]]) -> list[list[Fraction]]:
+    """Gauss and Jordan in rational numbers."""
+    p = len(M)
+    work = [[*row, *(Fraction(int(i == j)) for j in range(p))] for i, row in enumerate(M)]
+    for k in range(p):
+        pivot = next(i for i in range(k, p) if work[i][k] != 0)
+        work[k], work[pivot] = work[pivot], work[k]
+        work[k] = [v / work[k][k] for v in work[k]]
+        for i in range(p):
+            if i != k and work[i][k] != 0:
+                factor = work[i][k]
+                work[i] = [v - factor * w for v, w in zip(work[i], work[k], strict=True)]
+    return [row[p:] for row in work]
+
+
+def nearly_singular(seed: int, gap: float, p: int = 3, m: int = 8) -> Array:
+    """Rows (m, p) whose last column is the sum of the others but for `gap`, the columns of sizes far apart."""
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((m, p))
+    A[:, -1] = A[:, :-1].sum(axis=1) + gap * rng.standard_normal(m)
+    return A * 10.0 ** rng.uniform(-6, 6, p)
+
+
+@few(25)
+@given(seed=st.integers(0, 10_000), power=st.floats(-7.5, 0.0))
+def test_least_squares_agrees_with_rational_numbers(seed: int, power: float) -> None:
+    """Values and sds of nearly singular problems: as close to the exact ones as the condition allows."""
+    gap = 10.0**power
+    A = nearly_singular(seed, gap)
+    y = A @ np.array([1.0, -2.0, 0.5]) / np.linalg.norm(A, axis=0).max() + np.random.default_rng(seed).normal(size=8)
+    size = np.linalg.norm(A, axis=0)
+    found = _solve(A / size, y)
+    values, variances = exact_least_squares(A, y)
+    sds = np.sqrt([float(v) for v in variances])
+    assert np.sqrt(np.diag(found.covariance)) / size == pytest.approx(sds, rel=1e-14 / gap + 1e-12)
+    errors = np.abs(found.z / size - [float(v) for v in values])
+    assert np.all(errors <= (1e-14 / gap + 1e-12) * np.abs([float(v) for v in values]) + 1e-9 * sds)
+
+
+@few(25)
+@given(seed=st.integers(0, 10_000), power=st.floats(-7.5, 0.0))
+def test_the_nonlinear_solver_agrees_with_rational_numbers(seed: int, power: float) -> None:
+    gap = 10.0**power
+    A = nearly_singular(seed, gap)
+    size = np.linalg.norm(A, axis=0)
+    rng = np.random.default_rng(seed)
+    y = A @ (np.array([1.0, -2.0, 0.5]) / size) + 1e-3 * rng.normal(size=8)
+    parameters = tuple(Parameter(f"p{i}", "m", typical=float(1.0 / s)) for i, s in enumerate(size))
+    found = solve(Observations(y, lambda x: A @ x, lambda x: A, parameters, Independent(np.full(8, 1e-3)),
+                               np.arange(8), np.arange(8)))  # fmt: skip
+    _, variances = exact_least_squares(A, y)
+    sds = 1e-3 * np.sqrt([float(v) for v in variances])
+    assert np.sqrt(np.diag(found.covariance)) == pytest.approx(sds, rel=1e-13 / gap + 1e-10)
+
+
+@few(40)
+@given(seed=st.integers(0, 10_000), power=st.floats(-14.0, 0.0), scale=st.floats(-2.0, 2.0))
+def test_a_direction_is_named_or_its_sd_is_large(seed: int, power: float, scale: float) -> None:
+    """Never a silent small sd: either the rank test names the group, or the sd is that of the exact inverse."""
+    gap = 10.0**power
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((8, 3))
+    A[:, 2] = A[:, :2].sum(axis=1) + gap * rng.standard_normal(8)
+    A[:, 1] *= 10.0**scale
+    A[:, 2] += 0.0
+    test = rank_test(A, ["a", "b", "c"])
+    if test.full:
+        _, variances = exact_least_squares(A, np.zeros(8))
+        sds = np.sqrt([float(v) for v in variances])
+        # the rank says "told" only where double precision can still tell how well
+        assert np.linalg.norm(np.linalg.inv(np.linalg.qr(A, mode="r")), axis=1) == pytest.approx(sds, rel=1e-5)
+        assert sds[2] > 0.05 / gap
+    else:
+        assert gap < 1e-6
+        assert set(test.tied[0]) >= {"b", "c"} or not test.tied
+
+
+def test_the_rank_does_not_flicker() -> None:
+    """From regular to singular it changes once."""
+    ranks = [rank_test(nearly_singular(3, 10.0**-k), ["a", "b", "c"]).rank for k in np.linspace(0, 16, 65)]
+    assert ranks[0] == 3
+    assert ranks[-1] == 2
+    assert sum(a != b for a, b in pairwise(ranks)) == 1
+
+
+def vertical_only(tilt: float) -> Experiment:
+    """The campaign under one weight, tilted a little: joint 1 is told by the tilt alone."""
+    load = replace(campaign().loads[0], wrench=frozen([0.0, 4000.0 * tilt, -4000.0, 0.0, 0.0, 0.0]))
+    return campaign().with_(loads=(load,))
+
+
+@pytest.mark.parametrize("power", [-1, -3, -5, -6, -7, -8, -9, -10, -12, -14])
+def test_joint_1_under_a_vertical_load(power: int) -> None:
+    """Its sd grows as the tilt falls, until it is named as not told: at no tilt is it silently small."""
+    experiment = vertical_only(10.0**power)
+    plan = make_plan(poses(experiment, 20), ["w"] * 20)
+    sd = promised_sd(experiment, plan)
+    joint_1 = experiment.fit_names().index("joint_compliance[joint_1]")
+    usual = promised_sd(vertical_only(0.1), make_plan(poses(vertical_only(0.1), 20), ["w"] * 20))[joint_1]
+    together = joint_sd(experiment, [plan])[joint_1]
+    assert sd[joint_1] == np.inf or sd[joint_1] == pytest.approx(usual * 0.1 / 10.0**power, rel=0.05)
+    assert together == np.inf or together == pytest.approx(usual * 0.1 / 10.0**power, rel=0.05)
+    data = simulate(noisy(experiment, SIGMA), plan, seed=1).readings
+    try:
+        fit = identify(experiment, data)
+    except NotIdentifiable as error:
+        assert "joint_compliance[joint_1]" in str(error)  # noqa: PT017 - either is right
+        assert power <= -8
+    else:
+        assert fit.estimates[joint_1].sd == pytest.approx(sd[joint_1], rel=1e-6)
+        assert power >= -9
+        if power <= -5:
+            assert "not identifiable" in fit.estimates[joint_1].status
+
+
+def test_what_is_tied_among_small_columns_is_not_lost_to_them() -> None:
+    """A tied pair of large columns and a small column: the small one keeps its sd, the pair has none."""
+    experiment = campaign()
+    model = experiment.model()
+    batch = poses(experiment, 12)
+
+    class Fixed:
+        """A model with given sensitivities."""
+
+        parameters = tuple(Parameter(n, "m") for n in "abc")
+
+        def index(self, names: Sequence[str]) -> list[int]:
+            return ["abc".index(n) for n in names]
+
+        def sensitivity(self, poses: object, x: object, names: Sequence[str]) -> Array:
+            rng = np.random.default_rng(0)
+            first, other, noise = rng.standard_normal((3, 12, 9))
+            return np.stack([first, first + 1.65e-9 * noise, 1e-9 * other], axis=-1).reshape(12, 3, 3, 3)
+
+    sd = predicted_sd(Fixed(), batch, "abc", 1.0)  # pyright: ignore[reportArgumentType]
+    assert np.isinf(sd[:2]).all()
+    assert sd[2] == pytest.approx(1.0 / (1e-9 * np.sqrt(108)), rel=0.2)
+    assert model.names
+
+
+def forty() -> Experiment:
+    """The campaign with geometry, off-axis, base and tool springs and a turned tracker, under four oblique loads."""
+    facts = campaign().robot.facts
+    entries = (
+        {"effect": "offaxis_compliance", "joints": "all", "axes": "all"},
+        {"effect": "base_compliance", "directions": ["x", "y", "z", "rx", "ry", "rz"]},
+        {"effect": "tool_compliance", "directions": ["x", "y", "z"]},
+        {"effect": "tracker_frame"},
+        {"effect": "joint_offset", "joints": "all"},
+        {"effect": "joint_placement", "joints": ["joint_3", "joint_4"]},
+    )
+    effects = tuple(e for entry in entries for e in build_effects(entry, facts))
+    wrenches = np.array([[0, 0, -4, 0, 0, 0], [2, 0, -3, 0.5, 0, 0], [0, 2, -3, 0, 0.5, 0], [1, -2, -2, 0, 0, 0.5]])
+    loads = tuple(replace(campaign().loads[0], name=f"w{i}", wrench=frozen(1e3 * w)) for i, w in enumerate(wrenches))
+    names = ["joint_compliance", *dict.fromkeys(e.effect_name() for e in effects)]
+    return with_effects(campaign(), effects, names).with_(loads=loads)
+
+
+def told_by(experiment: Experiment, count: int = 60) -> tuple[str, ...]:
+    """The parameters that so many poses tell, of tied ones the first."""
+    names = experiment.fit_names()
+    rows = information_rows(experiment.model(), poses(experiment, count), names, SIGMA).reshape(-1, len(names))
+    kept: list[int] = []
+    for i in range(len(names)):
+        if rank_test(rows[:, [*kept, i]], [names[j] for j in (*kept, i)]).full:
+            kept.append(i)
+    return tuple(names[i] for i in kept)
+
+
+def test_forty_parameters_are_designed_for_and_identified() -> None:
+    """Geometry, springs and the tracker's frame in one fit: the rank is reported, the truth found."""
+    experiment = forty().with_(fit=told_by(forty()))
+    names = experiment.fit_names()
+    assert len(names) >= 40
+    model = experiment.model()
+    x = model.nominal
+    chosen = model.index(names)
+    x[chosen] += [0.3 * p.scale for p in experiment.fit_parameters()]
+    quiet = noisy(experiment, 0.0)
+    plan = make_plan(poses(experiment, 60), ["w"] * 60)
+    fit = identify(quiet, simulate(quiet, plan, x=x).readings)
+    assert fit.rank.rank == fit.rank.parameters == len(names)
+    sd = np.array([e.sd for e in fit.estimates])  # of readings that rounding alone spoils
+    assert np.abs((fit.x[chosen] - x[chosen]) / sd).max() < 100.0
+    assert np.abs(fit.x[chosen] - x[chosen]).max() < 1e-9
+    designed = design(experiment, 30, candidates=candidates(), wish=Wish("D", polish=False, starts=1))
+    assert designed.certificate is not None
+    assert designed.certificate.relaxed_efficiency > 0.9999
+    assert 0.8 < designed.certificate.efficiency <= 1.0
+
+
+def test_what_forty_parameters_cannot_tell_is_named() -> None:
+    experiment = forty()
+    plan = make_plan(poses(experiment, 60), ["w"] * 60)
+    lost = [n for n, v in zip(experiment.fit_names(), promised_sd(experiment, plan), strict=True) if np.isinf(v)]
+    assert lost
+    with pytest.raises(NotIdentifiable) as caught:
+        identify(experiment, simulate(experiment, plan, seed=3).readings)
+    assert all(name in str(caught.value) for name in lost)
+
+
+@pytest.mark.parametrize("size", [1e-18, 1e-9, 1.0, 1e9])
+@pytest.mark.parametrize("p", [6, 40])
+def test_criteria_know_no_smallest_information(size: float, p: int) -> None:
+    """A well-conditioned matrix is regular however small: many parameters, or a noise of metres."""
+    rng = np.random.default_rng(p)
+    A = rng.standard_normal((3 * p, p))
+    M = size * A.T @ A
+    determinant, trace = float(Determinant().value(M)), float(Linear().value(M))
+    assert determinant == pytest.approx(float(Determinant().value(A.T @ A)) / size, rel=1e-9)
+    assert trace == pytest.approx(float(Linear().value(A.T @ A)) / size, rel=1e-9)
+    assert np.isinf(Determinant().value(M - np.outer(M[:, 0], M[0]) / M[0, 0] * (1 + 1e-9)))
