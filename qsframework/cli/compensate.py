@@ -33,7 +33,7 @@ class CompensateFiles:
 def run_compensate(files: CompensateFiles, reference: str) -> None:
     """Correct the targets, print what is gained, write corrected.csv, the JSON and the report."""
     from qsframework.report import write_report
-    from qsframework.report.compensation_section import compensation_section, target_table
+    from qsframework.report.compensation_section import compensation_section, target_table, target_view
     from qsframework.report.provenance import AFTER, EQUILIBRIUM, computed
 
     inputs = [files.experiment, files.fit, files.targets]
@@ -54,7 +54,8 @@ def run_compensate(files: CompensateFiles, reference: str) -> None:
     if files.json is not None:
         write_json(files.json, result.as_json())
     if files.report is not None:
-        sections = (compensation_section(result), computed(experiment, inputs, None, (EQUILIBRIUM, AFTER)))
+        seen = target_view(experiment, result, fit.x(experiment.model()))
+        sections = (compensation_section(result), seen, computed(experiment, inputs, None, (EQUILIBRIUM, AFTER)))
         print(f"report: {write_report(files.report, f'Compensation: {experiment.robot.title}', sections)}")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -39,11 +40,11 @@ POSES = 12
 CANDIDATES = 1000
 
 
-def run_demo(output: Path, seed: int) -> None:
-    """Run both parts, print their numbers and the path of the report."""
+def run_demo(output: Path, seed: int, json: Path | None = None) -> None:
+    """Run both parts, print their numbers and the path of the report; everything as JSON where asked for."""
     with progress() as tell:
-        real = real_readings(tell)
-        planned = designed_plan(output, seed, tell)
+        real, fits = real_readings(tell)
+        planned, results = designed_plan(output, seed, tell)
         tell("report", 0, 1)
         path = write_report(
             output / "report.html", "qsframework: elastostatic calibration, start to end", [*real, *planned]
@@ -52,6 +53,8 @@ def run_demo(output: Path, seed: int) -> None:
     for section in (*real, *planned):
         _print_section(section)
     print(f"report: {path}")
+    if json is not None:
+        write_json(json, {"report": str(path), "seed": seed, "real_readings": fits, "designed_plan": results})
 
 
 def _print_section(section: Section) -> None:
@@ -66,8 +69,8 @@ def _print_section(section: Section) -> None:
             print(block.text)
 
 
-def real_readings(tell: Tell) -> list[Section]:
-    """The R-2000iC's 43 cable-pull readings under three models."""
+def real_readings(tell: Tell) -> tuple[list[Section], dict[str, Any]]:
+    """The R-2000iC's 43 cable-pull readings under three models: sections, and the fits as JSON."""
     label = "R-2000iC: 43 real readings"
     experiment = load_experiment(example("r2000ic") / "experiment.yaml")
     assert experiment.data is not None
@@ -83,11 +86,12 @@ def real_readings(tell: Tell) -> list[Section]:
         fits[name] = identify(variant, readings)
     tell(label, len(models), len(models))
     last = next(reversed(models.values()))
-    return [
+    sections = [
         _compare_models(fits),
         fit_section(fits["joint springs, J3 absolute"], "R-2000iC: fit of the joint springs"),
         computed(last, [experiment.path, experiment.data], None, (LINEAR, LEAST_SQUARES)),
     ]
+    return sections, {name: fit.as_json() for name, fit in fits.items()}
 
 
 def read_as_relative(experiment: Experiment, joint: str) -> Experiment:
@@ -108,7 +112,7 @@ def with_offaxis(experiment: Experiment, joint: str, axis: str) -> Experiment:
 
 
 def _compare_models(fits: dict[str, Fit]) -> Section:
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name, fit in fits.items():
         broken = [e.name for e in fit.estimates if e.value < e.lower]
         rows.append(
@@ -129,7 +133,7 @@ def _compare_models(fits: dict[str, Fit]) -> Section:
     return Section("R-2000iC: which model explains the readings", (said, table))
 
 
-def designed_plan(output: Path, seed: int, tell: Tell) -> list[Section]:
+def designed_plan(output: Path, seed: int, tell: Tell) -> tuple[list[Section], dict[str, Any]]:
     """Design 12 poses for the M-900iB, simulate them, identify, compare with the truth and with Table 5."""
     from qsframework.design import design
 
@@ -146,11 +150,13 @@ def designed_plan(output: Path, seed: int, tell: Tell) -> list[Section]:
     write_json(output / "truth.json", simulation.truth_by_name())
     tell("simulate and identify", 1, 1)
     files: Sequence[Path] = [experiment.path, output / "plan.csv", output / "readings.csv"]
-    return [
+    sections = [
         plan_section(experiment, plan, _against_table5(experiment, plan), f"M-900iB/700: {POSES} designed poses"),
         fit_section(fit, "M-900iB/700: identified from simulated readings", simulation.truth_by_name()),
         computed(experiment, files, seed, (LINEAR, LEAST_SQUARES, INFORMATION, AFTER)),
     ]
+    certificate = plan.certificate.as_json() if plan.certificate else None
+    return sections, {"certificate": certificate, "fit": fit.as_json(), "truth": simulation.truth_by_name()}
 
 
 def _against_table5(experiment: Experiment, plan: Plan) -> Table:

@@ -37,11 +37,13 @@ def run_foresight(
     if json is not None:
         write_json(json, found.as_json())
     if report is not None:
-        from qsframework.report import write_report
+        from qsframework.report import Section, write_report
+        from qsframework.report.plan_section import plan_view
         from qsframework.report.provenance import INFORMATION, LINEAR, computed
 
         sections = (
             power_section(found),
+            Section("The plan", (plan_view(campaign, planned),)),
             computed(campaign, [experiment, plan], seed, (LINEAR, INFORMATION)),
         )
         print(f"report: {write_report(report, f'Before measuring: {campaign.robot.title}', sections)}")

@@ -12,7 +12,7 @@ from qsframework.cli.progress import print_table
 from qsframework.experiment import Experiment, Readings, is_states, load_experiment, read_readings, read_states
 
 if TYPE_CHECKING:
-    from qsframework.identify import Choices
+    from qsframework.identify import Choices, Fit
 
 
 @dataclass(frozen=True)
@@ -101,8 +101,7 @@ def run_identify(files: FitFiles, how: How) -> None:
     from qsframework.cli.positions import identify_states
     from qsframework.identify import identify
     from qsframework.identify.fit_files import result_files
-    from qsframework.report import error_table, fit_section, fit_table, write_report
-    from qsframework.report.provenance import LEAST_SQUARES, LINEAR, computed
+    from qsframework.report import error_table, fit_table
 
     experiment = load_experiment(files.experiment)
     source = readings_file(experiment, files.data)
@@ -134,6 +133,14 @@ def run_identify(files: FitFiles, how: How) -> None:
         write_json(files.json, result.as_json())
         print(f"fit: {files.json}")
     if files.report is not None:
-        inputs = [files.experiment, source]
-        sections = (fit_section(result, "Fit"), computed(experiment, inputs, None, (LINEAR, LEAST_SQUARES)))
-        print(f"report: {write_report(files.report, f'Identification: {experiment.robot.title}', sections)}")
+        _report(files.report, experiment, readings, result, [files.experiment, source])
+
+
+def _report(report: Path, experiment: Experiment, readings: Readings, fit: Fit, inputs: list[Path]) -> None:
+    from qsframework.report import fit_section, write_report
+    from qsframework.report.fit_section import residual_view
+    from qsframework.report.provenance import LEAST_SQUARES, LINEAR, computed
+
+    own = computed(experiment, inputs, None, (LINEAR, LEAST_SQUARES))
+    sections = (fit_section(fit, "Fit"), residual_view(fit, experiment, readings), own)
+    print(f"report: {write_report(report, f'Identification: {experiment.robot.title}', sections)}")

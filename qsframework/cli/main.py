@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 
 from qsframework.cli.stop import Stopped, listening
-from qsframework.cli.where import DaskAddress, Jobs, Kept, Where
 from qsframework.cli.trust import Trust
+from qsframework.cli.where import DaskAddress, Jobs, Kept, Where
 from qsframework.cli.work import add_commands
 from qsframework.errors import QsfError
 
@@ -49,19 +49,20 @@ def whole(
 def demo(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path("qsf-demo"),
     seed: Seed = 0,
+    json: Json = None,
 ) -> None:
     """Real readings identified, a plan designed and tried in simulation, in one report."""
     from qsframework.cli.demo import run_demo
 
-    run_demo(output, seed)
+    run_demo(output, seed, json)
 
 
 @app.command()
-def robots(json: Json = None, trust: Trust = False) -> None:
+def robots(json: Json = None, report: Report = None, trust: Trust = False) -> None:
     """List the robots that can be named in an experiment."""
-    from qsframework.cli.commands import list_robots
+    from qsframework.cli.check import list_robots
 
-    list_robots(json)
+    list_robots(json, report)
 
 
 @app.command()
@@ -71,12 +72,13 @@ def check(
         bool, typer.Option("--conformance", help="Try the robots with everything, down to a small campaign.")
     ] = False,
     json: Json = None,
+    report: Report = None,
     trust: Trust = False,
 ) -> None:
     """Check robots and experiments, with the readings that they name; all problems at once."""
-    from qsframework.cli.commands import check_files
+    from qsframework.cli.check import check_files
 
-    check_files(files, json)
+    check_files(files, json, report)
     if conformance:
         from qsframework.cli.new import run_conformance
 
@@ -174,14 +176,16 @@ def simulate(
     plan: Annotated[Path, typer.Argument(help="plan.csv", show_default=False)],
     output: Annotated[Path, typer.Option("-o", "--output", help="The readings.")] = Path("readings.csv"),
     truth: Annotated[str, typer.Option(help="'nominal' values, or 'drawn' from the priors.")] = "nominal",
+    exact: Annotated[bool, typer.Option("--exact", help="By the full equilibrium, as a real arm gives.")] = False,
     seed: Seed = 0,
     json: Json = None,
+    report: Report = None,
     trust: Trust = False,
 ) -> None:
     """Make readings of a plan, with seeded noise."""
     from qsframework.cli.commands import run_simulate
 
-    run_simulate(experiment, plan, output, truth, seed, json)
+    run_simulate(experiment, plan, output, truth, seed, json, exact, report)
 
 
 @app.command()

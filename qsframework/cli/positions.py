@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qsframework.cli.progress import print_table
-from qsframework.experiment import Experiment, Readings, read_states
+from qsframework.experiment import Experiment, Readings, StateReadings, read_states
 
 if TYPE_CHECKING:
     from qsframework.identify import Choices, Finding
+    from qsframework.identify.absolute import PositionFit
 
 
 def print_findings(found: Sequence[Finding]) -> None:
@@ -31,10 +32,8 @@ def identify_states(
     from qsframework.cli.commands import write_json
     from qsframework.identify import check_positions, identify_jointly, identify_positions, masked
     from qsframework.identify.fit_files import result_files
-    from qsframework.report import write_report
     from qsframework.report.fit_section import fit_table
-    from qsframework.report.position_section import left_aside_table, position_error_table, position_section
-    from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, computed
+    from qsframework.report.position_section import left_aside_table, position_error_table
 
     states = read_states(source, experiment)
     if clean:
@@ -62,5 +61,14 @@ def identify_states(
         files = [experiment.path, source]
         if displacements is not None and displacements.source is not None:
             files.append(displacements.source)
-        sections = (position_section(result, "Fit"), computed(experiment, files, None, (EQUILIBRIUM, LEAST_SQUARES)))
-        print(f"report: {write_report(report, f'Identification: {experiment.robot.title}', sections)}")
+        _report(report, experiment, states, result, files)
+
+
+def _report(report: Path, experiment: Experiment, states: StateReadings, fit: PositionFit, files: list[Path]) -> None:
+    from qsframework.report import write_report
+    from qsframework.report.position_section import position_section, position_view
+    from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, computed
+
+    own = computed(experiment, files, None, (EQUILIBRIUM, LEAST_SQUARES))
+    sections = (position_section(fit, "Fit"), position_view(fit, experiment, states), own)
+    print(f"report: {write_report(report, f'Identification: {experiment.robot.title}', sections)}")

@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from qsframework.applications.compensate import Compensation
-from qsframework.report.blocks import Figure, Section, Table, Text
+from qsframework.experiment import Experiment, make_plan
+from qsframework.plugin import Array, Poses
+from qsframework.report.blocks import Figure, Section, Table, Text, View
+
+_MOST = 24
+"""Targets in the scene."""
 
 
 def target_table(result: Compensation) -> Table:
@@ -52,7 +57,11 @@ def compensation_section(result: Compensation) -> Section:
     figure.add_bar(x=names, y=(result.size * 1e3).tolist(), name="uncorrected")
     figure.add_bar(x=names, y=(result.sd * 1e3).tolist(), name="expected after the correction")
     figure.update_layout(
-        yaxis={"type": "log", "title": "distance from the wanted place, mm"}, barmode="group", height=380
+        yaxis={"type": "log", "title": "distance from the wanted place, mm"},
+        barmode="group",
+        height=380,
+        template="plotly_white",
+        xaxis={"type": "category"},
     )
     caption = (
         "Each pair of bars is a target, on a logarithmic scale. Look for targets whose second bar is not much lower "
@@ -66,4 +75,25 @@ def compensation_section(result: Compensation) -> Section:
         f"{_of_noise(result)}Effects that the model does not hold, and the robot's repeatability, come on top."
     )
     notes = tuple(Text(f"Note: {note}.") for note in result.notes)
-    return Section("Corrected targets", (Text(text), *notes, Figure(figure, caption), target_table(result)))
+    return Section("Corrected targets", (Text(text), *notes, Figure(figure, caption, target_table(result))))
+
+
+def target_view(experiment: Experiment, result: Compensation, x: Array) -> Section:
+    """The targets that are farthest off without a correction, with their load, at the fitted parameters x."""
+    from qsframework.viz import show_scene
+
+    targets = result.targets
+    worst = np.sort(np.argsort(-result.size, kind="stable")[:_MOST])
+    names = [targets.name[int(i)] for i in worst]
+    pendant = targets.pendant[worst]
+    poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), targets.wrench[worst])
+    plan = make_plan(poses, [""] * len(worst), names=names)
+    rows = tuple((n, *(f"{1e3 * v:+.4f}" for v in result.deflection[i, :3])) for n, i in zip(names, worst, strict=True))
+    view = View(
+        show_scene(experiment, plan, x).html(),
+        f"The targets{'' if len(worst) == len(targets.name) else f' that are farthest off, {_MOST} of them'}; red: the "
+        "arm under its load, 100 times exaggerated, at the identified parameters. Look whether the correction acts "
+        "against what you see: the arm is told to stand as far on the other side.",
+        Table(("target", "off x mm", "off y mm", "off z mm"), rows, "Where the uncorrected tool stands, base frame."),
+    )
+    return Section("In 3D", (view,))

@@ -89,8 +89,9 @@ def joint_figure(diagnosis: Diagnosis) -> Figure:
     figure.update_yaxes(title_text="residual, mm", col=1)
     return Figure(
         figure,
-        f"Measured minus predicted, along the residuals' main direction ({_vector(direction)}, base frame). Look for red "
-        "points that bend or slope say on which joint the missing effect depends; green points should be a level cloud.",
+        f"Measured minus predicted, along the residuals' main direction ({_vector(direction)}, base frame). Look "
+        "for red points that bend or slope: they say on which joint the missing effect depends; green points should be "
+        "a level cloud.",
         row_table(
             ("row", "pose", "marker", *(f"{j}, deg" for j in joints), "before, mm", "after, mm"),
             [*_named_rows(diagnosis), *q.T.tolist(), (1e3 * before).tolist(), (1e3 * after).tolist()],
@@ -116,8 +117,8 @@ def load_figure(diagnosis: Diagnosis) -> Figure:
     figure.update_yaxes(title_text="residual, mm", col=1)
     return Figure(
         figure,
-        "Look left for a residual that grows with the force points to a spring or a load, one that does not to play or a "
-        "sensor; right for a slope or a step in the order of the readings: they point to drift.",
+        "Look left whether residuals grow with the force: then a spring or a load is wrong, otherwise play or a "
+        "sensor; and right for a slope or a step in the order of the readings: that is drift.",
         row_table(
             ("row", "pose", "marker", "force, N", "before, mm", "after, mm"),
             [*_named_rows(diagnosis), force.tolist(), (1e3 * before).tolist(), (1e3 * after).tolist()],
@@ -138,8 +139,8 @@ def marker_figure(diagnosis: Diagnosis) -> Figure:
     figure.update_layout(boxmode="group")
     return Figure(
         figure,
-        "Look for one marker that stands out, and stays so after the extension, it points to its mount or its stated place and not "
-        "to the robot.",
+        "Look for one marker that stands out, and stays so after the extension: its mount or its stated place is "
+        "wrong, and not the robot.",
         _marker_table(diagnosis),
     )
 
@@ -149,9 +150,9 @@ def _marker_table(diagnosis: Diagnosis) -> Table:
     marker = diagnosis.readings.marker[diagnosis.kept]
     rows: list[tuple[str, ...]] = []
     for k, m in enumerate(diagnosis.experiment.markers):
-        sizes = [1e3 * np.linalg.norm(r[marker == k], axis=1) for r in diagnosis.residuals()]
+        sizes: list[Array] = [1e3 * np.linalg.norm(r[marker == k], axis=1) for r in diagnosis.residuals()]
         if len(sizes[0]):
-            told = (f"{v:.4f}" for s in sizes for v in (np.sqrt(np.mean(s**2)), s.max()))
+            told = (f"{v:.4f}" for s in sizes for v in (float(np.sqrt(np.mean(s**2))), float(s.max())))
             rows.append((m.name, str(len(sizes[0])), *told))
     header = ("marker", "rows", "before: RMS mm", "largest mm", "after: RMS mm", "largest mm")
     return Table(header, tuple(rows), "Lengths of the residual vectors.")
@@ -176,8 +177,8 @@ def angle_figure(diagnosis: Diagnosis) -> Figure | None:
     return Figure(
         power_section.angle_figure([x.cause.name for x in shown], angle_matrix(shown)),
         f"The {len(shown)} visible causes that these readings show best, alike ones side by side; of causes that do "
-        "the same (within 1 deg) one stands for all. Dark squares are causes that these poses cannot tell apart, "
-        "whatever their size: look where other poses, loads or markers would.",
+        "the same (within 1 deg) one stands for all. Look for dark squares: causes that these poses cannot tell apart, "
+        "whatever their size: other poses, loads or markers would.",
     )
 
 
@@ -203,8 +204,8 @@ def power_figure(diagnosis: Diagnosis) -> Figure:
     return Figure(
         figure,
         f"One line for each number of directions that a cause has; where nothing acts something is named in "
-        f"{100 * diagnosis.level:g} % of data sets. Red: the causes named here. A cause to the left of the rise can be "
-        "there without being seen: its bound says how large.",
+        f"{100 * diagnosis.level:g} % of data sets. Look where the lines rise, and for the causes named here (red): "
+        "a cause to the left of the rise can be there without being seen; its bound says how large.",
     )
 
 

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from qsframework.experiment import Experiment, Readings
 from qsframework.identify import Estimate, Fit
 from qsframework.plugin import Array, Indices
-from qsframework.report.blocks import Figure, Section, Table, Text
+from qsframework.report.blocks import Figure, Section, Table, Text, View
 
 _AXES = ("x", "y", "z")
 _SHOWN = {"rad/(N m)": (1e6, "urad/(N m)"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
@@ -24,7 +25,7 @@ def shown(value: float, unit: str) -> tuple[float, str]:
 
 def fit_table(fit: Fit, truth: dict[str, float] | None = None) -> Table:
     """Value +- sd, initial, status of each estimate; with the truth where a simulation knows it."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for e in fit.estimates:
         value, unit = shown(e.value, e.unit)
         initial = shown(e.initial, e.unit)[0]
@@ -161,3 +162,29 @@ def residual_figure(fit: Fit, names: tuple[str, ...] = ("dx", "dy", "dz")) -> An
     for level in (-3.0, 3.0):
         figure.add_hline(y=level, line={"color": "#c33", "width": 1, "dash": "dot"})
     return figure
+
+
+def residual_view(fit: Fit, experiment: Experiment, readings: Readings) -> Section:
+    """The poses with the largest residuals, with arrows at their markers."""
+    from qsframework.viz import residual_scene, residuals
+    from qsframework.viz.residual_scene import MOST
+
+    kept, before = residuals(experiment, readings, experiment.model().nominal)
+    _, after = residuals(experiment, readings, fit.x)
+    scene, factor = residual_scene(experiment, readings, kept, before, after)
+    at = readings.measurement[kept]
+    sizes = [1e3 * np.linalg.norm(v, axis=1) for v in (before, after)]
+    worst = {m: [float(s[at == m].max()) for s in sizes] for m in map(int, np.unique(at))}
+    order = sorted(worst, key=lambda m: -worst[m][1])
+    rows = tuple((readings.pose[m], str(int(readings.repeat[m])), *(f"{v:.4f}" for v in worst[m])) for m in order)
+    shown_poses = "all poses" if len(worst) <= MOST else f"the {MOST} poses with the largest residuals"
+    view = View(
+        scene.html(),
+        f"Measured minus predicted at the markers, {factor:.0f} times enlarged: red by the nominal model, green by the "
+        f"identified one; {shown_poses}, the slider shows one at a time. Look for green arrows that turn together with "
+        "a link, or that all point one way: the model misses something, and qsf diagnose can name it.",
+        Table(
+            ("pose", "repeat", "largest nominal, mm", "identified, mm"), rows, "Lengths of the vectors, worst first."
+        ),
+    )
+    return Section("Residuals on the robot", (view,))

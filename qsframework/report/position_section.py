@@ -7,9 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from qsframework.experiment import Experiment, StateReadings, make_plan
 from qsframework.identify.absolute import PositionFit
-from qsframework.report.blocks import Figure, Section, Table, Text
+from qsframework.report.blocks import Figure, Section, Table, Text, View
 from qsframework.report.fit_section import fit_table, residual_figure, residual_table
+
+_MOST = 24
+"""Poses in the scene."""
 
 
 def position_error_table(fit: PositionFit) -> Table:
@@ -98,3 +102,24 @@ def _distances(fit: PositionFit) -> Any:
             x=fit.rows[fit.absolute], y=size[fit.absolute], mode="markers", name=name, text=text, marker={"size": 4}
         )
     return figure
+
+
+def position_view(fit: PositionFit, experiment: Experiment, states: StateReadings) -> Section:
+    """The poses whose positions are farthest off, with the error of each."""
+    from qsframework.viz import show_scene
+
+    size = 1e3 * np.linalg.norm(fit.residuals, axis=1)[fit.absolute]
+    worst: dict[str, float] = {}
+    for pose, error in zip(fit.poses[fit.absolute], size.tolist(), strict=True):
+        worst[pose] = max(error, worst.get(pose, 0.0))
+    order = sorted(worst, key=lambda p: -worst[p])
+    first = {pose: i for i, pose in reversed(list(enumerate(states.pose)))}
+    names = [f"{p}, up to {worst[p]:.3f} mm off" for p in order[:_MOST]]
+    plan = make_plan(states.poses.take([first[p] for p in order[:_MOST]]), [""] * len(names), names=names)
+    view = View(
+        show_scene(experiment, plan).html(),
+        f"The poses that are predicted worst by the identified arm, up to {_MOST} of them, worst first. Look for what "
+        "they have in common: a stretched arm, one side of the workspace, one turned wrist.",
+        Table(("pose", "largest error, mm"), tuple((p, f"{worst[p]:.4f}") for p in order), "All poses, worst first."),
+    )
+    return Section("Poses that are predicted worst", (view,))

@@ -128,13 +128,17 @@ def power_section(foresight: Foresight, title: str = "What this plan would show"
     blocks: list[Text | Table | Figure] = [Text(said) for said in foresight.words()[:1]]
     blocks.append(size_table(foresight))
     if np.isfinite(foresight.angles).any():
-        caption = "Dark: causes that do the same to these readings, whatever their size. Bright: told apart with ease."
+        caption = (
+            "Look for dark squares off the diagonal: causes that do the same to these readings, whatever their size. "
+            "Bright ones are told apart with ease."
+        )
         blocks.append(Figure(angle_figure(names, foresight.angles), caption))
     if foresight.pairs:
         blocks.append(pair_table(foresight))
     caption = (
-        "s grows with the effect and with the square root of the number of readings. A cause with more parameters "
-        "must show more before it is told from noise."
+        "Look where the curves cross the dotted line: there a cause is detected as surely as is asked. s grows with "
+        "the effect and with the square root of the number of readings; a cause with more parameters must show more "
+        "before it is told from noise."
     )
     blocks.append(Figure(power_figure(foresight), caption))
     blocks.append(hidden_table(foresight))

@@ -104,7 +104,7 @@ for (const [name, paths] of Object.entries(layers)) {{
   label.append(box, " " + name);
   document.getElementById("layers").append(label);
 }}
-document.getElementById("bar").hidden = !steps.length && !Object.keys(layers).length;
+document.getElementById("bar").hidden = steps.length < 2 && !Object.keys(layers).length;
 if (steps.length) {{
   document.getElementById("order").hidden = steps.length < 2;
   slider.min = steps.some(s => s[2]) ? 1 : 0;

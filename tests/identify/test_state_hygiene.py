@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.cli.commands import check_files
+from qsframework.cli.check import check_files
 from qsframework.cli.identify import FitFiles, How, run_identify
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, StateReadings, load_experiment, read_states, write_states

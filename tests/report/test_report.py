@@ -83,7 +83,9 @@ def test_the_demo_leaves_its_files(demo: Path) -> None:
 
 
 def test_text_is_escaped(tmp_path: Path) -> None:
-    section = Section(EVIL, (Text(EVIL), Table((EVIL,), ((EVIL,),), EVIL), View(f"<p>{EVIL}</p>", EVIL, Table((EVIL,), ()))))
+    section = Section(
+        EVIL, (Text(EVIL), Table((EVIL,), ((EVIL,),), EVIL), View(f"<p>{EVIL}</p>", EVIL, Table((EVIL,), ())))
+    )
     page = parse(write_report(tmp_path / "r.html", EVIL, [section]))
     assert page.tags.count("script") == 1  # the report's own
 

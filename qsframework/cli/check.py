@@ -1,0 +1,140 @@
+"""`qsf check` and `qsf robots`: what they call, print and write."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from qsframework.cli.commands import distinct_outputs, write_json
+from qsframework.cli.progress import print_table
+from qsframework.errors import InputError, Problem
+from qsframework.experiment import (
+    Experiment,
+    Readings,
+    StateReadings,
+    is_states,
+    load_experiment,
+    read_readings,
+    read_states,
+)
+from qsframework.robot import Robot, load_robot, robot_names
+
+if TYPE_CHECKING:
+    from qsframework.report import Section
+
+Line = tuple[bool | None, str, str]
+"""Whether it is as it should be (None: not measured), its kind, and what was found."""
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A file that could be read: what it is, and what its readings say of themselves."""
+
+    file: Path
+    words: str
+    robot: Robot
+    experiment: Experiment | None = None
+    readings: Readings | StateReadings | None = None
+    lines: tuple[Line, ...] = ()
+
+    def said(self) -> str:
+        """What the terminal is told."""
+        if not self.lines:
+            return f"{self.words}, ok"
+        if isinstance(self.readings, Readings):
+            return f"{self.words}, ok, but look at" + "".join(f"\n  {kind}: {said}" for _, kind, said in self.lines)
+        bad = any(good is False for good, _, _ in self.lines)
+        head = ", ok, but look at what is marked with !" if bad else ", ok"
+        return self.words + head + "".join(f"\n  {_MARK[good]} {kind}: {said}" for good, kind, said in self.lines)
+
+
+def list_robots(json: Path | None, report: Path | None = None) -> None:
+    """Name and title of every robot on the search path."""
+    distinct_outputs([json, report], [])
+    robots = [load_robot(name) for name in robot_names()]
+    rows = tuple((name, robot.title) for name, robot in zip(robot_names(), robots, strict=True))
+    print_table(("robot", "title"), rows)
+    if json is not None:
+        write_json(json, dict(rows))
+    if report is not None:
+        from qsframework.report import write_report
+        from qsframework.report.robot_section import robots_section
+
+        sections = (robots_section(robots), _computed(robots, []))
+        print(f"report: {write_report(report, 'Robots', sections)}")
+
+
+def check_files(files: Sequence[Path], json: Path | None, report: Path | None = None) -> None:
+    """Load each file; raise one InputError with the problems of all."""
+    problems: list[Problem] = []
+    checked: list[Checked] = []
+    distinct_outputs([json, report], [file for file in files if file.is_file()])
+    for file in files:
+        try:
+            checked.append(_check(file))
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    for one in checked:
+        print(f"{one.file}: {one.said()}")
+    if json is not None:
+        write_json(json, {str(one.file): one.said() for one in checked})
+    if report is not None:
+        _report(checked, report)
+
+
+def _check(file: Path) -> Checked:
+    if str(file) in robot_names() or file.name == "robot.yaml" or file.is_dir():
+        robot = load_robot(file)
+        words = f"robot {robot.name}, {robot.facts.n} joints, {len(robot.parameters)} parameters"
+        return Checked(file, words, robot)
+    experiment = load_experiment(file)
+    words = f"experiment with {experiment.robot.name}, {len(experiment.markers)} markers"
+    if experiment.data is None:
+        return Checked(file, words, experiment.robot, experiment)
+    read = read_states if is_states(experiment.data) else read_readings
+    readings = read(experiment.data, experiment)
+    words += f", {len(readings.use)} readings at {len(readings.poses)} poses"
+    lines = tuple(_lines(experiment, readings))
+    return Checked(file, words, experiment.robot, experiment, readings, lines)
+
+
+def _lines(experiment: Experiment, readings: Readings | StateReadings) -> list[Line]:
+    """What the readings say of themselves, and those that cannot be right."""
+    from qsframework.applications.closure import check_states
+    from qsframework.identify import check_positions, check_readings
+
+    if isinstance(readings, Readings):
+        return [(False, f.kind, f.words) for f in check_readings(experiment, readings)]
+    checks: list[Line] = [(c.good, c.kind, c.words) for c in check_states(experiment, readings)]
+    return checks + [(False, f.kind, f.words) for f in check_positions(experiment, readings)]
+
+
+_MARK = {True: " ", False: "!", None: "?"}
+"""Before what `qsf check` says of states: as it should be, look at it, not measured."""
+
+
+def _report(checked: Sequence[Checked], report: Path) -> None:
+    from qsframework.report import write_report
+    from qsframework.report.check_section import found_section, readings_section
+    from qsframework.report.robot_section import robot_section
+
+    sections = [found_section([(str(c.file), c.words, c.lines) for c in checked])]
+    for c in checked:
+        if c.experiment is not None and c.readings is not None:
+            sections.append(readings_section(c.experiment, c.readings, "/".join(c.file.parts[-2:])))
+    sections += [robot_section(robot) for robot in {c.robot.folder: c.robot for c in checked}.values()]
+    files = [path for c in checked if c.experiment is not None for path in (c.experiment.path, c.experiment.data)]
+    own = _computed([c.robot for c in checked], [path for path in files if path is not None])
+    print(f"report: {write_report(report, 'Check', [*sections, own])}")
+
+
+def _computed(robots: Sequence[Robot], files: Sequence[Path]) -> Section:
+    from qsframework.report.provenance import READING, provenance_section
+
+    robots = list({r.folder: r for r in robots}.values())
+    parameters = [replace(p, name=f"{r.name}: {p.name}") for r in robots for p in r.parameters]
+    return provenance_section([e for r in robots for e in r.effects], files, None, (READING,), parameters, robots)

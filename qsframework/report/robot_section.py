@@ -1,0 +1,57 @@
+"""A robot in a report: its joints and effects, and how it looks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from qsframework.report.blocks import Section, Table, View
+from qsframework.robot import Robot
+from qsframework.viz import robot_row
+
+_LOOK = "Look whether the joints turn about the right axes, and whether bars and balancer hang as on the machine."
+
+
+def joint_table(robot: Robot) -> Table:
+    """Limits as the pendant shows them, and the largest torque."""
+    c, most = robot.controller, robot.torque_limits
+    torque = ["-"] * robot.facts.n if most is None else [f"{t:.4g}" if np.isfinite(t) else "-" for t in most]
+    degrees = np.rad2deg(np.stack([c.lower, c.upper]))
+    rows = zip(robot.facts.joints, degrees[0], degrees[1], torque, strict=True)
+    carried = "no payload is stated" if robot.payload is None else f"payload {robot.payload:g} kg"
+    return Table(
+        ("joint", "from deg", "to deg", "torque limit N m"),
+        tuple((j, f"{low:.4g}", f"{high:.4g}", t) for j, low, high, t in rows),
+        f"Limits of what the pendant shows; {carried}.",
+    )
+
+
+def robots_table(robots: Sequence[Robot]) -> Table:
+    """One row per robot."""
+    rows: list[tuple[str, ...]] = []
+    for r in robots:
+        assumed = sum("assumed" in p.source.lower() for p in r.parameters if p.nominal)
+        valued = sum(1 for p in r.parameters if p.nominal)
+        kinds = ", ".join(dict.fromkeys(e.effect_name() for e in r.effects))
+        payload = "-" if r.payload is None else f"{r.payload:g}"
+        rows.append((r.name, r.title, str(r.facts.n), payload, f"{assumed} of {valued}", kinds))
+    return Table(
+        ("robot", "title", "joints", "payload kg", "values assumed", "effects"),
+        tuple(rows),
+        "Assumed values stand where no measurement is published: what is computed from them is no better.",
+    )
+
+
+def robots_section(robots: Sequence[Robot]) -> Section:
+    """A table of robots and a scene that shows them one at a time."""
+    views = (View(robot_row(robots).html(), _SLIDE, robots_table(robots)),) if robots else ()
+    return Section("Robots", views)
+
+
+_SLIDE = "The slider goes through the robots at zero angles, or the nearest allowed. " + _LOOK
+
+
+def robot_section(robot: Robot) -> Section:
+    """One robot with its joints."""
+    return Section(robot.title, (View(robot_row([robot]).html(), _LOOK, joint_table(robot)),))

@@ -1,0 +1,87 @@
+"""A simulated campaign in a report: what each pose shows, against the noise, and what made it."""
+
+from __future__ import annotations
+
+import html
+from typing import Any
+
+import numpy as np
+
+from qsframework.elastostatics.exact import exact_readings
+from qsframework.experiment import Experiment, Plan, Simulation
+from qsframework.plugin import Array
+from qsframework.report.blocks import Figure, Section, Table, Text, View
+from qsframework.report.fit_section import shown
+from qsframework.viz import show_scene
+from qsframework.viz.deflection import deflection
+
+_LOOK = (
+    "Bars: how far each marker moves under the load, without noise; the dotted line is the noise of one coordinate. "
+    "Look for poses whose bars are hardly above it: they tell nothing; and for markers that always move alike."
+)
+_SCENE = (
+    "The arm at every pose of the plan; red: deflected, 100 times exaggerated, by the full equilibrium at the "
+    "simulation's parameters. Look for poses in which another part of the arm gives than in most."
+)
+
+
+def simulation_sections(experiment: Experiment, plan: Plan, result: Simulation, exact: bool) -> tuple[Section, ...]:
+    """Deflections as figure and table, the scene, and the parameters that made the readings."""
+    moved = exact_readings(result.model, plan.poses, result.x) if exact else result.model.predict(plan.poses, result.x)
+    how = "the full equilibrium" if exact else "the linear model"
+    sigma = 1e3 * (experiment.noise.sigma or 0.0)
+    rows, poses = len(result.readings.use), len(result.readings.poses)
+    said = (
+        f"{rows} readings of {poses} visits to {len(plan.pose)} poses by {how}, with independent Gaussian noise of "
+        f"{sigma:.4g} mm on every coordinate. The readings differ from the numbers below by this noise alone."
+    )
+    numbers = deflection_table(experiment, plan, moved)
+    figure = Figure(_bars(experiment, plan, moved, sigma), _LOOK, numbers)
+    view = View(show_scene(experiment, plan, result.x).html(), _SCENE, tip_table(plan, result))
+    return (
+        Section("What the poses show", (Text(said), figure)),
+        Section("In 3D", (view,)),
+        Section("What made the readings", (truth_table(result),)),
+    )
+
+
+def deflection_table(experiment: Experiment, plan: Plan, moved: Array) -> Table:
+    """Displacement (N, K, 3) m of each marker at each pose, without noise."""
+    rows = tuple(
+        (plan.pose[i], plan.load[i] or "-", m.name, *(f"{1e3 * v:.4f}" for v in moved[i, k]),
+         f"{1e3 * np.linalg.norm(moved[i, k]):.4f}")
+        for i in range(len(plan.pose)) for k, m in enumerate(experiment.markers)
+    )  # fmt: skip
+    return Table(("pose", "load", "marker", "dx mm", "dy mm", "dz mm", "length mm"), rows, "Base frame, without noise.")
+
+
+def tip_table(plan: Plan, result: Simulation) -> Table:
+    """The load point's way from unloaded to loaded by the full equilibrium."""
+    tip = 1e3 * deflection(result.model, plan.poses, result.x).tip
+    rows = tuple((p, *(f"{v:.4f}" for v in t), f"{np.linalg.norm(t):.4f}") for p, t in zip(plan.pose, tip, strict=True))
+    return Table(("pose", "dx mm", "dy mm", "dz mm", "length mm"), rows, "Of the load point.")
+
+
+def truth_table(result: Simulation) -> Table:
+    """The parameters of the simulation beside the nominal ones."""
+    rows: list[tuple[str, ...]] = []
+    for p, x in zip(result.model.parameters, result.x, strict=True):
+        unit = shown(1.0, p.unit)[1]
+        change = f"{100 * (x / p.nominal - 1):+.1f} %" if p.nominal else "-"
+        rows.append((p.name, f"{shown(float(x), p.unit)[0]:.5g}", f"{shown(p.nominal, p.unit)[0]:.5g}", unit, change))
+    header = ("parameter", "in the simulation", "nominal", "unit", "change")
+    return Table(header, tuple(rows), "A fit of the readings should find the second column within its sds.")
+
+
+def _bars(experiment: Experiment, plan: Plan, moved: Array, sigma: float) -> Any:
+    import plotly.graph_objects as go
+
+    figure = go.Figure(layout={"title": {"text": "Displacement of the markers"}, "template": "plotly_white",
+                               "height": 380, "barmode": "group", "xaxis": {"type": "category"},
+                               "yaxis": {"title": {"text": "length, mm"}}})  # fmt: skip
+    sizes = 1e3 * np.linalg.norm(moved, axis=2)
+    poses = [html.escape(p) for p in plan.pose]
+    for k, marker in enumerate(experiment.markers):
+        figure.add_bar(x=poses, y=sizes[:, k].tolist(), name=html.escape(marker.name))
+    figure.add_hline(y=sigma, line={"color": "#888", "dash": "dot"}, annotation_text="noise")
+    return figure
