@@ -21,6 +21,7 @@ from qsframework.plugin.facts import frozen
 from qsframework.robot import Robot
 from qsframework.robot.collision import Flags, above_floor, make_collider
 from qsframework.robot.kinematics import joint_frames
+from qsframework.work import HERE, Work
 
 _SPREAD = 0.2
 """m: the campaign's three reflectors stand this far from the load point, along the axes of the last link."""
@@ -110,33 +111,45 @@ def _robot_json(r: Compared, shared: Flags) -> dict[str, Any]:
 
 def compare(
     robots: Sequence[Robot], task: Task, seed: int = 0, tell: Tell | None = None,
-    notes: Mapping[str, Sequence[str]] | None = None,
+    notes: Mapping[str, Sequence[str]] | None = None, work: Work = HERE,
 ) -> Comparison:  # fmt: skip
-    """Compare robots on a task, each by its nominal parameters (see `with_fit`); notes: more to say, by robot."""
+    """Compare robots on a task, each by its nominal parameters (see `with_fit`).
+
+    notes: more to say, by robot; work: where, robot by robot
+    """
     names = [r.name for r in robots]
     if len(set(names)) != len(names) or len(names) < 2:
         raise InputError(f"compare needs two or more different robots, found {', '.join(names)}")
     tell = tell or (lambda label, done, total: None)
     out: list[Compared] = []
-    for k, robot in enumerate(robots):
-        out.append(_one(robot, task, seed, lambda i, k=k: tell("robots", 3 * k + i, 3 * len(robots))))
+    tell("robots", 0, len(robots))
+    for found in work.run("robots", _found, (tuple(robots), task, seed), range(len(robots))):
+        robot = robots[len(out)]
+        parameters = campaign_of(robot, task, tool_of(robot, task.tool)).fit_parameters()
+        out.append(Compared(robot=robot, parameters=parameters, **found))
+        tell("robots", len(out), len(robots))
     more = notes or {}
     return Comparison(task, tuple(replace(r, notes=(*r.notes, *more.get(r.robot.name, ()))) for r in out))
 
 
-def _one(robot: Robot, task: Task, seed: int, told: Callable[[int], None]) -> Compared:
+def _found(shared: tuple[tuple[Robot, ...], Task, int], k: int) -> dict[str, Any]:
+    """What is found of robot k: all of `Compared` but what the robot itself says."""
+    robots, task, seed = shared
+    found = _one(robots[k], task, seed)
+    return {name: value for name, value in vars(found).items() if name not in ("robot", "parameters")}
+
+
+def _one(robot: Robot, task: Task, seed: int) -> Compared:
     tool = tool_of(robot, task.tool)
     experiment = campaign_of(robot, task, tool)
     model = tip_model(robot, tool)
     free = _free(robot, task)
     deflection, softest, touching = _map(robot, model, tool, task, seed, free)
-    told(1)
     found = reach(robot, model, tool, task.points, task.directions, seed, free)
     pendant, reached = found.pendant, found.good
     poses = Poses(pendant, robot.controller.to_joints(pendant), task.wrenches)
     moved = np.full(len(pendant), np.nan)
     moved[reached] = _deflections(model, poses.take(reached))
-    told(2)
     after = np.full(len(pendant), np.nan)
     sds, campaign = np.full(len(experiment.fit_names()), np.nan), "no point of the path is reached"
     if reached.any():
@@ -144,7 +157,6 @@ def _one(robot: Robot, task: Task, seed: int, told: Callable[[int], None]) -> Co
         if plan is not None:
             sds = promised_sd(experiment, plan)
             after[reached] = _after(experiment, model, plan, poses.take(reached))
-    told(3)
     notes = _notes(robot, task, found, touching)
     return Compared(robot, deflection, softest, frozen(pendant), moved, after, experiment.fit_parameters(), sds,
                     campaign, notes, touching)  # fmt: skip

@@ -11,25 +11,29 @@ from qsframework.applications.task import load_task
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.pairs import pairs
 from qsframework.cli.progress import print_table, progress
+from qsframework.cli.where import ALONE, Where, at_work
 from qsframework.errors import InputError, Problem
 from qsframework.robot import Robot, load_robot
+from qsframework.work import job_of
 
 
 def run_compare(
-    names: Sequence[str], task_file: Path, seed: int, json: Path | None, report: Path | None, fits: Sequence[str] = ()
-) -> None:
+    names: Sequence[str], task_file: Path, seed: int, json: Path | None, report: Path | None, fits: Sequence[str] = (),
+    where: Where = ALONE,
+) -> None:  # fmt: skip
     """Compare, print the summary, write the JSON and the report."""
     from qsframework.report import write_report
     from qsframework.report.compare_section import compare_sections, summary_table
     from qsframework.report.provenance import AFTER, EQUILIBRIUM, INFORMATION, STIFFNESS, provenance_section
 
     fit_files = pairs("--fit", fits, "ROBOT=fit.json")
-    distinct_outputs([json, report], [task_file, *map(Path, fit_files.values())])
+    distinct_outputs([json, report, where.checkpoint], [task_file, *map(Path, fit_files.values())])
     task = load_task(task_file)
     robots = [load_robot(name, beside=task_file.parent) for name in names]
     robots, notes = identified(robots, fit_files)
-    with progress() as tell:
-        result = compare(robots, task, seed, tell, notes)
+    values = {"task": task, **{f"robot {r.name}": r for r in robots}}
+    with at_work(where, lambda: job_of("compare", {"seed": seed}, values)) as work, progress() as tell:
+        result = compare(robots, task, seed, tell, notes, work)
     table = summary_table(result)
     print_table(table.header, table.rows, task.title)
     print(table.caption)

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from qsframework.cli.trust import Trust
+from qsframework.cli.where import DaskAddress, Jobs, Kept, Where
 
 ExperimentFile = Annotated[Path, typer.Argument(help="experiment.yaml", show_default=False)]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON.")]
@@ -97,6 +98,9 @@ def compare(
     robots: Annotated[list[str], typer.Argument(help="Two or more robots, by name or folder.", show_default=False)],
     task: Annotated[Path, typer.Option(help="task.yaml: path, map and campaign.", show_default=False)],
     fit: Annotated[list[str] | None, typer.Option(help="ROBOT=fit.json: its identified values.")] = None,
+    jobs: Jobs = 1,
+    dask: DaskAddress = None,
+    checkpoint: Kept = None,
     seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
     json: Json = None,
     report: Report = None,
@@ -105,7 +109,7 @@ def compare(
     """Compare robots: deflection over the workspace and along a path, and what equally many poses would tell."""
     from qsframework.cli.compare import run_compare
 
-    run_compare(robots, task, seed, json, report, fit or ())
+    run_compare(robots, task, seed, json, report, fit or (), Where(jobs, dask, checkpoint))
 
 
 def new(

@@ -8,12 +8,12 @@ import io
 import pickle
 import sys
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
-from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from functools import cached_property, lru_cache
+from pathlib import PurePath
+from types import FunctionType, MappingProxyType
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -57,11 +57,34 @@ class _Packer(pickle.Pickler):
     dispatch_table[MappingProxyType] = lambda view: (_view, (dict(view),))
 
 
-class _Hasher(_Packer):
-    """Bytes to hash: of a path the name only, so that the same files in another folder are the same."""
+def _value(kind: str, *content: Any) -> tuple[Any, ...]:
+    return kind, *content
 
-    dispatch_table = dict(_Packer.dispatch_table)  # noqa: RUF012 - as pickle has it
-    dispatch_table[type(Path())] = lambda path: (Path, (path.name,))
+
+class _Hasher(pickle.Pickler):
+    """Bytes to hash: what a value says, not how it came about, nor the folder that its files lie in."""
+
+    def reducer_override(self, obj: Any) -> Any:
+        kind = f"{type(obj).__module__}.{type(obj).__qualname__}"
+        if isinstance(obj, np.ndarray):
+            array = cast(Array, obj)
+            return _value, (kind, array.dtype.str, array.shape, array.tobytes())
+        if isinstance(obj, PurePath):
+            return _value, (kind, obj.name)
+        if isinstance(obj, MappingProxyType):
+            return _value, (kind, dict(cast(Mapping[Any, Any], obj)))
+        if not hasattr(obj, "__dict__") or isinstance(obj, type | FunctionType):
+            return NotImplemented
+        state = cast(dict[str, Any], vars(obj))
+        return _value, (kind, [(k, _ordered(state[k])) for k in sorted(state) if not _is_cache(obj, k)])
+
+
+def _ordered(value: Any) -> Any:
+    return sorted(map(repr, cast(set[Any], value))) if isinstance(value, set | frozenset) else value
+
+
+def _is_cache(obj: Any, name: str) -> bool:
+    return isinstance(getattr(cast(type[Any], type(obj)), name, None), cached_property)
 
 
 @dataclass(frozen=True)
@@ -74,19 +97,20 @@ class Packed:
 
 def pack(value: Any) -> Packed:
     """The value as bytes."""
-    content = _dumped(_Packer, value)
-    return Packed(content, hashlib.sha256(content).hexdigest())
+    stream = io.BytesIO()
+    _Packer(stream, protocol=5).dump(value)
+    return Packed(stream.getvalue(), hashlib.sha256(stream.getvalue()).hexdigest())
 
 
 def value_hash(value: Any) -> str:
     """Hash of all that a value holds, the same in every process and every folder."""
-    return hashlib.sha256(_dumped(_Hasher, value)).hexdigest()
-
-
-def _dumped(packer: type[_Packer], value: Any) -> bytes:
     stream = io.BytesIO()
-    packer(stream, protocol=5).dump(value)
-    return stream.getvalue()
+    hasher = _Hasher(stream, protocol=5)
+    hasher.fast = (
+        True  # no references from one part to another: equal values in two places, or one in both, are the same
+    )
+    hasher.dump(value)
+    return hashlib.sha256(stream.getvalue()).hexdigest()
 
 
 def unpack(packed: Packed) -> Any:
@@ -117,11 +141,14 @@ def _controller(modules: int) -> ThreadpoolController:
 def settled(result: Any) -> Any:
     """A result of tuples, lists, dictionaries and arrays, these without gaps: as it comes from elsewhere."""
     if isinstance(result, np.ndarray):
-        return np.ascontiguousarray(result) if result.ndim else result
-    if isinstance(result, tuple | list):
-        return type(result)(map(settled, result))  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
+        array = cast(Array, result)
+        return np.ascontiguousarray(array) if array.ndim else array
+    if isinstance(result, tuple):
+        return tuple(settled(v) for v in cast(tuple[Any, ...], result))
+    if isinstance(result, list):
+        return [settled(v) for v in cast(list[Any], result)]
     if isinstance(result, dict):
-        return {key: settled(value) for key, value in result.items()}  # pyright: ignore[reportUnknownVariableType]
+        return {key: settled(v) for key, v in cast(dict[Any, Any], result).items()}
     return result
 
 
