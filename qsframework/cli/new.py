@@ -37,6 +37,7 @@ class NewWish:
     output: Path | None = None
     base: str | None = None
     flange: str | None = None
+    payload: float | None = None
     packages: Sequence[str] = ()
     arguments: Sequence[str] = ()
 
@@ -49,6 +50,10 @@ def run_new(name: str, urdf: Path, wish: NewWish) -> None:
 
     if not _NAME.fullmatch(name):
         raise InputError(Problem(f"name: use letters, digits, _ . and - only, found {name!r}"))
+    if wish.payload is not None and not 0.0 < wish.payload < 1e5:
+        raise InputError(
+            Problem("--payload: no payload of a robot", found=f"{wish.payload:g} kg", allowed="above 0 kg")
+        )
     if not urdf.is_file():
         raise InputError(Problem("no such file", file=str(urdf), hint="Give a URDF or xacro with --urdf."))
     folder = wish.output or Path(name)
@@ -60,7 +65,7 @@ def run_new(name: str, urdf: Path, wish: NewWish) -> None:
     if missing:
         raise InputError(missing)
     sources = Sources(packages, pairs("--arg", wish.arguments, "NAME=VALUE"), nearby=True)
-    proposal = propose(name, urdf, wish.base, wish.flange, sources)
+    proposal = propose(name, urdf, wish.base, wish.flange, sources, wish.payload)
     write_folder(folder, proposal.files)
     print(f"{folder}: {', '.join(proposal.files)}")
     failed = try_robot(folder)

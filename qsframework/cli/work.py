@@ -118,13 +118,14 @@ def new(
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder to make; the name if left out.")] = None,
     base: Annotated[str | None, typer.Option(help="Link that stands still; the root if left out.")] = None,
     flange: Annotated[str | None, typer.Option(help="Link that carries the tool.")] = None,
+    payload: Annotated[float | None, typer.Option(help="Its payload, kg, from the manual.")] = None,
     package: Annotated[list[str] | None, typer.Option(help="NAME=FOLDER for a xacro's $(find NAME).")] = None,
     arg: Annotated[list[str] | None, typer.Option(help="NAME=VALUE for a xacro's $(arg NAME).")] = None,
 ) -> None:
     """Make a robot's folder from a URDF, try it, and say what is still to be looked up."""
     from qsframework.cli.new import NewWish, run_new
 
-    run_new(name, urdf, NewWish(output, base, flange, package or (), arg or ()))
+    run_new(name, urdf, NewWish(output, base, flange, payload, package or (), arg or ()))
 
 
 def add_commands(app: typer.Typer) -> None:

@@ -41,11 +41,12 @@ class Stiffness:
 
 
 def propose(
-    name: str, urdf: Path, base: str | None = None, flange: str | None = None, sources: Sources | None = None
-) -> Proposal:
+    name: str, urdf: Path, base: str | None = None, flange: str | None = None, sources: Sources | None = None,
+    payload: float | None = None,
+) -> Proposal:  # fmt: skip
     """The files of a new robot from a URDF or xacro. InputError where the file is no arm, or holds several.
 
-    sources: where a xacro's packages are and what its arguments say
+    sources: where a xacro's packages are and what its arguments say; payload: kg, from the manual
     """
     sources = sources or Sources(nearby=True)
     source = read_urdf(urdf, urdf.parent, sources)
@@ -61,11 +62,15 @@ def propose(
     if problems:
         raise InputError(problems)
     moving = [joint for joint in chain if joint.moves]
-    stiffness = _stiffness(arm, moving, _efforts(urdf, sources))
-    notes = _checklist(moving, dropped, lost, guessed, impossible)
+    stiffness = _stiffness(arm, moving, _efforts(urdf, sources), payload)
+    notes = (
+        *_checklist(moving, payload),
+        *_found(arm, moving, guessed, impossible),
+        *_left_out(dropped, lost),
+    )
     files = {
         f"{name}.urdf": _urdf_text(arm, name, base, bool(guessed)),
-        "robot.yaml": robot_text(name, urdf.name, base, flange, [(j.name, _degrees(j)) for j in moving]),
+        "robot.yaml": robot_text(name, urdf.name, base, flange, [(j.name, _degrees(j)) for j in moving], payload),
         "nominal.yaml": nominal_text([(s.joint, s.value, s.why) for s in stiffness]),
         "README.md": readme_text(name, urdf.name, guessed, stiffness[0].why, notes),
     }
@@ -101,20 +106,23 @@ def _efforts(urdf: Path, sources: Sources) -> dict[str, float]:
     return out
 
 
-def _stiffness(urdf: Urdf, moving: list[Joint], efforts: dict[str, float]) -> list[Stiffness]:
+def _stiffness(
+    urdf: Urdf, moving: list[Joint], efforts: dict[str, float], payload: float | None
+) -> list[Stiffness]:  # fmt: skip
     """From the largest torques if all are stated, else from what the links weigh."""
     if all(j.name in efforts for j in moving) and len({efforts[j.name] for j in moving}) > 1:
         why = "assumed: 2.5 mrad at the joint's largest torque in the URDF"
         return [Stiffness(j.name, efforts[j.name] / _TWIST_AT_EFFORT, why) for j in moving]
     lengths = [float(np.linalg.norm(j.origin.xyz)) for j in moving] + [0.0]
     masses = [mass_of(urdf, j.child) for j in moving]
-    tool, reach = _TOOL_SHARE * sum(masses), sum(lengths[1:])
+    tool, reach = payload or _TOOL_SHARE * sum(masses), sum(lengths[1:])
+    load = f"a tool of {100 * _TOOL_SHARE:g} % of it" if payload is None else "the payload"
     out: list[Stiffness] = []
     for k, joint in enumerate(moving):
         arms = np.cumsum([0.0, *lengths[k + 1 : -1]])
         moment = sum(m * (a + 0.5 * b) for m, a, b in zip(masses[k:], arms, lengths[k + 1 :], strict=True))
         moment += tool * (float(arms[-1]) + _TOOL_REACH * max(reach, 0.1))
-        why = "assumed: 1 mrad under the stretched arm's own weight and a tool of 15 % of it"
+        why = f"assumed: 1 mrad under the stretched arm's own weight and {load}"
         out.append(Stiffness(joint.name, 9.81 * moment / _TWIST_AT_WEIGHT, why))
     return out
 
@@ -124,12 +132,11 @@ def _degrees(joint: Joint) -> tuple[float, float]:
     return round(float(np.rad2deg(lower)), 3), round(float(np.rad2deg(upper)), 3)
 
 
-def _checklist(
-    moving: list[Joint], dropped: list[Joint], lost: float, guessed: tuple[str, ...], impossible: tuple[str, ...]
-) -> tuple[str, ...]:
+def _checklist(moving: list[Joint], payload: float | None) -> tuple[str, ...]:
     """What a URDF cannot tell."""
     span = sum(float(np.linalg.norm(j.origin.xyz)) for j in moving[1:])
-    notes = [
+    torques = "torque_limit_Nm per joint where the maker states them"
+    return (
         "controller: does the pendant show J3 as the relative angle, or as the forearm's elevation (FANUC, ABB with a "
         "parallelogram)? Then write equals: J3 + J2 or J3 - J2",
         "limits: a maker's limits hold for what the pendant shows; compare them with the manual",
@@ -137,11 +144,18 @@ def _checklist(
         "loops: a parallelogram or other coupling bar? Lever length and margin: see the comment in robot.yaml",
         "springs: a balancer or counterweight? Pivots and spring: see the comment in robot.yaml",
         "compliances: all are assumed; replace them where the maker or a paper states some",
-        "payload: add payload_kg, and torque_limit_Nm per joint where the maker states them",
-    ]
+        f"payload: add payload_kg, and {torques}" if payload is None else f"payload: add {torques}",
+    )
+
+
+def _found(urdf: Urdf, moving: list[Joint], guessed: tuple[str, ...], impossible: tuple[str, ...]) -> tuple[str, ...]:
+    """What looks odd in this URDF, or is missing."""
+    total, notes = sum(mass_of(urdf, j.child) for j in moving), list[str]()
     if guessed:
         which = "all moving links have assumed ones" if len(guessed) == len(moving) else "there they are assumed"
         notes.append(f"masses: the URDF has none for {', '.join(guessed)}; {which}")
+    else:
+        notes.append(f"masses: all that moves weighs {total:.3g} kg in the URDF; can that be, by the manual?")
     if impossible:
         notes.append(
             f"inertias: no body has those of {', '.join(impossible)} in the URDF; balls of the same mass stand in, "
@@ -150,12 +164,29 @@ def _checklist(
     unlimited = [j.name for j in moving if j.kind == "continuous"]
     if unlimited:
         notes.append(f"limits: -360..360 deg are assumed for {', '.join(unlimited)}, continuous in the URDF")
-    if dropped:
-        more = f" and {len(dropped) - _TOLD} more" if len(dropped) > _TOLD else ""
-        names = ", ".join(j.name for j in dropped[:_TOLD]) + more
-        weight = f"; what they carry, {lost:.3g} kg with all that is fixed to it, is left out too" if lost > 0 else ""
-        notes.append(f"left out, as they do not move the flange: {names}{weight}. Bars of a loop are an effect")
+    bare = [j.child for j in moving if not any(urdf.link(name).visuals for name in _with_fixed(urdf, j.child))]
+    if bare:
+        notes.append(
+            f"solids: no box, cylinder or sphere in <visual> of {', '.join(bare)}, and meshes are not read: these "
+            "links are not checked for collisions and hide nothing from the tracker"
+        )
     return tuple(notes)
+
+
+def _with_fixed(urdf: Urdf, link: str) -> list[str]:
+    """A link and all that is fixed to it."""
+    fixed = [j.child for j in urdf.joints if j.parent == link and not j.moves]
+    return [link, *(name for child in fixed for name in _with_fixed(urdf, child))]
+
+
+def _left_out(dropped: list[Joint], lost: float) -> tuple[str, ...]:
+    """The joints beside the arm, and what they carry, kg."""
+    if not dropped:
+        return ()
+    more = f" and {len(dropped) - _TOLD} more" if len(dropped) > _TOLD else ""
+    names = ", ".join(j.name for j in dropped[:_TOLD]) + more
+    weight = f"; what they carry, {lost:.3g} kg with all that is fixed to it, is left out too" if lost > 0 else ""
+    return (f"left out, as they do not move the flange: {names}{weight}. Bars of a loop are an effect",)
 
 
 def _urdf_text(urdf: Urdf, name: str, base: str, guessed: bool) -> str:

@@ -16,8 +16,9 @@ _LOOPS = """  # A parallelogram? Then the driven joint follows the driver; lever
 
 
 def robot_text(
-    name: str, source: str, base: str, flange: str, limits: Sequence[tuple[str, tuple[float, float]]]
-) -> str:
+    name: str, source: str, base: str, flange: str, limits: Sequence[tuple[str, tuple[float, float]]],
+    payload: float | None = None,
+) -> str:  # fmt: skip
     """robot.yaml."""
     joints = [joint for joint, _ in limits]
     second, third = (joints[1], joints[2]) if len(joints) > 2 else ("JOINT", "JOINT")
@@ -28,7 +29,8 @@ def robot_text(
         f"controller:                       # limits of {source}; assumed: the pendant shows the URDF's angles\n{rows}"
         "effects:\n  - {effect: joint_compliance, joints: all}\n"
         + _LOOPS.format(second=second, third=third)
-        + "nominal: nominal.yaml\n# payload_kg: 100\n"
+        + "nominal: nominal.yaml\n"
+        + ("# payload_kg: 100\n" if payload is None else f"payload_kg: {payload:g}\n")
     )
 
 

@@ -204,3 +204,41 @@ def test_a_package_opens_no_other_folder(tmp_path: Path) -> None:
         file.write_text(text.replace("$(find maker_arm)/urdf/arm_macro.xacro", target))
         with pytest.raises(InputError, match="outside the robot's folder"):
             propose("arm", file)
+
+
+def test_a_payload_from_the_manual_sizes_the_springs(tmp_path: Path) -> None:
+    """1 mrad under what hangs beyond each joint, arm stretched: by hand for the last joint and the first."""
+    file = file_of(tmp_path, ARM)
+    proposal = propose("arm", file, payload=40.0)
+    assert "payload_kg: 40\n" in proposal.files["robot.yaml"]
+    assert any(
+        note == "payload: add torque_limit_Nm per joint where the maker states them" for note in proposal.checklist
+    )
+    robot = load_robot(works(tmp_path, proposal))
+    assert robot.payload == 40.0
+    lengths = [np.hypot(0.2, 0.2), 0.8, np.hypot(0.3, 0.1), 0.5, 0.1]  # from each joint to the next
+    masses, tool = [30, 18, 9, 4, 2, 1], 0.1 * sum(lengths)
+    last = 9.81 * 40.0 * tool
+    starts = np.concatenate([[0.0], np.cumsum(lengths)])
+    centres = starts + 0.5 * np.array([*lengths, 0.0])
+    first = 9.81 * (np.dot(masses, centres) + 40.0 * (starts[-1] + tool))
+    assert 1e-3 / robot.parameters[-1].nominal == pytest.approx(last, rel=1e-3)
+    assert 1e-3 / robot.parameters[0].nominal == pytest.approx(first, rel=1e-3)
+
+
+def test_the_checklist_says_what_looks_odd(tmp_path: Path) -> None:
+    notes = propose("arm", file_of(tmp_path, ARM)).checklist
+    assert "masses: all that moves weighs 64 kg in the URDF; can that be, by the manual?" in notes
+    assert any(n.startswith("size: from the first axis to the last the joints are 2 m apart") for n in notes)
+    (solids,) = (n for n in notes if n.startswith("solids: "))
+    assert "<visual> of turret, upper, fore, roll, bend, hand, and meshes are not read" in solids
+    box = ARM.replace('<mesh filename="package://gone/fore.stl"/>', '<box size="0.3 0.1 0.1"/>')
+    assert not any("fore" in n for n in propose("arm", file_of(tmp_path, box)).checklist if n.startswith("solids"))
+
+
+def test_wrong_payloads(tmp_path: Path) -> None:
+    file = file_of(tmp_path, ARM)
+    for payload in (0.0, -3.0, float("nan"), 1e9):
+        with pytest.raises(InputError, match="--payload: no payload of a robot"):
+            run_new("arm", file, NewWish(tmp_path / "new", payload=payload))
+    assert not (tmp_path / "new").exists()
