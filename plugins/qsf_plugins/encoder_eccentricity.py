@@ -38,7 +38,7 @@ class EncoderEccentricity(Geometry):
         robot.joint_index(self.joint)
         waves = listed = self.waves_per_turn
         whole = isinstance(waves, tuple) and all(type(n) is int and 1 <= n <= 100_000 for n in listed)
-        if not whole or not waves or len(set(waves)) < len(waves):
+        if not whole or not listed or len(set(listed)) < len(listed):
             raise InputError(
                 f"{self.name}: waves_per_turn must be a list of whole numbers from 1 on, each once, such as [1, 17]; "
                 f"found {waves!r}"

@@ -108,7 +108,7 @@ def grid_candidates(
     total = levels ** len(lower)
     if levels < 2 or total > _MOST_GRID:
         raise InputError(f"a grid needs 2 or more levels and at most {_MOST_GRID:,} poses; {levels} give {total:,}")
-    axes = [np.linspace(low, high, levels) for low, high in zip(lower, upper, strict=True)]
+    axes = [np.linspace(float(low), float(high), levels) for low, high in zip(lower, upper, strict=True)]
     inner = np.array(list(product(*axes[-3:])))
     outer = list(product(*axes[:-3]))
     step = max(1, _BLOCK // len(inner))

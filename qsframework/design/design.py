@@ -65,7 +65,7 @@ def design(
     """
     wish = wish or Wish(criterion, repeats=repeats)
     check_criterion(wish.criterion)
-    tell = progress or (lambda *_: None)
+    tell: Progress = progress or (lambda step, done, total: None)
     if isinstance(candidates, int):
         told = partial(tell, "candidate poses")
         candidates = generate_candidates(experiment, candidates, seed, told, work)
@@ -209,7 +209,7 @@ def _plan(
     )  # fmt: skip
     load = problem.load(chosen)
     order = np.lexsort((*poses.pendant.T[::-1], load))
-    names = tuple(problem.loads[g].name for g in load[order])
+    names = tuple(problem.loads[int(g)].name for g in load[order])
     return make_plan(poses.take(order), names, counts[order].tolist(), rule.name, certificate, seed)
 
 
@@ -219,7 +219,7 @@ def _notes(problem: Problem, rule: Robust, M: Array) -> tuple[str, ...]:
         return ()
     variance = np.diag(np.linalg.inv(M))
     share = variance / variance.sum()
-    notes = []
+    notes: list[str] = []
     worst = int(np.argmax(share))
     if len(share) > 2 and share[worst] > _LOPSIDED:
         notes.append(

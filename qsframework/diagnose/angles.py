@@ -117,7 +117,7 @@ def mistaken(s: float, angle: float) -> float:
     """Probability that a cause of visible size s is mistaken for another one at this angle (rad)."""
     from scipy.stats import norm
 
-    return float(norm.sf(s * np.sin(min(angle, np.pi) / 2.0)))
+    return float(norm.sf(s * float(np.sin(min(angle, np.pi) / 2.0))))
 
 
 def named_from(angle: float, share: float = 0.95) -> float:

@@ -114,8 +114,8 @@ def told(rows: Array, width: tuple[int, int]) -> tuple[float, float]:
 
 def _left(nuisance: Array, trace: Array) -> float:
     """Norm of the trace after the other columns took what they can; zero where only rounding is left."""
-    size = np.linalg.norm(nuisance, axis=0)
-    used = nuisance[:, size > 0.0] / size[size > 0.0]
+    size: Array = np.linalg.norm(nuisance, axis=0)
+    used: Array = nuisance[:, size > 0.0] / size[size > 0.0]
     whole = float(np.linalg.norm(trace))
     if not used.size or whole == 0.0:
         return whole

@@ -217,7 +217,7 @@ def plan_of(
     poses: Poses, loads: tuple[str, ...], chosen: Chosen, known: Sequence[str], candidates: int, seed: int
 ) -> Plan:
     """The chosen poses as a plan, with their certificate: 1 / s^2 against the bound."""
-    index = chosen.index[np.lexsort((*poses.pendant[chosen.index].T[::-1], [loads[i] for i in chosen.index]))]
+    index = chosen.index[np.lexsort((*poses.pendant[chosen.index].T[::-1], [loads[int(i)] for i in chosen.index]))]
     value, best = 1.0 / max(chosen.s, 1e-12) ** 2, 1.0 / max(chosen.bound, 1e-12) ** 2
     certificate = Certificate(
         criterion="T", value=value, relaxed_value=best, relaxed_efficiency=1.0, efficiency=min(best / value, 1.0),
@@ -225,7 +225,7 @@ def plan_of(
         notes=("T: s^2 of one cause beside what the fitted parameters and another cause absorb",),
     )  # fmt: skip
     names = [f"t{i + 1:02d}" for i in range(len(index))]
-    return make_plan(poses.take(index), [loads[i] for i in index], None, "T", certificate, seed, names)
+    return make_plan(poses.take(index), [loads[int(i)] for i in index], None, "T", certificate, seed, names)
 
 
 def _flat(question: Question, poses: Poses) -> Array:

@@ -169,7 +169,7 @@ class Closing:
         order = np.argsort(self.scores.log_p)
         p = self.scores.p_adjusted
         return tuple(
-            Leftover(self.labels[i][0], self.labels[i][1], float(p[i])) for i in order.tolist() if p[i] <= level
+            Leftover(self.labels[i][0], self.labels[i][1], float(p[i])) for i in map(int, order) if p[i] <= level
         )
 
 

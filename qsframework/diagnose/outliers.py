@@ -79,11 +79,11 @@ def _row_p_values(white: Array, basis: Basis, out: Indices) -> Array:
     q = basis.Q.reshape(len(white), 3, -1)
     N: Array = np.eye(q.shape[2]) - np.einsum("rik,ril->kl", q[out], q[out])  # Q'Q of the rows that stay
     try:
-        G = np.linalg.inv(np.linalg.cholesky(N + 1e-12 * np.eye(len(N))))
+        G = np.asarray(np.linalg.inv(np.linalg.cholesky(N + 1e-12 * np.eye(len(N)))), dtype=np.float64)
     except np.linalg.LinAlgError:
         return np.ones(len(white))
     z = np.einsum("rik,ri->k", q[keep], white[keep])
-    left = white - q @ (G.T @ (G @ z))
+    left: Array = white - q @ (G.T @ (G @ z))
     h = q @ G.T
     H = h @ h.transpose(0, 2, 1)
     spread = np.eye(3) - H

@@ -118,7 +118,7 @@ def threshold(dof: int, sided: bool, log_p: float) -> float:
     """The statistic with this log p."""
     from scipy.stats import chi2
 
-    return float(chi2.isf(min(np.exp(log_p) * (2.0 if sided else 1.0), 1.0), dof))
+    return float(chi2.isf(min(float(np.exp(log_p)) * (2.0 if sided else 1.0), 1.0), dof))
 
 
 def detection_rate(s: Array | float, dof: int, sided: bool, limit: float) -> Array:

@@ -134,7 +134,7 @@ def make_gram(
         residuals = residuals - basis @ (basis.T @ residuals)
     return Gram(
         Q.T @ Q, Q.T @ residuals, float(residuals @ residuals), len(residuals), stated,
-        tuple(np.arange(a, b) for a, b in pairwise(ends.tolist())),
+        tuple(np.arange(a, b) for a, b in pairwise(map(int, ends))),
         tuple(s.one_sided for s in subspaces), tuple(s.absorbed for s in subspaces), bounds,
     )  # fmt: skip
 

@@ -111,7 +111,7 @@ def _hanging(
     others = _alternatives(library, given, allowed)
     dof = len(gram.at[i])
     unit = 1.0 if library.stated else gram.total / max(gram.count - len(library.case.fitted), 1)
-    needed = float(chi2.isf(np.exp(threshold), max(dof, 1))) * unit
+    needed = float(chi2.isf(float(np.exp(threshold)), max(dof, 1))) * unit
     without = Subset(given, 0.0, best.dof - dof, 0.0)
     found = hangs_on(library.case, library.subspaces, best, without, others, needed)
     return tuple(tuple(pose_names[p] for p in poses) for poses in found[:_MOST_SETS])

@@ -29,7 +29,7 @@ def tamed(residuals: Array, Q: Array) -> Array:
     for _ in range(_STEPS):
         fit = Q @ (Q.T @ y)
         error = residuals - fit
-        clip = _CLIP * _MAD * float(np.median(np.abs(error))) * np.sqrt(count / (count - size))
+        clip = _CLIP * _MAD * float(np.median(np.abs(error))) * float(np.sqrt(count / (count - size)))
         inside = float(np.mean(np.abs(error) < clip))
         new = fit + np.clip(error, -clip, clip) / max(inside, 0.1)
         done = float(np.abs(new - y).max()) <= _STILL

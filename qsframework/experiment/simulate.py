@@ -53,11 +53,11 @@ def simulate(
     x = _truth(model, truth, rng) if x is None else x
     poses = plan.repeated()
     moved = exact_readings(model, poses, x) if exact else model.predict(poses, x)
-    count, markers = moved.shape[:2]
+    count, markers = (int(n) for n in moved.shape[:2])
     order = np.repeat(np.arange(len(plan.pose)), plan.repeats)
     repeat = np.concatenate([np.arange(1, r + 1) for r in plan.repeats])
     readings = Readings(
-        poses, tuple(plan.pose[i] for i in order), repeat, np.ones(count, dtype=np.intp),
+        poses, tuple(plan.pose[int(i)] for i in order), repeat, np.ones(count, dtype=np.intp),
         np.repeat(np.arange(count), markers), np.tile(np.arange(markers), count),
         frozen((moved + sigma * rng.standard_normal(moved.shape)).reshape(-1, 3)),
         frozen(np.full(count * markers, sigma or np.nan)), np.ones(count * markers, dtype=bool),

@@ -81,13 +81,13 @@ def _nested(info: pydantic.fields.FieldInfo) -> tuple[type[FileModel] | None, bo
     text: list[Any] = [info.annotation]
     in_list = in_map = False
     while text:
-        kind = text.pop()
+        kind = held = text.pop()
         if isinstance(kind, type) and issubclass(kind, FileModel):
             return kind, in_list, in_map
-        origin = getattr(kind, "__origin__", None)
+        origin = getattr(held, "__origin__", None)
         in_list |= origin in (list, tuple)
         in_map |= origin is dict
-        text.extend(get_args(kind))
+        text.extend(get_args(held))
     return None, False, False
 
 

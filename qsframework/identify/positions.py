@@ -135,7 +135,7 @@ def make_positions(model: Model, states: StateReadings) -> Positions:
     series = tuple((str(name), np.flatnonzero(names == name)) for name in dict.fromkeys(names.tolist()))
     return Positions(
         model, states.poses, states.loaded, keep, states.position[keep], states.measurement[keep],
-        states.marker[keep], series, tuple(states.pose[m] for m in states.measurement[keep]), states.rows[keep],
+        states.marker[keep], series, tuple(states.pose[int(m)] for m in states.measurement[keep]), states.rows[keep],
     )  # fmt: skip
 
 

@@ -111,7 +111,7 @@ class MadeRows(Rows):
     """Rows that `make(index (m,)) -> (m, S, k, p)` computes whenever a pass asks for them; nothing is held."""
 
     make: Callable[[Indices], Array]
-    shape: tuple[int, int, int, int]  # type: ignore[misc]
+    shape: tuple[int, int, int, int]
 
     def read(self, start: int, stop: int) -> Array:
         return self.make(np.arange(start, stop))

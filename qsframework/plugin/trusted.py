@@ -114,7 +114,8 @@ def _run(path: Path, text: str) -> ModuleType:
 def _reduced(effect: Any) -> tuple[Any, ...]:
     """An instance for a pickle: another process, which cannot import its class, makes it from the same text."""
     values = {f.name: getattr(effect, f.name) for f in dataclasses.fields(effect)}
-    return _rebuilt, (*getattr(type(effect), _ORIGIN), effect.effect_name(), values)
+    origin: tuple[str, str] = getattr(effect.__class__, _ORIGIN)
+    return _rebuilt, (*origin, effect.effect_name(), values)
 
 
 def _rebuilt(path: str, text: str, name: str, values: dict[str, Any]) -> Effect:

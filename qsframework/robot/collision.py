@@ -48,7 +48,7 @@ class Collider:
         hit = np.zeros(count, dtype=bool)
         doubtful: list[Indices] = []
         bounds = [_capsule(shape, placed) for shape in self.shapes]
-        for i, j in self.pairs:
+        for i, j in ((int(a), int(b)) for a, b in self.pairs):
             near, sure = _judge(bounds[i], bounds[j], self.clearance)
             hit[sure] = True
             doubtful.append(np.stack([np.full(len(near), i), np.full(len(near), j), near], axis=1))
