@@ -111,12 +111,14 @@ def write_csv(programme: Programme) -> str:
     stream.write(f"# robot: {programme.robot}\n# payload: {payload}\n")
     writer = csv.writer(stream, lineterminator="\n")
     angles = [f"q{k + 1}_deg" for k in range(n)]
-    writer.writerow(["stop", "pose", "visit", *angles, "speed_percent", "pause_s", "load", "fx_N", "fy_N", "fz_N"])
+    writer.writerow(
+        ["stop", "pose", "visit", *angles, "speed_percent", "pause_s", "load", "fx_N", "fy_N", "fz_N", "then_hang"]
+    )
     for i, move in enumerate(programme.moves, start=1):
         pause = "0" if not move.measured else "hold" if programme.pause is None else repr(programme.pause)
         degrees = [f"{v:.3f}" for v in np.rad2deg(move.pendant) + 0.0]
         force = [f"{f:g}" for f in move.force]
-        writer.writerow([i, move.pose, move.repeat, *degrees, programme.speed, pause, move.load, *force])
+        writer.writerow([i, move.pose, move.repeat, *degrees, programme.speed, pause, move.load, *force, move.then])
     return stream.getvalue()
 
 
@@ -133,7 +135,7 @@ def parse_csv(text: str) -> Parsed:
         tuple(
             Stop(
                 r["pose"], int(r["visit"]), np.deg2rad([float(r[a]) for a in angles]), int(r["speed_percent"]),
-                None if r["pause_s"] == "hold" else float(r["pause_s"]),
+                None if r["pause_s"] == "hold" else float(r["pause_s"]), r.get("then_hang", ""),
             )
             for r in rows
         ),

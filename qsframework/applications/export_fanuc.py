@@ -9,7 +9,7 @@ import re
 
 import numpy as np
 
-from qsframework.applications.parsed import Parsed, Stop, bad_name, wrong
+from qsframework.applications.parsed import Parsed, Stop, bad_name, plain, wrong
 from qsframework.applications.programme import Move, Programme
 
 _REMARK = 32
@@ -29,6 +29,8 @@ def write_fanuc(programme: Programme, name: str) -> str:
         lines.append(f"J P[{i}] {programme.speed}% FINE")
         if move.measured:
             lines.append("PAUSE" if programme.pause is None else f"WAIT {programme.pause:6.2f}(sec)")
+        if move.then:
+            lines += [f"!hang {plain(move.then)}"[:_REMARK], "PAUSE"]
     numbered = [_line(k, text) for k, text in enumerate(lines, start=1)]
     positions = [_position(i, m) for i, m in enumerate(programme.moves, start=1)]
     head = [
@@ -42,7 +44,9 @@ def write_fanuc(programme: Programme, name: str) -> str:
 
 def _head(programme: Programme) -> list[str]:
     payload = "payload not stated" if programme.payload is None else f"payload {programme.payload:g} kg"
+    first = next((m.load for m in programme.moves if m.measured), "")
     remarks = [f"robot {programme.robot}", payload, "set PAYLOAD of tool and weight"]
+    remarks += [f"first hang {plain(first)}"[: _REMARK - 1]] if first else []
     if len(remarks[0]) >= _REMARK:
         raise bad_name(programme.robot, f"a robot's name of up to {_REMARK - 7} characters, for a remark holds no more")
     return [f"!{text}" for text in remarks]
@@ -65,6 +69,7 @@ def _position(index: int, move: Move) -> str:
 
 _MOVE = re.compile(r"\s*\d+:\s*J P\[(\d+)\] (\d+)% FINE\s*;")
 _VISIT = re.compile(r"\s*\d+:\s*!(\S+) visit (\d+) ;")
+_HANG = re.compile(r"\s*\d+:\s*!hang (\S+) ;")
 _WAIT = re.compile(r"\s*\d+:\s*(?:WAIT\s+([\d.]+)\(sec\)|(PAUSE)) ;")
 _POINT = re.compile(r"P\[(\d+)[^\]]*\]\{(.*?)\};", re.DOTALL)
 
@@ -81,9 +86,12 @@ def parse_fanuc(text: str) -> Parsed:
     }
     stops: list[Stop] = []
     visit: tuple[str, int] = ("", 0)
+    load = ""
     for line in body.splitlines():
         if match := _VISIT.fullmatch(line):
             visit = (match[1], int(match[2]))
+        elif match := _HANG.fullmatch(line):
+            load = match[1]
         elif match := _MOVE.fullmatch(line):
             if int(match[1]) not in points:
                 raise wrong(f"P[{match[1]}] has no position")
@@ -91,5 +99,6 @@ def parse_fanuc(text: str) -> Parsed:
             visit = ("", 0)
         elif match := _WAIT.fullmatch(line):
             pause = None if match[2] else float(match[1])
-            stops[-1] = stops[-1].waiting(pause)
+            stops[-1] = stops[-1].hanging(load) if load else stops[-1].waiting(pause)
+            load = ""
     return Parsed(robot[1], tuple(stops))

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from qsframework.applications.parsed import Parsed, Stop, bad_name, wrong
+from qsframework.applications.parsed import Parsed, Stop, bad_name, plain, wrong
 from qsframework.applications.programme import Programme
 from qsframework.errors import InputError, Problem
 
@@ -28,10 +28,12 @@ def write_krl(programme: Programme, name: str) -> tuple[str, str]:
     dat = ["&ACCESS RVP", "&REL 1", f"DEFDAT {name}"]
     for i, move in enumerate(programme.moves, start=1):
         if move.measured:
-            src.append(f";pose {move.pose} visit {move.repeat} load {move.load or 'unnamed'}")
+            src.append(f";pose {move.pose} visit {move.repeat} load {plain(move.load) or 'unnamed'}")
         src.append(f"PTP XP{i}")
         if move.measured:
             src.append("HALT" if programme.pause is None else f"WAIT SEC {programme.pause:.2f}")
+        if move.then:
+            src += [f";hang {plain(move.then)}", "HALT"]
         axes = [f"A{k} {value:.3f}" for k, value in enumerate(np.rad2deg(move.pendant) + 0.0, start=1)]
         axes += [f"E{k} 0.0" for k in range(1, _JOINTS + 1)]
         dat.append(f"DECL E6AXIS XP{i}={{{','.join(axes)}}}")
@@ -52,8 +54,11 @@ def parse_krl(src: str, dat: str) -> Parsed:
     }
     stops: list[Stop] = []
     visit: tuple[str, int] = ("", 0)
+    load = ""
     for line in src.splitlines():
-        if match := _VISIT.fullmatch(line):
+        if match := re.fullmatch(r";hang (\S+)", line):
+            load = match[1]
+        elif match := _VISIT.fullmatch(line):
             visit = (match[1], int(match[2]))
         elif match := re.fullmatch(r"PTP XP(\d+)", line):
             if int(match[1]) not in points:
@@ -63,5 +68,6 @@ def parse_krl(src: str, dat: str) -> Parsed:
         elif match := re.fullmatch(r"WAIT SEC ([\d.]+)", line):
             stops[-1] = stops[-1].waiting(float(match[1]))
         elif line == "HALT":
-            stops[-1] = stops[-1].waiting(None)
+            stops[-1] = stops[-1].hanging(load) if load else stops[-1].waiting(None)
+            load = ""
     return Parsed(robot[1], tuple(stops))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,17 +18,25 @@ ROUNDING = float(np.deg2rad(0.0005 * 1.001))
 
 @dataclass(frozen=True, eq=False)
 class Stop:
-    """A stop of an exported file: pose "" in between; pause 0: none, None: until started by hand."""
+    """A stop of an exported file: pose "" in between; pause 0: none, None: until started by hand.
+
+    then: the load, or as much of its name as the format holds, that is hung after it, until started by hand
+    """
 
     pose: str
     repeat: int
     pendant: Array
     speed: int
     pause: float | None
+    then: str = ""
 
     def waiting(self, pause: float | None) -> Stop:
         """The stop with its pause."""
         return replace(self, pause=pause)
+
+    def hanging(self, load: str) -> Stop:
+        """The stop with the load that is hung after it."""
+        return replace(self, then=load)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +56,8 @@ class Parsed:
             said, meant = (stop.pose, stop.repeat), (move.pose, move.repeat)
             if said != meant or stop.speed != programme.speed or stop.pause != pause:
                 out.append(f"stop {i}: {said}, {stop.speed} %, pause {stop.pause}")
+            if bool(stop.then) != bool(move.then) or not plain(move.then).startswith(plain(stop.then)):
+                out.append(f"stop {i}: the load {stop.then!r} is hung after it, not {move.then!r}")
             if stop.pendant.shape != move.pendant.shape or np.abs(stop.pendant - move.pendant).max() > ROUNDING:
                 out.append(f"stop {i}: other angles")
         return out
@@ -62,6 +73,11 @@ class Parsed:
                 out.append(f"{name}: other angles")
         known = set(plan.pose) | {""}
         return out + [f"{s.pose}: not in the plan" for s in self.stops if s.pose not in known]
+
+
+def plain(name: str) -> str:
+    """A load's name as a remark of a controller's file holds it."""
+    return re.sub(r"[^A-Za-z0-9_.+-]", "_", name)
 
 
 def wrong(message: str) -> InputError:

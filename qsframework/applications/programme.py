@@ -30,6 +30,7 @@ class Move:
     """A joint move to pendant angles (n,) rad. `pose` is the plan's name, "" for a pose in between or home.
 
     repeat: 1, 2, ... counts the visits of the pose; load: its name
+    then: the load to hang after this stop, where the next pose is under another; the programme waits for the start
     """
 
     pendant: Array
@@ -37,6 +38,7 @@ class Move:
     repeat: int = 0
     load: str = ""
     force: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    then: str = ""
 
     @property
     def measured(self) -> bool:
@@ -210,6 +212,9 @@ def _moves(
         seen[i] = seen.get(i, 0) + 1
         x, y, z = (float(f) for f in plan.wrench[i, :3])
         stops.append(Move(frozen(plan.pendant[i]), plan.pose[i], seen[i], plan.load[i], (x, y, z)))
+    for k, (here, there) in enumerate(pairwise(stops)):
+        if here.load != there.load:
+            stops[k] = replace(here, then=there.load or "unnamed")
     if home is not None:
         stops = [Move(frozen(home)), *stops, Move(frozen(home))]
     out = stops[:1]

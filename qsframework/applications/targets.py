@@ -170,7 +170,7 @@ def _joints(
         found = find_joints(robot, experiment.load_site, wanted.take([i]), last if starts is None else starts[i], rng)
         if not found.reached:
             message = f"target {names[i]!r}: no joint angles within the limits put the load point there"
-            near = f"the nearest found is {found.away * 1e3:.1f} mm and {np.rad2deg(found.turned):.2f} deg away"
+            near = f"{found.away * 1e3:.1f} mm and {np.rad2deg(found.turned):.2f} deg away at the nearest"
             hint = "Move the target closer, turn the tool, or give joint angles to start from."
             problems.append(Problem(message, str(table.path), table.rows[i], found=near, hint=hint))
         else:

@@ -103,7 +103,13 @@ def as_json(programme: Programme, wish: ExportWish, files: tuple[Path, ...]) -> 
         "way_deg": float(np.rad2deg(programme.length)),
         "way_as_planned_deg": float(np.rad2deg(programme.length_as_planned)),
         "stops": [
-            {"pose": m.pose, "visit": m.repeat, "q_deg": np.rad2deg(m.pendant).tolist(), "load": m.load}
+            {
+                "pose": m.pose,
+                "visit": m.repeat,
+                "q_deg": np.rad2deg(m.pendant).tolist(),
+                "load": m.load,
+                "then_hang": m.then,
+            }
             for m in programme.moves
         ],
         "notes": list(programme.notes),

@@ -30,6 +30,12 @@ from qsframework.robot.collision import above_floor, make_collider
 from qsframework.robot.kinematics import joint_frames
 
 HOME = np.deg2rad([0.0, 0.0, 0.0, 0.0, -90.0, 0.0])
+GOOD = np.deg2rad([[0.0, 20.0, -10.0, 0.0, -60.0, 0.0], [90.0, 20.0, -10.0, 0.0, -60.0, 0.0]])
+
+
+def bounded(experiment: Experiment, **more: Any) -> Experiment:
+    """The experiment without constraints but these."""
+    return replace(experiment, constraints=replace(Constraints(), **more))
 
 
 @pytest.fixture(scope="module")
@@ -182,6 +188,31 @@ def test_a_changed_file_is_seen(cell: Experiment, plan: Plan, programme: Program
     assert not read_export(files[0]).differences(programme)
 
 
+@pytest.mark.parametrize("to", FORMATS)
+def test_the_load_is_changed_at_a_stop_of_its_own(m900ib: Experiment, tmp_path: Path, to: str) -> None:
+    """Loads of two poses each: one change, told by the file and read back; a file without it is another."""
+    pendant = np.vstack([GOOD, GOOD + np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0])])
+    wrench = np.zeros((4, 6))
+    wrench[:, 2] = -1000.0
+    poses = Poses(pendant, m900ib.robot.controller.to_joints(pendant), wrench)
+    names = ["weight", "weight", "weight and a long side pull of 1500 N", "weight and a long side pull of 1500 N"]
+    plan = make_plan(poses, names)
+    free = bounded(m900ib)
+    made = replace(make_programme(free, plan, order="plan", home=GOOD[0]), title="an arm")
+    assert [m.then for m in made.moves if m.measured] == ["", names[2], "", ""]
+    assert not any(m.then for m in made.moves if not m.measured)
+    file = export(made, plan, to, tmp_path / "way.ls" if to == "fanuc-ls" else tmp_path / f"way.{to}")[0]
+    text = file.read_text()
+    read = read_export(file)
+    assert not read.differences(made)
+    (stop,) = (s for s in read.stops if s.then)
+    assert (stop.pose, stop.pause) == ("p02", 10.0)
+    lost = {"fanuc-ls": "!hang", "krl": ";hang", "csv": names[2] + "\n"}[to]
+    assert lost in text
+    file.write_text(text.replace(lost, {"fanuc-ls": "!hung", "krl": ";hung", "csv": "\n"}[to], 1))
+    assert read_export(file).differences(made)
+
+
 def test_the_fanuc_listing(programme: Programme, plan: Plan, tmp_path: Path) -> None:
     """What the controller's loader insists on: numbered lines, remarks of 32 characters, joints in three columns."""
     text = export(programme, plan, "fanuc-ls", tmp_path / "way.ls")[0].read_text()
@@ -274,14 +305,6 @@ def test_a_plan_of_another_robot(m900ib: Experiment, cell: Experiment, tmp_path:
     assert isinstance(again.exception, InputError)
     words = "plan.json: the plan is of another robot; found fanuc_r2000ic; allowed: fanuc_m900ib"
     assert words in str(again.exception)
-
-
-GOOD = np.deg2rad([[0.0, 20.0, -10.0, 0.0, -60.0, 0.0], [90.0, 20.0, -10.0, 0.0, -60.0, 0.0]])
-
-
-def bounded(experiment: Experiment, **more: Any) -> Experiment:
-    """The experiment without constraints but these."""
-    return replace(experiment, constraints=replace(Constraints(), **more))
 
 
 def test_a_torque_above_the_motors_is_refused(m900ib: Experiment) -> None:
