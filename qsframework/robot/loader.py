@@ -18,7 +18,7 @@ from qsframework.plugin.trusted import trusted
 from qsframework.robot.checks import chain_joints, check_chain, check_structure
 from qsframework.robot.controller import Controller, read_controller
 from qsframework.robot.expand import inside
-from qsframework.robot.model import build_model, read_facts, read_frames, read_shapes
+from qsframework.robot.model import build_model, read_facts, read_frames, read_meshes, read_shapes
 from qsframework.robot.robot import Robot
 from qsframework.robot.spec import RobotSpec, read_effects, read_nominal
 from qsframework.robot.urdf import Urdf, read_urdf
@@ -104,6 +104,7 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | No
         frames=frames,
         flange=frames[spec.flange],
         shapes=read_shapes(urdf, frames),
+        meshes=read_meshes(urdf, frames, document.path.parent),
         gravity=gravity,
         payload=spec.payload,
         torque_limits=_torque_limits(spec, facts),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
@@ -13,7 +14,8 @@ from qsframework.errors import InputError, Problem
 from qsframework.plugin import Array, RobotFacts
 from qsframework.plugin.facts import frozen
 from qsframework.robot.checks import chain_joints
-from qsframework.robot.robot import LinkFrame, Shape
+from qsframework.robot.expand import inside
+from qsframework.robot.robot import LinkFrame, MeshShape, Shape
 from qsframework.robot.urdf import Inertial, Joint, Link, Origin, Urdf
 
 if TYPE_CHECKING:
@@ -90,6 +92,29 @@ def read_shapes(urdf: Urdf, frames: MappingProxyType[str, LinkFrame]) -> tuple[S
         if (frame := frames.get(link.name)) is not None
         for visual in link.visuals
     )
+
+
+def read_meshes(urdf: Urdf, frames: MappingProxyType[str, LinkFrame], folder: Path) -> tuple[MeshShape, ...]:
+    """The meshes of the visuals, placed on the moving links, each with its file where that lies in the folder."""
+    return tuple(
+        MeshShape(
+            frame.link, frozen(frame.placement @ mesh.origin.matrix()), mesh.name,
+            mesh_file(mesh.name, urdf.path.parent, folder), frozen(mesh.scale), mesh.rgba,
+        )
+        for link in urdf.links
+        if (frame := frames.get(link.name)) is not None
+        for mesh in link.meshes
+    )  # fmt: skip
+
+
+def mesh_file(name: str, beside: Path, folder: Path) -> Path | None:
+    """The file of a mesh: beside the URDF, or in a package of the robot's folder; None outside the folder."""
+    rest = name.removeprefix("file://")
+    tried = [beside / rest, folder / rest]
+    if name.startswith("package://"):
+        package, _, rest = name.removeprefix("package://").partition("/")
+        tried = [folder / package / rest, folder / rest, beside / rest]
+    return next((path for path in tried if inside(path, folder) and path.is_file()), None)
 
 
 def _text(values: npt.ArrayLike) -> str:

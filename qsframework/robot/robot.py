@@ -34,6 +34,18 @@ class Shape:
 
 
 @dataclass(frozen=True, eq=False)
+class MeshShape:
+    """A mesh to draw: its name in the URDF, its file where that lies in the robot's folder, its scale (3,)."""
+
+    link: int
+    placement: Array
+    name: str
+    path: Path | None
+    scale: Array
+    rgba: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
 class Robot:
     """An arm: kinematics, controller convention, effects with nominal parameters, and shapes.
 
@@ -55,3 +67,5 @@ class Robot:
     gravity: Array
     payload: float | None = None
     torque_limits: Array | None = None
+    meshes: tuple[MeshShape, ...] = ()
+    """To draw only: collisions count the simple shapes."""

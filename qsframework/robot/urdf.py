@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -61,13 +62,24 @@ class Visual:
 
 
 @dataclass(frozen=True, eq=False)
+class MeshVisual:
+    """A mesh to draw: the name in the file, and a factor (3,) for its lengths."""
+
+    name: str
+    scale: Array
+    origin: Origin
+    rgba: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
 class Link:
-    """A body: its mass, if it has one, and its solids to draw."""
+    """A body: its mass, if it has one, and its solids and meshes to draw."""
 
     name: str
     place: Place
     inertial: Inertial | None
     visuals: tuple[Visual, ...]
+    meshes: tuple[MeshVisual, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +181,16 @@ class _Reader:
             node.place,
             None if inertial is None else self.inertial(inertial, owner),
             tuple(visual for visual in visuals if visual is not None),
+            tuple(mesh for visual in node.all("visual") for mesh in self.meshes(visual, owner)),
         )
+
+    def meshes(self, node: Node, owner: str) -> Iterator[MeshVisual]:
+        """The mesh of a <visual>, if it is one."""
+        geometry = node.first("geometry")
+        for mesh in () if geometry is None else geometry.all("mesh"):
+            scale = self.numbers(mesh, "scale", 3, owner, "1 1 1")
+            colour = self.colour(node.first("material"), owner)
+            yield MeshVisual(mesh.get("filename"), scale, self.origin(node, owner), colour)
 
     def inertial(self, node: Node, owner: str) -> Inertial:
         mass, inertia = node.first("mass"), node.first("inertia")

@@ -6,6 +6,7 @@ import numpy as np
 
 from qsframework.experiment import Experiment, Readings
 from qsframework.plugin import Array, Indices
+from qsframework.viz.meshes import Meshes
 from qsframework.viz.robot_shapes import draw_robot, link_frames
 from qsframework.viz.scene import Colour, Scene, placed_at
 from qsframework.viz.show_scene import place_poses
@@ -34,10 +35,12 @@ def residual_scene(
     factor = _LONGEST / max(float(worst.max()), 1e-12)
     scene = Scene(f"{experiment.robot.title}: residuals", first=1)
     state = place_poses(experiment, readings.poses.q[chosen])
+    meshes = Meshes(experiment.robot, len(chosen))
+    scene.notes += meshes.notes
     for i, m in enumerate(chosen.tolist()):
         path = f"poses/{i}"
         links, q = link_frames(state.placed, i), readings.poses.q[m]
-        draw_robot(scene, path, experiment.robot, links, q, 0.5)
+        draw_robot(scene, path, experiment.robot, links, q, 0.5, meshes=meshes)
         for row in np.flatnonzero(measurement == m).tolist():
             k = int(readings.marker[kept[row]])
             start = state.markers[k].position[:, i]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from qsframework.robot import Robot
+from qsframework.viz.meshes import Meshes
 from qsframework.viz.robot_shapes import draw_robot, link_frames, reach
 from qsframework.viz.scene import Scene
 from qsframework.viz.show_scene import place_poses
@@ -20,7 +21,9 @@ def robot_row(robots: Sequence[Robot]) -> Scene:
         experiment = robot_alone(robot, np.zeros(3))
         q = one_pose(experiment, None, None).q
         links = link_frames(place_poses(experiment, q).placed, 0)
-        draw_robot(scene, f"robots/{i}", robot, links, q[0])
+        meshes = Meshes(robot, 1)
+        scene.notes += meshes.notes
+        draw_robot(scene, f"robots/{i}", robot, links, q[0], meshes=meshes)
         scene.axes(f"robots/{i}/flange", links[robot.flange.link] @ robot.flange.placement, 0.2)
         scene.step(f"robots/{i}", robot.title)
     return scene

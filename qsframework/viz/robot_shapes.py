@@ -7,6 +7,7 @@ import numpy as np
 from qsframework.plugin import Array, Loop, ParallelSpring, RobotFacts
 from qsframework.robot import Robot
 from qsframework.robot.kinematics import Frames
+from qsframework.viz.meshes import Meshes, draw_meshes
 from qsframework.viz.scene import Colour, Scene, placed_at
 
 _BAR: Colour = (0.25, 0.3, 0.38, 1.0)
@@ -38,10 +39,11 @@ def draw_robot(
     opacity: float = 1.0,
     tint: Colour | None = None,
     without: frozenset[int] = frozenset(),
+    meshes: Meshes | None = None,
 ) -> None:
     """The robot with its links at (links, 4, 4) and its joints at q (n,) rad; `tint` replaces the solids' colours.
 
-    without: links whose solids are left out
+    without: links whose solids are left out; meshes: those of the URDF that are drawn besides
     """
     for link, placement in enumerate(links):
         scene.transform(f"{path}/link_{link}", placement)
@@ -56,14 +58,19 @@ def draw_robot(
             scene.cylinder(where, shape.size[0], shape.size[1], shape.placement, colour)
         else:
             scene.sphere(where, shape.size[0], shape.placement, colour)
-    draw_bones(scene, path, robot, opacity, tint)
+    if meshes is not None:
+        draw_meshes(scene, path, meshes, opacity, tint, without)
+    draw_bones(scene, path, robot, opacity, tint, frozenset() if meshes is None else meshes.links)
     draw_loops(scene, path, robot, links, q, opacity, tint)
     draw_balancers(scene, path, robot, links, opacity, tint)
 
 
-def draw_bones(scene: Scene, path: str, robot: Robot, opacity: float, tint: Colour | None = None) -> None:
-    """A rod from joint to joint where the URDF gives a link no solid, so that no arm is invisible."""
-    solid = {shape.link for shape in robot.shapes}
+def draw_bones(
+    scene: Scene, path: str, robot: Robot, opacity: float, tint: Colour | None = None,
+    drawn: frozenset[int] = frozenset(),
+) -> None:  # fmt: skip
+    """A rod from joint to joint where a link has no solid and is not drawn already, so that no arm is invisible."""
+    solid = {shape.link for shape in robot.shapes} | drawn
     radius = _THIN * reach(robot.facts)
     colour = (*(tint or _BONE)[:3], opacity)
     for link in range(len(robot.facts.links)):

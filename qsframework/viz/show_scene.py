@@ -16,6 +16,7 @@ from qsframework.viz.deflection import Deflection, deflection
 from qsframework.viz.ellipsoids import draw_ellipsoid, half_axes
 from qsframework.viz.ghosts import MOST, draw_ghost, draw_way
 from qsframework.viz.limits import draw_limits, draw_sight
+from qsframework.viz.meshes import Meshes
 from qsframework.viz.residual_arrows import draw_residuals
 from qsframework.viz.robot_shapes import draw_robot, link_frames, reach
 from qsframework.viz.scene import Colour, Scene, placed_at
@@ -26,7 +27,9 @@ _OPACITY = 0.45
 _STILL = 2e-3
 """Links that move less, m or rad, are not drawn twice: their solids would lie in each other."""
 _PLAIN_FORCE = 1000.0
-"""Force (N) of the ellipsoids where no pose is loaded."""
+"""Force (N) of the ellipsoids where no pose is loaded; a tenth, or less, on a soft arm."""
+_WIDE = 0.3
+"""Half axis, as a part of the arm's reach, that such an ellipsoid does not exceed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,9 +84,13 @@ class _Drawing:
         self.force = float(self.largest[0]) or _PLAIN_FORCE
         self.given: Deflection | None = None
         self.axes: Array | None = None
+        self.meshes = Meshes(experiment.robot, 2 * len(plan.pose))
         notes = self.scene.notes
+        notes += self.meshes.notes
         try:
             self.axes = half_axes(model, plan.poses, x, self.force)
+            while not self.largest[0] and scale * np.linalg.norm(self.axes, axis=1).max() > _WIDE * self.scene.size:
+                self.force, self.axes = 0.1 * self.force, 0.1 * self.axes
             self.given = deflection(model, plan.poses, x) if plan.wrench.any() else None
         except NotConverged as error:
             notes.append(f"No deflection is drawn: {error}.")
@@ -101,7 +108,7 @@ class _Drawing:
         """Robot, markers, load, deflection and ellipsoid of pose i, and its ghost."""
         scene, robot, path = self.scene, self.experiment.robot, f"poses/{i}"
         links, tip = self.frames[i], self.state.tip.position[:, i]
-        draw_robot(scene, f"{path}/robot", robot, links, self.plan.q[i])
+        draw_robot(scene, f"{path}/robot", robot, links, self.plan.q[i], meshes=self.meshes)
         scene.axes(f"{path}/robot/flange", links[robot.flange.link] @ robot.flange.placement, 0.25)
         scene.layer("robot", f"{path}/robot")
         for k, marker in enumerate(self.state.markers):
@@ -128,7 +135,7 @@ class _Drawing:
         links = given.links(self.frames[i], i, self.scale)
         q = self.plan.q[i] + self.scale * given.angles[i]
         still = frozenset(np.flatnonzero(np.abs(links - self.frames[i]).max(axis=(1, 2)) < _STILL).tolist())
-        draw_robot(scene, where, self.experiment.robot, links, q, _OPACITY, _DEFLECTED, still)
+        draw_robot(scene, where, self.experiment.robot, links, q, _OPACITY, _DEFLECTED, still, self.meshes)
         points = [("tip", self.state.tip.position[:, i], given.tip[i])]
         points += [(f"marker_{k}", m.position[:, i], given.markers[i, k]) for k, m in enumerate(self.state.markers)]
         for name, start, moved in points:

@@ -9,6 +9,7 @@ import numpy as np
 from qsframework.plugin import Array
 from qsframework.robot import Robot
 from qsframework.viz.ghosts import draw_way
+from qsframework.viz.meshes import Meshes
 from qsframework.viz.robot_shapes import draw_robot, link_frames, reach
 from qsframework.viz.scene import Colour, Scene, placed_at
 from qsframework.viz.show_scene import place_poses
@@ -32,7 +33,7 @@ def task_scene(robots: Sequence[Robot], pendant: Sequence[Array], moved: Sequenc
             label = f"{robot.title}: point {worst + 1}, moves {1e3 * way[worst]:.3f} mm"
         q = robot.controller.to_joints(pose[None])
         links = link_frames(place_poses(robot_alone(robot, np.zeros(3)), q).placed, 0)
-        draw_robot(scene, path, robot, links, q[0])
+        draw_robot(scene, path, robot, links, q[0], meshes=Meshes(robot, 1))
         scene.step(path, label)
     for k, point in enumerate(points):
         scene.sphere(f"path/{k}", 0.025, placed_at(point), _POINT)

@@ -235,6 +235,15 @@ def test_a_robot_without_payload_or_load_shows_its_ellipsoid(r2000ic: Experiment
     assert any("1000 N" in note for note in scene.notes)
 
 
+def test_the_ellipsoid_of_a_soft_arm_does_not_fill_the_scene() -> None:
+    experiment = robot_alone(load_robot("ur10"), np.zeros(3))
+    scene = show_scene(experiment, one_pose(experiment, None, None))
+    (placed,) = [c for c in scene.commands if c["type"] == "set_transform" and c["path"].endswith("poses/0/ellipsoid")]
+    matrix = np.array(placed["matrix"]).reshape(4, 4).T
+    assert 0.02 < np.linalg.norm(matrix[:3, :3], axis=0).max() <= 0.3 * scene.size
+    assert any("under 100 N" in note or "under 10 N" in note for note in scene.notes)
+
+
 def test_an_arm_without_solids_is_drawn_by_its_bones() -> None:
     robot = dataclasses.replace(load_robot("ur10"), shapes=())
     experiment = robot_alone(robot, frozen(np.zeros(3)))

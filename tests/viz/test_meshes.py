@@ -1,0 +1,126 @@
+"""Meshes of a URDF: drawn where their file is the robot's own and not too large, otherwise said and done without."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qsframework.robot import load_robot
+from qsframework.robot.loader import find_robot
+from qsframework.viz import Scene, meshes, show_scene
+from qsframework.viz.subject import one_pose, robot_alone
+
+DRUM = '<xacro:drum xyz="0 0 0.019" radius="0.095" length="0.038" colour="dark"/>'
+SIZE = np.array([400.0, 300.0, 200.0])
+"""Of the box in the files, in millimetres."""
+
+
+def with_mesh(folder: Path, name: str, content: bytes | None, scale: str = "0.001 0.001 0.001") -> Path:
+    """The UR10 with a red mesh of this name, instead of a cylinder, as the visual of its base."""
+    robot = folder / "robot"
+    shutil.copytree(find_robot("ur10").parent, robot)
+    urdf = robot / "ur10.urdf.xacro"
+    mesh = (
+        f'<visual><origin xyz="0 0 0.1" rpy="0 0 0"/><geometry><mesh filename="{name}" scale="{scale}"/></geometry>'
+        '<material name="red"><color rgba="0.9 0.1 0.1 1"/></material></visual>'
+    )
+    text = urdf.read_text()
+    assert DRUM in text
+    urdf.write_text(text.replace(DRUM, mesh))
+    if content is not None:
+        file = robot / name.rpartition("//")[2].removeprefix("arm/")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(content)
+    return robot
+
+
+def box(kind: str) -> bytes:
+    import trimesh
+
+    made = trimesh.creation.box(extents=SIZE).export(file_type=kind)
+    return made.encode() if isinstance(made, str) else made
+
+
+def scene_of(folder: Path) -> Scene:
+    experiment = robot_alone(load_robot(folder), np.zeros(3))
+    return show_scene(experiment, one_pose(experiment, None, None))
+
+
+def drawn(scene: Scene) -> dict[str, dict[str, object]]:
+    return {c["path"]: c["object"] for c in scene.commands if c["type"] == "set_object" and "mesh_" in c["path"]}
+
+
+@pytest.mark.parametrize("kind", ["stl", "obj", "dae"])
+def test_a_mesh_of_the_robots_folder_is_drawn(kind: str, tmp_path: Path) -> None:
+    robot = with_mesh(tmp_path, f"meshes/base.{kind}", box(kind))
+    (mesh,) = load_robot(robot).meshes
+    assert mesh.link == 0
+    assert np.allclose(mesh.placement[:3, 3], [0, 0, 0.1])
+    scene = scene_of(robot)
+    assert list(drawn(scene)) == ["/meshcat/poses/0/robot/link_0/mesh_0"]
+    assert not [note for note in scene.notes if "esh" in note]
+    found = meshes.Meshes(load_robot(robot), 1)
+    ((_, (vertices, faces)),) = found.drawn
+    assert len(faces) == 12
+    assert np.allclose(np.ptp(vertices * mesh.scale, axis=0), 1e-3 * SIZE)
+    assert mesh.rgba == (0.9, 0.1, 0.1, 1.0)
+
+
+def test_a_package_is_the_robots_own_folder(tmp_path: Path) -> None:
+    robot = with_mesh(tmp_path, "package://arm/base.stl", box("stl"))
+    assert len(drawn(scene_of(robot))) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "why"),
+    [
+        ("../base.stl", b"solid", "not a file of the robot's folder"),
+        ("package://elsewhere/base.stl", None, "not a file of the robot's folder"),
+        ("/etc/hostname", None, "not a file of the robot's folder"),
+        ("base.ply", b"ply", "only .stl, .obj, .dae are read"),
+        ("base.stl", b"this is no mesh", "cannot be read"),
+        ("base.dae", b'<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "b">]><COLLADA/>', "cannot be read"),
+        ("base.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "cannot be read"),
+    ],
+)
+def test_others_are_said_and_done_without(name: str, content: bytes | None, why: str, tmp_path: Path) -> None:
+    scene = scene_of(with_mesh(tmp_path, name, content))
+    assert drawn(scene) == {}
+    assert any(name in note and why in note for note in scene.notes), scene.notes
+    paths = {c["path"] for c in scene.commands if c["type"] == "set_object"}
+    assert "/meshcat/poses/0/robot/link_0/bone" in paths  # no link is invisible
+
+
+def test_a_large_file_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(meshes, "LARGEST", 100)
+    scene = scene_of(with_mesh(tmp_path, "base.stl", box("stl")))
+    assert drawn(scene) == {}
+    assert any("MB, more than" in note for note in scene.notes)
+
+
+def test_too_many_triangles_are_not_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = load_robot(with_mesh(tmp_path, "base.stl", box("stl")))
+    monkeypatch.setattr(meshes, "MOST", 24)
+    assert len(meshes.Meshes(robot, 2).drawn) == 1
+    over = meshes.Meshes(robot, 3)
+    assert over.drawn == []
+    assert "36 triangles" in over.notes[0]
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium on this machine")
+def test_the_mesh_is_to_be_seen(tmp_path: Path) -> None:
+    from test_browser import look
+
+    robot = with_mesh(tmp_path, "base.stl", box("stl"))
+    red = []
+    for name in ("with", "without"):
+        if name == "without":
+            (robot / "base.stl").unlink()
+        page = tmp_path / f"{name}.html"
+        page.write_text(scene_of(robot).html())
+        pixels = look(page, tmp_path)
+        red.append(int(((pixels[..., 0] - pixels[..., 1] > 60) & (pixels[..., 0] - pixels[..., 2] > 60)).sum()))
+    assert red[0] > red[1] + 1500, red
