@@ -17,8 +17,12 @@ from qsframework.errors import InputError, Problem, nearest
 from qsframework.files import read_text, write_text
 from qsframework.plugin import Array
 
-LARGEST = 500_000_000
-"""Bytes of a readings file."""
+LARGEST, MOST_LINES, MOST_COLUMNS = 50_000_000, 200_000, 1000
+"""Bytes, lines and columns of a table."""
+MOST_PROBLEMS = 1000
+"""Problems of one kind that are told of one table; a wrong column would give one for each row."""
+_ENDS = ("\n", "\r", "\v", "\f", "\x1c", "\x1d", "\x1e", "\x85", "\u2028", "\u2029")
+"""What `str.splitlines` takes for the end of a line."""
 _MOST = 100_000
 _GREATEST = 1e15
 _TRUE, _FALSE = ("1", "true", "yes"), ("0", "false", "no")
@@ -58,10 +62,7 @@ class Table:
 def read_table(path: str | Path, columns: Sequence[Column], robot: str) -> Table:
     """Read a table. InputError at once where its header is wrong; problems in cells are collected."""
     path = Path(path)
-    text = read_text(path, LARGEST)
-    if "\0" in text:
-        raise InputError(Problem("is not a text table: it holds a NUL byte", file=str(path)))
-    lines = [(i, line) for i, line in enumerate(text.splitlines(), start=1) if line.strip()]
+    lines = [(i, line) for i, line in enumerate(table_lines(path), start=1) if line.strip()]
     _check_robot(path, lines, robot)
     lines, problems = _without_comments(path, lines)
     if not lines:
@@ -70,6 +71,8 @@ def read_table(path: str | Path, columns: Sequence[Column], robot: str) -> Table
         )
     parsed = _cells(path, lines)
     header = [cell.strip() for cell in parsed[0][1]]
+    if len(header) > MOST_COLUMNS:
+        raise InputError(Problem(f"holds more than {MOST_COLUMNS} columns", file=str(path), line=parsed[0][0]))
     chosen = _read_header(path, parsed[0][0], header, columns)
     if len(parsed) == 1:
         raise InputError(Problem("holds a header and no rows", file=str(path), line=parsed[0][0]))
@@ -77,7 +80,7 @@ def read_table(path: str | Path, columns: Sequence[Column], robot: str) -> Table
         Problem("wrong number of columns", str(path), line, found=str(len(cells)), allowed=str(len(header)))
         for line, cells in parsed[1:]
         if len(cells) != len(header)
-    ]
+    ][:MOST_PROBLEMS]
     good = [(line, cells) for line, cells in parsed[1:] if len(cells) == len(header)]
     if not good:
         raise InputError(problems)
@@ -92,7 +95,20 @@ def read_table(path: str | Path, columns: Sequence[Column], robot: str) -> Table
         cells = [row[i].strip() for _, row in good]
         if column.required or any(cells):  # an optional column that nobody filled in is as good as not there
             _read_column(table, column, unit, cells, masked)
+    if len(problems) > MOST_PROBLEMS:
+        raise InputError(problems)
     return table
+
+
+def table_lines(path: Path) -> list[str]:
+    """The lines of a table. InputError if it is no text, or larger than a table may be."""
+    text = read_text(path, LARGEST)
+    if "\0" in text:
+        raise InputError(Problem("is not a text table: it holds a NUL byte", file=str(path)))
+    if sum(text.count(end) for end in _ENDS) > 2 * MOST_LINES or len(lines := text.splitlines()) > MOST_LINES:
+        hint = "Split it into several files."
+        raise InputError(Problem(f"holds more than {MOST_LINES} lines", file=str(path), hint=hint))
+    return lines
 
 
 def _without_comments(path: Path, lines: list[tuple[int, str]]) -> tuple[list[tuple[int, str]], list[Problem]]:
@@ -101,7 +117,8 @@ def _without_comments(path: Path, lines: list[tuple[int, str]]) -> tuple[list[tu
     hidden = [i for i, line in lines[start:] if line.lstrip().startswith("#")]
     hint = "Take the line out, or mask its reading with 0 in the column use."
     problems = [Problem("a line that starts with # below the header", str(path), i, hint=hint) for i in hidden]
-    return [(i, line) for i, line in lines[start:] if i not in set(hidden)], problems
+    left_out = set(hidden)
+    return [(i, line) for i, line in lines[start:] if i not in left_out], problems[:MOST_PROBLEMS]
 
 
 def _cells(path: Path, lines: list[tuple[int, str]]) -> list[tuple[int, list[str]]]:
@@ -216,6 +233,8 @@ def _value(column: Column, cell: str) -> tuple[float | None, str]:
 
 
 def _wrong(table: Table, i: int, column: Column, message: str, found: str, allowed: str) -> None:
+    if len(table.problems) > MOST_PROBLEMS:
+        return
     table.problems.append(
         Problem(message, str(table.path), table.rows[i], table.names[column.stem], repr(found), allowed)
     )

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsframework.errors import InputError, Problem, nearest
-from qsframework.experiment.columns import Table
+from qsframework.experiment.columns import MOST_PROBLEMS, Table
 from qsframework.experiment.setup import Experiment
 from qsframework.plugin import Array, Indices
 
@@ -33,7 +33,7 @@ def marker_index(table: Table, experiment: Experiment, problems: list[Problem]) 
     for i, name in enumerate(table.texts["marker"]):
         if name in names:
             index[i] = names.index(name)
-        elif name:
+        elif name and len(problems) <= MOST_PROBLEMS:
             message = "the experiment has no such marker"
             problems.append(at(table, i, "marker", message, repr(name), ", ".join(names), nearest(name, names)))
     return index
@@ -42,7 +42,7 @@ def marker_index(table: Table, experiment: Experiment, problems: list[Problem]) 
 def read_sigma(table: Table, use: npt.NDArray[np.bool_], problems: list[Problem]) -> Array:
     """Standard deviations (R,) m, NaN where not stated; those in use must be positive."""
     sigma = table.numbers.get("sigma", np.full(len(table.rows), np.nan))
-    for i in np.flatnonzero((sigma <= 0) & use):
+    for i in np.flatnonzero((sigma <= 0) & use)[:MOST_PROBLEMS]:
         problems.append(at(table, int(i), "sigma", "must be positive", f"{sigma[i]:g} m"))
     return sigma
 
@@ -67,6 +67,8 @@ def group(
         if m == len(first):
             first.append(i)
         measurement[i] = m
+        if len(problems) > MOST_PROBLEMS:
+            break
         if (m, int(marker[i])) in seen:
             other = table.rows[seen[m, int(marker[i])]]
             what = f"{labels[i]}, marker {table.texts['marker'][i]!r}"

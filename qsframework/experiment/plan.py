@@ -13,7 +13,7 @@ import numpy as np
 import pydantic
 
 from qsframework.errors import InputError, Problem
-from qsframework.experiment.columns import Column, Table, read_table, write_table
+from qsframework.experiment.columns import MOST_PROBLEMS, Column, Table, read_table, write_table
 from qsframework.experiment.setup import Experiment
 from qsframework.files import FileModel, read_yaml, sha256, validate, write_text
 from qsframework.plugin import Array, Poses
@@ -244,11 +244,11 @@ def limit_problems(table: Table, pendant: Array, experiment: Experiment) -> list
     degrees = ~controller.outside(np.deg2rad(pendant)) & (np.abs(pendant) > 2.0 * np.pi)
     return [
         Problem(
-            f"{experiment.robot.facts.joints[k]} is outside its limits",
-            str(table.path), table.rows[i], table.names[f"q{k + 1}"],
+            f"{experiment.robot.facts.joints[int(k)]} is outside its limits",
+            str(table.path), table.rows[int(i)], table.names[f"q{k + 1}"],
             f"{np.rad2deg(pendant[i, k]):.4g} deg",
             f"{np.rad2deg(controller.lower[k]):g} to {np.rad2deg(controller.upper[k]):g} deg",
             _degrees_hint(table.names[f"q{k + 1}"], bool(degrees[i, k])),
         )
-        for i, k in zip(*np.nonzero(outside), strict=True)
+        for i, k in np.argwhere(outside)[:MOST_PROBLEMS]
     ]  # fmt: skip

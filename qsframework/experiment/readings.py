@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsframework.errors import InputError, Problem
-from qsframework.experiment.columns import Column, Table, read_table, write_table
+from qsframework.experiment.columns import MOST_PROBLEMS, Column, Table, read_table, write_table
 from qsframework.experiment.grouping import at, counts, group, marker_index, no_load, read_sigma
 from qsframework.experiment.plan import limit_problems
 from qsframework.experiment.setup import Experiment
@@ -110,13 +110,13 @@ def _unloaded_problems(table: Table, wrench: Array, use: npt.NDArray[np.bool_]) 
     hint = "Give the row its load, or mask it with use = 0."
     return [
         at(table, int(i), "fx", "no force and no moment: a displacement under no load tells nothing", hint=hint)
-        for i in np.flatnonzero(use & ~np.any(wrench, axis=1))
+        for i in np.flatnonzero(use & ~np.any(wrench, axis=1))[:MOST_PROBLEMS]
     ]
 
 
 def _displacement_problems(table: Table, displacement: Array) -> list[Problem]:
     out: list[Problem] = []
-    for i, k in zip(*np.nonzero(np.abs(displacement) > _LARGEST_DISPLACEMENT), strict=True):
+    for i, k in np.argwhere(np.abs(displacement) > _LARGEST_DISPLACEMENT)[:MOST_PROBLEMS]:
         stem = ("dx", "dy", "dz")[int(k)]
         name = table.names[stem]
         if name == f"{stem}_m":

@@ -24,6 +24,7 @@ from qsframework.plugin.build import build_effects
 from qsframework.plugin.facts import frozen
 from qsframework.plugin.trusted import trusted
 from qsframework.robot import Robot, load_robot
+from qsframework.robot.expand import inside
 from qsframework.robot.spec import read_effects, read_nominal
 
 GEOMETRY = "geometry"
@@ -209,6 +210,10 @@ def _nominal(
     parameters = {p.name: p for e in effects for p in e.parameters(robot.facts)}
     if spec.nominal is not None:
         try:
+            if not inside(path.parent / spec.nominal, path.parent):
+                raise InputError(
+                    Problem(f"nominal: {spec.nominal[:80]!r} is outside the experiment's folder", str(path))
+                )
             parameters, found = read_nominal(read_yaml(path.parent / spec.nominal), parameters, complete)
             problems += found
         except InputError as error:

@@ -10,11 +10,10 @@ import numpy.typing as npt
 
 from qsframework.elastostatics import make_model
 from qsframework.errors import InputError, Problem, nearest
-from qsframework.experiment.columns import LARGEST, Column, Table, read_table, write_table
+from qsframework.experiment.columns import MOST_PROBLEMS, Column, Table, read_table, table_lines, write_table
 from qsframework.experiment.grouping import at, counts, group, marker_index, no_load, read_sigma
 from qsframework.experiment.plan import limit_problems
 from qsframework.experiment.setup import Experiment
-from qsframework.files import read_text
 from qsframework.plugin import Array, Conditions, Indices, Poses
 from qsframework.plugin.facts import frozen
 
@@ -73,7 +72,7 @@ def _columns(experiment: Experiment) -> list[Column]:
 
 def is_states(path: str | Path) -> bool:
     """Whether a file holds state readings: its header has a column `state` or a position."""
-    lines = (line.strip() for line in read_text(path, LARGEST).splitlines())
+    lines = (line.strip() for line in table_lines(Path(path)))
     header = next((line for line in lines if line and not line.startswith("#")), "")
     names = [name.strip() for name in header.split(",")]
     return "state" in names or any(name.startswith(("x_", "y_", "z_")) for name in names)
@@ -126,7 +125,7 @@ def _labels(keys: list[tuple[str, str, str, int, int, bool]]) -> list[str]:
 def _loads(table: Table, problems: list[Problem]) -> tuple[npt.NDArray[np.bool_], Array]:
     """Whether each row is loaded, and its wrench (R, 6): only a loaded state has one."""
     for i, state in enumerate(table.texts["state"]):
-        if state and state not in STATES:
+        if state and state not in STATES and len(problems) <= MOST_PROBLEMS:
             hint = nearest(state, STATES)
             problems.append(at(table, i, "state", "no such state", repr(state), "unloaded or loaded", hint))
     loaded = np.array([state == "loaded" for state in table.texts["state"]])
@@ -137,15 +136,16 @@ def _loads(table: Table, problems: list[Problem]) -> tuple[npt.NDArray[np.bool_]
     stems = [*_FORCE, *_MOMENT]
     wrench = np.stack([table.numbers.get(c, np.zeros(len(loaded))) for c in stems], axis=1)
     unclear = {(p.line, p.column) for p in table.problems}
-    for i, k in zip(*np.nonzero(np.isnan(wrench) & loaded[:, None]), strict=True):
-        if (table.rows[i], table.names[stems[k]]) not in unclear:
-            problems.append(at(table, int(i), stems[k], "is empty, but the state is loaded", "''", "a finite number"))
+    for i, k in np.argwhere(np.isnan(wrench) & loaded[:, None])[:MOST_PROBLEMS]:
+        stem = stems[int(k)]
+        if (table.rows[int(i)], table.names[stem]) not in unclear:
+            problems.append(at(table, int(i), stem, "is empty, but the state is loaded", "''", "a finite number"))
     known = np.isfinite(wrench).all(axis=1)
     wrench = np.nan_to_num(wrench, nan=0.0)
     acts = np.any(wrench != 0.0, axis=1)
-    for i in np.flatnonzero(loaded & known & ~acts & (not missing)):
+    for i in np.flatnonzero(loaded & known & ~acts & (not missing))[:MOST_PROBLEMS]:
         problems.append(at(table, int(i), "fx", "the state is loaded, but every force is zero"))
-    for i in np.flatnonzero(~loaded & acts):
+    for i in np.flatnonzero(~loaded & acts)[:MOST_PROBLEMS]:
         if table.texts["state"][i] == "unloaded":
             k = int(np.flatnonzero(wrench[i])[0])
             hint = "Leave its force empty or 0, or call the state loaded."
@@ -156,11 +156,12 @@ def _loads(table: Table, problems: list[Problem]) -> tuple[npt.NDArray[np.bool_]
 
 def _position_problems(table: Table, position: Array) -> list[Problem]:
     out: list[Problem] = []
-    for i, k in zip(*np.nonzero(np.abs(position) > _FARTHEST), strict=True):
-        slip = table.names[_XYZ[k]] == f"{_XYZ[k]}_m"
-        hint = f"If the column is in mm, call it {_XYZ[k]}_mm." if slip else None
+    for i, k in np.argwhere(np.abs(position) > _FARTHEST)[:MOST_PROBLEMS]:
+        stem = _XYZ[int(k)]
+        slip = table.names[stem] == f"{stem}_m"
+        hint = f"If the column is in mm, call it {stem}_mm." if slip else None
         message, found = "no tracker reads this far", f"{position[i, k]:g} m"
-        out.append(at(table, int(i), _XYZ[k], message, found, f"up to {_FARTHEST:g} m", hint))
+        out.append(at(table, int(i), stem, message, found, f"up to {_FARTHEST:g} m", hint))
     return out
 
 

@@ -48,9 +48,14 @@ def read_text(path: str | Path, largest: int = _LARGEST) -> str:
             raise InputError(Problem("no such file", file=shown))
         if not path.is_file():
             raise InputError(Problem("is not a file", file=shown))
+        too_large = InputError(Problem(f"is larger than {largest // 1_000_000} MB", file=shown))
         if path.stat().st_size > largest:
-            raise InputError(Problem(f"is larger than {largest // 1_000_000} MB", file=shown))
-        return path.read_bytes().decode("utf-8-sig")
+            raise too_large
+        with path.open("rb") as stream:
+            content = stream.read(largest + 1)  # what grows while it is read ends here too
+        if len(content) > largest:
+            raise too_large
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(Problem(f"is not UTF-8 text (byte {error.start})", file=shown)) from error
     except OSError as error:

@@ -107,4 +107,5 @@ def _remove(path: Path) -> None:
 
 def sha256(path: str | Path) -> str:
     """Hash of a file's bytes."""
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    with Path(path).open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -23,6 +23,10 @@ from qsframework.robot.xml_tree import Node, Place
 
 _LARGEST = 5_000_000
 _MOST_CALLS = 10_000
+_MOST_ELEMENTS = 20_000
+_MOST_TEXT = 20_000_000
+_LONGEST = 20_000
+"""Of an attribute or text with expressions: xacro's time for one grows with the square of its length."""
 _LEVELS = 4
 _PACKAGE = re.compile(r"\w[\w.-]*")
 _ORIGIN = "qsf_origin"
@@ -95,7 +99,7 @@ class _Expansion:
         self.sources = sources or Sources()
         self.roots = [folder]
         self.files: list[str] = []
-        self.calls = 0
+        self.calls = self.elements = self.text = 0
 
     def run(self, path: Path) -> Node:
         import xacro
@@ -114,23 +118,32 @@ class _Expansion:
     def _confined(self, xacro: Any) -> Generator[None, None, None]:
         """Put our reading, evaluation and limits in the place of xacro's for the time of the run."""
 
-        def quiet(*_: Any, **__: Any) -> None:
-            return None
+        def eval_text(text: str, symbols: Any) -> Any:
+            if len(text) > _LONGEST and "$" in text:
+                raise ValueError(f"an attribute or text with expressions has more than {_LONGEST} characters")
+            return their_text(text, symbols)
 
-        def value(text: str, names: Mapping[str, Any], _: Any = None) -> Any:
-            return evaluate(text, names)
+        def eval_all(node: Any, macros: Any, symbols: Any) -> None:
+            self.elements += 1
+            if self.elements > _MOST_ELEMENTS:
+                raise ValueError(f"more than {_MOST_ELEMENTS} elements")
+            self._grow(sum(len(child.data) for child in node.childNodes if hasattr(child, "data")))
+            self._grow(sum(len(text) for _, text in node.attributes.items()))
+            their_all(node, macros, symbols)
 
         def call(node: Any, macros: Any, symbols: Any) -> Any:
             return self._call(theirs, node, macros, symbols)
 
-        theirs = xacro.handle_macro_call
+        theirs, their_text, their_all = xacro.handle_macro_call, xacro.eval_text, xacro.eval_all
         changed: dict[str, Any] = {
             "parse": self._parse,
-            "safe_eval": value,
+            "safe_eval": self._value,
             "eval_extension": self._extension,
             "handle_macro_call": call,
-            "warning": quiet,
-            "print_location": quiet,
+            "eval_text": eval_text,
+            "eval_all": eval_all,
+            "warning": _quiet,
+            "print_location": _quiet,
             "glob": _NoGlob,
         }
         before = {name: getattr(xacro, name) for name in changed}
@@ -142,6 +155,17 @@ class _Expansion:
         finally:
             for name, their in before.items():
                 setattr(xacro, name, their)
+
+    def _value(self, text: str, names: Mapping[str, Any], _: Any = None) -> Any:
+        found = evaluate(text, names)
+        self._grow(len(found) if isinstance(found, str) else 0)
+        return found
+
+    def _grow(self, characters: int) -> None:
+        """Count what the file expands to: a few lines that double each other would fill the memory."""
+        self.text += characters
+        if self.text > _MOST_TEXT:
+            raise ValueError(f"it expands to more than {_MOST_TEXT // 1_000_000} MB")
 
     def _parse(self, source: Any, filename: str | None = None) -> Any:
         """A file's document, its elements marked with `qsf_origin="file index:line"`."""
@@ -178,6 +202,7 @@ class _Expansion:
         if len(words) == 2 and words[0] == "arg":
             arguments = self._xacro.substitution_args_context["arg"]
             if words[1] in arguments:
+                self._grow(len(arguments[words[1]]))
                 return arguments[words[1]]
             raise ValueError(f"argument {words[1]!r} has no default; `qsf new` is told by --arg {words[1]}=VALUE")
         if text == "$(cwd)" or words[:1] == ["dirname"]:
@@ -236,6 +261,10 @@ class _NoGlob:
     @staticmethod
     def glob(pattern: str) -> list[str]:
         raise ValueError(f"an include names one file, not a pattern: {Path(pattern).name!r}")
+
+
+def _quiet(*_: Any, **__: Any) -> None:
+    """In the place of what xacro would print."""
 
 
 def _says_something(attributes: dict[str, str]) -> bool:

@@ -12,8 +12,11 @@ import operator
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from qsframework.files.plain import is_list
+
 _BIGGEST = 10**18
 _LONGEST = 10_000
+_MOST_ITEMS = 1000
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     name: getattr(math, name)
@@ -82,7 +85,7 @@ def _value(node: ast.expr, names: Mapping[str, Any]) -> Any:
         case ast.Compare(ops=[op], comparators=[right]) if type(op) in _OPERATORS:
             return _OPERATORS[type(op)](_value(node.left, names), _value(right, names))
         case ast.List() | ast.Tuple():
-            return [_value(element, names) for element in node.elts]
+            return _list([_value(element, names) for element in node.elts])
         case ast.Subscript():
             return _value(node.value, names)[_value(node.slice, names)]
         case ast.Attribute():
@@ -110,18 +113,32 @@ def _is_function(value: object) -> bool:
 
 
 def _attribute(node: ast.Attribute, names: Mapping[str, Any]) -> Any:
-    owner = _value(node.value, names)
+    owner = held = _value(node.value, names)
     if not isinstance(owner, Mapping):
         raise ValueError(f"{node.attr!r} is not the name of a value")
-    return _name(node.attr, owner)
+    return _name(node.attr, held)
 
 
 def _call(node: ast.Call, names: Mapping[str, Any]) -> Any:
     match node.func:
         case ast.Name(id=name) | ast.Attribute(value=ast.Name(id="math" | "python"), attr=name) if name in FUNCTIONS:
-            return FUNCTIONS[name](*(_value(argument, names) for argument in node.args))
+            value = FUNCTIONS[name](*(_value(argument, names) for argument in node.args))
+            if isinstance(value, str) and len(value) > _LONGEST:
+                raise ValueError("the text is too long")
+            return value
         case _:
             raise ValueError(f"the function {ast.unparse(node.func)!r} is not allowed in a robot file")
+
+
+def _list(values: list[Any]) -> list[Any]:
+    """The list, which may hold lists: not so many that writing it out takes for ever."""
+    if _items(values) > _MOST_ITEMS:
+        raise ValueError(f"a list of more than {_MOST_ITEMS} numbers")
+    return values
+
+
+def _items(value: Any) -> int:
+    return 1 + sum(_items(v) for v in value) if is_list(value) else 1
 
 
 def _binary(op: ast.operator, left: Any, right: Any) -> Any:

@@ -9,6 +9,9 @@ from xml.parsers import expat
 
 from qsframework.errors import InputError, Problem
 
+_DEEPEST, _MOST = 200, 50_000
+"""Elements inside each other, and elements, of one file."""
+
 
 @dataclass(frozen=True)
 class Place:
@@ -77,6 +80,9 @@ def _read(text: str, file: str) -> tuple[Node, list[Start]]:
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         node = Node(tag, attributes, Place(file, parser.CurrentLineNumber))
+        if len(stack) > _DEEPEST or len(found) >= _MOST:
+            words = "elements are nested too deeply" if len(stack) > _DEEPEST else f"holds more than {_MOST} elements"
+            raise InputError(node.place.problem(words))
         found.append(Start(tag, parser.CurrentByteIndex, parser.CurrentLineNumber, attributes))
         stack[-1].children.append(node)
         stack.append(node)
