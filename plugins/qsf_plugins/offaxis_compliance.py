@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal, cast
 
 import numpy as np
 
@@ -27,7 +28,8 @@ class OffaxisCompliance(Spring):
         return (Parameter(self.name, "rad/(N m)", nominal=0.0, typical=5e-8, lower=0.0),)
 
     def virtual_joints(self, robot: RobotFacts) -> tuple[VirtualJoint, ...]:
-        return (VirtualJoint(robot.link_of(self.joint), self.axis, "rotation", "before"),)  # type: ignore[arg-type]
+        axis = cast("Literal['x', 'y', 'z']", self.axis)  # `build_effects` lets no other through
+        return (VirtualJoint(robot.link_of(self.joint), axis, "rotation", "before"),)
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)

@@ -6,6 +6,7 @@ The kinematics are those of the URDF, rigid and without errors, as the controlle
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -34,9 +35,9 @@ class TipPose:
     def __len__(self) -> int:
         return len(self.position)
 
-    def take(self, index: object) -> TipPose:
+    def take(self, index: Any) -> TipPose:
         """The poses at an index, slice or mask."""
-        return TipPose(self.position[index], self.rotation[index])  # type: ignore[index]
+        return TipPose(self.position[index], self.rotation[index])
 
 
 @dataclass(frozen=True, eq=False)

@@ -188,7 +188,7 @@ class Sum(Criterion):
         return replace(self, parts=tuple((share, part.in_basis(T)) for share, part in self.parts))
 
     @property
-    def kinked(self) -> bool:  # type: ignore[override]
+    def kinked(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
         return any(part.kinked for _, part in self.parts)
 
 

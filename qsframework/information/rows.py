@@ -66,7 +66,7 @@ class HeldRows(Rows):
     values: Array
 
     @property
-    def shape(self) -> tuple[int, int, int, int]:  # type: ignore[override]
+    def shape(self) -> tuple[int, int, int, int]:  # pyright: ignore[reportIncompatibleVariableOverride]
         return self.values.shape
 
     def read(self, start: int, stop: int) -> Array:
@@ -128,7 +128,7 @@ class ScaledRows(Rows):
     factor: Array
 
     @property
-    def shape(self) -> tuple[int, int, int, int]:  # type: ignore[override]
+    def shape(self) -> tuple[int, int, int, int]:  # pyright: ignore[reportIncompatibleVariableOverride]
         return self.source.shape
 
     def read(self, start: int, stop: int) -> Array:

@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 from qsframework import units
 from qsframework.errors import InputError, Problem, nearest
@@ -55,7 +55,7 @@ def build_effects(
 
 def _fields(effect: type[Effect]) -> dict[str, dataclasses.Field[Any]]:
     """The configuration of an effect, which is a dataclass."""
-    return {f.name: f for f in dataclasses.fields(effect)}  # type: ignore[arg-type]
+    return {f.name: f for f in dataclasses.fields(cast("Any", effect))}
 
 
 def _spelling(f: dataclasses.Field[Any]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -12,8 +12,9 @@ from qsframework.errors import InputError, PluginError
 from qsframework.plugin.facts import Array, Conditions, Poses, RobotFacts, frozen
 from qsframework.plugin.kinds import Effect, Geometry, Load, Loop, ParallelSpring, Sensor, Spring, SpringLaw
 from qsframework.plugin.parameter import Parameter
-from qsframework.plugin.terms import Actuator, Bar, Loads, Reading, VirtualJoint
+from qsframework.plugin.terms import Actuator, Bar, Loads, Reading, StiffnessTerm, TorqueTerm, VirtualJoint
 
+T = TypeVar("T")
 BATCH = 5
 _STEP = 1e-5
 _TOLERANCE = 1e-6
@@ -64,8 +65,8 @@ def check_effect(effect: Effect, robot: RobotFacts | None = None, seed: int = 0)
 def _check_declaration(effect: Effect, robot: RobotFacts, record: Callable[..., None]) -> None:
     parameters = effect.parameters(robot)
     record("docstring", bool(type(effect).__doc__), "the class needs a sentence on its physics")
-    record("frozen", getattr(type(effect), "__dataclass_params__", None) is not None
-           and type(effect).__dataclass_params__.frozen, "make it a frozen dataclass")  # type: ignore[attr-defined]  # fmt: skip
+    stated = getattr(type(effect), "__dataclass_params__", None)
+    record("frozen", stated is not None and stated.frozen, "make it a frozen dataclass")
     for p in parameters:
         record(f"unit of {p.name}", units.known(p.unit), f"pint does not know {p.unit!r}")
         record(
@@ -199,21 +200,34 @@ def _spring(effect: Spring, robot: RobotFacts, x: Array, rng: np.random.Generato
     yield "mixing", lambda _: effect.mixing(robot), x, None
 
 
+def _given(effect: Effect, what: str, term: T | None) -> T:
+    if term is None:
+        raise PluginError(f"{effect.name}: {what} is None at some angles or parameters and not at others")
+    return term
+
+
 def _parallel(effect: ParallelSpring, robot: RobotFacts, x: Array, rng: np.random.Generator) -> Iterator[Case]:
     q, conditions = rng.uniform(-1, 1, (BATCH, len(effect.joints(robot)))), _conditions(rng)
     torque, stiffness = effect.torque(q, x, conditions), effect.stiffness(q, x, conditions)
+
+    def torque_at(q: Array, x: Array) -> TorqueTerm:
+        return _given(effect, "torque", effect.torque(q, x, conditions))
+
+    def stiffness_at(q: Array, x: Array) -> StiffnessTerm:
+        return _given(effect, "stiffness", effect.stiffness(q, x, conditions))
+
     if torque is not None:
-        yield "torque by q", lambda v: effect.torque(v, x, conditions).value, q, torque.dq  # type: ignore[union-attr]
-        yield "torque by x", lambda v: effect.torque(q, v, conditions).value, x, torque.dx  # type: ignore[union-attr]
+        yield "torque by q", lambda v: torque_at(v, x).value, q, torque.dq
+        yield "torque by x", lambda v: torque_at(q, v).value, x, torque.dx
         if torque.dqq is not None:
-            yield "slope by q", lambda v: effect.torque(v, x, conditions).dq, q, torque.dqq  # type: ignore[union-attr]
+            yield "slope by q", lambda v: torque_at(v, x).dq, q, torque.dqq
         if torque.dqx is not None:
-            yield "slope by x", lambda v: effect.torque(q, v, conditions).dq, x, torque.dqx  # type: ignore[union-attr]
-        yield from _vanishes(effect, robot, x, lambda v: effect.torque(q, v, conditions).value)  # type: ignore[union-attr]
+            yield "slope by x", lambda v: torque_at(q, v).dq, x, torque.dqx
+        yield from _vanishes(effect, robot, x, lambda v: torque_at(q, v).value)
     if stiffness is not None:
-        yield "stiffness by q", lambda v: effect.stiffness(v, x, conditions).value, q, stiffness.dq  # type: ignore[union-attr]
-        yield "stiffness by x", lambda v: effect.stiffness(q, v, conditions).value, x, stiffness.dx  # type: ignore[union-attr]
-        yield from _vanishes(effect, robot, x, lambda v: effect.stiffness(q, v, conditions).value)  # type: ignore[union-attr]
+        yield "stiffness by q", lambda v: stiffness_at(v, x).value, q, stiffness.dq
+        yield "stiffness by x", lambda v: stiffness_at(q, v).value, x, stiffness.dx
+        yield from _vanishes(effect, robot, x, lambda v: stiffness_at(q, v).value)
     if effect.ends(robot) is not None:
         s = rng.uniform(0.5, 1.5, (BATCH, 1))
         tension = effect.tension(s[:, 0], x, conditions)

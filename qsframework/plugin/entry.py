@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -16,7 +16,7 @@ _SPELLED = {"N m": "Nm"}
 def effect_entry(effect: Effect) -> dict[str, Any]:
     """The entry of `effects:` for one instance, its measured settings in SI; settings at their default left out."""
     entry: dict[str, Any] = {"effect": effect.effect_name()}
-    for f in dataclasses.fields(effect):  # type: ignore[arg-type]
+    for f in dataclasses.fields(cast("Any", effect)):
         value = getattr(effect, f.name)
         if value == f.default:
             continue

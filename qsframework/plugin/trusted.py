@@ -89,7 +89,7 @@ def _effects(path: Path, text: str) -> dict[str, type[Effect]]:
             raise InputError(Problem(f"the effect {plain[0]!r} is no @dataclass(frozen=True)", file=str(path)))
         for effect in effects.values():
             setattr(effect, _ORIGIN, key)
-            effect.__reduce__ = _reduced  # type: ignore[method-assign,assignment]
+            effect.__reduce__ = _reduced  # pyright: ignore[reportAttributeAccessIssue]
         _loaded[key] = effects
     return _loaded[key]
 

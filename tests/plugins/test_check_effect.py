@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
+from qsframework.errors import PluginError
 from qsframework.plugin import (
     Array,
     Conditions,
@@ -20,6 +22,7 @@ from qsframework.plugin import (
     SensorTerm,
     Spring,
     SpringLaw,
+    TorqueTerm,
     VirtualJoint,
     build_effects,
     check_effect,
@@ -160,6 +163,26 @@ class Blind(Sensor):
     def read(self, reading: Reading, x: Array, markers: object, conditions: Conditions) -> SensorTerm:
         shape = reading.position.shape
         return SensorTerm(np.full(shape, np.nan), np.zeros((*shape, 3)), np.zeros((*shape, 0)))
+
+
+@dataclass(frozen=True)
+class Moody(ParallelSpring):
+    """A torque where the joint is at the first angles it was asked at, and none elsewhere."""
+
+    asked: ClassVar[list[Array]] = []
+
+    def joints(self, robot: RobotFacts) -> tuple[str, ...]:
+        return (robot.joints[0],)
+
+    def torque(self, q: Array, x: Array, conditions: Conditions) -> TorqueTerm | None:
+        self.asked.append(q)
+        flat = np.zeros((len(q), 1))
+        return TorqueTerm(flat, flat[..., None], np.zeros((len(q), 1, 0))) if np.array_equal(q, self.asked[0]) else None
+
+
+def test_an_effect_that_gives_a_torque_at_some_angles_only_is_caught() -> None:
+    with pytest.raises(PluginError, match="torque is None at some angles or parameters and not at others"):
+        check_effect(Moody())
 
 
 def test_faceless_and_blind_effects_are_caught() -> None:
