@@ -6,11 +6,15 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from qsframework.experiment import Experiment, Readings, example, load_experiment, read_readings
 
 for folder in ("elastostatics", "proof"):
     sys.path.insert(0, str(Path(__file__).parent / folder))
+# whichever test comes first in a random order pays for what is loaded once: no deadlines
+settings.register_profile("qsf", deadline=None)
+settings.load_profile("qsf")
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "docs"))
 

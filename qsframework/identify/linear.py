@@ -234,7 +234,7 @@ def _status(p: Parameter, value: float, sd: float, free: float) -> str:
     beyond = max(p.lower - value, value - p.upper, 0.0)
     if untold and beyond <= 2.0 * sd:
         return f"{UNTOLD} from these readings: its sd is {share}"
-    if beyond > 0.0:
+    if beyond > sd:  # nearer, it is noise
         end = f"below its bound {p.lower:g}" if value < p.lower else f"above its bound {p.upper:g}"
         return f"{end}: the model or a convention is wrong"
     if sd > abs(value):
