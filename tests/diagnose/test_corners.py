@@ -1,0 +1,190 @@
+"""Corners of the diagnosis: nothing to work on, words for every outcome, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from cases import SIGMA, campaign, measured, poses
+
+from qsframework.diagnose import diagnose
+from qsframework.diagnose.changes import couplings
+from qsframework.diagnose.discriminate import noise_of, with_loads
+from qsframework.diagnose.foresight import Prospect
+from qsframework.diagnose.lack_of_fit import LackOfFit, arm_axes, variables_of
+from qsframework.diagnose.lack_of_fit import _words as fit_words  # pyright: ignore[reportPrivateUsage]
+from qsframework.diagnose.noise_audit import make_basis
+from qsframework.diagnose.proof import told_names
+from qsframework.diagnose.rivals import falls_of
+from qsframework.diagnose.score import Block, score
+from qsframework.diagnose.second_day import _pairs, second_day  # pyright: ignore[reportPrivateUsage]
+from qsframework.diagnose.verdict import misfits, verdict_of, words_of
+from qsframework.diagnose.words import three, two
+from qsframework.errors import InputError, NotIdentifiable
+from qsframework.experiment.setup import Noise
+from qsframework.identify.linear import fit_rows
+from qsframework.plugin import Poses
+from qsframework.plugin.facts import frozen
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (np.nan, "unknown"), (np.inf, "unknown"), (1.23456e-9, "1.23e-09"), (-4.5678e7, "-4.57e+07"),
+     (0.012345, "0.0123"), (123456.0, "123000"), (-1.5, "-1.50")],
+)  # fmt: skip
+def test_three_digits_of_any_number(value: float, text: str) -> None:
+    assert three(value) == text
+
+
+def test_two_digits_of_a_small_one() -> None:
+    assert two(1.26e-8) == "1.3e-08"
+    assert two(0.0126) == "0.013"
+
+
+def test_a_level_is_a_small_probability() -> None:
+    for level in (0.0, 0.5, -1.0):
+        refused(level)
+
+
+def refused(level: float) -> None:
+    with pytest.raises(InputError, match=r"level must be between 0 and 0\.5"):
+        diagnose(campaign(), measured(count=12), level=level)
+
+
+def test_no_direction_no_statistic() -> None:
+    """Causes that these readings cannot show score nothing and have p = 1."""
+    found = score([Block(np.zeros((9, 0)), False)] * 3, np.ones(9), draws=50)
+    assert found.statistic.tolist() == [0.0, 0.0, 0.0]
+    assert found.p_adjusted.tolist() == [1.0, 1.0, 1.0]
+    assert found.p_value == 1.0
+    assert make_basis(np.full((4, 3, 2), 1e-12)).Q.shape == (12, 0)
+
+
+def test_nothing_given_nothing_falls() -> None:
+    assert falls_of(SimpleNamespace(total=5.0, solve=None), ()) == 0.0  # pyright: ignore[reportArgumentType]
+
+
+def test_somebody_must_say_the_noise_and_the_loads() -> None:
+    unknown = campaign().with_(noise=Noise(None))
+    assert noise_of(unknown, 1e-5) == 1e-5
+    assert noise_of(campaign(), None) == SIGMA
+    with pytest.raises(InputError, match="a design needs the noise"):
+        noise_of(unknown, None)
+    bare = campaign().with_(loads=())
+    with pytest.raises(InputError, match="a design needs `loads`"):
+        with_loads(bare, [])
+    taken = with_loads(bare, [poses(1, 6)])
+    sizes = [np.linalg.norm(case.wrench[:3]) for case in taken.loads]
+    assert sizes == sorted(sizes, reverse=True)
+    assert with_loads(campaign(), []) is campaign()
+
+
+def test_readings_of_an_arm_without_load_tell_nothing() -> None:
+    data = measured(count=6)
+    still = replace(data, poses=replace(data.poses, wrench=frozen(np.zeros((6, 6)))))
+    rows, _ = fit_rows(campaign(), still, 3)
+    with pytest.raises(NotIdentifiable, match="was the arm loaded"):
+        told_names(campaign(), still, rows, rows.noise)
+    told, lost = told_names(campaign(), data, fit_rows(campaign(), data, 3)[0], rows.noise)
+    assert len(told) == 6
+    assert not lost
+
+
+def test_what_was_recorded_is_a_variable_if_it_varies() -> None:
+    data = measured(count=6)
+    sides = np.tile([1.0, -1.0], 3)
+    recorded = replace(data.poses.loaded, time=np.arange(6.0), temperature=np.full(6, 293.0), approach=sides)
+    timed = replace(data, poses=replace(data.poses, loaded=recorded))
+    found = variables_of(campaign(), timed, np.arange(18))
+    assert {"time", "approach", "marker", "joint_2"} <= set(found)
+    assert "temperature" not in found  # it never changed
+    assert "fx" not in found
+    np.testing.assert_array_equal(found["time"][::3], np.arange(6.0))
+
+
+def test_the_axes_of_the_arm_are_orthonormal_with_and_without_weight() -> None:
+    data = measured(count=6)
+    robot = campaign().robot
+    floating = campaign().with_(robot=replace(robot, gravity=frozen(np.zeros(3))))
+    leaning = campaign().with_(robot=replace(robot, gravity=frozen([9.81, 0.0, 0.0])))
+    for experiment in (campaign(), floating, leaning):
+        axes = arm_axes(experiment, data, np.arange(18))
+        np.testing.assert_allclose(axes.transpose(0, 2, 1) @ axes, np.tile(np.eye(3), (18, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(arm_axes(leaning, data, np.arange(18))[:, :, 2], np.tile([-1.0, 0, 0], (18, 1)))
+    np.testing.assert_allclose(arm_axes(floating, data, np.arange(18))[:, :, 2], np.tile([0, 0, 1.0], (18, 1)))
+
+
+def lack(p_chi2: float, p_replicates: float) -> LackOfFit:
+    """A lack of fit with given p-values."""
+    fields: dict[str, Any] = {name: 0 for name in LackOfFit.__dataclass_fields__}
+    fields |= {"square": 40.0, "dof": 10, "p_chi2": p_chi2, "p_replicates": p_replicates, "free_replicates": 7,
+               "trends": (), "words": ()}  # fmt: skip
+    return LackOfFit(**fields)
+
+
+@pytest.mark.parametrize(
+    ("p_chi2", "p_replicates", "words"),
+    [
+        (1e-9, np.nan, ("do not fit the noise: 2.00 times",)),
+        (0.4, np.nan, ("The residuals fit the noise",)),
+        (np.nan, 1e-9, ("larger than the replicates' scatter",)),
+        (np.nan, 0.3, ("as large as the replicates' scatter",)),
+        (0.4, 1e-9, ("The residuals fit", "larger than")),
+        (np.nan, np.nan, ()),
+    ],
+)
+def test_the_lack_of_fit_is_said(p_chi2: float, p_replicates: float, words: tuple[str, ...]) -> None:
+    said = fit_words(lack(p_chi2, p_replicates), 0.01)
+    assert len(said) == len(words)
+    assert all(word in text for word, text in zip(words, said, strict=True))
+    assert misfits(lack(p_chi2, p_replicates)) == (np.nanmin([p_chi2, p_replicates, 1.0]) < 1e-3)
+
+
+def test_a_misfit_without_a_place_is_unexplained_and_said() -> None:
+    bad = lack(1e-9, np.nan)
+    assert verdict_of((), (), bad, False) == "unexplained"
+    assert verdict_of((), (), lack(0.5, 0.5), False) == "none"
+    errors: Any = SimpleNamespace(heldout_identified=1e-5, heldout_extended=1e-5, noise=1e-5)
+    audit: Any = SimpleNamespace(unit_source="stated")
+        words=(), shared=0.0, p_shared=1.0, unit_source="stated", source="stated", out=(), unit=1.0, level=0.01
+    )
+    said = words_of("unexplained", (), (), (), audit, bad, errors, (), (4, 7))
+    assert any("no place or variable stands out" in text for text in said)
+    assert any("Outliers left out: rows 4, 7." in text for text in said)
+
+
+def test_an_arm_has_no_couplings_without_their_effect(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = measured(count=6)
+    assert sum(1 for _ in couplings(campaign(), data)) >= 2
+    monkeypatch.setattr("qsframework.diagnose.changes.registry", dict)
+    assert list(couplings(campaign(), data)) == []
+
+
+def test_a_prospect_without_sizes_says_a_dash() -> None:
+    none = Prospect(SimpleNamespace(name="x"), "invisible", (), "", 0.0, (), "hidden")  # pyright: ignore[reportArgumentType]
+    assert none.words("detect") == "-"
+    assert none.words("name") == "-"
+
+
+def test_a_second_day_needs_something_to_separate() -> None:
+    """A diagnosis that names nothing has no rivals; progress of every step is told on the way."""
+    steps: list[str] = []
+    data = measured(count=16)
+    found = diagnose(
+        campaign(), data, repeats=1, progress=lambda step, done, total: steps.append(f"{step} {done}/{total}")
+    )
+    assert found.verdict == "none"
+    assert steps[0].startswith("conventions 0/")
+    assert len(steps) >= 6
+    assert _pairs(found) == ([], [])
+    with pytest.raises(InputError, match="nothing is left to separate: the diagnosis names no cause"):
+        second_day(found, 4)
+
+
+def test_poses_are_a_batch_that_can_be_taken_apart() -> None:
+    some = poses(3, 5)
+    assert isinstance(some.take(slice(0, 2)), Poses)
+    assert len(some.take([0, 2])) == 2
