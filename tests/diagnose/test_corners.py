@@ -149,8 +149,6 @@ def test_a_misfit_without_a_place_is_unexplained_and_said() -> None:
     assert verdict_of((), (), lack(0.5, 0.5), False) == "none"
     errors: Any = SimpleNamespace(heldout_identified=1e-5, heldout_extended=1e-5, noise=1e-5)
     audit: Any = SimpleNamespace(unit_source="stated")
-        words=(), shared=0.0, p_shared=1.0, unit_source="stated", source="stated", out=(), unit=1.0, level=0.01
-    )
     said = words_of("unexplained", (), (), (), audit, bad, errors, (), (4, 7))
     assert any("no place or variable stands out" in text for text in said)
     assert any("Outliers left out: rows 4, 7." in text for text in said)
