@@ -60,17 +60,36 @@ def visits(
     for (i, j), more in (penalty or {}).items():
         cost[i, j] += more
         cost[j, i] += more
-    for group in _rounds(plan, order):
+    rounds = _rounds(plan, order)
+    if order == "shortest":
+        ways = [_chain(plan, rounds, cost, home, rng), _chain(plan, rounds[::-1], cost, home, rng)[::-1]]
+        return tuple(min(ways, key=lambda way: _cost(plan, way, cost, home)))
+    for group in rounds:
         members = np.array(group)
         if order == "random":
             members = rng.permutation(members)
             if out and out[-1] == members[0]:
                 members = np.roll(members, -1)
-        elif order == "shortest":
-            start = _first_way(plan, members, out, cost, home)
-            members = members[shortest_path(cost[np.ix_(members, members)], start, rng)]
         out += members.tolist()
     return tuple(out)
+
+
+def _chain(
+    plan: Plan, rounds: list[list[int]], cost: Array, home: Array | None, rng: np.random.Generator
+) -> list[int]:  # fmt: skip
+    """Round after round, each a short way from where the one before ended."""
+    out: list[int] = []
+    for group in rounds:
+        members = np.array(group)
+        start = _first_way(plan, members, out, cost, home)
+        out += members[shortest_path(cost[np.ix_(members, members)], start, rng)].tolist()
+    return out
+
+
+def _cost(plan: Plan, way: list[int], cost: Array, home: Array | None) -> float:
+    """Of a way, from home and back to it if there is one."""
+    ends = 0.0 if home is None else float(travel(home[None], plan.pendant[[way[0], way[-1]]]).sum())
+    return ends + float(cost[way[:-1], way[1:]].sum())
 
 
 def _rounds(plan: Plan, order: str) -> list[list[int]]:

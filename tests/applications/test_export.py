@@ -355,3 +355,20 @@ def test_where_the_tracker_loses_a_marker(m900ib: Experiment) -> None:
     notes = make_programme(seen, plan_of(seen, turned), order="plan").notes
     assert any("p03 break the constraint 'sight'" in note for note in notes)
     assert any("loses a marker on the way p02 to p03" in note for note in notes)
+
+
+def test_two_loads_take_hardly_more_than_the_best_of_all_ways(m900ib: Experiment) -> None:
+    """All orders of four poses under each of two loads, either load first, against the way that is found."""
+    ratios: list[float] = []
+    orders = list(itertools.permutations(range(4)))
+    for seed in range(12):
+        pendant = np.random.default_rng(seed).uniform(-2, 2, (8, 6))
+        plan = replace(plan_of(m900ib, pendant), load=("a",) * 4 + ("b",) * 4)
+        d = travel(pendant, pendant)
+        inner = {o: sum(d[a, b] for a, b in itertools.pairwise(o)) for o in orders}
+        other = {o: sum(d[a + 4, b + 4] for a, b in itertools.pairwise(o)) for o in orders}
+        best = min(inner[p] + other[q] + d[p[-1], q[0] + 4] for p in orders for q in orders)
+        ratios.append(way_length(pendant, visits(plan), None) / best)
+    assert min(ratios) >= 1.0 - 1e-9
+    assert np.mean(ratios) < 1.06
+    assert max(ratios) < 1.25
