@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from typing import Any
 
 import numpy as np
@@ -120,7 +121,7 @@ def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) ->
     from plotly.subplots import make_subplots
 
     task, count = result.task, len(result.robots)
-    names = [r.robot.title.split(",")[0] for r in result.robots]
+    names = [html.escape(r.robot.title.split(",")[0]) for r in result.robots]
     figure = make_subplots(rows=1, cols=count, subplot_titles=names, shared_yaxes=True)
     for k, cells in enumerate(values, start=1):
         grid = cells.reshape(len(task.map_z), len(task.map_x))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+
 import numpy as np
 
 from qsframework.applications.compensate import Compensation
@@ -53,7 +55,7 @@ def compensation_section(result: Compensation) -> Section:
     import plotly.graph_objects as go
 
     figure = go.Figure()
-    names = list(result.targets.name)
+    names = [html.escape(name) for name in result.targets.name]
     figure.add_bar(x=names, y=(result.size * 1e3).tolist(), name="uncorrected")
     figure.add_bar(x=names, y=(result.sd * 1e3).tolist(), name="expected after the correction")
     figure.update_layout(
