@@ -41,7 +41,7 @@ def main(images: Path = HERE / "images") -> None:
         plan = str(folder / "plan.csv")
         qsf("design", str(EXPERIMENT), "--output", plan, "--report", str(folder / "plan.html"))
         qsf("show", str(EXPERIMENT), plan, "--html", str(folder / "show.html"))
-        screenshot(folder / "plan.html", images / "report.png", "1060,1860")
+        screenshot(folder / "plan.html", images / "report.png", "1060,1960")
         screenshot(folder / "show.html", images / "show.png", "1000,680", "#5")
 
 

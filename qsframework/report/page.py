@@ -11,7 +11,7 @@ from qsframework.report.blocks import Block, Figure, Lines, Section, Table, Text
 from qsframework.report.numbers import figure_table
 
 __all__ = ["Block", "Figure", "Lines", "Section", "Table", "Text", "View", "write_report"]
-_WORDS = 40
+_WORDS = 18
 """A column with a longer cell than this holds words, which are set from the left."""
 _OPEN = 14
 """Numbers of a figure with no more rows than this stand open below it."""

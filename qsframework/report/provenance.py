@@ -15,6 +15,10 @@ from qsframework.report.fit_section import shown
 from qsframework.robot import Robot
 
 PROVENANCE = "How this was computed"
+_PAPER = (
+    "Symbols: see the documentation's page on the model. Klimchik et al.: Design of experiments for elastostatic "
+    "calibration of heavy industrial robots with kinematic parallelogram and gravity compensator."
+)
 _PACKAGES = ("qsframework", "pin", "coal", "numpy", "scipy", "cvxpy", "clarabel", "plotly", "meshcat")
 _SPEC = (".yaml", ".yml", ".urdf", ".xacro")
 
@@ -67,7 +71,7 @@ def provenance_section(
         PROVENANCE,
         (
             Text(random),
-            Table(("equation of", "law", "source"), tuple(equations), "Symbols: see the documentation's model page."),
+            Table(("equation of", "law", "source"), tuple(equations), _PAPER),
             Table(("effect", "where", "physics", "law", "source"), tuple(_laws(effects)), "The effects of the model."),
             *((nominal,) if known else ()),
             Table(("input file", "SHA-256"), hashes, "Other numbers come from other files."),

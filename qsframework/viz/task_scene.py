@@ -17,6 +17,7 @@ from qsframework.viz.subject import robot_alone
 
 _POINT: Colour = (0.1, 0.3, 0.9, 1.0)
 _WORST: Colour = (0.8, 0.1, 0.1, 1.0)
+_TOOL: Colour = (0.4, 0.42, 0.46, 1.0)
 
 
 def task_scene(robots: Sequence[Robot], pendant: Sequence[Array], moved: Sequence[Array], points: Array) -> Scene:
@@ -25,15 +26,18 @@ def task_scene(robots: Sequence[Robot], pendant: Sequence[Array], moved: Sequenc
     for i, (robot, angles, way) in enumerate(zip(robots, pendant, moved, strict=True)):
         path, there = f"robots/{i}", np.isfinite(way)
         label = f"{robot.title}: the path is not reached"
-        pose = np.clip(np.zeros(robot.facts.n), robot.controller.lower, robot.controller.upper)
+        pose, held = np.clip(np.zeros(robot.facts.n), robot.controller.lower, robot.controller.upper), None
         if there.any():
             worst = int(np.nanargmax(way))
             pose = angles[worst]
             scene.sphere(f"{path}/worst", 0.04, placed_at(points[worst]), _WORST)
+            held = points[worst]
             label = f"{robot.title}: point {worst + 1}, moves {1e3 * way[worst]:.3f} mm"
         q = robot.controller.to_joints(pose[None])
         links = link_frames(place_poses(robot_alone(robot, np.zeros(3)), q).placed, 0)
         draw_robot(scene, path, robot, links, q[0], meshes=Meshes(robot, 1))
+        if held is not None:  # the tool, of which only the point is known
+            scene.rod(f"{path}/tool", (links[robot.flange.link] @ robot.flange.placement)[:3, 3], held, 0.02, _TOOL)
         scene.step(path, label)
     for k, point in enumerate(points):
         scene.sphere(f"path/{k}", 0.025, placed_at(point), _POINT)
