@@ -57,7 +57,7 @@ def list_robots(json: Path | None, report: Path | None = None) -> None:
     rows = tuple((name, robot.title) for name, robot in zip(robot_names(), robots, strict=True))
     print_table(("robot", "title"), rows)
     if json is not None:
-        write_json(json, dict(rows))
+        write_json(json, dict(rows), names=True)
     if report is not None:
         from qsframework.report import write_report
         from qsframework.report.robot_section import robots_section
@@ -81,7 +81,7 @@ def check_files(files: Sequence[Path], json: Path | None, report: Path | None = 
     for one in checked:
         print(f"{one.file}: {one.said()}")
     if json is not None:
-        write_json(json, {str(one.file): one.said() for one in checked})
+        write_json(json, {str(one.file): one.said() for one in checked}, names=True)
     if report is not None:
         _report(checked, report)
 

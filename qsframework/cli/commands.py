@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json as jsonlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from qsframework.experiment import (
     write_readings,
 )
 from qsframework.files import write_text
+from qsframework.files.formats import FORMAT
 
 
 def run_simulate(
@@ -63,6 +64,7 @@ def distinct_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path]) -> 
         seen[path.resolve()] = "another output"
 
 
-def write_json(path: Path, content: Any) -> None:
-    """Write JSON, all or nothing."""
-    write_text(path, jsonlib.dumps(content, indent=2, sort_keys=True, allow_nan=False) + "\n")
+def write_json(path: Path, content: Mapping[str, Any], names: bool = False) -> None:
+    """Write JSON with its format, all or nothing; names: the keys are names of robots or files, and nothing else."""
+    told = dict(content) if names else {"format": FORMAT, **content}
+    write_text(path, jsonlib.dumps(told, indent=2, sort_keys=True, allow_nan=False) + "\n")

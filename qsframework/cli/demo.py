@@ -147,7 +147,7 @@ def designed_plan(output: Path, seed: int, tell: Tell) -> tuple[list[Section], d
     readings = read_readings(output / "readings.csv", experiment)
     fit = identify(experiment, readings)
     write_json(output / "fit.json", fit.as_json())
-    write_json(output / "truth.json", simulation.truth_by_name())
+    write_json(output / "truth.json", simulation.truth_by_name(), names=True)
     tell("simulate and identify", 1, 1)
     files: Sequence[Path] = [experiment.path, output / "plan.csv", output / "readings.csv"]
     sections = [

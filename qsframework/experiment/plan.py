@@ -16,6 +16,7 @@ from qsframework.errors import InputError, Problem
 from qsframework.experiment.columns import MOST_PROBLEMS, Column, Table, read_table, write_table
 from qsframework.experiment.setup import Experiment
 from qsframework.files import FileModel, read_yaml, sha256, validate, write_text
+from qsframework.files.formats import FORMAT, check_format
 from qsframework.plugin import Array, Poses
 from qsframework.plugin.facts import frozen
 
@@ -150,6 +151,7 @@ def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
     ]
     write_table(path, header, rows, [f"robot: {experiment.robot.name}"])
     beside = {
+        "format": FORMAT,
         "criterion": plan.criterion,
         "certificate": plan.certificate.as_json() if plan.certificate else None,
         "seed": plan.seed,
@@ -217,7 +219,9 @@ def _proof(path: Path) -> tuple[Certificate | None, str, int | None]:
     if not beside.is_file():
         return None, "", None
     try:
-        proof = validate(read_yaml(beside), ProofSpec)
+        document = read_yaml(beside)
+        check_format(document)
+        proof = validate(document, ProofSpec)
     except InputError as error:
         told = (dataclasses.replace(p, message=f"is not the proof of a plan: {p.message}") for p in error.problems)
         raise InputError(told) from error

@@ -42,4 +42,4 @@ def test_diagnosis_json_holds_these_keys() -> None:
 
     written = re.findall(r'^            "(\w+)":', inspect.getsource(Diagnosis.as_json), re.M)
     assert dataclasses.is_dataclass(Diagnosis)
-    assert set(formats.keys_of("diagnosis.json")) == {*written, "separations"}
+    assert set(formats.keys_of("diagnosis.json")) == {*written, "separations", "format"}
