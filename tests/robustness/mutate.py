@@ -222,14 +222,14 @@ def _edit(tree: Any, rng: random.Random) -> Any:
     return tree
 
 
-class _Plain(yaml.SafeDumper):
+class Plain(yaml.SafeDumper):
     def ignore_aliases(self, data: Any) -> bool:
         return True
 
 
 def _yaml_tree(content: bytes, rng: random.Random) -> bytes:
     tree = _edit(yaml.safe_load(content), rng)
-    return yaml.dump(tree, Dumper=_Plain, sort_keys=False, allow_unicode=True).encode("utf-8", "replace")
+    return yaml.dump(tree, Dumper=Plain, sort_keys=False, allow_unicode=True).encode("utf-8", "replace")
 
 
 def _json_tree(content: bytes, rng: random.Random) -> bytes:
