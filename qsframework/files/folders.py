@@ -41,8 +41,17 @@ def write_folder(
     except OSError as error:
         raise InputError(Problem(f"cannot be written: {error.strerror}", file=str(folder))) from error
     finally:
-        shutil.rmtree(made, ignore_errors=True)
+        _gone(made)
     return tuple(folder / name for name in contents)
+
+
+def _gone(made: Path) -> None:
+    """Remove what is left beside the target, even where a signal comes meanwhile."""
+    try:
+        shutil.rmtree(made, ignore_errors=True)
+    except BaseException:
+        shutil.rmtree(made, ignore_errors=True)
+        raise
 
 
 def _swap(made: Path, target: Path) -> None:

@@ -1,0 +1,239 @@
+"""Commands that are killed: imported once, forked for each run, so that a run costs no start-up.
+
+Run as a script with the path of a JSON file of jobs; prints what became of each as JSON.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import random
+import signal
+import sys
+import time
+from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import Any
+
+WAIT = 120.0
+Files = dict[str, bytes]
+
+
+def in_child(work: Callable[[], int], said: Path) -> int:
+    """Start a child process; what it says on standard error goes to a file."""
+    child = os.fork()
+    if child:
+        return child
+    code = 70
+    try:
+        with said.open("w", buffering=1) as err, redirect_stderr(err), redirect_stdout(io.StringIO()):
+            try:
+                code = work()
+            except SystemExit as end:
+                code = end.code if isinstance(end.code, int) else 0
+            except BaseException as error:
+                import traceback
+
+                traceback.print_exception(error)
+    finally:
+        os._exit(code)
+
+
+def qsf(arguments: list[str]) -> Callable[[], int]:
+    """The command line, as `qsf` runs it."""
+
+    def work() -> int:
+        from qsframework.cli import main
+
+        sys.argv = ["qsf", *arguments]
+        main()
+        return 0
+
+    return work
+
+
+def ended(child: int, limit: float = WAIT) -> int:
+    """Exit code, negative for a signal."""
+    end = time.monotonic() + limit
+    while True:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status)
+        if time.monotonic() > end:
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            return -99
+        time.sleep(0.001)
+
+
+def run(work: Callable[[], int], said: Path, number: int | None = None, delay: float = 0.0) -> int:
+    """Run, and send a signal after a delay."""
+    child = in_child(work, said)
+    if number is not None:
+        time.sleep(delay)
+        os.kill(child, number)
+    return ended(child)
+
+
+def files_in(folder: Path) -> Files:
+    """All files by their names in the folder."""
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def lay(folder: Path, files: Files) -> None:
+    """Put files into a folder."""
+    for name, content in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+
+
+def all_whole(left: Files, new: Files) -> bool:
+    """The new files, and no others."""
+    return set(left) == set(new) and all(whole(n, left[n], new[n]) for n in new)
+
+
+def clear(folder: Path) -> None:
+    """Remove all in a folder."""
+    import shutil
+
+    shutil.rmtree(folder)
+    folder.mkdir()
+
+
+def old_of(new: Files, folders: list[str]) -> Files:
+    """What stood there before: anything; in a folder that the command made as a whole, such a folder."""
+    return {n: c + b"\n# old\n" if n.split("/")[0] in folders else b"old " + n.encode() for n, c in new.items()}
+
+
+def command_job(job: dict[str, Any], place: Path, chance: random.Random) -> dict[str, Any]:
+    """One command: a full run, runs that are killed over old files, and a full run over what is left."""
+    out, said = place / "out", place / "said.txt"
+    out.mkdir()
+    os.chdir(place)
+    work = qsf(job["arguments"])
+    start, before = time.monotonic(), sum(os.times()[2:4])
+    code = run(work, said)
+    seconds = time.monotonic() - start
+    new = files_in(out)
+    result: dict[str, Any] = {"code": code, "seconds": seconds, "files": sorted(new), "said": said.read_text()[-2000:]}
+    if code:
+        return result
+    folders = job.get("folders", [])
+    old = {} if job.get("fresh") else old_of(new, folders)
+    trials: list[dict[str, Any]] = []
+    for k in range(job["kills"]):
+        clear(out)
+        lay(out, old)
+        number = (signal.SIGKILL, signal.SIGINT)[k % 2]
+        share = chance.uniform(0.0, 1.0) if k % 4 < 2 else chance.uniform(0.85, 1.0)
+        code = run(work, said, number, share * seconds)
+        left = files_in(out)
+        trials.append({
+            "signal": int(number), "code": code, "share": share, "said": said.read_text()[-2000:],
+            "half": half(left, old, new, folders),
+            "stale": [n for n in left if n not in new],
+        })  # fmt: skip
+    if job.get("again"):
+        result |= {"again": run(work, said), "same": all_whole(files_in(out), new)}
+    return result | {"trials": trials, "cpu": sum(os.times()[2:4]) - before}
+
+
+def whole(name: str, left: bytes, new: bytes) -> bool:
+    """Whether a file is the new one. The scenes of pages have new ids in every run."""
+    if not name.endswith(".html"):
+        return left == new
+    return left[:200] == new[:200] and left[-200:] == new[-200:] and abs(len(left) - len(new)) < 0.01 * len(new)
+
+
+def half(left: Files, old: Files, new: Files, folders: list[str]) -> list[str]:
+    """Files that are neither the old nor the new ones; folders that are a mixture."""
+    bad = [n for n in set(old) | set(new) if n in left and left[n] != old.get(n) and not whole(n, left[n], new[n])]
+    bad += [n for n in old if n not in left]
+    for folder in folders:
+        mine = {n: c for n, c in left.items() if n.split("/")[0] == folder}
+        if mine not in [{n: c for n, c in kind.items() if n.split("/")[0] == folder} for kind in (old, new)]:
+            bad.append(folder)
+    return bad
+
+
+def resumed_job(job: dict[str, Any], place: Path, chance: random.Random) -> dict[str, Any]:
+    """A long job, killed and run again with its checkpoint as often as wanted, and then let go to its end."""
+    out, said, kept = place / "out", place / "said.txt", place / "job.checkpoint"
+    out.mkdir()
+    os.chdir(place)
+    make = monte_carlo if job["arguments"] == ["monte carlo"] else with_checkpoint(job["arguments"])
+    start, before = time.monotonic(), sum(os.times()[2:4])
+    code = run(make(None), said)
+    seconds = time.monotonic() - start
+    new = files_in(out)
+    result: dict[str, Any] = {"code": code, "seconds": seconds, "said": said.read_text()[-2000:], "files": sorted(new)}
+    kills, sizes, bad = 0, [], []
+    old = old_of(new, [])
+    while code == 0 and kills < job["kills"]:
+        clear(out)
+        lay(out, old)
+        number = (signal.SIGKILL, signal.SIGINT)[chance.random() < 0.3]
+        # each run starts where the last one was stopped, so that a few shares of the time reach the end
+        ending = run(make(kept), said, number, chance.uniform(0.1, 0.5) * seconds)
+        kills += ending in (-signal.SIGKILL, 130)
+        sizes.append(kept.stat().st_size if kept.exists() else 0)
+        bad += half(files_in(out), old, new, [])
+        if ending == 0:  # it was done before the signal came: begin again
+            bad += [] if all_whole(files_in(out), new) else ["a resumed run ended with other files"]
+            kept.unlink()
+    clear(out)
+    again = run(make(kept), said)
+    return result | {"kills": kills, "half": bad, "sizes": sizes, "again": again, "same": files_in(out) == new,
+                     "cpu": sum(os.times()[2:4]) - before, "last": said.read_text()[-2000:]}  # fmt: skip
+
+
+def with_checkpoint(arguments: list[str]) -> Callable[[Path | None], Callable[[], int]]:
+    """The command with and without --checkpoint."""
+    return lambda kept: qsf([*arguments, *(["--checkpoint", str(kept)] if kept else [])])
+
+
+def monte_carlo(kept: Path | None) -> Callable[[], int]:
+    """Monte Carlo by the library itself."""
+
+    def work() -> int:
+        from long_tasks import bits, shared, spectrum, tasks
+
+        from qsframework.cli.stop import Stopped, listening
+        from qsframework.work import Checkpoint
+        from qsframework.work import run as run_tasks
+
+        try:
+            with listening():
+                if kept is None:
+                    found = bits(run_tasks(spectrum, shared(80, sleep=0.01), tasks(30)))
+                else:
+                    with Checkpoint(kept, {"seed": "0"}) as checkpoint:
+                        work = run_tasks(spectrum, shared(80, sleep=0.01), tasks(30), None, checkpoint, "spectra")
+                        found = bits(work)
+        except Stopped as stopped:
+            return stopped.code
+        Path("out/bits").write_bytes(found)
+        return 0
+
+    return work
+
+
+def main() -> None:
+    """Do the jobs of the file."""
+    given = json.loads(Path(sys.argv[1]).read_text())
+    for name in given["imports"]:
+        __import__(name)
+    results = []
+    for k, job in enumerate(given["jobs"]):
+        place = Path(given["folder"]) / f"job{k}"
+        place.mkdir()
+        do = resumed_job if job.get("resumed") else command_job
+        results.append(do(job, place, random.Random(given["seed"] * 1000 + k)))
+    print(json.dumps(results))
+
+
+if __name__ == "__main__":
+    main()

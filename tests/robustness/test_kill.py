@@ -1,0 +1,164 @@
+"""Commands killed at random moments leave old or new files; long jobs killed again and again end with the same bits."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+EXPERIMENT = str(ROOT / "examples" / "m900ib" / "experiment.yaml")
+TASK = """title: a line
+tool_mm: 250
+approach: [0, 0, -1]
+path:
+  - {xyz_mm: [1700, -300, 800], fz_N: 600}
+  - {xyz_mm: [1700, 300, 800], fz_N: 600}
+map: {x_mm: [1500, 2000], z_mm: [600, 1200], steps: 3, fz_N: -1000}
+campaign:
+  poses: 8
+  sigma_mm: 0.03
+  lever_mm: 200
+  candidates: 40
+  loads:
+    - {name: weight, fz_N: -1000}
+    - {name: side_pull, fz_N: -500, fy_N: 800, poses_min: 3}
+"""
+TARGETS = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N\n10,10,-10,20,-60,30,0,300,-2000\n"
+PLAN, FIT, READINGS = "../job0/out/plan.csv", "../job2/out/fit.json", "../job1/out/readings.csv"
+SMALL = ["-n", "8", "--candidates", "60", "--no-polish"]
+COMMANDS: list[dict[str, Any]] = [
+    {"arguments": ["design", EXPERIMENT, *SMALL, "-o", "out/plan.csv", "--json", "out/d.json"], "kills": 6,
+     "again": True},
+    {"arguments": ["simulate", EXPERIMENT, PLAN, "-o", "out/readings.csv", "--json", "out/t.json"],
+     "kills": 6, "again": True},
+    {"arguments": ["identify", EXPERIMENT, "--data", READINGS, "--json", "out/fit.json", "--nominal", "out/n.yaml"],
+     "kills": 4, "again": True},
+    {"arguments": ["stiffness", "fanuc_m900ib", "--pose", "0,20,-20,0,-60,0", "--load", "0,0,-2000", "--json",
+                   "out/s.json", "--report", "out/s.html"], "kills": 4},
+    {"arguments": ["compensate", EXPERIMENT, FIT, "../targets.csv", "-o", "out/c.csv", "--json", "out/c.json"],
+     "kills": 4},
+    {"arguments": ["export", PLAN, "-e", EXPERIMENT, "--to", "fanuc-ls", "-o", "out/arm.ls"], "kills": 4},
+    {"arguments": ["protocol", EXPERIMENT, PLAN, "-o", "out/sheet.html", "--readings", "out/r.csv"], "kills": 4},
+    {"arguments": ["show", EXPERIMENT, PLAN, "--html", "out/scene.html"], "kills": 4},
+    {"arguments": ["diagnose", EXPERIMENT, READINGS, "--json", "out/d.json", "--extend", "out/new"],
+     "folders": ["new"], "kills": 4, "again": True},
+    {"arguments": ["new", "arm", "--urdf", "../arm.urdf", "-o", "out/arm"], "folders": ["arm"], "fresh": True,
+     "kills": 4},
+    {"arguments": ["demo", "-o", "out"], "kills": 2},
+    {"arguments": ["robots", "--json", "out/robots.json"], "kills": 2},
+    {"arguments": ["check", EXPERIMENT, "--json", "out/check.json"], "kills": 2},
+]  # fmt: skip
+LONG: list[dict[str, Any]] = [
+    {"resumed": True, "arguments": ["monte carlo"], "kills": 12},
+    {"resumed": True, "arguments": ["design", EXPERIMENT, "-n", "9", "--candidates", "5000", "-o", "out/plan.csv"],
+     "kills": 5},
+    {"resumed": True, "arguments": ["diagnose", EXPERIMENT, "--plan", PLAN, "--json", "out/f.json"], "kills": 4},
+    {"resumed": True, "arguments": ["compare", "fanuc_m900ib", "fanuc_r2000ic", "--task", "../task.yaml", "--json",
+                                    "out/c.json"], "kills": 3},
+]  # fmt: skip
+IMPORTS = ["qsframework.cli.design", "qsframework.cli.identify", "qsframework.cli.diagnose_plan", "scipy.stats",
+           "qsframework.report", "qsframework.robot.loader", "qsframework.cli.compare", "plotly"]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def trials(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
+    """All jobs, done in one process that forks, whose libraries are loaded once."""
+    folder = tmp_path_factory.mktemp("kills")
+    (folder / "task.yaml").write_text(TASK)
+    (folder / "targets.csv").write_text(TARGETS)
+    (folder / "arm.urdf").write_text(arm())
+    given = {"imports": IMPORTS, "folder": str(folder), "seed": 8, "jobs": [*COMMANDS, *LONG]}
+    (folder / "jobs.json").write_text(json.dumps(given))
+    done = subprocess.run(
+        [sys.executable, str(HERE / "killed.py"), str(folder / "jobs.json")], capture_output=True, text=True,
+        timeout=600, env=os.environ | {"PYTHONPATH": str(HERE), "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "200"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-3000:]
+    return json.loads(done.stdout)
+
+
+def arm() -> str:
+    """Two joints, with masses."""
+    links = "".join(
+        f'<link name="{name}"><inertial><origin xyz="0 0 0.2"/><mass value="40"/>'
+        '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
+        for name in ("base", "l1", "l2")
+    )
+    joints = "".join(
+        f'<joint name="joint_{k}" type="revolute"><parent link="{a}"/><child link="{b}"/><origin xyz="0 0 0.5"/>'
+        f'<axis xyz="{axis}"/><limit lower="-2" upper="2" effort="1000" velocity="1"/></joint>'
+        for k, a, b, axis in ((1, "base", "l1", "0 0 1"), (2, "l1", "l2", "0 1 0"))
+    )
+    return f'<robot name="arm">{links}{joints}</robot>'
+
+
+def named(job: dict[str, Any]) -> str:
+    return " ".join([job["arguments"][0], *[a for a in job["arguments"] if a in ("--plan", "--extend")]])
+
+
+@pytest.mark.parametrize("k", range(len(COMMANDS)), ids=[named(job) for job in COMMANDS])
+def test_a_killed_command_leaves_old_or_new_files(trials: list[dict[str, Any]], k: int) -> None:
+    result = trials[k]
+    assert result["code"] == 0, result["said"]
+    assert result["files"]
+    assert len(result["trials"]) == COMMANDS[k]["kills"]
+    for trial in result["trials"]:
+        assert not trial["half"], trial
+        assert "Traceback" not in trial["said"], trial["said"]
+        if trial["signal"] == signal.SIGINT:
+            assert not trial["stale"], trial
+            assert trial["code"] in (0, 130), trial
+            if trial["code"] == 130:
+                assert trial["said"].splitlines()[-1] == "stopped: the files written so far are whole"
+        else:
+            assert trial["code"] in (0, -signal.SIGKILL)
+            assert all(".qsf-part" in name for name in trial["stale"]), trial
+    if COMMANDS[k].get("again"):
+        assert result["again"] == 0
+        assert result["same"], "a run after kills leaves the files of a first run, and nothing else"
+
+
+@pytest.mark.parametrize("k", range(len(LONG)), ids=[named(job) for job in LONG])
+def test_a_long_job_killed_again_and_again_ends_with_the_same_bytes(trials: list[dict[str, Any]], k: int) -> None:
+    result = trials[len(COMMANDS) + k]
+    assert result["code"] == 0, result["said"]
+    assert result["files"]
+    assert result["kills"] >= LONG[k]["kills"]
+    assert max(result["sizes"]) > 0
+    assert not result["half"]
+    assert result["again"] == 0, result["last"]
+    assert result["same"]
+
+
+def test_there_were_kills_enough(trials: list[dict[str, Any]]) -> None:
+    killed = [t for r in trials[: len(COMMANDS)] for t in r["trials"] if t["code"] in (130, -signal.SIGKILL)]
+    assert len(killed) >= 20
+    assert {t["code"] for t in killed} == {130, -signal.SIGKILL}
+    assert sum(r["kills"] for r in trials[len(COMMANDS) :]) >= 20
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_the_command_line_itself(tmp_path: Path, number: signal.Signals, code: int) -> None:
+    """A process of its own, stopped before anything is computed and while it is."""
+    say = "import sys; print('here', flush=True); from qsframework.cli import main; main()"
+    command = [sys.executable, "-c", say, "design", EXPERIMENT, "--candidates", "30000", "-o", str(tmp_path / "p.csv")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.readline()
+        time.sleep(1.5)
+        process.send_signal(number)
+        said = process.stderr.read()
+        assert process.wait(timeout=30) == code, said
+    assert said.strip().splitlines()[-1] == "stopped: the files written so far are whole"
+    assert "Traceback" not in said
+    assert not list(tmp_path.iterdir())
