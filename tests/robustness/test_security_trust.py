@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import pickle
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +14,22 @@ import yaml
 from typer.testing import CliRunner
 
 from qsframework.cli.main import app, main
+from qsframework.diagnose import diagnose
+from qsframework.diagnose.extend import write_extended
 from qsframework.errors import InputError
-from qsframework.experiment import example, load_experiment, simulate
+from qsframework.experiment import (
+    example,
+    load_experiment,
+    make_plan,
+    read_readings,
+    simulate,
+    write_readings,
+)
 from qsframework.experiment.plan import read_plan
 from qsframework.identify import identify
 from qsframework.plugin.trusted import trusted, trusting
 from qsframework.robot import load_robot
+from qsframework.robot.named_files import entry_effects
 
 EFFECT = '''"""A pedestal that gives, and a mark that this file was run."""
 
@@ -241,3 +252,28 @@ def test_every_command_that_loads_files_has_the_option() -> None:
     without = {name for name, c in commands.items() if not any("--trust" in p.opts for p in c.params)}
     assert without == {"demo", "new"}  # the one reads installed files, the other writes a robot without effects
     assert runner.invoke(app, ["check", "--help"]).exit_code == 0
+
+
+def test_it_is_diagnosed_and_extended(campaign: Path, tmp_path: Path) -> None:
+    """Listed at x, where it does nothing, it is found at y, where it was hidden; the extension takes the file along."""
+    document = yaml.safe_load((example("hidden_effect") / "experiment.yaml").read_text())
+    document |= {"effects": [ENTRY | {"axis": "x"}], "fit": ["joint_compliance"], "data": "readings.csv"}
+    campaign.write_text(yaml.safe_dump(document))
+    experiment = load_experiment(campaign, trust=True)
+    measured = read_readings(example("hidden_effect") / "readings.csv", experiment)
+    plan = make_plan(measured.poses, [""] * len(measured.poses))
+    (hidden,) = entry_effects(ENTRY, campaign.parent, experiment.robot.facts, trust=True)
+    (parameter,) = hidden.parameters(experiment.robot.facts)
+    true = experiment.with_(
+        effects=(*experiment.effects, hidden), parameters=(*experiment.parameters, replace(parameter, nominal=1.5e-7))
+    )
+    write_readings(campaign.with_name("readings.csv"), simulate(true, plan, seed=2).readings, experiment)
+    found = diagnose(experiment, read_readings(campaign.with_name("readings.csv"), experiment), seed=2)
+    named = {name for f in found.findings for name in (f.name, *(r.name for r in f.rivals))}
+    assert "soft_ground[y]" in named, found.words
+    write_extended(found, tmp_path / "extended")
+    assert (tmp_path / "extended" / "robot" / "effects" / "soft_ground.py").read_text() == EFFECT
+    with pytest.raises(InputError, match="--trust"):
+        load_experiment(tmp_path / "extended" / "experiment.yaml")
+    names = load_experiment(tmp_path / "extended" / "experiment.yaml", trust=True).model().names
+    assert {"soft_ground[x]", found.findings[0].name} <= set(names)
