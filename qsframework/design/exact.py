@@ -149,7 +149,7 @@ def _climb(board: _Board, chosen: Indices) -> tuple[Indices, float]:
     chosen = chosen.copy()
     # a singular start is climbed with a ridge that is too small to matter later
     size = np.diagonal(board.moments.mean(axis=0), axis1=-2, axis2=-1)
-    ridge = _RIDGE * np.einsum("sp,pq->spq", size, np.eye(size.shape[-1]))
+    ridge = _RIDGE * np.einsum("sp,pq->spq", np.where(size > 0.0, size, 1.0), np.eye(size.shape[-1]))
     value = board.value(board.information(chosen) + ridge)
     small = len(board.rows) <= 4 * _TRIED
     thorough = small
