@@ -11,12 +11,15 @@ import pytest
 from cases import SIGMA, campaign, measured, poses
 
 from qsframework.diagnose import diagnose
+from qsframework.diagnose.bench import Bench
 from qsframework.diagnose.changes import couplings
+from qsframework.diagnose.contrast import _left, told  # pyright: ignore[reportPrivateUsage]
 from qsframework.diagnose.discriminate import noise_of, with_loads
 from qsframework.diagnose.foresight import Prospect
 from qsframework.diagnose.lack_of_fit import LackOfFit, arm_axes, variables_of
 from qsframework.diagnose.lack_of_fit import _words as fit_words  # pyright: ignore[reportPrivateUsage]
 from qsframework.diagnose.noise_audit import make_basis
+from qsframework.diagnose.offers import _directions, _marker  # pyright: ignore[reportPrivateUsage]
 from qsframework.diagnose.proof import told_names
 from qsframework.diagnose.rivals import falls_of
 from qsframework.diagnose.score import Block, score
@@ -186,3 +189,55 @@ def test_poses_are_a_batch_that_can_be_taken_apart() -> None:
     some = poses(3, 5)
     assert isinstance(some.take(slice(0, 2)), Poses)
     assert len(some.take([0, 2])) == 2
+
+
+def test_other_loads_to_offer_are_as_large_and_not_there_yet() -> None:
+    first = campaign().loads[0]
+    down = campaign().with_(loads=(replace(first, wrench=frozen([0, 0, -500.0, 0, 0, 0])),))
+    offered = _directions(down)
+    assert [o.name for o in offered] == [f"500 N along {w}" for w in ("+x", "+y", "+z", "-x", "-y")]
+    assert all(np.linalg.norm(o.wrench) == 500.0 for o in offered)
+    turned = campaign().with_(loads=(replace(first, wrench=frozen([0, 0, 0, 0, 80.0, 0])),))
+    assert [o.name for o in _directions(turned)] == [f"80 N m about {w}" for w in ("+x", "+z", "-x", "-y", "-z")]
+
+
+def test_a_marker_to_offer_has_a_name_of_its_own_and_a_link() -> None:
+    found = _marker(campaign(), "elbow", 3)
+    assert found is not None
+    assert found.name == "elbow"
+    assert np.linalg.norm(found.xyz) > 0.0
+    assert _marker(campaign(), "m1", 3) is None
+    robot = replace(campaign().robot, frames={n: f for n, f in campaign().robot.frames.items() if f.link != 3})
+    assert _marker(campaign().with_(robot=robot), "elbow", robot.facts.n) is not None
+
+
+def test_a_trace_beside_what_else_can_explain_it() -> None:
+    """Norms by hand: nothing beside it, itself beside it, half of it beside it, nothing of it at all."""
+    e = np.eye(4)
+    assert _left(np.zeros((4, 2)), 3.0 * e[0]) == 3.0
+    assert _left(e[:, :1], 3.0 * e[0]) == pytest.approx(0.0, abs=1e-12)
+    assert _left(e[:, :1], 3.0 * e[0] + 4.0 * e[1]) == pytest.approx(4.0)
+    assert _left(e[:, :1], np.zeros(4)) == 0.0
+    s, angle = told(np.column_stack([e[2], e[0], 3.0 * e[0] + 4.0 * e[1]]), (1, 1))
+    assert s == pytest.approx(4.0)
+    assert angle == pytest.approx(np.arcsin(0.8))
+    s, angle = told(np.column_stack([e[2], e[0], np.zeros(4)]), (1, 1))
+    assert s == 0.0
+    assert np.isnan(angle)
+
+
+def test_a_size_that_settles_nowhere_stays_where_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench(campaign(), poses(2, 4), SIGMA)
+    cause: Any = SimpleNamespace(names=("x",))
+    monkeypatch.setattr(Bench, "shown", lambda *a: None)
+    assert bench.size_for(cause, 0, np.eye(3), 2e-7, 5.0) == 2e-7
+    monkeypatch.setattr(Bench, "shown", lambda self, cause, j, Q, size: 1e7 * size**2 * 1e6)
+    assert 1e13 * bench.size_for(cause, 0, np.eye(3), 2e-7, 5.0) ** 2 == pytest.approx(5.0, rel=0.05)
+    monkeypatch.setattr(Bench, "shown", lambda *a: 1e-3)
+    assert bench.size_for(cause, 0, np.eye(3), 2e-7, 5.0) == np.inf
+
+
+def test_a_load_that_no_equilibrium_bears_shows_nothing() -> None:
+    heavy = poses(2, 2)
+    bench = Bench(campaign(), replace(heavy, wrench=frozen(heavy.wrench * 1e6)), SIGMA)
+    assert bench.bare is None
