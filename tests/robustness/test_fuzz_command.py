@@ -8,10 +8,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 import fuzzing
+import pytest
 
 from qsframework.cli.main import main
 from qsframework.experiment import example
@@ -27,11 +25,6 @@ COMMANDS = {
 }  # fmt: skip
 """For each format a command that reads it."""
 COUNT = 12
-
-
-@pytest.fixture(scope="module")
-def corpus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[fuzzing.Good]]:
-    return fuzzing.corpus(tmp_path_factory.mktemp("fuzz"))
 
 
 @pytest.mark.filterwarnings("default")  # a warning is no traceback; the library's own are counted in test_fuzz_files.py

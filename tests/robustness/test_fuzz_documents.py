@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from typing import Any
 
+import fuzzing
+import mutate
 import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-
-sys.path.insert(0, str(Path(__file__).parent))
-import fuzzing
-import mutate
 
 FEW = settings(max_examples=60, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck))
 leaf = (
@@ -23,11 +19,6 @@ leaf = (
 value = st.recursive(
     leaf, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=3)
 )
-
-
-@pytest.fixture(scope="module")
-def corpus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[fuzzing.Good]]:
-    return fuzzing.corpus(tmp_path_factory.mktemp("fuzz"))
 
 
 def check(good: fuzzing.Good, content: str) -> fuzzing.Outcome:

@@ -5,13 +5,10 @@ The long run of the same is `benchmarks/fuzz.py`; its record stands in docs/robu
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
-import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 import fuzzing
+import pytest
 
 REGRESSIONS = Path(__file__).parent / "regressions"
 COUNTS = {
@@ -20,11 +17,6 @@ COUNTS = {
     "controller programmes": 200,
 }  # fmt: skip
 """How many inputs of each format a test run tries."""
-
-
-@pytest.fixture(scope="module")
-def corpus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[fuzzing.Good]]:
-    return fuzzing.corpus(tmp_path_factory.mktemp("fuzz"))
 
 
 @pytest.mark.parametrize("name", COUNTS)

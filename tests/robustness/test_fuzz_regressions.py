@@ -5,22 +5,14 @@ A file's name says its format, the good file whose place it takes (fuzzing.py), 
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
-import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 import fuzzing
+import pytest
 
 FILES = sorted((Path(__file__).parent / "regressions").iterdir())
 TAKEN = {"no_springs"}
 """What is sound after all; everything else is refused."""
-
-
-@pytest.fixture(scope="module")
-def corpus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[fuzzing.Good]]:
-    return fuzzing.corpus(tmp_path_factory.mktemp("fuzz"))
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda f: f.stem)
