@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from qsframework.elastostatics import Model, actuator_torques, make_model
+from qsframework.elastostatics import Model, actuator_torques, full_displacement, make_model
+from qsframework.elastostatics.exact import exact_readings
 from qsframework.errors import InputError, NotConverged, PluginError
 from qsframework.experiment import Experiment
 from qsframework.plugin import (
@@ -167,3 +168,34 @@ def test_a_law_without_an_answer_is_not_converged(m900ib: Experiment) -> None:
 def test_no_poses_no_torques(m900ib: Experiment) -> None:
     none = replace(batch(m900ib), pendant=np.zeros((0, 6)), q=np.zeros((0, 6)), wrench=np.zeros((0, 6)))
     assert actuator_torques(m900ib.model(), none).shape == (0, 6)
+
+
+def test_names_are_unique_and_known(m900ib: Experiment) -> None:
+    with pytest.raises(InputError, match=r"listed twice: joint_compliance\[joint_2\]"):
+        wide(m900ib, *build(m900ib, effect="joint_compliance", joint="joint_2"))
+    with pytest.raises(InputError, match=r"no parameter 'joint_complience\[joint_2\]'") as caught:
+        m900ib.model().index(["joint_complience[joint_2]"])
+    assert "joint_compliance[joint_2]" in str(caught.value.problems[0].hint)
+
+
+@pytest.mark.parametrize("loaded", [False, True])
+def test_positions_and_their_slopes_together_are_those_of_each_alone(m900ib: Experiment, loaded: bool) -> None:
+    model, poses = m900ib.model(), batch(m900ib)
+    names = [n for n in model.names if n.startswith(("joint_compliance", "gravity"))]
+    value, slope = model.position_rates(poses, model.nominal, names, loaded)
+    np.testing.assert_allclose(value, model.positions(poses, model.nominal, loaded), rtol=1e-14)
+    np.testing.assert_allclose(slope, model.position_sensitivity(poses, model.nominal, names, loaded), atol=1e-18)
+
+
+def test_exact_readings_are_the_equilibrium_and_what_the_sensor_makes_of_it(m900ib: Experiment) -> None:
+    """A scale of 1 % makes the exact displacement 1 % longer, up to what is linear in it: parts in 1e4."""
+    poses = batch(m900ib)
+    plain = exact_readings(m900ib.model(), poses, m900ib.model().nominal)
+    np.testing.assert_array_equal(plain, full_displacement(m900ib.model(), poses))
+    scaled = wide(m900ib, *build(m900ib, effect="tracker_scale"))
+    x = scaled.nominal
+    np.testing.assert_allclose(exact_readings(scaled, poses, x), plain, atol=1e-15)
+    x[scaled.index(["tracker_scale"])] = 0.01
+    found = exact_readings(scaled, poses, x)
+    np.testing.assert_allclose(found, 1.01 * plain, atol=2e-4 * np.abs(plain).max())
+    assert np.abs(found - plain).max() > 5e-3 * np.abs(plain).max()
