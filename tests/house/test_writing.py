@@ -1,0 +1,55 @@
+"""Files are written in two places only: whole files and folders by `files`, checkpoints by `work/checkpoint.py`."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+WRITERS = ("qsframework/files/output.py", "qsframework/files/folders.py", "qsframework/work/checkpoint.py")
+METHODS = {"write_text", "write_bytes", "mkstemp", "mkdtemp", "NamedTemporaryFile", "touch", "rename", "savez",
+           "savetxt", "tofile", "to_csv", "copyfile", "copytree", "symlink_to", "unlink", "rmtree"}  # fmt: skip
+SYSTEM = ("open", "replace", "rename", "remove", "move", "copy", "copy2")
+MODULES = sorted([*(ROOT / "qsframework").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")])
+
+
+def writes(tree: ast.AST) -> Iterator[str]:
+    """Calls that write, move or remove files."""
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call):
+            continue
+        name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+        owner = ast.unparse(node.func.value) if isinstance(node.func, ast.Attribute) else ""
+        if (owner and name in METHODS) or (owner in ("os", "shutil") and name in SYSTEM):
+            yield f"{owner}.{name}"
+        elif name == "open":
+            modes = [*node.args[0 if owner else 1 :][:1], *(k.value for k in node.keywords if k.arg == "mode")]
+            if not all(isinstance(m, ast.Constant) and not set(str(m.value)) & set("wax+") for m in modes):
+                yield f"{owner}.open" if owner else "open"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_nothing_else_writes(path: Path) -> None:
+    if path.relative_to(ROOT).as_posix() not in WRITERS:
+        assert not list(writes(ast.parse(path.read_text()))), "write by qsframework.files.write_text and its kin"
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ("path.write_text(x)", ["path.write_text"]),
+        ("write_text(path, x)", []),
+        ("open(p, 'w')", ["open"]),
+        ("open(p)", []),
+        ("p.open('rb')", []),
+        ("p.open(mode='a')", ["p.open"]),
+        ("open(p, mode)", ["open"]),
+        ("os.replace(a, b)", ["os.replace"]),
+        ("text.replace(a, b)", []),
+    ],
+)
+def test_the_reading_of_calls(source: str, found: list[str]) -> None:
+    assert list(writes(ast.parse(source))) == found
