@@ -33,6 +33,8 @@ import numpy as np
 from hidden import CONVENTIONS, ROBOTS, STRESSES, UNKNOWN, Case, Setting, Truth
 from threadpoolctl import threadpool_limits
 
+from qsframework.files import write_text
+
 HERE = Path(__file__).resolve().parent
 PAGE = HERE.parent / "docs" / "diagnosis.md"
 SIZES = (4.0, 4.5, 6.0, 8.0, 12.0, 40.0)
@@ -278,7 +280,7 @@ def read_checkpoint(path: Path) -> dict[str, Result]:
         except (ValueError, KeyError):
             continue
     if text and not text.endswith("\n"):
-        path.write_text("".join(json.dumps(r) + "\n" for r in done.values()))
+        write_text(path, "".join(json.dumps(r) + "\n" for r in done.values()))
     return done
 
 

@@ -1,13 +1,12 @@
 """Coverage of the confidence intervals by simulated campaigns: writes docs/statistics.md (some minutes on two cores).
 
-python docs/make_statistics.py [--campaigns 4000] [--output docs/statistics.md]
+python docs/make_statistics.py [--campaigns 4000] [--output docs/statistics.md] [--jobs 2] [--checkpoint FILE]
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from scipy.stats import t
 from statistics_methods import table as methods_table
 
+from qsframework.cli.where import Where, at_work
 from qsframework.experiment import Experiment, Readings, example, load_experiment
 from qsframework.identify.identify import displacement_observations
 from qsframework.identify.linear import fit_rows
@@ -23,6 +23,7 @@ from qsframework.identify.noise import pose_groups, readings_noise, shared_error
 from qsframework.identify.observations import Independent, Observations
 from qsframework.identify.solve import solve
 from qsframework.plugin import Array, Indices, Poses
+from qsframework.work import Work, job_of
 
 SEED = 20261121
 DATE = "2026-11-21"
@@ -187,15 +188,15 @@ def fitted(given: Observations, case: Case, label: Indices) -> tuple[Array, Arra
     return solution.x, unit * np.sqrt(np.diag(solution.covariance)), (m - p) if case.estimated else np.inf
 
 
-def _part(arguments: tuple[int, int, int]) -> tuple[Array, Array]:
-    case, start, count = arguments
-    return campaigns(CASES[case], count, start)
+def _part(level: float, part: tuple[int, int, int]) -> tuple[Array, Array]:
+    case, start, count = part
+    return campaigns(CASES[case], count, start, level)
 
 
-def run(count: int, map_: Callable[..., object]) -> list[tuple[Case, Array, Array]]:
+def run(count: int, work: Work) -> list[tuple[Case, Array, Array]]:
     """All cases: coverage (p,) and relative sd (p,)."""
     jobs = [(i, s, min(500, count - s)) for i in range(len(CASES)) for s in range(0, count, 500)]
-    results = list(map_(_part, jobs))  # type: ignore[call-overload]
+    results = list(work.run("campaigns", _part, 0.95, jobs))
     out = []
     for i, case in enumerate(CASES):
         mine = [r for job, r in zip(jobs, results, strict=True) if job[0] == i]
@@ -230,10 +231,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--campaigns", type=int, default=4000)
     parser.add_argument("--output", type=Path, default=Path(__file__).parent / "statistics.md")
+    parser.add_argument("--jobs", type=int, default=2, help="processes; 0: one per core")
+    parser.add_argument("--checkpoint", type=Path, help="keep results in this file as they come, and go on from it")
     chosen = parser.parse_args()
-    with ProcessPoolExecutor(2) as pool:
-        results = run(chosen.campaigns, pool.map)
-        methods = pool.submit(methods_table, chosen.campaigns, SEED).result()
+    values = {
+        "script": Path(__file__).read_text(),
+        "experiment": load_experiment(example("m900ib") / "experiment.yaml"),
+    }
+    with at_work(
+        Where(chosen.jobs, None, chosen.checkpoint), lambda: job_of("statistics", {"count": chosen.campaigns}, values)
+    ) as work:
+        results = run(chosen.campaigns, work)
+    methods = methods_table(chosen.campaigns, SEED)
     chosen.output.write_text(page(chosen.campaigns, results, methods))
     print(chosen.output.read_text())
 

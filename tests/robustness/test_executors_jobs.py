@@ -1,0 +1,81 @@
+"""The library's own long jobs give the same bits on two processes as on one, and with a checkpoint."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from test_kill import TASK
+
+from qsframework.applications.compare import compare
+from qsframework.applications.task import load_task
+from qsframework.cli import main
+from qsframework.design import Wish, design, generate_candidates
+from qsframework.diagnose.power import foresee
+from qsframework.experiment import Experiment, Plan
+from qsframework.robot import load_robot
+from qsframework.work import HERE, Checkpoint, Local, Work, job_of
+
+Job = Callable[[Work], bytes]
+
+
+@pytest.fixture(scope="module")
+def local() -> Iterator[Work]:
+    executor = Local(2)
+    yield Work(executor)
+    executor.close()
+
+
+@pytest.fixture(scope="module")
+def plan(m900ib: Experiment) -> Plan:
+    return design(m900ib, 10, candidates=100, wish=Wish(polish=False))
+
+
+@pytest.fixture(params=["candidates", "design", "forecast", "comparison"])
+def job(request: pytest.FixtureRequest, m900ib: Experiment, plan: Plan, tmp_path: Path) -> Job:
+    (tmp_path / "task.yaml").write_text(TASK)
+    task = load_task(tmp_path / "task.yaml")
+    robots = [load_robot(name) for name in ("fanuc_m900ib", "ur10")]
+    quick = Wish(polish=False, starts=6)
+    jobs: dict[str, Job] = {
+        "candidates": lambda work: generate_candidates(m900ib, 9000, 3, work=work).pendant.tobytes(),
+        "design": lambda work: bits_of(design(m900ib, 9, candidates=400, wish=quick, work=work)),
+        "forecast": lambda work: repr(foresee(m900ib, plan, work=work).as_json()).encode(),
+        "comparison": lambda work: repr(compare(robots, task, work=work).as_json()).encode(),
+    }  # fmt: skip
+    return jobs[request.param]
+
+
+def bits_of(plan: Plan) -> bytes:
+    assert plan.certificate is not None
+    return plan.pendant.tobytes() + repr((plan.load, plan.repeats, plan.certificate.as_json())).encode()
+
+
+def test_the_same_bits_everywhere(job: Job, local: Work, tmp_path: Path) -> None:
+    wanted = job(HERE)
+    assert job(local) == wanted
+    for loaded in (False, True):
+        with Checkpoint(tmp_path / "kept", {"job": "this"}) as checkpoint:
+            assert (checkpoint.loaded > 0) == loaded
+            assert job(Work(checkpoint=checkpoint)) == wanted
+
+
+def test_a_job_is_known_by_its_content(m900ib: Experiment, tmp_path: Path) -> None:
+    one = job_of("design", {"seed": 0}, {"experiment": m900ib})
+    assert one == job_of("design", {"seed": 0}, {"experiment": m900ib.with_(path=tmp_path / m900ib.path.name)})
+    fewer = m900ib.with_(fit=m900ib.fit_names()[:2])
+    assert one["experiment"] != job_of("design", {}, {"experiment": fewer})["experiment"]
+    assert one["seed"] == "0"
+    assert "numpy" in one
+
+
+def test_options_that_exclude_each_other(
+    root: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    experiment = str(root / "examples" / "m900ib" / "experiment.yaml")
+    monkeypatch.setattr("sys.argv", ["qsf", "design", experiment, "--jobs", "2", "--dask", "x"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 2
+    assert "give one of them" in capsys.readouterr().err
