@@ -279,8 +279,13 @@ def main() -> None:
         shown = lines[:_MOST]
         if len(lines) > _MOST:
             shown.append(f"... and {len(lines) - _MOST} more problems")
-        print("\n".join(f"error: {line}" for line in shown), file=sys.stderr)
+        print("\n".join(f"error: {_shown(line)}" for line in shown), file=sys.stderr)
         sys.exit(2)
+
+
+def _shown(line: str) -> str:
+    """The line with what a terminal would obey, such as the colours of a file's text, as a mark."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)
 
 
 _MOST = 20

@@ -21,6 +21,8 @@ LARGEST, MOST_LINES, MOST_COLUMNS = 50_000_000, 200_000, 1000
 """Bytes, lines and columns of a table."""
 MOST_PROBLEMS = 1000
 """Problems of one kind that are told of one table; a wrong column would give one for each row."""
+_CONTROL = re.compile(r"[\x00-\x08\x0e-\x1b\x1f\x7f-\x84\x86-\x9f]")
+"""Characters that a terminal obeys instead of showing them."""
 _ENDS = ("\n", "\r", "\v", "\f", "\x1c", "\x1d", "\x1e", "\x85", "\u2028", "\u2029")
 """What `str.splitlines` takes for the end of a line."""
 _MOST = 100_000
@@ -105,6 +107,9 @@ def table_lines(path: Path) -> list[str]:
     text = read_text(path, LARGEST)
     if "\0" in text:
         raise InputError(Problem("is not a text table: it holds a NUL byte", file=str(path)))
+    if control := _CONTROL.search(text):
+        line = text.count("\n", 0, control.start()) + 1
+        raise InputError(Problem("a control character in a table", str(path), line, found=repr(control.group())))
     if sum(text.count(end) for end in _ENDS) > 2 * MOST_LINES or len(lines := text.splitlines()) > MOST_LINES:
         hint = "Split it into several files."
         raise InputError(Problem(f"holds more than {MOST_LINES} lines", file=str(path), hint=hint))

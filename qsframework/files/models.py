@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, TypeVar, get_args
@@ -67,8 +68,14 @@ GREATEST = 1e30
 """No quantity in a file is larger: the square of a number beyond 1e154 is infinite."""
 
 
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+"""Characters that a terminal obeys instead of showing them."""
+
+
 def _beyond(document: Document, data: Any, at: tuple[Key, ...]) -> Iterator[Problem]:
-    """Numbers that are finite and yet none of a robot."""
+    """Numbers that are finite and yet none of a robot, and texts that a terminal would obey."""
+    if any(isinstance(text, str) and _CONTROL.search(text) for text in (data, *at[-1:])):
+        yield _at(document, at, "a control character in a text", found=_short(data))
     if is_mapping(data) or is_list(data):
         for key, value in data.items() if is_mapping(data) else enumerate(data):
             yield from _beyond(document, value, (*at, key))
