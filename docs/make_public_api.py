@@ -29,6 +29,7 @@ PACKAGES: dict[str, tuple[str, ...]] = {
     "qsframework.identify": (),
     "qsframework.diagnose": (),
     "qsframework.applications": (),
+    "qsframework.work": (),
     "qsframework.viz": ("Scene", "plan_scene", "residual_scene", "show_scene"),
 }  # fmt: skip
 """What a user may import: of each package the names given here, or all of its `__all__`. All else may change."""
