@@ -43,7 +43,7 @@ def test_errors_show_none(
     tmp_path: Path, text: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / f"a{text}b.yaml"
-    path.write_text(f"robot: fanuc_m900ib\nx: 1\n")
+    path.write_text("robot: fanuc_m900ib\nx: 1\n")
     for words in (
         ["check", str(path)],
         ["check", f"no{text}ne"],
