@@ -45,6 +45,7 @@ class How:
     clean: bool = False
     shared_error: bool = False
     differences: bool = False
+    exact: bool = False
 
 
 def _displacements(experiment: Experiment, source: Path) -> Readings:
@@ -71,6 +72,8 @@ def _choices(how: How) -> Choices | None:
             "shared-error is for displacement readings alone; these are positions. Positions with loaded states count "
             "as displacements with --differences"
         )
+    if how.exact:
+        raise InputError("--exact is for displacement readings alone; absolute positions have no such fit yet")
     chosen = Choices(how.priors, how.loss, how.fixed, how.tied)
     return None if chosen == Choices() and not how.method else chosen
 
@@ -119,8 +122,9 @@ def run_identify(files: FitFiles, how: How) -> None:
         return
     shared = "pose" if how.shared_error else ""
     result = identify(
-        experiment, readings, how.fit, how.method or "linear", how.priors, how.loss, how.fixed, how.tied, shared
-    )
+        experiment, readings, how.fit, how.method or "linear", how.priors, how.loss, how.fixed, how.tied, shared,
+        how.exact,
+    )  # fmt: skip
     print(result.verdict())
     for table in (fit_table(result), error_table(result)):
         print_table(table.header, table.rows)
@@ -133,14 +137,16 @@ def run_identify(files: FitFiles, how: How) -> None:
         write_json(files.json, result.as_json())
         print(f"fit: {files.json}")
     if files.report is not None:
-        _report(files.report, experiment, readings, result, [files.experiment, source])
+        _report(files.report, experiment, readings, result, [files.experiment, source], how.exact)
 
 
-def _report(report: Path, experiment: Experiment, readings: Readings, fit: Fit, inputs: list[Path]) -> None:
+def _report(
+    report: Path, experiment: Experiment, readings: Readings, fit: Fit, inputs: list[Path], exact: bool
+) -> None:  # fmt: skip
     from qsframework.report import fit_section, write_report
     from qsframework.report.fit_section import residual_view
-    from qsframework.report.provenance import LEAST_SQUARES, LINEAR, computed
+    from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, LINEAR, computed
 
-    own = computed(experiment, inputs, None, (LINEAR, LEAST_SQUARES))
+    own = computed(experiment, inputs, None, (EQUILIBRIUM if exact else LINEAR, LEAST_SQUARES))
     sections = (fit_section(fit, "Fit"), residual_view(fit, experiment, readings), own)
     print(f"report: {write_report(report, f'Identification: {experiment.robot.title}', sections)}")

@@ -11,6 +11,7 @@ from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged, NotIdentifiable, Problem, nearest
 from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.setup import GEOMETRY
+from qsframework.identify.equilibrium import fit_exactly, with_shift
 from qsframework.identify.fit import Fit
 from qsframework.identify.linear import Found, Rows, fit_rows, identify_linear, make_fit, rounding
 from qsframework.identify.noise import SharedError, noise_parts, pose_groups, shared_error
@@ -32,7 +33,7 @@ _MAD = 1.4826
 def identify(
     experiment: Experiment, readings: Readings, fit: Sequence[str] | None = None, method: str = "linear",
     priors: bool = False, loss: str = "linear", fixed: Sequence[str] = (), tied: Sequence[Sequence[str]] = (),
-    shared: str = "",
+    shared: str = "", exact: bool = False,
 ) -> Fit:  # fmt: skip
     """Estimate the experiment's parameters from displacement readings.
 
@@ -43,6 +44,8 @@ def identify(
 
     shared "pose": all markers of a measurement share an error, the robot's repeatability. Its sd is estimated from the
     residuals (REML), and the readings are weighed with it; chi-square then says nothing of errors common to a pose.
+
+    exact: by the full equilibrium instead of the linear model; without it a note says where that would matter.
 
     Raises InputError where there are fewer readings than parameters; NotIdentifiable, naming the parameters, where the
     readings cannot tell them apart, or are all of one pose; NotConverged with its reason.
@@ -59,6 +62,19 @@ def identify(
     names = experiment.fit_names() if fit is None else experiment.with_(fit=tuple(fit)).fit_names()
     if method != "one-step" and (priors or loss != "linear" or fixed or tied):
         raise InputError(f"priors, loss, fixed and tied are for method one-step, not for {method}")
+
+    def refit(given: Readings) -> Fit:
+        return _of_linear_model(experiment, given, names, method, priors, loss, fixed, tied, shared)
+
+    model = experiment.model()
+    return fit_exactly(model, readings, refit) if exact else with_shift(refit(readings), model, readings, refit)
+
+
+def _of_linear_model(
+    experiment: Experiment, readings: Readings, names: Sequence[str], method: str, priors: bool, loss: str,
+    fixed: Sequence[str], tied: Sequence[Sequence[str]], shared: str,
+) -> Fit:  # fmt: skip
+    """The fit of the model that balances the load at the undeflected pose, with its notes and total uncertainty."""
 
     def fitted(within: float) -> Fit:
         if method == "linear":

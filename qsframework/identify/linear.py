@@ -234,9 +234,9 @@ def _status(p: Parameter, value: float, sd: float, free: float) -> str:
     beyond = max(p.lower - value, value - p.upper, 0.0)
     if untold and beyond <= 2.0 * sd:
         return f"{UNTOLD} from these readings: its sd is {share}"
-    if beyond > sd:  # nearer, it is noise
+    if beyond > 0.0:
         end = f"below its bound {p.lower:g}" if value < p.lower else f"above its bound {p.upper:g}"
-        return f"{end}: the model or a convention is wrong"
+        return f"{end}: the model or a convention is wrong" if beyond > sd else f"{end}, by less than its sd"
     if sd > abs(value):
         return "sd above the value: these readings hardly tell it from zero"
     if p.sd is not None and abs(value - p.nominal) > _FAR * p.sd:
