@@ -68,10 +68,17 @@ def ended(child: int, limit: float = WAIT) -> int:
         time.sleep(0.001)
 
 
-def run(work: Callable[[], int], said: Path, number: int | None = None, delay: float = 0.0) -> int:
-    """Run, and send a signal after a delay."""
+def run(
+    work: Callable[[], int], said: Path, number: int | None = None, delay: float = 0.0,
+    ready: Callable[[], bool] = lambda: True,
+) -> int:  # fmt: skip
+    """Run, and send a signal so long after all is ready."""
     child = in_child(work, said)
     if number is not None:
+        while not ready():
+            if os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None:
+                break
+            time.sleep(0.001)
         time.sleep(delay)
         os.kill(child, number)
     return ended(child)
@@ -172,14 +179,16 @@ def resumed_job(job: dict[str, Any], place: Path, chance: random.Random) -> dict
     result: dict[str, Any] = {"code": code, "seconds": seconds, "said": said.read_text()[-2000:], "files": sorted(new)}
     kills, sizes, bad = 0, [], []
     old = old_of(new, [])
-    while code == 0 and kills < job["kills"]:
+    while code == 0 and kills < job["kills"] and len(sizes) < 10 * job["kills"]:
         clear(out)
         lay(out, old)
         number = (signal.SIGKILL, signal.SIGINT)[chance.random() < 0.3]
-        # each run starts where the last one was stopped, so that a few shares of the time reach the end
-        ending = run(make(kept), said, number, chance.uniform(0.1, 0.5) * seconds)
+        # every second one is killed after it has got further than the one before it
+        had = max(lines(kept), 1)
+        further = (lambda had=had: lines(kept) > had) if kills % 2 else lambda: True
+        ending = run(make(kept), said, number, chance.uniform(0.0, 0.4) * seconds, further)
         kills += ending in (-signal.SIGKILL, 130)
-        sizes.append(kept.stat().st_size if kept.exists() else 0)
+        sizes.append(lines(kept))
         bad += half(files_in(out), old, new, [])
         if ending == 0:  # it was done before the signal came: begin again
             bad += [] if all_whole(files_in(out), new) else ["a resumed run ended with other files"]
@@ -188,6 +197,11 @@ def resumed_job(job: dict[str, Any], place: Path, chance: random.Random) -> dict
     again = run(make(kept), said)
     return result | {"kills": kills, "half": bad, "sizes": sizes, "again": again, "same": files_in(out) == new,
                      "cpu": sum(os.times()[2:4]) - before, "last": said.read_text()[-2000:]}  # fmt: skip
+
+
+def lines(path: Path) -> int:
+    """Lines of a file that may not be there."""
+    return path.read_bytes().count(b"\n") if path.exists() else 0
 
 
 def with_checkpoint(arguments: list[str]) -> Callable[[Path | None], Callable[[], int]]:
@@ -228,6 +242,7 @@ def main() -> None:
         __import__(name)
     results = []
     for k, job in enumerate(given["jobs"]):
+        print(time.ctime(), job["arguments"], file=sys.stderr, flush=True)
         place = Path(given["folder"]) / f"job{k}"
         place.mkdir()
         do = resumed_job if job.get("resumed") else command_job

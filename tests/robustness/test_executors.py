@@ -17,8 +17,10 @@ import numpy as np
 import pytest
 from long_tasks import bits, die, refuse, shared, spectrum, tasks
 
+from qsframework.design import Wish, design
 from qsframework.errors import InputError
-from qsframework.work import Dask, InProcess, Local, WorkerLost, run
+from qsframework.experiment import Experiment
+from qsframework.work import Dask, InProcess, Local, Work, WorkerLost, run
 from qsframework.work.carry import pack, unpack
 
 HERE = Path(__file__).resolve().parent
@@ -150,10 +152,15 @@ def wait_for_workers(dask: Dask, count: int, limit: float = 30.0) -> None:
         time.sleep(0.1)
 
 
-def test_dask_gives_the_same_bits_though_a_worker_is_killed(cluster: Cluster, wanted: bytes) -> None:
+def test_dask_gives_the_same_bits_though_a_worker_is_killed(
+    cluster: Cluster, wanted: bytes, m900ib: Experiment
+) -> None:
     dask = Dask(cluster.address, answer=30.0)
     try:
         wait_for_workers(dask, 2)
+        wish = Wish(polish=False, starts=4)
+        plans = [design(m900ib, 9, candidates=100, wish=wish, work=work) for work in (Work(), Work(dask))]
+        assert plans[0].pendant.tobytes() == plans[1].pendant.tobytes()
         results = []
         for result in run(spectrum, shared(sleep=0.15), tasks(COUNT), dask):
             results.append(result)

@@ -60,10 +60,10 @@ COMMANDS: list[dict[str, Any]] = [
 LONG: list[dict[str, Any]] = [
     {"resumed": True, "arguments": ["monte carlo"], "kills": 12},
     {"resumed": True, "arguments": ["design", EXPERIMENT, "-n", "9", "--candidates", "5000", "-o", "out/plan.csv"],
-     "kills": 5},
-    {"resumed": True, "arguments": ["diagnose", EXPERIMENT, "--plan", PLAN, "--json", "out/f.json"], "kills": 4},
+     "kills": 4},
+    {"resumed": True, "arguments": ["diagnose", EXPERIMENT, "--plan", PLAN, "--json", "out/f.json"], "kills": 3},
     {"resumed": True, "arguments": ["compare", "fanuc_m900ib", "fanuc_r2000ic", "--task", "../task.yaml", "--json",
-                                    "out/c.json"], "kills": 3},
+                                    "out/c.json"], "kills": 2},
 ]  # fmt: skip
 IMPORTS = ["qsframework.cli.design", "qsframework.cli.identify", "qsframework.cli.diagnose_plan", "scipy.stats",
            "qsframework.report", "qsframework.robot.loader", "qsframework.cli.compare", "plotly"]  # fmt: skip
@@ -133,7 +133,7 @@ def test_a_long_job_killed_again_and_again_ends_with_the_same_bytes(trials: list
     assert result["code"] == 0, result["said"]
     assert result["files"]
     assert result["kills"] >= LONG[k]["kills"]
-    assert max(result["sizes"]) > 0
+    assert max(result["sizes"]) > 1, "some kills came after results had been kept"
     assert not result["half"]
     assert result["again"] == 0, result["last"]
     assert result["same"]
