@@ -144,7 +144,7 @@ def test_trust_lasts_as_long_as_its_context() -> None:
         ({"file": "."}, "must name a Python file"),
         ({"file": 3}, "must name a Python file"),
         ({"file": None}, "must name a Python file"),
-        ({"file": "a\0.py"}, "must name a Python file"),
+        ({"file": "a\0.py"}, "a control character"),
         ({"file": "x" * 300 + ".py"}, "must name a Python file"),
         ({"file": "folder.py"}, "does not exist"),
         ({"file": "soft_ground.py", "effect": "hard_ground"}, "holds no effect 'hard_ground'"),
