@@ -7,6 +7,9 @@ everywhere.
 
 from __future__ import annotations
 
+import os
+import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor
@@ -21,6 +24,8 @@ from qsframework.work.carry import at_worker, one_thread, pack
 S = TypeVar("S")
 T = TypeVar("T")
 R = TypeVar("R")
+_LOOK = 1.0
+"""s between two looks of a worker at whether it still has a master."""
 _IDLE = 60
 """s after which a worker that has nothing to do ends."""
 AHEAD = 2
@@ -97,11 +102,24 @@ class Local:
     def _workers(self) -> Any:
         from joblib.externals.loky import get_reusable_executor
 
-        return get_reusable_executor(max_workers=self.jobs or cores(), timeout=_IDLE)
+        return get_reusable_executor(
+            max_workers=self.jobs or cores(), timeout=_IDLE, initializer=_end_with, initargs=(os.getpid(),)
+        )
 
     def close(self) -> None:
         """End the processes."""
         self._workers().shutdown(wait=True, kill_workers=True)
+
+
+def _end_with(parent: int) -> None:
+    """In a worker: end when the process that started it is gone, however that ended."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_LOOK)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def cores() -> int:

@@ -49,3 +49,9 @@ def refuse(shared: None, task: int) -> int:
     from qsframework.errors import InputError, Problem
 
     raise InputError([Problem("one", file="a.yaml", line=3), Problem("two")])
+
+
+def whose(seconds: float, task: int) -> int:
+    """The process that does the task."""
+    time.sleep(seconds)
+    return os.getpid()

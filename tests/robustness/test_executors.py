@@ -87,6 +87,32 @@ def test_a_lost_process_is_said_and_the_next_job_runs(local: Local, wanted: byte
     assert bits(run(spectrum, shared(), tasks(COUNT), local)) == wanted
 
 
+MASTER = """
+from long_tasks import whose
+from qsframework.work import Local, run
+if __name__ == "__main__":
+    for worker in run(whose, 0.1, range(10000), Local(2)):
+        print(worker, flush=True)
+"""
+
+
+def test_processes_end_with_a_killed_master(tmp_path: Path) -> None:
+    script = tmp_path / "master.py"
+    script.write_text(MASTER)
+    environment = os.environ | {"PYTHONPATH": str(HERE)}
+    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True, env=environment) as master:
+        assert master.stdout is not None
+        workers = {int(master.stdout.readline()) for _ in range(6)}
+        master.kill()
+        master.wait(timeout=10)
+        assert workers
+        assert master.pid not in workers
+        end = time.monotonic() + 20
+        while any(Path(f"/proc/{worker}").exists() for worker in workers):
+            assert time.monotonic() < end, "workers without a master go on"
+            time.sleep(0.1)
+
+
 def test_one_thread_of_linear_algebra_inside_a_task() -> None:
     from threadpoolctl import threadpool_info, threadpool_limits
 
