@@ -25,7 +25,8 @@ from qsframework.design.candidates import Candidates
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan, Readings, load_experiment, read_plan, read_readings, write_plan
 from qsframework.information import promised_sd
-from qsframework.report import certificate_text, plan_section, provenance_section, sd_table, write_report
+from qsframework.report import certificate_text, plan_section, sd_table, write_report
+from qsframework.report.provenance import AFTER, INFORMATION, LINEAR, computed
 from qsframework.work import Work, job_of
 
 Tell = Callable[[str, int, int], None]
@@ -81,7 +82,7 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, where: Whe
         notes = (found.words(), *tip_words(plan), *twin_words(experiment, plan))
         sections = (
             plan_section(experiment, plan, table, "Plan", notes),
-            provenance_section(experiment.model().effects, files.inputs(), seed),
+            computed(experiment, files.inputs(), seed, (LINEAR, INFORMATION, AFTER)),
         )
         print(f"report: {write_report(files.report, f'Measurement plan: {experiment.robot.title}', sections)}")
 
