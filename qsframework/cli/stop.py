@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
@@ -31,11 +32,23 @@ def listening() -> Generator[None, None, None]:
     """Within, these signals raise `Stopped`; a second one ends the process at once."""
     here = threading.current_thread() is threading.main_thread()  # no other thread may listen
     before = [(number, signal.signal(number, _stop)) for number in _SIGNALS] if here else []
+    hook = sys.unraisablehook
+    sys.unraisablehook = lambda lost: _lost(lost.exc_value, lambda: hook(lost))
     try:
         yield
     finally:
+        sys.unraisablehook = hook
         for number, handler in before:
             signal.signal(number, handler)
+
+
+def _lost(error: BaseException | None, otherwise: Callable[[], object]) -> None:
+    """End at once where compiled code swallowed the signal: it would go on with what it was half through."""
+    if not isinstance(error, Stopped):
+        otherwise()
+        return
+    os.write(2, b"stopped: the files written so far are whole\n")
+    os._exit(error.code)
 
 
 def _stop(number: int, frame: FrameType | None) -> NoReturn:

@@ -23,14 +23,24 @@ Files = dict[str, bytes]
 
 def in_child(work: Callable[[], int], said: Path) -> int:
     """Start a child process; what it says on standard error goes to a file."""
+    from qsframework.cli.stop import Stopped, listening
+
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # one that comes before the child listens waits for it
     child = os.fork()
     if child:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
         return child
     code = 70
     try:
         with said.open("w", buffering=1) as err, redirect_stderr(err), redirect_stdout(io.StringIO()):
+            os.dup2(err.fileno(), 2)
             try:
-                code = work()
+                with listening():
+                    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+                    code = work()
+            except Stopped as stopped:
+                print("stopped: the files written so far are whole", file=err)
+                code = stopped.code
             except SystemExit as end:
                 code = end.code if isinstance(end.code, int) else 0
             except BaseException as error:
