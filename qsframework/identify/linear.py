@@ -219,6 +219,9 @@ def _exact(no_noise: bool) -> tuple[str, ...]:
     return ("The readings have no noise: sigma is what rounding leaves, and the sds say no more.",) if no_noise else ()
 
 
+_ZERO = "these readings hardly tell it from zero"
+
+
 def _status(p: Parameter, value: float, sd: float, free: float) -> str:
     """What is to be said of an estimate; `free` is the sd that it would have without its bounds."""
     share = f"{100 * free / abs(p.nominal):.0f} % of its nominal value" if p.nominal else "above its value"
@@ -236,9 +239,11 @@ def _status(p: Parameter, value: float, sd: float, free: float) -> str:
         return f"{UNTOLD} from these readings: its sd is {share}"
     if beyond > 0.0:
         end = f"below its bound {p.lower:g}" if value < p.lower else f"above its bound {p.upper:g}"
-        return f"{end}: the model or a convention is wrong" if beyond > sd else f"{end}, by less than its sd"
+        if beyond > sd:
+            return f"{end}: the model or a convention is wrong"
+        return f"{end}, by less than its sd" + (f": {_ZERO}" if sd > abs(value) else "")
     if sd > abs(value):
-        return "sd above the value: these readings hardly tell it from zero"
+        return f"sd above the value: {_ZERO}"
     if p.sd is not None and abs(value - p.nominal) > _FAR * p.sd:
         return f"{abs(value - p.nominal) / p.sd:.0f} prior sds from its initial value"
     return ""

@@ -226,6 +226,7 @@ def monte_carlo(kept: Path | None) -> Callable[[], int]:
         from long_tasks import bits, shared, spectrum, tasks
 
         from qsframework.cli.stop import Stopped, listening
+        from qsframework.files import write_bytes
         from qsframework.work import Checkpoint
         from qsframework.work import run as run_tasks
 
@@ -239,7 +240,7 @@ def monte_carlo(kept: Path | None) -> Callable[[], int]:
                         found = bits(work)
         except Stopped as stopped:
             return stopped.code
-        Path("out/bits").write_bytes(found)
+        write_bytes("out/bits", found)
         return 0
 
     return work

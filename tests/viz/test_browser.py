@@ -71,7 +71,7 @@ def test_the_empty_scene_is_empty(tmp_path: Path) -> None:
 def test_every_robot_is_to_be_seen(name: str, tmp_path: Path) -> None:
     experiment = robot_alone(load_robot(name), np.zeros(3))
     changed, _ = seen(show_scene(experiment, one_pose(experiment, None, None)), Scene("empty"), tmp_path)
-    assert changed > 4000
+    assert changed > 2500  # a small arm such as the UR10 covers some 4000
 
 
 @browser
