@@ -1,6 +1,6 @@
 """Identification of the repository's UR10 from absolute positions, side by side with FIGAROH 1.0.2.
 
-    python benchmarks/identify.py [--seeds 20] [--out identify.json] [--write]
+    python benchmarks/identify.py [--seeds 5] [--out identify.json] [--write]
     python benchmarks/identify.py one B --seed 0 --model structural|elastic|sag|waves
 
 Both fit the same random half of the readings of examples/ur10 (all rows, nothing masked beforehand) and are
@@ -131,7 +131,7 @@ def main() -> None:
     parser.add_argument("series", nargs="?", default="B")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--model", choices=list(MODELS), default="structural")
-    parser.add_argument("--seeds", type=int, default=20, help="random halves; at least five are written")
+    parser.add_argument("--seeds", type=int, default=5, help="random halves; at least five are written")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--write", action="store_true", help="write the table to docs/performance.md")
     given = parser.parse_args()

@@ -8,6 +8,8 @@ from types import ModuleType
 import pytest
 
 ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "performance.md"
+SECTIONS = ("start-up", "commands", "kinematics", "design", "identification", "scaling")
 
 
 @pytest.fixture
@@ -21,6 +23,16 @@ def load(monkeypatch: pytest.MonkeyPatch):
     yield module
     for name in names:
         sys.modules.pop(name, None)
+
+
+def test_the_page_holds_each_section_once_and_filled() -> None:
+    page = PAGE.read_text()
+    for name in SECTIONS:
+        assert page.count(f"<!-- {name} -->") == page.count(f"<!-- end of {name} -->") == 1
+        body = page.partition(f"<!-- {name} -->")[2].partition(f"<!-- end of {name} -->")[0]
+        assert "|---|" in body, f"{name} has no table: run make bench"
+        assert "medians of" in body
+        assert "benchmarks/" in body
 
 
 def test_make_bench_runs_scripts_that_exist() -> None:
