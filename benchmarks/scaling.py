@@ -146,9 +146,9 @@ def curves(quick: bool) -> list[Curve]:
     large = [n * top for n in (100, 1000, 10_000, 100_000)]
     few = [20, 40, 80] if quick else [20, 40, 80, 160]
     return [
-        Curve("candidates", "predictions and 9 sensitivities", large, lambda n: predicted(n, 9), 1.0),
+        Curve("candidates", "predictions, 9 sensitivities, all springs", large, lambda n: predicted(n, 9), 1.0),
         Curve("candidates", "relaxed design, 9 parameters", large, lambda n: relaxed(n, 9), 1.0),
-        Curve("parameters", "predictions and sensitivities, 2e4 poses", [4, 8, 16, 32],
+        Curve("parameters", "predictions, sensitivities, 2e4 poses, all springs", [4, 8, 16, 32],
               lambda p: predicted(20_000, p), 1.0),
         Curve("parameters", "relaxed design, 1e5 candidates", [4, 8, 16, 32], lambda p: relaxed(10_000 * top, p), 2.0),
         Curve("poses", "exact plan from 1e4 candidates", [12, 24, 48, 96], exact, 1.0),
@@ -175,6 +175,10 @@ def draw(measured: Sequence[Curve], path: Path) -> None:
     for panel, axis in zip(panels, axes, strict=True):
         for c in (c for c in measured if c.panel == panel):
             axis.loglog(c.sizes, c.seconds, "o-", label=f"{c.name}: {c.slope():.2f}")
+        shown = sorted({n for c in measured if c.panel == panel for n in c.sizes})
+        if shown[-1] < 100 * shown[0]:  # less than two decades: the sizes themselves
+            axis.set_xticks(shown, [str(n) for n in shown])
+            axis.set_xticks([], minor=True)
         axis.set_xlabel(panel)
         axis.grid(True, which="major", alpha=0.3)
         axis.legend(fontsize=6, loc="upper left")
