@@ -6,6 +6,7 @@ Run: python docs/make_pictures.py
 from __future__ import annotations
 
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -31,7 +32,9 @@ def screenshot(page: Path, picture: Path, size: str, at: str = "") -> None:
 
 def qsf(*arguments: str) -> None:
     """Run a command of qsf."""
-    subprocess.run(["qsf", *arguments], check=True, capture_output=True)
+    """Run a command of qsf."""
+    command = str(Path(sys.executable).with_name("qsf"))  # of this environment, on the path or not
+    subprocess.run([command, *arguments], check=True, capture_output=True)
 
 
 def main(images: Path = HERE / "images") -> None:
