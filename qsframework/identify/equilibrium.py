@@ -16,7 +16,7 @@ from qsframework.elastostatics import Model, exact_readings
 from qsframework.errors import NotConverged, QsfError
 from qsframework.experiment import Readings
 from qsframework.identify.fit import Fit
-from qsframework.plugin import Array
+from qsframework.plugin import Array, Poses
 
 Refit = Callable[[Readings], Fit]
 _ROUNDS = 40
@@ -64,12 +64,15 @@ def with_shift(found: Fit, model: Model, readings: Readings, refit: Refit) -> Fi
 
 def _linearised(model: Model, readings: Readings, x: Array) -> Readings:
     """The readings without what the equilibrium adds to the linear model at the parameters x."""
-    used, where = np.unique(readings.measurement[readings.use], return_inverse=True)
-    poses = readings.poses.take(used)
-    extra = exact_readings(model, poses, x) - model.predict(poses, x)
     displacement = readings.displacement.copy()
-    displacement[readings.use] -= extra[where, readings.marker[readings.use]]
+    displacement[readings.use] -= _at_rows(readings, lambda p: exact_readings(model, p, x) - model.predict(p, x))
     return replace(readings, displacement=displacement)
+
+
+def _at_rows(readings: Readings, displacements: Callable[[Poses], Array]) -> Array:
+    """What a model says at the used rows (R, 3); poses whose rows are all masked are not asked for."""
+    used, where = np.unique(readings.measurement[readings.use], return_inverse=True)
+    return displacements(readings.poses.take(used))[where, readings.marker[readings.use]]
 
 
 def _shift(new: Fit, old: Fit) -> Array:
@@ -82,8 +85,7 @@ def _shift(new: Fit, old: Fit) -> Array:
 def _of(found: Fit, model: Model, readings: Readings) -> Fit:
     """The fit as one of the readings themselves: measured, predicted and nominal by the equilibrium."""
     measured = readings.displacement[readings.use]
-    used, where = np.unique(readings.measurement[readings.use], return_inverse=True)
-    nominal = exact_readings(model, readings.poses.take(used), model.nominal)[where, readings.marker[readings.use]]
+    nominal = _at_rows(readings, lambda poses: exact_readings(model, poses, model.nominal))
     return replace(
         found, method=f"{found.method}, full equilibrium", measured=measured, predicted=measured - found.residuals,
         nominal=nominal,
