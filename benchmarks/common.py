@@ -13,11 +13,13 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from importlib.metadata import version
 from pathlib import Path
+
+from qsframework.files import write_text
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
@@ -85,30 +87,36 @@ def medians(commands: Mapping[str, Sequence[str]], folder: Path | str, runs: int
     }
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """A Markdown table."""
     lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
-    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])
+    return "\n".join([*lines, *("| " + " | ".join(str(c) for c in row) + " |" for row in rows)])
+
+
+def cores() -> str:
+    """Cores, processor family and Python."""
+    return f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
 
 
 def machine() -> str:
-    """Processor, cores, Python and the libraries that do the work."""
+    """The same with the libraries that do the work."""
     names = ("numpy", "scipy", "pin", "cvxpy")
-    cores = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
-    return f"{cores}, {', '.join(f'{name} {version(name)}' for name in names)}"
+    return f"{cores()}, {', '.join(f'{name} {version(name)}' for name in names)}"
+
+
+def replace_between(page: Path, start: str, end: str, text: str) -> None:
+    """Put a text between two marks of a page; the page is written whole or not at all."""
+    old = page.read_text()
+    if old.count(start) != 1 or old.count(end) != 1:
+        raise SystemExit(f"{page} must hold {start} and {end} once each")
+    before, after = old.partition(start)[0], old.partition(end)[2]
+    write_text(page, f"{before}{start}\n{text}\n{end}{after}")
 
 
 def write_section(name: str, text: str, command: str, runs: int = RUNS) -> None:
-    """Print a section and put it between its marks on the page, with the command, the date and the machine."""
-    start, end = f"<!-- {name} -->", f"<!-- end of {name} -->"
-    page = PAGE.read_text()
-    if page.count(start) != 1 or page.count(end) != 1:
-        raise SystemExit(f"{PAGE} must hold {start} and {end} once each")
-    before, after = page.partition(start)[0], page.partition(end)[2]
+    """Put a section between its marks on the page, with the command, the date and the machine."""
     made = f"`{command}`, {date.today().isoformat()}, medians of {runs} runs; {machine()}."
-    new = PAGE.with_suffix(".md.new")
-    new.write_text(f"{before}{start}\n{text}\n\n{made}\n{end}{after}")
-    new.replace(PAGE)
+    replace_between(PAGE, f"<!-- {name} -->", f"<!-- end of {name} -->", f"{text}\n\n{made}")
 
 
 def show(name: str, text: str, write: bool, quick: bool, runs: int = RUNS) -> None:

@@ -12,8 +12,6 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import os
-import platform
 import re
 import tempfile
 import time
@@ -30,6 +28,7 @@ from typing import Any
 
 import hidden
 import numpy as np
+from common import cores, replace_between, table
 from hidden import CONVENTIONS, ROBOTS, STRESSES, UNKNOWN, Case, Setting, Truth
 from threadpoolctl import threadpool_limits
 
@@ -458,11 +457,6 @@ def _time(label: str, most: float, taken: Sequence[float]) -> Row:
     return label, f"<= {most:g} s", f"{np.median(taken):.2f} s", f"{low:.2f} - {high:.2f} s", len(taken), met
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    return "\n".join(lines + ["| " + " | ".join(str(c) for c in row) + " |" for row in rows])
-
-
 def by_size(results: Sequence[Result]) -> str:
     """Detection and naming over s, single hidden effects."""
     rows = []
@@ -573,13 +567,9 @@ def report(results: Sequence[Result]) -> str:
 
 def write_page(text: str, command: str, results: Sequence[Result]) -> None:
     """Put the tables between the marks of docs/diagnosis.md."""
-    machine = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
-    page = PAGE.read_text()
-    start, end = "<!-- results -->", "<!-- end of results -->"
-    before, after = page.partition(start)[0], page.partition(end)[2]
     versions = ", ".join(sorted({r["code"] for r in results}))
-    when = f"{command}; {date.today().isoformat()}; {machine}; code {versions} (a hash of the sources)."
-    PAGE.write_text(f"{before}{start}\n{when}\n\n{text}\n{end}{after}")
+    when = f"{command}; {date.today().isoformat()}; {cores()}; code {versions} (a hash of the sources)."
+    replace_between(PAGE, "<!-- results -->", "<!-- end of results -->", f"{when}\n\n{text}")
 
 
 def main() -> None:

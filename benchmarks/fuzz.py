@@ -30,6 +30,7 @@ sys.path.insert(0, str(ROOT / "tests" / "robustness"))
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[name] = "1"
 import fuzzing  # noqa: E402
+from common import replace_between  # noqa: E402
 
 COUNTS = {
     "robot.yaml": 6000, "nominal.yaml": 5000, "URDF": 9000, "xacro": 3000, "experiment.yaml": 14000,
@@ -177,13 +178,6 @@ def record(tallies: dict[str, Tally]) -> str:
     return "\n".join(lines)
 
 
-def write_record(text: str) -> None:
-    """Put the record into the page."""
-    page = PAGE.read_text(encoding="utf-8")
-    before, after = page.index(START) + len(START), page.index(STOP)
-    PAGE.write_text(f"{page[:before]}\n\n{text}\n\n{page[after:]}", encoding="utf-8")
-
-
 def forget(name: str) -> None:
     """Drop the chunks of a format."""
     lines = STATE.read_text().splitlines() if STATE.exists() else []
@@ -202,7 +196,7 @@ def main() -> int:
     text = record(tallies)
     print(text)
     if options.share == 1.0:
-        write_record(text)
+        replace_between(PAGE, START, STOP, f"\n{text}\n")
     return 1 if any(t.faults for t in tallies.values()) else 0
 
 
