@@ -16,7 +16,8 @@ for folder in ("elastostatics", "proof"):
 settings.register_profile("qsf", deadline=None)
 settings.load_profile("qsf")
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "docs"))
+for folder in ("docs", "benchmarks"):
+    sys.path.insert(0, str(ROOT / folder))
 
 
 @pytest.fixture(scope="session")

@@ -32,12 +32,14 @@ def listening() -> Generator[None, None, None]:
     """Within, these signals raise `Stopped`; a second one ends the process at once."""
     here = threading.current_thread() is threading.main_thread()  # no other thread may listen
     before = [(number, signal.signal(number, _stop)) for number in _SIGNALS] if here else []
-    hook = sys.unraisablehook
+    hook, show = sys.unraisablehook, sys.excepthook
     sys.unraisablehook = lambda lost: _lost(lost.exc_value, lambda: hook(lost))
+    # compiled code that cannot raise may first print the traceback of what it loses
+    sys.excepthook = lambda kind, error, trace: _lost(error, lambda: show(kind, error, trace))
     try:
         yield
     finally:
-        sys.unraisablehook = hook
+        sys.unraisablehook, sys.excepthook = hook, show
         for number, handler in before:
             signal.signal(number, handler)
 

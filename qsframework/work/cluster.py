@@ -83,8 +83,8 @@ class Dask:
             try:
                 return future.result(timeout=_LOOK)
             except TimeoutError:
-                if future.done():
-                    raise  # the task's own
+                if future.status == "error":
+                    raise  # the task's own; of a finished one the result may still be on its way, or lost with a worker
             except CancelledError as error:
                 raise WorkerLost(f"the Dask scheduler at {self.address} is gone") from error
             except Exception as error:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
-from types import ModuleType
 
+import diagnosis as benchmark
+import hidden
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
@@ -15,21 +14,6 @@ from qsframework.diagnose.diagnosis import diagnose
 from qsframework.diagnose.result import Diagnosis
 from qsframework.experiment import load_experiment, read_readings
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-
-
-def _load(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, BENCHMARKS / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # as its dataclasses want it
-    spec.loader.exec_module(module)
-    return module
-
-
-hidden = _load("hidden")
-benchmark = _load("diagnosis")
 Case = hidden.Case
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-import shutil
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from headless import SMALL, browser, console, open_page
 
 from qsf_plugins.joint_hardening import JointHardening
 from qsframework.diagnose import Diagnosis, diagnose
@@ -22,7 +22,7 @@ from qsframework.report.diagnosis_section import diagnosis_sections
 from qsframework.report.diagnosis_tables import cause_table, excluded_table, outlier_table, unseen_words
 from qsframework.viz import residual_scene
 from tests.diagnose.cases import SIGMA, campaign, measured
-from tests.report.test_report import EVIL, Page, chromium, parse
+from tests.report.test_report import EVIL, Page, parse
 
 
 @cache
@@ -195,12 +195,11 @@ def test_names_of_users_are_escaped(tmp_path: Path) -> None:
     assert EVIL not in frame
 
 
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium on this machine")
+@browser
 def test_a_browser_draws_the_figures_without_complaint(page: Path, tmp_path: Path) -> None:
     from PIL import Image
 
-    log = chromium(page, tmp_path / "page.png", tmp_path)
-    console = [line for line in log.splitlines() if "CONSOLE" in line and "GPU stall" not in line]
-    assert not [line for line in console if "rror" in line], console
+    said = console(open_page(page, tmp_path, SMALL, f"--screenshot={tmp_path / 'page.png'}").stderr)
+    assert not [line for line in said if "rror" in line], said
     pixels = np.asarray(Image.open(tmp_path / "page.png").convert("RGB")).astype(int)
     assert np.ptp(pixels, axis=(0, 1)).min() > 150, "an empty page"

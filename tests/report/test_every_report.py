@@ -7,13 +7,13 @@ import importlib.metadata
 import json
 import re
 import shutil
-import subprocess
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from headless import NO_HOST, browser, console, open_page
 from typer.testing import CliRunner
 
 from qsframework.cli.main import app
@@ -30,7 +30,6 @@ COMMANDS = (
 SEEDED = {"demo", "design", "simulate", "diagnose", "foresee", "compare", "protocol"}
 PLAIN = {"protocol"}
 """Reports without a pose to be seen in 3D."""
-browser = pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium on this machine")
 
 
 @dataclass
@@ -196,14 +195,6 @@ def test_the_demo_as_json(reports: Reports) -> None:
     assert len(found["real_readings"]) == 3
 
 
-def browse(page: Path, folder: Path, *more: str) -> subprocess.CompletedProcess[str]:
-    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader",
-             "--enable-unsafe-swiftshader", "--virtual-time-budget=8000", "--disable-background-networking",
-             "--disable-component-update", "--disable-sync", "--no-first-run", "--enable-logging=stderr",
-             "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={folder / 'profile'}"]  # fmt: skip
-    return subprocess.run(["chromium", *flags, *more, page.as_uri()], capture_output=True, text=True, timeout=240)
-
-
 _PROBE = """<script>addEventListener("load", () => setTimeout(async () => {
   dispatchEvent(new Event("beforeprint"));
   await new Promise(done => setTimeout(done, 1500));
@@ -222,9 +213,9 @@ def test_a_browser_has_no_complaint(reports: Reports, name: str, tmp_path: Path)
     """No error on the console, no request to anywhere (every name resolves to nothing), and it prints uncut."""
     page = tmp_path / "report.html"
     page.write_text(reports.text(name).rpartition("</body>")[0] + _PROBE)
-    run = browse(page, tmp_path, "--dump-dom", "--window-size=1000,800")
-    console = [x for x in run.stderr.splitlines() if "CONSOLE" in x and "GPU stall" not in x]
-    assert not console, console
+    run = open_page(page, tmp_path, NO_HOST, "--dump-dom", "--window-size=1000,800", timeout=240)
+    said = console(run.stderr)
+    assert not said, said
     found = json.loads(run.stdout.split("<title>")[1].split("</title>")[0])
     assert found["asked"] == []
     assert found["closed"] == 0
@@ -246,7 +237,8 @@ def test_the_robot_is_to_be_seen_in_a_report(reports: Reports, tmp_path: Path) -
     for name, page in (("robot", text), ("empty", text.replace(frame, scene))):
         file = tmp_path / f"{name}.html"
         file.write_text(page)
-        browse(file, tmp_path, f"--screenshot={tmp_path / name}.png", "--window-size=1000,2600", "--hide-scrollbars")
+        picture = f"--screenshot={tmp_path / name}.png"
+        open_page(file, tmp_path, NO_HOST, picture, "--window-size=1000,2600", "--hide-scrollbars", timeout=240)
         pixels.append(np.asarray(Image.open(tmp_path / f"{name}.png").convert("RGB")).astype(int))
     yellow = [int((p[..., 0] - p[..., 2] > 80).sum()) for p in pixels]
     assert yellow[0] > yellow[1] + 3000

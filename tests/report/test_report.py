@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-import shutil
-import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from headless import SMALL, browser, console, open_page
 
 from qsframework.cli.demo import run_demo
 from qsframework.experiment import Experiment, make_plan
@@ -106,17 +105,7 @@ def plan_page(experiment: Experiment, path: Path) -> Path:
     return path
 
 
-def chromium(page: Path, picture: Path, tmp_path: Path) -> str:
-    """Open a page; return what the browser logged."""
-    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader",
-             "--enable-unsafe-swiftshader", "--virtual-time-budget=8000", "--disable-background-networking",
-             "--disable-component-update", "--disable-sync", "--no-first-run", "--enable-logging=stderr",
-             f"--user-data-dir={tmp_path / 'profile'}", "--window-size=800,600", f"--screenshot={picture}"]  # fmt: skip
-    run = subprocess.run(["chromium", *flags, page.as_uri()], capture_output=True, text=True, timeout=120)
-    return run.stderr
-
-
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium on this machine")
+@browser
 def test_a_browser_shows_the_robot(m900ib: Experiment, tmp_path: Path) -> None:
     """Yellow pixels of the arm against an empty scene; nothing on the console, no request."""
     import numpy as np
@@ -126,9 +115,8 @@ def test_a_browser_shows_the_robot(m900ib: Experiment, tmp_path: Path) -> None:
     pages = {"robot": plan_page(m900ib, tmp_path / "robot.html"), "empty": tmp_path / "empty.html"}
     yellow = {}
     for name, page in pages.items():
-        log = chromium(page, tmp_path / f"{name}.png", tmp_path)
-        console = [line for line in log.splitlines() if "CONSOLE" in line and "GPU stall" not in line]
-        assert not [line for line in console if "rror" in line], console
+        said = console(open_page(page, tmp_path, SMALL, f"--screenshot={tmp_path / name}.png").stderr)
+        assert not [line for line in said if "rror" in line], said
         pixels = np.asarray(Image.open(tmp_path / f"{name}.png").convert("RGB")).astype(int)
         yellow[name] = int(((pixels[..., 0] - pixels[..., 2]) > 80).sum())
     assert yellow["empty"] < 200  # the green axis of the grid

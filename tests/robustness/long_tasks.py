@@ -51,6 +51,11 @@ def refuse(shared: None, task: int) -> int:
     raise InputError([Problem("one", file="a.yaml", line=3), Problem("two")])
 
 
+def too_late(shared: None, task: int) -> int:
+    """A task whose own waiting ended."""
+    raise TimeoutError("the task's own")
+
+
 def whose(seconds: float, task: int) -> int:
     """The process that does the task."""
     time.sleep(seconds)

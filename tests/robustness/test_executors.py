@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from long_tasks import bits, die, refuse, shared, spectrum, tasks
+from long_tasks import bits, die, refuse, shared, spectrum, tasks, too_late
 
 from qsframework.design import Wish, design
 from qsframework.errors import InputError
@@ -202,6 +202,32 @@ def test_dask_gives_the_same_bits_though_a_worker_is_killed(
         cluster.workers[1].send_signal(signal.SIGKILL)
         with pytest.raises(WorkerLost, match="no workers"):
             list(run(spectrum, shared(), tasks(2), dask))
+    finally:
+        dask.close()
+
+
+def test_a_result_that_is_slow_to_come_is_waited_for(
+    cluster: Cluster, wanted: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A task was done when its worker was killed: its result did not come in time, and once ended the whole run."""
+    from distributed import Future
+
+    dask = Dask(cluster.address, answer=30.0)
+    given, slow = Future.result, iter([True, True])
+
+    def result(future: Future, timeout: float | None = None) -> object:
+        if next(slow, False):
+            while not future.done():
+                time.sleep(0.01)
+            raise TimeoutError
+        return given(future, timeout)
+
+    try:
+        monkeypatch.setattr(Future, "result", result)
+        assert bits(run(spectrum, shared(), tasks(COUNT), dask)) == wanted
+        assert next(slow, None) is None
+        with pytest.raises(TimeoutError, match="the task's own"):
+            list(run(too_late, None, range(2), dask))
     finally:
         dask.close()
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from headless import NO_HOST, SMALL, browser, console, open_page
 
 from qsframework.experiment import Experiment, make_plan
 from qsframework.plugin import Array, Poses
@@ -16,27 +15,19 @@ from qsframework.viz import Scene, Site, serve, show_scene
 from qsframework.viz.subject import one_pose, robot_alone
 
 EVIL = "</script><script>document.title = 'taken'</script>"
-browser = pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium on this machine")
 
 
 def browse(page: Path | str, folder: Path, *more: str) -> str:
     """Open a page in headless Chromium; what it logged, or with --dump-dom what the page became."""
-    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader",
-             "--enable-unsafe-swiftshader", "--virtual-time-budget=8000", "--disable-background-networking",
-             "--disable-component-update", "--disable-sync", "--no-first-run", "--enable-logging=stderr",
-             f"--user-data-dir={folder / 'profile'}", "--window-size=800,600"]  # fmt: skip
-    address = page.as_uri() if isinstance(page, Path) else page
-    run = subprocess.run(["chromium", *flags, *more, address], capture_output=True, text=True, timeout=180)
+    run = open_page(page, folder, SMALL, *more, timeout=180)
     return run.stdout if "--dump-dom" in more else run.stderr
 
 
 def look(page: Path, folder: Path) -> Array:
     """Pixels (600, 800, 3) of a page; fails if the console has an error or the page asks for anything elsewhere."""
     picture = page.with_suffix(".png")
-    # Every name resolves to nothing, so that a request to any host would be an error on the console.
-    log = browse(page, folder, f"--screenshot={picture}", "--host-resolver-rules=MAP * ~NOTFOUND")
-    console = [line for line in log.splitlines() if "CONSOLE" in line and "GPU stall" not in line]
-    assert not console, console
+    said = console(browse(page, folder, f"--screenshot={picture}", NO_HOST))
+    assert not said, said
     from PIL import Image
 
     return np.asarray(Image.open(picture).convert("RGB")).astype(float)
@@ -136,8 +127,8 @@ def test_the_served_page_is_drawn_without_complaint(m900ib: Experiment, tmp_path
         address = f"http://127.0.0.1:{server.server_address[1]}/"
         log = browse(address, tmp_path, f"--screenshot={tmp_path / 'served.png'}")
         server.shutdown()
-    console = [line for line in log.splitlines() if "CONSOLE" in line and "GPU stall" not in line]
-    assert not console, console
+    said = console(log)
+    assert not said, said
     from PIL import Image
 
     pixels = np.asarray(Image.open(tmp_path / "served.png").convert("RGB")).astype(int)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from headless import browser
 
 from qsframework.robot import load_robot
 from qsframework.robot.loader import find_robot
@@ -110,7 +111,7 @@ def test_too_many_triangles_are_not_drawn(tmp_path: Path, monkeypatch: pytest.Mo
     assert "36 triangles" in over.notes[0]
 
 
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium on this machine")
+@browser
 def test_the_mesh_is_to_be_seen(tmp_path: Path) -> None:
     from test_browser import look
 

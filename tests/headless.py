@@ -1,0 +1,31 @@
+"""Headless Chromium, for the tests that look at a page."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+browser = pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium on this machine")
+NO_HOST = "--host-resolver-rules=MAP * ~NOTFOUND"
+"""Every name resolves to nothing, so that a request to any host would be an error on the console."""
+SMALL = "--window-size=800,600"
+_FLAGS = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader", "--virtual-time-budget=8000", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync", "--no-first-run", "--enable-logging=stderr",
+)  # fmt: skip
+
+
+def open_page(page: Path | str, folder: Path, *more: str, timeout: float = 120) -> subprocess.CompletedProcess[str]:
+    """Open a page, its profile in the folder; stderr holds what the browser logged."""
+    address = page.as_uri() if isinstance(page, Path) else page
+    command = ["chromium", *_FLAGS, f"--user-data-dir={folder / 'profile'}", *more, address]
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout)
+
+
+def console(log: str) -> list[str]:
+    """What the page wrote to its console, of all that the browser logged."""
+    return [line for line in log.splitlines() if "CONSOLE" in line and "GPU stall" not in line]
