@@ -85,13 +85,3 @@ def test_mistakes_of_simulated_readings_are_as_frequent_as_promised():
     y = s * a.Q[:, 0] + rng.standard_normal((20_000, len(a.Q)))
     wrong = np.mean(np.abs(y @ b.Q[:, 0]) > np.abs(y @ a.Q[:, 0]))
     assert wrong == pytest.approx(0.05, abs=0.006)
-
-
-def test_a_large_library_is_quick():
-    import time
-
-    spaces = random_subspaces([1] * 80 + [3] * 10, m=540)
-    start = time.perf_counter()
-    angle_matrix(spaces)
-    alias_classes(spaces)
-    assert time.perf_counter() - start < 0.5

@@ -52,7 +52,7 @@ from qsframework.robot import Robot, load_robot
 ROOT = Path(__file__).resolve().parents[2]
 ROBOTS = ("ur10", "fanuc_m900ib", "kuka_kr270")
 TIME_LIMIT = 10.0
-"""Seconds for one read: a hundred times what a good file takes, so that a busy machine is no fault."""
+"""Seconds of CPU for one read: a hundred times what a good file takes. A busy machine is no fault."""
 _MAY_BE_OPEN = {"lower", "upper", "torque_limits", "sd", "sigma"}
 """Fields with a documented infinity or NaN: no bound, no limit stated, no sd quoted, no sigma stated."""
 
@@ -97,8 +97,8 @@ def try_file(good: Good, content: bytes) -> Found:
     """Put the content in the place of the good file and read it, twice if it is taken."""
     good.path.write_bytes(content)
     started = time.perf_counter()
-    before = signal.signal(signal.SIGALRM, _too_long)
-    signal.setitimer(signal.ITIMER_REAL, TIME_LIMIT)
+    before = signal.signal(signal.SIGPROF, _too_long)
+    signal.setitimer(signal.ITIMER_PROF, TIME_LIMIT)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -114,8 +114,8 @@ def try_file(good: Good, content: bytes) -> Found:
     except Exception:
         return Found(Outcome.FAULT, traceback.format_exc(limit=-12), time.perf_counter() - started)
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
         good.path.write_bytes(good.content)
     return Found(Outcome.FAULT if words else Outcome.VALUE, words, first)
 
