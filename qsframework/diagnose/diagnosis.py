@@ -11,7 +11,7 @@ from qsframework.diagnose.case import Case, make_case
 from qsframework.diagnose.causes import Untested, find_causes
 from qsframework.diagnose.conventions import Convention, check_conventions
 from qsframework.diagnose.explain import Answer, Library, explain, make_library, most_plausible, refit
-from qsframework.diagnose.fitted import Settled, exact_displacement, settle_fit
+from qsframework.diagnose.fitted import Settled, displacement_or_linear, settle_fit
 from qsframework.diagnose.gain import HeldOut, Search, held_out
 from qsframework.diagnose.gate import Closing, close, motions
 from qsframework.diagnose.noise_audit import NoiseAudit, audit_noise
@@ -225,7 +225,8 @@ def _extended_case(base: _Baseline, best: Answer, noise: Noise) -> Case:
 def _errors(base: _Baseline, extended: Settled, held: HeldOut, given: tuple[Experiment, Readings]) -> Errors:
     experiment, readings = given
     model = experiment.model()
-    nominal = base.rows.measured - base.rows.of(exact_displacement(model, readings, model.nominal))
+    predicted, _ = displacement_or_linear(model, readings, model.nominal)  # values far off may not bear the load
+    nominal = base.rows.measured - base.rows.of(predicted)
     noise = float(np.sqrt(np.mean(base.rows.sigma**2) + base.audit.shared**2))
     return Errors(
         rms(nominal), rms(base.fit.residuals), rms(extended.residuals), held.rms_identified, held.rms_extended, noise

@@ -18,7 +18,7 @@ from qsframework.errors import NotConverged, NotIdentifiable
 from qsframework.experiment import Readings
 from qsframework.identify.linear import Rows
 from qsframework.identify.observations import Noise
-from qsframework.plugin import Array, InputError
+from qsframework.plugin import InputError
 
 REFITS = 5
 _OTHERS = 0.025
@@ -176,8 +176,3 @@ def most_plausible(library: Library, i: int) -> int:
 def _right_sign(library: Library, j: int) -> bool:
     at = library.gram.at[j]
     return not (library.gram.sided[j] and library.gram.c[at[0]] < 0.0)
-
-
-def cause_values(cause: Cause, fit: Settled) -> Array:
-    """Values (p,) of a cause's parameters in a fit, SI."""
-    return np.array([fit.value(n) for n in cause.names])

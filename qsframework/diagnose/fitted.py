@@ -63,6 +63,14 @@ def displacement_at(model: Model, poses: Poses, x: Array) -> Array:
     return exact_readings(model, poses, x)
 
 
+def displacement_or_linear(model: Model, readings: Readings, x: Array) -> tuple[Array, bool]:
+    """The same at the readings, of the linear model where the equilibrium does not settle; whether it did."""
+    try:
+        return exact_displacement(model, readings, x), True
+    except NotConverged:
+        return model.predict(readings.poses, x), False
+
+
 def settle_fit(
     model: Model, readings: Readings, rows: Rows, noise: Noise, names: Sequence[str], start: Array,
     priors: Sequence[tuple[str, float]] = (),
@@ -109,7 +117,7 @@ def _solve(J: Array, white: Array, pull: Array, ridge: Array, scale: Array) -> t
     A = np.concatenate([J * scale, np.diag(ridge * scale)[ridge > 0.0]])
     b = np.concatenate([white, (pull * ridge)[ridge > 0.0]])
     Q, R = np.linalg.qr(A)
-    if np.abs(np.diag(R)).min() < _FLAT * np.abs(np.diag(R)).max():
+    if np.abs(np.diag(R)).min() <= _FLAT * np.abs(np.diag(R)).max():
         raise NotIdentifiable("these readings cannot tell the parameters of the extended model")
     half = scale[:, None] * np.linalg.inv(R)
     return scale * np.linalg.solve(R, Q.T @ b), half @ half.T
@@ -140,10 +148,7 @@ class _Problem:
 
     def residuals(self, x: Array) -> tuple[Array, bool]:
         """Whitened (m,), of the linear model where the equilibrium does not settle."""
-        try:
-            predicted, exact = exact_displacement(self.model, self.readings, x), True
-        except NotConverged:
-            predicted, exact = self.model.predict(self.readings.poses, x), False
+        predicted, exact = displacement_or_linear(self.model, self.readings, x)
         return self.noise.whiten((self.rows.measured - self.rows.of(predicted)).ravel()), exact
 
     def jacobian(self, x: Array) -> Array:

@@ -241,3 +241,29 @@ def test_a_load_that_no_equilibrium_bears_shows_nothing() -> None:
     heavy = poses(2, 2)
     bench = Bench(campaign(), replace(heavy, wrench=frozen(heavy.wrench * 1e6)), SIGMA)
     assert bench.bare is None
+
+
+def test_nominal_values_far_off_do_not_keep_a_fit_from_its_diagnosis() -> None:
+    """Compliances a thousand times too large bear no load; the fit is right all the same."""
+    data = measured(count=16)
+    robot = campaign().robot
+    names = campaign().fit_names()
+    soft = tuple(replace(p, nominal=1e3 * p.nominal) if p.name in names else p for p in robot.parameters)
+    right = diagnose(campaign(), data, repeats=1)
+    found = diagnose(campaign().with_(robot=replace(robot, parameters=soft)), data, repeats=1)
+    assert found.verdict == right.verdict
+    assert [found.values()[n] for n in names] == pytest.approx([right.values()[n] for n in names], rel=1e-4)
+    assert found.rms.identified == pytest.approx(right.rms.identified, rel=1e-4)
+    assert found.rms.nominal > 100.0 * right.rms.nominal
+
+
+def test_a_suspicion_changes_nothing() -> None:
+    """Readings of a load in kgf: the suspicion is said, the readings stay as given, no cause is named for it."""
+    names = campaign().fit_names()
+    nominal = dict(zip(campaign().model().names, campaign().model().nominal.tolist(), strict=True))
+    data = measured(values={n: 9.80665 * nominal[n] for n in names}, count=16)
+    found = diagnose(campaign(), data, repeats=1)
+    assert [c.name for c in found.conventions] == ["load_unit"]
+    assert found.readings is data
+    assert found.findings == ()
+    assert "perhaps the load is in kg" in found.words
