@@ -46,6 +46,7 @@ class How:
     shared_error: bool = False
     differences: bool = False
     exact: bool = False
+    profile: tuple[str, ...] = ()
 
 
 def _displacements(experiment: Experiment, source: Path) -> Readings:
@@ -72,8 +73,9 @@ def _choices(how: How) -> Choices | None:
             "shared-error is for displacement readings alone; these are positions. Positions with loaded states count "
             "as displacements with --differences"
         )
-    if how.exact:
-        raise InputError("--exact is for displacement readings alone; absolute positions have no such fit yet")
+    if how.exact or how.profile:
+        name = "--exact" if how.exact else "--profile"
+        raise InputError(f"{name} is for displacement readings alone; absolute positions have no such fit yet")
     chosen = Choices(how.priors, how.loss, how.fixed, how.tied)
     return None if chosen == Choices() and not how.method else chosen
 
@@ -104,7 +106,7 @@ def run_identify(files: FitFiles, how: How) -> None:
     from qsframework.cli.positions import identify_states
     from qsframework.identify import identify
     from qsframework.identify.fit_files import result_files
-    from qsframework.report import error_table, fit_table
+    from qsframework.report import error_table, fit_table, interval_tables
 
     experiment = load_experiment(files.experiment)
     source = readings_file(experiment, files.data)
@@ -123,10 +125,10 @@ def run_identify(files: FitFiles, how: How) -> None:
     shared = "pose" if how.shared_error else ""
     result = identify(
         experiment, readings, how.fit, how.method or "linear", how.priors, how.loss, how.fixed, how.tied, shared,
-        how.exact,
+        how.exact, how.profile,
     )  # fmt: skip
     print(result.verdict())
-    for table in (fit_table(result), error_table(result)):
+    for table in (fit_table(result), *interval_tables(result), error_table(result)):
         print_table(table.header, table.rows)
         print(table.caption)
     for note in result.notes:

@@ -216,6 +216,9 @@ def identify(
         bool, typer.Option("--differences", help="Fit loaded minus unloaded positions; tracker axes as the base's.")
     ] = False,
     exact: Annotated[bool, typer.Option("--exact", help="By the full equilibrium, not the linear model.")] = False,
+    profile: Annotated[
+        list[str] | None, typer.Option(help="Profile interval, 95 %, of this parameter (one-step; repeat).")
+    ] = None,
     nominal: Annotated[Path | None, typer.Option(help="Write a nominal.yaml with the identified values.")] = None,
     urdf: Annotated[Path | None, typer.Option(help="Write the robot's URDF with corrected joint origins.")] = None,
     json: Json = None,
@@ -228,7 +231,19 @@ def identify(
     groups = tuple(tuple(name.strip() for name in group.split(",")) for group in tied or ())
     run_identify(
         FitFiles(experiment, data, json, report, nominal, urdf, positions),
-        How(fit, method or "", priors, loss, tuple(fixed or ()), groups, clean, shared_error, differences, exact),
+        How(
+            fit,
+            method or "",
+            priors,
+            loss,
+            tuple(fixed or ()),
+            groups,
+            clean,
+            shared_error,
+            differences,
+            exact,
+            tuple(profile or ()),
+        ),
     )
 
 

@@ -33,7 +33,7 @@ def fit_exactly(model: Model, readings: Readings, refit: Refit) -> Fit:
     """
     found, change = refit(readings), np.inf
     for _ in range(_ROUNDS):
-        new = refit(_linearised(model, readings, found.x))
+        new = refit(linearised(model, readings, found.x))
         change = float(np.abs(_shift(new, found)).max(initial=0.0))
         found = new
         if change <= _STILL:
@@ -47,7 +47,7 @@ def fit_exactly(model: Model, readings: Readings, refit: Refit) -> Fit:
 def with_shift(found: Fit, model: Model, readings: Readings, refit: Refit) -> Fit:
     """The fit of the linear model with a note where the full equilibrium would move an estimate noticeably."""
     try:
-        shift = _shift(refit(_linearised(model, readings, found.x)), found)
+        shift = _shift(refit(linearised(model, readings, found.x)), found)
     except QsfError as error:
         note = f"How far the linear model is off cannot be said; the full equilibrium fails: {error}"
         return replace(found, notes=(*found.notes, note))
@@ -62,7 +62,7 @@ def with_shift(found: Fit, model: Model, readings: Readings, refit: Refit) -> Fi
     return replace(found, notes=(*found.notes, note))
 
 
-def _linearised(model: Model, readings: Readings, x: Array) -> Readings:
+def linearised(model: Model, readings: Readings, x: Array) -> Readings:
     """The readings without what the equilibrium adds to the linear model at the parameters x."""
     displacement = readings.displacement.copy()
     displacement[readings.use] -= _at_rows(readings, lambda p: exact_readings(model, p, x) - model.predict(p, x))

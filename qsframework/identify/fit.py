@@ -33,6 +33,21 @@ class Estimate:
     status: str
 
 
+@dataclass(frozen=True)
+class Interval:
+    """A profile interval, SI: all values of one parameter at which the best fit of the others is not much worse.
+
+    An end at the parameter's bound is that bound, for the readings allow all up to it.
+    linear: the ends by the covariance alone, value +- t sd; where the two differ, the model bends
+    """
+
+    name: str
+    level: float
+    lower: float
+    upper: float
+    linear: tuple[float, float]
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """Estimates with covariance (p, p) and the residuals of R used rows.
@@ -67,6 +82,8 @@ class Fit:
     """sd (m) of the error that all markers of a pose share, beside sigma; 0 where none was looked for or seen."""
     total_covariance: Array | None = None
     """Covariance (p, p) with the load's stated uncertainty; None where none is stated."""
+    intervals: tuple[Interval, ...] = ()
+    """Profile intervals, of the parameters for which they were asked."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -164,6 +181,10 @@ class Fit:
             },
             "covariance": self.covariance.tolist(),
             "covariance_total": None if self.total_covariance is None else self.total_covariance.tolist(),
+            "intervals": {
+                i.name: {"level": i.level, "lower": i.lower, "upper": i.upper, "linear": list(i.linear)}
+                for i in self.intervals
+            },
             "sigma_mm": self.sigma * 1e3,
             "sigma_source": self.sigma_source,
             "shared_by_pose_mm": self.shared_sd * 1e3,

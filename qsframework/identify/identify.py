@@ -11,11 +11,12 @@ from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged, NotIdentifiable, Problem, nearest
 from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.setup import GEOMETRY
-from qsframework.identify.equilibrium import fit_exactly, with_shift
+from qsframework.identify.equilibrium import fit_exactly, linearised, with_shift
 from qsframework.identify.fit import Fit
 from qsframework.identify.linear import Found, Rows, fit_rows, identify_linear, make_fit, rounding
 from qsframework.identify.noise import SharedError, noise_parts, pose_groups, shared_error
 from qsframework.identify.observations import Noise, Observations
+from qsframework.identify.profile import profile_interval
 from qsframework.identify.single import single_pose
 from qsframework.identify.solve import Solution, solve
 from qsframework.identify.two_step import identify_two_step
@@ -33,7 +34,7 @@ _MAD = 1.4826
 def identify(
     experiment: Experiment, readings: Readings, fit: Sequence[str] | None = None, method: str = "linear",
     priors: bool = False, loss: str = "linear", fixed: Sequence[str] = (), tied: Sequence[Sequence[str]] = (),
-    shared: str = "", exact: bool = False,
+    shared: str = "", exact: bool = False, profile: Sequence[str] = (),
 ) -> Fit:  # fmt: skip
     """Estimate the experiment's parameters from displacement readings.
 
@@ -46,6 +47,9 @@ def identify(
     residuals (REML), and the readings are weighed with it; chi-square then says nothing of errors common to a pose.
 
     exact: by the full equilibrium instead of the linear model; without it a note says where that would matter.
+
+    profile: parameters whose 95 % profile intervals the plain one-step fit gives too; in a model that bends, or at a
+    bound, value +- t sd is none.
 
     Raises InputError where there are fewer readings than parameters; NotIdentifiable, naming the parameters, where the
     readings cannot tell them apart, or are all of one pose; NotConverged with its reason.
@@ -62,17 +66,25 @@ def identify(
     names = experiment.fit_names() if fit is None else experiment.with_(fit=tuple(fit)).fit_names()
     if method != "one-step" and (priors or loss != "linear" or fixed or tied):
         raise InputError(f"priors, loss, fixed and tied are for method one-step, not for {method}")
+    if profile and (method != "one-step" or priors or loss != "linear" or tied):
+        raise InputError(
+            "profile is for method one-step without priors, loss and tied: it follows the plain least squares"
+        )
 
-    def refit(given: Readings) -> Fit:
-        return _of_linear_model(experiment, given, names, method, priors, loss, fixed, tied, shared)
+    def refit(given: Readings, profile: Sequence[str] = ()) -> Fit:
+        return _of_linear_model(experiment, given, names, method, priors, loss, fixed, tied, shared, profile)
 
     model = experiment.model()
-    return fit_exactly(model, readings, refit) if exact else with_shift(refit(readings), model, readings, refit)
+    found = fit_exactly(model, readings, refit) if exact else with_shift(refit(readings), model, readings, refit)
+    if not profile:
+        return found
+    last = linearised(model, readings, found.x) if exact else readings
+    return replace(found, intervals=refit(last, profile).intervals)
 
 
 def _of_linear_model(
     experiment: Experiment, readings: Readings, names: Sequence[str], method: str, priors: bool, loss: str,
-    fixed: Sequence[str], tied: Sequence[Sequence[str]], shared: str,
+    fixed: Sequence[str], tied: Sequence[Sequence[str]], shared: str, profile: Sequence[str],
 ) -> Fit:  # fmt: skip
     """The fit of the model that balances the load at the undeflected pose, with its notes and total uncertainty."""
 
@@ -81,7 +93,7 @@ def _of_linear_model(
             return identify_linear(experiment, readings, names, within)
         if method == "two-step":
             return identify_two_step(experiment, readings, names, shared=within)
-        return _one_step(experiment, readings, names, priors, loss, fixed, tied, within)
+        return _one_step(experiment, readings, names, priors, loss, fixed, tied, within, profile)
 
     found, within = fitted(0.0), 0.0
     free = 1 if priors else int((np.diag(found.covariance) > 0.0).sum()) - sum(len(group) - 1 for group in tied)
@@ -142,7 +154,7 @@ def displacement_observations(
 
 def _one_step(
     experiment: Experiment, readings: Readings, names: Sequence[str], priors: bool, loss: str, fixed: Sequence[str],
-    tied: Sequence[Sequence[str]], within: float = 0.0,
+    tied: Sequence[Sequence[str]], within: float = 0.0, profile: Sequence[str] = (),
 ) -> Fit:  # fmt: skip
     model = experiment.model()
     rows, source = fit_rows(experiment, readings, len(names), within)
@@ -165,7 +177,11 @@ def _one_step(
         "one-step", x, solution.covariance, Q, rank_test(free, [names[i] for i in moved]), nominal, predicted,
         solution.at_bound, notes, unit, solution.free_sd,
     )  # fmt: skip
-    return make_fit(model, list(observations.parameters), rows, readings, source, found)
+    fit = make_fit(model, list(observations.parameters), rows, readings, source, found)
+    stated = source == "stated"
+    return replace(fit, intervals=tuple(
+        profile_interval(observations, solution, name, stated=stated, fixed=fixed) for name in profile
+    ))  # fmt: skip
 
 
 def orthonormal(rows: Array, free: int) -> Array:

@@ -2,38 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from qsframework.errors import InputError, NotConverged, Problem, nearest
+from qsframework.errors import InputError, NotConverged, NotIdentifiable, Problem, nearest
+from qsframework.identify.fit import Interval
 from qsframework.identify.observations import Observations
 from qsframework.identify.solve import Solution, solve
-from qsframework.plugin import Array
 
 _STEPS = 60
 _CLOSE = 1e-6
 
 
-@dataclass(frozen=True)
-class Interval:
-    """Ends of an interval, SI; an end at a parameter's bound is that bound, for the readings allow all up to it.
-
-    linear: the ends by the covariance alone, value +- t sd; where the two differ, the model bends
-    """
-
-    name: str
-    level: float
-    lower: float
-    upper: float
-    linear: tuple[float, float]
-
-
 def profile_interval(
-    observations: Observations, solution: Solution, name: str, level: float = 0.95, stated: bool = True
-) -> Interval:
-    """All values of one parameter at which the best fit of the others is not significantly worse.
+    observations: Observations, solution: Solution, name: str, level: float = 0.95, stated: bool = True,
+    fixed: Sequence[str] = (),
+) -> Interval:  # fmt: skip
+    """All values of one parameter at which the best fit of the others, but the fixed ones, is not significantly worse.
 
     The sum of squares may grow by the chi-square quantile of one degree of freedom; where the noise is estimated
     (`stated` False) by that of F times the residuals' variance, which for a linear model is exactly value +- t sd.
@@ -43,13 +29,15 @@ def profile_interval(
         raise InputError(Problem(f"no parameter {name!r} in this fit", allowed=", ".join(names),
                                  hint=nearest(name, names)))  # fmt: skip
     i = names.index(name)
-    sd = float(np.sqrt(solution.covariance[i, i]))
-    if sd == 0.0:
-        raise InputError(f"{name} is fixed, tied or at its bound: an interval around it is one-sided or none")
+    sd = float((solution.free_sd if name in solution.at_bound else np.sqrt(np.diag(solution.covariance)))[i])
+    if sd == 0.0 or name in fixed:
+        raise InputError(f"{name} is fixed: there is no interval around it")
+    if not np.isfinite(sd):
+        raise NotIdentifiable(f"{name}: the readings cannot tell it at all, so that it has no interval")
     rise, quantile = _allowed(solution, level, stated)
     best = float(solution.x[i])
     parameter = observations.parameters[i]
-    cost = _profile(observations, solution, i)
+    cost = _profile(observations, solution, i, fixed)
     ends: list[float] = []
     for side, bound in ((-1.0, parameter.lower), (1.0, parameter.upper)):
         ends.append(_end(lambda v: 2.0 * (cost(v) - solution.cost) - rise, best, side * quantile * sd, bound, name))
@@ -68,21 +56,23 @@ def _allowed(solution: Solution, level: float, stated: bool) -> tuple[float, flo
     return rise, float(np.sqrt(rise))
 
 
-def _profile(observations: Observations, solution: Solution, i: int) -> Callable[[float], float]:
+def _profile(
+    observations: Observations, solution: Solution, i: int, fixed: Sequence[str] = ()
+) -> Callable[[float], float]:
     """The cost of the best fit with parameter i held at a value; each fit starts where the last one ended."""
     others = [solution.x]
     name = observations.names[i]
-    tangent = solution.covariance[:, i] / solution.covariance[i, i]
+    tangent = solution.covariance[:, i] / (solution.covariance[i, i] or 1.0)  # a parameter at its bound has none
     lower = np.array([p.lower for p in observations.parameters])
     upper = np.array([p.upper for p in observations.parameters])
 
     def cost(value: float) -> float:
         start = np.clip(others[-1] + tangent * (value - others[-1][i]), lower, upper)
         start[i] = value
-        if len(start) == 1:
+        if {*observations.names} <= {name, *fixed}:
             r = observations.noise.whiten(observations.measured - observations.predict(start))
             return 0.5 * float(r @ r)
-        found = solve(observations, start=start, fixed=(name,), starts=0)
+        found = solve(observations, start=start, fixed=(*fixed, name), starts=0)
         others.append(found.x)
         return found.cost
 
@@ -106,9 +96,3 @@ def _end(excess: Callable[[float], float], best: float, step: float, bound: floa
             return bound
         inside = outside
     raise NotConverged(f"{name}: no end of its interval within {2.0**_STEPS:.0e} sds; the readings do not tell it")
-
-
-def profile(observations: Observations, solution: Solution, name: str, values: Array) -> Array:
-    """-2 log likelihood (n,) above its minimum, in units of the stated noise, at values (n,) of one parameter."""
-    cost = _profile(observations, solution, observations.names.index(name))
-    return np.array([2.0 * (cost(float(v)) - solution.cost) for v in values])

@@ -46,6 +46,22 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None) -> Table:
     )
 
 
+def interval_tables(fit: Fit) -> tuple[Table, ...]:
+    """The profile intervals, where some were asked for."""
+    if not fit.intervals:
+        return ()
+    rows: list[tuple[str, ...]] = []
+    for e, i in ((e, i) for i in fit.intervals for e in fit.estimates if e.name == i.name):
+        ends = (shown(v, e.unit)[0] for v in (i.lower, i.upper, *i.linear))
+        rows.append((i.name, f"{100 * i.level:.0f} %", *(f"{v:.4g}" for v in ends), shown(e.value, e.unit)[1]))
+    header = ("parameter", "level", "from", "to", "value - t sd", "value + t sd", "unit")
+    caption = (
+        "Profile intervals: within them the best fit of the other parameters is not significantly worse. Where they "
+        "differ from value ± t sd, the model bends, and they are the ones to quote; an end at a bound is that bound."
+    )
+    return (Table(header, tuple(rows), caption),)
+
+
 def _quoted(e: Estimate) -> bool:
     """Whether an sd is quoted: neither fixed nor at a bound."""
     return bool(e.sd > 0.0)
@@ -98,6 +114,7 @@ def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> 
         (
             Text(fit.verdict()),
             fit_table(fit, truth),
+            *interval_tables(fit),
             *(Text(note) for note in fit.notes),
             Text(f"Correlations above 0.9: {said}."),
             error_table(fit),

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.stats import chi2, t
+from typer.testing import CliRunner
 
+from qsframework.cli.main import app
 from qsframework.errors import InputError
+from qsframework.experiment import Experiment, Readings, example, make_plan, simulate
+from qsframework.identify import identify
 from qsframework.identify.observations import Independent, Observations
 from qsframework.identify.profile import profile_interval
 from qsframework.identify.solve import solve
-from qsframework.plugin import Array, Parameter
+from qsframework.plugin import Array, Parameter, Poses
 
 
 def linear(rng: np.random.Generator) -> Observations:
@@ -79,5 +87,85 @@ def test_an_interval_ends_at_a_bound() -> None:
     with pytest.raises(InputError, match="no parameter"):
         profile_interval(observations, solution, "c")
     fixed = solve(observations, fixed=("b",))
-    with pytest.raises(InputError, match="fixed, tied or at its bound"):
+    with pytest.raises(InputError, match="is fixed"):
         profile_interval(observations, fixed, "b")
+
+
+BALANCER = "gravity_compensator[joint_2].stiffness"
+
+
+@pytest.fixture(scope="module")
+def simulated(m900ib: Experiment) -> tuple[Experiment, Readings]:
+    """Ten poses under the side pull; the balancer's spring is hardly told."""
+    rng = np.random.default_rng(5)
+    pendant = np.deg2rad(rng.uniform([-170, -50, -60, -150, 30, -150], [170, 80, 20, 150, 100, 150], (10, 6)))
+    poses = Poses(pendant, m900ib.robot.controller.to_joints(pendant), np.tile(m900ib.loads[1].wrench, (10, 1)))
+    return m900ib, simulate(m900ib, make_plan(poses, ["pull"] * 10), seed=2).readings
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_outside_the_interval_of_a_fit_the_best_of_the_others_is_worse(
+    simulated: tuple[Experiment, Readings], exact: bool
+) -> None:
+    """Held at the ends of its interval, the fit of all others has the chi-square that the quantile allows."""
+    experiment, readings = simulated
+    names = ("joint_compliance[joint_2]", "joint_compliance[joint_3]")
+    fit = identify(experiment, readings, method="one-step", exact=exact, profile=names)
+    assert tuple(i.name for i in fit.intervals) == names
+    for interval in fit.intervals:
+        estimate = next(e for e in fit.estimates if e.name == interval.name)
+        assert interval.lower < estimate.value < interval.upper
+        np.testing.assert_allclose(
+            interval.linear, estimate.value + np.array([-1, 1]) * 1.959964 * estimate.sd, rtol=1e-6
+        )
+        for end in (interval.lower, interval.upper):
+            held = at(experiment, interval.name, end)
+            worse = identify(held, readings, fit.names, method="one-step", fixed=(interval.name,), exact=exact)
+            # the equilibrium's share is taken at the best fit, and hardly changes up to the end
+            assert worse.chi2 - fit.chi2 == pytest.approx(3.841459, abs=0.05 if exact else 1e-3)
+
+
+def at(experiment: Experiment, name: str, value: float) -> Experiment:
+    """The experiment with another nominal value of one parameter of its robot."""
+    robot = experiment.robot
+    parameters = tuple(replace(p, nominal=value) if p.name == name else p for p in robot.parameters)
+    return experiment.with_(robot=replace(robot, parameters=parameters))
+
+
+def test_an_interval_that_reaches_a_bound_in_a_fit(simulated: tuple[Experiment, Readings]) -> None:
+    """These readings do not tell the balancer's spring: its interval reaches down to its bound, where no spring is."""
+    experiment, readings = simulated
+    fit = identify(experiment, readings, ("joint_compliance", BALANCER), method="one-step", profile=(BALANCER,))
+    (interval,) = fit.intervals
+    assert interval.lower == 0.0
+    assert interval.upper > experiment.model().nominal[experiment.model().index([BALANCER])[0]]
+    assert interval.linear[0] < 0.0
+
+
+def test_what_profiles_are_for(simulated: tuple[Experiment, Readings]) -> None:
+    experiment, readings = simulated
+    name = "joint_compliance[joint_2]"
+    for more in ({"method": "linear"}, {"method": "one-step", "loss": "huber"}, {"method": "one-step", "priors": True}):
+        with pytest.raises(InputError, match="profile is for method one-step without priors, loss and tied"):
+            identify(experiment, readings, profile=(name,), **more)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="no parameter 'joint_compliance'"):
+        identify(experiment, readings, method="one-step", profile=("joint_compliance",))
+    with pytest.raises(InputError, match="is fixed"):
+        identify(experiment, readings, method="one-step", fixed=(name,), profile=(name,))
+
+
+def test_the_command_gives_the_intervals_that_are_asked_for(tmp_path: Path) -> None:
+    """In a nearly linear model with estimated noise they are value +- t sd; positions have none."""
+    asked = ["--method", "one-step", "--profile", "joint_compliance[joint_4]"]
+    written = ["--json", str(tmp_path / "fit.json"), "--report", str(tmp_path / "fit.html")]
+    done = CliRunner().invoke(app, ["identify", str(example("r2000ic") / "experiment.yaml"), *asked, *written])
+    assert done.exit_code == 0, done.output
+    fit = json.loads((tmp_path / "fit.json").read_text())
+    (found,) = fit["intervals"].values()
+    estimate = fit["estimates"]["joint_compliance[joint_4]"]
+    sides = np.array([-1, 1]) * t.ppf(0.975, fit["dof"]) * estimate["sd"]
+    np.testing.assert_allclose([found["lower"], found["upper"]], estimate["value"] + sides, rtol=1e-4)
+    assert "Profile intervals: within them" in done.output
+    assert "Profile intervals: within them" in (tmp_path / "fit.html").read_text()
+    refused = CliRunner().invoke(app, ["identify", str(example("ur10") / "experiment.yaml"), *asked])
+    assert "--profile is for displacement readings alone" in str(refused.exception)
