@@ -1,19 +1,21 @@
 """Poses that tell two causes apart: against brute force, against whole fits, and against simulated measurements."""
 
 import json
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 
 from qsframework.design import check_poses, generate_candidates
-from qsframework.diagnose import diagnose
+from qsframework.diagnose import contrast, diagnose
+from qsframework.diagnose import offers as offers_module
 from qsframework.diagnose.causes import find_causes, widened
 from qsframework.diagnose.contrast import ask, choose, limit_angle, told
 from qsframework.diagnose.discriminate import discriminate, mistaken
-from qsframework.diagnose.offers import _frame, batch
+from qsframework.diagnose.offers import Offer, _frame, batch, kinds
 from qsframework.diagnose.second_day import second_day
-from qsframework.errors import InputError
+from qsframework.errors import InputError, NotCertified, NotIdentifiable
 from qsframework.experiment import example, load_experiment, read_plan, read_readings, write_plan
 from qsframework.plugin import Poses
 
@@ -233,3 +235,91 @@ def test_a_second_day_confirms_what_the_first_one_named(tmp_path):
     assert len(read_plan(tmp_path / "day2.csv", experiment).pose) == 6
     json.dumps(found.as_json(), allow_nan=False)
     assert "told right in" in " ".join(found.words())
+
+
+def test_a_trace_that_nothing_else_touches_wants_the_poses_that_show_it_most(experiment, pendant):
+    """Other columns that no candidate shows: s^2 is a plain sum of squares, the best poses are its largest terms."""
+    rng = np.random.default_rng(4)
+    rows = np.zeros((15, 3, 4))
+    rows[..., -1] = rng.standard_normal((15, 3))
+    before = np.zeros((2, 4))
+    before[:, -1] = [0.5, -0.3]
+    shown = np.square(rows[..., -1]).sum(axis=1)
+    chosen = choose([rows], [before], 4, np.arange(15), seed=0)
+    assert sorted(chosen.index) == sorted(np.argsort(-shown)[:4])
+    assert chosen.s == pytest.approx(np.sqrt(0.34 + np.sort(shown)[-4:].sum()), rel=1e-6)
+    assert chosen.bound == pytest.approx(chosen.s, rel=0.02)
+
+
+def test_a_shortlist_of_many_candidates_holds_the_best(experiment, first_day, monkeypatch):
+    """The exchange among a third of the candidates finds what it finds among all, and the bound is that of all."""
+    asked = question(experiment, PEDESTAL, BEARING)
+    poses = loaded(experiment, generate_candidates(experiment, 90, seed=5).pendant)
+    rows, before = flat(asked, poses), asked.taken([first_day])
+    full = choose([rows], [before], 4, np.arange(90), seed=0)
+    monkeypatch.setattr(contrast, "_SHORT", 30)
+    short = choose([rows], [before], 4, np.arange(90), seed=0)
+    assert short.s == pytest.approx(full.s, rel=1e-6)
+    assert short.bound == pytest.approx(full.bound, rel=1e-6)
+
+
+def test_without_a_certificate_the_choice_and_its_bound_still_hold(experiment, pendant, first_day, monkeypatch):
+    """Where the relaxed design is not reached: the best of all subsets, under a bound that is only looser."""
+    asked = question(experiment, PEDESTAL, BEARING)
+    rows, before = flat(asked, loaded(experiment, pendant[:12])), asked.taken([first_day])
+    certified = choose([rows], [before], 3, np.arange(12), seed=0)
+
+    def fails(*_):
+        raise NotCertified("not reached")
+
+    monkeypatch.setattr(contrast, "solve_columns", fails)
+    chosen = choose([rows], [before], 3, np.arange(12), seed=0)
+    best = best_of_all([rows], [before], 3)
+    assert chosen.s == pytest.approx(best, rel=1e-4)
+    assert chosen.bound >= certified.bound * (1.0 - 1e-9)
+    all_of_them = told(rows.reshape(-1, rows.shape[-1]), asked.width)[1]
+    assert limit_angle(rows, asked.width, 0) == pytest.approx(all_of_them, rel=1e-9)
+
+
+def test_candidates_may_be_a_number_a_set_or_angles(experiment, first_day):
+    """The same poses, however they are given, are the same plan."""
+    drawn = generate_candidates(experiment, 40, seed=0)
+    plans = [
+        discriminate(experiment, first_day, PEDESTAL, BEARING, 4, candidates=c, alternatives=False).plan.pendant
+        for c in (40, drawn, drawn.pendant.tolist())
+    ]
+    np.testing.assert_array_equal(plans[1], plans[0])
+    np.testing.assert_array_equal(plans[2], plans[0])
+
+
+def test_only_offers_that_help_are_offered(experiment, first_day):
+    found = discriminate(experiment, first_day, PEDESTAL, BEARING, 4, candidates=40, alternatives=False)
+    good, weak, bad = Offer("a", "a load", 9.0, 0.5), Offer("b", "a marker", 2.0, 0.5), Offer("c", "a turn", 0.1, 0.0)
+    none, some, mixed = (replace(found, offers=o).words() for o in ((bad,), (good, weak), (good, bad)))
+    assert none[-1] == "Nothing that was tried separates them: they stay a set."
+    assert not any("No help" in w for w in (*none, *some))
+    assert some[-2].startswith("- a load: s = 9.0")
+    assert "enough from" not in some[-2]
+    assert f"enough from {found.size(2.0)} on" in some[-1]
+    assert mixed[-1] == "No help: c."
+
+
+def test_markers_that_are_there_are_not_offered(experiment):
+    names = [k.name for k in kinds(experiment)]
+    assert {"elbow marker", "base marker", "absolute positions"} <= set(names)
+    there = next(k.experiment for k in kinds(experiment) if k.name == "elbow marker")
+    assert [k.name for k in kinds(there)] == [n for n in names if n != "elbow marker"]
+
+
+def test_an_offer_that_cannot_be_made_leaves_the_others(experiment, first_day, monkeypatch):
+    """A robot without any geometry to fit cannot use absolute positions; its markers are offered all the same."""
+    judged = offers_module._judged
+
+    def no_geometry(kind, *rest):
+        if kind.absolute:
+            raise NotIdentifiable("no geometry")
+        return judged(kind, *rest)
+
+    monkeypatch.setattr(offers_module, "_judged", no_geometry)
+    found = discriminate(experiment, first_day, LINK_3, LINK_4, 4, candidates=20)
+    assert {o.name for o in found.offers} == {k.name for k in kinds(experiment) if not k.absolute}

@@ -222,3 +222,34 @@ def test_columns_too_small_to_be_seen_cost_nothing() -> None:
     small[..., 70:] *= 1e-4
     assert make_basis(small).dof == 3 * ROWS - 70
     assert make_basis(np.concatenate([LIBRARY, LIBRARY], axis=2)).dof == 3 * ROWS - COLUMNS
+
+
+def test_a_gross_row_is_found_where_the_robust_fit_has_too_little_to_go_by() -> None:
+    """A library that leaves 15 of 60 numbers: no robust fit, yet the exact test takes the row out, and no other."""
+    rng = np.random.default_rng(12)
+    basis = make_basis(rng.standard_normal((20, 3, 45)) * 3.0)
+    assert basis.dof == 15
+    errors = rng.standard_normal((20, 3))
+    assert find_outliers(errors, basis, 0.01).tolist() == []
+    errors[7] += 3000.0
+    assert find_outliers(errors, basis, 0.01).tolist() == [7]
+
+
+def test_rows_that_the_library_explains_alone_are_no_outliers() -> None:
+    """Three columns of its own take all of a row: nothing tells whether it belongs."""
+    rng = np.random.default_rng(13)
+    columns = 10.0 * rng.standard_normal((30, 3, 6))
+    own = np.zeros((30, 3, 3))
+    own[4] = 10.0 * np.eye(3)
+    errors = rng.standard_normal((30, 3))
+    errors[4] += 1e4
+    assert find_outliers(errors, make_basis(columns), 0.01).tolist() == [4]
+    assert find_outliers(errors, make_basis(np.concatenate([columns, own], axis=2)), 0.01).tolist() == []
+
+
+def test_a_library_that_takes_all_readings_has_no_lack_of_fit() -> None:
+    _, replicate = repeated()
+    everything = make_basis(np.eye(3 * ROWS).reshape(ROWS, 3, -1) * 10.0)
+    noise, one = Independent(np.full(3 * ROWS, SIGMA)), np.full(ROWS, SIGMA)
+    white = normal(np.random.default_rng(14))
+    assert np.isnan(lack_p_value(white, everything, replicate_basis(replicate), noise, one))

@@ -1,12 +1,14 @@
 """What a plan would detect and name, against simulated measurements of that plan."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from qsframework.design import generate_candidates
 from qsframework.diagnose.bench import Bench
+from qsframework.diagnose.causes import find_causes, widened
 from qsframework.diagnose.fitted import displacement_at
 from qsframework.diagnose.foresight import CAN_DETECT, CAN_NAME, CANNOT_SEE
 from qsframework.diagnose.power import LIBRARY_LEVEL, detection_rate, foresee, mistaken_by, needed_size, threshold
@@ -204,3 +206,23 @@ def test_the_bench_finds_sizes_of_curved_laws(experiment, laboratory):
     bench.shown = lambda cause, j, Q, size: 5.0 * size / (1.0 + size)
     assert bench.size_for(cause, 0, subspace.Q, 1.0, 4.0) == pytest.approx(4.0, rel=0.06)
     assert bench.size_for(cause, 0, subspace.Q, 1.0, 6.0) == np.inf
+
+
+def test_a_plan_that_separates_all_says_nothing_of_groups(foresight):
+    assert any(said.startswith("Cannot be separated: ") for said in foresight.words())
+    alone = replace(foresight, groups=()).words()
+    assert alone == tuple(said for said in foresight.words() if not said.startswith("Cannot be separated"))
+
+
+def test_a_size_under_which_the_arm_does_not_settle_shows_nothing(experiment):
+    """A realistic size shows what the linear model says; where the arm collapses nothing is shown, and the size stays."""
+    poses = some_poses(experiment, 6)
+    cause = next(
+        c for c in find_causes(experiment, experiment.fit_names(), poses)[0] if c.name == "link_compliance[link_2/ry]"
+    )
+    bench, Q = Bench(experiment, poses, SIGMA), np.eye(6 * 3 * len(experiment.markers))
+    model = widened(experiment.model(), [cause])
+    expected = np.linalg.norm(model.sensitivity(poses, names=cause.names)) * cause.sizes[0] / SIGMA
+    assert bench.shown(cause, 0, Q, cause.sizes[0]) == pytest.approx(expected, rel=0.1)
+    assert bench.shown(cause, 0, Q, 1e6 * cause.sizes[0]) is None
+    assert bench.size_for(cause, 0, Q, 1e6 * cause.sizes[0], 5.0) == 1e6 * cause.sizes[0]

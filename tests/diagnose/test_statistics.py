@@ -209,3 +209,52 @@ def test_the_dictionary_is_silent_on_noise_and_sees_a_coupling_between_joints() 
     ]
     assert sum(bool(h) for h in hits) >= 38
     assert sum("joint_5" in h[0].place or "link_5" in h[0].place for h in hits if h) >= 30
+
+
+def test_the_sign_that_a_decomposition_happens_to_choose_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A positive coefficient means a larger parameter: else a joint with backlash would look like one with less."""
+    case, subspaces = linear()
+    right = np.linalg.svd
+
+    def reversed_signs(a: Array, full_matrices: bool = True) -> tuple[Array, Array, Array]:
+        U, values, V = right(a, full_matrices=full_matrices)
+        return -U, values, -V
+
+    monkeypatch.setattr(np.linalg, "svd", reversed_signs)
+    single = [(a, b) for a, b in zip(subspaces, case.subspaces(), strict=True) if len(a.cause.names) == 1 and a.visible]
+    assert len(single) > 40
+    for a, b in single:
+        assert b.turn[0, 0] > 0.0
+        np.testing.assert_allclose(b.Q, a.Q, atol=1e-12)
+        np.testing.assert_allclose(b.absorbed, a.absorbed)
+
+
+def test_of_many_poses_each_is_deleted_but_no_two() -> None:
+    """130 poses, of which number 7 alone holds all that is seen of a cause: against least squares without it."""
+    base, subspaces = linear()
+    rng = np.random.default_rng(4)
+    count, alone = 130, 7
+    pose = np.repeat(np.arange(count), 3)
+    A = rng.standard_normal((3 * count, 4))
+    q = rng.standard_normal(3 * count)
+    q[pose == alone] *= 10.0
+    q -= A @ np.linalg.lstsq(A, q, rcond=None)[0]
+    q /= np.linalg.norm(q)
+    left = rng.standard_normal(3 * count)
+    left[pose == alone] += 12.0 * q[pose == alone]
+    case = replace(base, A=A, residuals=left, pose=pose)
+    few = [replace(subspaces[0], Q=q[:, None])]
+    chosen, without = Subset((0,), 0.0, 1, 0.0), Subset((), 0.0, 0, 0.0)
+
+    def squares(columns: Array, out: int) -> float:
+        rows = pose != out
+        return float(
+            np.square(left[rows] - columns[rows] @ np.linalg.lstsq(columns[rows], left[rows], rcond=None)[0]).sum()
+        )
+
+    fall = [squares(A, i) - squares(np.column_stack([A, q]), i) for i in range(count)]
+    for needed in (9.0, 1.05 * float(np.median(fall))):
+        found = hangs_on(case, few, chosen, without, [], needed)
+        assert found == [(i,) for i in range(count) if fall[i] < needed]
+        assert (alone,) in found
+    assert len(found) > 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from qsframework.diagnose.noise_audit import make_basis
 from qsframework.diagnose.score import blocks_of, score
@@ -47,3 +48,15 @@ def test_too_few_readings_stay_as_they_are() -> None:
     Q, _ = np.linalg.qr(np.random.default_rng(2).standard_normal((30, 20)))
     noise = np.random.default_rng(3).standard_t(3, 30)
     assert tamed(noise, Q) is noise
+
+
+def test_readings_whose_weights_go_to_and_fro_have_unit_variance_too() -> None:
+    """Few readings with wild errors, where the steps never settle: still tame, and finite."""
+    rng = np.random.default_rng(7)
+    Q, _ = np.linalg.qr(rng.standard_normal((30, 10)))
+    wild = rng.standard_t(2, 30)
+    kept = tamed(wild, Q)
+    left = kept - Q @ (Q.T @ kept)
+    assert left @ left / 20 == pytest.approx(1.0)
+    raw = wild - Q @ (Q.T @ wild)
+    assert np.abs(left).max() < np.abs(raw).max() / np.sqrt(raw @ raw / 20)
