@@ -215,7 +215,7 @@ def test_a_plan_that_separates_all_says_nothing_of_groups(foresight):
 
 
 def test_a_size_under_which_the_arm_does_not_settle_shows_nothing(experiment):
-    """A realistic size shows what the linear model says; where the arm collapses nothing is shown, and the size stays."""
+    """A realistic size shows what the linear model says; where the arm collapses nothing is shown."""
     poses = some_poses(experiment, 6)
     cause = next(
         c for c in find_causes(experiment, experiment.fit_names(), poses)[0] if c.name == "link_compliance[link_2/ry]"
