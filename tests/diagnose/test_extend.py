@@ -306,3 +306,46 @@ def test_readings_with_wrong_axes_are_not_named_as_data(tmp_path: Path) -> None:
     assert load_experiment(tmp_path / "out" / "experiment.yaml").data is None
     right = extension_of(diagnose(campaign(), replace(readings, source=source)))
     assert right.data == source
+
+
+GROUND = '''"""A pedestal that gives."""
+
+from dataclasses import dataclass
+
+from qsframework.plugin import Parameter, Spring, VirtualJoint, place
+
+
+@dataclass(frozen=True)
+class CLASS(Spring):
+    """The pedestal turns about one base axis under the moment there."""
+
+    axis: str = place()
+
+    def parameters(self, robot):
+        return (Parameter(self.name, "rad/(N m)", typical=2e-8, lower=0.0),)
+
+    def virtual_joints(self, robot):
+        return (VirtualJoint(robot.base, self.axis, "rotation"),)
+'''
+
+
+@pytest.mark.parametrize("second", ["SoftFloor", "SoftGround"])
+def test_two_different_effects_in_files_of_one_name_are_refused(second: str, tmp_path: Path) -> None:
+    """Both would be copied to one place; the same file, named twice from two folders, is fine there."""
+    document = yaml.safe_load(ROBOTS["m900ib"].read_text())
+    document["effects"] = [{"file": "a/ground.py", "axis": "x"}, {"file": "b/ground.py", "axis": "y"}]
+    (tmp_path / "experiment.yaml").write_text(yaml.safe_dump(document))
+    for folder, name in (("a", "SoftGround"), ("b", second)):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "ground.py").write_text(GROUND.replace("CLASS", name))
+    experiment = load_experiment(tmp_path / "experiment.yaml", trust=True)
+    model = experiment.model()
+    values = dict(zip(model.names, model.nominal.tolist(), strict=True))
+    extension = Extension(experiment, model, values, {}, {})
+    if second == "SoftFloor":
+        with pytest.raises(InputError, match=r"two different effects are files of the name ground\.py"):
+            write_extended(extension, tmp_path / "out")
+        assert not (tmp_path / "out").exists()
+    else:
+        write_extended(extension, tmp_path / "out")
+        assert load_experiment(tmp_path / "out" / "experiment.yaml", trust=True).model().names == model.names

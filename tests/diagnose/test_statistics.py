@@ -18,6 +18,7 @@ from qsframework.diagnose.search import Gram, Subset, make_gram, search
 from qsframework.diagnose.stability import hangs_on
 from qsframework.identify.observations import Independent
 from qsframework.plugin import Array
+from qsframework.plugin.facts import frozen
 from tests.diagnose.cases import SIGMA, campaign, poses
 
 
@@ -258,3 +259,22 @@ def test_of_many_poses_each_is_deleted_but_no_two() -> None:
         assert found == [(i,) for i in range(count) if fall[i] < needed]
         assert (alone,) in found
     assert len(found) > 1
+
+
+def test_without_load_the_dictionary_holds_only_what_needs_none() -> None:
+    """An unloaded arm turns no spring: nothing there can depend on a torque, but on order and approach it can."""
+    base, _ = linear()
+    still = replace(base.poses, wrench=frozen(np.zeros_like(base.poses.wrench)))
+    rows = plan_rows(still, len(campaign().markers), SIGMA)
+    noise = Independent(np.full(len(base.pose), SIGMA))
+    seen = {}
+    for name, given in (("loaded", base.poses), ("still", still)):
+        moved = motions(base.model, given, rows, base.x)
+        explained = np.random.default_rng(0).standard_normal((len(base.pose), 2))
+        closing = close(moved, 6, explained, np.zeros(len(base.pose)), noise, np.inf, 20, 0)
+        seen[name] = {variable for _, variable in closing.labels}
+        assert closing.leftovers(0.05) == ()
+    lost = {"the load", "the joint's own angle", "the torque about other axes"}
+    assert lost <= seen["loaded"]
+    assert seen["still"] == seen["loaded"] - lost
+    assert {"the order of the readings", "where the joint came from", "nothing (a constant)"} <= seen["still"]
