@@ -23,6 +23,9 @@ from qsframework.plugin import Array, Indices
 
 _FIRST = 4096
 _SHORTLIST = 16
+_SINGULAR = 1e15
+"""Condition of an information matrix, its parameters brought to one size, that float64 cannot tell from singular."""
+_UNTOLD = "the candidates cannot tell all parameters apart, or hardly"
 _ROUNDS = 60
 _SUBSET_EFFICIENCY = 0.9
 _GOAL = 1e-7
@@ -70,7 +73,7 @@ def solve_columns(
         try:
             return _solve_columns(task, rng, efficiency, progress)
         except np.linalg.LinAlgError as error:
-            raise NotIdentifiable("the candidates cannot tell all parameters apart, or hardly") from error
+            raise NotIdentifiable(_UNTOLD) from error
 
 
 def _solve_columns(task: Task, rng: np.random.Generator, efficiency: float, progress: Progress | None) -> Relaxed:
@@ -102,6 +105,9 @@ def _solve_columns(task: Task, rng: np.random.Generator, efficiency: float, prog
 def _result(task: Task, state: Columns, bound: float, values: Array, passes: float) -> Relaxed:
     w = state.solved.weights
     M = task.prior + np.tensordot(w, moments_of(state.block), 1)
+    size = np.sqrt(np.diagonal(M, axis1=-2, axis2=-1))
+    if not np.all(np.linalg.cond(M / np.maximum(size[:, :, None] * size[:, None, :], 1e-300)) < _SINGULAR):
+        raise NotIdentifiable(_UNTOLD)
     back = np.linalg.inv(task.basis)
     expansion = state.solved.expansion
     own = replace(expansion, slope=task.basis @ expansion.slope @ task.basis.T, pairs=(), ranks=())

@@ -104,6 +104,8 @@ def make_problem(
     asked = float(prices @ [(c or 0) + m for c, m in zip(counts, least, strict=True)])
     if budget and any(counts):
         raise InputError("with a budget the loads say poses_min, not poses: the numbers follow from their costs")
+    if budget and asked > total:
+        raise InputError(f"the poses_min of the loads cost {asked:g} in all, the budget is {total:g}")
     if asked > total or (None not in counts and asked != total):
         raise InputError(f"the loads ask for {asked:g} poses in all, the plan has {total:g}")
     names = experiment.fit_names()

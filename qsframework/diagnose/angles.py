@@ -84,16 +84,6 @@ def smallest_angles(subspaces: Sequence[Subspace], i: int) -> Array:
     return _Directions(subspaces).angles(i)[0]
 
 
-def nearest_rivals(angles: Array) -> tuple[tuple[int, float], ...]:
-    """For every row of `angle_matrix` the cause hardest to tell from it and the angle; (-1, nan) without one."""
-    out: list[tuple[int, float]] = []
-    for row in angles:
-        known = np.isfinite(row).any()
-        j = int(np.nanargmin(row)) if known else -1
-        out.append((j, float(row[j]) if known else float("nan")))
-    return tuple(out)
-
-
 def alias_classes(subspaces: Sequence[Subspace], angle: float = ALIKE) -> tuple[tuple[int, ...], ...]:
     """Positions of visible causes that do the same to the readings: as many directions, all within `angle` (rad).
 

@@ -12,7 +12,6 @@ M0 that is there before (a prior, readings already taken) is part of every M*.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,8 +90,3 @@ def deletable(scores: Array, parameters: int) -> npt.NDArray[np.bool_]:
     slack = parameters * max(float(scores.max()) - 1.0, 0.0)
     least = 1.0 + slack / 2.0 - np.sqrt(slack * (4.0 + slack - 4.0 / parameters)) / 2.0
     return scores < least * (1.0 - 1e-9)
-
-
-def group_sizes(groups: Sequence[Group], count: int) -> list[int]:
-    """How many candidates each group has."""
-    return [len(range(*g.indices(count))) if isinstance(g, slice) else len(g) for g in groups]

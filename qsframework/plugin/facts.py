@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -122,8 +121,3 @@ class Poses:
             self.unloaded.take(index),
             self.loaded.take(index),
         )
-
-
-def joint_indices(robot: RobotFacts, joints: Iterable[str]) -> tuple[int, ...]:
-    """Positions of several joints in the chain."""
-    return tuple(robot.joint_index(joint) for joint in joints)

@@ -7,13 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from qsframework.errors import NotIdentifiable
+from qsframework.errors import InputError, NotIdentifiable
 from qsframework.experiment import Experiment, load_experiment, make_plan, simulate
 from qsframework.experiment.examples import example
+from qsframework.experiment.setup import Noise
 from qsframework.identify import identify
-from qsframework.information import what_would_help
+from qsframework.information import predicted_sd, promised_sd, what_would_help
 from qsframework.information.advice import spring_torques, unit_torques
 from qsframework.plugin import Poses
+from qsframework.plugin.facts import frozen
 
 BALANCER = "gravity_compensator[joint_2].stiffness"
 
@@ -93,3 +95,19 @@ def test_sensor_load_and_geometry_parameters_have_advice(m900ib: Experiment) -> 
     assert "absolute positions" in said[0]
     assert "weigh the load" in said[1]
     assert "different direction" in said[2]
+
+
+def test_a_wrist_in_line_with_its_load_point_is_to_be_bent(m900ib: Experiment) -> None:
+    """A load point on the axis of joint 6: no force turns that joint, whatever its direction."""
+    straight = m900ib.with_(load_point=frozen([0.0, 0.0, 0.0]))
+    said = what_would_help(straight.model(), "joint_compliance[joint_6]", poses(m900ib, 1))
+    assert said == "no force at the load point turns joint 6 in these poses: bend the wrist or move the load point"
+
+
+def test_a_plan_that_tells_nothing_promises_nothing(m900ib: Experiment) -> None:
+    """A vertical weight alone never turns joint 1."""
+    sd = predicted_sd(m900ib.model(), poses(m900ib, 0), ["joint_compliance[joint_1]"], 3e-5)
+    assert np.isinf(sd).all()
+    at = poses(m900ib, 1)
+    with pytest.raises(InputError, match="a promise needs the noise"):
+        promised_sd(m900ib.with_(noise=Noise(None)), make_plan(at, ["pull"] * len(at)))
