@@ -13,7 +13,7 @@ import pytest
 from qsframework.cli.demo import read_as_relative
 from qsframework.elastostatics import Model, make_model
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, Readings
+from qsframework.experiment import Experiment, Readings, make_plan, simulate
 from qsframework.identify import identify
 from qsframework.identify.fit_files import read_fit, write_fit, write_nominal, write_urdf
 from qsframework.plugin import Poses, build_effects
@@ -171,3 +171,30 @@ def test_a_campaigns_parameters_are_not_the_robots(r2000ic: Experiment, real: Re
     fit = replace(fit, estimates=(*fit.estimates, replace(fit.estimates[0], name="load_scale")))
     path = write_nominal(fit, tmp_path / "nominal.yaml", r2000ic.robot)
     assert "# Identified too, but not the robot's: load_scale" in path.read_text()
+
+
+def test_a_covariance_that_is_not_symmetric_is_refused(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
+    content = identify(r2000ic, real).as_json()
+    content["covariance"][0][1] *= 2.0
+    path = tmp_path / "fit.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match="covariance is not symmetric"):
+        read_fit(path)
+
+
+def test_values_that_were_not_identified_stay_in_the_nominal_file(m900ib: Experiment, tmp_path: Path) -> None:
+    """The balancer's spring, known and not fitted, with its own source; and it loads."""
+    rng = np.random.default_rng(0)
+    pendant = np.deg2rad(rng.uniform([-170, -50, -60, -150, 30, -150], [170, 80, 20, 150, 100, 150], (8, 6)))
+    poses = Poses(pendant, m900ib.robot.controller.to_joints(pendant), np.tile(m900ib.loads[1].wrench, (8, 1)))
+    fit = identify(m900ib, simulate(m900ib, make_plan(poses, ["pull"] * 8)).readings)
+    folder = tmp_path / "robot"
+    shutil.copytree(m900ib.robot.folder, folder)
+    write_nominal(fit, folder / "nominal.yaml", m900ib.robot)
+    before = {p.name: p for p in m900ib.robot.parameters}
+    after = {p.name: p for p in load_robot(folder).parameters}
+    assert set(after) == set(before)
+    for name, p in after.items():
+        found = next((e for e in fit.estimates if e.name == name), None)
+        assert p.nominal == pytest.approx(found.value if found else before[name].nominal, rel=1e-12)
+        assert p.source == before[name].source if found is None else p.source.startswith("identified, linear")

@@ -239,3 +239,22 @@ def test_two_steps_say_where_the_balancer_is_not_told(arm: Experiment) -> None:
     readings = simulate(quiet, planned(arm, (-50.0, 10.0, 80.0), 3), x).readings
     with pytest.raises(NotConverged, match="Use one-step, which keeps the bounds"):
         identify(quiet, readings, method="two-step")
+
+
+def test_two_steps_end_where_an_angle_has_no_compliance(arm: Experiment) -> None:
+    """All readings of one angle of joint 2 with their signs exchanged."""
+    readings = measured(arm, planned(arm, (-50.0, 10.0, 80.0), 4), 2)
+    at = np.isclose(readings.poses.pendant[:, 1], np.deg2rad(10.0))[readings.measurement]
+    turned = np.where(at[:, None], -readings.displacement, readings.displacement)
+    with pytest.raises(NotConverged, match=r"no positive compliance of joint_compliance\[joint_2\] at .* deg"):
+        identify(arm, replace(readings, displacement=turned), method="two-step")
+
+
+def test_two_steps_need_springs_without_a_law_of_their_own(arm: Experiment) -> None:
+    from qsframework.plugin import build_effects
+
+    effects = tuple(build_effects({"effect": "joint_hardening", "joint": "joint_3"}, arm.robot.facts))
+    parameters = tuple(p for e in effects for p in e.parameters(arm.robot.facts))
+    hard = arm.with_(effects=(*arm.effects, *effects), parameters=(*arm.parameters, *parameters))
+    with pytest.raises(InputError, match="needs springs that are linear in their torque"):
+        find_balanced(hard.model())

@@ -166,3 +166,13 @@ def test_unequal_sigmas_of_the_two_states_give_the_exact_covariance(m900ib: Expe
     assert np.abs(cov[:K, 2 * K : 3 * K]).max() < 1e-9 * SIGMA**2
     used = fit_rows(m900ib, readings, 6)[0].noise.whiten(np.eye(m))
     assert np.linalg.inv(used.T @ used) == pytest.approx(cov, abs=1e-9 * SIGMA**2)  # the fit weighs with the same
+
+
+def test_sigmas_are_given_for_all_rows_or_for_none(m900ib: Experiment) -> None:
+    states = measured(m900ib, m900ib.model().nominal, 2, BASE, 1)
+    quiet = m900ib.with_(noise=replace(m900ib.noise, sigma=None))
+    some = np.where(np.arange(len(states.use)) < 4, np.nan, SIGMA)
+    with pytest.raises(InputError, match="some rows have no sigma_mm and the experiment states no noise"):
+        differences(replace(states, sigma=some), quiet)
+    readings, _ = differences(replace(states, sigma=some), m900ib)
+    assert np.isfinite(readings.sigma).all(), "the experiment's noise fills the gaps"
