@@ -78,10 +78,8 @@ def _row_p_values(white: Array, basis: Basis, out: Indices) -> Array:
     keep = np.setdiff1d(np.arange(len(white)), out)
     q = basis.Q.reshape(len(white), 3, -1)
     N: Array = np.eye(q.shape[2]) - np.einsum("rik,ril->kl", q[out], q[out])  # Q'Q of the rows that stay
-    try:
-        G = np.asarray(np.linalg.inv(np.linalg.cholesky(N + 1e-12 * np.eye(len(N)))), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        return np.ones(len(white))
+    N += 1e-12 * np.eye(len(N))  # where the rows that stay do not tell a column, so that it takes all of the others
+    G = np.asarray(np.linalg.inv(np.linalg.cholesky(N)), dtype=np.float64)
     z = np.einsum("rik,ri->k", q[keep], white[keep])
     left: Array = white - q @ (G.T @ (G @ z))
     h = q @ G.T
@@ -91,7 +89,8 @@ def _row_p_values(white: Array, basis: Basis, out: Indices) -> Array:
     told = np.linalg.eigvalsh(spread)[:, 0] > 1e-6
     square = np.zeros(len(white))
     square[told] = np.einsum("ri,ri->r", left[told], np.linalg.solve(spread[told], left[told][..., None])[..., 0])
-    total, free = float(np.square(left[keep]).sum()), 3 * len(keep) - q.shape[2]
+    columns = round(float(np.trace(H[keep], axis1=1, axis2=2).sum()))  # those that the rows that stay tell
+    total, free = float(np.square(left[keep]).sum()), 3 * len(keep) - columns
     inside = np.isin(np.arange(len(white)), keep)
     rest = np.where(inside, total - square, total) / np.where(inside, free - 3, free)
     p = f.sf(square / 3.0 / np.maximum(rest, 1e-300), 3, np.where(inside, free - 3, free))

@@ -7,11 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from qsframework.diagnose import outliers
 from qsframework.diagnose.noise_audit import NoiseAudit, audit_noise, lack_p_value, make_basis, replicate_basis
-from qsframework.diagnose.outliers import find_outliers
+from qsframework.diagnose.outliers import Basis, find_outliers
 from qsframework.identify.noise import shared_error
 from qsframework.identify.observations import Independent
-from qsframework.plugin import Array
+from qsframework.plugin import Array, Indices
 
 POSES, MARKERS, COLUMNS, FITTED = 60, 3, 80, 6
 ROWS = POSES * MARKERS
@@ -245,6 +246,33 @@ def test_rows_that_the_library_explains_alone_are_no_outliers() -> None:
     errors[4] += 1e4
     assert find_outliers(errors, make_basis(columns), 0.01).tolist() == [4]
     assert find_outliers(errors, make_basis(np.concatenate([columns, own], axis=2)), 0.01).tolist() == []
+
+
+def test_a_row_set_aside_that_alone_tells_some_columns_counts_as_good() -> None:
+    """Nothing else speaks against it: p = 1, and the others have the p-values that they have beside it."""
+    rng = np.random.default_rng(15)
+    columns = np.concatenate([10.0 * rng.standard_normal((30, 3, 6)), np.zeros((30, 3, 3))], axis=2)
+    columns[4, :, 6:] = 10.0 * np.eye(3)
+    basis, errors = make_basis(columns), rng.standard_normal((30, 3))
+    errors[4] += 1e4
+    beside, aside = (outliers._row_p_values(errors, basis, np.array(out, dtype=np.intp)) for out in ([], [4]))
+    assert beside[4] == 1.0
+    assert aside[4] > 0.9999
+    others = np.arange(30) != 4
+    np.testing.assert_allclose(aside[others], beside[others], rtol=1e-4)
+
+
+def test_a_row_on_the_edge_does_not_go_out_and_in_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rounding may judge a row by what it was called before: the search ends all the same, and touches no other."""
+
+    def undecided(white: Array, basis: Basis, out: Indices) -> Array:
+        p = np.ones(len(white))
+        p[3] = 1.0 if 3 in out else 0.0
+        return p
+
+    monkeypatch.setattr(outliers, "_row_p_values", undecided)
+    found = find_outliers(np.random.default_rng(16).standard_normal((20, 3)), make_basis(LIBRARY[:20, :, :4]), 0.01)
+    assert set(found.tolist()) <= {3}
 
 
 def test_a_library_that_takes_all_readings_has_no_lack_of_fit() -> None:
