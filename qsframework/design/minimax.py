@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -57,14 +58,20 @@ class SmallestEigenvalue(Criterion):
 
 
 def _below(values: Array, mu: float) -> float:
-    """Gap min(values) - t with 1 / t = mu sum 1 / (values - t), by bisection on its logarithm."""
+    """Gap min(values) - t with 1 / t = mu sum 1 / (values - t); its logarithm's equation is nearly a line."""
+    from scipy.optimize import brentq
+
     smallest = float(values[0])
-    low, high = smallest * mu * 1e-3, smallest
-    for _ in range(60):
-        gap = np.sqrt(low * high)
-        crowded = mu * float((1.0 / (values - smallest + gap)).sum())
-        low, high = (gap, high) if 1.0 / (smallest - gap) < crowded else (low, gap)
-    return float(np.sqrt(low * high))
+    if smallest <= 0.0:
+        raise np.linalg.LinAlgError("an information matrix that is not positive definite")
+    above = values - smallest
+
+    def excess(log_gap: float) -> float:
+        gap = math.exp(log_gap)
+        return math.log(mu * (smallest - gap) * float((1.0 / (above + gap)).sum()))
+
+    ends = math.log(smallest * mu * 1e-3), math.log(smallest) - 1e-12
+    return math.exp(brentq(excess, *ends, xtol=1e-14, rtol=1e-14))
 
 
 @dataclass(frozen=True, eq=False)
