@@ -160,7 +160,7 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
     port = address.rsplit(":", 1)[1]
     processes = [started(tmp_path, "scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard", "--no-show")]
     worker = ("worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-nanny", "--no-dashboard",
-              "--memory-limit", "0", "--death-timeout", "30", "--local-directory", str(tmp_path))  # fmt: skip
+              "--memory-limit", "0", "--death-timeout", "90", "--local-directory", str(tmp_path))  # fmt: skip
     try:
         processes += [started(tmp_path, *worker, "--name", f"w{k}") for k in range(2)]
         yield Cluster(address, processes[1:])
@@ -171,7 +171,7 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
             process.wait(timeout=10)
 
 
-def wait_for_workers(dask: Dask, count: int, limit: float = 30.0) -> None:
+def wait_for_workers(dask: Dask, count: int, limit: float = 90.0) -> None:
     end = time.monotonic() + limit
     while len(dask.client.nthreads()) != count:
         assert time.monotonic() < end, f"{len(dask.client.nthreads())} workers, {count} expected"
@@ -181,7 +181,7 @@ def wait_for_workers(dask: Dask, count: int, limit: float = 30.0) -> None:
 def test_dask_gives_the_same_bits_though_a_worker_is_killed(
     cluster: Cluster, wanted: bytes, m900ib: Experiment
 ) -> None:
-    dask = Dask(cluster.address, answer=30.0)
+    dask = Dask(cluster.address, answer=60.0)
     try:
         wait_for_workers(dask, 2)
         wish = Wish(polish=False, starts=4)
@@ -212,7 +212,7 @@ def test_a_result_that_is_slow_to_come_is_waited_for(
     """A task was done when its worker was killed: its result did not come in time, and once ended the whole run."""
     from distributed import Future
 
-    dask = Dask(cluster.address, answer=30.0)
+    dask = Dask(cluster.address, answer=60.0)
     given, slow = Future.result, iter([True, True])
 
     def result(future: Future, timeout: float | None = None) -> object:
