@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from qsframework.elastostatics import Model, make_model
 from qsframework.experiment import Experiment
-from qsframework.plugin import Effect, InputError, Parameter, Poses, Spring, SpringLaw, registry
+from qsframework.plugin import Effect, InputError, ParallelSpring, Parameter, Poses, Sensor, Spring, SpringLaw, registry
 from qsframework.plugin.trusted import file_of
 
 REACH = 10.0
@@ -68,12 +68,21 @@ def find_causes(
         if effect.name in have or (isinstance(effect, SpringLaw) and not springs.issuperset(effect.springs(facts))):
             continue
         have.add(effect.name)
-        missing = tuple(n for n in effect.needs if getattr(poses.loaded, n, None) is None)
+        missing = _missing(effect, poses)
         if missing:
             untested.append(Untested(effect.name, missing))
         else:
             causes.append(Cause(effect.name, effect, effect.parameters(facts), False))
     return tuple(c for c in causes if c.parameters), tuple(untested)
+
+
+def _missing(effect: Effect, poses: Poses) -> tuple[str, ...]:
+    """Columns that an effect needs and the readings lack: what acts in both states of a displacement needs both."""
+    states = [("", poses.loaded)]
+    if isinstance(effect, (Sensor, ParallelSpring)):
+        states.append(("_unloaded", poses.unloaded))
+    missing = [(n, end) for n in effect.needs for end, state in states if getattr(state, n, None) is None]
+    return tuple(dict.fromkeys(n if n == "approach" else f"{n}{end}" for n, end in missing))  # one side for both states
 
 
 def _present(effect: Effect, fitted: Sequence[str], model: Model) -> Cause:

@@ -18,7 +18,7 @@ from qsframework.diagnose.second_day import _pairs, second_day  # pyright: ignor
 from qsframework.diagnose.verdict import ambiguous
 from qsframework.errors import InputError, NotConverged
 from qsframework.experiment import Readings
-from qsframework.plugin import Array, LawTerm, Parameter, RobotFacts, SpringLaw, find, place
+from qsframework.plugin import Array, Conditions, LawTerm, Parameter, RobotFacts, SpringLaw, find, place
 from qsframework.plugin.facts import frozen
 from tests.diagnose.cases import SIGMA, campaign, measured
 
@@ -212,3 +212,30 @@ def test_an_effect_is_tried_only_where_the_robot_can_have_it(
     after, _ = find_causes(campaign(), campaign().fit_names(), twisted.poses)
     assert {c.name for c in after} - {c.name for c in before} == {"second_gear[joint_2]"}
     assert {c.name for c in before} <= {c.name for c in after}
+
+
+@pytest.mark.parametrize(
+    ("recorded", "lacking"),
+    [
+        ({}, {"tracker_drift": ("time", "time_unloaded"), "thermal_expansion": ("temperature",)}),
+        ({"loaded": ("time",)}, {"tracker_drift": ("time_unloaded",), "thermal_expansion": ("temperature",)}),
+        ({"unloaded": ("time", "temperature")}, {"tracker_drift": ("time",), "thermal_expansion": ("temperature",)}),
+        ({"loaded": ("temperature",)}, {"tracker_drift": ("time", "time_unloaded")}),
+        ({"loaded": ("time",), "unloaded": ("time",)}, {"thermal_expansion": ("temperature",)}),
+    ],
+)  # fmt: skip
+def test_half_of_the_columns_that_an_effect_needs_leave_it_untested(
+    recorded: dict[str, tuple[str, ...]], lacking: dict[str, tuple[str, ...]], twisted: Readings
+) -> None:
+    """A drift shows between two states, so their two times are needed; the arm is as warm as in its loaded state."""
+    count = len(twisted.poses)
+    values: Array = np.linspace(300.0, 310.0, count)
+    states = {state: Conditions(**dict.fromkeys(names, values)) for state, names in recorded.items()}
+    readings = replace(twisted, poses=replace(twisted.poses, **states))
+    known, untested = find_causes(campaign(), campaign().fit_names(), readings.poses)
+    told = {u.name: u.needs for u in untested if not u.name.startswith("compensator_friction")}
+    assert told == lacking
+    assert {"tracker_drift", "thermal_expansion"} <= {c.name for c in known} | set(told)
+    table = {line.name: line for line in diagnose(campaign(), readings, repeats=1).table}
+    for name, needs in lacking.items():
+        assert (table[name].status, table[name].bound) == ("not tested", f"needs {', '.join(needs)}")
