@@ -20,11 +20,16 @@ def run_foresight(
 ) -> None:  # fmt: skip
     """Print, before anything is measured, what a plan would detect and name, and what stays invisible."""
     from qsframework.diagnose.power import foresee
+    from qsframework.information import promises
+    from qsframework.report.plan_section import promise_table
     from qsframework.report.power_section import pair_table, power_section, size_table
 
     campaign = load_experiment(experiment)
     distinct_outputs([json, report, where.checkpoint], [experiment, plan, plan.with_suffix(".json")])
     planned = read_plan(plan, campaign)
+    told = promises(campaign, planned)
+    known = promise_table(told)
+    print_table(known.header, known.rows)
     values = {"experiment": campaign, "plan": planned}
     with at_work(where, lambda: job_of("diagnose --plan", {"seed": seed}, values)) as work, progress() as tell:
         found = foresee(campaign, planned, seed=seed, progress=tell, work=work)
@@ -35,13 +40,14 @@ def run_foresight(
         print(line)
     print(f"next: measure the plan, then qsf diagnose {experiment} readings.csv")
     if json is not None:
-        write_json(json, found.as_json())
+        write_json(json, {"fitted": [p.as_json() for p in told], **found.as_json()})
     if report is not None:
         from qsframework.report import Section, write_report
         from qsframework.report.plan_section import plan_view
         from qsframework.report.provenance import INFORMATION, LINEAR, computed
 
         sections = (
+            Section("What this plan tells of the fitted parameters", (promise_table(told),)),
             power_section(found),
             Section("The plan", (plan_view(campaign, planned),)),
             computed(campaign, [experiment, plan], seed, (LINEAR, INFORMATION)),

@@ -11,7 +11,17 @@ from qsframework.design.candidates import Candidates
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.experiment import Experiment, LoadCase, Plan, Readings
-from qsframework.information import Allowed, MadeRows, RankTest, Rows, as_rows, information_rows, rank_test, scales
+from qsframework.information import (
+    Allowed,
+    MadeRows,
+    RankTest,
+    Rows,
+    as_rows,
+    information_rows,
+    loss_words,
+    rank_test,
+    scales,
+)
 from qsframework.information.rows import gathered_information
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.work import HERE, Work
@@ -214,7 +224,8 @@ def require_rank(problem: Problem) -> None:
     everything = np.concatenate([np.arange(g * problem.per_load, (g + 1) * problem.per_load) for g in used])
     test = _tested(problem, everything, before)
     if not test.full:
-        raise NotIdentifiable(f"no plan with these loads can tell the parameters: {test.words()}")
+        said = loss_words(problem.experiment.model(), test, problem.batch(everything[:_SAMPLE]))
+        raise NotIdentifiable(f"no plan with these loads can tell the parameters: {said}")
 
 
 def _root(M: Array) -> Array:

@@ -22,7 +22,7 @@ from qsframework.diagnose.foresight import CAN_DETECT, CAN_NAME, CANNOT_SEE, Cur
 from qsframework.diagnose.score import DRAWS, blocks_of, score
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.experiment import Experiment, Plan
-from qsframework.information import rank_test
+from qsframework.information import loss_words, rank_test
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.work import HERE, Work
 
@@ -80,7 +80,7 @@ def foresee(
     case = plan_case(experiment, poses, fitted, causes, noise)
     rank = rank_test(case.A, fitted)
     if not rank.full:
-        raise NotIdentifiable(f"the plan does not tell the fitted parameters: {rank.words()}")
+        raise NotIdentifiable(f"the plan does not tell the fitted parameters: {loss_words(case.model, rank, poses)}")
     subspaces = case.subspaces()
     tell("causes", 1, 2)
     angles = angle_matrix(subspaces)

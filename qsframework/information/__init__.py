@@ -10,6 +10,7 @@ from qsframework.information.observations import (
     promised_sd,
     scales,
 )
+from qsframework.information.promise import Promise, promises
 from qsframework.information.rank import RankTest, rank_test
 from qsframework.information.rows import HeldRows, MadeRows, MappedRows, Rows, as_rows, scores, weighted_information
 
@@ -18,6 +19,7 @@ __all__ = [
     "HeldRows",
     "MadeRows",
     "MappedRows",
+    "Promise",
     "RankTest",
     "Rows",
     "as_rows",
@@ -30,6 +32,7 @@ __all__ = [
     "predicted_sd",
     "promised_beyond",
     "promised_sd",
+    "promises",
     "rank_test",
     "scales",
     "scores",

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from qsframework.experiment import Experiment, Plan
-from qsframework.information import promised_beyond
+from qsframework.information import Promise, promised_beyond
 from qsframework.plugin import Array, Parameter
 from qsframework.report.blocks import Section, Table, Text, View
 from qsframework.report.fit_section import shown
@@ -46,6 +46,27 @@ def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> T
         "Standard deviation that each plan promises, from the sensitivities at the nominal values; in brackets its "
         "share of the nominal value.",
     )
+
+
+def promise_table(promised: Sequence[Promise]) -> Table:
+    """What a plan tells of each fitted parameter, and what would tell more."""
+    rows = tuple(
+        (p.name, f"{shown(p.nominal, p.unit)[0]:.4g}", _told(p), shown(1.0, p.unit)[1], p.help or "ok")
+        for p in promised
+    )
+    return Table(
+        ("fitted parameter", "nominal", "promised sd", "unit", "what would help"),
+        rows,
+        "Standard deviation that this plan promises, from the sensitivities at the nominal values; in brackets its "
+        "share of the nominal value.",
+    )
+
+
+def _told(p: Promise) -> str:
+    if not np.isfinite(p.sd):
+        return "not identifiable"
+    share = f" ({100 * p.sd / abs(p.nominal):.1f} %)" if p.nominal else ""
+    return f"{shown(p.sd, p.unit)[0]:.3g}{share}"
 
 
 def beyond_table(experiment: Experiment, sds: Mapping[str, float]) -> Table:
