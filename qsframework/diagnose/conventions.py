@@ -27,13 +27,13 @@ LOCAL = 0.25
 _BELOW = 2.0
 """sds below its bound from which a compliance speaks against a convention."""
 _UNITS = (
-    (9.80665, "the load is in kg (or kgf) where the file says N"), (1e3, "the load is in kN where the file says N"),
+    (9.80665, "the load is in kg (or kgf) where the file says N"),
     (4.4482216, "the load is in lbf where the file says N"),
-    (1e-3, "the displacements are in um where the file says mm"),
-    (25.4, "the displacements are in inches where the file says mm"),
-    (1e3, "the displacements are in m where the file says mm"),
-)  # fmt: skip
-"""Factor of (true load) / (load of the file), or of displacements, and what it stands for."""
+    (1e3, "the load is in kN where the file says N, or the displacements in um where it says mm"),
+    (1e-3, "the displacements are in m where the file says mm, or the load in N where it says kN"),
+    (1.0 / 25.4, "the displacements are in inches where the file says mm"),
+)
+"""Factor of the compliances as fitted, which is (true load) / (load of the file), and what it stands for."""
 _NEAR = 0.25
 """How near, in log, the common factor of the compliances must be to that of a unit."""
 _APART = 0.5

@@ -145,7 +145,9 @@ def test_moments_turn_as_axial_vectors(m900ib: Experiment) -> None:
     assert np.allclose(found.readings.poses.wrench, good)
 
 
-@pytest.mark.parametrize(("factor", "said"), [(9.80665, "kg"), (1000.0, "kN"), (1e-3, "um")])
+@pytest.mark.parametrize(
+    ("factor", "said"), [(9.80665, "in kg"), (1000.0, "in kN"), (1e-3, "in m where"), (1 / 25.4, "in inches")]
+)
 def test_units_that_compliances_absorb(m900ib: Experiment, factor: float, said: str) -> None:
     readings = campaign(m900ib, 7)
     scaled = (
