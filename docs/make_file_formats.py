@@ -17,7 +17,7 @@ from qsframework.experiment import example, load_experiment, plan, readings, sta
 from qsframework.experiment import spec as e
 from qsframework.experiment.columns import Column
 from qsframework.files import FileModel
-from qsframework.identify.fit_files import EstimateSpec, FitSpec
+from qsframework.identify.fit_files import EstimateSpec, FitSpec, MaskedSpec
 from qsframework.robot.spec import JointSpec, RobotSpec
 
 DOCS = Path(__file__).parent
@@ -29,7 +29,7 @@ MODELS: dict[str, type[FileModel]] = {
     "experiment.yaml, loads": e.LoadCaseSpec, "experiment.yaml, constraints": e.ConstraintsSpec,
     "experiment.yaml, constraints, sight": e.SightSpec,
     "task.yaml": TaskSpec, "task.yaml, path": PointSpec, "task.yaml, map": MapSpec, "task.yaml, campaign": CampaignSpec,
-    "fit.json": FitSpec, "fit.json, estimates": EstimateSpec,
+    "fit.json": FitSpec, "fit.json, estimates": EstimateSpec, "fit.json, masked": MaskedSpec,
 }  # fmt: skip
 SI_FILES = ("fit.json",)
 """Made by a program: SI throughout, no unit in the keys."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ from qsframework.cli.progress import print_table
 from qsframework.experiment import Experiment, Readings, is_states, load_experiment, read_readings, read_states
 
 if TYPE_CHECKING:
-    from qsframework.identify import Choices, Fit
+    from qsframework.identify import Choices, Fit, Masked
 
 
 @dataclass(frozen=True)
@@ -92,13 +92,15 @@ def _check_kinds(files: FitFiles, source: Path) -> None:
         raise InputError(f"{source} holds positions too; with --positions, --data is a file of displacements")
 
 
-def _cleaned(experiment: Experiment, readings: Readings, fit: list[str] | None) -> Readings:
+def _cleaned(
+    experiment: Experiment, readings: Readings, fit: list[str] | None
+) -> tuple[Readings, tuple[Masked, ...]]:  # fmt: skip
     """The readings without those that cannot be right, which are named."""
-    from qsframework.identify import check_readings, masked
+    from qsframework.identify import check_readings, masked, said_of
 
     found = check_readings(experiment if fit is None else experiment.with_(fit=tuple(fit)), readings)
-    print_findings(found)
-    return masked(readings, found)
+    print_findings(found, "displacements")
+    return masked(readings, found), said_of(found, readings)
 
 
 def run_identify(files: FitFiles, how: How) -> None:
@@ -117,16 +119,18 @@ def run_identify(files: FitFiles, how: How) -> None:
         identify_states(experiment, source, how.fit, *outputs, _choices(how), clean=how.clean)
         return
     readings = _displacements(experiment, source)
+    cleaned = None
     if how.clean:
-        readings = _cleaned(experiment, readings, how.fit)
+        readings, cleaned = _cleaned(experiment, readings, how.fit)
     if files.positions is not None:
-        identify_states(experiment, files.positions, how.fit, *outputs, _choices(how), readings, how.clean)
+        identify_states(experiment, files.positions, how.fit, *outputs, _choices(how), readings, how.clean, cleaned)
         return
     shared = "pose" if how.shared_error else ""
     result = identify(
         experiment, readings, how.fit, how.method or "linear", how.priors, how.loss, how.fixed, how.tied, shared,
         how.exact, how.profile,
     )  # fmt: skip
+    result = replace(result, cleaned=cleaned)
     print(result.verdict())
     for table in (fit_table(result), *interval_tables(result), error_table(result)):
         print_table(table.header, table.rows)

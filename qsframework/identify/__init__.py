@@ -1,9 +1,9 @@
 """From readings to parameters."""
 
 from qsframework.identify.absolute import PositionFit, identify_positions
-from qsframework.identify.fit import Estimate, Fit
+from qsframework.identify.fit import Estimate, Fit, Masked
 from qsframework.identify.fit_files import StoredFit, read_fit, write_fit, write_nominal
-from qsframework.identify.hygiene import Finding, check_readings, masked
+from qsframework.identify.hygiene import Finding, check_readings, masked, said_of
 from qsframework.identify.identify import METHODS, identify
 from qsframework.identify.joint import Choices, identify_jointly
 from qsframework.identify.state_hygiene import check_positions
@@ -14,6 +14,7 @@ __all__ = [
     "Estimate",
     "Finding",
     "Fit",
+    "Masked",
     "PositionFit",
     "StoredFit",
     "check_positions",
@@ -23,6 +24,7 @@ __all__ = [
     "identify_positions",
     "masked",
     "read_fit",
+    "said_of",
     "write_fit",
     "write_nominal",
 ]

@@ -36,7 +36,7 @@ class PositionFit(Fit):
     """A fit of absolute positions; `nominal` is the nominal arm in fitted frames, with fitted markers.
 
     frames: the base in each tracker's frame; left_aside: parameters not estimated and why;
-    masked: rows of the file that are gross errors and were not used
+    masked: rows of the file that the fit found to be gross errors and did not use
     """
 
     frames: tuple[Frame, ...] = ()
@@ -44,6 +44,12 @@ class PositionFit(Fit):
     masked: tuple[int, ...] = ()
     displaced: int = 0
     """How many of the last rows are displacements of a joint fit, and no positions."""
+
+    @property
+    def masked_rows(self) -> tuple[int, ...]:
+        """Rows of the positions' file that were found wrong, before the fit or by it, and not used."""
+        before = {row for one in self.cleaned or () if one.readings == "positions" for row in one.rows}
+        return tuple(sorted(before | set(self.masked)))
 
     @property
     def absolute(self) -> slice:
@@ -70,7 +76,6 @@ class PositionFit(Fit):
             f.series: {"rotation": f.rotation.tolist(), "origin_m": f.origin.tolist()} for f in self.frames
         }
         content["left_aside"] = [entry.words() for entry in self.left_aside]
-        content["masked_rows"] = list(self.masked)
         content["rms_norm_mm"] = self.error_of(self.residuals[self.absolute]) * 1e3
         return content
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -48,6 +48,16 @@ class Interval:
     linear: tuple[float, float]
 
 
+@dataclass(frozen=True)
+class Masked:
+    """Rows of a file that were masked before the fit, and why; `readings` is "displacements" or "positions"."""
+
+    kind: str
+    rows: tuple[int, ...]
+    words: str
+    readings: str
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """Estimates with covariance (p, p) and the residuals of R used rows.
@@ -84,10 +94,17 @@ class Fit:
     """Covariance (p, p) with the load's stated uncertainty; None where none is stated."""
     intervals: tuple[Interval, ...] = ()
     """Profile intervals, of the parameters for which they were asked."""
+    cleaned: tuple[Masked, ...] | None = None
+    """What was masked before the fit because it cannot be right; None where nobody looked."""
 
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(e.name for e in self.estimates)
+
+    @property
+    def masked_rows(self) -> tuple[int, ...]:
+        """Rows of the readings' file that were found wrong and not used."""
+        return tuple(sorted({row for one in self.cleaned or () for row in one.rows}))
 
     @property
     def sd_total(self) -> tuple[float, ...]:
@@ -192,15 +209,23 @@ class Fit:
             "dof": self.dof,
             "p_value": self.p_value,
             "poses_that_cannot_be_left_out": list(self.carriers),
+            "model": {name: float(v) for name, v in zip(self.model.names, self.x, strict=True)},
+            "notes": list(self.notes),
+            "data_sha256": self.data_sha256,
+            **self._of_readings(),
+        }
+
+    def _of_readings(self) -> dict[str, Any]:
+        """What `fit.json` says of the readings' errors and of those that were not used."""
+        return {
+            "masked": None if self.cleaned is None else [{**asdict(m), "rows": list(m.rows)} for m in self.cleaned],
+            "masked_rows": list(self.masked_rows),
             "rms_mm": {
                 "readings": self.rms_readings * 1e3,
                 "nominal": self.rms_nominal * 1e3,
                 "identified": self.rms * 1e3,
                 "leave_one_out": None if np.isnan(self.rms_left_out) else self.rms_left_out * 1e3,
             },
-            "model": {name: float(v) for name, v in zip(self.model.names, self.x, strict=True)},
-            "notes": list(self.notes),
-            "data_sha256": self.data_sha256,
         }
 
 

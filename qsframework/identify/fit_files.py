@@ -15,7 +15,7 @@ from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem
 from qsframework.files import FileModel, Unit, read_yaml, sha256, validate, write_text
 from qsframework.files.formats import check_format
-from qsframework.identify.fit import Fit
+from qsframework.identify.fit import Fit, Masked
 from qsframework.plugin import Array, Geometry, Loop, Parameter, Poses
 from qsframework.robot import Robot
 from qsframework.robot.corrected import write_corrected_urdf
@@ -30,6 +30,16 @@ class EstimateSpec(FileModel):
     unit: str
     initial: float
     status: str
+
+
+class MaskedSpec(FileModel):
+    """Rows that were masked before the fit, in fit.json."""
+
+    model_config = pydantic.ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
+    kind: str
+    rows: list[int]
+    words: str
+    readings: str
 
 
 class FitSpec(FileModel):
@@ -49,6 +59,8 @@ class FitSpec(FileModel):
     dof: int
     model: dict[str, float]
     data_sha256: str
+    masked: list[MaskedSpec] | None = None
+    masked_rows: list[int] = pydantic.Field(default_factory=list[int])
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +86,9 @@ class StoredFit:
     file: str = ""
     total_covariance: Array | None = None
     """With the stated uncertainty of the campaign's load; None where none was stated."""
+    cleaned: tuple[Masked, ...] | None = None
+    """What was masked before the fit; None where nobody looked."""
+    masked_rows: tuple[int, ...] = ()
 
     @property
     def whole_covariance(self) -> Array:
@@ -127,6 +142,8 @@ def read_fit(path: str | Path) -> StoredFit:
         tuple(e.status for e in estimates), spec.sigma, spec.sigma_source, spec.chi2, spec.dof, dict(spec.model),
         spec.data_sha256, spec.robot, str(path),
         None if spec.covariance_total is None else np.array(spec.covariance_total).reshape(p, p),
+        None if spec.masked is None else tuple(Masked(m.kind, tuple(m.rows), m.words, m.readings) for m in spec.masked),
+        tuple(spec.masked_rows),
     )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ The level is that of all tests together: clean readings give any false finding i
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.experiment import Experiment, Readings, StateReadings
+from qsframework.identify.fit import Masked
 from qsframework.identify.mistakes import late_angles, swapped_markers, tool_misfit
 from qsframework.identify.trial import Trial, trial
 from qsframework.plugin import Array, Indices
@@ -68,6 +69,12 @@ def masked(readings: Given, findings: list[Finding] | tuple[Finding, ...]) -> Gi
     for one in findings:
         use[one.mask.astype(bool)] = False
     return replace(readings, use=use)
+
+
+def said_of(findings: Sequence[Finding], readings: Readings | StateReadings) -> tuple[Masked, ...]:
+    """The findings as a fit of the masked readings keeps them: `replace(fit, cleaned=...)`."""
+    what = "displacements" if isinstance(readings, Readings) else "positions"
+    return tuple(Masked(one.kind, tuple(sorted(one.rows)), one.words, what) for one in findings)
 
 
 def finding(kind: str, readings: Readings | StateReadings, index: Indices, words: str) -> Finding:

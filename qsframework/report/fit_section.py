@@ -11,7 +11,7 @@ import numpy as np
 from qsframework.experiment import Experiment, Readings
 from qsframework.identify import Estimate, Fit
 from qsframework.plugin import Array, Indices
-from qsframework.report.blocks import Figure, Section, Table, Text, View
+from qsframework.report.blocks import Block, Figure, Section, Table, Text, View
 
 _AXES = ("x", "y", "z")
 _SHOWN = {"rad/(N m)": (1e6, "urad/(N m)"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
@@ -60,6 +60,17 @@ def interval_tables(fit: Fit) -> tuple[Table, ...]:
         "differ from value ± t sd, the model bends, and they are the ones to quote; an end at a bound is that bound."
     )
     return (Table(header, tuple(rows), caption),)
+
+
+def masked_blocks(fit: Fit) -> tuple[Block, ...]:
+    """What was masked before the fit, where the readings were looked through."""
+    if fit.cleaned is None:
+        return ()
+    if not fit.cleaned:
+        return (Text("The readings were looked through for rows that cannot be right: none is masked."),)
+    rows = tuple((m.readings, m.kind, ", ".join(map(str, m.rows)), m.words) for m in fit.cleaned)
+    caption = "These rows were masked before the fit (--clean) and are not used. Look at each: it stays in the file."
+    return (Table(("masked", "kind", "rows", "what was found"), rows, caption),)
 
 
 def _quoted(e: Estimate) -> bool:
@@ -113,6 +124,7 @@ def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> 
         title,
         (
             Text(fit.verdict()),
+            *masked_blocks(fit),
             fit_table(fit, truth),
             *interval_tables(fit),
             *(Text(note) for note in fit.notes),

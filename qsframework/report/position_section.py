@@ -10,7 +10,7 @@ import numpy as np
 from qsframework.experiment import Experiment, StateReadings, make_plan
 from qsframework.identify.absolute import PositionFit
 from qsframework.report.blocks import Figure, Section, Table, Text, View
-from qsframework.report.fit_section import fit_table, residual_figure, residual_table
+from qsframework.report.fit_section import fit_table, masked_blocks, residual_figure, residual_table
 
 _MOST = 24
 """Poses in the scene."""
@@ -63,13 +63,14 @@ def left_aside_table(fit: PositionFit) -> Table:
 
 def position_section(fit: PositionFit, title: str) -> Section:
     """Tables and figures of a fit of positions."""
-    masked = ", ".join(map(str, fit.masked)) or "none"
+    own = ", ".join(map(str, fit.masked)) or "none"
     return Section(
         title,
         (
             Text(fit.verdict()),
             position_error_table(fit),
-            Text(f"Gross errors, masked and not used: rows {masked}."),
+            *masked_blocks(fit),
+            Text(f"Gross errors that the fit itself found, masked and not used: rows {own}."),
             fit_table(fit),
             *(Text(note) for note in fit.notes),
             left_aside_table(fit),
