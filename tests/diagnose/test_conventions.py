@@ -151,7 +151,7 @@ def test_moments_turn_as_axial_vectors(m900ib: Experiment) -> None:
 def test_units_that_compliances_absorb(m900ib: Experiment, factor: float, said: str) -> None:
     readings = campaign(m900ib, 7)
     scaled = (
-        replace(readings, displacement=readings.displacement * 1e-3) if factor < 1 else
+        replace(readings, displacement=readings.displacement * factor) if factor < 1 else
         replace(readings, poses=replace(readings.poses, wrench=readings.poses.wrench / factor))
     )  # fmt: skip
     found = check_conventions(unstated(m900ib), scaled)
