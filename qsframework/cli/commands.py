@@ -12,7 +12,6 @@ from qsframework.experiment import (
     Experiment,
     load_experiment,
     read_plan,
-    write_readings,
 )
 from qsframework.files import write_text
 from qsframework.files.formats import FORMAT
@@ -25,14 +24,16 @@ def run_simulate(
     """Simulate a plan and write its readings."""
     from qsframework.design import broken_constraints
     from qsframework.experiment import simulate
+    from qsframework.experiment.measured import keep_measured, write_simulated
 
-    experiment = load_experiment(file)
     distinct_outputs([output, json, report], [file, plan_file, plan_file.with_suffix(".json")])
+    keep_measured([output], "-o")
+    experiment = load_experiment(file)
     plan = read_plan(plan_file, experiment)
     for constraint, poses in broken_constraints(experiment, plan).items():
         print(f"note: {', '.join(poses)} break the constraint {constraint!r}")
     result = simulate(experiment, plan, truth=truth, seed=seed, exact=exact)
-    write_readings(output, result.readings, experiment)
+    write_simulated(output, result.readings, experiment)
     if json is not None:
         write_json(json, {"readings": str(output), "seed": seed, "truth": result.truth_by_name()})
     if report is not None:

@@ -20,8 +20,8 @@ from qsframework.experiment import (
     read_readings,
     simulate,
     write_plan,
-    write_readings,
 )
+from qsframework.experiment.measured import keep_measured, write_simulated
 from qsframework.identify import Fit, identify
 from qsframework.plugin import build_effects
 from qsframework.report import (
@@ -42,6 +42,7 @@ CANDIDATES = 1000
 
 def run_demo(output: Path, seed: int, json: Path | None = None) -> None:
     """Run both parts, print their numbers and the path of the report; everything as JSON where asked for."""
+    keep_measured([output / "readings.csv"], "-o")
     with progress() as tell:
         real, fits = real_readings(tell)
         planned, results = designed_plan(output, seed, tell)
@@ -143,7 +144,7 @@ def designed_plan(output: Path, seed: int, tell: Tell) -> tuple[list[Section], d
     write_plan(output / "plan.csv", plan, experiment)
     tell("simulate and identify", 0, 1)
     simulation = simulate(experiment, plan, truth="drawn", seed=seed)
-    write_readings(output / "readings.csv", simulation.readings, experiment)
+    write_simulated(output / "readings.csv", simulation.readings, experiment)
     readings = read_readings(output / "readings.csv", experiment)
     fit = identify(experiment, readings)
     write_json(output / "fit.json", fit.as_json())

@@ -14,6 +14,7 @@ from qsframework.applications.protocol import (
 from qsframework.cli.commands import distinct_outputs
 from qsframework.cli.export import plan_of
 from qsframework.experiment import load_experiment
+from qsframework.experiment.measured import keep_measured
 
 
 def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish: ProtocolWish) -> None:
@@ -24,6 +25,7 @@ def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish:
 
     floor = floor_file(readings)
     distinct_outputs([sheet, readings, floor], [file, plan_file, plan_file.with_suffix(".json")])
+    keep_measured([readings, floor], "--readings")
     experiment = load_experiment(file)
     plan = plan_of(plan_file, experiment)
     protocol = make_protocol(experiment, plan, wish, str(plan_file))

@@ -249,10 +249,13 @@ def write_table(
     path: str | Path, header: Sequence[str], rows: Sequence[Sequence[str]], comments: Sequence[str]
 ) -> None:
     """Write a table, all or nothing; comments go first."""
+    write_text(path, "".join(f"# {comment}\n" for comment in comments) + table_text(header, rows))
+
+
+def table_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Header and rows as a file holds them."""
     stream = io.StringIO()
-    for comment in comments:
-        stream.write(f"# {comment}\n")
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(header)
     writer.writerows(rows)
-    write_text(path, stream.getvalue())
+    return stream.getvalue()

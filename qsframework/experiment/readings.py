@@ -139,6 +139,11 @@ def _conditions(table: Table, suffix: str, first: Indices) -> Conditions:
 
 def write_readings(path: str | Path, readings: Readings, experiment: Experiment) -> None:
     """Write a readings file that `read_readings` reads back to the last digit that matters (1e-12 relative)."""
+    write_table(path, *readings_table(readings, experiment), [f"robot: {experiment.robot.name}"])
+
+
+def readings_table(readings: Readings, experiment: Experiment) -> tuple[list[str], list[list[str]]]:
+    """Header and rows of a readings file."""
     poses = readings.poses
     n = poses.q.shape[1]
     header = ["pose", *(f"q{k + 1}_deg" for k in range(n)), "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"]
@@ -162,4 +167,4 @@ def write_readings(path: str | Path, readings: Readings, experiment: Experiment)
         row += [repr(values[m]) for values in present.values()]
         row += [repr(float(readings.sigma[i] * 1e3)) if np.isfinite(readings.sigma[i]) else ""] if stated else []
         rows.append(row + ([states[i]] if states else []) + ([reference[i]] if reference else []))
-    write_table(path, header, rows, [f"robot: {experiment.robot.name}"])
+    return header, rows

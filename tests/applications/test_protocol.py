@@ -316,3 +316,57 @@ def test_the_commands(m900ib: Experiment, plan: Plan, tmp_path: Path) -> None:
     told = CliRunner().invoke(app, ["check", str(experiment)], catch_exceptions=False)
     assert "look at what is marked with !" in told.output
     assert "! linearity: 50 % of a load gives" in told.output
+
+
+def typed(file: Path, column: str, value: str, separator: str = ",") -> str:
+    """Type a value into the first row of a table, as a spreadsheet saves it; the text."""
+    lines = file.read_text().splitlines()
+    comments, (header, first, *rest) = [s for s in lines if s[0] == "#"], [s for s in lines if s[0] != "#"]
+    cells = first.split(",")
+    cells[header.split(",").index(column)] = value
+    file.write_text("\n".join([*comments, *(s.replace(",", separator) for s in (header, ",".join(cells), *rest)), ""]))
+    return file.read_text()
+
+
+def refused(arguments: list[str]) -> str:
+    run = CliRunner().invoke(app, arguments)
+    assert isinstance(run.exception, InputError)
+    return str(run.exception)
+
+
+def test_a_filled_day_is_never_replaced(m900ib: Experiment, plan: Plan, tmp_path: Path) -> None:
+    """An untouched table is made anew; one position or one time, and it stays, and so does the sheet."""
+    write_plan(tmp_path / "plan.csv", plan, m900ib)
+    sheet, readings, named = tmp_path / "sheet.html", tmp_path / "readings.csv", str(m900ib.path)
+    made = ["protocol", named, str(tmp_path / "plan.csv"), "-o", str(sheet), "--readings", str(readings)]
+    for _ in range(2):
+        assert CliRunner().invoke(app, made, catch_exceptions=False).exit_code == 0
+    sheet.write_text("old")
+    for file in (readings, floor_file(readings)):
+        empty = file.read_text()
+        for column, separator in (("x_mm", ","), ("z_mm", ";"), ("time_s", ",")):
+            filled = typed(file, column, "12.5", separator)
+            words = f"{file}: would be replaced, but holds readings; found 1 row with a position or a time filled in"
+            assert refused(made) == f"{words}. Move it away, or name another file with --readings."
+            assert (file.read_text(), sheet.read_text()) == (filled, "old")
+            file.write_text(empty)
+    readings.write_bytes(b"PK\x03\x04\xff")
+    assert "would be replaced, and cannot be read as a table" in refused(made)
+    readings.unlink()
+    assert CliRunner().invoke(app, made, catch_exceptions=False).exit_code == 0
+
+
+def test_a_simulation_replaces_only_simulated_readings(m900ib: Experiment, plan: Plan, tmp_path: Path) -> None:
+    write_plan(tmp_path / "plan.csv", plan, m900ib)
+    readings = tmp_path / "readings.csv"
+    simulated = ["simulate", str(m900ib.path), str(tmp_path / "plan.csv"), "-o", str(readings)]
+    for seed in ("1", "2"):
+        assert CliRunner().invoke(app, [*simulated, "--seed", seed], catch_exceptions=False).exit_code == 0
+    measured = typed(readings, "dx_mm", "1.25")
+    assert "found 36 rows with a position or a time filled in. Move it away, or name another file with -o" in refused(
+        simulated
+    )
+    assert readings.read_text() == measured
+    filled = fill(m900ib, make_protocol(m900ib, plan), tmp_path).read_text()
+    assert "holds readings" in refused(simulated)
+    assert readings.read_text() == filled
