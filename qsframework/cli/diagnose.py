@@ -103,8 +103,11 @@ def _write(found: Diagnosis, pairs: Sequence[Discrimination], files: DiagnoseFil
         print(f"report: {write_report(files.report, f'Diagnosis: {found.experiment.robot.title}', sections)}")
     if files.extend is not None:
         write_extended(found, files.extend)
+        extended = files.extend / "experiment.yaml"
         print(f"extended robot: {files.extend / 'robot'}")
-        print(f"next: qsf simulate {files.extend / 'experiment.yaml'} plan.csv")
+        told = load_experiment(extended).data is not None
+        print(f"next: {'' if told else 'correct the readings, then '}qsf identify {extended}"
+              f"{'' if told else ' --data FILE'}")  # fmt: skip
 
 
 def read_displacements(experiment: Experiment, source: Path) -> Readings:

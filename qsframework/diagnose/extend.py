@@ -2,6 +2,7 @@
 
 folder/experiment.yaml   the campaign with its own effects (load, instrument), on the extended robot
 folder/campaign.yaml     the values of these effects
+folder/readings.csv      the readings as the audit left them, where it took rows out or found other sigmas
 folder/robot/            robot.yaml, nominal.yaml, URDF and what it needs
 folder/effects/          effects of the campaign that are files, as robot/effects/ holds those of the arm
 """
@@ -10,12 +11,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from qsframework.diagnose.audited import Audited, audited_of, audited_readings
 from qsframework.diagnose.conventions import compelling
 from qsframework.diagnose.result import Diagnosis
 from qsframework.elastostatics import Model
@@ -41,7 +43,8 @@ _SAME = 1e-12
 class Extension:
     """What to write: a model on an experiment's robot, `values` of all its parameters and `sds` of the estimated
     ones, SI; evidence: where a value comes from, by parameter; fit: names to estimate from now on; data: readings of
-    the extended experiment; notes: lines for the head of its file; poses: where the files must predict the same."""
+    the extended experiment; notes: lines for the head of its file; poses: where the files must predict the same;
+    audited: what an audit found about noise and data."""
 
     experiment: Experiment
     model: Model
@@ -52,6 +55,7 @@ class Extension:
     data: Path | None = None
     notes: tuple[str, ...] = ()
     poses: Poses | None = None
+    audited: Audited = field(default_factory=Audited)
 
 
 def extension_of(diagnosis: Diagnosis) -> Extension:
@@ -72,6 +76,7 @@ def extension_of(diagnosis: Diagnosis) -> Extension:
     return Extension(
         diagnosis.experiment, settled.model, diagnosis.values(), {n: settled.sd(n) for n in settled.names}, evidence,
         settled.names, None if read_otherwise else source, tuple(notes), diagnosis.readings.poses,
+        audited_of(diagnosis),
     )  # fmt: skip
 
 
@@ -128,7 +133,8 @@ def _refuse_folder(folder: Path, originals: Sequence[Path]) -> None:
         raise InputError(Problem(f"holds other files ({shown}); name a new or empty folder", file=str(folder)))
 
 
-_OWN = ("experiment.yaml", "campaign.yaml")
+_READINGS = "readings.csv"
+_OWN = ("experiment.yaml", "campaign.yaml", _READINGS)
 
 
 def _contents(extension: Extension, folder: Path, source: Path, robot_yaml: Path) -> dict[Path, str | bytes]:
@@ -139,19 +145,38 @@ def _contents(extension: Extension, folder: Path, source: Path, robot_yaml: Path
     others = _values(extension, lambda e: e.name in own)
     robot |= {"title": _extended(str(robot["title"])), "effects": arm, "nominal": "nominal.yaml"}
     document |= {"robot": f"./{_ROBOT}", "effects": campaign, "nominal": "campaign.yaml", "fit": list(extension.fit)}
-    document["data"] = None if extension.data is None else _relative(extension.data, folder)
+    audited, data = extension.audited, extension.data
+    readings = None if data is None else audited_readings(data, audited)
+    document["data"] = None if data is None else _relative(data, folder) if readings is None else _READINGS
+    if audited.sigma is not None:
+        document["noise"] = {"sigma_mm": 1e3 * audited.sigma}
     if not campaign:
         del document["effects"]
     if not others:
         del document["nominal"]
     document = {key: value for key, value in document.items() if value is not None and value != []}
-    out: dict[Path, str | bytes] = {Path("experiment.yaml"): yaml_text(document, "\n".join((_HEAD, *extension.notes)))}
+    out: dict[Path, str | bytes] = {Path("experiment.yaml"): _experiment_text(document, extension, readings)}
+    if readings is not None:
+        out[Path(_READINGS)] = readings
     if others:
         out[Path("campaign.yaml")] = yaml_text(others, f"{_HEAD} Effects of the load and of the instrument.")
     out[_ROBOT / "robot.yaml"] = yaml_text(robot, f"{_HEAD} The robot with the effects that the readings named.")
     out[_ROBOT / "nominal.yaml"] = yaml_text(values, f"{_HEAD} Identified values; the others as they were.")
     out.update({_ROBOT / f: (robot_yaml.parent / f).read_bytes() for f in robot_files(robot_yaml)})
     return out | code
+
+
+def _experiment_text(document: Mapping[str, Any], extension: Extension, readings: str | None) -> str:
+    """The experiment's file, with a word on what the audit changed."""
+    audited, notes = extension.audited, list(extension.notes)
+    if readings is not None and extension.data is not None:
+        masked = f"rows {', '.join(map(str, audited.masked))} masked (use 0) as outliers" if audited.masked else ""
+        scaled = f"stated sigmas times {audited.factor:.4g}" if audited.factor != 1.0 else ""
+        notes.append(f"{_READINGS}: {extension.data.name} with {', '.join(filter(None, (masked, scaled)))}.")
+    text = yaml_text(document, "\n".join((_HEAD, *notes)))
+    if audited.sigma is None:
+        return text
+    return text.replace("\nnoise:\n", f"\n# {' '.join(audited.words.split())}\nnoise:\n", 1)
 
 
 _Entries = list[dict[str, Any]]

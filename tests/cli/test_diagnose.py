@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from qsframework.errors import InputError
-from qsframework.experiment import example, load_experiment, make_plan, write_plan
+from qsframework.experiment import example, load_experiment, make_plan, read_readings, write_plan
 from tests.cli.test_commands import M900IB, R2000IC, run
 from tests.diagnose.cases import poses
 
@@ -103,4 +103,7 @@ def test_a_wrong_convention_is_named_and_written_with_the_robot(tmp_path: Path) 
     values = {p.name: p.nominal for p in extended.robot.parameters}
     assert values["controller_coupling[joint_3]"] == 1.0
     assert extended.data is not None
-    assert extended.data.resolve() == tmp_path / "readings.csv"
+    assert extended.data == out / "readings.csv", "a copy without the row that the audit took out"
+    (problem,) = (p for p in json.loads((tmp_path / "r.json").read_text())["data_problems"] if p["id"] == "outliers")
+    readings = read_readings(extended.data, extended)
+    assert readings.rows[~readings.use].tolist() == problem["rows"]

@@ -1,0 +1,84 @@
+"""What the audit found about the readings, as an experiment's files can say it: noise, masked rows, sigmas."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from qsframework import units
+from qsframework.diagnose.result import Diagnosis
+from qsframework.experiment.columns import table_lines
+
+_SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class Audited:
+    """sigma: sd m of one coordinate of a displacement, None where the experiment's own stands; words: where it comes
+    from; masked: lines of the readings' file that the audit took out; factor: true over stated sigma of its rows."""
+
+    sigma: float | None = None
+    words: str = ""
+    masked: tuple[int, ...] = ()
+    factor: float = 1.0
+
+
+def audited_of(diagnosis: Diagnosis) -> Audited:
+    """What the audit of a diagnosis changes in its experiment and its readings."""
+    audit, readings = diagnosis.audit, diagnosis.readings
+    masked = tuple(int(r) for r in readings.rows[diagnosis.outliers])
+    stated = diagnosis.experiment.noise.sigma
+    if audit.unit_source == "stated" and stated is not None:
+        return Audited(masked=masked)
+    noise = diagnosis.rms.noise
+    given = readings.sigma[diagnosis.kept]
+    given = np.where(np.isnan(given), np.nan if stated is None else stated, given)
+    own = np.sqrt(max(noise**2 - audit.shared**2, 0.0))
+    factor = float(own / np.sqrt(np.mean(given**2)))
+    return Audited(noise, " ".join(audit.words), masked, factor if np.isfinite(factor) else 1.0)
+
+
+def audited_readings(path: Path, audited: Audited) -> str | None:
+    """The text of a readings file with rows masked and sigmas scaled, every line where it was; None if it is the same.
+
+    path: of displacements or of states that have been read, so the table is known to be sound
+    """
+    lines = table_lines(path)
+    filled = [i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")]
+    header, *rows = [next(csv.reader([lines[i]])) for i in filled]
+    names = [name.strip() for name in header]
+    scaled = [k for k, name in enumerate(names) if units.split(name, ["sigma"]) is not None]
+    changes = scaled and abs(audited.factor - 1.0) > _SAME
+    if not audited.masked and not changes:
+        return None
+    if "use" not in names:
+        names, header, rows = [*names, "use"], [*header, "use"], [[*row, ""] for row in rows]
+    use = names.index("use")
+    lines[filled[0]] = _line(header)
+    for i, row in zip(filled[1:], rows, strict=True):
+        cells = _scaled(row, scaled if changes else (), audited.factor)
+        cells[use] = "0" if i + 1 in audited.masked else cells[use].strip() or "1"
+        lines[i] = _line(cells)
+    return "\n".join(lines) + "\n"
+
+
+def _scaled(row: Sequence[str], at: Collection[int], factor: float) -> list[str]:
+    """The row with some numbers multiplied; empty cells and what a masked row may hold stay."""
+    out = list(row)
+    for k in at:
+        try:
+            out[k] = repr(float(row[k]) * factor)
+        except ValueError:
+            continue
+    return out
+
+
+def _line(cells: Sequence[str]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="").writerow(cells)
+    return text.getvalue()

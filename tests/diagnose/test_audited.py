@@ -1,0 +1,119 @@
+"""The extended experiment has the noise and the readings as the audit left them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qsframework.cli.diagnose import Asked as Wish
+from qsframework.cli.diagnose import DiagnoseFiles, read_displacements, run_diagnose
+from qsframework.diagnose import Diagnosis, diagnose
+from qsframework.diagnose.audited import Audited, audited_of, audited_readings
+from qsframework.diagnose.extend import write_extended
+from qsframework.errors import InputError
+from qsframework.experiment import example, load_experiment, make_plan, read_readings, simulate, write_readings
+from qsframework.experiment.setup import Noise
+from qsframework.identify import identify
+from tests.diagnose.cases import SIGMA, campaign, measured
+
+REAL = example("r2000ic") / "experiment.yaml"
+
+
+@pytest.fixture(scope="module")
+def real() -> Diagnosis:
+    experiment = load_experiment(REAL)
+    assert experiment.data is not None
+    return diagnose(experiment, read_readings(experiment.data, experiment))
+
+
+def test_identify_on_the_extended_folder_agrees_with_the_diagnosis(real: Diagnosis, tmp_path: Path) -> None:
+    """The noise is the audited one, and the row that the audit took out stays out: errors held out are the same."""
+    assert len(real.outliers)
+    with pytest.raises(InputError, match="a simulation needs the noise"):
+        simulate(real.experiment, make_plan(real.readings.poses, ["load"] * len(real.readings.poses)))
+    write_extended(real, tmp_path / "out")
+    again = load_experiment(tmp_path / "out" / "experiment.yaml")
+    assert again.noise.sigma == pytest.approx(real.rms.noise, rel=1e-12)
+    assert again.data is not None
+    assert again.data == tmp_path / "out" / "readings.csv"
+    readings = read_readings(again.data, again)
+    assert np.array_equal(readings.rows[~readings.use], real.readings.rows[real.outliers])
+    assert np.array_equal(readings.displacement, real.readings.displacement)
+    assert np.array_equal(readings.rows, real.readings.rows), "every line is where it was"
+    fit = identify(again, readings)
+    assert fit.rms_left_out == pytest.approx(real.rms.heldout_extended, rel=0.02)
+    for e in fit.estimates:
+        assert abs(e.value - real.extended.value(e.name)) < real.extended.sd(e.name), e.name
+    told = (tmp_path / "out" / "experiment.yaml").read_text(encoding="utf-8")
+    before = told[: told.index("\nnoise:\n")].splitlines()[-1]
+    assert before.startswith("# The noise is not stated; it was measured from")
+    assert "masked (use 0) as outliers" in told
+    result = simulate(again, make_plan(real.readings.poses, ["load"] * len(real.readings.poses)), seed=3)
+    blank = again.model().predict(result.readings.poses)[:, 0]
+    left = result.readings.displacement - blank
+    assert np.sqrt(np.mean(left**2)) == pytest.approx(real.rms.noise, rel=0.15)
+
+
+def test_what_is_said_to_come_next_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run_diagnose(DiagnoseFiles(REAL, extend=tmp_path / "out"), Wish())
+    told = [line for line in capsys.readouterr().out.splitlines() if line.startswith("next: ")]
+    assert told == [f"next: qsf identify {tmp_path / 'out' / 'experiment.yaml'}"]
+    again = load_experiment(tmp_path / "out" / "experiment.yaml")
+    assert again.data is not None
+    assert identify(again, read_displacements(again, again.data)).sigma > 0.0
+
+
+def test_a_noise_that_is_stated_and_right_stays(tmp_path: Path) -> None:
+    found = diagnose(campaign(), measured(seed=1, count=30), repeats=1)
+    assert audited_of(found) == Audited(masked=tuple(int(r) for r in found.readings.rows[found.outliers]))
+    write_extended(found, tmp_path / "out")
+    assert load_experiment(tmp_path / "out" / "experiment.yaml").noise.sigma == SIGMA
+
+
+@pytest.mark.parametrize("stated", [SIGMA / 3.0, None])
+def test_sigmas_of_rows_become_the_true_ones(stated: float | None, tmp_path: Path) -> None:
+    """Rows that state a third of their noise, in an experiment that states as much, or that has it estimated."""
+    readings = measured(seed=2, count=40)
+    path = tmp_path / "readings.csv"
+    write_readings(path, replace(readings, sigma=np.full(len(readings.use), SIGMA / 3.0)), campaign())
+    experiment = campaign().with_(noise=Noise(stated))
+    found = diagnose(experiment, read_readings(path, experiment), repeats=1)
+    assert found.audit.unit_source != "stated"
+    assert audited_of(found).factor == pytest.approx(3.0, rel=0.15)
+    write_extended(found, tmp_path / "out")
+    again = load_experiment(tmp_path / "out" / "experiment.yaml")
+    assert again.data is not None
+    assert again.data == tmp_path / "out" / "readings.csv"
+    sigma = read_readings(again.data, again).sigma
+    assert np.allclose(sigma, audited_of(found).factor * SIGMA / 3.0, rtol=1e-9)
+    assert again.noise.sigma == pytest.approx(float(sigma[0]), rel=1e-9)
+
+
+TABLE = """# robot: somebody's
+
+pose,q1_deg,marker,sigma_um,dx_mm, use
+# none
+a,1.5,"m,1",30,0.1,
+b,2,m2,,nan,no
+c,2,m2,x,0.3,0
+
+d,2,m2,40,0.4,1
+"""
+
+
+def test_lines_stay_where_they_are(tmp_path: Path) -> None:
+    path = tmp_path / "r.csv"
+    path.write_text(TABLE, encoding="utf-8")
+    assert audited_readings(path, Audited(1e-5)) is None
+    text = audited_readings(path, Audited(1e-5, masked=(5,), factor=2.0))
+    assert text is not None
+    assert text.splitlines() == [
+        "# robot: somebody's", "", "pose,q1_deg,marker,sigma_um,dx_mm, use", "# none", 'a,1.5,"m,1",60.0,0.1,0',
+        "b,2,m2,,nan,no", "c,2,m2,x,0.3,0", "", "d,2,m2,80.0,0.4,1",
+    ]  # fmt: skip
+    path.write_text("pose,x_mm\na,1\nb,2\n", encoding="utf-8")
+    assert audited_readings(path, Audited(1e-5, factor=2.0)) is None
+    assert audited_readings(path, Audited(masked=(3,))) == "pose,x_mm,use\na,1,1\nb,2,0\n"
