@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.progress import print_table
-from qsframework.errors import InputError, Problem
+from qsframework.errors import InputError, Problem, QsfError
 from qsframework.experiment import (
     Experiment,
     Readings,
@@ -97,7 +97,7 @@ def _check(file: Path) -> Checked:
         return Checked(file, words, experiment.robot, experiment)
     read = read_states if is_states(experiment.data) else read_readings
     readings = read(experiment.data, experiment)
-    words += f", {len(readings.use)} readings at {len(readings.poses)} poses"
+    words += f", {len(readings.use)} readings at {len(set(readings.pose))} poses"
     lines = tuple(_lines(experiment, readings))
     return Checked(file, words, experiment.robot, experiment, readings, lines)
 
@@ -105,14 +105,33 @@ def _check(file: Path) -> Checked:
 def _lines(experiment: Experiment, readings: Readings | StateReadings) -> list[Line]:
     """What the readings say of themselves, and those that cannot be right."""
     from qsframework.applications.closure import check_states
-    from qsframework.identify import check_positions, check_readings
+    from qsframework.identify import check_positions
 
     if isinstance(readings, Readings):
-        return [(False, f.kind, f.words) for f in check_readings(experiment, readings)]
+        return _displacement_lines(experiment, readings)
     checks: list[Line] = [(c.good, c.kind, c.words) for c in check_states(experiment, readings)]
     return checks + [(False, f.kind, f.words) for f in check_positions(experiment, readings)]
 
 
+def _displacement_lines(experiment: Experiment, readings: Readings) -> list[Line]:
+    """The sign, axis or angle that the readings prove wrong, units to suspect, and rows that do not fit even then."""
+    from qsframework.diagnose.conventions import check_conventions, compelling
+    from qsframework.identify import check_readings
+
+    try:
+        tried = check_conventions(experiment, readings)
+    except QsfError:  # readings that tell no fit prove nothing here; `qsf identify` says what they lack
+        tried = []
+    lines: list[Line] = [(False, c.name, c.words) for c in tried if c.name == "load_unit"]
+    proved = compelling(tried)
+    if proved is not None and proved.name not in _ROWS:
+        lines.append((False, proved.name, proved.words))
+        experiment, readings = proved.experiment, proved.readings
+    return lines + [(False, f.kind, f.words) for f in check_readings(experiment, readings)]
+
+
+_ROWS = ("swapped_markers", "late_angles")
+"""Mistakes that `check_readings` finds too, and names with their rows."""
 _MARK = {True: " ", False: "!", None: "?"}
 """Before what `qsf check` says of states: as it should be, look at it, not measured."""
 

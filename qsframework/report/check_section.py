@@ -42,10 +42,15 @@ def readings_section(experiment: Experiment, readings: Readings | StateReadings,
     marker = [markers[int(k)] for k in readings.marker]
     pose = [readings.pose[int(m)] for m in readings.measurement]
     used = ["yes" if u else "no" for u in readings.use]
-    what = "displacement, mm" if displaced else "from the marker's mean place, mm"
+    what = "displacement, mm" if displaced else "from the mean of the same state, mm"
+    said = (
+        what
+        if displaced
+        else "the distance from the mean of the same marker, pose and load; 0 where it is the only one"
+    )
     caption = (
-        f"The size of each reading ({what}) by row of the file; crosses are masked rows. Look for single rows far from "
-        "those around them, for zeros, and for a trend over the day."
+        f"The size of each reading ({said}) by row of the file; crosses are masked rows. Look for single rows far from "
+        f"those around them, {'for zeros, ' if displaced else ''}and for a trend over the day."
     )
     rows = readings.rows.tolist()
     header = ("row", "pose", "marker", what, "used")
@@ -54,10 +59,11 @@ def readings_section(experiment: Experiment, readings: Readings | StateReadings,
 
 
 def _apart(states: StateReadings) -> Any:
-    """Distances (R,) mm of positions from the mean of their marker's, each series of a tracker by itself."""
+    """Distances (R,) mm of positions from the mean of their marker's at the same pose under the same load."""
     out = np.zeros(len(states.marker))
-    series = [states.series[int(m)] for m in states.measurement]
-    groups = list(zip(series, states.marker.tolist(), strict=True))
+    of = [(states.series[m], states.pose[m], bool(states.loaded[m]), states.load_id[m] if states.loaded[m] else "")
+          for m in states.measurement.tolist()]  # fmt: skip
+    groups = list(zip(of, states.marker.tolist(), strict=True))
     for group in dict.fromkeys(groups):
         at = np.array([g == group for g in groups])
         out[at] = 1e3 * np.linalg.norm(states.position[at] - states.position[at].mean(axis=0), axis=1)

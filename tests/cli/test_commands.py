@@ -41,6 +41,24 @@ def test_check_tells_the_problems_of_all_files(tmp_path: Path) -> None:
     assert {p.file for p in caught.value.problems} == {str(tmp_path / "a.yaml"), str(tmp_path / "b.yaml")}
 
 
+def test_check_finds_a_wrong_sign_and_a_wrong_unit(tmp_path: Path) -> None:
+    """Before any fit; rows are judged with the sign set right, so that one wrong sign is one line, not a hundred."""
+    text = (example("hidden_effect") / "experiment.yaml").read_text()
+    lines = (example("hidden_effect") / "readings.csv").read_text().splitlines()
+    head = next(i for i, line in enumerate(lines) if line.startswith("pose,"))
+    for name, factor in (("right", 1.0), ("turned", -1.0), ("metres", 1e-3)):
+        (tmp_path / f"{name}.yaml").write_text(text.replace("readings.csv", f"{name}.csv"))
+        rows = [line.split(",") for line in lines[head + 1 :]]
+        rows = [[*row[:-3], *(repr(factor * float(v)) for v in row[-3:])] for row in rows]
+        (tmp_path / f"{name}.csv").write_text("\n".join([lines[head], *map(",".join, rows)]) + "\n")
+    right, turned, metres = (run("check", str(tmp_path / f"{n}.yaml")) for n in ("right", "turned", "metres"))
+    assert "displacement_sign" not in right
+    assert "load_unit" not in right
+    assert "the sign of one of them is reversed" in turned
+    assert turned.count("gross:") == right.count("gross:")
+    assert "perhaps the displacements are in m where the file says mm" in metres
+
+
 def test_design_simulate_identify(tmp_path: Path) -> None:
     plan, readings, fit = (str(tmp_path / n) for n in ("plan.csv", "readings.csv", "fit.json"))
     report = str(tmp_path / "r.html")
