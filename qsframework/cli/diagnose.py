@@ -12,7 +12,7 @@ from qsframework.cli.where import ALONE, Where
 from qsframework.diagnose import LEVEL, STEPS, Diagnosis, diagnose
 from qsframework.diagnose.discriminate import Discrimination
 from qsframework.diagnose.extend import check_folder, write_extended
-from qsframework.diagnose.separations import separations
+from qsframework.diagnose.separations import separations, with_outlooks
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings, is_states, load_experiment, read_readings, read_states
 
@@ -69,6 +69,7 @@ def run_diagnose(files: DiagnoseFiles, asked: Asked, where: Where = ALONE) -> No
         found = diagnose(experiment, readings, level=asked.level, seed=asked.seed, progress=_steps(tell))
         tell("diagnosis", len(STEPS), len(STEPS))
         pairs, notes = separations(found, asked.count, progress=tell)
+    found = with_outlooks(found, pairs)
     print_diagnosis(found)
     for said in (*(line for pair in pairs for line in pair.words()), *notes):
         print(said)

@@ -86,6 +86,20 @@ class Discrimination:
             said.append(f"That is too little at this size; from {self.size(ENOUGH / self.s_after)} on it is enough.")
         return (*said, *self._offer_words())
 
+    def outlook(self) -> str:
+        """In a few words, what would tell the two."""
+        best = max((o for o in self.offers if o.s >= _SEEN), key=lambda o: o.s, default=None)
+        offer = "" if best is None else f"{best.what} would{self._from(best.s)}"
+        if self.useful:
+            poses = f"{len(self.plan.pose)} more poses would tell it from {self.second}{self._from(self.s_after)}"
+            return f"{poses}, {offer}" if best is not None and best.s > self.s_after else poses
+        if offer:
+            return f"no more poses like these tell it from {self.second}, {offer}"
+        return f"nothing that was tried tells it from {self.second}"
+
+    def _from(self, s: float) -> str:
+        return "" if s >= ENOUGH else f" from {self.size(ENOUGH / s)} on"
+
     def _offer_words(self) -> tuple[str, ...]:
         if not self.offers:
             return ()

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from qsframework.diagnose.discriminate import Discrimination, discriminate
 from qsframework.diagnose.result import Diagnosis
+from qsframework.diagnose.verdict import tied_words
 from qsframework.errors import InputError
 
 COUNT = 12
@@ -43,3 +45,10 @@ def separations(
     if progress is not None and tied:
         progress("what would separate rivals", min(len(tied), most), min(len(tied), most))
     return tuple(found), tuple(notes)
+
+
+def with_outlooks(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Diagnosis:
+    """The diagnosis whose statements on rivals say what was computed, instead of where to ask."""
+    outlook = {pair.first: pair.outlook() for pair in pairs}
+    said = {tied_words(f): tied_words(f, outlook.get(f.name, "")) for f in diagnosis.findings if f.rivals}
+    return replace(diagnosis, statements=tuple(said.get(s, s) for s in diagnosis.statements))

@@ -23,6 +23,8 @@ _MISFIT = 1e-3
 """p-value of the lack of fit below which no name is final; the noise has been audited before."""
 _PLAIN = 1e-3
 """p-value of a name above which it explains nothing yet: effects that nobody thought of look like that too."""
+_ALIKE = float(np.deg2rad(1.0))
+"""Angle below which no poses are promised: whether any tell the two is still to be computed."""
 MANY = 8
 """Kinds of rivals beyond which a name is no explanation: something acts, and the readings do not say what."""
 
@@ -66,7 +68,7 @@ def words_of(
         )
     elif verdict == "none":
         said.append(_nothing(errors, table))
-    said += [_tied_words(f) for f in findings if f.rivals]
+    said += [tied_words(f) for f in findings if f.rivals]
     said += [_hanging_words(f) for f in findings if f.hangs_on]
     if leftovers:
         also = "also " if findings else ""
@@ -99,10 +101,17 @@ def _nothing(errors: Errors, table: Sequence[Line]) -> str:
     return f"Nothing beyond the model is seen at {_mm(errors.identified)} mm, noise {_mm(errors.noise)}: {some}{more}."
 
 
-def _tied_words(f: Finding) -> str:
+def tied_words(f: Finding, outlook: str = "") -> str:
+    """That the readings leave rivals; outlook: what would tell, where that has been computed."""
     shown = [f"{r.name} (angle {np.rad2deg(r.angle):.0f} deg)" for r in f.rivals[:_SHOWN]]
     more = f" and {len(f.rivals) - _SHOWN} more" if len(f.rivals) > _SHOWN else ""
-    return f"These readings cannot tell {f.name} from {', '.join(shown)}{more}: `--separate` designs poses that would."
+    nearest = min(f.rivals, key=lambda r: r.angle)
+    asked = f"`--separate {f.name} {nearest.name}`"
+    if not outlook:
+        alike = nearest.angle < _ALIKE
+        outlook = f"to these readings they are the same, {asked} says what would tell" if alike else \
+                  f"{asked} designs poses that would"  # fmt: skip
+    return f"These readings cannot tell {f.name} from {', '.join(shown)}{more}: {outlook}."
 
 
 def _hanging_words(f: Finding) -> str:

@@ -9,8 +9,14 @@ import pytest
 
 from qsf_plugins.offaxis_compliance import OffaxisCompliance
 from qsframework.diagnose import Diagnosis, diagnose
-from qsframework.diagnose.separations import separations
+from qsframework.diagnose.discriminate import Discrimination
+from qsframework.diagnose.offers import Offer
+from qsframework.diagnose.separations import separations, with_outlooks
+from qsframework.diagnose.verdict import tied_words
+from qsframework.experiment import make_plan
+from qsframework.plugin import Parameter
 from tests.diagnose.cases import campaign, measured
+from tests.diagnose.cases import poses as campaign_poses
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +43,41 @@ def test_aliases_are_separated_by_a_marker_between_them_and_by_no_pose(tied: Dia
     assert best.s > 0.5
     assert any("a marker on link_3" in line and "enough from" in line for line in pair.words())
     assert calls[-1][1] == calls[-1][2] == 1
+    (before,) = (said for said in tied.statements if said.startswith("These readings cannot tell"))
+    asked = f"`--separate {pair.first} {pair.second}`"
+    assert before.endswith(f"(angle 0 deg): to these readings they are the same, {asked} says what would tell.")
+    (after,) = set(with_outlooks(tied, [pair]).statements) - set(tied.statements)
+    assert after.startswith(before.partition(": to these")[0])
+    assert f"no more poses like these tell it from {pair.second}, {best.what} would" in after
+    assert len(with_outlooks(tied, [pair]).statements) == len(tied.statements)
+
+
+@pytest.mark.parametrize(
+    ("s", "angle", "offered", "said"),
+    [
+        (8.0, 40.0, (), "2 more poses would tell it from b"),
+        (2.0, 40.0, (), "2 more poses would tell it from b from 0.200 mm on"),
+        (2.0, 40.0, (8.0,), "2 more poses would tell it from b from 0.200 mm on, offer 8 would"),
+        (8.0, 0.3, (1.0, 5.0, 0.1), "no more poses like these tell it from b, offer 5 would"),
+        (0.1, 40.0, (1.0,), "no more poses like these tell it from b, offer 1 would from 0.400 mm on"),
+        (8.0, 0.3, (0.1,), "nothing that was tried tells it from b"),
+    ],
+)
+def test_poses_are_promised_only_where_they_help(s: float, angle: float, offered: tuple[float, ...], said: str) -> None:
+    angles = [float(np.deg2rad(angle))] * 3
+    offers = tuple(Offer(f"{o:g}", f"offer {o:g}", o, 0.5) for o in offered)
+    plan = make_plan(campaign_poses(1, 2), ["load"] * 2)
+    parameters = (Parameter("a", "m"),)
+    pair = Discrimination(
+        "a", "b", parameters, np.array([1e-4]), plan, 0.1, s, *angles[:2], s, angles[2], offers, "9 candidates"
+    )
+    assert pair.outlook() == said
+
+
+def test_poses_are_offered_in_the_verdict_where_the_angle_is_open(tied: Diagnosis) -> None:
+    (f,) = tied.findings
+    apart = replace(f, rivals=(replace(f.rivals[0], angle=0.1),))
+    assert tied_words(apart).endswith(f"`--separate {f.name} {f.rivals[0].name}` designs poses that would.")
 
 
 def test_what_cannot_be_computed_is_said(tied: Diagnosis) -> None:
