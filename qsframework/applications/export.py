@@ -109,16 +109,15 @@ def write_csv(programme: Programme) -> str:
     stream = io.StringIO()
     payload = "not stated" if programme.payload is None else f"{programme.payload:g} kg"
     stream.write(f"# robot: {programme.robot}\n# payload: {payload}\n")
+    stream.write("# load: hang it after the arm has stopped, take it off again before the arm starts\n")
     writer = csv.writer(stream, lineterminator="\n")
     angles = [f"q{k + 1}_deg" for k in range(n)]
-    writer.writerow(
-        ["stop", "pose", "visit", *angles, "speed_percent", "pause_s", "load", "fx_N", "fy_N", "fz_N", "then_hang"]
-    )
+    writer.writerow(["stop", "pose", "visit", *angles, "speed_percent", "pause_s", "load", "fx_N", "fy_N", "fz_N"])
     for i, move in enumerate(programme.moves, start=1):
         pause = "0" if not move.measured else "hold" if programme.pause is None else repr(programme.pause)
         degrees = [f"{v:.3f}" for v in np.rad2deg(move.pendant) + 0.0]
         force = [f"{f:g}" for f in move.force]
-        writer.writerow([i, move.pose, move.repeat, *degrees, programme.speed, pause, move.load, *force, move.then])
+        writer.writerow([i, move.pose, move.repeat, *degrees, programme.speed, pause, move.load, *force])
     return stream.getvalue()
 
 
@@ -135,7 +134,7 @@ def parse_csv(text: str) -> Parsed:
         tuple(
             Stop(
                 r["pose"], int(r["visit"]), np.deg2rad([float(r[a]) for a in angles]), int(r["speed_percent"]),
-                None if r["pause_s"] == "hold" else float(r["pause_s"]), r.get("then_hang", ""),
+                None if r["pause_s"] == "hold" else float(r["pause_s"]), r.get("load") or "",
             )
             for r in rows
         ),

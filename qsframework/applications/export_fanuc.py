@@ -14,6 +14,7 @@ from qsframework.applications.programme import Move, Programme
 
 _REMARK = 32
 """Characters that a remark may have on the controller."""
+_LOAD_NAME = _REMARK - len("!now hang ")
 _MOST_JOINTS = 9
 _PER_LINE = 3
 
@@ -22,15 +23,14 @@ def write_fanuc(programme: Programme, name: str) -> str:
     """The listing. `name` is the programme's name on the controller: letters, digits and _, up to 36."""
     if not re.fullmatch(r"[A-Z][A-Z0-9_]{0,35}", name):
         raise bad_name(name, "a letter, then letters, digits and _, up to 36")
+    _check_loads(programme)
     lines = [*_head(programme), "UFRAME_NUM=0", "UTOOL_NUM=1"]
     for i, move in enumerate(programme.moves, start=1):
         if move.measured:
             lines.append(f"!{move.pose} visit {move.repeat}"[:_REMARK])
         lines.append(f"J P[{i}] {programme.speed}% FINE")
         if move.measured:
-            lines.append("PAUSE" if programme.pause is None else f"WAIT {programme.pause:6.2f}(sec)")
-        if move.then:
-            lines += [f"!hang {plain(move.then)}"[:_REMARK], "PAUSE"]
+            lines += _stopped(move.load, programme.pause)
     numbered = [_line(k, text) for k, text in enumerate(lines, start=1)]
     positions = [_position(i, m) for i, m in enumerate(programme.moves, start=1)]
     head = [
@@ -44,12 +44,25 @@ def write_fanuc(programme: Programme, name: str) -> str:
 
 def _head(programme: Programme) -> list[str]:
     payload = "payload not stated" if programme.payload is None else f"payload {programme.payload:g} kg"
-    first = next((m.load for m in programme.moves if m.measured), "")
-    remarks = [f"robot {programme.robot}", payload, "set PAYLOAD of tool and weight"]
-    remarks += [f"first hang {plain(first)}"[: _REMARK - 1]] if first else []
+    remarks = [f"robot {programme.robot}", payload, "set PAYLOAD of tool and weight", "no weight while the arm moves"]
     if len(remarks[0]) >= _REMARK:
         raise bad_name(programme.robot, f"a robot's name of up to {_REMARK - 7} characters, for a remark holds no more")
     return [f"!{text}" for text in remarks]
+
+
+def _check_loads(programme: Programme) -> None:
+    """InputError where the remarks of two loads would read the same."""
+    seen: dict[str, str] = {}
+    for load in (m.load for m in programme.moves if m.load):
+        if (other := seen.setdefault(plain(load)[:_LOAD_NAME], load)) != load:
+            raise bad_name(load, f"a name that differs from that of {other!r} in its first {_LOAD_NAME} characters")
+
+
+def _stopped(load: str, pause: float | None) -> list[str]:
+    """What is done once the arm stands: a load is named where the programme waits for it, never before a move."""
+    if pause is not None:
+        return [*([f"!load {plain(load)[:_LOAD_NAME]}"] if load else []), f"WAIT {pause:6.2f}(sec)"]
+    return [*([f"!now hang {plain(load)[:_LOAD_NAME]}", "!take it off before the start"] if load else []), "PAUSE"]
 
 
 def _line(number: int, text: str) -> str:
@@ -69,7 +82,7 @@ def _position(index: int, move: Move) -> str:
 
 _MOVE = re.compile(r"\s*\d+:\s*J P\[(\d+)\] (\d+)% FINE\s*;")
 _VISIT = re.compile(r"\s*\d+:\s*!(\S+) visit (\d+) ;")
-_HANG = re.compile(r"\s*\d+:\s*!hang (\S+) ;")
+_LOAD = re.compile(r"\s*\d+:\s*!(?:now hang|load) (\S+) ;")
 _WAIT = re.compile(r"\s*\d+:\s*(?:WAIT\s+([\d.]+)\(sec\)|(PAUSE)) ;")
 _POINT = re.compile(r"P\[(\d+)[^\]]*\]\{(.*?)\};", re.DOTALL)
 
@@ -86,19 +99,16 @@ def parse_fanuc(text: str) -> Parsed:
     }
     stops: list[Stop] = []
     visit: tuple[str, int] = ("", 0)
-    load = ""
     for line in body.splitlines():
         if match := _VISIT.fullmatch(line):
             visit = (match[1], int(match[2]))
-        elif match := _HANG.fullmatch(line):
-            load = match[1]
+        elif match := _LOAD.fullmatch(line):
+            stops[-1] = stops[-1].hanging(match[1])
         elif match := _MOVE.fullmatch(line):
             if int(match[1]) not in points:
                 raise wrong(f"P[{match[1]}] has no position")
             stops.append(Stop(*visit, points[int(match[1])], int(match[2]), 0.0))
             visit = ("", 0)
         elif match := _WAIT.fullmatch(line):
-            pause = None if match[2] else float(match[1])
-            stops[-1] = stops[-1].hanging(load) if load else stops[-1].waiting(pause)
-            load = ""
+            stops[-1] = stops[-1].waiting(None if match[2] else float(match[1]))
     return Parsed(robot[1], tuple(stops))

@@ -22,26 +22,33 @@ def write_krl(programme: Programme, name: str) -> tuple[str, str]:
     payload = "not stated" if programme.payload is None else f"{programme.payload:g} kg"
     src = [
         "&ACCESS RVP", "&REL 1", f"DEF {name}( )", f";robot {programme.robot}", f";payload {payload}",
-        ";set the load data of tool and weight before the start", "DECL INT K", "BAS(#INITMOV,0)",
-        f"FOR K=1 TO {_JOINTS}", f"$VEL_AXIS[K]={programme.speed}", "ENDFOR", "PTP $AXIS_ACT",
+        ";set the load data of tool and weight before the start", ";no weight while the arm moves",
+        "DECL INT K", "BAS(#INITMOV,0)", f"FOR K=1 TO {_JOINTS}", f"$VEL_AXIS[K]={programme.speed}", "ENDFOR",
+        "PTP $AXIS_ACT",
     ]  # fmt: skip
     dat = ["&ACCESS RVP", "&REL 1", f"DEFDAT {name}"]
     for i, move in enumerate(programme.moves, start=1):
         if move.measured:
-            src.append(f";pose {move.pose} visit {move.repeat} load {plain(move.load) or 'unnamed'}")
+            src.append(f";pose {move.pose} visit {move.repeat}")
         src.append(f"PTP XP{i}")
         if move.measured:
-            src.append("HALT" if programme.pause is None else f"WAIT SEC {programme.pause:.2f}")
-        if move.then:
-            src += [f";hang {plain(move.then)}", "HALT"]
+            src += _stopped(move.load, programme.pause)
         axes = [f"A{k} {value:.3f}" for k, value in enumerate(np.rad2deg(move.pendant) + 0.0, start=1)]
         axes += [f"E{k} 0.0" for k in range(1, _JOINTS + 1)]
         dat.append(f"DECL E6AXIS XP{i}={{{','.join(axes)}}}")
     return "\n".join([*src, "END"]) + "\n", "\n".join([*dat, "ENDDAT"]) + "\n"
 
 
+def _stopped(load: str, pause: float | None) -> list[str]:
+    """What is done once the arm stands: a load is named where the programme waits for it, never before a move."""
+    if pause is not None:
+        return [*([f";load {plain(load)}"] if load else []), f"WAIT SEC {pause:.2f}"]
+    return [*([f";now hang {plain(load)}", ";take it off before the start"] if load else []), "HALT"]
+
+
 _POINT = re.compile(r"DECL E6AXIS XP(\d+)=\{([^}]*)\}")
-_VISIT = re.compile(r";pose (\S+) visit (\d+) load .*")
+_VISIT = re.compile(r";pose (\S+) visit (\d+)")
+_LOAD = re.compile(r";(?:now hang|load) (\S+)")
 
 
 def parse_krl(src: str, dat: str) -> Parsed:
@@ -54,10 +61,9 @@ def parse_krl(src: str, dat: str) -> Parsed:
     }
     stops: list[Stop] = []
     visit: tuple[str, int] = ("", 0)
-    load = ""
     for line in src.splitlines():
-        if match := re.fullmatch(r";hang (\S+)", line):
-            load = match[1]
+        if match := _LOAD.fullmatch(line):
+            stops[-1] = stops[-1].hanging(match[1])
         elif match := _VISIT.fullmatch(line):
             visit = (match[1], int(match[2]))
         elif match := re.fullmatch(r"PTP XP(\d+)", line):
@@ -68,6 +74,5 @@ def parse_krl(src: str, dat: str) -> Parsed:
         elif match := re.fullmatch(r"WAIT SEC ([\d.]+)", line):
             stops[-1] = stops[-1].waiting(float(match[1]))
         elif line == "HALT":
-            stops[-1] = stops[-1].hanging(load) if load else stops[-1].waiting(None)
-            load = ""
+            stops[-1] = stops[-1].waiting(None)
     return Parsed(robot[1], tuple(stops))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qsframework.applications.programme import Programme
+from qsframework.applications.programme import Programme, load_name
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Plan
 from qsframework.plugin import Array
@@ -20,7 +20,7 @@ ROUNDING = float(np.deg2rad(0.0005 * 1.001))
 class Stop:
     """A stop of an exported file: pose "" in between; pause 0: none, None: until started by hand.
 
-    then: the load, or as much of its name as the format holds, that is hung after it, until started by hand
+    load: what is hung there once the arm has stopped, or as much of its name as the format holds
     """
 
     pose: str
@@ -28,15 +28,19 @@ class Stop:
     pendant: Array
     speed: int
     pause: float | None
-    then: str = ""
+    load: str = ""
 
     def waiting(self, pause: float | None) -> Stop:
         """The stop with its pause."""
         return replace(self, pause=pause)
 
     def hanging(self, load: str) -> Stop:
-        """The stop with the load that is hung after it."""
-        return replace(self, then=load)
+        """The stop with its load."""
+        return replace(self, load=load)
+
+    def holds(self, load: str) -> bool:
+        """Whether this is its load."""
+        return bool(self.load) == bool(load) and plain(load).startswith(plain(self.load))
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,21 +60,23 @@ class Parsed:
             said, meant = (stop.pose, stop.repeat), (move.pose, move.repeat)
             if said != meant or stop.speed != programme.speed or stop.pause != pause:
                 out.append(f"stop {i}: {said}, {stop.speed} %, pause {stop.pause}")
-            if bool(stop.then) != bool(move.then) or not plain(move.then).startswith(plain(stop.then)):
-                out.append(f"stop {i}: the load {stop.then!r} is hung after it, not {move.then!r}")
+            if not stop.holds(move.load):
+                out.append(f"stop {i}: the load {stop.load!r} is hung there, not {move.load!r}")
             if stop.pendant.shape != move.pendant.shape or np.abs(stop.pendant - move.pendant).max() > ROUNDING:
                 out.append(f"stop {i}: other angles")
         return out
 
     def plan_differences(self, plan: Plan) -> list[str]:
-        """Where the measured stops differ from the plan: another pose, other angles, another number of repeats."""
+        """Where the measured stops differ from the plan: another pose, other angles, load or number of repeats."""
         out: list[str] = []
-        for name, pendant, repeats in zip(plan.pose, plan.pendant, plan.repeats, strict=True):
+        for i, (name, pendant, repeats) in enumerate(zip(plan.pose, plan.pendant, plan.repeats, strict=True)):
             own = [s for s in self.stops if s.pose == name]
             if len(own) != repeats:
                 out.append(f"{name}: {len(own)} visits, not {repeats}")
             if any(np.abs(s.pendant - pendant).max() > ROUNDING for s in own):
                 out.append(f"{name}: other angles")
+            if not all(s.holds(load_name(plan, i)) for s in own):
+                out.append(f"{name}: another load")
         known = set(plan.pose) | {""}
         return out + [f"{s.pose}: not in the plan" for s in self.stops if s.pose not in known]
 

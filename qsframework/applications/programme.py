@@ -31,8 +31,7 @@ Tell = Callable[[str, int, int], None]
 class Move:
     """A joint move to pendant angles (n,) rad. `pose` is the plan's name, "" for a pose in between or home.
 
-    repeat: 1, 2, ... counts the visits of the pose; load: its name
-    then: the load to hang after this stop, where the next pose is under another; the programme waits for the start
+    repeat: 1, 2, ... counts the visits of the pose; load: the name of what is hung once the arm has stopped there
     """
 
     pendant: Array
@@ -40,7 +39,6 @@ class Move:
     repeat: int = 0
     load: str = ""
     force: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    then: str = ""
 
     @property
     def measured(self) -> bool:
@@ -90,7 +88,7 @@ def make_programme(
     told = Programme(experiment.robot.name, experiment.robot.title, experiment.robot.payload, moves, speed, pause)
     points = np.stack([m.pendant for m in moves])
     planned = way_length(plan.pendant, visits(plan, "plan"), home)
-    notes = (*_unseen(experiment, plan, moves, around), *_notes(experiment, around, home))
+    notes = (*_unseen(experiment, plan, moves, around), *_notes(experiment, around, home, pause))
     return Programme(told.robot, told.title, told.payload, moves, speed, pause,
                      way_length(points, range(len(points)), None), planned, notes)  # fmt: skip
 
@@ -125,6 +123,11 @@ def check_plan(experiment: Experiment, plan: Plan, file: str = "") -> None:
             )  # fmt: skip
     if problems:
         raise InputError(problems)
+
+
+def load_name(plan: Plan, i: int) -> str:
+    """What is hung at a pose of the plan, "" where nothing is."""
+    return plan.load[i] or ("load" if np.any(plan.wrench[i]) else "")
 
 
 def _check_numbers(speed: int, pause: float | None) -> None:
@@ -221,10 +224,7 @@ def _moves(
     for i in sequence:
         seen[i] = seen.get(i, 0) + 1
         x, y, z = (float(f) for f in plan.wrench[i, :3])
-        stops.append(Move(frozen(plan.pendant[i]), plan.pose[i], seen[i], plan.load[i], (x, y, z)))
-    for k, (here, there) in enumerate(pairwise(stops)):
-        if here.load != there.load:
-            stops[k] = replace(here, then=there.load or "unnamed")
+        stops.append(Move(frozen(plan.pendant[i]), plan.pose[i], seen[i], load_name(plan, i), (x, y, z)))
     if home is not None:
         stops = [Move(frozen(home)), *stops, Move(frozen(home))]
     out = stops[:1]
@@ -243,8 +243,13 @@ def _moves(
     return tuple(out)
 
 
-def _notes(experiment: Experiment, around: Surroundings, home: Array | None) -> tuple[str, ...]:
+def _notes(experiment: Experiment, around: Surroundings, home: Array | None, pause: float | None) -> tuple[str, ...]:
     notes: list[str] = []
+    if pause is not None:
+        notes.append(
+            f"the programme drives on by itself after {pause:g} s: a run without the weight; with --hold it waits "
+            "while a load is hung and taken off"
+        )
     if not experiment.robot.shapes:
         notes.append("the robot's URDF has no simple solids: nothing was checked for collisions")
     if around.floor is None:

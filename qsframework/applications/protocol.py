@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from qsframework.applications.ordering import visits, with_repeats
-from qsframework.applications.programme import check_plan
+from qsframework.applications.programme import check_plan, load_name
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Plan
 from qsframework.experiment.columns import write_table
@@ -113,7 +113,7 @@ def make_protocol(experiment: Experiment, plan: Plan, wish: ProtocolWish | None 
     out: list[Visit] = []
     for number, i in enumerate(sequence, start=1):
         seen[i] = seen.get(i, 0) + 1
-        load = plan.load[i] or "load"
+        load = load_name(plan, i)
         half = wish.half and plan.repeats[i] > 1
         states = _states(load, plan.wrench[i], wish.cycles, half)
         out.append(Visit(number, plan.pose[i], seen[i], plan.pendant[i], load, plan.wrench[i], states))

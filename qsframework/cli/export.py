@@ -108,7 +108,6 @@ def as_json(programme: Programme, wish: ExportWish, files: tuple[Path, ...]) -> 
                 "visit": m.repeat,
                 "q_deg": np.rad2deg(m.pendant).tolist(),
                 "load": m.load,
-                "then_hang": m.then,
             }
             for m in programme.moves
         ],

@@ -36,8 +36,10 @@ def _before(protocol: Protocol) -> Section:
         f"Tracker on for as long as its maker asks; {wish.reflectors} reflectors fixed to the floor around the robot, "
         "as far apart as the tracker sees.",
         f"The programme drives in this sheet's order: exported with --order {wish.order} --seed {wish.seed} "
-        f"--repeat-share {wish.repeat_share:g} --hold. Run once slowly without the weight.",
-        f"Warm-up: {wish.warm_up:g} min of the exported programme without the weight, at measuring speed.",
+        f"--repeat-share {wish.repeat_share:g} --hold. At every stop it names the load and waits for the start button. "
+        "Run once slowly without the weight.",
+        f"Warm-up: {wish.warm_up:g} min without the weight, at measuring speed: exported without --hold it drives on "
+        "by itself.",
         f"Preload: at pose {first.pose} the weight on and off once, not read. The gears settle on one side.",
         f"Drive state while reading: {wish.drive}. The same for both states of every reading; note any change.",
         "Every pose is reached from the same side: the programme's own way, without jogging in between.",

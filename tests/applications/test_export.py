@@ -188,29 +188,67 @@ def test_a_changed_file_is_seen(cell: Experiment, plan: Plan, programme: Program
     assert not read_export(files[0]).differences(programme)
 
 
-@pytest.mark.parametrize("to", FORMATS)
-def test_the_load_is_changed_at_a_stop_of_its_own(m900ib: Experiment, tmp_path: Path, to: str) -> None:
-    """Loads of two poses each: one change, told by the file and read back; a file without it is another."""
+def two_loads(experiment: Experiment, names: list[str]) -> Plan:
+    """Two poses under each of two loads."""
     pendant = np.vstack([GOOD, GOOD + np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0])])
-    wrench = np.zeros((4, 6))
-    wrench[:, 2] = -1000.0
-    poses = Poses(pendant, m900ib.robot.controller.to_joints(pendant), wrench)
-    names = ["weight", "weight", "weight and a long side pull of 1500 N", "weight and a long side pull of 1500 N"]
-    plan = make_plan(poses, names)
-    free = bounded(m900ib)
-    made = replace(make_programme(free, plan, order="plan", home=GOOD[0]), title="an arm")
-    assert [m.then for m in made.moves if m.measured] == ["", names[2], "", ""]
-    assert not any(m.then for m in made.moves if not m.measured)
+    wrench = np.tile([0.0, 0.0, -1000.0, 0.0, 0.0, 0.0], (4, 1))
+    return make_plan(Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench), names)
+
+
+MOTION = {"fanuc-ls": r"^ *\d+:J P\[", "krl": r"^PTP XP"}
+WAITS = {"fanuc-ls": r"^ *\d+:  (PAUSE|WAIT)", "krl": r"^(HALT|WAIT)"}
+
+
+@pytest.mark.parametrize("to", FORMATS)
+@pytest.mark.parametrize("pause", [10.0, None])
+def test_a_load_is_named_once_the_arm_has_stopped(
+    m900ib: Experiment, tmp_path: Path, to: str, pause: float | None
+) -> None:
+    """Between each move and its wait, never before a move; read back, and a file with another load is another."""
+    long = "weight and a long side pull of 1500 N"
+    plan = two_loads(m900ib, ["w", "w", long, long])
+    made = make_programme(bounded(m900ib), plan, order="random", seed=3, pause=pause, home=GOOD[0])
+    made = replace(made, title="an arm")
     file = export(made, plan, to, tmp_path / "way.ls" if to == "fanuc-ls" else tmp_path / f"way.{to}")[0]
     text = file.read_text()
     read = read_export(file)
     assert not read.differences(made)
-    (stop,) = (s for s in read.stops if s.then)
-    assert (stop.pose, stop.pause) == ("p02", 10.0)
-    lost = {"fanuc-ls": "!hang", "krl": ";hang", "csv": names[2] + "\n"}[to]
-    assert lost in text
-    file.write_text(text.replace(lost, {"fanuc-ls": "!hung", "krl": ";hung", "csv": "\n"}[to], 1))
+    assert not read.plan_differences(plan)
+    loads = dict(zip(plan.pose, plan.load, strict=True))
+    assert all(stop.holds(loads.get(stop.pose, "")) for stop in read.stops)
+    assert any("--hold it waits" in note for note in made.notes) == (pause is not None)
+    if to == "csv":
+        assert "# load: hang it after the arm has stopped, take it off again before the arm starts\n" in text
+    else:
+        moves = re.split(MOTION[to], text, flags=re.MULTILINE)
+        assert not re.search("hang|load (w|weight)", moves[0])
+        for move, part in zip(made.moves, moves[1:], strict=True):
+            asked, *after = re.split(WAITS[to], part.partition("/POS")[0], flags=re.MULTILINE)
+            kind = "load" if pause is not None else "now hang"
+            assert re.findall(rf"[!;]{kind} (\S+)", asked) == ([_shown(move.load, to)] if move.measured else [])
+            assert not re.search("hang|load", "".join(after)), "nothing is named before the next move"
+            assert ("take it off before the start" in asked) == (move.measured and pause is None)
+    changed = text.replace(f"{'hang' if pause is None else 'load'} w", f"{'hang' if pause is None else 'load'} u")
+    changed = text.replace(",w,", ",u,") if to == "csv" else changed
+    assert changed != text
+    file.write_text(changed)
     assert read_export(file).differences(made)
+    assert any("another load" in d for d in read_export(file).plan_differences(plan))
+
+
+def _shown(load: str, to: str) -> str:
+    return re.sub(r"\W", "_", load)[: 22 if to == "fanuc-ls" else None]
+
+
+def test_loads_that_a_remark_cannot_tell_apart(m900ib: Experiment, tmp_path: Path) -> None:
+    names = [f"weight and a side pull of {n} N" for n in (500, 500, 1500, 1500)]
+    plan = two_loads(m900ib, names)
+    made = make_programme(bounded(m900ib), plan, order="plan")
+    with pytest.raises(
+        InputError, match=r"found 'weight .* 1500 N'; allowed: .*'weight .* 500 N' in its first 22 char"
+    ):
+        export(made, plan, "fanuc-ls", tmp_path / "way.ls")
+    assert export(made, plan, "csv", tmp_path / "way.csv")
 
 
 def test_the_fanuc_listing(programme: Programme, plan: Plan, tmp_path: Path) -> None:
