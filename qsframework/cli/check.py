@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +23,7 @@ from qsframework.experiment import (
 from qsframework.robot import Robot, load_robot, robot_names
 
 if TYPE_CHECKING:
+    from qsframework.diagnose.conventions import Convention
     from qsframework.report import Section
 
 Line = tuple[bool | None, str, str]
@@ -118,10 +120,9 @@ def _displacement_lines(experiment: Experiment, readings: Readings) -> list[Line
     from qsframework.diagnose.conventions import check_conventions, compelling
     from qsframework.identify import check_readings
 
-    try:
+    tried: Sequence[Convention] = ()
+    with suppress(QsfError):  # readings that tell no fit prove nothing here; `qsf identify` says what they lack
         tried = check_conventions(experiment, readings)
-    except QsfError:  # readings that tell no fit prove nothing here; `qsf identify` says what they lack
-        tried = []
     lines: list[Line] = [(False, c.name, c.words) for c in tried if c.name == "load_unit"]
     proved = compelling(tried)
     if proved is not None and proved.name not in _ROWS:

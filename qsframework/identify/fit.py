@@ -152,6 +152,11 @@ class Fit:
             return "The noise is estimated from the residuals, so they cannot say whether the model is right."
         ratio = float(np.sqrt(self.chi2 / self.dof))
         said = f"chi-square {self.chi2:.1f} on {self.dof} degrees of freedom, p = {self.p_value:.2g}"
+        if self.p_value > 1.0 - _SIGNIFICANT:
+            return (
+                f"The residuals are only {ratio:.2g} of the stated noise ({said}): the noise is less than stated, rows "
+                "were copied, or the displacements are in a larger unit than their columns say."
+            )
         if self.p_value >= _SIGNIFICANT:
             return f"The residuals agree with the stated noise ({said})."
         order = np.argsort(-np.abs(self.studentised).max(axis=1))[:3]

@@ -62,8 +62,8 @@ def _apart(states: StateReadings) -> Any:
     """Distances (R,) mm of positions from the mean of their marker's at the same pose under the same load."""
     out = np.zeros(len(states.marker))
     of = [(states.series[m], states.pose[m], bool(states.loaded[m]), states.load_id[m] if states.loaded[m] else "")
-          for m in states.measurement.tolist()]  # fmt: skip
-    groups = list(zip(of, states.marker.tolist(), strict=True))
+          for m in map(int, states.measurement)]  # fmt: skip
+    groups = list(zip(of, map(int, states.marker), strict=True))
     for group in dict.fromkeys(groups):
         at = np.array([g == group for g in groups])
         out[at] = 1e3 * np.linalg.norm(states.position[at] - states.position[at].mean(axis=0), axis=1)

@@ -86,3 +86,15 @@ def test_what_tied_parameters_share_is_not_taken_for_known(m900ib: Experiment) -
     truth = np.sqrt(np.linalg.inv(A.T @ A)[1, 1])
     assert np.isinf(sd[:2]).all()
     assert np.isclose(sd[2], truth, rtol=1e-9)
+
+
+def test_residuals_far_below_the_noise_are_said(m900ib: Experiment, plan: Plan) -> None:
+    """A third of the stated noise, and readings in metres under a column of millimetres."""
+    quiet = m900ib.with_(noise=replace(m900ib.noise, sigma=1e-5))
+    readings = simulate(quiet, plan, seed=1).readings
+    loud = replace(readings, sigma=3.0 * readings.sigma)
+    assert "The residuals are only 0.29 of the stated noise" in identify(m900ib, loud).verdict()
+    metres = simulate(m900ib, plan, seed=1).readings
+    small = identify(m900ib, replace(metres, displacement=metres.displacement * 1e-3))
+    assert "in a larger unit than their columns say" in small.verdict()
+    assert "The residuals agree" in identify(m900ib, metres).verdict()
