@@ -61,7 +61,7 @@ class _Table:
     def __init__(self, experiment: Experiment, states: StateReadings) -> None:
         own = states.sigma[np.isfinite(states.sigma) & states.use]
         noise = experiment.noise.sigma
-        self.sigma = float(np.sqrt(np.mean(own**2))) if len(own) else None if noise is None else noise / np.sqrt(2.0)
+        self.sigma = float(np.sqrt(np.mean(own**2))) if len(own) else noise
         self.unloaded: dict[_Visit, dict[int, Array]] = {}
         self.loaded: dict[tuple[str, str, int, int, str], dict[int, Array]] = {}
         self.wrench: dict[tuple[str, str, int, int, str], Array] = {}

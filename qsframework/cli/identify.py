@@ -15,6 +15,12 @@ if TYPE_CHECKING:
     from qsframework.identify import Choices, Fit, Masked
 
 
+_OF_STATES = (
+    "The displacements are differences of two positions, and so is their noise: sqrt(2) times that of one position, "
+    "which is what sigma_mm says in a file of states."
+)
+
+
 @dataclass(frozen=True)
 class FitFiles:
     """What the command reads, and what it writes where it is asked to; positions join the displacements of data."""
@@ -108,7 +114,6 @@ def run_identify(files: FitFiles, how: How) -> None:
     from qsframework.cli.positions import identify_states
     from qsframework.identify import identify
     from qsframework.identify.fit_files import result_files
-    from qsframework.report import error_table, fit_table, interval_tables
 
     experiment = load_experiment(files.experiment)
     source = readings_file(experiment, files.data)
@@ -130,13 +135,10 @@ def run_identify(files: FitFiles, how: How) -> None:
         experiment, readings, how.fit, how.method or "linear", how.priors, how.loss, how.fixed, how.tied, shared,
         how.exact, how.profile,
     )  # fmt: skip
+    if is_states(source):
+        result = replace(result, notes=(*result.notes, _OF_STATES))
     result = replace(result, cleaned=cleaned)
-    print(result.verdict())
-    for table in (fit_table(result), *interval_tables(result), error_table(result)):
-        print_table(table.header, table.rows)
-        print(table.caption)
-    for note in result.notes:
-        print(note)
+    _tell(result)
     for said in result_files(result, experiment.robot, files.nominal, files.urdf):
         print(said)
     if files.json is not None:
@@ -144,6 +146,18 @@ def run_identify(files: FitFiles, how: How) -> None:
         print(f"fit: {files.json}")
     if files.report is not None:
         _report(files.report, experiment, readings, result, [files.experiment, source], how.exact)
+
+
+def _tell(result: Fit) -> None:
+    """The verdict, the tables and the notes."""
+    from qsframework.report import error_table, fit_table, interval_tables
+
+    print(result.verdict())
+    for table in (fit_table(result), *interval_tables(result), error_table(result)):
+        print_table(table.header, table.rows)
+        print(table.caption)
+    for note in result.notes:
+        print(note)
 
 
 def _report(

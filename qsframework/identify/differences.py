@@ -17,8 +17,8 @@ def differences(states: StateReadings, experiment: Experiment) -> tuple[Readings
 
     A loaded row is measured against the unloaded row of its pose, series and marker with its load_id, repeat and
     cycle; else against that without a load_id; else against the pose's only unloaded row. The displacements are in
-    the tracker's axes, which must be those of the base. Masked rows are left out. Where no row states its sigma, that
-    of the experiment is that of one displacement, and each state has half its variance.
+    the tracker's axes, which must be those of the base. Masked rows are left out. The experiment's sigma is here that
+    of one position, as in a fit of the positions themselves, so that a displacement has sqrt(2) of it.
 
     Raises InputError that names the loaded rows without an unloaded one, or with one in another drive state.
     """
@@ -102,7 +102,7 @@ def _references(states: StateReadings, loaded: Indices) -> Indices:
 
 def _sigmas(states: StateReadings, experiment: Experiment, loaded: Indices, unloaded: Indices) -> Array:
     """sd (2, L) m of the unloaded and the loaded position of each displacement; all NaN where nothing is stated."""
-    one = np.nan if experiment.noise.sigma is None else experiment.noise.sigma / np.sqrt(2.0)
+    one = np.nan if experiment.noise.sigma is None else experiment.noise.sigma
     sigma = np.stack([states.sigma[unloaded], states.sigma[loaded]])
     sigma = np.where(np.isnan(sigma), one, sigma)
     if np.isnan(sigma).any() and not np.isnan(sigma).all():

@@ -57,6 +57,7 @@ def test_the_command_fits_differences_with_their_covariance(m900ib: Experiment, 
     write_states(tmp_path / "s.csv", measured(m900ib, x, 8, BASE, 1), m900ib)
     run_identify(FitFiles(m900ib.path, tmp_path / "s.csv", tmp_path / "fit.json"), How(differences=True))
     fit = read_fit(tmp_path / "fit.json")
+    assert fit.sigma == pytest.approx(np.sqrt(2.0) * SIGMA)
     truth = x[m900ib.model().index(fit.names)]
     assert np.all(np.abs(fit.values - truth) < 4.0 * fit.sd)
     assert abs(fit.chi2 - fit.dof) < 4.0 * np.sqrt(2.0 * fit.dof)
@@ -100,6 +101,29 @@ def test_positions_with_loaded_states_tell_springs_zeros_and_the_frame(tmp_path:
     assert np.abs(z).max() < 4.0
     assert np.mean(np.square(z)) == pytest.approx(1.0, abs=0.5)
     assert abs(np.mean(squares) - dof) < 4.0 * np.sqrt(2.0 * dof / 12)
+
+
+def test_the_experiments_sigma_is_that_of_one_position_for_both_commands(tmp_path: Path) -> None:
+    """One state file, the noise stated in the experiment only: chi-square is right as positions and as differences."""
+    (tmp_path / "experiment.yaml").write_text(ARM)
+    arm = load_experiment(tmp_path / "experiment.yaml")
+    names = ["joint_compliance"]
+    count = 20
+    squares: dict[str, list[float]] = {"positions": [], "differences": []}
+    dofs: dict[str, int] = {}
+    for seed in range(count):
+        states = measured(arm, arm.model().nominal, 8, BASE, 100 + seed)
+        states = replace(states, sigma=np.full(len(states.sigma), np.nan))
+        displaced = differences(states, arm)[0]
+        fits = {"positions": identify_positions(arm, states, names), "differences": identify(arm, displaced, names)}
+        for kind, fit in fits.items():
+            assert fit.sigma_source == "stated"
+            squares[kind].append(fit.chi2)
+            dofs[kind] = fit.dof
+        assert fits["positions"].sigma == pytest.approx(SIGMA)
+        assert fits["differences"].sigma == pytest.approx(np.sqrt(2.0) * SIGMA)
+    for kind, dof in dofs.items():
+        assert abs(np.mean(squares[kind]) - dof) < 4.0 * np.sqrt(2.0 * dof / count), (kind, np.mean(squares[kind]), dof)
 
 
 def test_poses_all_equal_are_refused_with_what_would_help(m900ib: Experiment) -> None:
