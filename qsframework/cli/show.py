@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from qsframework.cli.commands import distinct_outputs
+from qsframework.cli.displacements import read_displacements
 from qsframework.cli.stiffness import numbers
 from qsframework.cli.stop import Stopped
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, is_states, load_experiment, read_plan, read_readings
+from qsframework.experiment import Experiment, Readings, is_states, load_experiment, read_plan, read_states
 from qsframework.files import write_text
 from qsframework.identify.fit_files import StoredFit, read_fit
 from qsframework.plugin import Array
@@ -54,9 +56,9 @@ def run_show(shown: Shown, html: Path | None, port: int) -> None:
     """Write the page, or serve it until Ctrl-C."""
     if html is not None:
         distinct_outputs([html], shown.files())
-        print(f"scene: {write_text(html, make_scene(shown).html())}")
+        print(f"scene: {write_text(html, make_scene(shown, print).html())}")
         return
-    first = make_scene(shown).html  # bad input ends here, before anything listens
+    first = make_scene(shown, print).html  # bad input ends here, before anything listens
     pages = [first]
     site = Site(lambda watch: (pages.pop() if pages else make_scene(shown).html)(watch), shown.files())
     with serve(site, port) as server:
@@ -67,8 +69,8 @@ def run_show(shown: Shown, html: Path | None, port: int) -> None:
             print()
 
 
-def make_scene(shown: Shown) -> Scene:
-    """Read everything and draw it."""
+def make_scene(shown: Shown, say: Callable[[str], object] = lambda note: None) -> Scene:
+    """Read everything and draw it; `say` is told what could not be drawn."""
     if not (np.isfinite(shown.scale) and shown.scale > 0.0):
         raise InputError(f"--scale {shown.scale:g}: allowed: a number above 0; 1 shows deflections as they are")
     experiment = _experiment(shown)
@@ -81,12 +83,7 @@ def make_scene(shown: Shown) -> Scene:
     if shown.fit is not None:
         fit = _fit(shown.fit, experiment)
         x = fit.x(experiment.model())
-        data = shown.data or experiment.data
-        if data is None or is_states(data):
-            note = "No residual vectors: they need readings of displacements (--data)."
-        else:
-            readings = read_readings(data, experiment)
-            note = None if fit.is_of(data) else f"The fit is not of the readings in {data.name}, which are shown."
+        readings, note = _readings(shown.data or experiment.data, experiment, fit)
     missed = None
     if shown.plan is not None:
         plan = read_plan(shown.plan, experiment)
@@ -97,8 +94,22 @@ def make_scene(shown: Shown) -> Scene:
     if readings is not None and x is not None and missed is None:
         missed = floating(experiment, readings, x)
     scene = show_scene(experiment, plan, x, shown.scale, missed)
-    scene.notes += [note] if note else []
+    if note:
+        scene.notes.append(note)
+        say(note)
     return scene
+
+
+def _readings(data: Path | None, experiment: Experiment, fit: StoredFit) -> tuple[Readings | None, str | None]:
+    """The readings whose residuals are drawn, and what to know about them."""
+    if data is None:
+        return None, "No residual vectors: the experiment names no readings; give them with --data."
+    if is_states(data):
+        states = read_states(data, experiment)
+        if not np.any(states.use & states.loaded[states.measurement]):
+            return None, "No residual vectors: positions of an unloaded arm are no displacements."
+    note = None if fit.is_of(data) else f"The fit is not of the readings in {data.name}, which are shown."
+    return read_displacements(experiment, data), note
 
 
 def _experiment(shown: Shown) -> Experiment:

@@ -8,18 +8,21 @@ import signal
 import subprocess
 import sys
 import urllib.request
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from qsframework.applications import stiffness_at
+from qsframework.cli.identify import FitFiles, How, run_identify
 from qsframework.cli.show import Shown, make_scene, run_show
 from qsframework.errors import InputError, QsfError
-from qsframework.experiment import Experiment, Plan, example, make_plan, write_plan
+from qsframework.experiment import Experiment, Plan, example, make_plan, write_plan, write_states
 from qsframework.identify.fit_files import read_fit
 from qsframework.plugin import Poses
 from qsframework.robot import load_robot
+from tests.identify.test_states import BASE, measured
 
 M900IB = example("m900ib") / "experiment.yaml"
 R2000IC = example("r2000ic") / "experiment.yaml"
@@ -86,6 +89,31 @@ def test_other_readings_than_the_fits_are_told(fit: Path, tmp_path: Path) -> Non
     (tmp_path / "few.csv").write_text("\n".join(lines[:-3]) + "\n")
     scene = make_scene(Shown(str(R2000IC), fit=fit, data=tmp_path / "few.csv"))
     assert "The fit is not of the readings in few.csv, which are shown." in scene.notes
+
+
+def test_residuals_of_a_day_of_positions(
+    m900ib: Experiment, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Loaded minus unloaded positions, as `qsf identify --differences` fits them."""
+    states, fit = tmp_path / "states.csv", tmp_path / "fit.json"
+    write_states(states, measured(m900ib, m900ib.model().nominal, 6, BASE, 1), m900ib)
+    run_identify(FitFiles(m900ib.path, states, fit), How(differences=True))
+    scene = make_scene(Shown(str(M900IB), fit=fit, data=states))
+    assert len(scene.layers["residuals"]) == len(scene.steps) == 12
+    assert not any("not of the readings" in note for note in scene.notes)
+    capsys.readouterr()
+    run_show(Shown(str(M900IB), fit=fit), tmp_path / "d.html", 7000)
+    assert "No residual vectors: the experiment names no readings; give them with --data." in capsys.readouterr().out
+
+
+def test_positions_of_an_unloaded_arm_have_no_residual_vectors(m900ib: Experiment, tmp_path: Path) -> None:
+    states, fit = tmp_path / "states.csv", tmp_path / "fit.json"
+    all_ = measured(m900ib, m900ib.model().nominal, 6, BASE, 1)
+    write_states(states, all_, m900ib)
+    run_identify(FitFiles(m900ib.path, states, fit), How(differences=True))
+    write_states(states, replace(all_, use=~all_.loaded[all_.measurement]), m900ib)
+    scene = make_scene(Shown(str(M900IB), fit=fit, data=states))
+    assert "No residual vectors: positions of an unloaded arm are no displacements." in scene.notes
 
 
 @pytest.mark.parametrize(
