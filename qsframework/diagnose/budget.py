@@ -11,6 +11,11 @@ from qsframework.diagnose.case import Case
 from qsframework.diagnose.result import Diagnosis
 from qsframework.plugin import Array
 
+_TOLD = 1e-10
+"""Share of the largest singular value below which readings do not tell a direction."""
+_CARRIED = 1e-8
+"""Share of a direction that other poses carry, below which the fit without a pose is made anew."""
+
 
 @dataclass(frozen=True)
 class Step:
@@ -49,14 +54,25 @@ def linear_errors(case: Case, causes: Sequence[int], residuals: Array) -> tuple[
     raw = [case.raw[:, : len(case.fitted)], *(case.raw[:, ends[i] : ends[i + 1]] for i in causes)]
     white = np.concatenate([case.A, *(case.B[i] for i in causes)], axis=1)
     plain, left = np.concatenate(raw, axis=1), residuals.ravel()
-    whole = left - plain @ _solve(white, case.residuals)
+    size: Array = np.maximum(np.linalg.norm(white, axis=0), 1e-300)
+    U, values, V = np.linalg.svd(white / size, full_matrices=False)
+    told = values > _TOLD * values[0]
+    U, back = U[:, told], (V[told].T / values[told]) / size[:, None]
+    x = back @ (U.T @ case.residuals)
+    rest = case.residuals - U @ (U.T @ case.residuals)
     out = np.empty_like(left)
     for pose in np.unique(case.pose):
         test = case.pose == pose
-        out[test] = left[test] - plain[test] @ _solve(white[~test], case.residuals[~test])
+        kept = np.eye(int(test.sum())) - U[test] @ U[test].T
+        if np.linalg.eigvalsh(kept)[0] > _CARRIED:
+            without = x - back @ (U[test].T @ np.linalg.solve(kept, rest[test]))
+        else:
+            without = _solve(white[~test], case.residuals[~test])
+        out[test] = left[test] - plain[test] @ without
+    whole = left - plain @ x
     return float(np.sqrt(np.mean(whole**2))), float(np.sqrt(np.mean(out**2)))
 
 
 def _solve(columns: Array, target: Array) -> Array:
     size: Array = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    return np.linalg.lstsq(columns / size, target, rcond=1e-10)[0] / size
+    return np.linalg.lstsq(columns / size, target, rcond=_TOLD)[0] / size

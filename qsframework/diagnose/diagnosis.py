@@ -91,7 +91,7 @@ def diagnose(
     extended = best.fit if best else base.fit
     threshold = library.scores.threshold(level * _LIBRARY_SHARE)
     findings = findings_of(library, answers, base.fit, held, threshold, _pose_names(base), seed)
-    findings = (*_convention_findings(conventions, held), *findings)
+    findings = (*_convention_findings(conventions), *findings)
     known = base.audit.unit_source == "stated"
     before = misfit(base.experiment, base.readings, base.rows, base.fit, known)
     after = misfit(base.experiment, base.readings, base.rows, extended, known)
@@ -115,17 +115,16 @@ def _pose_names(base: _Baseline) -> list[str]:
     return names
 
 
-def _convention_findings(conventions: Sequence[Convention], held: HeldOut) -> tuple[Finding, ...]:
+def _convention_findings(conventions: Sequence[Convention]) -> tuple[Finding, ...]:
     """The compelling convention that was adopted, as a cause of its own."""
     adopted = next((c for c in conventions if c.compelling), None)
     if adopted is None:
         return ()
     value = Value(adopted.name, "", adopted.value, 0.0, 0.0 if adopted.value != 1.0 or "[" in adopted.name else 1.0)
     s = float(np.sqrt(2.0 * max(adopted.evidence, 0.0)))
-    gain = 1.0 - adopted.rms / adopted.rms_given
     p = float(np.exp(-min(adopted.evidence, 700.0)))
     physics = "A convention of the file or of the controller is not the one that was assumed"
-    return (Finding(adopted.name, (value,), s, p, 2.0 * adopted.evidence, (), (), physics, adopted.words, gain),)
+    return (Finding(adopted.name, (value,), s, p, 2.0 * adopted.evidence, (), (), physics, adopted.words),)
 
 
 def _teller(progress: Progress | None) -> Callable[[str], None]:

@@ -51,8 +51,8 @@ class Finding:
     """A named cause with its evidence.
 
     s: visible size in units of noise; p_value: family-wise; ebic_gain: by how much the extended BIC falls with it;
-    heldout_gain: 1 - held-out RMS with it / without any cause; hangs_on: poses without any one or two of which the
-    name changes; check: what to look at on the real robot
+    heldout_gain: 1 - held-out RMS with all named causes / with all but this one, NaN for a convention; hangs_on: poses
+    without any one or two of which the name changes; check: what to look at on the real robot
     """
 
     name: str

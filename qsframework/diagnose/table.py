@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from qsframework.diagnose.angles import angle_matrix, smallest_angles
+from qsframework.diagnose.budget import linear_errors
 from qsframework.diagnose.causes import REACH, Cause, Untested
 from qsframework.diagnose.explain import Answer, Library, p_value_of, size_of
 from qsframework.diagnose.fitted import Settled
@@ -39,9 +40,22 @@ def findings_of(
     members = best.subset.members
     rivals = {i: _rivals(library, answers, i, seed) for i in members}
     hanging = {i: _hanging(library, best.subset, i, rivals[i], threshold, pose_names) for i in members}
-    gain = 1.0 - held.rms_extended / held.rms_identified
-    out = [_finding(library, answers, baseline, i, rivals[i], hanging[i], gain) for i in members]
+    gains = _gains(library, members, baseline, held)
+    out = [_finding(library, answers, baseline, i, rivals[i], hanging[i], gains[i]) for i in members]
     return tuple(sorted(out, key=lambda f: -f.s))
+
+
+def _gains(library: Library, members: Sequence[int], baseline: Settled, held: HeldOut) -> dict[int, float]:
+    """By what share the held-out error falls with each cause beside the others.
+
+    One cause alone has the gain of the whole extension, its search nested; of several, one after the other is left out
+    of the linearised model, the others given.
+    """
+    if len(members) == 1:
+        return {members[0]: 1.0 - held.rms_extended / held.rms_identified}
+    _, every = linear_errors(library.case, members, baseline.residuals)
+    others = {i: [j for j in members if j != i] for i in members}
+    return {i: 1.0 - every / linear_errors(library.case, others[i], baseline.residuals)[1] for i in members}
 
 
 def _finding(

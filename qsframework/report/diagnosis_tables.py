@@ -67,7 +67,8 @@ def cause_table(diagnosis: Diagnosis) -> Table:
         tuple(rows),
         "s: what the readings show of a cause, in units of noise, after the fitted parameters have absorbed what they "
         "can. Adjusted p: how often the largest of all causes looks as strong where nothing acts. Delta EBIC: by how "
-        "much the extended BIC falls with the cause. Below 10 deg two causes do nearly the same to these readings.",
+        "much the extended BIC falls with the cause. Held-out gain: by what share the error at poses that the fit has "
+        "not seen falls with this cause beside the other named ones. Below 10 deg two causes do nearly the same to these readings.",
     )
 
 

@@ -64,12 +64,12 @@ def test_aliases_are_separated_by_a_marker_between_them_and_by_no_pose(tied: Dia
     ],
 )
 def test_poses_are_promised_only_where_they_help(s: float, angle: float, offered: tuple[float, ...], said: str) -> None:
-    angles = [float(np.deg2rad(angle))] * 3
+    limit = float(np.deg2rad(angle))
     offers = tuple(Offer(f"{o:g}", f"offer {o:g}", o, 0.5) for o in offered)
     plan = make_plan(campaign_poses(1, 2), ["load"] * 2)
     parameters = (Parameter("a", "m"),)
     pair = Discrimination(
-        "a", "b", parameters, np.array([1e-4]), plan, 0.1, s, *angles[:2], s, angles[2], offers, "9 candidates"
+        "a", "b", parameters, np.array([1e-4]), plan, 0.1, s, limit, limit, s, limit, offers, "9 candidates"
     )
     assert pair.outlook() == said
 
