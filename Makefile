@@ -69,5 +69,5 @@ lock:  ## choose the newest versions that resolve together, all extras included,
 	@rm -rf $(LOCK_VENV)
 
 clean:  ## remove the environment and everything that was built
-	@rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis qsf-demo
+	@rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis qsf-demo qsf-script
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

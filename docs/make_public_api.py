@@ -22,8 +22,8 @@ PACKAGES: dict[str, tuple[str, ...]] = {
     ),
     "qsframework.experiment": (),
     "qsframework.information": (
-        "RankTest", "information_rows", "predicted_sd", "promised_beyond", "promised_sd", "rank_test",
-        "what_would_help",
+        "Promise", "RankTest", "information_rows", "predicted_sd", "promised_beyond", "promised_sd", "promises",
+        "rank_test", "what_would_help",
     ),
     "qsframework.design": (),
     "qsframework.identify": (),

@@ -8,7 +8,9 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "python.md"
 HEAD = """# From Python
 
-Every command is a thin layer over the library. The three scripts below lie in `examples/scripts`; the tests run them.
+Design, simulation, identification, diagnosis, compensation and stiffness are functions that their commands call;
+exports, protocols, comparisons and new robots are commands only. The three scripts below lie in `examples/scripts` and
+write into a folder of their own; the tests run them.
 Quantities are SI, angles radians; the [API page](api.md) lists the functions.
 """
 SCRIPTS = {

@@ -9,7 +9,8 @@ from qsframework.applications import compensate, joint_targets
 from qsframework.experiment import example, load_experiment, read_readings
 from qsframework.identify import identify, read_fit, write_fit
 
-folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path()
+folder = Path(sys.argv[1] if len(sys.argv) > 1 else "qsf-script")  # its own: nothing of yours is replaced
+folder.mkdir(exist_ok=True)
 experiment = load_experiment(example("r2000ic") / "experiment.yaml")
 assert experiment.data is not None
 write_fit(identify(experiment, read_readings(experiment.data, experiment)), folder / "fit.json")

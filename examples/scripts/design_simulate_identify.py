@@ -7,7 +7,8 @@ from qsframework.design import design
 from qsframework.experiment import example, load_experiment, read_plan, simulate, write_plan
 from qsframework.identify import identify
 
-folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path()
+folder = Path(sys.argv[1] if len(sys.argv) > 1 else "qsf-script")  # its own: nothing of yours is replaced
+folder.mkdir(exist_ok=True)
 experiment = load_experiment(example("m900ib") / "experiment.yaml")
 
 plan = design(experiment, poses=12, candidates=300, seed=0)
