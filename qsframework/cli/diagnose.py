@@ -9,7 +9,7 @@ from pathlib import Path
 from qsframework.cli.commands import distinct_outputs, readings_file, write_json
 from qsframework.cli.progress import Tell, print_line, print_table, progress
 from qsframework.cli.where import ALONE, Where
-from qsframework.diagnose import LEVEL, STEPS, Diagnosis, diagnose
+from qsframework.diagnose import LEVEL, STEPS, Diagnosis, SecondDay, diagnose
 from qsframework.diagnose.discriminate import Discrimination
 from qsframework.diagnose.extend import check_folder, write_extended
 from qsframework.diagnose.separations import separations, with_outlooks
@@ -73,9 +73,15 @@ def run_diagnose(files: DiagnoseFiles, asked: Asked, where: Where = ALONE) -> No
     print_diagnosis(found)
     for said in (*(line for pair in pairs for line in pair.words()), *notes):
         print(said)
-    _write(found, pairs, files, [files.experiment, source])
+    day, lost = None, None
     if files.second_day is not None:
-        run_second_day(found, asked.count, files.second_day, asked.seed)
+        try:
+            day = run_second_day(found, asked.count, files.second_day, asked.seed)
+        except InputError as error:  # nothing is left to separate: the other files are written all the same
+            lost = error
+    _write(found, pairs, day, files, [files.experiment, source])
+    if lost is not None:
+        raise lost
 
 
 def _alone(files: DiagnoseFiles, asked: Asked, option: str) -> None:
@@ -91,16 +97,22 @@ def _alone(files: DiagnoseFiles, asked: Asked, option: str) -> None:
         raise InputError(f"{option} goes without {', '.join(wrong)}: run them one after the other")
 
 
-def _write(found: Diagnosis, pairs: Sequence[Discrimination], files: DiagnoseFiles, inputs: list[Path]) -> None:
-    """The files that were asked for; pairs: what would separate rivals."""
+def _write(
+    found: Diagnosis, pairs: Sequence[Discrimination], day: SecondDay | None, files: DiagnoseFiles, inputs: list[Path]
+) -> None:  # fmt: skip
+    """The files that were asked for; pairs: what would separate rivals; day: the poses designed for that."""
     if files.json is not None:
-        write_json(files.json, found.as_json() | {"separations": [pair.as_json() for pair in pairs]})
+        more = {
+            "separations": [pair.as_json() for pair in pairs],
+            "second_day": None if day is None else day.as_json(),
+        }
+        write_json(files.json, found.as_json() | more)
         print(f"diagnosis: {files.json}")
     if files.report is not None:
         from qsframework.report.diagnosis_section import diagnosis_sections
         from qsframework.report.page import write_report
 
-        sections = diagnosis_sections(found, inputs, pairs)
+        sections = diagnosis_sections(found, inputs, pairs, day)
         print(f"report: {write_report(files.report, f'Diagnosis: {found.experiment.robot.title}', sections)}")
     if files.extend is not None:
         write_extended(found, files.extend)

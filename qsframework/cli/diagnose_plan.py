@@ -10,6 +10,7 @@ from qsframework.cli.design import read_taken
 from qsframework.cli.progress import print_table, progress
 from qsframework.cli.where import ALONE, Where, at_work
 from qsframework.diagnose.result import Diagnosis
+from qsframework.diagnose.second_day import SecondDay, second_day
 from qsframework.experiment import Experiment, Plan, Readings, is_states, load_experiment, read_plan, write_plan
 from qsframework.work import job_of
 
@@ -96,13 +97,12 @@ def _left_over(experiment: Experiment, taken: Sequence[Plan | Readings]) -> floa
     return None
 
 
-def run_second_day(diagnosis: Diagnosis, count: int, output: Path, seed: int = 0) -> None:
+def run_second_day(diagnosis: Diagnosis, count: int, output: Path, seed: int = 0) -> SecondDay:
     """Design the poses that separate what a diagnosis left open, write them as a plan and say what they would tell."""
-    from qsframework.diagnose.second_day import second_day
-
     with progress() as tell:
         found = second_day(diagnosis, count, seed=seed, progress=tell)
     write_plan(output, found.plan, diagnosis.experiment)
     for line in found.words():
         print(line)
     print(f"plan: {output}")
+    return found

@@ -163,6 +163,8 @@ class Diagnosis:
 
     def as_json(self) -> dict[str, Any]:
         """What `qsf diagnose --json` holds (SI units, RMS in mm)."""
+        from qsframework.diagnose.budget import error_budget
+
         return {
             "verdict": self.verdict,
             "words": self.words,
@@ -174,6 +176,11 @@ class Diagnosis:
                 name: _number(1e3 * getattr(self.rms, name))
                 for name in ("nominal", "identified", "extended", "heldout_identified", "heldout_extended", "noise")
             },
+            "budget": [
+                {"label": x.label, "readings_mm": 1e3 * x.readings, "heldout_mm": 1e3 * x.heldout}
+                for x in error_budget(self)
+            ],
+            "lack_of_fit": {"before": _misfit(self.before), "after": _misfit(self.after)},
             "table": [
                 {"id": x.name, "status": x.status, "s": _number(x.s), "p_value": _number(x.p_value), "bound": x.bound,
                  "nearest": x.nearest, "angle_deg": _number(float(np.rad2deg(x.angle)))}
@@ -203,9 +210,21 @@ def _cause(f: Finding) -> dict[str, Any]:
         "rivals": [r.name for r in f.rivals],
         "p_value": f.p_value,
         "s": f.s,
+        "delta_ebic": f.ebic_gain,
         "parameters": {v.name: {"value": v.value, "unit": v.unit, "sd": v.sd, "initial": v.initial} for v in f.values},
         "heldout_gain": _number(f.heldout_gain),
         "hangs_on": [list(h) for h in f.hangs_on],
+    }
+
+
+def _misfit(fit: LackOfFit) -> dict[str, Any]:
+    return {
+        "chi2": fit.square,
+        "dof": fit.dof,
+        "p_chi2": _number(fit.p_chi2),
+        "p_replicates": _number(fit.p_replicates),
+        "dof_replicates": fit.free_replicates,
+        "trends": [{"variable": t.variable, "p_value": t.p_value, "share": t.share} for t in fit.trends],
     }
 
 

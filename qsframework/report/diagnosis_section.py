@@ -7,6 +7,7 @@ from pathlib import Path
 
 from qsframework.diagnose.discriminate import Discrimination
 from qsframework.diagnose.result import Diagnosis
+from qsframework.diagnose.second_day import SecondDay
 from qsframework.report import diagnosis_plots as plots
 from qsframework.report import diagnosis_tables as tables
 from qsframework.report.blocks import Block, Section, Text, View
@@ -32,9 +33,10 @@ _LAWS = (
 
 
 def diagnosis_sections(
-    diagnosis: Diagnosis, files: Sequence[Path], pairs: Sequence[Discrimination] = ()
+    diagnosis: Diagnosis, files: Sequence[Path], pairs: Sequence[Discrimination] = (), day: SecondDay | None = None
 ) -> tuple[Section, ...]:
-    """All sections of the report; files: what the diagnosis read, for their hashes; pairs: what separates rivals."""
+    """All sections of the report; files: what the diagnosis read, for their hashes; pairs: what separates rivals; day:
+    the poses of a second day."""
     model, robots = diagnosis.extended.model, (diagnosis.experiment.robot,)
     laws = (LINEAR, EQUILIBRIUM, LEAST_SQUARES, *_LAWS)
     computed = provenance_section(model.effects, files, diagnosis.seed, laws, model.parameters, robots)
@@ -42,6 +44,7 @@ def diagnosis_sections(
     return (
         Section("Verdict", tuple(_verdict(diagnosis))),
         Section("Causes", tuple(_causes(diagnosis, pairs))),
+        *([] if day is None else [Section("A second day", tuple(_day(day)))]),
         Section("Residuals before and after", tuple(_residuals(diagnosis))),
         Section("What these readings can tell", tuple(_tell(diagnosis))),
         Section("Noise and data", tuple(_noise(diagnosis))),
@@ -78,6 +81,12 @@ def _causes(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[B
     if (excluded := tables.excluded_table(diagnosis)).rows:
         yield excluded
     for said in tables.unseen_words(diagnosis):
+        yield Text(said)
+
+
+def _day(day: SecondDay) -> Iterator[Block]:
+    yield tables.contest_table(day)
+    for said in day.words()[1 + len(day.contests) :]:  # the table holds the others
         yield Text(said)
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from qsframework.diagnose.result import EXCLUDED, INVISIBLE, NAMED, TIED, UNTESTED, Diagnosis, Finding, Line, Value
+from qsframework.diagnose.second_day import SecondDay
 from qsframework.diagnose.words import people_estimate, people_size, three
 from qsframework.plugin import Parameter
 from qsframework.report.blocks import Lines, Table
@@ -68,7 +69,8 @@ def cause_table(diagnosis: Diagnosis) -> Table:
         "s: what the readings show of a cause, in units of noise, after the fitted parameters have absorbed what they "
         "can. Adjusted p: how often the largest of all causes looks as strong where nothing acts. Delta EBIC: by how "
         "much the extended BIC falls with the cause. Held-out gain: by what share the error at poses that the fit has "
-        "not seen falls with this cause beside the other named ones. Below 10 deg two causes do nearly the same to these readings.",
+        "not seen falls with this cause beside the other named ones. Below 10 deg two causes do nearly the same to "
+        "these readings.",
     )
 
 
@@ -204,6 +206,21 @@ def pose_table(diagnosis: Diagnosis) -> Table:
         for m in sorted(worst, key=lambda m: -worst[m])
     )
     return Table(("pose", "rows", "largest residual before, mm", "after, mm"), rows, "Lengths of the vectors.")
+
+
+def contest_table(day: SecondDay) -> Table:
+    """What the poses of a second day would tell of each pair."""
+    rows = tuple(
+        (c.first, c.second, _size(c.s_before), _size(c.s_after), degrees(c.angle_before), degrees(c.angle_after))
+        for c in day.contests
+    )
+    return Table(
+        ("named cause", "against", "s now", "s then", "angle now", "angle then"),
+        rows,
+        f"{len(day.plan.pose)} more poses, chosen so that the smallest s of all pairs is as large as it can be: at most "
+        f"{day.bound:.1f} by any choice. s: of the named cause at its estimate, beside what the other one can do; above "
+        "4 the wrong one fits better in less than 2 % of measurements.",
+    )
 
 
 def leftover_table(diagnosis: Diagnosis) -> Table:

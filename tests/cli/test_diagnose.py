@@ -107,3 +107,32 @@ def test_a_wrong_convention_is_named_and_written_with_the_robot(tmp_path: Path) 
     (problem,) = (p for p in json.loads((tmp_path / "r.json").read_text())["data_problems"] if p["id"] == "outliers")
     readings = read_readings(extended.data, extended)
     assert readings.rows[~readings.use].tolist() == problem["rows"]
+
+
+def test_a_second_day_is_in_json_and_report(tmp_path: Path) -> None:
+    result, report, plan = tmp_path / "r.json", tmp_path / "r.html", tmp_path / "day2.csv"
+    command = ("diagnose", HIDDEN, "--json", str(result), "--report", str(report), "--second-day", str(plan))
+    output = run(*command, "--count", "5")
+    day = json.loads(result.read_text())["second_day"]
+    assert day["poses"] == 5
+    (contest,) = (c for c in day["contests"] if f"against {c['second']}: s" in output)
+    assert contest["first"] == "joint_hardening[joint_3]"
+    assert contest["s_after"] > contest["s_before"] > 0.0
+    text = report.read_text()
+    assert "A second day" in text
+    assert f"<td>{contest['second']}</td>" in text
+    assert f"{contest['s_before']:.1f}" in text
+    assert output.index("plan: ") < output.index("diagnosis: ")
+
+
+def test_the_other_files_are_written_where_nothing_is_left_to_separate(tmp_path: Path) -> None:
+    """Readings of the linear model without any cause: no name, so no second day."""
+    plan, readings, result = tmp_path / "plan.csv", tmp_path / "null.csv", tmp_path / "r.json"
+    write_plan(plan, make_plan(poses(1, 20), ["weight"] * 20), load_experiment(M900IB))
+    run("simulate", M900IB, str(plan), "-o", str(readings), "--exact", "--seed", "2")
+    with pytest.raises(InputError, match="nothing is left to separate"):
+        run("diagnose", M900IB, str(readings), "--json", str(result), "--second-day", str(tmp_path / "d.csv"))
+    told = json.loads(result.read_text())
+    assert told["verdict"] == "none"
+    assert told["second_day"] is None
+    assert not (tmp_path / "d.csv").exists()

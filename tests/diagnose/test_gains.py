@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -54,6 +55,28 @@ def test_each_cause_has_the_gain_that_is_lost_without_it(real: Diagnosis) -> Non
     shown = [row[at] for row in table.rows[:3]]
     assert shown == [f"{100 * f.heldout_gain:.0f} %" for f in real.findings]
     assert [c["heldout_gain"] for c in real.as_json()["causes"]] == [f.heldout_gain for f in real.findings]
+
+
+def test_json_holds_what_the_report_shows(real: Diagnosis) -> None:
+    """The evidence of each cause, the budget, and the tests before and after."""
+    told = json.loads(json.dumps(real.as_json(), allow_nan=False))
+    assert [c["delta_ebic"] for c in told["causes"]] == [f.ebic_gain for f in real.findings]
+    assert min(c["delta_ebic"] for c in told["causes"]) > 10.0
+    steps = told["budget"]
+    assert [s["label"] for s in steps] == ["nominal", "identified", *(f"+ {f.name}" for f in real.findings), "noise"]
+    held = [s["heldout_mm"] for s in steps]
+    assert held == sorted(held, reverse=True)
+    assert held[1] == told["rms_mm"]["heldout_identified"]
+    assert held[-2] == told["rms_mm"]["heldout_extended"]
+    first = refitted(real.case, [real.findings[0].name], real.baseline.residuals)
+    assert held[2] == pytest.approx(1e3 * first, rel=1e-6)
+    before, after = told["lack_of_fit"]["before"], told["lack_of_fit"]["after"]
+    assert before["chi2"] == pytest.approx(real.baseline.chi2, rel=1e-6)
+    assert before["dof"] == 3 * len(real.kept) - len(real.baseline.names)
+    assert after["chi2"] / after["dof"] < before["chi2"] / before["dof"]
+    assert (before["p_chi2"], before["p_replicates"], before["dof_replicates"]) == (None, None, 0)
+    assert [t["variable"] for t in before["trends"]] == [t.variable for t in real.before.trends]
+    assert all(0.0 <= t["p_value"] <= 1.0 and 0.0 <= t["share"] <= 1.0 for t in before["trends"])
 
 
 def test_one_cause_has_the_gain_of_the_extension() -> None:

@@ -36,10 +36,10 @@ def test_plan_json_holds_these_keys(root: Path, tmp_path: Path) -> None:
 
 
 def test_diagnosis_json_holds_these_keys() -> None:
-    """The keys of `as_json` and the one that the command adds, from its source."""
+    """The keys of `as_json` and those that the command adds, from its source."""
     import inspect
     import re
 
     written = re.findall(r'^            "(\w+)":', inspect.getsource(Diagnosis.as_json), re.M)
     assert dataclasses.is_dataclass(Diagnosis)
-    assert set(formats.keys_of("diagnosis.json")) == {*written, "separations", "format"}
+    assert set(formats.keys_of("diagnosis.json")) == {*written, "separations", "second_day", "format"}
