@@ -19,6 +19,7 @@ from qsframework.identify.frames import Frame
 from qsframework.identify.linear import studentised
 from qsframework.identify.positions import Mask, Positions, make_positions
 from qsframework.identify.single import single_pose
+from qsframework.identify.uncertainty import load_sds, position_columns
 from qsframework.information import rank_test
 from qsframework.plugin import Array, Geometry, Parameter, Sensor, Spring
 
@@ -121,7 +122,11 @@ def identify_positions(
         else:
             problem = problem.without(wrong, solved)
         solved = problem.solve()
-    return replace(_result(solved, left, sigma, stated, tuple(sorted(masked)), states), notes=lonely)
+    found = replace(_result(solved, left, sigma, stated, tuple(sorted(masked)), states), notes=lonely)
+    sds = load_sds(experiment, problem.names)
+    if not sds.any() or not positions.loaded[positions.state].any():
+        return found
+    return replace(found, total_covariance=found.covariance + _of_load(solved, sigma, sds))
 
 
 def _begin(
@@ -182,6 +187,16 @@ def _gross(white: Array) -> Mask:
     middle = float(np.sort(size)[len(size) // 2])  # np.median would import masked arrays, which takes 10 ms
     robust = max(middle / 1.538, 1e-3)  # median of the norm of three unit normals
     return size > max(GROSS * robust, 0.3 * float(size.max()))
+
+
+def _of_load(solved: Solved, sigma: Array, sds: Array) -> Array:
+    """Covariance (p, p) that the load's scale and rotations, of sds (4,), bring to the estimates."""
+    positions, scale = solved.problem.positions, solved.problem.scale
+    L = position_columns(positions, solved.frames, solved.x) * (sds / sigma[:, None, None])
+    rows = (solved.J * (scale / sigma[:, None, None])).reshape(-1, len(scale))
+    inverse = np.linalg.inv(solved.R)
+    G = scale[:, None] * (inverse @ (inverse.T @ (rows.T @ L.reshape(-1, len(sds)))))
+    return G @ G.T
 
 
 def _result(

@@ -20,6 +20,7 @@ from qsframework.identify.observations import Observations
 from qsframework.identify.positions import Positions, joint_observations, make_positions, position_observations
 from qsframework.identify.reduction import reduce
 from qsframework.identify.solve import Solution
+from qsframework.identify.uncertainty import load_columns, load_sds, position_columns
 from qsframework.information import rank_test
 from qsframework.plugin import Array, Indices
 
@@ -98,9 +99,24 @@ def identify_jointly(
     start = np.concatenate([np.zeros(data.motions), start])
     solution, unit = settled(observations, how.priors, how.loss, (), groups, not data.stated, start, starts=0)
     x[model.index(told)] = solution.x[data.motions :]
-    return _result(
+    found = _result(
         data, observations, solution, unit, x, (*words_of(how.priors, how.loss, how.fixed, groups, solution),), left
     )
+    sds = load_sds(experiment, told)
+    if not sds.any() or (displacements is None and not data.positions.loaded[data.positions.state].any()):
+        return found
+    return replace(found, total_covariance=found.covariance + _of_load(data, observations, solution, found, sds))
+
+
+def _of_load(data: _Data, o: Observations, solution: Solution, found: PositionFit, sds: Array) -> Array:
+    """Covariance (p, p) that the load's scale and rotations, of sds (4,) and alike for both kinds, bring."""
+    L = position_columns(data.positions, found.frames, found.x).reshape(-1, len(sds))
+    if data.displacements is not None and data.rows is not None:
+        moved = data.rows.of(load_columns(found.model, data.displacements, found.x))
+        L = np.concatenate([L, moved.reshape(-1, len(sds))])
+    rows = o.noise.whiten(o.jacobian(solution.x))
+    G = solution.covariance / solution.robust @ (rows.T @ o.noise.whiten(L * sds))
+    return G @ G.T
 
 
 def _check_names(how: Choices, names: Sequence[str]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,8 +11,10 @@ from qsframework.elastostatics import Model, make_model
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings
 from qsframework.identify.fit import Fit
+from qsframework.identify.frames import Frame
 from qsframework.identify.noise import readings_noise
 from qsframework.identify.observations import Noise
+from qsframework.identify.positions import Positions
 from qsframework.plugin import Array, Indices, Load, Loads, LoadTerm, Parameter, RobotFacts
 
 ERRORS = ("scale", "rx", "ry", "rz")
@@ -47,13 +49,24 @@ def load_model(model: Model) -> Model:
     return make_model(model.facts, effects, model.parameters, model.tip, markers, model.gravity)
 
 
-def load_columns(model: Model, readings: Readings, x: Array) -> Array:
-    """d displacement (N, K, 3, 4) per unit of the load's scale and of its rotations about x, y, z of the base."""
+def _widened(model: Model, x: Array) -> tuple[Model, Array, list[str]]:
+    """The model with the load's error, its parameters at x with no error, and the names of the error."""
     wide = load_model(model)
     at = dict(zip(model.names, x, strict=True))
     whole = np.array([at.get(p.name, 0.0) for p in wide.parameters])
-    names = [p.name for p in LoadError().parameters(model.facts)]
+    return wide, whole, [p.name for p in LoadError().parameters(model.facts)]
+
+
+def load_columns(model: Model, readings: Readings, x: Array) -> Array:
+    """d displacement (N, K, 3, 4) per unit of the load's scale and of its rotations about x, y, z of the base."""
+    wide, whole, names = _widened(model, x)
     return wide.sensitivity(readings.poses, whole, names)
+
+
+def position_columns(positions: Positions, frames: Sequence[Frame], x: Array) -> Array:
+    """d position (R, 3, 4) per unit of the load's scale and of its rotations; zero where no load acts."""
+    wide, whole, names = _widened(positions.model, x)
+    return replace(positions, model=wide).rates(whole, frames, names)[1][..., -len(names) :]
 
 
 def load_sds(experiment: Experiment, fitted: Sequence[str]) -> Array:

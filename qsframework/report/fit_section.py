@@ -14,6 +14,8 @@ from qsframework.plugin import Array, Indices
 from qsframework.report.blocks import Block, Figure, Section, Table, Text, View
 
 _AXES = ("x", "y", "z")
+_SAME = 1.005
+"""A total sd that is larger than that of the noise by less than this is not worth a word."""
 _SHOWN = {"rad/(N m)": (1e6, "urad/(N m)"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
 
 
@@ -93,12 +95,18 @@ def _total(fit: Fit) -> str:
     """The sds with the load's uncertainty, where one is stated."""
     if fit.total_covariance is None:
         return ""
-    said = (
-        f"{e.name} {100 * total / abs(e.value):.1f} %"
+    said = [
+        f"{e.name} {100 * total / abs(e.initial):.1f} %"
+        if e.initial
+        else f"{e.name} {shown(total, e.unit)[0]:.2g} {shown(total, e.unit)[1]}"
         for e, total in zip(fit.estimates, fit.sd_total, strict=True)
-        if e.value and not np.isnan(e.sd)
+        if _quoted(e) and total > _SAME * e.sd
+    ]
+    if not said:
+        return "The load's stated uncertainty adds nothing that counts to these sds. "
+    return (
+        f"The sd above is that of the noise alone; with the load's stated uncertainty, of initial: {', '.join(said)}. "
     )
-    return f"The sd above is that of the noise alone; with the load's stated uncertainty: {', '.join(said)}. "
 
 
 def error_table(fit: Fit) -> Table:
