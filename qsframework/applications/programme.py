@@ -125,6 +125,12 @@ def check_plan(experiment: Experiment, plan: Plan, file: str = "") -> None:
         raise InputError(problems)
 
 
+def payload_notes(experiment: Experiment) -> tuple[str, ...]:
+    """What to say of a robot whose loads could not be checked."""
+    stated = experiment.robot.payload is not None
+    return () if stated else ("robot.yaml states no payload_kg: the loads were not checked against it",)
+
+
 def load_name(plan: Plan, i: int) -> str:
     """What is hung at a pose of the plan, "" where nothing is."""
     return plan.load[i] or ("load" if np.any(plan.wrench[i]) else "")
@@ -256,8 +262,7 @@ def _notes(experiment: Experiment, around: Surroundings, home: Array | None, pau
         notes.append("the experiment states no floor_m among its constraints: the way was not checked against a floor")
     if experiment.constraints.tool_radius is None:
         notes.append("the experiment states no tool_radius_mm: tool and weight were not checked for collisions")
-    if experiment.robot.payload is None:
-        notes.append("robot.yaml states no payload_kg: the loads were not checked against it")
+    notes += payload_notes(experiment)
     if home is None:
         notes.append("no home position was given: bring the arm to the first pose by hand, slowly")
     notes.append("the cell, cables and people are not known here: run it once at low speed without the weight")

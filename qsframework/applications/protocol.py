@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from qsframework.applications.ordering import visits, with_repeats
-from qsframework.applications.programme import check_plan, load_name
+from qsframework.applications.programme import check_plan, load_name, payload_notes
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Plan
 from qsframework.experiment.columns import write_table
@@ -80,6 +80,7 @@ class Protocol:
     visits: tuple[Visit, ...]
     wish: ProtocolWish
     markers: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def readings(self) -> int:
@@ -118,7 +119,7 @@ def make_protocol(experiment: Experiment, plan: Plan, wish: ProtocolWish | None 
         states = _states(load, plan.wrench[i], wish.cycles, half)
         out.append(Visit(number, plan.pose[i], seen[i], plan.pendant[i], load, plan.wrench[i], states))
     names = tuple(m.name for m in experiment.markers)
-    return Protocol(experiment.robot.name, experiment.robot.title, tuple(out), wish, names)
+    return Protocol(experiment.robot.name, experiment.robot.title, tuple(out), wish, names, payload_notes(experiment))
 
 
 def _check(wish: ProtocolWish) -> None:

@@ -36,6 +36,8 @@ def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish:
     write_report(sheet, f"Protocol: {experiment.robot.title}", sections)
     write_reading_file(readings, protocol)
     print(f"{len(protocol.visits)} visits, {protocol.readings} readings, about {protocol.hours:.1f} hours: {sheet}")
+    for note in protocol.notes:
+        print(f"note: {note}")
     print(f"to fill in: {readings}")
     if wish.reflectors:
         write_floor_file(floor, protocol)

@@ -226,7 +226,7 @@ def strong(root: Path, tmp_path: Path) -> Path:
     for old, new in (
         ("joint_2: {limits_deg: [-60, 76]}", "joint_2: {limits_deg: [-60, 76], torque_limit_kNm: 9}"),
         ("joint_5: {limits_deg: [-125, 125]}", "joint_5: {limits_deg: [-125, 125], torque_limit_Nm: 900}"),
-        ("nominal: nominal.yaml", "nominal: nominal.yaml\npayload_kg: 210"),
+        ("payload_kg: 165", "payload_kg: 210"),
     ):
         assert old in text
         text = text.replace(old, new)

@@ -228,7 +228,7 @@ def test_a_robot_alone_carries_its_payload(m900ib: Experiment) -> None:
 
 
 def test_a_robot_without_payload_or_load_shows_its_ellipsoid(r2000ic: Experiment) -> None:
-    experiment = robot_alone(r2000ic.robot, np.zeros(3))
+    experiment = robot_alone(dataclasses.replace(r2000ic.robot, payload=None), np.zeros(3))
     scene = show_scene(experiment, one_pose(experiment, None, None))
     assert "deflected" not in scene.layers
     assert "poses/0/ellipsoid" in objects(scene)
@@ -236,7 +236,7 @@ def test_a_robot_without_payload_or_load_shows_its_ellipsoid(r2000ic: Experiment
 
 
 def test_the_ellipsoid_of_a_soft_arm_does_not_fill_the_scene() -> None:
-    experiment = robot_alone(load_robot("ur10"), np.zeros(3))
+    experiment = robot_alone(dataclasses.replace(load_robot("ur10"), payload=None), np.zeros(3))
     scene = show_scene(experiment, one_pose(experiment, None, None))
     (placed,) = [c for c in scene.commands if c["type"] == "set_transform" and c["path"].endswith("poses/0/ellipsoid")]
     matrix = np.array(placed["matrix"]).reshape(4, 4).T
@@ -245,7 +245,7 @@ def test_the_ellipsoid_of_a_soft_arm_does_not_fill_the_scene() -> None:
 
 
 def test_an_arm_without_solids_is_drawn_by_its_bones() -> None:
-    robot = dataclasses.replace(load_robot("ur10"), shapes=())
+    robot = dataclasses.replace(load_robot("ur10"), shapes=(), payload=None)
     experiment = robot_alone(robot, frozen(np.zeros(3)))
     drawn = objects(show_scene(experiment, one_pose(experiment, None, None)))
     assert len([p for p in drawn if p.endswith("/joint")]) == robot.facts.n + 1
