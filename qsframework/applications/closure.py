@@ -48,7 +48,10 @@ def check_states(experiment: Experiment, states: StateReadings) -> tuple[Check, 
     table = _Table(experiment, states)
     floor = None if states.source is None else states.source.with_name(f"{states.source.stem}_floor.csv")
     found = [_repeatability(table), _closure(table), *_hysteresis(table), _linearity(table), _drives(states)]
-    return tuple(found + ([_floor(experiment, floor, table.sigma)] if floor is not None and floor.is_file() else []))
+    if floor is None:
+        return tuple(found)
+    missing = Check("floor", None, f"no {floor.name} beside the readings, with the reflectors on the floor", {})
+    return (*found, _floor(experiment, floor, table.sigma) if floor.is_file() else missing)
 
 
 _Visit = tuple[str, str, int, int]

@@ -151,12 +151,11 @@ def _one(robot: Robot, task: Task, seed: int) -> Compared:
     moved = np.full(len(pendant), np.nan)
     moved[reached] = _deflections(model, poses.take(reached))
     after = np.full(len(pendant), np.nan)
-    sds, campaign = np.full(len(experiment.fit_names()), np.nan), "no point of the path is reached"
-    if reached.any():
-        plan, campaign = _designed(experiment, task, poses.take(reached), seed)
-        if plan is not None:
-            sds = promised_sd(experiment, plan)
-            after[reached] = _after(experiment, model, plan, poses.take(reached))
+    sds = np.full(len(experiment.fit_names()), np.nan)
+    plan, campaign = _designed(experiment, task, poses.take(reached) if reached.any() else None, seed)
+    if plan is not None:
+        sds = promised_sd(experiment, plan)
+        after[reached] = _after(experiment, model, plan, poses.take(reached))
     notes = _notes(robot, task, found, touching)
     return Compared(robot, deflection, softest, frozen(pendant), moved, after, experiment.fit_parameters(), sds,
                     campaign, notes, touching)  # fmt: skip
@@ -225,15 +224,16 @@ def _deflections(model: Model, poses: Poses) -> Array:
     return np.asarray(np.linalg.norm(moved, axis=1))
 
 
-def _designed(experiment: Experiment, task: Task, work: Poses, seed: int) -> tuple[Plan | None, str]:
-    """The campaign's plan, best for the tip along the path, or why there is none."""
-    wish = Wish("I", efficiency=_EFFICIENCY, polish=False)
+def _designed(experiment: Experiment, task: Task, work: Poses | None, seed: int) -> tuple[Plan | None, str]:
+    """The campaign's plan, best for the tip along the path (the parameters, if none of it is reached), or why none."""
+    wish = Wish("D" if work is None else "I", efficiency=_EFFICIENCY, polish=False)
     count = task.campaign.poses
     try:
         plan = design(experiment, count, candidates=task.campaign.candidates, seed=seed, wish=wish, test_poses=work)
     except (InputError, NotIdentifiable, NotCertified) as error:
         return None, f"no plan of {count} poses: {error}"
-    return plan, f"{count} poses under {', '.join(dict.fromkeys(plan.load))}, best for the tip along the path"
+    best = "the parameters: no point of the path is reached" if work is None else "the tip along the path"
+    return plan, f"{count} poses under {', '.join(dict.fromkeys(plan.load))}, best for {best}"
 
 
 def _after(experiment: Experiment, at: Model, plan: Plan, work: Poses) -> Array:

@@ -97,9 +97,27 @@ def read_table(path: str | Path, columns: Sequence[Column], robot: str) -> Table
         cells = [row[i].strip() for _, row in good]
         if column.required or any(cells):  # an optional column that nobody filled in is as good as not there
             _read_column(table, column, unit, cells, masked)
+    maskable = any(c.stem == "use" for c in columns)
+    problems += _unfilled(table, [(i, c) for i, (c, _) in chosen.items()], good, masked, maskable)
     if len(problems) > MOST_PROBLEMS:
         raise InputError(problems)
     return table
+
+
+def _unfilled(
+    table: Table, columns: list[tuple[int, Column]], rows: list[tuple[int, list[str]]], masked: set[int], maskable: bool
+) -> list[Problem]:  # fmt: skip
+    """One problem for all rows in which something that is measured is still empty."""
+    wanted = [(i, c) for i, c in columns if c.stem in _MEASURED and not c.blank and c.stem in table.numbers]
+    empty = [(line, c.stem) for r, (line, cells) in enumerate(rows) if r not in masked
+             for i, c in wanted if not cells[i].strip()]  # fmt: skip
+    lines = list(dict.fromkeys(line for line, _ in empty))
+    if not lines:
+        return []
+    many = f"{len(lines)} rows are not filled in, of which this is the first"
+    message = many if len(lines) > 1 else "this row is not filled in"
+    hint = "Fill in what was measured; put 0 in the column use of a row that was not." if maskable else "Fill it in."
+    return [Problem(message, str(table.path), lines[0], table.names[empty[0][1]], "''", "a number", hint)]
 
 
 def table_lines(path: Path) -> list[str]:
@@ -213,8 +231,8 @@ def _read_column(table: Table, column: Column, unit: str, cells: list[str], mask
         if not cell and column.blank:
             continue
         value, allowed = _value(column, cell)
-        if value is None and column.stem in _MEASURED and i in masked:
-            continue
+        if value is None and column.stem in _MEASURED and (i in masked or not cell):
+            continue  # a cell that nobody filled in is told once for the table
         if value is None:
             _wrong(table, i, column, "cannot be used", cell, allowed)
         else:

@@ -143,6 +143,9 @@ def test_a_good_day_is_read_and_fitted(m900ib: Experiment, protocol: Protocol, t
     x = dict(zip(m900ib.model().names, m900ib.model().nominal, strict=True))
     assert all(abs(e.value - x[e.name]) < 4.5 * e.sd for e in fit.estimates)
     found = checks(m900ib, path)
+    missing = found.pop("floor")
+    assert missing.good is None
+    assert missing.words == "no readings_floor.csv beside the readings, with the reflectors on the floor"
     assert set(found) == {
         "repeatability", "closure", "hysteresis first cycle", "hysteresis later cycles", "linearity", "drive state",
     }  # fmt: skip
@@ -154,7 +157,7 @@ def test_good_days_are_hardly_ever_blamed(m900ib: Experiment, protocol: Protocol
     blamed = 0
     for seed in range(40):
         found = checks(m900ib, fill(m900ib, protocol, tmp_path, seed=seed))
-        blamed += sum(c.good is not True for c in found.values())
+        blamed += sum(c.good is False for c in found.values())
         sd = found["repeatability"].numbers["sd_mm between cycles of a visit"]
         assert sd == pytest.approx(0.03 * np.sqrt(2.0), rel=0.25)
     assert blamed <= 1
@@ -309,7 +312,10 @@ def test_the_commands(m900ib: Experiment, plan: Plan, tmp_path: Path) -> None:
     assert floor_file(readings).is_file()
     unfilled = CliRunner().invoke(app, ["check", str(experiment)])
     assert isinstance(unfilled.exception, InputError)
-    assert "line 3, column x_mm: cannot be used; found ''" in str(unfilled.exception)
+    (problem,) = unfilled.exception.problems
+    assert (problem.line, problem.column) == (3, "x_mm")
+    assert re.search(r"\d+ rows are not filled in, of which this is the first", problem.message)
+    assert "put 0 in the column use" in str(problem)
     campaign = load_experiment(experiment)
     floor_file(readings).unlink()
     fill(campaign, make_protocol(campaign, plan), tmp_path, hardening)
