@@ -32,6 +32,8 @@ _SHARE = 1e-3
 _STEP = 1e-2
 _SIGNIFICANT = 1e-3
 _BLOCK = 64
+_NOTHING = 1e-12
+"""m or rad that the tip of a rigid model moves by rounding."""
 Tell = Callable[[str, int, int], None]
 
 
@@ -111,8 +113,8 @@ def compensate(
     errors of geometry that the fit knows are corrected too; "unloaded": where the arm stands without the wrench, as for
     targets that were taught with an empty hand (joint targets only).
 
-    Raises InputError where the fit is of another robot, an actuator is overloaded, a target cannot be corrected
-    within the limits, or the arm does not carry the wrench there.
+    Raises InputError where the fit is of another robot, an actuator is overloaded, nothing in the model gives under the
+    wrenches, a target cannot be corrected within the limits, or the arm does not carry the wrench there.
     """
     check_fit(experiment, fit)
     if reference not in REFERENCES:
@@ -121,6 +123,7 @@ def compensate(
         raise InputError("reference 'unloaded' is for joint targets; a Cartesian target says itself where to stand")
     model, x = experiment.model(), arm_values(experiment, fit)
     _check_torques(experiment, model, x, targets)
+    _check_gives(experiment, x, targets)
     parts: list[tuple[Array, ...]] = []
     for start in range(0, len(targets), _BLOCK):
         part = np.arange(start, min(start + _BLOCK, len(targets)))
@@ -243,6 +246,22 @@ def _tip(model: Model, poses: Poses, x: Array, loaded: bool, targets: Targets, p
             raise
         raise InputError(problems) from None
     return TipPose(found.tip, found.tip_rotation)
+
+
+def _check_gives(experiment: Experiment, x: Array, targets: Targets) -> None:
+    """InputError where wrenches act that move the tip of this model at no target: their effect would be passed over."""
+    acts = np.flatnonzero(np.any(targets.wrench, axis=1))[:_BLOCK]
+    if not len(acts):
+        return
+    pendant = targets.pendant[acts]
+    poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), targets.wrench[acts])
+    loaded, bare = (_tip(experiment.model(), poses, x, state, targets, acts) for state in (True, False))
+    if np.abs(pose_error(loaded, bare)).max() > _NOTHING:
+        return
+    hint = "Leave the forces of the targets out, or identify the springs from readings under load"
+    hint += ", without rigid: true in the experiment." if experiment.rigid else "."
+    message = "nothing in the fitted model gives under this force, so it cannot be compensated"
+    raise InputError(targets.problem(int(acts[0]), message, hint=hint))
 
 
 def _check_torques(experiment: Experiment, model: Model, x: Array, targets: Targets) -> None:

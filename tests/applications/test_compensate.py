@@ -17,7 +17,15 @@ from qsframework.applications.targets import Targets, flange_pose, joint_targets
 from qsframework.cli.main import app
 from qsframework.elastostatics import equilibrium, full_displacement, make_model
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, LoadUncertainty, Readings, load_experiment, make_plan, simulate
+from qsframework.experiment import (
+    Experiment,
+    LoadUncertainty,
+    Readings,
+    example,
+    load_experiment,
+    make_plan,
+    simulate,
+)
 from qsframework.identify import identify
 from qsframework.identify.fit_files import StoredFit, read_fit, write_fit
 from qsframework.plugin import Array, Poses
@@ -335,3 +343,27 @@ def test_the_command(m900ib: Experiment, targets: Targets, tmp_path: Path) -> No
     again = CliRunner().invoke(app, ["compensate", *arguments[:3], "-o", str(path)])
     assert isinstance(again.exception, InputError)
     assert "would overwrite an input" in str(again.exception)
+
+
+def test_forces_on_a_model_in_which_nothing_gives(tmp_path: Path) -> None:
+    """`rigid: true` with a load: the forces would be passed over, so they are refused; without them it compensates."""
+    text = (example("ur10") / "experiment.yaml").read_text()
+    (tmp_path / "experiment.yaml").write_text(text + "load: {point_mm: [0, 0, 100]}\n")
+    for file in example("ur10").glob("*.csv"):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    rigid, told = load_experiment(tmp_path / "experiment.yaml"), tmp_path / "fit.json"
+    run = CliRunner().invoke(app, ["identify", str(rigid.path), "--json", str(told)], catch_exceptions=False)
+    assert run.exit_code == 0
+    fit = read_fit(told)
+    pendant = np.deg2rad([[0.0, -70.0, 60.0, -80.0, -90.0, 0.0], [10.0, -70.0, 60.0, -80.0, -90.0, 0.0]])
+    wrench = np.zeros((2, 6))
+    assert compensate(rigid, fit, joint_targets(rigid, pendant, wrench)).size.min() > 1e-5
+    wrench[1, 2] = -50.0
+    words = r"target 't02': nothing in the fitted model gives under this force.*Leave the forces .* without rigid: true"
+    with pytest.raises(InputError, match=words):
+        compensate(rigid, fit, joint_targets(rigid, pendant, wrench))
+    one_spring = replace(fit, model=fit.model | {"joint_compliance[joint_2]": 25e-6})
+    pulled, bare = (
+        compensate(rigid, one_spring, joint_targets(rigid, pendant, w)).deflection[1, 2] for w in (wrench, 0 * wrench)
+    )
+    assert pulled - bare < -1e-4, "with a spring the force counts"
