@@ -72,7 +72,8 @@ def group(
         if (m, int(marker[i])) in seen:
             other = table.rows[seen[m, int(marker[i])]]
             what = f"{labels[i]}, marker {table.texts['marker'][i]!r}"
-            problems.append(at(table, i, "pose", f"{what} stands here twice; first in line {other}"))
+            hint = "Delete the row if it is a copy; a second reading has a number of its own in the column repeat."
+            problems.append(at(table, i, "pose", f"{what} stands here twice; first in line {other}", hint=hint))
         seen[m, int(marker[i])] = i
         if not np.array_equal(constant[i], constant[first[m]], equal_nan=True):
             pose, line = table.texts["pose"][i], table.rows[first[m]]

@@ -172,8 +172,8 @@ class ExperimentSpec(FileModel):
     robot: str
     data: str | None = None
     load: LoadSpec = LoadSpec.model_construct()  # left out: the readings are of unloaded states
-    markers: dict[str, MarkerSpec]
-    noise: NoiseSpec | Literal["estimate"]
+    markers: dict[str, MarkerSpec] = pydantic.Field(examples=["{m1: {xyz_mm: [150, 0, 200]}}"])
+    noise: NoiseSpec | Literal["estimate"] = pydantic.Field(examples=["{sigma_mm: 0.03}", "estimate"])
     load_uncertainty: LoadUncertaintySpec = LoadUncertaintySpec()
     loads: list[LoadCaseSpec] = pydantic.Field(default_factory=list[LoadCaseSpec])
     constraints: ConstraintsSpec = ConstraintsSpec()

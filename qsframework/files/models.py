@@ -208,7 +208,9 @@ def _problem(document: Document, model: type[FileModel], at: tuple[Key, ...], er
     if error["type"] == "missing":
         si = owner.measured().get(str(loc[-1]))
         name = units.allowed_names(str(loc[-1]), si) if si else str(loc[-1])
-        return _at(document, (*at, *loc[:-1]), f"key {name!r} is missing")
+        shown = owner.model_fields[str(loc[-1])].examples if str(loc[-1]) in owner.model_fields else None
+        hint = f"Add for example {' or '.join(f'`{name}: {text}`' for text in shown)}." if shown else None
+        return _at(document, (*at, *loc[:-1]), f"key {name!r} is missing", hint=hint)
     found = _found(document, keys) if len(keys) == len(at) + len(loc) else error.get("input")
     said = _WORDS.get(error["type"], error["msg"].removeprefix("Value error, "))
     allowed = ", ".join(_spellings(_owner(model, (*loc, "")))) if error["type"] == "model_type" else None

@@ -80,7 +80,7 @@ class Problem:
         if 3 * len(sigma) <= len(taken) or (len(rows) <= rows.shape[1] and len(taken) >= len(rows)):
             raise InputError(
                 f"{len(sigma)} readings give {3 * len(sigma)} numbers: too few for {len(taken)} parameters "
-                "(six of them each tracker's frame); measure more poses, or fit less"
+                "(six of them each tracker's frame); measure more poses, or fit fewer parameters (--fit)"
             )
         kept = [names[c - motions] for c in taken if c >= motions]
         parameters = tuple(every[:motions]) + tuple(every[c] for c in taken if c >= motions)

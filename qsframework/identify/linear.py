@@ -137,7 +137,10 @@ def fit_rows(
         readings_noise(readings, keep, sigma, shared), left_out_together(readings, keep, poses),
     )  # fmt: skip
     if rows.measured.size <= parameters:
-        raise InputError(f"{len(keep)} readings give {rows.measured.size} numbers: too few for {parameters} parameters")
+        raise InputError(
+            f"{len(keep)} reading{'s give' if len(keep) > 1 else ' gives'} {rows.measured.size} numbers: too few for "
+            f"{parameters} parameters; measure more poses, or fit fewer parameters (--fit, or `fit:` in the experiment)"
+        )
     return rows, "estimated" if estimated else "stated"
 
 

@@ -23,9 +23,9 @@ def single_pose(q: Array, free: int, beside: str = "") -> tuple[str, ...]:
     if free <= 1:
         return ("Only one pose was measured: nothing says whether this fit holds at another one.",)
     count = "the only measurement is" if len(q) == 1 else f"all {len(q)} measurements are"
-    instead = (
-        "fit one parameter only" if beside else "fit one parameter only (--fit, --fix), or add stated values (--priors)"
-    )
+    instead = "fit one parameter only (--fit)"
+    if not beside:
+        instead += ", or hold the others (--fixed) or add stated values (--priors), both with --method one-step"
     raise NotIdentifiable(
         f"{count} of one pose: {free} parameters{beside} would rest on a single geometry, and no other pose could "
         f"contradict them. Measure more poses, spread over the work space (`qsf design` proposes them); or {instead}"

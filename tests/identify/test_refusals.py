@@ -5,14 +5,24 @@ Poses all equal: test_states.py; absolute positions without a tracker frame: tes
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
-from qsframework.errors import InputError, NotConverged
-from qsframework.experiment import Experiment, Readings, make_plan, read_readings, simulate, write_readings
+from qsframework.errors import InputError, NotConverged, NotIdentifiable
+from qsframework.experiment import (
+    Experiment,
+    Readings,
+    load_experiment,
+    make_plan,
+    read_readings,
+    simulate,
+    write_readings,
+)
 from qsframework.identify import identify
 from qsframework.identify.observations import Independent, Observations
 from qsframework.identify.solve import solve
@@ -134,3 +144,53 @@ def test_a_fit_that_did_not_converge_is_no_result() -> None:
         NotConverged, match=r"stuck after \d+ steps.*start nearer|did not settle in \d+ steps.*fix this parameter"
     ):
         solve(false)
+
+
+def test_the_advice_names_options_that_exist(m900ib: Experiment) -> None:
+    """One pose, too few readings: what the errors advise can be typed."""
+    from qsframework.cli.main import app
+
+    one = readings_of(m900ib)
+    first = one.measurement == 0
+    q, pendant = (np.repeat(v[:1], len(one.poses), axis=0) for v in (one.poses.q, one.poses.pendant))
+    alone = replace(one, poses=replace(one.poses, q=q + 1e-5 * np.random.default_rng(0).standard_normal(q.shape),
+                                       pendant=pendant))  # fmt: skip
+    said: list[str] = []
+    for given in (alone, replace(one, use=first & (one.marker == 0))):
+        with pytest.raises((InputError, NotIdentifiable)) as caught:
+            identify(m900ib, given)
+        said.append(str(caught.value))
+    assert "both with --method one-step" in said[0]
+    assert "1 reading gives 3 numbers: too few for 6 parameters; measure more poses, or fit fewer" in said[1]
+    command = typer.main.get_group(app).commands["identify"]
+    known = {option for parameter in command.params for option in parameter.opts}
+    named = set(re.findall(r"--[a-z-]+", " ".join(said)))
+    assert {"--fit", "--fixed", "--priors", "--method"} <= named
+    assert named <= known, named - known
+
+
+def test_a_row_pasted_twice_is_refused_with_what_to_do(
+    m900ib: Experiment, lines: list[list[str]], tmp_path: Path
+) -> None:
+    file = tmp_path / "r.csv"
+    file.write_text("\n".join(",".join(line) for line in [*lines, lines[3]]) + "\n")
+    with pytest.raises(InputError, match=r"stands here twice; first in line 4. Delete the row .* column repeat"):
+        read_readings(file, m900ib)
+    again = [*lines[3]]
+    again[lines[0].index("repeat")] = "2"
+    file.write_text("\n".join(",".join(line) for line in [*lines, again]) + "\n")
+    assert len(read_readings(file, m900ib).use) == len(lines)
+
+
+def test_a_missing_key_is_shown_as_it_should_look(tmp_path: Path) -> None:
+    file = tmp_path / "experiment.yaml"
+    text = "robot: fanuc_m900ib\nload: {point_mm: [150, 0, 200]}\n"
+    file.write_text(text)
+    with pytest.raises(InputError) as caught:
+        load_experiment(file)
+    said = str(caught.value)
+    for key, shown in (("markers", "{m1: {xyz_mm: [150, 0, 200]}}"), ("noise", "{sigma_mm: 0.03}")):
+        assert f"key '{key}' is missing. Add for example `{key}: {shown}`" in said
+        text += f"{key}: {shown}\n"
+    file.write_text(text)
+    assert load_experiment(file).noise.sigma == pytest.approx(3e-5)
