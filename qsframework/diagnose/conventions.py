@@ -80,13 +80,19 @@ class _Fit:
 
 
 def check_conventions(experiment: Experiment, readings: Readings) -> tuple[Convention, ...]:
-    """The conventions under which the readings fit better than as given, the likeliest first; none is the rule."""
+    """The conventions under which the readings fit better than as given, the likeliest first; none is the rule.
+
+    Where one is compelling, the next best only goes along, and is not compelling any more: axes that are nearly those
+    of the right sign fit better than as given, too.
+    """
     given = _fit(_trial(experiment, readings))
     changes = [*couplings(experiment, readings), *joint_signs(experiment, readings),
                *displacement_axes(experiment, readings), *force_axes(experiment, readings)]  # fmt: skip
     found = [_judge(change, given, len(changes)) for change in changes]
     found += [_judge(*mistake) for mistake in _mistakes(given)]
     better = sorted((c for c in found if c.evidence > 0.0), key=lambda c: (not c.compelling, -c.evidence))
+    if better and better[0].compelling:
+        better = [better[0], *(replace(c, compelling=False) for c in better[1:2])]
     return (*better, *_units(given))
 
 

@@ -27,6 +27,7 @@ from qsframework.identify.fit import rms
 from qsframework.identify.linear import Rows, fit_rows
 from qsframework.identify.noise import readings_noise
 from qsframework.identify.observations import Independent, Noise
+from qsframework.identify.single import single_pose
 from qsframework.plugin import Indices
 
 LEVEL = 0.04
@@ -70,6 +71,8 @@ def diagnose(
     if not 0.0 < level < 0.5:
         raise InputError(f"level must be between 0 and 0.5, found {level:g}")
     tell = _teller(progress)
+    used = np.unique(readings.measurement[readings.use])
+    lonely = single_pose(readings.poses.q[used], len(experiment.fit_names()))
     tell("conventions")
     conventions = check_conventions(experiment, readings)
     given = (experiment, readings)
@@ -102,8 +105,8 @@ def diagnose(
     said = words_of(verdict, findings, leftovers, conventions, base.audit, after, errors, table, outliers)
     return Diagnosis(
         base.experiment, base.readings, verdict, said, findings, table, conventions, base.audit, leftovers, before,
-        after, errors, base.rows.keep, base.out, base.fit, extended, base.case, _notes(base, held, extended), level,
-        seed,
+        after, errors, base.rows.keep, base.out, base.fit, extended, base.case,
+        (*lonely, *_notes(base, held, extended)), level, seed,
     )  # fmt: skip
 
 

@@ -58,7 +58,7 @@ def words_of(
     audit: NoiseAudit, after: LackOfFit, errors: Errors, table: Sequence[Line], rows: Sequence[int],
 ) -> tuple[str, ...]:  # fmt: skip
     """The verdict in statements, one or two sentences each. rows: lines of the file that the audit took out."""
-    said = [f"{c.name}: {c.words}." for c in conventions if c.compelling]
+    said = [f"{c.name}: {c.words}.{_next_best(conventions)}" for c in conventions if c.compelling]
     adopted = {c.name for c in conventions if c.compelling}
     said += [_finding_words(f) for f in findings if f.name not in adopted]
     if findings:
@@ -83,6 +83,12 @@ def words_of(
     if audit.unit_source != "stated":
         said += list(audit.words)
     return tuple(said)
+
+
+def _next_best(conventions: Sequence[Convention]) -> str:
+    """How far from the adopted convention the second one stays."""
+    second = next((c for c in conventions if not c.compelling and c.name != "load_unit"), None)
+    return "" if second is None else f" Next best is {second.name}, {_mm(second.rms)} mm."
 
 
 def _mm(value: float) -> str:

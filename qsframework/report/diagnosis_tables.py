@@ -217,9 +217,9 @@ def contest_table(day: SecondDay) -> Table:
     return Table(
         ("named cause", "against", "s now", "s then", "angle now", "angle then"),
         rows,
-        f"{len(day.plan.pose)} more poses, chosen so that the smallest s of all pairs is as large as it can be: at most "
-        f"{day.bound:.1f} by any choice. s: of the named cause at its estimate, beside what the other one can do; above "
-        "4 the wrong one fits better in less than 2 % of measurements.",
+        f"{len(day.plan.pose)} more poses, chosen so that the smallest s of all pairs is as large as it can be: at "
+        f"most {day.bound:.1f} by any choice. s: of the named cause at its estimate, beside what the other one can do; "
+        "above 4 the wrong one fits better in less than 2 % of measurements.",
     )
 
 

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from qsframework.cli.demo import read_as_relative
+from qsframework.diagnose import diagnose
 from qsframework.diagnose.causes import find_causes, widened
 from qsframework.diagnose.conventions import Convention, check_conventions, compelling
+from qsframework.errors import NotIdentifiable
 from qsframework.experiment import Experiment, Plan, Readings, load_experiment, make_plan, read_readings, simulate
+from qsframework.identify import identify
 from qsframework.plugin import Poses
 
 SIGMA = 3e-5
@@ -118,6 +121,32 @@ def test_unloaded_minus_loaded(m900ib: Experiment) -> None:
     found = named(m900ib, replace(readings, displacement=-readings.displacement))
     assert found.name == "displacement_sign"
     assert found.rms < 1.1 * SIGMA
+
+
+def test_one_wrong_sign_is_one_convention(m900ib: Experiment) -> None:
+    """Axes that are nearly those of the right sign fit better than as given, too: the next best is told, no more."""
+    readings = campaign(m900ib, 4)
+    wrong = replace(readings, displacement=-readings.displacement)
+    first, second = check_conventions(m900ib, wrong)
+    assert (first.name, first.compelling) == ("displacement_sign", True)
+    assert not second.compelling
+    assert first.rms < second.rms < second.rms_given
+    found = diagnose(m900ib, wrong, repeats=1)
+    assert found.as_json()["conventions"] == ["displacement_sign"]
+    (said,) = (s for s in found.statements if "of the file" in s or "reversed" in s)
+    assert said == f"displacement_sign: {first.words}. Next best is {second.name}, {1e3 * second.rms:.3f} mm."
+
+
+def test_one_pose_is_refused_in_the_words_of_a_fit(m900ib: Experiment) -> None:
+    readings = campaign(m900ib, 4)
+    poses = readings.poses
+    same = replace(poses, pendant=poses.pendant[:1].repeat(40, axis=0), q=poses.q[:1].repeat(40, axis=0))
+    told: list[str] = []
+    for work in (identify, diagnose):
+        with pytest.raises(NotIdentifiable, match="all 40 measurements are of one pose: 6 parameters") as error:
+            work(m900ib, replace(readings, poses=same))
+        told.append(str(error.value))
+    assert told[0] == told[1]
 
 
 def test_axes_of_the_force(m900ib: Experiment) -> None:
