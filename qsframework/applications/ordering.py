@@ -28,8 +28,8 @@ def travel(pendant: Array, other: Array) -> Array:
 
 
 def way_length(pendant: Array, order: Sequence[int], home: Array | None = None) -> float:
-    """Length, rad of the slowest joint, of the way through poses (N, n) in an order, from `home` if there is one."""
-    points = pendant[list(order)] if home is None else np.vstack([home, pendant[list(order)]])
+    """Length, rad of the slowest joint, of the way through poses (N, n) in an order, from `home` and back if given."""
+    points = pendant[list(order)] if home is None else np.vstack([home, pendant[list(order)], home])
     return float(np.abs(np.diff(points, axis=0)).max(axis=1).sum()) if len(points) > 1 else 0.0
 
 

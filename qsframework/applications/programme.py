@@ -49,7 +49,8 @@ class Move:
 class Programme:
     """What the robot is to do. speed: percent of every joint's largest; pause: s at each pose, None: until started.
 
-    length, length_as_planned: rad of the slowest joint, in this order and in the plan's
+    length, length_as_planned: rad of the slowest joint, in this order and in the plan's, both from home and back
+    where `home` says so
     """
 
     robot: str
@@ -61,11 +62,12 @@ class Programme:
     length: float = 0.0
     length_as_planned: float = 0.0
     notes: tuple[str, ...] = field(default=())
+    home: bool = False
 
     @property
     def vias(self) -> int:
-        """How many poses in between were needed."""
-        return sum(1 for m in self.moves if not m.measured)
+        """How many poses in between were needed; home is none."""
+        return sum(1 for m in self.moves if not m.measured) - 2 * self.home
 
 
 def make_programme(
@@ -85,12 +87,14 @@ def make_programme(
     tell = tell or (lambda label, done, total: None)
     sequence = _free_order(around, plan, order, seed, home, tell)
     moves = _moves(around, plan, sequence, home, np.random.default_rng(seed), tell, file)
-    told = Programme(experiment.robot.name, experiment.robot.title, experiment.robot.payload, moves, speed, pause)
     points = np.stack([m.pendant for m in moves])
     planned = way_length(plan.pendant, visits(plan, "plan"), home)
     notes = (*_unseen(experiment, plan, moves, around), *_notes(experiment, around, home, pause))
-    return Programme(told.robot, told.title, told.payload, moves, speed, pause,
-                     way_length(points, range(len(points)), None), planned, notes)  # fmt: skip
+    robot = experiment.robot
+    length = way_length(points, range(len(points)))
+    return Programme(
+        robot.name, robot.title, robot.payload, moves, speed, pause, length, planned, notes, home is not None
+    )
 
 
 def check_plan(experiment: Experiment, plan: Plan, file: str = "") -> None:

@@ -88,7 +88,8 @@ def words(programme: Programme) -> str:
     measured = sum(m.measured for m in programme.moves)
     way, before = np.rad2deg([programme.length, programme.length_as_planned])
     text = f"{measured} stops to measure, {programme.vias} more to drive by. The way turns the busiest joint by "
-    return text + f"{way:.0f} deg in all; the plan's own order asks {before:.0f} deg before any detour."
+    text += f"{way:.0f} deg in all{', from home and back' if programme.home else ''}"
+    return text + f"; the plan's own order asks {before:.0f} deg before any detour."
 
 
 def as_json(programme: Programme, wish: ExportWish, files: tuple[Path, ...]) -> dict[str, object]:

@@ -82,8 +82,12 @@ def test_the_order_is_the_shortest_of_all(count: int, begin: bool) -> None:
         start = None if home is None else travel(home[None], points)[0]
         found = shortest_path(travel(points, points), start, rng)
         assert sorted(found) == list(range(count))
-        best = min(way_length(points, order, home) for order in itertools.permutations(range(count)))
-        assert way_length(points, found, home) == pytest.approx(best, rel=1e-9)
+        first = [] if home is None else [home]
+        lengths = {
+            order: way_length(np.array([*first, *points[list(order)]]), range(count + len(first)))
+            for order in itertools.permutations(range(count))
+        }
+        assert lengths[tuple(found)] == pytest.approx(min(lengths.values()), rel=1e-9)
 
 
 def test_many_poses_take_a_much_shorter_way() -> None:
@@ -114,7 +118,8 @@ def test_loads_stay_together(cell: Experiment, plan: Plan) -> None:
 
 def test_the_way_is_free(cell: Experiment, programme: Programme) -> None:
     """Every half degree of the way, asked of the collision checker itself; some straight ways were not free."""
-    assert programme.vias > 2, "home twice, and at least one pose in between"
+    unmeasured = [m.pendant for m in programme.moves if not m.measured]
+    assert programme.vias == sum(not np.array_equal(q, HOME) for q in unmeasured) > 0
     collider = make_collider(cell.robot, 0.0)
     points = [m.pendant for m in programme.moves]
     fine = []
@@ -318,6 +323,26 @@ def test_the_command(m900ib: Experiment, tmp_path: Path) -> None:
         wrong = CliRunner().invoke(app, [*arguments, "-o", str(out), *more])
         assert isinstance(wrong.exception, InputError)
         assert words in str(wrong.exception)
+
+
+@pytest.mark.parametrize("home", [None, "0,0,0,0,60,0"])
+def test_both_lengths_are_of_the_same_way(m900ib: Experiment, tmp_path: Path, home: str | None) -> None:
+    """In the plan's own order without a detour they agree, from home and back; the shortest is no longer than that."""
+    pendant = np.deg2rad([[0, 20, -10, 0, 60, 0], [90, 20, -10, 0, 60, 0], [10, 20, -10, 10, 60, 0]])
+    write_plan(tmp_path / "plan.csv", plan_of(m900ib, pendant), m900ib)
+    told = tmp_path / "way.json"
+    arguments = ["export", str(tmp_path / "plan.csv"), "-e", str(m900ib.path), "--to", "csv", "-o"]
+    arguments += [str(tmp_path / "w.csv"), "--json", str(told), *(["--home", home] if home else [])]
+    lengths: dict[str, float] = {}
+    for order in ("plan", "shortest"):
+        run = CliRunner().invoke(app, [*arguments, "--order", order], catch_exceptions=False)
+        assert "3 stops to measure, 0 more to drive by" in run.output, "home is no detour"
+        assert ("from home and back" in run.output) == bool(home)
+        content = json.loads(told.read_text())
+        lengths[order] = content["way_deg"]
+        assert content["way_as_planned_deg"] == pytest.approx(210.0 if home else 170.0)
+    assert lengths["plan"] == pytest.approx(210.0 if home else 170.0)
+    assert lengths["shortest"] == pytest.approx(200.0 if home else 90.0)
 
 
 def test_a_plan_of_another_robot(m900ib: Experiment, cell: Experiment, tmp_path: Path) -> None:
