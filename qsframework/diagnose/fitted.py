@@ -88,7 +88,7 @@ def settle_fit(
     white, exact, jacobian, fresh = *problem.residuals(x), problem.jacobian(x), True
     for _ in range(_STEPS):
         pull, ridge = problem.prior(x)
-        step, _ = _solve(jacobian, white, pull, ridge, problem.scale)
+        step, _ = problem.solve(jacobian, white, pull, ridge)
         found = problem.descend(x, step, white)
         if found is None:
             if fresh:
@@ -110,17 +110,6 @@ def settle_fit(
             f"the exact model did not settle in {_STEPS} steps; {', '.join(names)} act far from linearly"
         )
     return problem.settled(x, white, exact)
-
-
-def _solve(J: Array, white: Array, pull: Array, ridge: Array, scale: Array) -> tuple[Array, Array]:
-    """A Gauss-Newton step with rows of the priors below, and its covariance, SI."""
-    A = np.concatenate([J * scale, np.diag(ridge * scale)[ridge > 0.0]])
-    b = np.concatenate([white, (pull * ridge)[ridge > 0.0]])
-    Q, R = np.linalg.qr(A)
-    if np.abs(np.diag(R)).min() <= _FLAT * np.abs(np.diag(R)).max():
-        raise NotIdentifiable("these readings cannot tell the parameters of the extended model")
-    half = scale[:, None] * np.linalg.inv(R)
-    return scale * np.linalg.solve(R, Q.T @ b), half @ half.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +134,20 @@ class _Problem:
         """Distance of each parameter to its start, and 1 / sd; 0 where it has no prior."""
         ridge = np.array([1.0 / self.priors[n] if n in self.priors else 0.0 for n in self.names])
         return self.start[self.index] - x[self.index], ridge
+
+    def solve(self, J: Array, white: Array, pull: Array, ridge: Array) -> tuple[Array, Array]:
+        """A Gauss-Newton step with rows of the priors below, and its covariance, SI."""
+        scale = self.scale
+        A = np.concatenate([J * scale, np.diag(ridge * scale)[ridge > 0.0]])
+        b = np.concatenate([white, (pull * ridge)[ridge > 0.0]])
+        Q, R = np.linalg.qr(A)
+        if np.abs(np.diag(R)).min() <= _FLAT * np.abs(np.diag(R)).max():
+            raise NotIdentifiable(
+                f"these readings cannot tell the parameters {', '.join(self.names)} from each other at the values that "
+                "the fit has come to; if they are far off, check the nominal values that it starts from, and their units"
+            )
+        half = scale[:, None] * np.linalg.inv(R)
+        return scale * np.linalg.solve(R, Q.T @ b), half @ half.T
 
     def residuals(self, x: Array) -> tuple[Array, bool]:
         """Whitened (m,), of the linear model where the equilibrium does not settle."""
@@ -176,7 +179,7 @@ class _Problem:
     def settled(self, x: Array, white: Array, exact: bool) -> Settled:
         """The result, with its covariance at the end."""
         jacobian = self.jacobian(x)
-        _, covariance = _solve(jacobian, white, *self.prior(x), self.scale)
+        _, covariance = self.solve(jacobian, white, *self.prior(x))
         predicted = exact_displacement(self.model, self.readings, x) if exact else self.model.predict(
             self.readings.poses, x)  # fmt: skip
         residuals = self.rows.measured - self.rows.of(predicted)

@@ -257,6 +257,17 @@ def test_nominal_values_far_off_do_not_keep_a_fit_from_its_diagnosis() -> None:
     assert found.rms.nominal > 100.0 * right.rms.nominal
 
 
+def test_nominal_values_beyond_all_reason_are_told_as_that() -> None:
+    """Ten thousand times too large: the baseline's own fit ends where nothing is told, and no extension is blamed."""
+    robot = campaign().robot
+    names = campaign().fit_names()
+    mud = tuple(replace(p, nominal=1e4 * p.nominal) if p.name in names else p for p in robot.parameters)
+    with pytest.raises(NotIdentifiable, match="check the nominal values that it starts from") as error:
+        diagnose(campaign().with_(robot=replace(robot, parameters=mud)), measured(count=16), repeats=1)
+    assert all(name in str(error.value) for name in names)
+    assert "extended" not in str(error.value)
+
+
 def test_a_suspicion_changes_nothing() -> None:
     """Readings of a load in kgf: the suspicion is said, the readings stay as given, no cause is named for it."""
     names = campaign().fit_names()
