@@ -16,7 +16,7 @@ from qsframework.identify.adjust import BROAD, Problem, Solved
 from qsframework.identify.choice import LeftAside
 from qsframework.identify.fit import Estimate, Fit
 from qsframework.identify.frames import Frame
-from qsframework.identify.linear import studentised
+from qsframework.identify.linear import status_in_positions, studentised
 from qsframework.identify.positions import Mask, Positions, make_positions
 from qsframework.identify.single import single_pose
 from qsframework.identify.uncertainty import load_sds, position_columns
@@ -229,9 +229,8 @@ def _result(
 def _estimates(parameters: Sequence[Parameter], values: Array, sds: Array) -> tuple[Estimate, ...]:
     out: list[Estimate] = []
     for p, v, s in zip(parameters, values, sds, strict=True):
-        beyond = "below" if v < p.lower else "above" if v > p.upper else ""
-        status = f"{beyond} its bound: the model or a convention is wrong" if beyond else ""
-        out.append(Estimate(p.name, p.unit, float(v), float(s), p.nominal, p.lower, p.upper, status))
+        said = status_in_positions(p, float(v), float(s))
+        out.append(Estimate(p.name, p.unit, float(v), float(s), p.nominal, p.lower, p.upper, said))
     return tuple(out)
 
 

@@ -11,6 +11,8 @@ from qsframework.plugin import Array
 
 REDUNDANT = 1e-5
 """Share of a column that must be new, seen from the columns chosen before it."""
+_NOTHING = 1e-6
+"""Scaled size of a column below which readings tell nothing of its parameter, not even a million typical sizes."""
 _SHARE = 0.2
 _NAMED = 3
 
@@ -38,7 +40,8 @@ def choose(rows: Array, names: Sequence[str], limits: Array) -> tuple[list[int],
     """Take columns of rows (m, p), whitened and scaled by typical sizes, in their order.
 
     A column is left aside where those taken before leave less than REDUNDANT of it, or where its
-    parameter would be told only to more than `limits` (p,) of its typical sizes.
+    parameter would be told only to more than `limits` (p,) of its typical sizes; beyond a million of them it counts as
+    not told at all.
     """
     R: Array = np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
     basis = np.zeros((len(R), 0))
@@ -54,8 +57,8 @@ def choose(rows: Array, names: Sequence[str], limits: Array) -> tuple[list[int],
             taken.append(c)
             basis = np.column_stack([basis, fresh / new])
             continue
-        sd = np.inf if redundant else 1.0 / new
-        left.append(LeftAside(names[c], _absorbers(R, taken, column, names) if size > 0.0 else (), sd))
+        sd = np.inf if redundant or new < _NOTHING else 1.0 / new
+        left.append(LeftAside(names[c], _absorbers(R, taken, column, names) if size > _NOTHING else (), sd))
     return taken, tuple(left)
 
 

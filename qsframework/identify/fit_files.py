@@ -150,27 +150,68 @@ def read_fit(path: str | Path) -> StoredFit:
 def write_nominal(fit: Fit, path: str | Path, robot: Robot) -> Path:
     """Write a nominal.yaml of the robot with identified values, sds and their source; the rest as it was.
 
-    Parameters of the campaign (tracker, load) are named in a comment, for they are not the robot's. InputError where
-    an identified value lies beyond its bounds: a robot cannot be given it.
+    Parameters of the campaign (tracker, load, effects of the experiment) are named in a comment, for they are not the
+    robot's: `write_campaign` writes them. InputError where an identified value lies beyond its bounds: a robot cannot
+    be given it.
     """
-    found = {e.name: e for e in fit.estimates}
+    source = _source(fit)
+    lines = [f"# {robot.title}: values of {source}."]
+    own = {p.name for p in robot.parameters}
+    others = [e.name for e in fit.estimates if e.name not in own]
+    if others:
+        lines.append(f"# Identified too, but not the robot's: {', '.join(others)}")
+    return write_text(path, "\n".join([*lines, *_entries(fit, robot.parameters, source)]) + "\n")
+
+
+def write_campaign(fit: Fit, path: str | Path, robot: Robot) -> tuple[str, ...]:
+    """Write the identified values that are not the robot's as an experiment's `nominal:` takes them; their names.
+
+    They are of effects that the experiment has beside its robot. Nothing is written where there are none. InputError
+    where an identified value lies beyond its bounds, or where another file stands there.
+    """
+    own = {p.name for p in robot.parameters}
+    rest = [p for p in fit.model.parameters if p.name not in own]
+    told = tuple(p.name for p in rest if p.name in fit.names)
+    if not told:
+        return ()
+    path, source = Path(path), _source(fit)
+    if path.exists() and not path.read_text(encoding="utf-8", errors="replace").startswith(_CAMPAIGN):
+        raise InputError(
+            Problem("stands there and was not written by this command; move it, or name another --nominal", str(path))
+        )
+    effects = zip(fit.model.effects, fit.model.slices, strict=True)
+    of = dict.fromkeys(e.effect_name() for e, part in effects if not own.issuperset(fit.model.names[part]))
+    head = [
+        f"{_CAMPAIGN} on {robot.title}: {source}.",
+        f"# Beside an experiment.yaml with `nominal: {path.name}`; its effects must stand there: {', '.join(of)}",
+    ]
+    write_text(path, "\n".join([*head, *_entries(fit, rest, source)]) + "\n")
+    return told
+
+
+_CAMPAIGN = "# Values of a campaign's effects"
+
+
+def _source(fit: Fit) -> str:
+    """Where the values of a fit are from. InputError where one lies beyond its bounds."""
     beyond = [e.name for e in fit.estimates if not e.lower <= e.value <= e.upper]
     if beyond:
         raise InputError(f"{', '.join(beyond)} beyond its bounds: a robot cannot have it. Use method one-step")
-    source = f"identified, {fit.method}" + (f", readings sha256 {fit.data_sha256[:16]}" if fit.data_sha256 else "")
-    lines = [f"# {robot.title}: values of {source}."]
-    own = {p.name for p in robot.parameters}
-    others = [name for name in found if name not in own]
-    if others:
-        lines.append(f"# Identified too, but not the robot's: {', '.join(others)}")
-    for p in robot.parameters:
+    return f"identified, {fit.method}" + (f", readings sha256 {fit.data_sha256[:16]}" if fit.data_sha256 else "")
+
+
+def _entries(fit: Fit, parameters: Sequence[Parameter], source: str) -> list[str]:
+    """Lines of a nominal file: identified values with their sds, the others as they were."""
+    found = {e.name: e for e in fit.estimates}
+    lines: list[str] = []
+    for p in parameters:
         if p.name in found:
             e = found[p.name]
             told = source if not e.status else f"{source}; {e.status}"
             lines += _entry(p, e.value, e.sd if e.sd > 0 else None, told)
         elif p.source or p.nominal != 0.0:
             lines += _entry(p, p.nominal, p.sd, p.source)
-    return write_text(path, "\n".join(lines) + "\n")
+    return lines
 
 
 def _entry(p: Parameter, value: float, sd: float | None, source: str) -> list[str]:
@@ -221,8 +262,30 @@ def result_files(fit: Any, robot: Robot, nominal: Path | None, urdf: Path | None
     """Write the files that are asked for; what to tell about them."""
     said: list[str] = []
     if nominal is not None:
-        said.append(f"nominal values: {write_nominal(fit, nominal, robot)}")
+        beside = nominal.with_name(f"{nominal.stem}_campaign{nominal.suffix}")
+        others = write_campaign(fit, beside, robot)
+        own = {p.name for p in robot.parameters}
+        count = sum(name in own for name in fit.names)
+        path = write_nominal(fit, nominal, robot)
+        said.append(f"nominal values: {path}, with {count} of {len(fit.names)} identified values")
+        if others:
+            said.append(
+                f"not the robot's: {len(others)} identified values, in {beside}; an experiment with their effects "
+                f"takes them as `nominal: {beside.name}`"
+            )
+        if count + len(others) < len(fit.names):
+            said.append(f"not in these files: {len(fit.names) - count - len(others)} of the tracker's frame; --json "
+                        "writes them (frames)")  # fmt: skip
     if urdf is not None:
         left = write_urdf(robot, fit.model, fit.x, urdf)
-        said.append(f"corrected URDF: {urdf}" + (f"; not in it: {', '.join(left)}" if left else ""))
+        effects = zip(fit.model.effects, fit.model.slices, strict=True)
+        moved = {
+            n for e, part in effects if isinstance(e, Geometry) and e.name not in left for n in fit.model.names[part]
+        }
+        what = (
+            "corrected URDF"
+            if moved & set(fit.names)
+            else "URDF, in which nothing is corrected (no joint origin was identified)"
+        )
+        said.append(f"{what}: {urdf}" + (f"; not in it: {', '.join(left)}" if left else ""))
     return said

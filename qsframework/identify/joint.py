@@ -15,7 +15,7 @@ from qsframework.identify.adjust import limits_of
 from qsframework.identify.choice import LeftAside, choose
 from qsframework.identify.fit import Estimate
 from qsframework.identify.identify import displacement_observations, orthonormal, settled, words_of
-from qsframework.identify.linear import Rows, fit_rows, left_out, studentised
+from qsframework.identify.linear import Rows, fit_rows, left_out, status_in_positions, studentised
 from qsframework.identify.observations import Observations
 from qsframework.identify.positions import Positions, joint_observations, make_positions, position_observations
 from qsframework.identify.reduction import reduce
@@ -231,5 +231,6 @@ def _estimates(o: Observations, values: Array, covariance: Array, solution: Solu
         bound = p.name in solution.at_bound
         end = f"at its {'lower' if v <= p.lower else 'upper'} bound {v:g}: it errs to one side only, so no sd is quoted"
         sd = float("nan") if bound else s
-        out.append(Estimate(p.name, p.unit, v, sd, p.nominal, p.lower, p.upper, end if bound else ""))
+        said = end if bound else status_in_positions(p, v, s)
+        out.append(Estimate(p.name, p.unit, v, sd, p.nominal, p.lower, p.upper, said))
     return tuple(out)

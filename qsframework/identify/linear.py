@@ -225,6 +225,16 @@ def _exact(no_noise: bool) -> tuple[str, ...]:
 _ZERO = "these readings hardly tell it from zero"
 
 
+def status_in_positions(p: Parameter, value: float, sd: float) -> str:
+    """What is to be said of an estimate from positions: geometry is zero nominally and often zero in truth, so that it
+    counts as told where its sd is below its typical size."""
+    if p.nominal == 0.0 and p.lower <= value <= p.upper and np.isfinite(sd):
+        if sd <= max(abs(value), p.scale):
+            return ""
+        return f"{UNTOLD} from these readings: its sd is above its value and {sd / p.scale:.1f} times its typical size"
+    return _status(p, value, sd, sd)
+
+
 def _status(p: Parameter, value: float, sd: float, free: float) -> str:
     """What is to be said of an estimate; `free` is the sd that it would have without its bounds."""
     share = f"{100 * free / abs(p.nominal):.0f} % of its nominal value" if p.nominal else "above its value"

@@ -13,9 +13,9 @@ import pytest
 from qsframework.cli.demo import read_as_relative
 from qsframework.elastostatics import Model, make_model
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, Readings, make_plan, simulate
-from qsframework.identify import identify
-from qsframework.identify.fit_files import read_fit, write_fit, write_nominal, write_urdf
+from qsframework.experiment import Experiment, Readings, load_experiment, make_plan, read_states, simulate
+from qsframework.identify import PositionFit, identify, identify_positions
+from qsframework.identify.fit_files import read_fit, result_files, write_campaign, write_fit, write_nominal, write_urdf
 from qsframework.plugin import Poses, build_effects
 from qsframework.robot import load_robot
 
@@ -198,3 +198,56 @@ def test_values_that_were_not_identified_stay_in_the_nominal_file(m900ib: Experi
         found = next((e for e in fit.estimates if e.name == name), None)
         assert p.nominal == pytest.approx(found.value if found else before[name].nominal, rel=1e-12)
         assert p.source == before[name].source if found is None else p.source.startswith("identified, linear")
+
+
+UR10 = Path(__file__).parents[2] / "examples" / "ur10"
+
+
+@pytest.fixture(scope="module")
+def ur10() -> PositionFit:
+    """Zeros, placements, sag and the target: all of them of effects of the experiment."""
+    experiment = load_experiment(UR10 / "experiment.yaml")
+    return identify_positions(experiment, read_states(UR10 / "series_b.csv", experiment))
+
+
+def test_identified_values_that_are_not_the_robots_are_read_by_an_experiment(ur10: PositionFit, tmp_path: Path) -> None:
+    experiment = load_experiment(UR10 / "experiment.yaml")
+    said = result_files(ur10, experiment.robot, tmp_path / "n.yaml", None)
+    count = len(ur10.names)
+    assert said[0] == f"nominal values: {tmp_path / 'n.yaml'}, with 0 of {count} identified values"
+    assert f"{count - 6} identified values, in {tmp_path / 'n_campaign.yaml'}" in said[1]
+    assert "6 of the tracker's frame" in said[2]
+    text = (UR10 / "experiment.yaml").read_text()
+    (tmp_path / "experiment.yaml").write_text(text + "nominal: n_campaign.yaml\n")
+    again = {p.name: p for p in load_experiment(tmp_path / "experiment.yaml").parameters}
+    for e in ur10.estimates[6:]:
+        assert again[e.name].nominal == pytest.approx(e.value, rel=1e-12)
+        assert again[e.name].sd == pytest.approx(e.sd, rel=1e-12)
+    nominal = load_experiment(tmp_path / "experiment.yaml").model().nominal
+    arm = np.isin(ur10.model.names, [p.name for p in experiment.robot.parameters])  # rigid here
+    assert nominal[~arm] == pytest.approx(ur10.x[~arm], rel=1e-12, abs=1e-15)
+
+
+def test_a_file_of_somebody_else_is_not_replaced(ur10: PositionFit, tmp_path: Path) -> None:
+    robot = load_experiment(UR10 / "experiment.yaml").robot
+    file = tmp_path / "c.yaml"
+    assert len(write_campaign(ur10, file, robot)) == len(ur10.names) - 6
+    assert write_campaign(ur10, file, robot), "its own file it replaces"
+    file.write_text("joint_offset[joint_2]: {value_mrad: 1}\n")
+    with pytest.raises(InputError, match="stands there and was not written by this command"):
+        write_campaign(ur10, file, robot)
+    assert file.read_text() == "joint_offset[joint_2]: {value_mrad: 1}\n"
+
+
+def test_nothing_of_the_campaign_and_nothing_to_correct(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
+    fit = identify(r2000ic, real)
+    said = result_files(fit, r2000ic.robot, tmp_path / "n.yaml", tmp_path / "u.urdf")
+    assert said[0].endswith("with 6 of 6 identified values")
+    assert not (tmp_path / "n_campaign.yaml").exists()
+    assert said[1:] == [f"URDF, in which nothing is corrected (no joint origin was identified): {tmp_path / 'u.urdf'}"]
+
+
+def test_a_urdf_with_identified_origins_is_a_corrected_one(ur10: PositionFit, tmp_path: Path) -> None:
+    robot = load_experiment(UR10 / "experiment.yaml").robot
+    (said,) = result_files(ur10, robot, None, tmp_path / "u.urdf")
+    assert said.startswith(f"corrected URDF: {tmp_path / 'u.urdf'}; not in it: gravity_sag[joint_2]")
