@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json as jsonlib
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from qsframework.errors import InputError
+from qsframework.errors import InputError, Problem
 from qsframework.experiment import (
     Experiment,
     load_experiment,
@@ -26,7 +27,7 @@ def run_simulate(
     from qsframework.experiment import simulate
     from qsframework.experiment.measured import keep_measured, write_simulated
 
-    distinct_outputs([output, json, report], [file, plan_file, plan_file.with_suffix(".json")])
+    distinct_outputs([output, json, report], [file, plan_file, plan_file.with_suffix(".json")], folders=False)
     keep_measured([output], "-o")
     experiment = load_experiment(file)
     plan = read_plan(plan_file, experiment)
@@ -56,13 +57,40 @@ def readings_file(experiment: Experiment, data: Path | None, option: str = "--da
     return path
 
 
-def distinct_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path]) -> None:
-    """InputError, before anything is computed, where two outputs or an output and an input are one file."""
+def distinct_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path], folders: bool = True) -> None:
+    """InputError, before anything is computed, for an output that cannot be written or is another or an input, too.
+
+    folders: whether an output may be a folder that exists, as of `qsf diagnose --extend`
+    """
+    named = [path for path in outputs if path is not None]
+    problems = [p for path in named for p in _unwritable(path, folders)]
+    if problems:
+        raise InputError(problems)
     seen = {path.resolve(): "an input" for path in inputs}
-    for path in (p for p in outputs if p is not None):
+    for path in named:
         if path.resolve() in seen:
             raise InputError(f"{path} would overwrite {seen[path.resolve()]} of this command; choose another name")
         seen[path.resolve()] = "another output"
+
+
+def beside(path: Path, ending: str) -> Path:
+    """The file of this ending beside an output; itself where it has no name, for that is a folder."""
+    return path.with_suffix(ending) if path.name else path
+
+
+def _unwritable(path: Path, folders: bool) -> list[Problem]:
+    """Why a file could not be written there: it is a folder, it lies in a file, or nobody may write there."""
+    if path.is_dir():
+        hint = f"Name a file, such as {path / 'name'} with its ending."
+        return [] if folders else [Problem("cannot be written: this is a folder", str(path), hint=hint)]
+    if path.exists() and not path.is_file():
+        return [Problem("cannot be written: this is no ordinary file", str(path))]
+    above = next(p for p in path.absolute().parents if p.exists())
+    if not above.is_dir():
+        return [Problem(f"cannot be written: {above} is a file, not a folder", str(path))]
+    if not os.access(above, os.W_OK | os.X_OK):
+        return [Problem(f"cannot be written: nothing may be written in {above}", str(path))]
+    return []
 
 
 def write_json(path: Path, content: Mapping[str, Any], names: bool = False) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.cli.commands import write_json
+from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.progress import Tell, print_table, progress
 from qsframework.experiment import (
     Experiment,
@@ -38,10 +38,12 @@ from qsframework.report.provenance import AFTER, INFORMATION, LEAST_SQUARES, LIN
 
 POSES = 12
 CANDIDATES = 1000
+WRITTEN = ("report.html", "plan.csv", "plan.json", "readings.csv", "fit.json", "truth.json")
 
 
 def run_demo(output: Path, seed: int, json: Path | None = None) -> None:
     """Run both parts, print their numbers and the path of the report; everything as JSON where asked for."""
+    distinct_outputs([*(output / name for name in WRITTEN), json], [], folders=False)
     keep_measured([output / "readings.csv"], "-o")
     with progress() as tell:
         real, fits = real_readings(tell)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.cli.commands import distinct_outputs, write_json
+from qsframework.cli.commands import beside, distinct_outputs, write_json
 from qsframework.cli.progress import print_table, progress
 from qsframework.cli.where import Where, at_work
 from qsframework.design import (
@@ -52,8 +52,8 @@ class DesignFiles:
 def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, where: Where) -> None:
     """Design, write plan.csv and plan.json, print the promise of the plan."""
     experiment = load_experiment(files.experiment)
-    outputs = [files.output, files.output.with_suffix(".json"), files.json, files.report, where.checkpoint]
-    distinct_outputs(outputs, files.inputs())
+    outputs = [files.output, beside(files.output, ".json"), files.json, files.report, where.checkpoint]
+    distinct_outputs(outputs, files.inputs(), folders=False)
     taken = [read_taken(path, experiment) for path in files.taken]
     test = None if files.test_poses is None else read_plan(files.test_poses, experiment).poses
     options = {"poses": poses, "seed": seed, "candidates": files.candidates, **asdict(wish)}

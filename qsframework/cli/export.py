@@ -11,7 +11,7 @@ import numpy as np
 from qsframework.applications.export import FORMATS, export
 from qsframework.applications.ordering import with_repeats
 from qsframework.applications.programme import Programme, make_programme
-from qsframework.cli.commands import distinct_outputs, write_json
+from qsframework.cli.commands import beside, distinct_outputs, write_json
 from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment import Experiment, Plan, load_experiment, read_plan
@@ -37,8 +37,8 @@ def run_export(plan_file: Path, file: Path, output: Path, wish: ExportWish, json
     if wish.to not in FORMATS:
         allowed, hint = ", ".join(FORMATS), nearest(wish.to, FORMATS)
         raise InputError(Problem(f"unknown format {wish.to!r}", allowed=allowed, hint=hint))
-    outputs = [output.with_suffix(s) for s in (".src", ".dat")] if wish.to == "krl" else [output]
-    distinct_outputs([*outputs, json], [file, plan_file, plan_file.with_suffix(".json")])
+    outputs = [beside(output, s) for s in (".src", ".dat")] if wish.to == "krl" else [output]
+    distinct_outputs([*outputs, json], [file, plan_file, plan_file.with_suffix(".json")], folders=False)
     experiment = load_experiment(file)
     plan = with_repeats(plan_of(plan_file, experiment), wish.repeat_share, wish.seed)
     home = None if wish.home is None else home_pose(experiment, wish.home)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from qsframework.applications import Stiffness, stiffness_at
-from qsframework.cli.commands import write_json
+from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.progress import print_table
 from qsframework.errors import InputError
 from qsframework.plugin import Array
@@ -20,6 +20,7 @@ _AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | None, report: Path | None) -> None:
     """Compute, print, write."""
+    distinct_outputs([json, report], [], folders=False)
     arm = load_robot(robot)
     wrench = numbers("--load", load, (3, 6))
     result = stiffness_at(
