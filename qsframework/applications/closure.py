@@ -87,11 +87,9 @@ class _Table:
 
     def expected(self, variance: float) -> str:
         """The stated noise of a difference that holds so many variances of one position, in words."""
-        return (
-            "no noise is stated"
-            if self.sigma is None
-            else f"the noise alone gives {_mm(np.sqrt(variance) * self.sigma)}"
-        )
+        if self.sigma is None:
+            return "no noise is stated"
+        return f"the noise alone gives {_mm(np.sqrt(variance) * self.sigma)}"
 
 
 def _mm(value: float) -> str:
