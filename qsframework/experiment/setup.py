@@ -135,12 +135,18 @@ def _with_geometry(experiment: Experiment) -> Experiment:
     """With the effects that `geometry` in `fit` stands for, where they are not there yet."""
     if GEOMETRY not in (experiment.fit or ()):
         return experiment
-    facts, present = experiment.robot.facts, {e.name for e in (*experiment.robot.effects, *experiment.effects)}
-    wanted = [e for name in _GEOMETRIC for e in build_effects({"effect": name, "joints": "all"}, facts)]
-    more = tuple(e for e in wanted if e.name not in present)
+    facts = experiment.robot.facts
+    more = _geometry(experiment.robot, experiment.effects)
     added = tuple(p for e in more for p in e.parameters(facts))
     effects, parameters = (*experiment.effects, *more), (*experiment.parameters, *added)
     return replace(experiment, effects=effects, parameters=parameters) if more else experiment
+
+
+def _geometry(robot: Robot, effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
+    """The zeros and placements of all joints that neither the robot nor these effects have."""
+    present = {e.name for e in (*robot.effects, *effects)}
+    wanted = [e for name in _GEOMETRIC for e in build_effects({"effect": name, "joints": "all"}, robot.facts)]
+    return tuple(e for e in wanted if e.name not in present)
 
 
 def expand_name(entry: str, model: Model) -> tuple[str, ...]:
@@ -185,6 +191,7 @@ def load_experiment(path: str | Path, *, trust: bool | None = None) -> Experimen
     markers = _markers(document, spec, robot, problems)
     names = tuple(m.name for m in markers)
     effects, found = read_effects(document, spec.effects, robot.facts, names, trust=trusted(trust))
+    effects += _geometry(robot, effects) if GEOMETRY in (spec.fit or ()) else ()
     parameters = _nominal(path, spec, effects, robot, problems, complete=not found)
     problems += [*found, *constraint_problems(document, spec, robot), *_load_problems(document, spec, robot)]
     if problems:

@@ -10,6 +10,7 @@ import pytest
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, StateReadings, load_experiment, read_states
 from qsframework.identify import identify, identify_positions
+from qsframework.identify.fit_files import write_campaign
 from qsframework.plugin import Poses
 
 FILE = """
@@ -129,3 +130,16 @@ def test_the_example_gives_the_same_by_either_name() -> None:
     long = identify_positions(experiment, readings, ["tool_offset", "joint_offset", "joint_placement"])
     assert short.names == long.names
     assert np.isclose(short.error_of(short.residuals), long.error_of(long.residuals), rtol=1e-12)
+
+
+@pytest.mark.parametrize("more", ["", PARTLY, LISTED], ids=["no effects", "some effects", "all effects"])
+def test_an_experiment_reads_values_of_the_geometry_that_it_only_names(more: str, tmp_path: Path) -> None:
+    experiment = written(tmp_path, FILE + more + "fit: [tool_offset, geometry]\n")
+    fit = identify_positions(experiment, made(experiment, spread()))
+    told = write_campaign(fit, tmp_path / "c.yaml", experiment.robot)
+    assert any(n.startswith("joint_placement") for n in told)
+    again = written(tmp_path, FILE + more + "fit: [tool_offset, geometry]\nnominal: c.yaml\n")
+    assert [e.name for e in again.effects] == [e.name for e in experiment.effects]
+    model = again.model()
+    for e in fit.estimates[6:]:
+        assert model.nominal[model.index([e.name])[0]] == pytest.approx(e.value, rel=1e-12)
