@@ -10,14 +10,14 @@ import numpy as np
 from qsframework.diagnose.case import Case, make_case
 from qsframework.diagnose.causes import Untested, find_causes
 from qsframework.diagnose.conventions import Convention, check_conventions
-from qsframework.diagnose.explain import Answer, Library, explain, make_library, most_plausible, refit
+from qsframework.diagnose.explain import Answer, Library, answer_of, explain, make_library, most_plausible, refit
 from qsframework.diagnose.fitted import Settled, displacement_or_linear, settle_fit
 from qsframework.diagnose.gain import HeldOut, Search, held_out
 from qsframework.diagnose.gate import Closing, close, motions
 from qsframework.diagnose.noise_audit import NoiseAudit, audit_noise
-from qsframework.diagnose.proof import audited_rows, library_basis, misfit, replicates, told_names
+from qsframework.diagnose.proof import audited_rows, far_from_linear, library_basis, misfit, replicates, told_names
 from qsframework.diagnose.result import Diagnosis, Errors, Finding, Value
-from qsframework.diagnose.search import LARGEST
+from qsframework.diagnose.search import LARGEST, parts_of
 from qsframework.diagnose.table import findings_of, table_of
 from qsframework.diagnose.taming import tamed
 from qsframework.diagnose.verdict import ambiguous, verdict_of, words_of
@@ -39,7 +39,11 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, eq=False)
 class _Baseline:
-    """What the search starts from: rows and noise after the audit, the exact fit to them, the whitened case."""
+    """What the search starts from: rows and noise after the audit, the exact fit to them, the whitened case.
+
+    given, whole: rows and case before the audit; stated: whether somebody says the size of the noise; far: whether
+    it has been audited again, at the values of a cause far from linear
+    """
 
     experiment: Experiment
     readings: Readings
@@ -51,6 +55,10 @@ class _Baseline:
     out: Indices
     untested: tuple[Untested, ...]
     untold: tuple[str, ...]
+    given: Rows
+    whole: Case
+    stated: bool
+    far: bool = False
 
     @property
     def nu(self) -> float:
@@ -82,8 +90,7 @@ def diagnose(
             break
     base = _baseline(experiment, readings, tell)
     tell("search")
-    library = make_library(base.case, base.fit, base.nu, seed)
-    answers = _answers(library, base, level, largest)
+    base, library, answers = _searched(base, level, largest, seed)
     best = answers[0] if answers else None
     tell("closing gate")
     closing = _close(base, best, seed)
@@ -154,21 +161,67 @@ def _baseline(experiment: Experiment, readings: Readings, tell: Callable[[str], 
     causes, untested = find_causes(experiment, names, readings.poses)
     case = make_case(experiment, readings.poses, names, causes, fit.by_name(), rows, noise, fit.residuals)
     tell("noise")
+    audit = _audit(readings, case, rows, source == "stated")
+    base = _Baseline(
+        experiment, readings, rows, noise, fit, case, audit, rows.keep[:0], untested, untold, rows, case,
+        source == "stated",
+    )  # fmt: skip
+    return _under(base, audit)
+
+
+def _audit(readings: Readings, case: Case, rows: Rows, stated: bool) -> NoiseAudit:
     library = np.concatenate([case.A, *case.B], axis=1)
     shape = (len(rows.keep), 3)
-    audit = audit_noise(
-        case.residuals.reshape(shape), library.reshape(*shape, -1), rows.sigma, source == "stated", rows.measurement,
-        rows.marker, replicates(readings, rows),
+    return audit_noise(
+        case.residuals.reshape(shape), library.reshape(*shape, -1), rows.sigma, stated, rows.measurement, rows.marker,
+        replicates(readings, rows),
     )  # fmt: skip
-    good = np.setdiff1d(np.arange(len(rows.keep)), audit.outliers)
-    out = rows.keep[audit.outliers]
-    rows, noise = audited_rows(readings, rows, good, audit)
-    start = fit.x
-    fit = settle_fit(model, readings, rows, noise, names, start)
-    case = case.rewhitened(good, noise, fit.residuals)
+
+
+def _under(base: _Baseline, audit: NoiseAudit) -> _Baseline:
+    """The baseline with the rows that an audit leaves, and in its noise."""
+    given, whole = base.given, base.whole
+    good = np.setdiff1d(np.arange(len(given.keep)), audit.outliers)
+    out = given.keep[audit.outliers]
+    rows, noise = audited_rows(base.readings, given, good, audit)
+    fit = settle_fit(base.experiment.model(), base.readings, rows, noise, whole.fitted, base.fit.x)
+    case = whole.rewhitened(good, noise, fit.residuals)
     if audit.heavy_tailed:
         case = replace(case, residuals=tamed(case.residuals, library_basis(case)))
-    return _Baseline(experiment, readings, rows, noise, fit, case, audit, out, untested, untold)
+    return replace(base, rows=rows, noise=noise, fit=fit, case=case, audit=audit, out=out)
+
+
+def _audited_again(base: _Baseline, best: Answer) -> _Baseline | None:
+    """Where some causes leave far less than all of them together: the baseline in the noise that is seen beside them.
+
+    All causes are linear in the audit. What a large one does beyond that, a frame turned by half a radian for one,
+    passes for noise there; at the values of its exact fit it does not. None where nothing speaks against the audit.
+    """
+    if not far_from_linear(base.case, best.fit):
+        return None
+    given, whole, fit = base.given, base.whole, best.fit
+    predicted, _ = displacement_or_linear(fit.model, base.readings, fit.x)
+    residuals = given.measured - given.of(predicted)
+    noise = readings_noise(base.readings, given.keep, given.sigma)
+    case = make_case(
+        base.experiment, base.readings.poses, whole.fitted, whole.causes, fit.by_name(), given, noise, residuals
+    )
+    return replace(_under(base, _audit(base.readings, case, given, base.stated)), far=True)
+
+
+def _searched(base: _Baseline, level: float, largest: int, seed: int) -> tuple[_Baseline, Library, list[Answer]]:
+    """The library, its answers, best first, and the baseline whose noise they leave."""
+    library = make_library(base.case, base.fit, base.nu, seed)
+    answers = _answers(library, base, level, largest)
+    again = _audited_again(base, answers[0]) if answers else None
+    if again is None:
+        return base, library, answers
+    library = make_library(again.case, again.fit, again.nu, seed)
+    found = _answers(library, again, level, largest)
+    tried = {part.members: part for a in (answers[0], *found[:1]) for part in parts_of(a.subset, library.gram)}
+    parts = (answer_of(library, p, again.fit, again.readings, again.rows, again.noise) for p in tried.values())
+    # the linear search adds causes for what is far from linear: all parts of its answers are weighed by exact fits
+    return again, library, sorted((a for a in parts if a is not None), key=lambda a: a.ebic)
 
 
 def _answers(library: Library, base: _Baseline, level: float, largest: int) -> list[Answer]:
@@ -210,7 +263,7 @@ def _held(
         case.subspaces(), library.scores.threshold(level * _LIBRARY_SHARE), library.nu, library.stated,
         library.heads, library.bounds, largest,
     )  # fmt: skip
-    return held_out(case, closing, members, alike, how, sigma, seed, repeats)
+    return held_out(case, closing, members, alike, how, sigma, seed, repeats, given=base.far)
 
 
 def _extended_case(base: _Baseline, best: Answer, noise: Noise) -> Case:
@@ -236,7 +289,10 @@ def _errors(base: _Baseline, extended: Settled, held: HeldOut, given: tuple[Expe
 
 
 def _notes(base: _Baseline, held: HeldOut, extended: Settled) -> tuple[str, ...]:
-    said = [f"Held-out errors: {held.folds}; the search chose the same causes in {100 * held.same:.0f} % of the folds."]
+    nested = f"the search chose the same causes in {100 * held.same:.0f} % of the folds"
+    said = [f"Held-out errors: {held.folds}; {'the causes are given' if base.far else nested}."]
+    if base.far:
+        said.append("A named cause is so large that it is far from linear: the noise was audited again at its size.")
     if base.untold:
         said.append(f"These readings do not tell {', '.join(base.untold)}: kept at the nominal value.")
     if base.audit.heavy_tailed:

@@ -92,13 +92,23 @@ def explain(
     found = [s for s in search(library.gram, library.heads, largest) if significant(library, s, level)]
     answers: list[Answer] = []
     for subset in found:
-        causes = [library.case.causes[i] for i in subset.members]
-        fit = refit(library.case, causes, baseline, readings, rows, noise)
-        if fit is not None and not _beyond(fit):
-            answers.append(Answer(subset, fit, _ebic(library, subset, fit.chi2, baseline.chi2)))
+        answer = answer_of(library, subset, baseline, readings, rows, noise)
+        if answer is not None:
+            answers.append(answer)
         if len(answers) == REFITS:
             break
     return sorted(answers, key=lambda a: a.ebic)
+
+
+def answer_of(
+    library: Library, subset: Subset, baseline: Settled, readings: Readings, rows: Rows, noise: Noise
+) -> Answer | None:  # fmt: skip
+    """A subset fitted exactly; None where that leads nowhere, or to what is not physical."""
+    causes = [library.case.causes[i] for i in subset.members]
+    fit = refit(library.case, causes, baseline, readings, rows, noise)
+    if fit is None or _beyond(fit):
+        return None
+    return Answer(subset, fit, _ebic(library, subset, fit.chi2, baseline.chi2))
 
 
 def _ebic(library: Library, subset: Subset, chi2: float, start: float) -> float:

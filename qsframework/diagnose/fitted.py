@@ -144,7 +144,7 @@ class _Problem:
         if np.abs(np.diag(R)).min() <= _FLAT * np.abs(np.diag(R)).max():
             raise NotIdentifiable(
                 f"these readings cannot tell the parameters {', '.join(self.names)} from each other at the values that "
-                "the fit has come to; if they are far off, check the nominal values that it starts from, and their units"
+                "the fit has come to. If these are far off, check the nominal values that it starts from, and units"
             )
         half = scale[:, None] * np.linalg.inv(R)
         return scale * np.linalg.solve(R, Q.T @ b), half @ half.T

@@ -15,6 +15,9 @@ from qsframework.identify.observations import Noise
 from qsframework.information import rank_test, scales
 from qsframework.plugin import Array, Indices
 
+_FAR = 1e-6
+"""Chance of so little below which an exact fit proves the linear library wrong."""
+
 
 def replicates(readings: Readings, rows: Rows) -> Indices:
     """Equal numbers (R,) where pose, load and marker are: repeats and cycles of one reading."""
@@ -60,6 +63,23 @@ def library_basis(case: Case) -> Array:
     """Orthonormal directions (m, q) of the fitted parameters and of every cause that rises above the noise."""
     columns = np.concatenate([case.A, *case.B], axis=1)
     return make_basis(columns.reshape(-1, 3, columns.shape[1])).Q
+
+
+def far_from_linear(case: Case, fit: Settled) -> bool:
+    """Whether an exact fit of some causes leaves far less than all causes together do linearly, which hold these.
+
+    Where both leave noise, what the fit leaves more, per parameter that it has less, follows an F distribution.
+    """
+    from scipy.stats import f
+
+    Q = library_basis(case)
+    left = case.residuals - Q @ (Q.T @ case.residuals)
+    square, dof = float(left @ left), len(left) - int(Q.shape[1])
+    more = int(Q.shape[1]) - len(fit.names)
+    if dof < 1 or more < 1:
+        return False
+    ratio = float((fit.chi2 - square) / more * dof / square)
+    return 1.0 - float(f.sf(ratio, more, dof)) < _FAR
 
 
 def misfit(experiment: Experiment, readings: Readings, rows: Rows, fit: Settled, known: bool) -> LackOfFit:

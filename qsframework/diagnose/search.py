@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import combinations, pairwise
 from math import comb
 
 import numpy as np
@@ -163,3 +163,11 @@ def search(gram: Gram, classes: Sequence[int], largest: int = LARGEST) -> list[S
         found += kept
         grown = kept
     return sorted(found, key=lambda s: s.ebic)
+
+
+def parts_of(subset: Subset, gram: Gram) -> list[Subset]:
+    """The subset and every smaller one of its members, for exact fits: squares and EBIC are not known (NaN)."""
+    members = sorted(subset.members)
+    nan = float("nan")
+    some = (part for size in range(1, len(members) + 1) for part in combinations(members, size))
+    return [Subset(part, nan, sum(len(gram.at[i]) for i in part), nan) for part in some]
