@@ -30,7 +30,10 @@ def verdict_lines(diagnosis: Diagnosis) -> Lines:
     """What the verdict rests on, a statement each, and what to look at on the robot; causes stand in front."""
     names = [*(f.name for f in diagnosis.findings), *(c.name for c in diagnosis.conventions)]
     rows = [_led(said, names) for said in diagnosis.statements]
-    rows += [("Look at", f"{f.check} ({f.name})") for f in diagnosis.findings if f.check]
+    checks = [
+        f for f in diagnosis.findings if f.check and f.check not in diagnosis.words
+    ]  # a convention's stands there
+    rows += [("Look at", f"{f.check} ({f.name})") for f in checks]
     return Lines(tuple(rows))
 
 

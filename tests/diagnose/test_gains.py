@@ -13,7 +13,7 @@ from qsframework.diagnose.budget import linear_errors
 from qsframework.diagnose.case import Case
 from qsframework.experiment import example, load_experiment, read_readings
 from qsframework.plugin import Array
-from qsframework.report.diagnosis_tables import cause_table
+from qsframework.report.diagnosis_tables import cause_table, verdict_lines
 from tests.diagnose.cases import campaign, measured
 
 
@@ -92,6 +92,8 @@ def test_a_convention_has_no_held_out_gain() -> None:
     assert found.findings[0].name == "displacement_sign"
     assert np.isnan(found.findings[0].heldout_gain)
     assert found.as_json()["causes"][0]["heldout_gain"] is None
+    said = [row for row in verdict_lines(found).rows if "of them is reversed" in " ".join(row)]
+    assert len(said) == 1, "once is enough"
 
 
 def test_a_direction_that_one_pose_carries_costs_nothing_elsewhere(real: Diagnosis) -> None:
