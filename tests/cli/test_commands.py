@@ -187,7 +187,7 @@ def test_identify_in_one_step_with_all_its_files(tmp_path, capsys) -> None:  # t
     assert "(fixed)" in said
     assert "Loss huber" in said
     assert "nominal values:" in said
-    assert "corrected URDF:" in said
+    assert "URDF, in which nothing is corrected (no joint origin was identified):" in said
     assert all(path.exists() for path in out.values())
     assert read_fit(out["json"]).method == "one-step"
     page = out["report"].read_text()
