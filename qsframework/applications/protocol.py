@@ -16,7 +16,7 @@ from qsframework.applications.ordering import visits, with_repeats
 from qsframework.applications.programme import check_plan, load_name, payload_notes
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Plan
-from qsframework.experiment.columns import write_table
+from qsframework.experiment.columns import degrees, number, write_table
 from qsframework.plugin import Array
 
 DRIVES = ("servo", "brake")
@@ -112,12 +112,12 @@ def make_protocol(experiment: Experiment, plan: Plan, wish: ProtocolWish | None 
     sequence = visits(plan, wish.order, wish.seed)
     seen: dict[int, int] = {}
     out: list[Visit] = []
-    for number, i in enumerate(sequence, start=1):
+    for place, i in enumerate(sequence, start=1):
         seen[i] = seen.get(i, 0) + 1
         load = load_name(plan, i)
         half = wish.half and plan.repeats[i] > 1
         states = _states(load, plan.wrench[i], wish.cycles, half)
-        out.append(Visit(number, plan.pose[i], seen[i], plan.pendant[i], load, plan.wrench[i], states))
+        out.append(Visit(place, plan.pose[i], seen[i], plan.pendant[i], load, plan.wrench[i], states))
     names = tuple(m.name for m in experiment.markers)
     return Protocol(experiment.robot.name, experiment.robot.title, tuple(out), wish, names, payload_notes(experiment))
 
@@ -154,9 +154,9 @@ def write_reading_file(path: Path, protocol: Protocol) -> None:
     header += ["time_s", "temperature_degC", "drive_state"]
     rows: list[list[str]] = []
     for visit in protocol.visits:
-        angles = [repr(v) for v in np.rad2deg(visit.pendant).tolist()]
+        angles = degrees(visit.pendant)
         for state in visit.states:
-            wrench = [f"{v:.10g}" for v in state.wrench] if state.loaded else [""] * 6
+            wrench = [*map(number, state.wrench.tolist())] if state.loaded else [""] * 6
             for marker in protocol.markers:
                 rows.append(
                     [visit.pose, *angles, *wrench, marker, "loaded" if state.loaded else "unloaded", "", "", "",

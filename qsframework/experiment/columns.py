@@ -263,6 +263,24 @@ def _wrong(table: Table, i: int, column: Column, message: str, found: str, allow
     )
 
 
+def number(value: float, digits: int = 10) -> str:
+    """A number as a table for people holds it: no more digits than say something, no trailing zeros.
+
+    Ten digits of a position in millimetres keep a nanometre to ten metres.
+    """
+    return f"{value + 0.0:.{digits}g}"
+
+
+def degrees(angles: Array) -> list[str]:
+    """Angles (n,) rad as a table holds them, in degrees: twelve digits keep 1e-9 deg."""
+    return [number(v, 12) for v in np.rad2deg(angles).tolist()]
+
+
+def recorded(value: float) -> str:
+    """A time or a temperature: fifteen digits keep ten microseconds of a clock that counts from 1970."""
+    return number(value, 15)
+
+
 def write_table(
     path: str | Path, header: Sequence[str], rows: Sequence[Sequence[str]], comments: Sequence[str]
 ) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pydantic
 
 from qsframework.errors import InputError, Problem
-from qsframework.experiment.columns import MOST_PROBLEMS, Column, Table, read_table, write_table
+from qsframework.experiment.columns import MOST_PROBLEMS, Column, Table, degrees, number, read_table, write_table
 from qsframework.experiment.setup import Experiment
 from qsframework.files import FileModel, read_yaml, sha256, validate, write_text
 from qsframework.files.formats import FORMAT, check_format
@@ -132,7 +132,6 @@ def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
     if path.suffix == ".json":
         raise InputError(Problem("a plan is a table with its proof beside it in .json; name it .csv", file=str(path)))
     n = plan.pendant.shape[1]
-    degrees = np.rad2deg(plan.pendant)
     header = [
         "pose",
         *(f"q{k + 1}_deg" for k in range(n)),
@@ -146,9 +145,10 @@ def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
         "repeats",
     ]
     rows = [
-        [plan.pose[i], *map(repr, [*degrees[i].tolist(), *plan.wrench[i].tolist()]), plan.load[i], str(plan.repeats[i])]
+        [plan.pose[i], *degrees(plan.pendant[i]), *map(number, plan.wrench[i].tolist()), plan.load[i],
+         str(plan.repeats[i])]
         for i in range(len(plan.pose))
-    ]
+    ]  # fmt: skip
     write_table(path, header, rows, [f"robot: {experiment.robot.name}"])
     beside = {
         "format": FORMAT,

@@ -9,7 +9,16 @@ import numpy as np
 import numpy.typing as npt
 
 from qsframework.errors import InputError, Problem
-from qsframework.experiment.columns import MOST_PROBLEMS, Column, Table, read_table, write_table
+from qsframework.experiment.columns import (
+    MOST_PROBLEMS,
+    Column,
+    Table,
+    degrees,
+    number,
+    read_table,
+    recorded,
+    write_table,
+)
 from qsframework.experiment.grouping import at, counts, group, marker_index, no_load, read_sigma
 from qsframework.experiment.plan import limit_problems
 from qsframework.experiment.setup import Experiment
@@ -138,7 +147,7 @@ def _conditions(table: Table, suffix: str, first: Indices) -> Conditions:
 
 
 def write_readings(path: str | Path, readings: Readings, experiment: Experiment) -> None:
-    """Write a readings file that `read_readings` reads back to the last digit that matters (1e-12 relative)."""
+    """Write a readings file that `read_readings` reads back to the digits that matter (1e-9 relative)."""
     write_table(path, *readings_table(readings, experiment), [f"robot: {experiment.robot.name}"])
 
 
@@ -147,13 +156,13 @@ def readings_table(readings: Readings, experiment: Experiment) -> tuple[list[str
     poses = readings.poses
     n = poses.q.shape[1]
     header = ["pose", *(f"q{k + 1}_deg" for k in range(n)), "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"]
-    columns = np.hstack([np.rad2deg(poses.pendant), poses.wrench]).tolist()
-    recorded = {
+    columns = [[*degrees(q), *map(number, w)] for q, w in zip(poses.pendant, poses.wrench.tolist(), strict=True)]
+    conditions = {
         "time_s": poses.loaded.time, "time_unloaded_s": poses.unloaded.time,
         "temperature_K": poses.loaded.temperature, "temperature_unloaded_K": poses.unloaded.temperature,
         "approach": poses.loaded.approach,
     }  # fmt: skip
-    present = {name: values.tolist() for name, values in recorded.items() if values is not None}
+    present = {name: values.tolist() for name, values in conditions.items() if values is not None}
     stated = bool(np.isfinite(readings.sigma).any())
     states, reference = readings.drive_state, readings.reference
     header += ["marker", "dx_mm", "dy_mm", "dz_mm", "repeat", "cycle", "use", *present]
@@ -161,10 +170,13 @@ def readings_table(readings: Readings, experiment: Experiment) -> tuple[list[str
     header += ["reference"] if reference else []
     rows: list[list[str]] = []
     for i, m in enumerate(int(m) for m in readings.measurement):
-        row = [readings.pose[m], *map(repr, columns[m])]
-        row += [experiment.markers[int(readings.marker[i])].name, *map(repr, (readings.displacement[i] * 1e3).tolist())]
+        row = [readings.pose[m], *columns[m]]
+        row += [
+            experiment.markers[int(readings.marker[i])].name,
+            *map(number, (readings.displacement[i] * 1e3).tolist()),
+        ]
         row += [str(readings.repeat[m]), str(readings.cycle[m]), str(int(readings.use[i]))]
-        row += [repr(values[m]) for values in present.values()]
-        row += [repr(float(readings.sigma[i] * 1e3)) if np.isfinite(readings.sigma[i]) else ""] if stated else []
+        row += [recorded(values[m]) for values in present.values()]
+        row += [number(float(readings.sigma[i] * 1e3)) if np.isfinite(readings.sigma[i]) else ""] if stated else []
         rows.append(row + ([states[i]] if states else []) + ([reference[i]] if reference else []))
     return header, rows

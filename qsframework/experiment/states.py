@@ -10,7 +10,17 @@ import numpy.typing as npt
 
 from qsframework.elastostatics import make_model
 from qsframework.errors import InputError, Problem, nearest
-from qsframework.experiment.columns import MOST_PROBLEMS, Column, Table, read_table, table_lines, write_table
+from qsframework.experiment.columns import (
+    MOST_PROBLEMS,
+    Column,
+    Table,
+    degrees,
+    number,
+    read_table,
+    recorded,
+    table_lines,
+    write_table,
+)
 from qsframework.experiment.grouping import at, counts, group, marker_index, no_load, read_sigma
 from qsframework.experiment.plan import limit_problems
 from qsframework.experiment.setup import Experiment
@@ -188,14 +198,15 @@ def _check_units(
 
 
 def write_states(path: str | Path, readings: StateReadings, experiment: Experiment) -> None:
-    """Write a file that `read_states` reads back to the last digit that matters (1e-12 relative)."""
+    """Write a file that `read_states` reads back to the digits that matter (1e-9 relative)."""
     poses, n = readings.poses, readings.poses.q.shape[1]
     forces = ["fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"] if readings.loaded.any() else []
-    columns = np.hstack([np.rad2deg(poses.pendant), poses.wrench[:, : len(forces)]]).tolist()
-    recorded = {
+    acting = poses.wrench[:, : len(forces)].tolist()
+    columns = [[*degrees(q), *map(number, w)] for q, w in zip(poses.pendant, acting, strict=True)]
+    conditions = {
         "time_s": poses.loaded.time, "temperature_K": poses.loaded.temperature, "approach": poses.loaded.approach,
     }  # fmt: skip
-    present = {name: values.tolist() for name, values in recorded.items() if values is not None}
+    present = {name: values.tolist() for name, values in conditions.items() if values is not None}
     named = {k: v for k, v in {"load_id": readings.load_id, "series": readings.series}.items() if any(v)}
     stated = bool(np.isfinite(readings.sigma).any())
     drive = readings.drive_state
@@ -204,10 +215,10 @@ def write_states(path: str | Path, readings: StateReadings, experiment: Experime
     header += ["drive_state"] if drive else []
     rows: list[list[str]] = []
     for i, m in enumerate(int(m) for m in readings.measurement):
-        row = [readings.pose[m], *map(repr, columns[m]), experiment.markers[int(readings.marker[i])].name]
-        row += [STATES[int(readings.loaded[m])], *map(repr, (readings.position[i] * 1e3).tolist())]
+        row = [readings.pose[m], *columns[m], experiment.markers[int(readings.marker[i])].name]
+        row += [STATES[int(readings.loaded[m])], *map(number, (readings.position[i] * 1e3).tolist())]
         row += [*(values[m] for values in named.values()), str(readings.repeat[m]), str(readings.cycle[m])]
-        row += [str(int(readings.use[i])), *(repr(values[m]) for values in present.values())]
-        row += [repr(float(readings.sigma[i] * 1e3)) if np.isfinite(readings.sigma[i]) else ""] if stated else []
+        row += [str(int(readings.use[i])), *(recorded(values[m]) for values in present.values())]
+        row += [number(float(readings.sigma[i] * 1e3)) if np.isfinite(readings.sigma[i]) else ""] if stated else []
         rows.append(row + ([drive[i]] if drive else []))
     write_table(path, header, rows, [f"robot: {experiment.robot.name}"])

@@ -23,6 +23,7 @@ from qsframework.experiment import (
     write_plan,
     write_readings,
 )
+from qsframework.experiment.columns import degrees, number, recorded
 from qsframework.plugin import Conditions, Poses
 
 SAME_FOLDER = settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -57,7 +58,7 @@ def random_readings(experiment: Experiment, count: int, seed: int, recorded: boo
 
 
 def close(a: object, b: object) -> bool:
-    return a is b if a is None or b is None else bool(np.allclose(a, b, rtol=1e-12, atol=1e-18, equal_nan=True))  # type: ignore[arg-type]
+    return a is b if a is None or b is None else bool(np.allclose(a, b, rtol=1e-9, atol=1e-18, equal_nan=True))  # type: ignore[arg-type]
 
 
 @SAME_FOLDER
@@ -74,6 +75,9 @@ def test_readings(m900ib: Experiment, tmp_path: Path, count: int, seed: int, rec
     assert close(after.sigma, before.sigma)
     for name in ("pendant", "q", "wrench"):
         assert close(getattr(after.poses, name), getattr(before.poses, name)), name
+    once = (tmp_path / "readings.csv").read_text()
+    write_readings(tmp_path / "readings.csv", after, m900ib)
+    assert (tmp_path / "readings.csv").read_text() == once
     for side in ("unloaded", "loaded"):
         for name in STATES:
             assert close(getattr(getattr(after.poses, side), name), getattr(getattr(before.poses, side), name)), name
@@ -91,8 +95,14 @@ def test_plans(m900ib: Experiment, tmp_path: Path, count: int, seed: int) -> Non
     after = read_plan(tmp_path / "plan.csv", m900ib)
     for name in ("pose", "load", "repeats", "criterion", "certificate", "seed"):
         assert getattr(after, name) == getattr(before, name), name
-    assert np.allclose(after.pendant, before.pendant, rtol=1e-15, atol=0)
-    assert np.array_equal(after.wrench, before.wrench)
+    assert np.allclose(after.pendant, before.pendant, rtol=0, atol=np.deg2rad(1e-9))
+    assert np.allclose(after.wrench, before.wrench, rtol=1e-9, atol=0)
+    once = (tmp_path / "plan.csv").read_text()
+    write_plan(tmp_path / "plan.csv", after, m900ib)
+    assert (tmp_path / "plan.csv").read_text() == once
+    again = read_plan(tmp_path / "plan.csv", m900ib)
+    assert np.array_equal(again.pendant, after.pendant)
+    assert np.array_equal(again.wrench, after.wrench)
 
 
 def test_a_changed_plan_loses_its_proof(m900ib: Experiment, tmp_path: Path) -> None:
@@ -135,3 +145,26 @@ def test_many_readings_are_read_in_seconds(r2000ic: Experiment, tmp_path: Path) 
     path = tmp_path / "many.csv"
     path.write_text("\n".join([*lines[:3], *(f"{i},{row}" for i in range(100_000))]))
     assert len(read_readings(path, r2000ic).poses) == 100_000
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (1.9100000000000001, "1.91"), (-59.99999999999999, "-60"), (-0.0, "0"), (1234.5678901234, "1234.56789"),
+        (1e-7 / 3, "3.333333333e-08"), (-4000.0, "-4000"), (123456789012.0, "1.23456789e+11"),
+    ],
+)  # fmt: skip
+def test_numbers_for_people(value: float, text: str) -> None:
+    assert number(value) == text
+
+
+@given(st.floats(-360.0, 360.0))
+def test_angles_keep_a_billionth_of_a_degree(angle: float) -> None:
+    (text,) = degrees(np.deg2rad([angle]))
+    assert abs(float(text) - angle) <= 1e-9
+    assert degrees(np.deg2rad([float(text)])) == [text]
+    assert len(text.lstrip("-").split("e")[0].replace(".", "").lstrip("0")) <= 12
+
+
+def test_a_clock_keeps_its_fractions() -> None:
+    assert recorded(1763746355.123456) == "1763746355.12346"
