@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, readings_file, write_json
+from qsframework.cli.displacements import read_displacements
 from qsframework.cli.progress import Tell, print_line, print_table, progress
 from qsframework.cli.where import ALONE, Where
 from qsframework.diagnose import LEVEL, STEPS, Diagnosis, SecondDay, diagnose
@@ -14,7 +15,7 @@ from qsframework.diagnose.discriminate import Discrimination
 from qsframework.diagnose.extend import check_folder, write_extended
 from qsframework.diagnose.separations import separations, with_outlooks
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, Readings, is_states, load_experiment, read_readings, read_states
+from qsframework.experiment import load_experiment
 
 
 @dataclass(frozen=True)
@@ -121,15 +122,6 @@ def _write(
         told = load_experiment(extended).data is not None
         print(f"next: {'' if told else 'correct the readings, then '}qsf identify {extended}"
               f"{'' if told else ' --data FILE'}")  # fmt: skip
-
-
-def read_displacements(experiment: Experiment, source: Path) -> Readings:
-    """Readings of a file of displacements, or loaded minus unloaded positions of a file of states."""
-    if is_states(source):
-        from qsframework.identify.differences import differences
-
-        return differences(read_states(source, experiment), experiment)[0]
-    return read_readings(source, experiment)
 
 
 def _steps(tell: Tell) -> Tell:

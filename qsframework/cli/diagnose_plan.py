@@ -7,6 +7,7 @@ from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.design import read_taken
+from qsframework.cli.displacements import read_displacements
 from qsframework.cli.progress import print_table, progress
 from qsframework.cli.where import ALONE, Where, at_work
 from qsframework.diagnose.result import Diagnosis
@@ -80,8 +81,6 @@ def run_separate(
 
 def _taken(path: Path, experiment: Experiment) -> Plan | Readings:
     """A plan, readings, or loaded minus unloaded positions of a file of states."""
-    from qsframework.cli.diagnose import read_displacements
-
     return read_displacements(experiment, path) if is_states(path) else read_taken(path, experiment)
 
 

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qsframework.cli.commands import distinct_outputs, readings_file, write_json
+from qsframework.cli.displacements import read_displacements
 from qsframework.cli.positions import print_findings
 from qsframework.cli.progress import print_table
-from qsframework.experiment import Experiment, Readings, is_states, load_experiment, read_readings, read_states
+from qsframework.experiment import Experiment, Readings, is_states, load_experiment
 
 if TYPE_CHECKING:
     from qsframework.identify import Choices, Fit, Masked
@@ -53,15 +54,6 @@ class How:
     differences: bool = False
     exact: bool = False
     profile: tuple[str, ...] = ()
-
-
-def _displacements(experiment: Experiment, source: Path) -> Readings:
-    """Readings of a file of displacements, or loaded minus unloaded positions of a file of states."""
-    from qsframework.identify.differences import differences
-
-    if is_states(source):
-        return differences(read_states(source, experiment), experiment)[0]
-    return read_readings(source, experiment)
 
 
 def _choices(how: How) -> Choices | None:
@@ -123,7 +115,7 @@ def run_identify(files: FitFiles, how: How) -> None:
     if is_states(source) and not how.differences:
         identify_states(experiment, source, how.fit, *outputs, _choices(how), clean=how.clean)
         return
-    readings = _displacements(experiment, source)
+    readings = read_displacements(experiment, source)
     cleaned = None
     if how.clean:
         readings, cleaned = _cleaned(experiment, readings, how.fit)

@@ -56,8 +56,8 @@ def left_aside_table(fit: PositionFit) -> Table:
         for entry in fit.left_aside
     )  # fmt: skip
     note = (
-        "The last column: its standard deviation if it were fitted too, in its typical sizes; - where these readings do "
-        "not tell it at all."
+        "The last column: its standard deviation if it were fitted too, in its typical sizes; - where these readings "
+        "do not tell it at all."
     )
     return Table(("left aside", "absorbed by, or looks like", "sd"), rows, note)
 

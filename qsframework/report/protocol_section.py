@@ -45,7 +45,8 @@ def _before(protocol: Protocol) -> Section:
         "Every pose is reached from the same side: the programme's own way, without jogging in between.",
     ]
     hours = f"About {protocol.hours:.1f} hours in all: {len(protocol.visits)} visits, {protocol.readings} readings."
-    return Section("Before", (Text(people), *(Text(f"Note: {n}.") for n in protocol.notes), Text(hours), _steps("before", steps)))
+    notes = (Text(f"Note: {n}.") for n in protocol.notes)
+    return Section("Before", (Text(people), *notes, Text(hours), _steps("before", steps)))
 
 
 def _at_each_pose(protocol: Protocol, readings: str, floor: str) -> Section:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from qsframework.cli.diagnose import Asked as Wish
-from qsframework.cli.diagnose import DiagnoseFiles, read_displacements, run_diagnose
+from qsframework.cli.diagnose import DiagnoseFiles, run_diagnose
+from qsframework.cli.displacements import read_displacements
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.audited import Audited, audited_of, audited_readings
 from qsframework.diagnose.extend import write_extended
