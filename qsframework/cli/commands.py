@@ -27,7 +27,7 @@ def run_simulate(
     from qsframework.experiment import simulate
     from qsframework.experiment.measured import keep_measured, write_simulated
 
-    distinct_outputs([output, json, report], [file, plan_file, plan_file.with_suffix(".json")], folders=False)
+    distinct_outputs([output, json, report], [file, plan_file, plan_file.with_suffix(".json")])
     keep_measured([output], "-o")
     experiment = load_experiment(file)
     plan = read_plan(plan_file, experiment)
@@ -57,13 +57,13 @@ def readings_file(experiment: Experiment, data: Path | None, option: str = "--da
     return path
 
 
-def distinct_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path], folders: bool = True) -> None:
+def distinct_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path], folder: Path | None = None) -> None:
     """InputError, before anything is computed, for an output that cannot be written or is another or an input, too.
 
-    folders: whether an output may be a folder that exists, as of `qsf diagnose --extend`
+    folder: one more output, which may be a folder that exists
     """
-    named = [path for path in outputs if path is not None]
-    problems = [p for path in named for p in _unwritable(path, folders)]
+    named = [path for path in (*outputs, folder) if path is not None]
+    problems = [p for path in named for p in _unwritable(path) if path is not folder or not path.is_dir()]
     if problems:
         raise InputError(problems)
     seen = {path.resolve(): "an input" for path in inputs}
@@ -78,11 +78,11 @@ def beside(path: Path, ending: str) -> Path:
     return path.with_suffix(ending) if path.name else path
 
 
-def _unwritable(path: Path, folders: bool) -> list[Problem]:
+def _unwritable(path: Path) -> list[Problem]:
     """Why a file could not be written there: it is a folder, it lies in a file, or nobody may write there."""
     if path.is_dir():
         hint = f"Name a file, such as {path / 'name'} with its ending."
-        return [] if folders else [Problem("cannot be written: this is a folder", str(path), hint=hint)]
+        return [Problem("cannot be written: this is a folder", str(path), hint=hint)]
     if path.exists() and not path.is_file():
         return [Problem("cannot be written: this is no ordinary file", str(path))]
     above = next(p for p in path.absolute().parents if p.exists())

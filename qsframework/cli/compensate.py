@@ -37,7 +37,7 @@ def run_compensate(files: CompensateFiles, reference: str) -> None:
     from qsframework.report.provenance import AFTER, EQUILIBRIUM, computed
 
     inputs = [files.experiment, files.fit, files.targets]
-    distinct_outputs([files.output, files.json, files.report], inputs, folders=False)
+    distinct_outputs([files.output, files.json, files.report], inputs)
     experiment, fit = load_experiment(files.experiment), read_fit(files.fit)
     with progress() as tell:
         targets = read_targets(files.targets, experiment, tell)

@@ -43,7 +43,7 @@ WRITTEN = ("report.html", "plan.csv", "plan.json", "readings.csv", "fit.json", "
 
 def run_demo(output: Path, seed: int, json: Path | None = None) -> None:
     """Run both parts, print their numbers and the path of the report; everything as JSON where asked for."""
-    distinct_outputs([*(output / name for name in WRITTEN), json], [], folders=False)
+    distinct_outputs([*(output / name for name in WRITTEN), json], [])
     keep_measured([output / "readings.csv"], "-o")
     with progress() as tell:
         real, fits = real_readings(tell)

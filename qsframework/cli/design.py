@@ -53,7 +53,7 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, where: Whe
     """Design, write plan.csv and plan.json, print the promise of the plan."""
     experiment = load_experiment(files.experiment)
     outputs = [files.output, beside(files.output, ".json"), files.json, files.report, where.checkpoint]
-    distinct_outputs(outputs, files.inputs(), folders=False)
+    distinct_outputs(outputs, files.inputs())
     taken = [read_taken(path, experiment) for path in files.taken]
     test = None if files.test_poses is None else read_plan(files.test_poses, experiment).poses
     options = {"poses": poses, "seed": seed, "candidates": files.candidates, **asdict(wish)}

@@ -61,8 +61,8 @@ def run_diagnose(files: DiagnoseFiles, asked: Asked, where: Where = ALONE) -> No
         _alone(files, asked, "--separate")
         run_separate(files.experiment, [source], asked.separate, asked.count, files.output, files.json, asked.seed)
         return
-    outputs = (files.json, files.report, files.extend, files.second_day)
-    distinct_outputs(outputs, [files.experiment, source])
+    outputs = (files.json, files.report, files.second_day)
+    distinct_outputs(outputs, [files.experiment, source], folder=files.extend)
     if files.extend is not None:
         check_folder(experiment, files.extend)
     readings = read_displacements(experiment, source)

@@ -38,7 +38,7 @@ def run_export(plan_file: Path, file: Path, output: Path, wish: ExportWish, json
         allowed, hint = ", ".join(FORMATS), nearest(wish.to, FORMATS)
         raise InputError(Problem(f"unknown format {wish.to!r}", allowed=allowed, hint=hint))
     outputs = [beside(output, s) for s in (".src", ".dat")] if wish.to == "krl" else [output]
-    distinct_outputs([*outputs, json], [file, plan_file, plan_file.with_suffix(".json")], folders=False)
+    distinct_outputs([*outputs, json], [file, plan_file, plan_file.with_suffix(".json")])
     experiment = load_experiment(file)
     plan = with_repeats(plan_of(plan_file, experiment), wish.repeat_share, wish.seed)
     home = None if wish.home is None else home_pose(experiment, wish.home)

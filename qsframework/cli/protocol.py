@@ -24,7 +24,7 @@ def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish:
     from qsframework.report.provenance import computed
 
     floor = floor_file(readings) if readings.name else readings
-    distinct_outputs([sheet, readings, floor], [file, plan_file, plan_file.with_suffix(".json")], folders=False)
+    distinct_outputs([sheet, readings, floor], [file, plan_file, plan_file.with_suffix(".json")])
     keep_measured([readings, floor], "--readings")
     experiment = load_experiment(file)
     plan = plan_of(plan_file, experiment)

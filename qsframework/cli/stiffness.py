@@ -20,7 +20,7 @@ _AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | None, report: Path | None) -> None:
     """Compute, print, write."""
-    distinct_outputs([json, report], [], folders=False)
+    distinct_outputs([json, report], [])
     arm = load_robot(robot)
     wrench = numbers("--load", load, (3, 6))
     result = stiffness_at(

@@ -12,14 +12,15 @@ import numpy as np
 
 from qsframework import units
 from qsframework.diagnose.result import Diagnosis
-from qsframework.experiment.columns import table_lines
+from qsframework.experiment import is_states
+from qsframework.experiment.columns import number, table_lines
 
 _SAME = 1e-9
 
 
 @dataclass(frozen=True)
 class Audited:
-    """sigma: sd m of one coordinate of a displacement, None where the experiment's own stands; words: where it comes
+    """sigma: sd m of one coordinate of a reading, None where the experiment's own stands; words: where it comes
     from; masked: lines of the readings' file that the audit took out; factor: true over stated sigma of its rows."""
 
     sigma: float | None = None
@@ -36,11 +37,15 @@ def audited_of(diagnosis: Diagnosis) -> Audited:
     if audit.unit_source == "stated" and stated is not None:
         return Audited(masked=masked)
     noise = diagnosis.rms.noise
+    states = readings.source is not None and is_states(readings.source)
+    place = ["In a file of states this is the noise of one position, 1/sqrt(2) of a displacement's."] if states else []
+    words = " ".join([*audit.words, *place])
     given = readings.sigma[diagnosis.kept]
     given = np.where(np.isnan(given), np.nan if stated is None else stated, given)
     own = np.sqrt(max(noise**2 - audit.shared**2, 0.0))
     factor = float(own / np.sqrt(np.mean(given**2)))
-    return Audited(noise, " ".join(audit.words), masked, factor if np.isfinite(factor) else 1.0)
+    factor = factor if np.isfinite(factor) else 1.0
+    return Audited(float(noise / np.sqrt(2.0)) if states else noise, words, masked, factor)
 
 
 def audited_readings(path: Path, audited: Audited) -> str | None:
@@ -72,7 +77,7 @@ def _scaled(row: Sequence[str], at: Collection[int], factor: float) -> list[str]
     out = list(row)
     for k in at:
         try:
-            out[k] = repr(float(row[k]) * factor)
+            out[k] = number(float(row[k]) * factor)
         except ValueError:
             continue
     return out

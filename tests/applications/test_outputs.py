@@ -85,7 +85,7 @@ def test_only_ordinary_files_and_folders_where_they_belong(tmp_path: Path) -> No
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(InputError, match="pipe: cannot be written: this is no ordinary file"):
         distinct_outputs([tmp_path / "pipe"], [])
-    distinct_outputs([tmp_path], [])
+    distinct_outputs([], [], folder=tmp_path)
     with pytest.raises(InputError, match="this is a folder") as both:
-        distinct_outputs([tmp_path, tmp_path / "pipe"], [], folders=False)
+        distinct_outputs([tmp_path, tmp_path / "pipe"], [])
     assert len(both.value.problems) == 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,10 +16,22 @@ from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.audited import Audited, audited_of, audited_readings
 from qsframework.diagnose.extend import write_extended
 from qsframework.errors import InputError
-from qsframework.experiment import example, load_experiment, make_plan, read_readings, simulate, write_readings
+from qsframework.experiment import (
+    Experiment,
+    example,
+    load_experiment,
+    make_plan,
+    read_readings,
+    simulate,
+    write_readings,
+    write_states,
+)
 from qsframework.experiment.setup import Noise
 from qsframework.identify import identify
 from tests.diagnose.cases import SIGMA, campaign, measured
+from tests.identify.test_states import BASE
+from tests.identify.test_states import SIGMA as STATES_SIGMA
+from tests.identify.test_states import measured as day_of_positions
 
 REAL = example("r2000ic") / "experiment.yaml"
 
@@ -67,6 +80,19 @@ def test_what_is_said_to_come_next_runs(tmp_path: Path, capsys: pytest.CaptureFi
     assert identify(again, read_displacements(again, again.data)).sigma > 0.0
 
 
+def test_the_noise_of_states_is_that_of_one_position(m900ib: Experiment, tmp_path: Path) -> None:
+    """Half of the true noise is stated: the audit finds it in the displacements, the files say it of positions."""
+    readings = tmp_path / "states.csv"
+    days = day_of_positions(m900ib, m900ib.model().nominal, 16, BASE, 3)
+    write_states(readings, replace(days, sigma=np.full(len(days.sigma), np.nan)), m900ib)
+    (tmp_path / "e.yaml").write_text(re.sub("sigma_mm: [0-9.]+", "sigma_mm: 0.01", m900ib.path.read_text()))
+    quiet = load_experiment(tmp_path / "e.yaml").with_(data=readings)
+    found = diagnose(quiet, read_displacements(quiet, readings), repeats=1)
+    assert found.rms.noise == pytest.approx(np.sqrt(2.0) * STATES_SIGMA, rel=0.1)
+    assert audited_of(found).sigma == pytest.approx(STATES_SIGMA, rel=0.1)
+    assert "the noise of one position" in audited_of(found).words
+
+
 def test_a_noise_that_is_stated_and_right_stays(tmp_path: Path) -> None:
     found = diagnose(campaign(), measured(seed=1, count=30), repeats=1)
     assert audited_of(found) == Audited(masked=tuple(int(r) for r in found.readings.rows[found.outliers]))
@@ -112,8 +138,8 @@ def test_lines_stay_where_they_are(tmp_path: Path) -> None:
     text = audited_readings(path, Audited(1e-5, masked=(5,), factor=2.0))
     assert text is not None
     assert text.splitlines() == [
-        "# robot: somebody's", "", "pose,q1_deg,marker,sigma_um,dx_mm, use", "# none", 'a,1.5,"m,1",60.0,0.1,0',
-        "b,2,m2,,nan,no", "c,2,m2,x,0.3,0", "", "d,2,m2,80.0,0.4,1",
+        "# robot: somebody's", "", "pose,q1_deg,marker,sigma_um,dx_mm, use", "# none", 'a,1.5,"m,1",60,0.1,0',
+        "b,2,m2,,nan,no", "c,2,m2,x,0.3,0", "", "d,2,m2,80,0.4,1",
     ]  # fmt: skip
     path.write_text("pose,x_mm\na,1\nb,2\n", encoding="utf-8")
     assert audited_readings(path, Audited(1e-5, factor=2.0)) is None
