@@ -110,7 +110,7 @@ def test_says_what_is_invisible_and_why(foresight):
     reasons = {p.name: p.reason for p in foresight.prospects if p.status == CANNOT_SEE}
     assert "absorbed by the fitted parameters" in reasons["load_scale"]
     assert "no reading" in reasons["link_mass[link_2]"]
-    assert {u.name: u.needs for u in foresight.untested}["tracker_drift"] == ("time",)
+    assert {u.name: u.needs for u in foresight.untested}["tracker_drift"] == ("time", "time_unloaded")
     said = " ".join(foresight.words())
     assert "load_scale" in said
     assert "tracker_drift needs the column time" in said
