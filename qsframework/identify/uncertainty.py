@@ -19,6 +19,8 @@ from qsframework.plugin import Array, Indices, Load, Loads, LoadTerm, Parameter,
 
 ERRORS = ("scale", "rx", "ry", "rz")
 _FITTED = ("load_scale", "load_direction")
+_TIED = 1e-13
+"""Share of the largest eigenvalue of a correlation matrix that is rounding: the parameters of a group are tied."""
 
 
 @dataclass(frozen=True)
@@ -93,11 +95,21 @@ def load_shift(fit: Fit, experiment: Experiment, readings: Readings, noise: Nois
     A = noise.whiten(fit.model.sensitivity(readings.poses, fit.x, fit.names)[at].reshape(3 * len(keep), -1))
     sd = load_sds(experiment, fit.names)
     J = noise.whiten((load_columns(fit.model, readings, fit.x)[at] * sd).reshape(3 * len(keep), -1))
-    free = np.sqrt(np.diag(fit.covariance)) > 0.0
-    size = np.linalg.norm(A[:, free], axis=0)
-    out = np.zeros((len(fit.names), len(ERRORS)))
-    out[free] = np.linalg.lstsq(A[:, free] / size, J, rcond=None)[0] / size[:, None]
-    return out
+    U = _free_directions(fit.covariance)
+    rows = A @ U
+    size = np.linalg.norm(rows, axis=0)
+    return U @ (np.linalg.lstsq(rows / size, J, rcond=None)[0] / size[:, None])
+
+
+def _free_directions(covariance: Array) -> Array:
+    """Directions (p, f) in which a fit with this covariance (p, p) can move: tied parameters move together."""
+    sd = np.sqrt(np.diag(covariance))
+    free = np.flatnonzero(sd > 0.0)
+    values, vectors = np.linalg.eigh(covariance[np.ix_(free, free)] / np.outer(sd[free], sd[free]))
+    kept = values > _TIED * values[-1]
+    U = np.zeros((len(sd), int(kept.sum())))
+    U[free] = sd[free, None] * vectors[:, kept]
+    return U
 
 
 def _rows(fit: Fit, readings: Readings) -> Indices:

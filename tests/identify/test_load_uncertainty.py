@@ -126,3 +126,24 @@ def test_a_fit_says_both_sds(m900ib: Experiment, plan: Plan) -> None:
     assert entry["sd_total"] == fit.sd_total[0]
     assert "with the load's stated uncertainty" in fit_table(fit).caption
     assert identify(m900ib, readings).total_covariance is None
+
+
+def test_tied_joints_are_moved_together(m900ib: Experiment, plan: Plan) -> None:
+    """Readings under another load than believed move the estimates by the shift that is foretold, in their ratio."""
+    stated = m900ib.with_(load_uncertainty=LoadUncertainty(0.0, 1e-4))
+    group = ("joint_compliance[joint_4]", "joint_compliance[joint_5]", "joint_compliance[joint_6]")
+    readings = simulate(m900ib, plan, seed=2).readings
+    at = identify(stated, readings, method="one-step", tied=(group,))
+    G = load_shift(at, stated, readings)
+    for axis in range(3):
+        r = 1e-4 * np.eye(3)[axis]
+        halves = plan.poses.wrench.reshape(-1, 2, 3)
+        turned = replace(plan.poses, wrench=(halves + np.cross(r, halves)).reshape(-1, 6))
+        moved = m900ib.model().predict(turned, at.x) - m900ib.model().predict(plan.poses, at.x)
+        other = replace(readings, displacement=readings.displacement + moved[readings.measurement, readings.marker])
+        shifted = identify(stated, other, method="one-step", tied=(group,))
+        change = np.array([a.value - b.value for a, b in zip(shifted.estimates, at.estimates, strict=True)])
+        assert np.allclose(change, G[:, 1 + axis], rtol=1e-4, atol=1e-5 * np.abs(G[:, 1 + axis]).max())
+    tied = [at.names.index(n) for n in group]
+    ratio = at.x[at.model.index(group)] / at.x[at.model.index(group[:1])]
+    assert np.allclose(G[tied, 1:] / G[tied[0], 1:], ratio[:, None])
