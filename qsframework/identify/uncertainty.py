@@ -98,7 +98,8 @@ def load_shift(fit: Fit, experiment: Experiment, readings: Readings, noise: Nois
     U = _free_directions(fit.covariance)
     rows = A @ U
     size = np.linalg.norm(rows, axis=0)
-    return U @ (np.linalg.lstsq(rows / size, J, rcond=None)[0] / size[:, None])
+    moved = np.asarray(np.linalg.lstsq(rows / size, J, rcond=None)[0], dtype=np.float64)
+    return U @ (moved / size[:, None])
 
 
 def _free_directions(covariance: Array) -> Array:
