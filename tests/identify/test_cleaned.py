@@ -20,16 +20,9 @@ from qsframework.experiment import (
 )
 from qsframework.identify import check_positions, check_readings, identify, read_fit
 from qsframework.plugin import Poses
+from tests.identify.arm import arm_text
 
-ARM = """
-robot: fanuc_m900ib
-load: {point_mm: [150, 0, 200]}
-markers:
-  m1: {xyz_mm: [150, 250, 250]}
-  m2: {xyz_mm: [400, -150, 150]}
-  m3: {xyz_mm: [150, -150, -250]}
-noise: {sigma_mm: 0.03}
-"""
+ARM = arm_text("0.03")
 COUNT = 12
 
 

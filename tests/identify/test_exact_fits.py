@@ -15,16 +15,9 @@ from qsframework.identify import Fit, identify
 from qsframework.identify.equilibrium import fit_exactly
 from qsframework.identify.fit_files import read_fit
 from qsframework.plugin import Array, Poses
+from tests.identify.arm import arm_text
 
-HEAVY = """
-robot: kuka_kr500_r2800_2
-load: {point_mm: [150, 0, 200]}
-markers:
-  m1: {xyz_mm: [150, 250, 250]}
-  m2: {xyz_mm: [400, -150, 150]}
-  m3: {xyz_mm: [150, -150, -250]}
-noise: {sigma_mm: 0.03}
-"""
+HEAVY = arm_text("0.03", robot="kuka_kr500_r2800_2")
 WEIGHT = 4000.0
 
 

@@ -18,6 +18,7 @@ from qsframework.identify import PositionFit, identify, identify_positions
 from qsframework.identify.fit_files import read_fit, result_files, write_campaign, write_fit, write_nominal, write_urdf
 from qsframework.plugin import Poses, build_effects
 from qsframework.robot import load_robot
+from tests.identify.arm import random_poses
 
 
 def test_a_fit_is_read_back(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
@@ -184,9 +185,7 @@ def test_a_covariance_that_is_not_symmetric_is_refused(r2000ic: Experiment, real
 
 def test_values_that_were_not_identified_stay_in_the_nominal_file(m900ib: Experiment, tmp_path: Path) -> None:
     """The balancer's spring, known and not fitted, with its own source; and it loads."""
-    rng = np.random.default_rng(0)
-    pendant = np.deg2rad(rng.uniform([-170, -50, -60, -150, 30, -150], [170, 80, 20, 150, 100, 150], (8, 6)))
-    poses = Poses(pendant, m900ib.robot.controller.to_joints(pendant), np.tile(m900ib.loads[1].wrench, (8, 1)))
+    poses = random_poses(m900ib, 1, 8)
     fit = identify(m900ib, simulate(m900ib, make_plan(poses, ["pull"] * 8)).readings)
     folder = tmp_path / "robot"
     shutil.copytree(m900ib.robot.folder, folder)

@@ -25,18 +25,15 @@ from qsframework.identify.frames import Frame, rotation
 from qsframework.identify.joint import _data
 from qsframework.identify.solve import solve
 from qsframework.plugin import Array, Poses
+from tests.identify.arm import arm_text
 
-ARM = """
-robot: fanuc_m900ib
-load: {point_mm: [281, 0, 243]}
-markers:
-  m1: {xyz_mm: [150, 250, 250]}
-  m2: {xyz_mm: [400, -150, 150]}
-  m3: {xyz_mm: [150, -150, -250]}
-noise: {sigma_mm: 0.02}
-effects:
+ARM = arm_text(
+    "0.02",
+    more="""effects:
   - {effect: joint_offset, joints: [joint_2, joint_4]}
-"""
+""",
+    point="281, 0, 243",
+)
 TRACKER = Frame("", rotation(np.array([0.3, -1.2, 2.0])), np.array([1.0, -2.0, 0.5]))
 NAMES = ["joint_compliance", "joint_offset"]
 SIGMA = 2e-5

@@ -22,20 +22,16 @@ from qsframework.identify.positions import make_positions
 from qsframework.identify.uncertainty import position_columns
 from qsframework.plugin import Array, Poses
 from qsframework.report import fit_table
+from tests.identify.arm import arm_text
 
 SCALE, TURN = 0.01, np.deg2rad(0.3)
 TRACKER = Frame("", rotation(np.array([0.3, -1.2, 2.0])), np.array([1.0, -2.0, 0.5]))
-ARM = """
-robot: fanuc_m900ib
-load: {point_mm: [150, 0, 200]}
-markers:
-  m1: {xyz_mm: [150, 250, 250]}
-  m2: {xyz_mm: [400, -150, 150]}
-  m3: {xyz_mm: [150, -150, -250]}
-noise: {sigma_mm: 0.02}
-load_uncertainty: {scale_percent: 1, direction_deg: 0.3}
+ARM = arm_text(
+    "0.02",
+    more="""load_uncertainty: {scale_percent: 1, direction_deg: 0.3}
 fit: [joint_compliance]
-"""
+""",
+)
 COUNT = 10
 
 

@@ -18,7 +18,8 @@ from qsframework.identify import identify
 from qsframework.identify.observations import Independent, Observations
 from qsframework.identify.profile import profile_interval
 from qsframework.identify.solve import solve
-from qsframework.plugin import Array, Parameter, Poses
+from qsframework.plugin import Array, Parameter
+from tests.identify.arm import random_poses
 
 
 def linear(rng: np.random.Generator) -> Observations:
@@ -97,9 +98,7 @@ BALANCER = "gravity_compensator[joint_2].stiffness"
 @pytest.fixture(scope="module")
 def simulated(m900ib: Experiment) -> tuple[Experiment, Readings]:
     """Ten poses under the side pull; the balancer's spring is hardly told."""
-    rng = np.random.default_rng(5)
-    pendant = np.deg2rad(rng.uniform([-170, -50, -60, -150, 30, -150], [170, 80, 20, 150, 100, 150], (10, 6)))
-    poses = Poses(pendant, m900ib.robot.controller.to_joints(pendant), np.tile(m900ib.loads[1].wrench, (10, 1)))
+    poses = random_poses(m900ib, 1, 10, seed=5)
     return m900ib, simulate(m900ib, make_plan(poses, ["pull"] * 10), seed=2).readings
 
 

@@ -25,6 +25,7 @@ from qsframework.identify.fit_files import read_fit
 from qsframework.identify.frames import Frame, rotation, rotation_vector
 from qsframework.identify.linear import fit_rows
 from qsframework.plugin import Array, Conditions, Poses
+from tests.identify.arm import arm_text
 
 SIGMA = 0.02e-3
 LOADS = np.array([[0, 0, 0, 0, 0, 0], [0, 0, -4000.0, 0, 0, 0], [0, 1500.0, -4000, 0, 0, 0]])
@@ -66,17 +67,12 @@ def test_the_command_fits_differences_with_their_covariance(m900ib: Experiment, 
         run_identify(FitFiles(m900ib.path, tmp_path / "s.csv"), How(shared_error=True))
 
 
-ARM = """
-robot: fanuc_m900ib
-load: {point_mm: [150, 0, 200]}
-markers:
-  m1: {xyz_mm: [150, 250, 250]}
-  m2: {xyz_mm: [400, -150, 150]}
-  m3: {xyz_mm: [150, -150, -250]}
-noise: {sigma_mm: 0.02}
-effects:
+ARM = arm_text(
+    "0.02",
+    more="""effects:
   - {effect: joint_offset, joints: [joint_2, joint_4]}
-"""
+""",
+)
 
 
 def test_positions_with_loaded_states_tell_springs_zeros_and_the_frame(tmp_path: Path) -> None:

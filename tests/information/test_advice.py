@@ -16,6 +16,7 @@ from qsframework.information import predicted_sd, promised_sd, what_would_help
 from qsframework.information.advice import spring_torques, unit_torques
 from qsframework.plugin import Poses
 from qsframework.plugin.facts import frozen
+from tests.identify.arm import random_poses
 
 BALANCER = "gravity_compensator[joint_2].stiffness"
 
@@ -26,10 +27,7 @@ def m900ib() -> Experiment:
 
 
 def poses(m900ib: Experiment, load: int, count: int = 15) -> Poses:
-    rng = np.random.default_rng(0)
-    controller = m900ib.robot.controller
-    pendant = np.deg2rad(rng.uniform([-170, -50, -60, -150, 30, -150], [170, 80, 20, 150, 100, 150], (count, 6)))
-    return Poses(pendant, controller.to_joints(pendant), np.tile(m900ib.loads[load].wrench, (count, 1)))
+    return random_poses(m900ib, load, count)
 
 
 def test_unit_torques_add_up(m900ib: Experiment) -> None:
