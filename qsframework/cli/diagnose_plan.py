@@ -49,7 +49,7 @@ def run_foresight(
         from qsframework.report.provenance import INFORMATION, LINEAR, computed
 
         sections = (
-            Section("What this plan tells of the fitted parameters", (promise_table(told),)),
+            Section("What this plan tells of the fitted parameters", (known,)),
             power_section(found),
             Section("The plan", (plan_view(campaign, planned),)),
             computed(campaign, [experiment, plan], seed, (LINEAR, INFORMATION)),

@@ -37,8 +37,7 @@ def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> T
     for i, p in enumerate(parameters):
         row = [p.name, f"{shown(p.nominal, p.unit)[0]:.4g}", shown(1.0, p.unit)[1]]
         for sd in columns.values():
-            share = f" ({100 * sd[i] / abs(p.nominal):.1f} %)" if p.nominal else ""
-            row.append(f"{shown(float(sd[i]), p.unit)[0]:.3g}{share}" if np.isfinite(sd[i]) else "not identifiable")
+            row.append(_told(float(sd[i]), p))
         rows.append(tuple(row))
     return Table(
         ("parameter", "nominal", "unit", *columns),
@@ -51,7 +50,7 @@ def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> T
 def promise_table(promised: Sequence[Promise]) -> Table:
     """What a plan tells of each fitted parameter, and what would tell more."""
     rows = tuple(
-        (p.name, f"{shown(p.nominal, p.unit)[0]:.4g}", _told(p), shown(1.0, p.unit)[1], p.help or "ok")
+        (p.name, f"{shown(p.nominal, p.unit)[0]:.4g}", _told(p.sd, p), shown(1.0, p.unit)[1], p.help or "ok")
         for p in promised
     )
     return Table(
@@ -62,11 +61,12 @@ def promise_table(promised: Sequence[Promise]) -> Table:
     )
 
 
-def _told(p: Promise) -> str:
-    if not np.isfinite(p.sd):
+def _told(sd: float, p: Parameter | Promise) -> str:
+    """A promised sd in the unit of its parameter, and its share of the nominal value."""
+    if not np.isfinite(sd):
         return "not identifiable"
-    share = f" ({100 * p.sd / abs(p.nominal):.1f} %)" if p.nominal else ""
-    return f"{shown(p.sd, p.unit)[0]:.3g}{share}"
+    share = f" ({100 * sd / abs(p.nominal):.1f} %)" if p.nominal else ""
+    return f"{shown(sd, p.unit)[0]:.3g}{share}"
 
 
 def beyond_table(experiment: Experiment, sds: Mapping[str, float]) -> Table:
