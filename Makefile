@@ -16,6 +16,8 @@ LOCK_VENV := build/lock-venv
 # One dot for every package that pip looks at; its errors still show.
 DOTS := awk '/^ *(Collecting|Obtaining)/ {printf "."; fflush()} /^Installing collected/ {printf " installing\n"; fflush()} END {print ""}'
 # One thread per worker: two workers with threaded linear algebra only get in each other's way.
+# Each worker has files as a whole, so that what the tests of a file share is made once; who is done first helps the other.
+TWO := -n 2 --dist worksteal
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 help:  ## list these targets
@@ -40,11 +42,11 @@ test: $(DONE)  ## lint, format, types and all tests
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check --quiet . || { echo "formatting differs: run $(BIN)/ruff format"; exit 1; }
 	@PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright --pythonpath $(BIN)/python
-	@$(ONE_THREAD) $(BIN)/python -m pytest -n 2
+	@$(ONE_THREAD) $(BIN)/python -m pytest $(TWO)
 
 coverage: $(DONE)  ## branch coverage of the library, package by package; 95 % of the five that compute
 	@mkdir -p build
-	@COVERAGE_FILE=build/coverage $(ONE_THREAD) $(BIN)/python -m pytest -n 2 -q --cov --cov-report=json:build/coverage.json
+	@COVERAGE_FILE=build/coverage $(ONE_THREAD) $(BIN)/python -m pytest $(TWO) -q --cov --cov-report=json:build/coverage.json
 	@$(BIN)/python tests/coverage_table.py build/coverage.json
 
 docs: $(DONE)  ## build the site into build/site, with no warning

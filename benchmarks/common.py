@@ -58,12 +58,17 @@ class Ran:
     memory: float
 
 
-def ran(command: Sequence[str], folder: Path | str = ".") -> Ran:
-    """Run a command to its end, its output thrown away; an error stops the benchmark with what it said."""
+class Failed(SystemExit):
+    """A command that failed, with what it said: it stops the benchmark unless somebody catches it."""
+
+
+def ran(command: Sequence[str], folder: Path | str = ".", more: Mapping[str, str] | None = None) -> Ran:
+    """Run a command to its end, its output thrown away; an error is Failed. more: of its environment."""
     start = time.perf_counter()
     process = subprocess.Popen(
-        list(command), cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env={**os.environ, **THREADS}
-    )
+        list(command), cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+        env={**os.environ, **THREADS, **(more or {})},
+    )  # fmt: skip
     assert process.stderr is not None
     with process.stderr as stream:
         told = stream.read()
@@ -71,7 +76,7 @@ def ran(command: Sequence[str], folder: Path | str = ".") -> Ran:
     wall = time.perf_counter() - start
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
-        raise SystemExit(f"{' '.join(command)} failed:\n{told.decode(errors='replace')[-2000:]}")
+        raise Failed(f"{' '.join(command)} failed:\n{told.decode(errors='replace')[-2000:]}")
     return Ran(used.ru_utime + used.ru_stime, wall, used.ru_maxrss / 1024.0)
 
 
@@ -81,10 +86,12 @@ def medians(commands: Mapping[str, Sequence[str]], folder: Path | str, runs: int
     for _ in range(runs):
         for name, command in commands.items():
             found[name].append(ran(command, folder))
-    return {
-        name: Ran(*(statistics.median(getattr(r, key) for r in each) for key in ("cpu", "wall", "memory")))
-        for name, each in found.items()
-    }
+    return {name: middle(each) for name, each in found.items()}
+
+
+def middle(each: Sequence[Ran]) -> Ran:
+    """Medians of several runs."""
+    return Ran(*(statistics.median(getattr(r, key) for r in each) for key in ("cpu", "wall", "memory")))
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -113,13 +120,14 @@ def replace_between(page: Path, start: str, end: str, text: str) -> None:
     write_text(page, f"{before}{start}\n{text}\n{end}{after}")
 
 
-def write_section(name: str, text: str, command: str, runs: int = RUNS) -> None:
-    """Put a section between its marks on the page, with the command, the date and the machine."""
-    made = f"`{command}`, {date.today().isoformat()}, medians of {runs} runs; {machine()}."
+def write_section(name: str, text: str, command: str, runs: int | None = RUNS) -> None:
+    """Put a section between its marks on the page, with the command, the date and the machine; runs None: counts."""
+    medians = "" if runs is None else f", medians of {runs} runs"
+    made = f"`{command}`, {date.today().isoformat()}{medians}; {machine()}."
     replace_between(PAGE, f"<!-- {name} -->", f"<!-- end of {name} -->", f"{text}\n\n{made}")
 
 
-def show(name: str, text: str, write: bool, quick: bool, runs: int = RUNS) -> None:
+def show(name: str, text: str, write: bool, quick: bool, runs: int | None = RUNS) -> None:
     """Print a section; write it if asked to, but never a quick run, whose sizes are not those of the page."""
     print(text, flush=True)
     if write and quick:

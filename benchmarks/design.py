@@ -29,13 +29,14 @@ from common import RUNS, cpu, memory, show, table
 from qsframework.design import CRITERIA
 from qsframework.design.catalogue import find_criterion
 from qsframework.design.certified import STARTS
-from qsframework.design.columns import solve_columns
+from qsframework.design.column_generation import solve_columns
 from qsframework.design.exact import Quotas, exchange
 from qsframework.design.minimax import Robust
 from qsframework.design.relaxed import relax
 from qsframework.design.task import make_task, white_basis
 from qsframework.elastostatics import Model, Site, make_model
-from qsframework.information import as_rows, bound_of, everything, rank_test, scales, scores, weighted_information
+from qsframework.estimation import rank_test, scales
+from qsframework.information import as_rows, bound_of, everything, scores, weighted_information
 from qsframework.information.rows import MadeRows
 from qsframework.plugin import Poses, find
 from qsframework.robot import load_robot

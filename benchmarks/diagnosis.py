@@ -167,8 +167,9 @@ def run(case: Case) -> Result:
 
 
 def _diagnosed(case: Case, truth: Truth) -> Result:
-    from qsframework.diagnose.diagnosis import diagnose
+    from qsframework.diagnose.diagnose import diagnose
     from qsframework.experiment import load_experiment, read_readings
+    from qsframework.report.result_json import diagnosis_json
 
     with tempfile.TemporaryDirectory() as folder:
         path = hidden.write_case(truth, folder)
@@ -178,7 +179,7 @@ def _diagnosed(case: Case, truth: Truth) -> Result:
         readings = read_readings(experiment.data, experiment)
         d = diagnose(experiment, readings, progress=lambda step, *_: clock.setdefault(step, time.process_time()))
         seconds = time.process_time() - clock["start"]
-    told = json.loads(json.dumps(d.as_json()))
+    told = json.loads(json.dumps(diagnosis_json(d)))
     out: Result = {"outcome": "done", "seconds": round(seconds, 3),
                    "search_s": round(clock.get("closing gate", np.nan) - clock.get("search", np.nan), 3),
                    "verdict": told["verdict"],

@@ -22,8 +22,8 @@ import numpy as np
 from qsframework.applications.compare import compare
 from qsframework.applications.task import load_task
 from qsframework.design import Wish, design
-from qsframework.diagnose.power import foresee
 from qsframework.experiment import example, load_experiment
+from qsframework.forecast.power import foresee
 from qsframework.robot import load_robot
 from qsframework.work import InProcess, Local, Work, run
 

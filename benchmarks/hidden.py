@@ -25,7 +25,8 @@ from qsframework.design import generate_candidates
 from qsframework.elastostatics import Model, make_model
 from qsframework.elastostatics.equilibrium import settle
 from qsframework.errors import InputError, NotConverged
-from qsframework.experiment import Experiment, Readings, load_experiment, write_readings
+from qsframework.experiment import Experiment, load_experiment, write_readings
+from qsframework.experiment.simulate import displaced
 from qsframework.plugin import (
     Array,
     Conditions,
@@ -663,14 +664,7 @@ def write_case(truth: Truth, folder: str | Path) -> Path:
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     d = measured(truth)
-    count, markers, _ = d.shape
-    rows = count * markers
-    readings = Readings(
-        truth.poses, tuple(f"p{i + 1:02d}" for i in range(count)), np.ones(count, dtype=np.intp),
-        np.ones(count, dtype=np.intp), np.repeat(np.arange(count), markers), np.tile(np.arange(markers), count),
-        frozen(d.reshape(-1, 3)), frozen(np.full(rows, np.nan)), np.ones(rows, dtype=bool), np.arange(3, 3 + rows),
-        None, None,
-    )  # fmt: skip
+    readings = displaced(truth.poses, d, SIGMA, [f"p{i + 1:02d}" for i in range(len(d))], stated=False)
     setting = truth.case.setting
     path = folder / "experiment.yaml"
     path.write_text(experiment_text(setting.robot, setting.markers, "readings.csv"))

@@ -49,19 +49,19 @@ def one(series: str, seed: int, model: str) -> dict[str, Any]:
 
     import numpy as np
 
-    from qsframework.experiment import load_experiment, read_states
-    from qsframework.identify import identify_positions
+    from qsframework.experiment import load_experiment, read_readings
+    from qsframework.identify import identify
 
     experiment = load_experiment(EXAMPLE / "experiment.yaml")
     experiment = experiment.with_(effects=tuple(e for e in experiment.effects if e.effect_name() in MODELS[model]))
-    states = read_states(EXAMPLE / f"series_{series.lower()}.csv", experiment)
-    count = len(states.use)
+    readings = read_readings(EXAMPLE / f"series_{series.lower()}.csv", experiment)
+    count = len(readings)
     order = np.random.default_rng(seed).permutation(count)  # as in figaroh.py
     halves = [
-        replace(states, use=np.isin(np.arange(count), part)) for part in (order[: count // 2], order[count // 2 :])
+        replace(readings, use=np.isin(np.arange(count), part)) for part in (order[: count // 2], order[count // 2 :])
     ]
     clock = time.perf_counter()
-    fit = identify_positions(experiment, halves[0], MODELS[model])
+    fit = identify(experiment, halves[0], MODELS[model])
     seconds = time.perf_counter() - clock
     predicted, measured = fit.predict(halves[1])
     return {

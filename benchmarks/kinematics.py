@@ -18,12 +18,13 @@ import numpy as np
 from common import RUNS, memory, show, table, turns
 
 from qsframework.elastostatics import Model, Site, full_displacement, make_model
-from qsframework.elastostatics.loads import gravity_torque, nominal_moments
+from qsframework.elastostatics.loads import gravity_torque
 from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.state import place
 from qsframework.elastostatics.structure import CHUNK
 from qsframework.plugin import Poses, find
 from qsframework.robot import Robot, load_robot
+from qsframework.robot.gravity import nominal_moments
 
 TIP = Site(6, np.array([0.15, 0.0, 0.2]))
 

@@ -28,11 +28,11 @@ from design import model_of, robot_rows, sample
 
 from qsframework.design import CRITERIA, generate_candidates
 from qsframework.design.certified import STARTS
-from qsframework.design.columns import solve_columns
+from qsframework.design.column_generation import solve_columns
 from qsframework.design.exact import Quotas, exchange
 from qsframework.design.minimax import Robust
 from qsframework.design.task import make_task, white_basis
-from qsframework.diagnose.diagnosis import diagnose
+from qsframework.diagnose.diagnose import diagnose
 from qsframework.experiment import Experiment, Readings, load_experiment, make_plan, simulate
 from qsframework.identify import identify
 from qsframework.information import as_rows, everything

@@ -16,12 +16,9 @@ from scipy.stats import t
 from statistics_methods import table as methods_table
 
 from qsframework.cli.where import Where, at_work
-from qsframework.experiment import Experiment, Readings, example, load_experiment
-from qsframework.identify.identify import displacement_observations
-from qsframework.identify.linear import fit_rows
-from qsframework.identify.noise import pose_groups, readings_noise, shared_error
-from qsframework.identify.observations import Independent, Observations
-from qsframework.identify.solve import solve
+from qsframework.estimation import FitOptions, Independent, Observations, shared_error, solve
+from qsframework.experiment import Experiment, Readings, bridge, example, load_experiment, make_rows
+from qsframework.experiment.simulate import displaced
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.work import Work, job_of
 
@@ -78,12 +75,8 @@ def blank(experiment: Experiment, case: Case) -> Readings:
     """The campaign's readings without values."""
     p = poses(experiment, case.plan, case.loads)
     N, K = len(p), len(experiment.markers)
-    reference = tuple(f"u{m // case.loads}" for m in range(N) for _ in range(K))
-    return Readings(
-        p, tuple(f"p{m}" for m in range(N)), np.ones(N, dtype=int), np.ones(N, dtype=int), np.repeat(np.arange(N), K),
-        np.tile(np.arange(K), N), np.zeros((N * K, 3)), np.full(N * K, SIGMA), np.ones(N * K, dtype=bool),
-        np.arange(2, 2 + N * K), None, None, reference if case.loads > 1 else None,
-    )  # fmt: skip
+    made = displaced(p, np.zeros((N, K, 3)), SIGMA, [f"p{m}" for m in range(N)])
+    return replace(made, minus=N + case.loads * (made.plus // case.loads))  # the loads of a pose share its first one
 
 
 def setting(case: Case) -> tuple[Experiment, Readings, Observations, Array, Array]:
@@ -93,8 +86,8 @@ def setting(case: Case) -> tuple[Experiment, Readings, Observations, Array, Arra
     names = experiment.fit_names()
     model = experiment.model()
     truth = model.nominal[model.index(names)]
-    rows, _ = fit_rows(experiment, readings, len(names))
-    observations = displacement_observations(model, readings, rows, names)
+    seen = bridge(experiment, readings, names, linear=True)
+    observations = seen.observations()
     exact = observations.predict(truth)
     observations = replace(
         observations, predict=_remembered(observations.predict), jacobian=_remembered(observations.jacobian)
@@ -103,8 +96,7 @@ def setting(case: Case) -> tuple[Experiment, Readings, Observations, Array, Arra
         A = observations.jacobian(truth)
         observations = replace(observations, predict=lambda x: exact + A @ (x - truth), jacobian=lambda x: A)
     parameters = tuple(replace(p, nominal=case.nominal * p.nominal, lower=-np.inf) for p in observations.parameters)
-    full = readings_noise(readings, rows.keep, rows.sigma)
-    noise = full if case.covariance else Independent(np.repeat(rows.sigma, 3))
+    noise = seen.rows.noise if case.covariance else Independent(seen.rows.flat(seen.rows.sigma))
     return experiment, readings, replace(observations, parameters=parameters, noise=noise), truth, exact
 
 
@@ -128,7 +120,8 @@ def condition(case: Case) -> float:
 
 def errors(case: Case, readings: Readings, rng: np.random.Generator) -> Array:
     """Errors (m,) of one campaign, m."""
-    N, K = len(readings.poses), len(readings.use) // len(readings.poses)
+    K = 1 + int(readings.marker.max())
+    N = len(readings) // K
     if case.loads > 1:
         u = rng.standard_normal((N // case.loads, 1, K, 3))
         e = (rng.standard_normal((N // case.loads, case.loads, K, 3)) - u) / np.sqrt(2.0)
@@ -140,7 +133,7 @@ def errors(case: Case, readings: Readings, rng: np.random.Generator) -> Array:
 def campaigns(case: Case, count: int, start: int = 0, level: float = 0.95) -> tuple[Array, Array]:
     """Whether each interval covers the truth (count, p), and its sd relative to the truth (p,) in the last campaign."""
     _, readings, observations, truth, exact = setting(case)
-    label = pose_groups(readings, np.arange(len(readings.use)))
+    label = make_rows(readings).label
     inside = np.zeros((count, len(truth)), dtype=bool)
     sd = np.zeros(len(truth))
     drawn = [errors(case, readings, np.random.default_rng([SEED, CASES.index(case), start + c])) for c in range(count)]
@@ -176,12 +169,12 @@ def _straight(case: Case, observations: Observations, truth: Array, drawn: Array
 
 def fitted(given: Observations, case: Case, label: Indices) -> tuple[Array, Array, float]:
     """Estimates, their sds, and the degrees of freedom behind these."""
-    solution = solve(given, starts=0)
+    solution = solve(given, FitOptions(starts=0))
     m, p = solution.jacobian.shape
     if case.within and case.modelled:
         residuals = given.measured - given.predict(solution.x)
         shared = shared_error(residuals, given.jacobian(solution.x), np.full(m, SIGMA), label, stated=False)
-        again = solve(replace(given, noise=shared.noise), start=solution.x, starts=0)
+        again = solve(replace(given, noise=shared.noise), FitOptions(starts=0), solution.x)
         free = len(np.unique(label)) - p  # what the shared error is told from: one number for each pose and axis
         return again.x, shared.unit * np.sqrt(np.diag(again.covariance)), free
     unit = float(np.sqrt(2.0 * solution.cost / (m - p))) if case.estimated else 1.0

@@ -12,8 +12,9 @@ import numpy as np
 from qsframework.design import CRITERIA, check_poses
 from qsframework.design.candidates import joint_range, reference_point
 from qsframework.elastostatics import Model, make_model
+from qsframework.estimation import rank_test
 from qsframework.experiment import Experiment, LoadCase, Plan, example, load_experiment, make_plan, read_plan
-from qsframework.information import information, information_rows, predicted_sd, promised_sd, rank_test
+from qsframework.information import information, information_rows, predicted_sd, promised_sd
 from qsframework.plugin import Array, Poses
 
 JOINTS = tuple(f"joint_compliance[joint_{k}]" for k in range(1, 7))

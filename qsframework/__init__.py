@@ -1,19 +1,203 @@
-"""qsframework: elastostatic calibration of heavy, quasi-serial industrial robots."""
+"""qsframework: elastostatic calibration of heavy, quasi-serial industrial robots.
+
+    import qsframework as qsf
+
+    experiment = qsf.load_experiment("experiment.yaml")
+    fit = qsf.identify(experiment, qsf.read_readings(experiment.data, experiment))
+
+Every name here is loaded when it is asked for.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-__all__ = ["__version__"]
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    __version__: str
-else:
+    from qsframework.applications.compare import compare as compare
+    from qsframework.applications.compensate import compensate as compensate
+    from qsframework.design import design as design
+    from qsframework.diagnose import diagnose as diagnose
+    from qsframework.discriminate.follow_up import second_day as second_day
+    from qsframework.errors import (
+        InputError as InputError,
+    )
+    from qsframework.errors import (
+        NotCertified as NotCertified,
+    )
+    from qsframework.errors import (
+        NotConverged as NotConverged,
+    )
+    from qsframework.errors import (
+        NotIdentifiable as NotIdentifiable,
+    )
+    from qsframework.errors import (
+        QsfError as QsfError,
+    )
+    from qsframework.experiment import (
+        Experiment as Experiment,
+    )
+    from qsframework.experiment import (
+        Plan as Plan,
+    )
+    from qsframework.experiment import (
+        Readings as Readings,
+    )
+    from qsframework.experiment import (
+        load_experiment as load_experiment,
+    )
+    from qsframework.experiment import (
+        read_plan as read_plan,
+    )
+    from qsframework.experiment import (
+        read_readings as read_readings,
+    )
+    from qsframework.experiment import (
+        simulate as simulate,
+    )
+    from qsframework.experiment import (
+        write_plan as write_plan,
+    )
+    from qsframework.experiment import (
+        write_readings as write_readings,
+    )
+    from qsframework.forecast.power import foresee as foresee
+    from qsframework.identify import (
+        Fit as Fit,
+    )
+    from qsframework.identify import (
+        FitOptions as FitOptions,
+    )
+    from qsframework.identify import (
+        identify as identify,
+    )
+    from qsframework.identify import (
+        read_fit as read_fit,
+    )
+    from qsframework.identify import (
+        validate as validate,
+    )
+    from qsframework.identify import (
+        write_fit as write_fit,
+    )
+    from qsframework.plugin import check_effect as check_effect
+    from qsframework.report.extended import write_extended as write_extended
+    from qsframework.robot import Robot as Robot
+    from qsframework.robot import load_robot as load_robot
+    from qsframework.screening import screen as screen
 
-    def __getattr__(name: str) -> str:
-        """The version, looked up when it is asked for: it stands in the package's metadata alone."""
-        if name != "__version__":
-            raise AttributeError(f"module 'qsframework' has no attribute {name!r}")
+    __version__: str
+
+_HOME = {
+    "compare": "applications.compare",
+    "compensate": "applications.compensate",
+    "design": "design",
+    "diagnose": "diagnose",
+    "write_extended": "report.extended",
+    "foresee": "forecast",
+    "second_day": "discriminate",
+    "InputError": "errors",
+    "NotCertified": "errors",
+    "NotConverged": "errors",
+    "NotIdentifiable": "errors",
+    "QsfError": "errors",
+    "Experiment": "experiment",
+    "Plan": "experiment",
+    "Readings": "experiment",
+    "load_experiment": "experiment",
+    "read_plan": "experiment",
+    "read_readings": "experiment",
+    "simulate": "experiment",
+    "write_plan": "experiment",
+    "write_readings": "experiment",
+    "Fit": "identify",
+    "FitOptions": "identify",
+    "identify": "identify",
+    "read_fit": "identify",
+    "validate": "identify",
+    "write_fit": "identify",
+    "check_effect": "plugin",
+    "Robot": "robot",
+    "load_robot": "robot",
+    "screen": "screening",
+}
+"""Where each name of the front door lives."""
+__all__ = [
+    "Experiment",
+    "Fit",
+    "FitOptions",
+    "InputError",
+    "NotCertified",
+    "NotConverged",
+    "NotIdentifiable",
+    "Plan",
+    "QsfError",
+    "Readings",
+    "Robot",
+    "__version__",
+    "check_effect",
+    "compare",
+    "compensate",
+    "design",
+    "diagnose",
+    "foresee",
+    "identify",
+    "load_experiment",
+    "load_robot",
+    "read_fit",
+    "read_plan",
+    "read_readings",
+    "screen",
+    "second_day",
+    "simulate",
+    "validate",
+    "write_extended",
+    "write_fit",
+    "write_plan",
+    "write_readings",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """A name of the front door, or the version, which stands in the package's metadata alone."""
+    if name == "__version__":
         from importlib.metadata import version
 
         return version("qsframework")
+    if name not in _HOME:
+        raise AttributeError(f"module 'qsframework' has no attribute {name!r}")
+    return getattr(import_module(f"qsframework.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__
+
+
+class _Door(ModuleType):
+    """Three verbs have the names of their packages: `qsframework.design` is the verb, whatever has been imported."""
+
+    @property
+    def design(self) -> Any:
+        return __getattr__("design")
+
+    @design.setter
+    def design(self, _: object) -> None: ...
+
+    @property
+    def identify(self) -> Any:
+        return __getattr__("identify")
+
+    @identify.setter
+    def identify(self, _: object) -> None: ...
+
+    @property
+    def diagnose(self) -> Any:
+        return __getattr__("diagnose")
+
+    @diagnose.setter
+    def diagnose(self, _: object) -> None: ...
+
+
+sys.modules[__name__].__class__ = _Door

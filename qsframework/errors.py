@@ -5,8 +5,8 @@ from __future__ import annotations
 import difflib
 import functools
 import warnings
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import KW_ONLY, dataclass
 from typing import ParamSpec, TypedDict, TypeVar
 
 __all__ = [
@@ -29,15 +29,21 @@ class QsfError(Exception):
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing wrong in the input: where it stands, what was found, what is allowed, what to do."""
+    """One thing wrong in the input: where it stands, what was found, what is allowed, what to do.
+
+    argument: the name of an argument that would mend it, and its value or the form of it ("" for a switch), for a
+    command line to name its option
+    """
 
     message: str
     file: str | None = None
     line: int | None = None
     column: str | None = None
+    _: KW_ONLY
     found: str | None = None
     allowed: str | None = None
     hint: str | None = None
+    argument: tuple[str, str] | None = None
 
     def __str__(self) -> str:
         place = ", ".join(
@@ -79,7 +85,22 @@ class InputError(QsfError):
 
 
 class NotIdentifiable(QsfError):
-    """The readings or the plan cannot tell the parameters apart; the message names them."""
+    """The readings or the plan cannot tell the parameters apart.
+
+    unseen: parameters that nothing depends on; groups: those of which only a combination is seen; at_bound: those that
+    stand at a bound meanwhile. The message names them.
+    """
+
+    def __init__(
+        self, message: str = "these readings cannot tell the parameters", unseen: Sequence[str] = (),
+        groups: Sequence[Sequence[str]] = (), at_bound: Sequence[str] = (),
+    ):  # fmt: skip
+        self.unseen, self.groups = tuple(unseen), tuple(tuple(g) for g in groups)
+        self.at_bound = tuple(at_bound)
+        said = [f"{name}: no reading depends on it" for name in self.unseen]
+        said += [f"{', '.join(group)}: the readings tell only a combination of these" for group in self.groups]
+        at = f" (with {', '.join(self.at_bound)} at its bound)" if self.at_bound else ""
+        super().__init__(f"{message}{at}" + (f": {'; '.join(said)}" if said else ""))
 
 
 class NotCertified(QsfError):

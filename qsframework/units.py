@@ -23,6 +23,9 @@ ALLOWED: dict[str, tuple[str, ...]] = {
     "N": ("N", "kN"),
     "N m": ("Nm", "kNm"),
     "kg": ("kg",),
+    "Pa": ("bar", "MPa", "Pa"),
+    "m^2": ("cm^2", "mm^2", "m^2"),
+    "m^3": ("l", "cm^3", "m^3"),
     "s": ("s", "min", "h"),
     "K": ("degC", "K"),
     "": ("percent",),
@@ -86,12 +89,6 @@ def to_si(value: Any, unit: str) -> Any:
     """A number or array in the unit, as SI."""
     factor, offset, _ = conversion(unit)
     return value * factor + offset
-
-
-def from_si(value: Any, unit: str) -> Any:
-    """An SI number or array, in the unit."""
-    factor, offset, _ = conversion(unit)
-    return (value - offset) / factor
 
 
 def split(name: str, stems: tuple[str, ...] | list[str]) -> tuple[str, str] | None:

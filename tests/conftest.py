@@ -35,7 +35,6 @@ def r2000ic() -> Experiment:
 @pytest.fixture(scope="session")
 def real(r2000ic: Experiment) -> Readings:
     """The 43 real readings."""
-    assert r2000ic.data is not None
     return read_readings(r2000ic.data, r2000ic)
 
 

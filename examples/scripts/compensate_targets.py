@@ -12,7 +12,6 @@ from qsframework.identify import identify, read_fit, write_fit
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "qsf-script")  # its own: nothing of yours is replaced
 folder.mkdir(exist_ok=True)
 experiment = load_experiment(example("r2000ic") / "experiment.yaml")
-assert experiment.data is not None
 write_fit(identify(experiment, read_readings(experiment.data, experiment)), folder / "fit.json")
 
 angles = np.deg2rad([[0.0, 10.0, -10.0, 0.0, -60.0, 0.0], [30.0, 20.0, -5.0, 10.0, -45.0, 0.0]])  # as the pendant shows

@@ -2,13 +2,13 @@
 
 from qsframework.diagnose import diagnose
 from qsframework.experiment import example, load_experiment, read_readings
+from qsframework.report.words.diagnosis import diagnosis_words
 
 experiment = load_experiment(example("hidden_effect") / "experiment.yaml")
-assert experiment.data is not None
 readings = read_readings(experiment.data, experiment)
 
 found = diagnose(experiment, readings, seed=0)
-print(found.words)
+print(diagnosis_words(found))
 for cause in found.findings:
     print(f"cause: {cause.name}, p = {cause.p_value:.1g}, cannot be told from: {[r.name for r in cause.rivals]}")
     print(f"  physics: {cause.physics}")

@@ -35,7 +35,7 @@ class BarCompliance(Spring):
             raise InputError(f"{self.name}: bar must be 0 or a positive whole number, found {self.bar:g}")
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        return (Parameter(self.name, "m/N", typical=1e-9, lower=0.0),)
+        return (Parameter(self.name, "m/N", typical=robot.sizes.give(7e-6), lower=0.0),)
 
     def virtual_joints(self, robot: RobotFacts) -> tuple[Bar, ...]:
         return (Bar(f"{self.loop}[{self.driven}]", int(self.bar)),)

@@ -19,7 +19,7 @@ class BaseCompliance(Spring):
     check = "Anchor bolts, foundation, riser plate."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        return (compliance(self.name, self.direction, translation=2e-9, rotation=2e-8),)
+        return (compliance(self.name, self.direction, robot.sizes.give(15e-6), robot.sizes.compliance(1.5e-3)),)
 
     def virtual_joints(self, robot: RobotFacts) -> tuple[VirtualJoint, ...]:
         return (virtual_joint(robot.base, self.direction),)

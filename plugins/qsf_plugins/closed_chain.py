@@ -63,6 +63,9 @@ class ClosedChain(Loop):
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
         return (self.driver, self.driven)
 
+    def leaders(self, robot: RobotFacts) -> tuple[str, ...]:
+        return (self.driver,)
+
     def validate(self, robot: RobotFacts) -> None:
         if robot.joint_index(self.driven) != robot.joint_index(self.driver) + 1:
             raise InputError(f"{self.name}: {self.driven} must be the joint after {self.driver}")

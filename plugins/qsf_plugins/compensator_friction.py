@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsf_plugins.gravity_compensator import GravityCompensator
-from qsf_plugins.spring_triangle import SpringTriangle
+from qsf_plugins.spring_triangle import SpringTriangle, check_label, spring
 from qsframework.plugin import (
     Array,
     Conditions,
@@ -35,6 +35,8 @@ class CompensatorFriction(ParallelSpring):
     """Of the balancer's spring: friction is a share of its force."""
     free_length: float = setting("m")
     zero: float = setting("rad", 0.0)
+    label: str = place("")
+    """Of several balancers at one joint, which."""
     needs = ("approach",)
     equation = "T = -mu a |M_c|, a = +1 or -1 by the side of approach, M_c from (9)"
     source = "friction of gas and spring balancers: 3 to 10 % of the force"
@@ -45,6 +47,7 @@ class CompensatorFriction(ParallelSpring):
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
+        check_label(self.name, self.label)
         SpringTriangle(self.lc, self.l2).check(self.name)
         if self.spring_stiffness <= 0.0 or self.free_length < 0.0:
             found = f"spring_stiffness = {self.spring_stiffness:g} N/m, free_length = {self.free_length:g} m"
@@ -56,24 +59,22 @@ class CompensatorFriction(ParallelSpring):
     def torque(self, q: Array, x: Array, conditions: Conditions) -> TorqueTerm:
         if conditions.approach is None:
             raise InputError(f"{self.name} needs the column approach (-1 or 1) in the readings")
-        triangle, b = SpringTriangle(self.lc, self.l2), q[:, 0] + self.zero
-        moment = self.spring_stiffness * triangle.moment(b, self.free_length)
-        area = self.spring_stiffness * self.lc * self.l2
-        against = -conditions.approach * np.sign(moment)
-        slope = against * area * triangle.eta(b, self.free_length)
-        bend = against * area * triangle.eta_angle(b, self.free_length)
-        return TorqueTerm(
-            value=x[0] * (against * moment)[:, None],
-            dq=x[0] * slope[:, None, None],
-            dx=(against * moment)[:, None, None],
-            dqq=x[0] * bend[:, None, None, None],
-            dqx=slope[:, None, None, None],
-        )
+        law = spring(self.spring_stiffness, self.free_length)
+        moment = SpringTriangle(self.lc, self.l2).torque(q[:, 0] + self.zero, law)
+        assert moment.dqq is not None
+        against = conditions.approach * np.sign(-moment.value[:, 0])  # -M_c times this is -a |M_c|
+        value, dq = moment.value * against[:, None], moment.dq * against[:, None, None]
+        dqq = moment.dqq * against[:, None, None, None]
+        return TorqueTerm(x[0] * value, x[0] * dq, value[:, :, None], x[0] * dqq, dq[..., None])
 
     @classmethod
     def beside(cls, effects: Sequence[Effect], parameters: Sequence[Parameter]) -> tuple[CompensatorFriction, ...]:
         """Friction of every balancer spring whose stiffness the robot states."""
         value = {p.name: p.nominal for p in parameters}
-        springs = [e for e in effects if isinstance(e, GravityCompensator)]
-        found = [(e, value[f"{e.name}.stiffness"], value[f"{e.name}.free_length"]) for e in springs]
-        return tuple(cls(e.joint, e.lc, e.l2, K, s0, e.zero) for e, K, s0 in found if K > 0.0)
+
+        def of(e: GravityCompensator) -> CompensatorFriction:
+            lc, l2, K, s0, zero = (value[f"{e.name}.{n}"] for n in ("lc", "l2", "stiffness", "free_length", "zero"))
+            return cls(e.joint, lc, l2, K, s0, zero, e.label)
+
+        found = [of(e) for e in effects if isinstance(e, GravityCompensator)]
+        return tuple(e for e in found if e.spring_stiffness > 0.0)

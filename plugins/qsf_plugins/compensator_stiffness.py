@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from qsf_plugins.spring_triangle import SpringTriangle
+from qsf_plugins.spring_triangle import SpringTriangle, check_label, spring
 from qsframework.plugin import (
     Array,
     Conditions,
@@ -32,18 +30,27 @@ class CompensatorStiffness(ParallelSpring):
     lc: float = setting("m")
     l2: float = setting("m")
     zero: float = setting("rad", 0.0)
+    label: str = place("")
+    """Of several balancers at one joint, which."""
     equation = "K = K_2 + K_eq lc l2 eta(b)  (10), (11)"
     source = "Klimchik et al., equation (10); KUKA KR270: Klimchik et al., ICRA 2013"
     check = "Balancer pressure, stiffness of its mounts, stick of its piston."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return (
-            Parameter(f"{self.name}.stiffness", "N/m", nominal=0.0, typical=5e6, lower=0.0),
+            Parameter(
+                f"{self.name}.stiffness",
+                "N/m",
+                nominal=0.0,
+                typical=0.3 / robot.sizes.compliance(20e-3) / (self.lc * self.l2),
+                lower=0.0,
+            ),
             Parameter(f"{self.name}.free_length", "m", nominal=0.7, typical=0.7, lower=0.0, null=None),
         )
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
+        check_label(self.name, self.label)
         SpringTriangle(self.lc, self.l2).check(self.name)
 
     def outline(self, robot: RobotFacts) -> tuple[Point, Point]:
@@ -53,13 +60,7 @@ class CompensatorStiffness(ParallelSpring):
         return (self.joint,)
 
     def stiffness(self, q: Array, x: Array, conditions: Conditions) -> StiffnessTerm:
-        triangle, b = SpringTriangle(self.lc, self.l2), q[:, 0] + self.zero
-        stiffness, free_length = x
-        area = self.lc * self.l2
-        eta = area * triangle.eta(b, free_length)
-        dx = np.stack([eta, stiffness * area * triangle.eta_free_length(b)], axis=1)
-        return StiffnessTerm(
-            value=stiffness * eta[:, None, None],
-            dq=stiffness * area * triangle.eta_angle(b, free_length)[:, None, None, None],
-            dx=dx[:, None, None, :],
-        )
+        torque = SpringTriangle(self.lc, self.l2).torque(q[:, 0] + self.zero, spring(*x))
+        assert torque.dqq is not None
+        assert torque.dqx is not None
+        return StiffnessTerm(-torque.dq, -torque.dqq, -torque.dqx[..., :2])

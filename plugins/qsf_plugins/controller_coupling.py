@@ -26,15 +26,14 @@ class ControllerCoupling(Geometry):
         return (Parameter(self.name, "", nominal=0.0, typical=1.0),)
 
     def validate(self, robot: RobotFacts) -> None:
-        if robot.joint_index(self.joint) == 0:
-            raise InputError(f"{self.name}: the first joint has no joint before it")
+        if robot.joint_index(self.joint) == 0 or self.joint in robot.passive:
+            raise InputError(f"{self.name}: the joint must have an angle on the pendant, and one before it")
 
     def errors(self, poses: Poses, x: Array, robot: RobotFacts) -> GeometryTerm:
-        k = robot.joint_index(self.joint)
         angles_dx = np.zeros((*poses.q.shape, 1))
-        angles_dx[:, k, 0] = poses.pendant[:, k - 1]
+        angles_dx[:, robot.joint_index(self.joint), 0] = poses.pendant[:, robot.driven.index(self.joint) - 1]
         return GeometryTerm(angles_dx @ x, angles_dx)
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[ControllerCoupling, ...]:
-        return tuple(cls(joint) for joint in robot.joints[1:])
+        return tuple(cls(joint) for joint in robot.driven[1:])

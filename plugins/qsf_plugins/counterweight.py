@@ -27,7 +27,7 @@ class Counterweight(Load):
     check = "Mass and lever of the counterweight, play of the passive joints."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        return (Parameter(self.name, "kg", typical=200.0, lower=0.0),)
+        return (Parameter(self.name, "kg", typical=0.3 * robot.sizes.payload, lower=0.0),)
 
     def validate(self, robot: RobotFacts) -> None:
         robot.link_index(self.link)

@@ -15,8 +15,8 @@ def check_direction(name: str, direction: str) -> None:
         raise InputError(Problem(f"{name}: unknown direction", found=repr(direction), allowed=", ".join(DIRECTIONS)))
 
 
-def compliance(name: str, direction: str, translation: float = 2e-8, rotation: float = 3e-8) -> Parameter:
-    """The compliance in a direction: m/N for a translation, rad/(N m) for a rotation; typical sizes in SI."""
+def compliance(name: str, direction: str, translation: float, rotation: float) -> Parameter:
+    """The compliance in a direction: m/N for a translation, rad/(N m) for a rotation; natural sizes in SI."""
     if direction.startswith("r"):
         return Parameter(name, "rad/(N m)", nominal=0.0, typical=rotation, lower=0.0)
     return Parameter(name, "m/N", nominal=0.0, typical=translation, lower=0.0)

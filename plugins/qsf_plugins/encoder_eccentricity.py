@@ -53,4 +53,4 @@ class EncoderEccentricity(Geometry):
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[EncoderEccentricity, ...]:
-        return tuple(cls(joint) for joint in robot.joints)
+        return tuple(cls(joint) for joint in robot.driven)

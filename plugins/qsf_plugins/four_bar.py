@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
@@ -34,6 +34,7 @@ class FourBar(Loop):
 
     driven: str = place()
     driver: str = setting()
+    _: KW_ONLY
     lever: float = setting("m")
     """Lever on the driver's axis."""
     bar: float = setting("m")
@@ -58,6 +59,9 @@ class FourBar(Loop):
 
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
         return (self.driver, self.driven)
+
+    def leaders(self, robot: RobotFacts) -> tuple[str, ...]:
+        return (self.driver,)
 
     def validate(self, robot: RobotFacts) -> None:
         sign = self._sign(robot)

@@ -44,7 +44,10 @@ class GravitySag(Geometry):
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         labels = [(robot.links[k + 1], label) for k in self._links(robot) for label in _across(robot.axes[k])[0]]
-        return tuple(Parameter(f"{self.name}.{link}_{label}", "rad", typical=1e-4) for link, label in labels)
+        return tuple(
+            Parameter(f"{self.name}.{link}_{label}", "rad", typical=robot.sizes.rotation(0.3e-3))
+            for link, label in labels
+        )
 
     def validate(self, robot: RobotFacts) -> None:
         if not _is_loaded(robot, robot.joint_index(self.joint)):

@@ -43,4 +43,4 @@ class JointBacklash(SpringLaw):
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[JointBacklash, ...]:
-        return tuple(cls(joint) for joint in robot.joints)
+        return tuple(cls(joint) for joint in robot.driven)

@@ -18,7 +18,7 @@ class JointCompliance(Spring):
     check = "Gear wear, belt tension, motor mounting of this joint."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        return (Parameter(self.name, "rad/(N m)", nominal=0.0, typical=3e-7, lower=0.0),)
+        return (Parameter(self.name, "rad/(N m)", nominal=0.0, typical=robot.sizes.compliance(20e-3), lower=0.0),)
 
     def virtual_joints(self, robot: RobotFacts) -> tuple[Actuator, ...]:
         return (Actuator(self.joint),)
@@ -28,4 +28,4 @@ class JointCompliance(Spring):
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[JointCompliance, ...]:
-        return tuple(cls(joint) for joint in robot.joints)
+        return tuple(cls(joint) for joint in robot.driven)

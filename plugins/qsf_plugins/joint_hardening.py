@@ -31,8 +31,8 @@ class JointHardening(SpringLaw):
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         if self.knee:
-            return (Parameter(self.name, "rad/(N m)", typical=3e-8),)
-        return (Parameter(self.name, "rad/(N m)^3", typical=3e-16),)
+            return (Parameter(self.name, "rad/(N m)", typical=robot.sizes.compliance(2e-3)),)
+        return (Parameter(self.name, "rad/(N m)^3", typical=robot.sizes.rotation(12e-3) / robot.sizes.torque**3),)
 
     def springs(self, robot: RobotFacts) -> tuple[str, ...]:
         return (f"joint_compliance[{self.joint}]",)
@@ -56,4 +56,4 @@ class JointHardening(SpringLaw):
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[JointHardening, ...]:
-        return tuple(cls(joint) for joint in robot.joints)
+        return tuple(cls(joint) for joint in robot.driven)

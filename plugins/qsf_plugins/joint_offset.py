@@ -32,4 +32,4 @@ class JointOffset(Geometry):
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[JointOffset, ...]:
-        return tuple(cls(joint) for joint in robot.joints)
+        return tuple(cls(joint) for joint in robot.driven)

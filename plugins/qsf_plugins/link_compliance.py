@@ -20,7 +20,7 @@ class LinkCompliance(Spring):
     check = "Cracks and bolts of the link, bearings at its joint."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        return (compliance(self.name, self.direction),)
+        return (compliance(self.name, self.direction, robot.sizes.give(150e-6), robot.sizes.compliance(2e-3)),)
 
     def virtual_joints(self, robot: RobotFacts) -> tuple[VirtualJoint, ...]:
         return (virtual_joint(self.link, self.direction),)

@@ -25,8 +25,14 @@ class LinkMass(Load):
     check = "Cables, hoses and equipment carried by the link."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        mass = Parameter(f"{self.name}.mass", "kg", typical=20.0)
-        return (mass, *(Parameter(f"{self.name}.{m}", "kg m", typical=10.0) for m in ("mx", "my", "mz")))
+        mass = Parameter(f"{self.name}.mass", "kg", typical=0.03 * robot.sizes.payload)
+        return (
+            mass,
+            *(
+                Parameter(f"{self.name}.{m}", "kg m", typical=0.0045 * robot.sizes.payload * robot.sizes.reach)
+                for m in ("mx", "my", "mz")
+            ),
+        )
 
     def validate(self, robot: RobotFacts) -> None:
         robot.link_index(self.link)

@@ -25,7 +25,7 @@ class OffaxisCompliance(Spring):
     check = "Play of the main bearing, cracks and bolts of the link before this joint."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        return (Parameter(self.name, "rad/(N m)", nominal=0.0, typical=5e-8, lower=0.0),)
+        return (Parameter(self.name, "rad/(N m)", nominal=0.0, typical=robot.sizes.compliance(4e-3), lower=0.0),)
 
     def virtual_joints(self, robot: RobotFacts) -> tuple[VirtualJoint, ...]:
         axis = cast("Literal['x', 'y', 'z']", self.axis)  # `build_effects` lets no other through

@@ -55,6 +55,9 @@ class Parallelogram(Loop):
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
         return (self.driver, self.driven)
 
+    def leaders(self, robot: RobotFacts) -> tuple[str, ...]:
+        return (self.driver,)
+
     def validate(self, robot: RobotFacts) -> None:
         for joint in self.joints(robot):
             robot.joint_index(joint)

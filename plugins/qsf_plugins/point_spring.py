@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
+from qsf_plugins.spring_triangle import check_label
 from qsframework.plugin import (
     Array,
     Conditions,
@@ -31,23 +32,27 @@ class PointSpring(ParallelSpring):
     """Link of the first pivot."""
     second: str = place()
     """Link of the second pivot."""
+    _: KW_ONLY
     first_x: float = setting("m")
     first_y: float = setting("m")
     first_z: float = setting("m")
     second_x: float = setting("m")
     second_y: float = setting("m")
     second_z: float = setting("m")
+    label: str = place("")
+    """Of several springs between two links, which."""
     equation = "T = -d/dq K (s - s0)^2 / 2, s the distance of the two points"
     source = "potential energy K (s - s0)^2 / 2 of a spring; geometry of balancers: ros-industrial/abb"
     check = "Pressure or preload of the balancer, wear of its pivots."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return (
-            Parameter(f"{self.name}.stiffness", "N/m", nominal=0.0, typical=1e5, lower=0.0),
+            Parameter(f"{self.name}.stiffness", "N/m", nominal=0.0, typical=15.0 * robot.sizes.weight, lower=0.0),
             Parameter(f"{self.name}.free_length", "m", nominal=0.5, typical=0.5, lower=0.0, null=None),
         )
 
     def validate(self, robot: RobotFacts) -> None:
+        check_label(self.name, self.label)
         robot.link_index(self.first)
         robot.link_index(self.second)
 

@@ -1,18 +1,54 @@
-"""The triangle of a spring balancer: base line lc, arm l2, spring s. Equations (7)-(11) of the paper."""
+"""The triangle of a balancer: base line lc, arm l2, and the side s along which it pulls, equations (7)-(11).
+
+A pull F(s) does the work F ds, so its moment about the joint is M = F ds/db, whatever exerts it; the derivatives of
+M follow from those of F and of s.
+"""
 
 from __future__ import annotations
 
+import math
+import re
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from qsf_plugins.vectors import turns
-from qsframework.plugin import Array, InputError, Point, Problem, RobotFacts
+from qsframework.plugin import Array, InputError, Parameter, Point, Problem, RobotFacts, TorqueTerm
+
+_SHARE, _ANGLE = 0.02, 0.02
+"""Natural sizes of an error: of a pivot's distance, as a share of both sides; of the angle, rad."""
+_LABEL = re.compile(r"[A-Za-z0-9_-]*")
+
+
+@dataclass(frozen=True)
+class Pull:
+    """A pull F (N,) N that draws the pivots together at lengths s (N,), by s twice, and by the p parameters of its law.
+
+    ds, dss (N,); dx, dsx (N, p)
+    """
+
+    value: Array
+    ds: Array
+    dss: Array
+    dx: Array
+    dsx: Array
+
+
+def spring(stiffness: float, free_length: float) -> Callable[[Array], Pull]:
+    """Equation (8), F = K_c (s - s0), by K_c and s0."""
+
+    def pull(s: Array) -> Pull:
+        stretch, one = s - free_length, np.ones_like(s)
+        dx, dsx = np.stack([stretch, -stiffness * one], axis=1), np.stack([one, 0.0 * one], axis=1)
+        return Pull(stiffness * stretch, stiffness * one, 0.0 * one, dx, dsx)
+
+    return pull
 
 
 @dataclass(frozen=True)
 class SpringTriangle:
-    """Sides lc and l2 (m) that meet at the joint; b is the angle between them, s the spring's length."""
+    """Sides lc and l2 (m) that meet at the joint; b is the angle between them, s the distance of their ends."""
 
     lc: float
     l2: float
@@ -27,29 +63,51 @@ class SpringTriangle:
         """s(b), equation (7): s^2 = lc^2 + l2^2 - 2 lc l2 cos b."""
         return np.sqrt(self.lc**2 + self.l2**2 - 2.0 * self.lc * self.l2 * np.cos(b))
 
-    def moment(self, b: Array, free_length: float) -> Array:
-        """M_c / K_c (m^2), equation (9): lc l2 (1 - s0/s) sin b."""
-        return self.lc * self.l2 * (1.0 - free_length / self.length(b)) * np.sin(b)
+    def torque(self, b: Array, law: Callable[[Array], Pull]) -> TorqueTerm:
+        """-M on the joint at b (N,), equation (9) for any law, with dM/db, (11) for a spring.
 
-    def moment_free_length(self, b: Array) -> Array:
-        """d (M_c / K_c) / d s0."""
-        return -self.lc * self.l2 * np.sin(b) / self.length(b)
+        By the law's parameters, then by lc, l2 and b itself, of which an error of the attachment's angle is one.
+        """
+        s, (first, second, third) = self.length(b), self._slopes(b)
+        F = law(s)
+        s_b, s_bb = first[:, 2], second[:, 2]
 
-    def eta(self, b: Array, free_length: float) -> Array:
-        """eta(b), equation (11) corrected: cos b + (s0 lc l2 / s^3) sin^2 b - (s0 / s) cos b."""
-        s = self.length(b)
-        return np.cos(b) + free_length * self.lc * self.l2 / s**3 * np.sin(b) ** 2 - free_length / s * np.cos(b)
+        def along(by_s: Array, by_slope: Array, by_bend: Array) -> Array:
+            return by_s[:, None] * first + by_slope[:, None] * second + by_bend[:, None] * third
 
-    def eta_free_length(self, b: Array) -> Array:
-        """d eta / d s0."""
-        s = self.length(b)
-        return self.lc * self.l2 / s**3 * np.sin(b) ** 2 - np.cos(b) / s
+        M, M_b = F.value * s_b, F.ds * s_b**2 + F.value * s_bb
+        M_v = along(F.ds * s_b, F.value, np.zeros_like(s))
+        M_bv = along(F.dss * s_b**2 + F.ds * s_bb, 2.0 * F.ds * s_b, F.value)
+        dx = np.concatenate([F.dx * s_b[:, None], M_v], axis=1)
+        dqx = np.concatenate([F.dsx * s_b[:, None] ** 2 + F.dx * s_bb[:, None], M_bv], axis=1)
+        return TorqueTerm(
+            value=-M[:, None],
+            dq=-M_b[:, None, None],
+            dx=-dx[:, None, :],
+            dqq=-M_bv[:, 2, None, None, None],
+            dqx=-dqx[:, None, None, :],
+        )
 
-    def eta_angle(self, b: Array, free_length: float) -> Array:
-        """d eta / d b."""
-        s, area = self.length(b), self.lc * self.l2
-        bend = 3.0 * area * np.cos(b) / s**3 - 3.0 * area**2 * np.sin(b) ** 2 / s**5 + 1.0 / s
-        return np.sin(b) * (free_length * bend - 1.0)
+    def _slopes(self, b: Array) -> tuple[Array, Array, Array]:
+        """s, s_b and s_bb, each (N, 3) by v = (lc, l2, b): from (7) by s s_v = w_v / 2, w = s^2, and so on."""
+        lc, l2, cos, sin = self.lc, self.l2, np.cos(b), np.sin(b)
+        s = self.length(b)[:, None]
+        half = np.stack([lc - l2 * cos, l2 - lc * cos, lc * l2 * sin], axis=1)
+        half_b = np.stack([l2 * sin, lc * sin, lc * l2 * cos], axis=1)
+        half_bb = np.stack([l2 * cos, lc * cos, -lc * l2 * sin], axis=1)
+        first = half / s
+        second = (half_b - first[:, 2:] * first) / s
+        third = (half_bb - second[:, 2:] * first - 2.0 * first[:, 2:] * second) / s
+        return first, second, third
+
+    def parameters(self, name: str, zero: float) -> tuple[Parameter, ...]:
+        """The pivots' distances and the angle at zero joint angle, which a fit estimates only where it names them."""
+        size = _SHARE * (self.lc + self.l2)
+        return (
+            stated(f"{name}.lc", "m", self.lc, size, by_name=True),
+            stated(f"{name}.l2", "m", self.l2, size, by_name=True),
+            stated(f"{name}.zero", "rad", zero, _ANGLE, lower=-math.inf, by_name=True),
+        )
 
     def pivots(self, robot: RobotFacts, joint: str, zero: float) -> tuple[Point, Point]:
         """Where the spring ends, on the previous link and on the joint's: b is zero + q, and l2 lies along the arm."""
@@ -62,6 +120,22 @@ class SpringTriangle:
         arm = arm / np.linalg.norm(arm)
         base = robot.placements[k] @ np.append(self.lc * turns(axis, np.array([-zero]))[0] @ arm, 1.0)
         return _point(robot.links[k], base[:3]), _point(robot.link_of(joint), self.l2 * arm)
+
+
+def stated(
+    name: str, unit: str, nominal: float, typical: float, lower: float = 0.0, *, by_name: bool = False
+) -> Parameter:
+    """A parameter whose nominal value stands with the effect, and that cannot switch it off."""
+    source = "stated with the effect"
+    return Parameter(
+        name, unit, nominal=nominal, typical=typical, lower=lower, null=None, source=source, by_name=by_name
+    )
+
+
+def check_label(name: str, label: str) -> None:
+    """InputError where a balancer's label cannot be part of a name."""
+    if not _LABEL.fullmatch(label):
+        raise InputError(Problem(f"{name}: a label is letters, digits, _ and -", found=repr(label)[:80]))
 
 
 def _point(link: str, xyz: Array) -> Point:

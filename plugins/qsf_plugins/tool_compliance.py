@@ -19,7 +19,7 @@ class ToolCompliance(Spring):
     check = "Flange bolts, tool changer, spindle mount."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        return (compliance(self.name, self.direction, translation=1e-7, rotation=1e-6),)
+        return (compliance(self.name, self.direction, robot.sizes.give(0.7e-3), 2e-3 / (0.1 * robot.sizes.torque)),)
 
     def virtual_joints(self, robot: RobotFacts) -> tuple[VirtualJoint, ...]:
         return (virtual_joint(robot.flange, self.direction),)

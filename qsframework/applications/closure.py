@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, StateReadings
+from qsframework.experiment import Experiment, Readings, differences
 from qsframework.experiment.columns import Column, read_table
-from qsframework.identify.differences import differences
 from qsframework.plugin import Array
 
 LEVEL = 1e-3
@@ -37,12 +36,12 @@ class Check:
     numbers: dict[str, float]
 
 
-def check_states(experiment: Experiment, states: StateReadings) -> tuple[Check, ...]:
+def check_states(experiment: Experiment, states: Readings) -> tuple[Check, ...]:
     """All checks of a file of states with loads; one with no loaded state has nothing to check.
 
     InputError where a loaded row has no unloaded one, or was read in another drive state than it.
     """
-    if not np.any(states.use & states.loaded[states.measurement]):
+    if not np.any(states.use & states.is_position & states.states.loaded[states.plus]):
         return ()
     differences(states, experiment)
     table = _Table(experiment, states)
@@ -61,21 +60,20 @@ _Visit = tuple[str, str, int, int]
 class _Table:
     """Positions by (pose, series, repeat, cycle, load) and marker, in the order of the file; masked rows left out."""
 
-    def __init__(self, experiment: Experiment, states: StateReadings) -> None:
-        own = states.sigma[np.isfinite(states.sigma) & states.use]
-        noise = experiment.noise.sigma
-        self.sigma = float(np.sqrt(np.mean(own**2))) if len(own) else noise
+    def __init__(self, experiment: Experiment, states: Readings) -> None:
+        own = states.sigma[states.use]
+        self.sigma = float(np.sqrt(np.mean(own**2))) if states.stated or len(np.unique(own)) > 1 else None
         self.unloaded: dict[_Visit, dict[int, Array]] = {}
         self.loaded: dict[tuple[str, str, int, int, str], dict[int, Array]] = {}
         self.wrench: dict[tuple[str, str, int, int, str], Array] = {}
         for i in np.flatnonzero(states.use).tolist():
-            m = int(states.measurement[i])
-            key = (states.pose[m], states.series[m], int(states.repeat[m]), int(states.cycle[m]))
-            if states.loaded[m]:
-                self.loaded.setdefault((*key, states.load_id[m]), {})[int(states.marker[i])] = states.position[i]
-                self.wrench[*key, states.load_id[m]] = states.poses.wrench[m]
-            elif not states.load_id[m]:
-                self.unloaded.setdefault(key, {})[int(states.marker[i])] = states.position[i]
+            m, own = int(states.plus[i]), states.states
+            key = (own.pose[m], own.series[m], int(own.repeat[m]), int(own.cycle[m]))
+            if own.loaded[m]:
+                self.loaded.setdefault((*key, own.load_id[m]), {})[int(states.marker[i])] = states.value[i]
+                self.wrench[*key, own.load_id[m]] = own.poses.wrench[m]
+            elif not own.load_id[m]:
+                self.unloaded.setdefault(key, {})[int(states.marker[i])] = states.value[i]
 
     def moved(self) -> Iterable[tuple[tuple[str, str, int, int, str], int, Array]]:
         """Displacement of every marker that was read in both states of a cycle."""
@@ -262,7 +260,7 @@ def _linearity(table: _Table) -> Check:
     return Check("linearity", good, words, {"share": share, "sd": sd, "pairs": float(count)})
 
 
-def _drives(states: StateReadings) -> Check:
+def _drives(states: Readings) -> Check:
     """Which drive states were recorded; a difference within one reading has been refused by `differences`."""
     if states.drive_state is None or not any(states.drive_state):
         words = "not recorded; a held brake and a servo give differently: write servo or brake in drive_state"

@@ -14,8 +14,9 @@ from qsframework.applications.task import Task
 from qsframework.design import Wish, design
 from qsframework.elastostatics import Model, cartesian_compliance, equilibrium, make_model
 from qsframework.errors import InputError, NotCertified, NotConverged, NotIdentifiable
+from qsframework.estimation import scales
 from qsframework.experiment import Constraints, Experiment, LoadCase, Marker, Noise, Plan
-from qsframework.information import information_rows, promised_sd, scales
+from qsframework.information import information_rows, promised_sd
 from qsframework.plugin import Array, Parameter, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.robot import Robot
@@ -29,7 +30,7 @@ _EFFICIENCY = 0.99
 Tell = Callable[[str, int, int], None]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Compared:
     """One robot. NaN where it does not reach.
 
@@ -157,8 +158,19 @@ def _one(robot: Robot, task: Task, seed: int) -> Compared:
         sds = promised_sd(experiment, plan)
         after[reached] = _after(experiment, model, plan, poses.take(reached))
     notes = _notes(robot, task, found, touching)
-    return Compared(robot, deflection, softest, frozen(pendant), moved, after, experiment.fit_parameters(), sds,
-                    campaign, notes, touching)  # fmt: skip
+    return Compared(
+        robot=robot,
+        deflection=deflection,
+        softest=softest,
+        pendant=frozen(pendant),
+        task=moved,
+        after=after,
+        parameters=experiment.fit_parameters(),
+        sds=sds,
+        campaign=campaign,
+        notes=notes,
+        touching=touching,
+    )
 
 
 def _free(robot: Robot, task: Task) -> Free:
@@ -187,9 +199,18 @@ def campaign_of(robot: Robot, task: Task, tool: Tool) -> Experiment:
         LoadCase(s.name, frozen(s.wrench()), s.poses, s.poses_min, s.cost) for s in task.campaign.loads
     )  # fmt: skip
     return Experiment(
-        task.path, robot, frozen(load_point), markers, Noise(task.campaign.sigma), loads, (), (), None,
-        Constraints(load_capacity=False), None,
-    )  # fmt: skip
+        path=task.path,
+        robot=robot,
+        load_point=frozen(load_point),
+        markers=markers,
+        noise=Noise(task.campaign.sigma),
+        loads=loads,
+        effects=(),
+        parameters=(),
+        fit=None,
+        constraints=Constraints(load_capacity=False),
+        data=(),
+    )
 
 
 def _map(robot: Robot, model: Model, tool: Tool, task: Task, seed: int, free: Free) -> tuple[Array, Array, int]:
@@ -226,7 +247,7 @@ def _deflections(model: Model, poses: Poses) -> Array:
 
 def _designed(experiment: Experiment, task: Task, work: Poses | None, seed: int) -> tuple[Plan | None, str]:
     """The campaign's plan, best for the tip along the path (the parameters, if none of it is reached), or why none."""
-    wish = Wish("D" if work is None else "I", efficiency=_EFFICIENCY, polish=False)
+    wish = Wish(criterion="D" if work is None else "I", efficiency=_EFFICIENCY, polish=False)
     count = task.campaign.poses
     try:
         plan = design(experiment, count, candidates=task.campaign.candidates, seed=seed, wish=wish, test_poses=work)

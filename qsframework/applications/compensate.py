@@ -20,7 +20,7 @@ from qsframework.applications.targets import Targets
 from qsframework.elastostatics import Model, actuator_torques, equilibrium
 from qsframework.errors import InputError, NotConverged, Problem
 from qsframework.experiment import Experiment
-from qsframework.identify.fit_files import StoredFit
+from qsframework.identify.io import StoredFit
 from qsframework.plugin import Array, Indices, Load, Poses
 from qsframework.plugin.facts import frozen
 
@@ -37,7 +37,7 @@ _NOTHING = 1e-12
 Tell = Callable[[str, int, int], None]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Compensation:
     """N corrected targets, and what is left where.
 
@@ -134,17 +134,27 @@ def compensate(
     _check_corrected(experiment, targets, pendant, deflection, left)
     command = rigid_tip(experiment.robot, experiment.load_site, experiment.robot.controller.to_joints(pendant))
     notes = fit_notes(experiment, fit)
-    return Compensation(targets, frozen(pendant), command, deflection, left, covariance, noise, notes)
+    return Compensation(
+        targets=targets,
+        pendant=frozen(pendant),
+        command=command,
+        deflection=deflection,
+        left=left,
+        covariance=covariance,
+        noise_covariance=noise,
+        notes=notes,
+    )
 
 
 def check_fit(experiment: Experiment, fit: StoredFit) -> None:
     """InputError where a fit is of another robot or another model."""
     name, model = experiment.robot.name, experiment.model()
     if fit.robot and fit.robot != name:
-        hint = "Give the experiment of that robot, or identify this one: qsf identify EXPERIMENT --json fit.json."
+        hint = "Give the experiment of that robot, or identify this one."
         raise InputError(Problem("the fit is of another robot", fit.file or None, found=fit.robot, allowed=name,
                                  hint=hint))  # fmt: skip
-    other = sorted(set(fit.model) ^ set(model.names))
+    optional = {p.name for p in model.parameters if p.by_name}
+    other = sorted((set(fit.model) ^ set(model.names)) - (optional - set(fit.model)))
     if other:
         hint = "Give the experiment that the fit was made with, with the same effects."
         message = f"the fit is of another model than {experiment.path.name}: only one has {', '.join(other[:6])}"
@@ -170,7 +180,8 @@ def fit_notes(experiment: Experiment, fit: StoredFit) -> tuple[str, ...]:
     known = [n for n, sd in zip(fit.names, fit.sd, strict=True) if not np.isfinite(sd)]
     if known:
         notes.append(f"counted as known exactly, for the fit quotes no sd: {', '.join(known)}")
-    fixed = [n for n in experiment.model().names if n not in fit.names and fit.model[n] != 0.0]
+    given = (p.name for p in experiment.model().parameters if not p.by_name)
+    fixed = [n for n in given if n not in fit.names and fit.model[n] != 0.0]
     if fixed:
         notes.append(f"not identified, counted as known exactly at their nominal values: {', '.join(fixed)}")
     if experiment.has_load and fit.total_covariance is None:
@@ -197,14 +208,14 @@ def _block(
         return _tip(model, Poses(pendant, robot.controller.to_joints(pendant), wrench), values, loaded, targets, part)
 
     wanted = targets.wanted.take(part) if reference == "commanded" else stand(start, x, False)
-    length, back = arm_length(robot), np.linalg.inv(robot.controller.matrix)
+    length, matrix = arm_length(robot), robot.controller.matrix
     deflection = error = -pose_error(wanted, stand(start, x))
     pendant = start.copy()
     for _ in range(_STEPS):
         if np.all(np.abs(error[:, :3]) < _CLOSE * length) and np.all(np.abs(error[:, 3:]) < _CLOSE):
             break
         J = rigid_jacobian(robot, experiment.load_site, robot.controller.to_joints(pendant))
-        pendant = pendant + joint_step(J, -error, length) @ back.T
+        pendant = pendant + joint_step(J @ matrix, -error, length)
         if np.abs(pendant - start).max() > 2 * _LARGEST_CORRECTION:
             break  # told by `_check_corrected`
         error = -pose_error(wanted, stand(pendant, x))
@@ -297,7 +308,7 @@ def _check_corrected(experiment: Experiment, targets: Targets, pendant: Array, d
             continue
         for k in np.flatnonzero(outside[i]):
             low, high = np.rad2deg([robot.controller.lower[k], robot.controller.upper[k]])
-            message = f"the target is at the limit of {robot.facts.joints[k]} and its correction goes beyond it"
+            message = f"the target is at the limit of {robot.facts.driven[k]} and its correction goes beyond it"
             found, allowed = f"{np.rad2deg(pendant[i, k]):.4f} deg", f"{low:g} to {high:g} deg"
             hint = f"Move the target by {np.rad2deg(moved[i, k]):.3f} deg or more from the limit."
             problems.append(targets.problem(i, message, found=found, allowed=allowed, hint=hint))

@@ -6,13 +6,13 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from qsframework.design import Wish, design
 from qsframework.diagnose import diagnose
-from qsframework.diagnose.result import VERDICTS
+from qsframework.diagnose.result import Verdict
 from qsframework.errors import QsfError
 from qsframework.experiment import Experiment, Plan, load_experiment, simulate
 from qsframework.files import write_text, yaml_text
@@ -204,7 +204,7 @@ def _derivatives(run: _Run) -> tuple[bool, str]:
 
 
 def _design(run: _Run) -> tuple[bool, str]:
-    wish = Wish("D", efficiency=0.5, polish=False)
+    wish = Wish(criterion="D", efficiency=0.5, polish=False)
     run.plan = design(run.experiment, POSES, candidates=200, seed=run.seed, wish=wish)
     outside = run.robot.controller.outside(run.plan.pendant)
     return not outside.any(), f"{POSES} poses inside the limits"
@@ -224,6 +224,6 @@ def _identify(run: _Run) -> tuple[bool, str]:
 def _diagnose(run: _Run) -> tuple[bool, str]:
     """Of an arm that settles in its full equilibrium: the linear model's error would look like an effect."""
     assert run.plan is not None
-    readings = simulate(run.experiment, run.plan, truth="drawn", seed=run.seed, exact=True).readings
+    readings = simulate(run.experiment, run.plan, truth="drawn", seed=run.seed).readings
     found = diagnose(run.experiment, readings, seed=run.seed, largest=1, repeats=1)
-    return found.verdict in VERDICTS, f"ran to its end: {found.verdict}"
+    return found.verdict in get_args(Verdict), f"ran to its end: {found.verdict}"

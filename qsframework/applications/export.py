@@ -12,7 +12,7 @@ import numpy as np
 
 from qsframework.applications.export_fanuc import parse_fanuc, write_fanuc
 from qsframework.applications.export_krl import parse_krl, write_krl
-from qsframework.applications.parsed import Parsed, Stop, wrong
+from qsframework.applications.export_readback import Parsed, Stop, wrong
 from qsframework.applications.programme import Programme
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment import Plan
@@ -82,7 +82,12 @@ def check_format(programme: Programme, to: str) -> None:
     if to in _MAKERS and maker not in (None, _MAKERS[to]):
         own = next((f for f, m in _MAKERS.items() if m == maker), "csv")
         raise InputError(
-            Problem(f"{to} is for controllers by {_MAKERS[to]}", found=programme.title, hint=f"Use --to {own}.")
+            Problem(
+                f"{to} is for controllers by {_MAKERS[to]}",
+                found=programme.title,
+                hint=f"Use {own}.",
+                argument=("to", own),
+            )
         )
 
 

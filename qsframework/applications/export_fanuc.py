@@ -9,7 +9,7 @@ import re
 
 import numpy as np
 
-from qsframework.applications.parsed import Parsed, Stop, bad_name, plain, wrong
+from qsframework.applications.export_readback import Parsed, Stop, bad_name, plain, wrong
 from qsframework.applications.programme import Move, Programme
 
 _REMARK = 32

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from qsframework.applications.parsed import Parsed, Stop, bad_name, plain, wrong
+from qsframework.applications.export_readback import Parsed, Stop, bad_name, plain, wrong
 from qsframework.applications.programme import Programme
 from qsframework.errors import InputError, Problem
 

@@ -79,7 +79,7 @@ def pose_error(wanted: TipPose, now: TipPose) -> Array:
 
 
 def joint_step(J: Array, error: Array, length: float) -> Array:
-    """Joint angles (N, n) that move the load point by the error (N, 6): damped least squares."""
+    """Angles (N, n) that move the load point by the error (N, 6): damped least squares."""
     scale = np.array([1.0 / length] * 3 + [1.0] * 3)
     A, b = J * scale[:, None], (error * scale)[..., None]
     normal = A.transpose(0, 2, 1) @ A + _DAMPING**2 * np.eye(A.shape[2])
@@ -97,7 +97,7 @@ def find_joints(robot: Robot, site: Site, wanted: TipPose, start: Array, rng: np
         return found[0]
     controller = robot.controller
     lower, upper = np.maximum(controller.lower, -np.pi), np.minimum(controller.upper, np.pi)
-    found += _newton(robot, site, wanted, rng.uniform(lower, np.maximum(lower, upper), (_TRIES, robot.facts.n)))
+    found += _newton(robot, site, wanted, rng.uniform(lower, np.maximum(lower, upper), (_TRIES, controller.axes)))
     reached = [f for f in found if f.reached]
     if reached:
         return min(reached, key=lambda f: float(np.abs(f.pendant - start).max()))
@@ -106,7 +106,6 @@ def find_joints(robot: Robot, site: Site, wanted: TipPose, start: Array, rng: np
 
 def _newton(robot: Robot, site: Site, wanted: TipPose, start: Array) -> list[Found]:
     controller, length, count = robot.controller, arm_length(robot), len(start)
-    back = np.linalg.inv(controller.matrix)
     goal = TipPose(np.repeat(wanted.position, count, axis=0), np.repeat(wanted.rotation, count, axis=0))
     pendant, scale = start.copy(), np.array([1.0 / length] * 3 + [1.0] * 3)
     error = np.zeros((count, 6))
@@ -115,7 +114,7 @@ def _newton(robot: Robot, site: Site, wanted: TipPose, start: Array) -> list[Fou
         error = pose_error(goal, rigid_tip(robot, site, q))
         if (np.abs(error * scale).max(axis=1) < _CLOSE).all():
             break
-        step = joint_step(rigid_jacobian(robot, site, q), error, length) @ back.T
+        step = joint_step(rigid_jacobian(robot, site, q) @ controller.matrix, error, length)
         size = np.abs(step).max(axis=1, keepdims=True)
         step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(size, 1e-300))
         pendant = np.clip(pendant + step, controller.lower, controller.upper)

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from qsframework.applications.ordering import visits, way_length
-from qsframework.applications.way import Surroundings, find_way, surroundings
+from qsframework.applications.path_check import Surroundings, find_way, surroundings
 from qsframework.design import broken_constraints
 from qsframework.elastostatics import actuator_torques
 from qsframework.errors import InputError, Problem
@@ -45,7 +45,7 @@ class Move:
         return self.pose != ""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Programme:
     """What the robot is to do. speed: percent of every joint's largest; pause: s at each pose, None: until started.
 
@@ -93,7 +93,16 @@ def make_programme(
     robot = experiment.robot
     length = way_length(points, range(len(points)))
     return Programme(
-        robot.name, robot.title, robot.payload, moves, speed, pause, length, planned, notes, home is not None
+        robot=robot.name,
+        title=robot.title,
+        payload=robot.payload,
+        moves=moves,
+        speed=speed,
+        pause=pause,
+        length=length,
+        length_as_planned=planned,
+        notes=notes,
+        home=home is not None,
     )
 
 
@@ -106,7 +115,7 @@ def check_plan(experiment: Experiment, plan: Plan, file: str = "") -> None:
     for i, k in zip(*np.nonzero(outside), strict=True):
         low, high = np.rad2deg([robot.controller.lower[k], robot.controller.upper[k]])
         problems.append(
-            Problem(f"pose {plan.pose[i]!r}: {robot.facts.joints[k]} is outside its limits", where,
+            Problem(f"pose {plan.pose[i]!r}: {robot.facts.driven[k]} is outside its limits", where,
                     found=f"{np.rad2deg(plan.pendant[i, k]):g} deg", allowed=f"{low:g} to {high:g} deg")
         )  # fmt: skip
     force = np.linalg.norm(plan.wrench[:, :3], axis=1)
@@ -257,7 +266,7 @@ def _notes(experiment: Experiment, around: Surroundings, home: Array | None, pau
     notes: list[str] = []
     if pause is not None:
         notes.append(
-            f"the programme drives on by itself after {pause:g} s: a run without the weight; with --hold it waits "
+            f"the programme drives on by itself after {pause:g} s: a run without the weight; without a pause it waits "
             "while a load is hung and taken off"
         )
     if not experiment.robot.shapes:

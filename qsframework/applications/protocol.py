@@ -27,7 +27,7 @@ _HANDLE = 60.0
 """Seconds that a reading of all markers and a change of the load take, for the estimate of the whole."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ProtocolWish:
     """settle: s after every move and change of load; warm_up: minutes; drive: what holds the arm while it is read.
 
@@ -58,7 +58,7 @@ class State:
         return self.load_id != ""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Visit:
     """One stay at a pose: its states in the order in which they are read; pendant (n,) rad."""
 
@@ -117,7 +117,17 @@ def make_protocol(experiment: Experiment, plan: Plan, wish: ProtocolWish | None 
         load = load_name(plan, i)
         half = wish.half and plan.repeats[i] > 1
         states = _states(load, plan.wrench[i], wish.cycles, half)
-        out.append(Visit(place, plan.pose[i], seen[i], plan.pendant[i], load, plan.wrench[i], states))
+        out.append(
+            Visit(
+                number=place,
+                pose=plan.pose[i],
+                repeat=seen[i],
+                pendant=plan.pendant[i],
+                load=load,
+                wrench=plan.wrench[i],
+                states=states,
+            )
+        )
     names = tuple(m.name for m in experiment.markers)
     return Protocol(experiment.robot.name, experiment.robot.title, tuple(out), wish, names, payload_notes(experiment))
 

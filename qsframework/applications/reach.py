@@ -62,7 +62,7 @@ def reach(
     count, controller = len(points), robot.controller
     lower, upper = np.maximum(controller.lower, -np.pi), np.minimum(controller.upper, np.pi)
     rng = np.random.default_rng(seed)
-    pendant, reached = np.zeros((count, robot.facts.n)), np.zeros(count, dtype=bool)
+    pendant, reached = np.zeros((count, controller.axes)), np.zeros(count, dtype=bool)
     blocked = np.zeros(count, dtype=bool)
 
     def clear(found: Array, good: Flags, whose: Indices) -> Flags:
@@ -75,7 +75,7 @@ def reach(
         return good
 
     def randomly(chosen: Indices) -> None:
-        n, each = robot.facts.n, np.repeat(chosen, _TRIES)
+        n, each = controller.axes, np.repeat(chosen, _TRIES)
         start = rng.uniform(lower, upper, (len(each), n))
         found, good = _newton(robot, model, tool, points[each], directions[each], start)
         good = clear(found, good, each)
@@ -113,7 +113,7 @@ def _newton(
     robot: Robot, model: Model, tool: Tool, points: Array, directions: Array, start: Array
 ) -> tuple[Array, Flags]:  # fmt: skip
     controller, length = robot.controller, arm_length(robot)
-    back, pendant = np.linalg.inv(controller.matrix), start.copy()
+    pendant = start.copy()
     error, size = np.zeros((len(points), 6)), np.zeros(len(points))
     for k in range(_STEPS + 1):
         q = controller.to_joints(pendant)
@@ -127,7 +127,7 @@ def _newton(
             break
         J = rigid_jacobian(robot, tool.site, q)
         J[:, 3:] -= axis[:, :, None] * (axis[:, None] @ J[:, 3:])  # a turn about the tool's axis is free
-        step = joint_step(J, error, length) @ back.T
+        step = joint_step(J @ controller.matrix, error, length)
         step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-300))
         pendant = np.clip(pendant + step, controller.lower, controller.upper)
     poses = Poses(pendant, controller.to_joints(pendant), np.zeros((len(pendant), 6)))

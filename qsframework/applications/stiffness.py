@@ -15,7 +15,7 @@ from qsframework.plugin.facts import frozen
 from qsframework.robot import Robot
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Stiffness:
     """One pose under one load.
 
@@ -70,25 +70,25 @@ def stiffness_at(robot: Robot, pendant: Array, wrench: Array, point: Array) -> S
     turn = loaded.tip_rotation[0] @ unloaded.tip_rotation[0].T
     rotation = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     return Stiffness(
-        spring_names(model),
-        _shares(model, poses),
-        model.predict(poses)[0, 0],
-        (loaded.tip - unloaded.tip)[0],
-        rotation,
-        cartesian_compliance(model, poses)[0],
-        cartesian_compliance(model, poses, hessian=False)[0],
+        names=spring_names(model),
+        shares=_shares(model, poses),
+        linear=model.predict(poses)[0, 0],
+        full=(loaded.tip - unloaded.tip)[0],
+        rotation=rotation,
+        compliance=cartesian_compliance(model, poses)[0],
+        compliance_without_load=cartesian_compliance(model, poses, hessian=False)[0],
     )
 
 
 def _one_pose(robot: Robot, pendant: Array, wrench: Array) -> Poses:
-    if pendant.shape != (robot.facts.n,):
-        raise InputError(f"a pose of {robot.name} has {robot.facts.n} angles, found {len(pendant)}")
+    if pendant.shape != (robot.controller.axes,):
+        raise InputError(f"a pose of {robot.name} has {robot.controller.axes} angles, found {len(pendant)}")
     outside = np.flatnonzero(robot.controller.outside(pendant))
     if len(outside):
         k = int(outside[0])
         low, high = np.rad2deg([robot.controller.lower[k], robot.controller.upper[k]])
         raise InputError(
-            f"{robot.facts.joints[k]} is outside its limits: found {np.rad2deg(pendant[k]):g} deg, "
+            f"{robot.facts.driven[k]} is outside its limits: found {np.rad2deg(pendant[k]):g} deg, "
             f"allowed {low:g} to {high:g} deg"
         )
     if not np.any(wrench):

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,8 +19,8 @@ from qsframework.applications.inverse import TipPose, find_joints, rigid_tip
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
 from qsframework.experiment.columns import Column, Table, read_table
-from qsframework.experiment.grouping import no_load
 from qsframework.experiment.plan import limit_problems
+from qsframework.experiment.readings_table import no_load
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
 
@@ -31,7 +32,7 @@ _SEED = 0
 """Random starts of the search are the same at every run."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Targets:
     """N targets: names, pendant angles (N, n) rad that the controller would go to, wanted poses, wrenches (N, 6).
 
@@ -49,7 +50,7 @@ class Targets:
     def __len__(self) -> int:
         return len(self.name)
 
-    def problem(self, i: int, message: str, **more: str | None) -> Problem:
+    def problem(self, i: int, message: str, **more: Any) -> Problem:
         """A problem of target i, with its file and line."""
         return Problem(
             f"target {self.name[i]!r}: {message}", None if self.path is None else str(self.path), self.rows[i], **more
@@ -62,7 +63,15 @@ def joint_targets(experiment: Experiment, pendant: Array, wrench: Array) -> Targ
     wanted = rigid_tip(robot, experiment.load_site, robot.controller.to_joints(pendant))
     count = len(pendant)
     names = tuple(f"t{i + 1:02d}" for i in range(count))
-    return Targets(names, frozen(pendant), wanted, frozen(wrench), False, None, tuple(range(1, count + 1)))
+    return Targets(
+        name=names,
+        pendant=frozen(pendant),
+        wanted=wanted,
+        wrench=frozen(wrench),
+        cartesian=False,
+        path=None,
+        rows=tuple(range(1, count + 1)),
+    )
 
 
 def read_targets(path: str | Path, experiment: Experiment, tell: Tell | None = None) -> Targets:
@@ -71,11 +80,11 @@ def read_targets(path: str | Path, experiment: Experiment, tell: Tell | None = N
     InputError with all its problems, each with row and column.
     """
     path, robot = Path(path), experiment.robot
-    table = read_table(path, _columns(robot.facts.n), robot.name)
+    table = read_table(path, _columns(robot.controller.axes), robot.name)
     no_load(table, experiment)
     problems = list(table.problems)
     cartesian = any(stem in table.numbers for stem in (*_XYZ, *_TURNS, *_QUATERNION))
-    joints = [f"q{k + 1}" for k in range(robot.facts.n)]
+    joints = [f"q{k + 1}" for k in range(robot.controller.axes)]
     _complete(table, joints, cartesian)
     pendant = np.stack([table.numbers[j] for j in joints], axis=1) if joints[0] in table.numbers else None
     if pendant is not None:
@@ -92,7 +101,15 @@ def read_targets(path: str | Path, experiment: Experiment, tell: Tell | None = N
         made = joint_targets(experiment, pendant, wrench)
         return replace(made, name=tuple(names), path=path, rows=tuple(table.rows))
     found = _joints(experiment, table, names, wanted, pendant, tell or (lambda label, done, total: None))
-    return Targets(tuple(names), frozen(found), wanted, frozen(wrench), True, path, tuple(table.rows))
+    return Targets(
+        name=tuple(names),
+        pendant=frozen(found),
+        wanted=wanted,
+        wrench=frozen(wrench),
+        cartesian=True,
+        path=path,
+        rows=tuple(table.rows),
+    )
 
 
 def _columns(n: int) -> list[Column]:
@@ -133,7 +150,7 @@ def _poses(table: Table, experiment: Experiment, problems: list[Problem]) -> Tip
         size = np.sqrt(w**2 + x**2 + y**2 + z**2)
         for i in np.flatnonzero(~(np.abs(size - 1.0) < 1e-3)):
             problems.append(Problem("a quaternion of a rotation has length 1", str(table.path), table.rows[i],
-                                    "quat_w", f"{size[i]:.4g}"))  # fmt: skip
+                                    "quat_w", found=f"{size[i]:.4g}"))  # fmt: skip
         quaternion = np.stack([x, y, z, np.where(np.isfinite(w), w, 1.0)], axis=1)
         quaternion = np.where((size > 0)[:, None], np.nan_to_num(quaternion), [0.0, 0.0, 0.0, 1.0])
         turn = Rotation.from_quat(quaternion).as_matrix()
@@ -151,7 +168,7 @@ def _capacity(table: Table, wrench: Array, experiment: Experiment) -> list[Probl
     hint = "A load meant to be heavier needs constraints: {load_capacity: false} in the experiment."
     return [
         Problem("the force is more than the robot's payload", str(table.path), table.rows[i], "fx",
-                f"{force[i]:.0f} N", f"{robot.payload:g} kg, {most:.0f} N", hint)
+                found=f"{force[i]:.0f} N", allowed=f"{robot.payload:g} kg, {most:.0f} N", hint=hint)
         for i in np.flatnonzero(force > most)
     ]  # fmt: skip
 

@@ -106,7 +106,7 @@ class TaskSpec(FileModel):
         return value
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Task:
     """What is asked. tool: m from the flange along the last axis to the load point.
 
@@ -150,12 +150,20 @@ def load_task(path: str | Path) -> Task:
     if problems:
         raise InputError(problems)
     return Task(
-        Path(path), spec.title, spec.tool, frozen([p.xyz for p in spec.path]),
-        frozen([_unit(p.approach or spec.approach) for p in spec.path]), frozen(wrenches),
-        _steps(spec.map.x, spec.map.steps), _steps(spec.map.z, spec.map.steps), spec.map.y,
-        frozen(_unit(spec.map.approach or spec.approach)), frozen([spec.map.fx, spec.map.fy, spec.map.fz]),
-        spec.campaign, spec.floor,
-    )  # fmt: skip
+        path=Path(path),
+        title=spec.title,
+        tool=spec.tool,
+        points=frozen([p.xyz for p in spec.path]),
+        directions=frozen([_unit(p.approach or spec.approach) for p in spec.path]),
+        wrenches=frozen(wrenches),
+        map_x=_steps(spec.map.x, spec.map.steps),
+        map_z=_steps(spec.map.z, spec.map.steps),
+        map_y=spec.map.y,
+        map_direction=frozen(_unit(spec.map.approach or spec.approach)),
+        map_force=frozen([spec.map.fx, spec.map.fy, spec.map.fz]),
+        campaign=spec.campaign,
+        floor=spec.floor,
+    )
 
 
 def _steps(ends: list[float], count: int) -> Array:

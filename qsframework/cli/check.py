@@ -14,17 +14,14 @@ from qsframework.errors import InputError, Problem, QsfError
 from qsframework.experiment import (
     Experiment,
     Readings,
-    StateReadings,
-    is_states,
     load_experiment,
     read_readings,
-    read_states,
 )
 from qsframework.robot import Robot, load_robot, robot_names
 
 if TYPE_CHECKING:
-    from qsframework.diagnose.conventions import Convention
     from qsframework.report import Section
+    from qsframework.screening.conventions import Convention
 
 Line = tuple[bool | None, str, str]
 """Whether it is as it should be (None: not measured), its kind, and what was found."""
@@ -38,14 +35,14 @@ class Checked:
     words: str
     robot: Robot
     experiment: Experiment | None = None
-    readings: Readings | StateReadings | None = None
+    readings: Readings | None = None
     lines: tuple[Line, ...] = ()
 
     def said(self) -> str:
         """What the terminal is told."""
         if not self.lines:
             return f"{self.words}, ok"
-        if isinstance(self.readings, Readings):
+        if all(good is False for good, _, _ in self.lines):
             return f"{self.words}, ok, but look at" + "".join(f"\n  {kind}: {said}" for _, kind, said in self.lines)
         bad = any(good is False for good, _, _ in self.lines)
         head = ", ok, but look at what is marked with !" if bad else ", ok"
@@ -95,44 +92,36 @@ def _check(file: Path) -> Checked:
         return Checked(file, words, robot)
     experiment = load_experiment(file)
     words = f"experiment with {experiment.robot.name}, {len(experiment.markers)} markers"
-    if experiment.data is None:
+    if not experiment.data:
         return Checked(file, words, experiment.robot, experiment)
-    read = read_states if is_states(experiment.data) else read_readings
-    readings = read(experiment.data, experiment)
-    words += f", {len(readings.use)} readings at {len(set(readings.pose))} poses"
+    readings = read_readings(experiment.data, experiment, "positions")
+    words += f", {len(readings)} readings at {len(set(readings.pose))} poses"
     lines = tuple(_lines(experiment, readings))
     return Checked(file, words, experiment.robot, experiment, readings, lines)
 
 
-def _lines(experiment: Experiment, readings: Readings | StateReadings) -> list[Line]:
-    """What the readings say of themselves, and those that cannot be right."""
+def _lines(experiment: Experiment, readings: Readings) -> list[Line]:
+    """What the readings say of themselves; the sign, axis or angle that they prove wrong, units to suspect, and rows
+    that cannot be right even then."""
     from qsframework.applications.closure import check_states
-    from qsframework.identify import check_positions
+    from qsframework.screening import screen
+    from qsframework.screening.conventions import check_conventions, compelling
 
-    if isinstance(readings, Readings):
-        return _displacement_lines(experiment, readings)
-    checks: list[Line] = [(c.good, c.kind, c.words) for c in check_states(experiment, readings)]
-    return checks + [(False, f.kind, f.words) for f in check_positions(experiment, readings)]
-
-
-def _displacement_lines(experiment: Experiment, readings: Readings) -> list[Line]:
-    """The sign, axis or angle that the readings prove wrong, units to suspect, and rows that do not fit even then."""
-    from qsframework.diagnose.conventions import check_conventions, compelling
-    from qsframework.identify import check_readings
-
+    lines: list[Line] = [(c.good, c.kind, c.words) for c in check_states(experiment, readings)]
     tried: Sequence[Convention] = ()
-    with suppress(QsfError):  # readings that tell no fit prove nothing here; `qsf identify` says what they lack
-        tried = check_conventions(experiment, readings)
-    lines: list[Line] = [(False, c.name, c.words) for c in tried if c.name == "load_unit"]
+    if not readings.is_position.any():
+        with suppress(QsfError):  # readings that tell no fit prove nothing here; `qsf identify` says what they lack
+            tried = check_conventions(experiment, readings)
+    lines += [(False, c.name, c.words) for c in tried if c.name == "load_unit"]
     proved = compelling(tried)
     if proved is not None and proved.name not in _ROWS:
         lines.append((False, proved.name, proved.words))
         experiment, readings = proved.experiment, proved.readings
-    return lines + [(False, f.kind, f.words) for f in check_readings(experiment, readings)]
+    return lines + [(False, f.kind, f.words) for f in screen(experiment, readings)]
 
 
 _ROWS = ("swapped_markers", "late_angles")
-"""Mistakes that `check_readings` finds too, and names with their rows."""
+"""Mistakes that `screen` finds too, and names with their rows."""
 _MARK = {True: " ", False: "!", None: "?"}
 """Before what `qsf check` says of states: as it should be, look at it, not measured."""
 
@@ -147,8 +136,8 @@ def _report(checked: Sequence[Checked], report: Path) -> None:
         if c.experiment is not None and c.readings is not None:
             sections.append(readings_section(c.experiment, c.readings, "/".join(c.file.parts[-2:])))
     sections += [robot_section(robot) for robot in {c.robot.folder: c.robot for c in checked}.values()]
-    files = [path for c in checked if c.experiment is not None for path in (c.experiment.path, c.experiment.data)]
-    own = _computed([c.robot for c in checked], [path for path in files if path is not None])
+    files = [path for c in checked if c.experiment is not None for path in (c.experiment.path, *c.experiment.data)]
+    own = _computed([c.robot for c in checked], files)
     print(f"report: {write_report(report, 'Check', [*sections, own])}")
 
 

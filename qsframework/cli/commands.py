@@ -19,7 +19,7 @@ from qsframework.files.formats import FORMAT
 
 
 def run_simulate(
-    file: Path, plan_file: Path, output: Path, truth: str, seed: int, json: Path | None, exact: bool = False,
+    file: Path, plan_file: Path, output: Path, truth: str, seed: int, json: Path | None, linear: bool = False,
     report: Path | None = None,
 ) -> None:  # fmt: skip
     """Simulate a plan and write its readings."""
@@ -27,34 +27,37 @@ def run_simulate(
     from qsframework.experiment import simulate
     from qsframework.experiment.measured import keep_measured, write_simulated
 
-    distinct_outputs([output, json, report], [file, plan_file, plan_file.with_suffix(".json")])
+    sidecar = beside(output, ".json")
+    others = [path for path in (json, report) if path != sidecar]
+    distinct_outputs([output, sidecar, *others], [file, plan_file, plan_file.with_suffix(".json")])
     keep_measured([output], "-o")
     experiment = load_experiment(file)
     plan = read_plan(plan_file, experiment)
     for constraint, poses in broken_constraints(experiment, plan).items():
         print(f"note: {', '.join(poses)} break the constraint {constraint!r}")
-    result = simulate(experiment, plan, truth=truth, seed=seed, exact=exact)
-    write_simulated(output, result.readings, experiment)
+    result = simulate(experiment, plan, truth=truth, seed=seed, linear=linear)
+    made = write_simulated(output, result.readings, experiment)
     if json is not None:
-        write_json(json, {"readings": str(output), "seed": seed, "truth": result.truth_by_name()})
+        told = {"readings": str(output), "seed": seed, "truth": result.truth_by_name()}
+        write_json(json, {**(made if json == sidecar else {}), **told})
     if report is not None:
         from qsframework.report import write_report
         from qsframework.report.provenance import EQUILIBRIUM, LINEAR, computed
         from qsframework.report.simulation_section import simulation_sections
 
-        own = computed(experiment, [file, plan_file], seed, (EQUILIBRIUM,) if exact else (LINEAR, EQUILIBRIUM))
-        sections = (*simulation_sections(experiment, plan, result, exact), own)
+        own = computed(experiment, [file, plan_file], seed, (LINEAR, EQUILIBRIUM) if linear else (EQUILIBRIUM,))
+        sections = (*simulation_sections(experiment, plan, result, linear), own)
         print(f"report: {write_report(report, f'Simulation: {experiment.robot.title}', sections)}")
-    print(f"{len(result.readings.use)} readings at {len(result.readings.poses)} poses: {output}")
+    print(f"{len(result.readings)} readings at {len(set(result.readings.pose))} poses: {output}")
     print(f"next: qsf identify {file} --data {output}")
 
 
-def readings_file(experiment: Experiment, data: Path | None, option: str = "--data FILE") -> Path:
+def readings_files(experiment: Experiment, data: Sequence[Path], option: str = "FILE...") -> tuple[Path, ...]:
     """The readings that a command works on; option: how the command is given them."""
-    path = data or experiment.data
-    if path is None:
+    paths = tuple(data) or experiment.data
+    if not paths:
         raise InputError(f"{experiment.path}: no readings; add `data: readings.csv` or give {option}")
-    return path
+    return paths
 
 
 def distinct_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path], folder: Path | None = None) -> None:

@@ -54,8 +54,8 @@ def run_compare(
 
 def identified(robots: list[Robot], fits: Mapping[str, str]) -> tuple[list[Robot], dict[str, tuple[str, ...]]]:
     """The robots with the values of their fits, and what to note of each."""
-    from qsframework.applications.known import with_fit
-    from qsframework.identify.fit_files import read_fit
+    from qsframework.applications.robot_from_fit import with_fit
+    from qsframework.identify.io import read_fit
 
     unknown = [name for name in fits if name not in {r.name for r in robots}]
     if unknown:

@@ -13,7 +13,7 @@ from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.progress import print_table, progress
 from qsframework.experiment import Experiment, load_experiment
 from qsframework.experiment.columns import write_table
-from qsframework.identify.fit_files import read_fit
+from qsframework.identify.io import read_fit
 
 _SHOWN = 20
 

@@ -34,11 +34,11 @@ from qsframework.report import (
     sd_table,
     write_report,
 )
-from qsframework.report.provenance import AFTER, INFORMATION, LEAST_SQUARES, LINEAR, computed
+from qsframework.report.provenance import AFTER, EQUILIBRIUM, INFORMATION, LEAST_SQUARES, computed
 
 POSES = 12
 CANDIDATES = 1000
-WRITTEN = ("report.html", "plan.csv", "plan.json", "readings.csv", "fit.json", "truth.json")
+WRITTEN = ("report.html", "plan.csv", "plan.json", "readings.csv", "readings.json", "fit.json", "truth.json")
 
 
 def run_demo(output: Path, seed: int, json: Path | None = None) -> None:
@@ -76,7 +76,6 @@ def real_readings(tell: Tell) -> tuple[list[Section], dict[str, Any]]:
     """The R-2000iC's 43 cable-pull readings under three models: sections, and the fits as JSON."""
     label = "R-2000iC: 43 real readings"
     experiment = load_experiment(example("r2000ic") / "experiment.yaml")
-    assert experiment.data is not None
     readings = read_readings(experiment.data, experiment)
     models = {
         "joint springs, J3 absolute": experiment,
@@ -92,7 +91,7 @@ def real_readings(tell: Tell) -> tuple[list[Section], dict[str, Any]]:
     sections = [
         _compare_models(fits),
         fit_section(fits["joint springs, J3 absolute"], "R-2000iC: fit of the joint springs"),
-        computed(last, [experiment.path, experiment.data], None, (LINEAR, LEAST_SQUARES)),
+        computed(last, [experiment.path, *experiment.data], None, (EQUILIBRIUM, LEAST_SQUARES)),
     ]
     return sections, {name: fit.as_json() for name, fit in fits.items()}
 
@@ -156,7 +155,7 @@ def designed_plan(output: Path, seed: int, tell: Tell) -> tuple[list[Section], d
     sections = [
         plan_section(experiment, plan, _against_table5(experiment, plan), f"M-900iB/700: {POSES} designed poses"),
         fit_section(fit, "M-900iB/700: identified from simulated readings", simulation.truth_by_name()),
-        computed(experiment, files, seed, (LINEAR, LEAST_SQUARES, INFORMATION, AFTER)),
+        computed(experiment, files, seed, (EQUILIBRIUM, LEAST_SQUARES, INFORMATION, AFTER)),
     ]
     certificate = plan.certificate.as_json() if plan.certificate else None
     return sections, {"certificate": certificate, "fit": fit.as_json(), "truth": simulation.truth_by_name()}

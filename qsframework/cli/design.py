@@ -32,7 +32,7 @@ from qsframework.work import Work, job_of
 Tell = Callable[[str, int, int], None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DesignFiles:
     """The files of one design; candidates: a number, grid:LEVELS or a file of poses."""
 

@@ -6,19 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from qsframework.cli.commands import distinct_outputs, readings_file, write_json
-from qsframework.cli.displacements import read_displacements
+from qsframework.cli.commands import distinct_outputs, readings_files, write_json
 from qsframework.cli.progress import Tell, print_line, print_table, progress
 from qsframework.cli.where import ALONE, Where
-from qsframework.diagnose import LEVEL, STEPS, Diagnosis, SecondDay, diagnose
-from qsframework.diagnose.discriminate import Discrimination
-from qsframework.diagnose.extend import check_folder, write_extended
-from qsframework.diagnose.separations import separations, with_outlooks
+from qsframework.diagnose import LEVEL, STEPS, Diagnosis, diagnose
+from qsframework.diagnose.extend import check_folder
+from qsframework.discriminate import Discrimination, SecondDay
+from qsframework.discriminate.separations import separations
 from qsframework.errors import InputError
-from qsframework.experiment import load_experiment
+from qsframework.experiment import load_experiment, read_readings
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DiagnoseFiles:
     """What the command reads, and what it writes where it is asked to.
 
@@ -26,7 +25,7 @@ class DiagnoseFiles:
     """
 
     experiment: Path
-    data: Path | None = None
+    data: tuple[Path, ...] = ()
     json: Path | None = None
     report: Path | None = None
     extend: Path | None = None
@@ -48,6 +47,7 @@ class Asked:
 def run_diagnose(files: DiagnoseFiles, asked: Asked, where: Where = ALONE) -> None:
     """Diagnose readings, or judge a plan, or design poses that separate two causes."""
     from qsframework.cli.diagnose_plan import run_foresight, run_second_day, run_separate
+    from qsframework.report.words.discrimination import discrimination_words, not_separated_words
 
     if files.plan is not None:
         _alone(files, asked, "--plan")
@@ -56,23 +56,22 @@ def run_diagnose(files: DiagnoseFiles, asked: Asked, where: Where = ALONE) -> No
     if where != ALONE:
         raise InputError("--jobs, --dask and --checkpoint go with --plan: the diagnosis of readings takes seconds")
     experiment = load_experiment(files.experiment)
-    source = readings_file(experiment, files.data, f"them: qsf diagnose {files.experiment} readings.csv")
+    sources = readings_files(experiment, files.data, f"them: qsf diagnose {files.experiment} readings.csv")
     if asked.separate is not None:
         _alone(files, asked, "--separate")
-        run_separate(files.experiment, [source], asked.separate, asked.count, files.output, files.json, asked.seed)
+        run_separate(files.experiment, list(sources), asked.separate, asked.count, files.output, files.json, asked.seed)
         return
     outputs = (files.json, files.report, files.second_day)
-    distinct_outputs(outputs, [files.experiment, source], folder=files.extend)
+    distinct_outputs(outputs, [files.experiment, *sources], folder=files.extend)
     if files.extend is not None:
         check_folder(experiment, files.extend)
-    readings = read_displacements(experiment, source)
+    readings = read_readings(sources, experiment)
     with progress() as tell:
         found = diagnose(experiment, readings, level=asked.level, seed=asked.seed, progress=_steps(tell))
         tell("diagnosis", len(STEPS), len(STEPS))
-        pairs, notes = separations(found, asked.count, progress=tell)
-    found = with_outlooks(found, pairs)
-    print_diagnosis(found)
-    for said in (*(line for pair in pairs for line in pair.words()), *notes):
+        pairs, missing = separations(found, asked.count, progress=tell)
+    print_diagnosis(found, pairs)
+    for said in (*(line for pair in pairs for line in discrimination_words(pair)), *not_separated_words(missing)):
         print(said)
     day, lost = None, None
     if files.second_day is not None:
@@ -80,7 +79,7 @@ def run_diagnose(files: DiagnoseFiles, asked: Asked, where: Where = ALONE) -> No
             day = run_second_day(found, asked.count, files.second_day, asked.seed)
         except InputError as error:  # nothing is left to separate: the other files are written all the same
             lost = error
-    _write(found, pairs, day, files, [files.experiment, source])
+    _write(found, pairs, day, files, [files.experiment, *sources])
     if lost is not None:
         raise lost
 
@@ -90,7 +89,7 @@ def _alone(files: DiagnoseFiles, asked: Asked, option: str) -> None:
     others = {
         "--extend": files.extend, "--second-day": files.second_day,
         "--separate": asked.separate if option == "--plan" else None,
-        "the readings": files.data if option == "--plan" else None,
+        "the readings": files.data or None if option == "--plan" else None,
         "--report": files.report if option == "--separate" else None,
     }  # fmt: skip
     wrong = [name for name, value in others.items() if value is not None]
@@ -103,11 +102,13 @@ def _write(
 ) -> None:  # fmt: skip
     """The files that were asked for; pairs: what would separate rivals; day: the poses designed for that."""
     if files.json is not None:
+        from qsframework.report.result_json import diagnosis_json, discrimination_json, second_day_json
+
         more = {
-            "separations": [pair.as_json() for pair in pairs],
-            "second_day": None if day is None else day.as_json(),
+            "separations": [discrimination_json(pair) for pair in pairs],
+            "second_day": None if day is None else second_day_json(day),
         }
-        write_json(files.json, found.as_json() | more)
+        write_json(files.json, diagnosis_json(found, pairs) | more)
         print(f"diagnosis: {files.json}")
     if files.report is not None:
         from qsframework.report.diagnosis_section import diagnosis_sections
@@ -116,10 +117,12 @@ def _write(
         sections = diagnosis_sections(found, inputs, pairs, day)
         print(f"report: {write_report(files.report, f'Diagnosis: {found.experiment.robot.title}', sections)}")
     if files.extend is not None:
-        write_extended(found, files.extend)
+        from qsframework.report.extended import write_extended
+
+        write_extended(found, files.extend, pairs)
         extended = files.extend / "experiment.yaml"
         print(f"extended robot: {files.extend / 'robot'}")
-        told = load_experiment(extended).data is not None
+        told = bool(load_experiment(extended).data)
         print(f"next: {'' if told else 'correct the readings, then '}qsf identify {extended}"
               f"{'' if told else ' --data FILE'}")  # fmt: skip
 
@@ -129,13 +132,18 @@ def _steps(tell: Tell) -> Tell:
     return lambda _, done, total: tell("diagnosis", done, total)
 
 
-def print_diagnosis(found: Diagnosis) -> None:
+def print_diagnosis(found: Diagnosis, pairs: Sequence[Discrimination]) -> None:
     """The verdict, the causes, what is excluded and what is wrong with the data."""
     from qsframework.report import diagnosis_tables as tables
+    from qsframework.report.words.diagnosis import VERDICTS, method_words
 
-    print(f"{tables.verdict_words(found)}.")
-    for lead, said in tables.verdict_lines(found).rows:
+    print(f"{VERDICTS[found.verdict]}.")
+    for lead, said in tables.verdict_lines(found, pairs).rows:
         print_line(lead, said)
+    judged = {pair.first for pair in pairs}
+    for f in (f for f in found.findings if f.rivals and f.name not in judged):
+        nearest = min(f.rivals, key=lambda r: r.angle).name
+        print_line("", f"`--separate {f.name} {nearest}` designs poses that tell them apart, or says what would")
     causes = tables.cause_table(found)
     print_table(causes.header, causes.rows)
     errors = tables.error_rows(found)
@@ -143,7 +151,7 @@ def print_diagnosis(found: Diagnosis) -> None:
     excluded = tables.excluded_table(found, short=True)
     if excluded.rows:
         print_table(excluded.header, excluded.rows, "Excluded")
-    for said in (*tables.unseen_words(found), *found.notes):
+    for said in (*tables.unseen_words(found), *method_words(found)):
         print(said)
     if len(found.outliers):
         problems = tables.outlier_table(found)

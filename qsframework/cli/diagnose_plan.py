@@ -7,12 +7,11 @@ from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.design import read_taken
-from qsframework.cli.displacements import read_displacements
 from qsframework.cli.progress import print_table, progress
 from qsframework.cli.where import ALONE, Where, at_work
 from qsframework.diagnose.result import Diagnosis
-from qsframework.diagnose.second_day import SecondDay, second_day
-from qsframework.experiment import Experiment, Plan, Readings, is_states, load_experiment, read_plan, write_plan
+from qsframework.discriminate.follow_up import SecondDay, second_day
+from qsframework.experiment import Experiment, Plan, Readings, load_experiment, read_plan, write_plan
 from qsframework.work import job_of
 
 
@@ -21,10 +20,12 @@ def run_foresight(
     where: Where = ALONE,
 ) -> None:  # fmt: skip
     """Print, before anything is measured, what a plan would detect and name, and what stays invisible."""
-    from qsframework.diagnose.power import foresee
+    from qsframework.forecast.power import foresee
     from qsframework.information import promises
     from qsframework.report.plan_section import promise_table
     from qsframework.report.power_section import pair_table, power_section, size_table
+    from qsframework.report.result_json import foresight_json
+    from qsframework.report.words.forecast import foresight_words
 
     campaign = load_experiment(experiment)
     distinct_outputs([json, report, where.checkpoint], [experiment, plan, plan.with_suffix(".json")])
@@ -38,11 +39,11 @@ def run_foresight(
     for table in (size_table(found), pair_table(found)):
         if table.rows:
             print_table(table.header, table.rows)
-    for line in found.words():
+    for line in foresight_words(found):
         print(line)
     print(f"next: measure the plan, then qsf diagnose {experiment} readings.csv")
     if json is not None:
-        write_json(json, {"fitted": [p.as_json() for p in told], **found.as_json()})
+        write_json(json, {"fitted": [p.as_json() for p in told], **foresight_json(found)})
     if report is not None:
         from qsframework.report import Section, write_report
         from qsframework.report.plan_section import plan_view
@@ -62,26 +63,23 @@ def run_separate(
     json: Path | None = None, seed: int = 0,
 ) -> None:  # fmt: skip
     """Design poses that tell two named causes apart, beside readings or plans taken already."""
-    from qsframework.diagnose.discriminate import discriminate
+    from qsframework.discriminate.pair import discriminate
+    from qsframework.report.result_json import discrimination_json
+    from qsframework.report.words.discrimination import discrimination_words
 
     campaign = load_experiment(experiment)
     distinct_outputs([output, output.with_suffix(".json"), json], [experiment, *taken])
-    before = [_taken(path, campaign) for path in taken]
+    before = [read_taken(path, campaign) for path in taken]
     sigma = campaign.noise.sigma or _left_over(campaign, before)
     with progress() as tell:
         found = discriminate(campaign, before, pair[0], pair[1], count, sigma=sigma, seed=seed, progress=tell)
-    for line in found.words():
+    for line in discrimination_words(found):
         print(line)
     if found.useful:
         write_plan(output, found.plan, campaign)
         print(f"plan: {output}")
     if json is not None:
-        write_json(json, found.as_json())
-
-
-def _taken(path: Path, experiment: Experiment) -> Plan | Readings:
-    """A plan, readings, or loaded minus unloaded positions of a file of states."""
-    return read_displacements(experiment, path) if is_states(path) else read_taken(path, experiment)
+        write_json(json, discrimination_json(found))
 
 
 def _left_over(experiment: Experiment, taken: Sequence[Plan | Readings]) -> float | None:
@@ -98,10 +96,14 @@ def _left_over(experiment: Experiment, taken: Sequence[Plan | Readings]) -> floa
 
 def run_second_day(diagnosis: Diagnosis, count: int, output: Path, seed: int = 0) -> SecondDay:
     """Design the poses that separate what a diagnosis left open, write them as a plan and say what they would tell."""
+    from qsframework.report.words.discrimination import second_day_words
+
     with progress() as tell:
         found = second_day(diagnosis, count, seed=seed, progress=tell)
     write_plan(output, found.plan, diagnosis.experiment)
-    for line in found.words():
+    for line in second_day_words(found):
         print(line)
+    for first, second in found.hopeless:
+        print(f"`--separate {first} {second}` says what would separate them")
     print(f"plan: {output}")
     return found

@@ -19,7 +19,7 @@ from qsframework.files import read_text
 from qsframework.plugin import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ExportWish:
     """How the plan is to be driven; pause None: wait for the start button."""
 
@@ -73,12 +73,12 @@ def home_pose(experiment: Experiment, text: str) -> Array:
     from qsframework.cli.stiffness import numbers
 
     robot = experiment.robot
-    pendant = np.deg2rad(numbers("--home", text, (robot.facts.n,)))
+    pendant = np.deg2rad(numbers("--home", text, (robot.controller.axes,)))
     outside = np.flatnonzero(robot.controller.outside(pendant[None])[0])
     if len(outside):
         k = int(outside[0])
         low, high = np.rad2deg([robot.controller.lower[k], robot.controller.upper[k]])
-        message = f"--home: {robot.facts.joints[k]} is outside its limits"
+        message = f"--home: {robot.facts.driven[k]} is outside its limits"
         raise InputError(Problem(message, found=f"{np.rad2deg(pendant[k]):g} deg", allowed=f"{low:g} to {high:g} deg"))
     return pendant
 

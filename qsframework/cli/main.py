@@ -12,7 +12,7 @@ from qsframework.cli.stop import Stopped, listening
 from qsframework.cli.trust import Trust
 from qsframework.cli.where import DaskAddress, Jobs, Kept, Where
 from qsframework.cli.work import add_commands
-from qsframework.errors import QsfError
+from qsframework.errors import InputError, QsfError
 
 app = typer.Typer(
     name="qsf",
@@ -24,7 +24,22 @@ app = typer.Typer(
 ExperimentFile = Annotated[Path, typer.Argument(help="experiment.yaml", show_default=False)]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON.")]
 Report = Annotated[Path | None, typer.Option("--report", help="Write an HTML report.")]
+Files = Annotated[
+    list[Path] | None, typer.Argument(metavar="[READINGS]...", help="Files; the experiment's own if left out.")
+]
+Data = Annotated[list[Path] | None, typer.Option(help="The same as an option (repeat).")]
+Linear = Annotated[bool, typer.Option("--linear", help="Balance the load at the undeflected pose, as the paper does.")]
+Exact = Annotated[bool, typer.Option("--exact", hidden=True)]
+States = Annotated[
+    str | None, typer.Option(help="Read files of states as 'differences' (loaded minus unloaded) or 'positions'.")
+]
 Seed = Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)]
+
+
+def _old_exact(asked: bool) -> None:
+    """--exact was an option while the linear model was the default."""
+    if asked:
+        print("note: the full equilibrium is the default; --exact does nothing, --linear is the other model")
 
 
 def _version(asked: bool) -> None:
@@ -120,7 +135,11 @@ def show(
     """See the robot in 3D: poses, loads, limits, deflection, stiffness, residuals."""
     from qsframework.cli.show import Shown, run_show
 
-    run_show(Shown(subject, plan, fit, data, pose, load, point, scale), html, port)
+    run_show(
+        Shown(subject=subject, plan=plan, fit=fit, data=data, pose=pose, load=load, point=point, scale=scale),
+        html,
+        port,
+    )
 
 
 @app.command()
@@ -162,12 +181,32 @@ def design(
     from qsframework.design import Wish
 
     wish = Wish(
-        criterion, tuple(interest or ()), repeats, efficiency, prior, samples, worst, budget, solver, polish=polish
+        criterion=criterion,
+        interest=tuple(interest or ()),
+        repeats=repeats,
+        efficiency=efficiency,
+        prior=prior,
+        samples=samples,
+        worst=worst,
+        budget=budget,
+        solver=solver,
+        polish=polish,
     )
     run_design(
-        DesignFiles(experiment, candidates, tuple(taken or ()), test_poses, output, json, report), poses, wish, seed,
+        DesignFiles(
+            experiment=experiment,
+            candidates=candidates,
+            taken=tuple(taken or ()),
+            test_poses=test_poses,
+            output=output,
+            json=json,
+            report=report,
+        ),
+        poses,
+        wish,
+        seed,
         Where(jobs, dask, checkpoint),
-    )  # fmt: skip
+    )
 
 
 @app.command()
@@ -176,7 +215,8 @@ def simulate(
     plan: Annotated[Path, typer.Argument(help="plan.csv", show_default=False)],
     output: Annotated[Path, typer.Option("-o", "--output", help="The readings.")] = Path("readings.csv"),
     truth: Annotated[str, typer.Option(help="'nominal' values, or 'drawn' from the priors.")] = "nominal",
-    exact: Annotated[bool, typer.Option("--exact", help="By the full equilibrium, as a real arm gives.")] = False,
+    linear: Linear = False,
+    exact: Exact = False,
     seed: Seed = 0,
     json: Json = None,
     report: Report = None,
@@ -185,72 +225,98 @@ def simulate(
     """Make readings of a plan, with seeded noise."""
     from qsframework.cli.commands import run_simulate
 
-    run_simulate(experiment, plan, output, truth, seed, json, exact, report)
+    _old_exact(exact)
+    run_simulate(experiment, plan, output, truth, seed, json, linear, report)
 
 
 @app.command()
 def identify(
     experiment: ExperimentFile,
-    data: Annotated[Path | None, typer.Option(help="Readings; the experiment's own if left out.")] = None,
+    files: Files = None,
+    data: Data = None,
     fit: Annotated[list[str] | None, typer.Option(help="Estimate this parameter (repeat the option).")] = None,
     method: Annotated[
-        str | None,
-        typer.Option(
-            help="linear (no bounds, the default), one-step (bounds, bent models), two-step (balanced joint)."
-        ),
+        str | None, typer.Option(help="one-step (the default), or two-step (a balanced joint angle by angle first).")
     ] = None,
-    positions: Annotated[
-        Path | None, typer.Option(help="Absolute positions that join the displacements of --data in one fit.")
-    ] = None,
-    priors: Annotated[bool, typer.Option(help="Count stated values and sds as readings (one-step).")] = False,
-    loss: Annotated[str, typer.Option(help="linear, huber or soft_l1 (one-step).")] = "linear",
-    fixed: Annotated[list[str] | None, typer.Option(help="Keep this parameter (one-step; repeat).")] = None,
+    linear: Linear = False,
+    bounds: Annotated[bool, typer.Option("--bounds", help="Keep the parameters' bounds.")] = False,
+    priors: Annotated[bool, typer.Option(help="Count stated values and sds as readings.")] = False,
+    loss: Annotated[str, typer.Option(help="linear, huber or soft_l1.")] = "linear",
+    fixed: Annotated[list[str] | None, typer.Option(help="Keep this parameter (repeat).")] = None,
     tied: Annotated[
-        list[str] | None, typer.Option(help="NAME,NAME: keep the ratio of their nominal values (one-step; repeat).")
+        list[str] | None, typer.Option(help="NAME,NAME: keep the ratio of their nominal values (repeat).")
     ] = None,
     clean: Annotated[bool, typer.Option("--clean", help="Mask readings that cannot be right, and say which.")] = False,
+    keep_all: Annotated[bool, typer.Option("--keep-all", help="Mask no reading, however gross.")] = False,
     shared_error: Annotated[
-        bool, typer.Option("--shared-error", help="Estimate the error that all markers of a pose share.")
+        bool, typer.Option("--shared-error", help="Estimate the error that all markers of a visit share.")
     ] = False,
-    differences: Annotated[
-        bool, typer.Option("--differences", help="Fit loaded minus unloaded positions; tracker axes as the base's.")
-    ] = False,
-    exact: Annotated[bool, typer.Option("--exact", help="By the full equilibrium, not the linear model.")] = False,
+    states: States = None,
     profile: Annotated[
-        list[str] | None, typer.Option(help="Profile interval, 95 %, of this parameter (one-step; repeat).")
+        list[str] | None, typer.Option(help="Profile interval, 95 %, of this parameter (repeat).")
     ] = None,
     nominal: Annotated[Path | None, typer.Option(help="Write a nominal.yaml with the identified values.")] = None,
     urdf: Annotated[Path | None, typer.Option(help="Write the robot's URDF with corrected joint origins.")] = None,
     json: Json = None,
     report: Report = None,
     trust: Trust = False,
+    exact: Exact = False,
+    positions: Annotated[Path | None, typer.Option(hidden=True)] = None,
+    differences: Annotated[bool, typer.Option("--differences", hidden=True)] = False,
 ) -> None:
-    """Estimate the parameters from readings."""
-    from qsframework.cli.identify import FitFiles, How, run_identify
+    """Estimate the parameters from readings of any kind."""
+    from qsframework.cli.identify import FitFiles, note, run_identify
+    from qsframework.estimation import FitOptions
 
+    _old_exact(exact)
+    readings = [*(files or ()), *(data or ())]
+    if positions is not None:
+        from qsframework.experiment import load_experiment
+
+        readings = [*(readings or load_experiment(experiment).data), positions]
+        note(f"--positions: write data: [..., {positions.name}] in the experiment, or name all files")
+    if differences:
+        states = states or "differences"
+        note("--differences is now --states differences, or states: differences in the experiment")
+    if method == "linear":
+        method, linear = None, True
+        note("--method linear is now --linear")
+    if clean and keep_all:
+        raise InputError("--clean masks what --keep-all keeps; give one of them")
     groups = tuple(tuple(name.strip() for name in group.split(",")) for group in tied or ())
-    run_identify(
-        FitFiles(experiment, data, json, report, nominal, urdf, positions),
-        How(
-            fit,
-            method or "",
-            priors,
-            loss,
-            tuple(fixed or ()),
-            groups,
-            clean,
-            shared_error,
-            differences,
-            exact,
-            tuple(profile or ()),
-        ),
+    options = FitOptions(
+        method=method or "one-step", linear=linear, bounds=bounds, priors=priors, loss=loss, fixed=tuple(fixed or ()),
+        tied=groups, shared="pose" if shared_error else "", profile=tuple(profile or ()), keep_all=keep_all,
+    )  # fmt: skip
+    paths = FitFiles(
+        experiment=experiment, data=tuple(readings), json=json, report=report, nominal=nominal, urdf=urdf, states=states
     )
+    run_identify(paths, fit, options, clean)
+
+
+@app.command()
+def validate(
+    experiment: ExperimentFile,
+    fit: Annotated[Path, typer.Argument(help="fit.json", show_default=False)],
+    files: Files = None,
+    halves: Annotated[int, typer.Option(help="Fit N random halves of the poses, judge the others.", min=0)] = 0,
+    states: States = None,
+    seed: Seed = 0,
+    json: Json = None,
+    report: Report = None,
+    trust: Trust = False,
+) -> None:
+    """Errors of a fit at readings that it has not seen."""
+    from qsframework.cli.identify import FitFiles, run_validate
+
+    paths = FitFiles(experiment=experiment, data=tuple(files or ()), json=json, report=report, states=states)
+    run_validate(paths, fit, halves, seed)
 
 
 @app.command()
 def diagnose(
     experiment: ExperimentFile,
-    data: Annotated[Path | None, typer.Argument(help="Readings; the experiment's own if left out.")] = None,
+    data: Files = None,
     level: Annotated[float, typer.Option(help="Chance of naming anything where nothing acts.")] = 0.04,
     extend: Annotated[Path | None, typer.Option(help="Folder for the extended robot and an experiment on it.")] = None,
     second_day: Annotated[
@@ -275,7 +341,16 @@ def diagnose(
     """Name what the model gets wrong, extend it, and measure the gain."""
     from qsframework.cli.diagnose import Asked, DiagnoseFiles, run_diagnose
 
-    files = DiagnoseFiles(experiment, data, json, report, extend, second_day, plan, output)
+    files = DiagnoseFiles(
+        experiment=experiment,
+        data=tuple(data or ()),
+        json=json,
+        report=report,
+        extend=extend,
+        second_day=second_day,
+        plan=plan,
+        output=output,
+    )
     run_diagnose(files, Asked(level, seed, count, separate), Where(jobs, dask, checkpoint))
 
 
@@ -291,12 +366,22 @@ def main() -> None:
         print("stopped: the files written so far are whole", file=sys.stderr)
         sys.exit(stopped.code)
     except QsfError as error:
-        lines = str(error).splitlines()
+        lines = _told(error)
         shown = lines[:_MOST]
         if len(lines) > _MOST:
             shown.append(f"... and {len(lines) - _MOST} more problems")
         print("\n".join(f"error: {_shown(line)}" for line in shown), file=sys.stderr)
         sys.exit(2)
+
+
+def _told(error: QsfError) -> list[str]:
+    """The lines of an error, with the options that would mend its problems."""
+    if not isinstance(error, InputError):
+        return str(error).splitlines()
+    said = (
+        (str(p), "" if p.argument is None else f" (--{' '.join(p.argument)}".rstrip() + ")") for p in error.problems
+    )
+    return [line for text, option in said for line in f"{text}{option}".splitlines()]
 
 
 def _shown(line: str) -> str:

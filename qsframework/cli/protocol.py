@@ -20,7 +20,7 @@ from qsframework.experiment.measured import keep_measured
 def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish: ProtocolWish) -> None:
     """Write the sheet and the files to fill in."""
     from qsframework.report import write_report
-    from qsframework.report.protocol_section import protocol_sections
+    from qsframework.report.protocol_section import Commands, protocol_sections
     from qsframework.report.provenance import computed
 
     floor = floor_file(readings) if readings.name else readings
@@ -29,8 +29,13 @@ def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish:
     experiment = load_experiment(file)
     plan = plan_of(plan_file, experiment)
     protocol = make_protocol(experiment, plan, wish, str(plan_file))
+    commands = Commands(
+        programme=f"exported with --order {wish.order} --seed {wish.seed} --repeat-share {wish.repeat_share:g} --hold",
+        warm_up="exported without --hold it drives on by itself",
+        identify="qsf identify EXPERIMENT --states differences",
+    )
     sections = (
-        *protocol_sections(protocol, readings.name, floor.name),
+        *protocol_sections(protocol, readings.name, floor.name, commands),
         computed(experiment, [file, plan_file], wish.seed),
     )
     write_report(sheet, f"Protocol: {experiment.robot.title}", sections)

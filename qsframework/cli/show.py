@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from qsframework.cli.commands import distinct_outputs
-from qsframework.cli.displacements import read_displacements
 from qsframework.cli.stiffness import numbers
 from qsframework.cli.stop import Stopped
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, Readings, is_states, load_experiment, read_plan, read_states
+from qsframework.experiment import Experiment, Readings, load_experiment, read_plan, read_readings
 from qsframework.files import write_text
-from qsframework.identify.fit_files import StoredFit, read_fit
+from qsframework.identify.io import StoredFit, read_fit
 from qsframework.plugin import Array
 from qsframework.robot import load_robot, robot_names
 from qsframework.robot.loader import find_robot
@@ -23,7 +22,7 @@ from qsframework.viz import Scene, Site, serve, show_scene
 from qsframework.viz.subject import floating, measured, one_pose, robot_alone
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Shown:
     """What to show: a robot or an experiment, and what the options say."""
 
@@ -48,7 +47,7 @@ class Shown:
         given = [own, self.plan, self.fit, self.data]
         if self.is_experiment:
             experiment = load_experiment(self.subject)
-            given += [experiment.robot.folder / "robot.yaml", experiment.data if self.fit else None]
+            given += [experiment.robot.folder / "robot.yaml", *(experiment.data if self.fit else ())]
         return [path for path in dict.fromkeys(given) if path is not None]
 
 
@@ -74,25 +73,27 @@ def make_scene(shown: Shown, say: Callable[[str], object] = lambda note: None) -
     if not (np.isfinite(shown.scale) and shown.scale > 0.0):
         raise InputError(f"--scale {shown.scale:g}: allowed: a number above 0; 1 shows deflections as they are")
     experiment = _experiment(shown)
-    pose = None if shown.pose is None else np.deg2rad(numbers("--pose", shown.pose, (experiment.robot.facts.n,)))
+    pose = (
+        None if shown.pose is None else np.deg2rad(numbers("--pose", shown.pose, (experiment.robot.controller.axes,)))
+    )
     if shown.plan is not None and (pose is not None or shown.load is not None):
         raise InputError("a plan has its own poses and loads; leave out --pose and --load, or the plan")
-    x, readings, note = None, None, None
+    x, readings, note, frames = None, None, None, ()
     if shown.data is not None and shown.fit is None:
         raise InputError("--data is for the residuals of a fit: give --fit too")
     if shown.fit is not None:
         fit = _fit(shown.fit, experiment)
-        x = fit.x(experiment.model())
-        readings, note = _readings(shown.data or experiment.data, experiment, fit)
+        x, frames = fit.x(experiment.model()), fit.frames
+        readings, note = _readings((shown.data,) if shown.data else experiment.data, experiment, fit)
     missed = None
     if shown.plan is not None:
         plan = read_plan(shown.plan, experiment)
     elif readings is not None and x is not None and pose is None:
-        plan, missed = measured(experiment, readings, x)
+        plan, missed = measured(experiment, readings, x, frames)
     else:
         plan = one_pose(experiment, pose, _load(shown.load))
     if readings is not None and x is not None and missed is None:
-        missed = floating(experiment, readings, x)
+        missed = floating(experiment, readings, x, frames)
     scene = show_scene(experiment, plan, x, shown.scale, missed)
     if note:
         scene.notes.append(note)
@@ -100,16 +101,14 @@ def make_scene(shown: Shown, say: Callable[[str], object] = lambda note: None) -
     return scene
 
 
-def _readings(data: Path | None, experiment: Experiment, fit: StoredFit) -> tuple[Readings | None, str | None]:
+def _readings(data: Sequence[Path], experiment: Experiment, fit: StoredFit) -> tuple[Readings | None, str | None]:
     """The readings whose residuals are drawn, and what to know about them."""
-    if data is None:
+    if not data:
         return None, "No residual vectors: the experiment names no readings; give them with --data."
-    if is_states(data):
-        states = read_states(data, experiment)
-        if not np.any(states.use & states.loaded[states.measurement]):
-            return None, "No residual vectors: positions of an unloaded arm are no displacements."
-    note = None if fit.is_of(data) else f"The fit is not of the readings in {data.name}, which are shown."
-    return read_displacements(experiment, data), note
+    other = [path.name for path in data if not fit.is_of(path)]
+    note = f"The fit is not of the readings in {', '.join(other)}, which are shown." if other else None
+    wanted = experiment.with_(fit=fit.model_names(experiment) or None)
+    return read_readings(data, wanted), note
 
 
 def _experiment(shown: Shown) -> Experiment:

@@ -25,7 +25,7 @@ def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | Non
     wrench = numbers("--load", load, (3, 6))
     result = stiffness_at(
         arm,
-        np.deg2rad(numbers("--pose", pose, (arm.facts.n,))),
+        np.deg2rad(numbers("--pose", pose, (arm.controller.axes,))),
         np.concatenate([wrench, np.zeros(6 - len(wrench))]),
         numbers("--point", point, (3,)) * 1e-3,
     )
@@ -49,7 +49,7 @@ def _view(robot: str, pose: str, load: str, point: str, shares: Table) -> View:
     from qsframework.cli.show import Shown, make_scene
 
     return View(
-        make_scene(Shown(robot, pose=pose, load=load, point=point)).html(),
+        make_scene(Shown(subject=robot, pose=pose, load=load, point=point)).html(),
         "Red: the loaded arm, its deflection 100 times exaggerated. Orange: where the load point goes under this force "
         "in any direction; look for the long axis, in which the arm is soft. Drag to turn, scroll to zoom.",
         shares,

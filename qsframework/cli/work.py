@@ -64,7 +64,9 @@ def export(
     """Put a plan on the robot: order it, check the way for collisions, write the controller's file."""
     from qsframework.cli.export import ExportWish, run_export
 
-    wish = ExportWish(to, order, speed, None if hold else pause, home, seed, repeat_share)
+    wish = ExportWish(
+        to=to, order=order, speed=speed, pause=None if hold else pause, home=home, seed=seed, repeat_share=repeat_share
+    )
     run_export(plan, experiment, output, wish, json)
 
 
@@ -90,7 +92,17 @@ def protocol(
     from qsframework.applications.protocol import ProtocolWish
     from qsframework.cli.protocol import run_protocol
 
-    wish = ProtocolWish(order, seed, cycles, repeat_share, settle, warm_up, drive, reflectors, half)
+    wish = ProtocolWish(
+        order=order,
+        seed=seed,
+        cycles=cycles,
+        repeat_share=repeat_share,
+        settle=settle,
+        warm_up=warm_up,
+        drive=drive,
+        reflectors=reflectors,
+        half=half,
+    )
     run_protocol(experiment, plan, output, readings, wish)
 
 

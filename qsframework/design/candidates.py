@@ -169,7 +169,7 @@ def _collect(
     experiment: Experiment, blocks: Iterable[Array], count: int, progress: Progress | None, folded: bool,
     work: Work = HERE,
 ) -> Candidates:  # fmt: skip
-    kept: list[Array] = [np.zeros((0, experiment.robot.facts.n))]
+    kept: list[Array] = [np.zeros((0, experiment.robot.controller.axes))]
     total: dict[str, Removal] = {}
     tried = found = 0
     sizes: list[int] = []

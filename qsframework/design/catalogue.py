@@ -47,7 +47,8 @@ def find_criterion(
         return CRITERIA[name]
     if name in ("Ds", "L"):
         if not len(interest):
-            raise InputError(f"criterion {name} needs the parameters of interest: --interest NAME")
+            message = f"criterion {name} needs the parameters of interest"
+            raise InputError(Problem(message, argument=("interest", "NAME")))
         if name == "Ds":
             return Determinant("Ds", TITLES["Ds"], np.eye(parameters)[:, list(interest)])
         chosen = np.isin(np.arange(parameters), interest).astype(float)

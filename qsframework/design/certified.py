@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qsframework.design.columns import Relaxed, solve_columns
+from qsframework.design.column_generation import Relaxed, solve_columns
 from qsframework.design.minimax import Robust
 from qsframework.design.problem import Problem, allowed_designs
 from qsframework.design.relaxed import relax
@@ -22,7 +22,7 @@ MOST_FOR_CVXPY = 5000
 _AIM = {False: 1.0 - 1e-6, True: 1.0 - 1e-5}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Wish:
     """What is asked of a plan besides the number of its poses.
 
@@ -152,6 +152,14 @@ def _by_cvxpy(problem: Problem, rule: Robust, allowed: Allowed, prior: Array) ->
         bound = bound_of(values, allowed, expansion.factor, float((prior * expansion.slope).sum()))
         if best is None or bound > best.efficiency:
             index = np.flatnonzero(weights)
-            best = Relaxed(index, weights[index], M, expansion, bound, values, 1.0)
+            best = Relaxed(
+                index=index,
+                weights=weights[index],
+                information=M,
+                expansion=expansion,
+                efficiency=bound,
+                scores=values,
+                passes=1.0,
+            )
     assert best is not None
     return best

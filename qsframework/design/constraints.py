@@ -27,7 +27,7 @@ def joint_range(experiment: Experiment) -> tuple[Array, Array]:
     controller = experiment.robot.controller
     lower, upper = np.array(controller.lower), np.array(controller.upper)
     for joint, (low, high) in experiment.constraints.joint_limits.items():
-        k = experiment.robot.facts.joint_index(joint)
+        k = experiment.robot.facts.driven.index(joint)
         lower[k], upper[k] = max(lower[k], low), min(upper[k], high)
         if lower[k] >= upper[k]:
             raise InputError(
@@ -101,8 +101,10 @@ def singularity_margin(robot: Robot, placed: Frames) -> Array:
     centre = placed.positions[facts.n - 1]
     columns = twists(placed, facts.n, centre)
     length = float(np.linalg.norm(facts.placements[2 : facts.n - 1, :3, 3], axis=1).sum())
-    J = np.concatenate([columns.linear / (length or 1.0), columns.angular], axis=1)
-    return np.asarray(np.linalg.svd(J.transpose(2, 1, 0), compute_uv=False)[:, -1], dtype=np.float64)
+    J = np.concatenate([columns.linear / (length or 1.0), columns.angular], axis=1).transpose(2, 1, 0)
+    if facts.passive:
+        J = J @ robot.controller.following
+    return np.asarray(np.linalg.svd(J, compute_uv=False)[:, -1], dtype=np.float64)
 
 
 def collider_of(experiment: Experiment) -> Collider:

@@ -12,7 +12,7 @@ import numpy as np
 from qsframework.design.candidates import Candidates, generate_candidates
 from qsframework.design.catalogue import check_criterion, find_criterion
 from qsframework.design.certified import Wish, relaxed_design
-from qsframework.design.columns import Relaxed
+from qsframework.design.column_generation import Relaxed
 from qsframework.design.criteria import Criterion
 from qsframework.design.exact import Quotas, exchange
 from qsframework.design.minimax import Robust
@@ -63,7 +63,7 @@ def design(
     a plan; NotIdentifiable, before any optimisation, where its loads cannot tell the parameters apart;
     NotCertified where the certificate misses the asked efficiency.
     """
-    wish = wish or Wish(criterion, repeats=repeats)
+    wish = wish or Wish(criterion=criterion, repeats=repeats)
     check_criterion(wish.criterion)
     tell: Progress = progress or (lambda step, done, total: None)
     if isinstance(candidates, int):

@@ -157,7 +157,7 @@ def _gap(small: Small, expansion: Expansion, scores: Array) -> float:
     return 1.0 - bound_of(scores, allowed, expansion.factor, float((small.prior * expansion.slope).sum()))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _System:
     """The linear system of one step, factored: K = H + z / w + y / room, and the residuals."""
 
@@ -194,7 +194,16 @@ def _system(small: Small, point: _Point, scores: Array, H: Array) -> _System:
     factor = scipy.linalg.cho_factor(H, lower=True, check_finite=False)
     KE = scipy.linalg.cho_solve(factor, E.T, check_finite=False)
     stationarity = -scores - point.z + point.y + E.T @ point.nu
-    return _System(point, room, capped, factor, E, KE, stationarity, E @ point.w - small.shares[small.used()])
+    return _System(
+        point=point,
+        room=room,
+        capped=capped,
+        factor=factor,
+        E=E,
+        KE=KE,
+        stationarity=stationarity,
+        feasibility=E @ point.w - small.shares[small.used()],
+    )
 
 
 def _step(small: Small, point: _Point, scores: Array, H: Array) -> bool:

@@ -10,17 +10,17 @@ import numpy as np
 from qsframework.design.candidates import Candidates
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotIdentifiable
-from qsframework.experiment import Experiment, LoadCase, Plan, Readings
+from qsframework.estimation import RankTest, left, orthonormal, rank_test, scales
+from qsframework.experiment import Experiment, LoadCase, Plan, Readings, make_rows
+from qsframework.experiment.readings import UNSTATED
+from qsframework.experiment.simulate import prior_draws
 from qsframework.information import (
     Allowed,
     MadeRows,
-    RankTest,
     Rows,
     as_rows,
     information_rows,
     loss_words,
-    rank_test,
-    scales,
 )
 from qsframework.information.rows import gathered_information
 from qsframework.plugin import Array, Indices, Poses
@@ -34,7 +34,7 @@ _TEST_POSES = 200
 Progress = Callable[[int, int], None]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Problem:
     """N candidates, load by load: the poses (P, n), the rows, and how many poses of the plan each load gets.
 
@@ -122,17 +122,17 @@ def make_problem(
     at = experiment.model().nominal[None] if samples is None else samples
     start = np.zeros((len(at), len(names), len(names))) if prior is None else prior
     draft = Problem(
-        experiment,
-        pendant,
-        experiment.loads,
-        counts,
-        least,
-        total,
-        prices,
-        names,
-        at,
-        as_rows(np.zeros((0, 1, 1, 1))),
-        start,
+        experiment=experiment,
+        pendant=pendant,
+        loads=experiment.loads,
+        counts=counts,
+        least=least,
+        total=total,
+        prices=prices,
+        names=names,
+        samples=at,
+        rows=as_rows(np.zeros((0, 1, 1, 1))),
+        prior=start,
     )
     return replace(draft, rows=_rows(draft, progress, work))
 
@@ -160,11 +160,7 @@ def _chunk(shared: tuple[Experiment, tuple[str, ...], Array], poses: Poses) -> A
 
 def draw_samples(model: Model, count: int, seed: int) -> Array:
     """Parameter values (count, q): the nominal ones, then draws from the priors, inside the bounds."""
-    rng = np.random.default_rng(seed)
-    sd = np.array([p.sd or 0.0 for p in model.parameters])
-    lower = np.array([max(p.lower, 0.1 * p.nominal) if p.lower == 0.0 else p.lower for p in model.parameters])
-    upper = np.array([p.upper for p in model.parameters])
-    drawn = np.clip(model.nominal + sd * rng.standard_normal((count - 1, len(sd))), lower, upper)
+    drawn = prior_draws(model, count - 1, np.random.default_rng(seed))
     return np.concatenate([model.nominal[None], drawn])
 
 
@@ -189,12 +185,17 @@ def taken_information(experiment: Experiment, taken: Plan | Readings, names: Seq
         rows = sample_rows(experiment, taken.poses, names, samples)
         weights = np.array(taken.repeats, dtype=float)
         return gathered_information(as_rows(rows), np.arange(len(rows)), weights)
-    rows = sample_rows(experiment, taken.poses, names, samples)
-    count = len(rows)
-    blocks = rows.reshape(count, rows.shape[1], len(experiment.markers), 3, -1)
-    used = blocks[taken.measurement[taken.use], :, taken.marker[taken.use]]
-    sigma, stated = experiment.noise.sigma or 1.0, taken.sigma[taken.use]
-    return gathered_information(as_rows(used), np.arange(len(used)), (sigma / np.where(stated > 0, stated, sigma)) ** 2)
+    rows, model = make_rows(taken), experiment.model()
+    unit = 1.0 if taken.stated else UNSTATED / (experiment.noise.sigma or 1.0)
+    size = scales([model.parameters[i] for i in model.index(names)])
+    out: list[Array] = []
+    for x in samples:
+        frames = rows.start(model, x)
+        k = 6 * len(frames)
+        white = rows.noise.whiten(rows.flat(rows.rates(model, x, frames, names)[1])) * unit
+        A = left(orthonormal(white[:, :k]), white[:, k:] * size)
+        out.append(A.T @ A)
+    return np.stack(out)
 
 
 def joint_sd(experiment: Experiment, taken: Sequence[Plan | Readings]) -> Array:

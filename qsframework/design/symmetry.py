@@ -118,7 +118,7 @@ def wrist_flip(q: Array) -> Array:
 
 def flips_wrist(facts: RobotFacts) -> bool:
     """Whether the flip leaves the flange where it is: asked of the kinematics at a fixed sample of poses."""
-    if facts.n < 4:
+    if facts.n < 4 or facts.passive:
         return False
     q = np.random.default_rng(0).uniform(-3.0, 3.0, (8, facts.n))
     return bool(_same_flange(facts, np.concatenate([q, wrist_flip(q)])).all())
@@ -143,8 +143,8 @@ def canonical(experiment: Experiment, pendant: Array) -> Array:
 def _unwound(experiment: Experiment, pendant: Array) -> Array:
     """Each angle less its whole turns, where the limits allow it and no other joint depends on it."""
     matrix = experiment.robot.controller.matrix
-    alone = (np.count_nonzero(matrix, axis=0) == 1) & (np.count_nonzero(matrix, axis=1) == 1)
-    alone &= np.isclose(np.abs(np.diag(matrix)), 1.0)
+    whole = np.isclose(np.abs(matrix), 1.0) & (np.count_nonzero(matrix, axis=1) == 1)[:, None]
+    alone = (np.count_nonzero(matrix, axis=0) == 1) & whole.any(axis=0)
     near = pendant - _TURN * np.ceil((pendant - np.pi - _SAME) / _TURN)
     return np.where(alone & _inside(experiment, near), near, pendant)
 

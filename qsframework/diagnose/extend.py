@@ -17,13 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.diagnose.audited import Audited, audited_of, audited_readings
-from qsframework.diagnose.conventions import compelling
-from qsframework.diagnose.result import Diagnosis
+from qsframework.diagnose.audit_entries import Audited, audited_readings, noise_entry
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, load_experiment
-from qsframework.files import read_yaml, sha256, write_folder, yaml_text
+from qsframework.files import read_yaml, write_folder, yaml_text
 from qsframework.plugin import Effect, Load, Parameter, Poses, Sensor
 from qsframework.plugin.entry import effect_entry
 from qsframework.plugin.settings import place_fields
@@ -39,12 +37,13 @@ _SAME = 1e-12
 """Relative difference up to which a number in a file is the one in memory."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Extension:
     """What to write: a model on an experiment's robot, `values` of all its parameters and `sds` of the estimated
     ones, SI; evidence: where a value comes from, by parameter; fit: names to estimate from now on; data: readings of
     the extended experiment; notes: lines for the head of its file; poses: where the files must predict the same;
-    audited: what an audit found about noise and data."""
+    audited: what an audit found about noise and data, and about_noise: the line above it; further: files of readings
+    beside `data`."""
 
     experiment: Experiment
     model: Model
@@ -56,37 +55,16 @@ class Extension:
     notes: tuple[str, ...] = ()
     poses: Poses | None = None
     audited: Audited = field(default_factory=Audited)
+    about_noise: str = ""
+    further: tuple[Path, ...] = ()
 
 
-def extension_of(diagnosis: Diagnosis) -> Extension:
-    """The extension that a diagnosis calls for: its named causes, and the values of its exact fit."""
-    source, settled = diagnosis.readings.source, diagnosis.extended
-    told = f", readings sha256 {sha256(source)[:16]}" if source is not None and source.is_file() else ""
-    evidence = {name: f"identified beside the named causes{told}" for name in settled.names}
-    for f in diagnosis.findings:
-        gain = f", held-out gain {100 * f.heldout_gain:.0f} %" if f.heldout_gain == f.heldout_gain else ""
-        rivals = f"; not told from {', '.join(r.name for r in f.rivals)}" if f.rivals else ""
-        said = f"diagnosed: s = {f.s:.1f}, p = {f.p_value:.2g}{gain}{told}{rivals}"
-        evidence.update({v.name: said for v in f.values})
-    adopted = compelling(diagnosis.conventions)
-    read_otherwise = adopted is not None and adopted.name not in settled.model.names
-    notes = [diagnosis.words]
-    if adopted is not None and read_otherwise:
-        notes.append(f"The readings are not named here: they have to be corrected first. {adopted.words}.")
-    return Extension(
-        diagnosis.experiment, settled.model, diagnosis.values(), {n: settled.sd(n) for n in settled.names}, evidence,
-        settled.names, None if read_otherwise else source, tuple(notes), diagnosis.readings.poses,
-        audited_of(diagnosis),
-    )  # fmt: skip
-
-
-def write_extended(diagnosis: Diagnosis | Extension, folder: str | Path) -> tuple[Path, ...]:
+def write_extension(extension: Extension, folder: str | Path) -> tuple[Path, ...]:
     """Write the extended robot and its experiment into a folder, all or nothing; the paths written.
 
     InputError where the folder holds other files or the original, where a value lies beyond its bounds, or where the
     experiment has no file to start from. The files are loaded once before they take their place.
     """
-    extension = extension_of(diagnosis) if isinstance(diagnosis, Diagnosis) else diagnosis
     folder = Path(folder)
     _refuse_values(extension)
     source, robot_yaml = check_folder(extension.experiment, folder)
@@ -127,7 +105,7 @@ def _refuse_folder(folder: Path, originals: Sequence[Path]) -> None:
     inside = [p.relative_to(here) for p in here.rglob("*") if not p.is_dir()]
     ours = here / "experiment.yaml"
     known = ours.is_file() and ours.read_bytes().startswith(f"# {_HEAD}".encode())
-    others = [p for p in inside if not known or (p.parts[0] not in _FOLDERS and p.name not in _OWN)]
+    others = [p for p in inside if not known or (p.parts[0] not in _FOLDERS and not _is_own(p.name))]
     if others:
         shown = ", ".join(sorted(str(p) for p in others)[:3])
         raise InputError(Problem(f"holds other files ({shown}); name a new or empty folder", file=str(folder)))
@@ -135,6 +113,11 @@ def _refuse_folder(folder: Path, originals: Sequence[Path]) -> None:
 
 _READINGS = "readings.csv"
 _OWN = ("experiment.yaml", "campaign.yaml", _READINGS)
+
+
+def _is_own(name: str) -> bool:
+    """Whether this writes files of such a name."""
+    return name in _OWN or (name.startswith("readings_") and name.endswith(".csv"))
 
 
 def _contents(extension: Extension, folder: Path, source: Path, robot_yaml: Path) -> dict[Path, str | bytes]:
@@ -145,19 +128,17 @@ def _contents(extension: Extension, folder: Path, source: Path, robot_yaml: Path
     others = _values(extension, lambda e: e.name in own)
     robot |= {"title": _extended(str(robot["title"])), "effects": arm, "nominal": "nominal.yaml"}
     document |= {"robot": f"./{_ROBOT}", "effects": campaign, "nominal": "campaign.yaml", "fit": list(extension.fit)}
-    audited, data = extension.audited, extension.data
-    readings = None if data is None else audited_readings(data, audited)
-    document["data"] = None if data is None else _relative(data, folder) if readings is None else _READINGS
-    if audited.sigma is not None:
-        document["noise"] = {"sigma_mm": 1e3 * audited.sigma}
+    readings, named = _readings(extension, folder)
+    document["data"] = named if len(named) > 1 else next(iter(named), None)
+    if extension.audited.sigma is not None:
+        document["noise"] = noise_entry(extension.experiment.noise, extension.audited)
     if not campaign:
         del document["effects"]
     if not others:
         del document["nominal"]
     document = {key: value for key, value in document.items() if value is not None and value != []}
     out: dict[Path, str | bytes] = {Path("experiment.yaml"): _experiment_text(document, extension, readings)}
-    if readings is not None:
-        out[Path(_READINGS)] = readings
+    out.update({Path(name): text for name, text in readings.items()})
     if others:
         out[Path("campaign.yaml")] = yaml_text(others, f"{_HEAD} Effects of the load and of the instrument.")
     out[_ROBOT / "robot.yaml"] = yaml_text(robot, f"{_HEAD} The robot with the effects that the readings named.")
@@ -166,17 +147,33 @@ def _contents(extension: Extension, folder: Path, source: Path, robot_yaml: Path
     return out | code
 
 
-def _experiment_text(document: Mapping[str, Any], extension: Extension, readings: str | None) -> str:
+def _readings(extension: Extension, folder: Path) -> tuple[dict[str, str], list[str]]:
+    """Files of readings that the audit changed, by name, and what the experiment calls each of its files."""
+    sources = [] if extension.data is None else [extension.data, *extension.further]
+    changed: dict[str, str] = {}
+    named: list[str] = []
+    for k, source in enumerate(sources):
+        text = audited_readings(source, extension.audited.of(k))
+        if text is None:
+            named.append(_relative(source, folder))
+            continue
+        named.append(_READINGS if k == 0 else f"readings_{k + 1}.csv")
+        changed[named[-1]] = text
+    return changed, named
+
+
+def _experiment_text(document: Mapping[str, Any], extension: Extension, readings: Mapping[str, str]) -> str:
     """The experiment's file, with a word on what the audit changed."""
     audited, notes = extension.audited, list(extension.notes)
-    if readings is not None and extension.data is not None:
+    if readings and extension.data is not None:
         masked = f"rows {', '.join(map(str, audited.masked))} masked (use 0) as outliers" if audited.masked else ""
         scaled = f"stated sigmas times {audited.factor:.4g}" if audited.factor != 1.0 else ""
-        notes.append(f"{_READINGS}: {extension.data.name} with {', '.join(filter(None, (masked, scaled)))}.")
+        names = ", ".join(source.name for source in (extension.data, *extension.further))
+        notes.append(f"{', '.join(readings)}: {names} with {', '.join(filter(None, (masked, scaled)))}.")
     text = yaml_text(document, "\n".join((_HEAD, *notes)))
     if audited.sigma is None:
         return text
-    return text.replace("\nnoise:\n", f"\n# {' '.join(audited.words.split())}\nnoise:\n", 1)
+    return text.replace("\nnoise:\n", f"\n# {' '.join(extension.about_noise.split())}\nnoise:\n", 1)
 
 
 _Entries = list[dict[str, Any]]

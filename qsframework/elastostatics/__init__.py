@@ -8,7 +8,7 @@ from qsframework.elastostatics.equilibrium import (
     full_displacement,
 )
 from qsframework.elastostatics.evaluation import spring_stiffness
-from qsframework.elastostatics.exact import exact_readings
+from qsframework.elastostatics.exact import exact_positions, exact_readings
 from qsframework.elastostatics.flips import flip_margin
 from qsframework.elastostatics.model import Model, make_model
 from qsframework.elastostatics.state import Site, State
@@ -23,6 +23,7 @@ __all__ = [
     "cartesian_compliance",
     "cartesian_stiffness",
     "equilibrium",
+    "exact_positions",
     "exact_readings",
     "flip_margin",
     "full_displacement",

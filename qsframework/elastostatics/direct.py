@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.elastostatics.evaluation import Stages
-from qsframework.elastostatics.sensors import Sensed, exponential, turning
+from qsframework.elastostatics.sensors import Sensed
+from qsframework.elastostatics.so3 import exponential, left_jacobian
 from qsframework.elastostatics.springs import Response
 from qsframework.elastostatics.state import Column, State
 from qsframework.plugin import Array, Geometry
@@ -52,7 +53,7 @@ def element_readings(ev: Stages, sensed: Sensed | None, response: Response) -> A
             turn = np.zeros_like(shift)
             turn[: marker.elements.upstream] = _times(exponential(turned), marker.elements.angular)
             if spin is not None:
-                turn += _times(turning(turned), spin)
+                turn += _times(left_jacobian(turned), spin)
             out[:, k] += _times(sensed.by_rotation[:, k], turn)
     return out
 

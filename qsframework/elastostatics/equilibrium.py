@@ -119,6 +119,8 @@ def settle(model: Structure, poses: Poses, x: Array | None, loaded: bool, start:
         return _residual(model, poses, x, placed, compliance, K, eps, weight)
 
     here = at(eps, None if start is None else start.at.state)
+    if not np.any(here.value):  # nothing gives
+        return Settled(here, eps, K)
     H, size = here.hessian(), np.zeros(len(poses))
     for step in range(_STEPS):
         newton = step >= _CHORDS
@@ -174,7 +176,7 @@ def _deflected(model: Structure, commanded: Motion, eps: Array) -> State:
     return place(move(layout, phi, bars, commanded.placements), model.tip, model.markers, virtual)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Residual:
     """eps - c T - f(T) at a deflected state, and the slope c + f' there."""
 
@@ -211,7 +213,16 @@ def _residual(
     pulled = pulls.torque(drawn, state.motion.coefficients)
     T += 0.0 if pulled is None else pulled
     value, slope, _ = springs.answer(compliance, T, elastic_laws(model, x))
-    return _Residual(eps - value, slope, state, applied, model.gravity, torques, drawn, weight)
+    return _Residual(
+        value=eps - value,
+        slope=slope,
+        state=state,
+        applied=applied,
+        gravity=model.gravity,
+        torques=torques,
+        drawn=drawn,
+        weight=weight,
+    )
 
 
 def _equivalent(model: Structure, motion: Motion, x: Array, poses: Poses) -> springs.Stiffness:

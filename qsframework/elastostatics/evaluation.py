@@ -27,7 +27,7 @@ from qsframework.plugin import (
 )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Stages:
     """A model at N poses and parameter values x, up to the torques on the springs.
 
@@ -85,10 +85,23 @@ def evaluate_stages(model: Structure, poses: Poses, x: Array, preload: bool) -> 
     if pulled is not None:
         K = springs.Stiffness(rates.active, K.K + pulled[np.ix_(rates.active, rates.active)])
     return Stages(
-        model, x, poses, geometry, motion, state, applied, compliance, tau,
-        _preload(model, state, applied, faces, drawn, rates) if preload else None,
-        faces, drawn, rates, joint_stiffness, K, elastic_laws(model, x),
-    )  # fmt: skip
+        model=model,
+        x=x,
+        poses=poses,
+        geometry=geometry,
+        motion=motion,
+        state=state,
+        applied=applied,
+        compliance=compliance,
+        tau=tau,
+        preload=_preload(model, state, applied, faces, drawn, rates) if preload else None,
+        faces=faces,
+        pulls=drawn,
+        rates=rates,
+        joint_stiffness=joint_stiffness,
+        stiffness=K,
+        laws=elastic_laws(model, x),
+    )
 
 
 def move_commanded(model: Structure, poses: Poses, x: Array) -> tuple[tuple[GeometryTerm, ...], Motion]:

@@ -28,10 +28,13 @@ def flip_margin(model: Structure, poses: Poses, x: Array | None = None) -> Array
 def _margin(model: Structure, poses: Poses, x: Array) -> Array:
     motion, own, added = element_torques(model, poses, x)
     margin = np.full(len(poses), np.inf)
-    for place_, term in zip(model.layout.loops, motion.loops, strict=True):
-        joints = [model.layout.joint_elements[j] for j in place_.joints]
-        rate = term.q_u[:, :, len(place_.joints) - 1].T  # the driven actuator is the loop's last
-        unloaded = np.einsum("jn,jn->n", rate, own[joints])
-        loaded = unloaded + np.einsum("jn,jn->n", rate, added[joints])
-        margin = np.minimum(margin, np.minimum(np.abs(unloaded), np.sign(unloaded) * loaded))
+    for place, term in zip(model.layout.loops, motion.loops, strict=True):
+        joints = [model.layout.joint_elements[j] for j in place.joints]
+        for member in place.members:
+            if not member.bars:  # a coupling without passive joints
+                continue
+            rate = term.q_u[:, :, member.joints[-1]].T  # the driven actuator is the loop's last
+            unloaded = np.einsum("jn,jn->n", rate, own[joints])
+            loaded = unloaded + np.einsum("jn,jn->n", rate, added[joints])
+            margin = np.minimum(margin, np.minimum(np.abs(unloaded), np.sign(unloaded) * loaded))
     return margin

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,16 +10,34 @@ import numpy as np
 
 from qsframework.errors import InputError, PluginError
 from qsframework.plugin import Actuator, Array, Bar, Effect, Geometry, Indices, Loop, RobotFacts, Spring, VirtualJoint
+from qsframework.plugin.loops import in_order, own_joints
 from qsframework.robot.kinematics import Chain, Element
 
 
 @dataclass(frozen=True)
-class LoopPlace:
-    """A loop, the joints it ties together and the position of its bars among all bars."""
+class Member:
+    """A loop of a place: the positions of its joints and bars among the place's, and of those that it turns."""
 
     loop: Loop
     joints: tuple[int, ...]
     bars: tuple[int, ...]
+    own: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class LoopPlace:
+    """Loops that build on each other, in the order in which they close, with all their joints and their bars.
+
+    joints: indices in the chain; bars: positions among all bars
+    """
+
+    members: tuple[Member, ...]
+    joints: tuple[int, ...]
+    bars: tuple[int, ...]
+
+    def of(self, member: Member) -> list[int]:
+        """The joints of one of its loops, in the chain."""
+        return [self.joints[j] for j in member.joints]
 
 
 @dataclass(frozen=True)
@@ -30,13 +49,13 @@ class Part:
     factor: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Layout:
     """The chain of one model.
 
     joint_elements (n,) element of each joint; placement_elements (n, 6) elements of each joint's
-    placement error, or None; coordinates: the parts of each elastic coordinate, in the order of
-    the springs' parameters
+    placement error, or None; loop_bars: of each loop, in the effects' order, the positions of its bars among all bars;
+    coordinates: the parts of each elastic coordinate, in the order of the springs' parameters
     """
 
     facts: RobotFacts
@@ -45,6 +64,7 @@ class Layout:
     placement_elements: Indices | None
     loops: tuple[LoopPlace, ...]
     bars: int
+    loop_bars: tuple[tuple[int, ...], ...]
     coordinates: tuple[tuple[Part, ...], ...]
 
 
@@ -63,29 +83,42 @@ def make_layout(facts: RobotFacts, effects: Sequence[Effect]) -> Layout:
             parts = zip(joints, column, strict=True)
             coordinates.append(tuple(Part(kind, index, float(f)) for (kind, index), f in parts if f != 0.0))
     return Layout(
-        facts,
-        Chain(tuple(builder.elements), tuple(builder.stops)),
-        tuple(builder.joint_elements),
-        np.array(builder.placement_elements) if builder.perturbed else None,
-        loops,
-        bars,
-        tuple(coordinates),
+        facts=facts,
+        chain=Chain(tuple(builder.elements), tuple(builder.stops)),
+        joint_elements=tuple(builder.joint_elements),
+        placement_elements=np.array(builder.placement_elements) if builder.perturbed else None,
+        loops=loops,
+        bars=sum(map(len, bars)),
+        loop_bars=bars,
+        coordinates=tuple(coordinates),
     )
 
 
-def _place_loops(facts: RobotFacts, loops: Sequence[Loop]) -> tuple[tuple[LoopPlace, ...], int]:
-    placed: list[LoopPlace] = []
-    used: set[int] = set()
-    bars = 0
-    for loop in loops:
-        joints = tuple(facts.joint_index(j) for j in loop.joints(facts))
-        if used & set(joints):
-            raise InputError(f"{loop.name} shares a joint with another loop; a joint belongs to one loop only")
-        used |= set(joints)
-        count = len(loop.parameters(facts))
-        placed.append(LoopPlace(loop, joints, tuple(range(bars, bars + count))))
-        bars += count
-    return tuple(placed), bars
+def _place_loops(facts: RobotFacts, loops: Sequence[Loop]) -> tuple[tuple[LoopPlace, ...], tuple[tuple[int, ...], ...]]:
+    """The loops by those that are tied to each other; and the bars of each loop."""
+    counts: list[int] = np.cumsum([0, *(len(loop.parameters(facts)) for loop in loops)]).tolist()
+    bars = tuple(tuple(range(a, b)) for a, b in itertools.pairwise(counts))
+    groups: list[list[Loop]] = []
+    for loop in in_order(loops, facts):
+        joints = set(loop.joints(facts))
+        tied = [g for g in groups if any(joints & set(other.joints(facts)) for other in g)]
+        groups = [g for g in groups if g not in tied] + [[*(other for g in tied for other in g), loop]]
+    return tuple(_place(facts, group, [bars[loops.index(loop)] for loop in group]) for group in groups), bars
+
+
+def _place(facts: RobotFacts, loops: Sequence[Loop], bars: Sequence[tuple[int, ...]]) -> LoopPlace:
+    names = list(dict.fromkeys(joint for loop in loops for joint in loop.joints(facts)))
+    every = [bar for own in bars for bar in own]
+    members = tuple(
+        Member(
+            loop,
+            tuple(names.index(joint) for joint in loop.joints(facts)),
+            tuple(every.index(bar) for bar in own),
+            tuple(names.index(joint) for joint in own_joints(loop, facts)),
+        )
+        for loop, own in zip(loops, bars, strict=True)
+    )
+    return LoopPlace(members, tuple(facts.joint_index(joint) for joint in names), tuple(every))
 
 
 class _Builder:
@@ -140,12 +173,11 @@ class _Builder:
         if isinstance(v, VirtualJoint):
             return "element", self.virtual[v]
         if isinstance(v, Bar):
-            for place in loops:
-                if place.loop.name == v.loop:
-                    if not 0 <= v.index < len(place.bars):
-                        raise InputError(
-                            f"loop {v.loop!r} has {len(place.bars)} bars, counted from 0: no bar {v.index}"
-                        )
-                    return "bar", place.bars[v.index]
-            raise InputError(f"no loop {v.loop!r}; loops: {', '.join(p.loop.name for p in loops) or 'none'}")
+            named = {m.loop.name: [place.bars[b] for b in m.bars] for place in loops for m in place.members}
+            if v.loop not in named:
+                raise InputError(f"no loop {v.loop!r}; loops: {', '.join(named) or 'none'}")
+            bars = named[v.loop]
+            if not 0 <= v.index < len(bars):
+                raise InputError(f"loop {v.loop!r} has {len(bars)} bars, counted from 0: no bar {v.index}")
+            return "bar", bars[v.index]
         raise PluginError(f"{v!r} is not an Actuator, Bar or VirtualJoint")

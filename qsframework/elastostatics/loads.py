@@ -10,6 +10,7 @@ import numpy as np
 from qsframework.elastostatics.motion import MotionRate, combine
 from qsframework.elastostatics.state import Column, ColumnRate, State
 from qsframework.plugin import Array, Load, Loads, LoadTerm, RobotFacts
+from qsframework.robot.gravity import element_gravity, nominal_moments
 from qsframework.robot.kinematics import Twists, cross, twists_along
 
 
@@ -20,11 +21,6 @@ class Applied:
     wrench: Array
     moments: Array
     terms: tuple[LoadTerm, ...]
-
-
-def nominal_moments(facts: RobotFacts) -> Array:
-    """Mass and mass times centre of each link, (n + 1, 4)."""
-    return np.concatenate([facts.masses[:, None], facts.masses[:, None] * facts.centres], axis=1)
 
 
 def apply_loads(effects: Sequence[tuple[Load, Array]], wrench: Array, rotation: Array, facts: RobotFacts) -> Applied:
@@ -73,30 +69,7 @@ def weighted_columns(state: State, link: int, moments: Array) -> Twists:
 
 def gravity_torque(state: State, moments: Array, gravity: Array) -> Array:
     """Torque of the masses on the coordinates, (ne, N) N m."""
-    return combine(state.motion.coefficients, element_gravity(state, moments, gravity))
-
-
-def element_gravity(state: State, moments: Array, gravity: Array) -> Array:
-    """Torque of the masses on every element of the chain, (m, N) N m.
-
-    Element e carries the summed mass M and mass moment h of all links after it: g . (z x (h - M o)).
-    """
-    placed, stops = state.placed, state.placed.chain.stops
-    elements = placed.chain.elements
-    torque = np.empty((len(elements), state.motion.q.shape[-1]))
-    mass, weight, link = 0.0, np.zeros((3, 1)), len(stops)
-    for e in range(len(elements) - 1, -1, -1):
-        while link > 0 and stops[link - 1] > e:
-            link -= 1
-            r, m = placed.rotations[link], moments[link]
-            weight = weight + m[0] * placed.positions[link] + m[1] * r[0] + m[2] * r[1] + m[3] * r[2]
-            mass = mass + m[0]
-        if elements[e].rotation:
-            pull = cross(gravity[:, None], placed.axes[e])
-            torque[e] = np.einsum("cn,cn->n", pull, weight - mass * placed.origins[e])
-        else:
-            torque[e] = mass * (gravity @ placed.axes[e])
-    return torque
+    return combine(state.motion.coefficients, element_gravity(state.placed, moments, gravity))
 
 
 def gravity_torque_along(state: State, moments: Array, gravity: Array, rate: MotionRate) -> Array:

@@ -22,6 +22,7 @@ from qsframework.elastostatics.structure import Structure, chunks
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.plugin import Array, Effect, Parameter, Poses, RobotFacts, Spring, SpringLaw
 from qsframework.plugin.facts import frozen
+from qsframework.plugin.settings import twice_hint
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +45,17 @@ class Model(Structure):
         for part, chunk in chunks(poses):
             out[part] = sensitivities(evaluate(self, chunk, x), wanted).transpose(3, 1, 2, 0)
         return out
+
+    def rates(self, poses: Poses, x: Array, names: Sequence[str]) -> tuple[Array, Array]:
+        """`predict` and `sensitivity` together, cheaper than one after the other."""
+        x, wanted = self.checked(x), self.index(names)
+        value = np.empty((len(poses), len(self.markers), 3))
+        slope = np.empty((*value.shape, len(wanted)))
+        for part, chunk in chunks(poses):
+            ev = evaluate(self, chunk, x)
+            value[part] = displacement(ev).transpose(2, 0, 1)
+            slope[part] = sensitivities(ev, wanted).transpose(3, 1, 2, 0)
+        return value, slope
 
     def positions(self, poses: Poses, x: Array | None = None, loaded: bool = False) -> Array:
         """Position readings (N, K, 3) m of K markers in one state, base frame.
@@ -84,8 +96,9 @@ class Model(Structure):
         """Smallest margin (N,) rad over all loops: transmission angle less what the loop asks for."""
         margin = np.full(len(poses), np.inf)
         for place in self.layout.loops:
-            angle = place.loop.transmission_angle(poses.q[:, list(place.joints)], self.facts)
-            margin = np.minimum(margin, angle - place.loop.smallest_transmission_angle)
+            for member in place.members:
+                angle = member.loop.transmission_angle(poses.q[:, place.of(member)], self.facts)
+                margin = np.minimum(margin, angle - member.loop.smallest_transmission_angle)
         return margin
 
 
@@ -106,19 +119,27 @@ def make_model(
         own = [values.get(p.name, p) for p in effect.parameters(facts)]
         slices.append(slice(len(found), len(found) + len(own)))
         found.extend(own)
-    _check_unique([e.name for e in ordered], "effect")
+    _check_unique([e.name for e in ordered], "effect", ordered)
     _check_unique([p.name for p in found], "parameter")
     return Model(
-        facts, ordered, tuple(found), tuple(slices), make_layout(facts, ordered), tip,
-        tuple(site for _, site in markers), tuple(name for name, _ in markers), frozen(gravity),
-        tuple(_law_rows(e, facts, ordered) for e in ordered if isinstance(e, SpringLaw)),
-    )  # fmt: skip
+        facts=facts,
+        effects=ordered,
+        parameters=tuple(found),
+        slices=tuple(slices),
+        layout=make_layout(facts, ordered),
+        tip=tip,
+        markers=tuple(site for _, site in markers),
+        marker_names=tuple(name for name, _ in markers),
+        gravity=frozen(gravity),
+        law_rows=tuple(_law_rows(e, facts, ordered) for e in ordered if isinstance(e, SpringLaw)),
+    )
 
 
-def _check_unique(names: Sequence[str], what: str) -> None:
+def _check_unique(names: Sequence[str], what: str, effects: Sequence[Effect] = ()) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise InputError(f"{what} listed twice: {', '.join(twice)}")
+        hint = next((twice_hint(type(e)) for e in effects if e.name in twice), None)
+        raise InputError(Problem(f"{what} listed twice: {', '.join(twice)}", hint=hint))
 
 
 def _law_rows(law: SpringLaw, facts: RobotFacts, effects: Sequence[Effect]) -> tuple[int, ...]:

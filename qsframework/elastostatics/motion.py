@@ -12,14 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.elastostatics.layout import Layout
-from qsframework.plugin import Array, LoopTerm
+from qsframework.elastostatics.layout import Layout, LoopPlace
+from qsframework.plugin import Array, LoopTerm, RobotFacts
 
 Coefficients = tuple[tuple[tuple[int, Array | float], ...], ...]
 """For each elastic coordinate the elements that it moves, with the rate (N,) or constant of each."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Motion:
     """Actuators phi (n, N), bars and joint angles q (n, N), the loops' terms, and the rates of the coordinates."""
 
@@ -49,7 +49,11 @@ def nominal_actuators(layout: Layout, q: Array) -> Array:
     """Actuator angles phi (n, N) that the controller commands for joint angles q (n, N)."""
     phi = q.copy()
     for place in layout.loops:
-        phi[list(place.joints)] = place.loop.actuators(q[list(place.joints)].T, layout.facts).T
+        for member in place.members:
+            tied = place.of(member)
+            actuators = member.loop.actuators(q[tied].T, layout.facts)
+            for own in member.own:
+                phi[place.joints[own]] = actuators[:, member.joints.index(own)]
     return phi
 
 
@@ -58,14 +62,37 @@ def move(layout: Layout, phi: Array, bars: Array, placements: Array | None = Non
     q = phi.copy()
     terms: list[LoopTerm] = []
     for place in layout.loops:
-        term = place.loop.closure(phi[list(place.joints)].T, bars[list(place.bars)].T, layout.facts)
+        term = _close(place, phi[list(place.joints)].T, bars[list(place.bars)].T, layout.facts)
         q[list(place.joints)] = term.q.T
         terms.append(term)
     coefficients = tuple(
         _merge([term for part in parts for term in _rates(layout, terms, part.kind, part.index, part.factor)])
         for parts in layout.coordinates
     )
-    return Motion(layout, phi, bars, q, tuple(terms), coefficients, placements)
+    return Motion(
+        layout=layout, phi=phi, bars=bars, q=q, loops=tuple(terms), coefficients=coefficients, placements=placements
+    )
+
+
+def _close(place: LoopPlace, phi: Array, bars: Array, facts: RobotFacts) -> LoopTerm:
+    """One term over all actuators (N, k) and bars (N, m) of a place: each loop turns its own joints by the angles
+    that those before it have left."""
+    if len(place.members) == 1:
+        return place.members[0].loop.closure(phi, bars, facts)
+    (batch, k), m = phi.shape, bars.shape[1]
+    q, lengths = phi.copy(), np.broadcast_to(np.eye(k + m)[k:], (batch, m, k + m))
+    first, second = np.zeros((batch, k, k + m)), np.zeros((batch, k, k + m, k + m))
+    first[:, range(k), range(k)] = 1.0
+    for member in place.members:
+        tied, own, b = list(member.joints), list(member.own), list(member.bars)
+        rows = [tied.index(j) for j in own]
+        term = member.loop.closure(q[:, tied], bars[:, b], facts)
+        u = np.concatenate([first[:, tied], lengths[:, b]], axis=1)
+        bent = np.einsum("niu,nuab->niab", term.q_u[:, rows, : len(tied)], second[:, tied])
+        q[:, own] = term.q[:, rows]
+        second[:, own] = bent + np.einsum("niuv,nua,nvb->niab", term.q_uu[:, rows], u, u, optimize=True)
+        first[:, own] = term.q_u[:, rows] @ u
+    return LoopTerm(q, first, second)
 
 
 def _rates(
@@ -135,8 +162,16 @@ def combine(coefficients: Coefficients, columns: Array) -> Array:
     """
     upstream, shape = len(columns), columns.shape[1:]
     out = np.zeros((len(coefficients), *shape))
+    alone: list[tuple[int, int]] = []
     for c, terms in enumerate(coefficients):
+        if len(terms) == 1 and isinstance(terms[0][1], float) and terms[0][1] == 1.0:
+            alone.append((c, terms[0][0]))
+            continue
         for e, rate in terms:
             if e < upstream:
-                out[c] += columns[e] if isinstance(rate, float) and rate == 1.0 else columns[e] * rate
+                out[c] += columns[e] * rate
+    alone = [(c, e) for c, e in alone if e < upstream]
+    if alone:
+        places, elements = zip(*alone, strict=True)
+        out[list(places)] = columns[list(elements)]
     return out

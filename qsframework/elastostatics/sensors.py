@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from qsframework.elastostatics.so3 import exponential, left_jacobian
 from qsframework.elastostatics.state import State
 from qsframework.plugin import Array, Conditions, Reading, Sensor, SensorTerm
 
@@ -24,6 +26,25 @@ class Sensed:
     by_rotation: Array
     by_parameters: tuple[Array, ...]
     turned: Array
+
+    def turn_rate(self, rate: Array, carried: Array | None) -> Array:
+        """Small rotation (N, K, 3) of the links, turned by exp(turned), when `turned` changes by `rate` and the
+        undeflected link by `carried`; all (K, 3, N)."""
+        total = np.einsum("nkij,kjn->nki", self._left, rate)
+        return total if carried is None else total + np.einsum("nkij,kjn->nki", self._turn, carried)
+
+    @cached_property
+    def turns(self) -> bool:
+        """Whether a small rotation of a marker's link shows in its reading."""
+        return bool(np.any(self.by_rotation))
+
+    @cached_property
+    def _left(self) -> Array:
+        return left_jacobian(self.turned.transpose(2, 0, 1))
+
+    @cached_property
+    def _turn(self) -> Array:
+        return exponential(self.turned.transpose(2, 0, 1))
 
 
 def sense(
@@ -67,36 +88,3 @@ def _through(later: Sequence[SensorTerm], dx: Array) -> Array:
     for term in later:
         dx = term.d_position @ dx
     return dx
-
-
-def _cross_matrix(v: Array) -> Array:
-    x, y, z = np.moveaxis(v, -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
-
-
-def exponential(v: Array) -> Array:
-    """Rotation matrices of rotation vectors (..., 3), Rodrigues."""
-    angle = np.linalg.norm(v, axis=-1)[..., None, None]
-    K = _cross_matrix(v)
-    near = angle < 1e-6
-    safe = np.where(near, 1.0, angle)
-    a = np.where(near, 1.0 - angle**2 / 6.0, np.sin(safe) / safe)
-    b = np.where(near, 0.5, (1.0 - np.cos(safe)) / safe**2)
-    return np.eye(3) + a * K + b * K @ K
-
-
-def turn_rate(turn: Array, rate: Array, carried: Array | None) -> Array:
-    """Small rotation (N, K, 3) of a link turned by exp(turn) when `turn` changes by `rate` and the
-    undeflected link by `carried`; all (K, 3, N)."""
-    v = turn.transpose(2, 0, 1)
-    total = np.einsum("nkij,kjn->nki", turning(v), rate)
-    if carried is not None:
-        total = total + np.einsum("nkij,kjn->nki", exponential(v), carried)
-    return total
-
-
-def turning(v: Array) -> Array:
-    """Small rotation of exp(v) per unit of v (..., 3): matrices (..., 3, 3), to second order in v."""
-    K = _cross_matrix(v)
-    return np.eye(3) + 0.5 * K + K @ K / 6.0

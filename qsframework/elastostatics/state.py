@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -22,16 +23,27 @@ class Site:
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A site's position (3, N) and its twist per unit of each elastic coordinate.
-
-    linear, angular (ne, 3, N); `elements` holds the same per element of the chain
-    """
+    """A site's position (3, N), and its twist where it is asked for: an equilibrium asks for that of the tip only."""
 
     link: int
     position: Array
-    elements: Twists
-    linear: Array
-    angular: Array
+    motion: Motion
+    placed: Frames
+
+    @cached_property
+    def elements(self) -> Twists:
+        """The twist per element of the chain."""
+        return twists(self.placed, self.link, self.position)
+
+    @cached_property
+    def linear(self) -> Array:
+        """Velocity (ne, 3, N) per unit of each elastic coordinate."""
+        return combine(self.motion.coefficients, self.elements.linear)
+
+    @cached_property
+    def angular(self) -> Array:
+        """Turning (ne, 3, N) per unit of each elastic coordinate."""
+        return combine(self.motion.coefficients, self.elements.angular)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,15 +76,7 @@ def place(motion: Motion, tip: Site, markers: Sequence[Site], virtual: dict[int,
 
 def column(motion: Motion, placed: Frames, site: Site) -> Column:
     """Position and Jacobian of one site."""
-    position = placed.point(site.link, site.xyz)
-    elements = twists(placed, site.link, position)
-    return Column(
-        site.link,
-        position,
-        elements,
-        combine(motion.coefficients, elements.linear),
-        combine(motion.coefficients, elements.angular),
-    )
+    return Column(site.link, placed.point(site.link, site.xyz), motion, placed)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ CHUNK = 4096
 K = TypeVar("K", bound=Effect)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Structure:
     """The parts of a model. Frozen; parameter values are passed as `x` (p,), in SI.
 

@@ -16,12 +16,12 @@ import numpy as np
 from qsframework.elastostatics import loads, pulls, springs
 from qsframework.elastostatics.evaluation import Stages, gather, joint_torque
 from qsframework.elastostatics.motion import MotionRate, combine, motion_along
-from qsframework.elastostatics.sensors import Sensed, turn_rate
+from qsframework.elastostatics.sensors import Sensed
 from qsframework.elastostatics.state import Column, ColumnRate, column_along
 from qsframework.plugin import Array, Geometry, Load, Loop, ParallelSpring, Sensor, Spring, SpringLaw
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Change:
     """What one parameter changes before the springs answer, or in the reading; None stands for nothing.
 
@@ -83,24 +83,28 @@ def reading_along(
         assert sensed is not None
         return sensed.by_parameters[change.sensor[0]][..., change.sensor[1]].transpose(1, 2, 0)
     shift = np.zeros((len(ev.state.markers), *ev.state.tip.position.shape))
+    turns = sensed is not None and sensed.turns
     if sensed is not None:
         shift = np.zeros_like(sensed.position)  # its layout in memory too, which einsum's rounding follows
     spin, carried = np.zeros_like(shift), None
     if response is not None:
         rate = answer(ev, response, change, loaded)
         shift += carry(ev.state.markers, rate)
-        if sensed is not None:
+        if turns:
             spin += carry(ev.state.markers, rate, turn=True)
     if change.markers is not None:
         shift += np.stack([m.position for m in change.markers])
         carried = np.stack([m.turn for m in change.markers])
         if response is not None:
             shift += carry(change.markers, response.eps)
+        if response is not None and turns:
             spin += carry(change.markers, response.eps, turn=True)
     if sensed is None:
         return shift
-    turn = turn_rate(sensed.turned, spin, carried)
     total = np.einsum("nkij,kjn->kin", sensed.by_position, shift)
+    if not turns:
+        return total
+    turn = sensed.turn_rate(spin, carried)
     return total + np.einsum("nkij,nkj->kin", sensed.by_rotation, turn)
 
 
@@ -158,7 +162,7 @@ def _geometry(ev: Stages, number: int, i: int) -> Change:
 
 def _loop(ev: Stages, number: int, i: int) -> Change:
     bars = np.zeros((ev.model.layout.bars, len(ev.poses)))
-    bars[ev.model.layout.loops[number].bars[i]] = 1.0
+    bars[ev.model.layout.loop_bars[number][i]] = 1.0
     return _geometric(ev, motion_along(ev.motion, np.zeros_like(ev.motion.q), bars, None))
 
 

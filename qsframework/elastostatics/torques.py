@@ -10,6 +10,7 @@ from qsframework.elastostatics.motion import Motion
 from qsframework.elastostatics.state import State, place
 from qsframework.elastostatics.structure import Structure, chunks
 from qsframework.plugin import Array, Load, ParallelSpring, Poses
+from qsframework.robot.gravity import element_gravity
 
 
 def element_torques(model: Structure, poses: Poses, x: Array) -> tuple[Motion, Array, Array]:
@@ -50,7 +51,7 @@ def _own_torque(
     model: Structure, state: State, motion: Motion, applied: loads.Applied, x: Array, poses: Poses
 ) -> Array:
     """Torque (m, N) of gravity and compensators on every element of the chain."""
-    torque = loads.element_gravity(state, applied.moments, model.gravity)
+    torque = element_gravity(state.placed, applied.moments, model.gravity)
     for joints, term in springs.torques(model.of_kind(ParallelSpring, x), motion, poses.unloaded):
         torque[[model.layout.joint_elements[j] for j in joints]] += term.value.T
     for pull in pulls.pulls(model.of_kind(ParallelSpring, x), model.facts, state.placed, poses.unloaded):

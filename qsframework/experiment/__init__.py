@@ -1,36 +1,43 @@
-"""What is done to the robot: campaigns, plans, readings, simulation."""
+"""What is done to the robot: campaigns, plans, readings, simulation, and readings as observations."""
 
 from qsframework.experiment.constraints import Constraints, Sight
+from qsframework.experiment.differences import differences
 from qsframework.experiment.examples import example
+from qsframework.experiment.frames import Frame
+from qsframework.experiment.observations import Bridge, Rows, bridge, make_rows
 from qsframework.experiment.plan import Certificate, Plan, make_plan, read_plan, read_poses, write_plan
-from qsframework.experiment.readings import Readings, read_readings, write_readings
+from qsframework.experiment.readings import Readings, States
+from qsframework.experiment.readings_table import holds_states, read_readings, write_readings
 from qsframework.experiment.setup import Experiment, LoadCase, LoadUncertainty, Marker, Noise, load_experiment
 from qsframework.experiment.simulate import Simulation, simulate
-from qsframework.experiment.states import StateReadings, is_states, read_states, write_states
 
 __all__ = [
+    "Bridge",
     "Certificate",
     "Constraints",
     "Experiment",
+    "Frame",
     "LoadCase",
     "LoadUncertainty",
     "Marker",
     "Noise",
     "Plan",
     "Readings",
+    "Rows",
     "Sight",
     "Simulation",
-    "StateReadings",
+    "States",
+    "bridge",
+    "differences",
     "example",
-    "is_states",
+    "holds_states",
     "load_experiment",
     "make_plan",
+    "make_rows",
     "read_plan",
     "read_poses",
     "read_readings",
-    "read_states",
     "simulate",
     "write_plan",
     "write_readings",
-    "write_states",
 ]

@@ -28,7 +28,7 @@ _ENDS = ("\n", "\r", "\v", "\f", "\x1c", "\x1d", "\x1e", "\x85", "\u2028", "\u20
 _MOST = 100_000
 _GREATEST = 1e15
 _TRUE, _FALSE = ("1", "true", "yes"), ("0", "false", "no")
-_MEASURED = ("dx", "dy", "dz", "x", "y", "z", "sigma")
+_MEASURED = ("dx", "dy", "dz", "x", "y", "z", "gauge", "ux", "uy", "uz", "sigma")
 """Columns that may hold anything in a row that is masked (use = 0): that is why it is masked."""
 
 
@@ -117,7 +117,9 @@ def _unfilled(
     many = f"{len(lines)} rows are not filled in, of which this is the first"
     message = many if len(lines) > 1 else "this row is not filled in"
     hint = "Fill in what was measured; put 0 in the column use of a row that was not." if maskable else "Fill it in."
-    return [Problem(message, str(table.path), lines[0], table.names[empty[0][1]], "''", "a number", hint)]
+    return [
+        Problem(message, str(table.path), lines[0], table.names[empty[0][1]], found="''", allowed="a number", hint=hint)
+    ]
 
 
 def table_lines(path: Path) -> list[str]:
@@ -259,7 +261,7 @@ def _wrong(table: Table, i: int, column: Column, message: str, found: str, allow
     if len(table.problems) > MOST_PROBLEMS:
         return
     table.problems.append(
-        Problem(message, str(table.path), table.rows[i], table.names[column.stem], repr(found), allowed)
+        Problem(message, str(table.path), table.rows[i], table.names[column.stem], found=repr(found), allowed=allowed)
     )
 
 

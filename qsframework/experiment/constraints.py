@@ -28,7 +28,7 @@ class Sight:
     incidence_max: float | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Constraints:
     """What a planned pose must keep: positions and distances in m, pendant ranges in rad.
 
@@ -108,11 +108,13 @@ def constraint_problems(document: Document, spec: ExperimentSpec, robot: Robot) 
 
 def _joint_problems(document: Document, robot: Robot, joint: str, ends: list[float]) -> list[Problem]:
     here: Place = {"file": str(document.path), "line": document.line("constraints", "joint_limits_deg", joint)}
-    if joint not in robot.facts.joints:
-        return [Problem(f"joint_limits: no joint {joint!r}", **here, allowed=", ".join(robot.facts.joints))]
+    if joint not in robot.facts.driven:
+        return [
+            Problem(f"joint_limits: no joint {joint!r} on the pendant", **here, allowed=", ".join(robot.facts.driven))
+        ]
     if len(ends) != 2 or ends[0] >= ends[1]:
         return [Problem(f"joint_limits of {joint} must be [lower, upper]", **here)]
-    k = robot.facts.joint_index(joint)
+    k = robot.facts.driven.index(joint)
     lower, upper = float(robot.controller.lower[k]), float(robot.controller.upper[k])
     if ends[1] < lower or ends[0] > upper:
         allowed = f"{np.rad2deg(lower):g} to {np.rad2deg(upper):g} deg"
@@ -124,12 +126,17 @@ def _value_problems(document: Document, spec: ExperimentSpec, robot: Robot) -> l
     problems: list[Problem] = []
     for joint, angles in spec.constraints.joint_values.items():
         file, line = str(document.path), document.line("constraints", "joint_values_deg", joint)
-        if joint not in robot.facts.joints:
+        if joint not in robot.facts.driven:
             problems.append(
-                Problem(f"joint_values: no joint {joint!r}", file, line, allowed=", ".join(robot.facts.joints))
+                Problem(
+                    f"joint_values: no joint {joint!r} on the pendant",
+                    file,
+                    line,
+                    allowed=", ".join(robot.facts.driven),
+                )
             )
             continue
-        k = robot.facts.joint_index(joint)
+        k = robot.facts.driven.index(joint)
         low, high = spec.constraints.joint_limits.get(joint, [-np.inf, np.inf])[:2]
         low, high = max(low, float(robot.controller.lower[k])), min(high, float(robot.controller.upper[k]))
         outside = [f"{np.rad2deg(a):g}" for a in angles if not low <= a <= high]

@@ -4,25 +4,37 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import json
 import re
 from pathlib import Path
+from typing import Any
 
 from qsframework.errors import InputError, Problem
 from qsframework.experiment.columns import LARGEST, table_lines, table_text, write_table
-from qsframework.experiment.readings import Readings, readings_table
+from qsframework.experiment.readings import Made, Readings
+from qsframework.experiment.readings_table import readings_table
 from qsframework.experiment.setup import Experiment
-from qsframework.files import read_text
+from qsframework.files import read_text, sha256, write_text
+from qsframework.files.formats import FORMAT
 
 _MARK = "simulated: "
 _TYPED = re.compile(r"(d?[xyz]|time|time_unloaded|temperature|temperature_unloaded)_.*")
 """Columns that are filled in on the measuring day."""
 
 
-def write_simulated(path: str | Path, readings: Readings, experiment: Experiment) -> None:
-    """Write simulated readings. A comment says so with the table's hash: what is changed later no longer fits it."""
+def write_simulated(path: str | Path, readings: Readings, experiment: Experiment) -> dict[str, Any]:
+    """Write simulated readings, and beside them a .json with the model and the seed that made them; its content.
+
+    A comment in the table says so with its hash: what is changed later no longer fits it.
+    """
     header, rows = readings_table(readings, experiment)
     mark = f"{_MARK}{_hash(table_text(header, rows))}"
+    path = Path(path)
     write_table(path, header, rows, [f"robot: {experiment.robot.name}", mark])
+    made = readings.made or Made("equilibrium", None)
+    beside = {"format": FORMAT, "model": made.model, "seed": made.seed, "readings_sha256": sha256(path)}
+    write_text(path.with_suffix(".json"), json.dumps(beside, indent=2, sort_keys=True) + "\n")
+    return beside
 
 
 def _hash(text: str) -> str:

@@ -21,7 +21,7 @@ from qsframework.plugin import Array, Poses
 from qsframework.plugin.facts import frozen
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Certificate:
     """How far a plan is from the best: criterion values and certified efficiencies.
 
@@ -78,7 +78,7 @@ class ProofSpec(_ReadModel):
     plan_sha256: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Plan:
     """n poses to measure: pendant and URDF angles (n, joints) rad, wrenches (n, 6), repeats (n,)."""
 
@@ -109,16 +109,22 @@ def make_plan(
     """A plan from poses, named p01, p02, ... unless said."""
     count = len(poses)
     return Plan(
-        tuple(names or (f"p{i + 1:02d}" for i in range(count))),
-        frozen(poses.pendant), frozen(poses.q), frozen(poses.wrench), tuple(load),
-        tuple(int(r) for r in (repeats if repeats is not None else np.ones(count))), criterion, certificate, seed,
-    )  # fmt: skip
+        pose=tuple(names or (f"p{i + 1:02d}" for i in range(count))),
+        pendant=frozen(poses.pendant),
+        q=frozen(poses.q),
+        wrench=frozen(poses.wrench),
+        load=tuple(load),
+        repeats=tuple(int(r) for r in (repeats if repeats is not None else np.ones(count))),
+        criterion=criterion,
+        certificate=certificate,
+        seed=seed,
+    )
 
 
 def _columns(experiment: Experiment) -> list[Column]:
     return [
         Column("pose", "text", required=True),
-        *(Column(f"q{k + 1}", "number", "rad", required=True) for k in range(experiment.robot.facts.n)),
+        *(Column(f"q{k + 1}", "number", "rad", required=True) for k in range(experiment.robot.controller.axes)),
         *(Column(f, "number", "N", required=True) for f in ("fx", "fy", "fz")),
         *(Column(m, "number", "N m") for m in ("mx", "my", "mz")),
         Column("load", "text"),
@@ -166,7 +172,7 @@ def read_plan(path: str | Path, experiment: Experiment) -> Plan:
     """Read a plan.csv and, if its hash matches, the proof beside it. InputError with all problems."""
     path = Path(path)
     table = read_table(path, _columns(experiment), experiment.robot.name)
-    n = experiment.robot.facts.n
+    n = experiment.robot.controller.axes
     pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(n)], axis=1)
     names = table.texts["pose"]
     problems = [*table.problems, *limit_problems(table, pendant, experiment)]
@@ -187,7 +193,7 @@ def read_plan(path: str | Path, experiment: Experiment) -> Plan:
 def read_poses(path: str | Path, experiment: Experiment) -> Poses:
     """Read a list of poses, without loads: columns q1_deg, ...; InputError with all its problems."""
     path = Path(path)
-    n = experiment.robot.facts.n
+    n = experiment.robot.controller.axes
     columns = [dataclasses.replace(c, required=c.required and c.stem.startswith("q")) for c in _columns(experiment)]
     table = read_table(path, columns, experiment.robot.name)
     pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(n)], axis=1)
@@ -248,11 +254,11 @@ def limit_problems(table: Table, pendant: Array, experiment: Experiment) -> list
     degrees = ~controller.outside(np.deg2rad(pendant)) & (np.abs(pendant) > 2.0 * np.pi)
     return [
         Problem(
-            f"{experiment.robot.facts.joints[int(k)]} is outside its limits",
+            f"{experiment.robot.facts.driven[int(k)]} is outside its limits",
             str(table.path), table.rows[int(i)], table.names[f"q{k + 1}"],
-            f"{np.rad2deg(pendant[i, k]):.4g} deg",
-            f"{np.rad2deg(controller.lower[k]):g} to {np.rad2deg(controller.upper[k]):g} deg",
-            _degrees_hint(table.names[f"q{k + 1}"], bool(degrees[i, k])),
+            found=f"{np.rad2deg(pendant[i, k]):.4g} deg",
+            allowed=f"{np.rad2deg(controller.lower[k]):g} to {np.rad2deg(controller.upper[k]):g} deg",
+            hint=_degrees_hint(table.names[f"q{k + 1}"], bool(degrees[i, k])),
         )
         for i, k in np.argwhere(outside)[:MOST_PROBLEMS]
     ]  # fmt: skip

@@ -1,182 +1,215 @@
-"""readings.csv: displacements of markers, one row per pose, repeat, cycle and marker."""
+"""Readings: one kind for displacements, positions and gauges.
+
+A state is one pose, load, repeat, cycle and series at which the arm stood still. A reading is a vector measured of one
+marker: what the instrument says at one state, less what it says at another or nothing, in a frame.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.errors import InputError, Problem
-from qsframework.experiment.columns import (
-    MOST_PROBLEMS,
-    Column,
-    Table,
-    degrees,
-    number,
-    read_table,
-    recorded,
-    write_table,
-)
-from qsframework.experiment.grouping import at, counts, group, marker_index, no_load, read_sigma
-from qsframework.experiment.plan import limit_problems
-from qsframework.experiment.setup import Experiment
+from qsframework.experiment.frames import Frame
 from qsframework.plugin import Array, Conditions, Indices, Poses
 from qsframework.plugin.facts import frozen
 
-_LARGEST_DISPLACEMENT = 0.1
-_RECORDED = ("time", "time_unloaded", "temperature", "temperature_unloaded", "approach")
+KINDS = ("displacement", "position", "gauge")
+UNSTATED = 1e-3
+"""m: stands for a sigma that nobody states, and that is estimated."""
 
 
-@dataclass(frozen=True, eq=False)
-class Readings:
-    """R rows over N measurements; a measurement is one pose, repeat and cycle with its markers.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class States:
+    """N states. poses: the conditions of each both in `unloaded` and in `loaded`, its wrench 0 where no load hangs.
 
-    poses: the N measurements; pose, repeat, cycle: their names; measurement, marker (R,): indices;
-    displacement (R, 3) m, loaded minus unloaded, base frame; sigma (R,) m, NaN where not stated;
-    use (R,) False where a row is masked; rows (R,) line numbers in `source`, which is None for a simulation;
-    reference (R,): name of the unloaded reading behind each row, "" for one of its own: rows of one marker and
-    reference share its error; None where no row says so
-    reference_share (R,): part of a displacement's variance that is the unloaded reading's; None where nobody says
+    pose, load_id, series: names, "" where not given; repeat, cycle (N,): counts; loaded (N,): whether a load hangs
     """
 
     poses: Poses
+    loaded: npt.NDArray[np.bool_]
     pose: tuple[str, ...]
+    load_id: tuple[str, ...]
+    series: tuple[str, ...]
     repeat: Indices
     cycle: Indices
-    measurement: Indices
+
+    def __len__(self) -> int:
+        return len(self.pose)
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """How a series lies to the base: angle (rad) turned, and what the unloaded markers then miss, m, of `count`.
+
+    turned: whether displacements of this series are turned by it; else its axes are near enough those of the base
+    """
+
+    series: str
+    angle: float
+    rms: float
+    largest: float
+    count: int
+    turned: bool
+
+
+@dataclass(frozen=True)
+class Made:
+    """Simulated readings: the model that made them, "equilibrium" or "linear", and the seed."""
+
+    model: str
+    seed: int | None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Readings:
+    """R rows over N states: each h(plus) - h(minus) of a marker, in a frame.
+
+    plus, minus (R,): states, minus -1 where nothing is taken off; marker (R,); frame (R,): place in `frames`, -1 for
+    the base; frames: names of the series; known: each frame, None where it is to be estimated
+    value (R, 3) m, NaN where an axis was not measured; sigma (R, 3) m; stated: whether sigma is known, and not only up
+    to a factor; minus_sigma (R, 3): the part of sigma that the reading at `minus` brings, NaN: half of the variance
+    axes (R, 3, 3): unit vectors along which the value was measured, rows, base frame; None: the frame's own
+    to (R,): marker to which the distance (its only value) was measured, -1 for none
+    use (R,): False where a row is masked; line (R,): in the file `sources[file]`; no sources: simulated
+    repeatability: stated sd m of the error that the markers of a visit share; None: not stated
+    """
+
+    states: States
+    plus: Indices
+    minus: Indices
     marker: Indices
-    displacement: Array
+    frame: Indices
+    frames: tuple[str, ...]
+    known: tuple[Frame | None, ...]
+    value: Array
     sigma: Array
+    minus_sigma: Array
+    stated: bool
     use: npt.NDArray[np.bool_]
-    rows: Indices
-    drive_state: tuple[str, ...] | None
-    source: Path | None
-    reference: tuple[str, ...] | None = None
-    reference_share: Array | None = None
+    line: Indices
+    file: Indices
+    to: Indices
+    axes: Array | None = None
+    sources: tuple[Path, ...] = ()
+    drive_state: tuple[str, ...] | None = None
+    repeatability: float | None = None
+    alignments: tuple[Alignment, ...] = ()
+    made: Made | None = None
+
+    def __len__(self) -> int:
+        return len(self.use)
+
+    @property
+    def poses(self) -> Poses:
+        """Those of the states."""
+        return self.states.poses
+
+    @property
+    def pose(self) -> tuple[str, ...]:
+        """Name of the pose of each row."""
+        return tuple(self.states.pose[int(s)] for s in self.plus)
+
+    @property
+    def source(self) -> Path | None:
+        """The first file, None for a simulation."""
+        return self.sources[0] if self.sources else None
+
+    @property
+    def where(self) -> str:
+        """The files, in words for an error."""
+        return ", ".join(str(s) for s in self.sources) or "simulated readings"
+
+    @property
+    def is_position(self) -> npt.NDArray[np.bool_]:
+        """Rows (R,) that nothing is taken off."""
+        return self.minus < 0
+
+    @property
+    def is_gauge(self) -> npt.NDArray[np.bool_]:
+        """Rows (R,) of a dial gauge or a draw-wire."""
+        own = np.zeros(len(self), dtype=bool)
+        return own if self.axes is None else (self.to >= 0) | np.any(self.axes != np.eye(3), axis=(1, 2))
+
+    @property
+    def kind(self) -> npt.NDArray[np.str_]:
+        """The kind (R,) of each row, one of KINDS."""
+        return np.where(self.is_gauge, "gauge", np.where(self.is_position, "position", "displacement"))
+
+    @property
+    def displacements(self) -> Readings:
+        """The rows that are differences of two states."""
+        return replace(self, use=self.use & ~self.is_position)
+
+    def masked(self, wrong: npt.NDArray[np.bool_]) -> Readings:
+        """The same readings with these rows (R,) not used."""
+        return replace(self, use=self.use & ~wrong)
+
+    def with_values(self, value: Array) -> Readings:
+        """Other values (R, 3) m at the same rows."""
+        return replace(self, value=frozen(np.where(np.isfinite(self.value), value, np.nan)))
+
+    def with_poses(self, poses: Poses) -> Readings:
+        """The same states at other angles or under other loads."""
+        return replace(self, states=replace(self.states, poses=poses))
 
 
-def _columns(experiment: Experiment) -> list[Column]:
-    return [
-        Column("pose", "text", required=True),
-        *(Column(f"q{k + 1}", "number", "rad", required=True) for k in range(experiment.robot.facts.n)),
-        *(Column(f, "number", "N", required=True) for f in ("fx", "fy", "fz")),
-        *(Column(m, "number", "N m") for m in ("mx", "my", "mz")),
-        Column("marker", "text", required=True),
-        *(Column(d, "number", "m", required=True) for d in ("dx", "dy", "dz")),
-        Column("repeat", "count"), Column("cycle", "count"),
-        Column("sigma", "number", "m", blank=True),
-        Column("time", "number", "s"), Column("time_unloaded", "number", "s"),
-        Column("temperature", "number", "K"), Column("temperature_unloaded", "number", "K"),
-        Column("approach", "side"), Column("drive_state", "text"), Column("use", "flag"),
-        Column("reference", "text"),
-    ]  # fmt: skip
+def joined(parts: list[Readings]) -> Readings:
+    """Several files in one: their states and rows after each other, series of one name in one frame."""
+    if len(parts) == 1:
+        return parts[0]
+    frames = tuple(dict.fromkeys(name for p in parts for name in p.frames))
+    known = {name: frame for p in parts for name, frame in zip(p.frames, p.known, strict=True)}
+    first = np.cumsum([0, *(len(p.states) for p in parts)])
+    files = np.cumsum([0, *(len(p.sources) for p in parts)])
 
+    def rows(name: str) -> Array:
+        return np.concatenate([getattr(p, name) for p in parts])
 
-def read_readings(path: str | Path, experiment: Experiment) -> Readings:
-    """Read and check a readings file. InputError with all its problems, each with row and column."""
-    table = read_table(path, _columns(experiment), experiment.robot.name)
-    no_load(table, experiment)
-    count = len(table.rows)
-    n = experiment.robot.facts.n
-    pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(n)], axis=1)
-    zero = np.zeros(count)
-    wrench = np.stack([table.numbers.get(c, zero) for c in ("fx", "fy", "fz", "mx", "my", "mz")], axis=1)
-    displacement = np.stack([table.numbers[c] for c in ("dx", "dy", "dz")], axis=1)
-    problems = list(table.problems)
-    problems += limit_problems(table, pendant, experiment)
-    use = table.numbers.get("use", np.ones(count)) != 0
-    problems += _displacement_problems(table, np.where(use[:, None], displacement, 0.0))
-    marker = marker_index(table, experiment, problems)
-    sigma = read_sigma(table, use, problems)
-    keys = list(zip(table.texts["pose"], counts(table, "repeat"), counts(table, "cycle"), strict=True))
-    labels = [f"pose {pose!r}, repeat {repeat}, cycle {cycle}" for pose, repeat, cycle in keys]
-    recorded = [table.numbers[c][:, None] for c in _RECORDED if c in table.numbers]
-    constant = np.hstack([pendant, wrench, *recorded])
-    first, measurement = group(table, keys, labels, marker, constant, problems)
-    if not problems and not np.any(wrench):
-        problems.append(Problem("every force is zero; a displacement under no load tells nothing", str(table.path)))
-    problems += _unloaded_problems(table, wrench, use) if not problems else []
-    if problems:
-        raise InputError(problems)
-    poses = Poses(
-        frozen(pendant[first]), frozen(experiment.robot.controller.to_joints(pendant[first])), frozen(wrench[first]),
-        _conditions(table, "_unloaded", first), _conditions(table, "", first),
-    )  # fmt: skip
-    names = [keys[int(i)] for i in first]
+    def moved(name: str) -> Indices:
+        shifted = [np.where(getattr(p, name) < 0, -1, getattr(p, name) + k) for p, k in zip(parts, first, strict=False)]
+        return np.concatenate(shifted)
+
+    place = [np.array([*(frames.index(n) for n in p.frames), -1], dtype=np.intp)[p.frame] for p in parts]
+    axes = None
+    if any(p.axes is not None for p in parts):
+        axes = np.concatenate([np.tile(np.eye(3), (len(p), 1, 1)) if p.axes is None else p.axes for p in parts])
+    drives: tuple[str, ...] | None = None
+    if any(p.drive_state is not None for p in parts):
+        drives = tuple(d for p in parts for d in (p.drive_state or ("",) * len(p)))
     return Readings(
-        poses, tuple(k[0] for k in names), np.array([k[1] for k in names]), np.array([k[2] for k in names]),
-        measurement, marker, frozen(displacement), frozen(sigma),
-        use, np.array(table.rows),
-        tuple(table.texts["drive_state"]) if "drive_state" in table.texts else None, table.path,
-        tuple(table.texts["reference"]) if "reference" in table.texts else None,
+        states=_joined_states([p.states for p in parts]), plus=moved("plus"), minus=moved("minus"),
+        marker=rows("marker").astype(np.intp), frame=np.concatenate(place), frames=frames,
+        known=tuple(known[n] for n in frames), value=frozen(rows("value")), sigma=frozen(rows("sigma")),
+        minus_sigma=frozen(rows("minus_sigma")), stated=all(p.stated for p in parts), use=rows("use").astype(bool),
+        line=rows("line").astype(np.intp), to=rows("to").astype(np.intp), axes=axes,
+        file=np.concatenate([p.file + k for p, k in zip(parts, files, strict=False)]).astype(np.intp),
+        sources=tuple(s for p in parts for s in p.sources), drive_state=drives,
+        repeatability=parts[0].repeatability, alignments=tuple(a for p in parts for a in p.alignments),
+        made=parts[0].made if all(p.made == parts[0].made for p in parts) else None,
     )  # fmt: skip
 
 
-def _unloaded_problems(table: Table, wrench: Array, use: npt.NDArray[np.bool_]) -> list[Problem]:
-    """Rows in use that have no load: a displacement from nothing."""
-    hint = "Give the row its load, or mask it with use = 0."
-    return [
-        at(table, int(i), "fx", "no force and no moment: a displacement under no load tells nothing", hint=hint)
-        for i in np.flatnonzero(use & ~np.any(wrench, axis=1))[:MOST_PROBLEMS]
-    ]
+def _joined_states(parts: list[States]) -> States:
+    def conditions(name: str) -> Conditions:
+        found = [getattr(p.poses, name) for p in parts]
 
+        def both(key: str) -> Array | None:
+            own = [getattr(c, key) for c in found]
+            if all(v is None for v in own):
+                return None
+            sizes = [len(p) for p in parts]
+            return np.concatenate([np.full(n, np.nan) if v is None else v for v, n in zip(own, sizes, strict=True)])
 
-def _displacement_problems(table: Table, displacement: Array) -> list[Problem]:
-    out: list[Problem] = []
-    for i, k in np.argwhere(np.abs(displacement) > _LARGEST_DISPLACEMENT)[:MOST_PROBLEMS]:
-        stem = ("dx", "dy", "dz")[int(k)]
-        name = table.names[stem]
-        if name == f"{stem}_m":
-            question, hint = "is the column in mm?", f"Then call it {stem}_mm."
-        else:
-            question, hint = "is it a position?", "A displacement is the loaded minus the unloaded position."
-        message = f"a displacement this large is not elastic; {question}"
-        found, allowed = f"{displacement[i, k]:g} m", f"up to {_LARGEST_DISPLACEMENT} m"
-        out.append(Problem(message, str(table.path), table.rows[int(i)], name, found, allowed, hint))
-    return out
+        return Conditions(both("time"), both("temperature"), both("approach"))
 
-
-def _conditions(table: Table, suffix: str, first: Indices) -> Conditions:
-    def get(stem: str) -> Array | None:
-        values = table.numbers.get(stem)
-        return None if values is None else frozen(values[first])
-
-    return Conditions(get(f"time{suffix}"), get(f"temperature{suffix}"), get("approach"))
-
-
-def write_readings(path: str | Path, readings: Readings, experiment: Experiment) -> None:
-    """Write a readings file that `read_readings` reads back to the digits that matter (1e-9 relative)."""
-    write_table(path, *readings_table(readings, experiment), [f"robot: {experiment.robot.name}"])
-
-
-def readings_table(readings: Readings, experiment: Experiment) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of a readings file."""
-    poses = readings.poses
-    n = poses.q.shape[1]
-    header = ["pose", *(f"q{k + 1}_deg" for k in range(n)), "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"]
-    columns = [[*degrees(q), *map(number, w)] for q, w in zip(poses.pendant, poses.wrench.tolist(), strict=True)]
-    conditions = {
-        "time_s": poses.loaded.time, "time_unloaded_s": poses.unloaded.time,
-        "temperature_K": poses.loaded.temperature, "temperature_unloaded_K": poses.unloaded.temperature,
-        "approach": poses.loaded.approach,
-    }  # fmt: skip
-    present = {name: values.tolist() for name, values in conditions.items() if values is not None}
-    stated = bool(np.isfinite(readings.sigma).any())
-    states, reference = readings.drive_state, readings.reference
-    header += ["marker", "dx_mm", "dy_mm", "dz_mm", "repeat", "cycle", "use", *present]
-    header += (["sigma_mm"] if stated else []) + (["drive_state"] if states else [])
-    header += ["reference"] if reference else []
-    rows: list[list[str]] = []
-    for i, m in enumerate(int(m) for m in readings.measurement):
-        row = [readings.pose[m], *columns[m]]
-        row += [
-            experiment.markers[int(readings.marker[i])].name,
-            *map(number, (readings.displacement[i] * 1e3).tolist()),
-        ]
-        row += [str(readings.repeat[m]), str(readings.cycle[m]), str(int(readings.use[i]))]
-        row += [recorded(values[m]) for values in present.values()]
-        row += [number(float(readings.sigma[i] * 1e3)) if np.isfinite(readings.sigma[i]) else ""] if stated else []
-        rows.append(row + ([states[i]] if states else []) + ([reference[i]] if reference else []))
-    return header, rows
+    pendant, q, wrench = (np.concatenate([getattr(p.poses, k) for p in parts]) for k in ("pendant", "q", "wrench"))
+    return States(
+        poses=Poses(pendant, q, wrench, conditions("unloaded"), conditions("loaded")),
+        loaded=np.concatenate([p.loaded for p in parts]),
+        pose=tuple(n for p in parts for n in p.pose), load_id=tuple(n for p in parts for n in p.load_id),
+        series=tuple(n for p in parts for n in p.series), repeat=np.concatenate([p.repeat for p in parts]),
+        cycle=np.concatenate([p.cycle for p in parts]),
+    )  # fmt: skip

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from qsframework.elastostatics import Model, Site, make_model
+from qsframework.elastostatics.so3 import from_quaternion
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.constraints import (
     Constraints,
@@ -17,6 +18,7 @@ from qsframework.experiment.constraints import (
     constraint_problems,
     make_constraints,
 )
+from qsframework.experiment.frames import Frame
 from qsframework.experiment.spec import ExperimentSpec
 from qsframework.files import Document, read_yaml, validate
 from qsframework.plugin import Array, Effect, Parameter, Spring
@@ -44,9 +46,22 @@ class Marker:
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviation of one coordinate of one displacement, m; None: to be estimated."""
+    """Standard deviations of one coordinate of a reading, m; None: not stated, to be estimated.
+
+    sigma: of a displacement, as plans count it; position, displacement, gauge: where the kinds are stated apart, and
+    then `apart`; repeatability: of the error that the markers of a visit share
+    """
 
     sigma: float | None
+    position: float | None = None
+    displacement: float | None = None
+    gauge: float | None = None
+    repeatability: float | None = None
+
+    @property
+    def apart(self) -> bool:
+        """Whether the kinds of readings are stated one by one."""
+        return any(v is not None for v in (self.position, self.displacement, self.gauge))
 
 
 @dataclass(frozen=True)
@@ -72,7 +87,7 @@ class LoadCase:
     cost: float = 1.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Experiment:
     """A campaign: everything that a design, a simulation or a fit needs besides readings."""
 
@@ -86,10 +101,14 @@ class Experiment:
     parameters: tuple[Parameter, ...]
     fit: tuple[str, ...] | None
     constraints: Constraints
-    data: Path | None
+    data: tuple[Path, ...]
     has_load: bool = True
     rigid: bool = False
     load_uncertainty: LoadUncertainty = LoadUncertainty()
+    states: str | None = None
+    """How files of states are read: "differences", "positions", or as the campaign suggests."""
+    frames: tuple[Frame, ...] = ()
+    """The base in the frames of series that are known."""
 
     @cached_property
     def _model(self) -> Model:
@@ -117,9 +136,14 @@ class Experiment:
         """The parameters to estimate: those that `fit:` names, else every compliance."""
         model = self.model()
         if self.fit is None:
-            effects = zip(model.effects, model.slices, strict=True)
-            return tuple(n for e, part in effects if isinstance(e, Spring) for n in model.names[part])
+            return self.spring_names()
         return tuple(dict.fromkeys(n for entry in self.fit for n in expand_name(entry, model)))
+
+    def spring_names(self) -> tuple[str, ...]:
+        """Every compliance of the model."""
+        model = self.model()
+        effects = zip(model.effects, model.slices, strict=True)
+        return tuple(n for e, part in effects if isinstance(e, Spring) for n in model.names[part])
 
     def fit_parameters(self) -> tuple[Parameter, ...]:
         """The parameters of `fit_names`, with their nominal values."""
@@ -152,7 +176,8 @@ def _geometry(robot: Robot, effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
 def expand_name(entry: str, model: Model) -> tuple[str, ...]:
     """The parameters that the name of an effect, an instance or a parameter stands for; exact names only.
 
-    `geometry` stands for the zeros and placements of all joints.
+    `geometry` stands for the zeros and placements of all joints. A parameter that is estimated only `by_name` needs
+    its own name.
     """
     if entry == GEOMETRY:
         return tuple(n for name in _GEOMETRIC for n in expand_name(name, model))
@@ -162,7 +187,7 @@ def expand_name(entry: str, model: Model) -> tuple[str, ...]:
         own = model.names[part]
         known += [effect.effect_name(), effect.name, *own]
         if entry in (effect.effect_name(), effect.name):
-            names += own
+            names += [p.name for p in model.parameters[part] if not p.by_name]
         elif entry in own:
             names.append(entry)
     if not names:
@@ -196,23 +221,43 @@ def load_experiment(path: str | Path, *, trust: bool | None = None) -> Experimen
     problems += [*found, *constraint_problems(document, spec, robot), *_load_problems(document, spec, robot)]
     if problems:
         raise InputError(problems)
-    experiment = _with_geometry(Experiment(
-        path, robot, frozen(spec.load.point or spec.load.centre or np.zeros(3)), markers,
-        Noise(None if isinstance(spec.noise, str) else spec.noise.sigma),
-        _loads(spec, robot),
-        effects, parameters,
-        None if spec.fit is None else tuple(spec.fit), make_constraints(spec.constraints),
-        None if spec.data is None else path.parent / spec.data,
-        "load" in spec.model_fields_set, spec.rigid,
-        LoadUncertainty(spec.load_uncertainty.scale, spec.load_uncertainty.direction),
-    ))  # fmt: skip
+    experiment = _with_geometry(
+        Experiment(
+            path=path,
+            robot=robot,
+            load_point=frozen(spec.load.point or spec.load.centre or np.zeros(3)),
+            markers=markers,
+            noise=_noise(spec),
+            loads=_loads(spec, robot),
+            effects=effects,
+            parameters=parameters,
+            fit=None if spec.fit is None else tuple(spec.fit),
+            constraints=make_constraints(spec.constraints),
+            data=tuple(path.parent / name for name in ([spec.data] if isinstance(spec.data, str) else spec.data or ())),
+            has_load="load" in spec.model_fields_set,
+            rigid=spec.rigid,
+            load_uncertainty=LoadUncertainty(spec.load_uncertainty.scale, spec.load_uncertainty.direction),
+            states=spec.states,
+            frames=tuple(
+                Frame(name, from_quaternion(np.array(f.quat_wxyz)), frozen(f.xyz)) for name, f in spec.frames.items()
+            ),
+        )
+    )
     _check_model(document, experiment)
     return experiment
 
 
+def _noise(spec: ExperimentSpec) -> Noise:
+    if isinstance(spec.noise, str):
+        return Noise(None)
+    n = spec.noise
+    plain = n.displacement_sigma if n.sigma is None else n.sigma
+    return Noise(plain, n.position_sigma, n.displacement_sigma, n.gauge_sigma, n.repeatability)
+
+
 def _nominal(
     path: Path, spec: ExperimentSpec, effects: tuple[Effect, ...], robot: Robot, problems: list[Problem], complete: bool
-) -> tuple[Parameter, ...]:  # fmt: skip
+) -> tuple[Parameter, ...]:
     """Parameters of the campaign's own effects, with the values of its `nominal` file."""
     parameters = {p.name: p for e in effects for p in e.parameters(robot.facts)}
     if spec.nominal is not None:
@@ -221,7 +266,9 @@ def _nominal(
                 raise InputError(
                     Problem(f"nominal: {spec.nominal[:80]!r} is outside the experiment's folder", str(path))
                 )
-            parameters, found = read_nominal(read_yaml(path.parent / spec.nominal), parameters, complete)
+            parameters, found = read_nominal(
+                read_yaml(path.parent / spec.nominal), parameters, effects, robot.facts, complete
+            )
             problems += found
         except InputError as error:
             problems += error.problems

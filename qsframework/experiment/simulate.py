@@ -1,17 +1,18 @@
-"""`simulate`: readings of a plan, with seeded noise, from known parameters."""
+"""`simulate`: displacements of a plan, with seeded noise, from known parameters."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from qsframework.elastostatics import Model, exact_readings
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.plan import Plan
-from qsframework.experiment.readings import Readings
+from qsframework.experiment.readings import UNSTATED, Made, Readings, States
 from qsframework.experiment.setup import Experiment
-from qsframework.plugin import Array
+from qsframework.plugin import Array, Conditions, Indices, Poses
 from qsframework.plugin.facts import frozen
 
 TRUTHS = ("nominal", "drawn")
@@ -30,18 +31,14 @@ class Simulation:
 
 
 def simulate(
-    experiment: Experiment,
-    plan: Plan,
-    x: Array | None = None,
-    truth: str = "nominal",
-    seed: int = 0,
-    exact: bool = False,
-) -> Simulation:
-    """Measure a plan in simulation: independent Gaussian noise on every coordinate.
+    experiment: Experiment, plan: Plan, x: Array | None = None, truth: str = "nominal", seed: int = 0,
+    linear: bool = False,
+) -> Simulation:  # fmt: skip
+    """Measure a plan in simulation: displacements with independent Gaussian noise on every coordinate.
 
+    The arm settles in its full equilibrium, as a real one does; linear: by the tangent model at the undeflected pose.
     Readings without any noise (sigma 0) state none: a fit then estimates what rounding leaves.
-    x (p,) are the true parameters; without them the nominal values, or values drawn from the priors. exact: the arm
-    settles in its full equilibrium, as a real one does, and not by the linear model.
+    x (p,) are the true parameters; without them the nominal values, or values drawn from the priors.
     """
     sigma = experiment.noise.sigma
     if sigma is None:
@@ -52,27 +49,62 @@ def simulate(
     rng = np.random.default_rng(seed)
     x = _truth(model, truth, rng) if x is None else x
     poses = plan.repeated()
-    moved = exact_readings(model, poses, x) if exact else model.predict(poses, x)
-    count, markers = (int(n) for n in moved.shape[:2])
+    moved = model.predict(poses, x) if linear else exact_readings(model, poses, x)
     order = np.repeat(np.arange(len(plan.pose)), plan.repeats)
     repeat = np.concatenate([np.arange(1, r + 1) for r in plan.repeats])
-    readings = Readings(
-        poses, tuple(plan.pose[int(i)] for i in order), repeat, np.ones(count, dtype=np.intp),
-        np.repeat(np.arange(count), markers), np.tile(np.arange(markers), count),
-        frozen((moved + sigma * rng.standard_normal(moved.shape)).reshape(-1, 3)),
-        frozen(np.full(count * markers, sigma or np.nan)), np.ones(count * markers, dtype=bool),
-        np.arange(3, 3 + count * markers), None, None,
+    displacement = moved + sigma * rng.standard_normal(moved.shape)
+    readings = displaced(
+        poses, displacement, sigma or UNSTATED, [plan.pose[int(i)] for i in order], repeat, stated=sigma > 0.0,
+        repeatability=experiment.noise.repeatability, made=Made("linear" if linear else "equilibrium", seed),
     )  # fmt: skip
     return Simulation(readings, model, frozen(x))
+
+
+def displaced(
+    poses: Poses, displacement: Array, sigma: float, names: Sequence[str], repeat: Indices | None = None,
+    stated: bool = True, repeatability: float | None = None, made: Made | None = None,
+) -> Readings:  # fmt: skip
+    """Readings of every marker's displacement (N, K, 3) m at N poses, each minus an unloaded state of its own."""
+    count, markers = (int(n) for n in displacement.shape[:2])
+    unloaded = replace(poses, wrench=np.zeros_like(poses.wrench), loaded=poses.unloaded)
+    loaded = replace(poses, unloaded=poses.loaded)
+    both = (loaded, unloaded)
+    repeat = np.ones(count, dtype=np.intp) if repeat is None else repeat
+    pendant, q, wrench = (np.concatenate([getattr(p, k) for p in both]) for k in ("pendant", "q", "wrench"))
+    states = States(
+        poses=Poses(pendant, q, wrench, _stacked([p.unloaded for p in both]), _stacked([p.loaded for p in both])),
+        loaded=np.arange(2 * count) < count, pose=(*names, *names), load_id=("",) * (2 * count),
+        series=("",) * (2 * count), repeat=np.tile(repeat, 2), cycle=np.ones(2 * count, dtype=np.intp),
+    )  # fmt: skip
+    state, rows = np.repeat(np.arange(count), markers), count * markers
+    return Readings(
+        states=states, plus=state, minus=state + count, marker=np.tile(np.arange(markers), count),
+        frame=np.full(rows, -1), frames=(), known=(), value=frozen(displacement.reshape(-1, 3)),
+        sigma=frozen(np.full((rows, 3), sigma)), minus_sigma=frozen(np.full((rows, 3), np.nan)), stated=stated,
+        use=np.ones(rows, dtype=bool), line=np.arange(3, 3 + rows), file=np.zeros(rows, dtype=np.intp),
+        to=np.full(rows, -1), repeatability=repeatability, made=made,
+    )  # fmt: skip
+
+
+def _stacked(parts: list[Conditions]) -> Conditions:
+    def both(name: str) -> Array | None:
+        values = [getattr(p, name) for p in parts]
+        return None if any(v is None for v in values) else np.concatenate(values)
+
+    return Conditions(both("time"), both("temperature"), both("approach"))
 
 
 def _truth(model: Model, truth: str, rng: np.random.Generator) -> Array:
     if truth not in TRUTHS:
         raise InputError(Problem(f"unknown truth {truth!r}", allowed=", ".join(TRUTHS), hint=nearest(truth, TRUTHS)))
-    x = model.nominal
-    if truth == "drawn":
-        sd = np.array([p.sd or 0.0 for p in model.parameters])
-        lower = np.array([max(p.lower, 0.1 * p.nominal if p.lower == 0.0 else p.lower) for p in model.parameters])
-        upper = np.array([p.upper for p in model.parameters])
-        x = np.clip(x + sd * rng.standard_normal(len(x)), lower, upper)
-    return x
+    return prior_draws(model, 1, rng)[0] if truth == "drawn" else model.nominal
+
+
+def prior_draws(model: Model, count: int, rng: np.random.Generator) -> Array:
+    """Parameter values (count, p) from the priors, inside the bounds; nominal ones where no sd is stated."""
+    drawn = [i for i, p in enumerate(model.parameters) if p.sd is not None or not p.by_name]
+    sd = np.array([model.parameters[i].sd or 0.0 for i in drawn])
+    x = np.tile(model.nominal, (count, 1))
+    x[:, drawn] += sd * rng.standard_normal((count, len(drawn)))
+    lower = np.array([max(p.lower, 0.1 * p.nominal) if p.lower == 0.0 else p.lower for p in model.parameters])
+    return np.clip(x, lower, [p.upper for p in model.parameters])

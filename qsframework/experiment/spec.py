@@ -50,16 +50,48 @@ class MarkerSpec(FileModel):
 
 
 class NoiseSpec(FileModel):
-    """sd of one coordinate of one displacement."""
+    """sd of one coordinate of a reading: sigma where a campaign has one kind of reading, else each kind by its name.
 
-    sigma: Annotated[float, Unit("m")]
+    sigma is that of a displacement in displacement files and in plans, of a position in files of positions;
+    repeatability: sd of a coordinate that the markers of a visit share, because the arm comes back elsewhere
+    """
 
-    @pydantic.field_validator("sigma")
+    sigma: Annotated[float | None, Unit("m")] = None
+    position_sigma: Annotated[float | None, Unit("m")] = None
+    displacement_sigma: Annotated[float | None, Unit("m")] = None
+    gauge_sigma: Annotated[float | None, Unit("m")] = None
+    repeatability: Annotated[float | None, Unit("m")] = None
+
+    @pydantic.field_validator("sigma", "position_sigma", "displacement_sigma", "gauge_sigma", "repeatability")
     @classmethod
-    def _positive(cls, value: float) -> float:
-        if value <= 0:
+    def _positive(cls, value: float | None) -> float | None:
+        if value is not None and value <= 0:
             raise ValueError("the noise must be positive; `noise: estimate` takes it from the residuals")
         return value
+
+    @pydantic.model_validator(mode="after")
+    def _told(self) -> NoiseSpec:
+        kinds = (self.position_sigma, self.displacement_sigma, self.gauge_sigma)
+        if self.sigma is None and all(k is None for k in kinds):
+            raise ValueError("needs sigma_mm; `noise: estimate` takes it from the residuals")
+        if self.sigma is not None and any(k is not None for k in kinds):
+            raise ValueError("give sigma_mm, or position_sigma_mm, displacement_sigma_mm and gauge_sigma_mm apart")
+        return self
+
+
+class FrameSpec(FileModel):
+    """The robot's base in the frame of a series, where it is known: origin, and a quaternion w, x, y, z."""
+
+    xyz: Annotated[list[float], Unit("m")]
+    quat_wxyz: list[float]
+
+    @pydantic.model_validator(mode="after")
+    def _sizes(self) -> FrameSpec:
+        if len(self.xyz) != 3:
+            raise ValueError("xyz needs three numbers")
+        if len(self.quat_wxyz) != 4 or abs(sum(v * v for v in self.quat_wxyz) - 1.0) > 1e-3:
+            raise ValueError("quat_wxyz needs four numbers w, x, y, z, of length 1")
+        return self
 
 
 class LoadUncertaintySpec(FileModel):
@@ -170,9 +202,11 @@ class ExperimentSpec(FileModel):
     """experiment.yaml."""
 
     robot: str
-    data: str | None = None
+    data: str | list[str] | None = None
+    states: Literal["differences", "positions"] | None = None  # how files of states are read
     load: LoadSpec = LoadSpec.model_construct()  # left out: the readings are of unloaded states
     markers: dict[str, MarkerSpec] = pydantic.Field(examples=["{m1: {xyz_mm: [150, 0, 200]}}"])
+    frames: dict[str, FrameSpec] = pydantic.Field(default_factory=dict[str, FrameSpec])
     noise: NoiseSpec | Literal["estimate"] = pydantic.Field(examples=["{sigma_mm: 0.03}", "estimate"])
     load_uncertainty: LoadUncertaintySpec = LoadUncertaintySpec()
     loads: list[LoadCaseSpec] = pydantic.Field(default_factory=list[LoadCaseSpec])

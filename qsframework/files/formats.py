@@ -16,8 +16,12 @@ def check_format(document: Document) -> None:
         newer = isinstance(found, int) and found > FORMAT
         raise InputError(
             Problem(
-                "the file is of a format that this qsframework does not read", str(document.path),
-                document.line("format"), "format", repr(found), str(FORMAT) if FORMAT == 1 else f"1 to {FORMAT}",
-                "A newer qsframework wrote it; update this one." if newer else None,
+                "the file is of a format that this qsframework does not read",
+                str(document.path),
+                document.line("format"),
+                "format",
+                found=repr(found),
+                allowed=str(FORMAT) if FORMAT == 1 else f"1 to {FORMAT}",
+                hint="A newer qsframework wrote it; update this one." if newer else None,
             )
-        )  # fmt: skip
+        )

@@ -1,30 +1,27 @@
 """From readings to parameters."""
 
-from qsframework.identify.absolute import PositionFit, identify_positions
-from qsframework.identify.fit import Estimate, Fit, Masked
-from qsframework.identify.fit_files import StoredFit, read_fit, write_fit, write_nominal
-from qsframework.identify.hygiene import Finding, check_readings, masked, said_of
-from qsframework.identify.identify import METHODS, identify
-from qsframework.identify.joint import Choices, identify_jointly
-from qsframework.identify.state_hygiene import check_positions
+from qsframework.estimation import METHODS, FitOptions
+from qsframework.identify.fit import Estimate, Fit, Masked, State
+from qsframework.identify.identify import identify, masked_words
+from qsframework.identify.io import StoredFit, read_fit, write_fit, write_nominal
+from qsframework.identify.selection import LeftAside
+from qsframework.identify.validate import Validation, validate, validate_halves
 
 __all__ = [
     "METHODS",
-    "Choices",
     "Estimate",
-    "Finding",
     "Fit",
+    "FitOptions",
+    "LeftAside",
     "Masked",
-    "PositionFit",
+    "State",
     "StoredFit",
-    "check_positions",
-    "check_readings",
+    "Validation",
     "identify",
-    "identify_jointly",
-    "identify_positions",
-    "masked",
+    "masked_words",
     "read_fit",
-    "said_of",
+    "validate",
+    "validate_halves",
     "write_fit",
     "write_nominal",
 ]

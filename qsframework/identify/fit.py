@@ -2,25 +2,45 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
+from enum import Enum
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from qsframework.elastostatics import Model
+from qsframework.estimation import Interval, RankTest, rms
+from qsframework.experiment import Frame, Readings, make_rows
+from qsframework.experiment.readings import Alignment, Made
 from qsframework.files.formats import FORMAT
-from qsframework.information import RankTest
+from qsframework.identify.selection import LeftAside
 from qsframework.plugin import Array, Indices
 
 HIGH_CORRELATION = 0.9
 _SIGNIFICANT = 1e-3
 
 
-@dataclass(frozen=True)
+class State(Enum):
+    """What is to be said of an estimate."""
+
+    FINE = "fine"
+    FIXED = "fixed"
+    UPPER_LIMIT = "upper limit"
+    AT_BOUND = "at bound"
+    NOT_IDENTIFIABLE = "not identifiable"
+    BEYOND_BOUND = "beyond bound"
+    OUTSIDE_PRIOR = "outside prior"
+    IMPLAUSIBLE = "implausible"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Estimate:
-    """One identified parameter, SI. `status` is "" or says that the value breaks or meets a bound.
+    """One identified parameter, SI.
 
     sd is NaN where the value stands at its bound, for the fit then says nothing about the other side; 0 where fixed.
+    limit: of a value that is not told from zero, the size that it has at most (95 %); free_sd: the sd bounds aside;
+    size: the parameter's natural size; prior_sd: stated, or None
     """
 
     name: str
@@ -30,27 +50,36 @@ class Estimate:
     initial: float
     lower: float
     upper: float
-    status: str
+    state: State = State.FINE
+    limit: float | None = None
+    free_sd: float = float("nan")
+    size: float = 1.0
+    prior_sd: float | None = None
 
+    @property
+    def status(self) -> str:
+        """ "" where all is well, else what is to be said in words."""
+        from qsframework.identify.status import status_words
 
-@dataclass(frozen=True)
-class Interval:
-    """A profile interval, SI: all values of one parameter at which the best fit of the others is not much worse.
+        return status_words(self)
 
-    An end at the parameter's bound is that bound, for the readings allow all up to it.
-    linear: the ends by the covariance alone, value +- t sd; where the two differ, the model bends
-    """
-
-    name: str
-    level: float
-    lower: float
-    upper: float
-    linear: tuple[float, float]
+    def as_json(self, sd_total: float) -> dict[str, Any]:
+        """Its entry in `fit.json` (SI units); sd_total: its sd with the load's stated uncertainty."""
+        return {
+            "value": self.value,
+            "sd": None if np.isnan(self.sd) else self.sd,
+            "sd_total": None if np.isnan(self.sd) else sd_total,
+            "unit": self.unit,
+            "initial": self.initial,
+            "state": self.state.value,
+            "limit": self.limit,
+            "status": self.status,
+        }
 
 
 @dataclass(frozen=True)
 class Masked:
-    """Rows of a file that were masked before the fit, and why; `readings` is "displacements" or "positions"."""
+    """Rows of a file that were masked, and why; `readings` is "displacements", "positions" or "gauges"."""
 
     kind: str
     rows: tuple[int, ...]
@@ -58,16 +87,25 @@ class Masked:
     readings: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Fit:
     """Estimates with covariance (p, p) and the residuals of R used rows.
 
-    x holds all parameters of the model, estimated or not. measured, predicted, residuals,
-    studentised, left_out (R, 3): left_out are the errors at each pose when it is left out of the fit.
+    x holds all parameters of the model, estimated or not; frames: the base in the frames that were estimated;
+    left_aside: parameters that were asked for and not estimated, with what absorbs them. measured, predicted, nominal,
+    residuals, studentised, left_out (R, 3) m, NaN where an axis was not measured; left_out are the errors at each pose
+    when it is left out of the fit; nominal is the arm before the fit, in frames that suit it best. kind (R,): of
+    each row, "displacement", "position" or "gauge"; lines (R,) in their files, sources[file].
     sigma (m) is the sd of one coordinate of unit weight, "stated" or "estimated" from the residuals.
+    shared_sd (m): of the error that the markers of a visit share, 0 where none was looked for or seen; shared_p: of it
+    total_covariance (p, p): with the load's stated uncertainty; None where none is stated
+    cleaned: what was masked before the fit because it cannot be right; None where nobody looked
+    gross: rows that the fit itself masked, and what else it says of rows; missed (k, 3) m: its errors at the masked,
+    whose kinds are missed_kind (k,)
     """
 
     method: str
+    linear: bool
     model: Model
     x: Array
     estimates: tuple[Estimate, ...]
@@ -75,8 +113,11 @@ class Fit:
     rank: RankTest
     sigma: float
     sigma_source: str
-    rows: Indices
+    lines: Indices
+    file: Indices
+    sources: tuple[str, ...]
     poses: tuple[str, ...]
+    kind: npt.NDArray[np.str_]
     measured: Array
     predicted: Array
     nominal: Array
@@ -86,25 +127,44 @@ class Fit:
     chi2: float
     dof: int
     data_sha256: str
-    notes: tuple[str, ...] = ()
-    """What else to know about how the fit was made."""
+    frames: tuple[Frame, ...] = ()
+    left_aside: tuple[LeftAside, ...] = ()
     shared_sd: float = 0.0
-    """sd (m) of the error that all markers of a pose share, beside sigma; 0 where none was looked for or seen."""
+    shared_p: float | None = None
     total_covariance: Array | None = None
-    """Covariance (p, p) with the load's stated uncertainty; None where none is stated."""
     intervals: tuple[Interval, ...] = ()
-    """Profile intervals, of the parameters for which they were asked."""
     cleaned: tuple[Masked, ...] | None = None
-    """What was masked before the fit because it cannot be right; None where nobody looked."""
+    gross: tuple[Masked, ...] = ()
+    missed: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    missed_kind: npt.NDArray[np.str_] = field(default_factory=lambda: np.zeros(0, dtype=np.str_))
+    alignments: tuple[Alignment, ...] = ()
+    made: Made | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(e.name for e in self.estimates)
 
     @property
+    def position(self) -> npt.NDArray[np.bool_]:
+        """Rows (R,) of absolute positions."""
+        return self.kind == "position"
+
+    @property
+    def rows(self) -> Indices:
+        """Lines (R,) of the rows in their files."""
+        return self.lines
+
+    @property
     def masked_rows(self) -> tuple[int, ...]:
         """Rows of the readings' file that were found wrong and not used."""
-        return tuple(sorted({row for one in self.cleaned or () for row in one.rows}))
+        every = [*(self.cleaned or ()), *(one for one in self.gross if one.kind == "gross")]
+        return tuple(sorted({row for one in every for row in one.rows}))
+
+    @property
+    def masked(self) -> tuple[int, ...]:
+        """Rows that the fit itself found to be gross and did not use."""
+        return tuple(sorted({row for one in self.gross if one.kind == "gross" for row in one.rows}))
 
     @property
     def sd_total(self) -> tuple[float, ...]:
@@ -129,14 +189,21 @@ class Fit:
 
     @property
     def rms_left_out(self) -> float:
-        """RMS per axis of the leave-one-pose-out errors, m, over the poses that can be left out; NaN if none can."""
-        told = self.left_out[~np.isnan(self.left_out).any(axis=1)]
-        return rms(told) if len(told) else float("nan")
+        """RMS per axis of the leave-one-pose-out errors, m, over the poses that can be left out; NaN if none can.
+
+        With all rows: those that were masked as gross are unseen too.
+        """
+        return rms(np.concatenate([self.left_out, self.missed]))
+
+    @property
+    def rms_left_out_kept(self) -> float:
+        """The same without the masked rows."""
+        return rms(self.left_out)
 
     @property
     def carriers(self) -> tuple[str, ...]:
         """Poses that alone carry a parameter: without one of them the others cannot tell it."""
-        lost = np.flatnonzero(np.isnan(self.left_out).any(axis=1))
+        lost = np.flatnonzero((np.isnan(self.left_out) & np.isfinite(self.measured)).any(axis=1))
         return tuple(dict.fromkeys(self.poses[i] for i in lost))
 
     @property
@@ -146,26 +213,29 @@ class Fit:
 
         return None if self.sigma_source == "estimated" else float(chi2.sf(self.chi2, self.dof))
 
-    def verdict(self) -> str:
-        """Whether the residuals fit the noise, and what to do if they do not."""
-        if self.p_value is None:
-            return "The noise is estimated from the residuals, so they cannot say whether the model is right."
-        ratio = float(np.sqrt(self.chi2 / self.dof))
-        said = f"chi-square {self.chi2:.1f} on {self.dof} degrees of freedom, p = {self.p_value:.2g}"
-        if self.p_value > 1.0 - _SIGNIFICANT:
-            return (
-                f"The residuals are only {ratio:.2g} of the stated noise ({said}): the noise is less than stated, rows "
-                "were copied, or the displacements are in a larger unit than their columns say."
-            )
-        if self.p_value >= _SIGNIFICANT:
-            return f"The residuals agree with the stated noise ({said})."
-        order = np.argsort(-np.abs(self.studentised).max(axis=1))[:3]
-        rows = ", ".join(f"{self.rows[i]} (pose {self.poses[i]})" for i in order)
-        return (
-            f"The residuals are {ratio:.1f} times the stated noise ({said}): the model or a reading is wrong, and the "
-            f"standard deviations are too small by that factor. Largest residuals: rows {rows}. Check the unit of the "
-            "load, the load point, the markers' names and places, and the noise."
-        )
+    def error_of(self, residuals: Array) -> float:
+        """RMS of the norms of errors (R, 3) that are whole, m; NaN where there are none."""
+        whole = residuals[np.isfinite(residuals).all(axis=1)]
+        return float(np.sqrt((whole**2).sum(axis=1).mean())) if len(whole) else float("nan")
+
+    def predict(self, readings: Readings) -> tuple[Array, Array]:
+        """Other readings in the same frames: predicted and measured (R, 3) m of their used rows.
+
+        InputError where they are in a frame that the fit does not know.
+        """
+        rows = make_rows(readings)
+        known = {frame.series: frame for frame in self.frames}
+        wanted = [readings.frames[f] for f in rows.estimated]
+        if missing := [name for name in wanted if name not in known]:
+            from qsframework.errors import InputError
+
+            raise InputError(f"the fit knows no tracker frame of series {', '.join(map(repr, missing))}")
+        return rows.predict(self.model, self.x, [known[n] for n in wanted], self.linear), rows.measured
+
+    @property
+    def significance(self) -> float:
+        """p-value below which residuals do not fit their stated noise."""
+        return _SIGNIFICANT
 
     @property
     def correlation(self) -> Array:
@@ -185,26 +255,17 @@ class Fit:
 
     def as_json(self) -> dict[str, Any]:
         """What `fit.json` holds (SI units)."""
-        return {
+        content = {
             "format": FORMAT,
             "robot": self.model.facts.name,
             "method": self.method,
+            "linear": self.linear,
             "parameters": list(self.names),
-            "estimates": {
-                e.name: {
-                    "value": e.value,
-                    "sd": None if np.isnan(e.sd) else e.sd,
-                    "sd_total": None if np.isnan(e.sd) else total,
-                    "unit": e.unit,
-                    "initial": e.initial,
-                    "status": e.status,
-                }
-                for e, total in zip(self.estimates, self.sd_total, strict=True)
-            },
+            "estimates": {e.name: e.as_json(s) for e, s in zip(self.estimates, self.sd_total, strict=True)},
             "covariance": self.covariance.tolist(),
             "covariance_total": None if self.total_covariance is None else self.total_covariance.tolist(),
             "intervals": {
-                i.name: {"level": i.level, "lower": i.lower, "upper": i.upper, "linear": list(i.linear)}
+                i.name: {"level": i.level, "lower": _end(i.lower), "upper": _end(i.upper), "linear": list(i.linear)}
                 for i in self.intervals
             },
             "sigma_mm": self.sigma * 1e3,
@@ -217,23 +278,35 @@ class Fit:
             "model": {name: float(v) for name, v in zip(self.model.names, self.x, strict=True)},
             "notes": list(self.notes),
             "data_sha256": self.data_sha256,
+            "left_aside": [entry.words() for entry in self.left_aside],
             **self._of_readings(),
         }
+        if self.frames:
+            content["frames"] = {
+                f.series: {"rotation": f.rotation.tolist(), "origin_m": f.origin.tolist()} for f in self.frames
+            }
+        return content
 
     def _of_readings(self) -> dict[str, Any]:
         """What `fit.json` says of the readings' errors and of those that were not used."""
-        return {
+        out: dict[str, Any] = {
             "masked": None if self.cleaned is None else [{**asdict(m), "rows": list(m.rows)} for m in self.cleaned],
+            "gross": [{**asdict(m), "rows": list(m.rows)} for m in self.gross],
             "masked_rows": list(self.masked_rows),
             "rms_mm": {
                 "readings": self.rms_readings * 1e3,
                 "nominal": self.rms_nominal * 1e3,
                 "identified": self.rms * 1e3,
                 "leave_one_out": None if np.isnan(self.rms_left_out) else self.rms_left_out * 1e3,
+                "leave_one_out_without_masked": (
+                    None if np.isnan(self.rms_left_out_kept) else self.rms_left_out_kept * 1e3
+                ),
             },
         }
+        if self.position.any():
+            out["rms_norm_mm"] = self.error_of(self.residuals[self.position]) * 1e3
+        return out
 
 
-def rms(values: Array) -> float:
-    """Root mean square over all rows and axes."""
-    return float(np.sqrt(np.mean(np.square(values))))
+def _end(value: float) -> float | None:
+    return value if np.isfinite(value) else None

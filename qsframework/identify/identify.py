@@ -1,257 +1,342 @@
-"""The verb: from an experiment and its displacement readings to a fit, by the method that is asked for."""
+"""The verb: from an experiment and its readings, of any kind, to a fit."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged, NotIdentifiable, Problem, nearest
-from qsframework.experiment import Experiment, Readings
-from qsframework.experiment.setup import GEOMETRY
-from qsframework.identify.equilibrium import fit_exactly, linearised, with_shift
-from qsframework.identify.fit import Fit
-from qsframework.identify.linear import Found, Rows, fit_rows, identify_linear, make_fit, rounding
-from qsframework.identify.noise import SharedError, noise_parts, pose_groups, shared_error
-from qsframework.identify.observations import Noise, Observations
-from qsframework.identify.profile import profile_interval
-from qsframework.identify.single import single_pose
-from qsframework.identify.solve import Solution, solve
-from qsframework.identify.two_step import identify_two_step
-from qsframework.identify.uncertainty import load_sds, total_covariance
-from qsframework.information import rank_test, what_would_help
-from qsframework.plugin import Array
+from qsframework.estimation import (
+    PLAIN,
+    FitOptions,
+    Observations,
+    Solution,
+    profile_interval,
+    propagated,
+    rank_test,
+    rms,
+    scales,
+    settle,
+    shared_error,
+    studentised,
+    without_block,
+)
+from qsframework.estimation.noise import SharedError
+from qsframework.experiment import Bridge, Experiment, Frame, Readings, bridge, make_rows
+from qsframework.experiment.observations import Rows, start_values
+from qsframework.experiment.setup import GEOMETRY, expand_name
+from qsframework.files import sha256
+from qsframework.identify.fit import Estimate, Fit, Masked, State
+from qsframework.identify.found import Found
+from qsframework.identify.load_error import load_columns, load_sds
+from qsframework.identify.pose_spread import check_pose_spread
+from qsframework.identify.selection import LeftAside, held_of, in_order, kinds_of, told_names
+from qsframework.identify.status import estimate_of
+from qsframework.identify.two_step import two_step
+from qsframework.information import what_would_help
+from qsframework.plugin import Array, Geometry
+from qsframework.screening import SHARE, Finding, find_outliers, told_outliers
 
-METHODS = ("linear", "one-step", "two-step")
-SHARED = ("pose",)
-_ROUNDS = 50
-_STILL = 1e-6
-_MAD = 1.4826
+_ENOUGH = 30
+"""Degrees of freedom below which no reading is called gross: a few cannot say what is usual."""
+_HOLDS = 30
+"""Most fits in which weak holds and the noise that weighs them settle."""
+_FELL = 0.9
+"""Share of the noise above which weaker holds change it no more."""
 
 
 def identify(
-    experiment: Experiment, readings: Readings, fit: Sequence[str] | None = None, method: str = "linear",
-    priors: bool = False, loss: str = "linear", fixed: Sequence[str] = (), tied: Sequence[Sequence[str]] = (),
-    shared: str = "", exact: bool = False, profile: Sequence[str] = (),
-) -> Fit:  # fmt: skip
-    """Estimate the experiment's parameters from displacement readings.
+    experiment: Experiment, readings: Readings, fit: Sequence[str] | None = None, options: FitOptions = PLAIN
+) -> Fit:
+    """Estimate the experiment's parameters, and the frames that nobody knows, from readings.
 
-    `fit` names other parameters to estimate: effects, instances or single parameters. method "linear" looks at no
-    bounds, so that a wrong model or convention shows itself in a value beyond them; "one-step" is nonlinear, keeps the
-    bounds, and takes `priors` (stated values and sds count as readings), a robust `loss` (huber, soft_l1), `fixed` and
-    `tied` parameters; "two-step" finds an aggregated compliance for each angle of the balanced joint first.
-
-    shared "pose": all markers of a measurement share an error, the robot's repeatability. Its sd is estimated from the
-    residuals (REML), and the readings are weighed with it; chi-square then says nothing of errors common to a pose.
-
-    exact: by the full equilibrium instead of the linear model; without it a note says where that would matter.
-
-    profile: parameters whose 95 % profile intervals the plain one-step fit gives too; in a model that bends, or at a
-    bound, value +- t sd is none.
+    `fit` names other parameters to estimate: effects, instances or single parameters. What the readings cannot tell is
+    left aside by name, with what absorbs it. Where the experiment says `rigid: true`, springs that are not estimated
+    count as rigid.
 
     Raises InputError where there are fewer readings than parameters; NotIdentifiable, naming the parameters, where the
-    readings cannot tell them apart, or are all of one pose; NotConverged with its reason.
+    readings tell none of them, or are all of one pose; NotConverged with its reason.
     """
-    if method not in METHODS:
-        raise InputError(
-            Problem(f"unknown method {method!r}", allowed=", ".join(METHODS), hint=nearest(method, METHODS))
-        )
-    if GEOMETRY in (fit or experiment.fit or ()):
+    experiment = experiment if fit is None else experiment.with_(fit=tuple(fit))
+    model, rows = experiment.model(), make_rows(readings)
+    names = in_order(model, experiment.fit_names())
+    _check_names(options, names)
+    said, wrong = _gross(experiment, readings, rows, options)
+    if GEOMETRY in (experiment.fit or ()) and not rows.estimated and not readings.is_position[rows.keep].any():
         raise InputError(
             f"fit: {GEOMETRY} is told by absolute positions (x_mm, y_mm, z_mm); these readings are displacements, "
             "which hardly depend on it. Name what they tell, such as joint_compliance, or give positions"
         )
-    names = experiment.fit_names() if fit is None else experiment.with_(fit=tuple(fit)).fit_names()
-    if method != "one-step" and (priors or loss != "linear" or fixed or tied):
-        raise InputError(f"priors, loss, fixed and tied are for method one-step, not for {method}")
-    if profile and (method != "one-step" or priors or loss != "linear" or tied):
+    method = two_step if options.method == "two-step" else _one_step
+    used = rows if wrong is None else make_rows(readings.masked(wrong))
+    found = _finished(experiment, used, options, lambda own: method(experiment, own, names, options))
+    if wrong is None:
+        return replace(found, gross=said)
+    predicted, measured = found.predict(replace(readings, use=readings.use & wrong))
+    kind = readings.kind[readings.use & wrong]
+    return replace(found, gross=said, missed=measured - predicted, missed_kind=kind)
+
+
+def _gross(
+    experiment: Experiment, readings: Readings, rows: Rows, options: FitOptions
+) -> tuple[tuple[Masked, ...], npt.NDArray[np.bool_] | None]:
+    """What is to be said of rows that are far off, and those of the readings to mask: few, or none."""
+    count = len(rows.at) - len(experiment.fit_names()) - 6 * len(rows.estimated)
+    if options.keep_all or count < _ENOUGH:
+        return (), None
+    outliers = find_outliers(experiment, readings)
+    if outliers is None or not (outliers.gross.any() or outliers.missed.any()):
+        return (), None
+    found = told_outliers(readings, rows.keep, outliers)
+    many = outliers.share > SHARE
+    said = masked_words(readings, [one for one in found if not (many and one.kind == "gross")])
+    if many or not outliers.gross.any():
+        return said, None
+    wrong = np.zeros(len(readings), dtype=bool)
+    wrong[rows.keep[outliers.gross]] = True
+    return said, wrong
+
+
+def masked_words(readings: Readings, findings: Sequence[Finding]) -> tuple[Masked, ...]:
+    """Findings as a fit of the masked readings keeps them: `replace(fit, cleaned=...)`."""
+    of_line = dict(zip(readings.line.tolist(), readings.kind.tolist(), strict=True))
+
+    def kind(one: Finding) -> str:
+        masked = readings.kind[one.mask.astype(bool)].tolist() or [of_line[r] for r in one.rows]
+        return "positions" if "position" in masked else f"{masked[0]}s"
+
+    return tuple(Masked(one.kind, tuple(sorted(one.rows)), one.words, kind(one)) for one in findings)
+
+
+def _check_names(options: FitOptions, names: Sequence[str]) -> None:
+    for name in (*options.fixed, *(n for group in options.tied for n in group), *options.profile):
+        if name not in names:
+            raise InputError(Problem(f"the fit has no parameter {name!r}", allowed=", ".join(names),
+                                     hint=nearest(name, names)))  # fmt: skip
+
+
+def _one_step(experiment: Experiment, rows: Rows, names: Sequence[str], options: FitOptions) -> Found:
+    """All parameters at once."""
+    readings = rows.readings
+    x0 = start_values(experiment, names)
+    free = [n for n in names if n not in options.fixed]
+    if not free:
+        raise InputError("every parameter is fixed: nothing is left to estimate")
+    first = bridge(experiment, readings, free, linear=options.linear, x=x0, rows=rows)
+    told, left, unit = told_names(first, options)
+    if not told:
+        raise _none_told(experiment, first, left, names)
+    count = first.motions + len(told) - sum(len(group) - 1 for group in options.tied)
+    if len(rows.at) <= count:
         raise InputError(
-            "profile is for method one-step without priors, loss and tied: it follows the plain least squares"
+            f"{len(rows.keep)} reading{'s give' if len(rows.keep) > 1 else ' gives'} {len(rows.at)} numbers: too few "
+            f"for {count} parameters{' (six of them each tracker frame)' if first.frames else ''}; measure more poses, "
+            "or fit fewer parameters (`fit:` in the experiment)"
         )
-
-    def refit(given: Readings, profile: Sequence[str] = ()) -> Fit:
-        return _of_linear_model(experiment, given, names, method, priors, loss, fixed, tied, shared, profile)
-
-    model = experiment.model()
-    found = fit_exactly(model, readings, refit) if exact else with_shift(refit(readings), model, readings, refit)
-    if not profile:
-        return found
-    last = linearised(model, readings, found.x) if exact else readings
-    return replace(found, intervals=refit(last, profile).intervals)
-
-
-def _of_linear_model(
-    experiment: Experiment, readings: Readings, names: Sequence[str], method: str, priors: bool, loss: str,
-    fixed: Sequence[str], tied: Sequence[Sequence[str]], shared: str, profile: Sequence[str],
-) -> Fit:  # fmt: skip
-    """The fit of the model that balances the load at the undeflected pose, with its notes and total uncertainty."""
-
-    def fitted(within: float) -> Fit:
-        if method == "linear":
-            return identify_linear(experiment, readings, names, within)
-        if method == "two-step":
-            return identify_two_step(experiment, readings, names, shared=within)
-        return _one_step(experiment, readings, names, priors, loss, fixed, tied, within, profile)
-
-    found, within = fitted(0.0), 0.0
-    free = 1 if priors else int((np.diag(found.covariance) > 0.0).sum()) - sum(len(group) - 1 for group in tied)
-    used = np.unique(readings.measurement[readings.use])
-    lonely = single_pose(readings.poses.q[used], free)
-    if shared:
-        error = _pose_error(experiment, readings, found, shared)
-        within = error.sd / error.unit
-        found = replace(fitted(within) if within else found, shared_sd=error.sd)
-        found = replace(found, notes=(error.words(), *found.notes))
-    found = replace(found, notes=(*lonely, *found.notes)) if lonely else found
-    if not load_sds(experiment, names).any():
-        return found
-    noise = fit_rows(experiment, readings, len(names), within)[0].noise
-    return replace(found, total_covariance=total_covariance(found, experiment, readings, noise))
+    angles = readings.poses.q[np.unique(rows.plus)]
+    one_pose = check_pose_spread(angles, 1 if options.priors else count - first.motions, bool(first.frames))
+    notes = ("Only one pose was measured: nothing says whether this fit holds at another one.",) if one_pose else ()
+    seen = replace(first, names=tuple(n for n in names if n in told or n in options.fixed))
+    options = replace(options, tied=tuple(g for g in options.tied if set(g) <= set(told)))
+    solution, solved = _settled(seen, options, unit)
+    return Found(
+        seen=seen,
+        solution=solution,
+        covariance=solution.covariance,
+        method="one-step",
+        left=left,
+        notes=notes,
+        solved=solved,
+    )
 
 
-def _pose_error(experiment: Experiment, readings: Readings, found: Fit, shared: str) -> SharedError:
-    """The error that the markers of a measurement share, from the residuals of a fit without it."""
-    if shared not in SHARED:
-        raise InputError(Problem(f"unknown shared error {shared!r}", allowed=", ".join(SHARED),
-                                 hint=nearest(shared, SHARED)))  # fmt: skip
-    rows, source = fit_rows(experiment, readings, len(found.names))
-    if len(np.unique(rows.measurement)) == len(rows.measurement):
+def _settled(seen: Bridge, options: FitOptions, unit: float) -> tuple[Solution, Observations]:
+    """The solution and its observations, geometry and markers held weakly to their nominal values.
+
+    They are held by the noise that is seen in the end. unit: the nominal arm's error, in sds of a reading
+    """
+    observations = seen.observations()
+    starts = 0 if seen.frames else options.starts
+    options = replace(options, starts=starts)
+    held = 1.0 / (held_of(seen.model, seen.names) * scales(list(seen.parameters[seen.motions :])))
+    held = np.concatenate([np.zeros(seen.motions), held])
+    if not held.any():
+        return settle(observations, options, seen.start), observations
+    solution = settle(replace(observations, held=held * unit), options, seen.start, tolerance=1e-3)
+    options = replace(options, starts=0)
+    noise = max(rms(solution.residuals), observations.least)
+    for _ in range(_HOLDS):
+        observations = replace(observations, held=held * noise)
+        solution = settle(observations, options, solution.x)
+        before, noise = noise, max(rms(solution.residuals), observations.least)
+        if noise > _FELL * before:
+            break
+    return solution, observations
+
+
+def _none_told(
+    experiment: Experiment, seen: Bridge, left: Sequence[LeftAside], names: Sequence[str]
+) -> NotIdentifiable | InputError:
+    """Why nothing can be estimated at all."""
+    poses = seen.rows.readings.poses.take(seen.rows.plus)
+    said = "; ".join(f"{entry.words()}" for entry in left[:6])
+    more = f"; and {len(left) - 6} more" if len(left) > 6 else ""
+    if GEOMETRY in (experiment.fit or ()):
+        wanted = expand_name(GEOMETRY, seen.model)
+        return InputError(
+            f"fit: {GEOMETRY}: these readings tell none of its {len(wanted)} numbers ({said}{more}); measure poses "
+            f"that move every joint, or leave {GEOMETRY} out"
+        )
+    advice = what_would_help(seen.model, names[0], poses)
+    return NotIdentifiable(f"these readings cannot tell any of the parameters: {said}{more}. {names[0]}: {advice}")
+
+
+def _finished(experiment: Experiment, rows: Rows, options: FitOptions, fitted: Callable[[Rows], Found]) -> Fit:
+    """A method's fit with what all methods share: the error of a visit, intervals, the load's uncertainty, words."""
+    found = fitted(rows)
+    error: SharedError | None = None
+    if options.shared:
+        error = _visit_error(found)
+        if error.sd > 0.0:
+            rows = rows.sharing(error.sd / error.unit)
+            found = fitted(rows)
+    result = _fit_of(experiment, found, options)
+    if error is not None:
+        result = replace(result, shared_sd=error.sd, shared_p=error.p_value)
+    seen = found.seen
+    if options.profile:
+        observations = found.solved or seen.observations()
+        result = replace(
+            result, intervals=tuple(profile_interval(observations, found.solution, n, options) for n in options.profile)
+        )
+    sds = load_sds(experiment, seen.names)
+    loaded = rows.readings.states.loaded[rows.plus].any()
+    if sds.any() and loaded:
+        columns = seen.rows.noise.whiten(load_columns(_at(found), seen.values(found.solution.x)) * sds)
+        G = propagated(found.solution, columns)
+        result = replace(result, total_covariance=result.covariance + G @ G.T)
+    return result
+
+
+def _at(found: Found) -> Bridge:
+    """The bridge in the frames that were found."""
+    return replace(found.seen, frames=found.seen.moved(found.solution.x))
+
+
+def _visit_error(found: Found) -> SharedError:
+    """The error that the markers of a visit share, from the residuals of a fit without it (REML)."""
+    rows = found.seen.rows
+    label = rows.label
+    told = label >= 0
+    if len(np.unique(label[told])) == told.sum():
         raise InputError(
             "an error shared by the markers of a pose cannot be told from their own: every measurement has one marker "
             "only. Leave it out, or measure more markers"
         )
-    A = rows.of(found.model.sensitivity(readings.poses, found.x, found.names)).reshape(found.residuals.size, -1)
-    own, others = noise_parts(readings, rows.keep, rows.sigma)
-    label = pose_groups(readings, rows.keep)
+    o = found.seen.observations()
+    residuals = o.measured - o.predict(found.solution.x)
     free = np.sqrt(np.diag(found.covariance)) > 0.0
-    return shared_error(found.residuals.ravel(), A[:, free], own, label, source == "stated", others)
+    own, others = rows.own_noise
+    return shared_error(residuals, o.jacobian(found.solution.x)[:, free], own, label, rows.stated, others)
 
 
-def displacement_observations(
-    model: Model, readings: Readings, rows: Rows, names: Sequence[str], x: Array | None = None
-) -> Observations:
-    """The readings as scalars, with the named parameters to fit and all others as in x, nominal if None."""
-    index = model.index(names)
-    nominal = model.nominal if x is None else x
+def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
+    """The fit with its proof: estimates, residuals, what is left out."""
+    seen, solution, rows = found.seen, found.solution, found.seen.rows
+    readings, model = rows.readings, seen.model
+    noise, free = rows.noise, found.covariance.diagonal() > 0.0
+    scale = scales(list(seen.parameters))
+    Q = solution.hat
+    white = solution.residuals * (1.0 if solution.unit is None else solution.unit)
+    dof = len(white) - Q.shape[1]
+    chi2, least = float(white @ white), seen.observations().least
+    plain = float(np.sqrt(chi2 / dof))
+    unit = 1.0 if rows.stated else max(plain if solution.unit is None else solution.unit, least)
+    covariance = found.covariance * unit**2
+    x, frames = seen.values(solution.x), seen.moved(solution.x)
+    sigma = float(np.sqrt(np.mean(np.square(rows.flat(rows.sigma)))))
+    predicted = rows.predict(model, x, frames, options.linear)
+    notes = (*_option_notes(options, solution), *found.notes)
+    if not rows.stated and unit == least:
+        notes = (*notes, "The readings have no noise: sigma is what rounding leaves, and the sds say no more.")
+    estimates = _estimates(found, solution, frames, x, np.sqrt(covariance.diagonal()), unit)
+    left = tuple(e for e in found.left if e.name in model.names)
+    notes = (*notes, *_advice(rows, model, left, estimates))
+    return Fit(
+        method=found.method, linear=options.linear, model=model, x=x, estimates=estimates, covariance=covariance,
+        rank=rank_test(solution.jacobian[:, free] * scale[free], [n for n, f in zip(
+            (p.name for p in seen.parameters), free, strict=True) if f]),
+        sigma=unit * sigma, sigma_source="stated" if rows.stated else "estimated",
+        lines=readings.line[rows.keep], file=readings.file[rows.keep],
+        sources=tuple(str(s) for s in readings.sources), poses=rows.pose_names,
+        kind=readings.kind[rows.keep], measured=rows.measured, predicted=predicted,
+        nominal=_nominal(experiment, found, options, frames, x), residuals=rows.measured - predicted,
+        studentised=rows.spread(studentised(white, Q, noise)),
+        left_out=rows.spread(noise.colour(_left_out(Q, white, rows))), chi2=chi2 / unit**2, dof=dof,
+        data_sha256="+".join(sha256(s) for s in readings.sources), frames=frames, left_aside=left,
+        alignments=readings.alignments, made=readings.made, notes=notes,
+    )  # fmt: skip
 
-    def full(x: Array) -> Array:
-        every = nominal.copy()
-        every[index] = x
-        return every
 
-    return Observations(
-        rows.measured.ravel(),
-        lambda x: rows.of(model.predict(readings.poses, full(x))).ravel(),
-        lambda x: rows.of(model.sensitivity(readings.poses, full(x), names)).reshape(-1, len(names)),
-        tuple(model.parameters[i] for i in index),
-        rows.noise,
-        np.repeat(rows.pose, 3),
-        np.repeat(readings.rows[rows.keep], 3),
+def _advice(
+    rows: Rows, model: Model, left: Sequence[LeftAside], estimates: Sequence[Estimate]
+) -> tuple[str, ...]:  # fmt: skip
+    """What would help to tell the parameters that these readings do not tell, or tell badly."""
+    readings = rows.readings
+    poses = readings.poses.take(rows.plus)
+    placed = kinds_of(model, Geometry) if readings.is_position[rows.keep].any() else set[str]()
+    silent = [e.name for e in left if np.isinf(e.sd) and not e.absorbed_by and e.name not in placed]
+    badly = [e for e in estimates if e.state is State.NOT_IDENTIFIABLE and e.name in {*model.names} - placed]
+    return (
+        *(f"{name}: {what_would_help(model, name, poses)}" for name in silent),
+        *(f"{e.name}: {e.status}; {what_would_help(model, e.name, poses)}." for e in badly),
     )
 
 
-def _one_step(
-    experiment: Experiment, readings: Readings, names: Sequence[str], priors: bool, loss: str, fixed: Sequence[str],
-    tied: Sequence[Sequence[str]], within: float = 0.0, profile: Sequence[str] = (),
-) -> Fit:  # fmt: skip
-    model = experiment.model()
-    rows, source = fit_rows(experiment, readings, len(names), within)
-    observations = displacement_observations(model, readings, rows, names)
+def _left_out(Q: Array, white: Array, rows: Rows) -> Array:
+    """Whitened errors (m,) at each pose when it is left out. What was whitened together is left out together, so that
+    NaN of one block does not reach another."""
+    return np.asarray(without_block(Q, white, rows.together))
+
+
+def _estimates(
+    found: Found, solution: Solution, frames: Sequence[Frame], x: Array, sd: Array, unit: float
+) -> tuple[Estimate, ...]:
+    seen = found.seen
+    values = np.concatenate([*(f.pose for f in frames), x[seen.model.index(seen.names)]])
+    free = np.where(np.isfinite(solution.free_sd), solution.free_sd * unit, np.inf)
+    out: list[Estimate] = []
+    for i, p in enumerate(seen.parameters):
+        own = float("nan") if p.name in solution.at_bound else float(sd[i])
+        of_frame = i < seen.motions
+        told = replace(p, typical=1e100) if of_frame else p
+        estimate = estimate_of(told, float(values[i]), own, float(free[i]))
+        out.append(replace(estimate, size=p.scale))
+    return tuple(out)
+
+
+def _nominal(experiment: Experiment, found: Found, options: FitOptions, frames: Sequence[Frame], x: Array) -> Array:
+    """What the nominal arm says (R, 3); where frames are estimated, in those that suit it best."""
+    rows, model = found.seen.rows, found.seen.model
+    start = start_values(experiment, found.seen.names) if frames else model.nominal
     try:
-        solution, unit = settled(observations, priors, loss, fixed, tied, source == "estimated")
-    except NotIdentifiable as error:
-        lost = [n for n in names if n in str(error)]
-        said = [f"{n}: {what_would_help(model, n, readings.poses)}" for n in lost]
-        raise NotIdentifiable("; ".join([str(error), *said])) from None
-    x = model.nominal
-    x[model.index(names)] = solution.x
-    moved = [i for i, v in enumerate(np.diag(solution.covariance)) if v > 0.0]
-    free = solution.jacobian[:, moved] * [observations.parameters[i].scale for i in moved]
-    Q = orthonormal(free, solution.free)
-    predicted = rows.of(model.predict(readings.poses, x))
-    nominal = rows.of(model.predict(readings.poses, model.nominal))
-    notes = words_of(priors, loss, fixed, tied, solution)
-    found = Found(
-        "one-step", x, solution.covariance, Q, rank_test(free, [names[i] for i in moved]), nominal, predicted,
-        solution.at_bound, notes, unit, solution.free_sd,
-    )  # fmt: skip
-    fit = make_fit(model, list(observations.parameters), rows, readings, source, found)
-    stated = source == "stated"
-    return replace(fit, intervals=tuple(
-        profile_interval(observations, solution, name, stated=stated, fixed=fixed) for name in profile
-    ))  # fmt: skip
+        return rows.predict(model, start, rows.start(model, start), options.linear)
+    except (NotConverged, InputError):
+        return rows.predict(model, start, frames, True)
 
 
-def orthonormal(rows: Array, free: int) -> Array:
-    """Orthonormal columns (m, f) of what the readings can move, f at most the number of free parameters."""
-    U, values, _ = np.linalg.svd(rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300), full_matrices=False)
-    return U[:, : min(free, int((values > 1e-9 * values[0]).sum()))]
-
-
-def settled(
-    observations: Observations, priors: bool, loss: str, fixed: Sequence[str], tied: Sequence[Sequence[str]],
-    estimated: bool, start: Array | None = None, tolerance: float = 1e-9, starts: int = 5,
-) -> tuple[Solution, float | None]:  # fmt: skip
-    """The solution and the noise's unit; where priors or a robust loss need the unit, it is found with them."""
-    if not estimated or (loss == "linear" and not priors):
-        return solve(observations, start, priors, loss, fixed, tied, tolerance, starts=starts), None
-    least = rounding(observations.noise, observations.measured)
-    first = observations.measured - observations.predict(observations.start if start is None else start)
-    unit = max(_size(observations.noise.whiten(first), 0, loss), least)
-    for _ in range(_ROUNDS):
-        scaled = replace(observations, noise=Scaled(observations.noise, unit, len(observations.measured)))
-        solution = solve(scaled, start, priors, loss, fixed, tied, tolerance, starts=starts)
-        new = max(unit * _size(solution.residuals, solution.free, loss), least)
-        if abs(new - unit) <= _STILL * unit:
-            return replace(solution, covariance=solution.covariance / unit**2, free_sd=solution.free_sd / unit), unit
-        unit = new
-    raise NotConverged(f"the size of the noise did not settle in {_ROUNDS} rounds; state sigma_mm in the experiment")
-
-
-def _size(residuals: Array, free: int, loss: str) -> float:
-    """Sd of residuals that `free` parameters were fitted to; of a robust loss by their median, which outliers spare."""
-    share = len(residuals) / (len(residuals) - free)
-    if loss == "linear":
-        return float(np.sqrt(np.mean(residuals**2) * share))
-    return float(_MAD * np.median(np.abs(residuals)) * np.sqrt(share))
-
-
-@dataclass(frozen=True, eq=False)
-class Scaled:
-    """Noise `unit` times another."""
-
-    noise: Noise
-    unit: float
-    count: int
-
-    def whiten(self, values: Array) -> Array:
-        return self.noise.whiten(values) / self.unit
-
-    def log_det(self) -> float:
-        return self.noise.log_det() + 2.0 * self.count * float(np.log(self.unit))
-
-    def turned(self, values: Array) -> Array:
-        return self.noise.turned(values) / self.unit
-
-    def colour(self, values: Array) -> Array:
-        return self.noise.colour(values) * self.unit
-
-    def weights(self) -> Array:
-        return self.noise.weights() / self.unit**2
-
-
-def words_of(
-    priors: bool, loss: str, fixed: Sequence[str], tied: Sequence[Sequence[str]], solution: Solution
-) -> tuple[str, ...]:  # fmt: skip
+def _option_notes(options: FitOptions, solution: Solution) -> tuple[str, ...]:
     """What to say of how a fit was made."""
-    said = ["Stated values and sds counted as readings."] if priors else []
-    if loss != "linear":
+    said = ["Stated values and sds counted as readings."] if options.priors else []
+    if options.loss != "linear":
         light = int((solution.weights < 0.5).sum())
-        said.append(f"Loss {loss}: {light} coordinates lost more than half their weight.")
-    said += [f"Fixed: {', '.join(fixed)}."] if fixed else []
-    said += [f"Tied, in the ratio of their nominal values: {', '.join(group)}." for group in tied]
-    said += [f"At a bound: {', '.join(solution.at_bound)}; the other sds hold while it stays there."] if (
-        solution.at_bound) else []  # fmt: skip
+        said.append(f"Loss {options.loss}: {light} coordinates lost more than half their weight.")
+    said += [f"Fixed: {', '.join(options.fixed)}."] if options.fixed else []
+    said += [f"Tied, in the ratio of their nominal values: {', '.join(group)}." for group in options.tied]
+    if solution.at_bound:
+        said.append(f"At a bound: {', '.join(solution.at_bound)}; the other sds hold while it stays there.")
     return tuple(said)

@@ -8,18 +8,18 @@ model's effects do, not by their names.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from qsframework.elastostatics import Model
+from qsframework.elastostatics.so3 import left_jacobian
 from qsframework.errors import InputError, NotConverged
-from qsframework.experiment import Experiment, Readings
-from qsframework.identify.fit import Fit
-from qsframework.identify.linear import Found, Rows, fit_rows, make_fit
-from qsframework.identify.observations import Observations
-from qsframework.identify.solve import solve
-from qsframework.information import rank_test, scales
+from qsframework.estimation import FitOptions, Observations, solve
+from qsframework.estimation.solver import solution_at
+from qsframework.experiment import Bridge, Experiment, Frame, Rows, bridge
+from qsframework.experiment.observations import start_values
+from qsframework.identify.found import Found
 from qsframework.information.two_step import distinct_angles, step_two, stiffness_covariance
 from qsframework.plugin import Actuator, Array, Conditions, Indices, ParallelSpring, Parameter, Spring, SpringLaw
 
@@ -62,7 +62,7 @@ def find_balanced(model: Model) -> Balanced:
     if not found:
         raise InputError(
             "the two-step method is for an arm with a balancer whose stiffness is to be found (effect "
-            "compensator_stiffness): this model has none. Use method linear"
+            "compensator_stiffness): this model has none. Use method one-step"
         )
     if len(found) > 1:
         raise InputError("the two-step method knows one balanced joint; this model has more. Use method one-step")
@@ -93,12 +93,10 @@ def _spring_of(model: Model, joint: str) -> str | None:
     return None
 
 
-def identify_two_step(
-    experiment: Experiment, readings: Readings, names: Sequence[str], weighted: bool = True, shared: float = 0.0
-) -> Fit:  # fmt: skip
+def two_step(
+    experiment: Experiment, rows: Rows, names: Sequence[str], options: FitOptions, weighted: bool = True
+) -> Found:
     """Estimate parameters in two steps; weighted False: step two by plain least squares, for comparison only.
-
-    shared: sd of the error that the markers of a pose share, see `fit_rows`.
 
     Raises InputError where the arm has no balancer, its stiffness is not to be fitted, or the readings have fewer than
     as many distinct angles of the balanced joint as step two has unknowns; NotConverged where a step finds a
@@ -107,9 +105,8 @@ def identify_two_step(
     model = experiment.model()
     balanced = find_balanced(model)
     unknowns = _unknowns(balanced, names)
-    rows, source = fit_rows(experiment, readings, len(names), shared)
-    angles, group = distinct_angles(readings.poses.q[:, balanced.joint], _ANGLE)
-    used = np.unique(group[rows.measurement])
+    angles, group = distinct_angles(rows.readings.poses.q[:, balanced.joint], _ANGLE)
+    used = np.unique(group[rows.plus])
     if len(used) < len(unknowns):
         said = ", ".join(f"{a:.1f}" for a in np.rad2deg(angles[used]))
         raise InputError(
@@ -117,18 +114,20 @@ def identify_two_step(
             f"{model.facts.joints[balanced.joint]}: the readings have {len(used)} ({said} deg). Measure at more "
             "angles of this joint, or fit less"
         )
-    first = _StepOne(model, balanced, readings, rows, names, angles[used], np.searchsorted(used, group))
-    x, covariance = first.run(weighted)
-    chosen = [model.parameters[i] for i in model.index(names)]
-    A = rows.of(model.sensitivity(readings.poses, x, names))
-    whitened = rows.noise.whiten((A * scales(chosen)).reshape(-1, len(names)))
-    found = Found(
-        "two-step" if weighted else "two-step, unweighted", x, covariance, np.linalg.qr(whitened)[0],
-        rank_test(whitened, names), rows.of(model.predict(readings.poses, model.nominal)),
-        rows.of(model.predict(readings.poses, x)),
-        notes=(f"Step one found {len(used)} aggregated compliances of {balanced.compliance}.",),
-    )  # fmt: skip
-    return make_fit(model, chosen, rows, readings, source, found)
+    x0 = start_values(experiment, names)
+    seen = bridge(experiment, rows.readings, names, linear=options.linear, x=x0, rows=rows)
+    first = _StepOne(seen, balanced, angles[used], np.searchsorted(used, group[rows.plus]))
+    z, covariance = first.run(weighted)
+    solution = solution_at(seen.observations(), z, covariance)
+    count = len(used)
+    notes = (f"Step one found {count} aggregated compliances of {balanced.compliance}.",)
+    return Found(
+        seen=seen,
+        solution=solution,
+        covariance=covariance,
+        method="two-step" if weighted else "two-step, unweighted",
+        notes=notes,
+    )
 
 
 def _unknowns(balanced: Balanced, names: Sequence[str]) -> tuple[str, ...]:
@@ -137,7 +136,7 @@ def _unknowns(balanced: Balanced, names: Sequence[str]) -> tuple[str, ...]:
     if missing:
         raise InputError(
             f"the two-step method estimates {balanced.compliance} and {balanced.stiffness}; not in the fit: "
-            f"{', '.join(missing)}. Name them under `fit:` or with --fit, or use method linear"
+            f"{', '.join(missing)}. Name them under `fit:`, or use method one-step"
         )
     more = (balanced.free_length,) if balanced.free_length in names else ()
     return (balanced.compliance, balanced.stiffness, *more)
@@ -145,91 +144,102 @@ def _unknowns(balanced: Balanced, names: Sequence[str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _StepOne:
-    """The readings seen as those of an arm with a compliance of the balanced joint for each angle."""
+    """The readings seen as those of an arm with a compliance of the balanced joint for each angle; group (R,)."""
 
-    model: Model
+    seen: Bridge
     balanced: Balanced
-    readings: Readings
-    rows: Rows
-    names: Sequence[str]
     angles: Array
     group: Indices
 
     @property
     def others(self) -> list[str]:
         second = (self.balanced.compliance, self.balanced.stiffness, self.balanced.free_length)
-        return [n for n in self.names if n not in second]
+        return [n for n in self.seen.names if n not in second]
+
+    @property
+    def first(self) -> int:
+        """Place of the first aggregated compliance among the parameters of step one."""
+        return self.seen.motions + len(self.others)
 
     def run(self, weighted: bool) -> tuple[Array, Array]:
-        """All parameters x and the covariance (p, p) of the fitted ones."""
-        model, b, count = self.model, self.balanced, len(self.angles)
-        others = self.others
-        solution = solve(self.observations())
-        k = solution.x[len(others) :]
+        """Motions of the frames and values of the fitted parameters z (p,), and their covariance (p, p)."""
+        b, first, model = self.balanced, self.first, self.seen.model
+        start = np.concatenate([np.zeros(self.seen.motions), self.seen.x[model.index(self.others)]])
+        nominal = self.seen.x[model.index([b.compliance])[0]]
+        solution = solve(self.observations(), start=np.concatenate([start, np.full(len(self.angles), nominal)]))
+        k = solution.x[first:]
         if np.any(k <= 0.0):
             at = ", ".join(f"{a:.1f}" for a in np.rad2deg(self.angles[k <= 0.0]))
             raise NotConverged(f"step one finds no positive compliance of {b.compliance} at {at} deg. Use one-step")
-        part = slice(len(others), len(others) + count)
+        part = slice(first, first + len(self.angles))
         stiffness = 1.0 / k
         spread = stiffness_covariance(solution.covariance[part, part], stiffness)
         rows = b.rows(self.angles)
-        x = model.nominal
-        if b.free_length not in self.names:
-            s0 = x[model.index([b.free_length])[0]]
+        free_length = b.free_length in self.seen.names
+        if not free_length:
+            s0 = self.seen.x[model.index([b.free_length])[0]]
             rows = np.stack([rows[:, 0], rows[:, 1] + s0 * rows[:, 2]], axis=1)
         found, second = step_two(rows, stiffness, spread, weighted)
         values, slope = _to_model(found)
         gain = _gain(rows, spread, weighted)
-        cross = slope @ gain @ (-(stiffness**2)[:, None] * solution.covariance[part, : len(others)])
-        order = [*others, b.compliance, b.stiffness, *([b.free_length] if len(found) == 3 else [])]
-        joint = np.block([[solution.covariance[: len(others), : len(others)], cross.T],
-                          [cross, slope @ second @ slope.T]])  # fmt: skip
-        x[model.index(order)] = np.concatenate([solution.x[: len(others)], values])
-        place = [order.index(n) for n in self.names]
-        return x, joint[np.ix_(place, place)]
+        cross = slope @ gain @ (-(stiffness**2)[:, None] * solution.covariance[part, :first])
+        joint = np.block([[solution.covariance[:first, :first], cross.T], [cross, slope @ second @ slope.T]])
+        names = [*(p.name for p in self.seen.parameters[: self.seen.motions]), *self.others, b.compliance, b.stiffness]
+        names += [b.free_length] if free_length else []
+        place = [names.index(p.name) for p in self.seen.parameters]
+        return np.concatenate([solution.x[:first], values])[place], joint[np.ix_(place, place)]
 
     def observations(self) -> Observations:
-        """Step one: other parameters, then the n aggregated compliances, each seen by the poses at its angle only."""
-        model, b = self.model, self.balanced
-        others, (here, off) = self.others, model.index([b.compliance, b.stiffness])
-        index = model.index(others)
-        of_row = self.group[self.rows.measurement]
-        parts = [(j, np.flatnonzero(self.group == j)) for j in range(len(self.angles))]
+        """Step one: frames and other parameters, then n aggregated compliances, each seen at its own angle only."""
+        rows, model = self.seen.rows, self.seen.model
+        b, first, motions = self.balanced, self.first, self.seen.motions
+        here, off = model.index([b.compliance, b.stiffness])
+        index = model.index(self.others)
+        parts = [(j, rows.take(np.flatnonzero(self.group == j)), np.flatnonzero(self.group[rows.row] == j))
+                 for j in range(len(self.angles))]  # fmt: skip
 
-        def full(x: Array, j: int) -> Array:
-            every = model.nominal
+        def full(z: Array, j: int) -> Array:
+            every = self.seen.x.copy()
             every[off] = 0.0
-            every[index], every[here] = x[: len(others)], x[len(others) + j]
+            every[index], every[here] = z[motions:first], z[first + j]
             return every
 
-        def predict(x: Array) -> Array:
-            out = np.empty((len(self.readings.poses), len(model.markers), 3))
-            for j, those in parts:
-                out[those] = model.predict(self.readings.poses.take(those), full(x, j))
-            return self.rows.of(out).ravel()
+        def predict(z: Array) -> Array:
+            out = np.empty(len(rows.at))
+            for j, own, at in parts:
+                out[at] = own.flat(own.predict(model, full(z, j), self._frames(z, own), self.seen.linear))
+            return out
 
-        def jacobian(x: Array) -> Array:
-            out = np.empty((len(self.readings.poses), len(model.markers), 3, len(others) + 1))
-            for j, those in parts:
-                wanted = [*others, b.compliance]
-                out[those] = model.sensitivity(self.readings.poses.take(those), full(x, j), wanted)
-            A = self.rows.of(out)
-            own = np.where(of_row[:, None, None] == np.arange(len(self.angles)), A[..., -1:], 0.0)
-            return np.concatenate([A[..., :-1], own], axis=-1).reshape(-1, len(others) + len(self.angles))
+        def jacobian(z: Array) -> Array:
+            out = np.zeros((len(rows.at), first + len(self.angles)))
+            for j, own, at in parts:
+                frames = self._frames(z, own)
+                J = own.flat(own.rates(model, full(z, j), frames, [*self.others, b.compliance])[1])
+                for i, f in enumerate(own.estimated):
+                    k = 6 * rows.estimated.index(f)
+                    turn = J[:, 6 * i + 3 : 6 * i + 6] @ left_jacobian(z[k + 3 : k + 6])
+                    out[at, k : k + 6] = np.hstack([J[:, 6 * i : 6 * i + 3], turn])
+                out[at, motions:first] = J[:, 6 * len(frames) : -1]
+                out[at, first + j] = J[:, -1]
+            return out
 
         return Observations(
-            self.rows.measured.ravel(), predict, jacobian, self._parameters(),
-            self.rows.noise, np.repeat(self.rows.pose, 3),
-            np.repeat(self.readings.rows[self.rows.keep], 3),
+            measured=rows.scalars, predict=predict, jacobian=jacobian, parameters=self._parameters(), noise=rows.noise,
+            block=rows.together, row=rows.row, stated=rows.stated, tangent=self.seen.linear,
+            reach=self.seen.reach,
         )  # fmt: skip
 
+    def _frames(self, z: Array, own: Rows) -> list[Frame]:
+        """The frames of some rows after their motions."""
+        moved = dict(zip(self.seen.rows.estimated, self.seen.moved(z), strict=True))
+        return [moved[f] for f in own.estimated]
+
     def _parameters(self) -> tuple[Parameter, ...]:
-        own = self.model.parameters[self.model.index([self.balanced.compliance])[0]]
-        aggregated = [
-            Parameter(f"{own.name} at {a:.1f} deg", own.unit, own.nominal, own.typical, own.sd, own.lower, own.upper)
-            for a in np.rad2deg(self.angles)
-        ]
-        return (*(self.model.parameters[i] for i in self.model.index(self.others)), *aggregated)
+        model = self.seen.model
+        own = model.parameters[model.index([self.balanced.compliance])[0]]
+        aggregated = (replace(own, name=f"{own.name} at {a:.1f} deg", null=None) for a in np.rad2deg(self.angles))
+        others = (model.parameters[i] for i in model.index(self.others))
+        return (*self.seen.parameters[: self.seen.motions], *others, *aggregated)
 
 
 def _to_model(found: Array) -> tuple[Array, Array]:
@@ -238,7 +248,7 @@ def _to_model(found: Array) -> tuple[Array, Array]:
     if K2 <= 0.0 or Kc <= 0.0:
         raise NotConverged(
             f"step two finds K2 = {K2:.3g} N m/rad and Kc = {Kc:.3g} N/m: not positive, so these readings do not tell "
-            "the balancer. Use one-step, which keeps the bounds"
+            "the balancer. Use one-step within bounds"
         )
     slope = np.diag([-1.0 / K2**2, 1.0, *([1.0 / Kc] if len(found) == 3 else [])])
     if len(found) == 2:

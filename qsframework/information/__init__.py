@@ -1,18 +1,16 @@
-"""What readings can tell: whitened sensitivities, rank in words, certificates."""
+"""What readings can tell: whitened sensitivities, advice, certificates."""
 
 from qsframework.information.advice import loss_words, what_would_help
 from qsframework.information.certificate import Allowed, bound_of, efficiency_bound, everything
-from qsframework.information.observations import (
+from qsframework.information.promise import Promise, promises
+from qsframework.information.rows import HeldRows, MadeRows, MappedRows, Rows, as_rows, scores, weighted_information
+from qsframework.information.sensitivities import (
     information,
     information_rows,
     predicted_sd,
     promised_beyond,
     promised_sd,
-    scales,
 )
-from qsframework.information.promise import Promise, promises
-from qsframework.information.rank import RankTest, rank_test
-from qsframework.information.rows import HeldRows, MadeRows, MappedRows, Rows, as_rows, scores, weighted_information
 
 __all__ = [
     "Allowed",
@@ -20,7 +18,6 @@ __all__ = [
     "MadeRows",
     "MappedRows",
     "Promise",
-    "RankTest",
     "Rows",
     "as_rows",
     "bound_of",
@@ -33,8 +30,6 @@ __all__ = [
     "promised_beyond",
     "promised_sd",
     "promises",
-    "rank_test",
-    "scales",
     "scores",
     "weighted_information",
     "what_would_help",

@@ -7,7 +7,7 @@ import numpy as np
 from qsframework.elastostatics import Model
 from qsframework.elastostatics.evaluation import evaluate_stages
 from qsframework.elastostatics.structure import chunks
-from qsframework.information.rank import RankTest
+from qsframework.estimation import RankTest
 from qsframework.plugin import Actuator, Array, Effect, Geometry, Load, ParallelSpring, Poses, Sensor, Spring
 
 _LITTLE = 0.05
@@ -39,18 +39,16 @@ def loss_words(model: Model, test: RankTest, poses: Poses) -> str:
 
 def _spring(model: Model, effect: Spring, name: str, poses: Poses) -> str:
     coordinate, who = _coordinate(model, name), _who(effect, model)
-    torque = np.abs(spring_torques(model, poses)[:, coordinate])
     reach = np.abs(unit_torques(model, poses)[:, coordinate, :])
-    force = np.linalg.norm(poses.wrench[:, :3], axis=1)
-    possible = float((np.linalg.norm(reach, axis=1) * force).max())
-    if possible == 0.0:
+    share = load_share(model, poses, coordinate)
+    if share is None:
         return f"no force at the load point turns {who} in these poses: bend the wrist or move the load point"
-    share = float(torque.max()) / possible
-    pull = _pull_words(int(reach.max(axis=0).argmax()))
+    pull = _pull_words(int(reach[:, :3].max(axis=0).argmax()))
+    what = "forces and moments" if np.any(poses.wrench[:, 3:]) else "forces"
     if share < _LITTLE:
         return f"no reading loads {who}; add {pull} with the arm stretched, so that its lever about {who} is long"
     return (
-        f"the readings load {who} with at most {100 * share:.0f} % of what their forces could; repeat them, raise the "
+        f"the readings load {who} with at most {100 * share:.0f} % of what their {what} could; repeat them, raise the "
         f"load, or add {pull} where its lever about {who} is longest"
     )
 
@@ -102,10 +100,27 @@ def spring_torques(model: Model, poses: Poses) -> Array:
     return np.concatenate(parts)
 
 
+def load_share(model: Model, poses: Poses, coordinate: int) -> float | None:
+    """Share, 0 to 1, of the largest torque on a coordinate that loads of these sizes could give, in any direction.
+
+    A force F and a moment M give at most |F| times the coordinate's reach plus |M| times the share of a moment that it
+    carries. None where neither these loads nor any force turn it.
+    """
+    reach = unit_torques(model, poses)[:, coordinate, :]
+    possible = sum(
+        np.linalg.norm(reach[:, part], axis=1) * np.linalg.norm(poses.wrench[:, part], axis=1)
+        for part in (slice(0, 3), slice(3, 6))
+    )
+    most = float(np.max(possible))
+    if most == 0.0:
+        return 0.0 if np.any(reach[:, :3]) else None
+    return float(np.abs(spring_torques(model, poses)[:, coordinate]).max()) / most
+
+
 def unit_torques(model: Model, poses: Poses) -> Array:
-    """Torque (N, ne, 3) per newton along the base's x, y and z at the load point, m."""
+    """Torque (N, ne, 6) per newton along the base's x, y and z at the load point, m, and per N m about them."""
     out: list[Array] = []
-    for axis in range(3):
+    for axis in range(6):
         wrench = np.zeros((len(poses), 6))
         wrench[:, axis] = 1.0
         pushed = Poses(poses.pendant, poses.q, wrench, poses.unloaded, poses.loaded)

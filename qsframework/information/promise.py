@@ -9,7 +9,7 @@ import numpy as np
 
 from qsframework.experiment import Experiment, Plan
 from qsframework.information.advice import what_would_help
-from qsframework.information.observations import promised_sd
+from qsframework.information.sensitivities import promised_sd
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Promise:
     help: str
 
     def as_json(self) -> dict[str, Any]:
-        """For `qsf diagnose --plan --json`; sd is null where the plan cannot tell the parameter."""
+        """What `qsf diagnose` writes of a plan; sd is null where the plan cannot tell the parameter."""
         sd = self.sd if np.isfinite(self.sd) else None
         return {"name": self.name, "unit": self.unit, "nominal": self.nominal, "sd": sd, "help": self.help}
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.plugin import Array, Indices
+from qsframework.work.threads import single_thread
 
 _CHUNK_BYTES = 1 << 19
 _SPAN = 1 << 25
@@ -189,10 +190,8 @@ def scores(rows: Array | Rows, gradient: Array, threads: int | None = None, basi
 
 def run_shared(job: Callable[[int, int], None], count: int, threads: int | None = None) -> None:
     """Run job(start, stop) over all candidates, shared by threads; linear algebra itself keeps to one thread."""
-    from threadpoolctl import threadpool_limits
-
     workers = threads or min(os.cpu_count() or 1, 8)
-    with threadpool_limits(1, user_api="blas"):
+    with single_thread():
         if workers == 1 or count < _LARGE:
             job(0, count)
             return

@@ -30,7 +30,7 @@ def build_effects(
         effect = find(entry["effect"])
     problems: list[Problem] = []
     everywhere = {
-        "joint": robot.joints,
+        "joint": robot.driven,
         "axis": AXES,
         "direction": DIRECTIONS,
         "link": robot.links,

@@ -36,6 +36,7 @@ def sample_robot() -> RobotFacts:
         placements=frozen(placements),
         masses=frozen([1000, 900, 500, 700, 250, 120, 60]),
         centres=frozen(centres),
+        payload=700.0,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,42 @@ def frozen(values: Any) -> Array:
     return array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
+class NaturalSizes:
+    """What is small and what is large for an arm, so that a small one and a heavy one are judged by one rule.
+
+    reach, m: the lengths of the chain beyond its first joint; payload, kg: stated, else a tenth of what moves;
+    gravity, m/s^2
+    """
+
+    reach: float
+    payload: float
+    gravity: float
+
+    @property
+    def weight(self) -> float:
+        """Of the payload, N."""
+        return self.payload * self.gravity
+
+    @property
+    def torque(self) -> float:
+        """Of the payload at full reach, N m."""
+        return self.weight * self.reach
+
+    def rotation(self, tip: float) -> float:
+        """The turn, rad, that moves the tip by `tip` m at full reach."""
+        return tip / self.reach
+
+    def compliance(self, tip: float) -> float:
+        """The compliance, rad/(N m), by which the payload at full reach moves the tip by `tip` m."""
+        return self.rotation(tip) / self.torque
+
+    def give(self, tip: float) -> float:
+        """The compliance, m/N, by which the payload moves the tip by `tip` m."""
+        return tip / self.weight
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class RobotFacts:
     """The constants of an arm of n joints, base to flange, in SI.
 
@@ -31,6 +67,9 @@ class RobotFacts:
     placements  (n, 4, 4) joint frame in the previous link's frame at zero angle
     masses      (n + 1,) kg; `centres` (n + 1, 3) m in the link frames
     gravity     (3,) m/s^2 in the base frame
+    payload     kg, None where nobody states it
+    limits      (n, 2) rad, all joint angles that the controller can command; None where nobody states them
+    passive     names of joints that no actuator drives: they follow others by a loop
     """
 
     name: str
@@ -41,10 +80,27 @@ class RobotFacts:
     masses: Array
     centres: Array
     gravity: Array = field(default_factory=lambda: frozen([0.0, 0.0, -9.81]))
+    payload: float | None = None
+    limits: Array | None = None
+    passive: tuple[str, ...] = ()
+
+    @cached_property
+    def sizes(self) -> NaturalSizes:
+        """By which effects say how large they naturally are."""
+        lengths: Array = np.linalg.norm(self.placements[1:, :3, 3], axis=1)
+        reach = max(float(lengths.sum()), 0.1)
+        moving = 0.1 * float(self.masses[1:].sum())
+        payload = self.payload or moving or 100.0 * (reach / 2.5) ** 3
+        return NaturalSizes(reach, payload, float(np.linalg.norm(self.gravity)) or 9.81)
 
     @property
     def n(self) -> int:
         return len(self.joints)
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """(m,) names of the joints that have an actuator, in chain order."""
+        return tuple(joint for joint in self.joints if joint not in self.passive)
 
     @property
     def base(self) -> str:
@@ -98,7 +154,7 @@ class Conditions:
 class Poses:
     """A batch of N commanded poses and the wrench on each, SI.
 
-    pendant  (N, n) angles as the pendant shows them, rad
+    pendant  (N, m) angles as the pendant shows them, rad; m < n where joints follow others
     q        (N, n) URDF joint angles by the robot's controller map, rad
     wrench   (N, 6) force (N) and moment (N m) at the load point, base frame
     """

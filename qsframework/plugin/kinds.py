@@ -55,8 +55,8 @@ class Effect(ABC):
 
     @property
     def where(self) -> str:
-        """The place, as in `effect[where]`; by default the place fields joined by a slash."""
-        return "/".join(str(getattr(self, name)) for name in place_fields(type(self)))
+        """The place, as in `effect[where]`; by default the place fields that are given, joined by a slash."""
+        return "/".join(filter(None, (str(getattr(self, name)) for name in place_fields(type(self)))))
 
     @property
     def name(self) -> str:
@@ -69,6 +69,9 @@ class Effect(ABC):
 
     def validate(self, robot: RobotFacts) -> None:  # noqa: B027 - most effects fit every robot
         """Raise InputError if the configuration does not fit the robot."""
+
+    def validate_values(self, x: Array, robot: RobotFacts) -> None:  # noqa: B027 - bounds say enough for most
+        """Raise InputError if these nominal values (p,) of a file do not fit the robot or each other."""
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[Self, ...]:
@@ -96,17 +99,21 @@ class Geometry(Effect):
 
 
 class Loop(Effect):
-    """Stage 1: a closed kinematic loop between actuators and joints.
+    """Stage 1: a closed kinematic loop, or another coupling, between actuators and joints.
 
     Its parameters are the errors of its bars' lengths (m), which are also the coordinates that an
-    elastic bar deflects.
+    elastic bar deflects. Loops may build on each other: the joints that one turns may lead another.
     """
 
     stage = 1
 
     @abstractmethod
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
-        """The k joints of the loop; actuators have the same names."""
+        """The k joints of the loop, the last of them one that it turns; actuators have the same names."""
+
+    def leaders(self, robot: RobotFacts) -> tuple[str, ...]:
+        """Those of `joints` that it reads and does not turn: their joint angles stand for their actuators."""
+        return ()
 
     @abstractmethod
     def actuators(self, q: Array, robot: RobotFacts) -> Array:
@@ -116,14 +123,14 @@ class Loop(Effect):
     def closure(self, actuators: Array, bars: Array, robot: RobotFacts) -> LoopTerm:
         """Joint angles at actuator angles (N, k) and bar errors (N, m)."""
 
-    @abstractmethod
     def transmission_angle(self, q: Array, robot: RobotFacts) -> Array:
         """Angle (N,) rad in [0, pi/2] between the bars; 0 where the loop is flat and transmits nothing."""
+        return np.full(len(q), 0.5 * np.pi)
 
     @property
-    @abstractmethod
     def smallest_transmission_angle(self) -> float:
         """The margin (rad) below which no pose is planned."""
+        return 0.0
 
     def outline(self, q: Array, robot: RobotFacts) -> Array | None:
         """For pictures: ends (N, bars, 2, 3) m of the bars at joint angles q (N, k), NaN where the loop is open.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 from qsframework.errors import PluginError
 
@@ -18,10 +18,12 @@ class Parameter:
     typical  a realistic non-zero size: scales the parameter and sizes a hidden effect
     sd       prior standard deviation, None if nothing is known
     null     value at which the effect vanishes, None if this parameter alone cannot switch it off
+    by_name  estimated only where `fit` names the parameter itself: an effect's name stands for its others
     """
 
     name: str
     unit: str
+    _: KW_ONLY
     nominal: float = 0.0
     typical: float = 1.0
     sd: float | None = None
@@ -29,6 +31,7 @@ class Parameter:
     upper: float = math.inf
     null: float | None = 0.0
     source: str = ""
+    by_name: bool = False
 
     def __post_init__(self) -> None:
         if not self.lower <= self.nominal <= self.upper:

@@ -18,7 +18,7 @@ def setting(unit: str = "", default: Any = dataclasses.MISSING) -> Any:
 def place(default: Any = dataclasses.MISSING) -> Any:
     """Where the effect acts: a field `joint`, `axis`, `link` or `marker`, part of the instance's name.
 
-    In a spec its plural with a list, or `all`, makes one instance for each.
+    In a spec its plural with a list, or `all`, makes one instance for each; `joints: all` are those with an actuator.
     """
     return dataclasses.field(default=default, metadata={"place": True})
 
@@ -26,6 +26,12 @@ def place(default: Any = dataclasses.MISSING) -> Any:
 def place_fields(effect: type) -> tuple[str, ...]:
     """Names of the fields that say where an effect acts."""
     return tuple(f.name for f in dataclasses.fields(effect) if f.metadata.get("place"))
+
+
+def twice_hint(effect: type) -> str | None:
+    """What to do where two effects have one name: those with a place `label` may stand side by side."""
+    labelled = "label" in place_fields(effect)
+    return "If there are two of them, give each a name of its own, such as label: left." if labelled else None
 
 
 def plural(name: str) -> str:

@@ -1,7 +1,7 @@
 """Effects from files: Python code that a robot or an experiment names by `file:`, run only where the user says so.
 
 Without trust nothing of the file is run or imported. With it the file runs once, as the user, and its class works as
-an installed effect does. Trust is given for one call (`load_experiment(path, trust=True)`) or one command (`--trust`).
+an installed effect does. Trust is given for one call (`load_experiment(path, trust=True)`) or one command.
 """
 
 from __future__ import annotations
@@ -45,10 +45,11 @@ def trusted(trust: bool | None) -> bool:
 
 
 def refusal(file: str) -> Problem:
-    """What to tell a user who has not said `--trust`."""
+    """What to tell a user who has not said that files are trusted."""
     return Problem(
         f"{file!r} is Python code that would run as you, with access to all your files; nothing of it was run",
-        hint="Read it. If you trust it, add --trust to the command, or trust=True to load_robot or load_experiment.",
+        hint="Read it. If you trust it, say so: trust=True to load_robot or load_experiment.",
+        argument=("trust", ""),
     )
 
 

@@ -1,7 +1,7 @@
 """Reports: one HTML file each, readable without a network."""
 
 from qsframework.report.blocks import Block, Figure, Lines, Section, Table, Text, View
-from qsframework.report.fit_section import error_table, fit_section, fit_table, interval_tables, shown
+from qsframework.report.fit_section import error_tables, fit_section, fit_table, interval_tables, shown
 from qsframework.report.page import write_report
 from qsframework.report.plan_section import certificate_text, plan_section, pose_table, sd_table
 from qsframework.report.provenance import PROVENANCE, provenance_section
@@ -16,7 +16,7 @@ __all__ = [
     "Text",
     "View",
     "certificate_text",
-    "error_table",
+    "error_tables",
     "fit_section",
     "fit_table",
     "interval_tables",

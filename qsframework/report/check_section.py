@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.experiment import Experiment, Readings, StateReadings
+from qsframework.experiment import Experiment, Readings
+from qsframework.plugin import Array
 from qsframework.report.blocks import Figure, Section, Table
 from qsframework.report.numbers import row_table
 
@@ -34,13 +35,13 @@ def found_section(files: Sequence[Found]) -> Section:
     )  # fmt: skip
 
 
-def readings_section(experiment: Experiment, readings: Readings | StateReadings, name: str) -> Section:
+def readings_section(experiment: Experiment, readings: Readings, name: str) -> Section:
     """The readings' sizes by row of the file."""
-    displaced = isinstance(readings, Readings)
-    size = np.linalg.norm(readings.displacement, axis=1) * 1e3 if isinstance(readings, Readings) else _apart(readings)
+    displaced = not readings.is_position.any()
+    size = np.where(readings.is_position, _apart(readings), np.linalg.norm(np.nan_to_num(readings.value), axis=1) * 1e3)
     markers = [m.name for m in experiment.markers]
     marker = [markers[int(k)] for k in readings.marker]
-    pose = [readings.pose[int(m)] for m in readings.measurement]
+    pose = list(readings.pose)
     used = ["yes" if u else "no" for u in readings.use]
     what = "displacement, mm" if displaced else "from the mean of the same state, mm"
     said = (
@@ -52,21 +53,23 @@ def readings_section(experiment: Experiment, readings: Readings | StateReadings,
         f"The size of each reading ({said}) by row of the file; crosses are masked rows. Look for single rows far from "
         f"those around them, {'for zeros, ' if displaced else ''}and for a trend over the day."
     )
-    rows = readings.rows.tolist()
+    rows = readings.line.tolist()
     header = ("row", "pose", "marker", what, "used")
     table = row_table(header, [list(map(str, rows)), pose, marker, size.tolist(), used])
     return Section(f"Readings of {name}", (Figure(_sizes(rows, size.tolist(), marker, used, what), caption, table),))
 
 
-def _apart(states: StateReadings) -> Any:
+def _apart(readings: Readings) -> Array:
     """Distances (R,) mm of positions from the mean of their marker's at the same pose under the same load."""
-    out = np.zeros(len(states.marker))
-    of = [(states.series[m], states.pose[m], bool(states.loaded[m]), states.load_id[m] if states.loaded[m] else "")
-          for m in map(int, states.measurement)]  # fmt: skip
-    groups = list(zip(of, map(int, states.marker), strict=True))
-    for group in dict.fromkeys(groups):
+    out, states = np.zeros(len(readings)), readings.states
+    of = [(states.series[s], states.pose[s], bool(states.loaded[s]), states.load_id[s] if states.loaded[s] else "")
+          for s in map(int, readings.plus)]  # fmt: skip
+    groups = list(zip(of, map(int, readings.marker), map(bool, readings.is_position), strict=True))
+    for group in dict.fromkeys(g for g in groups if g[2]):
         at = np.array([g == group for g in groups])
-        out[at] = 1e3 * np.linalg.norm(states.position[at] - states.position[at].mean(axis=0), axis=1)
+        out[at] = 1e3 * np.linalg.norm(
+            np.nan_to_num(readings.value[at] - np.nanmean(readings.value[at], axis=0)), axis=1
+        )
     return out
 
 

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.diagnose.angles import alias_classes, angle_matrix
-from qsframework.diagnose.budget import error_budget
-from qsframework.diagnose.diagnosis import LEVEL
-from qsframework.diagnose.power import LIBRARY_LEVEL, detection_rate, threshold
+from qsframework.diagnose.diagnose import LEVEL
+from qsframework.diagnose.error_budget import error_budget
 from qsframework.diagnose.result import Diagnosis
-from qsframework.diagnose.score import DRAWS, blocks_of, score
+from qsframework.diagnose.selection.family_test import DRAWS, blocks_of, score
+from qsframework.diagnose.selection.principal_angles import alias_classes, angle_matrix
+from qsframework.forecast.power import LIBRARY_LEVEL, detection_rate, threshold
 from qsframework.plugin import Array
 from qsframework.report import power_section
 from qsframework.report.blocks import Figure, Table
@@ -75,7 +75,7 @@ def joint_figure(diagnosis: Diagnosis) -> Figure:
 
     direction, before, after = main_direction(diagnosis)
     r = diagnosis.readings
-    q = np.rad2deg(r.poses.q[r.measurement[diagnosis.kept]])
+    q = np.rad2deg(r.poses.q[r.plus[diagnosis.kept]])
     joints = diagnosis.experiment.robot.facts.joints
     lines = -(-len(joints) // _ACROSS)
     figure = make_subplots(rows=lines, cols=_ACROSS, shared_yaxes=True, subplot_titles=[html.escape(j) for j in joints])
@@ -105,9 +105,9 @@ def load_figure(diagnosis: Diagnosis) -> Figure:
 
     _, before, after = main_direction(diagnosis)
     r = diagnosis.readings
-    force = np.linalg.norm(r.poses.wrench[r.measurement[diagnosis.kept], :3], axis=1)
+    force = np.linalg.norm(r.poses.wrench[r.plus[diagnosis.kept], :3], axis=1)
     figure = make_subplots(rows=1, cols=2, shared_yaxes=True, subplot_titles=["force, N", "row of the readings file"])
-    for col, x in ((1, force), (2, r.rows[diagnosis.kept])):
+    for col, x in ((1, force), (2, r.line[diagnosis.kept])):
         for values, colour, name in ((before, _BEFORE, "before"), (after, _AFTER, "after")):
             figure.add_scatter(
                 x=x, y=1e3 * values, mode="markers", name=name, legendgroup=name, showlegend=col == 1,
@@ -162,8 +162,8 @@ def _named_rows(diagnosis: Diagnosis) -> list[list[str]]:
     """Row of the file, pose and marker of every residual, a list each."""
     r, kept = diagnosis.readings, diagnosis.kept.tolist()
     names = [m.name for m in diagnosis.experiment.markers]
-    poses = [r.pose[int(r.measurement[i])] for i in kept]
-    return [[str(int(r.rows[i])) for i in kept], poses, [names[int(r.marker[i])] for i in kept]]
+    poses = [r.states.pose[int(r.plus[i])] for i in kept]
+    return [[str(int(r.line[i])) for i in kept], poses, [names[int(r.marker[i])] for i in kept]]
 
 
 def angle_figure(diagnosis: Diagnosis) -> Figure | None:
@@ -220,7 +220,7 @@ def main_direction(diagnosis: Diagnosis) -> tuple[Array, Array, Array]:
 def _labels(diagnosis: Diagnosis) -> list[str]:
     r = diagnosis.readings
     names = [m.name for m in diagnosis.experiment.markers]
-    return [html.escape(f"pose {r.pose[int(r.measurement[i])]}, {names[int(r.marker[i])]}, row {int(r.rows[i])}")
+    return [html.escape(f"pose {r.states.pose[int(r.plus[i])]}, {names[int(r.marker[i])]}, row {int(r.line[i])}")
             for i in diagnosis.kept]  # fmt: skip
 
 

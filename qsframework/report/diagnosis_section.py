@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from qsframework.diagnose.discriminate import Discrimination
 from qsframework.diagnose.result import Diagnosis
-from qsframework.diagnose.second_day import SecondDay
+from qsframework.discriminate.follow_up import SecondDay
+from qsframework.discriminate.pair import Discrimination
 from qsframework.report import diagnosis_plots as plots
 from qsframework.report import diagnosis_tables as tables
 from qsframework.report.blocks import Block, Section, Text, View
 from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, LINEAR, provenance_section
+from qsframework.report.words.diagnosis import VERDICTS, method_words
+from qsframework.report.words.discrimination import discrimination_words, left_open_words
+from qsframework.report.words.noise import audit_words, misfit_words
 from qsframework.viz import residual_scene
 from qsframework.viz.residual_scene import MOST
 
@@ -42,7 +45,7 @@ def diagnosis_sections(
     computed = provenance_section(model.effects, files, diagnosis.seed, laws, model.parameters, robots)
     settings = Text(f"Level {100 * diagnosis.level:g} %, {len(diagnosis.table)} causes tried, {_sizes(diagnosis)}.")
     return (
-        Section("Verdict", tuple(_verdict(diagnosis))),
+        Section("Verdict", tuple(_verdict(diagnosis, pairs))),
         Section("Causes", tuple(_causes(diagnosis, pairs))),
         *([] if day is None else [Section("A second day", tuple(_day(day)))]),
         Section("Residuals before and after", tuple(_residuals(diagnosis))),
@@ -57,9 +60,9 @@ def _sizes(diagnosis: Diagnosis) -> str:
     return f"{len(diagnosis.kept)} of {len(r.use)} rows at {len(r.poses)} poses"
 
 
-def _verdict(diagnosis: Diagnosis) -> Iterator[Block]:
-    yield Text(f"{tables.verdict_words(diagnosis)}.")
-    yield tables.verdict_lines(diagnosis)
+def _verdict(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[Block]:
+    yield Text(f"{VERDICTS[diagnosis.verdict]}.")
+    yield tables.verdict_lines(diagnosis, pairs)
     yield tables.error_rows(diagnosis)
     yield plots.budget_figure(diagnosis)
 
@@ -74,7 +77,7 @@ def _causes(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[B
             sets = ", ".join("+".join(s) for s in f.hangs_on)
             yield Text(f"{f.name} hangs on poses {sets}: without them another answer, or none, fits as well.")
     for pair in pairs:
-        for said in pair.words():
+        for said in discrimination_words(pair):
             yield Text(said)
     if diagnosis.leftovers:
         yield tables.leftover_table(diagnosis)
@@ -86,14 +89,18 @@ def _causes(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[B
 
 def _day(day: SecondDay) -> Iterator[Block]:
     yield tables.contest_table(day)
-    for said in day.words()[1 + len(day.contests) :]:  # the table holds the others
+    for said in left_open_words(day):  # the table holds the others
         yield Text(said)
 
 
 def _residuals(diagnosis: Diagnosis) -> Iterator[Block]:
     before, after = diagnosis.residuals()
     scene, factor = residual_scene(diagnosis.experiment, diagnosis.readings, diagnosis.kept, before, after)
-    shown = f"the {MOST} poses with the largest residuals" if len(diagnosis.readings.poses) > MOST else "all poses"
+    shown = (
+        f"the {MOST} poses with the largest residuals"
+        if len(set(diagnosis.readings.plus.tolist())) > MOST
+        else "all poses"
+    )
     yield View(
         scene.html(),
         f"Measured minus predicted at the markers, {factor:.0f} times enlarged: red before, green after the extension; "
@@ -116,10 +123,10 @@ def _tell(diagnosis: Diagnosis) -> Iterator[Block]:
 
 
 def _noise(diagnosis: Diagnosis) -> Iterator[Block]:
-    for said in diagnosis.audit.words:
+    for said in audit_words(diagnosis.audit):
         yield Text(said)
     for label, fit in (("Before", diagnosis.before), ("After", diagnosis.after)):
-        for said in fit.words:
+        for said in misfit_words(fit):
             yield Text(f"{label} the extension: {said}")
     if len(diagnosis.outliers):
         yield tables.outlier_table(diagnosis)
@@ -132,5 +139,5 @@ def _noise(diagnosis: Diagnosis) -> Iterator[Block]:
             "No other convention (controller angles, joint signs, axes, signs, exchanged markers, late angles, units) "
             "explains the readings better than the files as given."
         )
-    for said in diagnosis.notes:
+    for said in method_words(diagnosis):
         yield Text(said)

@@ -2,45 +2,26 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from qsframework.diagnose.result import EXCLUDED, INVISIBLE, NAMED, TIED, UNTESTED, Diagnosis, Finding, Line, Value
-from qsframework.diagnose.second_day import SecondDay
-from qsframework.diagnose.words import people_estimate, people_size, three
+from qsframework.diagnose.result import Diagnosis, Finding, Line, Status, Value
+from qsframework.discriminate.follow_up import SecondDay
+from qsframework.discriminate.pair import Discrimination
 from qsframework.plugin import Parameter
 from qsframework.report.blocks import Lines, Table
+from qsframework.report.words.diagnosis import limit_words, statements
+from qsframework.report.words.sizes import people_estimate, people_size, three
 
 _STRONGEST = 12
-_VERDICTS = {
-    "none": "Nothing to name", "explained": "Explained", "partly_explained": "Partly explained",
-    "unexplained": "Unexplained",
-}  # fmt: skip
-_BRACKETS = re.compile(r" \([\d.e+-]+ [MkN]* ?m/rad\)")
 
 
-def verdict_words(diagnosis: Diagnosis) -> str:
-    """The verdict in a word or two."""
-    return _VERDICTS[diagnosis.verdict]
-
-
-def verdict_lines(diagnosis: Diagnosis) -> Lines:
+def verdict_lines(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = ()) -> Lines:
     """What the verdict rests on, a statement each, and what to look at on the robot; causes stand in front."""
-    names = [*(f.name for f in diagnosis.findings), *(c.name for c in diagnosis.conventions)]
-    rows = [_led(said, names) for said in diagnosis.statements]
-    checks = [
-        f for f in diagnosis.findings if f.check and f.check not in diagnosis.words
-    ]  # a convention's stands there
-    rows += [("Look at", f"{f.check} ({f.name})") for f in checks]
+    rows = [(s.about, s.text) for s in statements(diagnosis, pairs)]
+    rows += [("Look at", f"{f.check} ({f.name})") for f in diagnosis.findings if f.check]
     return Lines(tuple(rows))
-
-
-def _led(said: str, names: Sequence[str]) -> tuple[str, str]:
-    """A statement and the cause that it begins with, if it does."""
-    lead, colon, rest = said.partition(": ")
-    return (lead, rest) if colon and lead in names else ("", said)
 
 
 def estimate_words(values: Sequence[Value]) -> str:
@@ -61,10 +42,10 @@ def cause_table(diagnosis: Diagnosis) -> Table:
     found = {f.name: f for f in diagnosis.findings}
     lines = {x.name: x for x in diagnosis.table}
     rows = [_named(f, lines.get(f.name)) for f in diagnosis.findings]
-    tied = [x for x in diagnosis.table if x.status == TIED and x.name not in found]
+    tied = [x for x in diagnosis.table if x.status is Status.TIED and x.name not in found]
     rows += [_row(x, diagnosis) for x in tied]
     if not rows:
-        strongest = sorted((x for x in diagnosis.table if x.status == EXCLUDED), key=lambda x: -x.s)[:3]
+        strongest = sorted((x for x in diagnosis.table if x.status is Status.EXCLUDED), key=lambda x: -x.s)[:3]
         rows = [_row(x, diagnosis) for x in strongest]
     return Table(
         ("cause", "estimate ± sd", "s", "adjusted p", "delta EBIC", "held-out gain", "nearest rival, angle", "status"),
@@ -82,7 +63,7 @@ def _named(f: Finding, line: Line | None) -> tuple[str, ...]:
     near = f"{line.nearest}, {degrees(line.angle)}" if line is not None and line.nearest else "-"
     return (
         f.name, estimate_words(f.values), f"{f.s:.1f}", chance(f.p_value), f"{f.ebic_gain:.1f}",
-        f"{100 * f.heldout_gain:.0f} %" if np.isfinite(f.heldout_gain) else "-", rivals or near, NAMED,
+        f"{100 * f.heldout_gain:.0f} %" if np.isfinite(f.heldout_gain) else "-", rivals or near, Status.NAMED.value,
     )  # fmt: skip
 
 
@@ -90,16 +71,16 @@ def _row(x: Line, diagnosis: Diagnosis) -> tuple[str, ...]:
     owner = next((f.name for f in diagnosis.findings if x.name in [r.name for r in f.rivals]), "")
     angle = next((r.angle for f in diagnosis.findings for r in f.rivals if r.name == x.name), x.angle)
     near = f"{owner or x.nearest}, {degrees(angle)}" if owner or x.nearest else "-"
-    status = f"{x.status} {x.bound}" if x.status == EXCLUDED else x.status
+    status = f"{x.status.value} {limit_words(x)}" if x.status is Status.EXCLUDED else x.status.value
     return x.name, estimate_words(x.values) or "-", _size(x.s), chance(x.p_value), "-", "-", near, status
 
 
 def all_causes_table(diagnosis: Diagnosis) -> Table:
     """Every cause that was tried, strongest first: what it showed, and what is excluded."""
-    order = (NAMED, TIED, EXCLUDED, INVISIBLE, UNTESTED)
+    order = list(Status)
     lines = sorted(diagnosis.table, key=lambda x: (order.index(x.status), -x.s if np.isfinite(x.s) else 0.0))
     rows = tuple(
-        (x.name, x.status, _size(x.s), chance(x.p_value), x.bound or "-",
+        (x.name, x.status.value, _size(x.s), chance(x.p_value), limit_words(x) or "-",
          f"{x.nearest}, {degrees(x.angle)}" if x.nearest else "-")
         for x in lines
     )  # fmt: skip
@@ -115,9 +96,9 @@ def excluded_table(diagnosis: Diagnosis, short: bool = False) -> Table:
     """One row for each kind of effect: above which size each place is excluded; short: without stiffnesses."""
     kinds: dict[str, list[str]] = {}
     for x in sorted(diagnosis.table, key=lambda x: x.name):
-        if x.status == EXCLUDED and x.bound:
+        bound = limit_words(x, stiffness=not short) if x.status is Status.EXCLUDED else ""
+        if bound:
             kind, where = _parts(x.name)
-            bound = _BRACKETS.sub("", x.bound) if short else x.bound
             kinds.setdefault(kind, []).append(f"{where} {bound}".strip())
     return Table(
         ("no", "above (95 %)"),
@@ -128,10 +109,10 @@ def excluded_table(diagnosis: Diagnosis, short: bool = False) -> Table:
 
 def unseen_words(diagnosis: Diagnosis) -> Iterator[str]:
     """Sentences on causes that are invisible here, and on those that could not be tested."""
-    hidden = [(x.name, "") for x in diagnosis.table if x.status == INVISIBLE]
+    hidden = [(x.name, "") for x in diagnosis.table if x.status is Status.INVISIBLE]
     if hidden:
         yield f"Invisible in these readings, so nothing is said about them: {_grouped(hidden)}."
-    untested = [(x.name, x.bound) for x in diagnosis.table if x.status == UNTESTED]
+    untested = [(x.name, limit_words(x)) for x in diagnosis.table if x.status is Status.UNTESTED]
     if untested:
         yield f"Not tested: {_grouped(untested)}."
 
@@ -187,12 +168,12 @@ def outlier_table(diagnosis: Diagnosis) -> Table:
     r = diagnosis.readings
     names = [m.name for m in diagnosis.experiment.markers]
     rows = tuple(
-        (str(int(r.rows[i])), r.pose[int(r.measurement[i])], names[int(r.marker[i])],
-         ", ".join(f"{1e3 * v:.3f}" for v in r.displacement[i]))
-        for i in diagnosis.outliers
+        (str(int(r.line[i])), r.states.pose[int(r.plus[i])], names[int(r.marker[i])],
+         ", ".join(f"{1e3 * v:.3f}" for v in r.value[i].tolist()))
+        for i in diagnosis.outliers.tolist()
     )  # fmt: skip
     return Table(
-        ("row", "pose", "marker", "dx, dy, dz mm"),
+        ("row", "pose", "marker", "reading, mm"),
         rows,
         "Rows that do not belong to the others, whatever the cause; they took no part in the search.",
     )
@@ -201,11 +182,11 @@ def outlier_table(diagnosis: Diagnosis) -> Table:
 def pose_table(diagnosis: Diagnosis) -> Table:
     """What the model misses at each pose, before and after, worst first."""
     r = diagnosis.readings
-    at = r.measurement[diagnosis.kept]
+    at = r.plus[diagnosis.kept]
     sizes = [1e3 * np.linalg.norm(v, axis=1) for v in diagnosis.residuals()]
     worst = {m: float(sizes[0][at == m].max()) for m in map(int, np.unique(at))}
     rows = tuple(
-        (r.pose[m], str(int((at == m).sum())), f"{worst[m]:.4f}", f"{sizes[1][at == m].max():.4f}")
+        (r.states.pose[m], str(int((at == m).sum())), f"{worst[m]:.4f}", f"{sizes[1][at == m].max():.4f}")
         for m in sorted(worst, key=lambda m: -worst[m])
     )
     return Table(("pose", "rows", "largest residual before, mm", "after, mm"), rows, "Lengths of the vectors.")

@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings
-from qsframework.identify import Estimate, Fit
+from qsframework.identify import Estimate, Fit, Masked
 from qsframework.plugin import Array, Indices
 from qsframework.report.blocks import Block, Figure, Section, Table, Text, View
+from qsframework.report.words.fit import alignment_words, first_words, verdict_words
 
 _AXES = ("x", "y", "z")
 _SAME = 1.005
@@ -42,7 +44,8 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None) -> Table:
     return Table(
         ("parameter", "value ± sd", "unit", "sd, % of initial", "initial", *extra, "status"),
         tuple(rows),
-        f"Method: {fit.method}. {_total(fit)}Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, "
+        f"Method: {fit.method}, {'linear model' if fit.linear else 'full equilibrium'}. {_total(fit)}"
+        f"Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, "
         f"{fit.sigma_source}{_shared(fit)}. A parameter whose sd is above 100 % of its initial value "
         "is not told by these readings; one at a bound has no sd.",
     )
@@ -64,15 +67,29 @@ def interval_tables(fit: Fit) -> tuple[Table, ...]:
     return (Table(header, tuple(rows), caption),)
 
 
+_SIZES = {"displacement": "RMS per axis", "gauge": "RMS", "position": "RMS of the distance"}
+"""How large errors of each kind of reading are said to be."""
+
+
 def masked_blocks(fit: Fit) -> tuple[Block, ...]:
-    """What was masked before the fit, where the readings were looked through."""
-    if fit.cleaned is None:
-        return ()
-    if not fit.cleaned:
-        return (Text("The readings were looked through for rows that cannot be right: none is masked."),)
-    rows = tuple((m.readings, m.kind, ", ".join(map(str, m.rows)), m.words) for m in fit.cleaned)
-    caption = "These rows were masked before the fit (--clean) and are not used. Look at each: it stays in the file."
-    return (Table(("masked", "kind", "rows", "what was found"), rows, caption),)
+    """What was masked before the fit, where the readings were looked through, and what the fit found to be gross."""
+    blocks: list[Block] = []
+    header = ("masked", "kind", "rows", "what was found")
+    if fit.cleaned is not None and not fit.cleaned:
+        blocks.append(Text("The readings were looked through for rows that cannot be right: none is masked."))
+    if fit.cleaned:
+        caption = "These rows were masked before the fit and are not used. Look at each: it stays in the file."
+        blocks.append(Table(header, tuple(_masked(m) for m in fit.cleaned), caption))
+    gross = [m for m in fit.gross if m.kind == "gross"]
+    if gross:
+        caption = "Gross under the fitted and under a richer model: masked by the fit itself. Look at each."
+        blocks.append(Table(header, tuple(_masked(m) for m in gross), caption))
+    blocks += [Text(m.words + ".") for m in fit.gross if m.kind != "gross"]
+    return tuple(blocks)
+
+
+def _masked(m: Masked) -> tuple[str, ...]:
+    return (m.readings, m.kind, ", ".join(map(str, m.rows)), m.words)
 
 
 def _quoted(e: Estimate) -> bool:
@@ -109,18 +126,62 @@ def _total(fit: Fit) -> str:
     )
 
 
-def error_table(fit: Fit) -> Table:
-    """RMS per axis of the readings, the nominal model, the fit, and the poses left out."""
-    names = ("readings", "nominal model", "identified", "leave-one-pose-out")
-    values = (fit.rms_readings, fit.rms_nominal, fit.rms, fit.rms_left_out)
-    note = ""
-    if fit.carriers:
-        note = f" It leaves out {', '.join(fit.carriers)}: each of these poses alone carries a parameter."
+def error_tables(fit: Fit) -> tuple[Table, ...]:
+    """For each kind of reading: before, after, and at poses left out, those that the fit masked as gross among them.
+
+    RMS per axis of displacements and gauges; of positions that of the distance.
+    """
+    out: list[Table] = []
+    for kind, title in _SIZES.items():
+        at, unseen = fit.kind == kind, fit.missed[fit.missed_kind == kind]
+        if not at.any():
+            continue
+        size = fit.error_of if kind == "position" else rms
+        rows = [
+            ("nominal arm, best tracker frame", size((fit.measured - fit.nominal)[at])),
+            ("identified", size(fit.residuals[at])),
+            ("leave-one-pose-out", size(np.concatenate([fit.left_out[at], unseen]))),
+        ]
+        if kind != "position":
+            rows[:1] = [("readings", rms(fit.measured[at])), ("nominal model", rows[0][1])]
+        if len(unseen):
+            rows.append(("the same without masked rows", size(fit.left_out[at])))
+        note = " Masked rows count as unseen." if len(unseen) else ""
+        if fit.carriers:
+            note += f" It leaves out {', '.join(fit.carriers)}: each of these poses alone carries a parameter."
+        out.append(_errors(title if at.all() else f"{kind}s, {title}", rows, note))
+    return tuple(out)
+
+
+def _errors(title: str, rows: Sequence[tuple[str, float]], note: str) -> Table:
     return Table(
-        ("RMS per axis", "mm"),
-        tuple((name, f"{value * 1e3:.4f}") for name, value in zip(names, values, strict=True)),
-        "The last row counts: it is the error at poses that the fit has not seen." + note,
+        (title, "mm"), tuple((name, f"{value * 1e3:.4f}") for name, value in rows),
+        "Leave-one-pose-out counts: it is the error at poses that the fit has not seen." + note,
+    )  # fmt: skip
+
+
+def frame_table(fit: Fit) -> Table:
+    """Where each tracker sees the robot's base."""
+    rows = tuple(
+        (f.series or "-", ", ".join(f"{v * 1e3:.3f}" for v in f.origin), "; ".join(
+            ", ".join(f"{v:.6f}" for v in row) for row in f.rotation))
+        for f in fit.frames
+    )  # fmt: skip
+    return Table(("series", "origin of the base, mm", "rotation matrix, by rows"), rows, "The base in tracker frames.")
+
+
+def left_aside_table(fit: Fit) -> Table:
+    """Parameters that these readings cannot tell."""
+    rows = tuple(
+        (entry.name, "no effect" if not entry.absorbed_by else ", ".join(entry.absorbed_by),
+         "-" if np.isinf(entry.sd) else f"{entry.sd:.2g}")
+        for entry in fit.left_aside
+    )  # fmt: skip
+    note = (
+        "Asked for and not estimated: they stay at their nominal values. The last column: the sd if one were fitted "
+        "too, in its natural sizes; - where these readings do not tell it at all."
     )
+    return Table(("left aside", "absorbed by, or looks like", "sd"), rows, note)
 
 
 def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> Section:
@@ -131,18 +192,17 @@ def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> 
     return Section(
         title,
         (
-            Text(fit.verdict()),
+            *(Text(line) for line in first_words(fit)),
+            Text(verdict_words(fit)),
+            *((left_aside_table(fit),) if fit.left_aside else ()),
+            *error_tables(fit),
             *masked_blocks(fit),
             fit_table(fit, truth),
             *interval_tables(fit),
-            *(Text(note) for note in fit.notes),
+            *(Text(note) for note in (*alignment_words(fit), *fit.notes)),
             Text(f"Correlations above 0.9: {said}."),
-            error_table(fit),
-            Figure(
-                _measured_predicted(fit),
-                "Look for a slope: points should lie on the line; one says that the stiffness is off.",
-                _reading_table(fit),
-            ),
+            *((frame_table(fit),) if fit.frames else ()),
+            *_figures(fit),
             Figure(
                 residual_figure(fit),
                 "Studentised residuals by row of the file. Beyond ±3 a reading deserves a look; a run of one sign "
@@ -153,20 +213,42 @@ def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> 
     )
 
 
+def _figures(fit: Fit) -> tuple[Figure, ...]:
+    out: list[Figure] = []
+    if not fit.position.all():
+        out.append(Figure(
+            _measured_predicted(fit),
+            "Look for a slope: points should lie on the line; one says that the stiffness is off.",
+            _reading_table(fit),
+        ))  # fmt: skip
+    if fit.position.any():
+        out.append(Figure(
+            _distances(fit),
+            "Distances between predicted and measured positions by row of the file. Look for rows that stay far "
+            "off when all others fall: a gross error, or a pose that the model does not describe.",
+        ))  # fmt: skip
+    return tuple(out)
+
+
 def _reading_table(fit: Fit) -> Table:
     """Predicted and measured displacement by row of the file."""
     header = ("row", "pose", *(f"{what} d{a} mm" for what in ("predicted", "measured") for a in _AXES))
     values = np.column_stack([fit.predicted, fit.measured]) * 1e3
-    return Table(header, tuple((str(r), p, *(f"{v:.4f}" for v in row)) for r, p, row in
-                               zip(fit.rows, fit.poses, values, strict=True)))  # fmt: skip
+    return Table(header, tuple((str(r), p, *(_number(v, 4) for v in row)) for r, p, row, at in
+                               zip(fit.rows, fit.poses, values, fit.position, strict=True) if not at))  # fmt: skip
+
+
+def _number(value: float, digits: int) -> str:
+    """A number, a dash where nothing was measured."""
+    return f"{value:.{digits}f}" if np.isfinite(value) else "-"
 
 
 def residual_table(rows: Sequence[int] | Indices, poses: Sequence[str], left: Array, student: Array) -> Table:
     """Residuals (R, 3) m and in units of their sd, by row of the file."""
     header = ("row", "pose", *(f"{a}, mm" for a in _AXES), *(f"{a} / its sd" for a in _AXES))
     lines = zip(rows, poses, left * 1e3, student, strict=True)
-    return Table(header, tuple((str(r), str(p), *(f"{v:.4f}" for v in a), *(f"{v:.2f}" for v in b)) for r, p, a, b in
-                               lines), "Measured minus predicted.")  # fmt: skip
+    return Table(header, tuple((str(r), str(p), *(_number(v, 4) for v in a), *(_number(v, 2) for v in b))
+                               for r, p, a, b in lines), "Measured minus predicted.")  # fmt: skip
 
 
 def _figure(title: str, x: str, y: str) -> Any:
@@ -178,22 +260,39 @@ def _figure(title: str, x: str, y: str) -> Any:
 
 def _measured_predicted(fit: Fit) -> Any:
     figure = _figure("Measured against predicted displacement", "predicted, mm", "measured, mm")
+    at = np.flatnonzero(~fit.position)
     for i, axis in enumerate(_AXES):
         figure.add_scatter(
-            x=fit.predicted[:, i] * 1e3, y=fit.measured[:, i] * 1e3, mode="markers", name=f"d{axis}",
-            text=[f"row {r}, pose {html.escape(p)}" for r, p in zip(fit.rows, fit.poses, strict=True)],
+            x=_plotted(fit.predicted[at, i] * 1e3), y=_plotted(fit.measured[at, i] * 1e3), mode="markers",
+            name=f"d{axis}", text=[f"row {fit.rows[r]}, pose {html.escape(fit.poses[r])}" for r in at],
         )  # fmt: skip
-    ends = np.array([fit.measured.min(), fit.measured.max()]) * 1e3
+    ends = np.array([np.nanmin(fit.measured[at]), np.nanmax(fit.measured[at])]) * 1e3
     figure.add_scatter(x=ends, y=ends, mode="lines", name="equal", line={"color": "#999", "width": 1})
     return figure
 
 
-def residual_figure(fit: Fit, names: tuple[str, ...] = ("dx", "dy", "dz")) -> Any:
+def _plotted(values: Array) -> list[float | None]:
+    """Numbers for a figure; what was not measured is left out."""
+    return [v if np.isfinite(v) else None for v in values.tolist()]
+
+
+def _distances(fit: Fit) -> Any:
+    figure = _figure("Error of the position", "row of the readings file", "distance, mm")
+    at = np.flatnonzero(fit.position)
+    text = [f"pose {html.escape(fit.poses[i])}" for i in at]
+    for name, errors in (("nominal", fit.measured - fit.nominal), ("identified", fit.residuals)):
+        size = np.linalg.norm(errors[at], axis=1) * 1e3
+        figure.add_scatter(x=fit.rows[at], y=_plotted(size), mode="markers", name=name, text=text, marker={"size": 4})
+    return figure
+
+
+def residual_figure(fit: Fit) -> Any:
     """Studentised residuals by row of the file."""
+    names = _AXES if fit.position.all() else ("dx", "dy", "dz")
     figure = _figure("Studentised residuals", "row of the readings file", "residual / its sd")
     for i, axis in enumerate(names):
         figure.add_scatter(
-            x=fit.rows, y=fit.studentised[:, i], mode="markers", name=axis,
+            x=fit.rows, y=_plotted(fit.studentised[:, i]), mode="markers", name=axis,
             text=[f"{v * 1e3:.3f} mm" for v in fit.residuals[:, i]],
         )  # fmt: skip
     for level in (-3.0, 3.0):
@@ -206,14 +305,14 @@ def residual_view(fit: Fit, experiment: Experiment, readings: Readings) -> Secti
     from qsframework.viz import residual_scene, residuals
     from qsframework.viz.residual_scene import MOST
 
-    kept, before = residuals(experiment, readings, experiment.model().nominal)
-    _, after = residuals(experiment, readings, fit.x)
-    scene, factor = residual_scene(experiment, readings, kept, before, after)
-    at = readings.measurement[kept]
+    rows, before = residuals(experiment, readings, experiment.model().nominal, linear=fit.linear)
+    _, after = residuals(experiment, readings, fit.x, fit.frames, fit.linear)
+    scene, factor = residual_scene(experiment, readings, rows.keep, before, after)
     sizes = [1e3 * np.linalg.norm(v, axis=1) for v in (before, after)]
-    worst = {m: [float(s[at == m].max()) for s in sizes] for m in map(int, np.unique(at))}
+    worst = {m: [float(s[rows.plus == m].max()) for s in sizes] for m in map(int, np.unique(rows.plus))}
     order = sorted(worst, key=lambda m: -worst[m][1])
-    rows = tuple((readings.pose[m], str(int(readings.repeat[m])), *(f"{v:.4f}" for v in worst[m])) for m in order)
+    own = readings.states
+    rows_shown = tuple((own.pose[m], str(int(own.repeat[m])), *(f"{v:.4f}" for v in worst[m])) for m in order)
     shown_poses = "all poses" if len(worst) <= MOST else f"the {MOST} poses with the largest residuals"
     view = View(
         scene.html(),
@@ -221,7 +320,9 @@ def residual_view(fit: Fit, experiment: Experiment, readings: Readings) -> Secti
         f"identified one; {shown_poses}, the slider shows one at a time. Look for green arrows that turn together with "
         "a link, or that all point one way: the model misses something, and qsf diagnose can name it.",
         Table(
-            ("pose", "repeat", "largest nominal, mm", "identified, mm"), rows, "Lengths of the vectors, worst first."
+            ("pose", "repeat", "largest nominal, mm", "identified, mm"),
+            rows_shown,
+            "Lengths of the vectors, worst first.",
         ),
     )
     return Section("Residuals on the robot", (view,))

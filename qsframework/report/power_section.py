@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.diagnose.foresight import CANNOT_SEE, Foresight, Prospect
+from qsframework.forecast.forecast import Foresight, Outlook, Prospect, Why
 from qsframework.plugin import Array, Indices
 from qsframework.report.blocks import Figure, Section, Table, Text
+from qsframework.report.words.forecast import curve_words, foresight_words, kind_words, smallest_words, why_words
 
 _LABELS = 120
 """Causes up to which the axes of the heat map carry all names."""
@@ -18,11 +19,8 @@ _LABELS = 120
 
 def size_table(foresight: Foresight) -> Table:
     """Every visible cause: the smallest sizes that are detected and named, the nearest rival, the status."""
-    seen = [p for p in foresight.prospects if p.status != CANNOT_SEE]
-    rows = tuple(
-        (p.name, p.words("detect"), p.words("name"), _rival(p), f"{p.status}: {p.reason}" if p.reason else p.status)
-        for p in seen
-    )
+    seen = [p for p in foresight.prospects if p.status is not Outlook.INVISIBLE]
+    rows = tuple((p.name, smallest_words(p), smallest_words(p, named=True), _rival(p), _status(p)) for p in seen)
     return Table(
         ("cause", "smallest size detected", "named", "nearest rival, angle", "status"),
         rows,
@@ -35,12 +33,12 @@ def size_table(foresight: Foresight) -> Table:
 
 def hidden_table(foresight: Foresight) -> Table:
     """What the plan cannot show, and why; one row for each kind of effect and reason."""
-    kinds: dict[tuple[str, str], list[str]] = {}
+    kinds: dict[tuple[str, Why | None], list[str]] = {}
     for p in foresight.prospects:
-        if p.status == CANNOT_SEE:
+        if p.status is Outlook.INVISIBLE:
             kind, _, where = p.name.partition("[")
-            kinds.setdefault((kind, p.reason.partition(":")[0]), []).append(where.removesuffix("]"))
-    rows = [(f"{kind} {', '.join(where)}".strip(), why) for (kind, why), where in kinds.items()]
+            kinds.setdefault((kind, p.why), []).append(where.removesuffix("]"))
+    rows = [(f"{kind} {', '.join(where)}".strip(), kind_words(why)) for (kind, why), where in kinds.items()]
     rows += [(u.name, f"needs the column {' and '.join(u.needs)}") for u in foresight.untested]
     return Table(
         ("invisible here", "why"),
@@ -59,9 +57,13 @@ def pair_table(foresight: Foresight) -> Table:
         ("cause", "rival", "angle", "told apart from s"),
         rows,
         "Below 10 deg two causes do nearly the same to the readings. s: visible size in units of noise from which the "
-        "right one is named in most measurements; `--separate` designs poses that widen the angle, or says what else "
+        "right one is named in most measurements; `qsf diagnose` designs poses that widen the angle, or says what else "
         "to measure.",
     )
+
+
+def _status(p: Prospect) -> str:
+    return f"{p.status.value}: {why_words(p)}" if p.why else p.status.value
 
 
 def _rival(prospect: Prospect) -> str:
@@ -111,7 +113,7 @@ def power_figure(foresight: Foresight, marked: Sequence[tuple[str, float]] = ())
 
     figure = go.Figure()
     for curve in foresight.curves:
-        figure.add_scatter(x=curve.s, y=100.0 * curve.rate, mode="lines", name=html.escape(curve.label))
+        figure.add_scatter(x=curve.s, y=100.0 * curve.rate, mode="lines", name=html.escape(curve_words(curve)))
     figure.add_hline(y=100.0 * foresight.power, line={"color": "#999", "width": 1, "dash": "dot"})
     for name, s in marked:
         figure.add_vline(x=s, line={"color": "#666", "width": 1}, annotation_text=html.escape(name))
@@ -125,7 +127,7 @@ def power_figure(foresight: Foresight, marked: Sequence[tuple[str, float]] = ())
 def power_section(foresight: Foresight, title: str = "What this plan would show") -> Section:
     """Everything that can be said before measuring."""
     names = [p.name for p in foresight.prospects]
-    blocks: list[Text | Table | Figure] = [Text(said) for said in foresight.words()[:1]]
+    blocks: list[Text | Table | Figure] = [Text(said) for said in foresight_words(foresight)[:1]]
     blocks.append(size_table(foresight))
     if np.isfinite(foresight.angles).any():
         caption = (

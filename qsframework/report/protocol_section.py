@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from qsframework.applications.protocol import Protocol, Visit
@@ -10,12 +12,24 @@ from qsframework.report.blocks import Section, Table, Text
 _BOX = "\u2610"
 
 
-def protocol_sections(protocol: Protocol, readings: str, floor: str) -> tuple[Section, ...]:
+@dataclass(frozen=True)
+class Commands:
+    """How the sheet says that the programme and the one of the warm-up are made, and what is run afterwards."""
+
+    programme: str
+    warm_up: str
+    identify: str
+
+
+def protocol_sections(protocol: Protocol, readings: str, floor: str, commands: Commands) -> tuple[Section, ...]:
     """Before, at each pose, the visits, and what to do with the file."""
     return (
-        _before(protocol), _at_each_pose(protocol, readings, floor), _visits(protocol), _states(protocol),
-        _after(readings),
-    )  # fmt: skip
+        _before(protocol, commands),
+        _at_each_pose(protocol, readings, floor),
+        _visits(protocol),
+        _states(protocol),
+        _after(readings, commands),
+    )
 
 
 def _steps(title: str, steps: list[str], caption: str = "") -> Table:
@@ -23,7 +37,7 @@ def _steps(title: str, steps: list[str], caption: str = "") -> Table:
     return Table((title, "done", "what"), rows, caption)
 
 
-def _before(protocol: Protocol) -> Section:
+def _before(protocol: Protocol, commands: Commands) -> Section:
     wish = protocol.wish
     first = protocol.visits[0]
     people = (
@@ -35,11 +49,9 @@ def _before(protocol: Protocol) -> Section:
         "Load data of tool and weight set on the controller; mastering unchanged since the last service.",
         f"Tracker on for as long as its maker asks; {wish.reflectors} reflectors fixed to the floor around the robot, "
         "as far apart as the tracker sees.",
-        f"The programme drives in this sheet's order: exported with --order {wish.order} --seed {wish.seed} "
-        f"--repeat-share {wish.repeat_share:g} --hold. At every stop it names the load and waits for the start button. "
-        "Run once slowly without the weight.",
-        f"Warm-up: {wish.warm_up:g} min without the weight, at measuring speed: exported without --hold it drives on "
-        "by itself.",
+        f"The programme drives in this sheet's order: {commands.programme}. At every stop it names the load "
+        "and waits for the start button. Run once slowly without the weight.",
+        f"Warm-up: {wish.warm_up:g} min without the weight, at measuring speed: {commands.warm_up}.",
         f"Preload: at pose {first.pose} the weight on and off once, not read. The gears settle on one side.",
         f"Drive state while reading: {wish.drive}. The same for both states of every reading; note any change.",
         "Every pose is reached from the same side: the programme's own way, without jogging in between.",
@@ -104,11 +116,11 @@ def _states(protocol: Protocol) -> Section:
     return Section("States of a visit", (Table(("visits", "states in this order"), rows, caption),))
 
 
-def _after(readings: str) -> Section:
+def _after(readings: str, commands: Commands) -> Section:
     text = (
         f"Name {readings} as `data:` in the experiment and run qsf check on it before any fit: it tells the "
         "repeatability, what did not come back after unloading, whether half the load gives half the deflection, and "
         "whether the floor's reflectors moved. Columns that nobody filled in may stay empty; rows not measured get 0 "
-        "in the column use. Then qsf identify EXPERIMENT --differences."
+        f"in the column use. Then {commands.identify}."
     )
     return Section("After", (Text(text),))

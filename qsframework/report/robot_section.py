@@ -16,13 +16,14 @@ _LOOK = "Look whether the joints turn about the right axes, and whether bars and
 def joint_table(robot: Robot) -> Table:
     """Limits as the pendant shows them, and the largest torque."""
     c, most = robot.controller, robot.torque_limits
-    torque = ["-"] * robot.facts.n if most is None else [f"{t:.4g}" if np.isfinite(t) else "-" for t in most]
-    degrees = np.rad2deg(np.stack([c.lower, c.upper]))
-    rows = zip(robot.facts.joints, degrees[0], degrees[1], torque, strict=True)
+    most = np.full(robot.facts.n, np.inf) if most is None else most
+    torque = [f"{t:.4g}" if np.isfinite(t) else "-" for t in most]
+    limits = dict(zip(robot.facts.driven, np.rad2deg(np.stack([c.lower, c.upper], axis=1)), strict=True))
+    ends = [[f"{v:.4g}" for v in limits[j]] if j in limits else ["follows", "-"] for j in robot.facts.joints]
     carried = "no payload is stated" if robot.payload is None else f"payload {robot.payload:g} kg"
     return Table(
         ("joint", "from deg", "to deg", "torque limit N m"),
-        tuple((j, f"{low:.4g}", f"{high:.4g}", t) for j, low, high, t in rows),
+        tuple((j, *own, t) for j, own, t in zip(robot.facts.joints, ends, torque, strict=True)),
         f"Limits of what the pendant shows; {carried}.",
     )
 

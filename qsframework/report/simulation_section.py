@@ -25,12 +25,13 @@ _SCENE = (
 )
 
 
-def simulation_sections(experiment: Experiment, plan: Plan, result: Simulation, exact: bool) -> tuple[Section, ...]:
+def simulation_sections(experiment: Experiment, plan: Plan, result: Simulation, linear: bool) -> tuple[Section, ...]:
     """Deflections as figure and table, the scene, and the parameters that made the readings."""
-    moved = exact_readings(result.model, plan.poses, result.x) if exact else result.model.predict(plan.poses, result.x)
-    how = "the full equilibrium" if exact else "the linear model"
+    model = result.model
+    moved = model.predict(plan.poses, result.x) if linear else exact_readings(model, plan.poses, result.x)
+    how = "the linear model" if linear else "the full equilibrium"
     sigma = 1e3 * (experiment.noise.sigma or 0.0)
-    rows, poses = len(result.readings.use), len(result.readings.poses)
+    rows, poses = len(result.readings), len(np.unique(result.readings.plus))
     said = (
         f"{rows} readings of {poses} visits to {len(plan.pose)} poses by {how}, with independent Gaussian noise of "
         f"{sigma:.4g} mm on every coordinate. The readings differ from the numbers below by this noise alone."

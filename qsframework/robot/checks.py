@@ -40,9 +40,6 @@ def check_chain(urdf: Urdf, base: str, flange: str) -> list[Problem]:
             problems.append(
                 joint.place.problem(f"joint {joint.name!r}: a {joint.kind} joint is not supported yet", hint=hint)
             )
-        elif here and joint.mimic is not None:
-            hint = "A parallelogram or other coupling is an effect in robot.yaml."
-            problems.append(joint.place.problem(f"joint {joint.name!r}: mimic is not supported", hint=hint))
         elif not here and joint.moves:
             hint = 'Make it type="fixed".'
             message = f"joint {joint.name!r} moves but is not between base {base!r} and flange {flange!r}"
@@ -169,5 +166,6 @@ def _joint(urdf: Urdf, joint: Joint) -> Iterator[Problem]:
     if joint.moves and np.isfinite(joint.axis).all() and np.linalg.norm(joint.axis) < 1e-9:
         yield joint.place.problem(f"{owner}: the axis has no direction", found="0 0 0")
     names = [other.name for other in urdf.joints if other is not joint]
-    if joint.mimic is not None and joint.mimic not in names:
-        yield joint.place.problem(f"{owner} mimics the unknown joint {joint.mimic!r}", hint=nearest(joint.mimic, names))
+    if joint.mimic is not None and joint.mimic.joint not in names:
+        other = joint.mimic.joint
+        yield joint.place.problem(f"{owner} mimics the unknown joint {other!r}", hint=nearest(other, names))

@@ -98,8 +98,8 @@ def _overlaps(robot: Robot, every: Collider) -> tuple[Array, Flags]:
     """Share (P,) of sampled poses at which each pair overlaps, and whether it does at zero (P,)."""
     controller = robot.controller
     rng = np.random.default_rng(0)
-    sample = rng.uniform(controller.lower, controller.upper, (_SAMPLES, robot.facts.n))
-    pendant = np.concatenate([np.zeros((1, robot.facts.n)), sample])
+    sample = rng.uniform(controller.lower, controller.upper, (_SAMPLES, controller.axes))
+    pendant = np.concatenate([np.zeros((1, controller.axes)), sample])
     hit = every.matrix(joint_frames(robot.facts, controller.to_joints(pendant)))
     reachable = not controller.outside(pendant[:1]).any()
     return hit[:, 1:].mean(axis=1), hit[:, 0] & reachable

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,16 +12,21 @@ import numpy.typing as npt
 
 from qsframework.errors import InputError, Place, Problem
 from qsframework.files import Document
-from qsframework.plugin import Array, RobotFacts
+from qsframework.plugin import Array, Loop, RobotFacts
 from qsframework.plugin.facts import frozen
+from qsframework.plugin.loops import follow
 from qsframework.robot.spec import RobotSpec
+
+_FOLLOWS = 1e-9
+"""rad; what float64 loses on the way."""
 
 
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """Affine map from pendant angles to URDF joint angles; limits hold for what the pendant shows.
+    """Affine map from m pendant angles to n URDF joint angles; limits hold for what the pendant shows.
 
-    matrix (n, n), offset (n,), lower and upper (n,) rad, tolerance rad
+    matrix (n, m), offset (n,), lower and upper (m,) rad, tolerance rad; driven (m,): the joints that have an
+    actuator, the others (m < n) follow them
     """
 
     matrix: Array
@@ -28,26 +34,60 @@ class Controller:
     lower: Array
     upper: Array
     tolerance: float
+    driven: tuple[int, ...]
+
+    @property
+    def axes(self) -> int:
+        """m, the angles on the pendant."""
+        return len(self.lower)
+
+    @property
+    def following(self) -> Array:
+        """Angle of each joint per angle of those that have an actuator (n, m)."""
+        return np.asarray(self.matrix @ np.linalg.inv(self.matrix[list(self.driven)]), dtype=np.float64)
 
     def to_joints(self, pendant: Array) -> Array:
-        """URDF joint angles (N, n) of pendant angles (N, n)."""
+        """URDF joint angles (N, n) of pendant angles (N, m)."""
         return pendant @ self.matrix.T + self.offset
 
     def to_pendant(self, q: Array) -> Array:
-        """Pendant angles (N, n) of URDF joint angles (N, n)."""
-        return np.asarray(np.linalg.solve(self.matrix, (q - self.offset).T).T, dtype=np.float64)
+        """Pendant angles (N, m) of URDF joint angles (N, n). InputError where a joint is not where it has to follow."""
+        rows = list(self.driven)
+        back = np.linalg.solve(self.matrix[rows], (q - self.offset)[:, rows].T).T
+        pendant = np.asarray(back, dtype=np.float64)
+        if len(rows) < len(self.matrix):
+            off = np.abs(self.to_joints(pendant) - q)
+            if (off > _FOLLOWS).any():
+                i, k = np.argwhere(off > _FOLLOWS)[0]
+                raise InputError(
+                    Problem(
+                        f"joint {k + 1} follows other joints and cannot stand alone at pose {i + 1}",
+                        found=f"{np.rad2deg(q[i, k]):.6g} deg",
+                        allowed=f"{np.rad2deg(self.to_joints(pendant)[i, k]):.6g} deg",
+                    )
+                )
+        return pendant
+
+    def ranges(self) -> Array:
+        """Lowest and highest URDF angle (n, 2) rad of each joint within the limits of what the pendant shows."""
+        middle, half = self.to_joints(0.5 * (self.lower + self.upper)[None])[0], 0.5 * (self.upper - self.lower)
+        reach = np.abs(self.matrix) @ half
+        return frozen(np.stack([middle - reach, middle + reach], axis=1))
 
     def outside(self, pendant: Array) -> npt.NDArray[np.bool_]:
-        """Which pendant angles (N, n) break a limit by more than the tolerance; NaN does."""
+        """Which pendant angles (N, m) break a limit by more than the tolerance; NaN does."""
         return ~((pendant >= self.lower - self.tolerance) & (pendant <= self.upper + self.tolerance))
 
 
-def read_controller(document: Document, spec: RobotSpec, facts: RobotFacts) -> Controller:
-    """The controller of robot.yaml, whose `controller:` has every joint. InputError with all problems."""
-    n = facts.n
-    matrix, offset, limits = np.eye(n), np.zeros(n), np.zeros((n, 2))
+def read_actuated(document: Document, spec: RobotSpec, facts: RobotFacts) -> Controller:
+    """The map from the pendant to the m joints that an actuator drives, of which `controller:` has every one.
+
+    InputError with all problems.
+    """
+    m = len(facts.driven)
+    matrix, offset, limits = np.eye(m), np.zeros(m), np.zeros((m, 2))
     problems: list[Problem] = []
-    for k, joint in enumerate(facts.joints):
+    for k, joint in enumerate(facts.driven):
         entry = spec.controller[joint]
         here: Place = {"file": str(document.path), "line": document.line("controller", joint)}
         if len(entry.limits) != 2 or entry.limits[0] >= entry.limits[1]:
@@ -57,16 +97,51 @@ def read_controller(document: Document, spec: RobotSpec, facts: RobotFacts) -> C
             limits[k] = entry.limits
         try:
             if entry.equals is not None:
-                matrix[k], offset[k] = parse_expression(entry.equals, n)
+                matrix[k], offset[k] = parse_expression(entry.equals, m)
         except InputError as error:
             problems += [replace(p, message=f"{joint}: {p.message}", **here) for p in error.problems]
     if not problems and abs(np.linalg.det(matrix)) < 1e-9:
-        message = "controller: the pendant's angles do not determine the joints; two `equals` depend on each other"
+        message = f"controller: {_tied(matrix, facts.driven)}"
         problems.append(Problem(message, file=str(document.path), line=document.line("controller")))
     if problems:
         raise InputError(problems)
     lower, upper = frozen(limits[:, 0]), frozen(limits[:, 1])
-    return Controller(frozen(matrix), frozen(offset), lower, upper, spec.limits_tolerance)
+    return Controller(frozen(matrix), frozen(offset), lower, upper, spec.limits_tolerance, tuple(range(m)))
+
+
+def joint_limits(actuated: Controller, facts: RobotFacts) -> Array:
+    """Lowest and highest URDF angle (n, 2) rad of each joint; a turn to each side of one that no actuator drives."""
+    limits = np.tile([-2.0 * np.pi, 2.0 * np.pi], (facts.n, 1))
+    limits[[facts.joint_index(joint) for joint in facts.driven]] = actuated.ranges()
+    return frozen(limits)
+
+
+def read_controller(document: Document, actuated: Controller, facts: RobotFacts, loops: Sequence[Loop]) -> Controller:
+    """The map to all n joints.
+
+    loops: those of the robot; where they stand with their actuators at zero is where joints without one follow.
+    InputError where one does not follow in proportion.
+    """
+    m, driven = actuated.axes, [facts.joint_index(joint) for joint in facts.driven]
+    q = np.zeros((m + 2, facts.n))
+    q[:, driven] = actuated.to_joints(np.vstack([np.eye(m), np.zeros((1, m)), 0.3 * np.ones((1, m))]))
+    q = follow(loops, q, facts)
+    bent = np.abs(q[m] + 0.3 * (q[:m] - q[m]).sum(axis=0) - q[m + 1]) > _FOLLOWS
+    if bent.any():
+        text = f"controller: {facts.joints[int(np.argmax(bent))]} does not follow in proportion to the pendant's angles"
+        hint = "A joint without an actuator needs a coupling, or a parallelogram."
+        raise InputError(Problem(text, file=str(document.path), line=document.line("effects"), hint=hint))
+    return replace(actuated, matrix=frozen((q[:m] - q[m]).T), offset=frozen(q[m]), driven=tuple(driven))
+
+
+def _tied(matrix: Array, joints: Sequence[str]) -> str:
+    """Which joints a singular matrix ties together, and which angles of the pendant move none of them alone."""
+    left, values, right = np.linalg.svd(matrix)
+    null = values < 1e-9 * max(float(values[0]), 1.0)
+    tied = [joint for k, joint in enumerate(joints) if np.abs(left[k, null]).max() > 1e-6]
+    free = [f"J{k + 1}" for k in range(len(joints)) if np.abs(right[null, k]).max() > 1e-6]
+    what = f"{free[0]} moves no joint" if len(free) == 1 else f"{', '.join(free)} can change and no joint moves"
+    return f"by their `equals` the angles of {', '.join(tied)} depend on each other, so that {what}"
 
 
 _TERM = re.compile(

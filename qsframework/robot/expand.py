@@ -204,7 +204,8 @@ class _Expansion:
             if words[1] in arguments:
                 self._grow(len(arguments[words[1]]))
                 return arguments[words[1]]
-            raise ValueError(f"argument {words[1]!r} has no default; `qsf new` is told by --arg {words[1]}=VALUE")
+            message, argument = f"argument {words[1]!r} has no default; give it a value", ("arg", f"{words[1]}=VALUE")
+            raise InputError(Problem(message, file=self._current(), argument=argument))
         if text == "$(cwd)" or words[:1] == ["dirname"]:
             return str(self.folder)
         raise ValueError(f"{text} is not allowed; a robot file may use $(arg NAME) and $(find FOLDER)")
@@ -214,9 +215,8 @@ class _Expansion:
             return str(self.folder / name)
         found = self.sources.find(name, self.folder)
         if found is None:
-            hint = "`qsf new` is told where it is by --package NAME=FOLDER."
-            message = f"$(find {name}): no folder of this name in {self.folder}"
-            raise InputError(Problem(message, file=self._current(), hint=hint))
+            message = f"$(find {name}): no folder of this name in {self.folder}; say where it is"
+            raise InputError(Problem(message, file=self._current(), argument=("package", "NAME=FOLDER")))
         if found != self.folder / name:  # a link in the robot's own folder leads to nowhere else
             self.roots.append(found)
         return str(found)

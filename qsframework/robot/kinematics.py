@@ -2,7 +2,8 @@
 
 Arrays are struct-of-arrays: the batch is the last axis, so that every operation runs over
 contiguous memory. The chain is made of elements: the arm's joints and, between them, virtual
-joints. Constants come from the `pin.Model`; tests hold this kernel to Pinocchio at 1e-12.
+joints. Constants come from the `pin.Model`; each robot that is loaded holds this kernel to Pinocchio
+(`robot/agreement.py`), tests do at 1e-12.
 """
 
 from __future__ import annotations
@@ -70,8 +71,15 @@ class Frames:
         return np.ascontiguousarray(self.rotations[link].transpose(2, 1, 0))
 
 
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+_SMALL = 8192
+"""Numbers up to which few calls count for more than memory that is read in one piece."""
+
+
 def cross(a: Array, b: Array) -> Array:
     """Cross product over the second last axis, batch last: (..., 3, N)."""
+    if a.size + b.size <= _SMALL:
+        return a[..., _NEXT, :] * b[..., _LAST, :] - a[..., _LAST, :] * b[..., _NEXT, :]
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         np.multiply(a[..., j, :], b[..., k, :], out=out[..., i, :])
@@ -127,7 +135,7 @@ _CYCLE = {0: (1, 2), 1: (2, 0), 2: (0, 1)}
 def _rotate(columns: list[Array], axis: Array, angle: Array) -> list[Array]:
     """columns times the rotation about a constant axis by the angles (N,)."""
     main = int(np.argmax(np.abs(axis)))
-    if abs(axis[main]) != 1.0:
+    if np.count_nonzero(axis) != 1 or abs(axis[main]) != 1.0:  # 1 and 1e-9 beside it have the length 1.0 in float64
         align = _aligning(axis)
         return _times(_rotate(_times(columns, align), np.array([0.0, 0.0, 1.0]), angle), align.T)
     cos, sin = np.cos(angle), np.sin(angle) * axis[main]

@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.files import Document, read_yaml, validate
-from qsframework.plugin import Array, RobotFacts
+from qsframework.plugin import Array, Loop, RobotFacts
 from qsframework.plugin.facts import frozen
+from qsframework.plugin.loops import own_joints
 from qsframework.plugin.trusted import trusted
+from qsframework.robot.agreement import check_agreement
 from qsframework.robot.checks import chain_joints, check_chain, check_structure
-from qsframework.robot.controller import Controller, read_controller
+from qsframework.robot.controller import Controller, joint_limits, read_actuated, read_controller
 from qsframework.robot.expand import inside
 from qsframework.robot.model import build_model, read_facts, read_frames, read_meshes, read_shapes
 from qsframework.robot.robot import Robot
+from qsframework.robot.scaffold_text import coupling_text
 from qsframework.robot.spec import RobotSpec, read_effects, read_nominal
 from qsframework.robot.urdf import Urdf, read_urdf
 
@@ -79,20 +85,29 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | No
     spec, urdf = reading.structure()
     gravity = frozen(spec.gravity)
     model = build_model(urdf, spec.base, gravity)
-    facts = read_facts(spec.name, model, urdf, spec.base, spec.flange)
+    facts = read_facts(spec.name, model, urdf, spec.base, spec.flange, spec.payload)
+    facts = replace(facts, passive=tuple(joint for joint in facts.joints if joint not in spec.controller))
     frames = read_frames(model)
-    controller = reading.attempt(read_controller, document, spec, facts)
+    actuated = reading.attempt(read_actuated, document, spec, facts)
+    if actuated is not None:
+        facts = replace(facts, limits=joint_limits(actuated, facts))
     effects, problems = read_effects(document, spec.effects, facts, trust=trusted(trust))
     reading.problems += problems
+    loops = [] if problems else [effect for effect in effects if isinstance(effect, Loop)]
+    controller = None
+    if reading.follow(urdf, facts, None if problems else loops) and actuated is not None:
+        controller = reading.attempt(read_controller, document, actuated, facts, loops)
     parameters = {p.name: p for effect in effects for p in effect.parameters(facts)}
     if spec.nominal is not None:
         nominal = reading.attempt(lambda: read_yaml(reading.file("nominal")))
         if nominal is not None:
-            parameters, more = read_nominal(nominal, parameters, complete=not problems)
+            parameters, more = read_nominal(nominal, parameters, effects, facts, complete=not problems)
             reading.problems += more
     reading.stop()
     assert isinstance(controller, Controller)
-    return Robot(
+    reading.mimics(urdf, facts, controller)
+    reading.stop()
+    robot = Robot(
         name=spec.name,
         title=spec.title,
         folder=document.path.parent,
@@ -109,10 +124,12 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | No
         payload=spec.payload,
         torque_limits=_torque_limits(spec, facts),
     )
+    check_agreement(robot, document.path)
+    return robot
 
 
 def _torque_limits(spec: RobotSpec, facts: RobotFacts) -> Array | None:
-    stated = [spec.controller[joint].torque_limit for joint in facts.joints]
+    stated = [spec.controller[joint].torque_limit if joint in spec.controller else None for joint in facts.joints]
     return None if all(t is None for t in stated) else frozen([inf if t is None else t for t in stated])
 
 
@@ -150,10 +167,6 @@ class _Reading:
         self.problems += check_chain(urdf, spec.base, spec.flange)
         self.stop()
         turning = [joint.name for joint in chain_joints(urdf, spec.base, spec.flange) or [] if joint.moves]
-        for joint in turning:
-            if joint not in spec.controller:
-                hint = f"Add {joint}: {{limits_deg: [.., ..]}}."
-                self.problem(f"controller: no limits for {joint!r}", "controller", hint=hint)
         for joint in spec.controller:
             if joint not in turning:
                 allowed = ", ".join(turning)
@@ -162,6 +175,48 @@ class _Reading:
                 )
         self.stop()
         return spec, urdf
+
+    def follow(self, urdf: Urdf, facts: RobotFacts, loops: Sequence[Loop] | None) -> bool:
+        """Whether each joint has an angle on the pendant or follows by a loop, and a mimic follows; else problems.
+
+        loops: None where not all could be read
+        """
+        before = len(self.problems)
+        turned = {joint for loop in loops or () for joint in own_joints(loop, facts)}
+        for joint in (j for j in urdf.joints if j.name in facts.joints):
+            driven, name = joint.name not in facts.passive, joint.name
+            if joint.mimic is not None:
+                coupling, leader = coupling_text(name, joint.mimic), joint.mimic.joint
+                if driven:
+                    message = f"joint {name!r} follows {leader!r} by mimic and has no angle on the pendant"
+                    hint = f"Leave {name} out of controller in robot.yaml, and add to effects: {coupling}"
+                    self.problems.append(joint.place.problem(message, hint=hint))
+                elif name not in turned and loops is not None:
+                    message = f"joint {name!r} follows {leader!r} by mimic, and no effect in robot.yaml says so"
+                    self.problems.append(joint.place.problem(message, hint=f"Add to effects: {coupling}"))
+            elif not driven and name not in turned and loops is not None:
+                other = next(j for j in facts.joints if j != name) if facts.n > 1 else "JOINT"
+                hint = f"Add {name}: {{limits_deg: [.., ..]}}; or, where no actuator drives it, to effects "
+                hint += f"{{effect: coupling, joint: {name}, follows: {{{other}: 1}}}} with the joints that it follows."
+                self.problem(f"controller: no limits for {name!r}", "controller", hint=hint)
+        return len(self.problems) == before
+
+    def mimics(self, urdf: Urdf, facts: RobotFacts, controller: Controller) -> None:
+        """A mimic of the chain says the same as the effect that turns the joint."""
+        for joint in (j for j in urdf.joints if j.mimic is not None and j.name in facts.joints):
+            assert joint.mimic is not None
+            if joint.mimic.joint not in facts.joints:
+                message = f"joint {joint.name!r} follows {joint.mimic.joint!r}, which does not move the flange"
+                self.problems.append(joint.place.problem(message))
+                continue
+            own, other = facts.joint_index(joint.name), facts.joint_index(joint.mimic.joint)
+            m, o = joint.mimic.multiplier, joint.mimic.offset
+            rate, shift = m * controller.matrix[other], m * controller.offset[other] + o
+            same = np.allclose(controller.matrix[own], rate, atol=1e-9)
+            if not (same and math.isclose(controller.offset[own], shift, abs_tol=1e-9)):
+                message = f"joint {joint.name!r}: mimic and the effects of robot.yaml say different things"
+                hint = "The coupling in robot.yaml counts; make the two agree, or take the mimic out of the URDF."
+                self.problems.append(joint.place.problem(message, found=f"{m:g} times {joint.mimic.joint}", hint=hint))
 
     def file(self, key: str) -> Path:
         """The path of a file that robot.yaml names, which must stay in the robot's folder."""

@@ -48,8 +48,10 @@ def plain_urdf(urdf: Urdf, base: str) -> str:
     return '<robot name="robot">\n' + "\n".join(body) + "\n</robot>\n"
 
 
-def read_facts(name: str, model: pin.Model, urdf: Urdf, base: str, flange: str) -> RobotFacts:
-    """The constants of the chain, all from the model: they cannot differ from it."""
+def read_facts(
+    name: str, model: pin.Model, urdf: Urdf, base: str, flange: str, payload: float | None = None
+) -> RobotFacts:
+    """The constants of the chain, all but the payload (kg) from the model: they cannot differ from it."""
     chain = [joint for joint in chain_joints(urdf, base, flange) or [] if joint.moves]
     joints = tuple(joint.name for joint in chain)
     if tuple(model.names)[1:] != joints or model.nq != len(joints) or model.nv != len(joints):
@@ -68,6 +70,7 @@ def read_facts(name: str, model: pin.Model, urdf: Urdf, base: str, flange: str) 
         masses=frozen([inertia.mass for inertia in model.inertias]),
         centres=frozen([inertia.lever for inertia in model.inertias]),
         gravity=frozen(model.gravity.linear),
+        payload=payload,
     )
 
 

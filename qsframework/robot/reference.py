@@ -2,10 +2,44 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from qsframework.plugin import Array
 from qsframework.robot.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Statics:
+    """Where the arm is at N poses, how its flange moves, and what its weight does. Base axes, SI.
+
+    positions (n + 2, 3, N) and rotations (n + 2, 3, 3, N) of the base, of the n links and of the flange;
+    linear and angular (n, 3, N) of the flange per unit rate of each joint; torque (n, N) of the weight on each joint
+    """
+
+    positions: Array
+    rotations: Array
+    linear: Array
+    angular: Array
+    torque: Array
+
+
+def reference_statics(robot: Robot, q: Array) -> Statics:
+    """All of it at joint angles (N, n), pose by pose."""
+    import pinocchio as pin
+
+    model, data, n = robot.model, robot.model.createData(), robot.facts.n
+    name = next(name for name, frame in robot.frames.items() if frame is robot.flange)
+    flange, aligned = model.getFrameId(name, pin.FrameType.BODY), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    places, columns, held = np.empty((n + 2, 4, 4, len(q))), np.empty((6, n, len(q))), np.empty((n, len(q)))
+    for i, angles in enumerate(q):
+        pin.computeJointJacobians(model, data, angles)
+        columns[..., i] = pin.getFrameJacobian(model, data, flange, aligned)
+        places[..., i] = [place.homogeneous for place in (*data.oMi, pin.updateFramePlacement(model, data, flange))]
+        held[:, i] = pin.computeGeneralizedGravity(model, data, angles)
+    linear, angular = columns[:3].transpose(1, 0, 2), columns[3:].transpose(1, 0, 2)
+    return Statics(places[:, :3, 3], places[:, :3, :3], linear, angular, -held)
 
 
 def reference_flange(robot: Robot, q: Array) -> Array:

@@ -45,7 +45,7 @@ class MeshShape:
     rgba: tuple[float, float, float, float]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Robot:
     """An arm: kinematics, controller convention, effects with nominal parameters, and shapes.
 

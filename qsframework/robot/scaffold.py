@@ -15,7 +15,7 @@ from qsframework.robot.model import plain_urdf
 from qsframework.robot.scaffold_chain import choose_chain
 from qsframework.robot.scaffold_masses import mass_of, with_bodies, with_masses
 from qsframework.robot.scaffold_text import nominal_text, readme_text, robot_text
-from qsframework.robot.urdf import Joint, Link, Urdf, Visual, read_urdf
+from qsframework.robot.urdf import Joint, Link, Mimic, Urdf, Visual, read_urdf
 
 _TWIST_AT_EFFORT = 2.5e-3  # rad: the KUKA KR500 gives 2.1 to 3.6 mrad at its joints' largest torques
 _TWIST_AT_WEIGHT = 1.0e-3  # rad: the KUKA KR240/KR270 under its own weight and a tool
@@ -53,6 +53,8 @@ def propose(
     if source.unreadable:
         raise InputError(source.unreadable)
     base, flange, chain = choose_chain(source, base, flange)
+    every = [joint for joint in chain if joint.moves]
+    following = _following(every)
     arm, dropped = _arm(source, base, chain)
     lost = sum(mass_of(source, joint.child) for joint in dropped)
     arm, impossible = with_bodies(arm)
@@ -61,16 +63,19 @@ def propose(
     problems = problems or check_chain(arm, base, flange)
     if problems:
         raise InputError(problems)
-    moving = [joint for joint in chain if joint.moves]
-    stiffness = _stiffness(arm, moving, _efforts(urdf, sources), payload)
+    moving = [joint for joint in every if joint.mimic is None]
+    stiffness = [s for s in _stiffness(arm, every, _efforts(urdf, sources), payload) if s.joint not in following]
     notes = (
-        *_checklist(moving, payload),
-        *_found(arm, moving, guessed, impossible),
+        *_checklist(every, payload),
+        *_told_following(following),
+        *_found(arm, every, guessed, impossible),
         *_left_out(dropped, lost),
     )
     files = {
         f"{name}.urdf": _urdf_text(arm, name, base, bool(guessed)),
-        "robot.yaml": robot_text(name, urdf.name, base, flange, [(j.name, _degrees(j)) for j in moving], payload),
+        "robot.yaml": robot_text(
+            name, urdf.name, base, flange, [(j.name, _degrees(j)) for j in moving], payload, following
+        ),
         "nominal.yaml": nominal_text([(s.joint, s.value, s.why) for s in stiffness]),
         "README.md": readme_text(name, urdf.name, guessed, stiffness[0].why, notes),
     }
@@ -90,6 +95,23 @@ def _arm(urdf: Urdf, base: str, chain: list[Joint]) -> tuple[Urdf, list[Joint]]:
             dropped.append(joint)
     links = tuple(link for link in urdf.links if link.name in names)
     return replace(urdf, links=links, joints=tuple(joints)), dropped
+
+
+def _following(moving: list[Joint]) -> dict[str, Mimic]:
+    """The joints of the arm that follow others. InputError where one follows a joint that is no part of the arm."""
+    names = [joint.name for joint in moving]
+    for joint in moving:
+        if joint.mimic is not None and joint.mimic.joint not in names:
+            message = f"joint {joint.name!r} follows {joint.mimic.joint!r}, which is no part of the arm"
+            raise InputError(joint.place.problem(message, hint=f"End the arm before it: --flange {joint.parent}."))
+    return {joint.name: joint.mimic for joint in moving if joint.mimic is not None}
+
+
+def _told_following(following: dict[str, Mimic]) -> tuple[str, ...]:
+    if not following:
+        return ()
+    told = ", ".join(f"{joint} follows {m.joint}" for joint, m in following.items())
+    return (f"couplings: by mimic {told}; is it so on the machine, or has the joint a motor of its own?",)
 
 
 def _efforts(urdf: Path, sources: Sources) -> dict[str, float]:

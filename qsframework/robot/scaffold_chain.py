@@ -23,7 +23,7 @@ def choose_chain(urdf: Urdf, base: str | None, flange: str | None) -> tuple[str,
     file holds no arm or several.
     """
     links, file = [link.name for link in urdf.links], str(urdf.path)
-    for key, link in (("--base", base), ("--flange", flange)):
+    for key, link in (("base", base), ("flange", flange)):
         if link is not None and link not in links:
             raise InputError(Problem(f"{key}: no link {link!r}", file=file, allowed=", ".join(links)))
     base = base or _root(urdf, links)
@@ -31,7 +31,9 @@ def choose_chain(urdf: Urdf, base: str | None, flange: str | None) -> tuple[str,
     chain = chain_joints(urdf, base, flange)
     if chain is None:
         message = f"link {flange!r} does not hang on {base!r}"
-        raise InputError(Problem(message, file=file, hint="Choose other links with --base and --flange."))
+        raise InputError(
+            Problem(message, file=file, hint="Choose another base or flange.", argument=("flange", "LINK"))
+        )
     _check_kinds(chain)
     return base, flange, chain
 
@@ -55,10 +57,10 @@ def _flange(urdf: Urdf, base: str) -> str:
     if not ends:
         raise InputError(Problem(f"no joint turns beyond {base!r}", file=file, hint="An arm has revolute joints."))
     if len(ends) > 1:
-        hint = "Give --flange LINK (and --base LINK if the arm does not start at the root)."
+        hint = "Name the flange (and the base if the arm does not start at the root)."
         raise InputError(
             Problem(f"{len(ends)} chains hang on {base!r}; say which one is the arm", file=file,
-                    allowed=_offered(urdf, base, ends), hint=hint)
+                    allowed=_offered(urdf, base, ends), hint=hint, argument=("flange", "LINK"))
         )  # fmt: skip
     last = _before_a_spin(chain_joints(urdf, base, ends[0].child) or [], ends[0])
     here = [last.child]
@@ -110,7 +112,7 @@ def _check_kinds(chain: list[Joint]) -> None:
     for joint in reversed(chain):
         if joint.moves and joint.kind not in ("revolute", "continuous"):
             turning = any(_turns(j) for j in chain[chain.index(joint) + 1 :])
-            hint = f"Lock it and begin the arm beyond it: --base {joint.child}." if turning else None
-            hint = hint or f"End the arm before it: --flange {joint.parent}."
+            end = ("base", joint.child) if turning else ("flange", joint.parent)
+            where = "Lock it and begin the arm beyond it" if turning else "End the arm before it"
             message = f"joint {joint.name!r}: a {joint.kind} joint cannot be part of the arm"
-            raise InputError(joint.place.problem(message, hint=hint))
+            raise InputError(joint.place.problem(message, hint=f"{where}: {end[0]} {end[1]}.", argument=end))

@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import math
+import re
+from collections.abc import Mapping, Sequence
 
+from qsframework.robot.urdf import Mimic
+
+_WORDS = ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
+"""That YAML does not read as text."""
 _LOOPS = """  # A parallelogram? Then the driven joint follows the driver; lever_m: axis 3 to the bar's pivot; zero_deg:
   # the angle from link 2 to the lever at zero joint angles:
   # - {{effect: parallelogram, driver: {second}, driven: {third}, lever_m: 0.5, zero_deg: -90, margin_deg: 15}}
@@ -17,9 +23,9 @@ _LOOPS = """  # A parallelogram? Then the driven joint follows the driver; lever
 
 def robot_text(
     name: str, source: str, base: str, flange: str, limits: Sequence[tuple[str, tuple[float, float]]],
-    payload: float | None = None,
+    payload: float | None = None, following: Mapping[str, Mimic] | None = None,
 ) -> str:  # fmt: skip
-    """robot.yaml."""
+    """robot.yaml. following: the joints without an actuator"""
     joints = [joint for joint, _ in limits]
     second, third = (joints[1], joints[2]) if len(joints) > 2 else ("JOINT", "JOINT")
     rows = "".join(f"  {json.dumps(j)}: {{limits_deg: [{lo:g}, {hi:g}]}}\n" for j, (lo, hi) in limits)
@@ -28,10 +34,23 @@ def robot_text(
         f"base: {json.dumps(base)}\nflange: {json.dumps(flange)}\n"
         f"controller:                       # limits of {source}; assumed: the pendant shows the URDF's angles\n{rows}"
         "effects:\n  - {effect: joint_compliance, joints: all}\n"
+        + "".join(f"  - {coupling_text(joint, mimic)}\n" for joint, mimic in (following or {}).items())
         + _LOOPS.format(second=second, third=third)
         + "nominal: nominal.yaml\n"
         + ("# payload_kg: 100\n" if payload is None else f"payload_kg: {payload:g}\n")
     )
+
+
+def coupling_text(joint: str, mimic: Mimic) -> str:
+    """The entry of `effects:` for a URDF's mimic."""
+    offset = f", offset_deg: {math.degrees(mimic.offset):.10g}" if mimic.offset else ""
+    follows = f"{{{_key(mimic.joint)}: {mimic.multiplier:.10g}}}"
+    return f"{{effect: coupling, joint: {_key(joint)}, follows: {follows}{offset}}}"
+
+
+def _key(name: str) -> str:
+    """A name as YAML reads it back: plain where it can be."""
+    return name if re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII) and name.lower() not in _WORDS else json.dumps(name)
 
 
 def nominal_text(values: Sequence[tuple[str, float, str]]) -> str:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import radians
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import Field
 
 from qsframework import units
@@ -14,7 +15,9 @@ from qsframework.errors import InputError, Place, Problem, nearest
 from qsframework.files import Document, FileModel, Unit
 from qsframework.files.models import GREATEST
 from qsframework.files.plain import is_mapping
-from qsframework.plugin import Effect, Parameter, RobotFacts
+from qsframework.plugin import Effect, Loop, Parameter, RobotFacts
+from qsframework.plugin.loops import loop_problems
+from qsframework.plugin.settings import twice_hint
 from qsframework.robot.named_files import entry_effects
 
 
@@ -52,22 +55,27 @@ def read_effects(
     trust: whether an entry may name an effect by `file:`, which runs its code
     """
     effects: dict[str, Effect] = {}
+    places: dict[str, Place] = {}
     problems: list[Problem] = []
     for i, entry in enumerate(entries):
         here: Place = {"file": str(document.path), "line": document.line("effects", i)}
         try:
             for effect in entry_effects(entry, document.path.parent, facts, markers, trust=trust):
                 if effect.name in effects:
-                    problems.append(Problem(f"the effect {effect.name} stands here a second time", **here))
-                effects[effect.name] = effect
+                    hint = twice_hint(type(effect))
+                    problems.append(Problem(f"the effect {effect.name} stands here a second time", **here, hint=hint))
+                effects[effect.name], places[effect.name] = effect, here
         except InputError as error:
             problems += [p if p.file else replace(p, **here) for p in error.problems]
+    loops = [effect for effect in effects.values() if isinstance(effect, Loop)]
+    problems += [replace(p, **places[name]) for name, p in loop_problems(loops, facts).items()]
     return tuple(sorted(effects.values(), key=lambda e: (e.stage, e.order))), problems
 
 
 def read_nominal(
-    document: Document, parameters: Mapping[str, Parameter], complete: bool = True
-) -> tuple[dict[str, Parameter], list[Problem]]:
+    document: Document, parameters: Mapping[str, Parameter], effects: Sequence[Effect], facts: RobotFacts,
+    complete: bool = True,
+) -> tuple[dict[str, Parameter], list[Problem]]:  # fmt: skip
     """The parameters that the effects declare, with the values of nominal.yaml, and the problems.
 
     `complete` is False where an effect could not be read: an unknown name is then no problem of this file.
@@ -89,6 +97,15 @@ def read_nominal(
                     hint=nearest(name, parameters),
                 )
             )
+    for effect in effects if not problems else ():
+        own = [out[p.name] for p in effect.parameters(facts)]
+        stated = [p.name for p in own if p.name in document.data]
+        try:
+            if stated:
+                effect.validate_values(np.array([p.nominal for p in own]), facts)
+        except InputError as error:
+            here: Place = {"file": str(document.path), "line": document.line(stated[0])}
+            problems += [replace(p, **here) for p in error.problems]
     return out, problems
 
 

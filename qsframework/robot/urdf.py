@@ -15,6 +15,8 @@ from qsframework.robot.xml_tree import Node, Place
 
 MOVING = ("revolute", "continuous", "prismatic", "floating", "planar")
 JOINT_TYPES = (*MOVING, "fixed")
+_MIMIC = (("multiplier", "1"), ("offset", "0"))
+"""And what they are where the file does not say."""
 _GREY = (0.7, 0.7, 0.7, 1.0)
 _LARGEST = 1e9
 """No length, mass or inertia of an arm comes near; the square of a number beyond 1e154 is infinite."""
@@ -82,7 +84,16 @@ class Link:
     meshes: tuple[MeshVisual, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
+class Mimic:
+    """`<mimic>`: the joint's angle is the multiplier times that of another joint, plus the offset (rad)."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Joint:
     """limits are (lower, upper) rad or m, None where the file has none."""
 
@@ -93,7 +104,7 @@ class Joint:
     origin: Origin
     axis: Array
     limits: tuple[float, float] | None
-    mimic: str | None
+    mimic: Mimic | None
     place: Place
 
     @property
@@ -239,9 +250,13 @@ class _Reader:
             origin=self.origin(node, owner),
             axis=np.array([1.0, 0.0, 0.0]) if axis is None else self.numbers(axis, "xyz", 3, owner, "1 0 0"),
             limits=self.limits(node, owner),
-            mimic=None if mimic is None else mimic.get("joint"),
+            mimic=None if mimic is None else self.mimic(mimic, owner),
             place=node.place,
         )
+
+    def mimic(self, node: Node, owner: str) -> Mimic:
+        multiplier, offset = (float(self.numbers(node, k, 1, owner, d)[0]) for k, d in _MIMIC)
+        return Mimic(node.get("joint"), multiplier, offset)
 
     def limits(self, node: Node, owner: str) -> tuple[float, float] | None:
         limit = node.first("limit")

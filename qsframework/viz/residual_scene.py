@@ -27,13 +27,13 @@ def residual_scene(
 
     kept (R,): rows of the readings; before, after (R, 3) m: their residuals, measured minus predicted
     """
-    measurement = readings.measurement[kept]
+    measurement = readings.plus[kept]
     worst = np.zeros(len(readings.poses))
     np.maximum.at(worst, measurement, np.linalg.norm(before, axis=1))
     there = np.unique(measurement)
     chosen = there[np.argsort(-worst[there], kind="stable")][:MOST]
     factor = _LONGEST / max(float(worst.max()), 1e-12)
-    scene = Scene(f"{experiment.robot.title}: residuals", first=1)
+    scene = Scene(title=f"{experiment.robot.title}: residuals", first=1)
     state = place_poses(experiment, readings.poses.q[chosen])
     meshes = Meshes(experiment.robot, len(chosen))
     scene.notes += meshes.notes
@@ -48,5 +48,5 @@ def residual_scene(
             scene.sphere(f"{where}/marker", 0.02, placed_at(start), _MARKER)
             scene.arrow(f"{where}/before", start, factor * before[row], 0.012, BEFORE)
             scene.arrow(f"{where}/after", start, factor * after[row], 0.016, AFTER)
-        scene.step(path, f"{readings.pose[m]}: up to {1e3 * worst[m]:.3f} mm")
+        scene.step(path, f"{readings.states.pose[m]}: up to {1e3 * worst[m]:.3f} mm")
     return scene, factor

@@ -16,7 +16,7 @@ from qsframework.viz.subject import one_pose, robot_alone
 
 def robot_row(robots: Sequence[Robot]) -> Scene:
     """Every robot as a step of the slider, at zero pendant angles or the nearest allowed ones."""
-    scene = Scene("robots", first=1, size=0.75 * max((reach(r.facts) for r in robots), default=3.0))
+    scene = Scene(title="robots", first=1, size=0.75 * max((reach(r.facts) for r in robots), default=3.0))
     for i, robot in enumerate(robots):
         experiment = robot_alone(robot, np.zeros(3))
         q = one_pose(experiment, None, None).q

@@ -14,7 +14,7 @@ Colour = tuple[float, float, float, float]
 _AXES: tuple[Colour, ...] = ((0.85, 0.1, 0.1, 1.0), (0.1, 0.6, 0.1, 1.0), (0.1, 0.2, 0.85, 1.0))
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Scene:
     """Objects to draw, in metres, z up. Built up, then written once with `html`."""
 

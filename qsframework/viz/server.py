@@ -46,11 +46,11 @@ class Site:
 def serve(site: Site, port: int) -> ThreadingHTTPServer:
     """A server on 127.0.0.1, ready to `serve_forever`. InputError where the port is taken; port 0 takes a free one."""
     if not 0 <= port <= 65535:
-        raise InputError(f"--port {port}: allowed: 0 (any free one) to 65535")
+        raise InputError(f"port {port}: allowed: 0 (any free one) to 65535")
     try:
         return _Server((HOST, port), _handler(site))
     except OSError as error:
-        hint = "Stop what listens there, or give another --port; 0 takes any free one"
+        hint = "Stop what listens there, or give another one; 0 takes any free one"
         raise InputError(f"port {port} cannot be listened on: {error.strerror}. {hint}") from None
 
 

@@ -76,7 +76,7 @@ class _Drawing:
 
     def __init__(self, experiment: Experiment, plan: Plan, scale: float, x: Array | None) -> None:
         model = experiment.model()
-        self.scene = Scene(f"{experiment.robot.title}: {len(plan.pose)} poses", size=reach(model.facts))
+        self.scene = Scene(title=f"{experiment.robot.title}: {len(plan.pose)} poses", size=reach(model.facts))
         self.experiment, self.plan, self.scale = experiment, plan, scale
         self.state = place_poses(experiment, plan.q)
         self.frames = [link_frames(self.state.placed, i) for i in range(len(plan.pose))]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from qsframework.errors import InputError, Problem
-from qsframework.experiment import Constraints, Experiment, LoadCase, Noise, Plan, Readings, make_plan
+from qsframework.experiment import Constraints, Experiment, Frame, LoadCase, Noise, Plan, Readings, Rows, make_plan
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.robot import Robot
@@ -23,7 +25,19 @@ def robot_alone(robot: Robot, point: Array) -> Experiment:
         weight = np.concatenate([robot.payload * robot.gravity, np.zeros(3)])
         loads = (LoadCase("payload", frozen(weight), None),)
     file = robot.folder / "robot.yaml"
-    return Experiment(file, robot, frozen(point), (), Noise(None), loads, (), (), None, Constraints(), None)
+    return Experiment(
+        path=file,
+        robot=robot,
+        load_point=frozen(point),
+        markers=(),
+        noise=Noise(None),
+        loads=loads,
+        effects=(),
+        parameters=(),
+        fit=None,
+        constraints=Constraints(),
+        data=(),
+    )
 
 
 def one_pose(experiment: Experiment, pendant: Array | None, load: Array | None) -> Plan:
@@ -31,14 +45,14 @@ def one_pose(experiment: Experiment, pendant: Array | None, load: Array | None) 
     robot = experiment.robot
     controller, facts = robot.controller, robot.facts
     if pendant is None:
-        pendant = np.clip(np.zeros(facts.n), controller.lower, controller.upper)
-    if pendant.shape != (facts.n,):
-        raise InputError(f"a pose of {robot.name} has {facts.n} angles, found {pendant.size}")
+        pendant = np.clip(np.zeros(controller.axes), controller.lower, controller.upper)
+    if pendant.shape != (controller.axes,):
+        raise InputError(f"a pose of {robot.name} has {controller.axes} angles, found {pendant.size}")
     outside = np.flatnonzero(controller.outside(pendant[None])[0])
     if len(outside):
         degrees = np.rad2deg([pendant, controller.lower, controller.upper])
         raise InputError([
-            Problem(f"{facts.joints[k]} is outside its limits", found=f"{degrees[0, k]:g} deg",
+            Problem(f"{facts.driven[k]} is outside its limits", found=f"{degrees[0, k]:g} deg",
                     allowed=f"{degrees[1, k]:g} to {degrees[2, k]:g} deg")
             for k in outside
         ])  # fmt: skip
@@ -50,31 +64,31 @@ def one_pose(experiment: Experiment, pendant: Array | None, load: Array | None) 
     return make_plan(poses, [name], names=[f"{words} deg"])
 
 
-def measured(experiment: Experiment, readings: Readings, x: Array) -> tuple[Plan, Residuals]:
+def measured(
+    experiment: Experiment, readings: Readings, x: Array, frames: Sequence[Frame] = ()
+) -> tuple[Plan, Residuals]:
     """The poses with the largest residuals at parameters x, in the order of the readings, and all residuals on them."""
-    rows, missed = residuals(experiment, readings, x)
-    if not len(rows):
-        raise InputError("every reading is masked (use = 0): there are no residuals")
-    measurement = readings.measurement[rows]
+    rows, missed = residuals(experiment, readings, x, frames)
+    measurement = rows.plus
     worst = np.zeros(len(readings.poses))
     np.maximum.at(worst, measurement, np.linalg.norm(missed, axis=1))
     there = np.unique(measurement)
     chosen = np.sort(there[np.argsort(-worst[there], kind="stable")][:MOST])
-    names = [f"{readings.pose[m]}, residual up to {1e3 * worst[m]:.3f} mm" for m in chosen]
+    names = [f"{readings.states.pose[m]}, residual up to {1e3 * worst[m]:.3f} mm" for m in chosen]
     plan = make_plan(readings.poses.take(chosen), [""] * len(chosen), names=names)
     shown = np.isin(measurement, chosen)
     step = np.searchsorted(chosen, measurement[shown])
-    return plan, _placed(experiment, readings, rows[shown], missed[shown], step)
+    return plan, _placed(experiment, rows.take(shown), missed[shown], step)
 
 
-def floating(experiment: Experiment, readings: Readings, x: Array) -> Residuals:
+def floating(experiment: Experiment, readings: Readings, x: Array, frames: Sequence[Frame] = ()) -> Residuals:
     """All residuals at parameters x where their markers were, beside the poses of another plan."""
-    rows, missed = residuals(experiment, readings, x)
-    return _placed(experiment, readings, rows, missed, np.full(len(rows), -1))
+    rows, missed = residuals(experiment, readings, x, frames)
+    return _placed(experiment, rows, missed, np.full(len(missed), -1))
 
 
-def _placed(experiment: Experiment, readings: Readings, rows: Indices, missed: Array, pose: Indices) -> Residuals:
-    state = place_poses(experiment, readings.poses.q)
+def _placed(experiment: Experiment, rows: Rows, missed: Array, pose: Indices) -> Residuals:
+    state = place_poses(experiment, rows.readings.poses.q)
     positions = np.stack([marker.position for marker in state.markers])
-    start = positions[readings.marker[rows], :, readings.measurement[rows]]
+    start = positions[rows.marker, :, rows.plus]
     return Residuals(start, missed, pose)

@@ -22,11 +22,11 @@ _TOOL: Colour = (0.4, 0.42, 0.46, 1.0)
 
 def task_scene(robots: Sequence[Robot], pendant: Sequence[Array], moved: Sequence[Array], points: Array) -> Scene:
     """Each robot as a step: pendant (P, n) rad and moved (P,) m along the path of points (P, 3) m; NaN: not reached."""
-    scene = Scene("task", first=1, size=0.75 * max(reach(r.facts) for r in robots))
+    scene = Scene(title="task", first=1, size=0.75 * max(reach(r.facts) for r in robots))
     for i, (robot, angles, way) in enumerate(zip(robots, pendant, moved, strict=True)):
         path, there = f"robots/{i}", np.isfinite(way)
         label = f"{robot.title}: the path is not reached"
-        pose, held = np.clip(np.zeros(robot.facts.n), robot.controller.lower, robot.controller.upper), None
+        pose, held = np.clip(np.zeros(robot.controller.axes), robot.controller.lower, robot.controller.upper), None
         if there.any():
             worst = int(np.nanargmax(way))
             pose = angles[worst]

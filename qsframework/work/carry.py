@@ -6,20 +6,18 @@ import copyreg
 import hashlib
 import io
 import pickle
-import sys
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import PurePath
 from types import FunctionType, MappingProxyType
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 
-if TYPE_CHECKING:
-    from threadpoolctl import ThreadpoolController
+from qsframework.work.threads import single_thread
 
 _HELD = 4
 """Unpacked values that a worker keeps: a command has few stages, and each has one."""
@@ -125,17 +123,9 @@ def unpack(packed: Packed) -> Any:
 
 
 def one_thread(function: Callable[[Any, Any], Any], shared: Any, task: Any) -> Any:
-    """function(shared, task) with linear algebra on one thread: more threads add in another order."""
-    with _controller(len(sys.modules)).limit(limits=1, user_api="blas"):
+    """function(shared, task) with linear algebra on one thread."""
+    with single_thread():
         return function(shared, task)
-
-
-@lru_cache(maxsize=1)
-def _controller(modules: int) -> ThreadpoolController:
-    """The loaded linear algebra, looked up again (5 ms) whenever a module has been imported since."""
-    from threadpoolctl import ThreadpoolController
-
-    return ThreadpoolController()
 
 
 def settled(result: Any) -> Any:

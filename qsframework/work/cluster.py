@@ -33,14 +33,14 @@ class Dask:
         try:
             from distributed import Client
         except ImportError as error:
-            raise InputError("--dask needs the package distributed: pip install 'qsframework[cluster]'") from error
+            raise InputError("Dask needs the package distributed: pip install 'qsframework[cluster]'") from error
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # its words about lost workers are said by us
         try:
             self.client: Any = Client(address, timeout=answer, set_as_default=False)
         except (OSError, TimeoutError, ValueError, TypeError, ImportError) as error:
             raise InputError(
                 f"no Dask scheduler answers at {address} within {answer:g} s. Start one with `dask scheduler` and give "
-                "the address that it prints, for example --dask tcp://10.0.0.5:8786"
+                "the address that it prints, for example tcp://10.0.0.5:8786"
             ) from error
         try:
             self._meet(answer)

@@ -80,7 +80,7 @@ class Local:
 
     def __post_init__(self) -> None:
         if self.jobs < 0:
-            raise InputError(f"--jobs is a number of processes, 0 for one per core; found {self.jobs}")
+            raise InputError(f"jobs is a number of processes, 0 for one per core; found {self.jobs}")
 
     def map(self, function: Callable[[S, T], R], shared: S, tasks: Iterable[T]) -> Iterator[R]:
         """function(shared, task) of each task; a single task is not worth a process."""
@@ -96,7 +96,7 @@ class Local:
             yield from in_order(give, lambda future: future.result(), chain(first, left), AHEAD * count)
         except BrokenExecutor as error:
             raise WorkerLost(
-                "a worker process ended before its work was done (killed, or out of memory?); take fewer --jobs"
+                "a worker process ended before its work was done (killed, or out of memory?); take fewer jobs"
             ) from error
 
     def _workers(self) -> Any:

@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from qsframework.applications.compare import Compared, Comparison, _free, campaign_of, compare, tip_model
-from qsframework.applications.known import with_fit
 from qsframework.applications.reach import reach, tool_of
+from qsframework.applications.robot_from_fit import with_fit
 from qsframework.applications.stiffness import stiffness_at
 from qsframework.applications.task import Task, load_task
 from qsframework.cli.main import app
@@ -21,7 +21,7 @@ from qsframework.elastostatics import equilibrium
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, read_readings, simulate
 from qsframework.identify import identify
-from qsframework.identify.fit_files import read_fit, write_fit
+from qsframework.identify.io import read_fit, write_fit
 from qsframework.plugin import Poses
 from qsframework.report.compare_section import heat_maps, path_figure
 from qsframework.robot import load_robot
@@ -100,7 +100,7 @@ def test_the_error_after_compensation_is_found_in_simulation(result: Comparison,
     tool = tool_of(r.robot, task.tool)
     experiment, model = campaign_of(r.robot, task, tool), tip_model(r.robot, tool)
     work = Poses(r.pendant, r.robot.controller.to_joints(r.pendant), task.wrenches)
-    wish = Wish("I", efficiency=0.99, polish=False)
+    wish = Wish(criterion="I", efficiency=0.99, polish=False)
     plan = design(experiment, task.campaign.poses, candidates=task.campaign.candidates, wish=wish, test_poses=work)
     true = equilibrium(model, work).tip - equilibrium(model, work, loaded=False).tip
     assert np.allclose(np.linalg.norm(true, axis=1), r.task, rtol=1e-9)

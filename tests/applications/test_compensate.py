@@ -26,8 +26,8 @@ from qsframework.experiment import (
     make_plan,
     simulate,
 )
-from qsframework.identify import identify
-from qsframework.identify.fit_files import StoredFit, read_fit, write_fit
+from qsframework.identify import FitOptions, identify
+from qsframework.identify.io import StoredFit, read_fit, write_fit
 from qsframework.plugin import Array, Poses
 
 MEASURED = np.array([0.0, 1500.0, -4000.0, 0.0, 0.0, 0.0])
@@ -53,8 +53,9 @@ def exact_fit(experiment: Experiment) -> StoredFit:
     nothing = np.zeros(0)
     name = experiment.robot.name
     return StoredFit(
-        "exact", (), nothing, nothing, np.zeros((0, 0)), (), 3e-5, "stated", 0.0, 0, values, "", name, "fit.json"
-    )
+        method="exact", names=(), values=nothing, sd=nothing, covariance=np.zeros((0, 0)), status=(), sigma=3e-5,
+        sigma_source="stated", chi2=0.0, dof=0, model=values, data_sha256="", robot=name, file="fit.json",
+    )  # fmt: skip
 
 
 def stands(experiment: Experiment, result: Compensation, x: Array) -> TipPose:
@@ -88,7 +89,7 @@ def test_identified_from_noisy_readings_of_the_full_equilibrium(m900ib: Experime
     drawn = simulate(m900ib, plan, truth="drawn", seed=4)
     moved = full_displacement(model, plan.poses, drawn.x)
     noise = 3e-5 * np.random.default_rng(8).standard_normal(moved.shape)
-    readings: Readings = replace(drawn.readings, displacement=(moved + noise).reshape(-1, 3))
+    readings = drawn.readings.with_values((moved + noise).reshape(-1, 3))
     fit = stored(m900ib, readings, Path())
     result = compensate(m900ib, fit, targets)
     error = np.linalg.norm((stands(m900ib, result, drawn.x).position - targets.wanted.position), axis=1)
@@ -98,27 +99,31 @@ def test_identified_from_noisy_readings_of_the_full_equilibrium(m900ib: Experime
     assert uncalibrated.mean() > 10 * error.mean(), "the nominal values would have erred far more"
 
 
-def stored(experiment: Experiment, readings: Readings, folder: Path) -> StoredFit:
+def stored(experiment: Experiment, readings: Readings, folder: Path, linear: bool = False) -> StoredFit:
     """A fit as its file holds it, without a file where the folder is empty."""
-    found = identify(experiment, readings)
+    found = identify(experiment, readings, options=FitOptions(linear=linear))
     values = dict(zip(found.model.names, found.x.tolist(), strict=True))
     return StoredFit(
-        found.method, found.names, np.array([e.value for e in found.estimates]),
-        np.array([e.sd for e in found.estimates]), found.covariance, tuple(e.status for e in found.estimates),
-        found.sigma, found.sigma_source, found.chi2, found.dof, values, "", experiment.robot.name, str(folder),
-        found.total_covariance,
+        method=found.method, names=found.names, values=np.array([e.value for e in found.estimates]),
+        sd=np.array([e.sd for e in found.estimates]), covariance=found.covariance,
+        status=tuple(e.status for e in found.estimates), sigma=found.sigma, sigma_source=found.sigma_source,
+        chi2=found.chi2, dof=found.dof, model=values, data_sha256="", robot=experiment.robot.name, file=str(folder),
+        total_covariance=found.total_covariance,
     )  # fmt: skip
 
 
 def test_the_expected_error_is_the_one_found_in_simulation(m900ib: Experiment) -> None:
-    """Forty campaigns of the same plan: the RMS error of the true arm against the promised one, per target."""
+    """Forty campaigns of the same plan: the RMS error of the true arm against the promised one, per target.
+
+    Readings and fits of the linear model, which is quick; the arm at work settles in its equilibrium.
+    """
     plan = make_plan(posed(m900ib, angles(12, 1), MEASURED), ["pull"] * 12)
     work = joint_targets(m900ib, angles(2, 5), np.tile(WORK, (2, 1)))
     x = m900ib.model().nominal
     squared, promised = [], []
     for seed in range(40):
-        simulation = simulate(m900ib, plan, seed=seed)
-        result = compensate(m900ib, stored(m900ib, simulation.readings, Path()), work)
+        readings = simulate(m900ib, plan, seed=seed, linear=True).readings
+        result = compensate(m900ib, stored(m900ib, readings, Path(), linear=True), work)
         error = stands(m900ib, result, x).position - work.wanted.position
         squared.append(np.sum(error**2, axis=1))
         promised.append(result.sd)
@@ -145,7 +150,10 @@ def test_the_slope_of_the_tip_agrees_with_the_linear_models_own(m900ib: Experime
 
 
 def test_the_uncertainty_of_the_load_counts(m900ib: Experiment, tmp_path: Path) -> None:
-    """Campaigns whose load is wrong in size and direction: the true arm errs as said, far more than noise explains."""
+    """Campaigns whose load is wrong in size and direction: the true arm errs as said, far more than noise explains.
+
+    Readings and fits of the linear model, which is quick.
+    """
     stated = m900ib.with_(load_uncertainty=LoadUncertainty(0.02, np.deg2rad(0.5)))
     poses = posed(stated, angles(12, 1), MEASURED)
     work = joint_targets(stated, angles(2, 5), np.tile(WORK, (2, 1)))
@@ -153,12 +161,13 @@ def test_the_uncertainty_of_the_load_counts(m900ib: Experiment, tmp_path: Path) 
     error, said, noise = [], [], []
     days: list[Readings] = []
     results: list[Compensation] = []
+    told = simulate(stated, make_plan(poses, ["pull"] * 12), linear=True).readings
     for seed in range(60):
         turn = np.eye(3) + np.cross(np.eye(3), np.deg2rad(0.5) * rng.standard_normal(3))
         wrong = (1.0 + 0.02 * rng.standard_normal()) * np.kron(np.eye(2), turn)
         acting = make_plan(replace(poses, wrench=poses.wrench @ wrong.T), ["pull"] * 12)
-        days.append(replace(simulate(stated, acting, seed=seed).readings, poses=poses))
-        fit = stored(stated, days[-1], tmp_path)
+        days.append(told.with_values(simulate(stated, acting, seed=seed, linear=True).readings.value))
+        fit = stored(stated, days[-1], tmp_path, linear=True)
         result = compensate(stated, fit, work)
         results.append(result)
         error.append(np.linalg.norm(stands(stated, result, x).position - work.wanted.position, axis=1))
@@ -168,7 +177,7 @@ def test_the_uncertainty_of_the_load_counts(m900ib: Experiment, tmp_path: Path) 
     assert np.all((ratio > 0.75) & (ratio < 1.25)), ratio
     assert np.all(np.mean(said, axis=0) > 2.0 * np.mean(noise, axis=0))
     assert "states no uncertainty of its load" not in " ".join(results[-1].notes)
-    found = identify(stated, days[-1])
+    found = identify(stated, days[-1], options=FitOptions(linear=True))
     write_fit(found, tmp_path / "fit.json")
     again = read_fit(tmp_path / "fit.json")
     np.testing.assert_allclose(compensate(stated, again, work).sd, results[-1].sd, rtol=1e-9)

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from qsframework.applications import path_check
 from qsframework.applications import programme as programme_module
-from qsframework.applications import way as way_module
 from qsframework.applications.export import FORMATS, export, read_export
 from qsframework.applications.inverse import rigid_tip
 from qsframework.applications.ordering import shortest_path, travel, visits, way_length
+from qsframework.applications.path_check import Surroundings, find_way, stretch, surroundings
 from qsframework.applications.programme import Programme, make_programme
-from qsframework.applications.way import Surroundings, find_way, stretch, surroundings
 from qsframework.cli.main import app
 from qsframework.elastostatics import actuator_torques
 from qsframework.errors import InputError
@@ -150,7 +150,7 @@ def test_a_way_around(cell: Experiment, around: Surroundings, plan: Plan) -> Non
 
 def test_no_way_is_told(cell: Experiment, plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     """With the search switched off, the straight ways that are not free are named with what they hit."""
-    monkeypatch.setattr(way_module, "_GROWTHS", 0)
+    monkeypatch.setattr(path_check, "_GROWTHS", 0)
     with pytest.raises(InputError, match=r"plan.csv: no free way found from p\d+ to p\d+: it breaks .*Leave one"):
         make_programme(cell, plan, "plan", file="plan.csv")
 

@@ -26,9 +26,17 @@ from qsframework.applications.protocol import (
 )
 from qsframework.cli.main import app
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, Plan, load_experiment, make_plan, read_states, write_plan
+from qsframework.experiment import (
+    Experiment,
+    Plan,
+    Readings,
+    differences,
+    load_experiment,
+    make_plan,
+    read_readings,
+    write_plan,
+)
 from qsframework.identify import identify
-from qsframework.identify.differences import differences
 from qsframework.plugin import Array, Poses
 
 PULL = np.array([0.0, 1500.0, -4000.0, 0.0, 0.0, 0.0])
@@ -86,6 +94,10 @@ def fill(
     return path
 
 
+def read_states(path: Path, experiment: Experiment) -> Readings:
+    return read_readings(path, experiment, states="positions")
+
+
 def checks(experiment: Experiment, path: Path) -> dict[str, Check]:
     found = check_states(experiment, read_states(path, experiment))
     return {f"{c.kind} {c.words.split(':')[0]}" if c.kind == "hysteresis" else c.kind: c for c in found}
@@ -137,7 +149,7 @@ def test_a_good_day_is_read_and_fitted(m900ib: Experiment, protocol: Protocol, t
     path = fill(m900ib, protocol, tmp_path)
     states = read_states(path, m900ib)
     assert states.poses.loaded.time is None
-    readings, _ = differences(states, m900ib)
+    readings = differences(states, m900ib)
     assert len(readings.use) == sum(sum(s.loaded for s in v.states) for v in protocol.visits) * 3
     fit = identify(m900ib, readings)
     x = dict(zip(m900ib.model().names, m900ib.model().nominal, strict=True))

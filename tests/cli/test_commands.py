@@ -97,7 +97,7 @@ def test_the_same_seed_gives_the_same_readings(tmp_path: Path) -> None:
     ("arguments", "words"),
     [
         (["identify", "nothing.yaml"], "no such file"),
-        (["identify", M900IB], "no readings; add `data: readings.csv` or give --data FILE"),
+        (["identify", M900IB], "no readings; add `data: readings.csv` or give FILE..."),
         (["identify", R2000IC, "--fit", "joint_complianse[joint_1]"], "Did you mean 'joint_compliance[joint_1]'?"),
         (["design", R2000IC], "a design needs `loads`"),
         (["design", M900IB, "--criterion", "Z"], "unknown criterion 'Z'"),
@@ -175,14 +175,15 @@ def test_design_options(tmp_path: Path) -> None:
 
 
 def test_identify_in_one_step_with_all_its_files(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
-    from qsframework.cli.identify import FitFiles, How, run_identify
+    from qsframework.cli.identify import FitFiles, run_identify
     from qsframework.experiment import example
-    from qsframework.identify.fit_files import read_fit
+    from qsframework.identify import FitOptions
+    from qsframework.identify.io import read_fit
 
     names = {"json": "fit.json", "report": "r.html", "nominal": "nominal.yaml", "urdf": "robot.urdf"}
     out = {key: tmp_path / name for key, name in names.items()}
-    files = FitFiles(example("r2000ic") / "experiment.yaml", **out)
-    run_identify(files, How(method="one-step", loss="huber", fixed=("joint_compliance[joint_1]",)))
+    files = FitFiles(experiment=example("r2000ic") / "experiment.yaml", **out)
+    run_identify(files, None, FitOptions(loss="huber", fixed=("joint_compliance[joint_1]",), bounds=True), clean=False)
     said = capsys.readouterr().out
     assert "(fixed)" in said
     assert "Loss huber" in said
@@ -200,7 +201,7 @@ def test_identify_options_reach_the_fit(tmp_path) -> None:  # type: ignore[no-un
 
     from qsframework.cli.main import app
     from qsframework.experiment import example
-    from qsframework.identify.fit_files import read_fit
+    from qsframework.identify.io import read_fit
 
     options = ["--method", "one-step", "--tied", "joint_compliance[joint_4],joint_compliance[joint_5]"]
     file = tmp_path / "fit.json"

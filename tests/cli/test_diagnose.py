@@ -37,8 +37,8 @@ def test_the_hidden_effect_is_named_extended_and_simulated(tmp_path: Path) -> No
     assert p.source.startswith("diagnosed: s = ")
     assert "sha256" in p.source
     assert "joint_hardening[joint_3]" in extended.fit_names()
-    assert extended.data is not None
-    assert extended.data.resolve() == example("hidden_effect") / "readings.csv"
+    (data,) = extended.data
+    assert data.resolve() == example("hidden_effect") / "readings.csv"
 
     plan, readings = tmp_path / "plan.csv", tmp_path / "again.csv"
     write_plan(plan, make_plan(poses(1, 20), ["weight"] * 20), extended)
@@ -102,11 +102,10 @@ def test_a_wrong_convention_is_named_and_written_with_the_robot(tmp_path: Path) 
     extended = load_experiment(out / "experiment.yaml")
     values = {p.name: p.nominal for p in extended.robot.parameters}
     assert values["controller_coupling[joint_3]"] == 1.0
-    assert extended.data is not None
-    assert extended.data == out / "readings.csv", "a copy without the row that the audit took out"
+    assert extended.data == (out / "readings.csv",), "a copy without the row that the audit took out"
     (problem,) = (p for p in json.loads((tmp_path / "r.json").read_text())["data_problems"] if p["id"] == "outliers")
     readings = read_readings(extended.data, extended)
-    assert readings.rows[~readings.use].tolist() == problem["rows"]
+    assert readings.line[~readings.use].tolist() == problem["rows"]
 
 
 def test_a_second_day_is_in_json_and_report(tmp_path: Path) -> None:
@@ -126,10 +125,10 @@ def test_a_second_day_is_in_json_and_report(tmp_path: Path) -> None:
 
 
 def test_the_other_files_are_written_where_nothing_is_left_to_separate(tmp_path: Path) -> None:
-    """Readings of the linear model without any cause: no name, so no second day."""
+    """Readings of the model itself without any cause: no name, so no second day."""
     plan, readings, result = tmp_path / "plan.csv", tmp_path / "null.csv", tmp_path / "r.json"
     write_plan(plan, make_plan(poses(1, 20), ["weight"] * 20), load_experiment(M900IB))
-    run("simulate", M900IB, str(plan), "-o", str(readings), "--exact", "--seed", "2")
+    run("simulate", M900IB, str(plan), "-o", str(readings), "--seed", "2")
     with pytest.raises(InputError, match="nothing is left to separate"):
         run("diagnose", M900IB, str(readings), "--json", str(result), "--second-day", str(tmp_path / "d.csv"))
     told = json.loads(result.read_text())

@@ -39,7 +39,7 @@ def test_no_plan_beats_the_bound(m900ib: Experiment, case: str, criterion: str) 
     first, second, more = ASKED[case]
     experiment = small(m900ib, first, second)
     candidates = generate_candidates(experiment, POSES, seed=3)
-    wish = Wish(criterion, polish=False, efficiency=0.999, **more)  # type: ignore[arg-type]
+    wish = Wish(criterion=criterion, polish=False, efficiency=0.999, **more)  # type: ignore[arg-type]
     certificate = design(experiment, COUNT, candidates=candidates, wish=wish).certificate
     assert certificate is not None
     problem = make_problem(experiment, candidates, wish.budget or COUNT, budget=wish.budget is not None)

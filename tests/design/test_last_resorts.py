@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from qsframework.design import Wish, design, generate_candidates, problem
-from qsframework.design.columns import solve_columns
+from qsframework.design.column_generation import solve_columns
 from qsframework.design.criteria import SMOOTHING, Criterion, Determinant, Expansion, Linear
 from qsframework.design.exact import Quotas, exchange
 from qsframework.design.interior import Small, solve_small
@@ -108,7 +108,7 @@ def few(m900ib: Experiment) -> Array:
 def test_rows_too_many_to_hold_are_made_again_for_the_same_plan(
     m900ib: Experiment, few: Array, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    wish = Wish("D", polish=False, starts=3)
+    wish = Wish(criterion="D", polish=False, starts=3)
     held = design(m900ib, 10, candidates=few, wish=wish)
     made: list[int] = []
     rows_of = problem.Problem.rows_of
@@ -128,7 +128,9 @@ def test_a_parameter_that_few_candidates_tell_is_found(m900ib: Experiment) -> No
     """5000 equal poses and eight others: a sample of the candidates tells too little, all of them enough."""
     rare = generate_candidates(m900ib, 8, seed=5).pendant
     many = np.concatenate([np.tile(rare[:1], (5000, 1)), rare])
-    plan = design(m900ib, 9, candidates=many, wish=Wish("D", repeats=True, polish=False, starts=3, efficiency=0.99))
+    plan = design(
+        m900ib, 9, candidates=many, wish=Wish(criterion="D", repeats=True, polish=False, starts=3, efficiency=0.99)
+    )
     assert len(np.unique(plan.pendant, axis=0)) > 2
 
 
@@ -136,16 +138,16 @@ def test_a_plan_of_too_few_poses_is_refused(m900ib: Experiment, few: Array) -> N
     """One marker under one pull: three numbers for six springs."""
     one = m900ib.with_(loads=(replace(m900ib.loads[1], poses=None),), markers=m900ib.markers[:1])
     with pytest.raises(NotIdentifiable, match="no plan of 1 poses tells all 6 parameters apart"):
-        design(one, 1, candidates=few, wish=Wish("D"))
+        design(one, 1, candidates=few, wish=Wish(criterion="D"))
 
 
 def test_a_budget_that_buys_nothing_is_refused(m900ib: Experiment, few: Array) -> None:
     dear = m900ib.with_(loads=tuple(replace(load, poses=None, poses_min=3, cost=2.0) for load in m900ib.loads))
     with pytest.raises(InputError, match="the poses_min of the loads cost 12 in all, the budget is 5"):
-        design(dear, 8, candidates=few, wish=Wish("D", budget=5.0))
+        design(dear, 8, candidates=few, wish=Wish(criterion="D", budget=5.0))
     free = m900ib.with_(loads=tuple(replace(load, poses=None, poses_min=None, cost=2.0) for load in m900ib.loads))
     with pytest.raises(InputError, match=r"a budget of 1\.5 buys no plan that the loads allow"):
-        design(free, 8, candidates=few, wish=Wish("D", budget=1.5))
+        design(free, 8, candidates=few, wish=Wish(criterion="D", budget=1.5))
 
 
 def test_a_mapped_file_gives_the_same_design(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from qsframework.design.columns import solve_columns
+from qsframework.design.column_generation import solve_columns
 from qsframework.design.criteria import Criterion, Determinant, Linear, Sum
 from qsframework.design.minimax import Largest, Robust, SmallestEigenvalue
 from qsframework.design.relaxed import relax

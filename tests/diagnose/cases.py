@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from functools import cache
 
 import numpy as np
+import pytest
 
 from qsframework.design.candidates import generate_candidates
-from qsframework.diagnose.fitted import exact_displacement
-from qsframework.elastostatics import make_model
-from qsframework.experiment import Experiment, Readings, example, load_experiment, make_plan, simulate
+from qsframework.elastostatics import Model, exact_readings, make_model
+from qsframework.elastostatics.so3 import exponential
+from qsframework.errors import NotConverged
+from qsframework.experiment import Experiment, Frame, Readings, Rows, example, load_experiment, make_plan, simulate
 from qsframework.plugin import Array, Effect, Poses
-from qsframework.plugin.facts import frozen
+from tests.identify.arm import position_readings, settled
 
 SIGMA = 3e-5
 
@@ -41,20 +43,56 @@ def measured(
     effects: tuple[Effect, ...] = (), values: dict[str, float] | None = None, seed: int = 0, count: int = 60,
     noise: float = 1.0,
 ) -> Readings:  # fmt: skip
-    """Readings of an arm whose compliances are off by 20 % and that has more effects than the experiment says."""
+    """Displacements of an arm as `as_built` has it."""
+    rng = np.random.default_rng([seed, 7])
+    wide, x = as_built(effects, values or {}, rng)
+    planned = poses(seed, count)
+    blank = simulate(campaign(), make_plan(planned, ["load"] * count), seed=seed).readings
+    exact = exact_readings(wide, planned, x)
+    return blank.with_values((exact + noise * SIGMA * rng.standard_normal(exact.shape)).reshape(-1, 3))
+
+
+def as_built(effects: tuple[Effect, ...], values: Mapping[str, float], rng: np.random.Generator) -> tuple[Model, Array]:
+    """An arm whose compliances are off by 20 % and that has more effects than the experiment says; its parameters."""
     experiment = campaign()
     model = experiment.model()
-    rng = np.random.default_rng([seed, 7])
     markers = list(zip(model.marker_names, model.markers, strict=True))
     wide = make_model(model.facts, (*model.effects, *effects), model.parameters, model.tip, markers, model.gravity)
     x = wide.nominal
     for name in experiment.fit_names():
         x[wide.names.index(name)] *= 1.0 + 0.2 * rng.standard_normal()
-    for name, value in (values or {}).items():
+    for name, value in values.items():
         x[wide.names.index(name)] = value
-    plan = make_plan(poses(seed, count), ["load"] * count)
-    blank = simulate(experiment, plan, seed=seed).readings
-    exact = exact_displacement(wide, blank, x)
-    return replace(
-        blank, displacement=frozen((exact + noise * SIGMA * rng.standard_normal(exact.shape)).reshape(-1, 3))
-    )
+    return wide, x
+
+
+def day_of_positions(
+    model: Model, x: Array, pendant: Array, seed: int, sigma: float | None = 2e-5, noise: float = 2e-5,
+    turned: tuple[float, float, float] = (0.0, 0.0, 0.0), origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Readings:  # fmt: skip
+    """Positions of all markers at poses (N, n), each pose unloaded and under the campaign's two loads.
+
+    sigma: as stated, m, None: not stated; noise: the true one; turned, origin: the tracker's frame
+    """
+    experiment, count = campaign(), len(pendant)
+    pendant = np.repeat(pendant, 3, axis=0)
+    wrench = np.tile([np.zeros(6), *(load.wrench for load in experiment.loads)], (count, 1))
+    loaded = np.tile([False, True, True], count)
+    all_ = Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench)
+    there = settled(model, all_, loaded, x)
+    seen = there @ exponential(np.array(turned)).T + np.array(origin)
+    seen = seen + noise * np.random.default_rng([seed, 8]).standard_normal(seen.shape)
+    names = [f"p{i // 3}" for i in range(3 * count)]
+    return position_readings(all_, loaded, seen, sigma, pose=names, load_id=["", "one", "two"] * count)
+
+
+def unstable(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From now on no equilibrium settles."""
+    right = Rows.predict
+
+    def predict(self: Rows, model: Model, x: Array, frames: Sequence[Frame] = (), linear: bool = False) -> Array:
+        if not linear:
+            raise NotConverged("beyond the arm's stability")
+        return right(self, model, x, frames, linear)
+
+    monkeypatch.setattr(Rows, "predict", predict)

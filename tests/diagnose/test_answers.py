@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,16 +12,22 @@ import numpy as np
 import pytest
 
 from qsf_plugins.offaxis_compliance import OffaxisCompliance
-from qsframework.diagnose import Diagnosis, causes, diagnose, diagnosis, explain
-from qsframework.diagnose.causes import find_causes
-from qsframework.diagnose.result import Finding, Rival
-from qsframework.diagnose.second_day import _pairs, second_day  # pyright: ignore[reportPrivateUsage]
+from qsframework.diagnose import Diagnosis, diagnose
+from qsframework.diagnose.linearization import candidates
+from qsframework.diagnose.linearization.candidates import Cause, find_causes
+from qsframework.diagnose.result import Finding, Rival, Status
+from qsframework.diagnose.selection import model_selection
 from qsframework.diagnose.verdict import ambiguous
+from qsframework.discriminate.follow_up import Crowded, Waiting, _pairs, second_day  # pyright: ignore[reportPrivateUsage]
 from qsframework.errors import InputError, NotConverged
-from qsframework.experiment import Readings
+from qsframework.experiment import Readings, make_rows
 from qsframework.plugin import Array, Conditions, LawTerm, Parameter, RobotFacts, SpringLaw, find, place
-from qsframework.plugin.facts import frozen
-from tests.diagnose.cases import SIGMA, campaign, measured
+from qsframework.report.result_json import diagnosis_json
+from qsframework.report.words.diagnosis import diagnosis_words, limit_words
+from qsframework.report.words.discrimination import second_day_words
+from tests.diagnose.cases import campaign, measured, unstable
+
+diagnose_module = import_module("qsframework.diagnose.diagnose")
 
 
 @pytest.fixture(scope="module")
@@ -40,14 +47,14 @@ def test_causes_whose_fits_lead_nowhere_are_not_named(
     twisted: Readings, tied: Diagnosis, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Something acts, and no cause can be fitted: the verdict says so, and the model stays as it was."""
-    assert tied.findings[0].name in [e.name for e in tied.extended_model.effects]
-    monkeypatch.setattr(explain, "refit", lambda *_: None)
+    assert tied.findings[0].name in [e.name for e in tied.extended.model.effects]
+    monkeypatch.setattr(model_selection, "refit", lambda *_: None)
     found = diagnose(campaign(), twisted, repeats=1)
     assert found.findings == ()
     assert found.verdict == "unexplained"
     assert found.leftovers
     assert dict(found.values()) == found.baseline.by_name()
-    assert found.extended_model.effects == campaign().model().effects
+    assert found.extended.model.effects == campaign().model().effects
 
 
 def test_causes_whose_fits_are_not_physical_are_not_named(
@@ -55,7 +62,7 @@ def test_causes_whose_fits_are_not_physical_are_not_named(
 ) -> None:
     """The two that fit best end beyond a bound: the next answer is taken, and neither is named."""
     best = {tied.findings[0].name, *(r.name for r in tied.findings[0].rivals)}
-    monkeypatch.setattr(explain, "_beyond", lambda fit: not best.isdisjoint(e.name for e in fit.model.effects))
+    monkeypatch.setattr(model_selection, "_beyond", lambda fit: not best.isdisjoint(e.name for e in fit.model.effects))
     found = diagnose(campaign(), twisted, repeats=1)
     assert best.isdisjoint(f.name for f in found.findings)
     assert found.extended.chi2 > tied.extended.chi2
@@ -71,14 +78,14 @@ def test_of_two_aliases_the_plausible_one_is_named_only_if_it_fits(
     (rival,) = (r.name for r in tied.findings[0].rivals)
 
     def prefer(wanted: str) -> None:
-        monkeypatch.setattr(diagnosis, "most_plausible", lambda library, i: names.index(wanted))
+        monkeypatch.setattr(diagnose_module, "most_plausible", lambda library, i: names.index(wanted))
 
     prefer(rival)
     assert [f.name for f in diagnose(campaign(), twisted, repeats=1).findings] == [rival]
     prefer(name)
     assert [f.name for f in diagnose(campaign(), twisted, repeats=1).findings] == [name]
     kept: list[str] = []
-    monkeypatch.setattr(diagnosis, "refit", lambda *_: None)
+    monkeypatch.setattr(diagnose_module, "refit", lambda *_: None)
     for wanted in (name, rival):
         prefer(wanted)
         kept += [f.name for f in diagnose(campaign(), twisted, repeats=1).findings]
@@ -87,39 +94,39 @@ def test_of_two_aliases_the_plausible_one_is_named_only_if_it_fits(
     assert kept[0] in (name, rival)
 
 
-def test_an_equilibrium_that_does_not_settle_is_noted(monkeypatch: pytest.MonkeyPatch) -> None:
-    data = measured(count=16)
-    assert not any("did not settle" in note for note in diagnose(campaign(), data, repeats=1).notes)
-    bent = campaign().model().predict(data.poses)[data.measurement, data.marker]
-    noise = SIGMA * np.random.default_rng(0).standard_normal(bent.shape)
-    linear = replace(data, displacement=frozen(bent + noise))
-
-    def unstable(*_: object) -> None:
-        raise NotConverged("beyond the arm's stability")
-
-    monkeypatch.setattr("qsframework.diagnose.fitted.exact_readings", unstable)
-    found = diagnose(campaign(), linear, repeats=1)
-    assert "The full equilibrium did not settle somewhere: the linear model was used instead." in found.notes
-    assert found.verdict == "none"
-    assert found.rms.nominal == pytest.approx(np.sqrt(np.mean(noise**2)), rel=1e-9)
+def test_no_diagnosis_stands_on_a_linear_model_in_silence(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no equilibrium settles there is no exact fit, and no other is given out for one."""
+    unstable(monkeypatch)
+    with pytest.raises(NotConverged, match=r"the full equilibrium can be fitted neither .* Check the nominal values"):
+        diagnose(campaign(), measured(count=16), repeats=1)
 
 
 def test_an_error_that_markers_share_is_a_problem_of_the_data() -> None:
     """The robot comes back to each pose 0.04 mm off, so all its markers do; the tracker's noise is as stated."""
     data = measured(seed=3, count=60)
-    away = 4e-5 * np.random.default_rng(1).standard_normal((60, 3))[data.measurement]
-    found = diagnose(campaign(), replace(data, displacement=frozen(data.displacement + away)), repeats=1)
-    content = found.as_json()
+    away = 4e-5 * np.random.default_rng(1).standard_normal((60, 3))[data.plus]
+    found = diagnose(campaign(), data.with_values(data.value + away), repeats=1)
+    content = diagnosis_json(found)
     (problem,) = content["data_problems"]
     assert (problem["id"], problem["source"], problem["unit"]) == ("noise_level", "shared pose error", 1.0)
     assert problem["shared_mm"] == pytest.approx(0.04, rel=0.2)
     assert problem["p_value"] < 0.01
-    assert content["words"] == " ".join(found.statements)
-    assert diagnose(campaign(), data, repeats=1).as_json()["data_problems"] == []
+    assert content["words"] == diagnosis_words(found)
+    assert diagnosis_json(diagnose(campaign(), data, repeats=1))["data_problems"] == []
 
 
 def finding(name: str, p_value: float, rivals: Sequence[str] = ()) -> Finding:
-    return Finding(name, (), 5.0, p_value, 9.0, tuple(Rival(r, 0.1) for r in rivals), (), "", "")
+    return Finding(
+        name=name,
+        values=(),
+        s=5.0,
+        p_value=p_value,
+        ebic_gain=9.0,
+        rivals=tuple(Rival(r, 0.1) for r in rivals),
+        hangs_on=(),
+        physics="",
+        check="",
+    )
 
 
 def test_a_name_that_is_barely_seen_is_unsure() -> None:
@@ -149,32 +156,36 @@ def test_a_pair_that_no_pose_separates_needs_something_different(tied: Diagnosis
     alone = only(tied, (f.name, rival.name))
     with pytest.raises(InputError, match="no pose under these loads separates") as error:
         second_day(alone, 4, candidates=40)
-    for word in (f.name, rival.name, "measure something different (--separate)"):
+    for word in (f.name, rival.name, "measure something different"):
         assert word in str(error.value)
+    assert error.value.problems[0].argument == ("separate", f"{f.name} {rival.name}")
     day = second_day(tied, 4, candidates=40)  # beside its nearest other cause the name can be confirmed
     assert day.hopeless == ((f.name, rival.name),)
     assert [c.first for c in day.contests] == [f.name]
-    assert any(f"`--separate {f.name} {rival.name}` says what would" in line for line in day.words())
+    said = f"- {f.name} against {rival.name}: no pose under these loads separates them"
+    assert said in second_day_words(day)
 
 
 def test_of_many_rivals_the_likeliest_are_looked_at_and_it_is_said(tied: Diagnosis) -> None:
     (f,) = tied.findings
     others = [c.name for c in tied.case.causes if c.name != f.name][:11]
     many = replace(tied, findings=(replace(f, rivals=tuple(Rival(n, 0.1) for n in others)),))
-    pairs, notes = _pairs(many)
-    assert notes == [f"{f.name} has 11 rivals; the likeliest 8 were looked at."]
+    pairs, crowded, _ = _pairs(many)
+    assert crowded == [Crowded(f.name, 11, 8)]
+    day = replace(second_day(tied, 4, candidates=40), crowded=tuple(crowded))
+    assert f"{f.name} has 11 rivals; the likeliest 8 were looked at." in second_day_words(day)
     assert [rival.name for _, _, rival in pairs][:8] == others[:8]
 
 
 def test_what_needs_another_column_is_not_a_matter_of_poses(tied: Diagnosis) -> None:
     (f,) = tied.findings
     drift = find("tracker_drift")()
-    cause = causes.Cause(drift.name, drift, drift.parameters(campaign().robot.facts), False)
+    cause = Cause(drift.name, drift, drift.parameters(campaign().robot.facts), False)
     (own,) = (i for i, c in enumerate(tied.case.causes) if c.name == f.name)
     columns = np.random.default_rng(0).standard_normal((len(tied.case.A), len(cause.names)))
     case = replace(tied.case, causes=(tied.case.causes[own], cause), B=(tied.case.B[own], columns))
     found = replace(tied, case=case, findings=(replace(f, rivals=(Rival(cause.name, 0.1),)),))
-    assert _pairs(found) == ([], [f"{f.name} against {cause.name}: vary time, not the poses."])
+    assert _pairs(found) == ([], [], [Waiting(f.name, cause.name, ("time",))])
     with pytest.raises(InputError, match=r"nothing is left to separate.*vary time, not the poses"):
         second_day(found, 4, candidates=40)
 
@@ -207,8 +218,8 @@ def test_an_effect_is_tried_only_where_the_robot_can_have_it(
     twisted: Readings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before, _ = find_causes(campaign(), campaign().fit_names(), twisted.poses)
-    known = dict(causes.registry()) | {"second_gear": SecondGear}
-    monkeypatch.setattr(causes, "registry", lambda: known)
+    known = dict(candidates.registry()) | {"second_gear": SecondGear}
+    monkeypatch.setattr(candidates, "registry", lambda: known)
     after, _ = find_causes(campaign(), campaign().fit_names(), twisted.poses)
     assert {c.name for c in after} - {c.name for c in before} == {"second_gear[joint_2]"}
     assert {c.name for c in before} <= {c.name for c in after}
@@ -228,14 +239,20 @@ def test_half_of_the_columns_that_an_effect_needs_leave_it_untested(
     recorded: dict[str, tuple[str, ...]], lacking: dict[str, tuple[str, ...]], twisted: Readings
 ) -> None:
     """A drift shows between two states, so their two times are needed; the arm is as warm as in its loaded state."""
-    count = len(twisted.poses)
+    count = len(twisted.poses) // 2
     values: Array = np.linspace(300.0, 310.0, count)
-    states = {state: Conditions(**dict.fromkeys(names, values)) for state, names in recorded.items()}
-    readings = replace(twisted, poses=replace(twisted.poses, **states))
-    known, untested = find_causes(campaign(), campaign().fit_names(), readings.poses)
+    parts = [(recorded.get("loaded", ())), recorded.get("unloaded", ())]
+    columns = {
+        name: np.concatenate([values if name in part else np.full(count, np.nan) for part in parts])
+        for name in {*parts[0], *parts[1]}
+    }
+    own = Conditions(**columns)
+    readings = twisted.with_poses(replace(twisted.poses, loaded=own, unloaded=own))
+    known, untested = find_causes(campaign(), campaign().fit_names(), make_rows(readings))
     told = {u.name: u.needs for u in untested if not u.name.startswith("compensator_friction")}
     assert told == lacking
     assert {"tracker_drift", "thermal_expansion"} <= {c.name for c in known} | set(told)
     table = {line.name: line for line in diagnose(campaign(), readings, repeats=1).table}
     for name, needs in lacking.items():
-        assert (table[name].status, table[name].bound) == ("not tested", f"needs {', '.join(needs)}")
+        assert (table[name].status, table[name].needs) == (Status.UNTESTED, needs)
+        assert limit_words(table[name]) == f"needs {', '.join(needs)}"

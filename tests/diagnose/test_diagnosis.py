@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 
 from qsframework.diagnose import diagnose
+from qsframework.diagnose.result import Status
 from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_readings
 from qsframework.plugin import Array, LawTerm, Parameter, RobotFacts, SpringLaw, find, place
+from qsframework.report.result_json import diagnosis_json
+from qsframework.report.words.diagnosis import diagnosis_words, method_words
 from tests.diagnose.cases import campaign, measured
 
 HIDDEN = [
@@ -31,23 +34,23 @@ def test_a_hidden_effect_is_named_sized_and_gains(effect: str, place: tuple[str,
     hidden = find(effect)(*place)
     truth = {p.name: share * p.typical for p in hidden.parameters(campaign().robot.facts)}
     found = diagnose(campaign(), measured((hidden,), truth, seed=5), seed=1)
-    assert found.verdict == "explained", found.words
+    assert found.verdict == "explained", diagnosis_words(found)
     named = [f for f in found.findings if hidden.name in (f.name, *(r.name for r in f.rivals))]
-    assert len(found.findings) == 1, found.words
-    assert named, found.words
+    assert len(found.findings) == 1, diagnosis_words(found)
+    assert named, diagnosis_words(found)
     if found.findings[0].name == hidden.name:
         for value in found.findings[0].values:
             assert abs(value.value - truth[value.name]) < 3.5 * value.sd
     assert found.rms.heldout_gain > 0.0
     assert found.findings[0].p_value < 0.01
-    json.dumps(found.as_json(), allow_nan=False)
+    json.dumps(diagnosis_json(found), allow_nan=False)
 
 
 def test_two_causes_are_both_named() -> None:
     first, second = find("joint_hardening")("joint_3"), find("tool_compliance")("y")
     truth = {p.name: 0.4 * p.typical for e in (first, second) for p in e.parameters(campaign().robot.facts)}
     found = diagnose(campaign(), measured((first, second), truth, seed=2))
-    assert {f.name for f in found.findings} == {first.name, second.name}, found.words
+    assert {f.name for f in found.findings} == {first.name, second.name}, diagnosis_words(found)
 
 
 def test_nothing_is_named_where_nothing_acts_and_bounds_are_given() -> None:
@@ -58,14 +61,14 @@ def test_nothing_is_named_where_nothing_acts_and_bounds_are_given() -> None:
         assert found.rms.heldout_extended == pytest.approx(found.rms.noise, rel=0.15)
     assert verdicts.count("none") >= 10, verdicts
     clean = diagnose(campaign(), measured(seed=0), seed=0)
-    assert "no " in clean.words
-    assert " above " in clean.words
+    assert "no " in diagnosis_words(clean)
+    assert " above " in diagnosis_words(clean)
 
 
 def test_bounds_of_excluded_causes_hold_the_truth_that_nothing_acts() -> None:
     found = diagnose(campaign(), measured(seed=3))
-    excluded = [x for x in found.table if x.status == "excluded above"]
-    invisible = {x.name for x in found.table if x.status == "invisible here"}
+    excluded = [x for x in found.table if x.status is Status.EXCLUDED]
+    invisible = {x.name for x in found.table if x.status is Status.INVISIBLE}
     assert len(excluded) > 40
     assert all(x.bound for x in excluded)
     assert {"load_scale", "base_compliance[rz]"} <= invisible
@@ -74,13 +77,12 @@ def test_bounds_of_excluded_causes_hold_the_truth_that_nothing_acts() -> None:
 def test_the_same_seed_gives_the_same_result() -> None:
     hidden = find("joint_hardening")("joint_3")
     readings = measured((hidden,), {hidden.name: 4e-17}, seed=4)
-    one, two = (diagnose(campaign(), readings, seed=3).as_json() for _ in range(2))
+    one, two = (diagnosis_json(diagnose(campaign(), readings, seed=3)) for _ in range(2))
     assert one == two
 
 
 def test_the_r2000ic_joint_springs_are_not_the_whole_truth() -> None:
     experiment = load_experiment(example("r2000ic") / "experiment.yaml")
-    assert experiment.data is not None
     found = diagnose(experiment, read_readings(experiment.data, experiment))
     assert found.verdict in ("explained", "partly_explained")
     assert found.rms.heldout_extended <= 165e-6
@@ -103,11 +105,11 @@ def test_bad_levels_and_masked_readings_are_refused() -> None:
 
 def test_parameters_that_the_readings_do_not_tell_stay_nominal_and_are_named() -> None:
     readings = measured(seed=6)
-    vertical = np.isclose(readings.poses.wrench[readings.measurement, 1], 0.0)
+    vertical = np.isclose(readings.poses.wrench[readings.plus, 1], 0.0)
     found = diagnose(campaign(), replace(readings, use=vertical))
-    assert any("joint_compliance[joint_1]" in note for note in found.notes)
+    assert any("joint_compliance[joint_1]" in note for note in method_words(found))
     assert "joint_compliance[joint_1]" not in found.baseline.names
-    assert found.verdict == "none", found.words
+    assert found.verdict == "none", diagnosis_words(found)
 
 
 def test_the_r2000ic_with_j3_read_as_relative_names_the_convention(tmp_path: Path, root: Path) -> None:
@@ -150,13 +152,13 @@ def test_a_strangers_effect_takes_part_without_further_work(monkeypatch: pytest.
         def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[WornTeeth, ...]:
             return tuple(cls(joint) for joint in robot.joints)
 
-    from qsframework.diagnose import causes
+    from qsframework.diagnose.linearization import candidates
 
-    known = dict(causes.registry()) | {"worn_teeth": WornTeeth}
-    monkeypatch.setattr(causes, "registry", lambda: known)
+    known = dict(candidates.registry()) | {"worn_teeth": WornTeeth}
+    monkeypatch.setattr(candidates, "registry", lambda: known)
     hidden = WornTeeth("joint_4")
     found = diagnose(campaign(), measured((hidden,), {hidden.name: 1.2e-7}, seed=8))
-    assert [f.name for f in found.findings] == ["worn_teeth[joint_4]"], found.words
+    assert [f.name for f in found.findings] == ["worn_teeth[joint_4]"], diagnosis_words(found)
     (value,) = found.findings[0].values
     assert abs(value.value - 1.2e-7) < 4.0 * value.sd
     monkeypatch.undo()

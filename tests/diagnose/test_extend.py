@@ -13,12 +13,13 @@ import pytest
 import yaml
 
 from qsframework.diagnose import diagnose
-from qsframework.diagnose.causes import Cause, proposed, widened
-from qsframework.diagnose.extend import Extension, extension_of, of_arm, write_extended
+from qsframework.diagnose.extend import Extension, of_arm, write_extension
+from qsframework.diagnose.linearization.candidates import Cause, proposed, widened
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, load_experiment, read_plan, read_readings, simulate
+from qsframework.experiment import Experiment, load_experiment, make_rows, read_plan, read_readings, simulate
 from qsframework.files import read_yaml
 from qsframework.plugin import Conditions, Effect, Poses, registry
+from qsframework.report.extended import extension_of
 from tests.diagnose.cases import campaign, measured
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -70,14 +71,21 @@ def extension_with(robot: str, kind: str) -> Extension:
             values[key] *= float(rng.uniform(0.9, 1.1))
     fitted = tuple(dict.fromkeys([*experiment.fit_names(), *(n for c in causes for n in c.names)]))
     sds = {n: abs(values[n]) * 0.0123456789 for n in fitted}
-    return Extension(experiment, wide, values, sds, {n: f"found: {n}" for n in fitted}, fitted)
+    return Extension(
+        experiment=experiment,
+        model=wide,
+        values=values,
+        sds=sds,
+        evidence={n: f"found: {n}" for n in fitted},
+        fit=fitted,
+    )
 
 
 @pytest.mark.parametrize(("robot", "kind"), cases())
 def test_every_effect_at_every_place_survives_its_files(robot: str, kind: str, tmp_path: Path) -> None:
     extension = extension_with(robot, kind)
     model = extension.model
-    written = write_extended(extension, tmp_path / "out")
+    written = write_extension(extension, tmp_path / "out")
     assert all(path.is_file() for path in written)
     again = load_experiment(tmp_path / "out" / "experiment.yaml")
     x = np.array([extension.values[n] for n in model.names])
@@ -120,10 +128,9 @@ def extension() -> Extension:
 
 def test_the_rest_of_the_campaign_stays_and_the_readings_are_found(extension: Extension, tmp_path: Path) -> None:
     data = EXAMPLES / "r2000ic" / "readings.csv"
-    write_extended(replace(extension, data=data), tmp_path / "a" / "out")
+    write_extension(replace(extension, data=data), tmp_path / "a" / "out")
     again, first = load_experiment(tmp_path / "a" / "out" / "experiment.yaml"), extension.experiment
-    assert again.data is not None
-    assert again.data.resolve() == data
+    assert [path.resolve() for path in again.data] == [data]
     assert len(read_readings(again.data, again).use) == len(read_readings(data, first).use)
     assert np.array_equal(again.load_point, first.load_point)
     assert [m.name for m in again.markers] == [m.name for m in first.markers]
@@ -134,7 +141,7 @@ def test_the_rest_of_the_campaign_stays_and_the_readings_are_found(extension: Ex
 
 def test_the_extended_experiment_simulates(tmp_path: Path) -> None:
     extension = extension_with("m900ib", "load_scale")
-    write_extended(extension, tmp_path / "out")
+    write_extension(extension, tmp_path / "out")
     again = load_experiment(tmp_path / "out" / "experiment.yaml")
     plan = tmp_path / "plan.csv"
     plan.write_text(
@@ -143,8 +150,8 @@ def test_the_extended_experiment_simulates(tmp_path: Path) -> None:
     )
     made = simulate(again, read_plan(plan, again), seed=4)
     x = np.array([extension.values[n] for n in extension.model.names])
-    expected = extension.model.predict(made.readings.poses, x)[made.readings.measurement, made.readings.marker]
-    assert np.abs(made.readings.displacement - expected).max() < 6 * 0.03e-3
+    expected = make_rows(made.readings).predict(extension.model, x)
+    assert np.abs(made.readings.value - expected).max() < 6 * 0.03e-3
     assert made.truth_by_name()["load_scale"] == extension.values["load_scale"] != 0.0
 
 
@@ -153,8 +160,14 @@ def test_values_of_present_effects_only_change(tmp_path: Path) -> None:
     model = experiment.model()
     values = dict(zip(model.names, model.nominal.tolist(), strict=True))
     values["gravity_compensator[joint_2].stiffness"] = 123456.789
-    extension = Extension(experiment, model, values, {}, {"gravity_compensator[joint_2].stiffness": "found"})
-    write_extended(extension, tmp_path / "out")
+    extension = Extension(
+        experiment=experiment,
+        model=model,
+        values=values,
+        sds={},
+        evidence={"gravity_compensator[joint_2].stiffness": "found"},
+    )
+    write_extension(extension, tmp_path / "out")
     again = load_experiment(tmp_path / "out" / "experiment.yaml")
     before = {p.name: p for p in model.parameters}
     for p in again.model().parameters:
@@ -175,7 +188,7 @@ def test_any_text_survives(extension: Extension, tmp_path: Path) -> None:
     evidence: Mapping[str, str] = {
         n: t for n, t in zip(extension.fit, (AWKWARD, "1e5", "yes", "~", "010"), strict=False)
     }
-    write_extended(replace(extension, evidence=evidence, notes=(AWKWARD, "---\n- x")), tmp_path / "out")
+    write_extension(replace(extension, evidence=evidence, notes=(AWKWARD, "---\n- x")), tmp_path / "out")
     found = {p.name: p for p in load_experiment(tmp_path / "out" / "experiment.yaml").model().parameters}
     assert {n: found[n].source for n in evidence} == evidence
 
@@ -183,36 +196,36 @@ def test_any_text_survives(extension: Extension, tmp_path: Path) -> None:
 def test_a_folder_with_other_files_is_refused_and_untouched(extension: Extension, tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(InputError, match=r"holds other files \(mine.txt\)"):
-        write_extended(extension, tmp_path)
+        write_extension(extension, tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["mine.txt"]
     file = tmp_path / "mine.txt"
     with pytest.raises(InputError, match="is a file"):
-        write_extended(extension, file)
+        write_extension(extension, file)
 
 
 def test_what_was_written_before_is_replaced_but_never_the_original(extension: Extension, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    write_extended(extension_with("r2000ic", "load_scale"), out)
+    write_extension(extension_with("r2000ic", "load_scale"), out)
     assert (out / "campaign.yaml").exists()
-    write_extended(extension, out)
+    write_extension(extension, out)
     assert not (out / "campaign.yaml").exists(), "a file of the earlier extension is left"
     second = replace(extension, experiment=load_experiment(out / "experiment.yaml"))
     with pytest.raises(InputError, match="holds the original"):
-        write_extended(second, out)
+        write_extension(second, out)
     with pytest.raises(InputError, match="holds the original"):
-        write_extended(second, tmp_path)
+        write_extension(second, tmp_path)
     (out / "notes.md").write_text("kept")
     with pytest.raises(InputError, match="holds other files"):
-        write_extended(extension, out)
+        write_extension(extension, out)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["out"], "temporary folders are left"
 
 
 def test_an_extension_can_be_extended_again(extension: Extension, tmp_path: Path) -> None:
-    write_extended(extension, tmp_path / "one")
+    write_extension(extension, tmp_path / "one")
     second = load_experiment(tmp_path / "one" / "experiment.yaml")
     model = second.model()
     values = dict(zip(model.names, (1.01 * model.nominal).tolist(), strict=True))
-    write_extended(Extension(second, model, values, {}, {}), tmp_path / "two")
+    write_extension(Extension(experiment=second, model=model, values=values, sds={}, evidence={}), tmp_path / "two")
     third = load_experiment(tmp_path / "two" / "experiment.yaml")
     assert third.robot.title.count("extended") == 1
     assert np.allclose(third.model().nominal, 1.01 * model.nominal, rtol=1e-15)
@@ -222,7 +235,7 @@ def test_nothing_is_left_where_writing_fails(
     extension: Extension, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
-    write_extended(extension, out)
+    write_extension(extension, out)
     before = {p: p.read_bytes() for p in out.rglob("*") if p.is_file()}
 
     def fails(*_: object) -> None:
@@ -230,7 +243,7 @@ def test_nothing_is_left_where_writing_fails(
 
     monkeypatch.setattr(os, "fsync", fails)
     with pytest.raises(InputError, match="No space left"):
-        write_extended(extension, out)
+        write_extension(extension, out)
     assert {p: p.read_bytes() for p in out.rglob("*") if p.is_file()} == before
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
@@ -238,19 +251,22 @@ def test_nothing_is_left_where_writing_fails(
 def test_a_value_beyond_its_bounds_is_refused_by_name(extension: Extension, tmp_path: Path) -> None:
     values = {**extension.values, "joint_compliance[joint_4]": -1e-7}
     with pytest.raises(InputError, match=r"joint_compliance\[joint_4\] = -1e-07 rad/\(N m\) beyond the bounds"):
-        write_extended(replace(extension, values=values), tmp_path / "out")
+        write_extension(replace(extension, values=values), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_an_experiment_that_is_not_that_of_its_file_is_refused(extension: Extension, tmp_path: Path) -> None:
     values = {**extension.values, "made_up": 1.0}
     with pytest.raises(InputError, match="would lose made_up"):
-        write_extended(replace(extension, values=values), tmp_path / "out")
+        write_extension(replace(extension, values=values), tmp_path / "out")
     moved = extension.experiment.with_(load_point=extension.experiment.load_point + 0.1)
     model = moved.model()
     values = dict(zip(model.names, model.nominal.tolist(), strict=True))
     with pytest.raises(InputError, match="would lose its markers, its load"):
-        write_extended(Extension(moved, model, values, {}, {}, poses=poses_of(moved)), tmp_path / "out")
+        write_extension(
+            Extension(experiment=moved, model=model, values=values, sds={}, evidence={}, poses=poses_of(moved)),
+            tmp_path / "out",
+        )
     assert not (tmp_path / "out").exists()
 
 
@@ -280,7 +296,7 @@ def test_what_the_robot_is_made_of_comes_along(tmp_path: Path) -> None:
     experiment = load_experiment(experiment_file)
     model = experiment.model()
     values = dict(zip(model.names, model.nominal.tolist(), strict=True))
-    write_extended(Extension(experiment, model, values, {}, {}), tmp_path / "out")
+    write_extension(Extension(experiment=experiment, model=model, values=values, sds={}, evidence={}), tmp_path / "out")
     robot = tmp_path / "out" / "robot"
     assert (robot / "parts" / "more.xacro").is_file()
     assert (robot / "stand.stl").read_bytes() == b"solid"
@@ -293,18 +309,18 @@ def test_readings_with_wrong_axes_are_not_named_as_data(tmp_path: Path) -> None:
     """What is wrong with the file has to be corrected there: the extended experiment says so."""
     readings = measured(seed=1, count=20)
     source = EXAMPLES / "hidden_effect" / "readings.csv"
-    exchanged = replace(readings, displacement=readings.displacement[:, [1, 0, 2]], source=source)
+    exchanged = replace(readings.with_values(readings.value[:, [1, 0, 2]]), sources=(source,))
     found = diagnose(campaign(), exchanged)
     assert found.conventions[0].compelling
     assert found.conventions[0].name.startswith("displacement_")
     extension = extension_of(found)
     assert extension.data is None
-    write_extended(extension, tmp_path / "out")
+    write_extension(extension, tmp_path / "out")
     head = (tmp_path / "out" / "experiment.yaml").read_text().partition("robot:")[0]
     assert "have to be corrected first" in head
     assert found.conventions[0].words in head
-    assert load_experiment(tmp_path / "out" / "experiment.yaml").data is None
-    right = extension_of(diagnose(campaign(), replace(readings, source=source)))
+    assert load_experiment(tmp_path / "out" / "experiment.yaml").data == ()
+    right = extension_of(diagnose(campaign(), replace(readings, sources=(source,))))
     assert right.data == source
 
 
@@ -341,11 +357,11 @@ def test_two_different_effects_in_files_of_one_name_are_refused(second: str, tmp
     experiment = load_experiment(tmp_path / "experiment.yaml", trust=True)
     model = experiment.model()
     values = dict(zip(model.names, model.nominal.tolist(), strict=True))
-    extension = Extension(experiment, model, values, {}, {})
+    extension = Extension(experiment=experiment, model=model, values=values, sds={}, evidence={})
     if second == "SoftFloor":
         with pytest.raises(InputError, match=r"two different effects are files of the name ground\.py"):
-            write_extended(extension, tmp_path / "out")
+            write_extension(extension, tmp_path / "out")
         assert not (tmp_path / "out").exists()
     else:
-        write_extended(extension, tmp_path / "out")
+        write_extension(extension, tmp_path / "out")
         assert load_experiment(tmp_path / "out" / "experiment.yaml", trust=True).model().names == model.names

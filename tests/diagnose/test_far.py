@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from qsframework.diagnose import Diagnosis, diagnose
-from qsframework.diagnose.proof import far_from_linear
+from qsframework.diagnose.residuals.audited_rows import far_from_linear
 from qsframework.experiment import Readings
-from qsframework.plugin.facts import frozen
+from qsframework.report.words.diagnosis import diagnosis_words, method_words
 from tests.diagnose.cases import SIGMA, campaign, measured
 
 TURN = 0.7
@@ -20,7 +18,7 @@ TURN = 0.7
 def turned(readings: Readings) -> Readings:
     c, s = np.cos(TURN), np.sin(TURN)
     R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return replace(readings, displacement=frozen(readings.displacement @ R.T))
+    return readings.with_values(readings.value @ R.T)
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +28,7 @@ def found() -> Diagnosis:
 
 
 def test_a_frame_turned_far_is_named_and_is_no_noise(found: Diagnosis) -> None:
-    assert [f.name for f in found.findings] == ["tracker_frame"], found.words
+    assert [f.name for f in found.findings] == ["tracker_frame"], diagnosis_words(found)
     (f,) = found.findings
     rz = next(v for v in f.values if v.name == "tracker_frame.rz")
     assert rz.value == pytest.approx(TURN, abs=4.0 * rz.sd)
@@ -41,16 +39,16 @@ def test_a_frame_turned_far_is_named_and_is_no_noise(found: Diagnosis) -> None:
     assert found.rms.noise == SIGMA
     assert found.verdict == "explained"
     assert found.rms.heldout_extended < 1.3 * SIGMA < 0.1 * found.rms.heldout_identified
-    assert any("far from linear" in note for note in found.notes)
-    assert "the causes are given" in found.notes[0]
+    assert any("far from linear" in note for note in method_words(found))
+    assert "the causes are given" in method_words(found)[0]
 
 
 def test_what_is_nearly_linear_is_audited_once() -> None:
     """A frame turned by a degree, and nothing at all: the first audit stands, the search is nested."""
-    small = replace(measured(seed=4, count=40))
+    small = measured(seed=4, count=40)
     R = np.eye(3) + 0.017 * np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    found = diagnose(campaign(), replace(small, displacement=frozen(small.displacement @ R.T)), repeats=1)
+    found = diagnose(campaign(), small.with_values(small.value @ R.T), repeats=1)
     assert [f.name for f in found.findings] == ["tracker_frame"]
     assert not far_from_linear(found.case, found.extended)
-    assert "the search chose the same causes" in found.notes[0]
-    assert not any("far from linear" in note for note in found.notes)
+    assert "the search chose the same causes" in method_words(found)[0]
+    assert not any("far from linear" in note for note in method_words(found))

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from qsframework.diagnose.diagnosis import diagnose
+from qsframework.diagnose.diagnose import diagnose
 from qsframework.diagnose.result import Diagnosis
 from qsframework.experiment import load_experiment, read_readings
+from qsframework.report.result_json import diagnosis_json
 
 Case = hidden.Case
 
@@ -21,7 +22,6 @@ def _diagnose(case: hidden.Case, folder: Path) -> tuple[hidden.Truth, Diagnosis]
     with threadpool_limits(1):
         truth = hidden.hide(case)
         experiment = load_experiment(hidden.write_case(truth, folder))
-        assert experiment.data is not None
         return truth, diagnose(experiment, read_readings(experiment.data, experiment))
 
 
@@ -54,7 +54,7 @@ def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path) -> None:
 def test_noise_that_the_file_understates_is_named_and_nothing_else(tmp_path: Path) -> None:
     _, d = _diagnose(Case("stress", "stress", 6, stress="sigma_too_small"), tmp_path)
     assert (d.verdict, d.findings, d.leftovers) == ("none", (), ())
-    assert [p["id"] for p in d.as_json()["data_problems"]] == ["noise_level"]
+    assert [p["id"] for p in diagnosis_json(d)["data_problems"]] == ["noise_level"]
     assert d.audit.unit == pytest.approx(1.5, rel=0.1)
 
 

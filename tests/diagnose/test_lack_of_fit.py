@@ -9,9 +9,10 @@ import pytest
 from scipy.stats import f as fisher
 from scipy.stats import kstest
 
-from qsframework.diagnose.lack_of_fit import arm_axes, lack_of_fit, smooth, variables_of
-from qsframework.experiment import Experiment, make_plan, simulate
+from qsframework.diagnose.residuals.lack_of_fit import arm_axes, lack_of_fit, smooth, variables_of
+from qsframework.experiment import Experiment, make_plan, make_rows, simulate
 from qsframework.plugin import Array, Conditions, Poses
+from qsframework.report.words.noise import misfit_words
 
 ROWS, COLUMNS = 90, 8
 ALONE = np.arange(ROWS)
@@ -69,7 +70,7 @@ def test_replicates_give_the_f_test_of_textbooks() -> None:
     wrong = lack_of_fit(left + np.concatenate([rng.standard_normal((30, 3))] * 3), columns, label, {}, known=False)
     assert wrong.p_replicates < 1e-3
     assert wrong.fails()
-    assert "larger than the replicates' scatter" in wrong.words[0]
+    assert "larger than the replicates' scatter" in misfit_words(wrong)[0]
 
 
 @pytest.mark.parametrize("name", ["joint_1", "joint_2", "load", "approach", "marker"])
@@ -84,7 +85,7 @@ def test_the_variable_is_named(name: str) -> None:
     assert found.trends[0].variable == name
     assert found.trends[0].p_value < 1e-4
     assert found.fails()
-    assert f"depend on {name}" in " ".join(found.words)
+    assert f"depend on {name}" in " ".join(misfit_words(found))
 
 
 def test_what_the_fit_absorbs_is_no_trend() -> None:
@@ -110,15 +111,15 @@ def test_variables_and_axes_of_a_campaign(m900ib: Experiment) -> None:
     wrench[::2, 1] = 1500.0
     plan = make_plan(Poses(pendant, controller.to_joints(pendant), wrench), ["x"] * 20)
     readings = simulate(m900ib, plan).readings
-    timed = replace(readings, poses=replace(readings.poses, loaded=Conditions(time=np.arange(20.0))))
-    keep = np.arange(3, 60)
-    found = variables_of(m900ib, timed, keep)
+    timed = readings.with_poses(replace(readings.poses, loaded=Conditions(time=np.arange(40.0))))
+    rows = make_rows(timed.masked(np.arange(60) < 3))
+    found = variables_of(m900ib, rows)
     assert set(found) == {*m900ib.robot.facts.joints, "fy", "load", "time", "marker"}  # fx, fz, moments do not vary
-    assert np.array_equal(found["joint_3"], readings.poses.q[readings.measurement[keep], 2])
-    axes = arm_axes(m900ib, readings, keep)
+    assert np.array_equal(found["joint_3"], readings.poses.q[readings.plus[3:], 2])
+    axes = arm_axes(m900ib, rows)
     assert np.allclose(axes.transpose(0, 2, 1) @ axes, np.eye(3))
     assert np.allclose(np.linalg.det(axes), 1.0)
-    place = m900ib.model().positions(readings.poses)[readings.measurement[keep], readings.marker[keep]]
+    place = m900ib.model().positions(readings.poses)[readings.plus[3:], readings.marker[3:]]
     assert np.allclose(np.einsum("rij,ri->rj", axes, place)[:, 1], 0.0, atol=1e-12)
 
 

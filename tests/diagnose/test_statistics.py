@@ -9,15 +9,17 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from qsframework.diagnose.case import Case, Subspace, plan_case, plan_rows
-from qsframework.diagnose.causes import REACH, find_causes
-from qsframework.diagnose.gate import close, motions
-from qsframework.diagnose.rivals import rival_set
-from qsframework.diagnose.score import Block, blocks_of, score
-from qsframework.diagnose.search import Gram, Subset, make_gram, search
-from qsframework.diagnose.stability import hangs_on
-from qsframework.identify.observations import Independent
-from qsframework.plugin import Array
+from qsframework.diagnose.linearization.candidates import REACH, find_causes
+from qsframework.diagnose.linearization.columns import Case, Subspace, plan_case
+from qsframework.diagnose.residuals.dictionary import Motions, close, motions
+from qsframework.diagnose.selection.family_test import Block, blocks_of, score
+from qsframework.diagnose.selection.influence import hangs_on
+from qsframework.diagnose.selection.rivals import rival_set
+from qsframework.diagnose.selection.search import Gram, Subset, make_gram, search
+from qsframework.estimation import Independent
+from qsframework.experiment import make_rows
+from qsframework.experiment.simulate import displaced
+from qsframework.plugin import Array, Poses
 from qsframework.plugin.facts import frozen
 from tests.diagnose.cases import SIGMA, campaign, poses
 
@@ -35,6 +37,13 @@ def noise_left(case: Case, rng: np.random.Generator) -> Array:
     Q, _ = np.linalg.qr(case.A)
     r = rng.standard_normal(len(case.pose))
     return r - Q @ (Q.T @ r)
+
+
+def moved_of(case: Case, planned: Poses) -> Motions:
+    """What extra motions do to displacements of all markers."""
+    nothing = np.zeros((len(planned), len(campaign().markers), 3))
+    readings = displaced(planned, nothing, SIGMA, [f"{i:03d}" for i in range(len(planned))])
+    return motions(case.model, make_rows(readings), case.x, ())
 
 
 def test_subspaces_are_what_is_left_of_the_columns_beside_the_fit() -> None:
@@ -190,10 +199,8 @@ def test_deleting_poses_agrees_with_refits() -> None:
 
 def test_the_dictionary_is_silent_on_noise_and_sees_a_coupling_between_joints() -> None:
     case, _ = linear()
-    experiment = campaign()
-    rows = plan_rows(case.poses, len(experiment.markers), SIGMA)
     noise = Independent(np.full(len(case.pose), SIGMA))
-    moved = motions(case.model, case.poses, rows, case.x)
+    moved = moved_of(case, poses(3))
     rng = np.random.default_rng(3)
     runs = 250
     flags = sum(
@@ -264,12 +271,12 @@ def test_of_many_poses_each_is_deleted_but_no_two() -> None:
 def test_without_load_the_dictionary_holds_only_what_needs_none() -> None:
     """An unloaded arm turns no spring: nothing there can depend on a torque, but on order and approach it can."""
     base, _ = linear()
-    still = replace(base.poses, wrench=frozen(np.zeros_like(base.poses.wrench)))
-    rows = plan_rows(still, len(campaign().markers), SIGMA)
+    loaded = poses(3)
+    still = replace(loaded, wrench=frozen(np.zeros_like(loaded.wrench)))
     noise = Independent(np.full(len(base.pose), SIGMA))
     seen = {}
-    for name, given in (("loaded", base.poses), ("still", still)):
-        moved = motions(base.model, given, rows, base.x)
+    for name, given in (("loaded", loaded), ("still", still)):
+        moved = moved_of(base, given)
         explained = np.random.default_rng(0).standard_normal((len(base.pose), 2))
         closing = close(moved, 6, explained, np.zeros(len(base.pose)), noise, np.inf, 20, 0)
         seen[name] = {variable for _, variable in closing.labels}

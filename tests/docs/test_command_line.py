@@ -24,4 +24,5 @@ def test_it_names_every_command_and_option(root: Path) -> None:
         section = page.split(f"## `qsf {name}`\n")[1].split("\n## ")[0]
         for parameter in command.params:
             if parameter.param_type_name == "option" and parameter.name != "help":
-                assert all(f"`{o}`" in section for o in parameter.opts)
+                told = not parameter.hidden  # old spellings are read with a note, and stand on no page
+                assert all((f"`{o}`" in section) == told for o in parameter.opts)

@@ -10,7 +10,7 @@ import paper_numbers as numbers
 import paper_table5 as table5
 import pytest
 
-from qsf_plugins.spring_triangle import SpringTriangle
+from qsf_plugins.spring_triangle import SpringTriangle, spring
 from qsframework.design import check_poses
 from qsframework.design.candidates import reference_point
 from qsframework.elastostatics import Site, make_model
@@ -121,7 +121,7 @@ def printed(b: Array) -> Array:
 def test_equation_22_has_the_square_of_the_sine() -> None:
     """K2 + d M_c / d b by differences of (9) is what a row of (22) times [K2, Kc, s0 Kc] has to give."""
     b, K2, Kc, s0, h = np.linspace(-20.0, 130.0, 31), 7e6, 6e6, 0.46, 1e-5
-    moment: Callable[[Array], Array] = lambda angle: Kc * TRIANGLE.moment(angle, s0)  # noqa: E731
+    moment: Callable[[Array], Array] = lambda angle: -TRIANGLE.torque(angle, spring(Kc, s0)).value[:, 0]  # noqa: E731
     numeric = K2 + (moment(np.deg2rad(b) + h) - moment(np.deg2rad(b) - h)) / (2 * h)
     unknowns = np.array([K2, Kc, s0 * Kc])
     assert np.allclose(stiffness_rows(np.deg2rad(b), TRIANGLE.lc, TRIANGLE.l2) @ unknowns, numeric, rtol=1e-8)

@@ -55,3 +55,11 @@ def test_the_printed_balancer_is_consistent(text: str) -> None:
         energy_slope = value(8, b) * slope(7, b) / (2 * np.sqrt(value(7, b)))
         assert np.isclose(value(9, b), energy_slope, rtol=1e-7)
         assert np.isclose(value(11, b), slope(9, b) / (K_c * lc * l2), rtol=1e-6)
+
+
+def test_the_kernels_ratio_is_that_of_the_benchmark(root: Path, text: str) -> None:
+    """To one digit: it differs a little from run to run."""
+    page = (root / "docs" / "performance.md").read_text()
+    (measured,) = re.findall(r"Pinocchio, pose by pose .*\| ([\d.]+) times faster \|", page)
+    (told,) = re.findall(r"The kernel is about (\d+) times\s+as fast", text)
+    assert float(told) == float(f"{float(measured):.1g}")

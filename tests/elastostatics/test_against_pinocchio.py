@@ -7,11 +7,12 @@ import pinocchio as pin
 import pytest
 
 from qsframework.elastostatics import Model, Site, make_model
-from qsframework.elastostatics.loads import gravity_torque, nominal_moments
+from qsframework.elastostatics.loads import gravity_torque
 from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.state import State, place
 from qsframework.plugin import Poses
 from qsframework.robot import Robot, load_robot
+from qsframework.robot.gravity import nominal_moments
 
 TIP = np.array([0.15, 0.0, 0.2])
 MARKERS = (np.array([0.15, 0.1, 0.25]), np.array([-0.1, 0.2, 0.3]))

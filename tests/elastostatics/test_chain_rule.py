@@ -26,17 +26,21 @@ POINTS = build_effects(
      "first_z_m": 0.2, "second_x_m": 0.2, "second_y_m": 0.3, "second_z_m": 0.1},
     ROBOT,
 )  # fmt: skip
+GAS = build_effects(
+    {"effect": "gas_balancer", "joint": "joint_2", "lc_m": 0.235, "l2_m": 1.12, "length_m": 0.9, "pressure_bar": 2e4,
+     "volume_l": 12, "piston_area_cm^2": 60, "rod_area_cm^2": 12, "exponent": 1.2},
+    ROBOT,
+)  # fmt: skip
 COUPLING = build_effects({"effect": "controller_coupling", "joint": "joint_3"}, ROBOT)
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
 def model(effects: Sequence[Effect]) -> Model:
     parameters = [p for e in effects for p in e.parameters(ROBOT)]
+    sizes = np.linspace(0.2, 1.5, len(parameters)) * [p.typical for p in parameters]
     parameters = [
-        dataclasses.replace(p, nominal=c)
-        for p, c in zip(
-            parameters, np.linspace(0.2, 1.5, len(parameters)) * [p.typical for p in parameters], strict=True
-        )
+        dataclasses.replace(p, nominal=p.nominal + c if p.by_name or p.unit == "Pa" else c)
+        for p, c in zip(parameters, sizes, strict=True)
     ]
     markers = [("m1", Site(6, np.array([0.15, 0.1, 0.2]))), ("elbow", Site(3, np.array([0.0, 0.2, 0.1])))]
     return make_model(ROBOT, effects, parameters, Site(6, np.array([0.15, 0.0, 0.2])), markers, GRAVITY)
@@ -118,6 +122,8 @@ CASES = {
     "point spring with off-axis springs": [*JOINTS, *OFFAXIS, *POINTS, *BALANCER],
     "point spring with geometry": [*JOINTS, BentLoop(), Links(), *POINTS, Placements()],
     "point spring with laws": [*JOINTS, *PARALLELOGRAM, *POINTS, Cubic(), *COUPLING],
+    "gas balancer": [*JOINTS, *PARALLELOGRAM, *GAS],
+    "gas balancer with geometry and laws": [*JOINTS, *GAS, BentLoop(), Placements(), Cubic()],
     "coupling": [*JOINTS, *PARALLELOGRAM, *BALANCER, *EQUIVALENT, *COUPLING],
     "bars": [*JOINTS, BentLoop(), Links()],
     "coupled springs": [*JOINTS, BentLoop(), Links(), TwoJointSpring()],

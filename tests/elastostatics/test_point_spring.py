@@ -27,7 +27,7 @@ def arm(robot: Robot, *balancers: Effect, stiffness: float = 4e6, free_length: f
     kept = [e for e in robot.effects if "compensator" not in e.effect_name()]
     own = [p for e in balancers for p in e.parameters(robot.facts)]
     values = {".stiffness": stiffness, ".free_length": free_length}
-    own = [dataclasses.replace(p, nominal=values[p.name[p.name.rindex(".") :]]) for p in own]
+    own = [dataclasses.replace(p, nominal=values.get(p.name[p.name.rindex(".") :], p.nominal)) for p in own]
     return make_model(robot.facts, [*kept, *balancers], [*robot.parameters, *own], TIP, [("tip", TIP)], robot.gravity)
 
 
@@ -65,6 +65,23 @@ def test_two_balancers_on_one_joint_add_up(robot: Robot) -> None:
     both, double = arm(robot, *sides, *other, stiffness=2e6), arm(robot, *one, stiffness=4e6)
     assert np.allclose(both.predict(p), double.predict(p), rtol=1e-11, atol=1e-16)
     assert np.allclose(full_displacement(both, p), full_displacement(double, p), rtol=1e-9, atol=1e-15)
+
+
+def test_two_springs_with_labels_are_one_of_twice_the_stiffness(robot: Robot) -> None:
+    """Left and right beside link 2, of both kinds: each half of the one that they stand for."""
+    entries = (
+        {"effect": "point_spring", **PIVOTS},
+        {"effect": "gravity_compensator", "joint": "joint_2", "lc_m": 0.235, "l2_m": 1.12},
+    )
+    p = poses(robot)
+    for entry in entries:
+        one = arm(robot, *build_effects(entry, robot.facts), stiffness=4e6)
+        sides = [e for s in ("left", "right") for e in build_effects({**entry, "label": s}, robot.facts)]
+        both = arm(robot, *sides, stiffness=2e6)
+        assert np.allclose(both.predict(p), one.predict(p), rtol=1e-11, atol=1e-16)
+        assert np.allclose(full_displacement(both, p), full_displacement(one, p), rtol=1e-9, atol=1e-15)
+        with pytest.raises(InputError, match=r"effect listed twice: .*give each a name of its own, such as label"):
+            arm(robot, *build_effects(entry, robot.facts), *build_effects(entry, robot.facts))
 
 
 def test_compliance_with_a_spring_across_many_joints(robot: Robot) -> None:

@@ -1,4 +1,4 @@
-"""`simulate(exact=True)`: readings of an arm that settles in its full equilibrium, as a real one does."""
+"""`simulate`: readings of an arm that settles in its full equilibrium, as a real one does; or of the tangent model."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import pytest
 
 from qsframework.elastostatics import equilibrium
 from qsframework.experiment import Experiment, load_experiment, make_plan, simulate
+from qsframework.experiment.readings import Made
 from qsframework.plugin import Poses
 
 HEAVY = np.array([0.0, 2000.0, -5000.0, 0.0, 0.0, 0.0])
@@ -20,9 +21,11 @@ def placed(experiment: Experiment) -> Poses:
     return Poses(pendant, experiment.robot.controller.to_joints(pendant), np.tile(HEAVY, (6, 1)))
 
 
-def moved(experiment: Experiment, exact: bool) -> np.ndarray:
+def moved(experiment: Experiment, linear: bool = False) -> np.ndarray:
     plan = make_plan(placed(experiment), ["heavy"] * 6)
-    return simulate(experiment, plan, seed=5, exact=exact).readings.displacement
+    readings = simulate(experiment, plan, seed=5, linear=linear).readings
+    assert readings.made == Made("linear" if linear else "equilibrium", 5)
+    return readings.value
 
 
 def test_the_tip_moves_as_the_two_equilibria_do(m900ib: Experiment, tmp_path: Path) -> None:
@@ -33,8 +36,8 @@ def test_the_tip_moves_as_the_two_equilibria_do(m900ib: Experiment, tmp_path: Pa
     one = load_experiment(tmp_path / "experiment.yaml")
     poses, model = placed(one), one.model()
     tips = equilibrium(model, poses).tip - equilibrium(model, poses, loaded=False).tip
-    np.testing.assert_allclose(moved(one, True), tips, atol=1e-8)
-    bent = np.abs(moved(one, False) - tips).max()
+    np.testing.assert_allclose(moved(one), tips, atol=1e-8)
+    bent = np.abs(moved(one, linear=True) - tips).max()
     assert 1e-6 < bent < 0.01 * np.abs(tips).max(), "second order in the deflection"
 
 
@@ -45,5 +48,5 @@ def test_sensors_still_act(m900ib: Experiment, tmp_path: Path) -> None:
     (tmp_path / "n.yaml").write_text("tracker_scale: {value_percent: 1}\n")
     scaled = load_experiment(tmp_path / "experiment.yaml")
     assert scaled.model().names[-1].startswith("tracker_scale")
-    more = moved(scaled, True) - moved(m900ib, True)
-    assert np.abs(more).max() == pytest.approx(0.01 * np.abs(moved(m900ib, True)).max(), rel=0.05)
+    more = moved(scaled) - moved(m900ib)
+    assert np.abs(more).max() == pytest.approx(0.01 * np.abs(moved(m900ib)).max(), rel=0.05)

@@ -99,11 +99,16 @@ def test_expansion_bombs_and_depth_are_refused(tmp_path: Path) -> None:
         load(tmp_path, "# " + "x" * 6_000_000)
 
 
-@given(
-    st.sampled_from(["deg", "arcmin", "mm", "kN", "Nm", "urad/(N m)", "degC", "N/m", "percent"]), st.floats(-1e6, 1e6)
-)
-def test_units_there_and_back(unit: str, value: float) -> None:
-    assert np.isclose(units.from_si(units.to_si(value, unit), unit), value, rtol=1e-12, atol=1e-9)
+FACTORS = {
+    "deg": np.pi / 180.0, "arcmin": np.pi / 10800.0, "mm": 1e-3, "kN": 1e3, "Nm": 1.0, "urad/(N m)": 1e-6, "degC": 1.0,
+    "N/m": 1.0, "percent": 0.01,
+}  # fmt: skip
+
+
+@given(st.sampled_from(sorted(FACTORS)), st.floats(-1e6, 1e6))
+def test_units_are_what_they_say(unit: str, value: float) -> None:
+    expected = value * FACTORS[unit] + (273.15 if unit == "degC" else 0.0)
+    assert np.isclose(units.to_si(value, unit), expected, rtol=1e-12, atol=0.0)
 
 
 @pytest.mark.parametrize(
@@ -146,7 +151,7 @@ def test_writing_is_all_or_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_problems_read_as_sentences() -> None:
-    problem = Problem("is wrong", "f.csv", 3, "q1_deg", "'x'", "a number", "Mend it.")
+    problem = Problem("is wrong", "f.csv", 3, "q1_deg", found="'x'", allowed="a number", hint="Mend it.")
     assert str(problem) == "f.csv, line 3, column q1_deg: is wrong; found 'x'; allowed: a number. Mend it."
     assert nearest("joint_complance", ["joint_compliance"]) == "Did you mean 'joint_compliance'?"
     assert nearest("zzz", ["joint_compliance"]) is None

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from sources import LIBRARY, PLUGINS, ROOT, complaints, tree
 
-ROOT = Path(__file__).resolve().parents[2]
 LAYERS = (
     ("errors",),
     ("units",),
@@ -18,10 +18,13 @@ LAYERS = (
     ("plugin",),
     ("robot",),
     ("elastostatics",),
+    ("estimation",),
     ("experiment",),
     ("information",),
+    ("screening",),
     ("design", "identify"),
     ("diagnose",),
+    ("discriminate", "forecast"),
     ("applications",),
     ("report", "viz"),
     ("cli",),
@@ -37,13 +40,9 @@ HEAVY = {"pinocchio", "coal", "cvxpy", "meshcat", "plotly", "scipy", "pint", "xa
          "joblib", "distributed", "dask"}  # fmt: skip
 
 
-def modules() -> list[Path]:
-    return sorted((ROOT / "qsframework").rglob("*.py"))
-
-
-def imported(tree: ast.AST) -> Iterator[str]:
-    """Every module that the tree imports, `from qsframework import units` as qsframework.units."""
-    for node in ast.walk(tree):
+def imported(parsed: ast.AST) -> Iterator[str]:
+    """Every module that parsed code imports, `from qsframework import units` as qsframework.units."""
+    for node in ast.walk(parsed):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -70,40 +69,49 @@ def layer(path: Path) -> str:
     return parts[0].removesuffix(".py")
 
 
-@pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(ROOT)))
-def test_imports_point_up(path: Path) -> None:
+def upside_down(path: Path) -> Iterator[str]:
     here = layer(path)
-    for name in imported(ast.parse(path.read_text())):
+    for name in imported(tree(path)):
         if not name.startswith("qsframework.") or here in ("__init__", "__main__"):
             continue
         there = name.split(".")[1]
-        if here == there or (here, there) in SIBLINGS:
-            continue
-        assert RANK[there] < RANK[here], f"{path}: {here} may not import {there}"
+        if here != there and (here, there) not in SIBLINGS and RANK[there] >= RANK[here]:
+            yield f"{here} may not import {there}"
+
+
+def test_imports_point_up() -> None:
+    assert complaints(LIBRARY, upside_down) == []
 
 
 def test_every_module_has_a_layer() -> None:
-    assert {layer(p) for p in modules()} - {"__init__", "__main__"} <= set(RANK)
+    assert {layer(p) for p in LIBRARY} - {"__init__", "__main__"} <= set(RANK)
 
 
-@pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(ROOT)))
-def test_dependencies_have_one_owner(path: Path) -> None:
+def owned_by_others(path: Path) -> Iterator[str]:
     where = str(path.relative_to(ROOT / "qsframework"))
-    for name in imported(ast.parse(path.read_text())):
+    for name in imported(tree(path)):
         owner = OWNERS.get(name.split(".")[0])
-        assert owner is None or where.startswith(owner), f"{path}: only {owner} may import {name}"
+        if owner is not None and not where.startswith(owner):
+            yield f"only {owner} may import {name}"
 
 
-@pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(ROOT)))
-def test_heavy_libraries_are_imported_where_they_are_used(path: Path) -> None:
-    top = {name.split(".")[0] for name in imported_at_once(ast.parse(path.read_text()))}
-    assert not top & HEAVY, f"{path} imports {top & HEAVY} when it is itself imported"
+def test_dependencies_have_one_owner() -> None:
+    assert complaints(LIBRARY, owned_by_others) == []
+
+
+def heavy_at_once(path: Path) -> Iterator[str]:
+    for name in sorted({name.split(".")[0] for name in imported_at_once(tree(path))} & HEAVY):
+        yield f"imports {name} when it is itself imported"
+
+
+def test_heavy_libraries_are_imported_where_they_are_used() -> None:
+    assert complaints(LIBRARY, heavy_at_once) == []
 
 
 def test_plugins_use_the_public_api_only() -> None:
     allowed = {*sys.stdlib_module_names, "numpy", "qsf_plugins"}
-    for path in sorted((ROOT / "plugins").rglob("*.py")):
-        for name in imported(ast.parse(path.read_text())):
+    for path in PLUGINS:
+        for name in imported(tree(path)):
             assert name == "qsframework.plugin" or name.split(".")[0] in allowed, f"{path} imports {name}"
 
 

@@ -37,7 +37,8 @@ def test_the_wheel_holds_robots_examples_and_plugins(wheel: Path) -> None:
 def test_the_wheel_runs_the_demo_in_an_empty_environment(wheel: Path, root: Path, tmp_path: Path) -> None:
     environment = tmp_path / "env"
     subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)
-    pip = [str(environment / "bin" / "python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    pip = [str(environment / "bin" / "python"), "-m", "pip", "install", "--quiet", "--no-compile"]
+    pip.append("--disable-pip-version-check")
     subprocess.run([*pip, "-c", str(root / "requirements.lock"), str(wheel)], check=True, cwd=tmp_path)
     run = subprocess.run(
         [str(environment / "bin" / "qsf"), "demo", "--output", "out"], cwd=tmp_path, capture_output=True, text=True

@@ -13,16 +13,19 @@ import pytest
 from qsframework.cli.demo import read_as_relative
 from qsframework.elastostatics import Model, make_model
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, Readings, load_experiment, make_plan, read_states, simulate
-from qsframework.identify import PositionFit, identify, identify_positions
-from qsframework.identify.fit_files import read_fit, result_files, write_campaign, write_fit, write_nominal, write_urdf
+from qsframework.estimation import FitOptions
+from qsframework.experiment import Experiment, Readings, load_experiment, make_plan, read_readings, simulate
+from qsframework.identify import Fit, identify
+from qsframework.identify.io import read_fit, result_files, write_campaign, write_fit, write_nominal, write_urdf
 from qsframework.plugin import Poses, build_effects
 from qsframework.robot import load_robot
 from tests.identify.arm import random_poses
 
+LINEAR, BOUNDS = FitOptions(linear=True, keep_all=True), FitOptions(linear=True, bounds=True, keep_all=True)
+
 
 def test_a_fit_is_read_back(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
-    fit = identify(r2000ic, real, method="one-step")
+    fit = identify(r2000ic, real, options=LINEAR)
     stored = read_fit(write_fit(fit, tmp_path / "fit.json"))
     assert stored.names == fit.names
     assert np.array_equal(stored.values, [e.value for e in fit.estimates])
@@ -31,13 +34,13 @@ def test_a_fit_is_read_back(r2000ic: Experiment, real: Readings, tmp_path: Path)
     assert np.array_equal(stored.x(fit.model), fit.x)
     assert (stored.method, stored.sigma_source, stored.dof) == ("one-step", "estimated", fit.dof)
     assert stored.sigma == pytest.approx(fit.sigma)
-    assert r2000ic.data is not None
-    assert stored.is_of(r2000ic.data)
+    assert stored.linear
+    assert stored.is_of(r2000ic.data[0])
     assert not stored.is_of(r2000ic.path)
 
 
 def test_an_sd_that_is_not_quoted_stays_unquoted(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
-    fit = identify(read_as_relative(r2000ic, "joint_3"), real, method="one-step")
+    fit = identify(read_as_relative(r2000ic, "joint_3"), real, options=BOUNDS)
     stored = read_fit(write_fit(fit, tmp_path / "fit.json"))
     assert np.isnan(stored.sd[4])
     with pytest.raises(InputError, match="the fit is of another model"):
@@ -45,7 +48,7 @@ def test_an_sd_that_is_not_quoted_stays_unquoted(r2000ic: Experiment, real: Read
 
 
 def test_all_problems_of_a_fit_file_at_once(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
-    content = identify(r2000ic, real).as_json()
+    content = identify(r2000ic, real, options=LINEAR).as_json()
     content["dof"] = "many"
     del content["chi2"]
     content["estimates"]["joint_compliance[joint_1]"]["value"] = None
@@ -57,7 +60,7 @@ def test_all_problems_of_a_fit_file_at_once(r2000ic: Experiment, real: Readings,
     assert "dof" in said
     assert "chi2" in said
     assert "joint_compliance[joint_1].value" in said
-    content = identify(r2000ic, real).as_json()
+    content = identify(r2000ic, real, options=LINEAR).as_json()
     content["covariance"] = content["covariance"][:-1]
     content["parameters"][0] = "joint_compliance[joint_9]"
     path.write_text(json.dumps(content, indent=2))
@@ -68,7 +71,7 @@ def test_all_problems_of_a_fit_file_at_once(r2000ic: Experiment, real: Readings,
 
 
 def test_a_robot_loads_with_the_identified_values(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
-    fit = identify(r2000ic, real)
+    fit = identify(r2000ic, real, options=LINEAR)
     folder = tmp_path / "robot"
     shutil.copytree(r2000ic.robot.folder, folder)
     write_nominal(fit, folder / "nominal.yaml", r2000ic.robot)
@@ -76,8 +79,8 @@ def test_a_robot_loads_with_the_identified_values(r2000ic: Experiment, real: Rea
     for e in fit.estimates:
         assert loaded[e.name].nominal == pytest.approx(e.value, rel=1e-12)
         assert loaded[e.name].sd == pytest.approx(e.sd, rel=1e-12)
-        assert "identified, linear, readings sha256" in loaded[e.name].source
-    wrong = identify(read_as_relative(r2000ic, "joint_3"), real)
+        assert "identified, one-step, readings sha256" in loaded[e.name].source
+    wrong = identify(read_as_relative(r2000ic, "joint_3"), real, options=LINEAR)
     with pytest.raises(InputError, match=r"joint_compliance\[joint_5\] beyond its bounds"):
         write_nominal(wrong, folder / "nominal.yaml", r2000ic.robot)
 
@@ -86,7 +89,7 @@ def test_a_robot_loads_with_the_identified_values(r2000ic: Experiment, real: Rea
 def test_a_file_of_an_unknown_format_is_refused_before_it_is_read(
     number: object, hint: str, r2000ic: Experiment, real: Readings, tmp_path: Path
 ) -> None:
-    content = identify(r2000ic, real).as_json()
+    content = identify(r2000ic, real, options=LINEAR).as_json()
     assert content["format"] == 1
     content["format"] = number
     del content["chi2"]
@@ -99,7 +102,7 @@ def test_a_file_of_an_unknown_format_is_refused_before_it_is_read(
 
 
 def test_a_file_without_a_format_is_of_the_first(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
-    content = identify(r2000ic, real).as_json()
+    content = identify(r2000ic, real, options=LINEAR).as_json()
     del content["format"]
     path = tmp_path / "fit.json"
     path.write_text(json.dumps(content))
@@ -168,14 +171,14 @@ def test_an_offset_through_a_loop_is_refused(m900ib: Experiment, tmp_path: Path)
 
 def test_a_campaigns_parameters_are_not_the_robots(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
     scaled = _with(r2000ic, {"effect": "tool_offset", "marker": r2000ic.markers[0].name})
-    fit = identify(scaled, real)
+    fit = identify(scaled, real, options=LINEAR)
     fit = replace(fit, estimates=(*fit.estimates, replace(fit.estimates[0], name="load_scale")))
     path = write_nominal(fit, tmp_path / "nominal.yaml", r2000ic.robot)
     assert "# Identified too, but not the robot's: load_scale" in path.read_text()
 
 
 def test_a_covariance_that_is_not_symmetric_is_refused(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
-    content = identify(r2000ic, real).as_json()
+    content = identify(r2000ic, real, options=LINEAR).as_json()
     content["covariance"][0][1] *= 2.0
     path = tmp_path / "fit.json"
     path.write_text(json.dumps(content))
@@ -186,7 +189,7 @@ def test_a_covariance_that_is_not_symmetric_is_refused(r2000ic: Experiment, real
 def test_values_that_were_not_identified_stay_in_the_nominal_file(m900ib: Experiment, tmp_path: Path) -> None:
     """The balancer's spring, known and not fitted, with its own source; and it loads."""
     poses = random_poses(m900ib, 1, 8)
-    fit = identify(m900ib, simulate(m900ib, make_plan(poses, ["pull"] * 8)).readings)
+    fit = identify(m900ib, simulate(m900ib, make_plan(poses, ["pull"] * 8)).readings, options=LINEAR)
     folder = tmp_path / "robot"
     shutil.copytree(m900ib.robot.folder, folder)
     write_nominal(fit, folder / "nominal.yaml", m900ib.robot)
@@ -196,20 +199,20 @@ def test_values_that_were_not_identified_stay_in_the_nominal_file(m900ib: Experi
     for name, p in after.items():
         found = next((e for e in fit.estimates if e.name == name), None)
         assert p.nominal == pytest.approx(found.value if found else before[name].nominal, rel=1e-12)
-        assert p.source == before[name].source if found is None else p.source.startswith("identified, linear")
+        assert p.source == before[name].source if found is None else p.source.startswith("identified, one-step")
 
 
 UR10 = Path(__file__).parents[2] / "examples" / "ur10"
 
 
 @pytest.fixture(scope="module")
-def ur10() -> PositionFit:
+def ur10() -> Fit:
     """Zeros, placements, sag and the target: all of them of effects of the experiment."""
     experiment = load_experiment(UR10 / "experiment.yaml")
-    return identify_positions(experiment, read_states(UR10 / "series_b.csv", experiment))
+    return identify(experiment, read_readings(UR10 / "series_b.csv", experiment, "positions"), options=LINEAR)
 
 
-def test_identified_values_that_are_not_the_robots_are_read_by_an_experiment(ur10: PositionFit, tmp_path: Path) -> None:
+def test_identified_values_that_are_not_the_robots_are_read_by_an_experiment(ur10: Fit, tmp_path: Path) -> None:
     experiment = load_experiment(UR10 / "experiment.yaml")
     said = result_files(ur10, experiment.robot, tmp_path / "n.yaml", None)
     count = len(ur10.names)
@@ -227,7 +230,7 @@ def test_identified_values_that_are_not_the_robots_are_read_by_an_experiment(ur1
     assert nominal[~arm] == pytest.approx(ur10.x[~arm], rel=1e-12, abs=1e-15)
 
 
-def test_a_file_of_somebody_else_is_not_replaced(ur10: PositionFit, tmp_path: Path) -> None:
+def test_a_file_of_somebody_else_is_not_replaced(ur10: Fit, tmp_path: Path) -> None:
     robot = load_experiment(UR10 / "experiment.yaml").robot
     file = tmp_path / "c.yaml"
     assert len(write_campaign(ur10, file, robot)) == len(ur10.names) - 6
@@ -239,14 +242,29 @@ def test_a_file_of_somebody_else_is_not_replaced(ur10: PositionFit, tmp_path: Pa
 
 
 def test_nothing_of_the_campaign_and_nothing_to_correct(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
-    fit = identify(r2000ic, real)
+    fit = identify(r2000ic, real, options=LINEAR)
     said = result_files(fit, r2000ic.robot, tmp_path / "n.yaml", tmp_path / "u.urdf")
     assert said[0].endswith("with 6 of 6 identified values")
     assert not (tmp_path / "n_campaign.yaml").exists()
     assert said[1:] == [f"URDF, in which nothing is corrected (no joint origin was identified): {tmp_path / 'u.urdf'}"]
 
 
-def test_a_urdf_with_identified_origins_is_a_corrected_one(ur10: PositionFit, tmp_path: Path) -> None:
+def test_a_urdf_with_identified_origins_is_a_corrected_one(ur10: Fit, tmp_path: Path) -> None:
     robot = load_experiment(UR10 / "experiment.yaml").robot
     (said,) = result_files(ur10, robot, None, tmp_path / "u.urdf")
     assert said.startswith(f"corrected URDF: {tmp_path / 'u.urdf'}; not in it: gravity_sag[joint_2]")
+
+
+def test_the_frames_of_a_fit_are_read_back(ur10: Fit, tmp_path: Path) -> None:
+    """And what is no rotation is refused with its line."""
+    path = write_fit(ur10, tmp_path / "fit.json")
+    (frame,), (true,) = read_fit(path).frames, ur10.frames
+    assert frame.series == true.series
+    assert np.array_equal(frame.rotation, true.rotation)
+    assert np.array_equal(frame.origin, true.origin)
+    content = json.loads(path.read_text())
+    content["frames"][true.series]["rotation"][0][0] += 0.1
+    path.write_text(json.dumps(content, indent=2))
+    with pytest.raises(InputError, match="is no rigid motion") as caught:
+        read_fit(path)
+    assert caught.value.problems[0].line == content_line(path, '"frames"')

@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, StateReadings, load_experiment, read_states
-from qsframework.identify import identify, identify_positions
-from qsframework.identify.fit_files import write_campaign
-from qsframework.plugin import Poses
+from qsframework.estimation import FitOptions
+from qsframework.experiment import Experiment, Readings, load_experiment, make_plan, read_readings, simulate
+from qsframework.identify import identify
+from qsframework.identify.io import write_campaign
+from qsframework.plugin import Array, Poses
+from tests.identify.arm import position_readings, random_poses
+
+LINEAR = FitOptions(linear=True, keep_all=True)
 
 FILE = """
 robot: ur10
@@ -38,18 +42,11 @@ def written(folder: Path, text: str) -> Experiment:
     return load_experiment(file)
 
 
-def states(experiment: Experiment, q: np.ndarray, x: np.ndarray) -> StateReadings:
-    rng = np.random.default_rng(1)
+def states(experiment: Experiment, q: Array, x: Array) -> Readings:
     poses = Poses(q, q, np.zeros((len(q), 6)))
     points = experiment.model().positions(poses, x)
-    count, markers = points.shape[:2]
-    ones, rows = np.ones(count, dtype=np.intp), count * markers
-    return StateReadings(
-        poses, np.zeros(count, dtype=bool), tuple(str(i) for i in range(count)), ("",) * count, ("",) * count,
-        ones, ones, np.repeat(np.arange(count), markers), np.tile(np.arange(markers), count),
-        (points + 3e-5 * rng.standard_normal(points.shape)).reshape(-1, 3), np.full(rows, np.nan),
-        np.ones(rows, dtype=bool), np.arange(2, 2 + rows), None, None,
-    )  # fmt: skip
+    points = points + 3e-5 * np.random.default_rng(1).standard_normal(points.shape)
+    return position_readings(poses, np.zeros(len(q), dtype=bool), points, 3e-5)
 
 
 def spread(joints: slice = slice(None)) -> np.ndarray:
@@ -58,7 +55,7 @@ def spread(joints: slice = slice(None)) -> np.ndarray:
     return q
 
 
-def made(experiment: Experiment, q: np.ndarray) -> StateReadings:
+def made(experiment: Experiment, q: np.ndarray) -> Readings:
     """Readings of an arm with errors in its rigid geometry."""
     model = experiment.model()
     x = model.nominal
@@ -83,7 +80,7 @@ def test_it_gives_what_the_effects_by_name_give(tmp_path: Path) -> None:
     long = written(tmp_path, FILE + LISTED + "fit: [tool_offset, joint_offset, joint_placement]\n")
     readings = made(long, spread())
     short = written(tmp_path, FILE + "fit: [tool_offset, geometry]\n")
-    by_name, fit = identify_positions(long, readings), identify_positions(short, readings)
+    by_name, fit = identify(long, readings, options=LINEAR), identify(short, readings, options=LINEAR)
     assert fit.names == by_name.names
     assert np.allclose([e.value for e in fit.estimates], [e.value for e in by_name.estimates], rtol=1e-9, atol=1e-12)
     assert {e.name for e in fit.left_aside} == {e.name for e in by_name.left_aside}
@@ -100,21 +97,25 @@ def test_it_gives_what_the_effects_by_name_give(tmp_path: Path) -> None:
 def test_geometry_can_be_asked_for_without_the_file(tmp_path: Path) -> None:
     plain = written(tmp_path, FILE)
     readings = made(plain.with_(fit=("geometry",)), spread())
-    fit = identify_positions(plain, readings, ["tool_offset", "geometry"])
+    fit = identify(plain, readings, ["tool_offset", "geometry"], LINEAR)
     assert "joint_placement[joint_2].x" in fit.names
 
 
-def test_nothing_to_tell_is_an_error(tmp_path: Path) -> None:
-    """Only joint 1 moves: the frame and the markers absorb all that their poses show."""
+def test_what_no_pose_tells_is_left_aside(tmp_path: Path) -> None:
+    """Only joint 1 moves: the frame and the markers absorb all that its poses show, and no number of 42 is told."""
     experiment = written(tmp_path, FILE + "fit: [tool_offset, geometry]\n")
-    with pytest.raises(InputError, match=r"none of its 42 numbers .*absorbed by frame.*move every joint"):
-        identify_positions(experiment, made(experiment, spread(slice(0, 1))))
+    fit = identify(experiment, made(experiment, spread(slice(0, 1))), options=LINEAR)
+    left = {e.name: e for e in fit.left_aside}
+    assert len([n for n in left if n.startswith(("joint_offset", "joint_placement"))]) == 42
+    assert any("frame" in other for e in left.values() for other in e.absorbed_by)
+    assert all("absorbed by" in e.words() or "told only to" in e.words() for e in left.values())
 
 
 def test_displacements_do_not_tell_it(m900ib: Experiment) -> None:
+    readings = simulate(m900ib, make_plan(random_poses(m900ib, 1, 8), ["pull"] * 8)).readings
     for experiment, fit in ((m900ib.with_(fit=("geometry",)), None), (m900ib, ["geometry"])):
         with pytest.raises(InputError, match="geometry is told by absolute positions"):
-            identify(experiment, None, fit)  # type: ignore[arg-type]
+            identify(experiment, readings, fit)
 
 
 def test_a_wrong_name_is_offered_it(tmp_path: Path) -> None:
@@ -125,9 +126,9 @@ def test_a_wrong_name_is_offered_it(tmp_path: Path) -> None:
 def test_the_example_gives_the_same_by_either_name() -> None:
     folder = Path(__file__).parents[2] / "examples" / "ur10"
     experiment = load_experiment(folder / "experiment.yaml")
-    readings = read_states(folder / "series_d.csv", experiment)
-    short = identify_positions(experiment, readings, ["tool_offset", "geometry"])
-    long = identify_positions(experiment, readings, ["tool_offset", "joint_offset", "joint_placement"])
+    readings = read_readings(folder / "series_d.csv", experiment, "positions")
+    short = identify(experiment, readings, ["tool_offset", "geometry"], LINEAR)
+    long = identify(experiment, readings, ["tool_offset", "joint_offset", "joint_placement"], LINEAR)
     assert short.names == long.names
     assert np.isclose(short.error_of(short.residuals), long.error_of(long.residuals), rtol=1e-12)
 
@@ -135,7 +136,7 @@ def test_the_example_gives_the_same_by_either_name() -> None:
 @pytest.mark.parametrize("more", ["", PARTLY, LISTED], ids=["no effects", "some effects", "all effects"])
 def test_an_experiment_reads_values_of_the_geometry_that_it_only_names(more: str, tmp_path: Path) -> None:
     experiment = written(tmp_path, FILE + more + "fit: [tool_offset, geometry]\n")
-    fit = identify_positions(experiment, made(experiment, spread()))
+    fit = identify(experiment, made(experiment, spread()), options=LINEAR)
     told = write_campaign(fit, tmp_path / "c.yaml", experiment.robot)
     assert any(n.startswith("joint_placement") for n in told)
     again = written(tmp_path, FILE + more + "fit: [tool_offset, geometry]\nnominal: c.yaml\n")

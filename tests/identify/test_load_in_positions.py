@@ -7,25 +7,29 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from qsframework.elastostatics.so3 import exponential, rotation_vector
+from qsframework.estimation import FitOptions
 from qsframework.experiment import (
     Experiment,
+    Frame,
     LoadUncertainty,
     Readings,
-    StateReadings,
+    bridge,
     load_experiment,
     make_plan,
     simulate,
 )
-from qsframework.identify import Choices, PositionFit, identify_jointly, identify_positions
-from qsframework.identify.frames import Frame, rotation, rotation_vector
-from qsframework.identify.positions import make_positions
-from qsframework.identify.uncertainty import position_columns
+from qsframework.experiment.readings import joined
+from qsframework.identify import Fit, identify
+from qsframework.identify.load_error import load_columns
 from qsframework.plugin import Array, Poses
 from qsframework.report import fit_table
-from tests.identify.arm import arm_text
+from tests.identify.arm import arm_text, position_readings
 
+LINEAR = FitOptions(linear=True, keep_all=True)
+"""The campaigns are made and fitted by the tangent model: their number is what costs."""
 SCALE, TURN = 0.01, np.deg2rad(0.3)
-TRACKER = Frame("", rotation(np.array([0.3, -1.2, 2.0])), np.array([1.0, -2.0, 0.5]))
+TRACKER = Frame("", exponential(np.array([0.3, -1.2, 2.0])), np.array([1.0, -2.0, 0.5]))
 ARM = arm_text(
     "0.02",
     more="""load_uncertainty: {scale_percent: 1, direction_deg: 0.3}
@@ -55,40 +59,33 @@ def acting(poses: Poses, k: float, r: Array) -> Poses:
     return replace(poses, wrench=((1.0 + k) * (halves + np.cross(r, halves))).reshape(-1, 6))
 
 
-def positions(arm: Experiment, k: float, r: Array, rng: np.random.Generator, loaded: bool = True) -> StateReadings:
+def positions(arm: Experiment, k: float, r: Array, rng: np.random.Generator, loaded: bool = True) -> Readings:
     """Each pose unloaded and loaded (or twice unloaded) with the believed wrench in the table."""
     poses = poses_of(arm, 3, COUNT)
-    model, x, K = arm.model(), arm.model().nominal, 3
+    model, x = arm.model(), arm.model().nominal
     two = [model.positions(acting(poses, k, r), x, state) for state in (False, loaded)]
-    seen = TRACKER.apply(np.stack(two, axis=1).reshape(-1, 3))
-    N = 2 * COUNT
+    seen = TRACKER.apply(np.stack(two, axis=1).reshape(2 * COUNT, -1, 3))
+    names = [f"p{i // 2}" for i in range(2 * COUNT)]
     flags = np.tile([False, loaded], COUNT)
-    wrench = np.repeat(poses.wrench, 2, axis=0) * flags[:, None]
-    both = Poses(np.repeat(poses.pendant, 2, axis=0), np.repeat(poses.q, 2, axis=0), wrench)
-    ones = np.ones(N, dtype=np.intp)
-    return StateReadings(
-        both, flags, tuple(f"p{i // 2}" for i in range(N)), ("",) * N, ("",) * N, ones, ones,
-        np.repeat(np.arange(N), K), np.tile(np.arange(K), N), seen + 2e-5 * rng.standard_normal(seen.shape),
-        np.full(N * K, np.nan), np.ones(N * K, dtype=bool), np.arange(2, 2 + N * K), None, None,
-    )  # fmt: skip
+    both = poses.take(np.repeat(np.arange(COUNT), 2))
+    return position_readings(both, flags, seen + 2e-5 * rng.standard_normal(seen.shape), 2e-5, pose=names)
 
 
 def displacements(arm: Experiment, k: float, r: Array, seed: int) -> Readings:
     poses = poses_of(arm, 5, COUNT)
-    readings = simulate(arm, make_plan(acting(poses, k, r), ["pull"] * COUNT), seed=seed).readings
-    return replace(readings, poses=poses)  # the wrench that was believed
+    readings = simulate(arm, make_plan(acting(poses, k, r), ["pull"] * COUNT), seed=seed, linear=True).readings
+    believed = np.concatenate([poses.wrench, np.zeros_like(poses.wrench)])
+    return readings.with_poses(replace(readings.poses, wrench=believed))
 
 
-def fitted(kind: str, arm: Experiment, k: float, r: Array, seed: int) -> PositionFit:
+def fitted(kind: str, arm: Experiment, k: float, r: Array, seed: int) -> Fit:
     states = positions(arm, k, r, np.random.default_rng([9, seed]))
     if kind == "positions":
-        return identify_positions(arm, states)
-    if kind == "one-step":
-        return identify_jointly(arm, states, how=Choices())
-    return identify_jointly(arm, states, displacements=displacements(arm, k, r, seed))
+        return identify(arm, states, options=LINEAR)
+    return identify(arm, joined([states, displacements(arm, k, r, seed)]), options=LINEAR)
 
 
-def errors(fit: PositionFit) -> Array:
+def errors(fit: Fit) -> Array:
     """Errors of the estimates (p,), the six of the tracker's frame first."""
     truth = fit.model.nominal[fit.model.index(fit.names[6:])]
     frame = fit.frames[0]
@@ -98,18 +95,21 @@ def errors(fit: PositionFit) -> Array:
 
 def test_columns_against_finite_differences(arm: Experiment) -> None:
     states = positions(arm, 0.0, np.zeros(3), np.random.default_rng(0))
-    fit = identify_positions(arm, states)
-    used = make_positions(fit.model, states)
-    columns = position_columns(used, fit.frames, fit.x)
-    assert np.array_equal(np.abs(columns).max(axis=(1, 2)) > 0.0, used.loaded[used.state])
+    fit = identify(arm, states, options=LINEAR)
+    seen = bridge(arm, states, linear=True, frames=fit.frames)
+    columns = seen.rows.spread(load_columns(seen, fit.x))
+    assert np.array_equal(np.abs(columns).max(axis=(1, 2)) > 0.0, states.states.loaded[states.plus])
     h = 1e-4
     for i, (k, *r) in enumerate(np.eye(4)):
-        ends = [replace(used, poses=acting(used.poses, s * k, s * np.array(r))).predict(fit.x, fit.frames)
-                for s in (h, -h)]  # fmt: skip
+        ends = []
+        for s in (h, -h):
+            turned = states.with_poses(acting(states.poses, s * k, s * np.array(r)))
+            moved = bridge(arm, turned, linear=True, frames=fit.frames)
+            ends.append(moved.rows.predict(fit.model, fit.x, fit.frames, linear=True))
         assert np.allclose(columns[..., i], (ends[0] - ends[1]) / (2 * h), rtol=1e-5, atol=1e-9)
 
 
-@pytest.mark.parametrize(("kind", "campaigns"), [("positions", 200), ("one-step", 60), ("joint", 60)])
+@pytest.mark.parametrize(("kind", "campaigns"), [("positions", 40), ("joint", 20)])
 def test_the_spread_of_estimates_is_the_total_sd(arm: Experiment, kind: str, campaigns: int) -> None:
     """Campaigns whose load errs in size and direction: mean square of error / total sd is 1, within 4 of its sds."""
     rng = np.random.default_rng(7)
@@ -135,10 +135,10 @@ def test_what_a_fit_says_of_it(arm: Experiment) -> None:
     assert "with the load's stated uncertainty, of initial: " in fit_table(fit).caption
     exact = arm.with_(load_uncertainty=LoadUncertainty(0.0, 0.0))
     states = positions(arm, 0.0, np.zeros(3), np.random.default_rng([9, 0]))
-    assert identify_positions(exact, states).total_covariance is None
-    bare = positions(arm, 0.0, np.zeros(3), np.random.default_rng(0), loaded=False)
-    frame_only = arm.with_(fit=("joint_compliance[joint_2]",))
-    assert identify_positions(frame_only, bare).total_covariance is None, "no load acts"
+    assert identify(exact, states, options=LINEAR).total_covariance is None
+    tool = arm.with_(fit=("joint_compliance",))
+    mixed = fitted("joint", tool, 0.0, np.zeros(3), 0)
+    assert mixed.total_covariance is not None
 
 
 def test_both_sds_are_shares_of_the_initial_value(arm: Experiment) -> None:

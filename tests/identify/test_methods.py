@@ -1,4 +1,4 @@
-"""Linear, one step and two steps on the same readings of a whole arm with a balancer."""
+"""One step and two steps on the same readings of a whole arm with a balancer; bounds, priors, losses."""
 
 from __future__ import annotations
 
@@ -9,14 +9,17 @@ import pytest
 
 from qsframework.cli.demo import read_as_relative
 from qsframework.errors import InputError, NotConverged
-from qsframework.experiment import Experiment, Plan, Readings, make_plan, simulate
-from qsframework.identify import Fit, identify
-from qsframework.identify.identify import displacement_observations
-from qsframework.identify.linear import fit_rows
-from qsframework.identify.two_step import _StepOne, find_balanced, identify_two_step
+from qsframework.estimation import FitOptions
+from qsframework.experiment import Experiment, Plan, Readings, bridge, make_plan, make_rows, simulate
+from qsframework.identify import Fit, State, identify
+from qsframework.identify.found import Found
+from qsframework.identify.two_step import _StepOne, find_balanced, two_step  # pyright: ignore[reportPrivateUsage]
 from qsframework.information.two_step import distinct_angles
-from qsframework.plugin import Array, Poses
+from qsframework.plugin import Array, Poses, build_effects
+from tests.identify.arm import shared_unloaded, spoilt, with_sigma
 
+ONE, TWO = (FitOptions(method=m, linear=True, keep_all=True) for m in ("one-step", "two-step"))
+EXACT = FitOptions(keep_all=True)
 K2, KC, S0 = "joint_compliance[joint_2]", "compensator_stiffness[joint_2].stiffness", (
     "compensator_stiffness[joint_2].free_length"
 )  # fmt: skip
@@ -53,7 +56,7 @@ def truth(arm: Experiment) -> Array:
 
 
 def measured(arm: Experiment, plan: Plan, seed: int, sigma: float = 0.03e-3) -> Readings:
-    return simulate(arm.with_(noise=replace(arm.noise, sigma=sigma)), plan, truth(arm), seed=seed).readings
+    return simulate(arm.with_(noise=replace(arm.noise, sigma=sigma)), plan, truth(arm), seed=seed, linear=True).readings
 
 
 def values(fit: Fit) -> Array:
@@ -63,40 +66,43 @@ def values(fit: Fit) -> Array:
 def test_without_noise_all_methods_find_the_truth(arm: Experiment) -> None:
     plan = planned(arm, (-50.0, 10.0, 80.0), 5)
     quiet = arm.with_(noise=replace(arm.noise, sigma=1e-12))
-    readings = simulate(quiet, plan, truth(arm)).readings
-    for method in ("one-step", "two-step"):
-        fit = identify(quiet, readings, method=method)
-        assert np.allclose(fit.x, truth(arm), rtol=1e-4), method
+    for linear in (True, False):
+        readings = simulate(quiet, plan, truth(arm), linear=linear).readings
+        for options in (ONE, TWO):
+            fit = identify(quiet, readings, options=replace(options, linear=linear))
+            assert np.allclose(fit.x, truth(arm), rtol=1e-4), (options.method, linear)
 
 
 def test_with_three_angles_one_step_is_two_steps(arm: Experiment) -> None:
     """Same estimates and covariance, where readings are good enough that a parabola fits the sum of squares."""
     plan = planned(arm, (-50.0, 10.0, 80.0), 6)
-    quiet = arm.with_(noise=replace(arm.noise, sigma=1e-6))
-    readings = measured(quiet, plan, 3, 1e-6)
-    one, two = (identify(quiet, readings, method=m) for m in ("one-step", "two-step"))
+    readings = with_sigma(measured(arm, plan, 3, 1e-6), 1e-6)
+    one, two = (identify(arm, readings, options=o) for o in (ONE, TWO))
     sd = np.array([e.sd for e in one.estimates])
     assert np.all(np.abs(values(one) - values(two)) < 1e-3 * sd)
     assert np.allclose(one.covariance, two.covariance, rtol=1e-3, atol=0.0)
 
 
 def test_two_steps_weigh_errors_that_readings_share_as_one_step_does(arm: Experiment) -> None:
-    """Two measurements, at different angles of joint 2 too, against one unloaded reading; errors within a pose."""
-    plan = planned(arm, (-50.0, 10.0, 80.0), 6)
-    quiet = arm.with_(noise=replace(arm.noise, sigma=1e-6))
-    alone = measured(quiet, plan, 3, 1e-6)
-    against = tuple(f"u{m % (len(plan.pose) // 2)}" for m in alone.measurement.tolist())
-    together = replace(alone, reference=against)
-    names = quiet.fit_names()
-    two = identify(quiet, together, method="two-step")
-    one = identify(quiet, together, method="one-step")
+    """Two loads of a pose against one unloaded reading; errors within a pose."""
+    single = planned(arm, (-50.0, 10.0, 80.0), 3).poses.take(np.repeat(np.arange(9), 2))
+    wrench = np.tile([[0.0, 1500.0, -4000.0, 0, 0, 0], [0.0, -1500.0, -3000.0, 0, 0, 0]], (9, 1))
+    plan = make_plan(replace(single, wrench=wrench), ["one", "other"] * 9)
+    alone = with_sigma(measured(arm, plan, 3, 1e-6), 1e-6)
+    together = shared_unloaded(alone, np.arange(18) // 2)
+    one, two = (identify(arm, together, options=o) for o in (ONE, TWO))
     sd = np.array([e.sd for e in one.estimates])
     assert np.all(np.abs(values(one) - values(two)) < 1e-3 * sd)
     assert np.allclose(one.covariance, two.covariance, rtol=1e-3, atol=0.0)
-    ignored = identify(quiet, alone, method="two-step")
+    ignored = identify(arm, alone, options=TWO)
     assert not np.allclose(ignored.covariance, two.covariance, rtol=0.05, atol=0.0)
-    within = [identify_two_step(quiet, together, names, shared=s).covariance for s in (0.0, 2e-6)]
+    rows = make_rows(together)
+    within = [two_step(arm, rows.sharing(s), arm.fit_names(), TWO).covariance for s in (0.0, 2e-6)]
     assert np.all(np.diag(within[1]) > 1.02 * np.diag(within[0]))
+
+
+def _x(found: Found) -> Array:
+    return found.seen.values(found.solution.x)
 
 
 def errors(arm: Experiment, plan: Plan, campaigns: int) -> dict[str, Array]:
@@ -111,21 +117,20 @@ def errors(arm: Experiment, plan: Plan, campaigns: int) -> dict[str, Array]:
 
     out: dict[str, list[Array]] = {"one": [], "two": [], "plain": []}
     for seed in range(campaigns):
-        readings = measured(arm, plan, seed, 2e-6)
-        fits = {
-            "one": identify(arm, readings, method="one-step"),
-            "two": identify_two_step(arm, readings, names),
-            "plain": identify_two_step(arm, readings, names, weighted=False),
+        rows = make_rows(measured(arm, plan, seed, 2e-6))
+        found = {
+            "one": identify(arm, rows.readings, options=ONE).x,
+            **{name: _x(two_step(arm, rows, names, TWO, weighted=name == "two")) for name in ("two", "plain")},
         }
-        for name, fit in fits.items():
-            out[name].append(told(fit.x) - told(truth(arm)))
+        for name, x in found.items():
+            out[name].append(told(x) - told(truth(arm)))
     return {name: np.mean(np.square(all_), axis=0) for name, all_ in out.items()}
 
 
 def test_weights_decide_between_the_methods(arm: Experiment) -> None:
     """Six angles, some hardly seen: one step and weighted two steps alike; plain step two loses (9 % in 150 runs)."""
     plan = planned(arm, (-55.0, -3.0, 3.0, 40.0, 60.0, 85.0), 2)
-    mse = errors(arm, plan, 15)
+    mse = errors(arm, plan, 12)
     assert np.all(np.abs(mse["two"] / mse["one"] - 1.0) < 0.02)
     assert np.sum(mse["two"]) < 1.02 * np.sum(mse["one"])
     assert np.sum(mse["plain"]) > 1.05 * np.sum(mse["one"])
@@ -134,13 +139,11 @@ def test_weights_decide_between_the_methods(arm: Experiment) -> None:
 @pytest.mark.parametrize("which", ["one", "first of two"])
 def test_derivatives_against_finite_differences(arm: Experiment, which: str) -> None:
     readings = measured(arm, planned(arm, (-50.0, 10.0, 80.0), 2), 1)
-    names = arm.fit_names()
-    rows, _ = fit_rows(arm, readings, len(names))
-    if which == "one":
-        o = displacement_observations(arm.model(), readings, rows, names)
-    else:
+    seen = bridge(arm, readings, linear=True)
+    o = seen.observations()
+    if which == "first of two":
         angles, group = distinct_angles(readings.poses.q[:, 1], 1e-4)
-        o = _StepOne(arm.model(), find_balanced(arm.model()), readings, rows, names, angles, group).observations()
+        o = _StepOne(seen, find_balanced(arm.model()), angles, group[seen.rows.plus]).observations()
     J = o.jacobian(o.start)
     for i, v in enumerate(o.start):
         step = np.zeros(len(o.start))
@@ -149,45 +152,37 @@ def test_derivatives_against_finite_differences(arm: Experiment, which: str) -> 
         assert np.allclose(J[:, i], slope, rtol=1e-5, atol=1e-6 * np.abs(slope).max()), o.names[i]
 
 
-def test_one_step_is_linear_where_the_model_is(r2000ic: Experiment, real: Readings) -> None:
-    linear, one = identify(r2000ic, real), identify(r2000ic, real, method="one-step")
-    assert np.allclose(values(linear), values(one), rtol=1e-9)
-    assert np.allclose(linear.covariance, one.covariance, rtol=1e-8)
-    assert np.allclose(linear.left_out, one.left_out, rtol=1e-6, atol=1e-12)
-    assert np.allclose(linear.studentised, one.studentised, rtol=1e-6)
-    assert one.sigma == pytest.approx(linear.sigma)
-
-
-def test_a_bound_is_named_where_linear_goes_beyond(r2000ic: Experiment, real: Readings) -> None:
+def test_a_bound_is_named_where_the_plain_fit_goes_beyond(r2000ic: Experiment, real: Readings) -> None:
     wrong = read_as_relative(r2000ic, "joint_3")
-    one = identify(wrong, real, method="one-step")
-    (fifth,) = (e for e in one.estimates if "at its lower bound" in e.status)
+    one = identify(wrong, real, options=replace(ONE, bounds=True))
+    (fifth,) = (e for e in one.estimates if np.isnan(e.sd))
+    assert fifth.state in (State.AT_BOUND, State.NOT_IDENTIFIABLE)
+    assert "at its lower bound" in fifth.status
     assert fifth.name == "joint_compliance[joint_5]"
     assert fifth.value == 0.0
     assert np.isnan(fifth.sd)
     assert one.as_json()["estimates"][fifth.name]["sd"] is None
     assert one.dof == 3 * 43 - 5
     assert "joint_5" in one.notes[0]
-    assert any("below its bound" in e.status for e in identify(wrong, real).estimates)
+    beyond = {e.name for e in identify(wrong, real, options=ONE).estimates if e.state is State.BEYOND_BOUND}
+    assert beyond == {fifth.name}
 
 
 @pytest.mark.parametrize("loss", ["huber", "soft_l1"])
 def test_a_gross_reading_hardly_moves_a_robust_fit(r2000ic: Experiment, real: Readings, loss: str) -> None:
-    gross = np.array(real.displacement)
-    gross[7] += [0.01, -0.01, 0.01]
-    bad = replace(real, displacement=gross)
+    bad = spoilt(real, [7], np.array([0.01, -0.01, 0.01]))
 
-    def moved(**options: str) -> float:
-        good, off = (identify(r2000ic, r, method="one-step", **options) for r in (real, bad))  # type: ignore[arg-type]
+    def moved(options: FitOptions) -> float:
+        good, off = (identify(r2000ic, r, options=options) for r in (real, bad))
         return float(np.max(np.abs(values(off) - values(good)) / [e.sd for e in good.estimates]))
 
-    assert moved(loss=loss) < 0.2 * moved()
+    assert moved(replace(ONE, loss=loss)) < 0.2 * moved(ONE)
 
 
 def test_priors_pull_and_tell(m900ib: Experiment) -> None:
     """With loads that never reach joint 1, its prior is what is left of it."""
     readings = simulate(m900ib, planned(m900ib, (-50.0, 10.0, 80.0), 3, load=0), seed=2).readings
-    fit = identify(m900ib, readings, method="one-step", priors=True)
+    fit = identify(m900ib, readings, options=replace(EXACT, priors=True))
     first = fit.estimates[0]
     assert first.name == "joint_compliance[joint_1]"
     assert first.value == pytest.approx(first.initial, rel=1e-6)
@@ -197,38 +192,34 @@ def test_priors_pull_and_tell(m900ib: Experiment) -> None:
 
 def test_estimated_noise_with_priors_settles(m900ib: Experiment) -> None:
     readings = simulate(m900ib, planned(m900ib, (-50.0, 10.0, 80.0), 5), truth="drawn", seed=5).readings
-    unknown = m900ib.with_(noise=replace(m900ib.noise, sigma=None))
-    bare = replace(readings, sigma=np.full(len(readings.sigma), np.nan))
-    fit = identify(unknown, bare, method="one-step", priors=True)
+    fit = identify(m900ib, with_sigma(readings, None), options=replace(EXACT, priors=True))
     assert fit.sigma_source == "estimated"
     assert 0.8 < fit.sigma / 0.03e-3 < 1.2
-    stated = identify(m900ib, readings, method="one-step", priors=True)
+    stated = identify(m900ib, readings, options=replace(EXACT, priors=True))
     assert np.allclose([e.sd for e in fit.estimates], [e.sd for e in stated.estimates], rtol=0.25)
 
 
 def test_fixed_and_tied_joints(m900ib: Experiment) -> None:
     readings = simulate(m900ib, planned(m900ib, (-50.0, 10.0, 80.0), 5), seed=5).readings
     names = m900ib.fit_names()
-    fit = identify(m900ib, readings, method="one-step", fixed=[names[0]], tied=[names[3:5]])
-    assert fit.estimates[0].value == fit.estimates[0].initial
-    ratio = fit.estimates[3].initial / fit.estimates[4].initial
-    assert fit.estimates[3].value / fit.estimates[4].value == pytest.approx(ratio)
-    assert fit.dof == 3 * 45 - 4
+    fit = identify(m900ib, readings, options=replace(EXACT, fixed=(names[0],), tied=(tuple(names[3:5]),)))
     assert fit.estimates[0].status == "fixed"
+    assert fit.estimates[0].value == fit.estimates[0].initial
+    assert fit.x[fit.model.index(names[:1])] == fit.model.nominal[fit.model.index(names[:1])]
+    assert f"Fixed: {names[0]}." in fit.notes
+    x, nominal = (v[fit.model.index(names[3:5])] for v in (fit.x, fit.model.nominal))
+    assert x[0] / x[1] == pytest.approx(nominal[0] / nominal[1])
+    assert fit.dof == 3 * 45 - 4
 
 
 def test_words_where_two_steps_cannot_be_taken(arm: Experiment, r2000ic: Experiment, real: Readings) -> None:
-    with pytest.raises(InputError, match=r"this model has none\. Use method linear"):
-        identify(r2000ic, real, method="two-step")
+    with pytest.raises(InputError, match=r"this model has none\. Use method one-step"):
+        identify(r2000ic, real, options=TWO)
     readings = measured(arm, planned(arm, (-50.0, 10.0), 4), 1)
     with pytest.raises(InputError, match=r"the readings have 2 \(-50\.0, 10\.0 deg\)"):
-        identify(arm, readings, method="two-step")
+        identify(arm, readings, options=TWO)
     with pytest.raises(InputError, match=r"not in the fit: compensator_stiffness\[joint_2\]\.stiffness"):
-        identify(arm, readings, ["joint_compliance"], method="two-step")
-    with pytest.raises(InputError, match="Did you mean 'one-step'"):
-        identify(arm, readings, method="one-stop")
-    with pytest.raises(InputError, match="are for method one-step, not for two-step"):
-        identify(arm, readings, method="two-step", priors=True)
+        identify(arm, readings, ["joint_compliance"], TWO)
 
 
 def test_two_steps_say_where_the_balancer_is_not_told(arm: Experiment) -> None:
@@ -236,23 +227,21 @@ def test_two_steps_say_where_the_balancer_is_not_told(arm: Experiment) -> None:
     quiet = arm.with_(noise=replace(arm.noise, sigma=1e-6))
     x = truth(arm)
     x[arm.model().index([KC])] = -1e7
-    readings = simulate(quiet, planned(arm, (-50.0, 10.0, 80.0), 3), x).readings
-    with pytest.raises(NotConverged, match="Use one-step, which keeps the bounds"):
-        identify(quiet, readings, method="two-step")
+    readings = simulate(quiet, planned(arm, (-50.0, 10.0, 80.0), 3), x, linear=True).readings
+    with pytest.raises(NotConverged, match=r"do not tell the balancer\. Use one-step within bounds"):
+        identify(quiet, readings, options=TWO)
 
 
 def test_two_steps_end_where_an_angle_has_no_compliance(arm: Experiment) -> None:
     """All readings of one angle of joint 2 with their signs exchanged."""
     readings = measured(arm, planned(arm, (-50.0, 10.0, 80.0), 4), 2)
-    at = np.isclose(readings.poses.pendant[:, 1], np.deg2rad(10.0))[readings.measurement]
-    turned = np.where(at[:, None], -readings.displacement, readings.displacement)
+    at = np.isclose(readings.poses.pendant[:, 1], np.deg2rad(10.0))[readings.plus]
+    turned = readings.with_values(np.where(at[:, None], -readings.value, readings.value))
     with pytest.raises(NotConverged, match=r"no positive compliance of joint_compliance\[joint_2\] at .* deg"):
-        identify(arm, replace(readings, displacement=turned), method="two-step")
+        identify(arm, turned, options=TWO)
 
 
 def test_two_steps_need_springs_without_a_law_of_their_own(arm: Experiment) -> None:
-    from qsframework.plugin import build_effects
-
     effects = tuple(build_effects({"effect": "joint_hardening", "joint": "joint_3"}, arm.robot.facts))
     parameters = tuple(p for e in effects for p in e.parameters(arm.robot.facts))
     hard = arm.with_(effects=(*arm.effects, *effects), parameters=(*arm.parameters, *parameters))

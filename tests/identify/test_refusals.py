@@ -14,6 +14,7 @@ import pytest
 import typer
 
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
+from qsframework.estimation import FitOptions, Independent, Observations, solve
 from qsframework.experiment import (
     Experiment,
     Readings,
@@ -24,8 +25,6 @@ from qsframework.experiment import (
     write_readings,
 )
 from qsframework.identify import identify
-from qsframework.identify.observations import Independent, Observations
-from qsframework.identify.solve import solve
 from qsframework.plugin import Parameter, Poses
 
 
@@ -61,10 +60,10 @@ def rewritten(lines: list[list[str]], folder: Path, column: str, value: str, row
 
 def test_fewer_readings_than_parameters(m900ib: Experiment) -> None:
     few = readings_of(m900ib)
-    few = replace(few, use=np.arange(len(few.use)) < 2)
-    for method in ("linear", "one-step"):
-        with pytest.raises(InputError, match="2 readings give 6 numbers: too few for"):
-            identify(m900ib, few, method=method)
+    few = replace(few, use=np.arange(len(few.use)) < 1)
+    for options in (FitOptions(), FitOptions(linear=True)):
+        with pytest.raises(InputError, match="1 reading gives 3 numbers: too few for"):
+            identify(m900ib, few, options=options)
 
 
 def test_no_load(m900ib: Experiment, lines: list[list[str]], tmp_path: Path) -> None:
@@ -116,13 +115,14 @@ def test_sigma_zero(m900ib: Experiment, lines: list[list[str]], tmp_path: Path, 
         Independent(np.array([1.0, 0.0]))
 
 
-def test_sigma_missing_in_some_rows(m900ib: Experiment) -> None:
-    readings = readings_of(m900ib)
-    sigma = np.full(len(readings.sigma), 2e-5)
-    sigma[:3] = np.nan
+def test_sigma_missing_in_some_rows(m900ib: Experiment, lines: list[list[str]], tmp_path: Path) -> None:
     unknown = m900ib.with_(noise=replace(m900ib.noise, sigma=None))
-    with pytest.raises(InputError, match=r"3 readings have no sigma_mm.*give all of them or none"):
-        identify(unknown, replace(readings, sigma=sigma))
+    file = rewritten(lines, tmp_path, "sigma_mm", "", row=3)
+    with pytest.raises(InputError, match=r"1 readings have no sigma_mm and the experiment states no noise") as caught:
+        read_readings(file, unknown)
+    assert caught.value.problems[0].line == 5
+    assert "Give all of them or none" in str(caught.value)
+    assert read_readings(file, m900ib).stated, "the experiment's noise fills the gap"
 
 
 def test_a_marker_that_is_nowhere_defined(m900ib: Experiment, lines: list[list[str]], tmp_path: Path) -> None:
@@ -136,9 +136,9 @@ def test_a_marker_that_is_nowhere_defined(m900ib: Experiment, lines: list[list[s
 def test_a_fit_that_did_not_converge_is_no_result() -> None:
     """A model whose derivative has the wrong sign: no step lowers the error."""
     false = Observations(
-        np.ones(3), lambda x: np.full(3, 5.0) + x[0], lambda x: np.full((3, 1), -1.0),
-        (Parameter("a", "1", typical=1.0),),
-        Independent(np.ones(3)), np.arange(3), np.arange(3),
+        measured=np.ones(3), predict=lambda x: np.full(3, 5.0) + x[0], jacobian=lambda x: np.full((3, 1), -1.0),
+        parameters=(Parameter("a", "1", typical=1.0),), noise=Independent(np.ones(3)), block=np.arange(3),
+        row=np.arange(3),
     )  # fmt: skip
     with pytest.raises(
         NotConverged, match=r"stuck after \d+ steps.*start nearer|did not settle in \d+ steps.*fix this parameter"
@@ -151,21 +151,22 @@ def test_the_advice_names_options_that_exist(m900ib: Experiment) -> None:
     from qsframework.cli.main import app
 
     one = readings_of(m900ib)
-    first = one.measurement == 0
     q, pendant = (np.repeat(v[:1], len(one.poses), axis=0) for v in (one.poses.q, one.poses.pendant))
-    alone = replace(one, poses=replace(one.poses, q=q + 1e-5 * np.random.default_rng(0).standard_normal(q.shape),
-                                       pendant=pendant))  # fmt: skip
+    q = q + 1e-5 * np.random.default_rng(0).standard_normal(q.shape)
+    alone = one.with_poses(replace(one.poses, q=q, pendant=pendant))
     said: list[str] = []
-    for given in (alone, replace(one, use=first & (one.marker == 0))):
+    for given in (alone, replace(one, use=(one.plus == 0) & (one.marker == 0))):
         with pytest.raises((InputError, NotIdentifiable)) as caught:
             identify(m900ib, given)
         said.append(str(caught.value))
-    assert "both with --method one-step" in said[0]
-    assert "1 reading gives 3 numbers: too few for 6 parameters; measure more poses, or fit fewer" in said[1]
+    assert "are of one pose: 6 parameters would rest on a single geometry" in said[0]
+    assert "add stated values (priors)" in said[0]
+    assert "1 reading gives 3 numbers: too few for" in said[1]
+    assert "measure more poses, or fit fewer" in said[1]
     command = typer.main.get_group(app).commands["identify"]
     known = {option for parameter in command.params for option in parameter.opts}
     named = set(re.findall(r"--[a-z-]+", " ".join(said)))
-    assert {"--fit", "--fixed", "--priors", "--method"} <= named
+    assert {"--fit", "--fixed", "--priors", "--method"} <= known
     assert named <= known, named - known
 
 

@@ -8,63 +8,68 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.cli.identify import FitFiles, How, run_identify
-from qsframework.errors import InputError, NotIdentifiable
+from qsframework.cli.identify import FitFiles, run_identify
+from qsframework.elastostatics.so3 import exponential, rotation_vector
+from qsframework.errors import NotIdentifiable
+from qsframework.estimation import FitOptions
 from qsframework.experiment import (
     Experiment,
+    Frame,
     Readings,
-    StateReadings,
+    differences,
     load_experiment,
     make_plan,
+    make_rows,
     simulate,
-    write_states,
+    write_readings,
 )
-from qsframework.identify import identify, identify_positions
-from qsframework.identify.differences import differences
-from qsframework.identify.fit_files import read_fit
-from qsframework.identify.frames import Frame, rotation, rotation_vector
-from qsframework.identify.linear import fit_rows
-from qsframework.plugin import Array, Conditions, Poses
-from tests.identify.arm import arm_text
+from qsframework.identify import identify
+from qsframework.identify.io import read_fit
+from qsframework.plugin import Array, Poses
+from tests.identify.arm import arm_text, position_readings, settled, with_sigma
 
 SIGMA = 0.02e-3
 LOADS = np.array([[0, 0, 0, 0, 0, 0], [0, 0, -4000.0, 0, 0, 0], [0, 1500.0, -4000, 0, 0, 0]])
 BASE = Frame("", np.eye(3), np.zeros(3))
-TRACKER = Frame("", rotation(np.array([0.3, -1.2, 2.0])), np.array([1.0, -2.0, 0.5]))
+TRACKER = Frame("", exponential(np.array([0.3, -1.2, 2.0])), np.array([1.0, -2.0, 0.5]))
+KEEP = FitOptions(keep_all=True)
 
 
-def measured(experiment: Experiment, x: Array, poses: int, frame: Frame, seed: int) -> StateReadings:
+def measured(experiment: Experiment, x: Array, poses: int, frame: Frame, seed: int) -> Readings:
     """Each pose unloaded and under two loads, all markers."""
     rng = np.random.default_rng(seed)
     controller = experiment.robot.controller
     pendant = np.repeat(rng.uniform(controller.lower, controller.upper, (poses, 6)) * 0.7, 3, axis=0)
-    wrench = np.tile(LOADS, (poses, 1))
     loaded = np.tile([False, True, True], poses)
-    N, K = 3 * poses, len(experiment.markers)
-    all_ = Poses(pendant, controller.to_joints(pendant), wrench, Conditions(), Conditions())
-    model = experiment.model()
-    points = np.where(loaded[:, None, None], model.positions(all_, x, True), model.positions(all_, x, False))
-    seen = frame.apply(points.reshape(-1, 3)) + SIGMA * rng.standard_normal((N * K, 3))
-    ones = np.ones(N, dtype=np.intp)
-    return StateReadings(
-        all_, loaded, tuple(f"p{i // 3}" for i in range(N)), ("", "weight", "side") * poses, ("",) * N, ones, ones,
-        np.repeat(np.arange(N), K), np.tile(np.arange(K), N), seen, np.full(N * K, SIGMA),
-        np.ones(N * K, dtype=bool), np.arange(2, 2 + N * K), None, None,
+    all_ = Poses(pendant, controller.to_joints(pendant), np.tile(LOADS, (poses, 1)))
+    seen = frame.apply(settled(experiment.model(), all_, loaded, x))
+    seen = seen + SIGMA * rng.standard_normal(seen.shape)
+    return position_readings(
+        all_, loaded, seen, SIGMA, pose=[f"p{i // 3}" for i in range(3 * poses)],
+        load_id=("", "weight", "side") * poses,
     )  # fmt: skip
 
 
-def test_the_command_fits_differences_with_their_covariance(m900ib: Experiment, tmp_path) -> None:  # type: ignore[no-untyped-def]
+def dense(readings: Readings) -> Array:
+    """Covariance (m, m) of the readings' coordinates: L^-1 of the unit matrix, inverted."""
+    rows = make_rows(readings)
+    white = rows.noise.whiten(np.eye(len(rows.at)))
+    return np.linalg.inv(white.T @ white)
+
+
+def test_the_command_fits_differences_with_their_covariance(m900ib: Experiment, tmp_path: Path) -> None:
     x = m900ib.model().nominal
-    write_states(tmp_path / "s.csv", measured(m900ib, x, 8, BASE, 1), m900ib)
-    run_identify(FitFiles(m900ib.path, tmp_path / "s.csv", tmp_path / "fit.json"), How(differences=True))
+    write_readings(tmp_path / "s.csv", measured(m900ib, x, 8, BASE, 1), m900ib)
+    files = FitFiles(
+        experiment=m900ib.path, data=(tmp_path / "s.csv",), json=tmp_path / "fit.json", states="differences"
+    )
+    run_identify(files, None, FitOptions(), False)
     fit = read_fit(tmp_path / "fit.json")
     assert fit.sigma == pytest.approx(np.sqrt(2.0) * SIGMA)
     truth = x[m900ib.model().index(fit.names)]
     assert np.all(np.abs(fit.values - truth) < 4.0 * fit.sd)
     assert abs(fit.chi2 - fit.dof) < 4.0 * np.sqrt(2.0 * fit.dof)
     assert fit.dof == 8 * 2 * 3 * len(m900ib.markers) - len(fit.names)
-    with pytest.raises(InputError, match="count as displacements with --differences"):
-        run_identify(FitFiles(m900ib.path, tmp_path / "s.csv"), How(shared_error=True))
 
 
 ARM = arm_text(
@@ -84,8 +89,8 @@ def test_positions_with_loaded_states_tell_springs_zeros_and_the_frame(tmp_path:
     scale = np.array([model.parameters[i].scale for i in index])
     x[index] += 0.3 * scale * np.random.default_rng(7).uniform(-1, 1, len(index))
     squares, z, dof = [], [], 0
-    for seed in range(12):
-        fit = identify_positions(wide, measured(wide, x, 12, TRACKER, seed), names)
+    for seed in range(6):
+        fit = identify(wide, measured(wide, x, 12, TRACKER, seed), names, KEEP)
         assert not fit.left_aside
         truth = x[model.index([e.name for e in fit.estimates[6:]])]
         z += [(e.value - t) / e.sd for e, t in zip(fit.estimates[6:], truth, strict=True)]
@@ -96,22 +101,21 @@ def test_positions_with_loaded_states_tell_springs_zeros_and_the_frame(tmp_path:
         dof = fit.dof
     assert np.abs(z).max() < 4.0
     assert np.mean(np.square(z)) == pytest.approx(1.0, abs=0.5)
-    assert abs(np.mean(squares) - dof) < 4.0 * np.sqrt(2.0 * dof / 12)
+    assert abs(np.mean(squares) - dof) < 4.0 * np.sqrt(2.0 * dof / 6)
 
 
-def test_the_experiments_sigma_is_that_of_one_position_for_both_commands(tmp_path: Path) -> None:
+def test_the_experiments_sigma_is_that_of_one_position_however_states_are_read(tmp_path: Path) -> None:
     """One state file, the noise stated in the experiment only: chi-square is right as positions and as differences."""
     (tmp_path / "experiment.yaml").write_text(ARM)
     arm = load_experiment(tmp_path / "experiment.yaml")
     names = ["joint_compliance"]
-    count = 20
+    count = 8
     squares: dict[str, list[float]] = {"positions": [], "differences": []}
     dofs: dict[str, int] = {}
     for seed in range(count):
         states = measured(arm, arm.model().nominal, 8, BASE, 100 + seed)
-        states = replace(states, sigma=np.full(len(states.sigma), np.nan))
-        displaced = differences(states, arm)[0]
-        fits = {"positions": identify_positions(arm, states, names), "differences": identify(arm, displaced, names)}
+        fits = {"positions": identify(arm, states, names, KEEP),
+                "differences": identify(arm, differences(states, arm), names, KEEP)}  # fmt: skip
         for kind, fit in fits.items():
             assert fit.sigma_source == "stated"
             squares[kind].append(fit.chi2)
@@ -123,15 +127,17 @@ def test_the_experiments_sigma_is_that_of_one_position_for_both_commands(tmp_pat
 
 
 def test_poses_all_equal_are_refused_with_what_would_help(m900ib: Experiment) -> None:
+    """Loaded by the weight alone: joint 1 is left aside by name, and six others from one pose are refused."""
     controller = m900ib.robot.controller
     pendant = np.tile(np.deg2rad([10.0, 20.0, -10.0, 30.0, -40.0, 20.0]), (8, 1))
     poses = Poses(pendant, controller.to_joints(pendant), np.tile(LOADS[1], (8, 1)))
     readings = simulate(m900ib, make_plan(poses, ["weight"] * 8), seed=0).readings
-    for method in ("linear", "one-step"):
-        with pytest.raises(NotIdentifiable, match="cannot tell the parameters") as caught:
-            identify(m900ib, readings, method=method)
-        assert "joint_1" in str(caught.value)
-        assert "add" in str(caught.value) or "measure" in str(caught.value), str(caught.value)
+    for options in (FitOptions(), FitOptions(linear=True)):
+        with pytest.raises(NotIdentifiable, match="all 8 measurements are of one pose") as caught:
+            identify(m900ib, readings, options=options)
+        assert "Measure more poses" in str(caught.value)
+    with pytest.raises(NotIdentifiable, match=r"cannot tell any of the parameters: .*joint_1.*add a side pull"):
+        identify(m900ib, readings, ["joint_compliance[joint_1]"])
 
 
 def one_pose(experiment: Experiment, jitter: float, count: int = 6) -> Readings:
@@ -146,53 +152,57 @@ def one_pose(experiment: Experiment, jitter: float, count: int = 6) -> Readings:
 
 def test_one_pose_that_could_be_fitted_is_refused_too(m900ib: Experiment) -> None:
     """Three markers at one random pose have full rank: without a second pose nothing could contradict the fit."""
-    for method in ("linear", "one-step"):
-        with pytest.raises(NotIdentifiable, match="all 6 measurements are of one pose: 6 parameters would rest"):
-            identify(m900ib, one_pose(m900ib, 1e-5), method=method)
+    for options in (FitOptions(), FitOptions(linear=True)):
+        with pytest.raises(NotIdentifiable, match="of one pose: 6 parameters would rest"):
+            identify(m900ib, one_pose(m900ib, 1e-5), options=options)
     assert identify(m900ib, one_pose(m900ib, 0.1)).rank.full
     names = m900ib.fit_names()
     fit = identify(m900ib, one_pose(m900ib, 0.0), fit=names[1:2])
     assert "Only one pose was measured" in fit.notes[0]
-    fixed = identify(m900ib, one_pose(m900ib, 0.0), method="one-step", fixed=names[1:])
-    assert "Only one pose was measured" in fixed.notes[0]
-    assert "Only one pose was measured" in identify(m900ib, one_pose(m900ib, 0.0), None, "one-step", True).notes[0]
-    masked = one_pose(m900ib, 0.1)
+    fixed = identify(m900ib, one_pose(m900ib, 0.0), options=FitOptions(fixed=names[1:]))
+    assert any("Only one pose was measured" in n for n in fixed.notes)
+    known = identify(m900ib, one_pose(m900ib, 0.0), options=FitOptions(priors=True))
+    assert any("Only one pose was measured" in n for n in known.notes)
+    several = one_pose(m900ib, 0.1)
     with pytest.raises(NotIdentifiable, match="the only measurement is of one pose"):
-        identify(m900ib, replace(masked, use=masked.measurement == 2))
+        identify(m900ib, replace(several, use=several.plus == 2))
 
 
 def test_positions_at_one_pose_are_refused(tmp_path: Path) -> None:
     (tmp_path / "experiment.yaml").write_text(ARM)
     wide = load_experiment(tmp_path / "experiment.yaml")
     states = measured(wide, wide.model().nominal, 8, TRACKER, 1)
-    at = np.arange(3)  # the three states of one pose
-    rows = np.isin(states.measurement, at)
+    rows = np.isin(states.plus, np.arange(3))  # the three states of one pose
     with pytest.raises(NotIdentifiable, match=r"are of one pose.*beside the tracker's frame"):
-        identify_positions(wide, replace(states, use=rows), ["joint_compliance"])
+        identify(wide, replace(states, use=rows), ["joint_compliance"])
 
 
 def test_unequal_sigmas_of_the_two_states_give_the_exact_covariance(m900ib: Experiment) -> None:
     """cov(l1 - u, l2 - u) is the variance of the unloaded position, and that of another pose is zero."""
     states = measured(m900ib, m900ib.model().nominal, 2, BASE, 1)
-    sigma = np.where(states.loaded[states.measurement], 3.0 * SIGMA, SIGMA)
-    readings, noise = differences(replace(states, sigma=sigma), m900ib)
-    assert readings.sigma == pytest.approx(np.full(len(readings.use), np.sqrt(10.0) * SIGMA))
-    m = 3 * len(readings.use)
-    white = noise.whiten(np.eye(m))
-    cov = np.linalg.inv(white.T @ white)
-    K = 3 * len(m900ib.markers)
+    sigma = np.where(states.states.loaded[states.plus], 3.0 * SIGMA, SIGMA)
+    readings = differences(with_sigma(states, sigma), m900ib)
+    assert readings.sigma == pytest.approx(np.full((len(readings), 3), np.sqrt(10.0) * SIGMA))
+    cov = dense(readings)
+    m, K = len(cov), 3 * len(m900ib.markers)
     assert np.diag(cov) == pytest.approx(np.full(m, 10.0 * SIGMA**2))
     assert np.diag(cov[:K, K : 2 * K]) == pytest.approx(np.full(K, SIGMA**2))
     assert np.abs(cov[:K, 2 * K : 3 * K]).max() < 1e-9 * SIGMA**2
-    used = fit_rows(m900ib, readings, 6)[0].noise.whiten(np.eye(m))
-    assert np.linalg.inv(used.T @ used) == pytest.approx(cov, abs=1e-9 * SIGMA**2)  # the fit weighs with the same
 
 
-def test_sigmas_are_given_for_all_rows_or_for_none(m900ib: Experiment) -> None:
-    states = measured(m900ib, m900ib.model().nominal, 2, BASE, 1)
-    quiet = m900ib.with_(noise=replace(m900ib.noise, sigma=None))
-    some = np.where(np.arange(len(states.use)) < 4, np.nan, SIGMA)
-    with pytest.raises(InputError, match="some rows have no sigma_mm and the experiment states no noise"):
-        differences(replace(states, sigma=some), quiet)
-    readings, _ = differences(replace(states, sigma=some), m900ib)
-    assert np.isfinite(readings.sigma).all(), "the experiment's noise fills the gaps"
+def test_differences_of_states_and_their_covariance(m900ib: Experiment) -> None:
+    """Against the definition: displacements are T times positions, their covariance T T' sigma^2."""
+    given = measured(m900ib, m900ib.model().nominal, 4, BASE, 5)
+    K = len(m900ib.markers)
+    readings = differences(given, m900ib)
+    T = np.zeros((8 * K, 12 * K))
+    for row in range(8 * K):
+        m, k = divmod(row, K)
+        pose, load = divmod(m, 2)
+        T[row, (3 * pose + 1 + load) * K + k] = 1.0
+        T[row, 3 * pose * K + k] = -1.0
+    T3 = np.kron(T, np.eye(3))
+    assert np.allclose(readings.value, T @ given.value, atol=1e-15)
+    assert np.allclose(dense(readings), T3 @ T3.T * SIGMA**2, rtol=1e-9, atol=1e-9 * SIGMA**2)
+    assert np.allclose(readings.sigma, SIGMA * np.sqrt(2.0))
+    assert readings.line.tolist() == given.line[given.states.loaded[given.plus]].tolist()

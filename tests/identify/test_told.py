@@ -8,63 +8,81 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.experiment import load_experiment, read_states
-from qsframework.identify import PositionFit, identify_positions
-from qsframework.identify.choice import LeftAside, choose
-from qsframework.identify.linear import status_in_positions
+from qsframework.estimation import FitOptions
+from qsframework.experiment import load_experiment, read_readings
+from qsframework.identify import Fit, LeftAside, State, identify
+from qsframework.identify.selection import choose
+from qsframework.identify.status import estimate_of
 from qsframework.plugin import Parameter
 from qsframework.report import fit_table
-from qsframework.report.position_section import left_aside_table
+from qsframework.report.fit_section import left_aside_table
 
 UR10 = Path(__file__).parents[2] / "examples" / "ur10"
-SPRING = Parameter("joint_compliance[joint_2]", "rad/(N m)", 1e-7, lower=0.0)
+SPRING = Parameter("joint_compliance[joint_2]", "rad/(N m)", nominal=1e-7, lower=0.0)
 PLACE = Parameter("joint_placement[joint_2].x", "m", typical=5e-4)
 
 
 @pytest.fixture(scope="module")
-def series_d() -> PositionFit:
+def series_d() -> Fit:
     experiment = load_experiment(UR10 / "experiment.yaml")
-    return identify_positions(experiment, read_states(UR10 / "series_d.csv", experiment))
+    readings = read_readings(UR10 / "series_d.csv", experiment, "positions")
+    return identify(experiment, readings, options=FitOptions(linear=True))
+
+
+KNOWN = Parameter("joint_compliance[joint_2]", "rad/(N m)", nominal=1e-7, sd=1e-8, lower=0.0)
 
 
 @pytest.mark.parametrize(
-    ("parameter", "value", "sd", "said"),
+    ("parameter", "value", "sd", "state", "words"),
     [
-        (PLACE, 1e-5, 4e-4, ""),  # told to be small
-        (PLACE, 8e-4, 7e-4, ""),  # seen
-        (
-            PLACE,
-            1e-4,
-            6e-4,
-            "not identifiable from these readings: its sd is above its value and 1.2 times its typical",
-        ),
-        (SPRING, 1.1e-7, 1e-9, ""),
-        (SPRING, 3e-8, 1.4e-7, "not identifiable from these readings: its sd is 140 % of its nominal value"),
-        (SPRING, 3e-8, 5e-8, "sd above the value: these readings hardly tell it from zero"),
-        (SPRING, -5e-8, 1e-8, "below its bound 0: the model or a convention is wrong"),
-        (SPRING, -5e-9, 1e-8, "below its bound 0, by less than its sd"),
+        (PLACE, 1e-5, 4e-4, State.UPPER_LIMIT, "not told from zero: at most "),  # told to be small
+        (PLACE, 8e-4, 7e-4, State.NOT_IDENTIFIABLE, "not identifiable from these readings"),  # one sd from zero
+        (PLACE, 8e-3, 7e-4, State.FINE, ""),  # clear of zero: told, however large its sd is for such a parameter
+        (PLACE, 1e-4, 6e-4, State.NOT_IDENTIFIABLE, "not identifiable from these readings: its sd is above its value"),
+        (SPRING, 1.1e-7, 1e-9, State.FINE, ""),
+        (SPRING, 3e-8, 1.4e-7, State.NOT_IDENTIFIABLE,
+         "not identifiable from these readings: its sd is 140 % of its nominal value"),
+        (SPRING, 3e-8, 5e-8, State.UPPER_LIMIT, "not told from zero: at most "),
+        (SPRING, -5e-8, 1e-8, State.BEYOND_BOUND, "below its bound 0: the model or a convention is wrong"),
+        (SPRING, -5e-9, 1e-8, State.BEYOND_BOUND, "below its bound 0, by less than its sd: not told from zero"),
+        (SPRING, 2e-7, 0.0, State.FIXED, "fixed"),
+        (KNOWN, 2e-7, 1e-9, State.OUTSIDE_PRIOR, "10 prior sds from its initial value"),
+        (SPRING, 0.0, np.nan, State.AT_BOUND, "at its lower bound 0: it errs to one side only"),
     ],
-)
-def test_the_status_of_an_estimate(parameter: Parameter, value: float, sd: float, said: str) -> None:
-    found = status_in_positions(parameter, value, sd)
-    assert found.startswith(said)
-    assert bool(found) == bool(said)
+)  # fmt: skip
+def test_the_state_of_an_estimate(parameter: Parameter, value: float, sd: float, state: State, words: str) -> None:
+    found = estimate_of(parameter, value, sd, 1e-8 if np.isnan(sd) else sd)
+    assert found.state is state
+    assert found.status.startswith(words)
+    assert bool(found.status) == bool(words)
+    if state is State.UPPER_LIMIT:
+        assert found.limit == pytest.approx(abs(value) + 1.96 * sd)
 
 
-def test_the_target_that_series_d_cannot_tell(series_d: PositionFit) -> None:
-    status = {e.name: e.status for e in series_d.estimates}
+def test_a_bound_behind_which_nothing_is_told() -> None:
+    """At its bound, and without the bound its sd is larger than anything that it may be."""
+    found = estimate_of(SPRING, 0.0, np.nan, 5e-7)
+    assert found.state is State.NOT_IDENTIFIABLE
+    assert "at its lower bound 0, and without it its sd is 500 % of its nominal value" in found.status
+    assert "its sd is without limit" in estimate_of(SPRING, 0.0, np.nan, np.inf).status
+
+
+def test_the_target_that_series_d_cannot_tell(series_d: Fit) -> None:
+    state = {e.name: e.state for e in series_d.estimates}
     sd = {e.name: e.sd for e in series_d.estimates}
     assert sd["tool_offset[tmac].z"] > 0.01
-    assert status["tool_offset[tmac].z"].startswith("not identifiable from these readings")
-    assert status["tool_offset[tmac].y"] == status["frame[D].x"] == status["joint_placement[joint_2].x"] == ""
+    assert state["tool_offset[tmac].z"] is State.NOT_IDENTIFIABLE
+    assert state["frame[D].x"] is State.FINE
     for e in series_d.estimates:
-        scale = series_d.model.parameters[series_d.model.index([e.name])[0]].scale if e.name[:5] != "frame" else 0.0
-        assert bool(e.status) == (0.0 < scale < e.sd > abs(e.value)), e.name
+        size = np.inf if e.name.startswith("frame") else e.size
+        lost = e.sd > size and abs(e.value) < 3.0 * e.sd
+        assert (e.state is State.NOT_IDENTIFIABLE) == lost, e.name
+        assert (e.state is State.UPPER_LIMIT) == (not lost and e.sd > abs(e.value)), e.name
     rows = {row[0]: row[-1] for row in fit_table(series_d).rows}
-    assert rows["joint_placement[joint_2].x"] == "ok"
+    assert rows["frame[D].x"] == "ok"
 
 
-def test_a_column_of_rounding_is_not_told_at_all(series_d: PositionFit) -> None:
+def test_a_column_of_rounding_is_not_told_at_all(series_d: Fit) -> None:
     """Rounding leaves 1e-18 of an effect that is not there: no sd, and nothing that absorbs it."""
     rng = np.random.default_rng(0)
     rows = rng.standard_normal((30, 3))

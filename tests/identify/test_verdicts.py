@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 
 from qsframework.design import design
+from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Plan, simulate
-from qsframework.identify import identify
+from qsframework.identify import State, identify
 from qsframework.information import predicted_sd
+from qsframework.report.words.fit import verdict_words
+from tests.identify.arm import spoilt, with_sigma
+
+KEEP = FitOptions(keep_all=True)
 
 
 @pytest.fixture(scope="module")
@@ -22,27 +27,48 @@ def test_a_good_fit_agrees_with_the_noise(m900ib: Experiment, plan: Plan) -> Non
     fit = identify(m900ib, simulate(m900ib, plan, seed=1).readings)
     assert fit.p_value is not None
     assert fit.p_value > 1e-3
-    assert fit.verdict().startswith("The residuals agree with the stated noise")
+    assert verdict_words(fit).startswith("The residuals agree with the stated noise")
     assert fit.carriers == ()
 
 
 def test_one_gross_reading_is_told_and_named(m900ib: Experiment, plan: Plan) -> None:
     readings = simulate(m900ib, plan, seed=1).readings
-    displacement = np.array(readings.displacement)
-    displacement[7, 1] += 3e-3
-    fit = identify(m900ib, replace(readings, displacement=displacement))
-    assert "times the stated noise" in fit.verdict()
-    assert f"rows {readings.rows[7]} (pose {readings.pose[readings.measurement[7]]})" in fit.verdict()
+    wrong = spoilt(readings, [7], np.array([0.0, 3e-3, 0.0]))
+    fit = identify(m900ib, wrong, options=KEEP)
+    assert "times the stated noise" in verdict_words(fit)
+    assert f"rows {readings.line[7]} (pose {readings.pose[7]})" in verdict_words(fit)
     assert fit.as_json()["p_value"] < 1e-6
+
+
+def test_one_gross_reading_is_masked_and_counts_as_unseen(m900ib: Experiment, plan: Plan) -> None:
+    """The fit without it agrees with the noise; the error at unseen readings counts it, and says what it is without."""
+    readings = simulate(m900ib, plan, seed=1).readings
+    wrong = spoilt(readings, [7], np.array([0.0, 3e-3, 0.0]))
+    fit = identify(m900ib, wrong)
+    assert fit.masked == (int(readings.line[7]),)
+    assert verdict_words(fit).startswith("The residuals agree")
+    assert fit.rms_left_out_kept < 0.1e-3
+    count = 3 * len(readings)
+    both = np.sqrt((fit.rms_left_out_kept**2 * (count - 3) + np.square(fit.missed).sum()) / count)
+    assert fit.missed.shape == (1, 3)
+    assert fit.rms_left_out == pytest.approx(both, rel=1e-6)
+    stored = fit.as_json()
+    assert stored["masked_rows"] == [int(readings.line[7])]
+    assert stored["rms_mm"]["leave_one_out"] > stored["rms_mm"]["leave_one_out_without_masked"]
+    kept = np.arange(len(readings)) != 7
+    again = identify(m900ib, replace(wrong, use=kept), options=KEEP)
+    assert np.allclose(fit.x, again.x, rtol=1e-9)
 
 
 def test_swapped_markers_and_a_wrong_load_unit_are_told(m900ib: Experiment, plan: Plan) -> None:
     readings = simulate(m900ib, plan, seed=1).readings
     swapped = np.where(readings.marker == 0, 1, np.where(readings.marker == 1, 0, readings.marker))
-    assert "the model or a reading is wrong" in identify(m900ib, replace(readings, marker=swapped)).verdict()
-    kilograms = replace(readings, poses=replace(readings.poses, wrench=readings.poses.wrench / 9.81))
-    statuses = [e.status for e in identify(m900ib, kilograms).estimates]
-    assert any("prior sds from its initial value" in s for s in statuses)
+    assert "the model or a reading is wrong" in verdict_words(
+        identify(m900ib, replace(readings, marker=swapped), options=KEEP)
+    )
+    kilograms = readings.with_poses(replace(readings.poses, wrench=readings.poses.wrench / 9.81))
+    states = [e.state for e in identify(m900ib, kilograms, options=KEEP).estimates]
+    assert State.OUTSIDE_PRIOR in states
 
 
 def test_a_pose_that_alone_carries_a_parameter_is_named(m900ib: Experiment) -> None:
@@ -55,9 +81,8 @@ def test_a_pose_that_alone_carries_a_parameter_is_named(m900ib: Experiment) -> N
 
 
 def test_noise_that_is_to_be_estimated_is_estimated(m900ib: Experiment, plan: Plan) -> None:
-    """Even where the readings' file states a sigma: it then only weighs the rows."""
-    unknown = m900ib.with_(noise=replace(m900ib.noise, sigma=None))
-    fit = identify(unknown, simulate(m900ib, plan, seed=3).readings)
+    """A sigma that is known only up to a factor weighs the rows, and nothing more."""
+    fit = identify(m900ib, replace(simulate(m900ib, plan, seed=3).readings, stated=False))
     assert fit.sigma_source == "estimated"
     assert 0.8 < fit.sigma / 0.03e-3 < 1.2
 
@@ -92,9 +117,9 @@ def test_residuals_far_below_the_noise_are_said(m900ib: Experiment, plan: Plan) 
     """A third of the stated noise, and readings in metres under a column of millimetres."""
     quiet = m900ib.with_(noise=replace(m900ib.noise, sigma=1e-5))
     readings = simulate(quiet, plan, seed=1).readings
-    loud = replace(readings, sigma=3.0 * readings.sigma)
-    assert "The residuals are only 0.29 of the stated noise" in identify(m900ib, loud).verdict()
+    loud = with_sigma(readings, 3e-5)
+    assert "The residuals are only 0.29 of the stated noise" in verdict_words(identify(m900ib, loud))
     metres = simulate(m900ib, plan, seed=1).readings
-    small = identify(m900ib, replace(metres, displacement=metres.displacement * 1e-3))
-    assert "in a larger unit than their columns say" in small.verdict()
-    assert "The residuals agree" in identify(m900ib, metres).verdict()
+    small = identify(m900ib, metres.with_values(metres.value * 1e-3))
+    assert "in a larger unit than their columns say" in verdict_words(small)
+    assert "The residuals agree" in verdict_words(identify(m900ib, metres))

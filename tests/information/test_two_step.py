@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from qsf_plugins.spring_triangle import SpringTriangle
+from qsf_plugins.spring_triangle import SpringTriangle, spring
 from qsframework.information.two_step import (
     balancer_length,
     distinct_angles,
@@ -36,7 +36,8 @@ def test_rows_are_the_slope_of_the_balancers_moment(lc: float, l2: float) -> Non
     numeric = K2 + (energy(b + h) - 2.0 * energy(b) + energy(b - h)) / h**2
     assert np.allclose(stiffness_rows(b, lc, l2) @ UNKNOWNS, numeric, rtol=0, atol=2e-6 * np.abs(numeric).max())
     triangle = SpringTriangle(lc, l2)
-    assert np.allclose(stiffness_rows(b, lc, l2) @ UNKNOWNS, K2 + KC * lc * l2 * triangle.eta(b, S0), rtol=1e-12)
+    slope = -triangle.torque(b, spring(KC, S0)).dq[:, 0, 0]
+    assert np.allclose(stiffness_rows(b, lc, l2) @ UNKNOWNS, K2 + slope, rtol=1e-12)
     assert np.allclose(balancer_length(b, lc, l2), triangle.length(b), rtol=1e-14)
 
 

@@ -58,6 +58,17 @@ SETTINGS = {
     "bar_compliance": {"driven": "joint_3"},
     "gravity_compensator": {"joint": "joint_2", "lc_m": 0.235, "l2_m": 1.12, "zero_deg": 20},
     "compensator_stiffness": {"joint": "joint_2", "lc_mm": 235, "l2_m": 1.12},
+    "gas_balancer": {
+        "joint": "joint_2",
+        "lc_mm": 235,
+        "l2_m": 1.12,
+        "length_mm": 885,
+        "pressure_bar": 90,
+        "volume_l": 12,
+        "piston_area_cm^2": 60,
+        "rod_area_cm^2": 12,
+        "exponent": 1.2,
+    },
 }
 
 

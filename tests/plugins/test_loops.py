@@ -22,10 +22,10 @@ from qsframework.robot import load_robot
 ROBOT = sample_robot()
 LINK = 1.1
 PARALLELOGRAM = Parallelogram("joint_3", "joint_2", 0.75)
-EQUAL = FourBar("joint_3", "joint_2", 0.75, LINK, 0.75)
-BENT = FourBar("joint_3", "joint_2", 0.75, 1.2, 0.65, lever_zero=1.5, rocker_zero=1.2)
-CROSSED = FourBar("joint_3", "joint_2", 0.75, 1.2, 0.6, branch=-1.0)
-BELOW = FourBar("joint_3", "joint_2", 0.75, 1.05, 0.8, lever_zero=-1.5, rocker_zero=-1.6, branch=-1.0)
+EQUAL = FourBar("joint_3", "joint_2", lever=0.75, bar=LINK, rocker=0.75)
+BENT = FourBar("joint_3", "joint_2", lever=0.75, bar=1.2, rocker=0.65, lever_zero=1.5, rocker_zero=1.2)
+CROSSED = FourBar("joint_3", "joint_2", lever=0.75, bar=1.2, rocker=0.6, branch=-1.0)
+BELOW = FourBar("joint_3", "joint_2", lever=0.75, bar=1.05, rocker=0.8, lever_zero=-1.5, rocker_zero=-1.6, branch=-1.0)
 BARRED = (EQUAL, BENT, CROSSED, BELOW)
 
 
@@ -243,7 +243,16 @@ def test_an_elastic_bar_agrees_with_statics(kind: str) -> None:
     """Bar force = torque of joint 3 / (lever sin mu); elongation = c force; joint 3 turns by it / (lever sin mu)."""
     loop: Loop = Parallelogram("joint_3", "joint_2", 0.75, zero=-np.pi / 2)
     if kind == "four_bar":
-        loop = FourBar("joint_3", "joint_2", 0.75, 1.12, 0.75, -np.pi / 2, -np.pi / 2, -1.0)
+        loop = FourBar(
+            "joint_3",
+            "joint_2",
+            lever=0.75,
+            bar=1.12,
+            rocker=0.75,
+            lever_zero=-np.pi / 2,
+            rocker_zero=-np.pi / 2,
+            branch=-1.0,
+        )
     poses = poses_at(ANGLES)
     model = make_model(arm(), [loop, BarCompliance("joint_3", kind)], [], TIP, [("tip", TIP)], np.zeros(3))
     x = np.zeros(len(model.parameters))

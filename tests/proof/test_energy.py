@@ -18,7 +18,30 @@ from qsframework.elastostatics import Site, full_displacement, make_model
 from qsframework.plugin import Effect, Poses, RobotFacts, build_effects
 from qsframework.plugin.facts import frozen
 
+AIR = 101325.0
 GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+@dataclass(frozen=True)
+class Gas:
+    """A gas balancer at a joint: triangle, signed area, gauge pressure and volume at a length, exponent."""
+
+    joint: int
+    lc: float
+    l2: float
+    zero: float
+    area: float
+    pressure: float
+    volume: float
+    length: float
+    exponent: float
+
+    def energy(self, q: complex) -> complex:
+        """Of the gas and of the air: the antiderivative of -(p - p_a) dV, p V^n constant."""
+        n, V0 = self.exponent, self.volume
+        s = np.sqrt(self.lc**2 + self.l2**2 - 2.0 * self.lc * self.l2 * np.cos(q + self.zero))
+        V = V0 - self.area * (s - self.length)
+        return (self.pressure + AIR) * V0**n / (n - 1.0) * (V ** (1.0 - n) - V0 ** (1.0 - n)) + AIR * (V - V0)
 
 
 @dataclass(frozen=True)
@@ -36,6 +59,7 @@ class Arm:
     sign: float
     spring: tuple[int, int, np.ndarray, np.ndarray, float, float] | None
     hardening: tuple[int, float] | None
+    gas: Gas | None
     q: np.ndarray
     force: np.ndarray
     tip: np.ndarray
@@ -48,7 +72,9 @@ def turn(axis: np.ndarray, angle: complex) -> np.ndarray:
     return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
 
 
-def random_arm(seed: int, joints: int, loop: bool, offaxis: int, base: bool, spring: bool, hardening: bool) -> Arm:
+def random_arm(
+    seed: int, joints: int, loop: bool, offaxis: int, base: bool, spring: bool, hardening: bool, gas: bool
+) -> Arm:
     """An arm of random placements, axes and springs; joints 2 and 3 are parallel where there is a loop."""
     rng = np.random.default_rng(seed)
 
@@ -68,13 +94,19 @@ def random_arm(seed: int, joints: int, loop: bool, offaxis: int, base: bool, spr
     springs = tuple((int(rng.integers(0, joints)), i, 10 ** rng.uniform(-8.5, -7)) for i in range(offaxis))
     ends = sorted(rng.choice(joints + 1, 2, replace=False))
     pull = (int(ends[0]), int(ends[1]), rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3), 10 ** rng.uniform(3, 5), 0.4)
-    return Arm(
+    arm = Arm(
         placements, axes, rng.uniform(10, 300, joints + 1), rng.uniform(-0.4, 0.4, (joints + 1, 3)),
         10 ** rng.uniform(-8, -6.3, joints), tuple({(j, a): (j, a, c) for j, a, c in springs}.values()),
         10 ** rng.uniform(-9, -7.5) if base else None, loop, sign, pull if spring else None,
-        (int(rng.integers(0, joints)), 10 ** rng.uniform(-17, -16)) if hardening else None,
+        (int(rng.integers(0, joints)), 10 ** rng.uniform(-17, -16)) if hardening else None, None,
         rng.uniform(-3, 3, joints), rng.normal(size=3) * 2e3, rng.uniform(-0.5, 0.5, 3),
     )  # fmt: skip
+    lc, l2, area = rng.uniform(0.1, 0.4), rng.uniform(0.5, 1.2), rng.uniform(2e-3, 8e-3) * rng.choice([-1.0, 1.0])
+    balancer = Gas(
+        int(rng.integers(0, joints)), lc, l2, rng.uniform(-1, 1), area, 10 ** rng.uniform(6, 7),
+        2.5 * abs(area) * lc * rng.uniform(1.0, 4.0), l2, rng.uniform(1.05, 1.4),
+    )  # fmt: skip
+    return dataclasses.replace(arm, gas=balancer) if gas else arm
 
 
 def compliances(arm: Arm) -> np.ndarray:
@@ -82,13 +114,18 @@ def compliances(arm: Arm) -> np.ndarray:
     return np.array([*arm.compliance, *(c for _, _, c in arm.offaxis), *([] if arm.base is None else [arm.base])])
 
 
-def place(arm: Arm, eps: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Rotation and origin of the base and of every link at deflections eps (complex allowed)."""
-    n = len(arm.axes)
-    q = arm.q + eps[:n]
-    if arm.loop:  # the motor of joint 3 turns the lever: joint 3 takes up what joint 2 gives
+def angles(arm: Arm, eps: np.ndarray) -> np.ndarray:
+    """Joint angles (n,) at deflections eps: the motor of joint 3 turns the lever, its joint takes up joint 2's."""
+    q = arm.q + eps[: len(arm.axes)]
+    if arm.loop:
         q = q.copy()
         q[2] -= arm.sign * eps[1]
+    return q
+
+
+def place(arm: Arm, eps: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Rotation and origin of the base and of every link at deflections eps (complex allowed)."""
+    n, q = len(arm.axes), angles(arm, eps)
     R = turn(np.array([0.0, 1.0, 0.0]), eps[-1]) if arm.base is not None else np.eye(3)
     o = np.zeros(3)
     rotations, origins = [R], [o]
@@ -107,7 +144,7 @@ def place(arm: Arm, eps: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]
 def energy(arm: Arm, eps: np.ndarray, loaded: bool) -> complex:
     """Potential of masses, balancer and load; the springs' own energy is added by `gradient`."""
     rotations, origins = place(arm, eps)
-    total: complex = 0.0
+    total: complex = 0.0 if arm.gas is None else arm.gas.energy(angles(arm, eps)[arm.gas.joint])
     for R, o, m, c in zip(rotations, origins, arm.masses, arm.centres, strict=True):
         total -= m * GRAVITY @ (o + R @ c)
     if arm.spring is not None:
@@ -151,9 +188,14 @@ def modelled(arm: Arm) -> np.ndarray:
     """The same arm through effects and the model."""
     n = len(arm.axes)
     facts = RobotFacts(
-        "random", tuple(f"joint_{k + 1}" for k in range(n)), ("base", *(f"link_{k + 1}" for k in range(n))),
-        frozen(arm.axes), frozen(arm.placements), frozen(arm.masses), frozen(arm.centres),
-    )  # fmt: skip
+        name="random",
+        joints=tuple(f"joint_{k + 1}" for k in range(n)),
+        links=("base", *(f"link_{k + 1}" for k in range(n))),
+        axes=frozen(arm.axes),
+        placements=frozen(arm.placements),
+        masses=frozen(arm.masses),
+        centres=frozen(arm.centres),
+    )
     values: dict[str, float] = {f"joint_compliance[joint_{k + 1}]": c for k, c in enumerate(arm.compliance)}
     entries: list[dict[str, object]] = [{"effect": "joint_compliance", "joints": "all"}]
     for joint, axis, c in arm.offaxis:
@@ -174,6 +216,12 @@ def modelled(arm: Arm) -> np.ndarray:
         entries.append({"effect": "point_spring", "first": facts.links[first], "second": facts.links[second], **points})
         name = f"point_spring[{facts.links[first]}/{facts.links[second]}]"
         values |= {f"{name}.stiffness": stiffness, f"{name}.free_length": free}
+    if arm.gas is not None:
+        g = arm.gas
+        given_gas = {"lc_m": g.lc, "l2_m": g.l2, "zero_rad": g.zero, "pressure_Pa": g.pressure, "volume_m^3": g.volume,
+                    "length_m": g.length, "exponent": g.exponent, "piston_area_m^2": abs(g.area),
+                    "gas": "rod side" if g.area > 0.0 else "piston side"}  # fmt: skip
+        entries.append({"effect": "gas_balancer", "joint": f"joint_{g.joint + 1}", **given_gas})
     if arm.hardening is not None:
         entries.append({"effect": "joint_hardening", "joint": f"joint_{arm.hardening[0] + 1}"})
         values[f"joint_hardening[joint_{arm.hardening[0] + 1}]"] = arm.hardening[1]
@@ -195,11 +243,12 @@ def modelled(arm: Arm) -> np.ndarray:
     base=st.booleans(),
     spring=st.booleans(),
     hardening=st.booleans(),
+    gas=st.booleans(),
 )
 def test_random_arms(
-    seed: int, joints: int, loop: bool, offaxis: int, base: bool, spring: bool, hardening: bool
+    seed: int, joints: int, loop: bool, offaxis: int, base: bool, spring: bool, hardening: bool, gas: bool
 ) -> None:
     """At least 200 random arms, poses and loads with random effects: 1e-8 of the displacement."""
-    arm = random_arm(seed, joints, loop, offaxis, base, spring, hardening)
+    arm = random_arm(seed, joints, loop, offaxis, base, spring, hardening, gas)
     truth = settle(arm, True) - settle(arm, False)
     assert np.linalg.norm(modelled(arm) - truth) < 1e-8 * np.linalg.norm(truth) + 1e-14

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
-import sys
+import shlex
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
+
+from qsframework.cli.main import app
 
 EXAMPLES = sorted(p.parent.name for p in Path(__file__).parents[2].glob("examples/*/README.md"))
 
@@ -17,10 +18,13 @@ def blocks(readme: Path, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", readme.read_text(), re.M | re.S)
 
 
-def run(command: str, where: Path) -> subprocess.CompletedProcess[str]:
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    settings = {**os.environ, "PATH": path, "COLUMNS": "400", "TERMINAL_WIDTH": "400"}
-    return subprocess.run(command, shell=True, cwd=where, env=settings, capture_output=True, text=True)
+def printed_by(command: str) -> str:
+    """What a line of a README prints, run in this process: the README itself is run by a shell (test_readme.py)."""
+    program, *arguments = shlex.split(command)
+    assert program == "qsf"
+    done = CliRunner().invoke(app, arguments, env={"COLUMNS": "400", "TERMINAL_WIDTH": "400"})
+    assert done.exit_code == 0, f"{command}: {done.output}"
+    return done.stdout
 
 
 def plain(text: str) -> str:
@@ -29,7 +33,10 @@ def plain(text: str) -> str:
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_the_commands_run_and_print_what_is_said(name: str, root: Path, tmp_path: Path) -> None:
+def test_the_commands_run_and_print_what_is_said(
+    name: str, root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "examples").symlink_to(root / "examples")
     readme = root / "examples" / name / "README.md"
     commands = [line for block in blocks(readme, "sh") for line in block.splitlines()]
@@ -37,24 +44,16 @@ def test_the_commands_run_and_print_what_is_said(name: str, root: Path, tmp_path
     assert all("--report" in c for c in commands if c.startswith(("qsf identify ", "qsf design ")))
     printed = ""
     for command in commands:
-        done = run(command, tmp_path)
-        assert done.returncode == 0, f"{command}: {done.stderr}"
-        printed += done.stdout
+        printed += printed_by(command)
         for report in re.findall(r"--report (\S+)", command):
             assert (tmp_path / report).stat().st_size > 10_000
     if name == "m900ib":
-        printed += refused(tmp_path)
+        # the paper's plan asked for all six joints: five are told, one is left aside by name
+        printed += printed_by("qsf identify examples/m900ib/experiment.yaml --data table5_readings.csv")
     said = [line for block in blocks(readme, "text") for line in block.splitlines()]
     assert said
     for line in said:
         assert plain(line) in plain(printed), line
-
-
-def refused(where: Path) -> str:
-    """What is said where the paper's plan is asked for all six joints."""
-    done = run("qsf identify examples/m900ib/experiment.yaml --data table5_readings.csv", where)
-    assert done.returncode != 0
-    return done.stderr
 
 
 def test_the_two_files_of_the_m900ib_describe_one_campaign(root: Path) -> None:

@@ -45,3 +45,11 @@ def test_the_experiment_shown_is_a_valid_one(root: Path, tmp_path: Path) -> None
 def test_the_picture_is_there(root: Path) -> None:
     for name in re.findall(r"!\[.*?\]\((.*?)\)", (root / "README.md").read_text()):
         assert (root / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_ratio_to_cvxpy_is_that_of_the_benchmark(root: Path) -> None:
+    """To one digit: it differs a little from run to run."""
+    page = (root / "docs" / "performance.md").read_text()
+    measured = [float(ratio) for ratio in re.findall(r"^\| cvxpy, .*\| (\d+) \|$", page, re.M)]
+    (told,) = re.findall(r"Column generation is (\d+) to (\d+) times as\s+fast", (root / "README.md").read_text())
+    assert [float(t) for t in told] == [float(f"{r:.1g}") for r in (min(measured), max(measured))]

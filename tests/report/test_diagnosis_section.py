@@ -13,13 +13,14 @@ from headless import SMALL, browser, console, open_page
 
 from qsf_plugins.joint_hardening import JointHardening
 from qsframework.diagnose import Diagnosis, diagnose
-from qsframework.diagnose.budget import error_budget, linear_errors
-from qsframework.diagnose.result import EXCLUDED, INVISIBLE
+from qsframework.diagnose.error_budget import error_budget, linear_errors
+from qsframework.diagnose.result import Leftover, Status
 from qsframework.elastostatics import make_model
 from qsframework.report import Figure, Table, View, write_report
 from qsframework.report.diagnosis_plots import main_direction
 from qsframework.report.diagnosis_section import diagnosis_sections
 from qsframework.report.diagnosis_tables import cause_table, excluded_table, outlier_table, unseen_words
+from qsframework.report.words.diagnosis import diagnosis_words, limit_words
 from qsframework.viz import residual_scene
 from tests.diagnose.cases import SIGMA, campaign, measured
 from tests.report.test_report import EVIL, Page, parse
@@ -31,9 +32,9 @@ def found() -> Diagnosis:
     hidden = JointHardening("joint_3")
     truth = {p.name: 0.4 * p.typical for p in hidden.parameters(campaign().robot.facts)}
     readings = measured((hidden,), truth, seed=5, count=40)
-    wrong = np.array(readings.displacement)
+    wrong = np.array(readings.value)
     wrong[7, 1] += 40 * SIGMA
-    return diagnose(campaign(), replace(readings, displacement=wrong), seed=1)
+    return diagnose(campaign(), readings.with_values(wrong), seed=1)
 
 
 @cache
@@ -48,9 +49,9 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_case_is_what_the_tests_need() -> None:
-    assert [f.name for f in found().findings] == ["joint_hardening[joint_3]"], found().words
+    assert [f.name for f in found().findings] == ["joint_hardening[joint_3]"], diagnosis_words(found())
     assert 7 in found().outliers
-    assert nothing().verdict == "none", nothing().words
+    assert nothing().verdict == "none", diagnosis_words(nothing())
 
 
 def test_the_report_is_whole_and_offline(page: Path) -> None:
@@ -92,25 +93,25 @@ def test_nothing_found_is_told_as_bounds() -> None:
     assert "no fault" not in everything.lower()
     rows = cause_table(nothing()).rows
     assert len(rows) == 3, "the strongest of what is excluded"
-    assert all(row[-1].startswith(EXCLUDED) for row in rows)
+    assert all(row[-1].startswith(Status.EXCLUDED.value) for row in rows)
 
 
 def test_every_cause_is_somewhere() -> None:
     diagnosis = found()
-    hidden = [x.name for x in diagnosis.table if x.status == INVISIBLE]
+    hidden = [x.name for x in diagnosis.table if x.status is Status.INVISIBLE]
     (told, *_) = [w for w in unseen_words(diagnosis) if w.startswith("Invisible")]
     for name in hidden:
         kind, _, where = name.partition("[")
         assert kind in told
         assert where.removesuffix("]") in told
-    bounds = {x.name: x.bound for x in diagnosis.table if x.status == EXCLUDED}
+    bounds = {x.name: limit_words(x) for x in diagnosis.table if x.status is Status.EXCLUDED}
     assert all(bounds.values())
     assert all(not re.search(r"e-\d\d (um|urad|mm|arcmin)", b) for b in bounds.values()), "a bound that is rounding"
 
 
 def test_the_wrong_row_is_listed_by_its_line() -> None:
     rows = outlier_table(found()).rows
-    assert str(int(found().readings.rows[7])) in [row[0] for row in rows]
+    assert str(int(found().readings.line[7])) in [row[0] for row in rows]
     assert len(rows) == len(found().outliers)
 
 
@@ -161,13 +162,13 @@ def test_arrows_start_at_the_markers_and_are_the_residuals() -> None:
     longest = 0.0
     shown = [path for path in transforms if path.endswith("/before/head")]
     names = [label.partition(":")[0] for _, label in scene.steps]
-    rows = [diagnosis.readings.pose[m] in names for m in diagnosis.readings.measurement[diagnosis.kept]]
+    rows = [diagnosis.readings.pose[m] in names for m in diagnosis.kept]
     assert len(shown) == sum(rows)
     assert len(names) == 24
     for path in shown:
         row = int(path.split("row_")[1].split("/")[0])
         at = diagnosis.kept[row]
-        start = positions[diagnosis.readings.measurement[at], diagnosis.readings.marker[at]]
+        start = positions[diagnosis.readings.plus[at], diagnosis.readings.marker[at]]
         for name, residuals in (("before", before), ("after", after)):
             head = transforms[path.replace("before", name)][:3, 3]
             assert np.allclose(head, start + factor * residuals[row], atol=1e-9)
@@ -175,16 +176,18 @@ def test_arrows_start_at_the_markers_and_are_the_residuals() -> None:
     assert longest == pytest.approx(0.4)
     assert scene.first == 1
     worst = diagnosis.kept[int(np.argmax(np.linalg.norm(before, axis=1)))]
-    assert scene.steps[0][1].startswith(diagnosis.readings.pose[diagnosis.readings.measurement[worst]] + ":")
+    assert scene.steps[0][1].startswith(diagnosis.readings.pose[worst] + ":")
 
 
 def test_names_of_users_are_escaped(tmp_path: Path) -> None:
     diagnosis = found()
     markers = tuple(replace(m, name=EVIL) for m in diagnosis.experiment.markers)
-    poses = tuple(EVIL for _ in diagnosis.readings.pose)
+    states = diagnosis.readings.states
+    states = replace(states, pose=tuple(EVIL for _ in states.pose))
     evil = replace(
-        diagnosis, statements=(EVIL,), notes=(EVIL,), experiment=replace(diagnosis.experiment, markers=markers),
-        readings=replace(diagnosis.readings, pose=poses),
+        diagnosis, leftovers=(Leftover(EVIL, EVIL, 1e-9),), method=replace(diagnosis.method, untold=(EVIL,)),
+        experiment=replace(diagnosis.experiment, markers=markers),
+        readings=replace(diagnosis.readings, states=states),
         findings=tuple(replace(f, check=EVIL, physics=EVIL) for f in diagnosis.findings),
     )  # fmt: skip
     plain = write_report(tmp_path / "a.html", "Diagnosis", diagnosis_sections(diagnosis, []))

@@ -25,10 +25,10 @@ from qsframework.viz import Scene
 EXPERIMENT = example("m900ib") / "experiment.yaml"
 COMMANDS = (
     "demo", "robots", "check", "check_states", "stiffness", "design", "simulate", "identify", "identify_positions",
-    "diagnose", "foresee", "compensate", "compare", "protocol",
+    "validate", "diagnose", "foresee", "compensate", "compare", "protocol",
 )  # fmt: skip
-SEEDED = {"demo", "design", "simulate", "diagnose", "foresee", "compare", "protocol"}
-PLAIN = {"protocol"}
+SEEDED = {"demo", "design", "simulate", "diagnose", "foresee", "compare", "protocol", "validate"}
+PLAIN = {"protocol", "validate"}
 """Reports without a pose to be seen in 3D."""
 
 
@@ -69,7 +69,10 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> Reports:
     out.run("design", "design", EXPERIMENT, "-n", "8", "--candidates", "120", "-o", plan, reads=campaign)
     out.run("simulate", "simulate", EXPERIMENT, plan, "-o", readings, "--truth", "drawn", reads=[*campaign, plan])
     out.run("identify", "identify", EXPERIMENT, "--data", readings, "--json", fit, reads=[*campaign, readings])
-    out.run("identify_positions", "identify", states, reads=[states, load_experiment(states).data or states])
+    unseen = folder / "unseen.csv"
+    CliRunner().invoke(app, ["simulate", str(EXPERIMENT), str(plan), "--seed", "5", "-o", str(unseen)])
+    out.run("validate", "validate", EXPERIMENT, fit, unseen, reads=[*campaign, fit, unseen])
+    out.run("identify_positions", "identify", states, reads=[states, *load_experiment(states).data])
     out.run("diagnose", "diagnose", EXPERIMENT, readings, reads=[*campaign, readings])
     out.run("foresee", "diagnose", EXPERIMENT, "--plan", plan, reads=[*campaign, plan])
     targets = folder / "targets.csv"
@@ -232,7 +235,7 @@ def test_the_robot_is_to_be_seen_in_a_report(reports: Reports, tmp_path: Path) -
 
     text = reports.text("stiffness")
     (frame,) = re.findall(r'srcdoc="([^"]*)"', text)
-    scene = html.escape(Scene("empty").html(), quote=True)
+    scene = html.escape(Scene(title="empty").html(), quote=True)
     pixels = []
     for name, page in (("robot", text), ("empty", text.replace(frame, scene))):
         file = tmp_path / f"{name}.html"

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from headless import SMALL, browser, console, open_page
 
-from qsframework.cli.demo import run_demo
+from qsframework.cli.demo import WRITTEN, run_demo
 from qsframework.experiment import Experiment, make_plan
 from qsframework.plugin import Poses
 from qsframework.report import Section, Table, Text, View, write_report
@@ -78,7 +78,7 @@ def test_the_scene_inside_loads_nothing(demo: Path) -> None:
 
 def test_the_demo_leaves_its_files(demo: Path) -> None:
     names = {p.name for p in demo.iterdir()}
-    assert names == {"report.html", "plan.csv", "plan.json", "readings.csv", "fit.json", "truth.json"}
+    assert names == set(WRITTEN)
 
 
 def test_text_is_escaped(tmp_path: Path) -> None:
@@ -90,7 +90,7 @@ def test_text_is_escaped(tmp_path: Path) -> None:
 
 
 def test_scene_titles_and_labels_are_escaped() -> None:
-    scene = Scene(EVIL)
+    scene = Scene(title=EVIL)
     scene.step("pose", EVIL)
     html = scene.html()
     assert EVIL not in html
@@ -111,7 +111,7 @@ def test_a_browser_shows_the_robot(m900ib: Experiment, tmp_path: Path) -> None:
     import numpy as np
     from PIL import Image
 
-    (tmp_path / "empty.html").write_text(Scene("empty").html())
+    (tmp_path / "empty.html").write_text(Scene(title="empty").html())
     pages = {"robot": plan_page(m900ib, tmp_path / "robot.html"), "empty": tmp_path / "empty.html"}
     yellow = {}
     for name, page in pages.items():

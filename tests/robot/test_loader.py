@@ -58,7 +58,7 @@ YAML = {
     "limits swapped": ("[-90, 90]", "[90, -90]", "limits must be [lower, upper]"),
     "limit is text": ("[-90, 90]", "[-90, wide]", "finite number"),
     "expression": ("J2 + J1", "J2 + J7", "J7"),
-    "joint twice": ("J2 + J1", "J1", "do not determine"),
+    "joint twice": ("J2 + J1", "J1", "angles of shoulder, elbow depend on each other, so that J2 moves no joint"),
     "unknown base": ("base: base", "base: bas", "no link 'bas'"),
     "unknown flange": ("flange: tip", "flange: tp", "Did you mean 'tip'?"),
     "base above flange": ("base: base\nflange: tip", "base: tip\nflange: base", "does not hang on"),
@@ -85,6 +85,18 @@ YAML = {
         "the unit is missing",
     ),
     "effect twice": ("joints: all}", "joints: all}\n  - {effect: joint_compliance, joint: elbow}", "a second time"),
+    "balancer twice": (
+        "joints: all}",
+        "joints: all}\n  - {effect: gravity_compensator, joint: elbow, lc_m: 0.2, l2_m: 1}"
+        "\n  - {effect: gravity_compensator, joint: elbow, lc_m: 0.3, l2_m: 1}",
+        "give each a name of its own, such as label: left",
+    ),
+    "gas without volume": (
+        "joints: all}",
+        "joints: all}\n  - {effect: gas_balancer, joint: shoulder, lc_m: 0.2, l2_m: 0.6, length_m: 0.5, "
+        "pressure_bar: 50, volume_l: 0.5, piston_area_cm^2: 50}",
+        "allowed: volume above 0.662 l",
+    ),
     "loop of crossed axes": (
         "joints: all}",
         "joints: all}\n  - {effect: parallelogram, driver: elbow, driven: shoulder, lever_m: 1}",
@@ -145,6 +157,34 @@ def test_problems_of_nominal_yaml(small, told, case):
     assert problem.file.endswith("nominal.yaml")
     if case != "no value":
         assert problem.line == line, str(problem)
+
+
+GAS = (
+    "  - {effect: gas_balancer, joint: shoulder, lc_m: 0.2, l2_m: 0.6, length_m: 0.5, pressure_bar: 50, volume_l: 1, "
+    "piston_area_cm^2: 50}\n"
+)
+COMPENSATOR = "  - {effect: gravity_compensator, joint: shoulder, lc_m: 0.2, l2_m: 0.6}\n"
+VALUES = {
+    "volume": (GAS, "gas_balancer[shoulder].volume:\n  value_l: 0.5\n", "no volume left within the joint's limits"),
+    "angle": (GAS, "gas_balancer[shoulder].zero:\n  value_deg: 90\n", "at shoulder = 90.0 deg"),
+    "lc is l2": (COMPENSATOR, "gravity_compensator[shoulder].lc:\n  value_m: 0.6\n", "above 0 and differ"),
+    "lc below 0": (COMPENSATOR, "gravity_compensator[shoulder].lc:\n  value_m: -0.6\n", "outside its bounds"),
+}
+
+
+@pytest.mark.parametrize("case", VALUES)
+def test_values_that_do_not_fit_each_other(small, told, case):
+    """What only the values of nominal.yaml break is told at their line there."""
+    entry, values, words = VALUES[case]
+    small.edit("robot.yaml", ("nominal: nominal.yaml", entry + "nominal: nominal.yaml"))
+    assert len(small.load().effects) == 3
+    small.edit("nominal.yaml", ("joint_compliance[elbow]", values + "joint_compliance[elbow]"))
+    told(small.problem(), "nominal.yaml", 5, words)
+
+
+def test_limits_of_the_joints_are_those_of_the_pendant_through_the_controller(small):
+    """The elbow is J2 + J1: -120 - 90 to 30 + 90 deg."""
+    np.testing.assert_allclose(np.rad2deg(small.load().facts.limits), [[-90, 90], [-210, 120]])
 
 
 def test_problems_of_all_three_parts_come_together(small):

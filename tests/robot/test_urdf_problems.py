@@ -59,7 +59,7 @@ CASES = {
     "mimic": (
         ('<axis xyz="0 -1 0"/>', '<axis xyz="0 -1 0"/><mimic joint="shoulder"/>'),
         'joint name="elbow"',
-        ("mimic is not supported",),
+        ("'elbow' follows 'shoulder' by mimic", "follows: {shoulder: 1}", "out of controller"),
     ),
     "joint twice": (
         ('name="elbow"', 'name="shoulder"'),

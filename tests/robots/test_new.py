@@ -93,6 +93,49 @@ def test_bars_that_follow_by_mimic_are_left_out_and_told(tmp_path: Path) -> None
     assert "rod" not in proposal.files["arm.urdf"]
 
 
+HOLLOW = (*ARM[:4], joint("e", "l4", "l5", "0.07 0 0", "0.8 0 0.6"),
+          joint("e2", "l5", "l5b", "0.1 0 0.07", "0.8 0 -0.6", more=LIMIT + '<mimic joint="e" multiplier="-1"/>'),
+          joint("f", "l5b", "l6", "0.07 0 0", "1 0 0", "continuous", ""))  # fmt: skip
+
+
+def test_a_mimic_in_the_arm_becomes_a_coupling(tmp_path: Path) -> None:
+    """A hollow wrist, as of a painting robot: the second bend turns back what the first one turned."""
+    folder = written(tmp_path, urdf(tmp_path, *HOLLOW))
+    assert "{effect: coupling, joint: e2, follows: {e: -1}}" in (folder / "robot.yaml").read_text()
+    assert "e2 follows e" in (folder / "README.md").read_text()
+    robot = load_robot(folder)
+    assert robot.facts.passive == ("e2",)
+    assert robot.controller.axes == 6
+    q = robot.controller.to_joints(np.random.default_rng(0).uniform(-1, 1, (5, 6)))
+    np.testing.assert_allclose(q[:, 5], -q[:, 4])
+    assert not any("e2" in p.name for p in robot.parameters)
+    checks = check_robot(robot)
+    assert all(c.good for c in checks), checks
+
+
+def test_a_urdf_with_a_mimic_loads_where_robot_yaml_says_the_same(tmp_path: Path) -> None:
+    folder = written(tmp_path, urdf(tmp_path, *HOLLOW))
+    text, spec = (folder / "arm.urdf").read_text(), (folder / "robot.yaml").read_text()
+    line = next(line for line in text.splitlines() if '<joint name="e2"' in line)
+    mimic = '<mimic joint="e" multiplier="-1" offset="0"/></joint>'
+    (folder / "arm.urdf").write_text(text.replace(line, line.replace("</joint>", mimic)))
+    assert load_robot(folder).facts.passive == ("e2",)
+    entry = "  - {effect: coupling, joint: e2, follows: {e: -1}}\n"
+    changes = {
+        "no effect in robot.yaml says so.*Add to effects: {effect: coupling, joint: e2, .*": spec.replace(entry, ""),
+        "has no angle on the pendant.*Leave e2 out of controller": spec.replace(
+            '  "f": {', '  "e2": {limits_deg: [-90, 90]}\n  "f": {'
+        ),
+        "mimic and the effects of robot.yaml say different things": spec.replace("{e: -1}", "{e: 1}"),
+    }
+    for words, changed in changes.items():
+        assert changed != spec
+        (folder / "robot.yaml").write_text(changed)
+        with pytest.raises(InputError, match=words) as refused:
+            load_robot(folder)
+        assert str(refused.value.problems[0].file).endswith("arm.urdf")
+
+
 def test_branches_are_asked_for(tmp_path: Path) -> None:
     file = urdf(tmp_path, *ARM, joint("g", "l1", "camera"))
     with pytest.raises(InputError, match=r"2 chains.*l6 \(6 joints\), camera \(2 joints\)"):
@@ -108,7 +151,15 @@ def test_branches_are_asked_for(tmp_path: Path) -> None:
     ("joints", "words"),
     [
         ((joint("a", "base", "l1", k="fixed", more=""),), "no joint turns"),
-        ((ARM[0], joint("b", "l1", "l2", more=LIMIT + '<mimic joint="a"/>'), joint("c", "l2", "l3")), "mimic"),
+        (
+            (
+                *ARM,
+                joint("g", "base", "fan", k="continuous", more='<mimic joint="a"/>'),
+                joint("w", "l6", "l7", more=LIMIT + '<mimic joint="g"/>'),
+                joint("h", "l7", "l8"),
+            ),
+            "no part of the arm",
+        ),
         ((joint("a", "base", "l1", k="prismatic"),), "no joint turns"),
         ((joint("a", "base", "l1", k="prismatic"), joint("b", "l1", "l2")), "prismatic joint .* --base l1"),
         ((joint("a", "base", "l1", more=""),), "no limits"),

@@ -35,17 +35,17 @@ from qsframework.applications.task import load_task
 from qsframework.errors import InputError, QsfError
 from qsframework.experiment import (
     Experiment,
+    Readings,
     example,
-    is_states,
+    holds_states,
     load_experiment,
     read_plan,
     read_poses,
     read_readings,
-    read_states,
 )
 from qsframework.files import sha256
 from qsframework.identify import identify
-from qsframework.identify.fit_files import read_fit, write_fit
+from qsframework.identify.io import read_fit, write_fit
 from qsframework.plugin import Poses
 from qsframework.robot import Robot, load_robot
 
@@ -53,8 +53,20 @@ ROOT = Path(__file__).resolve().parents[2]
 ROBOTS = ("ur10", "fanuc_m900ib", "kuka_kr270")
 TIME_LIMIT = 10.0
 """Seconds of CPU for one read: a hundred times what a good file takes. A busy machine is no fault."""
-_MAY_BE_OPEN = {"lower", "upper", "torque_limits", "sd", "sigma"}
-"""Fields with a documented infinity or NaN: no bound, no limit stated, no sd quoted, no sigma stated."""
+_MAY_BE_OPEN = {
+    "lower",
+    "upper",
+    "torque_limits",
+    "sd",
+    "value",
+    "minus_sigma",
+    "time",
+    "temperature",
+    "rms",
+    "largest",
+}
+"""Fields with a documented infinity or NaN: no bound, no limit stated, no sd quoted, an axis that was not measured,
+nothing recorded of a state, a series that no frame was found of."""
 
 
 class Outcome(enum.Enum):
@@ -230,10 +242,14 @@ def copy_small(folder: Path) -> Path:
 
 EVERY_KEY = {
     "robot": "../small",
-    "data": "readings.csv",
+    "data": ["readings.csv", "states.csv"],
+    "states": "positions",
+    "frames": {"S1": {"xyz_mm": [100, 0, 0], "quat_wxyz": [0.8, 0, 0, 0.6]}},
     "load": {"point_mm": [150, 0, 200]},
     "markers": {"m1": {"xyz_mm": [1, 2, 3], "normal": [0, 0, 1]}, "m2": {"xyz_mm": [3, 2, 1], "link": "tip"}},
-    "noise": {"sigma_mm": 0.03},
+    "noise": {
+        "position_sigma_mm": 0.05, "displacement_sigma_mm": 0.03, "gauge_sigma_mm": 0.01, "repeatability_mm": 0.01,
+    },
     "load_uncertainty": {"scale_percent": 1, "direction_deg": 0.5},
     "loads": [
         {"name": "weight", "fz_N": -100, "poses": 3, "cost": 2.0},
@@ -291,6 +307,17 @@ def _tables(folder: Path) -> dict[str, list[Good]]:
         f"1,1,0.03,{i},{i},20.5,20,1,on,1,r{i}\n"
         for i in range(1, 6) for k in (1, 2, 3)
     )  # fmt: skip
+    gauges = "pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N,marker,dx_mm,dy_mm,dz_mm,gauge_mm,ux,uy,uz,"
+    gauges += "to_marker,sigma_mm,series\n" + "".join(
+        f"p{i},{i},90,-30,-45,30,35,0,0,-4000,m1,{cells}\n" for i in range(1, 4)
+        for cells in ("0.1,,-0.2,,,,,,0.03,t", ",,,0.5,0,1,2,,0.01,", ",,,0.5,,,,m2,0.01,")
+    )  # fmt: skip
+    pairs = "pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N,marker,state,x_mm,y_mm,z_mm,load_id,series,"
+    pairs += "repeat,cycle,time_s,gauge_mm,ux,uy,uz,sigma_mm\n" + "".join(
+        f"p{i},{i},90,-30,-45,30,35,{force},m1,{state},{xyz},a,,1,1,{i},{gauge},0.02\n" for i in range(1, 4)
+        for state, force in (("unloaded", ",,"), ("loaded", "0,0,-4000"))
+        for xyz, gauge in ((f"1900,{i},1200", ",,,"), (",,", "1.5,0,0,1"))
+    )  # fmt: skip
     plan, readings = example("m900ib") / "table5.csv", example("r2000ic") / "readings.csv"
     states = example("ur10") / "series_d.csv"
     targets = "target,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg,fx_N,fy_N,fz_N\na,1900,0,1200,180,0,0,0,0,-1000\n"
@@ -312,8 +339,12 @@ def _tables(folder: Path) -> dict[str, list[Good]]:
         "readings.csv": [
             table("readings.csv", head(readings, 12), lambda p: _used(read_readings(p, r2000ic))),
             table("full.csv", full, lambda p: _used(read_readings(p, m900ib))),
+            table("gauges.csv", gauges, lambda p: _used(read_readings(p, m900ib))),
         ],
-        "states.csv": [table("states.csv", head(states, 14), lambda p: (is_states(p), _used(read_states(p, ur10))))],
+        "states.csv": [
+            table("states.csv", head(states, 14), lambda p: (holds_states(p), _used(read_readings(p, ur10)))),
+            table("pairs.csv", pairs, lambda p: _used(read_readings(p, m900ib, "differences"))),
+        ],
         "targets.csv": [
             table("joints.csv", joints, lambda p: read_targets(p, m900ib)),
             table("targets.csv", targets, lambda p: read_targets(p, m900ib)),
@@ -321,15 +352,16 @@ def _tables(folder: Path) -> dict[str, list[Good]]:
     }
 
 
-def _used(readings: Any) -> Any:
-    """Without the numbers of masked rows, which may be anything."""
-    name = "displacement" if hasattr(readings, "displacement") else "position"
-    return dataclasses.replace(readings, **{name: np.where(readings.use[:, None], getattr(readings, name), 0.0)})
+def _used(readings: Readings) -> Readings:
+    """Without the numbers of masked rows, which may be anything; an axis that was not measured is NaN."""
+    value = np.where(readings.use[:, None], readings.value, 0.0)
+    assert not np.isinf(value).any()
+    assert np.isfinite(value).any(axis=1).all()
+    return dataclasses.replace(readings, value=value)
 
 
 def _fit(folder: Path) -> Good:
     experiment = load_experiment(example("r2000ic") / "experiment.yaml")
-    assert experiment.data is not None
     path = write_fit(identify(experiment, read_readings(experiment.data, experiment)), folder / "fit.json")
     return _good("fit", path, "json", lambda: read_fit(path))
 
@@ -344,7 +376,7 @@ def _programmes(folder: Path) -> list[Good]:
     experiment = load_experiment(example("m900ib") / "experiment.yaml")
     plan = read_plan(example("m900ib") / "table5.csv", experiment)
     moves = tuple(Move(q, name, 1) for q, name in zip(plan.pendant, plan.pose, strict=True))
-    programme = Programme("fanuc_m900ib", "FANUC", 700.0, moves, 10, 5.0)
+    programme = Programme(robot="fanuc_m900ib", title="FANUC", payload=700.0, moves=moves, speed=10, pause=5.0)
     src, dat = write_krl(programme, "plan")
     texts = {
         "plan.ls": write_fanuc(programme, "PLAN"),

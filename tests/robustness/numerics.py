@@ -11,8 +11,9 @@ import numpy as np
 from hypothesis import HealthCheck, Phase, settings
 
 from qsframework.design.candidates import generate_candidates
-from qsframework.elastostatics import make_model
+from qsframework.elastostatics import exact_readings, make_model
 from qsframework.experiment import Experiment, Readings, example, load_experiment, make_plan, simulate
+from qsframework.experiment.readings import UNSTATED
 from qsframework.experiment.setup import LoadCase, Noise
 from qsframework.plugin import Array, Effect, Parameter, Poses, build_effects
 from qsframework.plugin.facts import frozen
@@ -46,10 +47,18 @@ def poses(experiment: Experiment, count: int, seed: int = 0) -> Poses:
     return Poses(frozen(pendant), experiment.robot.controller.to_joints(pendant), frozen(wrench))
 
 
-def readings(experiment: Experiment, count: int = 20, seed: int = 0, x: Array | None = None) -> Readings:
+def readings(
+    experiment: Experiment, count: int = 20, seed: int = 0, x: Array | None = None, linear: bool = False
+) -> Readings:
     """Simulated readings of `poses`; of an arm that the experiment states, unless x says another."""
     batch = poses(experiment, count, seed)
-    return simulate(experiment, make_plan(batch, ["load"] * count), x=x, seed=seed).readings
+    return simulate(experiment, make_plan(batch, ["load"] * count), x=x, seed=seed, linear=linear).readings
+
+
+def weighed(one: Readings, sigma: float | None) -> Readings:
+    """The same readings with another stated sigma; None: nobody states any."""
+    size = UNSTATED if sigma is None else sigma
+    return replace(one, sigma=frozen(np.full((len(one), 3), size)), stated=sigma is not None)
 
 
 def hidden(entry: dict[str, Any], value: float, count: int = 24, seed: int = 0) -> Readings:
@@ -65,8 +74,8 @@ def hidden(entry: dict[str, Any], value: float, count: int = 24, seed: int = 0) 
         x[wide.names.index(name)] *= 1.0 + 0.2 * rng.standard_normal()
     x[wide.names.index(more[0].name)] = value
     blank = readings(experiment, count, seed)
-    exact = wide.predict(blank.poses, x).reshape(-1, 3)
-    return replace(blank, displacement=frozen(exact + SIGMA * rng.standard_normal(exact.shape)))
+    settled = exact_readings(wide, poses(experiment, count, seed), x).reshape(-1, 3)
+    return blank.with_values(settled + SIGMA * rng.standard_normal(settled.shape))
 
 
 def scaled(parameter: Parameter, factor: float) -> Parameter:
@@ -112,7 +121,7 @@ def in_force_unit(experiment: Experiment, k: float) -> Experiment:
 
 def with_forces(one: Readings, k: float) -> Readings:
     """The same readings with forces in a unit 1/k as large."""
-    return replace(one, poses=replace(one.poses, wrench=frozen(one.poses.wrench * k)))
+    return one.with_poses(replace(one.poses, wrench=frozen(one.poses.wrench * k)))
 
 
 def with_effects(experiment: Experiment, effects: Sequence[Effect], fit: Sequence[str] | None = None) -> Experiment:

@@ -12,8 +12,9 @@ from qsframework.applications.compare import compare
 from qsframework.applications.task import load_task
 from qsframework.cli import main
 from qsframework.design import Wish, design, generate_candidates
-from qsframework.diagnose.power import foresee
 from qsframework.experiment import Experiment, Plan
+from qsframework.forecast.power import foresee
+from qsframework.report.result_json import foresight_json
 from qsframework.robot import load_robot
 from qsframework.work import HERE, Checkpoint, Local, Work, job_of
 
@@ -41,7 +42,7 @@ def job(request: pytest.FixtureRequest, m900ib: Experiment, plan: Plan, tmp_path
     jobs: dict[str, Job] = {
         "candidates": lambda work: generate_candidates(m900ib, 9000, 3, work=work).pendant.tobytes(),
         "design": lambda work: bits_of(design(m900ib, 9, candidates=400, wish=quick, work=work)),
-        "forecast": lambda work: repr(foresee(m900ib, plan, work=work).as_json()).encode(),
+        "forecast": lambda work: repr(foresight_json(foresee(m900ib, plan, work=work))).encode(),
         "comparison": lambda work: repr(compare(robots, task, work=work).as_json()).encode(),
     }  # fmt: skip
     return jobs[request.param]

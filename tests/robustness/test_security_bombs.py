@@ -15,14 +15,13 @@ from qsframework.errors import InputError
 from qsframework.experiment import (
     Experiment,
     example,
-    is_states,
+    holds_states,
     load_experiment,
     read_plan,
     read_readings,
-    read_states,
 )
 from qsframework.files import read_text, read_yaml
-from qsframework.identify.fit_files import read_fit
+from qsframework.identify.io import read_fit
 from qsframework.robot import load_robot
 
 SMALL = Path(__file__).parent / "small"
@@ -169,7 +168,11 @@ def rows(path: Path, head: str, row: str, count: int) -> Path:
     return path
 
 
-READERS = {"readings": read_readings, "plan": read_plan, "states": read_states}
+READERS: dict[str, Callable[[Path, Experiment], object]] = {
+    "readings": read_readings,
+    "plan": read_plan,
+    "positions": lambda path, experiment: read_readings([path], experiment, "positions"),
+}
 
 
 @pytest.mark.parametrize("name", READERS)
@@ -179,7 +182,7 @@ def test_ten_million_rows_are_refused_before_they_are_taken_apart(
     short = rows(tmp_path / "short.csv", "a,b\n", "1,2\n", 10_000_000)
     assert short.stat().st_size == 40_000_004
     assert "more than 200000 lines" in limited(lambda: READERS[name](short, m900ib_small))
-    assert "more than 200000 lines" in limited(lambda: is_states(short))
+    assert "more than 200000 lines" in limited(lambda: holds_states(short))
     short.unlink()
     long = tmp_path / "long.csv"
     long.write_text(HEADER)
@@ -288,8 +291,8 @@ def everywhere(path: Path, experiment: Experiment) -> Iterator[Callable[[], obje
     yield lambda: read_fit(path)
     yield lambda: read_readings(path, experiment)
     yield lambda: read_plan(path, experiment)
-    yield lambda: read_states(path, experiment)
-    yield lambda: is_states(path)
+    yield lambda: read_readings([path, path], experiment)
+    yield lambda: holds_states(path)
     yield lambda: read_yaml(path)
 
 

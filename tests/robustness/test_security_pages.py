@@ -169,7 +169,9 @@ def pages(folder: Path, states: Path, tmp_path_factory: pytest.TempPathFactory) 
     run("simulate", "simulate", experiment, here["plan"], "-o", here["readings"], "--truth", "drawn")
     run("identify", "identify", experiment, "--data", here["readings"], "--json", fit)
     run("check_states", "check", str(states))
-    run("identify_positions", "identify", str(states))
+    run("identify_positions", "identify", str(states), "--json", str(folder / "positions.json"))
+    run("validate", "validate", experiment, fit, here["readings"])
+    run("validate_positions", "validate", str(states), str(folder / "positions.json"))
     run("diagnose", "diagnose", experiment, here["readings"])
     run("foresee", "diagnose", experiment, "--plan", here["plan"])
     run("compensate", "compensate", experiment, fit, here["targets"], "-o", here["corrected"])
@@ -184,6 +186,7 @@ def pages(folder: Path, states: Path, tmp_path_factory: pytest.TempPathFactory) 
 PAGES = (
     "design", "robots", "check", "stiffness", "simulate", "identify", "diagnose", "foresee", "compensate", "compare",
     "protocol", "show", "show_fit", "show_robot", "check_states", "identify_positions",
+    "validate", "validate_positions",
 )  # fmt: skip
 
 

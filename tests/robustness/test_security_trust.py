@@ -15,7 +15,6 @@ from typer.testing import CliRunner
 
 from qsframework.cli.main import app, main
 from qsframework.diagnose import diagnose
-from qsframework.diagnose.extend import write_extended
 from qsframework.errors import InputError
 from qsframework.experiment import (
     example,
@@ -28,6 +27,8 @@ from qsframework.experiment import (
 from qsframework.experiment.plan import read_plan
 from qsframework.identify import identify
 from qsframework.plugin.trusted import trusted, trusting
+from qsframework.report.extended import write_extended
+from qsframework.report.words.diagnosis import diagnosis_words
 from qsframework.robot import load_robot
 from qsframework.robot.named_files import entry_effects
 
@@ -120,7 +121,7 @@ def test_it_is_simulated_and_identified(campaign: Path) -> None:
     fitted = experiment.with_(fit=("soft_ground", "joint_compliance[joint_2]", "joint_compliance[joint_3]"))
     readings = simulate(fitted, plan, seed=1).readings
     without = simulate(fitted.with_(effects=(), parameters=(), fit=None), plan, seed=1).readings
-    assert np.abs(readings.displacement - without.displacement).max() > 1e-4
+    assert np.abs(readings.value - without.value).max() > 1e-4
     found = {e.name: e for e in identify(fitted, readings).estimates}["soft_ground[y]"]
     assert abs(found.value - TRUE) < 4.0 * found.sd
     assert found.sd < 0.2 * TRUE
@@ -209,9 +210,10 @@ COMMANDS = {
     "design": ["design", "E", "-n", "6", "--candidates", "60", "--efficiency", "0.9", "-o", "O/plan.csv"],
     "compensate": ["compensate", "E", "fit.json", "plan.csv"],
     "identify": ["identify", "E", "--data", "none.csv"],
+    "validate": ["validate", "E", "fit.json", "none.csv"],
 }
 LET_IN = {
-    "compensate": "fit.json", "identify": "none.csv", "export": "transmission angle",
+    "compensate": "fit.json", "identify": "none.csv", "validate": "fit.json", "export": "transmission angle",
     "diagnose": "does not tell the fitted parameters",
 }  # fmt: skip
 """Commands that are tried up to what they say of their next input."""
@@ -261,7 +263,8 @@ def test_it_is_diagnosed_and_extended(campaign: Path, tmp_path: Path) -> None:
     campaign.write_text(yaml.safe_dump(document))
     experiment = load_experiment(campaign, trust=True)
     measured = read_readings(example("hidden_effect") / "readings.csv", experiment)
-    plan = make_plan(measured.poses, [""] * len(measured.poses))
+    loaded = measured.poses.take(np.flatnonzero(measured.states.loaded))
+    plan = make_plan(loaded, [""] * len(loaded))
     (hidden,) = entry_effects(ENTRY, campaign.parent, experiment.robot.facts, trust=True)
     (parameter,) = hidden.parameters(experiment.robot.facts)
     true = experiment.with_(
@@ -270,7 +273,7 @@ def test_it_is_diagnosed_and_extended(campaign: Path, tmp_path: Path) -> None:
     write_readings(campaign.with_name("readings.csv"), simulate(true, plan, seed=2).readings, experiment)
     found = diagnose(experiment, read_readings(campaign.with_name("readings.csv"), experiment), seed=2)
     named = {name for f in found.findings for name in (f.name, *(r.name for r in f.rivals))}
-    assert "soft_ground[y]" in named, found.words
+    assert "soft_ground[y]" in named, diagnosis_words(found)
     write_extended(found, tmp_path / "extended")
     assert (tmp_path / "extended" / "robot" / "effects" / "soft_ground.py").read_text() == EFFECT
     with pytest.raises(InputError, match="--trust"):

@@ -46,14 +46,14 @@ def seen(scene: Scene, empty: Scene, folder: Path) -> tuple[int, Array]:
 
 @browser
 def test_the_robot_is_to_be_seen(m900ib: Experiment, tmp_path: Path) -> None:
-    changed, pixels = seen(show_scene(m900ib, one_pose(m900ib, None, None)), Scene("empty"), tmp_path)
+    changed, pixels = seen(show_scene(m900ib, one_pose(m900ib, None, None)), Scene(title="empty"), tmp_path)
     assert changed > 15_000
     assert int((pixels[..., 0] - pixels[..., 2] > 80).sum()) > 3000  # the arm is yellow
 
 
 @browser
 def test_the_empty_scene_is_empty(tmp_path: Path) -> None:
-    changed, _ = seen(Scene("one"), Scene("two"), tmp_path)
+    changed, _ = seen(Scene(title="one"), Scene(title="two"), tmp_path)
     assert changed < 200
 
 
@@ -61,7 +61,7 @@ def test_the_empty_scene_is_empty(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", sorted(set(robot_names()) - {"fanuc_m900ib"}))
 def test_every_robot_is_to_be_seen(name: str, tmp_path: Path) -> None:
     experiment = robot_alone(load_robot(name), np.zeros(3))
-    changed, _ = seen(show_scene(experiment, one_pose(experiment, None, None)), Scene("empty"), tmp_path)
+    changed, _ = seen(show_scene(experiment, one_pose(experiment, None, None)), Scene(title="empty"), tmp_path)
     assert changed > 2500  # a small arm such as the UR10 covers some 4000
 
 
@@ -97,7 +97,7 @@ def test_the_slider_shows_one_pose_and_the_ghosts_of_the_others(m900ib: Experime
 
 @browser
 def test_what_users_wrote_is_text(tmp_path: Path) -> None:
-    scene = Scene(EVIL, notes=[EVIL])
+    scene = Scene(title=EVIL, notes=[EVIL])
     scene.step("a", EVIL)
     scene.layer(EVIL, "a")
     (tmp_path / "evil.html").write_text(scene.html())

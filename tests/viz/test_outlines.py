@@ -52,7 +52,9 @@ def test_the_rocker_lies_on_the_driven_link(m900ib: Experiment) -> None:
 
 def test_a_four_bars_ends_meet(m900ib: Experiment) -> None:
     facts = m900ib.robot.facts
-    loop = FourBar("joint_3", "joint_2", 0.7, 1.05, 0.75, lever_zero=-1.5, rocker_zero=-np.pi / 2, branch=-1.0)
+    loop = FourBar(
+        "joint_3", "joint_2", lever=0.7, bar=1.05, rocker=0.75, lever_zero=-1.5, rocker_zero=-np.pi / 2, branch=-1.0
+    )
     ends = loop.outline(0.4 * Q, facts)
     assert np.isfinite(ends).all()
     assert np.allclose(lengths(ends), [0.7, 1.05, 0.75], atol=1e-9)
@@ -105,5 +107,7 @@ def test_a_balancer_at_the_last_joint_has_a_direction(m900ib: Experiment) -> Non
 
 
 def test_a_point_spring_is_drawn_between_its_points(m900ib: Experiment) -> None:
-    spring = PointSpring("link_1", "link_2", -0.3, 0.1, 0.2, 0.1, 0.1, 0.6)
+    spring = PointSpring(
+        "link_1", "link_2", first_x=-0.3, first_y=0.1, first_z=0.2, second_x=0.1, second_y=0.1, second_z=0.6
+    )
     assert spring.outline(m900ib.robot.facts) == spring.ends(m900ib.robot.facts)

@@ -15,14 +15,15 @@ import numpy as np
 import pytest
 
 from qsframework.applications import stiffness_at
-from qsframework.cli.identify import FitFiles, How, run_identify
+from qsframework.cli.identify import FitFiles, run_identify
 from qsframework.cli.show import Shown, make_scene, run_show
 from qsframework.errors import InputError, QsfError
-from qsframework.experiment import Experiment, Plan, example, make_plan, write_plan, write_states
-from qsframework.identify.fit_files import read_fit
+from qsframework.estimation import FitOptions
+from qsframework.experiment import Experiment, Plan, example, make_plan, write_plan, write_readings
+from qsframework.identify.io import read_fit
 from qsframework.plugin import Poses
 from qsframework.robot import load_robot
-from tests.identify.test_states import BASE, measured
+from tests.diagnose.cases import candidates, day_of_positions
 
 M900IB = example("m900ib") / "experiment.yaml"
 R2000IC = example("r2000ic") / "experiment.yaml"
@@ -50,25 +51,27 @@ def fit(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_page_of_a_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run_show(Shown("fanuc_m900ib"), tmp_path / "robot.html", 7000)
+    run_show(Shown(subject="fanuc_m900ib"), tmp_path / "robot.html", 7000)
     assert "scene:" in capsys.readouterr().out
     assert "MeshCat.Viewer" in (tmp_path / "robot.html").read_text()
 
 
 def test_a_robot_can_be_a_path(root: Path) -> None:
-    scene = make_scene(Shown(str(root / "robots" / "ur10" / "robot.yaml"), load="0,0,-100", point="0,0,50"))
+    scene = make_scene(Shown(subject=str(root / "robots" / "ur10" / "robot.yaml"), load="0,0,-100", point="0,0,50"))
     assert scene.title.startswith("Universal Robots UR10")
     assert "deflected" in scene.layers
 
 
 def test_a_plan_is_shown(plan: Path) -> None:
-    scene = make_scene(Shown(str(M900IB), plan))
+    scene = make_scene(Shown(subject=str(M900IB), plan=plan))
     assert scene.steps[0][1].startswith("p01 (weight), the load point moves")
-    assert make_scene(Shown("fanuc_m900ib", plan)).steps[0][0] == "poses/0"  # a robot by itself takes plans too
+    assert (
+        make_scene(Shown(subject="fanuc_m900ib", plan=plan)).steps[0][0] == "poses/0"
+    )  # a robot by itself takes plans too
 
 
 def test_a_fit_brings_its_values_and_residuals(fit: Path, plan: Path) -> None:
-    scene = make_scene(Shown(str(R2000IC), fit=fit))
+    scene = make_scene(Shown(subject=str(R2000IC), fit=fit))
     assert len(scene.layers["residuals"]) == len(scene.steps) == 40
     stored = read_fit(fit)
     rms = 1e3 * stored.sigma * float(np.sqrt(stored.chi2 / (stored.dof + len(stored.names))))
@@ -79,7 +82,7 @@ def test_a_fit_brings_its_values_and_residuals(fit: Path, plan: Path) -> None:
 
 
 def test_a_fit_with_one_pose_lets_its_residuals_float(fit: Path) -> None:
-    scene = make_scene(Shown(str(R2000IC), fit=fit, pose="0,0,0,0,30,0", load="0,0,-1000"))
+    scene = make_scene(Shown(subject=str(R2000IC), fit=fit, pose="0,0,0,0,30,0", load="0,0,-1000"))
     assert scene.layers["residuals"] == ["residuals"]
     assert "deflected" in scene.layers
 
@@ -87,50 +90,59 @@ def test_a_fit_with_one_pose_lets_its_residuals_float(fit: Path) -> None:
 def test_other_readings_than_the_fits_are_told(fit: Path, tmp_path: Path) -> None:
     lines = (example("r2000ic") / "readings.csv").read_text().splitlines()
     (tmp_path / "few.csv").write_text("\n".join(lines[:-3]) + "\n")
-    scene = make_scene(Shown(str(R2000IC), fit=fit, data=tmp_path / "few.csv"))
+    scene = make_scene(Shown(subject=str(R2000IC), fit=fit, data=tmp_path / "few.csv"))
     assert "The fit is not of the readings in few.csv, which are shown." in scene.notes
 
 
 def test_residuals_of_a_day_of_positions(
     m900ib: Experiment, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Loaded minus unloaded positions, as `qsf identify --differences` fits them."""
+    """Loaded minus unloaded positions, as `qsf identify` fits them where it is to find springs only."""
     states, fit = tmp_path / "states.csv", tmp_path / "fit.json"
-    write_states(states, measured(m900ib, m900ib.model().nominal, 6, BASE, 1), m900ib)
-    run_identify(FitFiles(m900ib.path, states, fit), How(differences=True))
-    scene = make_scene(Shown(str(M900IB), fit=fit, data=states))
+    model = m900ib.model()
+    write_readings(states, day_of_positions(model, model.nominal, candidates()[:6], 1), m900ib)
+    run_identify(FitFiles(experiment=m900ib.path, data=(states,), json=fit), None, FitOptions(), clean=False)
+    scene = make_scene(Shown(subject=str(M900IB), fit=fit, data=states))
     assert len(scene.layers["residuals"]) == len(scene.steps) == 12
     assert not any("not of the readings" in note for note in scene.notes)
     capsys.readouterr()
-    run_show(Shown(str(M900IB), fit=fit), tmp_path / "d.html", 7000)
+    run_show(Shown(subject=str(M900IB), fit=fit), tmp_path / "d.html", 7000)
     assert "No residual vectors: the experiment names no readings; give them with --data." in capsys.readouterr().out
 
 
-def test_positions_of_an_unloaded_arm_have_no_residual_vectors(m900ib: Experiment, tmp_path: Path) -> None:
+def test_positions_of_an_unloaded_arm_have_residual_vectors(m900ib: Experiment, tmp_path: Path) -> None:
+    """Absolute positions in a frame that the fit found: what they miss is drawn, as of any reading."""
     states, fit = tmp_path / "states.csv", tmp_path / "fit.json"
-    all_ = measured(m900ib, m900ib.model().nominal, 6, BASE, 1)
-    write_states(states, all_, m900ib)
-    run_identify(FitFiles(m900ib.path, states, fit), How(differences=True))
-    write_states(states, replace(all_, use=~all_.loaded[all_.measurement]), m900ib)
-    scene = make_scene(Shown(str(M900IB), fit=fit, data=states))
-    assert "No residual vectors: positions of an unloaded arm are no displacements." in scene.notes
+    model = m900ib.model()
+    day = day_of_positions(model, model.nominal, candidates()[:6], 1, turned=(0.3, -0.1, 2.0), origin=(1.0, -2.0, 0.5))
+    write_readings(states, day, m900ib)
+    files = FitFiles(experiment=m900ib.path, data=(states,), json=fit, states="positions")
+    run_identify(files, None, FitOptions(), clean=False)
+    write_readings(states, replace(day, use=~day.states.loaded[day.plus]), m900ib)
+    scene = make_scene(Shown(subject=str(M900IB), fit=fit, data=states))
+    assert len(scene.layers["residuals"]) == len(scene.steps) == 6
+    told = next(note for note in scene.notes if note.startswith("Purple"))
+    assert 0.015 < float(told.split("axis ")[1].split(" mm")[0]) < 0.025  # the noise, 0.02 mm
 
 
 @pytest.mark.parametrize(
     ("shown", "words"),
     [
-        (Shown("fanuc_m900i"), "unknown robot 'fanuc_m900i'.*fanuc_m900ib"),
-        (Shown("nowhere.yaml"), "unknown robot 'nowhere.yaml'"),
-        (Shown("fanuc_m900ib", scale=0.0), "--scale 0: allowed: a number above 0"),
-        (Shown("fanuc_m900ib", scale=-1.0), "--scale -1"),
-        (Shown("fanuc_m900ib", pose="0,95,0,0,0,0"), "joint_2 is outside its limits; found 95 deg; allowed: -64 to 90"),
-        (Shown("fanuc_m900ib", pose="0,0,0"), "--pose: found 3 numbers"),
-        (Shown("fanuc_m900ib", load="0,0"), "--load: found 2 numbers"),
-        (Shown("fanuc_m900ib", load="a,b,c"), "--load: found 'a,b,c'"),
-        (Shown(str(M900IB), point="0,0,0"), "--point is for a robot by itself"),
-        (Shown(str(M900IB), data=Path("readings.csv")), "give --fit too"),
-        (Shown(str(M900IB), Path("nowhere.csv")), "nowhere.csv"),
-        (Shown(str(M900IB), fit=Path("nowhere.json")), "nowhere.json"),
+        (Shown(subject="fanuc_m900i"), "unknown robot 'fanuc_m900i'.*fanuc_m900ib"),
+        (Shown(subject="nowhere.yaml"), "unknown robot 'nowhere.yaml'"),
+        (Shown(subject="fanuc_m900ib", scale=0.0), "--scale 0: allowed: a number above 0"),
+        (Shown(subject="fanuc_m900ib", scale=-1.0), "--scale -1"),
+        (
+            Shown(subject="fanuc_m900ib", pose="0,95,0,0,0,0"),
+            "joint_2 is outside its limits; found 95 deg; allowed: -64 to 90",
+        ),
+        (Shown(subject="fanuc_m900ib", pose="0,0,0"), "--pose: found 3 numbers"),
+        (Shown(subject="fanuc_m900ib", load="0,0"), "--load: found 2 numbers"),
+        (Shown(subject="fanuc_m900ib", load="a,b,c"), "--load: found 'a,b,c'"),
+        (Shown(subject=str(M900IB), point="0,0,0"), "--point is for a robot by itself"),
+        (Shown(subject=str(M900IB), data=Path("readings.csv")), "give --fit too"),
+        (Shown(subject=str(M900IB), plan=Path("nowhere.csv")), "nowhere.csv"),
+        (Shown(subject=str(M900IB), fit=Path("nowhere.json")), "nowhere.json"),
     ],
 )
 def test_bad_input_says_what_to_do(shown: Shown, words: str) -> None:
@@ -140,22 +152,22 @@ def test_bad_input_says_what_to_do(shown: Shown, words: str) -> None:
 
 def test_a_plan_of_another_robot_is_refused(plan: Path) -> None:
     with pytest.raises(InputError, match="fanuc_m900ib"):
-        make_scene(Shown(str(R2000IC), plan))
+        make_scene(Shown(subject=str(R2000IC), plan=plan))
 
 
 def test_a_fit_of_another_robot_is_refused(fit: Path) -> None:
     with pytest.raises(InputError, match="the fit is of robot fanuc_r2000ic, not of fanuc_m900ib"):
-        make_scene(Shown(str(M900IB), fit=fit))
+        make_scene(Shown(subject=str(M900IB), fit=fit))
 
 
 def test_a_plan_keeps_its_own_pose(plan: Path) -> None:
     with pytest.raises(InputError, match="leave out --pose and --load"):
-        make_scene(Shown(str(M900IB), plan, pose="0,0,0,0,0,0"))
+        make_scene(Shown(subject=str(M900IB), plan=plan, pose="0,0,0,0,0,0"))
 
 
 def test_the_page_does_not_overwrite_its_input(plan: Path) -> None:
     with pytest.raises(QsfError, match=r"plan\.csv"):
-        run_show(Shown(str(M900IB), plan), plan, 7000)
+        run_show(Shown(subject=str(M900IB), plan=plan), plan, 7000)
 
 
 def test_bad_input_ends_with_code_two() -> None:

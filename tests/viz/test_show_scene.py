@@ -10,7 +10,7 @@ import pytest
 
 from qsframework.elastostatics import cartesian_compliance, full_displacement
 from qsframework.errors import InputError
-from qsframework.experiment import Constraints, Experiment, Plan, Readings, make_plan
+from qsframework.experiment import Constraints, Experiment, Plan, Readings, make_plan, make_rows
 from qsframework.plugin import Array, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.robot import load_robot
@@ -197,9 +197,9 @@ def test_residuals_are_measured_minus_predicted_at_their_markers(r2000ic: Experi
     plan, missed = measured(r2000ic, real, x)
     scene = show_scene(r2000ic, plan, x, 50.0, missed)
     found = world(scene)
-    predicted = model.predict(real.poses, x)
-    assert len(plan.pose) == MOST < len(real.poses)
-    worst = np.sort(np.linalg.norm(real.displacement - predicted[real.measurement, real.marker], axis=1))
+    predicted = make_rows(real).predict(model, x)
+    assert len(plan.pose) == MOST < len(set(real.pose))
+    worst = np.sort(np.linalg.norm(real.value - predicted, axis=1))
     drawn = np.sort([
         np.linalg.norm(found[p][:3, 3] - found[p.split("/residuals")[0] + "/markers/0"][:3, 3])
         for p in found if p.endswith("/head") and "/residuals/" in p
@@ -207,8 +207,7 @@ def test_residuals_are_measured_minus_predicted_at_their_markers(r2000ic: Experi
     assert np.allclose(drawn, 50.0 * worst[-MOST:], atol=1e-9)
     first = int(np.flatnonzero([n == plan.pose[0].split(",")[0] for n in real.pose])[0])
     arrow = found["poses/0/residuals/0/head"][:3, 3] - found["poses/0/markers/0"][:3, 3]
-    row = int(np.flatnonzero(real.measurement == first)[0])
-    assert np.allclose(arrow, 50.0 * (real.displacement[row] - predicted[first, 0]), atol=1e-9)
+    assert np.allclose(arrow, 50.0 * (real.value[first] - predicted[first]), atol=1e-9)
 
 
 def test_residuals_beside_another_plan_float_at_their_own_poses(r2000ic: Experiment, real: Readings) -> None:

@@ -1,0 +1,205 @@
+"""The table of all causes and the findings: what is named, tied, excluded, invisible."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from qsframework.diagnose.error_budget import linear_errors
+from qsframework.diagnose.linearization.candidates import REACH, Cause, Untested
+from qsframework.diagnose.result import Finding, Line, Rival, Status, Value
+from qsframework.diagnose.selection.cross_validation import HeldOut
+from qsframework.diagnose.selection.exact_refit import Settled
+from qsframework.diagnose.selection.influence import hangs_on
+from qsframework.diagnose.selection.model_selection import Answer, Library, p_value_of, size_of
+from qsframework.diagnose.selection.principal_angles import angle_matrix, smallest_angles
+from qsframework.diagnose.selection.rivals import rival_set
+from qsframework.diagnose.selection.search import Subset
+from qsframework.plugin import Array, Parameter
+
+_SIDES = 1.96
+_ROUNDING = 1e-6
+"""Share of a typical size below which a number is rounding."""
+_RIVALS_TRIED = 12
+_MOST_SETS = 20
+
+
+def findings_of(
+    library: Library, answers: Sequence[Answer], baseline: Settled, held: HeldOut, threshold: float,
+    pose_names: Sequence[str], seed: int,
+) -> tuple[Finding, ...]:  # fmt: skip
+    """The named causes of the best explanation with rivals, evidence and the poses that they hang on.
+
+    threshold: log p of a significant cause; pose_names: by number of the pose
+    """
+    if not answers:
+        return ()
+    best = answers[0]
+    members = best.subset.members
+    rivals = {i: _rivals(library, answers, i, seed) for i in members}
+    hanging = {i: _hanging(library, best.subset, i, rivals[i], threshold, pose_names) for i in members}
+    gains = _gains(library, members, baseline, held)
+    out = [_finding(library, answers, baseline, i, rivals[i], hanging[i], gains[i]) for i in members]
+    return tuple(sorted(out, key=lambda f: -f.s))
+
+
+def _gains(library: Library, members: Sequence[int], baseline: Settled, held: HeldOut) -> dict[int, float]:
+    """By what share the held-out error falls with each cause beside the others.
+
+    One cause alone has the gain of the whole extension, its search nested; of several, one after the other is left out
+    of the linearised model, the others given.
+    """
+    if len(members) == 1:
+        return {members[0]: 1.0 - held.rms_extended / held.rms_identified}
+    _, every = linear_errors(library.case, members, baseline.residuals)
+    others = {i: [j for j in members if j != i] for i in members}
+    return {i: 1.0 - every / linear_errors(library.case, others[i], baseline.residuals)[1] for i in members}
+
+
+def _finding(
+    library: Library, answers: Sequence[Answer], baseline: Settled, i: int, rivals: Sequence[int],
+    hanging: tuple[tuple[str, ...], ...], gain: float,
+) -> Finding:  # fmt: skip
+    best = answers[0]
+    cause = library.case.causes[i]
+    given = tuple(j for j in best.subset.members if j != i)
+    s = size_of(library, i, given)
+    if not given:  # the exact fit knows the size better than the linear one
+        s = float(np.sqrt(max(baseline.chi2 - best.fit.chi2 - best.subset.dof, 0.0)))
+    angles = smallest_angles(library.subspaces, i)
+    return Finding(
+        name=cause.name,
+        values=values_of(cause, best.fit),
+        s=s,
+        p_value=p_value_of(library, i, given),
+        ebic_gain=_conditional_ebic(library, i, given) if given else -best.ebic,
+        rivals=tuple(Rival(library.case.causes[j].name, float(angles[j])) for j in rivals),
+        hangs_on=hanging,
+        physics=(type(cause.effect).__doc__ or cause.name).strip().splitlines()[0],
+        check=type(cause.effect).check,
+        heldout_gain=gain,
+    )
+
+
+def values_of(cause: Cause, fit: Settled) -> tuple[Value, ...]:
+    """Estimates of a cause's parameters."""
+    return tuple(Value(p.name, p.unit, fit.value(p.name), fit.sd(p.name), p.nominal) for p in cause.parameters)
+
+
+def _conditional_ebic(library: Library, i: int, given: tuple[int, ...]) -> float:
+    """By how much EBIC falls with cause i beside the given ones."""
+    gram, count = library.gram, len(library.heads)
+    without, _, _ = gram.solve(given)
+    rss, _, _ = gram.solve((*given, i))
+    dof = sum(len(gram.at[j]) for j in given)
+    return gram.ebic(without, dof, len(given), count) - gram.ebic(rss, dof + len(gram.at[i]), len(given) + 1, count)
+
+
+def _rivals(library: Library, answers: Sequence[Answer], i: int, seed: int) -> tuple[int, ...]:
+    best = answers[0].subset.members
+    given = tuple(j for j in best if j != i)
+    found = rival_set(library.gram, i, given, _exact(answers, given), seed)
+    alike = [j for j in library.aliases(i) if j != i and library.subspaces[j].visible and j not in found]
+    return (*alike, *found)
+
+
+def _exact(answers: Sequence[Answer], given: tuple[int, ...]) -> Mapping[int, float]:
+    """Squares left by exact fits of the given causes and one more."""
+    out: dict[int, float] = {}
+    for a in answers:
+        more = set(a.subset.members) - set(given)
+        if len(more) == 1 and len(a.subset.members) == len(given) + 1:
+            out[more.pop()] = a.fit.chi2
+    return out
+
+
+def _hanging(
+    library: Library, best: Subset, i: int, rivals: Sequence[int], threshold: float, pose_names: Sequence[str]
+) -> tuple[tuple[str, ...], ...]:
+    """Poses that the name of cause i hangs on; that a rival takes over is no news."""
+    from scipy.stats import chi2
+
+    gram = library.gram
+    given = tuple(j for j in best.members if j != i)
+    allowed = {i, *rivals, *library.aliases(i)}
+    others = _alternatives(library, given, allowed)
+    dof = len(gram.at[i])
+    unit = 1.0 if library.stated else gram.total / max(gram.count - len(library.case.fitted), 1)
+    needed = float(chi2.isf(float(np.exp(threshold)), max(dof, 1))) * unit
+    without = Subset(given, 0.0, best.dof - dof, 0.0)
+    found = hangs_on(library.case, library.subspaces, best, without, others, needed)
+    return tuple(tuple(pose_names[p] for p in poses) for poses in found[:_MOST_SETS])
+
+
+def _alternatives(library: Library, given: tuple[int, ...], allowed: set[int]) -> list[Subset]:
+    """The given causes with another one in the free place, the best few that are physical."""
+    gram = library.gram
+    others = [j for j in library.heads if j not in given and j not in allowed]
+    falls = gram.falls(given, others)
+    out: list[Subset] = []
+    for n in np.argsort(-falls)[: 2 * _RIVALS_TRIED]:
+        members = (*given, others[int(n)])
+        rss, _, physical = gram.solve(members)
+        if physical and len(out) < _RIVALS_TRIED:
+            out.append(Subset(members, rss, sum(len(gram.at[j]) for j in members), 0.0))
+    return out
+
+
+def table_of(
+    library: Library, best: Answer | None, findings: Sequence[Finding], untested: Sequence[Untested]
+) -> tuple[Line, ...]:
+    """One line for every cause: named ones first, then their rivals, what is excluded, what is invisible."""
+    named = {f.name for f in findings}
+    tied = {r.name for f in findings for r in f.rivals}
+    members = best.subset.members if best else ()
+    angles = angle_matrix(library.subspaces)
+    lines = [_line(library, best, i, named, tied, members, angles[i]) for i in range(len(library.subspaces))]
+    order = list(Status)
+    lines.sort(key=lambda x: (order.index(x.status), x.p_value))
+    return (*lines, *(Line(name=u.name, status=Status.UNTESTED, needs=u.needs) for u in untested))
+
+
+def _line(
+    library: Library,
+    best: Answer | None,
+    i: int,
+    named: set[str],
+    tied: set[str],
+    members: Sequence[int],
+    angles: Array,
+) -> Line:
+    subspace, cause = library.subspaces[i], library.case.causes[i]
+    if not subspace.visible:
+        s = subspace.reach / REACH
+        return Line(name=cause.name, status=Status.INVISIBLE, s=0.0, p_value=1.0, reach=s if s > _ROUNDING else 0.0)
+    near = int(np.nanargmin(angles)) if np.isfinite(angles).any() else i
+    status = Status.NAMED if cause.name in named else Status.TIED if cause.name in tied else Status.EXCLUDED
+    return Line(
+        name=cause.name,
+        status=status,
+        s=float(library.scores.s()[i]),
+        p_value=float(library.scores.p_adjusted[i]),
+        values=values_of(cause, best.fit) if best and i in members else (),
+        limits=() if status is Status.NAMED else _limits(library, i, [m for m in members if m != i]),
+        nearest=library.case.causes[near].name,
+        angle=float(angles[near]),
+    )
+
+
+def _limits(library: Library, i: int, given: Sequence[int]) -> tuple[tuple[Parameter, float], ...] | None:
+    """The largest size that the readings allow beside the named causes, 95 %, of each parameter by itself."""
+    gram, at, cause = library.gram, library.gram.at[i], library.case.causes[i]
+    G, c = gram.beside(given)
+    G, c = G[np.ix_(at, at)], c[at]
+    values, vectors = np.linalg.eigh(G)
+    turn = library.subspaces[i].turn @ vectors
+    unit = 1.0 if library.stated else gram.total / max(gram.count - len(library.case.fitted), 1)
+    z = vectors.T @ c
+    told = values > 1e-4
+    if not told.any():
+        return None
+    center = np.abs(turn[:, told] @ (z[told] / values[told]))
+    sizes = center + _SIDES * np.sqrt(np.square(turn[:, told]) @ (unit / values[told]))
+    told_apart = sizes > _ROUNDING * np.array(cause.sizes)  # the fitted parameters absorb the others
+    return tuple((p, float(s)) for p, s, t in zip(cause.parameters, sizes, told_apart, strict=True) if t)

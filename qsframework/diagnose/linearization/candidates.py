@@ -1,0 +1,151 @@
+"""The candidate causes: every effect of the registry at every place where it can act on this robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from qsframework.elastostatics import Model, make_model
+from qsframework.experiment import Experiment
+from qsframework.experiment.observations import Rows
+from qsframework.plugin import (
+    Conditions,
+    Effect,
+    InputError,
+    ParallelSpring,
+    Parameter,
+    Poses,
+    Sensor,
+    Spring,
+    SpringLaw,
+    registry,
+)
+from qsframework.plugin.trusted import file_of
+
+REACH = 10.0
+"""How many times its typical size an effect may have; what is not seen even then is invisible in this protocol."""
+_SHARE = 0.1
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect at one place, with the parameters that the baseline fit leaves at their nominal values.
+
+    present: the robot or the campaign has the effect already, and its nominal values may be wrong
+    """
+
+    name: str
+    effect: Effect
+    parameters: tuple[Parameter, ...]
+    present: bool
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def sizes(self) -> tuple[float, ...]:
+        """A realistic size of each parameter's deviation from its nominal value, SI."""
+        return tuple(_size(p, self.present) for p in self.parameters)
+
+    def one_sided(self) -> bool:
+        """Whether its only parameter stands at its lower bound, so that it can only grow."""
+        return len(self.parameters) == 1 and self.parameters[0].nominal <= self.parameters[0].lower
+
+
+def _size(p: Parameter, present: bool) -> float:
+    if present and p.nominal != 0.0:
+        return p.sd or _SHARE * abs(p.nominal)
+    return p.sd or p.typical
+
+
+@dataclass(frozen=True)
+class Untested:
+    """A cause that these readings cannot test, and the columns that they would need for it."""
+
+    name: str
+    needs: tuple[str, ...]
+
+
+def find_causes(
+    experiment: Experiment, fitted: Sequence[str], seen: Rows | Poses
+) -> tuple[tuple[Cause, ...], tuple[Untested, ...]]:
+    """All causes beyond the fitted parameters, and those that need something that was not recorded.
+
+    seen: the rows of readings, or poses that are still to be measured
+    """
+    facts, model = experiment.robot.facts, experiment.model()
+    causes = [_present(e, fitted, model) for e in model.effects]
+    have = {e.name for e in model.effects}
+    untested: list[Untested] = []
+    springs = {p.name for e in model.effects if isinstance(e, Spring) for p in e.parameters(facts)}
+    for effect in proposed(model):
+        if effect.name in have or (isinstance(effect, SpringLaw) and not springs.issuperset(effect.springs(facts))):
+            continue
+        have.add(effect.name)
+        missing = _missing(effect, seen)
+        if missing:
+            untested.append(Untested(effect.name, missing))
+        else:
+            causes.append(Cause(effect.name, effect, effect.parameters(facts), False))
+    return tuple(c for c in causes if c.parameters), tuple(untested)
+
+
+def _missing(effect: Effect, seen: Rows | Poses) -> tuple[str, ...]:
+    """Columns that an effect needs and the readings lack: what acts in both states of a displacement needs both."""
+    states = _states(seen)
+    if not isinstance(effect, (Sensor, ParallelSpring)):
+        states = states[:1]
+    missing = [(n, end) for n in effect.needs for end, state in states if not _known(state, n)]
+    return tuple(dict.fromkeys(n if n == "approach" else f"{n}{end}" for n, end in missing))  # one side for both states
+
+
+def _states(seen: Rows | Poses) -> list[tuple[str, Conditions]]:
+    """The conditions of the states that are measured, and of those that are taken off."""
+    if isinstance(seen, Poses):
+        return [("", seen.loaded), ("_unloaded", seen.unloaded)]
+    conditions = seen.readings.poses.loaded
+    before = seen.minus[seen.minus >= 0]
+    return [("", conditions.take(seen.plus)), *([("_unloaded", conditions.take(before))] if len(before) else [])]
+
+
+def _known(state: Conditions, name: str) -> bool:
+    value = getattr(state, name, None)
+    return value is not None and bool(np.isfinite(value).all())
+
+
+def _present(effect: Effect, fitted: Sequence[str], model: Model) -> Cause:
+    values = dict(zip(model.names, model.parameters, strict=True))
+    own = tuple(values[p.name] for p in effect.parameters(model.facts) if p.name not in fitted)
+    return Cause(effect.name, effect, own, True)
+
+
+def proposed(model: Model) -> list[Effect]:
+    """Every instance that the effects of the registry propose for this robot, its markers and its own effects.
+
+    Effects from files, which are in no registry, propose instances where the model has one already.
+    """
+    out: list[Effect] = []
+    from_files = [type(e) for e in model.effects if file_of(type(e)) is not None]
+    for kind in dict.fromkeys([*registry().values(), *from_files]):
+        found = [*kind.places(model.facts, model.marker_names), *kind.beside(model.effects, model.parameters)]
+        for effect in found:
+            try:
+                effect.validate(model.facts)
+            except InputError:
+                continue  # this place does not fit the robot
+            out.append(effect)
+    return out
+
+
+def widened(model: Model, causes: Sequence[Cause]) -> Model:
+    """The model with the effects of the causes added, each at the value where it vanishes."""
+    extra = tuple(c.effect for c in causes if not c.present)
+    nulled = [replace(p, nominal=p.nominal if p.null is None else p.null)
+              for c in causes if not c.present for p in c.parameters]  # fmt: skip
+    markers = list(zip(model.marker_names, model.markers, strict=True))
+    return make_model(
+        model.facts, (*model.effects, *extra), (*model.parameters, *nulled), model.tip, markers, model.gravity
+    )

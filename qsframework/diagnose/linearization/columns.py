@@ -1,0 +1,170 @@
+"""The readings, the baseline fit and every candidate cause as whitened columns: what all tests work on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from qsframework.diagnose.linearization.candidates import REACH, Cause, widened
+from qsframework.elastostatics import Model
+from qsframework.estimation import Noise, left, scales
+from qsframework.experiment import Experiment, Frame, make_rows
+from qsframework.experiment.observations import Rows
+from qsframework.experiment.simulate import displaced
+from qsframework.identify.selection import held_of
+from qsframework.plugin import Array, Indices, Poses
+
+VISIBLE = 4.0
+"""s that a cause must reach at REACH times its typical size to be looked for."""
+_DIRECTION = 1.0
+"""s that one direction of a cause with several parameters must reach there to count."""
+_ABSORBED = 1e-6
+"""Share of a column that must remain beside the fitted ones, else rounding is all that is left of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Subspace:
+    """What one cause can do to the readings beyond the fitted parameters, orthonormal (m, k) in whitened readings.
+
+    values (k,): s per typical size of each direction; turn (p, k): SI parameters per unit of s along each direction;
+    absorbed (f, k): the shift of the fitted parameters, SI, per unit of s; reach: s at REACH typical sizes
+    """
+
+    cause: Cause
+    Q: Array
+    values: Array
+    turn: Array
+    absorbed: Array
+    reach: float
+
+    @property
+    def visible(self) -> bool:
+        return self.Q.shape[1] > 0
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether only a positive coefficient is physical."""
+        return self.visible and self.cause.one_sided()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Case:
+    """Whitened columns of m coordinates, three a reading and zero where none was measured: motions of F estimated
+    frames and fitted parameters A (m, 6 F + f) per scale, causes B (m, p_g) per natural size.
+
+    frames: about which motions are counted; x: values of all parameters of `model`, which holds every cause;
+    residuals (m,) whitened, of the baseline fit (zero where nothing has been measured yet); pose (m,): number of the
+    pose of each coordinate; raw (m, q): all columns in m, not whitened; held (6 F + f,): weak hold of what is
+    fitted to its value, per column
+    """
+
+    experiment: Experiment
+    model: Model
+    frames: tuple[Frame, ...]
+    fitted: tuple[str, ...]
+    causes: tuple[Cause, ...]
+    x: Array
+    A: Array
+    B: tuple[Array, ...]
+    residuals: Array
+    pose: Indices
+    raw: Array
+    held: Array
+
+    @property
+    def scale(self) -> Array:
+        """SI value (f,) of one unit of each fitted column."""
+        return scales([self.model.parameters[i] for i in self.model.index(self.fitted)])
+
+    @property
+    def motions(self) -> int:
+        """Columns of the frames, which stand first in A."""
+        return 6 * len(self.frames)
+
+    @property
+    def count(self) -> int:
+        """Coordinates that were measured."""
+        return int(np.count_nonzero(np.any(self.A != 0.0, axis=1) | (self.residuals != 0.0)))
+
+    def subspaces(self) -> tuple[Subspace, ...]:
+        """One for each cause; without a direction where the cause is invisible in this protocol."""
+        return self.subspaces_of(range(len(self.causes)))
+
+    def subspaces_of(self, index: Sequence[int]) -> tuple[Subspace, ...]:
+        """The subspaces of some causes, by position."""
+        Q, R = np.linalg.qr(self.A)
+        back = np.linalg.solve(R, Q.T)
+        return tuple(self._subspace(self.causes[i], self.B[i], Q, back) for i in index)
+
+    def _subspace(self, cause: Cause, columns: Array, Q: Array, back: Array) -> Subspace:
+        U, values, V = np.linalg.svd(left(Q, columns), full_matrices=False)
+        size = float(np.linalg.norm(columns, axis=0).max(initial=0.0))
+        reach = REACH * float(values[0]) if len(values) else 0.0
+        seen = (values * REACH >= _DIRECTION) & (values > _ABSORBED * size) & (reach >= VISIBLE)
+        if len(cause.parameters) == 1 and seen.any() and V[0, 0] < 0.0:
+            U, V = -U, -V  # so that a positive coefficient means a larger parameter
+        turn = (np.array(cause.sizes)[:, None] * V[seen].T) / values[seen]
+        absorbed = -(back @ columns)[self.motions :] @ (V[seen].T / values[seen]) * self.scale[:, None]
+        return Subspace(cause, np.ascontiguousarray(U[:, seen]), values[seen], turn, absorbed, reach)
+
+    def rewhitened(self, kept: Indices, noise: Noise, residuals: Array) -> Case:
+        """Of rows `kept`, under other noise, with residuals (len(kept), 3) m of a fit to them."""
+        scalars = (3 * kept[:, None] + np.arange(3)).ravel()
+        raw = self.raw[scalars]
+        A, B = _split(noise.whiten(raw), self.motions + len(self.fitted), self.causes)
+        return replace(self, A=A, B=B, residuals=noise.whiten(residuals.ravel()), pose=self.pose[scalars], raw=raw)
+
+
+def make_case(
+    experiment: Experiment, rows: Rows, fitted: Sequence[str], causes: Sequence[Cause], x: dict[str, float],
+    residuals: Array, frames: Sequence[Frame] = (),
+) -> Case:  # fmt: skip
+    """Linearise about the parameter values `x` (by name, the others at their nominal or vanishing value).
+
+    residuals (R, 3) m, of the exact model there, zero where nothing was measured
+    """
+    model = widened(experiment.model(), causes)
+    values = model.nominal
+    for i, name in enumerate(model.names):
+        values[i] = x.get(name, values[i])
+    wanted = [*fitted, *(n for c in causes for n in c.names)]
+    columns = rows.padded(rows.rates(model, values, frames, wanted)[1]).reshape(3 * len(rows.keep), -1)
+    sizes = np.concatenate([[p.scale for f in frames for p in f.parameters()],
+                            scales([model.parameters[i] for i in model.index(fitted)]),
+                            *(np.array(c.sizes) for c in causes)])  # fmt: skip
+    raw, noise = columns * sizes, rows.padded_noise
+    A, B = _split(noise.whiten(raw), 6 * len(frames) + len(fitted), causes)
+    return Case(
+        experiment=experiment,
+        model=model,
+        frames=tuple(frames),
+        fitted=tuple(fitted),
+        causes=tuple(causes),
+        x=values,
+        A=A,
+        B=B,
+        residuals=noise.whiten(residuals.ravel()),
+        pose=np.repeat(rows.pose, 3),
+        raw=raw,
+        held=np.concatenate([np.zeros(6 * len(frames)), 1.0 / held_of(model, fitted)]),
+    )
+
+
+def _split(white: Array, first: int, causes: Sequence[Cause]) -> tuple[Array, tuple[Array, ...]]:
+    """Columns of what is fitted, the `first` ones, and of each cause."""
+    ends = np.cumsum([first, *(len(c.parameters) for c in causes)])
+    return white[:, :first], tuple(white[:, a:b] for a, b in pairwise(ends.tolist()))
+
+
+def plan_case(
+    experiment: Experiment, poses: Poses, fitted: Sequence[str], causes: Sequence[Cause], sigma: float,
+    x: dict[str, float] | None = None,
+) -> Case:  # fmt: skip
+    """The case of poses that are still to be measured, every marker once, at the values `x`; no residuals."""
+    nothing = np.zeros((len(poses), len(experiment.markers), 3))
+    planned = displaced(poses, nothing, sigma, [f"{i:09d}" for i in range(len(poses))])
+    rows = make_rows(planned)
+    return make_case(experiment, rows, fitted, causes, x or {}, np.zeros_like(rows.measured))

@@ -1,0 +1,1 @@
+"""What a fitted model leaves: noise, gross rows, lack of fit."""

@@ -1,0 +1,1 @@
+"""Which of the candidate causes the readings call for, and how surely."""

@@ -1,0 +1,144 @@
+"""What the extension gains on readings that it has not seen: repeated K-fold by pose, the search nested inside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.diagnose.linearization.columns import Case, Subspace
+from qsframework.diagnose.selection.family_test import log_p_values
+from qsframework.diagnose.selection.search import Bounds, Gram, make_gram, search
+from qsframework.plugin import Array, Indices
+
+FOLDS = 10
+REPEATS = 3
+LEAVE_ONE_OUT = 48
+"""Up to this many poses each is left out by itself."""
+_SHORT = 16
+"""Causes that a fold's search looks at: those that explain most by themselves."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Held-out errors per scalar reading and repeat, m: of the identified and of the extended model.
+
+    poses: how many there are; repeats: of the folds, 0 where each pose is left out by itself; same: share of the folds
+    whose search chose the causes of the whole, or their aliases
+    """
+
+    identified: Array
+    extended: Array
+    poses: int
+    repeats: int
+    same: float
+
+    @property
+    def rms_identified(self) -> float:
+        return float(np.sqrt(np.sum(self.identified**2) / max(np.count_nonzero(self.identified), 1)))
+
+    @property
+    def rms_extended(self) -> float:
+        return float(np.sqrt(np.sum(self.extended**2) / max(np.count_nonzero(self.extended), 1)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Search:
+    """How a fold decides: subspaces of the causes, significance (log p), whether the noise is known, one position for
+    each alias class, bounds, causes at most."""
+
+    subspaces: tuple[Subspace, ...]
+    threshold: float
+    nu: float
+    stated: bool
+    classes: tuple[int, ...]
+    bounds: Bounds | None
+    largest: int
+
+
+def folds(pose: Indices, seed: int, repeats: int = REPEATS) -> Iterator[Indices]:
+    """Scalars (k,) held out together: whole poses, K folds, repeated with other cuts."""
+    poses = np.unique(pose)
+    if len(poses) <= LEAVE_ONE_OUT:
+        for p in poses:
+            yield np.flatnonzero(pose == p)
+        return
+    rng = np.random.default_rng(seed)
+    for _ in range(repeats):
+        for part in np.array_split(rng.permutation(poses), FOLDS):
+            yield np.flatnonzero(np.isin(pose, part))
+
+
+def held_out(
+    case: Case, closing: Case | None, members: Sequence[int], alike: Sequence[set[int]], how: Search, sigma: Array,
+    seed: int = 0, repeats: int = REPEATS, given: bool = False,
+) -> HeldOut:  # fmt: skip
+    """Errors at poses that neither the fit nor the choice of causes has seen.
+
+    case: linearised at the baseline; closing: at the extended model, its fitted columns being the baseline's and the
+    named causes' (`members`), used in folds that choose these; alike: for each member the causes that count as the
+    same; sigma (m,) m of each scalar; given: whether every fold takes the named causes, without a search: where they
+    are far from linear, a linear one would miss them
+    """
+    identified: list[Array] = []
+    extended: list[Array] = []
+    same: list[bool] = []
+    weights = 1.0 / sigma
+    for test in folds(case.pose, seed, repeats):
+        train = np.setdiff1d(np.arange(len(case.pose)), test)
+        identified.append(_errors(case.A, case, train, test) / weights[test])
+        chosen = tuple(members) if given else _choose(case, train, how)
+        again = _matches(chosen, alike)
+        if closing is not None and again:
+            extended.append(_errors(closing.A, closing, train, test) / weights[test])
+        else:
+            columns = np.concatenate([case.A, *(case.B[i] for i in chosen)], axis=1)
+            extended.append(_errors(columns, case, train, test) / weights[test])
+        same.append(again)
+    count = len(np.unique(case.pose))
+    repeats = 0 if count <= LEAVE_ONE_OUT else repeats
+    return HeldOut(np.concatenate(identified), np.concatenate(extended), count, repeats, float(np.mean(same)))
+
+
+def _matches(chosen: Sequence[int], alike: Sequence[set[int]]) -> bool:
+    left = list(alike)
+    for i in chosen:
+        hit = next((a for a in left if i in a), None)
+        if hit is None:
+            return False
+        left.remove(hit)
+    return not left
+
+
+def _errors(columns: Array, case: Case, train: Indices, test: Indices) -> Array:
+    """Whitened errors of the test scalars after a fit to the others, held weakly to the fit of all."""
+    residuals = case.residuals
+    held = np.zeros((len(case.held), columns.shape[1]))
+    held[:, : len(case.held)] = np.diag(case.held)
+    held = held[case.held > 0.0]
+    A = np.vstack([columns[train], held])
+    size: Array = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    x = np.linalg.lstsq(A / size, np.concatenate([residuals[train], np.zeros(len(held))]), rcond=1e-10)[0]
+    return residuals[test] - (columns[test] / size) @ x
+
+
+def _choose(case: Case, train: Indices, how: Search) -> tuple[int, ...]:
+    """What the search finds in these readings alone: nothing where nothing is significant."""
+    gram = make_gram(how.subspaces, case.residuals, how.stated, how.bounds, case.A, train)
+    falls = gram.falls((), gram.visible)
+    log_p = _log_p(how.subspaces, gram, falls, how)
+    if not len(falls) or log_p.min() > how.threshold:
+        return ()
+    heads = set(how.classes)
+    short = [j for j in (gram.visible[int(i)] for i in np.argsort(log_p)) if j in heads][:_SHORT]
+    found = search(gram, short, how.largest)
+    return found[0].members if found else ()
+
+
+def _log_p(subspaces: Sequence[Subspace], gram: Gram, falls: Array, how: Search) -> Array:
+    dof = np.array([subspaces[i].Q.shape[1] for i in gram.visible])
+    sided = np.array([gram.sided[i] for i in gram.visible])
+    wrong = np.array([gram.sided[i] and gram.c[gram.at[i][0]] < 0.0 for i in gram.visible])
+    unit = 1.0 if np.isinf(how.nu) else max((gram.total - falls.max(initial=0.0)) / max(gram.count - 2, 1), 1e-300)
+    return log_p_values(np.where(wrong, 0.0, falls / unit), dof, sided, how.nu)

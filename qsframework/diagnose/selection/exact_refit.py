@@ -1,0 +1,99 @@
+"""Fits of the exact model with any of the causes, settled by the one solver."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from qsframework.elastostatics import Model
+from qsframework.errors import InputError, NotConverged
+from qsframework.estimation import FitOptions, solve
+from qsframework.experiment import Bridge, Frame
+from qsframework.experiment.observations import Rows
+from qsframework.plugin import Array
+
+_PLAIN = FitOptions(starts=0)
+_CLOSE = 1e-6
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Settled:
+    """A fit of the exact model: x (q,) all parameters, SI; names (f,) those fitted, with covariance (f, f).
+
+    frames: as fitted; residuals (R, 3) m, white (3 R,) whitened, both zero where nothing was measured; chi2 their
+    squares' sum; jacobian (3 R, 6 F + f) whitened, per SI
+    """
+
+    model: Model
+    names: tuple[str, ...]
+    frames: tuple[Frame, ...]
+    x: Array
+    covariance: Array
+    residuals: Array
+    white: Array
+    jacobian: Array
+    chi2: float
+
+    def value(self, name: str) -> float:
+        return float(self.x[self.model.names.index(name)])
+
+    def sd(self, name: str) -> float:
+        i = self.names.index(name)
+        return float(np.sqrt(self.covariance[i, i]))
+
+    def by_name(self) -> dict[str, float]:
+        return dict(zip(self.model.names, (float(v) for v in self.x), strict=True))
+
+
+def predicted_or_linear(model: Model, rows: Rows, x: Array, frames: Sequence[Frame]) -> tuple[Array, bool]:
+    """What the exact model says (R, 3), or the linear one where no equilibrium settles; whether one did."""
+    try:
+        return rows.predict(model, x, frames), True
+    except NotConverged:
+        return rows.predict(model, x, frames, linear=True), False
+
+
+def settle_fit(
+    model: Model, rows: Rows, names: Sequence[str], start: Array, priors: Sequence[tuple[str, float]] = (),
+    frames: Sequence[Frame] | None = None,
+) -> Settled:  # fmt: skip
+    """Fit `names`, and the frames that nobody knows, from `start` (q,), all others held there.
+
+    priors: (name, sd) of parameters that are pulled to their nominal values, so that directions which no reading shows
+    stay there. Bounds are not kept: a value beyond one says that the model is wrong.
+
+    Raises NotConverged where the steps settle neither from the start nor from a linear fit, as where the arm cannot
+    bear its loads; NotIdentifiable where readings cannot tell the names.
+    """
+    own = rows.start(model, start) if frames is None else tuple(frames)
+    try:
+        return _settled(Bridge(model, rows, own, start, tuple(names)), dict(priors))
+    except (NotConverged, InputError):  # the nominal arm may not bear the load that a fitted one does
+        linear = _settled(Bridge(model, rows, own, start, tuple(names), linear=True), dict(priors))
+        try:
+            return _settled(Bridge(model, rows, linear.frames, linear.x, tuple(names)), dict(priors))
+        except (NotConverged, InputError) as error:
+            raise NotConverged(
+                f"the full equilibrium can be fitted neither from where it starts nor from a linear fit: {error}. "
+                "Check the nominal values, and the units of loads and readings"
+            ) from error
+
+
+def _settled(seen: Bridge, priors: dict[str, float]) -> Settled:
+    rows, observations = seen.rows, seen.observations()
+    if priors:
+        held = np.array([1.0 / priors[p.name] if p.name in priors else 0.0 for p in seen.parameters])
+        observations = replace(observations, held=held)
+    found = solve(observations, _PLAIN, seen.start, tolerance=_CLOSE)
+    x, frames = seen.values(found.x), seen.moved(found.x)
+    residuals = rows.padded(np.nan_to_num(rows.measured) - rows.predict(seen.model, x, frames, seen.linear))
+    white = rows.padded_noise.whiten(residuals.ravel())
+    jacobian = np.zeros((len(white), found.jacobian.shape[1]))
+    jacobian[rows.at] = found.jacobian
+    k = seen.motions
+    return Settled(
+        model=seen.model, names=seen.names, frames=frames, x=x, covariance=found.covariance[k:, k:],
+        residuals=residuals, white=white, jacobian=jacobian, chi2=float(white @ white),
+    )  # fmt: skip

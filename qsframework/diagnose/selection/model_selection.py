@@ -1,0 +1,181 @@
+"""From scores to a name: significance of the library, search of subsets, exact refits of the best."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+
+from qsframework.diagnose.linearization.candidates import REACH, Cause, widened
+from qsframework.diagnose.linearization.columns import Case, Subspace
+from qsframework.diagnose.selection.exact_refit import Settled, settle_fit
+from qsframework.diagnose.selection.family_test import Scores, blocks_of, log_p_values, score
+from qsframework.diagnose.selection.principal_angles import alias_classes
+from qsframework.diagnose.selection.search import LARGEST, Bounds, Gram, Subset, make_gram, search
+from qsframework.errors import NotConverged, NotIdentifiable
+from qsframework.estimation import left
+from qsframework.experiment.observations import Rows
+from qsframework.plugin import InputError
+
+REFITS = 5
+_OTHERS = 0.025
+"""Share of the level for causes beside others."""
+_BEYOND = 2.0
+"""Standard deviations by which a parameter of an exact fit may end beyond its bound."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Library:
+    """The library against the baseline's residuals: subspaces, Gram matrix, scores, one position per alias class."""
+
+    case: Case
+    subspaces: tuple[Subspace, ...]
+    gram: Gram
+    scores: Scores
+    classes: tuple[tuple[int, ...], ...]
+    bounds: Bounds
+    stated: bool
+    nu: float
+
+    @property
+    def heads(self) -> tuple[int, ...]:
+        """One position for each class of aliases."""
+        return tuple(c[0] for c in self.classes)
+
+    def aliases(self, i: int) -> tuple[int, ...]:
+        """The class that cause i belongs to."""
+        return next((c for c in self.classes if i in c), (i,))
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """A subset with its exact fit; ebic less that of the baseline."""
+
+    subset: Subset
+    fit: Settled
+    ebic: float
+
+
+def make_library(case: Case, baseline: Settled, nu: float, seed: int) -> Library:
+    """Subspaces, scores and alias classes of all causes. nu: infinite where the size of the noise is stated."""
+    subspaces = case.subspaces()
+    residuals = left(np.linalg.qr(case.A)[0], case.residuals)
+    bounds = _bounds(case, baseline)
+    stated = bool(np.isinf(nu))
+    gram = make_gram(subspaces, residuals, stated, bounds)
+    scores = score(blocks_of(subspaces), residuals, nu, seed=seed)
+    classes = tuple(c for c in alias_classes(subspaces) if subspaces[c[0]].visible)
+    return Library(
+        case=case, subspaces=subspaces, gram=gram, scores=scores, classes=classes, bounds=bounds, stated=stated, nu=nu
+    )
+
+
+def _bounds(case: Case, baseline: Settled) -> Bounds:
+    index = baseline.model.index(case.fitted)
+    lower = np.array([baseline.model.parameters[i].lower for i in index])
+    at = [baseline.names.index(name) for name in case.fitted]
+    sd = np.sqrt(np.diag(baseline.covariance))[at]
+    return Bounds(baseline.x[index], sd, lower)
+
+
+def explain(library: Library, baseline: Settled, rows: Rows, level: float, largest: int = LARGEST) -> list[Answer]:
+    """The best explanations with one or more causes, each fitted exactly, best first.
+
+    Every cause of an answer is significant: alone at the level, beside others at a fortieth of it, because the best of
+    many pairs nearly always holds one cause that only fits the noise.
+    """
+    found = [s for s in search(library.gram, library.heads, largest) if significant(library, s, level)]
+    answers: list[Answer] = []
+    for subset in found:
+        answer = answer_of(library, subset, baseline, rows)
+        if answer is not None:
+            answers.append(answer)
+        if len(answers) == REFITS:
+            break
+    return sorted(answers, key=lambda a: a.ebic)
+
+
+def answer_of(library: Library, subset: Subset, baseline: Settled, rows: Rows) -> Answer | None:
+    """A subset fitted exactly; None where that leads nowhere, or to what is not physical."""
+    causes = [library.case.causes[i] for i in subset.members]
+    fit = refit(library.case, causes, baseline, rows)
+    if fit is None or _beyond(fit):
+        return None
+    return Answer(subset, fit, _ebic(library, subset, fit.chi2, baseline.chi2))
+
+
+def _ebic(library: Library, subset: Subset, chi2: float, start: float) -> float:
+    m = library.gram.count
+    fall = chi2 - start if library.stated else m * float(np.log(chi2 / start))
+    many = comb(len(library.heads), len(subset.members))
+    return fall + subset.dof * float(np.log(m)) + 2.0 * float(np.log(many))
+
+
+def refit(case: Case, causes: Sequence[Cause], baseline: Settled, rows: Rows) -> Settled | None:
+    """The exact model with some causes, fitted from the baseline; None where that leads nowhere.
+
+    A cause with several parameters may do things that no reading shows: its parameters are held near zero by REACH
+    times their typical sizes.
+    """
+    model = widened(case.experiment.model(), causes)
+    known = baseline.by_name()
+    start = np.array([known.get(p.name, p.nominal) for p in model.parameters])
+    names = [*case.fitted, *(n for c in causes for n in c.names)]
+    priors = [(n, REACH * size) for c in causes if len(c.names) > 1 for n, size in zip(c.names, c.sizes, strict=True)]
+    try:
+        return settle_fit(model, rows, names, start, priors, baseline.frames)
+    except (NotConverged, NotIdentifiable, InputError, np.linalg.LinAlgError):
+        return None
+
+
+def _beyond(fit: Settled) -> bool:
+    """Whether a parameter ends significantly beyond its bound: then the subset is not physical."""
+    sd = np.sqrt(np.diag(fit.covariance))
+    for name, s in zip(fit.names, sd, strict=True):
+        p = fit.model.parameters[fit.model.names.index(name)]
+        value = fit.value(name)
+        if value < p.lower - _BEYOND * s or value > p.upper + _BEYOND * s:
+            return True
+    return False
+
+
+def size_of(library: Library, i: int, given: Sequence[int]) -> float:
+    """s of cause i beside the given ones."""
+    fall = float(library.gram.falls(tuple(given), [i])[0])
+    return float(np.sqrt(max(fall - len(library.gram.at[i]), 0.0)))
+
+
+def p_value_of(library: Library, i: int, given: Sequence[int]) -> float:
+    """Family-wise: max-T of a cause alone, a union bound for one beside others."""
+    if not given:
+        return float(library.scores.p_adjusted[i])
+    fall = library.gram.falls(tuple(given), [i])
+    dof = np.array([len(library.gram.at[i])])
+    log_p = log_p_values(fall, dof, np.array([library.gram.sided[i]]), library.nu)
+    return float(min(len(library.heads) * np.exp(log_p[0]), 1.0))
+
+
+def significant(library: Library, subset: Subset, level: float) -> bool:
+    """Whether every cause of a subset is significant: EBIC alone may prefer one that is not."""
+    members = subset.members
+    limit = level if len(members) == 1 else _OTHERS * level
+    return all(p_value_of(library, i, [j for j in members if j != i]) <= limit for i in members)
+
+
+def most_plausible(library: Library, i: int) -> int:
+    """Of causes that do the same to the readings, the one whose size is nearest to its typical one."""
+    members = library.aliases(i)
+
+    def oddness(j: int) -> float:
+        subspace = library.subspaces[j]
+        s = float(np.linalg.norm(subspace.Q.T @ library.case.residuals))
+        return abs(float(np.log(max(s, 1e-9) / float(subspace.values[0])))) + (0.0 if _right_sign(library, j) else 50.0)
+
+    return min(members, key=oddness)
+
+
+def _right_sign(library: Library, j: int) -> bool:
+    at = library.gram.at[j]
+    return not (library.gram.sided[j] and library.gram.c[at[0]] < 0.0)

@@ -1,0 +1,102 @@
+"""Causes that the readings cannot tell from a named one: test inversion at 95 %.
+
+A cause stays in the set if, were it the true one with its own estimated size, the best other cause would win by as
+much as it did in at least 5 % of repeated measurements. The angle between what two causes can do says why: of two
+one-parameter causes at angle phi, readings of size s mistake one for the other in about Phi(-s sin(phi / 2)).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.diagnose.selection.search import Gram
+from qsframework.plugin import Array, Indices
+
+CONFIDENCE = 0.95
+_DRAWS = 400
+_FAR = 60.0
+"""Loss of chi-square beyond which a cause is no rival, without a simulation."""
+_FLOOR = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """All causes beside those that are taken as given: one whitening per cause turns coefficients into squares.
+
+    G (K, K), c (K,): products of the directions that remain; at: positions of each cause in them
+    """
+
+    G: Array
+    c: Array
+    at: tuple[Indices, ...]
+    sided: tuple[bool, ...]
+    half: tuple[Array, ...]
+
+    def falls(self, c: Array) -> Array:
+        """By how much each cause lowers the squares (draws, G), for coefficients (draws, K)."""
+        out = np.zeros((len(c), len(self.at)))
+        for i, (at, half) in enumerate(zip(self.at, self.half, strict=True)):
+            if half.size:
+                part = c[:, at] @ half
+                if self.sided[i]:
+                    part = np.maximum(part, 0.0)
+                out[:, i] = np.square(part).sum(axis=1)
+        return out
+
+
+def contest(gram: Gram, given: Sequence[int]) -> Contest:
+    """The contest of all causes beside the given ones."""
+    G, c = gram.beside(given)
+    half: list[Array] = []
+    for at in gram.at:
+        values, vectors = np.linalg.eigh(G[np.ix_(at, at)])
+        kept = values > _FLOOR
+        half.append(vectors[:, kept] / np.sqrt(values[kept]))
+    sided = tuple(s and h.shape[1] == 1 and h[0, 0] > 0 for s, h in zip(gram.sided, half, strict=True))
+    return Contest(G, c, gram.at, sided, tuple(half))
+
+
+def rival_set(
+    gram: Gram, named: int, given: Sequence[int], exact: Mapping[int, float], seed: int = 0,
+    confidence: float = CONFIDENCE,
+) -> tuple[int, ...]:  # fmt: skip
+    """Causes that may stand in the place of `named` beside the `given` ones, the likeliest first; never the named.
+
+    exact: squares that the exact fit leaves with each cause in this place, where such a fit was made
+    """
+    race = contest(gram, given)
+    falls = race.falls(race.c[None])[0]
+    start = gram.total - float(falls_of(gram, given))
+    left = start - falls
+    for i, rss in exact.items():
+        left[i] = rss
+    others = [i for i in gram.visible if i not in given and i != named and left[i] - left[named] < _FAR]
+    rng = np.random.default_rng(seed)
+    values, vectors = np.linalg.eigh(race.G)
+    noise = rng.standard_normal((_DRAWS, len(values))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    kept = [i for i in others if _possible(race, i, left[i] - left[named], noise, given, confidence)]
+    return tuple(sorted(kept, key=lambda i: left[i]))
+
+
+def falls_of(gram: Gram, given: Sequence[int]) -> float:
+    """By how much the given causes lower the squares."""
+    return gram.total - gram.solve(tuple(given))[0] if given else 0.0
+
+
+def _possible(race: Contest, i: int, behind: float, noise: Array, given: Sequence[int], confidence: float) -> bool:
+    """Whether cause i, were it true, would be as far behind the best in a fair share of repeated measurements."""
+    half = race.half[i]
+    if not half.size:
+        return False
+    at = race.at[i]
+    part = race.c[at] @ half
+    if race.sided[i]:
+        part = np.maximum(part, 0.0)
+    drawn = race.G[:, at] @ (half @ part) + noise
+    falls = race.falls(drawn)
+    falls[:, list(given)] = 0.0
+    lost = falls.max(axis=1) - falls[:, i]
+    return bool(behind <= np.quantile(lost, confidence) + 1e-9)

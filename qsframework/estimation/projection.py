@@ -1,0 +1,113 @@
+"""The projection beside a fit: what is left of readings, and what a fit without some of them would leave.
+
+Least squares with orthonormal columns Q leaves r = (I - Q Q') y. Without a block i of readings it errs by
+(I - Q_i Q_i')^-1 r_i there, and its sum of squares is smaller by r_i' (I - Q_i Q_i')^-1 r_i: exact, with no refit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from qsframework.plugin import Array, Indices
+
+Flags = npt.NDArray[np.bool_]
+CARRIED = 1e-10
+"""Share of a direction of a block that other readings must carry; below it that block alone tells a parameter."""
+_AT_ONCE = 1 << 24
+"""Bytes of the matrices that are inverted together."""
+
+
+def orthonormal(columns: Array, rank: int | None = None) -> Array:
+    """Orthonormal columns (m, f) of what columns (m, p), of any sizes, can reach; f at most `rank`."""
+    if not columns.shape[1]:
+        return np.zeros(columns.shape)
+    size: Array = np.linalg.norm(columns, axis=0)
+    U, values, _ = np.linalg.svd(columns[:, size > 0.0] / size[size > 0.0], full_matrices=False)
+    kept = int((values > 1e-9 * values.max(initial=0.0)).sum())
+    return np.ascontiguousarray(U[:, : kept if rank is None else min(kept, rank)])
+
+
+def left(Q: Array, values: Array) -> Array:
+    """What orthonormal columns (m, p) do not reach of m numbers or of columns (m, k), in their shape.
+
+    Taken out twice, so that what is nearly reached keeps its digits.
+    """
+    flat = values if values.ndim == 2 and len(values) == len(Q) else values.reshape(-1)
+    once = flat - Q @ (Q.T @ flat)
+    return (once - Q @ (Q.T @ once)).reshape(values.shape)
+
+
+def blocks_of(label: Indices) -> list[Indices]:
+    """Positions of each label >= 0: for every size s of a block, (B, s)."""
+    kept = np.flatnonzero(label >= 0)
+    _, own = np.unique(label[kept], return_inverse=True)
+    if not len(own):
+        return []
+    order, counts = kept[np.argsort(own, kind="stable")], np.bincount(own)
+    first = np.cumsum(counts) - counts
+    return [order[first[counts == size][:, None] + np.arange(size)] for size in np.unique(counts).tolist()]
+
+
+def solved(Q: Array, at: Indices, values: Array, carried: float = CARRIED) -> Iterator[tuple[slice, Flags, Array]]:
+    """(I - Q_i Q_i')^-1 values_i for blocks at (B, s), and whether the other readings can do without each block.
+
+    Yields parts of the blocks: which, told (b,), and the solutions (b, s), zero where they are not told.
+    """
+    step = max(1, _AT_ONCE // (8 * at.shape[1] * max(at.shape[1], Q.shape[1])))
+    for start in range(0, len(at), step):
+        part = slice(start, min(start + step, len(at)))
+        q, v = Q[at[part]], values[at[part]]
+        rest = np.eye(at.shape[1]) - q @ q.transpose(0, 2, 1)
+        told = np.linalg.eigvalsh(rest)[:, 0] > carried
+        out = np.zeros(v.shape)
+        out[told] = np.linalg.solve(rest[told], v[told][..., None])[..., 0]
+        yield part, told, out
+
+
+def without_block(Q: Array, residuals: Array, label: Indices) -> Array:
+    """Errors (m,) at each block, by equal labels, when it is left out of the fit; NaN where it cannot be.
+
+    residuals (m,) as the fit left them, whitened as Q is. A block that alone carries a parameter cannot be left out.
+    """
+    out = np.full(len(residuals), np.nan)
+    for at in blocks_of(label):
+        for part, told, values in solved(Q, at, residuals):
+            out[at[part][told]] = values[told]
+    return out
+
+
+def falls(Q: Array, slope: Array, label: Indices, carried: float = CARRIED) -> tuple[Array, Indices, Indices]:
+    """By how much the sum of squares falls without each block of readings.
+
+    Returns for B blocks: their labels (B,), sizes (B,) and falls (B,), 0 where the others cannot do without it.
+    slope (m,) and Q are those of `shifts` where readings share errors, else residuals and columns themselves.
+    """
+    names: list[Indices] = []
+    sizes: list[Indices] = []
+    out: list[Array] = []
+    for at in blocks_of(label):
+        for part, _, values in solved(Q, at, slope, carried):
+            names.append(label[at[part][:, 0]])
+            sizes.append(np.full(len(values), at.shape[1]))
+            out.append(np.einsum("bs,bs->b", slope[at[part]], values))
+    order = np.argsort(np.concatenate(names)) if names else np.zeros(0, dtype=np.intp)
+    if not names:
+        return np.zeros(0), order, order
+    return np.concatenate(out)[order], np.concatenate(names)[order], np.concatenate(sizes)[order]
+
+
+def chi_square(fall: Array | float, size: Indices | int, total: float, dof: int, stated: bool) -> Array:
+    """Probability that chance alone makes sums of squares fall so far with `size` more columns.
+
+    stated: the noise has unit variance, chi-square; else an F test against what is left, `total` on `dof` before
+    """
+    from scipy.stats import chi2, f
+
+    size = np.maximum(size, 1)
+    if stated:
+        return chi2.sf(fall, size)
+    free = np.maximum(dof - size, 1)
+    return f.sf(fall / size / np.maximum((total - fall) / free, 1e-300), size, free)

@@ -1,0 +1,480 @@
+"""The one iteration of least squares: Levenberg-Marquardt on scaled variables with exact active bounds.
+
+Each step solves the linearised problem within its bounds exactly, so that a linear problem is solved in one step and a
+parameter at a bound stands on it to the last digit. Sensitivities may be those of a tangent model, right to a percent:
+the steps then settle where the tangent sees no more slope, which differs from the minimum by far less than the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from qsframework.errors import InputError, NotConverged, NotIdentifiable
+from qsframework.estimation.noise import Scaled
+from qsframework.estimation.observations import Observations
+from qsframework.estimation.options import PLAIN, FitOptions
+from qsframework.estimation.projection import orthonormal
+from qsframework.estimation.rank import rank_test
+from qsframework.estimation.reduction import Reduction, reduce
+from qsframework.estimation.robust import Loss
+from qsframework.plugin import Array
+
+_STEPS = 200
+_DAMPINGS = 40
+_SILENT = 25
+"""Trials without a finite prediction after which a fit is given up."""
+_BLUR = 1e-15
+"""What rounding leaves of a prediction, of the sum of its parts' sizes; a step that changes it by less is none."""
+_CURVED = 0.02
+"""Relative change of the sensitivities over a parameter's spread above which other starts are tried."""
+_NEAR = 0.3
+"""Sensitivities are not taken again after a step that changes the prediction by less than so many sds of a reading."""
+_SLOW = 0.05
+"""How much of the last step the next one may be before they are, all the same."""
+_TANGENT = 0.05
+"""Share of a step's promise by which a tangent model may be wrong about it."""
+_STILL = 1e-5
+"""Change of the prediction, in sds of a reading, at which a fit with tangent sensitivities has settled."""
+_IDLE = 4
+"""Steps in a row that promise no less than half of the one before: rounding is all that is left, if they promise less
+than the digits of the cost."""
+_AWAY = 1e-4
+"""Step of differences, in scaled variables."""
+_ROUNDS = 50
+_SETTLED = 1e-6
+_MAD = 1.4826
+FAR = 1e9
+"""Typical sizes of a parameter beyond which nothing is meant."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Solution:
+    """The minimum: x (p,), whitened sensitivities (m, p) and residuals (m,) there, both per SI and without priors.
+
+    cost is half the sum of squares, priors included (of a robust loss: half the sum of rho). covariance (p, p) is for
+    noise of the stated size; rows of fixed parameters and of those at a bound are zero, for no sd can be quoted there.
+    robust: factor on the covariance that a robust loss costs, 1 otherwise; weights (m,) that it gave to the readings.
+    free_sd (p,): the sds that bounds aside the readings would give, infinite where they cannot tell.
+    unit: size of the noise that was found where it had to be known to weigh priors or gross readings, else None.
+    hat (m, f): H = hat hat' is the share of each reading in its own prediction, priors and weak holds counted
+    """
+
+    x: Array
+    jacobian: Array
+    residuals: Array
+    cost: float
+    iterations: int
+    at_bound: tuple[str, ...]
+    covariance: Array
+    free: int
+    weights: Array
+    free_sd: Array
+    hat: Array
+    robust: float = 1.0
+    unit: float | None = None
+
+
+def solve(
+    observations: Observations, options: FitOptions = PLAIN, start: Array | None = None, *, unit: float = 1.0,
+    tolerance: float = 1e-9, seed: int = 0,
+) -> Solution:  # fmt: skip
+    """The parameters that fit best.
+
+    start (p,), the nominal values if None; unit: the size of a whitened residual of good readings, for robust losses.
+    Parameters that bend the model get more starts, drawn from `seed`.
+
+    Raises NotIdentifiable, naming the parameters, where the readings cannot tell them apart; NotConverged with its
+    reason.
+    """
+    x0 = observations.start if start is None else np.asarray(start, dtype=float)
+    reduction = reduce(observations.parameters, x0, options.fixed, options.tied, options.bounds)
+    problem = _Problem(observations, reduction, options.priors, Loss(options.loss, unit))
+    best: _Minimum | None = None
+    failed: NotConverged | None = None
+    for z in (np.zeros(reduction.free), *_other_starts(problem, options.starts, seed)):
+        try:
+            found = _descend(problem, z, tolerance)
+        except _NoAnswer:
+            raise
+        except NotConverged as error:
+            failed = failed or error
+            continue
+        if best is None or found.cost < best.cost * (1.0 - 1e-9):
+            best = found
+    if best is None:
+        raise failed or NotConverged("no start of the fit led anywhere")
+    return _solution(problem, best)
+
+
+def settle(
+    observations: Observations, options: FitOptions = PLAIN, start: Array | None = None, tolerance: float = 1e-9
+) -> Solution:
+    """`solve`, and where priors or a robust loss need the size of an unstated noise, that too."""
+    if observations.stated or (options.loss == "linear" and not options.priors):
+        return solve(observations, options, start, tolerance=tolerance)
+    noise, measured = observations.noise, observations.measured
+    least = observations.least
+    first = noise.whiten(measured - observations.predict(observations.start if start is None else start))
+    unit = max(_size(first, 0, options.loss), least)
+    for _ in range(_ROUNDS):
+        scaled = replace(observations, noise=Scaled(noise, unit, len(measured)))
+        solution = solve(scaled, options, start, tolerance=tolerance)
+        start = solution.x
+        new = max(unit * _size(solution.residuals, solution.free, options.loss), least)
+        if abs(new - unit) <= _SETTLED * unit + least:
+            return replace(
+                solution, covariance=solution.covariance / unit**2, free_sd=solution.free_sd / unit, unit=unit
+            )
+        unit = new
+    raise NotConverged(f"the size of the noise did not settle in {_ROUNDS} rounds; state sigma_mm in the experiment")
+
+
+def _size(residuals: Array, free: int, loss: str) -> float:
+    """Sd of residuals that `free` parameters were fitted to; of a robust loss by their median, which outliers spare."""
+    share = len(residuals) / (len(residuals) - free)
+    if loss == "linear":
+        return float(np.sqrt(np.mean(residuals**2) * share))
+    return float(_MAD * np.median(np.abs(residuals)) * np.sqrt(share))
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """The problem in free, scaled variables z; prior rows stand below the readings'."""
+
+    observations: Observations
+    reduction: Reduction
+    priors: bool
+    loss: Loss
+
+    def residuals(self, z: Array) -> Array:
+        """Whitened (m,): measured minus predicted; infinite where the model has no answer."""
+        o = self.observations
+        try:
+            predicted = o.predict(self.reduction.x(z))
+        except (NotConverged, InputError):  # a load that the arm cannot bear, a loop that cannot close
+            return np.full(len(o.measured), np.inf)
+        if not np.all(np.isfinite(predicted)):
+            return np.full(len(o.measured), np.inf)
+        return o.noise.whiten(o.measured - predicted)
+
+    def jacobian(self, z: Array) -> Array:
+        """Whitened (m, q): d predicted / d z."""
+        return self.whole(z) @ self.reduction.T
+
+    def whole(self, z: Array, differences: bool = False) -> Array:
+        """Whitened (m, p): d predicted / d x of all parameters; by differences where the tangent model is not enough.
+
+        A parameter keeps its tangent column where the model has no answer a step away.
+        """
+        o = self.observations
+        x = self.reduction.x(z)
+        whole = o.noise.whiten(o.jacobian(x))
+        if differences:
+            here = o.predict(x)
+            for i in np.flatnonzero(self.reduction.moved):
+                away = x.copy()
+                away[i] += _AWAY * float(np.abs(self.reduction.T[i]).max())
+                try:
+                    column = (o.predict(away) - here) / (away[i] - x[i])
+                except (NotConverged, InputError):
+                    continue
+                if np.all(np.isfinite(column)):
+                    whole[:, i] = o.noise.whiten(column)
+        return whole
+
+    def prior(self, z: Array) -> tuple[Array, Array]:
+        """Residuals and rows of the priors and of weak holds."""
+        o = self.observations
+        weight = np.zeros(len(o.parameters)) if o.held is None else o.held.copy()
+        if self.priors:
+            weight = np.array(
+                [1.0 / p.sd if p.sd is not None else w for p, w in zip(o.parameters, weight, strict=True)]
+            )
+        known = np.flatnonzero((weight > 0.0) & self.reduction.moved)
+        weight = weight[known]
+        return weight * (o.start - self.reduction.x(z))[known], self.reduction.T[known] * weight[:, None]
+
+    def cost(self, z: Array, r: Array | None = None) -> float:
+        """Half the sum of squares, priors included; r: the residuals there, where they are known."""
+        r = self.residuals(z) if r is None else r
+        if not np.all(np.isfinite(r)):
+            return np.inf
+        return 0.5 * float(self.loss.rho(r).sum() + np.square(self.prior(z)[0]).sum())
+
+    def digits(self) -> float:
+        """What rounding does to the cost: readings of metres with residuals of micrometres leave it few digits.
+
+        A step that gains less than this is neither better nor worse, and must not be refused for it.
+        """
+        o = self.observations
+        readings = float(np.linalg.norm(o.noise.whiten(o.measured)))
+        return 4.0 * (np.finfo(float).eps * readings + self.blur()) * float(np.sqrt(len(o.measured)))
+
+    def blur(self) -> float:
+        """What rounding does to whitened predictions that are differences of larger numbers."""
+        o = self.observations
+        return float(np.finfo(float).eps * o.reach * np.sqrt(o.noise.weights().sum()))
+
+    def rows(self, z: Array, r: Array, J: Array) -> tuple[Array, Array]:
+        """Rows and residuals of the linearised problem, weighed by the loss, priors below."""
+        root = np.sqrt(self.loss.weights(r))
+        prior_r, prior_J = self.prior(z)
+        return np.vstack([J * root[:, None], prior_J]), np.concatenate([r * root, prior_r])
+
+
+def _other_starts(problem: _Problem, count: int, seed: int) -> list[Array]:
+    """Starts in the directions in which the sensitivities change; none where the model is as good as linear."""
+    if count == 0:
+        return []
+    reduction = problem.reduction
+    zero = np.zeros(reduction.free)
+    J = problem.jacobian(zero)
+    size = np.linalg.norm(J)
+    spread = reduction.spread
+    curved: list[bool] = []
+    for i in range(reduction.free):
+        away = zero.copy()
+        away[i] = spread[i] if spread[i] <= reduction.upper[i] else max(-spread[i], reduction.lower[i])
+        moved = problem.jacobian(away)
+        columns = np.maximum(np.linalg.norm(J, axis=0), 1e-9 * size)
+        curved.append(bool(np.any(np.linalg.norm(moved - J, axis=0) > _CURVED * columns)))
+    if not any(curved):
+        return []
+    draws = np.random.default_rng(seed).uniform(-1.0, 1.0, (count, reduction.free))
+    return [np.clip(d * spread * curved, reduction.lower, reduction.upper) for d in draws]
+
+
+class _NoAnswer(NotConverged):
+    """The model had no finite prediction over and over: no other start will mend that."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Minimum:
+    """Where the steps settled: cost, z, whitened residuals there, steps."""
+
+    cost: float
+    z: Array
+    residuals: Array
+    steps: int
+    differences: bool
+    """Whether the tangent model was not enough on the way."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _State:
+    """Where a descent stands: z (q,), whitened residuals (m,), their cost, and sensitivities J (m, q).
+
+    fresh: J was taken here, not at an earlier step; differences: J is taken by differences; damping: of the next step;
+    gain, moved: what the last step promised, and this in sds of a reading; idle: steps in a row that promised no less
+    than half of the one before; silent: trials so far without a finite prediction
+    """
+
+    z: Array
+    residuals: Array
+    cost: float
+    J: Array
+    fresh: bool = True
+    differences: bool = False
+    damping: float = 0.0
+    gain: float = np.inf
+    moved: float = np.inf
+    idle: int = 0
+    silent: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class _Linearised:
+    """The least squares A d = b of a state, and its solution: the undamped step (q,) with what it promises.
+
+    gain: norm of A step, by which residuals change; unit: root mean square of the residuals
+    """
+
+    A: Array
+    b: Array
+    step: Array
+    gain: float
+    unit: float
+
+
+def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
+    """Levenberg-Marquardt from z.
+
+    A tangent model may be far wrong in directions that readings hardly show: where a step does not hold what it
+    promised, sensitivities are taken by differences from there on.
+    """
+    r = problem.residuals(z)
+    if not np.all(np.isfinite(r)):
+        raise NotConverged("the model has no finite prediction at the start of the fit: check the nominal values")
+    at = _State(z=z, residuals=r, cost=problem.cost(z, r), J=problem.jacobian(z))
+    for step in range(1, _STEPS + 1):
+        local = _linearised(problem, at)
+        if not _settled(problem, at, local, tolerance):
+            at = _stepped(problem, at, local, step)
+        elif at.fresh or not problem.observations.tangent:
+            return _minimum(problem, at, local, step)
+        else:
+            at = _fresh(problem, at)
+        if np.any(np.abs(at.z) > FAR * np.maximum(problem.reduction.spread, 1.0)):
+            break
+    raise NotConverged(f"the fit did not settle in {_STEPS} steps: {_farthest(problem, at.z)}")
+
+
+def _linearised(problem: _Problem, at: _State) -> _Linearised:
+    A, b = _triangle(*problem.rows(at.z, at.residuals, at.J))
+    step = _bounded(A, b, at.z, problem.reduction, 0.0)
+    unit = float(np.linalg.norm(b)) / np.sqrt(len(at.residuals))
+    return _Linearised(A, b, step, float(np.linalg.norm(A @ step)), unit)
+
+
+def _settled(problem: _Problem, at: _State, local: _Linearised, tolerance: float) -> bool:
+    """Whether the next step changes nothing that is more than rounding, or far below the noise."""
+    if np.abs(local.step).max(initial=0.0) <= tolerance:
+        return True
+    if at.idle >= _IDLE and local.gain**2 <= problem.digits():
+        return True
+    still = tolerance * float(np.linalg.norm(local.b))
+    if not problem.observations.tangent:
+        still = max(tolerance, _STILL) * local.unit
+    blur = max(problem.blur(), _BLUR * float(np.linalg.norm(np.abs(local.A) @ np.abs(at.z))))
+    return local.gain <= max(still, blur)
+
+
+def _minimum(problem: _Problem, at: _State, local: _Linearised, step: int) -> _Minimum:
+    """The state after its last, short step."""
+    final = np.clip(at.z + local.step, problem.reduction.lower, problem.reduction.upper)
+    linear = at.residuals - at.J @ (final - at.z)  # a step so short is linear
+    r = problem.residuals(final) if problem.observations.tangent else linear
+    return _Minimum(problem.cost(final, r), final, r, step, at.differences)
+
+
+def _fresh(problem: _Problem, at: _State, differences: bool = False) -> _State:
+    """The same state with sensitivities of its own, undamped."""
+    differences = at.differences or differences
+    J = problem.whole(at.z, differences) @ problem.reduction.T
+    return replace(at, J=J, fresh=True, differences=differences, damping=0.0)
+
+
+def _stepped(problem: _Problem, at: _State, local: _Linearised, step: int) -> _State:
+    """The state after one step, as damped as it must be, or with better sensitivities where none is any good."""
+    tangent, reduction, slack = problem.observations.tangent, problem.reduction, 0.0
+    if (not tangent and not at.differences) or not at.fresh:
+        slack = _TANGENT * float(np.linalg.norm(local.b)) * min(local.gain, local.unit)
+    worst = at.cost * (1.0 + 1e-13) + problem.digits() + slack
+    size = np.maximum(np.linalg.norm(local.A, axis=0), 1e-12)
+    damping, silent = at.damping, at.silent
+    for _ in range(_DAMPINGS):
+        d = local.step if damping == 0.0 else _bounded(local.A, local.b, at.z, reduction, damping, size)
+        z = np.clip(at.z + d, reduction.lower, reduction.upper)
+        r = problem.residuals(z)
+        cost = problem.cost(z, r)
+        if cost <= worst:
+            at = replace(at, damping=0.0 if damping < 1e-6 else damping / 10.0, silent=silent)
+            return _moved(problem, at, local, replace(at, z=z, residuals=r, cost=cost))
+        if not tangent and not at.differences and np.isfinite(cost):
+            return _fresh(problem, replace(at, silent=silent), differences=True)
+        silent += not np.isfinite(cost)
+        if silent > _SILENT:
+            raise _NoAnswer(f"the model has no answer where the fit leads: {_farthest(problem, z)}")
+        damping = max(10.0 * damping, 1e-6)
+    if not at.fresh:
+        return _fresh(problem, replace(at, silent=silent))
+    raise NotConverged(
+        f"the fit is stuck after {step} steps: no step lowers the sum of squares, though it has a slope. "
+        "Look at the readings' units, start nearer, or fix a parameter"
+    )
+
+
+def _moved(problem: _Problem, before: _State, local: _Linearised, at: _State) -> _State:
+    """The state that a step led to, with the sensitivities of the one before where these are still good."""
+    moved = local.gain / max(local.unit, 1e-300)
+    slow = problem.observations.tangent and moved > _SLOW * before.moved
+    idle = before.idle + 1 if local.gain > 0.5 * before.gain else 0
+    at = replace(at, gain=local.gain, moved=moved, idle=idle, fresh=False)
+    if not (moved > _NEAR or slow or at.damping > 0.0):
+        return at
+    J = problem.whole(at.z, at.differences) @ problem.reduction.T
+    return replace(at, J=J, fresh=True)
+
+
+def _triangle(A: Array, b: Array) -> tuple[Array, Array]:
+    """The same least squares in few rows: the triangular factor of (m, q + 1)."""
+    if len(A) <= A.shape[1] + 1:
+        return A, b
+    R: Array = np.asarray(np.linalg.qr(np.column_stack([A, b]), mode="r"))
+    return R[:, :-1], R[:, -1]
+
+
+def _farthest(problem: _Problem, z: Array) -> str:
+    """Which parameter has run away, and what to do about it."""
+    k = int(np.argmax(np.abs(z) / problem.reduction.spread))
+    name = problem.reduction.names[k][0]
+    i = problem.observations.names.index(name)
+    p = problem.observations.parameters[i]
+    value = f"{name} is at {problem.reduction.x(z)[i]:.3g} {p.unit}, nominal {p.nominal:.3g}"
+    return f"{value}. Look at the units of readings and loads; else fix this parameter or state priors"
+
+
+def _bounded(A: Array, r: Array, z: Array, reduction: Reduction, damping: float, size: Array | None = None) -> Array:
+    """The step (q,) that minimises |r - A d|^2 + damping |size d|^2 with z + d within the bounds, exactly."""
+    if damping > 0.0 and size is not None:
+        A = np.vstack([A, np.sqrt(damping) * np.diag(size)])
+        r = np.concatenate([r, np.zeros(len(z))])
+    scale = np.linalg.norm(A, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    free = np.linalg.lstsq(A / scale, r, rcond=None)[0] / scale
+    lower, upper = reduction.lower - z, reduction.upper - z
+    if np.all(free >= lower) and np.all(free <= upper):
+        return free
+    from scipy.optimize import lsq_linear
+
+    tight = np.maximum(upper, lower + 1e-14)
+    found = lsq_linear(A / scale, r, (lower * scale, tight * scale), method="bvls", tol=1e-14, max_iter=500)
+    d = found.x / scale
+    return np.where(found.active_mask < 0, lower, np.where(found.active_mask > 0, upper, d))
+
+
+def _solution(problem: _Problem, best: _Minimum) -> Solution:
+    z, r = best.z, best.residuals
+    reduction = problem.reduction
+    x = reduction.x(z)
+    whole = problem.whole(z, best.differences)
+    rows = np.vstack([whole @ reduction.T, problem.prior(z)[1]])
+    R = np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
+    bound = (z <= reduction.lower) | (z >= reduction.upper)
+    inside = np.flatnonzero(~bound)
+    stopped = tuple(n for i in np.flatnonzero(bound) for n in reduction.names[i])
+    check_rank(R[:, inside], [" = ".join(reduction.names[i]) for i in inside], stopped)
+    robust = problem.loss.price(r, len(inside))
+    half = np.linalg.inv(np.linalg.qr(R[:, inside], mode="r")) if len(inside) else np.zeros((0, 0))
+    T = reduction.T[:, inside]
+    free = np.where(reduction.moved, np.inf, 0.0)
+    if rank_test(R, [str(i) for i in range(reduction.free)]).full:
+        free = np.linalg.norm(reduction.T @ np.linalg.inv(np.linalg.qr(R, mode="r")), axis=1)
+    return Solution(
+        x=x, jacobian=whole, residuals=r, cost=best.cost, iterations=best.steps, at_bound=stopped,
+        covariance=robust * T @ half @ half.T @ T.T, free=len(inside), weights=problem.loss.weights(r),
+        free_sd=free * np.sqrt(robust), hat=whole @ (T @ half), robust=robust,
+    )  # fmt: skip
+
+
+def solution_at(observations: Observations, x: Array, covariance: Array) -> Solution:
+    """The solution of a method of its own, which ended at x (p,) with a covariance (p, p) for noise of stated size."""
+    noise = observations.noise
+    r = noise.whiten(observations.measured - observations.predict(x))
+    sd = np.sqrt(np.diag(covariance))
+    jacobian = noise.whiten(observations.jacobian(x))
+    hat = orthonormal(jacobian * np.where(sd > 0.0, sd, 1.0))
+    return Solution(
+        x=x, jacobian=jacobian, residuals=r, cost=0.5 * float(r @ r), iterations=2, at_bound=(), covariance=covariance,
+        free=len(x), weights=np.ones(len(r)), free_sd=sd, hat=hat,
+    )  # fmt: skip
+
+
+def check_rank(rows: Array, names: Sequence[str], stopped: Sequence[str] = ()) -> None:
+    """NotIdentifiable where scaled whitened rows (m, p) cannot tell the parameters apart."""
+    test = rank_test(rows, names)
+    if not test.full:
+        raise NotIdentifiable(unseen=test.unseen, groups=test.tied, at_bound=tuple(stopped))

@@ -1,0 +1,181 @@
+"""What a fit says of itself: residuals judged, intervals, and uncertainties that no residual shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from qsframework.errors import InputError, NotConverged, NotIdentifiable, Problem, nearest
+from qsframework.estimation.noise import Independent, Noise, Scaled
+from qsframework.estimation.observations import Observations
+from qsframework.estimation.options import FitOptions
+from qsframework.estimation.robust import Loss
+from qsframework.estimation.solver import Solution, solve
+from qsframework.plugin import Array
+
+_STEPS = 60
+_CLOSE = 1e-6
+_TIED = 1e-13
+"""Share of the largest eigenvalue of a correlation matrix that is rounding: the parameters of a group are tied."""
+
+
+def studentised(white: Array, Q: Array, noise: Noise | None = None) -> Array:
+    """Externally studentised residuals (m,): each reading against the fit without it, and against what the readings
+    that share its errors say of it.
+
+    white (m,) and Q (m, f) are whitened by `noise`, independent errors if None. Under the model each follows Student's
+    t with m - f - 1 degrees of freedom: it is that of a shift of this one reading, added to the fit.
+    """
+    slope, q = shifts(white, Q, noise)
+    free = np.maximum(1.0 - np.square(q).sum(axis=1), 1e-12)
+    dof = len(white) - Q.shape[1]
+    variance = np.maximum(((white**2).sum() - slope**2 / free) / max(dof - 1, 1), 1e-300)
+    return slope / np.sqrt(variance * free)
+
+
+def shifts(white: Array, Q: Array, noise: Noise | None = None) -> tuple[Array, Array]:
+    """Slopes t (m,) and columns q (m, f) by which a shift of some readings is judged.
+
+    Left out together, readings take t' (I - q q')^-1 t off the sum of squares, if no shared error couples them.
+    """
+    noise = noise or Independent(np.ones(len(white)))
+    root = np.sqrt(noise.weights())
+    return noise.turned(white) / root, noise.turned(Q) / root[:, None]
+
+
+def propagated(solution: Solution, columns: Array) -> Array:
+    """How far each estimate moves (p, k) where errors common to all readings, columns (m, k) whitened, act on them."""
+    U = _free_directions(solution.covariance)
+    rows = solution.jacobian @ U
+    size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+    moved = np.asarray(np.linalg.lstsq(rows / size, columns, rcond=None)[0], dtype=np.float64)
+    return U @ (moved / size[:, None])
+
+
+def _free_directions(covariance: Array) -> Array:
+    """Directions (p, f) in which a fit with this covariance (p, p) can move: tied parameters move together."""
+    sd = np.sqrt(np.diag(covariance))
+    free = np.flatnonzero(sd > 0.0)
+    values, vectors = np.linalg.eigh(covariance[np.ix_(free, free)] / np.outer(sd[free], sd[free]))
+    kept = values > _TIED * values[-1]
+    U = np.zeros((len(sd), int(kept.sum())))
+    U[free] = sd[free, None] * vectors[:, kept]
+    return U
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A profile interval, SI: all values of one parameter at which the best fit of the others is not much worse.
+
+    An end at the parameter's bound is that bound, for the readings allow all up to it.
+    linear: the ends by the covariance alone, value +- t sd; where the two differ, the model bends
+    """
+
+    name: str
+    level: float
+    lower: float
+    upper: float
+    linear: tuple[float, float]
+
+
+def profile_interval(
+    observations: Observations, solution: Solution, name: str, options: FitOptions, level: float = 0.95
+) -> Interval:
+    """All values of one parameter at which the best fit of the others is not significantly worse.
+
+    The sum of squares may grow by the chi-square quantile of one degree of freedom; where the noise is estimated by
+    that of F times the residuals' variance, which for a linear model is exactly value +- t sd. Priors and losses count
+    as in the fit.
+    """
+    names = observations.names
+    if name not in names:
+        raise InputError(Problem(f"no parameter {name!r} in this fit", allowed=", ".join(names),
+                                 hint=nearest(name, names)))  # fmt: skip
+    i = names.index(name)
+    if solution.unit is not None:  # priors and losses weighed by the noise that was found
+        noise = Scaled(observations.noise, solution.unit, len(observations.measured))
+        observations = replace(observations, noise=noise)
+        scaled = solution.covariance * solution.unit**2
+        solution = replace(solution, covariance=scaled, free_sd=solution.free_sd * solution.unit)
+    sd = float((solution.free_sd if name in solution.at_bound else np.sqrt(np.diag(solution.covariance)))[i])
+    if sd == 0.0 or name in options.fixed:
+        raise InputError(f"{name} is fixed: there is no interval around it")
+    if any(name in group for group in options.tied):
+        raise InputError(f"{name} is tied: ask for the interval of a parameter that moves by itself")
+    if not np.isfinite(sd):
+        raise NotIdentifiable(unseen=(name,))
+    rise, quantile = _allowed(observations, solution, level)
+    best = float(solution.x[i])
+    parameter = observations.parameters[i]
+    cost = _profile(observations, solution, i, options)
+    ends: list[float] = []
+    for side, bound in ((-1.0, parameter.lower), (1.0, parameter.upper)):
+        end = bound if options.bounds else side * np.inf
+        ends.append(_end(lambda v: 2.0 * (cost(v) - solution.cost) - rise, best, side * quantile * sd, end, name))
+    return Interval(name, level, ends[0], ends[1], (best - quantile * sd, best + quantile * sd))
+
+
+def _allowed(observations: Observations, solution: Solution, level: float) -> tuple[float, float]:
+    """How much the sum of squares may grow, and by how many sds (of the stated noise) that is in a linear model."""
+    from scipy.stats import chi2, f
+
+    if observations.stated:
+        rise = float(chi2.ppf(level, 1))
+    else:
+        dof = len(solution.residuals) - solution.free
+        rise = float(f.ppf(level, 1, dof)) * 2.0 * solution.cost / dof
+    return rise, float(np.sqrt(rise))
+
+
+def _profile(observations: Observations, solution: Solution, i: int, options: FitOptions) -> Callable[[float], float]:
+    """The cost of the best fit with parameter i held at a value; each fit starts where the last one ended."""
+    others = [solution.x]
+    name = observations.names[i]
+    tangent = solution.covariance[:, i] / (solution.covariance[i, i] or 1.0)  # a parameter at its bound has none
+    ends = [(p.lower, p.upper) if options.bounds else (-np.inf, np.inf) for p in observations.parameters]
+    lower, upper = np.array(ends).T
+    own = observations.parameters[i]
+    weight = 0.0 if observations.held is None else float(observations.held[i])
+    weight = 1.0 / own.sd if options.priors and own.sd is not None else weight
+    held = FitOptions(bounds=options.bounds, priors=options.priors, loss=options.loss, tied=options.tied,
+                      fixed=(*options.fixed, name), starts=0)  # fmt: skip
+
+    def cost(value: float) -> float:
+        alone = 0.5 * (weight * (value - own.nominal)) ** 2  # held, its own prior is none of the others' fit
+        start = np.clip(others[-1] + tangent * (value - others[-1][i]), lower, upper)
+        start[i] = value
+        if {*observations.names} <= {*held.fixed}:
+            r = observations.noise.whiten(observations.measured - observations.predict(start))
+            return alone + 0.5 * float(Loss(options.loss).rho(r).sum())
+        found = solve(observations, held, start)
+        others.append(found.x)
+        return alone + found.cost
+
+    return cost
+
+
+def _end(excess: Callable[[float], float], best: float, step: float, bound: float, name: str) -> float:
+    """Where the excess of the cost passes zero: from `best` outwards, doubled steps, then between the last two."""
+    from scipy.optimize import root_scalar
+
+    inside, outside = best, best
+    for _ in range(_STEPS):
+        outside = best + (outside - best) * 2.0 if outside != best else best + 0.7 * step
+        beyond = outside <= bound if step < 0 else outside >= bound
+        if beyond:
+            outside = bound + _CLOSE * (best - bound)  # at the bound itself the others may be untold
+        if excess(outside) > 0.0:
+            found = root_scalar(excess, bracket=(inside, outside), xtol=_CLOSE * abs(step), rtol=1e-12)
+            return float(found.root)
+        if beyond:
+            return bound
+        inside = outside
+    raise NotConverged(f"{name}: no end of its interval within {2.0**_STEPS:.0e} sds; the readings do not tell it")
+
+
+def rms(values: Array) -> float:
+    """Root mean square over all numbers; those that were not measured (NaN) do not count."""
+    told = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(np.square(told)))) if told.size else float("nan")

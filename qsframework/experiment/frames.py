@@ -1,0 +1,65 @@
+"""The frame of a series of readings: y = R p + t for a point p in the robot's base frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.elastostatics.so3 import exponential, rotation_vector
+from qsframework.errors import InputError
+from qsframework.plugin import Array, Parameter
+
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+_FLAT = 1e-4
+"""m: positions that spread less than this across a line cannot hold a frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """The robot's base in the frame of a series: rotation (3, 3) and origin (3,) m."""
+
+    series: str
+    rotation: Array
+    origin: Array
+
+    def apply(self, points: Array) -> Array:
+        """Points (..., 3) of the base frame as the tracker sees them."""
+        return points @ self.rotation.T + self.origin
+
+    def moved(self, twist: Array) -> Frame:
+        """The frame shifted by twist[:3] and turned by the rotation vector twist[3:], both on the tracker's axes."""
+        return Frame(self.series, exponential(twist[3:]) @ self.rotation, self.origin + twist[:3])
+
+    @property
+    def pose(self) -> Array:
+        """Origin (3,) m and rotation vector (3,) rad."""
+        return np.concatenate([self.origin, rotation_vector(self.rotation)])
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Motions of the frame: along the tracker's axes, and small turns about them."""
+        name = f"frame[{self.series}]" if self.series else "frame"
+        units = ("m",) * 3 + ("rad",) * 3
+        return tuple(Parameter(f"{name}.{a}", u, typical=1e-2) for a, u in zip(AXES, units, strict=True))
+
+
+def procrustes(points: Array, readings: Array, series: str = "") -> Frame:
+    """The rigid motion that brings points (R, 3) closest to readings (R, 3), by singular values (Kabsch)."""
+    a, b = points.mean(axis=0), readings.mean(axis=0)
+    U, _, Vt = np.linalg.svd((points - a).T @ (readings - b))
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))])
+    R = (Vt.T * sign) @ U.T
+    return Frame(series, R, b - R @ a)
+
+
+def check_spread(points: Array, readings: Array, series: str, where: str) -> None:
+    """InputError where points or readings (R, 3) lie so that no frame can be found from them."""
+    of = f" of series {series!r}" if series else ""
+    for what, values in (("poses", points), ("readings", readings)):
+        spread = np.linalg.svd(values - values.mean(axis=0), compute_uv=False)
+        if len(values) < 3 or spread[1] < _FLAT * np.sqrt(len(values)):
+            raise InputError(
+                f"{where}: the tracker's frame cannot be found: {len(values)} {what}{of} lie at one point or on one "
+                "line; measure poses that move the markers in all directions, or state the frame (frames: in the "
+                "experiment)"
+            )

@@ -1,0 +1,63 @@
+"""The load's own error, which no residual shows: one scale and one small rotation for all readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.elastostatics import Model, make_model
+from qsframework.experiment import Bridge, Experiment
+from qsframework.plugin import Array, Load, Loads, LoadTerm, Parameter, RobotFacts
+
+ERRORS = ("scale", "rx", "ry", "rz")
+_FITTED = ("load_scale", "load_direction")
+
+
+@dataclass(frozen=True)
+class LoadError(Load):
+    """The wrench that acts is (1 + k) times the stated one, turned by a small rotation vector; all loads alike."""
+
+    order = -1
+    source = "the calibration of the load cell, or of the scales; the plumb line or the cable's angle"
+
+    def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        units = ("", "rad", "rad", "rad")
+        return tuple(Parameter(f"{self.name}.{e}", u, typical=0.01) for e, u in zip(ERRORS, units, strict=True))
+
+    def apply(self, loads: Loads, x: Array, robot: RobotFacts) -> LoadTerm:
+        k, (rx, ry, rz) = x[0], x[1:]
+        turn = np.eye(3) + np.array([[0.0, -rz, ry], [rz, 0.0, -rx], [-ry, rx, 0.0]])
+        slope = (1.0 + k) * np.kron(np.eye(2), turn)
+        halves = loads.wrench.reshape(-1, 2, 3)
+        dx = [(halves @ turn.T).reshape(-1, 6)]
+        dx += [(1.0 + k) * np.cross(axis, halves).reshape(-1, 6) for axis in np.eye(3)]
+        return LoadTerm(loads.wrench @ slope.T, np.broadcast_to(slope, (len(halves), 6, 6)), np.stack(dx, axis=-1))
+
+
+def load_model(model: Model) -> Model:
+    """The same model with the load's error, nominal zero, beside its own parameters."""
+    effects = (*model.effects, LoadError())
+    markers = list(zip(model.marker_names, model.markers, strict=True))
+    return make_model(model.facts, effects, model.parameters, model.tip, markers, model.gravity)
+
+
+def load_sds(experiment: Experiment, fitted: Sequence[str]) -> Array:
+    """sd (4,) of the load's scale and rotations; what the fit estimates itself counts as known here."""
+    stated = experiment.load_uncertainty
+    sd = np.array([stated.scale, *[stated.direction] * 3])
+    if any(name.startswith(_FITTED[0]) for name in fitted):
+        sd[0] = 0.0
+    if any(name.startswith(_FITTED[1]) for name in fitted):
+        sd[1:] = 0.0
+    return sd
+
+
+def load_columns(seen: Bridge, x: Array) -> Array:
+    """d reading (m, 4) per unit of the load's scale and of its rotations about x, y, z of the base, at all values x."""
+    wide = load_model(seen.model)
+    at = dict(zip(seen.model.names, x, strict=True))
+    whole = np.array([at.get(p.name, 0.0) for p in wide.parameters])
+    names = [p.name for p in LoadError().parameters(seen.model.facts)]
+    return seen.rows.flat(seen.rows.rates(wide, whole, seen.frames, names)[1][..., -len(names) :])

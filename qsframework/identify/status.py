@@ -1,0 +1,82 @@
+"""What is to be said of an estimate, as a value and in words: files of results hold both."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qsframework.identify.fit import Estimate, State
+from qsframework.plugin import Parameter
+
+CLEAR = 3.0
+"""sds from zero from which a value is told, whatever its nominal was."""
+_ABSURD = 100.0
+"""Natural sizes beyond which an estimate is not plausible, whatever its sd: a joint's zero 6 deg off, a link 100 times
+as soft, three payloads of unknown mass. The sizes and what they rest on stand with each effect."""
+_FAR = 5.0
+"""Prior standard deviations from the initial value beyond which an estimate deserves a second look."""
+_LIMIT = 1.96
+_SHOWN = {"rad/(N m)": (1e6, "urad/(N m)"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
+"""The units in which the table of a fit shows values: a limit stands beside them."""
+
+
+def estimate_of(p: Parameter, value: float, sd: float, free: float) -> Estimate:
+    """An estimate with its state; `free` is the sd that it would have without its bounds."""
+    state, limit = _state(p, value, sd, free)
+    return Estimate(
+        name=p.name, unit=p.unit, value=value, sd=sd, initial=p.nominal, lower=p.lower, upper=p.upper, state=state,
+        limit=limit, free_sd=free, size=p.scale, prior_sd=p.sd,
+    )  # fmt: skip
+
+
+def _state(p: Parameter, value: float, sd: float, free: float) -> tuple[State, float | None]:
+    """A value that is clear of zero is told, however small its nominal value; one that is not is told where its sd is
+    below what the parameter is expected to be: then it is an upper limit."""
+    size = p.scale if p.sd is None else max(p.scale, p.sd)
+    if sd == 0.0:
+        return State.FIXED, None
+    if np.isfinite(sd) and abs(value - p.nominal) - 2.0 * sd > _ABSURD * max(size, p.typical):
+        return State.IMPLAUSIBLE, None
+    if np.isnan(sd):
+        told = np.isfinite(free) and free <= max(abs(value), size)
+        return (State.AT_BOUND if told else State.NOT_IDENTIFIABLE), None
+    beyond = max(p.lower - value, value - p.upper, 0.0)
+    if sd > size and abs(value) < CLEAR * sd and beyond <= 2.0 * sd:
+        return State.NOT_IDENTIFIABLE, None
+    if beyond > 0.0:
+        return State.BEYOND_BOUND, (abs(value) + _LIMIT * sd) if beyond <= sd else None
+    if p.sd is not None and abs(value - p.nominal) > _FAR * p.sd:
+        return State.OUTSIDE_PRIOR, None
+    if sd > abs(value):
+        return State.UPPER_LIMIT, abs(value) + _LIMIT * sd
+    return State.FINE, None
+
+
+def status_words(e: Estimate) -> str:
+    """The state in words, "" where all is well."""
+    share = f"{100 * e.free_sd / abs(e.initial):.0f} % of its nominal value" if e.initial else "above its value"
+    share = share if np.isfinite(e.free_sd) or np.isnan(e.free_sd) else "without limit"
+    end = f"at its {'lower' if e.value <= e.lower else 'upper'} bound {e.value:g}"
+    if e.state is State.FIXED:
+        return "fixed"
+    if e.state is State.AT_BOUND:
+        return f"{end}: it errs to one side only, so no sd is quoted"
+    if e.state is State.NOT_IDENTIFIABLE:
+        if np.isnan(e.sd):
+            return f"not identifiable from these readings: {end}, and without it its sd is {share}"
+        return f"not identifiable from these readings: its sd is {share}"
+    if e.state is State.BEYOND_BOUND:
+        side = f"below its bound {e.lower:g}" if e.value < e.lower else f"above its bound {e.upper:g}"
+        if e.limit is None:
+            return f"{side}: the model or a convention is wrong"
+        return f"{side}, by less than its sd" + (f": {_zero(e)}" if e.sd > abs(e.value) else "")
+    if e.state is State.OUTSIDE_PRIOR and e.prior_sd is not None:
+        return f"{abs(e.value - e.initial) / e.prior_sd:.0f} prior sds from its initial value"
+    if e.state is State.IMPLAUSIBLE:
+        return f"implausible: {abs(e.value - e.initial) / e.size:.0f} natural sizes from its initial value"
+    return _zero(e) if e.state is State.UPPER_LIMIT else ""
+
+
+def _zero(e: Estimate) -> str:
+    limit = abs(e.value) + _LIMIT * e.sd if e.limit is None else e.limit
+    factor, unit = _SHOWN.get(e.unit, (1.0, e.unit))
+    return f"not told from zero: at most {factor * limit:.3g} {unit}".rstrip()

@@ -1,0 +1,193 @@
+"""`validate`: errors of a fit at readings that it has not seen, or of its like over random halves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from qsframework.errors import InputError, NotConverged, NotIdentifiable
+from qsframework.estimation import FitOptions, rms
+from qsframework.experiment import Experiment, Readings, make_rows
+from qsframework.experiment.observations import Rows
+from qsframework.identify.identify import identify
+from qsframework.identify.io import StoredFit
+from qsframework.plugin import Array, Indices
+
+_AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Errors:
+    """Errors (R, 3) m of some readings, NaN where an axis was not measured; `before`: those of the nominal arm."""
+
+    name: str
+    errors: Array
+    before: Array
+
+    @property
+    def count(self) -> int:
+        return len(self.errors)
+
+    def axes(self) -> tuple[float, ...]:
+        """RMS of each axis, m; NaN where none was measured."""
+        return tuple(rms(self.errors[:, i]) for i in range(3))
+
+    def distances(self, before: bool = False) -> Array:
+        """Lengths (k,) m of the errors that are whole."""
+        values = self.before if before else self.errors
+        return np.linalg.norm(values[np.isfinite(values).all(axis=1)], axis=1)
+
+    def summary(self, before: bool = False) -> tuple[float, float, float]:
+        """Mean, 95 % and maximum of the 3D error, m; NaN without whole readings."""
+        d = self.distances(before)
+        if not len(d):
+            return float("nan"), float("nan"), float("nan")
+        return float(d.mean()), float(np.quantile(d, 0.95)), float(d.max())
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Validation:
+    """Errors of all readings and of each series or kind; halves: how many random halves they are of, 0 for none.
+
+    seen: whether the fit was made of these readings; spread (halves,): RMS of the 3D error of each half, m
+    lines, file (R,): of the readings; poses: their names
+    """
+
+    robot: str
+    whole: Errors
+    parts: tuple[Errors, ...]
+    halves: int
+    seen: bool
+    spread: Array
+    lines: Indices
+    poses: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Lengths in mm."""
+        return {
+            "robot": self.robot,
+            "halves": self.halves,
+            "seen": self.seen,
+            "spread_mm": [1e3 * v for v in self.spread.tolist()],
+            **_json(self.whole),
+            "parts": {part.name: _json(part) for part in self.parts},
+        }
+
+
+def _json(part: Errors) -> Mapping[str, Any]:
+    def number(value: float) -> float | None:
+        return 1e3 * value if np.isfinite(value) else None
+
+    def told(before: bool) -> dict[str, float | None]:
+        return dict(zip(("mean", "p95", "max"), map(number, part.summary(before)), strict=True))
+
+    distances = part.distances()
+    return {
+        "readings": part.count,
+        "rms_axis_mm": dict(zip(_AXES, map(number, part.axes()), strict=True)),
+        "rms_mm": number(rms(part.errors)),
+        "rms_norm_mm": number(float(np.sqrt(np.mean(distances**2)))) if len(distances) else None,
+        "error_mm": told(False),
+        "nominal_error_mm": told(True),
+    }
+
+
+def validate(experiment: Experiment, readings: Readings, fit: StoredFit) -> Validation:
+    """Errors of a stored fit at other readings, in the frames that it found.
+
+    A series that the fit does not know is laid on its predictions by a rigid motion first, and the error is what this
+    leaves. InputError where the fit is of another robot or model.
+    """
+    if fit.robot and fit.robot != experiment.robot.name:
+        raise InputError(f"{fit.file}: the fit is of robot {fit.robot}, not of {experiment.robot.name}")
+    model, rows = experiment.model(), make_rows(readings)
+    x = fit.x(model)
+    known = {f.series: f for f in fit.frames}
+    names = [readings.frames[f] for f in rows.estimated]
+    found = dict(zip(names, rows.start(model, x), strict=True)) if set(names) - set(known) else {}
+    frames = [known.get(n) or found[n] for n in names]
+    errors = rows.measured - rows.predict(model, x, frames, fit.linear)
+    seen = bool(set(fit.data_sha256.split("+")) & set(_hashes(readings)))
+    return _validation(experiment, rows, errors, _nominal(experiment, rows, fit.linear), seen=seen)
+
+
+def validate_halves(
+    experiment: Experiment, readings: Readings, fit: StoredFit, halves: int, seed: int = 0
+) -> Validation:
+    """Fits like a stored one to random halves of the readings, each judged on the other half.
+
+    Whole poses are drawn, so that no pose is in both. The median half stands for all in the plots.
+    """
+    if halves < 1:
+        raise InputError(f"halves: {halves}; allowed: 1 or more")
+    rows = make_rows(readings)
+    poses = np.unique(rows.pose)
+    if len(poses) < 4:
+        raise InputError(f"{readings.where}: {len(poses)} poses are too few for halves")
+    names = fit.model_names(experiment)
+    rng = np.random.default_rng(seed)
+    options = FitOptions(linear=fit.linear)
+    every: list[tuple[Rows, Array]] = []
+    for _ in range(halves):
+        train = np.isin(rows.pose, rng.permutation(poses)[: len(poses) // 2])
+        use = np.zeros(len(readings), dtype=bool)
+        use[rows.keep[train]] = True
+        try:
+            own = identify(experiment, readings.masked(~use), names, options)
+        except (NotIdentifiable, NotConverged) as error:
+            raise type(error)(f"a random half cannot be fitted: {error}") from error
+        predicted, measured = own.predict(readings.masked(use))
+        every.append((rows.take(~train), measured - predicted))
+    spread = np.array([np.sqrt(np.nansum(e**2) / len(e)) for _, e in every])
+    whole = _nominal(experiment, rows, fit.linear)
+    place = {k: i for i, k in enumerate(rows.keep.tolist())}
+    before = np.concatenate([whole[[place[k] for k in part.keep.tolist()]] for part, _ in every])
+    both = np.concatenate([part.keep for part, _ in every])
+    out = _validation(
+        experiment, _stacked(rows, both), np.concatenate([e for _, e in every]), before, halves=halves, spread=spread
+    )
+    return out
+
+
+def _stacked(rows: Rows, keep: Indices) -> Rows:
+    """Rows of readings, some of them more than once."""
+    place = {k: i for i, k in enumerate(rows.keep.tolist())}
+    return rows.take(np.array([place[k] for k in keep.tolist()], dtype=np.intp))
+
+
+def _nominal(experiment: Experiment, rows: Rows, linear: bool) -> Array:
+    """Errors (R, 3) of the nominal arm, in the frames that suit it best."""
+    model = experiment.model()
+    frames = rows.start(model, model.nominal)
+    try:
+        return rows.measured - rows.predict(model, model.nominal, frames, linear)
+    except NotConverged:
+        return rows.measured - rows.predict(model, model.nominal, frames, True)
+
+
+def _hashes(readings: Readings) -> Sequence[str]:
+    from qsframework.files import sha256
+
+    return [sha256(source) for source in readings.sources]
+
+
+def _validation(
+    experiment: Experiment, rows: Rows, errors: Array, before: Array, halves: int = 0, seen: bool = False,
+    spread: Array | None = None,
+) -> Validation:  # fmt: skip
+    readings = rows.readings
+    series = [readings.states.series[s] for s in map(int, rows.plus)]
+    kind = readings.kind[rows.keep].tolist()
+    label = [f"{k}s, series {s}" if s else f"{k}s" for k, s in zip(kind, series, strict=True)]
+    parts = tuple(
+        Errors(name=name, errors=errors[at], before=before[at])
+        for name in dict.fromkeys(label) for at in [np.array([n == name for n in label])]
+    )  # fmt: skip
+    return Validation(
+        robot=experiment.robot.name, whole=Errors(name="all", errors=errors, before=before), parts=parts,
+        halves=halves, seen=seen, spread=np.zeros(0) if spread is None else spread, lines=readings.line[rows.keep],
+        poses=rows.pose_names,
+    )  # fmt: skip

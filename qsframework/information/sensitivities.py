@@ -1,0 +1,68 @@
+"""Whitened, scaled sensitivities: the rows that designs and fits work on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from qsframework.elastostatics import Model
+from qsframework.errors import InputError
+from qsframework.estimation import rank_test, scales
+from qsframework.experiment import Experiment, Plan
+from qsframework.plugin import Array, Poses
+
+
+def information_rows(model: Model, poses: Poses, names: Sequence[str], sigma: float, x: Array | None = None) -> Array:
+    """Whitened rows (N, 3 K, p) of each pose, per unit of each parameter's scale (equation (4), whitened).
+
+    x (q,): values of all parameters to take them at, the nominal ones if None
+    """
+    chosen = [model.parameters[i] for i in model.index(names)]
+    A = model.sensitivity(poses, x, names).reshape(len(poses), -1, len(names))
+    A *= scales(chosen) / sigma
+    return A
+
+
+def information(rows: Array) -> Array:
+    """Information matrix (N, p, p) of each pose: A' A."""
+    return rows.transpose(0, 2, 1) @ rows
+
+
+def predicted_sd(model: Model, poses: Poses, names: Sequence[str], sigma: float, repeats: Array | None = None) -> Array:
+    """Standard deviation (p,) that poses promise for each parameter; inf where they cannot tell it."""
+    rows = information_rows(model, poses, names, sigma)
+    if repeats is not None:
+        rows = rows * np.sqrt(np.asarray(repeats, dtype=float))[:, None, None]
+    flat = rows.reshape(-1, len(names))
+    test = rank_test(flat, names)
+    lost = set(test.unseen) | {name for group in test.tied for name in group}
+    kept = [i for i, name in enumerate(names) if name not in lost]
+    out = np.full(len(names), np.inf)
+    seen = [i for i, name in enumerate(names) if name not in test.unseen]
+    if kept:
+        # what a tied group shares still has to be told from the others: keep its seen directions
+        size = np.linalg.norm(flat[:, seen], axis=0)  # a small column is not to be taken for the lost direction
+        _, values, basis = np.linalg.svd(np.linalg.qr(flat[:, seen] / size, mode="r"))
+        told = basis[: test.rank] / values[: test.rank, None] / size
+        out[kept] = np.linalg.norm(told, axis=0)[[seen.index(i) for i in kept]]
+    return out * scales([model.parameters[i] for i in model.index(names)])
+
+
+def promised_beyond(experiment: Experiment, plan: Plan) -> dict[str, float]:
+    """For each parameter of the model that is not fitted: the sd, SI, were it fitted too; inf if it cannot be told."""
+    fitted, model = experiment.fit_names(), experiment.model()
+    out: dict[str, float] = {}
+    for parameter in model.parameters:
+        if parameter.name not in fitted:
+            out[parameter.name] = float(promised_sd(experiment, plan, (*fitted, parameter.name))[-1])
+    return out
+
+
+def promised_sd(experiment: Experiment, plan: Plan, names: Sequence[str] | None = None) -> Array:
+    """Standard deviation (p,) that a plan promises for the experiment's parameters, SI."""
+    sigma = experiment.noise.sigma
+    if sigma is None:
+        raise InputError(f"{experiment.path}: a promise needs the noise, for example noise: {{sigma_mm: 0.03}}")
+    names = experiment.fit_names() if names is None else names
+    return predicted_sd(experiment.model(), plan.poses, names, sigma, np.array(plan.repeats))

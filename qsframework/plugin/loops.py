@@ -1,0 +1,74 @@
+"""Loops that build on each other: which closes first, and where the joints stand that no actuator drives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from qsframework.errors import InputError, Problem
+from qsframework.plugin.facts import Array, RobotFacts
+from qsframework.plugin.kinds import Loop
+
+
+def own_joints(loop: Loop, robot: RobotFacts) -> tuple[str, ...]:
+    """The joints that a loop turns: all but its leaders."""
+    leaders = loop.leaders(robot)
+    return tuple(joint for joint in loop.joints(robot) if joint not in leaders)
+
+
+def loop_problems(loops: Sequence[Loop], robot: RobotFacts) -> dict[str, Problem]:
+    """By the loop's name, what keeps loops from closing one after the other."""
+    out: dict[str, Problem] = {}
+    owner: dict[str, str] = {}
+    for loop in loops:
+        own = own_joints(loop, robot)
+        for joint in own:
+            if owner.setdefault(joint, loop.name) != loop.name:
+                text = f"{loop.name} and {owner[joint]} both turn {joint}; a joint belongs to one loop only"
+                out[loop.name] = Problem(text)
+        undriven = [joint for joint in own if joint in robot.passive]
+        if undriven and len(undriven) < len(own):
+            text = f"{loop.name}: {', '.join(undriven)} has no actuator, the other joints that it turns have"
+            out[loop.name] = Problem(text, hint="Give each joint without an actuator a coupling of its own.")
+    _, circle = _sorted(loops, robot)
+    for loop in circle:
+        turned = ", ".join(own_joints(loop, robot))
+        text = f"{loop.name}: {turned} and {', '.join(loop.leaders(robot))} follow each other in a circle"
+        out.setdefault(loop.name, Problem(text, hint="Of joints that depend on each other one must lead."))
+    return out
+
+
+def in_order(loops: Sequence[Loop], robot: RobotFacts) -> tuple[Loop, ...]:
+    """The loops, each after those that turn its leaders. InputError where two turn one joint or lead each other."""
+    problems = loop_problems(loops, robot)
+    if problems:
+        raise InputError(problems.values())
+    return tuple(_sorted(loops, robot)[0])
+
+
+def _sorted(loops: Sequence[Loop], robot: RobotFacts) -> tuple[list[Loop], list[Loop]]:
+    """The loops in order, and those that wait for each other."""
+    waiting, placed = list(loops), list[Loop]()
+    while waiting:
+        open_ = {joint for loop in waiting for joint in own_joints(loop, robot)}
+        ready = [loop for loop in waiting if not open_ & set(loop.leaders(robot))]
+        if not ready:
+            return placed, waiting
+        placed += ready
+        waiting = [loop for loop in waiting if loop not in ready]
+    return placed, []
+
+
+def follow(loops: Sequence[Loop], q: Array, robot: RobotFacts) -> Array:
+    """Joint angles (N, n) with the joints that no actuator drives where their perfect loops hold them."""
+    out = q.copy()
+    for loop in in_order(loops, robot):
+        own = [robot.joint_index(joint) for joint in own_joints(loop, robot)]
+        if not own or robot.joints[own[0]] not in robot.passive:
+            continue
+        out[:, own] = 0.0
+        tied = [robot.joint_index(joint) for joint in loop.joints(robot)]
+        bars = np.zeros((len(q), len(loop.parameters(robot))))
+        out[:, tied] = loop.closure(out[:, tied], bars, robot).q
+    return out

@@ -1,0 +1,56 @@
+"""The extended robot that a diagnosis calls for: its named causes with their evidence, in words, as files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from qsframework.diagnose.audit_entries import audited_of
+from qsframework.diagnose.extend import Extension, write_extension
+from qsframework.diagnose.result import Diagnosis
+from qsframework.discriminate.pair import Discrimination
+from qsframework.files import sha256
+from qsframework.report.words.diagnosis import diagnosis_words
+from qsframework.report.words.noise import audit_words
+from qsframework.screening.conventions import compelling
+
+
+def write_extended(diagnosis: Diagnosis, folder: str | Path, pairs: Sequence[Discrimination] = ()) -> tuple[Path, ...]:
+    """Write the extended robot of a diagnosis and its experiment into a folder, all or nothing; the paths written.
+
+    pairs: what would separate rivals, where it was computed. InputError as `write_extension` has them.
+    """
+    return write_extension(extension_of(diagnosis, pairs), folder)
+
+
+def extension_of(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = ()) -> Extension:
+    """The extension that a diagnosis calls for: its named causes, and the values of its exact fit."""
+    source, settled = diagnosis.readings.source, diagnosis.extended
+    told = f", readings sha256 {sha256(source)[:16]}" if source is not None and source.is_file() else ""
+    evidence = {name: f"identified beside the named causes{told}" for name in settled.names}
+    for f in diagnosis.findings:
+        gain = f", held-out gain {100 * f.heldout_gain:.0f} %" if f.heldout_gain == f.heldout_gain else ""
+        rivals = f"; not told from {', '.join(r.name for r in f.rivals)}" if f.rivals else ""
+        said = f"diagnosed: s = {f.s:.1f}, p = {f.p_value:.2g}{gain}{told}{rivals}"
+        evidence.update({v.name: said for v in f.values})
+    adopted = compelling(diagnosis.conventions)
+    read_otherwise = adopted is not None and adopted.name not in settled.model.names
+    notes = [diagnosis_words(diagnosis, pairs)]
+    if adopted is not None and read_otherwise:
+        notes.append(f"The readings are not named here: they have to be corrected first. {adopted.words}.")
+    audited = audited_of(diagnosis)
+    place = "In a file of states this is the noise of one position, 1/sqrt(2) of a displacement's."
+    return Extension(
+        experiment=diagnosis.experiment,
+        model=settled.model,
+        values=diagnosis.values(),
+        sds={n: settled.sd(n) for n in settled.names},
+        evidence=evidence,
+        fit=settled.names,
+        data=None if read_otherwise else source,
+        notes=tuple(notes),
+        poses=diagnosis.readings.poses,
+        audited=audited,
+        about_noise=" ".join([*audit_words(diagnosis.audit), *([place] if audited.of_position else [])]),
+        further=() if read_otherwise else diagnosis.readings.sources[1:],
+    )

@@ -1,0 +1,183 @@
+"""What the JSON files of a diagnosis and of a plan's forecast hold: their values, and the words on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from qsframework.diagnose.error_budget import error_budget
+from qsframework.diagnose.residuals.lack_of_fit import LackOfFit
+from qsframework.diagnose.result import Diagnosis, Finding, Line
+from qsframework.discriminate.follow_up import SecondDay
+from qsframework.discriminate.pair import Discrimination
+from qsframework.forecast.forecast import Foresight, Prospect
+from qsframework.report.words.diagnosis import diagnosis_words, limit_words, method_words
+from qsframework.report.words.discrimination import discrimination_words, note_words, offer_words
+from qsframework.report.words.forecast import foresight_words, size_words, why_words
+
+_RMS = ("nominal", "identified", "extended", "heldout_identified", "heldout_extended", "noise")
+
+
+def diagnosis_json(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> dict[str, Any]:
+    """What `qsf diagnose` writes (SI units, RMS in mm). pairs: what would separate rivals, where it was computed."""
+    return {
+        "verdict": found.verdict,
+        "words": diagnosis_words(found, pairs),
+        "causes": [_cause(f) for f in found.findings],
+        "conventions": [c.name for c in found.conventions if c.compelling],
+        "data_problems": _problems(found),
+        "leftovers": [{"place": x.place, "variable": x.variable, "p_value": x.p_value} for x in found.leftovers],
+        "rms_mm": {name: _number(1e3 * getattr(found.rms, name)) for name in _RMS},
+        "budget": [
+            {"label": x.label, "readings_mm": 1e3 * x.readings, "heldout_mm": 1e3 * x.heldout}
+            for x in error_budget(found)
+        ],
+        "lack_of_fit": {"before": _misfit(found.before), "after": _misfit(found.after)},
+        "table": [_line(x) for x in found.table],
+        "notes": list(method_words(found)),
+        "level": found.level,
+        "seed": found.seed,
+    }
+
+
+def _line(x: Line) -> dict[str, Any]:
+    return {
+        "id": x.name,
+        "status": x.status.value,
+        "s": _number(x.s),
+        "p_value": _number(x.p_value),
+        "bound": limit_words(x),
+        "nearest": x.nearest,
+        "angle_deg": _degrees(x.angle),
+    }
+
+
+def _problems(found: Diagnosis) -> list[dict[str, Any]]:
+    out: list[dict[str, Any]] = []
+    audit = found.audit
+    if len(found.outliers):
+        out.append({"id": "outliers", "rows": [int(r) for r in found.readings.line[found.outliers]]})
+    noise: dict[str, Any] = {"id": "noise_level", "rows": [], "unit": audit.unit, "shared_mm": 1e3 * audit.shared}
+    if audit.unit_source != "stated":
+        out.append({**noise, "source": audit.unit_source, "p_value": _number(audit.p_unit)})
+    elif audit.shared > 0.0:
+        out.append({**noise, "source": "shared pose error", "p_value": _number(audit.p_shared)})
+    return out
+
+
+def _cause(f: Finding) -> dict[str, Any]:
+    return {
+        "id": f.name,
+        "rivals": [r.name for r in f.rivals],
+        "p_value": f.p_value,
+        "s": f.s,
+        "delta_ebic": f.ebic_gain,
+        "parameters": {v.name: {"value": v.value, "unit": v.unit, "sd": v.sd, "initial": v.initial} for v in f.values},
+        "heldout_gain": _number(f.heldout_gain),
+        "hangs_on": [list(h) for h in f.hangs_on],
+    }
+
+
+def _misfit(fit: LackOfFit) -> dict[str, Any]:
+    return {
+        "chi2": fit.square,
+        "dof": fit.dof,
+        "p_chi2": _number(fit.p_chi2),
+        "p_replicates": _number(fit.p_replicates),
+        "dof_replicates": fit.free_replicates,
+        "trends": [{"variable": t.variable, "p_value": t.p_value, "share": t.share} for t in fit.trends],
+    }
+
+
+def discrimination_json(pair: Discrimination) -> dict[str, Any]:
+    """SI units, angles in deg."""
+    return {
+        "first": pair.first,
+        "second": pair.second,
+        "values": dict(zip([p.name for p in pair.parameters], pair.values.tolist(), strict=True)),
+        "s_before": pair.s_before,
+        "s_after": pair.s_after,
+        "angle_before_deg": _degrees(pair.angle_before),
+        "angle_after_deg": _degrees(pair.angle_after),
+        "s_bound": pair.bound,
+        "angle_limit_deg": _degrees(pair.limit),
+        "helps": pair.helps,
+        "offers": [
+            {"name": o.name, "what": offer_words(o), "s": o.s, "angle_deg": _degrees(o.angle)} for o in pair.offers
+        ],
+        "words": list(discrimination_words(pair)),
+    }
+
+
+def second_day_json(day: SecondDay) -> dict[str, Any]:
+    """Angles in deg."""
+    return {
+        "poses": len(day.plan.pose),
+        "s_bound": day.bound,
+        "contests": [
+            {
+                "first": c.first,
+                "second": c.second,
+                "s_before": c.s_before,
+                "s_after": c.s_after,
+                "angle_before_deg": _degrees(c.angle_before),
+                "angle_after_deg": _degrees(c.angle_after),
+            }
+            for c in day.contests
+        ],
+        "hopeless": [list(pair) for pair in day.hopeless],
+        "notes": list(note_words(day)),
+    }
+
+
+def foresight_json(found: Foresight) -> dict[str, Any]:
+    """What `qsf diagnose` writes of a plan; sizes in SI."""
+    return {
+        "poses": found.poses,
+        "sigma_mm": 1e3 * found.sigma,
+        "level": found.level,
+        "power": found.power,
+        "share": found.share,
+        "seed": found.seed,
+        "words": list(foresight_words(found)),
+        "causes": [_prospect(p) for p in found.prospects],
+        "not_tested": [{"id": u.name, "needs": list(u.needs)} for u in found.untested],
+        "pairs": [
+            {"first": p.first, "second": p.second, "angle_deg": _degrees(p.angle), "s": _number(p.s)}
+            for p in found.pairs
+        ],
+        "groups": [list(g) for g in found.groups],
+    }
+
+
+def _prospect(p: Prospect) -> dict[str, Any]:
+    return {
+        "id": p.name,
+        "status": p.status.value,
+        "sizes": [
+            {
+                "parameter": x.parameter.name,
+                "unit": x.parameter.unit,
+                "s_typical": x.s,
+                "detect": _number(x.detect),
+                "name": _number(x.name),
+                "detect_words": size_words(x, x.detect),
+                "name_words": size_words(x, x.name),
+            }
+            for x in p.sizes
+        ],
+        "nearest": p.nearest,
+        "angle_deg": _degrees(p.angle),
+        "aliases": list(p.aliases),
+        "reason": why_words(p),
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _degrees(angle: float) -> float | None:
+    return _number(float(np.rad2deg(angle)))

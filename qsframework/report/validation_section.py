@@ -1,0 +1,80 @@
+"""A validation in a report: errors at readings that the fit has not seen."""
+
+from __future__ import annotations
+
+import html
+from typing import Any
+
+import numpy as np
+
+from qsframework.identify.validate import Errors, Validation
+from qsframework.plugin import Array
+from qsframework.report.blocks import Figure, Section, Table, Text
+from qsframework.report.words.validation import validation_words
+
+
+def validation_tables(found: Validation) -> tuple[Table, ...]:
+    """The 3D error before and after, and RMS by axis, for all readings and for each series."""
+    parts = (found.whole, *(found.parts if len(found.parts) > 1 else ()))
+    header = ("readings", "count", "mean, mm", "95 %, mm", "max, mm", "nominal mean", "nominal max")
+    rows: list[tuple[str, ...]] = []
+    for part in parts:
+        mean, most, largest = part.summary()
+        before = part.summary(before=True)
+        rows.append((part.name, str(part.count), *map(_mm, (mean, most, largest, before[0], before[2]))))
+    axes = tuple((part.name, *map(_mm, part.axes())) for part in parts)
+    tables = [
+        Table(header, tuple(rows), "3D error, the distance of the measured from the predicted point; nominal: of the "
+              "arm before the fit, in frames that suit it best."),
+        Table(("RMS by axis", "x, mm", "y, mm", "z, mm"), axes, "Of a gauge the first column is its own axis."),
+    ]  # fmt: skip
+    if found.halves:
+        low, middle, high = np.quantile(found.spread, [0.0, 0.5, 1.0])
+        tables.append(Table(("RMS of the 3D error by half", "mm"), (("smallest", _mm(low)), ("median", _mm(middle)),
+                            ("largest", _mm(high))), "Each half of the poses fitted, the other judged."))  # fmt: skip
+    return tuple(tables)
+
+
+def _mm(value: float) -> str:
+    return f"{1e3 * value:.4f}" if np.isfinite(value) else "-"
+
+
+def validation_section(found: Validation) -> Section:
+    """The verdict, the tables, and the errors by row and as a distribution."""
+    return Section(
+        "Errors at readings",
+        (
+            Text(validation_words(found)),
+            *validation_tables(found),
+            Figure(_distribution(found.whole), "Readings whose 3D error is below a value, before and after. "
+                   "Look at where a curve ends: the largest errors are what a part is scrapped for."),
+            Figure(_by_row(found), "3D error by row of the file. Look for rows that belong together."),
+        ),
+    )  # fmt: skip
+
+
+def _figure(title: str, x: str, y: str) -> Any:
+    import plotly.graph_objects as go
+
+    return go.Figure(layout={"title": {"text": title}, "template": "plotly_white", "height": 380,
+                             "xaxis": {"title": {"text": x}}, "yaxis": {"title": {"text": y}}})  # fmt: skip
+
+
+def _distribution(part: Errors) -> Any:
+    figure = _figure("Distribution of the 3D error", "3D error, mm", "share of readings, %")
+    for name, before in (("nominal", True), ("identified", False)):
+        size: Array = np.sort(part.distances(before)) * 1e3
+        share = 100.0 * np.arange(1, len(size) + 1) / max(len(size), 1)
+        figure.add_scatter(x=size.tolist(), y=share.tolist(), mode="lines", name=name)
+    return figure
+
+
+def _by_row(found: Validation) -> Any:
+    figure = _figure("3D error by row", "row of the readings file", "3D error, mm")
+    whole = np.flatnonzero(np.isfinite(found.whole.errors).all(axis=1))
+    size = np.linalg.norm(found.whole.errors[whole], axis=1) * 1e3
+    text = [f"pose {html.escape(found.poses[int(i)])}" for i in whole]
+    figure.add_scatter(
+        x=found.lines[whole].tolist(), y=size.tolist(), mode="markers", marker={"size": 4}, text=text, name="identified"
+    )
+    return figure

@@ -1,0 +1,124 @@
+"""Poses and other readings that tell two causes apart, and a second day of measuring, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from qsframework.discriminate.alternatives import Offer
+from qsframework.discriminate.follow_up import SecondDay
+from qsframework.discriminate.pair import CLOSE, ENOUGH, SEEN, Discrimination, mistaken
+from qsframework.discriminate.separations import NotSeparated
+from qsframework.experiment import LoadCase, Marker
+from qsframework.report.words.sizes import people_size
+
+
+def discrimination_words(pair: Discrimination) -> tuple[str, ...]:
+    """What the poses reach, and what else would."""
+    return (*_poses(pair), *_offers(pair))
+
+
+def _poses(pair: Discrimination) -> Iterator[str]:
+    count, first = len(pair.plan.pose), f"{pair.first} ({size_words(pair)}) against {pair.second}"
+    if not pair.useful:
+        apart = f", however many: the angle stays below {degrees(max(pair.limit, np.deg2rad(1.0)))} deg"
+        rest = apart if pair.limit < CLOSE else ", s stays near 0"
+        yield f"{first}: no more poses like these tell them apart{rest}."
+        return
+    most = f"at most {pair.bound:.1f} by any {count} of {pair.candidates} candidates"
+    yield (
+        f"{first}: {count} more poses bring s from {pair.s_before:.1f} to {pair.s_after:.1f} ({most}) and the angle "
+        f"from {degrees(pair.angle_before)} to {degrees(pair.angle_after)} deg; the wrong one then fits better in "
+        f"{_percent(mistaken(pair.s_after))} of measurements instead of {_percent(mistaken(pair.s_before))}."
+    )
+    if not pair.helps:
+        yield f"That is too little at this size; from {size_words(pair, ENOUGH / pair.s_after)} on it is enough."
+
+
+def _offers(pair: Discrimination) -> Iterator[str]:
+    if not pair.offers:
+        return
+    some = [o for o in pair.offers if o.s >= SEEN]
+    yield "Measure something different:" if some else "Nothing that was tried separates them: they stay a set."
+    for o in some:
+        from_size = f", enough from {size_words(pair, ENOUGH / o.s)} on" if o.s < ENOUGH else ""
+        yield f"- {offer_words(o)}: s = {o.s:.1f}, angle {degrees(o.angle)} deg{from_size}"
+    rest = [o.name for o in pair.offers if o.s < SEEN]
+    if some and rest:
+        yield f"No help: {', '.join(rest)}."
+
+
+def size_words(pair: Discrimination, share: float = 1.0) -> str:
+    """The first cause's size, or a multiple of it, as people say it."""
+    values = zip(pair.parameters, pair.values.tolist(), strict=True)
+    return ", ".join(people_size(p, share * v) for p, v in values if v)
+
+
+def outlook_words(pair: Discrimination) -> str:
+    """In a few words, what would tell the two."""
+    best = max((o for o in pair.offers if o.s >= SEEN), key=lambda o: o.s, default=None)
+    offer = "" if best is None else f"{offer_words(best)} would{_from(pair, best.s)}"
+    if pair.useful:
+        poses = f"{len(pair.plan.pose)} more poses would tell it from {pair.second}{_from(pair, pair.s_after)}"
+        return f"{poses}, {offer}" if best is not None and best.s > pair.s_after else poses
+    if offer:
+        return f"no more poses like these tell it from {pair.second}, {offer}"
+    return f"nothing that was tried tells it from {pair.second}"
+
+
+def _from(pair: Discrimination, s: float) -> str:
+    return "" if s >= ENOUGH else f" from {size_words(pair, ENOUGH / s)} on"
+
+
+def offer_words(offer: Offer) -> str:
+    """What to measure instead of more poses."""
+    if isinstance(offer.other, LoadCase):
+        return f"the load {offer.other.name}"
+    if isinstance(offer.other, Marker):
+        where = ", ".join(f"{1e3 * v:.0f}" for v in offer.other.xyz)
+        return f"a marker on {offer.other.link} at [{where}] mm beside the others"
+    return "absolute positions, unloaded and loaded, with the geometry fitted"
+
+
+def not_separated_words(missing: Sequence[NotSeparated]) -> tuple[str, ...]:
+    """Pairs that nothing was computed of, and why."""
+    return tuple(f"What would separate {x.first} from {x.second} was not computed: {x.error}" for x in missing)
+
+
+def second_day_words(day: SecondDay) -> tuple[str, ...]:
+    """What a second day would tell."""
+    said = [f"{len(day.plan.pose)} more poses would separate what is left, and confirm the names:"]
+    for c in day.contests:
+        sure = 100.0 * (1.0 - mistaken(c.s_after))
+        said.append(
+            f"- {c.first} against {c.second}: s {c.s_before:.1f} -> {c.s_after:.1f}, angle "
+            f"{degrees(c.angle_before)} -> {degrees(c.angle_after)} deg, told right in {sure:.3g} %"
+        )
+    return (*said, *left_open_words(day))
+
+
+def left_open_words(day: SecondDay) -> tuple[str, ...]:
+    """What a second day does not tell."""
+    hopeless = [f"- {a} against {b}: no pose under these loads separates them" for a, b in day.hopeless]
+    return (*hopeless, *note_words(day))
+
+
+def note_words(day: SecondDay) -> tuple[str, ...]:
+    """Rivals and pairs that were left out."""
+    more = [f"{x.name} has {x.rivals} rivals; the likeliest {x.looked} were looked at." for x in day.crowded]
+    return (
+        *more,
+        *(f"{x.first} against {x.second}: vary {' and '.join(x.needs)}, not the poses." for x in day.waiting),
+    )
+
+
+def degrees(angle: float) -> str:
+    """An angle in whole degrees, "-" where there is none."""
+    return f"{np.rad2deg(angle):.0f}" if np.isfinite(angle) else "-"
+
+
+def _percent(rate: float) -> str:
+    if rate < 1e-4:
+        return "less than 0.01 %"
+    return f"{100 * rate:.0f} %" if rate >= 0.01 else f"{100 * rate:.2g} %"

@@ -1,0 +1,69 @@
+"""What a plan would show, before anything is measured, in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qsframework.diagnose.linearization.candidates import REACH
+from qsframework.forecast.forecast import Curve, Foresight, Outlook, Prospect, Size, Why
+from qsframework.report.words.sizes import people_size
+
+
+def foresight_words(found: Foresight) -> tuple[str, ...]:
+    """What the plan can and cannot tell, in sentences."""
+    seen = [p for p in found.prospects if p.status is not Outlook.INVISIBLE]
+    named = [p for p in seen if p.status is Outlook.NAMED]
+    said = [
+        f"Of {len(found.prospects)} causes, {found.poses} poses at a noise of {1e3 * found.sigma:.3g} mm would detect "
+        f"{len(seen)} and name {len(named)}, of realistic size ({100 * found.power:.0f} % detected, "
+        f"{100 * found.share:.0f} % named right, {100 * found.level:.2g} % false alarms)."
+    ]
+    if found.groups:
+        said.append("Cannot be separated: " + "; ".join(" / ".join(g) for g in found.groups) + ".")
+    hidden: dict[Why | None, list[str]] = {}
+    for p in found.prospects:
+        if p.status is Outlook.INVISIBLE:
+            hidden.setdefault(p.why, []).append(p.name)
+    said += [f"Invisible here, {kind_words(why)}: {', '.join(names)}." for why, names in hidden.items()]
+    said += [f"{u.name} needs the column {' and '.join(u.needs)}." for u in found.untested]
+    return tuple(said)
+
+
+def kind_words(why: Why | None) -> str:
+    """Why a plan does not tell more, without numbers."""
+    if why is Why.SMALL:
+        return f"only above {REACH:g} times its typical size is it detected"
+    return "" if why is None else why.value
+
+
+def why_words(p: Prospect) -> str:
+    """Why the plan does not tell more of a cause."""
+    if p.why is Why.LITTLE_LOAD:
+        return f"{kind_words(p.why)}: {p.typical:.2g} units of noise at its typical size"
+    if p.why is Why.ABSORBED:
+        rest = f"{p.left:.2g} are left" if p.left >= 1e-3 else "nothing is left"
+        return f"{kind_words(p.why)}: of {p.typical:.2g} units of noise at its typical size {rest}"
+    if p.why is Why.ALIASES:
+        return f"does the same to these readings as {', '.join(p.aliases)}"
+    if p.why is Why.RIVAL:
+        return f"only above {REACH:g} times its typical size is it told from {p.nearest or 'noise'}"
+    return kind_words(p.why)
+
+
+def smallest_words(p: Prospect, named: bool = False) -> str:
+    """The smallest sizes of all parameters that are detected, or that are named."""
+    return ", ".join(size_words(x, x.name if named else x.detect) for x in p.sizes) or "-"
+
+
+def size_words(x: Size, size: float) -> str:
+    """A size with its unit, and the parameter's own name where the cause has several."""
+    own = x.parameter.name.rpartition("]")[2].partition(".")[2]
+    said = people_size(x.parameter, size) if np.isfinite(size) else "never"
+    return f"{own} {said}".strip()
+
+
+def curve_words(curve: Curve) -> str:
+    """Of which causes the rate is."""
+    if curve.one_sided:
+        return "1 direction that can only grow"
+    return f"{curve.dof} direction{'s' if curve.dof > 1 else ''}"

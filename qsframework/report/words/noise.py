@@ -1,0 +1,68 @@
+"""The audit of the noise, and what a model leaves beyond it, in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, Trend
+from qsframework.diagnose.residuals.noise_components import NoiseAudit
+
+
+def audit_words(audit: NoiseAudit) -> tuple[str, ...]:
+    """The size of the noise, and what is not as usual of it."""
+    said = [_unit(audit)]
+    if len(audit.outliers):
+        count = len(audit.outliers)
+        many = f"{count} rows do not belong to the others and are left out."
+        said.append(many if count > 1 else "1 row does not belong to the others and is left out.")
+    if audit.p_shared < audit.level:
+        size = f"{audit.shared * 1e3:.4f} mm a coordinate (p = {audit.p_shared:.2g})"
+        why = "the robot's repeatability, or what no candidate explains"
+        said.append(f"The markers of a pose share an error of {size}: {why}.")
+    if audit.heavy < audit.level:
+        said.append(f"Errors have heavier tails than normal ones (p = {audit.heavy:.2g}).")
+    if audit.p_missing < audit.level:
+        said.append(f"No candidate explains all that is beyond the replicates (p = {audit.p_missing:.2g}).")
+    return tuple(said)
+
+
+def _unit(audit: NoiseAudit) -> str:
+    """Where the size of the noise was taken from, with its degrees of freedom."""
+    if not audit.dof:
+        if audit.stated:
+            return (
+                "The stated noise is taken as it is: the candidates use up every reading and nothing was measured "
+                "twice, so nothing can be told about it without replicates."
+            )
+        return (
+            "The noise is unknown, and nothing can be told about it without replicates: the residuals' size is used, "
+            "which is its upper limit."
+        )
+    source = "replicates" if audit.unit_source == "replicates" else "what all candidates together leave unexplained"
+    told = f"from {source}, {audit.dof} degrees of freedom"
+    if audit.unit_source == "stated":
+        return f"The stated noise holds: measured {audit.measured:.2f} times as large (p = {audit.p_unit:.2g}; {told})."
+    if not audit.stated:
+        return f"The noise is not stated; it was measured {told}."
+    return f"The noise is {audit.unit:.2f} times the stated one (p = {audit.p_unit:.1g}; {told})."
+
+
+def misfit_words(found: LackOfFit, level: float = 0.01) -> tuple[str, ...]:
+    """Whether residuals fit the noise and the replicates, and on what they depend."""
+    said: list[str] = []
+    if np.isfinite(found.p_chi2):
+        verdict = "do not fit" if found.p_chi2 < level else "fit"
+        ratio = np.sqrt(found.square / found.dof)
+        size = f"{ratio:.2f} times as large, {found.dof} degrees of freedom (p = {found.p_chi2:.2g})"
+        said.append(f"The residuals {verdict} the noise: {size}.")
+    if np.isfinite(found.p_replicates):
+        verdict = "larger than" if found.p_replicates < level else "as large as"
+        free = f"p = {found.p_replicates:.2g}, {found.free_replicates} degrees of freedom of the replicates"
+        said.append(f"The residuals are {verdict} the replicates' scatter ({free}).")
+    said += [_trend(t) for t in found.trends if t.p_value < level]
+    return tuple(said)
+
+
+def _trend(t: Trend) -> str:
+    squares = f"{100 * t.share:.0f} % of their squares with {t.dof} of {t.free} degrees of freedom"
+    return f"Residuals depend on {t.variable}: it takes {squares} (adjusted p = {t.p_value:.2g})."

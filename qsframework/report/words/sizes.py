@@ -1,0 +1,81 @@
+"""Sizes as people read them: arcmin, urad/(N m) with the stiffness in MN m/rad, mm, percent."""
+
+from __future__ import annotations
+
+import math
+
+from qsframework.plugin import Parameter
+
+_SCALES: dict[str, tuple[tuple[float, str], ...]] = {
+    "m": ((1e-3, "mm"), (1e-6, "um")),
+    "rad/(N m)": ((1e-6, "urad/(N m)"), (1e-9, "nrad/(N m)")),
+    "rad/(N m)^3": ((1e-15, "urad/(kN m)^3"),),
+    "m/N": ((1e-6, "mm/kN"), (1e-9, "um/kN")),
+    "N/m": ((1e6, "kN/mm"), (1e3, "N/mm")),
+    "m/s": ((1e-6 / 3600.0, "um/h"),),
+    "1/K": ((1e-6, "um/(m K)"),),
+    "": ((1e-2, "%"),),
+}
+"""For each SI unit the size of one shown unit, largest first; the first one in which a value is large enough."""
+_DEGREE = math.pi / 180.0
+_ARCMIN = _DEGREE / 60.0
+_ANGLES = ((_DEGREE, "deg"), (_ARCMIN, "arcmin"), (1e-6, "urad"))
+_SEEN = 0.1
+_SEEN_ANGLE = 0.01
+"""Play and offsets are said in arcmin even where they are small."""
+_STIFF = ((1e6, "MN m/rad"), (1e3, "kN m/rad"), (1.0, "N m/rad"))
+
+
+def people_size(parameter: Parameter, value: float, stiffness: bool = True) -> str:
+    """A value of a parameter, SI, with its unit: `1.0 arcmin`, `0.43 urad/(N m) (2.3 MN m/rad)`."""
+    if not math.isfinite(value):
+        return "unknown"
+    size, unit = shown_unit(parameter, value)
+    return f"{three(value / size)} {unit}".strip() + (_stiffness(parameter, value) if stiffness else "")
+
+
+def people_estimate(parameter: Parameter, value: float, sd: float) -> str:
+    """A value and its standard deviation in one unit: `1.02 +- 0.03 arcmin`; a stiffness beside a compliance."""
+    size, unit = shown_unit(parameter, value)
+    return f"{three(value / size)} +- {two(sd / size)} {unit}".strip() + _stiffness(parameter, value)
+
+
+def shown_unit(parameter: Parameter, value: float) -> tuple[float, str]:
+    """SI size of the unit in which people read a value of this size, and its text."""
+    scales = _ANGLES if parameter.unit == "rad" else _SCALES.get(parameter.unit, ((1.0, parameter.unit),))
+    if parameter.unit == "rad" and abs(value) < _DEGREE:
+        scales = scales[1:]
+    seen = _SEEN_ANGLE if parameter.unit == "rad" else _SEEN
+    for size, unit in scales[:-1]:
+        if abs(value) >= seen * size or value == 0.0:
+            return size, unit
+    return scales[-1]
+
+
+def _stiffness(parameter: Parameter, value: float) -> str:
+    """In brackets behind the compliance of a spring; nothing for what only changes a compliance, such as hardening."""
+    spring = parameter.name.partition("[")[0].endswith("compliance")
+    if parameter.unit != "rad/(N m)" or not spring or value <= 0.0:
+        return ""
+    size, unit = next((s for s in _STIFF if 1.0 / value >= _SEEN * s[0]), _STIFF[-1])
+    return f" ({three(1.0 / value / size)} {unit})"
+
+
+def three(value: float) -> str:
+    """Three digits without an exponent where that stays readable."""
+    return _digits(value, 3)
+
+
+def two(value: float) -> str:
+    """Two digits, for standard deviations."""
+    return _digits(value, 2)
+
+
+def _digits(value: float, digits: int) -> str:
+    if value == 0.0 or not math.isfinite(value):
+        return "0" if value == 0.0 else "unknown"
+    power = math.floor(math.log10(abs(value)))
+    if not -4 <= power < 6:
+        return f"{value:.{digits - 1}e}"
+    rounded = round(value, digits - 1 - power)
+    return f"{rounded:.{max(digits - 1 - power, 0)}f}"

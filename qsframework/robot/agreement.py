@@ -1,0 +1,94 @@
+"""Each robot that is loaded holds the batch kernel to Pinocchio, at a few poses, in a millisecond or two."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from qsframework.errors import InputError, Problem
+from qsframework.plugin import Array
+from qsframework.robot.controller import Controller
+from qsframework.robot.gravity import element_gravity, nominal_moments
+from qsframework.robot.kinematics import joint_frames, twists
+from qsframework.robot.reference import Statics, reference_statics
+from qsframework.robot.robot import Robot
+
+POSES = 5
+ALLOWED = 1e-9
+"""m, rad, m/rad, rad/rad; of torques, of the largest torque."""
+_ROUNDING = 1e-13
+"""What float64 itself may lose of the largest number that occurs, with room: for arms of absurd size, and for arms
+whose joints bear nothing but rounding."""
+_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+
+
+def check_agreement(robot: Robot, file: Path) -> None:
+    """InputError if positions, attitudes, Jacobians or gravity torques of the batch kernel are not Pinocchio's.
+
+    file: the robot.yaml that the error names
+    """
+    q = robot.controller.to_joints(spread_poses(robot.controller))
+    problems = list(_differences(robot, kernel_statics(robot, q), reference_statics(robot, q), str(file)))
+    if problems:
+        hint = (
+            "Nothing computed from this robot can be trusted. Its files are not to blame but the software: "
+            f"this is Pinocchio (pin) {version('pin')}. Install the versions of requirements.lock with make install; "
+            "if it stays, report it with the robot's folder."
+        )
+        raise InputError([*problems[:-1], replace(problems[-1], hint=hint)])
+
+
+def spread_poses(controller: Controller) -> Array:
+    """Pendant angles (POSES, n): each joint visits every part of its range once, in an order of its own.
+
+    No random numbers: to import them takes longer than the whole check.
+    """
+    joint, pose = np.arange(len(controller.lower)), np.arange(POSES)[:, None]
+    part = (pose * (1 + joint % (POSES - 1)) / POSES + _GOLDEN * (joint + 1)) % 1.0
+    return controller.lower + part * (controller.upper - controller.lower)
+
+
+def kernel_statics(robot: Robot, q: Array) -> Statics:
+    """What `reference_statics` says, by the batch kernel."""
+    placed, link, flange = joint_frames(robot.facts, q), robot.flange.link, robot.flange.placement
+    point, turned = placed.point(link, flange[:3, 3]), placed.matrix(link) @ flange[:3, :3]
+    columns = twists(placed, link, point)
+    return Statics(
+        np.concatenate([placed.positions, point[None]]),
+        np.concatenate([placed.rotations.transpose(0, 2, 1, 3), turned.transpose(1, 2, 0)[None]]),
+        columns.linear,
+        columns.angular,
+        element_gravity(placed, nominal_moments(robot.facts), robot.gravity),
+    )
+
+
+def _differences(robot: Robot, ours: Statics, theirs: Statics, file: str) -> Iterator[Problem]:
+    """One problem for each quantity that differs, with the links or joints where it does."""
+    facts, place = robot.facts, robot.flange.placement[:3, 3]
+    reach = float(np.linalg.norm(facts.placements[:, :3, 3], axis=1).sum() + np.linalg.norm(place))
+    levers = reach + np.linalg.norm(facts.centres, axis=1)
+    weight = float(np.linalg.norm(robot.gravity) * (facts.masses @ levers))
+    links = (*facts.links, "flange")
+    length, torque = ALLOWED + _ROUNDING * reach, ALLOWED * _largest(theirs.torque) + _ROUNDING * weight
+    told: list[tuple[str, str, Sequence[str], Array, Array, float]] = [
+        ("position", "m", links, ours.positions, theirs.positions, length),
+        ("attitude", "rad", links, ours.rotations, theirs.rotations, ALLOWED),
+        ("Jacobian (linear)", "m/rad", facts.joints, ours.linear, theirs.linear, length),
+        ("Jacobian (angular)", "rad/rad", facts.joints, ours.angular, theirs.angular, ALLOWED),
+        ("gravity torque", "N m", facts.joints, ours.torque, theirs.torque, torque),
+    ]
+    for what, unit, names, mine, other, allowed in told:
+        apart = np.abs(mine - other).reshape(len(names), -1).max(axis=1)
+        where = [repr(name) for name, d in zip(names, apart, strict=True) if not d <= allowed]  # NaN differs
+        if where:
+            message = f"robot {robot.name}: {what} of {', '.join(where)} by the batch kernel is not Pinocchio's"
+            size = f"a difference of up to {float(apart.max()):.1e} {unit}"
+            yield Problem(message, file=file, found=size, allowed=f"{allowed:.1e} {unit}")
+
+
+def _largest(values: Array) -> float:
+    return float(np.abs(values).max())

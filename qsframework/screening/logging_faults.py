@@ -1,0 +1,284 @@
+"""What people and loggers do to readings: angles logged late, markers exchanged, a tool that was touched.
+
+Two readings of one file are compared by their likelihood: where the file is right, another reading of it is better by
+a factor of c in at most 1 of c cases, so n alternatives at a level a need a factor of n / a.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from qsframework.estimation import left
+from qsframework.estimation.projection import chi_square
+from qsframework.experiment import bridge
+from qsframework.plugin import Array, Indices, Poses
+from qsframework.screening.linearized_fit import LinearizedFit, of_bridge
+
+Found = list[tuple[Indices, str]]
+_SLACK = 16.0
+"""How much worse, in squares of the noise, an exchange may fit than leaving out the worst of its rows."""
+_FALL = 0.8
+"""How far the sum of squares must fall at least where angles are late; what the model misses makes smaller ones."""
+_AT_ONCE = 500
+"""Exchanges tried in one product."""
+
+
+def _gain(fit: LinearizedFit, before: float, after: float) -> float:
+    """2 log of how much likelier the readings are with a sum of squares `after` than `before`."""
+    if fit.stated:
+        return before - after
+    return fit.dof * float(np.log(max(before, 1e-300) / max(after, 1e-300)))
+
+
+def swapped_markers(fit: LinearizedFit, level: float) -> Found:
+    """Two or three markers of one state, or of all states, that fit much better exchanged."""
+    return [(np.unique(order), words) for order, words in exchanges(fit, level)]
+
+
+def exchanges(fit: LinearizedFit, level: float) -> Found:
+    """Such exchanges as orders (k, 2): a row of the readings, and the row whose value it should have."""
+    of, marker = fit.rows.plus, fit.rows.marker
+    kind = 2 * fit.rows.frame + (fit.rows.minus < 0)
+    gauge = fit.readings.is_gauge[fit.keep]
+    whole = np.isfinite(fit.rows.measured).all(axis=1) & ~gauge
+    parts = [np.flatnonzero((of == m) & (kind == k) & whole) for m, k in sorted(set(zip(of.tolist(), kind.tolist(),
+                                                                                       strict=True)))]  # fmt: skip
+    orders = [order for rows in parts for order in _orders(rows)]
+    everywhere: dict[bytes, list[Indices]] = {}
+    for order in orders:
+        key = marker[order]
+        everywhere.setdefault(key[np.argsort(key[:, 0])].tobytes(), []).append(order)
+    candidates = [*orders, *(np.concatenate(group) for group in everywhere.values() if len(group) > 1)]
+    single = len(orders)
+    need = 2.0 * np.log(max(len(candidates), 1) / level)
+    out: Found = []
+    able = np.ones(len(candidates), dtype=bool)
+    while able.any():
+        before = fit.square()
+        after = np.full(len(candidates), before)
+        after[able] += _changes(fit, [candidates[c] for c in np.flatnonzero(able)])
+        alone = fit.row_squares()
+        for c in np.flatnonzero(able[:single]):
+            if after[c] > before - alone[candidates[c][:, 0]].max() + _SLACK * fit.unit(float(after[c])):
+                after[c] = before  # one gross reading explains it as well
+        best = int(np.argmin(after))
+        if _gain(fit, before, float(after[best])) <= need:
+            break
+        chosen = candidates[best]
+        out.append((fit.keep[chosen], _swap_words(fit, chosen, best < single)))
+        fit = replace(fit, errors=fit.errors + _change(fit, chosen))
+        taken = set(chosen.ravel().tolist())
+        able &= np.array([not taken & set(c.ravel().tolist()) for c in candidates])
+    return out
+
+
+def _orders(rows: Indices) -> list[Indices]:
+    """Exchanges of two and of three rows: (k, 2), each row and the row whose reading it should have."""
+    out = [np.array([[a, b], [b, a]]) for a, b in combinations(rows.tolist(), 2)]
+    for a, b, c in combinations(rows.tolist(), 3):
+        out += [np.array([[a, b], [b, c], [c, a]]), np.array([[a, c], [c, b], [b, a]])]
+    return out
+
+
+def _change(fit: LinearizedFit, order: Indices) -> Array:
+    """What an exchange (k, 2) adds to the errors (m,), m."""
+    measured = np.nan_to_num(fit.rows.measured)
+    d = np.zeros_like(measured)
+    d[order[:, 0]] = measured[order[:, 1]] - measured[order[:, 0]]
+    return fit.rows.flat(d)
+
+
+def _changes(fit: LinearizedFit, orders: Sequence[Indices]) -> Array:
+    """How much the sum of squares changes with each exchange."""
+    r = fit.white
+    out: list[Array] = []
+    for k in range(0, len(orders), _AT_ONCE):
+        d = fit.noise.whiten(np.stack([_change(fit, o) for o in orders[k : k + _AT_ONCE]], axis=1))
+        out.append(2.0 * r @ d + np.square(d).sum(axis=0) - np.square(fit.Q.T @ d).sum(axis=0))
+    return np.concatenate(out)
+
+
+def _swap_words(fit: LinearizedFit, order: Indices, single: bool) -> str:
+    readings = fit.readings
+    at = [fit.keep[i] for i in order[:, 0]]
+    names = [fit.experiment.markers[int(m)].name for m in np.unique(readings.marker[at])]
+    said = " and ".join(names) if len(names) == 2 else f"{', '.join(names[:-1])} and {names[-1]}"
+    where = f"pose {readings.states.pose[readings.plus[at[0]]]}" if single else "all poses"
+    rows = ", ".join(str(readings.line[i]) for i in fit.keep[np.unique(order)][:6])
+    return f"markers {said} are exchanged at {where} (rows {rows}): the readings fit far better if exchanged"
+
+
+@dataclass(frozen=True, eq=False)
+class Visits:
+    """The visits of the arm in the order of the file: the states of each, and the visit (R,) of each row of a fit."""
+
+    states: tuple[tuple[int, ...], ...]
+    of: Indices
+
+    def __len__(self) -> int:
+        return len(self.states)
+
+
+def visits(fit: LinearizedFit) -> Visits:
+    """Rows of one `plus` are one visit, with the unloaded states that no other visit shares."""
+    order = list(dict.fromkeys(fit.rows.plus.tolist()))
+    before: dict[int, set[int]] = {s: set() for s in order}
+    shared: dict[int, set[int]] = {}
+    for s, m in zip(fit.rows.plus.tolist(), fit.rows.minus.tolist(), strict=True):
+        if m >= 0:
+            before[s].add(m)
+            shared.setdefault(m, set()).add(s)
+    states = tuple((s, *(m for m in sorted(before[s]) if len(shared[m]) == 1)) for s in order)
+    number = {s: i for i, s in enumerate(order)}
+    return Visits(states, np.array([number[s] for s in fit.rows.plus.tolist()]))
+
+
+def moved_up(poses: Poses, seen: Visits, run: range) -> Poses:
+    """The poses of states with the angles of a run of visits taken from the visit after each."""
+    pendant, q = poses.pendant.copy(), poses.q.copy()
+    for v in run:
+        for s in seen.states[v]:
+            pendant[s], q[s] = poses.pendant[seen.states[v + 1][0]], poses.q[seen.states[v + 1][0]]
+    return replace(poses, pendant=pendant, q=q)
+
+
+def late_angles(fit: LinearizedFit, level: float) -> Found:
+    """Runs of visits that have the angles of the one before, so that their own stand one visit later."""
+    seen = visits(fit)
+    count = len(seen)
+    if count < 3:
+        return []
+    poses, names = fit.readings.poses, fit.readings.states.pose
+    first = np.array([s[0] for s in seen.states])
+    stuck = np.flatnonzero(np.all(poses.q[first[1:]] == poses.q[first[:-1]], axis=1)) + 1
+    stuck = np.array([v for v in stuck if names[first[v]] != names[first[v - 1]]], dtype=np.intp)
+    runs = [(int(k), j) for k in {0, *stuck.tolist()} for j in range(k + 2, count + 1)]
+    here, there = _sums(fit, fit, seen), _sums(_shifted(fit, seen), fit, seen)
+    need = 2.0 * np.log(max(len(runs), 1) / level)
+    best: tuple[float, tuple[int, int]] | None = None
+    for k, j in runs:
+        rest = here[-1] - (here[j] - here[j - 1])
+        before, free = _square_of(rest)
+        if free <= 0:
+            continue
+        after, _ = _square_of(rest - (here[j - 1] - here[k]) + (there[j - 1] - there[k]))
+        gain = before - after if fit.stated else free * float(np.log(max(before, 1e-300) / max(after, 1e-300)))
+        if gain > need and after < _FALL * before and (best is None or after < best[0]):
+            best = after, (k, j)
+    alone, rest = _stuck(fit, seen, stuck, level)
+    return alone if best is None or (alone and rest <= best[0]) else [_late_words(fit, seen, *best[1])]
+
+
+def _sums(fit: LinearizedFit, given: LinearizedFit, seen: Visits) -> Array:
+    """Sums over the first v visits (v + 1, p + 2, p + 2) of products of whitened columns, errors, and of ones."""
+    both = given.noise.whiten(np.column_stack([fit.slopes, fit.errors]))
+    visit = seen.of[fit.row]
+    out = np.zeros((len(seen) + 1, both.shape[1] + 1, both.shape[1] + 1))
+    for v in range(len(seen)):
+        part = both[visit == v]
+        out[v + 1, :-1, :-1] = part.T @ part
+        out[v + 1, -1, -1] = len(part)
+    return np.cumsum(out, axis=0)
+
+
+def _square_of(total: Array) -> tuple[float, int]:
+    """Sum of squares that least squares leaves, from products of columns and errors, and its degrees of freedom."""
+    p = len(total) - 2
+    size = np.sqrt(np.maximum(np.diag(total)[:p], 1e-300))
+    G, c = total[:p, :p] / np.outer(size, size), total[:p, p] / size
+    values, vectors = np.linalg.eigh(G)
+    told = values > 1e-12 * max(float(values[-1]), 1e-300)
+    z = vectors[:, told].T @ c
+    return max(float(total[p, p] - (z**2 / values[told]).sum()), 0.0), round(float(total[-1, -1])) - int(told.sum())
+
+
+def _shifted(fit: LinearizedFit, seen: Visits) -> LinearizedFit:
+    """The same readings at the angles of the visit after each (the last one keeps its own)."""
+    poses = moved_up(fit.readings.poses, seen, range(len(seen) - 1))
+    rows = replace(fit.rows, readings=fit.readings.with_poses(poses))
+    names = fit.experiment.fit_names()
+    return of_bridge(fit.experiment, bridge(fit.experiment, rows.readings, names, linear=True, rows=rows))
+
+
+def _late_words(fit: LinearizedFit, seen: Visits, k: int, j: int) -> tuple[Indices, str]:
+    readings = fit.readings
+    rows = fit.keep[(seen.of >= k) & (seen.of < j)]
+    told = f"rows {readings.line[rows[0]]} to {readings.line[rows[-1]]}"
+    last = readings.states.pose[seen.states[j - 1][0]]
+    return rows, (
+        f"{told}: the angles were logged one pose late: with those of the pose after each, the readings fit far "
+        f"better. Move the angle columns up by one pose; the angles of pose {last} are then missing"
+    )
+
+
+def _stuck(fit: LinearizedFit, seen: Visits, stuck: Indices, level: float) -> tuple[Found, float]:
+    """Single visits with the angles of the one before that do not fit there; the sum of squares without them."""
+    out: Found = []
+    whole = without = fit.square()
+    if not len(stuck):
+        return out, without
+    label = np.where(np.isin(seen.of, stuck), seen.of, -1)[fit.row]
+    for square, v, size in zip(*fit.without(label), strict=True):
+        if square <= 0.0:
+            continue
+        p = float(chi_square(square, size, whole, fit.dof, fit.stated))
+        if p * len(stuck) < level:
+            without -= float(square)
+            rows = fit.keep[seen.of == v]
+            pose = fit.readings.states.pose[seen.states[int(v)][0]]
+            told = ", ".join(str(fit.readings.line[i]) for i in rows)
+            out.append((rows, f"rows {told} (pose {pose}): the angles are those of the pose before, and the "
+                              "readings do not fit there: they were logged too early"))  # fmt: skip
+    return out, without
+
+
+@dataclass(frozen=True, eq=False)
+class _Tool:
+    """Displacements of three or more markers of one link at one visit: what no rigid motion explains."""
+
+    rows: Indices
+    square: float
+    dof: int
+
+
+def tool_misfit(fit: LinearizedFit, level: float) -> Found:
+    """Visits whose markers on one link did not move as a rigid body does."""
+    found = _tools(fit)
+    total, free = sum(t.square for t in found), sum(t.dof for t in found)
+    out: Found = []
+    for t in found:
+        p = float(chi_square(t.square, t.dof, total, free, fit.stated))
+        if p * len(found) < level:
+            rows = fit.keep[t.rows]
+            pose = fit.readings.states.pose[fit.readings.plus[rows[0]]]
+            told = ", ".join(str(fit.readings.line[i]) for i in rows)
+            words = f"rows {told} (pose {pose}): no rigid motion of the tool moves its markers like this (p = {p:.1g})"
+            out.append((rows, words))
+    return out
+
+
+def _tools(fit: LinearizedFit) -> list[_Tool]:
+    readings, model, rows = fit.readings, fit.experiment.model(), fit.rows
+    place = model.positions(readings.poses.take(rows.plus))
+    link = np.array([site.link for site in model.markers])
+    whole = (rows.minus >= 0) & np.isfinite(rows.measured).all(axis=1) & ~readings.is_gauge[rows.keep]
+    out: list[_Tool] = []
+    for m, body in sorted({(int(a), int(link[b])) for a, b in zip(rows.plus[whole], rows.marker[whole], strict=True)}):
+        some = np.flatnonzero((rows.plus == m) & (link[rows.marker] == body) & whole)
+        if len(some) < 3:
+            continue
+        r = place[some, rows.marker[some]]
+        r = r - r.mean(axis=0)
+        turn = -np.cross(r[:, None, :], np.eye(3)).transpose(0, 2, 1)  # (k, axis of the reading, axis of rotation)
+        sigma = rows.sigma[some]
+        motion = np.concatenate([np.broadcast_to(np.eye(3), turn.shape), turn], axis=2) / sigma[:, :, None]
+        flat = motion.reshape(-1, 6)
+        rank = int(np.linalg.matrix_rank(flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300)))
+        U = np.linalg.svd(flat, full_matrices=False)[0][:, :rank]
+        target = (rows.measured[some] / sigma).ravel()
+        out.append(_Tool(some, float(np.square(left(U, target)).sum()), target.size - rank))
+    return [t for t in out if t.dof > 0]

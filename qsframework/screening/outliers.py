@@ -1,0 +1,313 @@
+"""Gross readings: those that do not belong under the fitted model, nor under a richer one.
+
+A model that is too small leaves large errors at good readings: folded arms, large sag. A row is gross only where the
+robot's whole geometry, its springs and its sag, each held to its natural size, do not explain it either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from qsframework.errors import InputError, QsfError
+from qsframework.estimation.projection import blocks_of, falls
+from qsframework.estimation.statistics import shifts
+from qsframework.experiment import Bridge, Experiment, Frame, Readings, Rows, bridge
+from qsframework.plugin import Array, Effect, Indices
+from qsframework.plugin.build import build_effects
+from qsframework.screening.rows import Finding, finding, lines
+
+GROSS = 7.0
+"""A reading is gross beyond so many robust standard deviations of one coordinate."""
+SHARE = 0.05
+"""Of the readings: more than these are not masked unless somebody asks for it, for then something else is wrong."""
+_WHOLE = ("tool_offset", "joint_offset", "joint_placement", "gravity_sag", "joint_compliance")
+"""Effects of the richer model, where the robot has room for them."""
+_REACH = 5.0
+"""Natural sizes by which the richer model's own parameters are held to their nominal values."""
+_ROUNDS = 20
+_REWEIGHED = 8
+"""Steps of the fit of least absolute errors."""
+_MEDIANS = {1: 0.6745, 2: 1.1774, 3: 1.5382}
+"""Median of the norm of so many unit normals."""
+_FEW = 8
+"""Rows of one series and carrier below which their noise is that of all rows."""
+_OFFSET = "joint_offset"
+_SEVERAL = 5
+"""Gross rows below which nothing is said of the joint angles."""
+_FLOOR = 1e-3
+_EVIDENCE = 10.0
+"""Log of how much likelier errors of the angles must be than errors in all directions."""
+_BLOCK = 0.6
+"""Share of the rows of a series, marker or stretch that are gross, from which they are told as one block."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outliers:
+    """gross (R,): rows of a fit that belong under neither model; missed (R,): those that only the fitted one misses."""
+
+    gross: npt.NDArray[np.bool_]
+    missed: npt.NDArray[np.bool_]
+    size: Array
+    angles: float | None = None
+    """sd, rad, of errors of the joint angles that would make the gross rows as they are; None: they are otherwise"""
+
+    @property
+    def share(self) -> float:
+        """Of the rows, that are gross."""
+        return float(self.gross.mean())
+
+
+def find_outliers(experiment: Experiment, readings: Readings, names: Sequence[str] | None = None) -> Outliers | None:
+    """Rows in use that are gross, from linear fits about the nominal arm; None where no fit can be made."""
+    experiment = experiment if names is None else experiment.with_(fit=tuple(names))
+    try:
+        wide = _widened(experiment, readings)
+        gross, size, linear = _beyond(wide)
+    except (QsfError, np.linalg.LinAlgError):
+        return None
+    fitted = set(experiment.fit_names())
+    own = np.array([True] * wide.motions + [n in fitted for n in wide.names])
+    small = replace(linear, A=linear.A[:, own], held=np.zeros(int(own.sum())))
+    missed = _in_sds(wide, *_left_out(small, gross, robust=False), gross) > GROSS
+    return Outliers(gross, missed & ~gross, size, _angle_errors(wide, gross))
+
+
+def _angle_errors(seen: Bridge, gross: npt.NDArray[np.bool_]) -> float | None:
+    """sd (rad) of joint angles that were logged wrongly, where the gross rows err as such angles would make them.
+
+    Errors of the angles move a marker along the columns of its Jacobian, others in all directions alike: the two
+    normal distributions of the errors, each of its likeliest size, are compared.
+    """
+    rows = seen.rows
+    bad = np.flatnonzero(gross & (rows.minus < 0) & rows.mask.all(axis=1) & _carried(seen))
+    offsets = [n for n in seen.names if n.startswith(_OFFSET)]
+    if len(bad) < _SEVERAL or not offsets:
+        return None
+    good = rows.take(~gross)
+    frames = good.start(seen.model, seen.x)
+    predicted, J = rows.rates(seen.model, seen.x, frames, seen.names)
+    kept = np.flatnonzero(~gross)
+    A = rows.take(kept).flat(J[kept])
+    size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    target = rows.take(kept).flat((rows.measured - predicted)[kept])
+    x = np.asarray(np.linalg.lstsq(A / size, target, rcond=1e-8)[0], dtype=np.float64) / size
+    error: Array = rows.measured[bad] - predicted[bad] - J[bad] @ x
+    columns = J[bad][:, :, [seen.motions + seen.names.index(n) for n in offsets]]
+    S = columns @ columns.transpose(0, 2, 1)
+    S = S + _FLOOR * np.trace(S, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    weighed = np.asarray(np.linalg.solve(S, error[..., None]), dtype=np.float64)[..., 0]
+    square = np.einsum("ri,ri->r", error, weighed)
+    count = error.size
+    angular = -0.5 * float(np.linalg.slogdet(S)[1].sum()) - 0.5 * count * float(np.log(square.sum() / count))
+    plain = -0.5 * count * float(np.log((error**2).sum() / count))
+    return float(np.sqrt(square.sum() / count)) if angular - plain > _EVIDENCE else None
+
+
+def _carried(seen: Bridge) -> npt.NDArray[np.bool_]:
+    """Rows (R,) of markers that some joint moves."""
+    return np.array([site.link for site in seen.model.markers])[seen.rows.marker] > 0
+
+
+def _widened(experiment: Experiment, readings: Readings) -> Bridge:
+    """The bridge of the model with geometry, springs and sag added."""
+    robot = experiment.robot
+    have = {e.name for e in (*robot.effects, *experiment.effects)}
+    more: list[Effect] = []
+    for name in _WHOLE:
+        where = {"markers": "all"} if name == "tool_offset" else {"joints": "all"}
+        try:
+            built = build_effects({"effect": name, **where}, robot.facts, tuple(m.name for m in experiment.markers))
+        except InputError:
+            continue
+        more += [e for e in built if e.name not in have]
+    own = tuple(p for e in more for p in e.parameters(robot.facts))
+    wide = experiment.with_(effects=(*experiment.effects, *more), parameters=(*experiment.parameters, *own))
+    model = wide.model()
+    names = {n for e, part in zip(model.effects, model.slices, strict=True) if e.effect_name() in _WHOLE
+             for n in model.names[part]}  # fmt: skip
+    names |= set(experiment.fit_names())
+    return bridge(wide, readings, [n for n in model.names if n in names], linear=True)
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """Whitened columns A (m, p) and errors r (m,) about the nominal arm in some frames; row (m,) of each coordinate;
+    held (p,): 1 / sd of a column's parameter in natural sizes, 0 for none"""
+
+    A: Array
+    r: Array
+    row: Indices
+    held: Array
+    rows: Rows
+
+
+def _linear(seen: Bridge, frames: Sequence[Frame]) -> _Linear:
+    rows = seen.rows
+    predicted, J = rows.rates(seen.model, seen.x, frames, seen.names)
+    scale = np.array([p.scale for p in seen.parameters])
+    r = rows.noise.whiten(rows.scalars - rows.flat(predicted))
+    held = np.concatenate([np.zeros(seen.motions), np.full(len(seen.names), 1.0 / _REACH)])
+    return _Linear(rows.noise.whiten(rows.flat(J) * scale), r, rows.row, held, rows)
+
+
+def _beyond(seen: Bridge) -> tuple[npt.NDArray[np.bool_], Array, _Linear]:
+    """Rows (R,) whose left-out error is far beyond what others of their series and carrier allow; that error, in sds;
+    the linear model that says so.
+
+    A fit of least absolute errors says first which rows most others agree on; then rows come and go by their errors
+    against the least squares of those that stay.
+    """
+    rows = seen.rows
+    wrong = np.zeros(len(rows.keep), dtype=bool)
+    linear = _linear(seen, rows.start(seen.model, seen.x))
+    size = _in_sds(seen, *_left_out(linear, wrong, robust=True), wrong)
+    for _ in range(_ROUNDS):
+        now = size > GROSS
+        if now.any() and not np.array_equal(now, wrong) and now.mean() <= 0.5 and rows.estimated:
+            linear = _linear(seen, rows.take(~now).start(seen.model, seen.x))
+        size = _in_sds(seen, *_left_out(linear, now, robust=False), now)
+        done, wrong = np.array_equal(now, wrong) and not np.any((size > GROSS) != now), now
+        if done or not now.any() or now.mean() > 0.5:
+            break
+    return size > GROSS, size, linear
+
+
+def _in_sds(seen: Bridge, error: Array, count: Indices, wrong: npt.NDArray[np.bool_]) -> Array:
+    """Errors (R,) of so many axes in what is usual for their like."""
+    usual = _typical(seen, error / np.array([_MEDIANS[int(c)] for c in count]), wrong)
+    return error / np.maximum(usual, 1e-300)
+
+
+def _left_out(linear: _Linear, wrong: npt.NDArray[np.bool_], robust: bool) -> tuple[Array, Indices]:
+    """Size (R,) of each row's error against a fit without it and without the wrong ones, in sigmas; axes measured.
+
+    robust: by least absolute errors instead, of all rows
+    """
+    A, r, row, count = linear.A, linear.r, linear.row, len(wrong)
+    good, length = ~wrong[row], np.zeros(count)
+    weight, unit, rest, P = good.astype(float), float(np.sqrt(np.mean(r[good] ** 2))), r, A[:, :0]
+    for _ in range(_REWEIGHED if robust else 2):  # what is held is held by the noise that is seen in the end
+        x, P = _weighted(A, r, weight, (linear.held * max(unit, 1e-300)) ** 2)
+        rest = r - A @ x
+        unit = float(np.sqrt(np.median(rest[good] ** 2)) / _MEDIANS[1])
+        length = np.sqrt(np.bincount(row, rest**2, count))
+        if robust:
+            weight = (1.0 / np.maximum(length, max(unit, 1e-300)))[row]
+    axes = np.bincount(row, minlength=count)
+    if robust:
+        return length, axes
+    slope, q = shifts(np.where(good, rest, 0.0), np.where(good[:, None], P, 0.0), linear.rows.noise)
+    fall, label, _ = falls(q, slope, np.where(good, row, -1))
+    out = _foretold(P, rest, np.where(good, -1, row), count)
+    out[label] = np.sqrt(fall)
+    return out, axes
+
+
+def _foretold(P: Array, rest: Array, label: Indices, count: int) -> Array:
+    """Size (R,) of the errors of rows that were not fitted, in sds of the noise and of what foretells them, so that a
+    row is judged alike in the fit and beside it: r' (I + P P')^-1 r."""
+    out = np.zeros(count)
+    for at in blocks_of(label):
+        spread = np.eye(at.shape[1]) + P[at] @ P[at].transpose(0, 2, 1)
+        weighed = np.asarray(np.linalg.solve(spread, rest[at][..., None]), dtype=np.float64)[..., 0]
+        out[label[at[:, 0]]] = np.sqrt(np.einsum("bs,bs->b", rest[at], weighed))
+    return out
+
+
+def _weighted(A: Array, r: Array, weight: Array, ridge: Array) -> tuple[Array, Array]:
+    """Weighted least squares held by a ridge (p,): the parameters, and P (m, f), P P' the covariance of predictions.
+
+    By normal equations in columns of one size: what they lose of digits is far below a gross error.
+    """
+    size = np.sqrt(weight @ A**2 + ridge)
+    kept = size > 1e-12 * max(float(size.max(initial=0.0)), 1e-300)
+    B = A[:, kept] / size[kept]
+    G = (B * weight[:, None]).T @ B + np.diag(ridge[kept] / size[kept] ** 2)
+    values, V = np.linalg.eigh(G)
+    told = values > 1e-13 * values.max(initial=0.0)
+    half = V[:, told] / np.sqrt(values[told])
+    x = np.zeros(A.shape[1])
+    x[kept] = half @ (half.T @ (B.T @ (weight * r))) / size[kept]
+    return x, B @ half
+
+
+def _typical(seen: Bridge, error: Array, wrong: npt.NDArray[np.bool_]) -> Array:
+    """The usual error (R,) among the rows of a series that the same link carries, m in sigmas.
+
+    Rows are pooled by what they share: a marker on the still base says nothing of the noise at the tool.
+    """
+    rows = seen.rows
+    link = np.array([site.link for site in seen.model.markers])[rows.marker]
+    kind = rows.frame + (len(rows.readings.frames) + 1) * (rows.minus < 0)
+    label = link + (int(link.max(initial=0)) + 1) * (kind - kind.min(initial=0))
+    out = np.full(len(error), float(np.median(error[~wrong])) if (~wrong).any() else 0.0)
+    for one in np.unique(label):
+        same = (label == one) & ~wrong
+        if same.sum() >= _FEW:
+            out[label == one] = np.median(error[same])
+    return np.maximum(out, 1e-6 * float(error.max(initial=0.0)))
+
+
+def told_outliers(readings: Readings, keep: Indices, found: Outliers) -> list[Finding]:
+    """The outliers as findings: blocks that belong together, single rows, and what only a larger model explains."""
+    out: list[Finding] = []
+    gross = keep[found.gross]
+    if found.share > SHARE:
+        out.append(_many(readings, keep, found))
+    if found.angles is not None:
+        words = (
+            f"{lines(readings, gross)}: they err as if joint angles were wrong by {np.rad2deg(found.angles):.2g} deg: "
+            "look at how the angles were logged before the readings"
+        )
+        out.append(finding("angles", readings, gross, words, mask=False))
+    for i, size in zip(gross.tolist(), found.size[found.gross].tolist(), strict=True):
+        words = f"{lines(readings, np.array([i]))}: {size:.0f} sds off what the other readings say"
+        out.append(finding("gross", readings, np.array([i]), words))
+    missed = keep[found.missed]
+    if len(missed):
+        words = (
+            f"{lines(readings, missed)}: the fitted model misses them by far, geometry, springs and sag would not: the "
+            "model is too small here, the readings are kept"
+        )
+        out.append(finding("small model", readings, missed, words, mask=False))
+    return out
+
+
+def _many(readings: Readings, keep: Indices, found: Outliers) -> Finding:
+    """More gross rows than a mistake here and there makes: what they have in common."""
+    rows = keep[found.gross]
+    block = common_block(readings, keep, found.gross)
+    where = f": {block}" if block else ", in no series, marker or stretch alone"
+    words = (
+        f"{len(rows)} of {len(keep)} readings ({100 * found.share:.0f} %) do not fit{where}. That is no handful of "
+        "slips: a setting, a frame or the model is wrong"
+    )
+    return finding("block", readings, rows, words, mask=False)
+
+
+def common_block(readings: Readings, keep: Indices, wrong: npt.NDArray[np.bool_]) -> str:
+    """What most of the wrong rows have in common and few of the others: a series, a marker, or a stretch."""
+    states = readings.states
+    best: tuple[float, str] = (_BLOCK, "")
+    groups: list[tuple[str, npt.NDArray[np.bool_]]] = []
+    for f, name in enumerate(readings.frames):
+        groups.append((f"series {name!r}", readings.frame[keep] == f))
+    series = [states.series[int(s)] for s in readings.plus[keep]]
+    groups += [(f"series {name!r}", np.array([s == name for s in series])) for name in sorted(set(series)) if name]
+    groups += [(f"marker {k + 1}", readings.marker[keep] == k) for k in range(int(readings.marker.max(initial=0)) + 1)]
+    at = np.flatnonzero(wrong)
+    if len(at):
+        inside = np.zeros(len(keep), dtype=bool)
+        inside[at[0] : at[-1] + 1] = True
+        groups.append((f"lines {readings.line[keep[at[0]]]} to {readings.line[keep[at[-1]]]}", inside))
+    for name, members in groups:
+        if not members.any() or members.all():
+            continue
+        both = min(float(wrong[members].mean()), float(members[wrong].mean()))
+        if both > best[0]:
+            best = both, name
+    return best[1]

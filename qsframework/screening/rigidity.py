@@ -1,0 +1,327 @@
+"""Markers on one link keep their distances: the tool's shape from all states, and states that do not have it.
+
+No robot model and no tracker frame is needed; the shape is that of the readings themselves, robustly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations
+
+import numpy as np
+import numpy.typing as npt
+
+from qsframework.experiment import Experiment, Readings
+from qsframework.plugin import Array, Indices
+from qsframework.screening.rows import LEVEL, Finding, finding, lines, masked
+
+Mask = npt.NDArray[np.bool_]
+
+_ROUNDS = 10
+_LEAST = 4
+"""States with all markers below which there is no shape to compare with."""
+_LOOSE = 1.5
+"""A typical state this many times worse than the stated noise: its own noise is taken, the verdict tells of it."""
+_THIN = 20.0
+"""Markers whose shape is thinner than so many sigmas lie on one line."""
+_MENDED = 1e-3
+"""Level at which what is left of a state, or an exchange of its markers, is right."""
+_CLEAR = 5.0
+"""An order of the markers is told from another where it fits so many times better, and by more than _FAR."""
+_FAR = 2e-3
+"""m: how well the places of markers on the tool are known."""
+_FEW = 4
+"""Up to so many markers all orders are tried, above it exchanges of two and of three."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tool:
+    """S states of K markers of one link in one series: rows (S, K) of the readings, -1 where a marker was not read.
+
+    points (S, K, 3) m, zero where not read; weight (S, K) 1 / sigma^2, zero where not read; stated: whether sigma is
+    """
+
+    marker: Indices
+    rows: Indices
+    points: Array
+    weight: Array
+    stated: bool
+
+    @property
+    def read(self) -> Mask:
+        """(S, K)."""
+        return self.rows >= 0
+
+    def take(self, states: Mask | Indices) -> Tool:
+        """Some of the states."""
+        return replace(self, rows=self.rows[states], points=self.points[states], weight=self.weight[states])
+
+    def ordered(self, state: int, order: Indices) -> Tool:
+        """One state whose markers are read in another order."""
+        one = self.take(np.array([state]))
+        return replace(one, points=one.points[:, order], weight=one.weight[:, order])
+
+    def without(self, state: int, marker: int) -> Tool:
+        """One state without one of its markers."""
+        one = self.take(np.array([state]))
+        rows, weight = one.rows.copy(), one.weight.copy()
+        rows[0, marker], weight[0, marker] = -1, 0.0
+        return replace(one, rows=rows, weight=weight)
+
+
+def tools(experiment: Experiment, readings: Readings) -> Iterator[Tool]:
+    """Two or more markers of one link in each series, from the rows of positions in use."""
+    link = np.array([m.link for m in experiment.markers])
+    use = readings.use & readings.is_position & ~readings.is_gauge & np.isfinite(readings.value).all(axis=1)
+    sigma = np.where(np.isfinite(readings.sigma).all(axis=1), readings.sigma.max(axis=1), np.nan)
+    for f in range(len(readings.frames)):
+        for body in dict.fromkeys(link.tolist()):
+            marker = np.flatnonzero(link == body)
+            rows = np.full((len(readings.states), len(marker)), -1, dtype=np.intp)
+            for i in np.flatnonzero(use & np.isin(readings.marker, marker) & (readings.frame == f)):
+                rows[readings.plus[i], np.searchsorted(marker, readings.marker[i])] = i
+            rows = rows[np.flatnonzero((rows >= 0).sum(axis=1) >= 2)]
+            if len(marker) < 2 or (rows >= 0).all(axis=1).sum() < _LEAST:
+                continue
+            read = rows >= 0
+            weight = np.where(read, 1.0 / np.square(sigma[rows]) if readings.stated else 1.0, 0.0)
+            points = np.where(read[..., None], readings.value[rows], 0.0)
+            yield Tool(marker, rows, points, weight, readings.stated)
+
+
+def misfits(tool: Tool, shape: Array) -> Array:
+    """Weighted sums of squares (S,) that no rigid motion of the shape (K, 3) explains."""
+    return (tool.weight[..., None] * np.square(tool.points - _laid(tool, shape))).sum(axis=(1, 2))
+
+
+def _laid(tool: Tool, shape: Array) -> Array:
+    """The shape (K, 3), or one of each state, laid on the points (S, K, 3) by weighted least squares (Kabsch)."""
+    w = tool.weight[..., None] / tool.weight.sum(axis=1)[:, None, None]
+    a, b = (w * shape).sum(axis=1), (w * tool.points).sum(axis=1)
+    da, db = shape - a[:, None], tool.points - b[:, None]
+    U, _, Vt = np.linalg.svd(np.einsum("ski,skj->sij", w * da, db))
+    V = Vt.transpose(0, 2, 1)
+    V[:, :, 2] *= np.sign(np.linalg.det(V @ U.transpose(0, 2, 1)))[:, None]
+    return np.einsum("sij,skj->ski", V @ U.transpose(0, 2, 1), da) + b[:, None]
+
+
+def first_shape(tool: Tool) -> Array:
+    """A shape (K, 3) that most states have: medians, begun at the state whose distances are the most usual."""
+    whole = tool.take(np.flatnonzero(tool.read.all(axis=1)))
+    pairs = np.array(list(combinations(range(len(tool.marker)), 2)))
+    distances = np.linalg.norm(whole.points[:, pairs[:, 0]] - whole.points[:, pairs[:, 1]], axis=2)
+    shape = whole.points[int(np.argmin(np.abs(distances - np.median(distances, axis=0)).max(axis=1)))]
+    for _ in range(3):
+        shape = np.median(_brought(whole, shape), axis=0)
+    return shape
+
+
+def _brought(tool: Tool, shape: Array) -> Array:
+    """The points of each state, of which all markers were read, brought to the shape."""
+    even = replace(tool, weight=np.ones_like(tool.weight))
+    back = replace(even, points=np.broadcast_to(shape, tool.points.shape))
+    return _laid(back, tool.points)
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """The tool's shape (K, 3) as the good states have it: how many they are, their unit variance and its degrees."""
+
+    points: Array
+    count: int
+    unit: float
+    free: float
+
+    def p_values(self, tool: Tool, inside: bool = True) -> Array:
+        """Probability (S,) that states misfit so badly; 1 for those that no distance can test.
+
+        inside: whether the states are among those that the shape was made of; `free` inf means a stated noise
+        """
+        from scipy.stats import chi2, f
+
+        n = float(self.count)
+        square = misfits(tool, self.points) * (n / (n - 1.0) if inside else n / (n + 1.0))
+        dof = self.dof(tool)
+        safe = np.maximum(dof, 1)
+        if np.isinf(self.free):
+            p = chi2.sf(square / self.unit, safe)
+        else:
+            rest = np.maximum(self.free - safe, 1.0) if inside else np.full(len(dof), self.free)
+            total = self.unit * self.free
+            other = (total - square) / rest if inside else np.full(len(dof), self.unit)
+            p = f.sf(square / safe / np.maximum(other, 1e-300), safe, rest)
+        return np.where(dof > 0, p, 1.0)
+
+    def dof(self, tool: Tool) -> Indices:
+        """Numbers (S,) of each state that no rigid motion changes."""
+        out = np.zeros(len(tool.rows), dtype=np.intp)
+        for pattern in np.unique(tool.read, axis=0):
+            rows = (tool.read == pattern).all(axis=1)
+            part = self.points[pattern]
+            if len(part) < 2:
+                continue
+            wide = np.linalg.svd(part - part.mean(axis=0), compute_uv=False)
+            noise = np.sqrt(self.unit / tool.weight[rows][:, pattern].min())
+            line = len(part) == 2 or wide[1] < _THIN * noise
+            out[rows] = 3 * len(part) - (5 if line else 6)
+        return out
+
+
+def judged(tool: Tool, level: float) -> tuple[Shape, Mask]:
+    """The shape, and the states (S,) that do not have it; `level` is that of all of them together."""
+    from scipy.stats import chi2
+
+    shape = Shape(first_shape(tool), len(tool.rows), 1.0, np.inf)
+    dof = np.maximum(shape.dof(tool), 1)
+    ratio = misfits(tool, shape.points) / np.maximum(chi2.median(dof), 1e-300)
+    typical = float(np.median(ratio))
+    robust = not tool.stated or typical > _LOOSE**2
+    shape = replace(shape, unit=max(typical, 1e-300) if robust else 1.0)
+    bad = shape.p_values(tool) * len(tool.rows) < level
+    for _ in range(_ROUNDS):
+        good = tool.take(~bad & tool.read.all(axis=1))
+        if len(good.rows) < _LEAST:
+            break
+        points = _brought(good, shape.points).mean(axis=0)
+        rest = tool.take(~bad)
+        free = float(shape.dof(rest).sum() - shape.dof(good)[:1].sum())
+        unit = float(misfits(rest, points).sum() / max(free, 1.0))
+        shape = Shape(points, len(good.rows), max(unit, 1e-300) if robust else 1.0, free if robust else np.inf)
+        p = np.ones(len(bad))
+        p[~bad], p[bad] = shape.p_values(rest), shape.p_values(tool.take(bad), inside=False)
+        now = p * len(tool.rows) < level
+        if np.array_equal(now, bad):
+            break
+        bad = now
+    return shape, bad
+
+
+def orders(tool: Tool, state: int) -> list[Indices]:
+    """Other orders (K,) of the markers that were read in a state."""
+    read = np.flatnonzero(tool.read[state])
+    out: list[Indices] = []
+    tried = permutations(read.tolist()) if len(read) <= _FEW else _exchanges(read.tolist())
+    for chosen in tried:
+        order = np.arange(len(tool.marker))
+        order[read] = chosen
+        if not np.array_equal(order, np.arange(len(order))):
+            out.append(order)
+    return out
+
+
+def _exchanges(read: list[int]) -> Iterator[list[int]]:
+    """Orders in which two or three change places."""
+    for count in (2, 3):
+        for some in combinations(range(len(read)), count):
+            for turn in range(1, count):
+                order = list(read)
+                for k, i in enumerate(some):
+                    order[i] = read[some[(k + turn) % count]]
+                yield order
+
+
+def mended(tool: Tool, shape: Shape, state: int) -> Indices | None:
+    """The order of a bad state's markers that the shape allows, None where there is none."""
+    best: tuple[float, Indices] | None = None
+    for order in orders(tool, state):
+        p = float(shape.p_values(tool.ordered(state, order), inside=False)[0])
+        if p > _MENDED and (best is None or p > best[0]):
+            best = p, order
+    return None if best is None else best[1]
+
+
+def one_wrong(tool: Tool, shape: Shape, state: int) -> int | None:
+    """The marker without which a bad state has the shape, None where several would do, or none."""
+    able: list[int] = []
+    for k in np.flatnonzero(tool.read[state]).tolist():
+        rest = tool.without(state, k)
+        if shape.dof(rest)[0] > 0 and float(shape.p_values(rest, inside=False)[0]) > _MENDED:
+            able.append(k)
+    return able[0] if len(able) == 1 else None
+
+
+def marker_rigidity(experiment: Experiment, readings: Readings, level: float = LEVEL) -> list[Finding]:
+    """Markers exchanged everywhere, and states of positions whose marker distances are not those of the rigid tool.
+
+    Distances are compared between the states of a series, so that they need no model and no tracker frame. `level` is
+    that of all distances together.
+    """
+    found = _exchanged_everywhere(experiment, readings)
+    for tool in tools(experiment, masked(readings, found)):
+        found += _distances(experiment, readings, tool, level)
+    return found
+
+
+def _names(experiment: Experiment, marker: Indices) -> str:
+    names = [experiment.markers[int(m)].name for m in marker]
+    return " and ".join(names) if len(names) < 3 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _exchanged_everywhere(experiment: Experiment, readings: Readings) -> list[Finding]:
+    """Markers whose shape is that of the experiment in another order."""
+    found: list[Finding] = []
+    for tool in tools(experiment, readings):
+        nominal = np.array([experiment.markers[int(m)].xyz for m in tool.marker])
+        shape, _ = judged(tool, LEVEL)
+        one = Tool(tool.marker, np.arange(len(nominal))[None], shape.points[None], np.ones((1, len(nominal))), False)
+        here = _apart(one, nominal)
+        best, order = min(
+            ((_apart(one.ordered(0, o), nominal), o) for o in orders(one, 0)), key=lambda t: t[0], default=(here, None)
+        )
+        if order is None or here < max(_CLEAR * best, _FAR):
+            continue
+        moved = np.flatnonzero(order != np.arange(len(order)))
+        rows = tool.rows[:, moved]
+        words = (
+            f"markers {_names(experiment, tool.marker[moved])} are exchanged in all states: their distances are "
+            f"{here * 1e3:.1f} mm off the experiment's, and {best * 1e3:.1f} mm if exchanged. Change the names"
+        )
+        found.append(finding("swapped markers", readings, np.sort(rows[rows >= 0]), words))
+    return found
+
+
+def _apart(tool: Tool, shape: Array) -> float:
+    """RMS distance of one state's markers from the shape, m."""
+    return float(np.sqrt(misfits(tool, shape)[0] / len(shape)))
+
+
+def _distances(experiment: Experiment, readings: Readings, tool: Tool, level: float) -> list[Finding]:
+    """States that do not have the tool's shape: by exchanged markers, by one wrong marker, or by several."""
+    shape, bad = judged(tool, level)
+    found: list[Finding] = []
+    for s in np.flatnonzero(bad).tolist():
+        order = mended(tool, shape, s)
+        if order is not None:
+            moved = np.flatnonzero(order != np.arange(len(order)))
+            found.append(_swapped(experiment, readings, tool.rows[s, moved], tool.marker[moved], "the distances are"))
+            continue
+        k = one_wrong(tool, shape, s)
+        rows = tool.rows[s, tool.read[s]] if k is None else tool.rows[s, [k]]
+        name = "" if k is None else experiment.markers[int(tool.marker[k])].name
+        who = f"marker {name} is not where it was on the tool: " if name else ""
+        words = f"{lines(readings, rows)}: {who}{_wrong_distances(experiment, tool, shape, s)}"
+        found.append(finding("tool", readings, rows, words))
+    return found
+
+
+def _wrong_distances(experiment: Experiment, tool: Tool, shape: Shape, s: int) -> str:
+    """The distance that differs most from the tool's, in words."""
+    here, usual = tool.points[s], shape.points
+    off = {
+        (a, b): float(np.linalg.norm(here[a] - here[b]) - np.linalg.norm(usual[a] - usual[b]))
+        for a, b in combinations(np.flatnonzero(tool.read[s]).tolist(), 2)
+    }
+    a, b = max(off, key=lambda pair: abs(off[pair]))
+    size = f"{abs(off[a, b]) * 1e3:.3f} mm {'longer' if off[a, b] > 0 else 'shorter'}"
+    return f"the distance of {_names(experiment, tool.marker[[a, b]])} is {size} than in the other states"
+
+
+def _swapped(
+    experiment: Experiment, readings: Readings, rows: Indices, marker: Indices, what: str
+) -> Finding:  # fmt: skip
+    order = np.argsort(rows)
+    words = (
+        f"{lines(readings, rows[order])}: markers {_names(experiment, marker[order])} are exchanged: {what} right then"
+    )
+    return finding("swapped markers", readings, rows, words)

@@ -1,0 +1,107 @@
+"""What each cause gains at poses that the fit has not seen, against fits without each pose."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from qsframework.diagnose import Diagnosis, diagnose
+from qsframework.diagnose.error_budget import linear_errors
+from qsframework.diagnose.linearization.columns import Case
+from qsframework.experiment import example, load_experiment, read_readings
+from qsframework.plugin import Array
+from qsframework.report.diagnosis_tables import cause_table, verdict_lines
+from qsframework.report.result_json import diagnosis_json
+from tests.diagnose.cases import campaign, measured
+
+
+@pytest.fixture(scope="module")
+def real() -> Diagnosis:
+    """The R-2000iC has three causes."""
+    experiment = load_experiment(example("r2000ic") / "experiment.yaml")
+    return diagnose(experiment, read_readings(experiment.data, experiment))
+
+
+def refitted(case: Case, names: list[str], residuals: Array) -> float:
+    """Held-out RMS, m, by a fit without each pose."""
+    at = [i for i, c in enumerate(case.causes) if c.name in names]
+    sizes = [len(case.fitted), *(len(c.parameters) for c in case.causes)]
+    parts = np.split(case.raw, np.cumsum(sizes)[:-1], axis=1)
+    raw = np.concatenate([parts[0], *(parts[i + 1] for i in at)], axis=1)
+    white = np.concatenate([case.A, *(case.B[i] for i in at)], axis=1)
+    left = residuals.ravel().copy()
+    for pose in np.unique(case.pose):
+        test = case.pose == pose
+        x = np.linalg.lstsq(white[~test], case.residuals[~test], rcond=None)[0]
+        left[test] -= raw[test] @ x
+    return float(np.sqrt(np.mean(left**2)))
+
+
+def test_each_cause_has_the_gain_that_is_lost_without_it(real: Diagnosis) -> None:
+    names = [f.name for f in real.findings]
+    assert len(names) == 3
+    every = refitted(real.case, names, real.baseline.residuals)
+    assert every == pytest.approx(real.rms.heldout_extended, rel=0.1)
+    for f in real.findings:
+        without = refitted(real.case, [n for n in names if n != f.name], real.baseline.residuals)
+        assert f.heldout_gain == pytest.approx(1.0 - every / without, rel=1e-6)
+        assert 0.05 < f.heldout_gain < real.rms.heldout_gain
+    assert len({round(f.heldout_gain, 2) for f in real.findings}) == 3
+    table = cause_table(real)
+    at = table.header.index("held-out gain")
+    shown = [row[at] for row in table.rows[:3]]
+    assert shown == [f"{100 * f.heldout_gain:.0f} %" for f in real.findings]
+    assert [c["heldout_gain"] for c in diagnosis_json(real)["causes"]] == [f.heldout_gain for f in real.findings]
+
+
+def test_json_holds_what_the_report_shows(real: Diagnosis) -> None:
+    """The evidence of each cause, the budget, and the tests before and after."""
+    told = json.loads(json.dumps(diagnosis_json(real), allow_nan=False))
+    assert [c["delta_ebic"] for c in told["causes"]] == [f.ebic_gain for f in real.findings]
+    assert min(c["delta_ebic"] for c in told["causes"]) > 10.0
+    steps = told["budget"]
+    assert [s["label"] for s in steps] == ["nominal", "identified", *(f"+ {f.name}" for f in real.findings), "noise"]
+    held = [s["heldout_mm"] for s in steps]
+    assert held == sorted(held, reverse=True)
+    assert held[1] == told["rms_mm"]["heldout_identified"]
+    assert held[-2] == told["rms_mm"]["heldout_extended"]
+    first = refitted(real.case, [real.findings[0].name], real.baseline.residuals)
+    assert held[2] == pytest.approx(1e3 * first, rel=1e-6)
+    before, after = told["lack_of_fit"]["before"], told["lack_of_fit"]["after"]
+    assert before["chi2"] == pytest.approx(real.baseline.chi2, rel=1e-6)
+    assert before["dof"] == 3 * len(real.kept) - len(real.baseline.names)
+    assert after["chi2"] / after["dof"] < before["chi2"] / before["dof"]
+    assert (before["p_chi2"], before["p_replicates"], before["dof_replicates"]) == (None, None, 0)
+    assert [t["variable"] for t in before["trends"]] == [t.variable for t in real.before.trends]
+    assert all(0.0 <= t["p_value"] <= 1.0 and 0.0 <= t["share"] <= 1.0 for t in before["trends"])
+
+
+def test_one_cause_has_the_gain_of_the_extension() -> None:
+    experiment = load_experiment(example("hidden_effect") / "experiment.yaml")
+    found = diagnose(experiment, read_readings(experiment.data, experiment))
+    assert [f.heldout_gain for f in found.findings] == [found.rms.heldout_gain]
+
+
+def test_a_convention_has_no_held_out_gain() -> None:
+    readings = measured(seed=1, count=20)
+    found = diagnose(campaign(), readings.with_values(-readings.value), repeats=1)
+    assert found.findings[0].name == "displacement_sign"
+    assert np.isnan(found.findings[0].heldout_gain)
+    assert diagnosis_json(found)["causes"][0]["heldout_gain"] is None
+    said = [row for row in verdict_lines(found).rows if "of them is reversed" in " ".join(row)]
+    assert len(said) == 1, "once is enough"
+
+
+def test_a_direction_that_one_pose_carries_costs_nothing_elsewhere(real: Diagnosis) -> None:
+    """Without that pose its column is told by nothing: the fit is made anew, and predicts as if it were not there."""
+    case = real.case
+    pose = case.pose == case.pose[0]
+    white, raw = case.A.copy(), case.raw.copy()
+    white[:, -1] = raw[:, -1] = 0.0
+    white[pose, -1] = np.array([1.0, 2.0, -1.0])
+    one = replace(case, A=white, raw=raw)
+    _, held = linear_errors(one, [], real.baseline.residuals)
+    assert held == pytest.approx(refitted(one, [], real.baseline.residuals), rel=1e-9)

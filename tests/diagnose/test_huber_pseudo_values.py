@@ -1,0 +1,62 @@
+"""Pseudo-values: unit variance, calibrated tests under heavy tails, more power than least squares."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from qsframework.diagnose.residuals.huber_pseudo_values import huber_pseudo_values
+from qsframework.diagnose.residuals.noise_components import make_basis
+from qsframework.diagnose.selection.family_test import blocks_of, score
+from tests.diagnose.test_statistics import linear
+
+RUNS = 300
+
+
+def test_scores_keep_their_level_and_see_more_under_student_t3() -> None:
+    case, subspaces = linear()
+    blocks = blocks_of(subspaces)
+    columns = np.concatenate([case.A, *case.B], axis=1)
+    Q = make_basis(columns.reshape(-1, 3, columns.shape[1])).Q
+    F, _ = np.linalg.qr(case.A)
+    rng = np.random.default_rng(0)
+    threshold = score(blocks, rng.standard_normal(len(Q)), seed=1).threshold(0.04)
+    direction = next(s for s in subspaces if s.cause.name == "joint_hardening[joint_3]").Q[:, 0]
+    alarms = sizes = plain = 0.0
+    for _ in range(RUNS):
+        noise = rng.standard_t(3, len(Q)) / np.sqrt(3.0)  # unit variance
+        r = huber_pseudo_values(noise, Q)
+        assert abs(np.square(r - Q @ (Q.T @ r)).sum() / (len(Q) - Q.shape[1]) - 1.0) < 1e-9
+        alarms += score(blocks, r - F @ (F.T @ r), draws=10).log_p.min() <= threshold
+        sizes += direction @ huber_pseudo_values(noise + 8.0 * direction, Q)
+        plain += direction @ (noise + 8.0 * direction)
+    assert alarms / RUNS < 0.08
+    assert sizes > 1.2 * plain
+
+
+def test_normal_errors_are_hardly_changed() -> None:
+    rng = np.random.default_rng(1)
+    Q, _ = np.linalg.qr(rng.standard_normal((600, 20)))
+    noise = rng.standard_normal(600)
+    left = noise - Q @ (Q.T @ noise)
+    noise /= np.sqrt(left @ left / 580)
+    kept = huber_pseudo_values(noise, Q)
+    assert np.corrcoef(Q.T @ kept, Q.T @ noise)[0, 1] > 0.95
+
+
+def test_too_few_readings_stay_as_they_are() -> None:
+    Q, _ = np.linalg.qr(np.random.default_rng(2).standard_normal((30, 20)))
+    noise = np.random.default_rng(3).standard_t(3, 30)
+    assert huber_pseudo_values(noise, Q) is noise
+
+
+def test_readings_whose_weights_go_to_and_fro_have_unit_variance_too() -> None:
+    """Few readings with wild errors, where the steps never settle: still tame, and finite."""
+    rng = np.random.default_rng(7)
+    Q, _ = np.linalg.qr(rng.standard_normal((30, 10)))
+    wild = rng.standard_t(2, 30)
+    kept = huber_pseudo_values(wild, Q)
+    left = kept - Q @ (Q.T @ kept)
+    assert left @ left / 20 == pytest.approx(1.0)
+    raw = wild - Q @ (Q.T @ wild)
+    assert np.abs(left).max() < np.abs(raw).max() / np.sqrt(raw @ raw / 20)

@@ -1,0 +1,114 @@
+"""`qsf diagnose --plan`, `--separate`, `--second-day`: what they print and write."""
+
+import json
+
+import numpy as np
+import pytest
+
+from qsframework.cli.diagnose_plan import run_foresight, run_second_day, run_separate
+from qsframework.design import design
+from qsframework.diagnose import diagnose
+from qsframework.errors import InputError
+from qsframework.experiment import example, load_experiment, read_plan, read_readings, write_plan
+from qsframework.forecast.power import foresee
+from qsframework.report.power_section import angle_figure, pair_table, power_figure, power_section, size_table
+
+FILE = example("m900ib") / "experiment.yaml"
+
+
+@pytest.fixture(scope="module")
+def experiment():
+    return load_experiment(FILE)
+
+
+@pytest.fixture(scope="module")
+def plan_file(experiment, tmp_path_factory):
+    path = tmp_path_factory.mktemp("plan") / "plan.csv"
+    write_plan(path, design(experiment, 12, "D", candidates=100), experiment)
+    return path
+
+
+@pytest.fixture(scope="module")
+def foresight(experiment, plan_file):
+    return foresee(experiment, read_plan(plan_file, experiment))
+
+
+def test_the_plan_is_judged_before_it_is_measured(plan_file, tmp_path, capsys):
+    run_foresight(FILE, plan_file, tmp_path / "f.json", tmp_path / "f.html")
+    said = capsys.readouterr().out
+    assert "smallest size detected" in said
+    assert "absorbed by the fitted parameters" in said
+    assert "thermal_expansion needs the column temperature" in said
+    content = json.loads((tmp_path / "f.json").read_text())
+    by_name = {c["id"]: c for c in content["causes"]}
+    assert by_name["joint_hardening[joint_3]"]["sizes"][0]["detect"] > 0.0
+    page = (tmp_path / "f.html").read_text()
+    assert "What this plan would show" in page
+    assert "Angles between causes" in page
+    assert "Chance of detection" in page
+    assert "http" not in page.split("<body>")[1].split("<script")[0]
+
+
+def test_outputs_must_differ_from_the_plan(plan_file):
+    with pytest.raises(InputError, match="overwrite"):
+        run_foresight(FILE, plan_file, plan_file)
+
+
+def test_the_section_shows_every_cause_once(foresight):
+    section = power_section(foresight)
+    tables = [b for b in section.blocks if hasattr(b, "rows")]
+    listed = [row[0] for row in tables[0].rows]
+    for cell, _ in tables[-1].rows:
+        kind, _, places = cell.partition(" ")
+        listed += [f"{kind}[{where}]" if where else kind for where in places.split(", ")]
+    every = [p.name for p in foresight.prospects] + [u.name for u in foresight.untested]
+    assert sorted(listed) == sorted(every)
+    assert len(pair_table(foresight).rows) == len(foresight.pairs) > 0
+    assert all(len(row) == len(size_table(foresight).header) for row in size_table(foresight).rows)
+
+
+def test_the_heat_map_puts_aliases_side_by_side(foresight):
+    names = [p.name for p in foresight.prospects]
+    figure = angle_figure(names, foresight.angles)
+    labels = list(figure.data[0].x)
+    assert len(labels) == np.isfinite(foresight.angles).any(axis=0).sum()
+    for pair in foresight.pairs[:3]:
+        assert abs(labels.index(pair.first) - labels.index(pair.second)) <= 2
+    i, j = labels.index(foresight.pairs[-1].first), labels.index(foresight.pairs[-1].second)
+    assert figure.data[0].z[i][j] == pytest.approx(np.rad2deg(foresight.pairs[-1].angle))
+
+
+def test_the_power_curve_marks_a_data_set(foresight):
+    figure = power_figure(foresight, [("this data set", 6.0)])
+    curve = figure.data[0]
+    assert curve.y[0] < 1.0
+    assert curve.y[-1] > 99.0
+    assert np.all(np.diff(curve.y) >= -1e-9)
+    assert any(a.text == "this data set" for a in figure.layout.annotations)
+
+
+def test_separating_poses_are_a_plan(experiment, plan_file, tmp_path, capsys):
+    pair = ("base_compliance[rx]", "offaxis_compliance[joint_1/x]")
+    run_separate(FILE, [plan_file], pair, 4, tmp_path / "more.csv", tmp_path / "s.json")
+    said = capsys.readouterr().out
+    assert "4 more poses bring s from" in said
+    assert len(read_plan(tmp_path / "more.csv", experiment).pose) == 4
+    assert json.loads((tmp_path / "s.json").read_text())["helps"] is True
+
+
+def test_a_second_day_is_a_plan(tmp_path, capsys):
+    hidden = load_experiment(example("hidden_effect") / "experiment.yaml")
+    found = diagnose(hidden, read_readings(hidden.data, hidden), repeats=1)
+    run_second_day(found, 5, tmp_path / "day2.csv")
+    assert "told right in" in capsys.readouterr().out
+    assert len(read_plan(tmp_path / "day2.csv", hidden).pose) == 5
+
+
+def test_without_a_stated_noise_what_the_fit_leaves_counts(tmp_path, capsys):
+    file = example("r2000ic") / "experiment.yaml"
+    pair = ("offaxis_compliance[joint_4/z]", "offaxis_compliance[joint_3/x]")
+    run_separate(file, [file.parent / "readings.csv"], pair, 4, tmp_path / "more.csv")
+    said = capsys.readouterr().out
+    assert "Nobody states the noise" in said
+    assert "0.2" in said.split("counts as noise:")[1][:6]
+    assert len(read_plan(tmp_path / "more.csv", load_experiment(file)).pose) == 4

@@ -1,0 +1,28 @@
+"""The modules of the tree, each read and parsed once for all that is asked of it."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterable
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+LIBRARY = sorted((ROOT / "qsframework").rglob("*.py"))
+PLUGINS = sorted((ROOT / "plugins").rglob("*.py"))
+MODULES = [*LIBRARY, *PLUGINS]
+
+
+@cache
+def text(path: Path) -> str:
+    return path.read_text()
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(text(path))
+
+
+def complaints(paths: Iterable[Path], check: Callable[[Path], Iterable[str]]) -> list[str]:
+    """What the check says of every path, not only of the first that it complains of."""
+    return [f"{path.relative_to(ROOT)}: {said}" for path in paths for said in check(path)]
