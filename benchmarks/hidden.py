@@ -29,7 +29,9 @@ from qsframework.experiment import Experiment, load_experiment, write_readings
 from qsframework.experiment.simulate import displaced
 from qsframework.plugin import (
     Array,
+    At,
     Conditions,
+    Context,
     Effect,
     LawTerm,
     ParallelSpring,
@@ -357,7 +359,7 @@ class HoseTorque(ParallelSpring):
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
         return self.wrist
 
-    def torque(self, q: Array, x: Array, conditions: Conditions) -> TorqueTerm:
+    def torque(self, q: Array, x: Array, context: Context) -> TorqueTerm:
         k = len(self.wrist)
         return TorqueTerm(x[0] * self.held, np.zeros((len(q), k, k)), self.held[..., None])
 
@@ -372,10 +374,10 @@ class CrossCoupling(SpringLaw):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return (Parameter(self.name, "rad/(N m)", typical=3e-8),)
 
-    def springs(self, robot: RobotFacts) -> tuple[str, ...]:
-        return (f"joint_compliance[{self.turned}]", f"joint_compliance[{self.turning}]")
+    def springs(self, robot: RobotFacts) -> tuple[At, ...]:
+        return (("gear", self.turned), ("gear", self.turning))
 
-    def extra(self, torque: Array, x: Array) -> LawTerm:
+    def extra(self, torque: Array, x: Array, context: Context) -> LawTerm:
         value = np.zeros_like(torque)
         value[:, 0] = torque[:, 1]
         return LawTerm(x[0] * value, np.zeros_like(torque), value[..., None])

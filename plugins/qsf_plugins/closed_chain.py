@@ -10,7 +10,18 @@ import numpy as np
 
 from qsf_plugins.planar_loop import FLAT, between, refuse
 from qsf_plugins.serial_point import SerialPoint
-from qsframework.plugin import Array, InputError, Loop, LoopTerm, Parameter, Problem, RobotFacts, place, setting
+from qsframework.plugin import (
+    Array,
+    Context,
+    InputError,
+    Loop,
+    LoopTerm,
+    Parameter,
+    Problem,
+    RobotFacts,
+    place,
+    setting,
+)
 
 STEP = 0.2
 _ROUNDS = 30
@@ -137,14 +148,14 @@ class ClosedChain(Loop):
         m, n = len(self.parameters(robot)), len(self.links)
         return self._assemble(q, [0, 2 + m], [1, *range(3 + m, 2 + m + n)], robot)
 
-    def closure(self, actuators: Array, bars: Array, robot: RobotFacts) -> LoopTerm:
+    def closure(self, actuators: Array, bars: Array, context: Context) -> LoopTerm:
         m, known = bars.shape[1], 2 + bars.shape[1]
         free = list(range(known, known + len(self.links)))
-        v = self._assemble(np.concatenate([actuators, bars], axis=1), list(range(known)), free, robot)
+        v = self._assemble(np.concatenate([actuators, bars], axis=1), list(range(known)), free, context.robot)
         what = "cannot close without passing a flat position"
-        refuse(self.name, what, np.isnan(v[:, 0]), actuators, self.joints(robot), bars)
-        ends = self._ends(robot)
-        slope = self._gap(v, robot)[1]
+        refuse(self.name, what, np.isnan(v[:, 0]), actuators, self.joints(context.robot), bars)
+        ends = self._ends(context.robot)
+        slope = self._gap(v, context.robot)[1]
         inverse = _left_inverse(slope[:, :, free])
         first = np.concatenate(
             [np.broadcast_to(np.eye(known), (len(v), known, known)), -inverse @ slope[:, :, :known]], 1

@@ -11,7 +11,7 @@ from qsf_plugins.gravity_compensator import GravityCompensator
 from qsf_plugins.spring_triangle import SpringTriangle, check_label, spring
 from qsframework.plugin import (
     Array,
-    Conditions,
+    Context,
     Effect,
     InputError,
     ParallelSpring,
@@ -56,13 +56,11 @@ class CompensatorFriction(ParallelSpring):
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
         return (self.joint,)
 
-    def torque(self, q: Array, x: Array, conditions: Conditions) -> TorqueTerm:
-        if conditions.approach is None:
-            raise InputError(f"{self.name} needs the column approach (-1 or 1) in the readings")
+    def torque(self, q: Array, x: Array, context: Context) -> TorqueTerm:
         law = spring(self.spring_stiffness, self.free_length)
         moment = SpringTriangle(self.lc, self.l2).torque(q[:, 0] + self.zero, law)
         assert moment.dqq is not None
-        against = conditions.approach * np.sign(-moment.value[:, 0])  # -M_c times this is -a |M_c|
+        against = context.recorded("approach", self.name) * np.sign(-moment.value[:, 0])  # -M_c times this is -a |M_c|
         value, dq = moment.value * against[:, None], moment.dq * against[:, None, None]
         dqq = moment.dqq * against[:, None, None, None]
         return TorqueTerm(x[0] * value, x[0] * dq, value[:, :, None], x[0] * dqq, dq[..., None])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from qsf_plugins.spring_triangle import SpringTriangle, check_label, spring
 from qsframework.plugin import (
     Array,
-    Conditions,
+    Context,
     ParallelSpring,
     Parameter,
     Point,
@@ -32,6 +32,7 @@ class CompensatorStiffness(ParallelSpring):
     zero: float = setting("rad", 0.0)
     label: str = place("")
     """Of several balancers at one joint, which."""
+    role = "balancer stiffness"
     equation = "K = K_2 + K_eq lc l2 eta(b)  (10), (11)"
     source = "Klimchik et al., equation (10); KUKA KR270: Klimchik et al., ICRA 2013"
     check = "Balancer pressure, stiffness of its mounts, stick of its piston."
@@ -59,7 +60,7 @@ class CompensatorStiffness(ParallelSpring):
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
         return (self.joint,)
 
-    def stiffness(self, q: Array, x: Array, conditions: Conditions) -> StiffnessTerm:
+    def stiffness(self, q: Array, x: Array, context: Context) -> StiffnessTerm:
         torque = SpringTriangle(self.lc, self.l2).torque(q[:, 0] + self.zero, spring(*x))
         assert torque.dqq is not None
         assert torque.dqx is not None

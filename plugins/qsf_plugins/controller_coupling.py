@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.plugin import Array, Geometry, GeometryTerm, InputError, Parameter, Poses, RobotFacts, place
+from qsframework.plugin import Array, Context, Geometry, GeometryTerm, InputError, Parameter, RobotFacts, place
 
 
 @dataclass(frozen=True)
@@ -18,6 +18,7 @@ class ControllerCoupling(Geometry):
     """
 
     joint: str = place()
+    role = "shown angle"
     equation = "q_j = pendant_j + k pendant_(j-1)"
     source = "FANUC operator's manual B-83444EN/01: J3 is shown as the forearm's elevation"
     check = "How the controller shows this joint: move the joint before it alone and watch."
@@ -29,10 +30,11 @@ class ControllerCoupling(Geometry):
         if robot.joint_index(self.joint) == 0 or self.joint in robot.passive:
             raise InputError(f"{self.name}: the joint must have an angle on the pendant, and one before it")
 
-    def errors(self, poses: Poses, x: Array, robot: RobotFacts) -> GeometryTerm:
-        angles_dx = np.zeros((*poses.q.shape, 1))
-        angles_dx[:, robot.joint_index(self.joint), 0] = poses.pendant[:, robot.driven.index(self.joint) - 1]
-        return GeometryTerm(angles_dx @ x, angles_dx)
+    def errors(self, x: Array, context: Context) -> GeometryTerm:
+        robot, poses = context.robot, context.poses
+        slope = np.zeros((*poses.q.shape, 1))
+        slope[:, robot.joint_index(self.joint), 0] = poses.pendant[:, robot.driven.index(self.joint) - 1]
+        return GeometryTerm(slope @ x, slope)
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[ControllerCoupling, ...]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.plugin import Array, Load, Loads, LoadTerm, Parameter, RobotFacts, place, setting
+from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter, RobotFacts, place, setting
 
 
 @dataclass(frozen=True)
@@ -32,10 +32,7 @@ class Counterweight(Load):
     def validate(self, robot: RobotFacts) -> None:
         robot.link_index(self.link)
 
-    def apply(self, loads: Loads, x: Array, robot: RobotFacts) -> LoadTerm:
-        moments_dx = np.zeros((len(robot.links), 4, 1))
-        moments_dx[robot.link_index(self.link), :, 0] = (1.0, self.x, self.y, self.z)
-        slope = np.broadcast_to(np.eye(6), (len(loads.wrench), 6, 6))
-        return LoadTerm(
-            loads.wrench, slope, np.zeros((len(loads.wrench), 6, 1)), moments=moments_dx @ x, moments_dx=moments_dx
-        )
+    def apply(self, loads: Loads, x: Array, context: Context) -> LoadTerm:
+        slope = np.zeros((*loads.moments.shape, 1))
+        slope[context.robot.link_index(self.link), :, 0] = (1.0, self.x, self.y, self.z)
+        return LoadTerm(moments=slope @ x, moments_dx=slope)

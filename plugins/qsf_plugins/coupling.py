@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.plugin import Array, InputError, Loop, LoopTerm, Parameter, Problem, RobotFacts, setting
+from qsframework.plugin import Array, Context, InputError, Loop, LoopTerm, Parameter, Problem, RobotFacts, setting
 
 _SINGULAR = 1e-9
 
@@ -86,7 +86,7 @@ class Coupling(Loop):
     def actuators(self, q: Array, robot: RobotFacts) -> Array:
         return np.asarray(np.linalg.solve(self._map(), (q - self._shift()).T).T, dtype=np.float64)
 
-    def closure(self, actuators: Array, bars: Array, robot: RobotFacts) -> LoopTerm:
+    def closure(self, actuators: Array, bars: Array, context: Context) -> LoopTerm:
         slope, batch = self._map(), len(actuators)
         k = len(slope)
         return LoopTerm(

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.plugin import Array, Geometry, GeometryTerm, InputError, Parameter, Poses, RobotFacts, place
+from qsframework.plugin import Array, Context, Geometry, GeometryTerm, InputError, Parameter, RobotFacts, place
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,8 @@ class EncoderEccentricity(Geometry):
                 f"found {waves!r}"
             )
 
-    def errors(self, poses: Poses, x: Array, robot: RobotFacts) -> GeometryTerm:
-        k = robot.joint_index(self.joint)
+    def errors(self, x: Array, context: Context) -> GeometryTerm:
+        k, poses = context.robot.joint_index(self.joint), context.poses
         angles = poses.q[:, k, None] * np.array(self.waves_per_turn)
         slope = np.zeros((*poses.q.shape, 2 * angles.shape[1]))
         slope[:, k, 0::2], slope[:, k, 1::2] = np.sin(angles), np.cos(angles)

@@ -16,7 +16,7 @@ from qsf_plugins.planar_loop import (
     planar_outline,
     refuse,
 )
-from qsframework.plugin import Array, InputError, Loop, LoopTerm, Parameter, RobotFacts, place, setting
+from qsframework.plugin import Array, Context, InputError, Loop, LoopTerm, Parameter, RobotFacts, place, setting
 
 BARS = ("bar", "lever", "link", "rocker")
 
@@ -117,13 +117,13 @@ class FourBar(Loop):
         psi = psi - residual / np.where(np.abs(slope) < FLAT * a * b, np.inf, slope)
         return np.where(sines[:, 0] * self.branch < 0.0, psi, np.nan)
 
-    def closure(self, actuators: Array, bars: Array, robot: RobotFacts) -> LoopTerm:
-        sign = self._sign(robot)
-        lengths = self._lengths(robot, bars)
+    def closure(self, actuators: Array, bars: Array, context: Context) -> LoopTerm:
+        sign = self._sign(context.robot)
+        lengths = self._lengths(context.robot, bars)
         psi = self.lever_zero + sign * actuators[:, 1] - actuators[:, 0]
         rho = self._rocker(psi, lengths)
         bad = np.isnan(rho) | ~(np.abs(_sines(psi, rho, lengths)[:, 0]) >= FLAT)
-        refuse(self.name, "cannot close at these actuator angles", bad, actuators, self.joints(robot), bars)
+        refuse(self.name, "cannot close at these actuator angles", bad, actuators, self.joints(context.robot), bars)
         q = sign * _wrap(rho - self.rocker_zero)
         return driven_term(actuators[:, 0], q, _slopes(psi, rho, lengths), sign)
 

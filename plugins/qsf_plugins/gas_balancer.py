@@ -10,7 +10,7 @@ import numpy as np
 from qsf_plugins.spring_triangle import Pull, SpringTriangle, check_label, stated
 from qsframework.plugin import (
     Array,
-    Conditions,
+    Context,
     InputError,
     ParallelSpring,
     Parameter,
@@ -115,7 +115,7 @@ class GasBalancer(ParallelSpring):
         ring = self.piston_area - self.rod_area
         return {"rod side": ring, "piston side": -self.piston_area, "both sides": -self.rod_area}[self.gas]
 
-    def torque(self, q: Array, x: Array, conditions: Conditions) -> TorqueTerm:
+    def torque(self, q: Array, x: Array, context: Context) -> TorqueTerm:
         pressure, volume, exponent, lc, l2, zero = x
         return SpringTriangle(lc, l2).torque(q[:, 0] + zero, self.pull(pressure, volume, exponent))
 

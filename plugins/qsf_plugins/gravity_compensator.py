@@ -5,17 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from qsf_plugins.spring_triangle import SpringTriangle, check_label, spring
-from qsframework.plugin import (
-    Array,
-    Conditions,
-    ParallelSpring,
-    Parameter,
-    Point,
-    RobotFacts,
-    TorqueTerm,
-    place,
-    setting,
-)
+from qsframework.plugin import Array, Context, ParallelSpring, Parameter, Point, RobotFacts, TorqueTerm, place, setting
 
 
 @dataclass(frozen=True)
@@ -60,6 +50,6 @@ class GravityCompensator(ParallelSpring):
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
         return (self.joint,)
 
-    def torque(self, q: Array, x: Array, conditions: Conditions) -> TorqueTerm:
+    def torque(self, q: Array, x: Array, context: Context) -> TorqueTerm:
         stiffness, free_length, lc, l2, zero = x
         return SpringTriangle(lc, l2).torque(q[:, 0] + zero, spring(stiffness, free_length))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsf_plugins.vectors import turns
-from qsframework.plugin import Array, Geometry, GeometryTerm, InputError, Parameter, Poses, Problem, RobotFacts, place
+from qsframework.plugin import Array, Context, Geometry, GeometryTerm, InputError, Parameter, Problem, RobotFacts, place
 
 _VERTICAL = 1e-6
 """rad from the vertical below which an axis counts as vertical."""
@@ -31,6 +31,7 @@ class GravitySag(Geometry):
     """
 
     joint: str = place()
+    role = "sag"
     last: str = ""
     """The last link that turns apart; those farther out are taken as lumped into it. The flange by default."""
     equation = "dq_j = sum over carried links k of (d x z_j) . R_k P_k, d the direction of gravity"
@@ -59,7 +60,8 @@ class GravitySag(Geometry):
                 Problem(f"{self.name}: last must be carried by the joint", found=self.last, allowed=allowed)
             )
 
-    def errors(self, poses: Poses, x: Array, robot: RobotFacts) -> GeometryTerm:
+    def errors(self, x: Array, context: Context) -> GeometryTerm:
+        robot, poses = context.robot, context.poses
         j, links = robot.joint_index(self.joint), self._links(robot)
         down = robot.gravity / np.linalg.norm(robot.gravity)
         slope = np.zeros((*poses.q.shape, len(x)))

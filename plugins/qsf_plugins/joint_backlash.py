@@ -7,7 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.plugin import Array, InputError, LawTerm, Parameter, Problem, RobotFacts, SpringLaw, place, setting
+from qsframework.plugin import (
+    Array,
+    At,
+    Context,
+    InputError,
+    LawTerm,
+    Parameter,
+    Problem,
+    RobotFacts,
+    SpringLaw,
+    place,
+    setting,
+)
 
 
 @dataclass(frozen=True)
@@ -28,15 +40,15 @@ class JointBacklash(SpringLaw):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return (Parameter(self.name, "rad", typical=2.9e-4, lower=0.0),)
 
-    def springs(self, robot: RobotFacts) -> tuple[str, ...]:
-        return (f"joint_compliance[{self.joint}]",)
+    def springs(self, robot: RobotFacts) -> tuple[At, ...]:
+        return (("gear", self.joint),)
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
         if self.width <= 0.0:
             raise InputError(Problem(f"{self.name}: width must be above 0", found=f"{self.width:g} N m"))
 
-    def extra(self, torque: Array, x: Array) -> LawTerm:
+    def extra(self, torque: Array, x: Array, context: Context) -> LawTerm:
         root = np.sqrt(torque**2 + self.width**2)
         side = 0.5 * torque / root
         return LawTerm(x[0] * side, 0.5 * x[0] * self.width**2 / root**3, side[..., None])

@@ -13,6 +13,7 @@ class JointCompliance(Spring):
     """A gear twists in proportion to the torque that it carries."""
 
     joint: str = place()
+    role = "gear"
     equation = "eps = c tau, tau = J' w  (1)-(4)"
     source = "Klimchik et al., virtual joint modelling, equations (1)-(4)"
     check = "Gear wear, belt tension, motor mounting of this joint."

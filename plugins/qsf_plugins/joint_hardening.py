@@ -7,7 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.plugin import Array, InputError, LawTerm, Parameter, Problem, RobotFacts, SpringLaw, place, setting
+from qsframework.plugin import (
+    Array,
+    At,
+    Context,
+    InputError,
+    LawTerm,
+    Parameter,
+    Problem,
+    RobotFacts,
+    SpringLaw,
+    place,
+    setting,
+)
 
 _ROUND = 0.05
 """Radius of the knee's corner, as a share of the knee."""
@@ -34,15 +46,15 @@ class JointHardening(SpringLaw):
             return (Parameter(self.name, "rad/(N m)", typical=robot.sizes.compliance(2e-3)),)
         return (Parameter(self.name, "rad/(N m)^3", typical=robot.sizes.rotation(12e-3) / robot.sizes.torque**3),)
 
-    def springs(self, robot: RobotFacts) -> tuple[str, ...]:
-        return (f"joint_compliance[{self.joint}]",)
+    def springs(self, robot: RobotFacts) -> tuple[At, ...]:
+        return (("gear", self.joint),)
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
         if self.knee < 0.0:
             raise InputError(Problem(f"{self.name}: knee must not be negative", found=f"{self.knee:g} N m"))
 
-    def extra(self, torque: Array, x: Array) -> LawTerm:
+    def extra(self, torque: Array, x: Array, context: Context) -> LawTerm:
         shape, slope = self._knee(torque) if self.knee else (torque**3, 3.0 * torque**2)
         return LawTerm(x[0] * shape, x[0] * slope, shape[..., None])
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.plugin import Array, Geometry, GeometryTerm, Parameter, Poses, RobotFacts, place
+from qsframework.plugin import Array, Context, Geometry, GeometryTerm, Parameter, RobotFacts, place
 
 
 @dataclass(frozen=True)
@@ -15,6 +15,7 @@ class JointOffset(Geometry):
     """An actuator stands at a constant angle from what the controller thinks."""
 
     joint: str = place()
+    role = "joint zero"
     equation = "q = q_0 + offset"
     source = "encoder zero after mastering: 10 to 50 urad; after a collision more"
     check = "Mastering marks of this joint."
@@ -25,9 +26,9 @@ class JointOffset(Geometry):
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
 
-    def errors(self, poses: Poses, x: Array, robot: RobotFacts) -> GeometryTerm:
-        slope = np.zeros((*poses.q.shape, 1))
-        slope[:, robot.joint_index(self.joint), 0] = 1.0
+    def errors(self, x: Array, context: Context) -> GeometryTerm:
+        slope = np.zeros((*context.poses.q.shape, 1))
+        slope[:, context.robot.joint_index(self.joint), 0] = 1.0
         return GeometryTerm(slope @ x, slope)
 
     @classmethod

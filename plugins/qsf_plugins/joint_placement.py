@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.plugin import Array, Geometry, GeometryTerm, Parameter, Poses, RobotFacts, place
+from qsframework.plugin import Array, Context, Geometry, GeometryTerm, Parameter, RobotFacts, place
 
 
 @dataclass(frozen=True)
@@ -15,6 +15,7 @@ class JointPlacement(Geometry):
     """A joint's frame is shifted (x, y, z) and turned (rx, ry, rz) against the previous link."""
 
     joint: str = place()
+    role = "joint placement"
     moves_placements = True
     equation = "frame = nominal frame moved by (x, y, z), turned by the rotation vector (rx, ry, rz)"
     source = "geometric calibration of arms: tenths of a millimetre and of a milliradian"
@@ -27,14 +28,12 @@ class JointPlacement(Geometry):
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
 
-    def errors(self, poses: Poses, x: Array, robot: RobotFacts) -> GeometryTerm:
-        batch, n = poses.q.shape
+    def errors(self, x: Array, context: Context) -> GeometryTerm:
+        batch, n = context.poses.q.shape
         slope = np.zeros((n, 6, 6))  # the same at every pose: views of one block cost nothing
-        slope[robot.joint_index(self.joint)] = np.eye(6)
-        return GeometryTerm(
-            np.zeros((batch, n)), np.broadcast_to(np.zeros((n, 6)), (batch, n, 6)),
-            np.broadcast_to(slope @ x, (batch, n, 6)), np.broadcast_to(slope, (batch, n, 6, 6)),
-        )  # fmt: skip
+        slope[context.robot.joint_index(self.joint)] = np.eye(6)
+        twists, twists_dx = np.broadcast_to(slope @ x, (batch, n, 6)), np.broadcast_to(slope, (batch, n, 6, 6))
+        return GeometryTerm(twists=twists, twists_dx=twists_dx)
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[JointPlacement, ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.plugin import Array, Load, Loads, LoadTerm, Parameter, RobotFacts, place
+from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter, RobotFacts, place
 
 
 @dataclass(frozen=True)
@@ -25,25 +25,17 @@ class LinkMass(Load):
     check = "Cables, hoses and equipment carried by the link."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        moment = 0.0045 * robot.sizes.payload * robot.sizes.reach
         mass = Parameter(f"{self.name}.mass", "kg", typical=0.03 * robot.sizes.payload)
-        return (
-            mass,
-            *(
-                Parameter(f"{self.name}.{m}", "kg m", typical=0.0045 * robot.sizes.payload * robot.sizes.reach)
-                for m in ("mx", "my", "mz")
-            ),
-        )
+        return (mass, *(Parameter(f"{self.name}.m{axis}", "kg m", typical=moment) for axis in "xyz"))
 
     def validate(self, robot: RobotFacts) -> None:
         robot.link_index(self.link)
 
-    def apply(self, loads: Loads, x: Array, robot: RobotFacts) -> LoadTerm:
-        moments_dx = np.zeros((len(robot.links), 4, 4))
-        moments_dx[robot.link_index(self.link)] = np.eye(4)
-        slope = np.broadcast_to(np.eye(6), (len(loads.wrench), 6, 6))
-        return LoadTerm(
-            loads.wrench, slope, np.zeros((len(loads.wrench), 6, 4)), moments=moments_dx @ x, moments_dx=moments_dx
-        )
+    def apply(self, loads: Loads, x: Array, context: Context) -> LoadTerm:
+        slope = np.zeros((*loads.moments.shape, 4))
+        slope[context.robot.link_index(self.link)] = np.eye(4)
+        return LoadTerm(moments=slope @ x, moments_dx=slope)
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[LinkMass, ...]:

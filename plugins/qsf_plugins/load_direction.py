@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsf_plugins.vectors import rotation, skew
-from qsframework.plugin import Array, Load, Loads, LoadTerm, Parameter, RobotFacts
+from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter, RobotFacts
 
 
 @dataclass(frozen=True)
 class LoadDirection(Load):
     """Force and moment are turned by a rotation vector (rx, ry, 0) in the base frame."""
 
+    role = "load direction"
     order = 1
     equation = "w = turn(rx, ry, 0) w_0"
     source = "cables and weights: 0.5 to 2 deg"
@@ -23,10 +24,9 @@ class LoadDirection(Load):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return tuple(Parameter(f"{self.name}.{axis}", "rad", typical=0.01) for axis in ("rx", "ry"))
 
-    def apply(self, loads: Loads, x: Array, robot: RobotFacts) -> LoadTerm:
+    def apply(self, loads: Loads, x: Array, context: Context) -> LoadTerm:
         R, J = rotation(np.array([x[0], x[1], 0.0]))
-        turned = np.zeros((6, 6))
-        turned[:3, :3] = turned[3:, 3:] = R
+        turned = np.kron(np.eye(2), R)
         wrench = loads.wrench @ turned.T
         dx = np.concatenate([-skew(wrench[:, :3]) @ J, -skew(wrench[:, 3:]) @ J], axis=1)[:, :, :2]
         return LoadTerm(wrench, np.broadcast_to(turned, (len(wrench), 6, 6)), dx)

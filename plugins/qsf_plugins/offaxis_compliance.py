@@ -20,6 +20,7 @@ class OffaxisCompliance(Spring):
 
     joint: str = place()
     axis: str = place()
+    role = "bearing"
     equation = "eps = c tau, tau = the moment about the axis"
     source = "Klimchik et al., off-axis terms of the virtual joint model"
     check = "Play of the main bearing, cracks and bolts of the link before this joint."

@@ -16,7 +16,7 @@ from qsf_plugins.planar_loop import (
     planar_outline,
     refuse,
 )
-from qsframework.plugin import Array, InputError, Loop, LoopTerm, Parameter, RobotFacts, place, setting
+from qsframework.plugin import Array, Context, InputError, Loop, LoopTerm, Parameter, RobotFacts, place, setting
 
 _SHORTEST = 1e-6
 """m between two axes that are not one."""
@@ -73,8 +73,8 @@ class Parallelogram(Loop):
     def actuators(self, q: Array, robot: RobotFacts) -> Array:
         return np.stack([q[:, 0], q[:, 1] + self._sign(robot) * q[:, 0]], axis=1)
 
-    def closure(self, actuators: Array, bars: Array, robot: RobotFacts) -> LoopTerm:
-        sign, link = self._sign(robot), link_length(robot, self.driver, self.driven)
+    def closure(self, actuators: Array, bars: Array, context: Context) -> LoopTerm:
+        sign, link = self._sign(context.robot), link_length(context.robot, self.driver, self.driven)
         perfect = actuators[:, 1] - sign * actuators[:, 0]
         psi, bar = self.zero + sign * perfect, bars[:, 0]
         if not bar.any():
@@ -82,7 +82,7 @@ class Parallelogram(Loop):
         swing = self._swing(psi, bar, link)
         slopes, sine = self._slopes(psi, swing, bar, link)
         bad = ~np.isfinite(swing) | ((np.abs(sine) < FLAT) & (bar != 0.0))
-        refuse(self.name, "cannot close, or is flat,", bad, actuators, self.joints(robot), bars)
+        refuse(self.name, "cannot close, or is flat,", bad, actuators, self.joints(context.robot), bars)
         straight = bar == 0.0
         exact = self._perfect(psi, link)
         slopes = Slopes(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsf_plugins.vectors import skew
-from qsframework.plugin import Array, Load, Loads, LoadTerm, Parameter, RobotFacts
+from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter, RobotFacts
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class PayloadCentre(Load):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return tuple(Parameter(f"{self.name}.{axis}", "m", typical=0.01) for axis in "xyz")
 
-    def apply(self, loads: Loads, x: Array, robot: RobotFacts) -> LoadTerm:
+    def apply(self, loads: Loads, x: Array, context: Context) -> LoadTerm:
         force = loads.wrench[:, :3]
         arm = loads.rotation @ x
         wrench = loads.wrench.copy()

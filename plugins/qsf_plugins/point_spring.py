@@ -4,20 +4,8 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 
-import numpy as np
-
 from qsf_plugins.spring_triangle import check_label
-from qsframework.plugin import (
-    Array,
-    Conditions,
-    ParallelSpring,
-    Parameter,
-    Point,
-    RobotFacts,
-    TensionTerm,
-    place,
-    setting,
-)
+from qsframework.plugin import Array, Context, ParallelSpring, Parameter, Point, RobotFacts, place, setting
 
 
 @dataclass(frozen=True)
@@ -62,8 +50,6 @@ class PointSpring(ParallelSpring):
             Point(self.second, (self.second_x, self.second_y, self.second_z)),
         )
 
-    def tension(self, length: Array, x: Array, conditions: Conditions) -> TensionTerm:
+    def tension(self, length: Array, x: Array, context: Context) -> Array:
         stiffness, free_length = x
-        stretch = length - free_length
-        dx = np.stack([stretch, np.full_like(length, -stiffness)], axis=1)
-        return TensionTerm(stiffness * stretch, np.full_like(length, stiffness), dx)
+        return stiffness * (length - free_length)

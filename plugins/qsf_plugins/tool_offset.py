@@ -8,18 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsf_plugins.vectors import skew
-from qsframework.plugin import (
-    Array,
-    Conditions,
-    InputError,
-    Parameter,
-    Problem,
-    Reading,
-    RobotFacts,
-    Sensor,
-    SensorTerm,
-    place,
-)
+from qsframework.plugin import Array, Context, Parameter, Reading, RobotFacts, Sensor, SensorTerm, place
 
 
 @dataclass(frozen=True)
@@ -27,6 +16,7 @@ class ToolOffset(Sensor):
     """A marker's position in its link is off by a vector, which the link's rotation carries along."""
 
     marker: str = place()
+    role = "marker offset"
     order = 0
     equation = "marker = link's place + R_link (nominal + offset)"
     source = "rigid-body kinematics"
@@ -35,10 +25,8 @@ class ToolOffset(Sensor):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return tuple(Parameter(f"{self.name}.{axis}", "m", typical=2e-3) for axis in "xyz")
 
-    def read(self, reading: Reading, x: Array, markers: Sequence[str], conditions: Conditions) -> SensorTerm:
-        if self.marker not in markers:
-            raise InputError(Problem(f"{self.name}: no such marker", allowed=", ".join(markers)))
-        k = list(markers).index(self.marker)
+    def read(self, reading: Reading, x: Array, context: Context) -> SensorTerm:
+        k = reading.index(self.marker, self.name)
         position = reading.position.copy()
         carried = reading.rotation[:, k]
         offset = carried @ x

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.plugin import Array, Conditions, InputError, Parameter, Reading, RobotFacts, Sensor, SensorTerm
+from qsframework.plugin import Array, Context, Parameter, Reading, RobotFacts, Sensor, SensorTerm
 
 
 @dataclass(frozen=True)
@@ -23,11 +23,9 @@ class TrackerDrift(Sensor):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return tuple(Parameter(f"{self.name}.{axis}", "m/s", typical=1e-8) for axis in ("vx", "vy", "vz"))
 
-    def read(self, reading: Reading, x: Array, markers: Sequence[str], conditions: Conditions) -> SensorTerm:
-        if conditions.time is None:
-            raise InputError(f"{self.name} needs the columns time_s and time_unloaded_s in the readings")
+    def read(self, reading: Reading, x: Array, context: Context) -> SensorTerm:
         shape = reading.position.shape
-        time = conditions.time[:, None, None]
+        time = context.recorded("time", self.name)[:, None, None]
         slope = np.broadcast_to(np.eye(3), (*shape, 3))
         return SensorTerm(reading.position + time * x, slope, np.broadcast_to(time[..., None] * np.eye(3), (*shape, 3)))
 

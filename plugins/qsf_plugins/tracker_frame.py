@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsf_plugins.vectors import rotation, skew
-from qsframework.plugin import Array, Conditions, Parameter, Reading, RobotFacts, Sensor, SensorTerm
+from qsframework.plugin import Array, Context, Parameter, Reading, RobotFacts, Sensor, SensorTerm
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class TrackerFrame(Sensor):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return tuple(Parameter(f"{self.name}.{axis}", "rad", typical=5e-3) for axis in ("rx", "ry", "rz"))
 
-    def read(self, reading: Reading, x: Array, markers: Sequence[str], conditions: Conditions) -> SensorTerm:
+    def read(self, reading: Reading, x: Array, context: Context) -> SensorTerm:
         R, J = rotation(x)
         position = reading.position @ R.T
         return SensorTerm(position, np.broadcast_to(R, (*position.shape, 3)), -skew(position) @ J)

@@ -18,6 +18,7 @@ from qsframework.experiment import Experiment, Plan, load_experiment, simulate
 from qsframework.files import write_text, yaml_text
 from qsframework.identify import identify
 from qsframework.plugin import Array, Poses
+from qsframework.plugin.registry import with_role
 from qsframework.robot import Robot, load_robot
 from qsframework.robot.kinematics import joint_frames
 from qsframework.robot.reference import reference_flange, reference_gravity
@@ -163,7 +164,8 @@ def _model(run: _Run) -> tuple[bool, str]:
     experiment, poses = run.experiment, run.poses(run.angles(_TRIED))
     model, names = experiment.model(), experiment.fit_names()
     if not names:
-        return False, "no compliance: add {effect: joint_compliance, joints: all} to the effects"
+        gear = with_role("gear")[0].effect_name()
+        return False, f"no compliance: add {{effect: {gear}, joints: all}} to the effects"
     rigid = [n for n in names if not model.nominal[model.index([n])[0]] > 0.0]
     if rigid:
         return False, f"without a nominal value, so that the simulated arm is rigid there: {', '.join(rigid)}"

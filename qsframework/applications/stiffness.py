@@ -65,7 +65,7 @@ def stiffness_at(robot: Robot, pendant: Array, wrench: Array, point: Array) -> S
     model = make_model(robot.facts, robot.effects, robot.parameters, site, [("tip", site)], robot.gravity)
     poses = _one_pose(robot, pendant, wrench)
     if not spring_names(model):
-        raise InputError(f"robot {robot.name} has no spring, so nothing gives: list effects such as joint_compliance")
+        raise InputError(f"robot {robot.name} has no spring, so nothing gives: its effects list no compliance")
     unloaded, loaded = equilibrium(model, poses, loaded=False), equilibrium(model, poses)
     turn = loaded.tip_rotation[0] @ unloaded.tip_rotation[0].T
     rotation = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])

@@ -24,6 +24,7 @@ from qsframework.experiment import (
 from qsframework.experiment.measured import keep_measured, write_simulated
 from qsframework.identify import Fit, identify
 from qsframework.plugin import build_effects
+from qsframework.plugin.registry import with_role
 from qsframework.report import (
     PROVENANCE,
     Section,
@@ -98,7 +99,7 @@ def real_readings(tell: Tell) -> tuple[list[Section], dict[str, Any]]:
 
 def read_as_relative(experiment: Experiment, joint: str) -> Experiment:
     """The experiment under the wrong convention: the joint's pendant angle taken as relative to the joint before."""
-    (coupling,) = build_effects({"effect": "controller_coupling", "joint": joint}, experiment.robot.facts)
+    (coupling,) = build_effects({"joint": joint}, experiment.robot.facts, effect=with_role("shown angle")[0])
     (parameter,) = coupling.parameters(experiment.robot.facts)
     return experiment.with_(
         effects=(*experiment.effects, coupling),
@@ -108,7 +109,7 @@ def read_as_relative(experiment: Experiment, joint: str) -> Experiment:
 
 def with_offaxis(experiment: Experiment, joint: str, axis: str) -> Experiment:
     """The experiment with one more spring, about an axis that no motor turns."""
-    extra = build_effects({"effect": "offaxis_compliance", "joint": joint, "axis": axis}, experiment.robot.facts)
+    extra = build_effects({"joint": joint, "axis": axis}, experiment.robot.facts, effect=with_role("bearing")[0])
     parameters = [p for e in extra for p in e.parameters(experiment.robot.facts)]
     return experiment.with_(effects=(*experiment.effects, *extra), parameters=(*experiment.parameters, *parameters))
 

@@ -12,7 +12,7 @@ from qsframework.elastostatics.sensors import Sensed
 from qsframework.elastostatics.springs import Response
 from qsframework.elastostatics.structure import Structure
 from qsframework.elastostatics.tangents import Change, answer, carry, changes, reading_along
-from qsframework.plugin import Array, Poses, SpringLaw
+from qsframework.plugin import Array, Context, Poses, SpringLaw
 
 _SAME = 1e-12
 
@@ -35,12 +35,12 @@ class Evaluation(Stages):
 
 
 def evaluate(model: Structure, poses: Poses, x: Array) -> Evaluation:
-    """Run all stages for both states. The arm is taken at the conditions of the loaded one."""
+    """Run all stages for both states, of an arm that is the same in both."""
     s = evaluate_stages(model, poses, x, preload=any(isinstance(e, SpringLaw) for e in model.effects))
     unloaded = None if s.preload is None else s.respond(s.preload)
     loaded = s.respond(s.tau if s.preload is None else s.preload + s.tau)
-    first = s.sense(None if unloaded is None else unloaded.eps, poses.unloaded)
-    second = s.sense(loaded.eps, poses.loaded)
+    first = s.sense(None if unloaded is None else unloaded.eps, Context(model.facts, poses, loaded=False))
+    second = s.sense(loaded.eps)
     return Evaluation(**vars(s), unloaded=unloaded, loaded=loaded,
                       sensed=None if first is None or second is None else (first, second))  # fmt: skip
 

@@ -19,7 +19,7 @@ from qsframework.elastostatics.motion import Motion, move
 from qsframework.elastostatics.state import State, place
 from qsframework.elastostatics.structure import CHUNK, Structure
 from qsframework.errors import InputError, NotConverged
-from qsframework.plugin import Array, Load, ParallelSpring, Poses, Spring
+from qsframework.plugin import Array, Load, ParallelSpring, Poses, laws
 
 _STEPS = 40
 _CHORDS = 8
@@ -108,15 +108,14 @@ def _outcome(s: Settled) -> tuple[Array, Array, Array, Array]:
 def settle(model: Structure, poses: Poses, x: Array | None, loaded: bool, start: Settled | None = None) -> Settled:
     """Chord steps with the Hessian of the start; Newton steps with a fresh one where those do not settle."""
     x = model.nominal if x is None else x
-    _, commanded = move_commanded(model, poses, x)
-    compliance = np.concatenate([xs for _, xs in model.of_kind(Spring, x)] or [np.zeros(0)])
-    K = _equivalent(model, commanded, x, poses)
+    _, commanded = move_commanded(model, poses, x, loaded)
+    compliance, K = model.compliance(x), _equivalent(model, commanded, x)
     weight = 1.0 if loaded else 0.0
     eps = np.zeros((len(compliance), len(poses))) if start is None else start.eps
 
     def at(eps: Array, state: State | None = None) -> _Residual:
         placed = _deflected(model, commanded, eps) if state is None else state
-        return _residual(model, poses, x, placed, compliance, K, eps, weight)
+        return _residual(model, x, placed, compliance, K, eps, weight)
 
     here = at(eps, None if start is None else start.at.state)
     if not np.any(here.value):  # nothing gives
@@ -173,7 +172,7 @@ def _deflected(model: Structure, commanded: Motion, eps: Array) -> State:
                 bars[part.index] += part.factor * value
             else:
                 virtual[part.index] = virtual.get(part.index, 0.0) + part.factor * value
-    return place(move(layout, phi, bars, commanded.placements), model.tip, model.markers, virtual)
+    return place(move(layout, commanded.context, phi, bars, commanded.placements), model.tip, model.markers, virtual)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -197,22 +196,21 @@ class _Residual:
 
 
 def _residual(
-    model: Structure, poses: Poses, x: Array, state: State, compliance: Array, K: springs.Stiffness, eps: Array,
-    weight: float,
-) -> _Residual:  # fmt: skip
-    applied = loads.apply_loads(model.of_kind(Load, x), poses.wrench, state.placed.matrix(model.tip.link), model.facts)
-    conditions = poses.loaded if weight else poses.unloaded
-    torques = springs.torques(model.of_kind(ParallelSpring, x), state.motion, conditions)
+    model: Structure, x: Array, state: State, compliance: Array, K: springs.Stiffness, eps: Array, weight: float
+) -> _Residual:
+    context = state.motion.context
+    applied = loads.apply_loads(model.of_kind(Load, x), state.placed.matrix(model.tip.link), context)
+    torques = springs.torques(model.of_kind(ParallelSpring, x), state.motion)
     T = loads.gravity_torque(state, applied.moments, model.gravity) - K.times(eps)
     if weight:
         T += weight * loads.wrench_torque(state.tip, applied.wrench.T)
     for joints, term in torques:
         rates = springs.joint_rates(state.motion, joints)
         T[list(rates.active)] += np.einsum("jan,nj->an", rates.E, term.value)
-    drawn = pulls.pulls(model.of_kind(ParallelSpring, x), model.facts, state.placed, conditions)
+    drawn = pulls.pulls(model.of_kind(ParallelSpring, x), state.placed, context)
     pulled = pulls.torque(drawn, state.motion.coefficients)
     T += 0.0 if pulled is None else pulled
-    value, slope, _ = springs.answer(compliance, T, elastic_laws(model, x))
+    value, slope, _ = springs.answer(compliance, T, elastic_laws(model, x, context))
     return _Residual(
         value=eps - value,
         slope=slope,
@@ -225,17 +223,19 @@ def _residual(
     )
 
 
-def _equivalent(model: Structure, motion: Motion, x: Array, poses: Poses) -> springs.Stiffness:
+def _equivalent(model: Structure, motion: Motion, x: Array) -> springs.Stiffness:
     """K_eq of the commanded pose: the compensators' equivalent stiffness alone."""
     blocks: list[tuple[tuple[int, ...], Array]] = []
     for effect, xs in model.of_kind(ParallelSpring, x):
         joints = tuple(model.facts.joint_index(j) for j in effect.joints(model.facts))
-        term = effect.stiffness(motion.q[list(joints)].T, xs, poses.loaded)
+        term = laws.stiffness(effect, motion.q[list(joints)].T, xs, motion.context)
         if term is not None:
             blocks.append((joints, term.value))
     touched = tuple(sorted({j for joints, _ in blocks for j in joints}))
     rates = springs.joint_rates(motion, touched)
-    return springs.Stiffness(rates.active, springs.sandwich(rates.E, gather(touched, blocks, len(poses)), rates.E))
+    return springs.Stiffness(
+        rates.active, springs.sandwich(rates.E, gather(touched, blocks, motion.q.shape[-1]), rates.E)
+    )
 
 
 def _react(slope: Array, K: springs.Stiffness, H: Array, rhs: Array) -> Array:

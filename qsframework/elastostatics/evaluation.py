@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.elastostatics import loads, pulls, springs
+from qsframework.elastostatics.layout import mixed
 from qsframework.elastostatics.motion import Motion, combine, move, nominal_actuators
 from qsframework.elastostatics.sensors import Sensed, sense
 from qsframework.elastostatics.state import State, place
 from qsframework.elastostatics.structure import Structure, chunks
 from qsframework.plugin import (
     Array,
-    Conditions,
+    Context,
     Geometry,
     GeometryTerm,
     Load,
@@ -24,6 +25,7 @@ from qsframework.plugin import (
     Sensor,
     Spring,
     SpringLaw,
+    laws,
 )
 
 
@@ -61,22 +63,23 @@ class Stages:
         """How the springs answer to a torque (ne, N)."""
         return springs.respond(self.compliance, torque, self.stiffness, self.laws)
 
-    def sense(self, eps: Array | None, conditions: Conditions) -> Sensed | None:
-        """What the instrument says of the pose deflected by eps (ne, N); None without sensors."""
+    def sense(self, eps: Array | None, context: Context | None = None) -> Sensed | None:
+        """What the instrument says of the pose deflected by eps (ne, N), in this or another state; None without
+        sensors."""
         sensors = self.model.of_kind(Sensor, self.x)
-        return sense(sensors, self.state, eps, self.model.marker_names, conditions) if sensors else None
+        context = self.motion.context if context is None else context
+        return sense(sensors, self.state, eps, self.model.marker_names, context) if sensors else None
 
 
-def evaluate_stages(model: Structure, poses: Poses, x: Array, preload: bool) -> Stages:
-    """Run the stages before the springs at the commanded poses."""
-    geometry, motion = move_commanded(model, poses, x)
+def evaluate_stages(model: Structure, poses: Poses, x: Array, preload: bool, loaded: bool = True) -> Stages:
+    """Run the stages before the springs at the commanded poses, the arm as it is in one state."""
+    geometry, motion = move_commanded(model, poses, x, loaded)
     state = place(motion, model.tip, model.markers)
     rotation = state.placed.matrix(model.tip.link)
-    applied = loads.apply_loads(model.of_kind(Load, x), poses.wrench, rotation, model.facts)
-    compliance = np.concatenate([xs for _, xs in model.of_kind(Spring, x)] or [np.zeros(0)])
+    applied = loads.apply_loads(model.of_kind(Load, x), rotation, motion.context)
     tau = loads.wrench_torque(state.tip, applied.wrench.T)
-    faces = tuple(springs.faces(e, motion, xs, poses.loaded) for e, xs in model.of_kind(ParallelSpring, x))
-    drawn = tuple(pulls.pulls(model.of_kind(ParallelSpring, x), model.facts, state.placed, poses.loaded))
+    faces = tuple(springs.faces(e, motion, xs) for e, xs in model.of_kind(ParallelSpring, x))
+    drawn = tuple(pulls.pulls(model.of_kind(ParallelSpring, x), state.placed, motion.context))
     touched = tuple(sorted({j for f in faces for j in f.joints}))
     rates = springs.joint_rates(motion, touched, active_coordinates(motion, touched, drawn))
     joint_stiffness = gather(touched, [(f.joints, f.stiffness.value) for f in faces], len(poses))
@@ -92,7 +95,7 @@ def evaluate_stages(model: Structure, poses: Poses, x: Array, preload: bool) -> 
         motion=motion,
         state=state,
         applied=applied,
-        compliance=compliance,
+        compliance=model.compliance(x),
         tau=tau,
         preload=_preload(model, state, applied, faces, drawn, rates) if preload else None,
         faces=faces,
@@ -100,14 +103,18 @@ def evaluate_stages(model: Structure, poses: Poses, x: Array, preload: bool) -> 
         rates=rates,
         joint_stiffness=joint_stiffness,
         stiffness=K,
-        laws=elastic_laws(model, x),
+        laws=elastic_laws(model, x, motion.context),
     )
 
 
-def move_commanded(model: Structure, poses: Poses, x: Array) -> tuple[tuple[GeometryTerm, ...], Motion]:
+def move_commanded(
+    model: Structure, poses: Poses, x: Array, loaded: bool = True
+) -> tuple[tuple[GeometryTerm, ...], Motion]:
     """Stages 0 and 1 at the commanded poses, with the errors of geometry and bars."""
-    geometry = tuple(e.errors(poses, xs, model.facts) for e, xs in model.of_kind(Geometry, x))
-    phi = nominal_actuators(model.layout, np.ascontiguousarray(poses.q.T))
+    context = Context(model.facts, poses, loaded)
+    geometry = tuple(laws.geometry(e, xs, context) for e, xs in model.of_kind(Geometry, x))
+    layout = mixed(model.layout, model.of_kind(Spring, x), context)
+    phi = nominal_actuators(layout, np.ascontiguousarray(poses.q.T))
     placements = None
     for term in geometry:
         phi = phi + term.angles.T
@@ -116,12 +123,12 @@ def move_commanded(model: Structure, poses: Poses, x: Array) -> tuple[tuple[Geom
             placements = twist if placements is None else placements + twist
     bars = np.concatenate([xs for _, xs in model.of_kind(Loop, x)] or [np.zeros(0)])
     spread = np.broadcast_to(bars[:, None], (len(bars), len(poses)))
-    return geometry, move(model.layout, phi, spread, placements)
+    return geometry, move(layout, context, phi, spread, placements)
 
 
-def elastic_laws(model: Structure, x: Array) -> springs.Laws:
+def elastic_laws(model: Structure, x: Array, context: Context) -> springs.Laws:
     """The springs' laws with the coordinates that they act on and their parameters."""
-    return [(e, rows, xs) for (e, xs), rows in zip(model.of_kind(SpringLaw, x), model.law_rows, strict=True)]
+    return [(e, rows, xs, context) for (e, xs), rows in zip(model.of_kind(SpringLaw, x), model.law_rows, strict=True)]
 
 
 def gather(touched: tuple[int, ...], blocks: list[tuple[tuple[int, ...], Array]], batch: int) -> Array:

@@ -5,8 +5,6 @@ Each state stands under its own conditions: what warms up between two states mov
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
-
 import numpy as np
 
 from qsframework.elastostatics.equilibrium import Settled, settle
@@ -24,8 +22,7 @@ def exact_positions(model: Model, poses: Poses, x: Array | None = None, loaded: 
     x = model.nominal if x is None else model.checked(x)
     out = np.empty((len(poses), len(model.markers), 3))
     for part, chunk in chunks(poses):
-        own = chunk if loaded else replace(chunk, loaded=chunk.unloaded)
-        out[part] = _read(model, settle(model, own, x, loaded), own, x)
+        out[part] = _read(model, settle(model, chunk, x, loaded), x)
     return out
 
 
@@ -34,25 +31,18 @@ def exact_readings(model: Model, poses: Poses, x: Array | None = None) -> Array:
     x = model.nominal if x is None else model.checked(x)
     out = np.empty((len(poses), len(model.markers), 3))
     for part, chunk in chunks(poses):
-        before = replace(chunk, loaded=chunk.unloaded)
-        unloaded = settle(model, before, x, False)
-        loaded = settle(model, chunk, x, True, start=unloaded if _alike(chunk) else None)
-        out[part] = _read(model, loaded, chunk, x) - _read(model, unloaded, before, x)
+        unloaded = settle(model, chunk, x, False)
+        loaded = settle(model, chunk, x, True, start=None if model.by_state else unloaded)
+        out[part] = _read(model, loaded, x) - _read(model, unloaded, x)
     return out
 
 
-def _alike(poses: Poses) -> bool:
-    """Whether nothing recorded tells the two states apart, so that both are of one arm."""
-    pairs = ((getattr(poses.unloaded, f.name), getattr(poses.loaded, f.name)) for f in fields(poses.loaded))
-    return all(a is b or (a is not None and b is not None and np.array_equal(a, b)) for a, b in pairs)
-
-
-def _read(model: Model, settled: Settled, poses: Poses, x: Array) -> Array:
+def _read(model: Model, settled: Settled, x: Array) -> Array:
     """What the instrument says (N, K, 3) of a settled batch."""
     state = settled.at.state
     if not state.markers:
-        return np.zeros((len(poses), 0, 3))
+        return np.zeros((settled.eps.shape[1], 0, 3))
     sensors = model.of_kind(Sensor, x)
     if sensors:
-        return sense(sensors, state, None, model.marker_names, poses.loaded).position.transpose(2, 0, 1)
+        return sense(sensors, state, None, model.marker_names, state.motion.context).position.transpose(2, 0, 1)
     return np.stack([m.position for m in state.markers]).transpose(2, 0, 1)

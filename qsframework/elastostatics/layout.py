@@ -4,12 +4,25 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from qsframework.errors import InputError, PluginError
-from qsframework.plugin import Actuator, Array, Bar, Effect, Geometry, Indices, Loop, RobotFacts, Spring, VirtualJoint
+from qsframework.plugin import (
+    Actuator,
+    Array,
+    Bar,
+    Context,
+    Effect,
+    Geometry,
+    Indices,
+    Loop,
+    RobotFacts,
+    Spring,
+    VirtualJoint,
+    laws,
+)
 from qsframework.plugin.loops import in_order, own_joints
 from qsframework.robot.kinematics import Chain, Element
 
@@ -46,7 +59,7 @@ class Part:
 
     kind: str
     index: int
-    factor: float
+    factor: Array | float
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -77,11 +90,12 @@ def make_layout(facts: RobotFacts, effects: Sequence[Effect]) -> Layout:
     builder.build(list(virtual))
     coordinates: list[tuple[Part, ...]] = []
     for spring in springs:
-        joints = [builder.part(v, loops) for v in spring.virtual_joints(facts)]
-        mixing = spring.mixing(facts)
-        for column in mixing.T:
-            parts = zip(joints, column, strict=True)
-            coordinates.append(tuple(Part(kind, index, float(f)) for (kind, index), f in parts if f != 0.0))
+        places = [builder.part(v, loops) for v in spring.virtual_joints(facts)]
+        if not mixes(spring):  # one to one
+            coordinates += [(Part(*place, 1.0),) for place in places]
+            continue
+        every = tuple(Part(*place, 1.0) for place in places)  # until `mixed` knows the shares
+        coordinates += [every] * spring.coordinates(facts)
     return Layout(
         facts=facts,
         chain=Chain(tuple(builder.elements), tuple(builder.stops)),
@@ -92,6 +106,33 @@ def make_layout(facts: RobotFacts, effects: Sequence[Effect]) -> Layout:
         loop_bars=bars,
         coordinates=tuple(coordinates),
     )
+
+
+def mixes(spring: Spring) -> bool:
+    """Whether an elastic coordinate of a spring may move several virtual joints, or one by a share."""
+    return type(spring).mixing is not Spring.mixing
+
+
+def mixed(layout: Layout, springs: Sequence[tuple[Spring, Array]], context: Context) -> Layout:
+    """The layout with the shares by which coordinates move their virtual joints, at the springs' parameters."""
+    if not any(mixes(spring) for spring, _ in springs):
+        return layout
+    out: list[tuple[Part, ...]] = []
+    for spring, x in springs:
+        first, count = len(out), spring.coordinates(layout.facts)
+        if not mixes(spring):
+            out += layout.coordinates[first : first + count]
+            continue
+        shares = laws.mixing(spring, x, context)
+        for i, parts in enumerate(layout.coordinates[first : first + count]):
+            out.append(shared(parts, shares[..., i]))
+    return replace(layout, coordinates=tuple(out))
+
+
+def shared(parts: tuple[Part, ...], shares: Array) -> tuple[Part, ...]:
+    """The parts of a coordinate with their shares (parts,) or (N, parts); those that move nothing drop out."""
+    factors = [shares[..., v] if shares.ndim == 2 else float(shares[v]) for v in range(len(parts))]
+    return tuple(replace(p, factor=f) for p, f in zip(parts, factors, strict=True) if np.any(f))
 
 
 def _place_loops(facts: RobotFacts, loops: Sequence[Loop]) -> tuple[tuple[LoopPlace, ...], tuple[tuple[int, ...], ...]]:

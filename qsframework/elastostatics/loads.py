@@ -9,7 +9,7 @@ import numpy as np
 
 from qsframework.elastostatics.motion import MotionRate, combine
 from qsframework.elastostatics.state import Column, ColumnRate, State
-from qsframework.plugin import Array, Load, Loads, LoadTerm, RobotFacts
+from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, laws
 from qsframework.robot.gravity import element_gravity, nominal_moments
 from qsframework.robot.kinematics import Twists, cross, twists_along
 
@@ -23,12 +23,13 @@ class Applied:
     terms: tuple[LoadTerm, ...]
 
 
-def apply_loads(effects: Sequence[tuple[Load, Array]], wrench: Array, rotation: Array, facts: RobotFacts) -> Applied:
+def apply_loads(effects: Sequence[tuple[Load, Array]], rotation: Array, context: Context) -> Applied:
     """Pass the wrench and the masses through the load effects in their order."""
-    moments = nominal_moments(facts)
+    wrench, moments = context.poses.wrench, nominal_moments(context.robot)
     terms: list[LoadTerm] = []
     for effect, x in effects:
-        term = effect.apply(Loads(wrench, rotation, moments), x, facts)
+        term = laws.apply(effect, Loads(wrench, rotation, moments), x, context)
+        assert term.wrench is not None
         wrench = term.wrench
         moments = moments if term.moments is None else moments + term.moments
         terms.append(term)

@@ -22,6 +22,7 @@ from qsframework.elastostatics.structure import Structure, chunks
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.plugin import Array, Effect, Parameter, Poses, RobotFacts, Spring, SpringLaw
 from qsframework.plugin.facts import frozen
+from qsframework.plugin.kinds import At
 from qsframework.plugin.settings import twice_hint
 
 
@@ -33,6 +34,8 @@ class Model(Structure):
         """Displacement readings (N, K, 3) m of K markers: loaded minus unloaded, base frame."""
         x = self.nominal if x is None else self.checked(x)
         out = np.empty((len(poses), len(self.markers), 3))
+        if self.by_state:
+            return self.positions(poses, x, loaded=True) - self.positions(poses, x)
         for part, chunk in chunks(poses):
             out[part] = displacement(evaluate(self, chunk, x)).transpose(2, 0, 1)
         return out
@@ -40,6 +43,9 @@ class Model(Structure):
     def sensitivity(self, poses: Poses, x: Array | None = None, names: Sequence[str] | None = None) -> Array:
         """d readings / d parameters (N, K, 3, p): the observation matrix, equation (4)."""
         x = self.nominal if x is None else self.checked(x)
+        if self.by_state:
+            two = (self.position_sensitivity(poses, x, names, loaded) for loaded in (True, False))
+            return next(two) - next(two)
         wanted = list(range(len(self.parameters))) if names is None else self.index(names)
         out = np.empty((len(poses), len(self.markers), 3, len(wanted)))
         for part, chunk in chunks(poses):
@@ -48,6 +54,9 @@ class Model(Structure):
 
     def rates(self, poses: Poses, x: Array, names: Sequence[str]) -> tuple[Array, Array]:
         """`predict` and `sensitivity` together, cheaper than one after the other."""
+        if self.by_state:
+            (ends, after), (starts, before) = (self.position_rates(poses, x, names, on) for on in (True, False))
+            return ends - starts, after - before
         x, wanted = self.checked(x), self.index(names)
         value = np.empty((len(poses), len(self.markers), 3))
         slope = np.empty((*value.shape, len(wanted)))
@@ -132,6 +141,12 @@ def make_model(
         marker_names=tuple(name for name, _ in markers),
         gravity=frozen(gravity),
         law_rows=tuple(_law_rows(e, facts, ordered) for e in ordered if isinstance(e, SpringLaw)),
+        compliance_rows=tuple(
+            part.start + i
+            for e, part in zip(ordered, slices, strict=True)
+            if isinstance(e, Spring)
+            for i in range(e.coordinates(facts))
+        ),
     )
 
 
@@ -143,12 +158,15 @@ def _check_unique(names: Sequence[str], what: str, effects: Sequence[Effect] = (
 
 
 def _law_rows(law: SpringLaw, facts: RobotFacts, effects: Sequence[Effect]) -> tuple[int, ...]:
-    springs = [p.name for e in effects if isinstance(e, Spring) for p in e.parameters(facts)]
-    for name in law.springs(facts):
-        if name not in springs:
-            raise InputError(
-                Problem(
-                    f"{law.name} needs the spring {name!r}", allowed=", ".join(springs), hint=nearest(name, springs)
-                )
-            )
-    return tuple(springs.index(name) for name in law.springs(facts))
+    """The elastic coordinates of the springs that a law bends."""
+    rows: dict[At, range] = {}
+    first = 0
+    for spring in (e for e in effects if isinstance(e, Spring)):
+        rows[spring.role, spring.where] = range(first, first + spring.coordinates(facts))
+        first += spring.coordinates(facts)
+    for role, where in law.springs(facts):
+        if (role, where) not in rows:
+            found = [f"{own} {place}".strip() for own, place in rows if own]
+            problem = f"{law.name} needs a spring with the role {role!r} at {where}"
+            raise InputError(Problem(problem, allowed=", ".join(found), hint=nearest(f"{role} {where}", found)))
+    return tuple(row for at in law.springs(facts) for row in rows[at])

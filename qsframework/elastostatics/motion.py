@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.elastostatics.layout import Layout, LoopPlace
-from qsframework.plugin import Array, LoopTerm, RobotFacts
+from qsframework.elastostatics.layout import Layout, LoopPlace, shared
+from qsframework.plugin import Array, Context, LoopTerm, laws
 
 Coefficients = tuple[tuple[tuple[int, Array | float], ...], ...]
 """For each elastic coordinate the elements that it moves, with the rate (N,) or constant of each."""
@@ -21,9 +21,13 @@ Coefficients = tuple[tuple[tuple[int, Array | float], ...], ...]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Motion:
-    """Actuators phi (n, N), bars and joint angles q (n, N), the loops' terms, and the rates of the coordinates."""
+    """Actuators phi (n, N), bars and joint angles q (n, N), the loops' terms, and the rates of the coordinates.
+
+    context: the commanded poses in the state that is looked at
+    """
 
     layout: Layout
+    context: Context
     phi: Array
     bars: Array
     q: Array
@@ -57,12 +61,12 @@ def nominal_actuators(layout: Layout, q: Array) -> Array:
     return phi
 
 
-def move(layout: Layout, phi: Array, bars: Array, placements: Array | None = None) -> Motion:
+def move(layout: Layout, context: Context, phi: Array, bars: Array, placements: Array | None = None) -> Motion:
     """Close the loops at actuators phi (n, N) and bar errors (bars, N)."""
     q = phi.copy()
     terms: list[LoopTerm] = []
     for place in layout.loops:
-        term = _close(place, phi[list(place.joints)].T, bars[list(place.bars)].T, layout.facts)
+        term = _close(place, phi[list(place.joints)].T, bars[list(place.bars)].T, context)
         q[list(place.joints)] = term.q.T
         terms.append(term)
     coefficients = tuple(
@@ -70,15 +74,22 @@ def move(layout: Layout, phi: Array, bars: Array, placements: Array | None = Non
         for parts in layout.coordinates
     )
     return Motion(
-        layout=layout, phi=phi, bars=bars, q=q, loops=tuple(terms), coefficients=coefficients, placements=placements
+        layout=layout,
+        context=context,
+        phi=phi,
+        bars=bars,
+        q=q,
+        loops=tuple(terms),
+        coefficients=coefficients,
+        placements=placements,
     )
 
 
-def _close(place: LoopPlace, phi: Array, bars: Array, facts: RobotFacts) -> LoopTerm:
+def _close(place: LoopPlace, phi: Array, bars: Array, context: Context) -> LoopTerm:
     """One term over all actuators (N, k) and bars (N, m) of a place: each loop turns its own joints by the angles
     that those before it have left."""
     if len(place.members) == 1:
-        return place.members[0].loop.closure(phi, bars, facts)
+        return laws.closure(place.members[0].loop, phi, bars, context)
     (batch, k), m = phi.shape, bars.shape[1]
     q, lengths = phi.copy(), np.broadcast_to(np.eye(k + m)[k:], (batch, m, k + m))
     first, second = np.zeros((batch, k, k + m)), np.zeros((batch, k, k + m, k + m))
@@ -86,7 +97,7 @@ def _close(place: LoopPlace, phi: Array, bars: Array, facts: RobotFacts) -> Loop
     for member in place.members:
         tied, own, b = list(member.joints), list(member.own), list(member.bars)
         rows = [tied.index(j) for j in own]
-        term = member.loop.closure(q[:, tied], bars[:, b], facts)
+        term = laws.closure(member.loop, q[:, tied], bars[:, b], context)
         u = np.concatenate([first[:, tied], lengths[:, b]], axis=1)
         bent = np.einsum("niu,nuab->niab", term.q_u[:, rows, : len(tied)], second[:, tied])
         q[:, own] = term.q[:, rows]
@@ -96,7 +107,7 @@ def _close(place: LoopPlace, phi: Array, bars: Array, facts: RobotFacts) -> Loop
 
 
 def _rates(
-    layout: Layout, terms: Sequence[LoopTerm], kind: str, index: int, factor: float
+    layout: Layout, terms: Sequence[LoopTerm], kind: str, index: int, factor: Array | float
 ) -> list[tuple[int, Array | float]]:
     """The elements that one actuator, bar or element moves."""
     if kind == "element":
@@ -147,8 +158,20 @@ def motion_along(motion: Motion, phi: Array, bars: Array, placements: Array | No
     return MotionRate(rates, coefficients)
 
 
+def mixed_along(motion: Motion, whole: Layout, first: int, slope: Array) -> MotionRate:
+    """Move along a change of the shares (v, k) or (N, v, k) of a spring whose coordinates begin at `first`.
+
+    whole: the layout with every part of every coordinate
+    """
+    rates: list[tuple[tuple[int, Array | float], ...]] = [()] * len(whole.coordinates)
+    for i in range(slope.shape[-1]):
+        parts = shared(whole.coordinates[first + i], slope[..., i])
+        rates[first + i] = _merge([t for p in parts for t in _rates(whole, motion.loops, p.kind, p.index, p.factor)])
+    return MotionRate(np.zeros((len(whole.chain), motion.q.shape[-1])), tuple(rates))
+
+
 def _loop_rates(
-    layout: Layout, slopes: Sequence[LoopTerm], kind: str, index: int, factor: float
+    layout: Layout, slopes: Sequence[LoopTerm], kind: str, index: int, factor: Array | float
 ) -> list[tuple[int, Array | float]]:
     """Like `_rates` for the loops' slopes: an actuator outside every loop has a constant rate."""
     tied = any(index in (p.joints if kind == "actuator" else p.bars) for p in layout.loops)

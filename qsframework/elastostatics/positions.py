@@ -6,7 +6,7 @@ eps is what gravity and the compensators bend, tau_0, and in the loaded state th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,12 +30,10 @@ class OneState(Stages):
 
 def evaluate_state(model: Structure, poses: Poses, x: Array, loaded: bool) -> OneState:
     """Run all stages for one state."""
-    if not loaded:
-        poses = replace(poses, loaded=poses.unloaded)
-    s = evaluate_stages(model, poses, x, preload=True)
+    s = evaluate_stages(model, poses, x, preload=True, loaded=loaded)
     assert s.preload is not None
     response = s.respond(s.preload + s.tau if loaded else s.preload)
-    return OneState(**vars(s), loaded=loaded, response=response, sensed=s.sense(response.eps, poses.loaded))
+    return OneState(**vars(s), loaded=loaded, response=response, sensed=s.sense(response.eps))
 
 
 def position(ev: OneState) -> Array:

@@ -13,8 +13,7 @@ import numpy as np
 
 from qsframework.elastostatics.motion import Coefficients, Motion, MotionRate, combine
 from qsframework.errors import InputError
-from qsframework.plugin import Array, Conditions, ParallelSpring, RobotFacts, TensionTerm
-from qsframework.plugin.check import difference
+from qsframework.plugin import Array, Context, ParallelSpring, TensionTerm, laws
 from qsframework.robot.kinematics import Frames, cross, frames, twists
 
 _SHORTEST = 1e-9
@@ -56,20 +55,20 @@ class Pull:
 Springs = Sequence[tuple[ParallelSpring, Array]]
 
 
-def pulls(effects: Springs, facts: RobotFacts, placed: Frames, conditions: Conditions) -> list[Pull | None]:
+def pulls(effects: Springs, placed: Frames, context: Context) -> list[Pull | None]:
     """The pull of each parallel spring, None for those that have no ends."""
-    return [_pull(effect, x, facts, placed, conditions) for effect, x in effects]
+    return [_pull(effect, x, placed, context) for effect, x in effects]
 
 
-def _pull(effect: ParallelSpring, x: Array, facts: RobotFacts, placed: Frames, conditions: Conditions) -> Pull | None:
-    ends = effect.ends(facts)
+def _pull(effect: ParallelSpring, x: Array, placed: Frames, context: Context) -> Pull | None:
+    ends = effect.ends(context.robot)
     if ends is None:
         return None
     count = len(placed.chain)
     points: list[Array] = []
     columns: list[Array] = []
     for end in ends:
-        link = facts.link_index(end.link)
+        link = context.robot.link_index(end.link)
         points.append(placed.point(link, np.array(end.xyz)))
         found = twists(placed, link, points[-1]).linear
         columns.append(np.concatenate([found, np.zeros((count - len(found), *found.shape[1:]))]))
@@ -79,8 +78,8 @@ def _pull(effect: ParallelSpring, x: Array, facts: RobotFacts, placed: Frames, c
         raise InputError(f"{effect.name}: its two ends meet; a spring needs a length")
     along = apart / length
     gradient = np.einsum("cn,ecn->en", along, speed)
-    term = effect.tension(length, x, conditions)
-    slope_dx = difference(lambda v: effect.tension(length, v, conditions).ds, x)
+    term, size = laws.tension(effect, length, x, context), laws.sizes(effect, x, context)
+    slope_dx = laws.difference(lambda v: laws.tension(effect, length, v, context).ds, x, size)
     return Pull(gradient, _second(placed, speed, along, gradient, length), term, slope_dx)
 
 
@@ -113,7 +112,7 @@ def torque(found: Sequence[Pull | None], coefficients: Coefficients) -> Array | 
     return combine(coefficients, sum(vectors[1:], vectors[0])) if vectors else None
 
 
-def along(effects: Springs, motion: Motion, rate: MotionRate, conditions: Conditions) -> tuple[Array, Array]:
+def along(effects: Springs, motion: Motion, rate: MotionRate) -> tuple[Array, Array]:
     """Derivatives of `stiffness` and `torque` along a change of the geometry.
 
     The third derivative of s has no short form: fourth-order differences of the analytic stiffness
@@ -124,7 +123,7 @@ def along(effects: Springs, motion: Motion, rate: MotionRate, conditions: Condit
         values = motion.element_values()
         moved = [step * r if v is None else v + step * r for v, r in zip(values, rate.elements, strict=True)]
         placed = frames(motion.layout.chain, moved, motion.q.shape[-1])
-        found = pulls(effects, motion.layout.facts, placed, conditions)
+        found = pulls(effects, placed, motion.context)
         bent = _bent(motion.coefficients, rate.coefficients, step)
         K, tau = stiffness(found, bent), torque(found, bent)
         assert K is not None

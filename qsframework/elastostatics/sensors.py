@@ -10,7 +10,7 @@ import numpy as np
 
 from qsframework.elastostatics.so3 import exponential, left_jacobian
 from qsframework.elastostatics.state import State
-from qsframework.plugin import Array, Conditions, Reading, Sensor, SensorTerm
+from qsframework.plugin import Array, Context, Reading, Sensor, SensorTerm, laws
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +52,9 @@ def sense(
     state: State,
     eps: Array | None,
     names: Sequence[str],
-    conditions: Conditions,
+    context: Context,
 ) -> Sensed:
-    """Read the markers at the commanded pose deflected by eps (ne, N)."""
+    """Read the markers at the commanded pose deflected by eps (ne, N); None for a state placed where it settles."""
     position = np.stack([m.position for m in state.markers])
     turn = np.zeros_like(position)
     if eps is not None:
@@ -66,7 +66,7 @@ def sense(
     reading = position.transpose(2, 0, 1)
     terms: list[SensorTerm] = []
     for sensor, x in sensors:
-        terms.append(sensor.read(Reading(reading, rotation), x, names, conditions))
+        terms.append(laws.read(sensor, Reading(reading, rotation, tuple(names)), x, context))
         reading = terms[-1].position
     by_position = np.broadcast_to(np.eye(3), (*reading.shape, 3))
     by_rotation = np.zeros((*reading.shape, 3))

@@ -15,8 +15,7 @@ import numpy as np
 
 from qsframework.elastostatics.motion import Coefficients, Motion
 from qsframework.errors import NotConverged
-from qsframework.plugin import Array, Conditions, LawTerm, ParallelSpring, SpringLaw, StiffnessTerm, TorqueTerm
-from qsframework.plugin.check import difference
+from qsframework.plugin import Array, Context, LawTerm, ParallelSpring, SpringLaw, StiffnessTerm, TorqueTerm, laws
 
 _STEPS = 60
 _TOLERANCE = 1e-13
@@ -39,25 +38,25 @@ Torques = Sequence[tuple[tuple[int, ...], TorqueTerm]]
 """Joints and torque of each parallel spring that has one."""
 
 
-def torques(effects: Sequence[tuple[ParallelSpring, Array]], motion: Motion, conditions: Conditions) -> Torques:
+def torques(effects: Sequence[tuple[ParallelSpring, Array]], motion: Motion) -> Torques:
     """The physical torques alone, at the joint angles of a motion."""
     out: list[tuple[tuple[int, ...], TorqueTerm]] = []
     for effect, x in effects:
         joints = tuple(motion.layout.facts.joint_index(j) for j in effect.joints(motion.layout.facts))
-        term = effect.torque(motion.q[list(joints)].T, x, conditions)
+        term = laws.torque(effect, motion.q[list(joints)].T, x, motion.context)
         if term is not None:
             out.append((joints, term))
     return out
 
 
-def faces(effect: ParallelSpring, motion: Motion, x: Array, conditions: Conditions) -> Faces:
+def faces(effect: ParallelSpring, motion: Motion, x: Array) -> Faces:
     """Evaluate an effect at the commanded joint angles."""
     facts = motion.layout.facts
     joints = tuple(facts.joint_index(j) for j in effect.joints(facts))
-    q = motion.q[list(joints)].T
-    torque, term = effect.torque(q, x, conditions), effect.stiffness(q, x, conditions)
+    q, context = motion.q[list(joints)].T, motion.context
+    torque, term = laws.torque(effect, q, x, context), laws.stiffness(effect, q, x, context)
     if torque is not None:
-        slope = _slope(effect, q, x, conditions, torque)
+        slope = _slope(effect, q, x, context, torque)
         if term is None:
             term = slope
         else:
@@ -69,16 +68,16 @@ def faces(effect: ParallelSpring, motion: Motion, x: Array, conditions: Conditio
     return Faces(joints, torque, term)
 
 
-def _slope(effect: ParallelSpring, q: Array, x: Array, conditions: Conditions, term: TorqueTerm) -> StiffnessTerm:
+def _slope(effect: ParallelSpring, q: Array, x: Array, context: Context, term: TorqueTerm) -> StiffnessTerm:
     """The stiffness -d torque / dq; its derivatives by differences where the effect gives none."""
 
     def slope(q: Array, x: Array) -> Array:
-        torque = effect.torque(q, x, conditions)
+        torque = laws.torque(effect, q, x, context)
         assert torque is not None
         return torque.dq
 
-    dqq = difference(lambda v: slope(v, x), q) if term.dqq is None else term.dqq
-    dqx = difference(lambda v: slope(q, v), x) if term.dqx is None else term.dqx
+    dqq = laws.difference(lambda v: slope(v, x), q) if term.dqq is None else term.dqq
+    dqx = laws.difference(lambda v: slope(q, v), x, laws.sizes(effect, x, context)) if term.dqx is None else term.dqx
     return StiffnessTerm(-term.dq, -dqq, -dqx)
 
 
@@ -128,8 +127,8 @@ def sandwich(left: Array, middle: Array, right: Array) -> Array:
     return np.einsum("jan,jkn,kbn->abn", left, middle, right)
 
 
-Laws = Sequence[tuple[SpringLaw, tuple[int, ...], Array]]
-"""Each law with the coordinates it acts on and its parameter values."""
+Laws = Sequence[tuple[SpringLaw, tuple[int, ...], Array, Context]]
+"""Each law with the coordinates it acts on, its parameter values, and where it is asked for."""
 Terms = tuple[tuple[tuple[int, ...], LawTerm], ...]
 
 
@@ -184,12 +183,12 @@ def respond_linear(compliance: Array, torque: Array, stiffness: Stiffness) -> Re
     return Response(eps, torque - stiffness.times(eps), slope, stiffness, (), inverse)
 
 
-def answer(compliance: Array, T: Array, laws: Laws) -> tuple[Array, Array, Terms]:
+def answer(compliance: Array, T: Array, bends: Laws) -> tuple[Array, Array, Terms]:
     """c T + f(T), its slope c + f' (ne, N), and the laws' terms, at gear torques T (ne, N)."""
     value, slope = compliance[:, None] * T, np.repeat(compliance[:, None], T.shape[1], axis=1)
     terms: list[tuple[tuple[int, ...], LawTerm]] = []
-    for law, rows, x in laws:
-        term = law.extra(T[list(rows)].T, x)
+    for law, rows, x, context in bends:
+        term = laws.extra(law, T[list(rows)].T, x, context)
         np.add.at(value, list(rows), term.value.T)
         np.add.at(slope, list(rows), term.dT.T)
         terms.append((rows, term))
@@ -201,17 +200,17 @@ Left = tuple[Array, Array, Array, Terms]
 Residual = Callable[[Array], Left]
 
 
-def respond(compliance: Array, torque: Array, stiffness: Stiffness, laws: Laws) -> Response:
+def respond(compliance: Array, torque: Array, stiffness: Stiffness, bends: Laws) -> Response:
     """Solve eps = c T + f(T), T = torque - K_par eps, by Newton with backtracking.
 
     Raises NotConverged if a step cannot reduce the residual.
     """
-    if not laws:
+    if not bends:
         return respond_linear(compliance, torque, stiffness)
 
     def residual(eps: Array) -> Left:
         T = torque - stiffness.times(eps)
-        value, slope, terms = answer(compliance, T, laws)
+        value, slope, terms = answer(compliance, T, bends)
         return eps - value, T, slope, terms
 
     eps = step = respond_linear(compliance, torque, stiffness).eps

@@ -12,7 +12,7 @@ import numpy as np
 from qsframework.elastostatics.layout import Layout
 from qsframework.elastostatics.state import Site
 from qsframework.errors import InputError, Problem, nearest
-from qsframework.plugin import Array, Effect, Parameter, Poses, RobotFacts
+from qsframework.plugin import Array, Effect, Parameter, Poses, RobotFacts, Sensor
 
 CHUNK = 4096
 """Poses worked on at a time, so that a batch stays in the processor's cache."""
@@ -23,7 +23,8 @@ K = TypeVar("K", bound=Effect)
 class Structure:
     """The parts of a model. Frozen; parameter values are passed as `x` (p,), in SI.
 
-    effects are ordered by stage; `slices[i]` are the positions of effect i's parameters in x
+    effects are ordered by stage; `slices[i]` are the positions of effect i's parameters in x; compliance_rows (ne,):
+    the position in x of each elastic coordinate's compliance; law_rows: the coordinates of each spring law
     """
 
     facts: RobotFacts
@@ -36,6 +37,7 @@ class Structure:
     marker_names: tuple[str, ...]
     gravity: Array
     law_rows: tuple[tuple[int, ...], ...]
+    compliance_rows: tuple[int, ...]
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -54,6 +56,20 @@ class Structure:
                 problem = Problem(f"the model has no parameter {name!r}", allowed=", ".join(self.names))
                 raise InputError(Problem(problem.message, allowed=problem.allowed, hint=nearest(name, self.names)))
         return [self.names.index(name) for name in names]
+
+    @cached_property
+    def by_state(self) -> bool:
+        """Whether an arm is not the same in the loaded and the unloaded state of a pose, but for its load."""
+        return any((e.by_state or e.needs) and not isinstance(e, Sensor) for e in self.effects)
+
+    def compliance(self, x: Array) -> Array:
+        """Compliance (ne,) of each elastic coordinate."""
+        return x[list(self.compliance_rows)]
+
+    def of_role(self, *roles: str) -> tuple[str, ...]:
+        """Names of the parameters of the effects that have one of these roles."""
+        pairs = zip(self.effects, self.slices, strict=True)
+        return tuple(name for effect, part in pairs if effect.role in roles for name in self.names[part])
 
     def of_kind(self, kind: type[K], x: Array) -> list[tuple[K, Array]]:
         """The effects of one kind with their parameter values."""

@@ -15,10 +15,10 @@ import numpy as np
 
 from qsframework.elastostatics import loads, pulls, springs
 from qsframework.elastostatics.evaluation import Stages, gather, joint_torque
-from qsframework.elastostatics.motion import MotionRate, combine, motion_along
+from qsframework.elastostatics.motion import MotionRate, combine, mixed_along, motion_along
 from qsframework.elastostatics.sensors import Sensed
 from qsframework.elastostatics.state import Column, ColumnRate, column_along
-from qsframework.plugin import Array, Geometry, Load, Loop, ParallelSpring, Sensor, Spring, SpringLaw
+from qsframework.plugin import Array, Geometry, Load, Loop, ParallelSpring, Sensor, Spring, SpringLaw, laws
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -44,10 +44,13 @@ def changes(ev: Stages, wanted: Sequence[int]) -> Iterator[tuple[int, Change]]:
     for effect, part in zip(ev.model.effects, ev.model.slices, strict=True):
         kind = next(k for k in _RULES if isinstance(effect, k))
         number = counts.get(kind, 0)
-        counts[kind] = number + (part.stop - part.start if kind is Spring else 1)
+        counts[kind] = number + (effect.coordinates(ev.model.facts) if isinstance(effect, Spring) else 1)
         for row, position in enumerate(wanted):
             if part.start <= position < part.stop:
-                yield row, _RULES[kind](ev, number, position - part.start)
+                if isinstance(effect, Spring) and position - part.start >= effect.coordinates(ev.model.facts):
+                    yield row, _mixed(ev, effect, ev.x[part], number, position - part.start)
+                else:
+                    yield row, _RULES[kind](ev, number, position - part.start)
 
 
 def answer(ev: Stages, response: springs.Response, change: Change, loaded: bool) -> Array:
@@ -111,6 +114,12 @@ def reading_along(
 def _spring(ev: Stages, first: int, i: int) -> Change:
     """A spring: column D_i times the torque T_i that it carries, equation (4)."""
     return Change(spring=first + i)
+
+
+def _mixed(ev: Stages, effect: Spring, x: Array, first: int, i: int) -> Change:
+    """A ratio by which a spring's coordinates, from `first` on, move its virtual joints."""
+    slope = laws.mixing_slope(effect, x, ev.motion.context)[..., i]
+    return _geometric(ev, mixed_along(ev.motion, ev.model.layout, first, slope))
 
 
 def _parallel(ev: Stages, number: int, i: int) -> Change:
@@ -178,7 +187,7 @@ def _geometric(ev: Stages, rate: MotionRate) -> Change:
     K, preload = _stiffness_along(ev, rate, dE), _preload_along(ev, rate, dE)
     if any(pull is not None for pull in ev.pulls):
         effects = ev.model.of_kind(ParallelSpring, ev.x)
-        dK, dtorque = pulls.along(effects, ev.motion, rate, ev.poses.loaded)
+        dK, dtorque = pulls.along(effects, ev.motion, rate)
         K = K + dK[np.ix_(ev.rates.active, ev.rates.active)]
         preload = None if preload is None else preload + dtorque
     return Change(tau=tau, K=K, preload=preload, markers=markers)

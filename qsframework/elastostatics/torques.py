@@ -17,8 +17,8 @@ def element_torques(model: Structure, poses: Poses, x: Array) -> tuple[Motion, A
     """The motion, and the torques (m, N) N m on every element: of gravity and compensators, and of the load."""
     _, motion = move_commanded(model, poses, x)
     state = place(motion, model.tip, ())
-    applied = loads.apply_loads(model.of_kind(Load, x), poses.wrench, state.placed.matrix(model.tip.link), model.facts)
-    own = _own_torque(model, state, motion, applied, x, poses)
+    applied = loads.apply_loads(model.of_kind(Load, x), state.placed.matrix(model.tip.link), motion.context)
+    own = _own_torque(model, state, applied, x)
     tip = state.tip.elements
     wrench = applied.wrench.T
     added = np.zeros_like(own)
@@ -47,14 +47,12 @@ def _actuator_torques(model: Structure, poses: Poses, x: Array) -> Array:
     return np.ascontiguousarray(out.T)
 
 
-def _own_torque(
-    model: Structure, state: State, motion: Motion, applied: loads.Applied, x: Array, poses: Poses
-) -> Array:
+def _own_torque(model: Structure, state: State, applied: loads.Applied, x: Array) -> Array:
     """Torque (m, N) of gravity and compensators on every element of the chain."""
     torque = element_gravity(state.placed, applied.moments, model.gravity)
-    for joints, term in springs.torques(model.of_kind(ParallelSpring, x), motion, poses.unloaded):
+    for joints, term in springs.torques(model.of_kind(ParallelSpring, x), state.motion):
         torque[[model.layout.joint_elements[j] for j in joints]] += term.value.T
-    for pull in pulls.pulls(model.of_kind(ParallelSpring, x), model.facts, state.placed, poses.unloaded):
+    for pull in pulls.pulls(model.of_kind(ParallelSpring, x), state.placed, state.motion.context):
         if pull is not None:
             torque += pull.torque()
     return torque

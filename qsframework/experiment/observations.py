@@ -197,11 +197,8 @@ class Rows:
         loaded, unloaded = (_recorded(readings.poses.take(states)) for states in both)
         if not readings.states.loaded[both[0]].all() or readings.states.loaded[both[1]].any():
             return None
-        same = np.array_equal(loaded.q, unloaded.q) and all(
-            a is None or b is None or np.array_equal(a, b)
-            for a, b in ((loaded.loaded.temperature, unloaded.loaded.temperature),)
-        )
-        return (replace(loaded, unloaded=unloaded.loaded), where.ravel()) if same else None
+        pairs = replace(loaded, unloaded=unloaded.loaded)
+        return (pairs, where.ravel()) if np.array_equal(loaded.q, unloaded.q) else None
 
     @property
     def alone(self) -> bool:
@@ -361,8 +358,9 @@ def _recorded(poses: Poses) -> Poses:
     """Poses without the conditions that were not recorded of all of them."""
 
     def known(conditions: Conditions) -> Conditions:
-        values = (conditions.time, conditions.temperature, conditions.approach)
-        return Conditions(*(v if v is not None and np.isfinite(v).all() else None for v in values))
+        return Conditions.each(
+            lambda name: v if (v := getattr(conditions, name)) is not None and np.isfinite(v).all() else None
+        )
 
     return replace(poses, unloaded=known(poses.unloaded), loaded=known(poses.loaded))
 

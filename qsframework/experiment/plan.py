@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from qsframework.experiment.columns import MOST_PROBLEMS, Column, Table, degrees
 from qsframework.experiment.setup import Experiment
 from qsframework.files import FileModel, read_yaml, sha256, validate, write_text
 from qsframework.files.formats import FORMAT, check_format
-from qsframework.plugin import Array, Poses
+from qsframework.plugin import Array, Conditions, Poses
 from qsframework.plugin.facts import frozen
 
 
@@ -98,8 +98,10 @@ class Plan:
         return Poses(self.pendant, self.q, self.wrench)
 
     def repeated(self) -> Poses:
-        """Each planned pose as often as it is to be measured."""
-        return self.poses.take(np.repeat(np.arange(len(self.pose)), self.repeats))
+        """Each planned pose as often as it is to be measured, in the plan's order."""
+        poses = self.poses.take(np.repeat(np.arange(len(self.pose)), self.repeats))
+        first = 2.0 * np.arange(len(poses))  # each unloaded, then loaded
+        return replace(poses, unloaded=Conditions(order=first), loaded=Conditions(order=first + 1.0))
 
 
 def make_plan(

@@ -200,10 +200,13 @@ def _joined_states(parts: list[States]) -> States:
             own = [getattr(c, key) for c in found]
             if all(v is None for v in own):
                 return None
+            if key == "order":  # one file was read after the other
+                ends = np.cumsum([0.0, *(0.0 if v is None or not len(v) else v.max() + 1.0 for v in own)])
+                own = [v if v is None else v + end for v, end in zip(own, ends, strict=False)]
             sizes = [len(p) for p in parts]
             return np.concatenate([np.full(n, np.nan) if v is None else v for v, n in zip(own, sizes, strict=True)])
 
-        return Conditions(both("time"), both("temperature"), both("approach"))
+        return Conditions.each(both)
 
     pendant, q, wrench = (np.concatenate([getattr(p.poses, k) for p in parts]) for k in ("pendant", "q", "wrench"))
     return States(

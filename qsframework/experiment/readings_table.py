@@ -221,7 +221,8 @@ class _Rows:
         names = [(*keys[int(i)], "" if on else references[int(i)]) for i, on in zip(rows, loaded, strict=True)]
         own = _conditions(table, "", rows)
         ends = _conditions(table, "_unloaded", rows)
-        both = Conditions(*(_either(a, b, loaded) for a, b in zip(_fields(own), _fields(ends), strict=True)))
+        both = Conditions.each(lambda name: _either(getattr(own, name), getattr(ends, name), loaded))
+        both = replace(both, order=_order(table, rows, loaded))
         states = self._states(experiment, rows, loaded, both, names, ["" for _ in rows])
         return self._readings(experiment, states, measurement, minus, False)
 
@@ -242,7 +243,7 @@ class _Rows:
         if problems:
             raise InputError(problems)
         names = [(keys[int(i)][0], keys[int(i)][3], keys[int(i)][4], keys[int(i)][1]) for i in first]
-        conditions = _conditions(table, "", first)
+        conditions = replace(_conditions(table, "", first), order=_order(table, first))
         rows = replace(self, wrench=wrench)
         states = rows._states(experiment, first, loaded[first], conditions, names, [keys[int(i)][2] for i in first])
         found = rows._readings(experiment, states, state, np.full(len(state), -1), True)
@@ -568,16 +569,24 @@ def _check_units(table: Table, experiment: Experiment, found: Readings) -> None:
             raise InputError(Problem(message, str(table.path), column=table.names["x"], found=told, allowed=allowed))
 
 
-def _fields(c: Conditions) -> tuple[Array | None, Array | None, Array | None]:
-    return c.time, c.temperature, c.approach
-
-
 def _either(loaded: Array | None, unloaded: Array | None, is_loaded: npt.NDArray[np.bool_]) -> Array | None:
     """What was recorded of each state, NaN of those of which it was not; None where of none."""
     if loaded is None and unloaded is None:
         return None
     nothing = np.full(len(is_loaded), np.nan)
     return frozen(np.where(is_loaded, nothing if loaded is None else loaded, nothing if unloaded is None else unloaded))
+
+
+def _order(table: Table, rows: Indices, loaded: npt.NDArray[np.bool_] | None = None) -> Array:
+    """How many readings had been taken when each state was read: by its row, in its own pace where time_s is recorded.
+
+    loaded: of displacements, whose rows are two states each, the unloaded one read first
+    """
+    _, visit = np.unique(rows, return_inverse=True)
+    order, time = visit.astype(float), table.numbers.get("time")
+    if time is not None and np.isfinite(time[rows]).all() and np.ptp(time[rows]) > 0.0:
+        order = (time[rows] - time[rows].min()) / np.ptp(time[rows]) * max(float(visit.max()), 1.0)
+    return frozen(order if loaded is None else 2.0 * order + loaded)
 
 
 def _conditions(table: Table, suffix: str, rows: Indices) -> Conditions:

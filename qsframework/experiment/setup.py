@@ -24,6 +24,7 @@ from qsframework.files import Document, read_yaml, validate
 from qsframework.plugin import Array, Effect, Parameter, Spring
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.facts import frozen
+from qsframework.plugin.registry import with_role
 from qsframework.plugin.trusted import trusted
 from qsframework.robot import Robot, load_robot
 from qsframework.robot.expand import inside
@@ -31,7 +32,8 @@ from qsframework.robot.spec import read_effects, read_nominal
 
 GEOMETRY = "geometry"
 """In `fit`: the zeros and placements of all joints; their effects need not be listed."""
-_GEOMETRIC = ("joint_offset", "joint_placement")
+_GEOMETRIC = ("joint zero", "joint placement")
+"""Roles of the effects that it stands for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +171,8 @@ def _with_geometry(experiment: Experiment) -> Experiment:
 def _geometry(robot: Robot, effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
     """The zeros and placements of all joints that neither the robot nor these effects have."""
     present = {e.name for e in (*robot.effects, *effects)}
-    wanted = [e for name in _GEOMETRIC for e in build_effects({"effect": name, "joints": "all"}, robot.facts)]
+    kinds = [kind for role in _GEOMETRIC for kind in with_role(role)]
+    wanted = [e for kind in kinds for e in build_effects({"joints": "all"}, robot.facts, effect=kind)]
     return tuple(e for e in wanted if e.name not in present)
 
 
@@ -180,7 +183,7 @@ def expand_name(entry: str, model: Model) -> tuple[str, ...]:
     its own name.
     """
     if entry == GEOMETRY:
-        return tuple(n for name in _GEOMETRIC for n in expand_name(name, model))
+        return tuple(n for role in _GEOMETRIC for n in model.of_role(role))
     names: list[str] = []
     known: list[str] = []
     for effect, part in zip(model.effects, model.slices, strict=True):

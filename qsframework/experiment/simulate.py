@@ -91,7 +91,7 @@ def _stacked(parts: list[Conditions]) -> Conditions:
         values = [getattr(p, name) for p in parts]
         return None if any(v is None for v in values) else np.concatenate(values)
 
-    return Conditions(both("time"), both("temperature"), both("approach"))
+    return Conditions.each(both)
 
 
 def _truth(model: Model, truth: str, rng: np.random.Generator) -> Array:

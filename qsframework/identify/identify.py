@@ -69,7 +69,7 @@ def identify(
     if GEOMETRY in (experiment.fit or ()) and not rows.estimated and not readings.is_position[rows.keep].any():
         raise InputError(
             f"fit: {GEOMETRY} is told by absolute positions (x_mm, y_mm, z_mm); these readings are displacements, "
-            "which hardly depend on it. Name what they tell, such as joint_compliance, or give positions"
+            "which hardly depend on it. Name what they tell, such as compliances, or give positions"
         )
     method = two_step if options.method == "two-step" else _one_step
     used = rows if wrong is None else make_rows(readings.masked(wrong))
@@ -213,7 +213,7 @@ def _finished(experiment: Experiment, rows: Rows, options: FitOptions, fitted: C
         result = replace(
             result, intervals=tuple(profile_interval(observations, found.solution, n, options) for n in options.profile)
         )
-    sds = load_sds(experiment, seen.names)
+    sds = load_sds(experiment, seen.model, seen.names)
     loaded = rows.readings.states.loaded[rows.plus].any()
     if sds.any() and loaded:
         columns = seen.rows.noise.whiten(load_columns(_at(found), seen.values(found.solution.x)) * sds)

@@ -17,7 +17,7 @@ from qsframework.experiment import Experiment, Frame
 from qsframework.files import Document, FileModel, Unit, read_yaml, sha256, validate, write_text
 from qsframework.files.formats import check_format
 from qsframework.identify.fit import Fit, Masked
-from qsframework.plugin import Array, Geometry, Loop, Parameter, Poses
+from qsframework.plugin import Array, Context, Geometry, Loop, Parameter, Poses, laws
 from qsframework.robot import Robot
 from qsframework.robot.corrected import write_corrected_urdf
 
@@ -282,7 +282,7 @@ def write_urdf(robot: Robot, model: Model, x: Array, path: str | Path) -> tuple[
     angles, twists = np.zeros(n), np.zeros((n, 6))
     left: list[str] = []
     for effect, own in model.of_kind(Geometry, x):
-        term = effect.errors(poses, own, model.facts)
+        term = laws.geometry(effect, own, Context(model.facts, poses, loaded=False))
         moved = np.zeros((count, n, 6)) if term.twists is None else term.twists
         if not (np.allclose(term.angles[0], term.angles[1]) and np.allclose(moved[0], moved[1])):
             left.append(effect.name)

@@ -9,10 +9,9 @@ import numpy as np
 
 from qsframework.elastostatics import Model, make_model
 from qsframework.experiment import Bridge, Experiment
-from qsframework.plugin import Array, Load, Loads, LoadTerm, Parameter, RobotFacts
+from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter, RobotFacts
 
 ERRORS = ("scale", "rx", "ry", "rz")
-_FITTED = ("load_scale", "load_direction")
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,7 @@ class LoadError(Load):
         units = ("", "rad", "rad", "rad")
         return tuple(Parameter(f"{self.name}.{e}", u, typical=0.01) for e, u in zip(ERRORS, units, strict=True))
 
-    def apply(self, loads: Loads, x: Array, robot: RobotFacts) -> LoadTerm:
+    def apply(self, loads: Loads, x: Array, context: Context) -> LoadTerm:
         k, (rx, ry, rz) = x[0], x[1:]
         turn = np.eye(3) + np.array([[0.0, -rz, ry], [rz, 0.0, -rx], [-ry, rx, 0.0]])
         slope = (1.0 + k) * np.kron(np.eye(2), turn)
@@ -43,13 +42,13 @@ def load_model(model: Model) -> Model:
     return make_model(model.facts, effects, model.parameters, model.tip, markers, model.gravity)
 
 
-def load_sds(experiment: Experiment, fitted: Sequence[str]) -> Array:
+def load_sds(experiment: Experiment, model: Model, fitted: Sequence[str]) -> Array:
     """sd (4,) of the load's scale and rotations; what the fit estimates itself counts as known here."""
     stated = experiment.load_uncertainty
     sd = np.array([stated.scale, *[stated.direction] * 3])
-    if any(name.startswith(_FITTED[0]) for name in fitted):
+    if set(fitted) & set(model.of_role("load scale")):
         sd[0] = 0.0
-    if any(name.startswith(_FITTED[1]) for name in fitted):
+    if set(fitted) & set(model.of_role("load direction")):
         sd[1:] = 0.0
     return sd
 

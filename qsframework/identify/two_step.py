@@ -21,7 +21,19 @@ from qsframework.experiment import Bridge, Experiment, Frame, Rows, bridge
 from qsframework.experiment.observations import start_values
 from qsframework.identify.found import Found
 from qsframework.information.two_step import distinct_angles, step_two, stiffness_covariance
-from qsframework.plugin import Actuator, Array, Conditions, Indices, ParallelSpring, Parameter, Spring, SpringLaw
+from qsframework.plugin import (
+    Actuator,
+    Array,
+    Context,
+    Indices,
+    ParallelSpring,
+    Parameter,
+    Poses,
+    RobotFacts,
+    Spring,
+    SpringLaw,
+    laws,
+)
 
 _ANGLE = 1e-4
 """Angles of the balanced joint closer than this (rad) count as one."""
@@ -36,6 +48,7 @@ class Balanced:
     balancer: ParallelSpring
     stiffness: str
     free_length: str
+    facts: RobotFacts
 
     def rows(self, q: Array) -> Array:
         """[1, g, h] (n, 3): K = row @ [K2, Kc, s0 Kc], from the effect itself."""
@@ -43,9 +56,9 @@ class Balanced:
                          self._value(q, 1.0, 1.0) - self._value(q, 1.0, 0.0)], axis=-1)  # fmt: skip
 
     def _value(self, q: Array, stiffness: float, free_length: float) -> Array:
-        term = self.balancer.stiffness(q[:, None], np.array([stiffness, free_length]), Conditions(None, None, None))
-        assert term is not None
-        return term.value[:, 0, 0]
+        value = _stiffness(self.balancer, self.facts, q, stiffness, free_length)
+        assert value is not None
+        return value
 
 
 def find_balanced(model: Model) -> Balanced:
@@ -53,16 +66,16 @@ def find_balanced(model: Model) -> Balanced:
     found: list[Balanced] = []
     for effect in (e for e in model.effects if isinstance(e, ParallelSpring)):
         joints, names = effect.joints(model.facts), [p.name for p in effect.parameters(model.facts)]
-        if len(joints) != 1 or len(names) != 2 or not _stiffens(effect):
+        if len(joints) != 1 or len(names) != 2 or not _stiffens(effect, model.facts):
             continue
         joint = model.facts.joint_index(joints[0])
         spring = _spring_of(model, joints[0])
         if spring is not None:
-            found.append(Balanced(joint, spring, effect, names[0], names[1]))
+            found.append(Balanced(joint, spring, effect, names[0], names[1], model.facts))
     if not found:
         raise InputError(
-            "the two-step method is for an arm with a balancer whose stiffness is to be found (effect "
-            "compensator_stiffness): this model has none. Use method one-step"
+            "the two-step method is for an arm with a balancer whose stiffness is to be found: this model has none. "
+            "Use method one-step"
         )
     if len(found) > 1:
         raise InputError("the two-step method knows one balanced joint; this model has more. Use method one-step")
@@ -71,15 +84,20 @@ def find_balanced(model: Model) -> Balanced:
     return found[0]
 
 
-def _stiffens(effect: ParallelSpring) -> bool:
+def _stiffness(
+    effect: ParallelSpring, facts: RobotFacts, q: Array, stiffness: float, free_length: float
+) -> Array | None:
+    """What an effect adds (n,) to its joint at angles q (n,); None where it has no stiffness."""
+    every = np.zeros((len(q), facts.n))
+    context = Context(facts, Poses(every, every, np.zeros((len(q), 6))))
+    term = laws.stiffness(effect, q[:, None], np.array([stiffness, free_length]), context)
+    return None if term is None else term.value[:, 0, 0]
+
+
+def _stiffens(effect: ParallelSpring, facts: RobotFacts) -> bool:
     """Whether the effect has a stiffness Kc (g(q) + s0 h(q))."""
-    q = np.array([[0.3], [0.9]])
-
-    def value(stiffness: float, free_length: float) -> Array | None:
-        term = effect.stiffness(q, np.array([stiffness, free_length]), Conditions(None, None, None))
-        return None if term is None else term.value[:, 0, 0]
-
-    one, two, far = value(1.0, 0.0), value(1.0, 1.0), value(2.0, 3.0)
+    q = np.array([0.3, 0.9])
+    one, two, far = (_stiffness(effect, facts, q, *pair) for pair in ((1.0, 0.0), (1.0, 1.0), (2.0, 3.0)))
     if one is None or two is None or far is None:
         return False
     return bool(np.allclose(far, 2.0 * (one + 3.0 * (two - one)), rtol=1e-9))

@@ -8,7 +8,7 @@ from qsframework.elastostatics import Model
 from qsframework.elastostatics.evaluation import evaluate_stages
 from qsframework.elastostatics.structure import chunks
 from qsframework.estimation import RankTest
-from qsframework.plugin import Actuator, Array, Effect, Geometry, Load, ParallelSpring, Poses, Sensor, Spring
+from qsframework.plugin import Actuator, Array, Context, Effect, Geometry, Load, ParallelSpring, Poses, Sensor, Spring
 
 _LITTLE = 0.05
 """Share of the largest possible torque below which a spring counts as not loaded."""
@@ -17,7 +17,7 @@ _LITTLE = 0.05
 def what_would_help(model: Model, name: str, poses: Poses) -> str:
     """One sentence on what to measure so that a parameter is told; poses are those of the readings."""
     effect = _effect_of(model, name)
-    if isinstance(effect, Spring):
+    if isinstance(effect, Spring) and model.index([name])[0] in model.compliance_rows:
         return _spring(model, effect, name, poses)
     if isinstance(effect, ParallelSpring):
         return _balancer(model, effect, poses)
@@ -79,7 +79,7 @@ def _has_torque(model: Model, effect: ParallelSpring, poses: Poses) -> bool:
     x = np.array([p.nominal or p.typical for p in effect.parameters(model.facts)])
     places = [model.facts.joint_index(j) for j in effect.joints(model.facts)]
     pulled = effect.ends(model.facts) is not None
-    return pulled or effect.torque(poses.q[:, places], x, poses.loaded) is not None
+    return pulled or effect.torque(poses.q[:, places], x, Context(model.facts, poses)) is not None
 
 
 def _who(effect: Spring, model: Model) -> str:
@@ -90,8 +90,8 @@ def _who(effect: Spring, model: Model) -> str:
 
 
 def _coordinate(model: Model, name: str) -> int:
-    springs = [p.name for e in model.effects if isinstance(e, Spring) for p in e.parameters(model.facts)]
-    return springs.index(name)
+    (position,) = model.index([name])
+    return model.compliance_rows.index(position)
 
 
 def spring_torques(model: Model, poses: Poses) -> Array:

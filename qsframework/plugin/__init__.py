@@ -3,8 +3,9 @@
 from qsframework.errors import InputError, Problem
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.check import check_effect
-from qsframework.plugin.facts import Array, Conditions, Indices, Poses, RobotFacts
+from qsframework.plugin.facts import Array, Conditions, Context, Indices, Poses, RobotFacts
 from qsframework.plugin.kinds import (
+    At,
     Effect,
     Geometry,
     Load,
@@ -38,8 +39,10 @@ from qsframework.plugin.terms import (
 __all__ = [
     "Actuator",
     "Array",
+    "At",
     "Bar",
     "Conditions",
+    "Context",
     "Coordinate",
     "Effect",
     "Geometry",

@@ -2,24 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import Any, TypeVar, cast
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from qsframework import units
 from qsframework.errors import InputError, PluginError
-from qsframework.plugin.facts import Array, Conditions, Poses, RobotFacts, frozen
+from qsframework.plugin import laws
+from qsframework.plugin.facts import Array, Conditions, Context, Poses, RobotFacts, frozen
 from qsframework.plugin.kinds import Effect, Geometry, Load, Loop, ParallelSpring, Sensor, Spring, SpringLaw
+from qsframework.plugin.laws import as_term, difference, turn
 from qsframework.plugin.parameter import Parameter
-from qsframework.plugin.terms import Actuator, Bar, Loads, Reading, StiffnessTerm, TorqueTerm, VirtualJoint
+from qsframework.plugin.terms import (
+    Actuator,
+    Bar,
+    GeometryTerm,
+    LawTerm,
+    Loads,
+    LoopTerm,
+    Reading,
+    SensorTerm,
+    StiffnessTerm,
+    TensionTerm,
+    TorqueTerm,
+    VirtualJoint,
+)
 
-T = TypeVar("T")
 BATCH = 5
-_STEP = 1e-5
 _TOLERANCE = 1e-6
-Case = tuple[str, Callable[[Array], Any], Array, Any]
-"""What is differentiated by what: label, value as a function of the variable, the variable, the derivative."""
+_SMALL = 1e-12
+Function = Callable[[Array], Any]
 
 
 def sample_robot() -> RobotFacts:
@@ -40,49 +55,130 @@ def sample_robot() -> RobotFacts:
     )
 
 
+@dataclass(frozen=True)
+class Report:
+    """The names of the checks that held, and what did not."""
+
+    passed: list[str] = field(default_factory=list)
+    failed: list[str] = field(default_factory=list)
+
+    def record(self, label: str, ok: bool, detail: str = "") -> None:
+        """One check, and what to say where it failed."""
+        (self.passed if ok else self.failed).append(label if ok else f"{label}: {detail}")
+
+    def attempt(self, label: str, job: Callable[[], Any]) -> Any:
+        """What a job of the effect gives; None where it fails, which is recorded."""
+        try:
+            return job()
+        except Exception as error:  # whatever a stranger's law does
+            said = str(error) if isinstance(error, InputError | PluginError) else f"{type(error).__name__}: {error}"
+            self.record(label, False, said)
+            return None
+
+    def law(self, label: str, function: Function, at: Array, slope: Any = None, size: Array | None = None) -> None:
+        """A law, a function of the variable `at`: pure, finite, and with this derivative if there is one."""
+        before = at.copy()
+        found = self.attempt(label, lambda: (np.asarray(function(at)), np.asarray(function(at))))
+        if found is None:
+            return
+        same = np.array_equal(found[0], found[1], equal_nan=True) and np.array_equal(before, at)
+        self.record(f"{label} is pure", same, "two calls differ or the input was changed")
+        finite = bool(np.isfinite(found[0]).all())
+        self.record(f"{label} is finite", finite, "it gives NaN or infinity")
+        if slope is None or not finite:
+            return
+        numeric, slope = self.attempt(label, lambda: difference(function, at, size)), np.asarray(slope)
+        if numeric is None:
+            return
+        if slope.shape != numeric.shape:
+            found_shape = f"derivative has shape {slope.shape}, must be {numeric.shape}"
+            self.record(f"{label} shape", False, found_shape)
+            return
+        most = np.abs(numeric).max(initial=0.0)
+        error = np.abs(slope - numeric).max(initial=0.0) / (max(most, _SMALL) if most > 0.0 else 1.0)
+        said = f"differs from finite differences by {error:.1e} relative"
+        self.record(f"{label} derivative", bool(error < _TOLERANCE), said)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Trial:
+    """An effect and what its laws are asked at: parameters x (p,) of natural sizes (p,), at some loaded poses."""
+
+    effect: Any
+    robot: RobotFacts
+    x: Array
+    size: Array
+    context: Context
+    rng: np.random.Generator
+    report: Report
+
+    def vanishes(self, label: str, value: Callable[[Array, Context], Any]) -> None:
+        """A law at the parameters' null values, and in the other state."""
+        parameters = self.effect.parameters(self.robot)
+        if any(p.null is not None for p in parameters):
+            null = np.array([v if p.null is None else p.null for p, v in zip(parameters, self.x, strict=True)])
+            left = self.report.attempt(f"null value of {label}", lambda: np.asarray(value(null, self.context)))
+            if left is not None:
+                most = float(np.abs(left).max(initial=0.0))
+                said = f"{self.effect.name} does not vanish at its null value: it still gives {most:.3g}"
+                self.report.record(f"null value of {label}", not most > _SMALL, said)
+        if self.effect.by_state or self.effect.needs or isinstance(self.effect, Sensor):
+            return
+        other = Context(self.robot, self.context.poses, loaded=False)
+        both = self.report.attempt(label, lambda: [np.asarray(value(self.x, c)) for c in (self.context, other)])
+        if both is not None:
+            said = "it differs between the loaded and the unloaded state: set by_state = True"
+            self.report.record(f"one {label} in both states", np.array_equal(*both, equal_nan=True), said)
+
+
 def check_effect(effect: Effect, robot: RobotFacts | None = None, seed: int = 0) -> tuple[str, ...]:
-    """Check shapes, derivatives (finite differences), vanishing at the null value, purity and units.
+    """Check names, units, shapes, derivatives (finite differences), vanishing at the null value and purity.
 
     Returns the names of the checks that held. Raises PluginError that lists all that did not.
     """
     robot = robot or sample_robot()
     rng = np.random.default_rng(seed)
-    failures: list[str] = []
-    passed: list[str] = []
+    report = Report()
+    _declaration(effect, robot, report)
+    x = report.attempt("parameters", lambda: _sample_parameters(effect, robot, rng))
+    if x is not None:
+        context = Context(robot, _poses(robot, rng, BATCH))
+        size = laws.sizes(effect, x, context)
+        trial = Trial(effect=effect, robot=robot, x=x, size=size, context=context, rng=rng, report=report)
+        for kind, check in _CHECKS.items():
+            if isinstance(effect, kind):
+                report.attempt(kind.__name__, partial(check, trial))
+    if report.failed:
+        said = "\n  ".join(dict.fromkeys(report.failed))
+        raise PluginError(f"{effect.name} breaks the plugin protocol:\n  {said}")
+    return tuple(dict.fromkeys(report.passed))
 
-    def record(label: str, ok: bool, detail: str = "") -> None:
-        (passed if ok else failures).append(label if ok else f"{label}: {detail}")
 
-    _check_declaration(effect, robot, record)
-    x = _sample_parameters(effect, robot, rng)
-    if not failures:
-        for label, function, variable, derivative in _cases(effect, robot, x, rng):
-            _check_case(label, function, variable, derivative, record)
-    if failures:
-        raise PluginError(f"{effect.name} breaks the plugin protocol:\n  " + "\n  ".join(failures))
-    return tuple(passed)
+def sample_context(robot: RobotFacts, count: int = 1, seed: int = 0) -> Context:
+    """Some poses of a robot under some load, with conditions, to try laws at."""
+    return Context(robot, _poses(robot, np.random.default_rng(seed), count))
 
 
-def _check_declaration(effect: Effect, robot: RobotFacts, record: Callable[..., None]) -> None:
-    parameters = effect.parameters(robot)
-    record("docstring", bool(type(effect).__doc__), "the class needs a sentence on its physics")
+def _declaration(effect: Effect, robot: RobotFacts, report: Report) -> None:
+    parameters = report.attempt("parameters", lambda: effect.parameters(robot)) or ()
+    report.record("docstring", bool(type(effect).__doc__), "the class needs a sentence on its physics")
     stated = getattr(type(effect), "__dataclass_params__", None)
-    record("frozen", stated is not None and stated.frozen, "make it a frozen dataclass")
+    report.record("frozen", stated is not None and stated.frozen, "make it a frozen dataclass")
     for p in parameters:
-        record(f"unit of {p.name}", units.known(p.unit), f"pint does not know {p.unit!r}")
-        record(
-            f"name of {p.name}",
-            p.name == effect.name or p.name.startswith(effect.name + "."),
-            f"must be {effect.name} or {effect.name}.something",
-        )
-    record("distinct names", len({p.name for p in parameters}) == len(parameters), "two parameters share a name")
-    try:
-        effect.validate(robot)
-        record("validate", True)
-    except InputError as error:
-        record("validate", False, str(error))
-    for place in type(effect).places(robot, ("m1",)):
-        record(f"place {place.name}", isinstance(place, type(effect)), "places must give instances of the effect")
+        report.record(f"unit of {p.name}", units.known(p.unit), f"pint does not know {p.unit!r}")
+        own = p.name == effect.name or p.name.startswith(effect.name + ".")
+        report.record(f"name of {p.name}", own, f"must be {effect.name} or {effect.name}.something")
+    report.record("distinct names", len({p.name for p in parameters}) == len(parameters), "two parameters share a name")
+    strange = [n for n in effect.needs if n not in _NEEDED]
+    report.record("needs", not strange, f"unknown {', '.join(strange)}; allowed: {', '.join(_NEEDED)}")
+    if report.attempt("validate", lambda: effect.validate(robot) or True):
+        report.record("validate", True)
+    for place in report.attempt("places", lambda: type(effect).places(robot, ("m1",))) or ():
+        mine = isinstance(place, type(effect))
+        report.record(f"place {place.name}", mine, "places must give instances of the effect")
+
+
+_NEEDED = ("time", "temperature", "approach", "order")
 
 
 def _sample_parameters(effect: Effect, robot: RobotFacts, rng: np.random.Generator) -> Array:
@@ -93,160 +189,116 @@ def _sample_parameters(effect: Effect, robot: RobotFacts, rng: np.random.Generat
     return np.array([draw(p) for p in effect.parameters(robot)])
 
 
-def _null(effect: Effect, robot: RobotFacts, x: Array) -> Array | None:
-    parameters = effect.parameters(robot)
-    if not parameters or all(p.null is None for p in parameters):
-        return None
-    return np.array([value if p.null is None else p.null for p, value in zip(parameters, x, strict=True)])
+def _conditions(rng: np.random.Generator, count: int) -> Conditions:
+    time, warm = rng.uniform(0, 1e4, count), rng.uniform(285, 305, count)
+    return Conditions(time, warm, rng.choice([-1.0, 1.0], count), rng.permutation(2 * count)[:count].astype(float))
 
 
-def _check_case(
-    label: str, function: Callable[[Array], Any], variable: Array, derivative: Any, record: Callable[..., None]
-) -> None:
-    before = variable.copy()
-    first, second = np.asarray(function(variable)), np.asarray(function(variable))
-    record(f"{label} is pure", bool(np.array_equal(first, second) and np.array_equal(before, variable)),
-           "two calls differ or the input was changed")  # fmt: skip
-    record(f"{label} is finite", bool(np.isfinite(first).all()), "it gives NaN or infinity")
-    if derivative is None:
-        return
-    derivative = np.asarray(derivative)
-    numeric = difference(function, variable)
-    if derivative.shape != numeric.shape:
-        record(f"{label} shape", False, f"derivative has shape {derivative.shape}, must be {numeric.shape}")
-        return
-    error = np.abs(derivative - numeric).max(initial=0.0) / max(np.abs(numeric).max(initial=0.0), 1e-12)
-    if np.abs(numeric).max(initial=0.0) == 0.0:
-        error = np.abs(derivative).max(initial=0.0)
-    record(f"{label} derivative", bool(error < _TOLERANCE), f"differs from finite differences by {error:.1e} relative")
+def _poses(robot: RobotFacts, rng: np.random.Generator, count: int) -> Poses:
+    q = rng.uniform(-1, 1, (count, robot.n))
+    pendant = q[:, [robot.joint_index(joint) for joint in robot.driven]]
+    conditions = _conditions(rng, count), _conditions(rng, count)
+    return Poses(pendant, q, rng.normal(0, 1e3, (count, 6)), *conditions)
 
 
-def difference(function: Callable[[Array], Any], variable: Array) -> Array:
-    """Fourth-order central differences along the last axis of the variable, put last in the result."""
-    columns: list[Array] = []
-    for j in range(variable.shape[-1]):
-        step = np.zeros_like(variable)
-        scale = np.abs(variable[..., j]).max(initial=0.0)
-        step[..., j] = _STEP * (max(scale, 1e-3) if scale > 0 else 1.0)
-        size = step[..., j].max(initial=0.0)
-        near = np.asarray(function(variable + step)) - np.asarray(function(variable - step))
-        far = np.asarray(function(variable + 2 * step)) - np.asarray(function(variable - 2 * step))
-        columns.append((8.0 * near - far) / (12.0 * size))
-    return np.stack(columns, axis=-1) if columns else np.zeros((*np.shape(function(variable)), 0))
+def _geometry(t: Trial) -> None:
+    def errors(x: Array, context: Context) -> GeometryTerm:
+        return as_term(GeometryTerm, t.effect.errors(x, context))
 
-
-def _cases(effect: Effect, robot: RobotFacts, x: Array, rng: np.random.Generator) -> Iterator[Case]:
-    for kind, cases in _CASES.items():
-        if isinstance(effect, kind):
-            yield from cases(effect, robot, x, rng)
-
-
-def _conditions(rng: np.random.Generator) -> Conditions:
-    return Conditions(rng.uniform(0, 1e4, BATCH), rng.uniform(285, 305, BATCH), rng.choice([-1.0, 1.0], BATCH))
-
-
-def _poses(robot: RobotFacts, rng: np.random.Generator) -> Poses:
-    q = rng.uniform(-1, 1, (BATCH, robot.n))
-    return Poses(q, q, rng.normal(0, 1e3, (BATCH, 6)), _conditions(rng), _conditions(rng))
-
-
-def _vanishes(effect: Effect, robot: RobotFacts, x: Array, value: Callable[[Array], Any]) -> Iterator[Case]:
-    null = _null(effect, robot, x)
-    if null is None:
-        return
-    size = float(np.abs(np.asarray(value(null))).max(initial=0.0))
-    if size > 1e-12:
-        raise PluginError(f"{effect.name} does not vanish at its null value: it still gives {size:.3g}")
-    yield "null value", lambda _: value(null), null, None
-
-
-def _geometry(effect: Geometry, robot: RobotFacts, x: Array, rng: np.random.Generator) -> Iterator[Case]:
-    poses = _poses(robot, rng)
-    term = effect.errors(poses, x, robot)
-    yield "angles by x", lambda v: effect.errors(poses, v, robot).angles, x, term.angles_dx
+    term = laws.geometry(t.effect, t.x, t.context)
+    if errors(t.x, t.context).angles is not None:
+        t.report.law("angles by x", lambda v: errors(v, t.context).angles, t.x, term.angles_dx, t.size)
+        t.vanishes("angles", lambda v, c: errors(v, c).angles)
     if term.twists is not None:
-        yield "twists by x", lambda v: effect.errors(poses, v, robot).twists, x, term.twists_dx
-    yield from _vanishes(effect, robot, x, lambda v: effect.errors(poses, v, robot).angles)
+        t.report.law("twists by x", lambda v: errors(v, t.context).twists, t.x, term.twists_dx, t.size)
+        t.vanishes("twists", lambda v, c: errors(v, c).twists)
 
 
-def _loop(effect: Loop, robot: RobotFacts, x: Array, rng: np.random.Generator) -> Iterator[Case]:
-    k, m = len(effect.joints(robot)), len(effect.parameters(robot))
-    u = np.concatenate([rng.uniform(-0.5, 0.5, (BATCH, k)), rng.normal(0, 1e-4, (BATCH, m))], axis=1)
-    term = effect.closure(u[:, :k], u[:, k:], robot)
-    yield "closure", lambda v: effect.closure(v[:, :k], v[:, k:], robot).q, u, term.q_u
-    yield "closure slope", lambda v: effect.closure(v[:, :k], v[:, k:], robot).q_u, u, term.q_uu
-    perfect = effect.closure(u[:, :k], np.zeros((BATCH, m)), robot).q
+def _loop(t: Trial) -> None:
+    effect, robot, report = t.effect, t.robot, t.report
+    k, m = len(effect.joints(robot)), len(t.x)
+    u = np.concatenate([t.rng.uniform(-0.5, 0.5, (BATCH, k)), t.rng.normal(0, 1e-4, (BATCH, m))], axis=1)
+
+    def closure(v: Array) -> LoopTerm:
+        return as_term(LoopTerm, effect.closure(v[:, :k], v[:, k:], t.context))
+
+    term = laws.closure(effect, u[:, :k], u[:, k:], t.context)
+    report.law("closure", lambda v: closure(v).q, u, term.q_u)
+    if closure(u).q_u is not None:
+        report.law("closure slope", lambda v: closure(v).q_u, u, term.q_uu)
+    perfect = closure(np.concatenate([u[:, :k], np.zeros((BATCH, m))], axis=1)).q
     back = effect.actuators(perfect, robot)
-    if not np.allclose(back, u[:, :k], atol=1e-9):
-        raise PluginError(
-            f"{effect.name}: actuators(closure(phi)) is not phi (off by {np.abs(back - u[:, :k]).max():.1e})"
-        )
-    yield "transmission angle", lambda v: effect.transmission_angle(v, robot), perfect, None
+    off = np.abs(back - u[:, :k]).max()
+    report.record("actuators", bool(off < 1e-9), f"actuators(closure(phi)) is not phi (off by {off:.1e})")
+    report.law("transmission angle", lambda v: effect.transmission_angle(v, robot), perfect)
 
 
-def _spring(effect: Spring, robot: RobotFacts, x: Array, rng: np.random.Generator) -> Iterator[Case]:
-    virtual, mixing = effect.virtual_joints(robot), effect.mixing(robot)
-    for joint in cast("tuple[object, ...]", virtual):
+def _spring(t: Trial) -> None:
+    virtual = t.effect.virtual_joints(t.robot)
+    for joint in virtual:
         if isinstance(joint, Actuator):
-            robot.joint_index(joint.joint)
+            t.report.attempt("virtual joints", partial(t.robot.joint_index, joint.joint))
         elif isinstance(joint, VirtualJoint):
-            robot.link_index(joint.link)
+            t.report.attempt("virtual joints", partial(t.robot.link_index, joint.link))
         elif not isinstance(joint, Bar):
-            raise PluginError(f"{effect.name}: {joint!r} is not an Actuator, Bar or VirtualJoint")
-    if mixing.shape != (len(virtual), len(x)):
-        raise PluginError(
-            f"{effect.name}: mixing has shape {mixing.shape}, must be (virtual joints, parameters) = "
-            f"{(len(virtual), len(x))}"
-        )
-    yield "mixing", lambda _: effect.mixing(robot), x, None
+            t.report.record("virtual joints", False, f"{joint!r} is not an Actuator, Bar or VirtualJoint")
+    t.report.law("mixing", lambda v: laws.mixing(t.effect, v, t.context), t.x)
 
 
-def _given(effect: Effect, what: str, term: T | None) -> T:
-    if term is None:
-        raise PluginError(f"{effect.name}: {what} is None at some angles or parameters and not at others")
-    return term
+def _parallel(t: Trial) -> None:
+    effect, x, context, report = t.effect, t.x, t.context, t.report
+    q = t.rng.uniform(-1, 1, (BATCH, len(effect.joints(t.robot))))
+    faces = ((effect.torque, TorqueTerm, laws.torque), (effect.stiffness, StiffnessTerm, laws.stiffness))
+    every = 0
+    for law, kind, complete in faces:
+
+        def value(q: Array, x: Array, c: Context = context, law: Any = law, kind: Any = kind) -> Any:
+            found, name = law(q, x, c), law.__name__
+            if found is None:
+                raise PluginError(f"{name} is None at some angles or parameters and not at others")
+            return as_term(kind, found)
+
+        name, term = law.__name__, complete(effect, q, x, context)
+        if term is None:
+            continue
+        every += 1
+        report.law(f"{name} by q", lambda v: value(v, x).value, q, term.dq)
+        report.law(f"{name} by x", lambda v: value(q, v).value, x, term.dx, t.size)
+        if getattr(term, "dqq", None) is not None:
+            report.law("slope by q", lambda v: value(v, x).dq, q, term.dqq)
+        if getattr(term, "dqx", None) is not None:
+            report.law("slope by x", lambda v: value(q, v).dq, x, term.dqx, t.size)
+        t.vanishes(name, lambda v, c: value(q, v, c).value)
+    if effect.ends(t.robot) is not None:
+        _tension(t)
+    elif not every:
+        report.record("faces", False, f"{effect.name} has neither torque, stiffness nor ends")
 
 
-def _parallel(effect: ParallelSpring, robot: RobotFacts, x: Array, rng: np.random.Generator) -> Iterator[Case]:
-    q, conditions = rng.uniform(-1, 1, (BATCH, len(effect.joints(robot)))), _conditions(rng)
-    torque, stiffness = effect.torque(q, x, conditions), effect.stiffness(q, x, conditions)
+def _tension(t: Trial) -> None:
+    s = t.rng.uniform(0.5, 1.5, (BATCH, 1))
 
-    def torque_at(q: Array, x: Array) -> TorqueTerm:
-        return _given(effect, "torque", effect.torque(q, x, conditions))
+    def value(s: Array, x: Array, c: Context = t.context) -> Array:
+        return as_term(TensionTerm, t.effect.tension(s[:, 0], x, c)).value
 
-    def stiffness_at(q: Array, x: Array) -> StiffnessTerm:
-        return _given(effect, "stiffness", effect.stiffness(q, x, conditions))
-
-    if torque is not None:
-        yield "torque by q", lambda v: torque_at(v, x).value, q, torque.dq
-        yield "torque by x", lambda v: torque_at(q, v).value, x, torque.dx
-        if torque.dqq is not None:
-            yield "slope by q", lambda v: torque_at(v, x).dq, q, torque.dqq
-        if torque.dqx is not None:
-            yield "slope by x", lambda v: torque_at(q, v).dq, x, torque.dqx
-        yield from _vanishes(effect, robot, x, lambda v: torque_at(q, v).value)
-    if stiffness is not None:
-        yield "stiffness by q", lambda v: stiffness_at(v, x).value, q, stiffness.dq
-        yield "stiffness by x", lambda v: stiffness_at(q, v).value, x, stiffness.dx
-        yield from _vanishes(effect, robot, x, lambda v: stiffness_at(q, v).value)
-    if effect.ends(robot) is not None:
-        s = rng.uniform(0.5, 1.5, (BATCH, 1))
-        tension = effect.tension(s[:, 0], x, conditions)
-        yield "tension by s", lambda v: effect.tension(v[:, 0], x, conditions).value, s, tension.ds[:, None]
-        yield "tension by x", lambda v: effect.tension(s[:, 0], v, conditions).value, x, tension.dx
-        yield from _vanishes(effect, robot, x, lambda v: effect.tension(s[:, 0], v, conditions).value)
-    elif torque is None and stiffness is None:
-        raise PluginError(f"{effect.name} has neither torque, stiffness nor ends")
+    term = laws.tension(t.effect, s[:, 0], t.x, t.context)
+    t.report.law("tension by s", lambda v: value(v, t.x), s, term.ds[:, None])
+    t.report.law("tension by x", lambda v: value(s, v), t.x, term.dx, t.size)
+    t.vanishes("tension", lambda v, c: value(s, v, c))
 
 
-def _law(effect: SpringLaw, robot: RobotFacts, x: Array, rng: np.random.Generator) -> Iterator[Case]:
-    torque = rng.uniform(-1e4, 1e4, (BATCH, len(effect.springs(robot))))
-    term = effect.extra(torque, x)
+def _law(t: Trial) -> None:
+    torque = t.rng.uniform(-1e4, 1e4, (BATCH, len(t.effect.springs(t.robot))))
+
+    def value(T: Array, x: Array, c: Context = t.context) -> Array:
+        return as_term(LawTerm, t.effect.extra(T, x, c)).value
+
+    term = laws.extra(t.effect, torque, t.x, t.context)
     slope = np.zeros((*torque.shape, torque.shape[1]))
     slope[:, np.arange(torque.shape[1]), np.arange(torque.shape[1])] = term.dT
-    yield "law by torque", lambda v: effect.extra(v, x).value, torque, slope
-    yield "law by x", lambda v: effect.extra(torque, v).value, x, term.dx
-    yield from _vanishes(effect, robot, x, lambda v: effect.extra(torque, v).value)
+    t.report.law("law by torque", lambda v: value(v, t.x), torque, slope)
+    t.report.law("law by x", lambda v: value(torque, v), t.x, term.dx, t.size)
+    t.vanishes("law", lambda v, c: value(torque, v, c))
 
 
 def _rotations(rng: np.random.Generator, *shape: int) -> Array:
@@ -254,52 +306,43 @@ def _rotations(rng: np.random.Generator, *shape: int) -> Array:
     return q * np.linalg.det(q)[..., None, None]
 
 
-def turn(rotation: Array, small: Array) -> Array:
-    """exp([small]x) rotation, to second order and re-orthonormalised: enough for differences."""
-    x, y, z = np.moveaxis(small, -1, 0)
-    zero = np.zeros_like(x)
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
-    angle2 = (small**2).sum(-1)[..., None, None]
-    return (np.eye(3) + (1 - angle2 / 6) * cross + 0.5 * cross @ cross) @ rotation
+def _load(t: Trial) -> None:
+    moments = np.concatenate([t.robot.masses[:, None], t.robot.masses[:, None] * t.robot.centres], axis=1)
+    rotation, wrench, report = _rotations(t.rng, BATCH), t.context.poses.wrench, t.report
 
-
-def _load(effect: Load, robot: RobotFacts, x: Array, rng: np.random.Generator) -> Iterator[Case]:
-    moments = np.concatenate([robot.masses[:, None], robot.masses[:, None] * robot.centres], axis=1)
-    rotation, wrench = _rotations(rng, BATCH), rng.normal(0, 1e3, (BATCH, 6))
-
-    def apply(w: Array, x: Array, small: Array | None = None) -> Any:
+    def apply(w: Array, x: Array, small: Array | None = None, c: Context = t.context) -> Any:
         turned = rotation if small is None else turn(rotation, small)
-        return effect.apply(Loads(w, turned, moments), x, robot)
+        return laws.loaded(t.effect, Loads(w, turned, moments), x, c)
 
-    term = apply(wrench, x)
-    yield "wrench by wrench", lambda v: apply(v, x).wrench, wrench, term.d_wrench
-    yield "wrench by x", lambda v: apply(wrench, v).wrench, x, term.dx
+    term = laws.apply(t.effect, Loads(wrench, rotation, moments), t.x, t.context)
+    report.law("wrench by wrench", lambda v: apply(v, t.x).wrench, wrench, term.d_wrench)
+    report.law("wrench by x", lambda v: apply(wrench, v).wrench, t.x, term.dx, t.size)
     none = np.zeros((BATCH, 6, 3)) if term.d_rotation is None else term.d_rotation
-    yield "wrench by rotation", lambda v: apply(wrench, x, v).wrench, np.zeros((BATCH, 3)), none
+    report.law("wrench by rotation", lambda v: apply(wrench, t.x, v).wrench, np.zeros((BATCH, 3)), none)
+    t.vanishes("wrench", lambda v, c: apply(wrench, v, None, c).wrench - wrench)
     if term.moments is not None:
-        yield "moments by x", lambda v: apply(wrench, v).moments, x, term.moments_dx
-        yield from _vanishes(effect, robot, x, lambda v: apply(wrench, v).moments)
-    yield from _vanishes(effect, robot, x, lambda v: apply(wrench, v).wrench - wrench)
+        report.law("moments by x", lambda v: apply(wrench, v).moments, t.x, term.moments_dx, t.size)
+        t.vanishes("moments", lambda v, c: apply(wrench, v, None, c).moments)
 
 
-def _sensor(effect: Sensor, robot: RobotFacts, x: Array, rng: np.random.Generator) -> Iterator[Case]:
-    markers, conditions = ("m1", "m2"), _conditions(rng)
-    position, rotation = rng.normal(0, 2, (BATCH, 2, 3)), _rotations(rng, BATCH, 2)
+def _sensor(t: Trial) -> None:
+    position, rotation = t.rng.normal(0, 2, (BATCH, 2, 3)), _rotations(t.rng, BATCH, 2)
+    markers = (getattr(t.effect, "marker", "m1"), "m2")
 
-    def read(p: Array, x: Array, small: Array | None = None) -> Array:
+    def read(p: Array, x: Array, small: Array | None = None, c: Context = t.context) -> Array:
         turned = rotation if small is None else turn(rotation, small[:, None, :])
-        return effect.read(Reading(p, turned), x, markers, conditions).position
+        return as_term(SensorTerm, t.effect.read(Reading(p, turned, markers), x, c)).position
 
-    term = effect.read(Reading(position, rotation), x, markers, conditions)
-    shift = np.zeros((BATCH, 3))
-    yield "position by position", lambda v: read(position + v[:, None, :], x), shift, term.d_position
-    yield "position by x", lambda v: read(position, v), x, term.dx
+    shift, x, report = np.zeros((BATCH, 3)), t.x, t.report
+    t.vanishes("reading", lambda v, c: read(position, v, None, c) - position)
+    term = laws.read(t.effect, Reading(position, rotation, markers), x, t.context)
+    report.law("position by position", lambda v: read(position + v[:, None, :], x), shift, term.d_position)
+    report.law("position by x", lambda v: read(position, v), x, term.dx, t.size)
     none = np.zeros((BATCH, 2, 3, 3)) if term.d_rotation is None else term.d_rotation
-    yield "position by rotation", lambda v: read(position, x, v), shift, none
-    yield from _vanishes(effect, robot, x, lambda v: read(position, v) - position)
+    report.law("position by rotation", lambda v: read(position, x, v), shift, none)
 
 
-_CASES: dict[type[Effect], Callable[..., Iterator[Case]]] = {
+_CHECKS: dict[type[Effect], Callable[[Trial], None]] = {
     Geometry: _geometry,
     Loop: _loop,
     Spring: _spring,

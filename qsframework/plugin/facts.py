@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
 
@@ -139,15 +140,22 @@ def _index(kind: str, name: str, names: tuple[str, ...], robot: str) -> int:
 class Conditions:
     """What was recorded beside a state of N poses; None where it was not.
 
-    time (N,) s, temperature (N,) K, approach (N,) -1 or +1: the side from which the pose was reached.
+    time (N,) s, temperature (N,) K, approach (N,) -1 or +1: the side from which the pose was reached;
+    order (N,): how many readings had been taken when the state was read, from where they stand or from time
     """
 
     time: Array | None = None
     temperature: Array | None = None
     approach: Array | None = None
+    order: Array | None = None
 
     def take(self, index: Any) -> Conditions:
-        return Conditions(*(None if a is None else a[index] for a in (self.time, self.temperature, self.approach)))
+        return self.each(lambda name: None if (a := getattr(self, name)) is None else a[index])
+
+    @classmethod
+    def each(cls, value: Callable[[str], Array | None]) -> Conditions:
+        """Conditions whose every field is the value of its name."""
+        return cls(**{f.name: value(f.name) for f in fields(cls)})
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,3 +185,40 @@ class Poses:
             self.unloaded.take(index),
             self.loaded.take(index),
         )
+
+
+_COLUMNS = {"time": "time_s", "temperature": "temperature_degC", "approach": "approach (-1 or 1)", "order": "order"}
+
+
+@dataclass(frozen=True, eq=False)
+class Context:
+    """Where a law is asked for: an arm at N poses in one of their two states.
+
+    A law of the arm that looks at `conditions` or `loaded` sets `by_state`, unless its `needs` say so already.
+    """
+
+    robot: RobotFacts
+    poses: Poses
+    loaded: bool = True
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    @property
+    def conditions(self) -> Conditions:
+        """What was recorded of this state."""
+        return self.poses.loaded if self.loaded else self.poses.unloaded
+
+    def recorded(self, what: str, name: str) -> Array:
+        """What was recorded (N,) of this state; the InputError says which column the effect `name` needs."""
+        found: Array | None = getattr(self.conditions, what)
+        if found is not None:
+            return found
+        both = " and time_unloaded_s" if what == "time" else ""
+        raise InputError(f"{name} needs the column{'s' if both else ''} {_COLUMNS[what]}{both} in the readings")
+
+    @property
+    def order(self) -> Array:
+        """How many readings had been taken (N,); 0 in a plan whose order nobody has chosen yet."""
+        found = self.conditions.order
+        return np.zeros(len(self)) if found is None else found

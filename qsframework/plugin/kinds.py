@@ -1,8 +1,9 @@
 """The seven kinds of effect, one per stage of the pipeline.
 
 An effect is a frozen dataclass whose fields are its configuration. It declares its parameters and
-gives its law with derivatives for a batch of N poses; `x` (p,) always holds the values of its own
-parameters in the order of `parameters(robot)`. It neither stores nor changes anything.
+gives its law for a batch of N poses; `x` (p,) always holds the values of its own parameters in the
+order of `parameters(robot)`, `context` the poses, this state's conditions and the robot. A law gives
+its value alone, as an array, or a term with its derivatives too. It neither stores nor changes anything.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from qsframework.plugin.facts import Array, Conditions, Poses, RobotFacts
+from qsframework.plugin.editions import refuse_first_edition
+from qsframework.plugin.facts import Array, Context, RobotFacts
 from qsframework.plugin.parameter import Parameter
 from qsframework.plugin.settings import place_fields
 from qsframework.plugin.terms import (
@@ -32,6 +34,9 @@ from qsframework.plugin.terms import (
     TorqueTerm,
 )
 
+At = tuple[str, str]
+"""Role and place of an effect."""
+
 
 class Effect(ABC):
     """What all kinds share. The docstring's first line is the sentence on the physics."""
@@ -47,6 +52,14 @@ class Effect(ABC):
     """What to look at on the real robot when this effect is found."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Columns that the readings must have: "time", "temperature", "approach"."""
+    by_state: ClassVar[bool] = False
+    """Whether the law itself, not only what it is asked at, differs between a pose's loaded and unloaded state."""
+    role: ClassVar[str] = ""
+    """What the effect is to the rest of the arm, such as "gear": by it others refer to effects, never by a name."""
+
+    def __init_subclass__(cls, **more: object) -> None:
+        super().__init_subclass__(**more)
+        refuse_first_edition(cls)
 
     @classmethod
     def effect_name(cls) -> str:
@@ -95,7 +108,8 @@ class Geometry(Effect):
     """Whether `errors` gives twists of the joints' placements."""
 
     @abstractmethod
-    def errors(self, poses: Poses, x: Array, robot: RobotFacts) -> GeometryTerm: ...
+    def errors(self, x: Array, context: Context) -> GeometryTerm | Array:
+        """Errors of the actuators' angles (N, n) rad, and of the joints' placements."""
 
 
 class Loop(Effect):
@@ -120,8 +134,8 @@ class Loop(Effect):
         """Actuator angles (N, k) that the controller commands to reach joint angles q (N, k)."""
 
     @abstractmethod
-    def closure(self, actuators: Array, bars: Array, robot: RobotFacts) -> LoopTerm:
-        """Joint angles at actuator angles (N, k) and bar errors (N, m)."""
+    def closure(self, actuators: Array, bars: Array, context: Context) -> LoopTerm | Array:
+        """Joint angles (N, k) at actuator angles (N, k) and bar errors (N, m)."""
 
     def transmission_angle(self, q: Array, robot: RobotFacts) -> Array:
         """Angle (N,) rad in [0, pi/2] between the bars; 0 where the loop is flat and transmits nothing."""
@@ -141,7 +155,10 @@ class Loop(Effect):
 
 
 class Spring(Effect):
-    """Stage 2: elastic coordinates, one compliance parameter for each."""
+    """Stage 2: elastic coordinates, one compliance parameter for each.
+
+    Its first parameters are the compliances; those that follow, if any, are what `mixing` depends on.
+    """
 
     stage = 2
 
@@ -149,9 +166,13 @@ class Spring(Effect):
     def virtual_joints(self, robot: RobotFacts) -> tuple[Coordinate, ...]:
         """Where the spring lets the arm give."""
 
-    def mixing(self, robot: RobotFacts) -> Array:
-        """(virtual joints, coordinates): motion of the virtual joints per elastic coordinate."""
-        return np.eye(len(self.virtual_joints(robot)))
+    def coordinates(self, robot: RobotFacts) -> int:
+        """How many elastic coordinates, and so compliances, there are: as many as parameters unless said."""
+        return len(self.parameters(robot))
+
+    def mixing(self, x: Array, context: Context) -> Array:
+        """Motion of the virtual joints per elastic coordinate, ([N,] virtual joints, coordinates)."""
+        return np.eye(len(self.virtual_joints(context.robot)))
 
 
 class ParallelSpring(Effect):
@@ -163,12 +184,12 @@ class ParallelSpring(Effect):
         """The k joints that `torque` and `stiffness` act on and depend on."""
         return ()
 
-    def torque(self, q: Array, x: Array, conditions: Conditions) -> TorqueTerm | None:
-        """The physical torque on the joints at angles q (N, k); its stiffness follows from dq."""
+    def torque(self, q: Array, x: Array, context: Context) -> TorqueTerm | Array | None:
+        """The physical torque (N, k) on the joints at angles q (N, k); its stiffness follows from its slope."""
         return None
 
-    def stiffness(self, q: Array, x: Array, conditions: Conditions) -> StiffnessTerm | None:
-        """An equivalent stiffness with no torque at the commanded pose."""
+    def stiffness(self, q: Array, x: Array, context: Context) -> StiffnessTerm | Array | None:
+        """An equivalent stiffness (N, k, k) with no torque at the commanded pose."""
         return None
 
     def ends(self, robot: RobotFacts) -> tuple[Point, Point] | None:
@@ -179,8 +200,8 @@ class ParallelSpring(Effect):
         """For pictures: the two pivots of the spring; None: nothing to draw."""
         return self.ends(robot)
 
-    def tension(self, length: Array, x: Array, conditions: Conditions) -> TensionTerm:
-        """The pull at a distance (N,) between the two ends."""
+    def tension(self, length: Array, x: Array, context: Context) -> TensionTerm | Array:
+        """The pull (N,) at a distance (N,) between the two ends."""
         raise TypeError(f"{self.name} has ends but no tension")
 
 
@@ -190,12 +211,12 @@ class SpringLaw(Effect):
     stage = 4
 
     @abstractmethod
-    def springs(self, robot: RobotFacts) -> tuple[str, ...]:
-        """Names of the k compliances whose coordinates follow this law."""
+    def springs(self, robot: RobotFacts) -> tuple[At, ...]:
+        """Role and place of the springs whose k coordinates follow this law, such as ("gear", "joint_2")."""
 
     @abstractmethod
-    def extra(self, torque: Array, x: Array) -> LawTerm:
-        """f at torques (N, k)."""
+    def extra(self, torque: Array, x: Array, context: Context) -> LawTerm | Array:
+        """f (N, k) at torques (N, k), each coordinate's by its own torque."""
 
 
 class Load(Effect):
@@ -204,7 +225,8 @@ class Load(Effect):
     stage = 5
 
     @abstractmethod
-    def apply(self, loads: Loads, x: Array, robot: RobotFacts) -> LoadTerm: ...
+    def apply(self, loads: Loads, x: Array, context: Context) -> LoadTerm | Array:
+        """The wrench (N, 6), and the masses to add."""
 
 
 class Sensor(Effect):
@@ -213,4 +235,5 @@ class Sensor(Effect):
     stage = 6
 
     @abstractmethod
-    def read(self, reading: Reading, x: Array, markers: Sequence[str], conditions: Conditions) -> SensorTerm: ...
+    def read(self, reading: Reading, x: Array, context: Context) -> SensorTerm | Array:
+        """What the instrument says (N, k, 3) m of the markers."""

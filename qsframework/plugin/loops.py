@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from qsframework.errors import InputError, Problem
-from qsframework.plugin.facts import Array, RobotFacts
+from qsframework.plugin.facts import Array, Context, Poses, RobotFacts
 from qsframework.plugin.kinds import Loop
+from qsframework.plugin.laws import closure
 
 
 def own_joints(loop: Loop, robot: RobotFacts) -> tuple[str, ...]:
@@ -70,5 +71,5 @@ def follow(loops: Sequence[Loop], q: Array, robot: RobotFacts) -> Array:
         out[:, own] = 0.0
         tied = [robot.joint_index(joint) for joint in loop.joints(robot)]
         bars = np.zeros((len(q), len(loop.parameters(robot))))
-        out[:, tied] = loop.closure(out[:, tied], bars, robot).q
+        out[:, tied] = closure(loop, out[:, tied], bars, Context(robot, Poses(q, q, np.zeros((len(q), 6))))).q
     return out

@@ -40,6 +40,14 @@ def _load() -> Iterator[tuple[str, type[Effect]]]:
         yield entry.name, effect
 
 
+def with_role(role: str) -> tuple[type[Effect], ...]:
+    """The installed effects that are this to an arm; PluginError where there is none."""
+    found = tuple(effect for effect in registry().values() if effect.role == role)
+    if not found:
+        raise PluginError(f"no installed effect has the role {role!r}; is a package of effects missing?")
+    return found
+
+
 def find(name: str) -> type[Effect]:
     """The effect of a name; an InputError offers the nearest."""
     effects = registry()

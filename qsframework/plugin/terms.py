@@ -1,21 +1,26 @@
-"""What each kind of effect gives back: a value and its derivatives, for a batch of N poses.
+"""What each kind of effect gives back for a batch of N poses: a value and, where it has them, its derivatives.
 
-p is the number of parameters of the effect, n of joints, k of the joints or markers it touches.
+p is the number of parameters of the effect, n of joints, k of the joints or markers it touches. A derivative that is
+left out is taken for it; a law may also give its value alone, the first field of its term, as an array.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
+from qsframework.errors import InputError, Problem
 from qsframework.plugin.facts import Array
+
+TAKEN: Any = None
+"""Of a term's derivative: the framework takes it."""
 
 
 @dataclass(frozen=True)
 class GeometryTerm:
     """Errors of the unloaded geometry.
 
-    angles     (N, n) rad, added to the actuator angles (on a serial arm: to the joint angles)
+    angles     (N, n) rad, added to the actuator angles (on a serial arm: to the joint angles); None: no errors
     angles_dx  (N, n, p)
     twists     (N, n, 6) small displacement of each joint's placement in the frame of that joint's
                placement: translation x, y, z (m) then rotation about x, y, z (rad), applied in this
@@ -23,8 +28,8 @@ class GeometryTerm:
     twists_dx  (N, n, 6, p)
     """
 
-    angles: Array
-    angles_dx: Array
+    angles: Array = TAKEN
+    angles_dx: Array = TAKEN
     twists: Array | None = None
     twists_dx: Array | None = None
 
@@ -37,8 +42,8 @@ class LoopTerm:
     """
 
     q: Array
-    q_u: Array
-    q_uu: Array
+    q_u: Array = TAKEN
+    q_uu: Array = TAKEN
 
 
 @dataclass(frozen=True)
@@ -85,13 +90,12 @@ class Point:
 class TorqueTerm:
     """Torque on k joints as a function of their angles: value (N, k) N m, dq (N, k, k), dx (N, k, p).
 
-    dqq (N, k, k, k) and dqx (N, k, k, p) are the derivatives of dq; where they are None, differences
-    of dq are taken.
+    dqq (N, k, k, k) and dqx (N, k, k, p) are the derivatives of dq.
     """
 
     value: Array
-    dq: Array
-    dx: Array
+    dq: Array = TAKEN
+    dx: Array = TAKEN
     dqq: Array | None = None
     dqx: Array | None = None
 
@@ -104,8 +108,8 @@ class StiffnessTerm:
     """
 
     value: Array
-    dq: Array
-    dx: Array
+    dq: Array = TAKEN
+    dx: Array = TAKEN
 
 
 @dataclass(frozen=True)
@@ -113,8 +117,8 @@ class TensionTerm:
     """Pull between two points at a distance s: value (N,) N, ds (N,) N/m, dx (N, p)."""
 
     value: Array
-    ds: Array
-    dx: Array
+    ds: Array = TAKEN
+    dx: Array = TAKEN
 
 
 @dataclass(frozen=True)
@@ -122,8 +126,8 @@ class LawTerm:
     """What k gears give beyond their compliance at torque T: value (N, k), dT (N, k), dx (N, k, p)."""
 
     value: Array
-    dT: Array
-    dx: Array
+    dT: Array = TAKEN
+    dx: Array = TAKEN
 
 
 @dataclass(frozen=True)
@@ -143,14 +147,14 @@ class Loads:
 class LoadTerm:
     """Loads out of loads in.
 
-    wrench (N, 6), d_wrench (N, 6, 6), d_rotation (N, 6, 3) for a small rotation of the flange about
-    the base axes (None: no dependence), dx (N, 6, p);
-    moments (n + 1, 4) *added* to those that came in, moments_dx (n + 1, 4, p) (None: none)
+    wrench (N, 6) (None: as it came in), d_wrench (N, 6, 6), dx (N, 6, p), d_rotation (N, 6, 3) for a small rotation of
+    the flange about the base axes (beside a given d_wrench, None: no dependence);
+    moments (n + 1, 4) *added* to those that came in (None: none), moments_dx (n + 1, 4, p)
     """
 
-    wrench: Array
-    d_wrench: Array
-    dx: Array
+    wrench: Array = TAKEN
+    d_wrench: Array = TAKEN
+    dx: Array = TAKEN
     d_rotation: Array | None = None
     moments: Array | None = None
     moments_dx: Array | None = None
@@ -159,21 +163,29 @@ class LoadTerm:
 @dataclass(frozen=True)
 class Reading:
     """What the instrument sees of k markers in one state: position (N, k, 3) m and the rotation
-    (N, k, 3, 3) of the link that carries each, both in the base frame."""
+    (N, k, 3, 3) of the link that carries each, both in the base frame; the markers' names (k,)."""
 
     position: Array
     rotation: Array
+    markers: tuple[str, ...] = ()
+
+    def index(self, marker: str, name: str) -> int:
+        """Place of a marker; the InputError says which effect `name` asks for it."""
+        if marker not in self.markers:
+            raise InputError(Problem(f"{name}: no such marker", allowed=", ".join(self.markers)))
+        return self.markers.index(marker)
 
 
 @dataclass(frozen=True)
 class SensorTerm:
     """A reading out of a reading in.
 
-    position (N, k, 3), d_position (N, k, 3, 3), dx (N, k, 3, p), d_rotation (N, k, 3, 3) for a small
-    rotation of the marker's link about the base axes (None: no dependence)
+    position (N, k, 3), d_position (N, k, 3, 3) by the marker's own position, dx (N, k, 3, p), d_rotation
+    (N, k, 3, 3) for a small rotation of the marker's link about the base axes (beside a given d_position, None: no
+    dependence)
     """
 
     position: Array
-    d_position: Array
-    dx: Array
+    d_position: Array = TAKEN
+    dx: Array = TAKEN
     d_rotation: Array | None = None

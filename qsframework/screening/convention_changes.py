@@ -9,7 +9,8 @@ from itertools import permutations, product
 import numpy as np
 
 from qsframework.experiment import Experiment, Readings
-from qsframework.plugin import Array, Indices, Poses, registry
+from qsframework.plugin import Array, Indices, Poses
+from qsframework.plugin.registry import with_role
 from qsframework.screening.linearized_fit import LinearizedFit
 from qsframework.screening.logging_faults import moved_up, visits
 
@@ -27,9 +28,7 @@ class Change:
 
 def couplings(experiment: Experiment, readings: Readings) -> Iterator[Change]:
     """An angle that is absolute where the file says relative, or the reverse, at every joint."""
-    kind = registry().get("controller_coupling")
-    if kind is None:
-        return
+    (kind,) = with_role("shown angle")
     robot, model = experiment.robot, experiment.model()
     held = dict(zip(model.names, model.nominal, strict=True))
     for effect in kind.places(robot.facts, tuple(m.name for m in experiment.markers)):

@@ -51,7 +51,7 @@ _APART = 0.5
 class Convention:
     """Another reading of the file or of the controller, applied and refitted.
 
-    name: `controller_coupling[joint_3]`, `joint_sign[joint_2]`, `displacement_axes`, `displacement_sign`,
+    name: the parameter of a joint's shown angle, `joint_sign[joint_2]`, `displacement_axes`, `displacement_sign`,
     `force_axes`, `load_unit`, `swapped_markers` or `late_angles`; value: what a coupling is fixed at, the factor
     of a unit, else 1; experiment, readings: with the convention applied; rms, rms_given: m, of the fits with it
     and as given; evidence: log of how much likelier it makes the readings, the number of conventions tried

@@ -18,14 +18,16 @@ from qsframework.estimation.statistics import shifts
 from qsframework.experiment import Bridge, Experiment, Frame, Readings, Rows, bridge
 from qsframework.plugin import Array, Effect, Indices
 from qsframework.plugin.build import build_effects
+from qsframework.plugin.registry import with_role
+from qsframework.plugin.settings import place_fields, plural
 from qsframework.screening.rows import Finding, finding, lines
 
 GROSS = 7.0
 """A reading is gross beyond so many robust standard deviations of one coordinate."""
 SHARE = 0.05
 """Of the readings: more than these are not masked unless somebody asks for it, for then something else is wrong."""
-_WHOLE = ("tool_offset", "joint_offset", "joint_placement", "gravity_sag", "joint_compliance")
-"""Effects of the richer model, where the robot has room for them."""
+_WHOLE = ("marker offset", "joint zero", "joint placement", "sag", "gear")
+"""Roles of the effects of the richer model, where the robot has room for them."""
 _REACH = 5.0
 """Natural sizes by which the richer model's own parameters are held to their nominal values."""
 _ROUNDS = 20
@@ -35,7 +37,6 @@ _MEDIANS = {1: 0.6745, 2: 1.1774, 3: 1.5382}
 """Median of the norm of so many unit normals."""
 _FEW = 8
 """Rows of one series and carrier below which their noise is that of all rows."""
-_OFFSET = "joint_offset"
 _SEVERAL = 5
 """Gross rows below which nothing is said of the joint angles."""
 _FLOOR = 1e-3
@@ -84,7 +85,7 @@ def _angle_errors(seen: Bridge, gross: npt.NDArray[np.bool_]) -> float | None:
     """
     rows = seen.rows
     bad = np.flatnonzero(gross & (rows.minus < 0) & rows.mask.all(axis=1) & _carried(seen))
-    offsets = [n for n in seen.names if n.startswith(_OFFSET)]
+    offsets = [n for n in seen.model.of_role("joint zero") if n in seen.names]
     if len(bad) < _SEVERAL or not offsets:
         return None
     good = rows.take(~gross)
@@ -117,19 +118,17 @@ def _widened(experiment: Experiment, readings: Readings) -> Bridge:
     robot = experiment.robot
     have = {e.name for e in (*robot.effects, *experiment.effects)}
     more: list[Effect] = []
-    for name in _WHOLE:
-        where = {"markers": "all"} if name == "tool_offset" else {"joints": "all"}
+    for kind in (kind for role in _WHOLE for kind in with_role(role)):
+        everywhere = {plural(place): "all" for place in place_fields(kind)}
         try:
-            built = build_effects({"effect": name, **where}, robot.facts, tuple(m.name for m in experiment.markers))
+            built = build_effects(everywhere, robot.facts, tuple(m.name for m in experiment.markers), kind)
         except InputError:
             continue
         more += [e for e in built if e.name not in have]
     own = tuple(p for e in more for p in e.parameters(robot.facts))
     wide = experiment.with_(effects=(*experiment.effects, *more), parameters=(*experiment.parameters, *own))
     model = wide.model()
-    names = {n for e, part in zip(model.effects, model.slices, strict=True) if e.effect_name() in _WHOLE
-             for n in model.names[part]}  # fmt: skip
-    names |= set(experiment.fit_names())
+    names = {*model.of_role(*_WHOLE), *experiment.fit_names()}
     return bridge(wide, readings, [n for n in model.names if n in names], linear=True)
 
 

@@ -10,7 +10,7 @@ from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.state import State, place
 from qsframework.errors import InputError, NotConverged
 from qsframework.experiment import Experiment, Plan
-from qsframework.plugin import Array, Indices
+from qsframework.plugin import Array, Context, Indices, Poses
 from qsframework.viz.arrows import draw_loads, largest_loads
 from qsframework.viz.deflection import Deflection, deflection
 from qsframework.viz.ellipsoids import draw_ellipsoid, half_axes
@@ -67,7 +67,9 @@ def place_poses(experiment: Experiment, q: Array) -> State:
     """Forward kinematics of the model at joint angles (N, n), undeflected."""
     model = experiment.model()
     layout = model.layout
-    motion = move(layout, nominal_actuators(layout, np.ascontiguousarray(q.T)), np.zeros((layout.bars, len(q))))
+    context = Context(model.facts, Poses(q, q, np.zeros((len(q), 6))), loaded=False)
+    phi = nominal_actuators(layout, np.ascontiguousarray(q.T))
+    motion = move(layout, context, phi, np.zeros((layout.bars, len(q))))
     return place(motion, model.tip, model.markers)
 
 

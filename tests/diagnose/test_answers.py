@@ -21,7 +21,7 @@ from qsframework.diagnose.verdict import ambiguous
 from qsframework.discriminate.follow_up import Crowded, Waiting, _pairs, second_day  # pyright: ignore[reportPrivateUsage]
 from qsframework.errors import InputError, NotConverged
 from qsframework.experiment import Readings, make_rows
-from qsframework.plugin import Array, Conditions, LawTerm, Parameter, RobotFacts, SpringLaw, find, place
+from qsframework.plugin import Array, At, Conditions, Context, LawTerm, Parameter, RobotFacts, SpringLaw, find, place
 from qsframework.report.result_json import diagnosis_json
 from qsframework.report.words.diagnosis import diagnosis_words, limit_words
 from qsframework.report.words.discrimination import second_day_words
@@ -203,10 +203,10 @@ class SecondGear(SpringLaw):
         if self.joint != "joint_2":
             raise InputError(f"{self.name}: no second gear there")
 
-    def springs(self, robot: RobotFacts) -> tuple[str, ...]:
-        return (f"joint_compliance[{self.joint}]",)
+    def springs(self, robot: RobotFacts) -> tuple[At, ...]:
+        return (("gear", self.joint),)
 
-    def extra(self, torque: Array, x: Array) -> LawTerm:
+    def extra(self, torque: Array, x: Array, context: Context) -> LawTerm:
         return LawTerm(x[0] * torque, x[0] + 0.0 * torque, torque[..., None])
 
     @classmethod

@@ -14,7 +14,7 @@ from qsframework.diagnose import diagnose
 from qsframework.diagnose.result import Status
 from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_readings
-from qsframework.plugin import Array, LawTerm, Parameter, RobotFacts, SpringLaw, find, place
+from qsframework.plugin import Array, At, Context, LawTerm, Parameter, RobotFacts, SpringLaw, find, place
 from qsframework.report.result_json import diagnosis_json
 from qsframework.report.words.diagnosis import diagnosis_words, method_words
 from tests.diagnose.cases import campaign, measured
@@ -140,10 +140,10 @@ def test_a_strangers_effect_takes_part_without_further_work(monkeypatch: pytest.
         def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
             return (Parameter(self.name, "rad/(N m)", typical=2e-7, lower=0.0),)
 
-        def springs(self, robot: RobotFacts) -> tuple[str, ...]:
-            return (f"joint_compliance[{self.joint}]",)
+        def springs(self, robot: RobotFacts) -> tuple[At, ...]:
+            return (("gear", self.joint),)
 
-        def extra(self, torque: Array, x: Array) -> LawTerm:
+        def extra(self, torque: Array, x: Array, context: Context) -> LawTerm:
             worn = np.logaddexp(0.0, torque / 50.0) * 50.0
             side = 1.0 / (1.0 + np.exp(-torque / 50.0))
             return LawTerm(x[0] * worn, x[0] * side, worn[..., None])

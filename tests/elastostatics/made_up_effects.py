@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +9,9 @@ import numpy as np
 from qsframework.plugin import (
     Actuator,
     Array,
+    At,
     Bar,
-    Conditions,
+    Context,
     Geometry,
     GeometryTerm,
     LawTerm,
@@ -22,7 +22,6 @@ from qsframework.plugin import (
     LoopTerm,
     ParallelSpring,
     Parameter,
-    Poses,
     Reading,
     RobotFacts,
     Sensor,
@@ -32,7 +31,7 @@ from qsframework.plugin import (
     StiffnessTerm,
     VirtualJoint,
 )
-from qsframework.plugin.check import turn
+from qsframework.plugin.laws import turn
 
 
 def skew(v: Array) -> Array:
@@ -54,7 +53,7 @@ class BentLoop(Loop):
     def actuators(self, q: Array, robot: RobotFacts) -> Array:
         return np.stack([q[:, 0], q[:, 1] - q[:, 0]], axis=1)
 
-    def closure(self, actuators: Array, bars: Array, robot: RobotFacts) -> LoopTerm:
+    def closure(self, actuators: Array, bars: Array, context: Context) -> LoopTerm:
         a, b, bar = actuators[:, 0], actuators[:, 1], bars[:, 0]
         sin, cos = np.sin(b - a), np.cos(b - a)
         one, zero = np.ones_like(a), np.zeros_like(a)
@@ -87,9 +86,9 @@ class Placements(Geometry):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return tuple(Parameter(f"placements.{i}", "rad", typical=1e-2) for i in range(7))
 
-    def errors(self, poses: Poses, x: Array, robot: RobotFacts) -> GeometryTerm:
-        n = len(poses)
-        angles_dx, twists_dx = np.zeros((n, robot.n, 7)), np.zeros((n, robot.n, 6, 7))
+    def errors(self, x: Array, context: Context) -> GeometryTerm:
+        poses, n = context.poses, len(context)
+        angles_dx, twists_dx = np.zeros((n, context.robot.n, 7)), np.zeros((n, context.robot.n, 6, 7))
         angles_dx[:, 1, 6] = 1.0
         for i in range(6):
             twists_dx[:, 2, i, i] = 1.0 + 0.1 * poses.q[:, 3]
@@ -113,7 +112,7 @@ class Links(Spring):
             VirtualJoint("link_6", "z", "translation"),
         )
 
-    def mixing(self, robot: RobotFacts) -> Array:
+    def mixing(self, x: Array, context: Context) -> Array:
         mixing = np.zeros((6, 5))
         mixing[range(5), range(5)] = 1.0
         mixing[5, 4] = 0.3
@@ -130,7 +129,7 @@ class TwoJointSpring(ParallelSpring):
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
         return ("joint_2", "joint_3")
 
-    def stiffness(self, q: Array, x: Array, conditions: Conditions) -> StiffnessTerm:
+    def stiffness(self, q: Array, x: Array, context: Context) -> StiffnessTerm:
         sin, cos = np.sin(q[:, 0] + 2 * q[:, 1]), np.cos(q[:, 0] + 2 * q[:, 1])
         base = np.array([[2.0, 0.5], [0.5, 1.0]])
         dx = (1.5 + sin)[:, None, None] * base
@@ -145,10 +144,10 @@ class Cubic(SpringLaw):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return (Parameter("cubic", "", nominal=3e-15, typical=1e-15),)
 
-    def springs(self, robot: RobotFacts) -> tuple[str, ...]:
-        return ("joint_compliance[joint_2]", "joint_compliance[joint_5]")
+    def springs(self, robot: RobotFacts) -> tuple[At, ...]:
+        return (("gear", "joint_2"), ("gear", "joint_5"))
 
-    def extra(self, torque: Array, x: Array) -> LawTerm:
+    def extra(self, torque: Array, x: Array, context: Context) -> LawTerm:
         return LawTerm(x[0] * torque**3, 3 * x[0] * torque**2, (torque**3)[..., None])
 
 
@@ -159,7 +158,7 @@ class Hook(Load):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return (Parameter("hook.scale", ""), Parameter("hook.offset", "m"), Parameter("hook.mass", "kg", typical=50.0))
 
-    def apply(self, loads: Loads, x: Array, robot: RobotFacts) -> LoadTerm:
+    def apply(self, loads: Loads, x: Array, context: Context) -> LoadTerm:
         scale, offset, _ = x
         arm = loads.rotation @ np.array([offset, 0.0, 2 * offset])
         force = loads.wrench[:, :3] * (1 + scale)
@@ -173,7 +172,7 @@ class Hook(Load):
         dx[:, 3:, 1] = np.cross(loads.rotation @ np.array([1.0, 0.0, 2.0]), force)
         d_rotation = np.zeros((len(force), 6, 3))
         d_rotation[:, 3:] = skew(force) @ skew(arm)
-        moments = np.zeros((len(robot.links), 4, 3))
+        moments = np.zeros((*loads.moments.shape, 3))
         moments[3, :, 2] = (1.0, 0.2, 0.0, 0.1)
         return LoadTerm(wrench, d_wrench, dx, d_rotation, moments @ x, moments)
 
@@ -185,14 +184,14 @@ class CrookedTracker(Sensor):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return (Parameter("crooked_tracker.offset", "m"), Parameter("crooked_tracker.scale", ""))
 
-    def read(self, reading: Reading, x: Array, markers: Sequence[str], conditions: Conditions) -> SensorTerm:
+    def read(self, reading: Reading, x: Array, context: Context) -> SensorTerm:
         offset, scale = x
         unit = np.array([1.0, -2.0, 0.5])
         arm = reading.rotation @ (offset * unit)
-        assert conditions.time is not None
-        factor = (1 + scale * (1 + 1e-4 * conditions.time))[:, None, None]
+        assert context.conditions.time is not None
+        factor = (1 + scale * (1 + 1e-4 * context.conditions.time))[:, None, None]
         position = (reading.position + arm) * factor
-        drift = (1 + 1e-4 * conditions.time)[:, None, None]
+        drift = (1 + 1e-4 * context.conditions.time)[:, None, None]
         dx = np.stack([reading.rotation @ unit * factor, (reading.position + arm) * drift], axis=-1)
         d_position = np.broadcast_to(np.eye(3) * factor[..., None], (*position.shape, 3))
         return SensorTerm(position, d_position, dx, -skew(arm) * factor[..., None])

@@ -10,7 +10,7 @@ from qsframework.elastostatics import Model, Site, make_model
 from qsframework.elastostatics.loads import gravity_torque
 from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.state import State, place
-from qsframework.plugin import Poses
+from qsframework.plugin import Context, Poses
 from qsframework.robot import Robot, load_robot
 from qsframework.robot.gravity import nominal_moments
 
@@ -74,7 +74,8 @@ def test_the_model_agrees_with_a_plain_pinocchio_loop(robot: Robot, model: Model
 def state_of(model: Model, poses: Poses) -> State:
     layout = model.layout
     phi = nominal_actuators(layout, np.ascontiguousarray(poses.q.T))
-    return place(move(layout, phi, np.zeros((layout.bars, len(poses)))), model.tip, model.markers)
+    motion = move(layout, Context(model.facts, poses), phi, np.zeros((layout.bars, len(poses))))
+    return place(motion, model.tip, model.markers)
 
 
 def test_positions_and_jacobians_agree_with_pinocchio(robot: Robot, model: Model, poses: Poses) -> None:

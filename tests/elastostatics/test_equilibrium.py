@@ -22,7 +22,7 @@ from qsframework.elastostatics import (
 )
 from qsframework.elastostatics.loads import apply_loads
 from qsframework.errors import InputError, NotConverged
-from qsframework.plugin import Load, Poses, build_effects
+from qsframework.plugin import Context, Load, Poses, build_effects
 from qsframework.robot import Robot, load_robot
 
 TIP = Site(6, np.array([0.15, 0.0, 0.2]))
@@ -88,7 +88,7 @@ def test_compliance_is_the_derivative_of_the_equilibrium(variant: str, robot: Ro
     size = np.abs(numeric).max()
     # what the hook makes of a wrench passes through its own slope first
     rotation = equilibrium(m, p).tip_rotation
-    passed = apply_loads(m.of_kind(Load, m.nominal), p.wrench, rotation, m.facts).terms
+    passed = apply_loads(m.of_kind(Load, m.nominal), rotation, Context(m.facts, p)).terms
     slope = passed[0].d_wrench if passed else np.eye(6)
     assert np.abs(cartesian_compliance(m, p) @ slope - numeric).max() < 5e-10 * size
     assert np.abs(cartesian_compliance(m, p, hessian=False) - numeric).max() > 1e-5 * size

@@ -14,7 +14,9 @@ from qsframework.experiment import Experiment
 from qsframework.plugin import (
     Actuator,
     Array,
+    At,
     Bar,
+    Context,
     Effect,
     LawTerm,
     Parameter,
@@ -45,14 +47,14 @@ def build(experiment: Experiment, **entry: object) -> tuple[Effect, ...]:
 
 
 def test_a_joint_belongs_to_one_loop(m900ib: Experiment) -> None:
-    second = build(m900ib, effect="parallelogram", driver="joint_3", driven="joint_5", lever_m=0.5)
+    second = build(m900ib, effect="coupling", joint="joint_3", follows={"joint_2": 1})
     with pytest.raises(InputError, match="a joint belongs to one loop only"):
         wide(m900ib, *second)
 
 
 def test_a_law_needs_its_spring(r2000ic: Experiment) -> None:
     law = build(r2000ic, effect="joint_hardening", joint="joint_2")
-    with pytest.raises(InputError, match=r"needs the spring 'joint_compliance\[joint_2\]'"):
+    with pytest.raises(InputError, match=r"needs a spring with the role 'gear' at joint_2"):
         wide(r2000ic, *law, own=False)
 
 
@@ -149,10 +151,10 @@ class Jump(SpringLaw):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return (Parameter("jump", "rad", nominal=1.0, typical=1.0),)
 
-    def springs(self, robot: RobotFacts) -> tuple[str, ...]:
-        return ("joint_compliance[joint_2]",)
+    def springs(self, robot: RobotFacts) -> tuple[At, ...]:
+        return (("gear", "joint_2"),)
 
-    def extra(self, torque: Array, x: Array) -> LawTerm:
+    def extra(self, torque: Array, x: Array, context: Context) -> LawTerm:
         wave = x[0] * np.where(np.sin(1e3 * torque) > 0, 1.0, -1.0)
         return LawTerm(wave, np.zeros_like(torque), np.sign(wave)[..., None])
 

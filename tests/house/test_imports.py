@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -113,6 +114,24 @@ def test_plugins_use_the_public_api_only() -> None:
     for path in PLUGINS:
         for name in imported(tree(path)):
             assert name == "qsframework.plugin" or name.split(".")[0] in allowed, f"{path} imports {name}"
+
+
+EFFECTS = {p.stem for p in PLUGINS if re.search(r"\w_\w", p.stem.strip("_"))}
+TEMPLATE = "robot/scaffold_text.py"
+"""What a new robot's file may hold is written for people, who read names."""
+
+
+def effects_named(path: Path) -> Iterator[str]:
+    whole = [node.value for node in ast.walk(tree(path)) if isinstance(node, ast.Expr)]  # docstrings, and what is told
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in whole:
+            yield from sorted(EFFECTS & set(re.findall(r"\w+", node.value)))
+
+
+def test_the_library_refers_to_effects_by_role() -> None:
+    """Another package's gear or load error is as good as the built-in one."""
+    others = [path for path in LIBRARY if not path.match(f"*/{TEMPLATE}")]
+    assert complaints(others, effects_named) == []
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,8 @@ import pytest
 from qsframework.errors import PluginError
 from qsframework.plugin import (
     Array,
-    Conditions,
+    At,
+    Context,
     Effect,
     InputError,
     LawTerm,
@@ -56,6 +57,7 @@ SETTINGS = {
         ],
     },
     "bar_compliance": {"driven": "joint_3"},
+    "coupling": {"joint": "joint_5", "follows": {"joint_2": 1, "joint_3": -1}, "offset_deg": 5},
     "gravity_compensator": {"joint": "joint_2", "lc_m": 0.235, "l2_m": 1.12, "zero_deg": 20},
     "compensator_stiffness": {"joint": "joint_2", "lc_mm": 235, "l2_m": 1.12},
     "gas_balancer": {
@@ -97,10 +99,10 @@ class Sticky(SpringLaw):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return (Parameter(self.name, "rad", typical=1e-6),)
 
-    def springs(self, robot: RobotFacts) -> tuple[str, ...]:
-        return ("joint_compliance[joint_2]",)
+    def springs(self, robot: RobotFacts) -> tuple[At, ...]:
+        return (("gear", "joint_2"),)
 
-    def extra(self, torque: Array, x: Array) -> LawTerm:
+    def extra(self, torque: Array, x: Array, context: Context) -> LawTerm:
         value = x[0] * np.tanh(torque / 1e4)
         slope = x[0] / np.cosh(torque / 1e4) ** 2 / 1e4
         return LawTerm(value + self.offset, self.slope * slope, np.tanh(torque / 1e4)[..., None])
@@ -121,8 +123,8 @@ def test_an_effect_that_does_not_vanish_is_caught() -> None:
 
 
 class Broken(Sticky):
-    def extra(self, torque: Array, x: Array) -> LawTerm:
-        term = super().extra(torque, x)
+    def extra(self, torque: Array, x: Array, context: Context) -> LawTerm:
+        term = super().extra(torque, x, context)
         return replace(term, dx=term.dx[..., 0])
 
 
@@ -134,9 +136,9 @@ def test_a_wrong_shape_and_a_missing_sentence_are_caught() -> None:
 class Impure(Sticky):
     """Changes its input."""
 
-    def extra(self, torque: Array, x: Array) -> LawTerm:
+    def extra(self, torque: Array, x: Array, context: Context) -> LawTerm:
         torque *= 1.0 + 1e-9
-        return super().extra(torque, x)
+        return super().extra(torque, x, context)
 
 
 def test_an_impure_effect_is_caught() -> None:
@@ -171,7 +173,7 @@ class Faceless(ParallelSpring):
 class Blind(Sensor):
     """Gives NaN."""
 
-    def read(self, reading: Reading, x: Array, markers: object, conditions: Conditions) -> SensorTerm:
+    def read(self, reading: Reading, x: Array, context: Context) -> SensorTerm:
         shape = reading.position.shape
         return SensorTerm(np.full(shape, np.nan), np.zeros((*shape, 3)), np.zeros((*shape, 0)))
 
@@ -185,7 +187,7 @@ class Moody(ParallelSpring):
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
         return (robot.joints[0],)
 
-    def torque(self, q: Array, x: Array, conditions: Conditions) -> TorqueTerm | None:
+    def torque(self, q: Array, x: Array, context: Context) -> TorqueTerm | None:
         self.asked.append(q)
         flat = np.zeros((len(q), 1))
         return TorqueTerm(flat, flat[..., None], np.zeros((len(q), 1, 0))) if np.array_equal(q, self.asked[0]) else None
@@ -227,7 +229,7 @@ def test_parameters_are_checked_when_made() -> None:
         ({"effect": "joint_compliance", "joint": 3}, "must be a name"),
         ({"effect": "joint_compliance", "joint": "joint_9"}, "no joint 'joint_9'"),
         ({"effect": "joint_compliance", "joint": "joint_1", "colour": "red"}, "unknown key"),
-        ({"effect": "controller_coupling", "joint": "joint_1"}, "no joint before it"),
+        ({"effect": "controller_coupling", "joint": "joint_1"}, "and one before it"),
         ({"effect": "parallelogram", "driver": "joint_1", "driven": "joint_3", "lever_m": 1}, "needs parallel axes"),
     ],
 )

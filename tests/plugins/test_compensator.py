@@ -10,8 +10,8 @@ import pytest
 
 from qsf_plugins.spring_triangle import SpringTriangle
 from qsframework.experiment.setup import expand_name
-from qsframework.plugin import Array, Conditions, InputError, TorqueTerm, build_effects
-from qsframework.plugin.check import sample_robot
+from qsframework.plugin import Array, InputError, TorqueTerm, build_effects
+from qsframework.plugin.check import sample_context, sample_robot
 
 LC, L2, S0, K = 0.235, 1.12, 0.70, 1.0e5
 B = np.linspace(-2.5, 2.5, 41)
@@ -35,7 +35,7 @@ def compensator(free_length: float = S0, **more: float) -> Callable[[Array], Tor
     (effect,) = build_effects({**ENTRY, **more}, ROBOT)
     x = np.array([p.nominal for p in effect.parameters(ROBOT)])
     x[:2] = K, free_length
-    return lambda b: effect.torque(b[:, None], x, Conditions())  # type: ignore[attr-defined]
+    return lambda b: effect.torque(b[:, None], x, sample_context(ROBOT))  # type: ignore[attr-defined]
 
 
 def test_moment_is_the_slope_of_the_energy() -> None:
@@ -78,7 +78,7 @@ def test_each_parameter_moves_the_torque_as_it_moves_the_energys_slope(i: int) -
     assert [p.name for p in effect.parameters(ROBOT)] == [
         f"gravity_compensator[joint_2].{n}" for n in ("stiffness", "free_length", "lc", "l2", "zero")
     ]
-    term = effect.torque(B[:, None], x, Conditions())  # type: ignore[attr-defined]
+    term = effect.torque(B[:, None], x, sample_context(ROBOT))  # type: ignore[attr-defined]
     size = np.array([1e3, 1e-3, 1e-3, 1e-3, 1e-3])[i]
 
     def moved(t: float) -> Array:

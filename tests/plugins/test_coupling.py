@@ -15,7 +15,8 @@ from qsframework.elastostatics import Model, Site, full_displacement, make_model
 from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.state import place
 from qsframework.errors import InputError
-from qsframework.plugin import Effect, Poses, build_effects, check_effect
+from qsframework.plugin import Context, Effect, Poses, build_effects, check_effect
+from qsframework.plugin.check import sample_context
 from qsframework.plugin.loops import in_order
 from qsframework.robot import Robot, load_robot
 
@@ -69,7 +70,9 @@ def test_jacobians_of_chained_loops_are_pinocchio_s(palletizer: Robot) -> None:
     model, poses, data = model_of(palletizer), some_poses(palletizer, 50), palletizer.model.createData()
     G = np.zeros((5, 5))
     G[[0, 1, 2, 2, 3, 4], [0, 1, 1, 2, 2, 4]] = [1, 1, -1, 1, -1, 1]
-    motion = move(model.layout, nominal_actuators(model.layout, poses.q.T.copy()), np.zeros((1, 50)))
+    motion = move(
+        model.layout, Context(model.facts, poses), nominal_actuators(model.layout, poses.q.T), np.zeros((1, 50))
+    )
     D = place(motion, model.tip, ()).D
     for i, q in enumerate(poses.q):
         pin.computeJointJacobians(palletizer.model, data, q)
@@ -178,22 +181,23 @@ def test_loops_that_build_on_each_other_bend_as_differences_say() -> None:
     (group,) = model.layout.loops
     rng = np.random.default_rng(0)
     phi, bars = rng.uniform(-0.2, 0.2, (6, 4)), rng.normal(0, 1e-3, (4, 4))
+    context = sample_context(model.facts, 4)
 
     def at(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         actuators = phi.copy()
         actuators[list(group.joints)] = u[: len(group.joints)]
-        motion = move(model.layout, actuators, u[len(group.joints) :])
+        motion = move(model.layout, context, actuators, u[len(group.joints) :])
         return motion.q[list(group.joints)], motion.loops[0].q_u
 
     u = np.concatenate([phi[list(group.joints)], bars])
-    term = move(model.layout, phi, bars).loops[0]
+    term = move(model.layout, context, phi, bars).loops[0]
     for k in range(len(u)):
         h = np.zeros_like(u)
         h[k] = 1e-6
         (q1, s1), (q0, s0) = at(u + h), at(u - h)
         np.testing.assert_allclose(term.q_u[:, :, k], (q1 - q0).T / 2e-6, atol=1e-8)
         np.testing.assert_allclose(term.q_uu[:, :, :, k], (s1 - s0) / 2e-6, atol=1e-7)
-    q = move(model.layout, phi, np.zeros_like(bars)).q
+    q = move(model.layout, context, phi, np.zeros_like(bars)).q
     np.testing.assert_allclose(nominal_actuators(model.layout, q), phi, atol=1e-12)
 
 

@@ -12,6 +12,7 @@ import pytest
 from qsframework.elastostatics import Model, Site, equilibrium, full_displacement, make_model
 from qsframework.errors import InputError
 from qsframework.plugin import Conditions, Effect, Poses, SpringLaw, build_effects
+from qsframework.plugin.check import sample_context
 from qsframework.robot import Robot, load_robot
 
 POINT = np.array([0.15, 0.0, 0.2])
@@ -187,7 +188,7 @@ def test_the_knee_changes_the_compliance(robot: Robot) -> None:
     (law,) = build_effects({"effect": "joint_hardening", "joint": "joint_2", "knee_Nm": 2000}, robot.facts)
     torque = np.array([[-9000.0], [-500.0], [0.0], [500.0], [9000.0]])
     assert isinstance(law, SpringLaw)
-    term = law.extra(torque, np.array([1e-8]))
+    term = law.extra(torque, np.array([1e-8]), sample_context(robot.facts, 5))
     assert np.allclose(term.dT[[0, 4], 0], 1e-8, rtol=1e-4)
     assert np.abs(term.dT[1:4, 0]).max() < 2e-11
     assert np.allclose(term.value[0], -term.value[4])

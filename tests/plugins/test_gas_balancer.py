@@ -10,8 +10,8 @@ import pytest
 from scipy.integrate import quad
 
 from qsf_plugins.gas_balancer import AMBIENT, GasBalancer
-from qsframework.plugin import Array, Conditions, InputError, TorqueTerm, build_effects
-from qsframework.plugin.check import sample_robot
+from qsframework.plugin import Array, InputError, TorqueTerm, build_effects
+from qsframework.plugin.check import sample_context, sample_robot
 
 ROBOT = sample_robot()
 ENTRY: dict[str, Any] = {
@@ -33,7 +33,7 @@ def values(effect: GasBalancer) -> Array:
 
 
 def torque(effect: GasBalancer, q: Array, x: Array) -> TorqueTerm:
-    return effect.torque(q[:, None], x, Conditions())
+    return effect.torque(q[:, None], x, sample_context(ROBOT))
 
 
 def work(q: float, x: Mapping[str, float], area: float) -> float:

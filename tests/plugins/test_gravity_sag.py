@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from qsframework.elastostatics import Model, Site, equilibrium, make_model
-from qsframework.plugin import Effect, InputError, Loop, Poses, RobotFacts, build_effects
+from qsframework.plugin import Context, Effect, InputError, Loop, Poses, RobotFacts, build_effects
 from qsframework.plugin.check import sample_robot
 from qsframework.plugin.facts import frozen
 from qsframework.robot import Robot, load_robot
@@ -78,7 +78,7 @@ def test_one_soft_joint_is_reproduced(joint: str) -> None:
     assert np.abs(bend).max() > 1e-6
     assert np.abs(sag.positions(test, found) - truth.positions(test, x)).max() < 1e-3 * np.abs(bend).max()
     k = facts.joint_index(joint)
-    angle = sag.effects[0].errors(test, found, facts).angles[:, k]  # type: ignore[attr-defined]
+    angle = sag.effects[0].errors(found, Context(facts, test)).angles[:, k]  # type: ignore[attr-defined]
     expected = equilibrium(truth, test, x, loaded=False).eps[:, 0]
     assert np.abs(angle - expected).max() < 1e-3 * np.abs(expected).max()
 

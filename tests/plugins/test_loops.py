@@ -15,8 +15,9 @@ from qsf_plugins.joint_compliance import JointCompliance
 from qsf_plugins.parallelogram import Parallelogram
 from qsframework.elastostatics import Site, full_displacement, make_model
 from qsframework.plugin import InputError, Loop, Poses, RobotFacts, build_effects, check_effect
-from qsframework.plugin.check import difference, sample_robot
+from qsframework.plugin.check import sample_context, sample_robot
 from qsframework.plugin.facts import frozen
+from qsframework.plugin.laws import difference
 from qsframework.robot import load_robot
 
 ROBOT = sample_robot()
@@ -63,7 +64,10 @@ def test_a_four_bar_of_equal_lengths_is_the_parallelogram(robot: RobotFacts, bar
     phi = commands(200)
     bars = np.zeros((200, 4))
     bars[:, 0] = bar
-    one, other = PARALLELOGRAM.closure(phi, bars[:, :1], robot), EQUAL.closure(phi, bars, robot)
+    one, other = (
+        PARALLELOGRAM.closure(phi, bars[:, :1], sample_context(robot)),
+        EQUAL.closure(phi, bars, sample_context(robot)),
+    )
     assert np.allclose(other.q, one.q, rtol=0, atol=1e-12)
     assert np.allclose(other.q_u[..., :3], one.q_u, rtol=0, atol=1e-12)
     assert np.allclose(other.q_uu[..., :3, :3], one.q_uu, rtol=0, atol=1e-12 * np.abs(one.q_uu).max())
@@ -75,21 +79,21 @@ def test_a_four_bar_of_equal_lengths_is_the_parallelogram(robot: RobotFacts, bar
 
 def test_a_perfect_bar_loses_nothing_even_where_the_loop_is_flat() -> None:
     phi = np.array([[0.0, np.pi / 2], [0.4, np.pi / 2 - 0.4], [0.1, 0.2]])
-    term = PARALLELOGRAM.closure(phi, np.zeros((3, 1)), ROBOT)
+    term = PARALLELOGRAM.closure(phi, np.zeros((3, 1)), sample_context(ROBOT))
     assert np.array_equal(term.q[:, 1], phi[:, 1] + phi[:, 0])
     assert np.isfinite(term.q_u).all()
     assert np.isfinite(term.q_uu).all()
     assert not term.q_uu[:, :, :2, :2].any()
     assert abs(term.q_u[0, 1, 2]) > 1e5
     with pytest.raises(InputError, match=r"parallelogram\[joint_3\] cannot close.*first at pose 1.*1.000 mm"):
-        PARALLELOGRAM.closure(phi, np.full((3, 1), 1e-3), ROBOT)
+        PARALLELOGRAM.closure(phi, np.full((3, 1), 1e-3), sample_context(ROBOT))
 
 
 @pytest.mark.parametrize("robot", [ROBOT, alike(ROBOT)], ids=["opposed", "alike"])
 @pytest.mark.parametrize("loop", BARRED, ids=str)
 def test_the_bar_spans_the_two_pivots_and_the_branch_is_kept(loop: FourBar, robot: RobotFacts) -> None:
     phi = commands(100)
-    q = loop.closure(phi, np.zeros((100, 4)), robot).q
+    q = loop.closure(phi, np.zeros((100, 4)), sample_context(robot)).q
     elbow, lever, rocker = pivots(loop, phi, q, sign(robot))
     assert np.allclose(np.abs(rocker - lever), loop.bar, rtol=0, atol=1e-13)
     turn = np.angle((rocker - elbow) / (rocker - lever))
@@ -102,7 +106,7 @@ def test_the_bar_spans_the_two_pivots_and_the_branch_is_kept(loop: FourBar, robo
 def test_two_branches_are_two_assemblies_of_the_same_bars() -> None:
     other = replace(CROSSED, branch=1.0)
     phi = commands(50)
-    q = [e.closure(phi, np.zeros((50, 4)), ROBOT).q[:, 1] for e in (CROSSED, other)]
+    q = [e.closure(phi, np.zeros((50, 4)), sample_context(ROBOT)).q[:, 1] for e in (CROSSED, other)]
     assert np.abs(q[0] - q[1]).min() > 0.1
     for loop, angle in zip((CROSSED, other), q, strict=True):
         back = loop.actuators(np.stack([phi[:, 0], angle], axis=1), ROBOT)
@@ -113,9 +117,9 @@ def test_two_branches_are_two_assemblies_of_the_same_bars() -> None:
 def test_slopes_agree_with_differences(loop: Loop) -> None:
     m = len(loop.parameters(ROBOT))
     u = np.concatenate([commands(50, 1), np.random.default_rng(1).normal(0, 1e-3, (50, m))], axis=1)
-    term = loop.closure(u[:, :2], u[:, 2:], ROBOT)
-    first = difference(lambda v: loop.closure(v[:, :2], v[:, 2:], ROBOT).q, u)
-    second = difference(lambda v: loop.closure(v[:, :2], v[:, 2:], ROBOT).q_u, u)
+    term = loop.closure(u[:, :2], u[:, 2:], sample_context(ROBOT))
+    first = difference(lambda v: loop.closure(v[:, :2], v[:, 2:], sample_context(ROBOT)).q, u)
+    second = difference(lambda v: loop.closure(v[:, :2], v[:, 2:], sample_context(ROBOT)).q_u, u)
     assert np.allclose(term.q_u[..., :2], first[..., :2], rtol=0, atol=1e-9)
     assert np.allclose(term.q_u, first, rtol=0, atol=1e-7)  # by a length: steps of 1e-8 m
     assert np.allclose(term.q_uu[..., :2], second[..., :2], rtol=0, atol=1e-9 * np.abs(second).max())
@@ -127,12 +131,12 @@ def test_the_parallelogram_keeps_the_determinant_of_the_compliance(robot: RobotF
     """Equation (16), corrected: G diag(c2, c3) G' has determinant c2 c3; a four-bar scales it by det(G)^2."""
     c = np.diag([0.14e-6, 0.2e-6])
     for loop in (PARALLELOGRAM, EQUAL):
-        G = loop.closure(commands(20), np.zeros((20, len(loop.parameters(robot)))), robot).q_u[..., :2]
+        G = loop.closure(commands(20), np.zeros((20, len(loop.parameters(robot)))), sample_context(robot)).q_u[..., :2]
         assert np.allclose(np.linalg.det(G @ c @ np.swapaxes(G, 1, 2)), np.linalg.det(c), rtol=1e-12, atol=0.0)
         s = sign(robot)
         serial = np.array([[c[0, 0], -s * c[0, 0]], [-s * c[0, 0], c[0, 0] + c[1, 1]]])
         assert np.allclose(G @ c @ np.swapaxes(G, 1, 2), serial, rtol=1e-12, atol=0.0)
-    G = BENT.closure(commands(20), np.zeros((20, 4)), robot).q_u[..., :2]
+    G = BENT.closure(commands(20), np.zeros((20, 4)), sample_context(robot)).q_u[..., :2]
     ratio = np.linalg.det(G @ c @ np.swapaxes(G, 1, 2)) / np.linalg.det(c)
     assert np.allclose(ratio, np.linalg.det(G) ** 2, rtol=1e-9)
     assert np.abs(ratio - 1.0).max() > 0.1
@@ -141,7 +145,7 @@ def test_the_parallelogram_keeps_the_determinant_of_the_compliance(robot: RobotF
 def test_a_loop_that_cannot_close_says_where() -> None:
     phi = np.array([[0.0, 0.1], [0.0, 1.5], [0.1, 0.1]])
     with pytest.raises(InputError) as caught:
-        BENT.closure(phi, np.zeros((3, 4)), ROBOT)
+        BENT.closure(phi, np.zeros((3, 4)), sample_context(ROBOT))
     for word in ("four_bar[joint_3]", "at 1 of 3 poses", "pose 2", "joint_3 85.94 deg", "branch"):
         assert word in str(caught.value)
     with pytest.raises(InputError, match="no lever angle that reaches"):
@@ -336,7 +340,7 @@ def drawn(loop: FourBar, robot: RobotFacts) -> ClosedChain:
 
 
 def closed_at_zero(loop: FourBar, robot: RobotFacts) -> FourBar:
-    q = loop.closure(np.zeros((1, 2)), np.zeros((1, 4)), robot).q[0, 1]
+    q = loop.closure(np.zeros((1, 2)), np.zeros((1, 4)), sample_context(robot)).q[0, 1]
     return replace(loop, rocker_zero=loop.rocker_zero + sign(robot) * q)
 
 
@@ -361,7 +365,10 @@ def test_a_chain_reproduces_the_planar_loops(loop: FourBar, robot: RobotFacts) -
     check_effect(chain, robot)
     phi = commands(100)
     bars = np.random.default_rng(2).normal(0, 1e-3, (100, 4)) * [1, 1, 0, 0]
-    ours, theirs = chain.closure(phi, bars[:, [1, 0]], robot), loop.closure(phi, bars, robot)
+    ours, theirs = (
+        chain.closure(phi, bars[:, [1, 0]], sample_context(robot)),
+        loop.closure(phi, bars, sample_context(robot)),
+    )
     columns = [0, 1, 3, 2]
     assert np.allclose(ours.q, theirs.q, rtol=0, atol=1e-10)
     assert np.allclose(ours.q_u, theirs.q_u[..., columns], rtol=0, atol=1e-10)
@@ -370,7 +377,10 @@ def test_a_chain_reproduces_the_planar_loops(loop: FourBar, robot: RobotFacts) -
     angles = [e.transmission_angle(theirs.q, robot) for e in (chain, loop)]
     assert np.allclose(*angles, rtol=0, atol=1e-6)  # arcsin near 90 deg
     if loop.bar == LINK:
-        one, other = chain.closure(phi, 0 * phi, robot), PARALLELOGRAM.closure(phi, 0 * phi[:, :1], robot)
+        one, other = (
+            chain.closure(phi, 0 * phi, sample_context(robot)),
+            PARALLELOGRAM.closure(phi, 0 * phi[:, :1], sample_context(robot)),
+        )
         assert np.allclose(one.q, other.q, rtol=0, atol=1e-12)
         assert np.allclose(one.q_u[..., [0, 1, 3]], other.q_u, rtol=0, atol=1e-12)
 
@@ -401,7 +411,7 @@ def test_a_chain_agrees_with_pinocchios_point_constraint(loop: ClosedChain) -> N
     m = len(loop.parameters(ROBOT))
     free = [1, *range(3, 2 + len(loop.links))]
     for phi in commands(20, 4):
-        term = loop.closure(phi[None], np.zeros((1, m)), ROBOT)
+        term = loop.closure(phi[None], np.zeros((1, m)), sample_context(ROBOT))
         q = np.zeros(model.nq)
         q[0], q[2], q[1] = *phi, 0.0
         for share in np.linspace(0.1, 1.0, 10):
@@ -470,7 +480,7 @@ def test_a_chain_that_cannot_close_says_where() -> None:
     ]
     assert isinstance(chain, ClosedChain)
     with pytest.raises(InputError, match=r"closed_chain\[joint_3\] cannot close without passing a flat.* pose 2"):
-        chain.closure(np.array([[0.0, 0.1], [0.0, 2.0]]), np.zeros((2, 2)), ROBOT)
+        chain.closure(np.array([[0.0, 0.1], [0.0, 2.0]]), np.zeros((2, 2)), sample_context(ROBOT))
     assert chain.transmission_angle(np.array([[0.0, 2.0]]), ROBOT)[0] == 0.0
     with pytest.raises(InputError, match="at these joint angles"):
         chain.actuators(np.array([[0.0, 2.0]]), ROBOT)

@@ -34,18 +34,7 @@ from qsframework.elastostatics import full_displacement
 from qsframework.experiment import Experiment, load_experiment, make_plan, read_readings, simulate, write_readings
 from qsframework.experiment.observations import REACH
 from qsframework.identify import Fit, FitOptions, identify
-from qsframework.plugin import (
-    Array,
-    Conditions,
-    Load,
-    Loads,
-    LoadTerm,
-    Parameter,
-    Reading,
-    RobotFacts,
-    Sensor,
-    SensorTerm,
-)
+from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter, Reading, RobotFacts, Sensor, SensorTerm
 from qsframework.units import to_si
 
 POWERS = st.floats(-9.0, 9.0)
@@ -165,7 +154,7 @@ class OddUnitSensor(Sensor):
         base = (Parameter("odd.z", "rad", typical=1e-3, sd=1e-2), Parameter("odd.x", "rad", typical=1e-4))
         return tuple(scaled(p, self.k) for p in base)
 
-    def read(self, reading: Reading, x: Array, markers: Sequence[str], conditions: Conditions) -> SensorTerm:
+    def read(self, reading: Reading, x: Array, context: Context) -> SensorTerm:
         (a, b), one = np.asarray(x) / self.k, 1.0
         Z = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, one]])
         dZ = np.array([[-np.sin(a), -np.cos(a), 0], [np.cos(a), -np.sin(a), 0], [0, 0, 0.0]])
@@ -266,7 +255,7 @@ class OddUnitLoad(Load):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return (scaled(Parameter("odd_load", "", typical=1e-2, sd=1e-2), self.k),)
 
-    def apply(self, loads: Loads, x: Array, robot: RobotFacts) -> LoadTerm:
+    def apply(self, loads: Loads, x: Array, context: Context) -> LoadTerm:
         factor = 1.0 + x[0] / self.k
         n = len(loads.wrench)
         by_wrench = np.broadcast_to(factor * np.eye(6), (n, 6, 6))

@@ -80,7 +80,7 @@ def find_causes(
     causes = [_present(e, fitted, model) for e in model.effects]
     have = {e.name for e in model.effects}
     untested: list[Untested] = []
-    springs = {p.name for e in model.effects if isinstance(e, Spring) for p in e.parameters(facts)}
+    springs = {(e.role, e.where) for e in model.effects if isinstance(e, Spring)}
     for effect in proposed(model):
         if effect.name in have or (isinstance(effect, SpringLaw) and not springs.issuperset(effect.springs(facts))):
             continue

@@ -77,8 +77,7 @@ def motions(model: Model, rows: Rows, x: Array, frames: Sequence[Frame]) -> Moti
     probe = make_model(model.facts, effects, model.parameters, model.tip, markers, model.gravity)
     known = dict(zip(model.names, x, strict=True))
     values = np.array([known.get(p.name, 0.0) for p in probe.parameters])
-    springs = [p.name for e in probe.effects if isinstance(e, Spring) for p in e.parameters(model.facts)]
-    own = [springs.index(p.name) for p in Probe().parameters(model.facts)]
+    own = [probe.compliance_rows.index(i) for i in probe.index([p.name for p in Probe().parameters(model.facts)])]
     used, n = np.unique(rows.plus, return_inverse=True)
     poses = rows.readings.poses.take(used)
     columns: list[Array] = []

@@ -1,0 +1,317 @@
+"""Laws as the pipeline asks for them: every term with all its derivatives, taken where an effect gives none.
+
+By complex step where the law bears complex numbers: each derivative is then as exact as the law itself. Whether it
+does is tried in one direction at every call, for a law may drop the imaginary part (by abs, or a cast) without a word.
+Otherwise by central differences of fourth order, scaled by each variable's natural size.
+"""
+
+from __future__ import annotations
+
+import inspect
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, TypeVar, cast
+
+import numpy as np
+
+from qsframework.errors import PluginError
+from qsframework.plugin.facts import Array, Context
+from qsframework.plugin.kinds import Effect, Geometry, Load, Loop, ParallelSpring, Sensor, Spring, SpringLaw
+from qsframework.plugin.terms import (
+    GeometryTerm,
+    LawTerm,
+    Loads,
+    LoadTerm,
+    LoopTerm,
+    Reading,
+    SensorTerm,
+    StiffnessTerm,
+    TensionTerm,
+    TorqueTerm,
+)
+
+_STEP = 1e-5
+"""Of a difference, in natural sizes."""
+_IMAGINARY = 1e-30
+_AGREE = 1e-4
+_ROUNDING = 1e-9
+_FAR = 1e60
+"""Inputs beyond which a law may well overflow: an iteration that has lost its way."""
+Function = Callable[[Any], Any]
+T = TypeVar("T")
+
+
+def sizes(effect: Effect, x: Array, context: Context) -> Array:
+    """Natural size (p,) of each of an effect's parameters."""
+    typical = np.array([p.typical for p in effect.parameters(context.robot)])
+    return np.where(x == 0.0, typical, np.abs(x))
+
+
+def difference(function: Function, variable: Array, size: Array | None = None) -> Array:
+    """Fourth-order central differences along the last axis of the variable, put last in the result.
+
+    variable (p,) or (N, p): of a batch each row moves its own value only; size (p,): natural sizes
+    """
+    found = _sizes(variable) if size is None else size
+    columns: list[Array] = []
+    for j in range(variable.shape[-1]):
+        step = np.zeros_like(variable)
+        step[..., j] = _STEP * found[j]
+        columns.append(_along(function, variable, step) / (_STEP * found[j]))
+    return np.stack(columns, axis=-1) if columns else np.zeros((*np.shape(function(variable)), 0))
+
+
+def _sizes(variable: Array) -> Array:
+    scale = np.abs(variable.reshape(-1, variable.shape[-1])).max(axis=0, initial=0.0)
+    return np.where(scale > 0.0, np.maximum(scale, 1e-3), 1.0)
+
+
+def _along(function: Function, variable: Array, step: Array) -> Array:
+    near = np.asarray(function(variable + step)) - np.asarray(function(variable - step))
+    far = np.asarray(function(variable + 2 * step)) - np.asarray(function(variable - 2 * step))
+    return (8.0 * near - far) / 12.0
+
+
+def derivative(function: Function, variable: Array, size: Array | None = None) -> Array:
+    """d function / d variable as `difference` has it, by complex step where the function bears it."""
+    found = _sizes(variable) if size is None else size
+    exact = _complex(function, variable, found)
+    if exact is None:
+        return difference(function, variable, found)
+    step = _STEP * found * np.linspace(1.0, 0.6, len(found))
+    seen = _along(function, variable, np.broadcast_to(step, variable.shape))
+    rounding = _ROUNDING * _STEP * np.abs(np.asarray(function(variable))).max(initial=0.0)
+    off = np.abs(exact @ step - seen).max(initial=0.0)
+    return exact if off <= _AGREE * np.abs(seen).max(initial=0.0) + rounding else difference(function, variable, found)
+
+
+def _complex(function: Function, variable: Array, size: Array) -> Array | None:
+    """The derivative by complex step; None where the function does not take complex numbers or gives real ones."""
+    columns: list[Array] = []
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            for j in range(variable.shape[-1]):
+                turned = variable.astype(complex)
+                turned[..., j] += 1j * _IMAGINARY * size[j]
+                value = np.asarray(function(turned))
+                columns.append(value.imag / (_IMAGINARY * size[j]))
+    except (TypeError, ValueError, ArithmeticError, Warning):
+        return None
+    return np.stack(columns, axis=-1) if columns else np.zeros((*np.shape(function(variable)), 0))
+
+
+def _place(effect: Effect, law: str) -> str:
+    """The law's name with the file that it stands in."""
+    own = inspect.unwrap(getattr(type(effect), law))
+    return f"{effect.name}: {law}() in {own.__code__.co_filename}, line {own.__code__.co_firstlineno}"
+
+
+def _checked(effect: Effect, law: str, value: object, shape: tuple[int, ...], *inputs: Array, what: str = "") -> Array:
+    """A law's value; PluginError where it is not an array of numbers of this shape, or not finite."""
+    what = what and f" of {what}"
+    try:
+        found = np.asarray(value, dtype=None if np.iscomplexobj(value) else np.float64)
+    except (TypeError, ValueError):
+        raise PluginError(f"{_place(effect, law)}, gives {value!r:.80}{what}, no array of numbers") from None
+    if found.shape != shape:
+        raise PluginError(f"{_place(effect, law)}, gives the shape {found.shape}{what}, must be {shape}")
+    if not np.isfinite(found).all() and all(np.abs(v).max(initial=0.0) < _FAR for v in inputs):
+        row = np.argwhere(~np.isfinite(found))[0].tolist()
+        raise PluginError(f"{_place(effect, law)}, gives NaN or infinity{what}, first at {row}: {found[tuple(row)]}")
+    return cast("Array", found)
+
+
+def as_term(kind: type[T], value: object) -> T:
+    """A law's term, of a term or of its value alone."""
+    return value if isinstance(value, kind) else kind(value)  # pyright: ignore[reportCallIssue]
+
+
+def _left(value: object) -> bool:
+    """Whether a term leaves this to the framework."""
+    return value is None
+
+
+def geometry(effect: Geometry, x: Array, context: Context) -> GeometryTerm:
+    """`errors` with all derivatives."""
+    (batch, n), size = context.poses.q.shape, sizes(effect, x, context)
+
+    def errors(v: Array) -> GeometryTerm:
+        term = as_term(GeometryTerm, effect.errors(v, context))
+        angles = np.zeros((batch, n)) if _left(term.angles) else term.angles
+        angles = _checked(effect, "errors", angles, (batch, n), what="angles")
+        if term.twists is not None and not effect.moves_placements:
+            raise PluginError(f"{_place(effect, 'errors')}, gives twists, but the class does not say moves_placements")
+        twists = term.twists
+        if twists is not None:
+            twists = _checked(effect, "errors", twists, (batch, n, 6), what="twists")
+        dx = np.zeros((batch, n, len(x))) if _left(term.angles) else term.angles_dx
+        return replace(term, angles=angles, angles_dx=dx, twists=twists)
+
+    term = errors(x)
+    if _left(term.angles_dx):
+        term = replace(term, angles_dx=derivative(lambda v: errors(v).angles, x, size))
+    if term.twists is not None and _left(term.twists_dx):
+        term = replace(term, twists_dx=derivative(lambda v: errors(v).twists, x, size))
+    return term
+
+
+def closure(effect: Loop, actuators: Array, bars: Array, context: Context) -> LoopTerm:
+    """`closure` with all derivatives."""
+    (batch, k), u = actuators.shape, np.concatenate([actuators, bars], axis=1)
+    size = np.array([1.0] * k + [p.typical for p in effect.parameters(context.robot)])
+
+    def at(v: Array) -> LoopTerm:
+        return as_term(LoopTerm, effect.closure(v[:, :k], v[:, k:], context))
+
+    def slope(v: Array) -> Array:
+        term = at(v)
+        return derivative(lambda w: at(w).q, v, size) if _left(term.q_u) else term.q_u
+
+    term = at(u)
+    _checked(effect, "closure", term.q, (batch, k), u)
+    if _left(term.q_u):
+        term = replace(term, q_u=slope(u))
+    return term if not _left(term.q_uu) else replace(term, q_uu=difference(slope, u, size))
+
+
+def mixing(effect: Spring, x: Array, context: Context) -> Array:
+    """`mixing`, (v, k) or (N, v, k)."""
+    shape = (len(effect.virtual_joints(context.robot)), effect.coordinates(context.robot))
+    found = effect.mixing(x, context)
+    return _checked(effect, "mixing", found, (len(context), *shape) if np.ndim(found) == 3 else shape)
+
+
+def mixing_slope(effect: Spring, x: Array, context: Context) -> Array:
+    """`mixing` by the parameters, (v, k, p) or (N, v, k, p)."""
+    return derivative(lambda v: mixing(effect, v, context), x, sizes(effect, x, context))
+
+
+def torque(effect: ParallelSpring, q: Array, x: Array, context: Context) -> TorqueTerm | None:
+    """`torque` with its first derivatives; None where it has none."""
+    found = effect.torque(q, x, context)
+    if found is None:
+        return None
+
+    def value(q: Array, x: Array) -> Array:
+        return _checked(effect, "torque", as_term(TorqueTerm, effect.torque(q, x, context)).value, q.shape, q)
+
+    term = as_term(TorqueTerm, found)
+    _checked(effect, "torque", term.value, q.shape, q)
+    dq = derivative(lambda v: value(v, x), q, np.ones(q.shape[1])) if _left(term.dq) else term.dq
+    dx = derivative(lambda v: value(q, v), x, sizes(effect, x, context)) if _left(term.dx) else term.dx
+    return replace(term, dq=dq, dx=dx)
+
+
+def stiffness(effect: ParallelSpring, q: Array, x: Array, context: Context) -> StiffnessTerm | None:
+    """`stiffness` with all derivatives; None where it has none."""
+    found = effect.stiffness(q, x, context)
+    if found is None:
+        return None
+
+    def value(q: Array, x: Array) -> Array:
+        term = as_term(StiffnessTerm, effect.stiffness(q, x, context))
+        return _checked(effect, "stiffness", term.value, (*q.shape, q.shape[1]), q)
+
+    term = as_term(StiffnessTerm, found)
+    _checked(effect, "stiffness", term.value, (*q.shape, q.shape[1]), q)
+    dq = derivative(lambda v: value(v, x), q, np.ones(q.shape[1])) if _left(term.dq) else term.dq
+    dx = derivative(lambda v: value(q, v), x, sizes(effect, x, context)) if _left(term.dx) else term.dx
+    return StiffnessTerm(term.value, dq, dx)
+
+
+def tension(effect: ParallelSpring, length: Array, x: Array, context: Context) -> TensionTerm:
+    """`tension` with all derivatives."""
+
+    def value(s: Array, x: Array) -> Array:
+        return _checked(effect, "tension", as_term(TensionTerm, effect.tension(s, x, context)).value, s.shape, s)
+
+    term = as_term(TensionTerm, effect.tension(length, x, context))
+    _checked(effect, "tension", term.value, length.shape, length)
+    ds, dx = term.ds, term.dx
+    if _left(ds):
+        ds = derivative(lambda v: value(v[:, 0], x), length[:, None])[:, 0]
+    if _left(dx):
+        dx = derivative(lambda v: value(length, v), x, sizes(effect, x, context))
+    return TensionTerm(term.value, ds, dx)
+
+
+def extra(effect: SpringLaw, T: Array, x: Array, context: Context) -> LawTerm:
+    """`extra` with all derivatives."""
+
+    def value(T: Array, x: Array) -> Array:
+        return _checked(effect, "extra", as_term(LawTerm, effect.extra(T, x, context)).value, T.shape, T)
+
+    term = as_term(LawTerm, effect.extra(T, x, context))
+    _checked(effect, "extra", term.value, T.shape, T)
+    dT, dx = term.dT, term.dx
+    if _left(dT):  # each by its own torque: all move together
+        every = np.maximum(np.abs(T).max(initial=0.0), 1e-3 * context.robot.sizes.torque)
+        shift = derivative(lambda v: value(T + v, x), np.zeros((len(T), 1)), np.array([every]))
+        dT = shift[..., 0]
+    if _left(dx):
+        dx = derivative(lambda v: value(T, v), x, sizes(effect, x, context))
+    return LawTerm(term.value, dT, dx)
+
+
+def loaded(effect: Load, loads: Loads, x: Array, context: Context) -> LoadTerm:
+    """`apply` without the derivatives that it leaves out."""
+    term = as_term(LoadTerm, effect.apply(loads, x, context))
+    wrench = loads.wrench if _left(term.wrench) else term.wrench
+    return replace(term, wrench=_checked(effect, "apply", wrench, loads.wrench.shape, loads.wrench, what="the wrench"))
+
+
+def apply(effect: Load, loads: Loads, x: Array, context: Context) -> LoadTerm:
+    """`apply` with all derivatives."""
+    batch, size = len(loads.wrench), sizes(effect, x, context)
+
+    def at(v: Array, w: Array = loads.wrench, rotation: Array = loads.rotation) -> LoadTerm:
+        return loaded(effect, replace(loads, wrench=w, rotation=rotation), v, context)
+
+    term, none = at(x), np.zeros((batch, 3))
+    if term.wrench is loads.wrench and _left(term.d_wrench):  # as it came in
+        same = np.broadcast_to(np.eye(6), (batch, 6, 6))
+        term = replace(term, d_wrench=same, dx=np.zeros((batch, 6, len(x))))
+    if _left(term.d_wrench):
+        most = np.maximum(np.abs(loads.wrench).max(axis=0, initial=0.0), context.robot.sizes.weight)
+        turning = derivative(lambda v: at(x, rotation=turn(loads.rotation, v)).wrench, none, np.ones(3))
+        term = replace(term, d_wrench=derivative(lambda w: at(x, w).wrench, loads.wrench, most), d_rotation=turning)
+    if _left(term.dx):
+        term = replace(term, dx=derivative(lambda v: at(v).wrench, x, size))
+    if term.moments is not None:
+        shape = loads.moments.shape
+        _checked(effect, "apply", term.moments, shape, what="moments")
+        if _left(term.moments_dx):
+            term = replace(term, moments_dx=derivative(lambda v: at(v).moments, x, size))
+    return term
+
+
+def read(effect: Sensor, reading: Reading, x: Array, context: Context) -> SensorTerm:
+    """`read` with all derivatives."""
+    none = np.zeros((len(context), 3))
+
+    def at(v: Array, shift: Array = none, small: Array | None = None) -> Array:
+        rotation = reading.rotation if small is None else turn(reading.rotation, small[:, None, :])
+        moved = replace(reading, position=reading.position + shift[:, None, :], rotation=rotation)
+        found = as_term(SensorTerm, effect.read(moved, v, context)).position
+        return _checked(effect, "read", found, reading.position.shape, reading.position)
+
+    term = as_term(SensorTerm, effect.read(reading, x, context))
+    _checked(effect, "read", term.position, reading.position.shape, reading.position)
+    d_position, d_rotation, dx = term.d_position, term.d_rotation, term.dx
+    if _left(d_position):
+        d_position = derivative(lambda v: at(x, v), none, np.ones(3))
+        d_rotation = derivative(lambda v: at(x, none, v), none, np.ones(3))
+    if _left(dx):
+        dx = derivative(at, x, sizes(effect, x, context))
+    return SensorTerm(term.position, d_position, dx, d_rotation)
+
+
+def turn(rotation: Array, small: Array) -> Array:
+    """exp([small]x) rotation, to third order: enough for derivatives."""
+    x, y, z = np.moveaxis(small, -1, 0)
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
+    angle2 = (small**2).sum(-1)[..., None, None]
+    return (np.eye(3) + (1 - angle2 / 6) * cross + 0.5 * cross @ cross) @ rotation
