@@ -26,7 +26,7 @@ class LoadDirection(Load):
 
     def apply(self, loads: Loads, x: Array, context: Context) -> LoadTerm:
         R, J = rotation(np.array([x[0], x[1], 0.0]))
-        turned = np.kron(np.eye(2), R)
+        turned = np.asarray(np.kron(np.eye(2), R), dtype=np.float64)
         wrench = loads.wrench @ turned.T
         dx = np.concatenate([-skew(wrench[:, :3]) @ J, -skew(wrench[:, 3:]) @ J], axis=1)[:, :, :2]
         return LoadTerm(wrench, np.broadcast_to(turned, (len(wrench), 6, 6)), dx)

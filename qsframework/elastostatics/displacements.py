@@ -78,10 +78,10 @@ def _along(ev: Evaluation, change: Change) -> Array:
     if ev.sensed is not None:
         loaded = reading_along(ev, ev.sensed[1], ev.loaded, change, True)
         return loaded - reading_along(ev, ev.sensed[0], ev.unloaded, change, False)
-    c = change.spring
-    if c is not None and c not in ev.rates.active:
-        torque = ev.loaded.T[c] if ev.unloaded is None else ev.loaded.T[c] - ev.unloaded.T[c]
-        return np.stack([m.linear[c] * torque for m in ev.state.markers])
+    if change.spring is not None and not set(change.spring) & set(ev.rates.active):
+        own = list(change.spring)
+        torque = ev.loaded.T[own] if ev.unloaded is None else ev.loaded.T[own] - ev.unloaded.T[own]
+        return np.stack([np.einsum("ekn,en->kn", m.linear[own], torque) for m in ev.state.markers])
     rate = answer(ev, ev.loaded, change, True)
     if ev.unloaded is not None:
         rate = rate - answer(ev, ev.unloaded, change, False)

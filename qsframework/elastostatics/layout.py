@@ -95,7 +95,7 @@ def make_layout(facts: RobotFacts, effects: Sequence[Effect]) -> Layout:
             coordinates += [(Part(*place, 1.0),) for place in places]
             continue
         every = tuple(Part(*place, 1.0) for place in places)  # until `mixed` knows the shares
-        coordinates += [every] * spring.coordinates(facts)
+        coordinates += [every] * len(spring.compliances(facts))
     return Layout(
         facts=facts,
         chain=Chain(tuple(builder.elements), tuple(builder.stops)),
@@ -119,7 +119,7 @@ def mixed(layout: Layout, springs: Sequence[tuple[Spring, Array]], context: Cont
         return layout
     out: list[tuple[Part, ...]] = []
     for spring, x in springs:
-        first, count = len(out), spring.coordinates(layout.facts)
+        first, count = len(out), len(spring.compliances(layout.facts))
         if not mixes(spring):
             out += layout.coordinates[first : first + count]
             continue

@@ -145,7 +145,7 @@ def make_model(
             part.start + i
             for e, part in zip(ordered, slices, strict=True)
             if isinstance(e, Spring)
-            for i in range(e.coordinates(facts))
+            for i in e.compliances(facts)
         ),
     )
 
@@ -162,8 +162,9 @@ def _law_rows(law: SpringLaw, facts: RobotFacts, effects: Sequence[Effect]) -> t
     rows: dict[At, range] = {}
     first = 0
     for spring in (e for e in effects if isinstance(e, Spring)):
-        rows[spring.role, spring.where] = range(first, first + spring.coordinates(facts))
-        first += spring.coordinates(facts)
+        count = len(spring.compliances(facts))
+        rows[spring.role, spring.where] = range(first, first + count)
+        first += count
     for role, where in law.springs(facts):
         if (role, where) not in rows:
             found = [f"{own} {place}".strip() for own, place in rows if own]

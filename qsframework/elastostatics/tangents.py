@@ -25,14 +25,14 @@ from qsframework.plugin import Array, Geometry, Load, Loop, ParallelSpring, Sens
 class Change:
     """What one parameter changes before the springs answer, or in the reading; None stands for nothing.
 
-    tau, preload (ne, N); K (a, a, N); spring: the coordinate whose compliance it is; law and sensor:
+    tau, preload (ne, N); K (a, a, N); spring: the coordinates whose compliance it is; law and sensor:
     which one it belongs to and its place there; markers: rates of the markers' columns
     """
 
     tau: Array | None = None
     preload: Array | None = None
     K: Array | None = None
-    spring: int | None = None
+    spring: tuple[int, ...] | None = None
     law: tuple[int, int] | None = None
     sensor: tuple[int, int] | None = None
     markers: tuple[ColumnRate, ...] | None = None
@@ -42,22 +42,20 @@ def changes(ev: Stages, wanted: Sequence[int]) -> Iterator[tuple[int, Change]]:
     """Row and change for each wanted position in x, one at a time because they are large."""
     counts: dict[type, int] = {}
     for effect, part in zip(ev.model.effects, ev.model.slices, strict=True):
-        kind = next(k for k in _RULES if isinstance(effect, k))
+        kind = next(k for k in (Spring, *_RULES) if isinstance(effect, k))
         number = counts.get(kind, 0)
-        counts[kind] = number + (effect.coordinates(ev.model.facts) if isinstance(effect, Spring) else 1)
+        counts[kind] = number + (len(effect.compliances(ev.model.facts)) if isinstance(effect, Spring) else 1)
         for row, position in enumerate(wanted):
             if part.start <= position < part.stop:
-                if isinstance(effect, Spring) and position - part.start >= effect.coordinates(ev.model.facts):
-                    yield row, _mixed(ev, effect, ev.x[part], number, position - part.start)
-                else:
-                    yield row, _RULES[kind](ev, number, position - part.start)
+                i = position - part.start
+                yield row, _spring(ev, effect, number, i) if isinstance(effect, Spring) else _RULES[kind](ev, number, i)
 
 
 def answer(ev: Stages, response: springs.Response, change: Change, loaded: bool) -> Array:
     """d eps (ne, N) of one state; the wrench acts on the loaded one only."""
     if change.spring is not None:
         rhs = np.zeros_like(response.eps)
-        rhs[change.spring] = response.T[change.spring]
+        rhs[list(change.spring)] = response.T[list(change.spring)]
         return response.react(rhs)
     drive = np.zeros_like(response.eps)
     if change.preload is not None and ev.preload is not None:
@@ -111,13 +109,13 @@ def reading_along(
     return total + np.einsum("nkij,nkj->kin", sensed.by_rotation, turn)
 
 
-def _spring(ev: Stages, first: int, i: int) -> Change:
-    """A spring: column D_i times the torque T_i that it carries, equation (4)."""
-    return Change(spring=first + i)
-
-
-def _mixed(ev: Stages, effect: Spring, x: Array, first: int, i: int) -> Change:
-    """A ratio by which a spring's coordinates, from `first` on, move its virtual joints."""
+def _spring(ev: Stages, effect: Spring, first: int, i: int) -> Change:
+    """A spring, its coordinates from `first` on: columns D_c times the torques T_c that they carry, equation (4);
+    or a ratio by which they move its virtual joints."""
+    own = tuple(first + c for c, compliance in enumerate(effect.compliances(ev.model.facts)) if compliance == i)
+    if own:
+        return Change(spring=own)
+    x = next(xs for e, xs in ev.model.of_kind(Spring, ev.x) if e is effect)
     slope = laws.mixing_slope(effect, x, ev.motion.context)[..., i]
     return _geometric(ev, mixed_along(ev.motion, ev.model.layout, first, slope))
 
@@ -221,7 +219,6 @@ def _preload_along(ev: Stages, rate: MotionRate, dE: Array) -> Array | None:
 _RULES = {
     Geometry: _geometry,
     Loop: _loop,
-    Spring: _spring,
     ParallelSpring: _parallel,
     SpringLaw: _law,
     Load: _load,

@@ -100,8 +100,8 @@ class Plan:
     def repeated(self) -> Poses:
         """Each planned pose as often as it is to be measured, in the plan's order."""
         poses = self.poses.take(np.repeat(np.arange(len(self.pose)), self.repeats))
-        first = 2.0 * np.arange(len(poses))  # each unloaded, then loaded
-        return replace(poses, unloaded=Conditions(order=first), loaded=Conditions(order=first + 1.0))
+        before, after = (frozen((2.0 * np.arange(len(poses)) + k) / (2 * len(poses))) for k in (0.0, 1.0))
+        return replace(poses, unloaded=Conditions(order=before), loaded=Conditions(order=after))
 
 
 def make_plan(

@@ -200,10 +200,10 @@ def _joined_states(parts: list[States]) -> States:
             own = [getattr(c, key) for c in found]
             if all(v is None for v in own):
                 return None
-            if key == "order":  # one file was read after the other
-                ends = np.cumsum([0.0, *(0.0 if v is None or not len(v) else v.max() + 1.0 for v in own)])
-                own = [v if v is None else v + end for v, end in zip(own, ends, strict=False)]
             sizes = [len(p) for p in parts]
+            if key == "order":  # one file was read after the other
+                starts, total = np.cumsum([0, *sizes]), sum(sizes)
+                own = [v if v is None else (v * n + a) / total for v, n, a in zip(own, sizes, starts, strict=False)]
             return np.concatenate([np.full(n, np.nan) if v is None else v for v, n in zip(own, sizes, strict=True)])
 
         return Conditions.each(both)

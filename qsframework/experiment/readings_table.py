@@ -578,15 +578,16 @@ def _either(loaded: Array | None, unloaded: Array | None, is_loaded: npt.NDArray
 
 
 def _order(table: Table, rows: Indices, loaded: npt.NDArray[np.bool_] | None = None) -> Array:
-    """How many readings had been taken when each state was read: by its row, in its own pace where time_s is recorded.
+    """Which share of the readings had been taken at each state: by its row, in its own pace where time_s is recorded.
 
     loaded: of displacements, whose rows are two states each, the unloaded one read first
     """
     _, visit = np.unique(rows, return_inverse=True)
-    order, time = visit.astype(float), table.numbers.get("time")
+    count, time = int(visit.max(initial=0)) + 1, table.numbers.get("time")
+    order = visit / count
     if time is not None and np.isfinite(time[rows]).all() and np.ptp(time[rows]) > 0.0:
-        order = (time[rows] - time[rows].min()) / np.ptp(time[rows]) * max(float(visit.max()), 1.0)
-    return frozen(order if loaded is None else 2.0 * order + loaded)
+        order = (time[rows] - time[rows].min()) / np.ptp(time[rows]) * (1.0 - 1.0 / count)
+    return frozen(order if loaded is None else order + 0.5 * loaded / count)
 
 
 def _conditions(table: Table, suffix: str, rows: Indices) -> Conditions:

@@ -141,7 +141,7 @@ class Conditions:
     """What was recorded beside a state of N poses; None where it was not.
 
     time (N,) s, temperature (N,) K, approach (N,) -1 or +1: the side from which the pose was reached;
-    order (N,): how many readings had been taken when the state was read, from where they stand or from time
+    order (N,) 0 to 1: which share of the readings had been taken, by where they stand or in the pace of time_s
     """
 
     time: Array | None = None
@@ -219,6 +219,6 @@ class Context:
 
     @property
     def order(self) -> Array:
-        """How many readings had been taken (N,); 0 in a plan whose order nobody has chosen yet."""
+        """Which share (N,) of the readings had been taken, 0 to 1; 0 in a plan whose order nobody has chosen yet."""
         found = self.conditions.order
         return np.zeros(len(self)) if found is None else found

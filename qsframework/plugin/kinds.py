@@ -157,7 +157,7 @@ class Loop(Effect):
 class Spring(Effect):
     """Stage 2: elastic coordinates, one compliance parameter for each.
 
-    Its first parameters are the compliances; those that follow, if any, are what `mixing` depends on.
+    Parameters that are no compliance, if any, are what `mixing` depends on.
     """
 
     stage = 2
@@ -166,9 +166,9 @@ class Spring(Effect):
     def virtual_joints(self, robot: RobotFacts) -> tuple[Coordinate, ...]:
         """Where the spring lets the arm give."""
 
-    def coordinates(self, robot: RobotFacts) -> int:
-        """How many elastic coordinates, and so compliances, there are: as many as parameters unless said."""
-        return len(self.parameters(robot))
+    def compliances(self, robot: RobotFacts) -> tuple[int, ...]:
+        """Of each elastic coordinate, which parameter is its compliance: each of its own unless said."""
+        return tuple(range(len(self.parameters(robot))))
 
     def mixing(self, x: Array, context: Context) -> Array:
         """Motion of the virtual joints per elastic coordinate, ([N,] virtual joints, coordinates)."""

@@ -95,8 +95,8 @@ def _complex(function: Function, variable: Array, size: Array) -> Array | None:
             for j in range(variable.shape[-1]):
                 turned = variable.astype(complex)
                 turned[..., j] += 1j * _IMAGINARY * size[j]
-                value = np.asarray(function(turned))
-                columns.append(value.imag / (_IMAGINARY * size[j]))
+                value = np.asarray(function(turned), dtype=complex)
+                columns.append(np.asarray(np.imag(value), dtype=np.float64) / (_IMAGINARY * size[j]))
     except (TypeError, ValueError, ArithmeticError, Warning):
         return None
     return np.stack(columns, axis=-1) if columns else np.zeros((*np.shape(function(variable)), 0))
@@ -108,7 +108,7 @@ def _place(effect: Effect, law: str) -> str:
     return f"{effect.name}: {law}() in {own.__code__.co_filename}, line {own.__code__.co_firstlineno}"
 
 
-def _checked(effect: Effect, law: str, value: object, shape: tuple[int, ...], *inputs: Array, what: str = "") -> Array:
+def _checked(effect: Effect, law: str, value: Any, shape: tuple[int, ...], *inputs: Array, what: str = "") -> Array:
     """A law's value; PluginError where it is not an array of numbers of this shape, or not finite."""
     what = what and f" of {what}"
     try:
@@ -125,10 +125,16 @@ def _checked(effect: Effect, law: str, value: object, shape: tuple[int, ...], *i
 
 def as_term(kind: type[T], value: object) -> T:
     """A law's term, of a term or of its value alone."""
-    return value if isinstance(value, kind) else kind(value)  # pyright: ignore[reportCallIssue]
+    made: Any = kind
+    return value if isinstance(value, kind) else made(value)
 
 
-def _left(value: object) -> bool:
+def _ones(q: Array) -> Array:
+    """Natural sizes of angles, rad."""
+    return np.ones(q.shape[-1])
+
+
+def left_out(value: object) -> bool:
     """Whether a term leaves this to the framework."""
     return value is None
 
@@ -139,20 +145,20 @@ def geometry(effect: Geometry, x: Array, context: Context) -> GeometryTerm:
 
     def errors(v: Array) -> GeometryTerm:
         term = as_term(GeometryTerm, effect.errors(v, context))
-        angles = np.zeros((batch, n)) if _left(term.angles) else term.angles
+        angles = np.zeros((batch, n)) if left_out(term.angles) else term.angles
         angles = _checked(effect, "errors", angles, (batch, n), what="angles")
         if term.twists is not None and not effect.moves_placements:
             raise PluginError(f"{_place(effect, 'errors')}, gives twists, but the class does not say moves_placements")
         twists = term.twists
         if twists is not None:
             twists = _checked(effect, "errors", twists, (batch, n, 6), what="twists")
-        dx = np.zeros((batch, n, len(x))) if _left(term.angles) else term.angles_dx
+        dx = np.zeros((batch, n, len(x))) if left_out(term.angles) else term.angles_dx
         return replace(term, angles=angles, angles_dx=dx, twists=twists)
 
     term = errors(x)
-    if _left(term.angles_dx):
+    if left_out(term.angles_dx):
         term = replace(term, angles_dx=derivative(lambda v: errors(v).angles, x, size))
-    if term.twists is not None and _left(term.twists_dx):
+    if term.twists is not None and left_out(term.twists_dx):
         term = replace(term, twists_dx=derivative(lambda v: errors(v).twists, x, size))
     return term
 
@@ -167,18 +173,18 @@ def closure(effect: Loop, actuators: Array, bars: Array, context: Context) -> Lo
 
     def slope(v: Array) -> Array:
         term = at(v)
-        return derivative(lambda w: at(w).q, v, size) if _left(term.q_u) else term.q_u
+        return derivative(lambda w: at(w).q, v, size) if left_out(term.q_u) else term.q_u
 
     term = at(u)
     _checked(effect, "closure", term.q, (batch, k), u)
-    if _left(term.q_u):
+    if left_out(term.q_u):
         term = replace(term, q_u=slope(u))
-    return term if not _left(term.q_uu) else replace(term, q_uu=difference(slope, u, size))
+    return term if not left_out(term.q_uu) else replace(term, q_uu=difference(slope, u, size))
 
 
 def mixing(effect: Spring, x: Array, context: Context) -> Array:
     """`mixing`, (v, k) or (N, v, k)."""
-    shape = (len(effect.virtual_joints(context.robot)), effect.coordinates(context.robot))
+    shape = (len(effect.virtual_joints(context.robot)), len(effect.compliances(context.robot)))
     found = effect.mixing(x, context)
     return _checked(effect, "mixing", found, (len(context), *shape) if np.ndim(found) == 3 else shape)
 
@@ -199,8 +205,8 @@ def torque(effect: ParallelSpring, q: Array, x: Array, context: Context) -> Torq
 
     term = as_term(TorqueTerm, found)
     _checked(effect, "torque", term.value, q.shape, q)
-    dq = derivative(lambda v: value(v, x), q, np.ones(q.shape[1])) if _left(term.dq) else term.dq
-    dx = derivative(lambda v: value(q, v), x, sizes(effect, x, context)) if _left(term.dx) else term.dx
+    dq = derivative(lambda v: value(v, x), q, _ones(q)) if left_out(term.dq) else term.dq
+    dx = derivative(lambda v: value(q, v), x, sizes(effect, x, context)) if left_out(term.dx) else term.dx
     return replace(term, dq=dq, dx=dx)
 
 
@@ -216,8 +222,8 @@ def stiffness(effect: ParallelSpring, q: Array, x: Array, context: Context) -> S
 
     term = as_term(StiffnessTerm, found)
     _checked(effect, "stiffness", term.value, (*q.shape, q.shape[1]), q)
-    dq = derivative(lambda v: value(v, x), q, np.ones(q.shape[1])) if _left(term.dq) else term.dq
-    dx = derivative(lambda v: value(q, v), x, sizes(effect, x, context)) if _left(term.dx) else term.dx
+    dq = derivative(lambda v: value(v, x), q, _ones(q)) if left_out(term.dq) else term.dq
+    dx = derivative(lambda v: value(q, v), x, sizes(effect, x, context)) if left_out(term.dx) else term.dx
     return StiffnessTerm(term.value, dq, dx)
 
 
@@ -230,9 +236,9 @@ def tension(effect: ParallelSpring, length: Array, x: Array, context: Context) -
     term = as_term(TensionTerm, effect.tension(length, x, context))
     _checked(effect, "tension", term.value, length.shape, length)
     ds, dx = term.ds, term.dx
-    if _left(ds):
+    if left_out(ds):
         ds = derivative(lambda v: value(v[:, 0], x), length[:, None])[:, 0]
-    if _left(dx):
+    if left_out(dx):
         dx = derivative(lambda v: value(length, v), x, sizes(effect, x, context))
     return TensionTerm(term.value, ds, dx)
 
@@ -246,11 +252,11 @@ def extra(effect: SpringLaw, T: Array, x: Array, context: Context) -> LawTerm:
     term = as_term(LawTerm, effect.extra(T, x, context))
     _checked(effect, "extra", term.value, T.shape, T)
     dT, dx = term.dT, term.dx
-    if _left(dT):  # each by its own torque: all move together
+    if left_out(dT):  # each by its own torque: all move together
         every = np.maximum(np.abs(T).max(initial=0.0), 1e-3 * context.robot.sizes.torque)
         shift = derivative(lambda v: value(T + v, x), np.zeros((len(T), 1)), np.array([every]))
         dT = shift[..., 0]
-    if _left(dx):
+    if left_out(dx):
         dx = derivative(lambda v: value(T, v), x, sizes(effect, x, context))
     return LawTerm(term.value, dT, dx)
 
@@ -258,7 +264,7 @@ def extra(effect: SpringLaw, T: Array, x: Array, context: Context) -> LawTerm:
 def loaded(effect: Load, loads: Loads, x: Array, context: Context) -> LoadTerm:
     """`apply` without the derivatives that it leaves out."""
     term = as_term(LoadTerm, effect.apply(loads, x, context))
-    wrench = loads.wrench if _left(term.wrench) else term.wrench
+    wrench = loads.wrench if left_out(term.wrench) else term.wrench
     return replace(term, wrench=_checked(effect, "apply", wrench, loads.wrench.shape, loads.wrench, what="the wrench"))
 
 
@@ -270,19 +276,19 @@ def apply(effect: Load, loads: Loads, x: Array, context: Context) -> LoadTerm:
         return loaded(effect, replace(loads, wrench=w, rotation=rotation), v, context)
 
     term, none = at(x), np.zeros((batch, 3))
-    if term.wrench is loads.wrench and _left(term.d_wrench):  # as it came in
+    if term.wrench is loads.wrench and left_out(term.d_wrench):  # as it came in
         same = np.broadcast_to(np.eye(6), (batch, 6, 6))
         term = replace(term, d_wrench=same, dx=np.zeros((batch, 6, len(x))))
-    if _left(term.d_wrench):
+    if left_out(term.d_wrench):
         most = np.maximum(np.abs(loads.wrench).max(axis=0, initial=0.0), context.robot.sizes.weight)
         turning = derivative(lambda v: at(x, rotation=turn(loads.rotation, v)).wrench, none, np.ones(3))
         term = replace(term, d_wrench=derivative(lambda w: at(x, w).wrench, loads.wrench, most), d_rotation=turning)
-    if _left(term.dx):
+    if left_out(term.dx):
         term = replace(term, dx=derivative(lambda v: at(v).wrench, x, size))
     if term.moments is not None:
         shape = loads.moments.shape
         _checked(effect, "apply", term.moments, shape, what="moments")
-        if _left(term.moments_dx):
+        if left_out(term.moments_dx):
             term = replace(term, moments_dx=derivative(lambda v: at(v).moments, x, size))
     return term
 
@@ -300,10 +306,10 @@ def read(effect: Sensor, reading: Reading, x: Array, context: Context) -> Sensor
     term = as_term(SensorTerm, effect.read(reading, x, context))
     _checked(effect, "read", term.position, reading.position.shape, reading.position)
     d_position, d_rotation, dx = term.d_position, term.d_rotation, term.dx
-    if _left(d_position):
+    if left_out(d_position):
         d_position = derivative(lambda v: at(x, v), none, np.ones(3))
         d_rotation = derivative(lambda v: at(x, none, v), none, np.ones(3))
-    if _left(dx):
+    if left_out(dx):
         dx = derivative(at, x, sizes(effect, x, context))
     return SensorTerm(term.position, d_position, dx, d_rotation)
 

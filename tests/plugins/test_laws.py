@@ -90,8 +90,8 @@ class CrankedWrist(Spring):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return (Parameter(f"{self.name}.give", "rad/(N m)", typical=1e-7, lower=0.0), one(f"{self.name}.ratio"))
 
-    def coordinates(self, robot: RobotFacts) -> int:
-        return 1
+    def compliances(self, robot: RobotFacts) -> tuple[int, ...]:
+        return (0,)
 
     def virtual_joints(self, robot: RobotFacts) -> tuple[Actuator | VirtualJoint, ...]:
         return (VirtualJoint("link_5", "y", "rotation"), Actuator("joint_6"))
