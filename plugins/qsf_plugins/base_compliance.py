@@ -14,6 +14,7 @@ class BaseCompliance(Spring):
     """The whole arm moves on its pedestal, about or along one axis of the base frame."""
 
     direction: str = place()
+    role = "base"
     equation = "eps = c tau, tau = the force along, or the moment about, the direction at the base"
     source = "pedestal stiffness of 20 to 100 MN m/rad: published calibrations of heavy arms"
     check = "Anchor bolts, foundation, riser plate."

@@ -197,7 +197,10 @@ class Rows:
         loaded, unloaded = (_recorded(readings.poses.take(states)) for states in both)
         if not readings.states.loaded[both[0]].all() or readings.states.loaded[both[1]].any():
             return None
-        pairs = replace(loaded, unloaded=unloaded.loaded)
+        before = unloaded.loaded
+        if before.temperature is None:  # an arm is as warm as a minute later
+            before = replace(before, temperature=loaded.loaded.temperature)
+        pairs = replace(loaded, unloaded=before)
         return (pairs, where.ravel()) if np.array_equal(loaded.q, unloaded.q) else None
 
     @property

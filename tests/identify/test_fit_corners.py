@@ -53,9 +53,12 @@ def test_readings_that_cannot_be_fitted(r2000ic: Experiment, real: Readings) -> 
 
 def test_what_the_fit_estimates_is_no_prior_of_the_load(r2000ic: Experiment) -> None:
     stated = r2000ic.with_(load_uncertainty=LoadUncertainty(0.01, 0.02))
-    assert load_sds(stated, ()).tolist() == [0.01, 0.02, 0.02, 0.02]
-    assert load_sds(stated, ("load_scale",)).tolist() == [0.0, 0.02, 0.02, 0.02]
-    assert load_sds(stated, ("load_direction.rx",)).tolist() == [0.01, 0.0, 0.0, 0.0]
+    facts = r2000ic.robot.facts
+    loads = tuple(e for n in ("load_scale", "load_direction") for e in build_effects({"effect": n}, facts))
+    model = r2000ic.with_(effects=loads, parameters=tuple(p for e in loads for p in e.parameters(facts))).model()
+    assert load_sds(stated, model, ()).tolist() == [0.01, 0.02, 0.02, 0.02]
+    assert load_sds(stated, model, ("load_scale",)).tolist() == [0.0, 0.02, 0.02, 0.02]
+    assert load_sds(stated, model, ("load_direction.rx",)).tolist() == [0.01, 0.0, 0.0, 0.0]
 
 
 def test_the_two_step_method_knows_its_arm(m900ib: Experiment, r2000ic: Experiment) -> None:

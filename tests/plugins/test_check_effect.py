@@ -56,6 +56,7 @@ SETTINGS = {
             {"name": "bar", "axis": [0, 1, 0], "to_m": [0.8, 0.0, 1.1]},
         ],
     },
+    "base_lift": {"direction": "ry"},
     "bar_compliance": {"driven": "joint_3"},
     "coupling": {"joint": "joint_5", "follows": {"joint_2": 1, "joint_3": -1}, "offset_deg": 5},
     "gravity_compensator": {"joint": "joint_2", "lc_m": 0.235, "l2_m": 1.12, "zero_deg": 20},

@@ -14,10 +14,8 @@ from qsframework.plugin import (
     Conditions,
     Effect,
     InputError,
-    ParallelSpring,
     Parameter,
     Poses,
-    Sensor,
     Spring,
     SpringLaw,
     registry,
@@ -94,11 +92,14 @@ def find_causes(
 
 
 def _missing(effect: Effect, seen: Rows | Poses) -> tuple[str, ...]:
-    """Columns that an effect needs and the readings lack: what acts in both states of a displacement needs both."""
-    states = _states(seen)
-    if not isinstance(effect, (Sensor, ParallelSpring)):
-        states = states[:1]
-    missing = [(n, end) for n in effect.needs for end, state in states if not _known(state, n)]
+    """Columns that an effect needs and the readings lack: of both states of a displacement."""
+    alike = ("temperature",)  # of the unloaded state, where nobody recorded its own
+    missing = [
+        (n, end)
+        for n in effect.needs
+        for end, state in _states(seen)
+        if not _known(state, n) and not (end and n in alike)
+    ]
     return tuple(dict.fromkeys(n if n == "approach" else f"{n}{end}" for n, end in missing))  # one side for both states
 
 
