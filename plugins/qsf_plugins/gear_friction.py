@@ -41,7 +41,7 @@ class GearFriction(SpringLaw):
             raise InputError(Problem(f"{self.name}: slip must not be negative", found=f"{self.slip:g} N m"))
 
     def extra(self, torque: Array, x: Array, context: Context) -> Array:
-        side = context.recorded("approach", self.name)[:, None]
+        side = context.side[:, None]
         if not context.loaded:
             return -x[0] * side + 0.0 * torque
         square = torque**2 + (self.slip or 0.1 * context.robot.sizes.torque) ** 2

@@ -218,6 +218,12 @@ class Context:
         raise InputError(f"{name} needs the column{'s' if both else ''} {_COLUMNS[what]}{both} in the readings")
 
     @property
+    def side(self) -> Array:
+        """From which side (N,) the poses were reached, -1 or +1; +1, all from one, where nobody recorded it."""
+        found = self.conditions.approach
+        return np.ones(len(self)) if found is None else found
+
+    @property
     def order(self) -> Array:
         """Which share (N,) of the readings had been taken, 0 to 1; 0 in a plan whose order nobody has chosen yet."""
         found = self.conditions.order
