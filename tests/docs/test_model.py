@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from qsframework.plugin import registry
 from qsframework.plugin.kinds import Effect
 
 
@@ -31,6 +32,11 @@ def test_every_equation_is_there(text: str) -> None:
         named |= set(range(int(first), int(last) + 1))
     named |= {int(n) for n in re.findall(r"\((\d+)\)", text.split("## The pipeline")[1])}
     assert named >= set(range(1, 23))
+
+
+def test_every_effect_has_a_row_with_its_stage(text: str) -> None:
+    rows = {name: int(stage) for name, stage in re.findall(r"^\| `(\w+)` \| (\d) \|", text, re.M)}
+    assert rows == {name: effect.stage for name, effect in registry().items()}
 
 
 def test_the_stages_are_those_of_the_plugin_layer(text: str) -> None:
