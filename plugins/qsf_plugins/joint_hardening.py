@@ -7,19 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.plugin import (
-    Array,
-    At,
-    Context,
-    InputError,
-    LawTerm,
-    Parameter,
-    Problem,
-    RobotFacts,
-    SpringLaw,
-    place,
-    setting,
-)
+from qsframework.plugin import Array, At, Context, InputError, LawTerm, Parameter, RobotFacts, SpringLaw, place, setting
 
 _ROUND = 0.05
 """Radius of the knee's corner, as a share of the knee."""
@@ -52,7 +40,7 @@ class JointHardening(SpringLaw):
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
         if self.knee < 0.0:
-            raise InputError(Problem(f"{self.name}: knee must not be negative", found=f"{self.knee:g} N m"))
+            raise InputError(f"{self.name}: knee must not be negative, found {self.knee:g} N m")
 
     def extra(self, torque: Array, x: Array, context: Context) -> LawTerm:
         shape, slope = self._knee(torque) if self.knee else (torque**3, 3.0 * torque**2)

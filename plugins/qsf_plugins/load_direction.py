@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsf_plugins.vectors import rotation, skew
-from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter, RobotFacts
+from qsf_plugins.vectors import rotation
+from qsframework.plugin import Array, Context, Load, Loads, Parameter, RobotFacts
 
 
 @dataclass(frozen=True)
@@ -24,12 +24,9 @@ class LoadDirection(Load):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return tuple(Parameter(f"{self.name}.{axis}", "rad", typical=0.01) for axis in ("rx", "ry"))
 
-    def apply(self, loads: Loads, x: Array, context: Context) -> LoadTerm:
-        R, J = rotation(np.array([x[0], x[1], 0.0]))
-        turned = np.asarray(np.kron(np.eye(2), R), dtype=np.float64)
-        wrench = loads.wrench @ turned.T
-        dx = np.concatenate([-skew(wrench[:, :3]) @ J, -skew(wrench[:, 3:]) @ J], axis=1)[:, :, :2]
-        return LoadTerm(wrench, np.broadcast_to(turned, (len(wrench), 6, 6)), dx)
+    def apply(self, loads: Loads, x: Array, context: Context) -> Array:
+        R = rotation(np.array([x[0], x[1], 0.0]))
+        return np.concatenate([loads.wrench[:, :3] @ R.T, loads.wrench[:, 3:] @ R.T], axis=1)
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[LoadDirection, ...]:

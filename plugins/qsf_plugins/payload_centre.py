@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsf_plugins.vectors import skew
-from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter, RobotFacts
+from qsframework.plugin import Array, Context, Load, Loads, Parameter, RobotFacts
 
 
 @dataclass(frozen=True)
@@ -23,17 +22,9 @@ class PayloadCentre(Load):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return tuple(Parameter(f"{self.name}.{axis}", "m", typical=0.01) for axis in "xyz")
 
-    def apply(self, loads: Loads, x: Array, context: Context) -> LoadTerm:
-        force = loads.wrench[:, :3]
-        arm = loads.rotation @ x
-        wrench = loads.wrench.copy()
-        wrench[:, 3:] += np.cross(arm, force)
-        slope = np.tile(np.eye(6), (len(force), 1, 1))
-        slope[:, 3:, :3] = skew(arm)
-        none = np.zeros((len(force), 3, 3))
-        dx = np.concatenate([none, -skew(force) @ loads.rotation], axis=1)
-        d_rotation = np.concatenate([none, skew(force) @ skew(arm)], axis=1)
-        return LoadTerm(wrench, slope, dx, d_rotation)
+    def apply(self, loads: Loads, x: Array, context: Context) -> Array:
+        force, moment = loads.wrench[:, :3], loads.wrench[:, 3:]
+        return np.concatenate([force, moment + np.cross(loads.rotation @ x, force)], axis=1)
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[PayloadCentre, ...]:

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from qsframework.plugin import Array, Context, Parameter, Reading, RobotFacts, Sensor, SensorTerm
+from qsframework.plugin import Array, Context, Parameter, Reading, RobotFacts, Sensor
 
 
 @dataclass(frozen=True)
@@ -23,11 +21,8 @@ class TrackerDrift(Sensor):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return tuple(Parameter(f"{self.name}.{axis}", "m/s", typical=1e-8) for axis in ("vx", "vy", "vz"))
 
-    def read(self, reading: Reading, x: Array, context: Context) -> SensorTerm:
-        shape = reading.position.shape
-        time = context.recorded("time", self.name)[:, None, None]
-        slope = np.broadcast_to(np.eye(3), (*shape, 3))
-        return SensorTerm(reading.position + time * x, slope, np.broadcast_to(time[..., None] * np.eye(3), (*shape, 3)))
+    def read(self, reading: Reading, x: Array, context: Context) -> Array:
+        return reading.position + context.recorded("time", self.name)[:, None, None] * x
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[TrackerDrift, ...]:

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from qsf_plugins.vectors import rotation, skew
-from qsframework.plugin import Array, Context, Parameter, Reading, RobotFacts, Sensor, SensorTerm
+from qsf_plugins.vectors import rotation
+from qsframework.plugin import Array, Context, Parameter, Reading, RobotFacts, Sensor
 
 
 @dataclass(frozen=True)
@@ -23,10 +21,8 @@ class TrackerFrame(Sensor):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return tuple(Parameter(f"{self.name}.{axis}", "rad", typical=5e-3) for axis in ("rx", "ry", "rz"))
 
-    def read(self, reading: Reading, x: Array, context: Context) -> SensorTerm:
-        R, J = rotation(x)
-        position = reading.position @ R.T
-        return SensorTerm(position, np.broadcast_to(R, (*position.shape, 3)), -skew(position) @ J)
+    def read(self, reading: Reading, x: Array, context: Context) -> Array:
+        return reading.position @ rotation(x).T
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[TrackerFrame, ...]:

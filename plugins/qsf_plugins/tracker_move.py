@@ -40,8 +40,8 @@ class TrackerMove(Sensor):
 
     def read(self, reading: Reading, x: Array, context: Context) -> Array:
         after = (context.order >= share(self.name, self.percent))[:, None, None]
-        R, _ = rotation(x[3:])
-        return reading.position + after * (reading.position @ R.T - reading.position + x[:3])
+        turned = reading.position @ rotation(x[3:]).T
+        return reading.position + after * (turned - reading.position + x[:3])
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[TrackerMove, ...]:

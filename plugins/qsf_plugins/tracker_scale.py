@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from qsframework.plugin import Array, Context, Parameter, Reading, RobotFacts, Sensor, SensorTerm
+from qsframework.plugin import Array, Context, Parameter, Reading, RobotFacts, Sensor
 
 
 @dataclass(frozen=True)
@@ -22,9 +20,8 @@ class TrackerScale(Sensor):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return (Parameter(self.name, "", typical=1e-3, lower=-0.99),)
 
-    def read(self, reading: Reading, x: Array, context: Context) -> SensorTerm:
-        slope = np.broadcast_to((1.0 + x[0]) * np.eye(3), (*reading.position.shape, 3))
-        return SensorTerm(reading.position * (1.0 + x[0]), slope, reading.position[..., None])
+    def read(self, reading: Reading, x: Array, context: Context) -> Array:
+        return reading.position * (1.0 + x[0])
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[TrackerScale, ...]:

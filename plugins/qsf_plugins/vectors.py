@@ -20,16 +20,12 @@ def turns(axis: Array, angle: Array) -> Array:
     return np.eye(3) + np.sin(angle)[:, None, None] * cross + (1.0 - np.cos(angle))[:, None, None] * (cross @ cross)
 
 
-def rotation(v: Array) -> tuple[Array, Array]:
-    """Rotation matrix exp([v]x) (3, 3) of a rotation vector and its left Jacobian J (3, 3).
-
-    d (R f) = -[R f]x J dv.
-    """
-    angle = float(np.linalg.norm(v))
-    K = skew(np.asarray(v, dtype=float))
-    if angle < 1e-4:
-        first, second, third = 1.0 - angle**2 / 6.0, 0.5 - angle**2 / 24.0, 1.0 / 6.0 - angle**2 / 120.0
+def rotation(v: Array) -> Array:
+    """Rotation matrix exp([v]x) (3, 3) of a rotation vector, of complex ones too."""
+    square, K = v @ v, skew(v)
+    if square.real < 1e-8:
+        first, second = 1.0 - square / 6.0, 0.5 - square / 24.0
     else:
-        first, second = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2
-        third = (angle - np.sin(angle)) / angle**3
-    return np.eye(3) + first * K + second * K @ K, np.eye(3) + second * K + third * K @ K
+        angle = np.sqrt(square)
+        first, second = np.sin(angle) / angle, (1.0 - np.cos(angle)) / square
+    return np.eye(3) + first * K + second * K @ K

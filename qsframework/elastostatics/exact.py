@@ -9,7 +9,7 @@ import numpy as np
 
 from qsframework.elastostatics.equilibrium import Settled, settle
 from qsframework.elastostatics.model import Model
-from qsframework.elastostatics.sensors import sense
+from qsframework.elastostatics.sensors import said
 from qsframework.elastostatics.structure import chunks
 from qsframework.plugin import Array, Poses, Sensor
 
@@ -42,7 +42,4 @@ def _read(model: Model, settled: Settled, x: Array) -> Array:
     state = settled.at.state
     if not state.markers:
         return np.zeros((settled.eps.shape[1], 0, 3))
-    sensors = model.of_kind(Sensor, x)
-    if sensors:
-        return sense(sensors, state, None, model.marker_names, state.motion.context).position.transpose(2, 0, 1)
-    return np.stack([m.position for m in state.markers]).transpose(2, 0, 1)
+    return said(model.of_kind(Sensor, x), state, model.marker_names)

@@ -84,6 +84,15 @@ def sense(
     )
 
 
+def said(sensors: Sequence[tuple[Sensor, Array]], state: State, names: Sequence[str]) -> Array:
+    """What the instrument says (N, K, 3) of the markers where a state is placed."""
+    position = np.stack([m.position for m in state.markers]).transpose(2, 0, 1)
+    rotation = np.stack([state.placed.matrix(m.link) for m in state.markers], axis=1)
+    for sensor, x in sensors:
+        position = laws.seen(sensor, Reading(position, rotation, tuple(names)), x, state.motion.context)
+    return position
+
+
 def _through(later: Sequence[SensorTerm], dx: Array) -> Array:
     for term in later:
         dx = term.d_position @ dx

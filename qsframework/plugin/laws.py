@@ -293,6 +293,12 @@ def apply(effect: Load, loads: Loads, x: Array, context: Context) -> LoadTerm:
     return term
 
 
+def seen(effect: Sensor, reading: Reading, x: Array, context: Context) -> Array:
+    """What `read` says (N, k, 3), without its derivatives."""
+    found = as_term(SensorTerm, effect.read(reading, x, context)).position
+    return _checked(effect, "read", found, reading.position.shape, reading.position)
+
+
 def read(effect: Sensor, reading: Reading, x: Array, context: Context) -> SensorTerm:
     """`read` with all derivatives."""
     none = np.zeros((len(context), 3))
@@ -300,8 +306,7 @@ def read(effect: Sensor, reading: Reading, x: Array, context: Context) -> Sensor
     def at(v: Array, shift: Array = none, small: Array | None = None) -> Array:
         rotation = reading.rotation if small is None else turn(reading.rotation, small[:, None, :])
         moved = replace(reading, position=reading.position + shift[:, None, :], rotation=rotation)
-        found = as_term(SensorTerm, effect.read(moved, v, context)).position
-        return _checked(effect, "read", found, reading.position.shape, reading.position)
+        return seen(effect, moved, v, context)
 
     term = as_term(SensorTerm, effect.read(reading, x, context))
     _checked(effect, "read", term.position, reading.position.shape, reading.position)
