@@ -24,7 +24,7 @@ from qsframework.plugin import (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CompensatorFriction(ParallelSpring):
     """The balancer's moment M_c is larger or smaller by a share mu, against the side of approach."""
 
@@ -72,7 +72,7 @@ class CompensatorFriction(ParallelSpring):
 
         def of(e: GravityCompensator) -> CompensatorFriction:
             lc, l2, K, s0, zero = (value[f"{e.name}.{n}"] for n in ("lc", "l2", "stiffness", "free_length", "zero"))
-            return cls(e.joint, lc, l2, K, s0, zero, e.label)
+            return cls(joint=e.joint, lc=lc, l2=l2, spring_stiffness=K, free_length=s0, zero=zero, label=e.label)
 
         found = [of(e) for e in effects if isinstance(e, GravityCompensator)]
         return tuple(e for e in found if e.spring_stiffness > 0.0)

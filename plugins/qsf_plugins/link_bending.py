@@ -48,8 +48,8 @@ class LinkBending(Spring):
         length = float(np.linalg.norm(reach))
         first = np.cross(reach, np.eye(3)[int(np.argmin(np.abs(reach)))])
         axis = first if self.across == "u" else np.cross(reach, first)
-        axis = axis / np.linalg.norm(axis)
-        return axis, np.cross(axis, reach / length), length
+        axis = np.asarray(axis / np.linalg.norm(axis), dtype=np.float64)
+        return axis, np.asarray(np.cross(axis, reach / length), dtype=np.float64), length
 
     def virtual_joints(self, robot: RobotFacts) -> tuple[VirtualJoint, ...]:
         axis, side, _ = self._axes(robot)

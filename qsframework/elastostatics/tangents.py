@@ -8,7 +8,7 @@ to all of them, and the same for a displacement and for the position in one stat
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,7 @@ from qsframework.elastostatics.evaluation import Stages, gather, joint_torque
 from qsframework.elastostatics.motion import MotionRate, combine, mixed_along, motion_along
 from qsframework.elastostatics.sensors import Sensed
 from qsframework.elastostatics.state import Column, ColumnRate, column_along
-from qsframework.plugin import Array, Geometry, Load, Loop, ParallelSpring, Sensor, Spring, SpringLaw, laws
+from qsframework.plugin import Array, Effect, Geometry, Load, Loop, ParallelSpring, Sensor, Spring, SpringLaw, laws
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -216,7 +216,7 @@ def _preload_along(ev: Stages, rate: MotionRate, dE: Array) -> Array | None:
     return total
 
 
-_RULES = {
+_RULES: dict[type[Effect], Callable[[Stages, int, int], Change]] = {
     Geometry: _geometry,
     Loop: _loop,
     ParallelSpring: _parallel,

@@ -123,10 +123,11 @@ def _checked(effect: Effect, law: str, value: Any, shape: tuple[int, ...], *inpu
     return cast("Array", found)
 
 
-def as_term(kind: type[T], value: object) -> T:
+def as_term(kind: type[T], value: Any) -> T:
     """A law's term, of a term or of its value alone."""
-    made: Any = kind
-    return value if isinstance(value, kind) else made(value)
+    made: Callable[[Any], T] = kind
+    found: Any = value if isinstance(value, kind) else made(value)
+    return cast("T", found)
 
 
 def _ones(q: Array) -> Array:
