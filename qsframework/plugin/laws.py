@@ -123,16 +123,15 @@ def _checked(effect: Effect, law: str, value: Any, shape: tuple[int, ...], *inpu
     return cast("Array", found)
 
 
-def as_term(kind: type[T], value: Any) -> T:
+def as_term(kind: Callable[..., T], value: Any) -> T:
     """A law's term, of a term or of its value alone."""
-    made: Callable[[Any], T] = kind
-    found: Any = value if isinstance(value, kind) else made(value)
-    return cast("T", found)
+    own: Any = kind
+    return value if isinstance(value, own) else kind(value)
 
 
 def _ones(q: Array) -> Array:
     """Natural sizes of angles, rad."""
-    return np.ones(q.shape[-1])
+    return np.ones((q.shape[-1],))
 
 
 def left_out(value: object) -> bool:
