@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.plugin import Array, At, Context, InputError, Parameter, Problem, RobotFacts, SpringLaw, place, setting
+from qsframework.plugin import Array, At, Context, InputError, LawTerm, Parameter, RobotFacts, SpringLaw, place, setting
 
 
 @dataclass(frozen=True)
@@ -34,10 +34,12 @@ class JointBacklash(SpringLaw):
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
         if self.width <= 0.0:
-            raise InputError(Problem(f"{self.name}: width must be above 0", found=f"{self.width:g} N m"))
+            raise InputError(f"{self.name}: width must be above 0, found {self.width:g} N m")
 
-    def extra(self, torque: Array, x: Array, context: Context) -> Array:
-        return 0.5 * x[0] * torque / np.sqrt(torque**2 + self.width**2)
+    def extra(self, torque: Array, x: Array, context: Context) -> LawTerm:
+        root = np.sqrt(torque**2 + self.width**2)
+        side = 0.5 * torque / root
+        return LawTerm(x[0] * side, 0.5 * x[0] * self.width**2 / root**3, side[..., None])
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[JointBacklash, ...]:

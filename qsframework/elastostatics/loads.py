@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -16,24 +17,32 @@ from qsframework.robot.kinematics import Twists, cross, twists_along
 
 @dataclass(frozen=True, eq=False)
 class Applied:
-    """The wrench (N, 6) after all load effects, each effect's term, and the links' mass moments (n + 1, 4)."""
+    """The wrench (N, 6) after all load effects, and the links' mass moments (n + 1, 4).
+
+    passed: what came into each effect, whose terms are taken where they are asked for
+    """
 
     wrench: Array
     moments: Array
-    terms: tuple[LoadTerm, ...]
+    passed: tuple[tuple[Load, Loads, Array], ...]
+    context: Context
+
+    @cached_property
+    def terms(self) -> tuple[LoadTerm, ...]:
+        """Each effect's term with its derivatives."""
+        return tuple(laws.apply(effect, loads, x, self.context) for effect, loads, x in self.passed)
 
 
 def apply_loads(effects: Sequence[tuple[Load, Array]], rotation: Array, context: Context) -> Applied:
     """Pass the wrench and the masses through the load effects in their order."""
     wrench, moments = context.poses.wrench, nominal_moments(context.robot)
-    terms: list[LoadTerm] = []
+    passed: list[tuple[Load, Loads, Array]] = []
     for effect, x in effects:
-        term = laws.apply(effect, Loads(wrench, rotation, moments), x, context)
-        assert term.wrench is not None
+        passed.append((effect, Loads(wrench, rotation, moments), x))
+        term = laws.loaded(*passed[-1], context)
         wrench = term.wrench
         moments = moments if term.moments is None else moments + term.moments
-        terms.append(term)
-    return Applied(wrench, moments, tuple(terms))
+    return Applied(wrench, moments, tuple(passed), context)
 
 
 def wrench_along(terms: Sequence[LoadTerm], turn: Array | None, start: Array | None, first: int = 0) -> Array:

@@ -17,15 +17,38 @@ from qsframework.plugin import Array, Context, Reading, Sensor, SensorTerm, laws
 class Sensed:
     """Readings (K, 3, N) of one state and how they react to the markers' motion.
 
-    by_position, by_rotation (N, K, 3, 3): to a shift, and to a small rotation of the marker's link;
-    by_parameters: for each sensor (N, K, 3, p), already passed through the later sensors
+    passed: what came into each sensor, whose terms are taken where they are asked for
     """
 
     position: Array
-    by_position: Array
-    by_rotation: Array
-    by_parameters: tuple[Array, ...]
+    passed: tuple[tuple[Sensor, Reading, Array], ...]
+    context: Context
     turned: Array
+
+    @cached_property
+    def _terms(self) -> tuple[SensorTerm, ...]:
+        return tuple(laws.read(sensor, reading, x, self.context) for sensor, reading, x in self.passed)
+
+    @cached_property
+    def by_position(self) -> Array:
+        """To a shift of the marker, (N, K, 3, 3)."""
+        start = np.broadcast_to(np.eye(3), (*self.passed[0][1].position.shape, 3))
+        return _through(self._terms, start)
+
+    @cached_property
+    def by_rotation(self) -> Array:
+        """To a small rotation of the marker's link, (N, K, 3, 3)."""
+        out = np.zeros((*self.passed[0][1].position.shape, 3))
+        for term in self._terms:
+            out = term.d_position @ out
+            if term.d_rotation is not None:
+                out = out + term.d_rotation
+        return out
+
+    @cached_property
+    def by_parameters(self) -> tuple[Array, ...]:
+        """For each sensor (N, K, 3, p), already passed through the later sensors."""
+        return tuple(_through(self._terms[i + 1 :], term.dx) for i, term in enumerate(self._terms))
 
     def turn_rate(self, rate: Array, carried: Array | None) -> Array:
         """Small rotation (N, K, 3) of the links, turned by exp(turned), when `turned` changes by `rate` and the
@@ -64,24 +87,11 @@ def sense(
     turned = exponential(turn.transpose(2, 0, 1))
     rotation = turned @ np.stack(links, axis=1)
     reading = position.transpose(2, 0, 1)
-    terms: list[SensorTerm] = []
+    passed: list[tuple[Sensor, Reading, Array]] = []
     for sensor, x in sensors:
-        terms.append(laws.read(sensor, Reading(reading, rotation, tuple(names)), x, context))
-        reading = terms[-1].position
-    by_position = np.broadcast_to(np.eye(3), (*reading.shape, 3))
-    by_rotation = np.zeros((*reading.shape, 3))
-    for term in terms:
-        by_position = term.d_position @ by_position
-        by_rotation = term.d_position @ by_rotation
-        if term.d_rotation is not None:
-            by_rotation = by_rotation + term.d_rotation
-    return Sensed(
-        reading.transpose(1, 2, 0),
-        by_position,
-        by_rotation,
-        tuple(_through(terms[i + 1 :], term.dx) for i, term in enumerate(terms)),
-        turn,
-    )
+        passed.append((sensor, Reading(reading, rotation, tuple(names)), x))
+        reading = laws.seen(*passed[-1], context)
+    return Sensed(reading.transpose(1, 2, 0), tuple(passed), context, turn)
 
 
 def said(sensors: Sequence[tuple[Sensor, Array]], state: State, names: Sequence[str]) -> Array:

@@ -80,10 +80,12 @@ def derivative(function: Function, variable: Array, size: Array | None = None) -
     if exact is None:
         return difference(function, variable, found)
     step = _STEP * found * np.linspace(1.0, 0.6, len(found))
-    seen = _along(function, variable, np.broadcast_to(step, variable.shape))
-    rounding = _ROUNDING * _STEP * np.abs(np.asarray(function(variable))).max(initial=0.0)
-    off = np.abs(exact @ step - seen).max(initial=0.0)
-    return exact if off <= _AGREE * np.abs(seen).max(initial=0.0) + rounding else difference(function, variable, found)
+    ends = [np.asarray(function(variable + sign * step)) for sign in (1.0, -1.0)]
+    change = 0.5 * (ends[0] - ends[1])
+    rounding = _ROUNDING * _STEP * np.abs(ends[0]).max(initial=0.0)
+    off = np.abs(exact @ step - change).max(initial=0.0)
+    most = np.abs(change).max(initial=0.0)
+    return exact if off <= _AGREE * most + rounding else difference(function, variable, found)
 
 
 def _complex(function: Function, variable: Array, size: Array) -> Array | None:
