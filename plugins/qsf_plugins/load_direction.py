@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsf_plugins.vectors import rotation
-from qsframework.plugin import Array, Context, Load, Loads, Parameter, RobotFacts
+from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter, RobotFacts
 
 
 @dataclass(frozen=True)
@@ -24,9 +24,12 @@ class LoadDirection(Load):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return tuple(Parameter(f"{self.name}.{axis}", "rad", typical=0.01) for axis in ("rx", "ry"))
 
-    def apply(self, loads: Loads, x: Array, context: Context) -> Array:
+    def apply(self, loads: Loads, x: Array, context: Context) -> LoadTerm:
         R = rotation(np.array([x[0], x[1], 0.0]))
-        return np.concatenate([loads.wrench[:, :3] @ R.T, loads.wrench[:, 3:] @ R.T], axis=1)
+        turned = np.zeros((6, 6), dtype=R.dtype)
+        turned[:3, :3] = turned[3:, 3:] = R
+        wrench = loads.wrench @ turned.T
+        return LoadTerm(wrench, np.broadcast_to(turned, (len(wrench), 6, 6)))
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[LoadDirection, ...]:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.plugin import Array, Context, Load, Loads, Parameter, RobotFacts
+from qsf_plugins.vectors import skew
+from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter, RobotFacts
 
 
 @dataclass(frozen=True)
@@ -22,9 +23,13 @@ class PayloadCentre(Load):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return tuple(Parameter(f"{self.name}.{axis}", "m", typical=0.01) for axis in "xyz")
 
-    def apply(self, loads: Loads, x: Array, context: Context) -> Array:
-        force, moment = loads.wrench[:, :3], loads.wrench[:, 3:]
-        return np.concatenate([force, moment + np.cross(loads.rotation @ x, force)], axis=1)
+    def apply(self, loads: Loads, x: Array, context: Context) -> LoadTerm:
+        force, arm = loads.wrench[:, :3], loads.rotation @ x
+        wrench, slope = loads.wrench.copy(), np.tile(np.eye(6), (len(force), 1, 1))
+        wrench[:, 3:] += np.cross(arm, force)
+        slope[:, 3:, :3] = skew(arm)
+        by_arm = np.concatenate([np.zeros((len(force), 3, 3)), -skew(force)], axis=1)
+        return LoadTerm(wrench, slope, by_arm @ loads.rotation, -by_arm @ skew(arm))
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[PayloadCentre, ...]:
