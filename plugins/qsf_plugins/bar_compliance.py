@@ -21,6 +21,7 @@ class BarCompliance(Spring):
     """The kind of loop: parallelogram, four_bar, closed_chain or another that declares bars."""
     bar: float = setting(default=0)
     """Which of the loop's parameters, counted from 0; the coupling bar of a parallelogram or four-bar is 0."""
+    role = "bar"
     equation = "bar longer by c F, F = T / r: T the torque on the driven joint, r the bar's lever arm about it"
     source = "Hooke's law; the force is the torque on the driven joint over its lever arm"
     check = "Bolts and bearings of the coupling bar, cracks in its eyes."

@@ -15,6 +15,7 @@ class LinkCompliance(Spring):
 
     link: str = place()
     direction: str = place()
+    role = "link"
     equation = "eps = c tau, tau = the force along, or the moment about, the link's axis"
     source = "Klimchik et al., virtual joint modelling with six-axis springs"
     check = "Cracks and bolts of the link, bearings at its joint."

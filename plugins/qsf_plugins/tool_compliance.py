@@ -14,6 +14,7 @@ class ToolCompliance(Spring):
     """The tool moves on the last link, about or along one axis of that link's frame."""
 
     direction: str = place()
+    role = "tool"
     equation = "eps = c tau, tau = the force along, or the moment about, the flange's axis"
     source = "six springs at the flange; tip effect of 0.05 to 0.5 mm on heavy arms"
     check = "Flange bolts, tool changer, spindle mount."

@@ -163,7 +163,7 @@ def _law_rows(law: SpringLaw, facts: RobotFacts, effects: Sequence[Effect]) -> t
     first = 0
     for spring in (e for e in effects if isinstance(e, Spring)):
         count = len(spring.compliances(facts))
-        rows[spring.role, spring.where] = range(first, first + count)
+        rows.setdefault((spring.role, spring.where), range(first, first + count))
         first += count
     for role, where in law.springs(facts):
         if (role, where) not in rows:
