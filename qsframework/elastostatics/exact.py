@@ -32,7 +32,7 @@ def exact_readings(model: Model, poses: Poses, x: Array | None = None) -> Array:
     out = np.empty((len(poses), len(model.markers), 3))
     for part, chunk in chunks(poses):
         unloaded = settle(model, chunk, x, False)
-        loaded = settle(model, chunk, x, True, start=None if model.by_state else unloaded)
+        loaded = settle(model, chunk, x, True, start=None if model.differs(x) else unloaded)
         out[part] = _read(model, loaded, x) - _read(model, unloaded, x)
     return out
 

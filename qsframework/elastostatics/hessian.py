@@ -44,7 +44,7 @@ def load_hessian(
         elements[np.ix_(rows, rows)] += term.dq.transpose(1, 2, 0)
         torque[rows] += term.value.T
     for pull in drawn:
-        if pull is not None:
+        if pull is not None and pull.acts:
             elements -= pull.stiffness()
             torque += pull.torque()
     return (

@@ -34,7 +34,7 @@ class Model(Structure):
         """Displacement readings (N, K, 3) m of K markers: loaded minus unloaded, base frame."""
         x = self.nominal if x is None else self.checked(x)
         out = np.empty((len(poses), len(self.markers), 3))
-        if self.by_state:
+        if self.differs(x):
             return self.positions(poses, x, loaded=True) - self.positions(poses, x)
         for part, chunk in chunks(poses):
             out[part] = displacement(evaluate(self, chunk, x)).transpose(2, 0, 1)
@@ -43,27 +43,24 @@ class Model(Structure):
     def sensitivity(self, poses: Poses, x: Array | None = None, names: Sequence[str] | None = None) -> Array:
         """d readings / d parameters (N, K, 3, p): the observation matrix, equation (4)."""
         x = self.nominal if x is None else self.checked(x)
-        if self.by_state:
-            two = (self.position_sensitivity(poses, x, names, loaded) for loaded in (True, False))
-            return next(two) - next(two)
-        wanted = list(range(len(self.parameters))) if names is None else self.index(names)
-        out = np.empty((len(poses), len(self.markers), 3, len(wanted)))
-        for part, chunk in chunks(poses):
-            out[part] = sensitivities(evaluate(self, chunk, x), wanted).transpose(3, 1, 2, 0)
-        return out
+        return self.rates(poses, x, self.names if names is None else names)[1]
 
     def rates(self, poses: Poses, x: Array, names: Sequence[str]) -> tuple[Array, Array]:
         """`predict` and `sensitivity` together, cheaper than one after the other."""
-        if self.by_state:
+        x, wanted = self.checked(x), self.index(names)
+        if self.differs(x):
             (ends, after), (starts, before) = (self.position_rates(poses, x, names, on) for on in (True, False))
             return ends - starts, after - before
-        x, wanted = self.checked(x), self.index(names)
         value = np.empty((len(poses), len(self.markers), 3))
         slope = np.empty((*value.shape, len(wanted)))
         for part, chunk in chunks(poses):
             ev = evaluate(self, chunk, x)
             value[part] = displacement(ev).transpose(2, 0, 1)
             slope[part] = sensitivities(ev, wanted).transpose(3, 1, 2, 0)
+        own = [row for row, position in enumerate(wanted) if position in self.by_state]
+        if own:  # they do not move both states alike
+            two = [self.position_sensitivity(poses, x, [names[row] for row in own], on) for on in (True, False)]
+            slope[..., own] = two[0] - two[1]
         return value, slope
 
     def positions(self, poses: Poses, x: Array | None = None, loaded: bool = False) -> Array:

@@ -32,6 +32,11 @@ class Pull:
     term: TensionTerm
     slope_dx: Array
 
+    @property
+    def acts(self) -> bool:
+        """Whether it pulls anywhere: one that is tried at the value where it vanishes does not."""
+        return bool(np.any(self.term.value) or np.any(self.term.ds))
+
     def torque(self) -> Array:
         """-F g on the elements (m, N)."""
         return -self.term.value * self.gradient

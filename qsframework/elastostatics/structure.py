@@ -58,9 +58,15 @@ class Structure:
         return [self.names.index(name) for name in names]
 
     @cached_property
-    def by_state(self) -> bool:
-        """Whether an arm is not the same in the loaded and the unloaded state of a pose, but for its load."""
-        return any((e.by_state or e.needs) and not isinstance(e, Sensor) for e in self.effects)
+    def by_state(self) -> tuple[int, ...]:
+        """Positions in x of the effects by which an arm is not the same in both states of a pose, but for its load."""
+        pairs = zip(self.effects, self.slices, strict=True)
+        found = [s for e, s in pairs if (e.by_state or e.needs) and not isinstance(e, Sensor)]
+        return tuple(i for s in found for i in range(s.start, s.stop))
+
+    def differs(self, x: Array) -> bool:
+        """Whether the arm is not the same in both states at x: an effect that makes it so does not vanish there."""
+        return any(self.parameters[i].null is not None and x[i] != self.parameters[i].null for i in self.by_state)
 
     def compliance(self, x: Array) -> Array:
         """Compliance (ne,) of each elastic coordinate."""

@@ -183,7 +183,7 @@ def _geometric(ev: Stages, rate: MotionRate) -> Change:
     markers = tuple(column_along(ev.motion, m, rate) for m in ev.state.markers)
     dE = springs.joint_rates(ev.motion, ev.touched, ev.rates.active, rate.coefficients).E
     K, preload = _stiffness_along(ev, rate, dE), _preload_along(ev, rate, dE)
-    if any(pull is not None for pull in ev.pulls):
+    if any(pull is not None and pull.acts for pull in ev.pulls):
         effects = ev.model.of_kind(ParallelSpring, ev.x)
         dK, dtorque = pulls.along(effects, ev.motion, rate)
         K = K + dK[np.ix_(ev.rates.active, ev.rates.active)]
