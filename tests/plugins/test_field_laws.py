@@ -77,9 +77,10 @@ def hidden(law: Law) -> tuple[Experiment, dict[str, float]]:
     own = effect.parameters(based().robot.facts)
     truth = {p.name: law.size * p.typical for p in own if not p.name.endswith(law.without or "-")}
     wide = based().with_(
-        effects=(*based().effects, effect), parameters=(*based().parameters, *own),
+        effects=(*based().effects, effect),
+        parameters=(*based().parameters, *own),
         fit=("joint_compliance", *truth),
-    )  # fmt: skip
+    )
     return wide, truth
 
 
