@@ -35,11 +35,11 @@ class LinkMass(Load):
         )
 
     def validate(self, robot: RobotFacts) -> None:
-        robot.link_index(self.link)
+        robot.body_index(self.link)
 
     def apply(self, loads: Loads, x: Array, robot: RobotFacts) -> LoadTerm:
-        moments_dx = np.zeros((len(robot.links), 4, 4))
-        moments_dx[robot.link_index(self.link)] = np.eye(4)
+        moments_dx = np.zeros((len(robot.bodies), 4, 4))
+        moments_dx[robot.body_index(self.link)] = np.eye(4)
         slope = np.broadcast_to(np.eye(6), (len(loads.wrench), 6, 6))
         return LoadTerm(
             loads.wrench, slope, np.zeros((len(loads.wrench), 6, 4)), moments=moments_dx @ x, moments_dx=moments_dx

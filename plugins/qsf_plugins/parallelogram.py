@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
 from qsf_plugins.planar_loop import (
     FLAT,
     Slopes,
+    Turned,
+    branch_stands,
     driven_term,
     implicit,
     link_length,
     parallel_sign,
     planar_outline,
     refuse,
+    with_branches,
 )
-from qsframework.plugin import Array, InputError, Loop, LoopTerm, Parameter, RobotFacts, place, setting
+from qsframework.plugin import Array, InputError, Loop, LoopTerm, Parameter, Problem, RobotFacts, place, setting
 
 _SHORTEST = 1e-6
 """m between two axes that are not one."""
+_APART = 1e-3
+"""m by which a drawn lever or bar may stand beside its place."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,9 @@ class Parallelogram(Loop):
     A flat parallelogram with a perfect bar still closes, but any length error or elasticity of the
     bar is amplified by 1 / sin of the transmission angle. Nearer to flat than 1e-6 rad the derivatives by
     the bar stay at their values there: finite and huge. With a bar error such a pose is refused.
+
+    Lever and bar may be links of the URDF, with masses and solids: the lever turns on the driver's axis, the bar at the
+    lever's end. They stand there at zero joint angles as they are drawn.
     """
 
     driven: str = place()
@@ -42,9 +50,14 @@ class Parallelogram(Loop):
     """Length of the lever and of its copy on the driven link."""
     margin: float = setting("rad", float(np.deg2rad(15.0)))
     """Smallest transmission angle of a planned pose."""
+    _: KW_ONLY
     zero: float = setting("rad", float(np.pi / 2))
     """Angle from link 2 to the lever, about the driver's axis, at zero joint angles. Its sign says
     to which side a longer bar turns the driven link."""
+    lever_joint: str = ""
+    """The lever's joint beside the arm, on the driver's axis."""
+    bar_joint: str = ""
+    """The bar's joint beside the arm, at the lever's end."""
     equation = "q_driven = phi_driven - s q_driver, s = +1 or -1  (12)-(16), corrected"
     source = "Klimchik et al., section 3.1, corrected"
     check = "Play in the bearings of the coupling bar, length of the bar."
@@ -53,43 +66,97 @@ class Parallelogram(Loop):
         return (Parameter(self.name, "m", typical=1e-4, source="length error of the coupling bar"),)
 
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
-        return (self.driver, self.driven)
+        return (self.driver, self.driven, *self._branches)
+
+    @property
+    def _branches(self) -> tuple[str, ...]:
+        return tuple(joint for joint in (self.lever_joint, self.bar_joint) if joint)
 
     def leaders(self, robot: RobotFacts) -> tuple[str, ...]:
         return (self.driver,)
 
     def validate(self, robot: RobotFacts) -> None:
-        for joint in self.joints(robot):
-            robot.joint_index(joint)
         self._sign(robot)
         if not self.lever > 0.0:
             raise InputError(f"{self.name}: lever must be a positive length, found {self.lever:g} m")
         if not link_length(robot, self.driver, self.driven) > _SHORTEST:
             raise InputError(f"{self.name}: {self.driver} and {self.driven} have one axis: no link for a parallelogram")
+        self._check_branches(robot)
+
+    def _check_branches(self, robot: RobotFacts) -> None:
+        """InputError where lever and bar do not stand where the parallelogram has them at zero joint angles."""
+        if self.bar_joint and not self.lever_joint:
+            raise InputError(Problem(f"{self.name}: the bar hangs on the lever", hint="Give lever_joint too."))
+        corners = self.outline(np.zeros((1, 2)), robot)[0, :2, 0]
+        for count in range(1, len(self._branches) + 1):
+            joint, corner = self._branches[count - 1], corners[count - 1]
+            _, at = branch_stands(robot, self.driver, self._branches[:count])
+            if np.linalg.norm(at - corner) > _APART:
+                found, wanted = (", ".join(f"{c:.4g}" for c in v) for v in (at, corner))
+                text = f"{self.name}: {joint} stands elsewhere at zero joint angles"
+                raise InputError(Problem(text, found=f"[{found}] m across {self.driver}", allowed=f"[{wanted}] m"))
 
     def _sign(self, robot: RobotFacts) -> float:
         return parallel_sign(robot, self.driver, self.driven)
 
     def actuators(self, q: Array, robot: RobotFacts) -> Array:
-        return np.stack([q[:, 0], q[:, 1] + self._sign(robot) * q[:, 0]], axis=1)
+        own = np.zeros((len(q), len(self._branches)))
+        phi = np.stack([q[:, 0], q[:, 1] + self._sign(robot) * q[:, 0]], axis=1)
+        if self._branches:
+            perfect = self.closure(np.concatenate([phi, own], axis=1), np.zeros((len(q), 1)), robot).q
+            own = q[:, 2:] - perfect[:, 2:]
+        return np.concatenate([phi, own], axis=1)
 
     def closure(self, actuators: Array, bars: Array, robot: RobotFacts) -> LoopTerm:
         sign, link = self._sign(robot), link_length(robot, self.driver, self.driven)
         perfect = actuators[:, 1] - sign * actuators[:, 0]
         psi, bar = self.zero + sign * perfect, bars[:, 0]
         if not bar.any():
-            return driven_term(actuators[:, 0], perfect, self._perfect(psi, link), sign)
+            slopes = self._perfect(psi, link)
+            term = driven_term(actuators[:, 0], perfect, slopes, sign)
+            return self._turn_branches(term, actuators, psi, np.zeros_like(psi), slopes, robot)
         swing = self._swing(psi, bar, link)
         slopes, sine = self._slopes(psi, swing, bar, link)
         bad = ~np.isfinite(swing) | ((np.abs(sine) < FLAT) & (bar != 0.0))
-        refuse(self.name, "cannot close, or is flat,", bad, actuators, self.joints(robot), bars)
+        refuse(self.name, "cannot close, or is flat,", bad, actuators[:, :2], (self.driver, self.driven), bars)
         straight = bar == 0.0
         exact = self._perfect(psi, link)
         slopes = Slopes(
             np.where(straight[:, None], exact.first, slopes.first),
             np.where(straight[:, None, None], exact.second, slopes.second),
         )
-        return driven_term(actuators[:, 0], perfect + sign * swing, slopes, sign)
+        term = driven_term(actuators[:, 0], perfect + sign * swing, slopes, sign)
+        return self._turn_branches(term, actuators, psi, swing, slopes, robot)
+
+    def _turn_branches(
+        self, term: LoopTerm, actuators: Array, psi: Array, swing: Array, slopes: Slopes, robot: RobotFacts
+    ) -> LoopTerm:
+        """The lever turns by s phi_driven, the bar from it by phi_driver + beta - s phi_driven, about the driver."""
+        if not self._branches:
+            return term
+        sign, batch = self._sign(robot), len(psi)
+        lever = np.tile([0.0, sign, 0.0], (batch, 1))
+        turned = [Turned(sign * actuators[:, 1], lever, np.zeros((batch, 3, 3)))]
+        beta = self._bar_angle(psi, swing, slopes, link_length(robot, self.driver, self.driven))
+        y_u = np.array([[-1.0, sign, 0.0], [0.0, 0.0, 1.0]])
+        value = actuators[:, 0] + beta.value - sign * actuators[:, 1]
+        turned += [Turned(value, beta.first @ y_u + np.array([1.0, -sign, 0.0]), y_u.T @ beta.second @ y_u)]
+        senses = [branch_stands(robot, self.driver, self._branches[: i + 1])[0] for i in range(len(self._branches))]
+        return with_branches(term, [t.times(s) for t, s in zip(turned, senses, strict=False)], actuators[:, 2:])
+
+    def _bar_angle(self, psi: Array, swing: Array, slopes: Slopes, link: float) -> Turned:
+        """beta, from link 2 to the bar, by y = (psi, bar): the bar is Z = L + a e^(i rho) - a e^(i psi)."""
+        lever, rocker = self.lever * np.exp(1j * psi), self.lever * np.exp(1j * (psi + swing))
+        Z, by_psi = link + rocker - lever, np.array([1.0, 0.0])
+        r = slopes.first
+        first = 1j * (rocker[:, None] * r - lever[:, None] * by_psi) / Z[:, None]
+        second = rocker[:, None, None] * (1j * slopes.second - r[:, :, None] * r[:, None, :])
+        second = (second + lever[:, None, None] * np.outer(by_psi, by_psi)) / Z[:, None, None]
+        second = second - first[:, :, None] * first[:, None, :]
+        return Turned(np.angle(Z), first.imag, second.imag)
+
+    def carried(self, robot: RobotFacts) -> tuple[tuple[str, ...], ...]:
+        return ((), (self.bar_joint,)) if self.bar_joint else ((),)
 
     def _swing(self, psi: Array, bar: Array, link: float) -> Array:
         """rho - psi (N,): by how much a bar error turns the driven link; NaN where the loop is open.

@@ -3,7 +3,7 @@
 from qsframework.errors import InputError, Problem
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.check import check_effect
-from qsframework.plugin.facts import Array, Conditions, Indices, Poses, RobotFacts
+from qsframework.plugin.facts import Array, Branch, Conditions, Indices, Poses, RobotFacts
 from qsframework.plugin.kinds import (
     Effect,
     Geometry,
@@ -39,6 +39,7 @@ __all__ = [
     "Actuator",
     "Array",
     "Bar",
+    "Branch",
     "Conditions",
     "Coordinate",
     "Effect",

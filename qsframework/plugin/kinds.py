@@ -101,15 +101,16 @@ class Geometry(Effect):
 class Loop(Effect):
     """Stage 1: a closed kinematic loop, or another coupling, between actuators and joints.
 
-    Its parameters are the errors of its bars' lengths (m), which are also the coordinates that an
-    elastic bar deflects. Loops may build on each other: the joints that one turns may lead another.
+    It may also turn branches, the moving links beside the arm; their actuators stand at zero. Its parameters are
+    the errors of its bars' lengths (m), which are also the coordinates that an elastic bar deflects. Loops may build
+    on each other: the joints that one turns may lead another.
     """
 
     stage = 1
 
     @abstractmethod
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
-        """The k joints of the loop, the last of them one that it turns; actuators have the same names."""
+        """The k joints of the loop, of the arm and of branches; actuators have the same names."""
 
     def leaders(self, robot: RobotFacts) -> tuple[str, ...]:
         """Those of `joints` that it reads and does not turn: their joint angles stand for their actuators."""
@@ -131,6 +132,10 @@ class Loop(Effect):
     def smallest_transmission_angle(self) -> float:
         """The margin (rad) below which no pose is planned."""
         return 0.0
+
+    def carried(self, robot: RobotFacts) -> tuple[tuple[str, ...], ...]:
+        """For each passive joint, seen from the driven actuator, the loop's own branches that lie beyond it."""
+        return ((),) if self.parameters(robot) else ()
 
     def outline(self, q: Array, robot: RobotFacts) -> Array | None:
         """For pictures: ends (N, bars, 2, 3) m of the bars at joint angles q (N, k), NaN where the loop is open.

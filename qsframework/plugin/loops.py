@@ -27,8 +27,9 @@ def loop_problems(loops: Sequence[Loop], robot: RobotFacts) -> dict[str, Problem
             if owner.setdefault(joint, loop.name) != loop.name:
                 text = f"{loop.name} and {owner[joint]} both turn {joint}; a joint belongs to one loop only"
                 out[loop.name] = Problem(text)
-        undriven = [joint for joint in own if joint in robot.passive]
-        if undriven and len(undriven) < len(own):
+        arm = [joint for joint in own if joint in robot.joints]
+        undriven = [joint for joint in arm if joint in robot.passive]
+        if undriven and len(undriven) < len(arm):
             text = f"{loop.name}: {', '.join(undriven)} has no actuator, the other joints that it turns have"
             out[loop.name] = Problem(text, hint="Give each joint without an actuator a coupling of its own.")
     _, circle = _sorted(loops, robot)
@@ -61,14 +62,21 @@ def _sorted(loops: Sequence[Loop], robot: RobotFacts) -> tuple[list[Loop], list[
 
 
 def follow(loops: Sequence[Loop], q: Array, robot: RobotFacts) -> Array:
-    """Joint angles (N, n) with the joints that no actuator drives where their perfect loops hold them."""
-    out = q.copy()
+    """Angles (N, n + b) of all joints at those of the arm, q (N, n).
+
+    Joints that no actuator drives and branches stand where their perfect loops hold them.
+    """
+    out = np.concatenate([q, np.zeros((len(q), len(robot.branches)))], axis=1)
     for loop in in_order(loops, robot):
-        own = [robot.joint_index(joint) for joint in own_joints(loop, robot)]
-        if not own or robot.joints[own[0]] not in robot.passive:
+        tied = loop.joints(robot)
+        held = [joint not in robot.driven and joint in own_joints(loop, robot) for joint in tied]
+        if not any(held):
             continue
-        out[:, own] = 0.0
-        tied = [robot.joint_index(joint) for joint in loop.joints(robot)]
+        at = [robot.turning_index(joint) for joint in tied]
+        lead = [joint in loop.leaders(robot) for joint in tied]
+        phi = np.where(held, 0.0, out[:, at])
+        if not all(h or a for h, a in zip(held, lead, strict=True)):
+            phi = np.where(np.array(held) | lead, phi, loop.actuators(out[:, at], robot))
         bars = np.zeros((len(q), len(loop.parameters(robot))))
-        out[:, tied] = loop.closure(out[:, tied], bars, robot).q
+        out[:, at] = np.where(held, loop.closure(phi, bars, robot).q, out[:, at])
     return out

@@ -131,7 +131,7 @@ class Loads:
     """The wrench at the load point, base frame, and the masses that gravity pulls.
 
     wrench (N, 6); rotation (N, 3, 3) of the flange;
-    moments (n + 1, 4): for each link its mass (kg) and mass times centre (kg m, link frame)
+    moments (n + 1 + b, 4): for each of the robot's `bodies` its mass (kg) and mass times centre (kg m, link frame)
     """
 
     wrench: Array
@@ -145,7 +145,7 @@ class LoadTerm:
 
     wrench (N, 6), d_wrench (N, 6, 6), d_rotation (N, 6, 3) for a small rotation of the flange about
     the base axes (None: no dependence), dx (N, 6, p);
-    moments (n + 1, 4) *added* to those that came in, moments_dx (n + 1, 4, p) (None: none)
+    moments (n + 1 + b, 4) *added* to those that came in, moments_dx (n + 1 + b, 4, p) (None: none)
     """
 
     wrench: Array

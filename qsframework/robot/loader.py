@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -20,14 +20,17 @@ from qsframework.plugin.facts import frozen
 from qsframework.plugin.loops import own_joints
 from qsframework.plugin.trusted import trusted
 from qsframework.robot.agreement import check_agreement
-from qsframework.robot.checks import chain_joints, check_chain, check_structure
+from qsframework.robot.checks import chain_joints, check_chain, check_structure, without_branches
 from qsframework.robot.controller import Controller, joint_limits, read_actuated, read_controller
 from qsframework.robot.expand import inside
-from qsframework.robot.model import build_model, read_facts, read_frames, read_meshes, read_shapes
-from qsframework.robot.robot import Robot
+from qsframework.robot.model import build_model, read_branches, read_facts, read_frames, read_meshes, read_shapes
+from qsframework.robot.robot import LinkFrame, Robot
 from qsframework.robot.scaffold_text import coupling_text
 from qsframework.robot.spec import RobotSpec, read_effects, read_nominal
 from qsframework.robot.urdf import Urdf, read_urdf
+
+if TYPE_CHECKING:
+    import pinocchio as pin
 
 T = TypeVar("T")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
@@ -84,24 +87,26 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | No
     reading = _Reading(document)
     spec, urdf = reading.structure()
     gravity = frozen(spec.gravity)
-    model = build_model(urdf, spec.base, gravity)
-    facts = read_facts(spec.name, model, urdf, spec.base, spec.flange, spec.payload)
-    facts = replace(facts, passive=tuple(joint for joint in facts.joints if joint not in spec.controller))
+    arm = without_branches(urdf, spec.base, spec.flange)
+    model = build_model(arm, spec.base, gravity)
+    facts, on_branches = _read_facts(spec, model, arm, urdf)
     frames = read_frames(model)
-    actuated = reading.attempt(read_actuated, document, spec, facts)
+    actuated, unread = reading.apart(read_actuated, document, spec, facts)
     if actuated is not None:
         facts = replace(facts, limits=joint_limits(actuated, facts))
     effects, problems = read_effects(document, spec.effects, facts, trust=trusted(trust))
     reading.problems += problems
     loops = [] if problems else [effect for effect in effects if isinstance(effect, Loop)]
-    controller = None
-    if reading.follow(urdf, facts, None if problems else loops) and actuated is not None:
+    controller, follows = None, reading.follow(urdf, facts, None if problems else loops)
+    if follows and actuated is not None:
         controller = reading.attempt(read_controller, document, actuated, facts, loops)
+    elif follows:  # else the pendant has other angles than `equals` counts
+        reading.problems += unread
     parameters = {p.name: p for effect in effects for p in effect.parameters(facts)}
     if spec.nominal is not None:
         nominal = reading.attempt(lambda: read_yaml(reading.file("nominal")))
         if nominal is not None:
-            parameters, more = read_nominal(nominal, parameters, effects, facts, complete=not problems)
+            parameters, more = read_nominal(nominal, parameters, effects, facts, complete=follows and not problems)
             reading.problems += more
     reading.stop()
     assert isinstance(controller, Controller)
@@ -118,14 +123,23 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | No
         parameters=tuple(parameters.values()),
         frames=frames,
         flange=frames[spec.flange],
-        shapes=read_shapes(urdf, frames),
-        meshes=read_meshes(urdf, frames, document.path.parent),
+        shapes=read_shapes(arm, frames),
+        branch_shapes=read_shapes(urdf, on_branches),
+        meshes=read_meshes(urdf, {**frames, **on_branches}, document.path.parent),
         gravity=gravity,
         payload=spec.payload,
         torque_limits=_torque_limits(spec, facts),
     )
     check_agreement(robot, document.path)
     return robot
+
+
+def _read_facts(spec: RobotSpec, model: pin.Model, arm: Urdf, urdf: Urdf) -> tuple[RobotFacts, dict[str, LinkFrame]]:
+    """The arm's constants with its branches, and the links of the URDF on these."""
+    facts = read_facts(spec.name, model, arm, spec.base, spec.flange, spec.payload)
+    branches, frames = read_branches(urdf, spec.base, facts)
+    passive = tuple(joint for joint in facts.joints if joint not in spec.controller)
+    return replace(facts, passive=passive, branches=branches), frames
 
 
 def _torque_limits(spec: RobotSpec, facts: RobotFacts) -> Array | None:
@@ -147,6 +161,13 @@ class _Reading:
         except InputError as error:
             self.problems += error.problems
             return None
+
+    def apart(self, function: Callable[..., T], *arguments: Any) -> tuple[T | None, tuple[Problem, ...]]:
+        """The function's value, or None and its problems, which are not kept."""
+        try:
+            return function(*arguments), ()
+        except InputError as error:
+            return None, tuple(error.problems)
 
     def stop(self) -> None:
         """Raise InputError if there are problems."""
@@ -179,12 +200,14 @@ class _Reading:
     def follow(self, urdf: Urdf, facts: RobotFacts, loops: Sequence[Loop] | None) -> bool:
         """Whether each joint has an angle on the pendant or follows by a loop, and a mimic follows; else problems.
 
+        A branch always follows.
+
         loops: None where not all could be read
         """
         before = len(self.problems)
         turned = {joint for loop in loops or () for joint in own_joints(loop, facts)}
-        for joint in (j for j in urdf.joints if j.name in facts.joints):
-            driven, name = joint.name not in facts.passive, joint.name
+        for joint in (j for j in urdf.joints if j.name in facts.turning):
+            driven, name = joint.name in facts.driven, joint.name
             if joint.mimic is not None:
                 coupling, leader = coupling_text(name, joint.mimic), joint.mimic.joint
                 if driven:
@@ -194,6 +217,14 @@ class _Reading:
                 elif name not in turned and loops is not None:
                     message = f"joint {name!r} follows {leader!r} by mimic, and no effect in robot.yaml says so"
                     self.problems.append(joint.place.problem(message, hint=f"Add to effects: {coupling}"))
+            elif name not in facts.joints and name not in turned and loops is not None:
+                message = f"joint {name!r} moves beside the arm, and no effect in robot.yaml determines its angle"
+                hint = (
+                    'Make it type="fixed"; or name it in an effect: as lever or bar of a parallelogram, as a cylinder, '
+                    f"or as the joint of a coupling, such as {{effect: coupling, joint: {name}, follows: "
+                    f"{{{facts.joints[-1]}: 1}}}}."
+                )
+                self.problems.append(joint.place.problem(message, hint=hint))
             elif not driven and name not in turned and loops is not None:
                 other = next(j for j in facts.joints if j != name) if facts.n > 1 else "JOINT"
                 hint = f"Add {name}: {{limits_deg: [.., ..]}}; or, where no actuator drives it, to effects "

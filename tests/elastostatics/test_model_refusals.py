@@ -45,7 +45,7 @@ def build(experiment: Experiment, **entry: object) -> tuple[Effect, ...]:
 
 
 def test_a_joint_belongs_to_one_loop(m900ib: Experiment) -> None:
-    second = build(m900ib, effect="parallelogram", driver="joint_3", driven="joint_5", lever_m=0.5)
+    second = build(m900ib, effect="coupling", joint="joint_3", follows={"joint_1": 1})
     with pytest.raises(InputError, match="a joint belongs to one loop only"):
         wide(m900ib, *second)
 

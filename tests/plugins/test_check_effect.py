@@ -11,6 +11,7 @@ import pytest
 from qsframework.errors import PluginError
 from qsframework.plugin import (
     Array,
+    Branch,
     Conditions,
     Effect,
     InputError,
@@ -33,7 +34,16 @@ from qsframework.plugin import (
 from qsframework.plugin.check import sample_robot
 from qsframework.plugin.terms import Reading
 
-ROBOT = sample_robot()
+ROD = Branch(
+    joint="rod_joint",
+    link="rod",
+    parent="link_1",
+    placement=np.array([[1, 0, 0, 0.31], [0, 1, 0, 0.1], [0, 0, 1, 0.4], [0, 0, 0, 1.0]]),
+    axis=np.array([0.0, -1.0, 0.0]),
+    mass=80.0,
+    centre=np.array([0.0, 0.0, 0.3]),
+)
+ROBOT = replace(sample_robot(), branches=(ROD,))
 SETTINGS = {
     "counterweight": {"link": "link_2", "x_m": 0.1, "y_m": 0.0, "z_m": -0.5},
     "compensator_friction": {
@@ -55,6 +65,8 @@ SETTINGS = {
             {"name": "bar", "axis": [0, 1, 0], "to_m": [0.8, 0.0, 1.1]},
         ],
     },
+    "coupling": {"tied": ["joint_5", "joint_6"], "matrix": [[0.5, 0.5], [0.5, -0.5]]},
+    "cylinder": {"joint": "rod_joint", "driver": "joint_2", "x_m": 0.1, "y_m": 0.0, "z_m": 0.9},
     "bar_compliance": {"driven": "joint_3"},
     "gravity_compensator": {"joint": "joint_2", "lc_m": 0.235, "l2_m": 1.12, "zero_deg": 20},
     "compensator_stiffness": {"joint": "joint_2", "lc_mm": 235, "l2_m": 1.12},
@@ -227,7 +239,7 @@ def test_parameters_are_checked_when_made() -> None:
         ({"effect": "joint_compliance", "joint": 3}, "must be a name"),
         ({"effect": "joint_compliance", "joint": "joint_9"}, "no joint 'joint_9'"),
         ({"effect": "joint_compliance", "joint": "joint_1", "colour": "red"}, "unknown key"),
-        ({"effect": "controller_coupling", "joint": "joint_1"}, "no joint before it"),
+        ({"effect": "controller_coupling", "joint": "joint_1"}, "and one before it"),
         ({"effect": "parallelogram", "driver": "joint_1", "driven": "joint_3", "lever_m": 1}, "needs parallel axes"),
     ],
 )

@@ -141,7 +141,13 @@ def test_moving_joint_off_the_chain(small, told):
     ends = '<parent link="tip"/><child link="grip"/>'
     more = f'<link name="grip">{mass}</link>\n<joint name="finger" type="continuous">{ends}</joint>\n</robot>'
     small.edit("small.urdf", ("</robot>", more))
-    told(small.problem(), "small.urdf", small.line("small.urdf", "finger"), "'finger' moves but is not between")
+    told(
+        small.problem(),
+        "small.urdf",
+        small.line("small.urdf", "finger"),
+        "'finger' moves beside the arm",
+        "coupling, joint: finger",
+    )
 
 
 def test_duplicate_link_names_its_first_line(small):

@@ -1,0 +1,152 @@
+"""Whole machines: a palletizer, and a heavy arm with massive bars, a lever counterweight and a balancer's cylinder."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from pinocchio_energy import energy_tip
+
+from qsframework.elastostatics import Model, Site, actuator_torques, flip_margin, full_displacement, make_model
+from qsframework.elastostatics.motion import move, nominal_actuators
+from qsframework.elastostatics.state import place
+from qsframework.plugin import Effect, Poses, build_effects, check_effect
+from qsframework.robot import Robot, load_robot
+
+MACHINES = Path(__file__).parent / "machines"
+TOOL = np.array([0.1, 0.2, 0.3])
+WEIGHT, LEVER_ARM = 600.0, np.array([-1.1, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def arm() -> Robot:
+    return load_robot(MACHINES / "counterweight_arm")
+
+
+@pytest.fixture(scope="module")
+def tree() -> pin.Model:
+    """Lever, bar and housing are links of a tree; its loops are not closed."""
+    model = pin.buildModelFromUrdf(str(MACHINES / "counterweight_arm" / "counterweight_arm.urdf"))
+    body = pin.Inertia(WEIGHT, LEVER_ARM, np.eye(3))
+    model.appendBodyToJoint(model.getJointId("lever_joint"), body, pin.SE3.Identity())
+    return model
+
+
+def imposed(tree: pin.Model, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Angles of all joints of the tree and their rates by the six actuators, by hand.
+
+    The forearm's turn about y is q2 - q3 = -phi3, and the lever's too; the bar keeps link 2's; the housing points at
+    the rod's pivot, 0.235 m above axis 2, from axis 3.
+    """
+    q, G = np.zeros(tree.nq), np.zeros((tree.nq, 6))
+    lc, l2 = 0.235, 1.12
+    sine, cosine = np.sin(phi[1]), np.cos(phi[1])
+    swing = np.arctan2(lc * sine, l2 - lc * cosine)
+    rate = lc * (l2 * cosine - lc) / (l2**2 + lc**2 - 2 * l2 * lc * cosine)
+    rows = {f"joint_{k + 1}": (phi[k], {k: 1.0}) for k in range(6)} | {
+        "joint_3": (phi[2] + phi[1], {1: 1.0, 2: 1.0}),
+        "lever_joint": (-phi[2], {2: -1.0}),
+        "bar_joint": (-phi[2] - phi[1], {1: -1.0, 2: -1.0}),
+        "housing_joint": (swing, {1: rate}),
+    }
+    for name, (angle, rates) in rows.items():
+        at = tree.joints[tree.getJointId(name)].idx_q
+        q[at] = angle
+        G[at, list(rates)] = list(rates.values())
+    return q, G
+
+
+def model_of(robot: Robot, effects: tuple[Effect, ...] | None = None, **values: float) -> Model:
+    effects = robot.effects if effects is None else effects
+    every = {p.name: p for e in effects for p in e.parameters(robot.facts)} | {p.name: p for p in robot.parameters}
+    every |= {name: dataclasses.replace(every[name], nominal=value) for name, value in values.items()}
+    tip = Site(robot.facts.n, TOOL)
+    return make_model(robot.facts, effects, tuple(every.values()), tip, [("tip", tip)], robot.gravity)
+
+
+def without_spring(robot: Robot) -> tuple[Effect, ...]:
+    return tuple(e for e in robot.effects if e.effect_name() != "gravity_compensator")
+
+
+def some_poses(robot: Robot, count: int, seed: int = 0, force: float = 2e3) -> Poses:
+    """Random poses above the loop's margin, a random force each."""
+    rng, c = np.random.default_rng(seed), robot.controller
+    pendant = rng.uniform(c.lower, c.upper, (40 * count, c.axes))
+    q = c.to_joints(pendant)
+    every = Poses(pendant, q, rng.normal(0, force, (40 * count, 6)) * [1, 1, 1, 0, 0, 0])
+    return every.take(np.flatnonzero(model_of(robot).transmission_margin(every) > 0.0)[:count])
+
+
+def test_bars_and_housing_stand_and_weigh_as_pinocchio_s_tree_says(arm: Robot, tree: pin.Model) -> None:
+    model, poses, data = model_of(arm, without_spring(arm)), some_poses(arm, 40, force=0.0), tree.createData()
+    motion = move(model.layout, nominal_actuators(model.layout, poses.q.T.copy()), np.zeros((1, 40)))
+    state, ours = place(motion, model.tip, ()), actuator_torques(model, poses)
+    for i in range(40):
+        q, G = imposed(tree, motion.phi[:6, i])
+        torque = -G.T @ pin.computeGeneralizedGravity(tree, data, q)
+        np.testing.assert_allclose(ours[i], torque, atol=1e-12 * np.abs(torque).max())
+        pin.computeJointJacobians(tree, data, q)
+        for k, branch in enumerate(arm.facts.branches):
+            where = data.oMi[tree.getJointId(branch.joint)]
+            np.testing.assert_allclose(state.placed.positions[7 + k, :, i], where.translation, atol=1e-12)
+            np.testing.assert_allclose(state.placed.matrix(7 + k)[i], where.rotation, atol=1e-12)
+        tip = tree.getJointId("joint_6")
+        J = pin.getJointJacobian(tree, data, tip, pin.LOCAL_WORLD_ALIGNED)
+        J[:3] += np.cross(J[3:].T, data.oMi[tip].rotation @ TOOL).T
+        np.testing.assert_allclose(state.D[i], J @ G, atol=1e-12)
+
+
+def test_the_equilibrium_is_where_the_energy_is_least(arm: Robot, tree: pin.Model) -> None:
+    model, poses = model_of(arm, without_spring(arm)), some_poses(arm, 4, 1, 4e3)
+    c = np.array(
+        [next(p.nominal for p in arm.parameters if p.name == f"joint_compliance[joint_{k}]") for k in range(1, 7)]
+    )
+    phi = nominal_actuators(model.layout, poses.q.T.copy())[:6].T
+    ours, tip = full_displacement(model, poses)[:, 0], tree.getJointId("joint_6")
+    for i in range(4):
+        tips = [
+            energy_tip(tree, lambda p: imposed(tree, p), c, f, phi[i], tip, TOOL)
+            for f in (poses.wrench[i, :3], np.zeros(3))
+        ]
+        np.testing.assert_allclose(ours[i], tips[0] - tips[1], atol=1e-10)
+
+
+def test_every_effect_holds_and_sensitivities_are_slopes(arm: Robot) -> None:
+    """With a bar that is too long and gives, weights on bars among the parameters."""
+    more = [{"effect": "bar_compliance", "driven": "joint_3"}, {"effect": "link_mass", "link": "bar"},
+            {"effect": "joint_offset", "joints": ["joint_2", "joint_3"]}]  # fmt: skip
+    effects = (*arm.effects, *(e for entry in more for e in build_effects(entry, arm.facts)))
+    for effect in effects:
+        check_effect(effect, arm.facts)
+    model, poses = model_of(arm, effects), some_poses(arm, 5, 2)
+    x = model.nominal + 1e-4 * np.array([n.startswith(("joint_offset", "parallelogram")) for n in model.names])
+    x[model.index(["bar_compliance[joint_3]"])] = 1e-8
+    ours = model.position_sensitivity(poses, x)
+    for k, p in enumerate(model.parameters):
+        h = np.zeros(len(x))
+        h[k] = 1e-4 * p.typical
+        step = (model.positions(poses, x + h) - model.positions(poses, x - h)) / (2 * h[k])
+        np.testing.assert_allclose(ours[..., k] * p.typical, step * p.typical, atol=1e-9)
+
+
+def test_what_hangs_on_the_lever_does_not_load_the_bar(arm: Robot) -> None:
+    """The passive joints pass on the arm's torque, the lower one the bar's weight too; the actuator holds all."""
+    poses = some_poses(arm, 30, 3, 6e3)
+    unloaded = dataclasses.replace(poses, wrench=np.zeros((30, 6)))
+    heavy, light = (model_of(arm, **{"counterweight[lever]": m}) for m in (WEIGHT, 0.0))
+    np.testing.assert_allclose(flip_margin(heavy, poses), flip_margin(light, poses), rtol=1e-12)
+    assert np.abs(actuator_torques(heavy, poses) - actuator_torques(light, poses))[:, 2].max() > 1e3
+    data, pinned = arm.model.createData(), []
+    for q, wrench in zip(poses.q, poses.wrench, strict=True):
+        above = -pin.computeGeneralizedGravity(arm.model, data, q)[2]
+        pin.computeJointJacobians(arm.model, data, q)
+        J = pin.getJointJacobian(arm.model, data, 6, pin.LOCAL_WORLD_ALIGNED)
+        load = J[:3, 2] @ wrench[:3] + J[3:, 2] @ np.cross(data.oMi[6].rotation @ TOOL, wrench[:3])
+        lever = 9.81 * 90.0 * 0.75 * np.cos(q[1] - q[2])
+        sides = [(t, t + load) for t in (above, above + lever)]
+        pinned.append(min(min(abs(a), np.sign(a) * b) for a, b in sides))
+    assert np.isfinite(flip_margin(heavy, unloaded)).all()
+    np.testing.assert_allclose(flip_margin(heavy, poses), pinned, rtol=1e-9)
