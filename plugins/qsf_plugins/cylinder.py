@@ -54,7 +54,8 @@ class Cylinder(Loop):
         if branch.parent not in sides:
             allowed = f"{robot.links[k]} or {robot.links[k + 1]}, the links on both sides of {self.driver}"
             raise InputError(Problem(f"{self.name} hangs on the wrong link", found=branch.parent, allowed=allowed))
-        before, side = np.linalg.inv(robot.placements[k]), sides[branch.parent]
+        before = np.asarray(np.linalg.inv(robot.placements[k]), dtype=np.float64)
+        side = sides[branch.parent]
         frame = (before if side > 0.0 else np.eye(4)) @ branch.placement
         target = (np.eye(4) if side > 0.0 else before) @ [self.x, self.y, self.z, 1.0]
         axis = robot.axes[k]

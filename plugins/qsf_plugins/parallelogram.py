@@ -153,7 +153,7 @@ class Parallelogram(Loop):
         second = rocker[:, None, None] * (1j * slopes.second - r[:, :, None] * r[:, None, :])
         second = (second + lever[:, None, None] * np.outer(by_psi, by_psi)) / Z[:, None, None]
         second = second - first[:, :, None] * first[:, None, :]
-        return Turned(np.angle(Z), first.imag, second.imag)
+        return Turned(np.asarray(np.angle(Z), dtype=np.float64), first.imag, second.imag)
 
     def carried(self, robot: RobotFacts) -> tuple[tuple[str, ...], ...]:
         return ((), (self.bar_joint,)) if self.bar_joint else ((),)

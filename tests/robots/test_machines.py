@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +12,16 @@ import pinocchio as pin
 import pytest
 from pinocchio_energy import energy_tip
 
+from qsframework.applications.conformance import check_robot, small_campaign
 from qsframework.elastostatics import Model, Site, actuator_torques, flip_margin, full_displacement, make_model
 from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.state import place
+from qsframework.errors import InputError
 from qsframework.plugin import Effect, Poses, build_effects, check_effect
 from qsframework.robot import Robot, load_robot
+from qsframework.viz.robot_shapes import draw_robot, link_frames
+from qsframework.viz.scene import Scene
+from qsframework.viz.show_scene import place_poses
 
 MACHINES = Path(__file__).parent / "machines"
 TOOL = np.array([0.1, 0.2, 0.3])
@@ -150,3 +157,85 @@ def test_what_hangs_on_the_lever_does_not_load_the_bar(arm: Robot) -> None:
         pinned.append(min(min(abs(a), np.sign(a) * b) for a, b in sides))
     assert np.isfinite(flip_margin(heavy, unloaded)).all()
     np.testing.assert_allclose(flip_margin(heavy, poses), pinned, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["counterweight_arm", "palletizer"])
+def test_machines_are_designed_simulated_identified_and_diagnosed(name: str) -> None:
+    checks = check_robot(MACHINES / name)
+    assert [c.name for c in checks if not c.good] == []
+
+
+def test_branches_are_drawn_where_they_stand(arm: Robot, tree: pin.Model, tmp_path: Path) -> None:
+    """The solids of lever, mass, bar and housing at the frames of Pinocchio's tree; the loop's rods end at the bar."""
+    q, data = some_poses(arm, 1, 4).q[0], tree.createData()
+    scene = Scene(title="arm")
+    robot_q = np.array([q[0], q[1], q[2] - q[1], *q[3:]])
+    state = place_poses(small_campaign(arm, tmp_path), q[None])
+    draw_robot(scene, "robot", arm, link_frames(state.placed, 0), q)
+    pin.forwardKinematics(tree, data, imposed(tree, robot_q)[0])
+    moved = {c["path"]: np.array(c["matrix"]).reshape(4, 4).T for c in scene.commands if c["type"] == "set_transform"}
+    for k, branch in enumerate(arm.facts.branches):
+        where = data.oMi[tree.getJointId(branch.joint)]
+        np.testing.assert_allclose(moved[f"/meshcat/robot/link_{7 + k}"], where.homogeneous, atol=1e-12)
+    drawn = [c["path"] for c in scene.commands if c["type"] == "set_object"]
+    names = [branch.link for branch in arm.facts.branches]
+    solids = [names[int(path.split("/link_")[1][0]) - 7] for path in drawn if re.search(r"/link_[789]/shape", path)]
+    assert sorted(solids) == ["bar", "housing", "lever", "lever"]
+    bar = data.oMi[tree.getJointId("bar_joint")].translation
+    rod = moved["/meshcat/robot/loop_0"] @ moved["/meshcat/robot/loop_0/bar_0_pivot"]
+    np.testing.assert_allclose(np.cross(rod[:3, 3] - bar, data.oMi[2].rotation[:, 1]), 0.0, atol=1e-12)
+
+
+REFUSED = {
+    "nothing determines it": (
+        ("robot.yaml", "    bar_joint: bar_joint\n", ""),
+        ("counterweight_arm.urdf", 'name="bar_joint"'),
+        "'bar_joint' moves beside the arm, and no effect",
+    ),
+    "a lever elsewhere": (
+        ("counterweight_arm.urdf", 'xyz="0.41 0.3 0"', 'xyz="0.43 0.3 0"'),
+        ("robot.yaml", "effect: parallelogram"),
+        "lever_joint stands elsewhere at zero joint angles",
+    ),
+    "a bar on the arm": (
+        ("counterweight_arm.urdf", '<parent link="lever"/><child link="bar', '<parent link="link_1"/><child link="bar'),
+        ("robot.yaml", "effect: parallelogram"),
+        "bar_joint hangs on the wrong link; found link_1",
+    ),
+    "a crooked lever": (
+        ("counterweight_arm.urdf", '"0.41 0.3 0"/><axis xyz="0 1 0"', '"0.41 0.3 0"/><axis xyz="0 1 0.1"'),
+        ("robot.yaml", "effect: parallelogram"),
+        "needs parallel axes: joint_2 and lever_joint are not",
+    ),
+    "pivots that meet": (
+        ("robot.yaml", "z_m: 0.235}\n", "z_m: 1.12}\n"),
+        ("robot.yaml", "effect: cylinder"),
+        "its two pivots can meet, so nothing determines its angle",
+    ),
+    "a cylinder of the arm": (
+        ("robot.yaml", "joint: housing_joint, driver", "joint: joint_4, driver"),
+        ("robot.yaml", "effect: cylinder"),
+        "no joint beside the arm 'joint_4'",
+    ),
+    "a motor on the bar": (
+        ("robot.yaml", "  joint_6: {", "  bar_joint: {limits_deg: [-10, 10]}\n  joint_6: {"),
+        ("robot.yaml", "  bar_joint: {"),
+        "'bar_joint' does not move the flange",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_branches_that_cannot_be_are_refused_with_file_and_line(case: str, tmp_path: Path) -> None:
+    (name, old, new), (file, mark), words = REFUSED[case]
+    shutil.copytree(MACHINES / "counterweight_arm", tmp_path / "arm")
+    text = (tmp_path / "arm" / name).read_text()
+    assert text.count(old) == 1
+    (tmp_path / "arm" / name).write_text(text.replace(old, new))
+    with pytest.raises(InputError) as refused:
+        load_robot(tmp_path / "arm")
+    told = [p for p in refused.value.problems if words in str(p)]
+    lines = (tmp_path / "arm" / file).read_text().splitlines()
+    assert [(p.file, p.line) for p in told] == [
+        (str(tmp_path / "arm" / file), next(i for i, line in enumerate(lines, 1) if mark in line))
+    ]
