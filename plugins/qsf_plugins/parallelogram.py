@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -96,6 +97,12 @@ class Parallelogram(Loop):
                 text = f"{self.name}: {joint} stands elsewhere at zero joint angles"
                 raise InputError(Problem(text, found=f"[{found}] m across {self.driver}", allowed=f"[{wanted}] m"))
 
+    @classmethod
+    def structures(cls, robot: RobotFacts) -> tuple[Parallelogram, ...]:
+        """At joints with parallel axes; a lever of half the link, no margin: a perfect loop transmits as any other."""
+        pairs = [p for p in pairwise(robot.joints) if set(p) <= set(robot.driven) and _may_carry(robot, *p)]
+        return tuple(cls(b, a, 0.5 * link_length(robot, a, b), 0.0) for a, b in pairs)
+
     def _sign(self, robot: RobotFacts) -> float:
         return parallel_sign(robot, self.driver, self.driven)
 
@@ -153,7 +160,7 @@ class Parallelogram(Loop):
         second = rocker[:, None, None] * (1j * slopes.second - r[:, :, None] * r[:, None, :])
         second = (second + lever[:, None, None] * np.outer(by_psi, by_psi)) / Z[:, None, None]
         second = second - first[:, :, None] * first[:, None, :]
-        return Turned(np.asarray(np.angle(Z), dtype=np.float64), first.imag, second.imag)
+        return Turned(*(np.asarray(part, dtype=np.float64) for part in (np.angle(Z), first.imag, second.imag)))
 
     def carried(self, robot: RobotFacts) -> tuple[tuple[str, ...], ...]:
         return ((), (self.bar_joint,)) if self.bar_joint else ((),)
@@ -208,3 +215,12 @@ class Parallelogram(Loop):
     def outline(self, q: Array, robot: RobotFacts) -> Array:
         side = np.stack([np.full(len(q), self.lever), self.zero + self._sign(robot) * q[:, 1]])
         return planar_outline(robot, self.driver, self.driven, q, side, side)
+
+
+def _may_carry(robot: RobotFacts, driver: str, driven: str) -> bool:
+    """Whether two joints have parallel axes that are not one."""
+    try:
+        parallel_sign(robot, driver, driven)
+    except InputError:
+        return False
+    return link_length(robot, driver, driven) > _SHORTEST

@@ -79,6 +79,14 @@ class Effect(ABC):
         return ()
 
     @classmethod
+    def structures(cls, robot: RobotFacts) -> tuple[Self, ...]:
+        """Instances that an arm of this kind may have though its file does not say so, such as a loop at the elbow.
+
+        They are other structures to compare with, not causes that a diagnosis tries; none by default.
+        """
+        return ()
+
+    @classmethod
     def beside(cls, effects: Sequence[Effect], parameters: Sequence[Parameter]) -> tuple[Self, ...]:
         """Instances that a diagnosis may try beside effects that the robot has, such as friction in its balancer.
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.files import Document, read_yaml, validate
-from qsframework.plugin import Array, Loop, RobotFacts
+from qsframework.plugin import Array, Effect, Loop, Parameter, RobotFacts
 from qsframework.plugin.facts import frozen
 from qsframework.plugin.loops import own_joints
 from qsframework.plugin.trusted import trusted
@@ -86,32 +86,23 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | No
     document = read_yaml(find_robot(name, beside))
     reading = _Reading(document)
     spec, urdf = reading.structure()
-    gravity = frozen(spec.gravity)
     arm = without_branches(urdf, spec.base, spec.flange)
-    model = build_model(arm, spec.base, gravity)
+    model = build_model(arm, spec.base, frozen(spec.gravity))
     facts, on_branches = _read_facts(spec, model, arm, urdf)
     frames = read_frames(model)
-    actuated, unread = reading.apart(read_actuated, document, spec, facts)
+    actuated, unread = reading.actuated(spec, facts)
     if actuated is not None:
         facts = replace(facts, limits=joint_limits(actuated, facts))
     effects, problems = read_effects(document, spec.effects, facts, trust=trusted(trust))
     reading.problems += problems
     loops = [] if problems else [effect for effect in effects if isinstance(effect, Loop)]
-    controller, follows = None, reading.follow(urdf, facts, None if problems else loops)
-    if follows and actuated is not None:
-        controller = reading.attempt(read_controller, document, actuated, facts, loops)
-    elif follows:  # else the pendant has other angles than `equals` counts
-        reading.problems += unread
-    parameters = {p.name: p for effect in effects for p in effect.parameters(facts)}
-    if spec.nominal is not None:
-        nominal = reading.attempt(lambda: read_yaml(reading.file("nominal")))
-        if nominal is not None:
-            parameters, more = read_nominal(nominal, parameters, effects, facts, complete=follows and not problems)
-            reading.problems += more
+    follows = reading.follow(urdf, facts, None if problems else loops)
+    reading.problems += unread if follows else ()  # else the pendant has other angles than `equals` counts
+    controller = reading.controller(actuated, facts, loops) if follows else None
+    parameters = reading.parameters(spec, effects, facts, complete=follows and not problems)
     reading.stop()
     assert isinstance(controller, Controller)
     reading.mimics(urdf, facts, controller)
-    reading.stop()
     robot = Robot(
         name=spec.name,
         title=spec.title,
@@ -120,13 +111,13 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | No
         facts=facts,
         controller=controller,
         effects=effects,
-        parameters=tuple(parameters.values()),
+        parameters=parameters,
         frames=frames,
         flange=frames[spec.flange],
         shapes=read_shapes(arm, frames),
         branch_shapes=read_shapes(urdf, on_branches),
         meshes=read_meshes(urdf, {**frames, **on_branches}, document.path.parent),
-        gravity=gravity,
+        gravity=frozen(spec.gravity),
         payload=spec.payload,
         torque_limits=_torque_limits(spec, facts),
     )
@@ -162,12 +153,16 @@ class _Reading:
             self.problems += error.problems
             return None
 
-    def apart(self, function: Callable[..., T], *arguments: Any) -> tuple[T | None, tuple[Problem, ...]]:
-        """The function's value, or None and its problems, which are not kept."""
+    def actuated(self, spec: RobotSpec, facts: RobotFacts) -> tuple[Controller | None, tuple[Problem, ...]]:
+        """The map to the joints with actuators, or None and its problems, which are not kept yet."""
         try:
-            return function(*arguments), ()
+            return read_actuated(self.document, spec, facts), ()
         except InputError as error:
             return None, tuple(error.problems)
+
+    def controller(self, actuated: Controller | None, facts: RobotFacts, loops: Sequence[Loop]) -> Controller | None:
+        """The map to all joints, where there is one to those with actuators."""
+        return None if actuated is None else self.attempt(read_controller, self.document, actuated, facts, loops)
 
     def stop(self) -> None:
         """Raise InputError if there are problems."""
@@ -233,7 +228,7 @@ class _Reading:
         return len(self.problems) == before
 
     def mimics(self, urdf: Urdf, facts: RobotFacts, controller: Controller) -> None:
-        """A mimic of the chain says the same as the effect that turns the joint."""
+        """A mimic of the chain says the same as the effect that turns the joint; InputError where it does not."""
         for joint in (j for j in urdf.joints if j.mimic is not None and j.name in facts.joints):
             assert joint.mimic is not None
             if joint.mimic.joint not in facts.joints:
@@ -248,6 +243,18 @@ class _Reading:
                 message = f"joint {joint.name!r}: mimic and the effects of robot.yaml say different things"
                 hint = "The coupling in robot.yaml counts; make the two agree, or take the mimic out of the URDF."
                 self.problems.append(joint.place.problem(message, found=f"{m:g} times {joint.mimic.joint}", hint=hint))
+        self.stop()
+
+    def parameters(
+        self, spec: RobotSpec, effects: Sequence[Effect], facts: RobotFacts, complete: bool
+    ) -> tuple[Parameter, ...]:
+        """The effects' parameters with the values of nominal.yaml; complete: whether all effects could be read."""
+        found = {p.name: p for effect in effects for p in effect.parameters(facts)}
+        nominal = None if spec.nominal is None else self.attempt(lambda: read_yaml(self.file("nominal")))
+        if nominal is not None:
+            found, problems = read_nominal(nominal, found, effects, facts, complete=complete)
+            self.problems += problems
+        return tuple(found.values())
 
     def file(self, key: str) -> Path:
         """The path of a file that robot.yaml names, which must stay in the robot's folder."""
