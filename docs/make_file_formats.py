@@ -13,8 +13,7 @@ from typing import Any
 from qsframework import units
 from qsframework.applications import targets
 from qsframework.applications.task import CampaignSpec, MapSpec, PointSpec, TaskSpec
-from qsframework.experiment import example, load_experiment, plan, readings_table
-from qsframework.experiment import spec as e
+from qsframework.experiment import example, load_experiment, plan, readings_table, spec as e
 from qsframework.experiment.columns import Column
 from qsframework.files import FileModel
 from qsframework.identify.io import EstimateSpec, FitSpec, MaskedSpec, StoredFrameSpec

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
@@ -31,6 +31,7 @@ class CompensatorFriction(ParallelSpring):
     joint: str = place()
     lc: float = setting("m")
     l2: float = setting("m")
+    _: KW_ONLY
     spring_stiffness: float = setting("N/m")
     """Of the balancer's spring: friction is a share of its force."""
     free_length: float = setting("m")
@@ -74,7 +75,7 @@ class CompensatorFriction(ParallelSpring):
 
         def of(e: GravityCompensator) -> CompensatorFriction:
             lc, l2, K, s0, zero = (value[f"{e.name}.{n}"] for n in ("lc", "l2", "stiffness", "free_length", "zero"))
-            return cls(e.joint, lc, l2, K, s0, zero, e.label)
+            return cls(e.joint, lc, l2, spring_stiffness=K, free_length=s0, zero=zero, label=e.label)
 
         found = [of(e) for e in effects if isinstance(e, GravityCompensator)]
         return tuple(e for e in found if e.spring_stiffness > 0.0)

@@ -88,15 +88,17 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | No
     facts = read_facts(spec.name, model, urdf, spec.base, spec.flange, spec.payload)
     facts = replace(facts, passive=tuple(joint for joint in facts.joints if joint not in spec.controller))
     frames = read_frames(model)
-    actuated = reading.attempt(read_actuated, document, spec, facts)
+    pendant = _Reading(document)
+    actuated = pendant.attempt(read_actuated, document, spec, facts)
     if actuated is not None:
         facts = replace(facts, limits=joint_limits(actuated, facts))
     effects, problems = read_effects(document, spec.effects, facts, trust=trusted(trust))
     reading.problems += problems
     loops = [] if problems else [effect for effect in effects if isinstance(effect, Loop)]
-    controller = None
-    if reading.follow(urdf, facts, None if problems else loops) and actuated is not None:
-        controller = reading.attempt(read_controller, document, actuated, facts, loops)
+    if not reading.follow(urdf, facts, None if problems else loops):
+        reading.stop()  # what else could be said would follow from a joint that is missing
+    reading.problems += pendant.problems
+    controller = reading.attempt(read_controller, document, actuated, facts, loops) if actuated is not None else None
     parameters = {p.name: p for effect in effects for p in effect.parameters(facts)}
     if spec.nominal is not None:
         nominal = reading.attempt(lambda: read_yaml(reading.file("nominal")))

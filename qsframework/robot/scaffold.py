@@ -103,7 +103,11 @@ def _following(moving: list[Joint]) -> dict[str, Mimic]:
     for joint in moving:
         if joint.mimic is not None and joint.mimic.joint not in names:
             message = f"joint {joint.name!r} follows {joint.mimic.joint!r}, which is no part of the arm"
-            raise InputError(joint.place.problem(message, hint=f"End the arm before it: --flange {joint.parent}."))
+            raise InputError(
+                joint.place.problem(
+                    message, hint=f"End the arm before it: flange {joint.parent}.", argument=("flange", joint.parent)
+                )
+            )
     return {joint.name: joint.mimic for joint in moving if joint.mimic is not None}
 
 

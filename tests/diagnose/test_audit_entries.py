@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.cli.diagnose import Asked as Wish
-from qsframework.cli.diagnose import DiagnoseFiles, run_diagnose
+from qsframework.cli.diagnose import Asked as Wish, DiagnoseFiles, run_diagnose
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.audit_entries import Audited, audited_of, audited_readings
 from qsframework.errors import InputError

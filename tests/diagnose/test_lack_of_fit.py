@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import f as fisher
-from scipy.stats import kstest
+from scipy.stats import f as fisher, kstest
 
 from qsframework.diagnose.residuals.lack_of_fit import arm_axes, lack_of_fit, smooth, variables_of
 from qsframework.experiment import Experiment, make_plan, make_rows, simulate

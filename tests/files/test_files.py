@@ -8,8 +8,7 @@ from typing import Annotated
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from qsframework import units
 from qsframework.errors import InputError, Problem, nearest

@@ -55,6 +55,7 @@ SETTINGS = {
             {"name": "bar", "axis": [0, 1, 0], "to_m": [0.8, 0.0, 1.1]},
         ],
     },
+    "coupling": {"joint": "joint_3", "follows": {"joint_2": -0.5}, "offset_deg": 10},
     "bar_compliance": {"driven": "joint_3"},
     "gravity_compensator": {"joint": "joint_2", "lc_m": 0.235, "l2_m": 1.12, "zero_deg": 20},
     "compensator_stiffness": {"joint": "joint_2", "lc_mm": 235, "l2_m": 1.12},
@@ -227,7 +228,7 @@ def test_parameters_are_checked_when_made() -> None:
         ({"effect": "joint_compliance", "joint": 3}, "must be a name"),
         ({"effect": "joint_compliance", "joint": "joint_9"}, "no joint 'joint_9'"),
         ({"effect": "joint_compliance", "joint": "joint_1", "colour": "red"}, "unknown key"),
-        ({"effect": "controller_coupling", "joint": "joint_1"}, "no joint before it"),
+        ({"effect": "controller_coupling", "joint": "joint_1"}, "one before it"),
         ({"effect": "parallelogram", "driver": "joint_1", "driven": "joint_3", "lever_m": 1}, "needs parallel axes"),
     ],
 )

@@ -10,8 +10,7 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 from scipy.optimize import root
 
 from qsframework.elastostatics import Site, full_displacement, make_model

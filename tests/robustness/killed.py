@@ -227,8 +227,7 @@ def monte_carlo(kept: Path | None) -> Callable[[], int]:
 
         from qsframework.cli.stop import Stopped, listening
         from qsframework.files import write_bytes
-        from qsframework.work import Checkpoint
-        from qsframework.work import run as run_tasks
+        from qsframework.work import Checkpoint, run as run_tasks
 
         try:
             with listening():

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from numerics import SIGMA, campaign, candidates, few, noisy, poses, readings, weighed, with_effects, with_forces
 
 from qsframework.design import Wish, design

@@ -9,8 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from numerics import SIGMA, campaign, candidates, few, noisy, poses, with_effects
 
 from qsframework.design import Wish, design
