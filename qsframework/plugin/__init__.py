@@ -73,4 +73,4 @@ __all__ = [
     "place",
     "registry",
     "setting",
-]  # fmt: skip
+]

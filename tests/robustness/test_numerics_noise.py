@@ -21,9 +21,13 @@ from qsframework.plugin import Array, Conditions, build_effects
 from qsframework.plugin.facts import frozen
 
 WAYS = (
-    FitOptions(linear=True), FitOptions(), FitOptions(loss="huber"), FitOptions(loss="soft_l1"),
-    FitOptions(priors=True), FitOptions(shared="pose"),
-)  # fmt: skip
+    FitOptions(linear=True),
+    FitOptions(),
+    FitOptions(loss="huber"),
+    FitOptions(loss="soft_l1"),
+    FitOptions(priors=True),
+    FitOptions(shared="pose"),
+)
 
 
 def off(seed: int) -> Array:

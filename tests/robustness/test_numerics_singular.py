@@ -62,9 +62,14 @@ def nearly_singular(seed: int, gap: float, p: int = 3, m: int = 8) -> Array:
 def observed(A: Array, y: Array, parameters: tuple[Parameter, ...], sigma: float) -> Observations:
     """A linear problem for the solver."""
     return Observations(
-        measured=y, predict=lambda x: A @ x, jacobian=lambda x: A, parameters=parameters,
-        noise=Independent(np.full(len(y), sigma)), block=np.arange(len(y)), row=np.arange(len(y)),
-    )  # fmt: skip
+        measured=y,
+        predict=lambda x: A @ x,
+        jacobian=lambda x: A,
+        parameters=parameters,
+        noise=Independent(np.full(len(y), sigma)),
+        block=np.arange(len(y)),
+        row=np.arange(len(y)),
+    )
 
 
 @few(25)
