@@ -32,9 +32,11 @@ class JointPlacement(Geometry):
         slope = np.zeros((n, 6, 6))  # the same at every pose: views of one block cost nothing
         slope[robot.joint_index(self.joint)] = np.eye(6)
         return GeometryTerm(
-            np.zeros((batch, n)), np.broadcast_to(np.zeros((n, 6)), (batch, n, 6)),
-            np.broadcast_to(slope @ x, (batch, n, 6)), np.broadcast_to(slope, (batch, n, 6, 6)),
-        )  # fmt: skip
+            np.zeros((batch, n)),
+            np.broadcast_to(np.zeros((n, 6)), (batch, n, 6)),
+            np.broadcast_to(slope @ x, (batch, n, 6)),
+            np.broadcast_to(slope, (batch, n, 6, 6)),
+        )
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[JointPlacement, ...]:

@@ -197,9 +197,15 @@ class _Residual:
 
 
 def _residual(
-    model: Structure, poses: Poses, x: Array, state: State, compliance: Array, K: springs.Stiffness, eps: Array,
+    model: Structure,
+    poses: Poses,
+    x: Array,
+    state: State,
+    compliance: Array,
+    K: springs.Stiffness,
+    eps: Array,
     weight: float,
-) -> _Residual:  # fmt: skip
+) -> _Residual:
     applied = loads.apply_loads(model.of_kind(Load, x), poses.wrench, state.placed.matrix(model.tip.link), model.facts)
     conditions = poses.loaded if weight else poses.unloaded
     torques = springs.torques(model.of_kind(ParallelSpring, x), state.motion, conditions)

@@ -74,4 +74,4 @@ __all__ = [
     "place",
     "registry",
     "setting",
-]  # fmt: skip
+]

@@ -105,8 +105,11 @@ def _check_case(
 ) -> None:
     before = variable.copy()
     first, second = np.asarray(function(variable)), np.asarray(function(variable))
-    record(f"{label} is pure", bool(np.array_equal(first, second) and np.array_equal(before, variable)),
-           "two calls differ or the input was changed")  # fmt: skip
+    record(
+        f"{label} is pure",
+        bool(np.array_equal(first, second) and np.array_equal(before, variable)),
+        "two calls differ or the input was changed",
+    )
     record(f"{label} is finite", bool(np.isfinite(first).all()), "it gives NaN or infinity")
     if derivative is None:
         return

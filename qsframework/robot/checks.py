@@ -15,6 +15,8 @@ from qsframework.errors import Problem, nearest
 from qsframework.robot.urdf import JOINT_TYPES, Joint, Link, Urdf
 
 _SUPPORTED = ("revolute", "continuous", "fixed")
+_FARTHEST = 20.0
+"""Of a link's centre of mass from its frame, m: four times the reach of the largest arms."""
 
 
 def check_structure(urdf: Urdf) -> list[Problem]:
@@ -143,6 +145,13 @@ def _mass(urdf: Urdf, link: Link, moving: bool) -> Iterator[Problem]:
     if inertial.mass < 0 or (inertial.mass == 0 and moving):
         what = "a moving link needs a positive mass" if moving else "a mass cannot be negative"
         yield inertial.mass_place.problem(f"{owner}: {what}", found=f"{inertial.mass:g} kg")
+    away = float(np.linalg.norm(inertial.origin.xyz))
+    if away > _FARTHEST:
+        yield inertial.mass_place.problem(
+            f"{owner}: the centre of mass is {away:g} m from the link's frame",
+            allowed=f"at most {_FARTHEST:g} m",
+            hint="A URDF is in metres.",
+        )
     if not np.isfinite(inertial.inertia).all() or (inertial.mass == 0 and not inertial.inertia.any()):
         return
     moments = np.linalg.eigvalsh(inertial.inertia)

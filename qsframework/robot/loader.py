@@ -90,16 +90,18 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | No
     model = build_model(arm, spec.base, frozen(spec.gravity))
     facts, on_branches = _read_facts(spec, model, arm, urdf)
     frames = read_frames(model)
-    actuated, unread = reading.actuated(spec, facts)
+    pendant = _Reading(document)
+    actuated = pendant.attempt(read_actuated, document, spec, facts)
     if actuated is not None:
         facts = replace(facts, limits=joint_limits(actuated, facts))
     effects, problems = read_effects(document, spec.effects, facts, trust=trusted(trust))
     reading.problems += problems
     loops = [] if problems else [effect for effect in effects if isinstance(effect, Loop)]
-    follows = reading.follow(urdf, facts, None if problems else loops)
-    reading.problems += unread if follows else ()  # else the pendant has other angles than `equals` counts
-    controller = reading.controller(actuated, facts, loops) if follows else None
-    parameters = reading.parameters(spec, effects, facts, complete=follows and not problems)
+    if not reading.follow(urdf, facts, None if problems else loops):
+        reading.stop()  # what else could be said would follow from a joint that is missing
+    reading.problems += pendant.problems
+    controller = reading.attempt(read_controller, document, actuated, facts, loops) if actuated is not None else None
+    parameters = reading.parameters(spec, effects, facts, complete=not problems)
     reading.stop()
     assert isinstance(controller, Controller)
     reading.mimics(urdf, facts, controller)
@@ -152,17 +154,6 @@ class _Reading:
         except InputError as error:
             self.problems += error.problems
             return None
-
-    def actuated(self, spec: RobotSpec, facts: RobotFacts) -> tuple[Controller | None, tuple[Problem, ...]]:
-        """The map to the joints with actuators, or None and its problems, which are not kept yet."""
-        try:
-            return read_actuated(self.document, spec, facts), ()
-        except InputError as error:
-            return None, tuple(error.problems)
-
-    def controller(self, actuated: Controller | None, facts: RobotFacts, loops: Sequence[Loop]) -> Controller | None:
-        """The map to all joints, where there is one to those with actuators."""
-        return None if actuated is None else self.attempt(read_controller, self.document, actuated, facts, loops)
 
     def stop(self) -> None:
         """Raise InputError if there are problems."""

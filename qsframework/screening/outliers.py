@@ -127,8 +127,12 @@ def _widened(experiment: Experiment, readings: Readings) -> Bridge:
     own = tuple(p for e in more for p in e.parameters(robot.facts))
     wide = experiment.with_(effects=(*experiment.effects, *more), parameters=(*experiment.parameters, *own))
     model = wide.model()
-    names = {n for e, part in zip(model.effects, model.slices, strict=True) if e.effect_name() in _WHOLE
-             for n in model.names[part]}  # fmt: skip
+    names = {
+        n
+        for e, part in zip(model.effects, model.slices, strict=True)
+        if e.effect_name() in _WHOLE
+        for n in model.names[part]
+    }
     names |= set(experiment.fit_names())
     return bridge(wide, readings, [n for n in model.names if n in names], linear=True)
 

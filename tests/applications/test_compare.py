@@ -211,9 +211,10 @@ def test_the_command(tmp_path: Path) -> None:
     assert "its payload, 165 kg, is less than the 2000 N of the task" in " ".join(run.output.split())
     assert "payload, 700 kg" not in run.output
     for names, words in (
-        (["fanuc_m900ib"], "two or more different robots"), (["fanuc_m900ib"] * 2, "two or more different robots"),
+        (["fanuc_m900ib"], "two or more different robots"),
+        (["fanuc_m900ib"] * 2, "two or more different robots"),
         (["fanuc_m900ib", "fanuc_r2000"], "Did you mean 'fanuc_r2000ic'"),
-    ):  # fmt: skip
+    ):
         wrong = CliRunner().invoke(app, ["compare", *names, "--task", str(file)])
         assert isinstance(wrong.exception, InputError)
         assert words in str(wrong.exception)
@@ -272,7 +273,7 @@ def test_wrong_fits(root: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="estimates no parameter of fanuc_r2000ic"):
         with_fit(robot, replace(fit, names=("frame[s].x",)))
     bad = replace(fit, model={**fit.model, fit.names[2]: -1e-7})
-    with pytest.raises(InputError, match=r"joint_compliance\[joint_3\] is beyond its bounds.*one-step"):
+    with pytest.raises(InputError, match=r"joint_compliance\[joint_3\] is beyond its bounds.*within bounds"):
         with_fit(robot, bad)
     extra = replace(fit, names=(*fit.names, "frame[s].x"), sd=np.append(fit.sd, 1.0))
     assert with_fit(robot, extra)[1] == ("frame[s].x",)

@@ -183,8 +183,9 @@ def test_where_the_size_is_too_small_the_words_say_which_is_enough(experiment, f
 
 
 def test_a_base_marker_separates_the_pedestal_from_the_first_link(experiment, first_day):
-    found = discriminate(experiment, first_day, "base_compliance[z]", "link_compliance[link_1/z]", 8, candidates=60,
-                         values=[2e-8])  # fmt: skip
+    found = discriminate(
+        experiment, first_day, "base_compliance[z]", "link_compliance[link_1/z]", 8, candidates=60, values=[2e-8]
+    )
     assert found.offers[0].name == "base marker"
     assert found.offers[0].s > 4.0
     assert found.offers[0].angle > np.deg2rad(20.0)
@@ -319,10 +320,10 @@ def test_an_offer_that_cannot_be_made_leaves_the_others(experiment, first_day, m
     judged = alternatives._judged
 
     def no_geometry(kind, *rest):
-        if kind.absolute:
+        if kind.other is None:
             raise NotIdentifiable("no geometry")
         return judged(kind, *rest)
 
     monkeypatch.setattr(alternatives, "_judged", no_geometry)
     found = discriminate(experiment, first_day, LINK_3, LINK_4, 4, candidates=20)
-    assert {o.name for o in found.offers} == {k.name for k in kinds(experiment) if not k.absolute}
+    assert {o.name for o in found.offers} == {k.name for k in kinds(experiment) if k.other is not None}

@@ -18,8 +18,7 @@ from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.state import place as place_chain
 from qsframework.experiment import Experiment, Plan, example, read_plan
 from qsframework.information.two_step import stiffness_rows
-from qsframework.plugin import Actuator, Array, Parameter, Poses, RobotFacts, Spring
-from qsframework.plugin import find as find_effect
+from qsframework.plugin import Actuator, Array, Parameter, Poses, RobotFacts, Spring, find as find_effect
 
 TRIANGLE = SpringTriangle(*numbers.FITTED)
 
@@ -50,8 +49,9 @@ def test_the_forearms_column_depends_on_its_elevation_alone(m900ib: Experiment) 
     pendant[:, 1] = np.linspace(-0.5, 1.5, 30)
     pendant[:, 2] = 0.3
     q = np.ascontiguousarray(robot.controller.to_joints(pendant).T)
-    state = place_chain(move(model.layout, nominal_actuators(model.layout, q), np.zeros((model.layout.bars, 30))),
-                        model.tip, ())  # fmt: skip
+    state = place_chain(
+        move(model.layout, nominal_actuators(model.layout, q), np.zeros((model.layout.bars, 30))), model.tip, ()
+    )
     forearm = np.array([np.cos(0.3) * 1.285 - np.sin(0.3) * 0.25, np.sin(0.3) * 1.285 + np.cos(0.3) * 0.25])
     assert np.allclose(state.tip.linear[2].T[:, [0, 2]], [-forearm[1], forearm[0]], atol=1e-12)
     assert q[2].max() - q[2].min() > 1.0, "the relative angle has moved far"

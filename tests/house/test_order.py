@@ -17,8 +17,8 @@ def long_functions(path: Path) -> Iterator[str]:
     for node in ast.walk(tree(path)):
         if isinstance(node, ast.FunctionDef):
             first = node.body[1] if ast.get_docstring(node) and len(node.body) > 1 else node.body[0]
-            if (node.end_lineno or 0) - first.lineno >= 40:
-                yield f"{node.name} is longer than 40 lines"
+            if (node.end_lineno or 0) - first.lineno >= 60:
+                yield f"{node.name} is longer than 60 lines"
 
 
 def test_functions_are_short() -> None:
@@ -104,12 +104,17 @@ def test_options_are_named_in_cli_only() -> None:
 
 
 SAYING = {
-    "applications/closure.py: Check", "applications/conformance.py: Check", "design/candidates.py: Candidates",
-    "estimation/rank.py: RankTest", "identify/fit.py: Masked", "identify/io.py: MaskedSpec",
-    "identify/selection.py: LeftAside", "screening/convention_changes.py: Change",
+    "applications/closure.py: Check",
+    "applications/conformance.py: Check",
+    "design/candidates.py: Candidates",
+    "estimation/rank.py: RankTest",
+    "identify/fit.py: Masked",
+    "identify/io.py: MaskedSpec",
+    "identify/selection.py: LeftAside",
+    "screening/convention_changes.py: Change",
     "screening/conventions.py: Convention",
     "screening/rows.py: Finding",
-}  # fmt: skip
+}
 """Classes outside report/words that still hold or make sentences: of errors, or of files that keep them. No more."""
 
 

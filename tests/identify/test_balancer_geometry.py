@@ -20,8 +20,14 @@ OFF = 0.020
 """m, of the attachment point from the joint's axis."""
 SIDES = {"joint": "joint_2", "lc_mm": 235, "l2_m": 1.12}
 SPRING = SIDES | {"effect": "gravity_compensator"}
-GAS = SIDES | {"effect": "gas_balancer", "length_mm": 885, "pressure_bar": 90, "volume_l": 12, "piston_area_cm^2": 60,
-               "rod_area_cm^2": 12}  # fmt: skip
+GAS = SIDES | {
+    "effect": "gas_balancer",
+    "length_mm": 885,
+    "pressure_bar": 90,
+    "volume_l": 12,
+    "piston_area_cm^2": 60,
+    "rod_area_cm^2": 12,
+}
 PRELOADS = {"spring": (SPRING, "free_length", -0.1 * 0.185), "gas": (GAS, "pressure", 0.1 * 90e5)}
 """What sets the preload, and 10 % of it: a spring 0.7 m long is drawn by 185 mm at its shortest."""
 
@@ -32,8 +38,9 @@ def balanced(m900ib: Experiment, *entries: dict[str, object]) -> Experiment:
     for entry in entries:
         (effect,) = build_effects(entry, robot.facts)
         robot = with_effect(robot, effect)
-    stated = tuple(replace(p, nominal=p.nominal or STIFFNESS) if p.name.endswith(".stiffness") else p
-                   for p in robot.parameters)  # fmt: skip
+    stated = tuple(
+        replace(p, nominal=p.nominal or STIFFNESS) if p.name.endswith(".stiffness") else p for p in robot.parameters
+    )
     return on_robot(m900ib, replace(robot, parameters=stated))
 
 

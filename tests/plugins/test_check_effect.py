@@ -65,7 +65,7 @@ SETTINGS = {
             {"name": "bar", "axis": [0, 1, 0], "to_m": [0.8, 0.0, 1.1]},
         ],
     },
-    "coupling": {"tied": ["joint_5", "joint_6"], "matrix": [[0.5, 0.5], [0.5, -0.5]]},
+    "coupling": {"joint": "joint_3", "follows": {"joint_2": -0.5}, "offset_deg": 10},
     "cylinder": {"joint": "rod_joint", "driver": "joint_2", "x_m": 0.1, "y_m": 0.0, "z_m": 0.9},
     "bar_compliance": {"driven": "joint_3"},
     "gravity_compensator": {"joint": "joint_2", "lc_m": 0.235, "l2_m": 1.12, "zero_deg": 20},
@@ -239,7 +239,7 @@ def test_parameters_are_checked_when_made() -> None:
         ({"effect": "joint_compliance", "joint": 3}, "must be a name"),
         ({"effect": "joint_compliance", "joint": "joint_9"}, "no joint 'joint_9'"),
         ({"effect": "joint_compliance", "joint": "joint_1", "colour": "red"}, "unknown key"),
-        ({"effect": "controller_coupling", "joint": "joint_1"}, "and one before it"),
+        ({"effect": "controller_coupling", "joint": "joint_1"}, "one before it"),
         ({"effect": "parallelogram", "driver": "joint_1", "driven": "joint_3", "lever_m": 1}, "needs parallel axes"),
     ],
 )
@@ -251,6 +251,10 @@ def test_spec_entries_say_what_is_wrong(entry: dict[str, object], words: str) ->
 
 def test_plural_places_make_one_instance_each() -> None:
     assert len(build_effects({"effect": "joint_compliance", "joints": "all"}, ROBOT)) == 6
-    names = [e.name for e in build_effects({"effect": "offaxis_compliance", "joints": ["joint_2", "joint_3"],
-                                            "axes": ["x", "z"]}, ROBOT)]  # fmt: skip
+    names = [
+        e.name
+        for e in build_effects(
+            {"effect": "offaxis_compliance", "joints": ["joint_2", "joint_3"], "axes": ["x", "z"]}, ROBOT
+        )
+    ]
     assert names == [f"offaxis_compliance[joint_{k}/{a}]" for k in (2, 3) for a in "xz"]

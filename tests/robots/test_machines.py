@@ -123,8 +123,11 @@ def test_the_equilibrium_is_where_the_energy_is_least(arm: Robot, tree: pin.Mode
 
 def test_every_effect_holds_and_sensitivities_are_slopes(arm: Robot) -> None:
     """With a bar that is too long and gives, weights on bars among the parameters."""
-    more = [{"effect": "bar_compliance", "driven": "joint_3"}, {"effect": "link_mass", "link": "bar"},
-            {"effect": "joint_offset", "joints": ["joint_2", "joint_3"]}]  # fmt: skip
+    more = [
+        {"effect": "bar_compliance", "driven": "joint_3"},
+        {"effect": "link_mass", "link": "bar"},
+        {"effect": "joint_offset", "joints": ["joint_2", "joint_3"]},
+    ]
     effects = (*arm.effects, *(e for entry in more for e in build_effects(entry, arm.facts)))
     for effect in effects:
         check_effect(effect, arm.facts)
