@@ -47,4 +47,4 @@ class LinkMass(Load):
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[LinkMass, ...]:
-        return tuple(cls(link) for link in robot.links[1:])
+        return tuple(cls(link) for link in robot.bodies[1:])

@@ -189,6 +189,50 @@ def test_branches_are_drawn_where_they_stand(arm: Robot, tree: pin.Model, tmp_pa
     np.testing.assert_allclose(np.cross(rod[:3, 3] - bar, data.oMi[2].rotation[:, 1]), 0.0, atol=1e-12)
 
 
+RODS = """
+  <link name="rod"><inertial><origin xyz="0 0 0.5"/><mass value="25"/>INERTIA</inertial><visual>
+    <origin xyz="0 0 0.5"/><geometry><box size="0.05 0.05 1"/></geometry></visual></link>
+  <link name="plate"><inertial><origin xyz="0.1 0 0.1"/><mass value="15"/>INERTIA</inertial></link>
+  <link name="long_rod"><inertial><origin xyz="0.6 0 0"/><mass value="30"/>INERTIA</inertial></link>
+  <joint name="rod_joint" type="continuous"><parent link="link_1"/><child link="rod"/>
+    <origin xyz="0.05 0.1 0.2"/><axis xyz="0 1 0"/></joint>
+  <joint name="plate_joint" type="continuous"><parent link="link_2"/><child link="plate"/>
+    <origin xyz="0 0 1"/><axis xyz="0 1 0"/></joint>
+  <joint name="long_joint" type="continuous"><parent link="plate"/><child link="long_rod"/>
+    <origin xyz="0.1 0.1 0.2"/><axis xyz="0 1 0"/></joint>
+</robot>""".replace("INERTIA", '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>')
+HOLD = """effects:
+  - {effect: coupling, joint: long_joint, follows: {plate_joint: -1, joint_3: 1}}
+  - {effect: coupling, joint: plate_joint, follows: {rod_joint: -1}}
+  - {effect: coupling, joint: rod_joint, follows: {joint_2: 1}}
+"""
+
+
+def test_a_palletizer_with_the_rods_of_its_two_parallelograms(tmp_path: Path) -> None:
+    """A rod beside link 2 keeps a plate at the elbow level, from which another one beside the forearm keeps the wrist.
+
+    Gravity by Pinocchio on the tree, its angles by hand; the couplings stand in the wrong order and lead each other.
+    """
+    folder = tmp_path / "palletizer"
+    shutil.copytree(MACHINES / "palletizer", folder)
+    file, spec = folder / "palletizer.urdf", folder / "robot.yaml"
+    file.write_text(file.read_text().replace("</robot>", RODS))
+    spec.write_text(spec.read_text().replace("effects:\n", HOLD))
+    robot, tree = load_robot(folder), pin.buildModelFromUrdf(str(file))
+    poses, data = some_poses(robot, 20, force=0.0), tree.createData()
+    ours = actuator_torques(model_of(robot), poses)
+    hinges = [tree.getJointId(name) for name in (*robot.facts.joints, "rod_joint", "plate_joint", "long_joint")]
+    for i, (q1, q2, q3, q4, q5) in enumerate(poses.q):
+        q = pin.neutral(tree)
+        for hinge, angle in zip(hinges, (q1, q2, q3, q4, q5, q2, -q2, q2 + q3), strict=True):
+            part = tree.joints[hinge]  # a continuous joint has a cosine and a sine
+            q[part.idx_q : part.idx_q + part.nq] = [angle] if part.nq == 1 else [np.cos(angle), np.sin(angle)]
+        held = pin.computeGeneralizedGravity(tree, data, q)
+        w1, w2, w3, w4, w5, rod, plate, long_rod = (-held[tree.joints[hinge].idx_v] for hinge in hinges)
+        expected = [w1, w2 - w3 + rod - plate, w3 - w4 + long_rod, w5]
+        np.testing.assert_allclose(ours[i, [0, 1, 2, 4]], expected, atol=1e-12 * np.abs(held).max())
+
+
 REFUSED = {
     "nothing determines it": (
         ("robot.yaml", "    bar_joint: bar_joint\n", ""),
