@@ -88,7 +88,8 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | No
     spec, urdf = reading.structure()
     arm = without_branches(urdf, spec.base, spec.flange)
     model = build_model(arm, spec.base, frozen(spec.gravity))
-    facts, on_branches = _read_facts(spec, model, arm, urdf)
+    tree = build_model(urdf, spec.base, frozen(spec.gravity)) if len(arm.links) < len(urdf.links) else None
+    facts, on_branches = _read_facts(spec, model, arm, tree, urdf)
     frames = read_frames(model)
     pendant = _Reading(document)
     actuated = pendant.attempt(read_actuated, document, spec, facts)
@@ -123,14 +124,16 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | No
         payload=spec.payload,
         torque_limits=_torque_limits(spec, facts),
     )
-    check_agreement(robot, document.path)
+    check_agreement(robot, document.path, tree)
     return robot
 
 
-def _read_facts(spec: RobotSpec, model: pin.Model, arm: Urdf, urdf: Urdf) -> tuple[RobotFacts, dict[str, LinkFrame]]:
+def _read_facts(
+    spec: RobotSpec, model: pin.Model, arm: Urdf, tree: pin.Model | None, urdf: Urdf
+) -> tuple[RobotFacts, dict[str, LinkFrame]]:
     """The arm's constants with its branches, and the links of the URDF on these."""
     facts = read_facts(spec.name, model, arm, spec.base, spec.flange, spec.payload)
-    branches, frames = read_branches(urdf, spec.base, facts)
+    branches, frames = ((), {}) if tree is None else read_branches(tree, urdf, spec.base, facts)
     passive = tuple(joint for joint in facts.joints if joint not in spec.controller)
     return replace(facts, passive=passive, branches=branches), frames
 

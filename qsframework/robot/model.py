@@ -70,13 +70,15 @@ def read_facts(
     )
 
 
-def read_branches(urdf: Urdf, base: str, facts: RobotFacts) -> tuple[tuple[Branch, ...], dict[str, LinkFrame]]:
-    """The links that move beside the arm, and every link of the URDF on them as a frame of one of the bodies."""
+def read_branches(
+    tree: pin.Model, urdf: Urdf, base: str, facts: RobotFacts
+) -> tuple[tuple[Branch, ...], dict[str, LinkFrame]]:
+    """The links that move beside the arm, and every link of the URDF on them as a frame of one of the bodies.
+
+    tree: the `pin.Model` of the arm with its branches
+    """
     import pinocchio as pin
 
-    if not any(joint.moves and joint.name not in facts.joints for joint in urdf.below(base)):
-        return (), {}
-    tree = build_model(urdf, base, facts.gravity)
     links = {joint.name: joint.child for joint in urdf.joints}
     names = tuple(tree.names)
     beside = [k for k in range(1, tree.njoints) if names[k] not in facts.joints]
