@@ -20,7 +20,7 @@ from qsf_plugins.planar_loop import (
     refuse,
     with_branches,
 )
-from qsframework.plugin import Array, InputError, Loop, LoopTerm, Parameter, Problem, RobotFacts, place, setting
+from qsframework.plugin import Array, Branch, InputError, Loop, LoopTerm, Parameter, Problem, RobotFacts, place, setting
 
 _SHORTEST = 1e-6
 """m between two axes that are not one."""
@@ -42,7 +42,8 @@ class Parallelogram(Loop):
     the bar stay at their values there: finite and huge. With a bar error such a pose is refused.
 
     Lever and bar may be links of the URDF, with masses and solids: the lever turns on the driver's axis, the bar at the
-    lever's end. They stand there at zero joint angles as they are drawn.
+    lever's end. They stand there at zero joint angles as they are drawn. Where the URDF does not draw them their masses
+    are enough: even rods, named after the driven joint, such as joint_3_lever and joint_3_bar.
     """
 
     driven: str = place()
@@ -59,6 +60,10 @@ class Parallelogram(Loop):
     """The lever's joint beside the arm, on the driver's axis."""
     bar_joint: str = ""
     """The bar's joint beside the arm, at the lever's end."""
+    lever_mass: float = setting("kg", 0.0)
+    """Of a lever that the URDF does not draw, from axis to pivot."""
+    bar_mass: float = setting("kg", 0.0)
+    """Of a bar that the URDF does not draw."""
     equation = "q_driven = phi_driven - s q_driver, s = +1 or -1  (12)-(16), corrected"
     source = "Klimchik et al., section 3.1, corrected"
     check = "Play in the bearings of the coupling bar, length of the bar."
@@ -71,7 +76,26 @@ class Parallelogram(Loop):
 
     @property
     def _branches(self) -> tuple[str, ...]:
-        return tuple(joint for joint in (self.lever_joint, self.bar_joint) if joint)
+        """Joints of lever and bar, of the URDF or of its own."""
+        own = (f"{self.driven}_lever", f"{self.driven}_bar") if max(self.lever_mass, self.bar_mass) > 0.0 else ()
+        return tuple(joint for joint in (self.lever_joint, self.bar_joint) if joint) or own
+
+    def branches(self, robot: RobotFacts) -> tuple[Branch, ...]:
+        """Lever and bar that no URDF draws: even rods, in frames parallel to the driver's at zero joint angles."""
+        if self.lever_joint or not self._branches:
+            return ()
+        k, (lever, bar) = robot.joint_index(self.driver), self._branches
+        (shoulder, low), (_, high) = self.outline(np.zeros((1, 2)), robot)[0, :2]
+        end = np.eye(4)
+        end[:3, 3] = low - shoulder
+        parts = (
+            (lever, robot.links[k], robot.placements[k], self.lever_mass, low - shoulder),
+            (bar, lever, end, self.bar_mass, high - low),
+        )
+        return tuple(
+            Branch(joint=own, link=own, parent=on, placement=at, axis=robot.axes[k], mass=mass, centre=0.5 * along)
+            for own, on, at, mass, along in parts
+        )
 
     def leaders(self, robot: RobotFacts) -> tuple[str, ...]:
         return (self.driver,)
@@ -86,10 +110,14 @@ class Parallelogram(Loop):
 
     def _check_branches(self, robot: RobotFacts) -> None:
         """InputError where lever and bar do not stand where the parallelogram has them at zero joint angles."""
+        if min(self.lever_mass, self.bar_mass) < 0.0 or (self.lever_joint and self.lever_mass + self.bar_mass > 0.0):
+            found = f"lever_mass = {self.lever_mass:g} kg, bar_mass = {self.bar_mass:g} kg"
+            hint = "Masses are not below 0, and where the URDF draws lever and bar they stand there."
+            raise InputError(Problem(f"{self.name}: wrong masses", found=found, hint=hint))
         if self.bar_joint and not self.lever_joint:
             raise InputError(Problem(f"{self.name}: the bar hangs on the lever", hint="Give lever_joint too."))
         corners = self.outline(np.zeros((1, 2)), robot)[0, :2, 0]
-        for count in range(1, len(self._branches) + 1):
+        for count in range(1, 1 + bool(self.lever_joint) + bool(self.bar_joint)):
             joint, corner = self._branches[count - 1], corners[count - 1]
             _, at = branch_stands(robot, self.driver, self._branches[:count])
             if np.linalg.norm(at - corner) > _APART:
@@ -163,7 +191,7 @@ class Parallelogram(Loop):
         return Turned(*(np.asarray(part, dtype=np.float64) for part in (np.angle(Z), first.imag, second.imag)))
 
     def carried(self, robot: RobotFacts) -> tuple[tuple[str, ...], ...]:
-        return ((), (self.bar_joint,)) if self.bar_joint else ((),)
+        return ((), self._branches[1:]) if self._branches[1:] else ((),)
 
     def _swing(self, psi: Array, bar: Array, link: float) -> Array:
         """rho - psi (N,): by how much a bar error turns the driven link; NaN where the loop is open.

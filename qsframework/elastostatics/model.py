@@ -22,7 +22,7 @@ from qsframework.elastostatics.structure import Structure, chunks
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.plugin import Array, Effect, Parameter, Poses, RobotFacts, Spring, SpringLaw
 from qsframework.plugin.facts import frozen
-from qsframework.plugin.loops import follow
+from qsframework.plugin.loops import follow, with_branches
 from qsframework.plugin.settings import twice_hint
 
 
@@ -115,6 +115,7 @@ def make_model(
 ) -> Model:
     """Join effects (any order) into a model. `parameters` gives nominal values for the effects' names."""
     ordered = tuple(sorted(effects, key=lambda e: (e.stage, e.order)))
+    facts = with_branches(facts, ordered)
     values = {p.name: p for p in parameters}
     found: list[Parameter] = []
     slices: list[slice] = []

@@ -11,6 +11,7 @@ from qsframework import units
 from qsframework.errors import InputError, PluginError
 from qsframework.plugin.facts import Array, Conditions, Poses, RobotFacts, frozen
 from qsframework.plugin.kinds import Effect, Geometry, Load, Loop, ParallelSpring, Sensor, Spring, SpringLaw
+from qsframework.plugin.loops import with_branches
 from qsframework.plugin.parameter import Parameter
 from qsframework.plugin.terms import Actuator, Bar, Loads, Reading, StiffnessTerm, TorqueTerm, VirtualJoint
 
@@ -45,7 +46,7 @@ def check_effect(effect: Effect, robot: RobotFacts | None = None, seed: int = 0)
 
     Returns the names of the checks that held. Raises PluginError that lists all that did not.
     """
-    robot = robot or sample_robot()
+    robot = with_branches(robot or sample_robot(), [effect])
     rng = np.random.default_rng(seed)
     failures: list[str] = []
     passed: list[str] = []

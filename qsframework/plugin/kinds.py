@@ -14,7 +14,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from qsframework.plugin.facts import Array, Conditions, Poses, RobotFacts
+from qsframework.plugin.facts import Array, Branch, Conditions, Poses, RobotFacts
 from qsframework.plugin.parameter import Parameter
 from qsframework.plugin.settings import place_fields
 from qsframework.plugin.terms import (
@@ -140,6 +140,10 @@ class Loop(Effect):
     def smallest_transmission_angle(self) -> float:
         """The margin (rad) below which no pose is planned."""
         return 0.0
+
+    def branches(self, robot: RobotFacts) -> tuple[Branch, ...]:
+        """Links beside the arm that it brings along because no URDF draws them, parents first."""
+        return ()
 
     def carried(self, robot: RobotFacts) -> tuple[tuple[str, ...], ...]:
         """For each passive joint, seen from the driven actuator, the loop's own branches that lie beyond it."""

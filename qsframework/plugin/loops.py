@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from qsframework.errors import InputError, Problem
 from qsframework.plugin.facts import Array, RobotFacts
-from qsframework.plugin.kinds import Loop
+from qsframework.plugin.kinds import Effect, Loop
 
 
 def own_joints(loop: Loop, robot: RobotFacts) -> tuple[str, ...]:
     """The joints that a loop turns: all but its leaders."""
     leaders = loop.leaders(robot)
     return tuple(joint for joint in loop.joints(robot) if joint not in leaders)
+
+
+def with_branches(robot: RobotFacts, effects: Sequence[Effect]) -> RobotFacts:
+    """The robot with the links that its loops bring along, where it has them not yet."""
+    brought = [branch for e in effects if isinstance(e, Loop) for branch in e.branches(robot)]
+    more = tuple(branch for branch in brought if branch.joint not in robot.turning)
+    return replace(robot, branches=(*robot.branches, *more)) if more else robot
 
 
 def loop_problems(loops: Sequence[Loop], robot: RobotFacts) -> dict[str, Problem]:

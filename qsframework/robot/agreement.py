@@ -74,7 +74,8 @@ def kernel_statics(robot: Robot, q: Array) -> Statics:
 
 def _branch_differences(robot: Robot, tree: pin.Model, q: Array, file: str) -> Iterator[Problem]:
     """The same of the arm with its branches, which stand at angles of their own: no loop holds them here."""
-    facts, count = robot.facts, robot.facts.n + 1
+    drawn = tuple(branch for branch in robot.facts.branches if branch.joint in tuple(tree.names))
+    facts, count = replace(robot.facts, branches=drawn), robot.facts.n + 1
     part = (_GOLDEN * np.arange(1, POSES * len(facts.branches) + 1)) % 1.0
     every = np.concatenate([q, np.pi * (2.0 * part.reshape(POSES, -1) - 1.0)], axis=1)
     placed = joint_frames(facts, every)

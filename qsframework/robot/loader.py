@@ -17,7 +17,7 @@ from qsframework.errors import InputError, Problem, nearest
 from qsframework.files import Document, read_yaml, validate
 from qsframework.plugin import Array, Effect, Loop, Parameter, RobotFacts
 from qsframework.plugin.facts import frozen
-from qsframework.plugin.loops import own_joints
+from qsframework.plugin.loops import own_joints, with_branches
 from qsframework.plugin.trusted import trusted
 from qsframework.robot.agreement import check_agreement
 from qsframework.robot.checks import chain_joints, check_chain, check_structure, without_branches
@@ -97,6 +97,7 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | No
         facts = replace(facts, limits=joint_limits(actuated, facts))
     effects, problems = read_effects(document, spec.effects, facts, trust=trusted(trust))
     reading.problems += problems
+    facts = with_branches(facts, effects)
     loops = [] if problems else [effect for effect in effects if isinstance(effect, Loop)]
     if not reading.follow(urdf, facts, None if problems else loops):
         reading.stop()  # what else could be said would follow from a joint that is missing

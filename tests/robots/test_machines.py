@@ -233,6 +233,41 @@ def test_a_palletizer_with_the_rods_of_its_two_parallelograms(tmp_path: Path) ->
         np.testing.assert_allclose(ours[i, [0, 1, 2, 4]], expected, atol=1e-12 * np.abs(held).max())
 
 
+MASSES = """    lever_mass_kg: 180
+    bar_mass_kg: 90
+"""
+
+
+def test_masses_of_lever_and_bar_are_enough_where_no_urdf_draws_them(tmp_path: Path) -> None:
+    """Even rods: the same torques, equilibrium and margin as of links that are drawn so, a mass on the lever too."""
+    drawn, stated = tmp_path / "drawn", tmp_path / "stated"
+    for folder in (drawn, stated):
+        shutil.copytree(MACHINES / "counterweight_arm", folder)
+    file = drawn / "counterweight_arm.urdf"
+    even = file.read_text().replace('"-0.3 0 0"', '"-0.375 0 0"').replace('"0 0 0.5"/><mass', '"0 0 0.56"/><mass')
+    file.write_text(even)
+    file, spec = stated / "counterweight_arm.urdf", stated / "robot.yaml"
+    gone = ("lever", "weight", "bar")
+    lines = [x for x in file.read_text().splitlines() if not any(f'"{n}"' in x or f'"{n}_joint"' in x for n in gone)]
+    file.write_text("\n".join(lines))
+    text = re.sub(r"    lever_joint: .*\n    bar_joint: .*\n", MASSES, spec.read_text())
+    spec.write_text(text.replace("link: lever,", "link: joint_3_lever,"))
+    named = (stated / "nominal.yaml").read_text().replace("counterweight[lever]", "counterweight[joint_3_lever]")
+    (stated / "nominal.yaml").write_text(named)
+    one, two = load_robot(drawn), load_robot(stated)
+    assert [b.link for b in two.facts.branches] == ["housing", "joint_3_lever", "joint_3_bar"]
+    poses = some_poses(one, 20, 5, 4e3)
+    for of in (actuator_torques, flip_margin, full_displacement):
+        first, second = of(model_of(one), poses), of(model_of(two), poses)
+        np.testing.assert_allclose(second, first, atol=1e-11 * np.abs(first).max())
+    entry = {"effect": "parallelogram", "driver": "joint_2", "driven": "joint_3", "lever_m": 0.75, "lever_mass_kg": 10}
+    (light,) = build_effects(entry, load_robot("fanuc_m900ib").facts)
+    check_effect(light, load_robot("fanuc_m900ib").facts)
+    for wrong in ({"lever_joint": "lever_joint"}, {"bar_mass_kg": -1}):
+        with pytest.raises(InputError, match="wrong masses"):
+            build_effects(entry | wrong, one.facts)
+
+
 REFUSED = {
     "nothing determines it": (
         ("robot.yaml", "    bar_joint: bar_joint\n", ""),
