@@ -10,7 +10,7 @@ import numpy as np
 from qsframework.elastostatics.motion import MotionRate, combine
 from qsframework.elastostatics.state import Column, ColumnRate, State
 from qsframework.plugin import Array, Load, Loads, LoadTerm, RobotFacts
-from qsframework.robot.gravity import element_gravity, nominal_moments
+from qsframework.robot.gravity import element_gravity
 from qsframework.robot.kinematics import Twists, twists, twists_along
 
 
@@ -25,7 +25,7 @@ class Applied:
 
 def apply_loads(effects: Sequence[tuple[Load, Array]], wrench: Array, rotation: Array, facts: RobotFacts) -> Applied:
     """Pass the wrench and the masses through the load effects in their order."""
-    moments = nominal_moments(facts)
+    moments = facts.moments
     terms: list[LoadTerm] = []
     for effect, x in effects:
         term = effect.apply(Loads(wrench, rotation, moments), x, facts)

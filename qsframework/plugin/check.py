@@ -268,12 +268,11 @@ def turn(rotation: Array, small: Array) -> Array:
 
 
 def _load(effect: Load, robot: RobotFacts, x: Array, rng: np.random.Generator) -> Iterator[Case]:
-    moments = np.concatenate([robot.masses[:, None], robot.masses[:, None] * robot.centres], axis=1)
     rotation, wrench = _rotations(rng, BATCH), rng.normal(0, 1e3, (BATCH, 6))
 
     def apply(w: Array, x: Array, small: Array | None = None) -> Any:
         turned = rotation if small is None else turn(rotation, small)
-        return effect.apply(Loads(w, turned, moments), x, robot)
+        return effect.apply(Loads(w, turned, robot.moments), x, robot)
 
     term = apply(wrench, x)
     yield "wrench by wrench", lambda v: apply(v, x).wrench, wrench, term.d_wrench

@@ -147,6 +147,13 @@ class RobotFacts:
         """(n + 1 + b,) names of all links: the arm's, then those of the branches."""
         return (*self.links, *(branch.link for branch in self.branches))
 
+    @property
+    def moments(self) -> Array:
+        """Mass, kg, and mass times centre, kg m in its own frame, of each body, (n + 1 + b, 4)."""
+        masses = np.array([*self.masses, *(branch.mass for branch in self.branches)])
+        centres = np.array([*self.centres, *(branch.centre for branch in self.branches)])
+        return np.concatenate([masses[:, None], masses[:, None] * centres], axis=1)
+
     def turning_index(self, joint: str) -> int:
         """Position of a joint of the arm or of a branch among `turning`."""
         return _index("joint", joint, self.turning, self.name)

@@ -1,6 +1,6 @@
 """What the arm is: files, kinematics, controller convention."""
 
-from qsframework.robot.alternatives import Alternative, Structure, alternatives
+from qsframework.robot.alternatives import Alternative, StructuralChange, alternatives
 from qsframework.robot.controller import Controller
 from qsframework.robot.loader import load_robot, robot_names
 from qsframework.robot.robot import LinkFrame, Robot, Shape
@@ -11,7 +11,7 @@ __all__ = [
     "LinkFrame",
     "Robot",
     "Shape",
-    "Structure",
+    "StructuralChange",
     "alternatives",
     "load_robot",
     "robot_names",

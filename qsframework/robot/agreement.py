@@ -13,7 +13,7 @@ import numpy as np
 from qsframework.errors import InputError, Problem
 from qsframework.plugin import Array
 from qsframework.robot.controller import Controller
-from qsframework.robot.gravity import element_gravity, nominal_moments
+from qsframework.robot.gravity import element_gravity
 from qsframework.robot.kinematics import joint_frames, twists
 from qsframework.robot.reference import Statics, reference_branches, reference_statics
 from qsframework.robot.robot import Robot
@@ -68,7 +68,7 @@ def kernel_statics(robot: Robot, q: Array) -> Statics:
         np.concatenate([placed.rotations.transpose(0, 2, 1, 3), turned.transpose(1, 2, 0)[None]]),
         columns.linear,
         columns.angular,
-        element_gravity(placed, nominal_moments(robot.facts), robot.gravity),
+        element_gravity(placed, robot.facts.moments, robot.gravity),
     )
 
 
@@ -79,7 +79,7 @@ def _branch_differences(robot: Robot, tree: pin.Model, q: Array, file: str) -> I
     part = (_GOLDEN * np.arange(1, POSES * len(facts.branches) + 1)) % 1.0
     every = np.concatenate([q, np.pi * (2.0 * part.reshape(POSES, -1) - 1.0)], axis=1)
     placed = joint_frames(facts, every)
-    torque = element_gravity(placed, nominal_moments(facts), robot.gravity)
+    torque = element_gravity(placed, facts.moments, robot.gravity)
     positions, rotations, held = reference_branches(tree, facts, every)
     turned = placed.rotations[count:].transpose(0, 2, 1, 3)
     length, links = ALLOWED * (1.0 + _largest(positions)), facts.bodies[count:]

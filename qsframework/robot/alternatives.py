@@ -25,7 +25,7 @@ S = TypeVar("S", Shape, MeshShape)
 _SMALL = 1e-9
 
 
-class Structure(StrEnum):
+class StructuralChange(StrEnum):
     """What an alternative changes."""
 
     LOOP_ABSENT = "loop absent"
@@ -43,7 +43,7 @@ class Alternative:
     kind: what changes; subjects: the effects that are left out or added, or the joint whose angle counts otherwise
     """
 
-    kind: Structure
+    kind: StructuralChange
     subjects: tuple[str, ...]
     robot: Robot
 
@@ -63,7 +63,7 @@ def _loops_absent(robot: Robot) -> Iterator[Alternative]:
     for loop in _of(robot, Loop):
         arm = [joint for joint in own_joints(loop, robot.facts) if joint in robot.facts.joints]
         if arm and not set(arm) & set(robot.facts.passive):
-            kind = Structure.LOOP_ABSENT if loop.parameters(robot.facts) else Structure.COUPLING_ABSENT
+            kind = StructuralChange.LOOP_ABSENT if loop.parameters(robot.facts) else StructuralChange.COUPLING_ABSENT
             yield Alternative(kind, (loop.name,), without(robot, (loop,)))
 
 
@@ -76,7 +76,7 @@ def _loops_present(robot: Robot) -> Iterator[Alternative]:
             if not isinstance(effect, Loop) or turned & set(own_joints(effect, robot.facts)):
                 continue
             if not loop_problems((*loops, effect), robot.facts):
-                yield Alternative(Structure.LOOP_PRESENT, (effect.name,), with_effect(robot, effect))
+                yield Alternative(StructuralChange.LOOP_PRESENT, (effect.name,), with_effect(robot, effect))
 
 
 def _balancers_absent(robot: Robot) -> Iterator[Alternative]:
@@ -90,7 +90,7 @@ def _balancers_absent(robot: Robot) -> Iterator[Alternative]:
             continue
         beside = [s for s in springs if drawn[s.name] is None and s.joints(robot.facts) in joints and s not in mine]
         gone = (*mine, *beside)
-        yield Alternative(Structure.BALANCER_ABSENT, tuple(s.name for s in gone), without(robot, gone))
+        yield Alternative(StructuralChange.BALANCER_ABSENT, tuple(s.name for s in gone), without(robot, gone))
 
 
 def _angles(robot: Robot) -> Iterator[Alternative]:
@@ -106,9 +106,9 @@ def _angles(robot: Robot) -> Iterator[Alternative]:
         matrix, column = np.array(shown.matrix), shown.driven.index(before)
         rate = matrix[own, column] / matrix[before, column] if matrix[before, column] else np.nan
         if abs(rate) < _SMALL:
-            kind, change = Structure.ANGLE_ABSOLUTE, -sense
+            kind, change = StructuralChange.ANGLE_ABSOLUTE, -sense
         elif abs(rate + sense) < _SMALL:
-            kind, change = Structure.ANGLE_RELATIVE, sense
+            kind, change = StructuralChange.ANGLE_RELATIVE, sense
         else:
             continue
         matrix += change * shown.following[:, [shown.driven.index(own)]] * matrix[before]

@@ -1,18 +1,11 @@
-"""The weight of the links: their mass moments, and the torques that it puts on the elements of a chain."""
+"""The weight of the links: the torques that it puts on the elements of a chain."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from qsframework.plugin.facts import Array, RobotFacts
+from qsframework.plugin.facts import Array
 from qsframework.robot.kinematics import Frames, cross
-
-
-def nominal_moments(facts: RobotFacts) -> Array:
-    """Mass and mass times centre of each link and branch, (n + 1 + b, 4)."""
-    masses = np.array([*facts.masses, *(branch.mass for branch in facts.branches)])
-    centres = np.array([*facts.centres, *(branch.centre for branch in facts.branches)])
-    return np.concatenate([masses[:, None], masses[:, None] * centres], axis=1)
 
 
 def element_gravity(placed: Frames, moments: Array, gravity: Array) -> Array:

@@ -11,7 +11,7 @@ from arm import position_readings, random_poses, settled
 from qsframework.experiment import Experiment, make_plan, on_robot, simulate
 from qsframework.identify import identify
 from qsframework.plugin import build_effects
-from qsframework.robot import Structure, alternatives
+from qsframework.robot import StructuralChange, alternatives
 from qsframework.robot.alternatives import with_effect
 
 SIGMA, POSES, SEEDS = 3e-5, 160, 5
@@ -34,7 +34,7 @@ PRELOADS = {"spring": (SPRING, "free_length", -0.1 * 0.185), "gas": (GAS, "press
 
 def balanced(m900ib: Experiment, *entries: dict[str, object]) -> Experiment:
     """The paper's campaign, its arm with other balancers; springs have 1e5 N/m."""
-    robot = next(a.robot for a in alternatives(m900ib.robot) if a.kind is Structure.BALANCER_ABSENT)
+    robot = next(a.robot for a in alternatives(m900ib.robot) if a.kind is StructuralChange.BALANCER_ABSENT)
     for entry in entries:
         (effect,) = build_effects(entry, robot.facts)
         robot = with_effect(robot, effect)

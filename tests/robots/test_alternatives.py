@@ -14,7 +14,7 @@ from qsframework.elastostatics import Model, Site, actuator_torques, make_model
 from qsframework.experiment import Experiment, as_shown, make_plan, on_robot, simulate
 from qsframework.identify import identify
 from qsframework.plugin import Poses, build_effects
-from qsframework.robot import Alternative, Robot, Structure, alternatives, load_robot, robot_names
+from qsframework.robot import Alternative, Robot, StructuralChange, alternatives, load_robot, robot_names
 
 ROOT = Path(__file__).resolve().parents[2]
 MACHINES = [str(folder) for folder in sorted((ROOT / "tests" / "robots" / "machines").iterdir())]
@@ -55,7 +55,7 @@ def test_every_alternative_is_simulated_and_fits_its_own_readings_best(name: str
 
 def idle(described: Experiment, alternative: Alternative) -> bool:
     """Whether the file gives a balancer no spring, so that it is there in name only."""
-    if alternative.kind is not Structure.BALANCER_ABSENT:
+    if alternative.kind is not StructuralChange.BALANCER_ABSENT:
         return False
     return not any(p.nominal for p in described.robot.parameters if re.search(r"\.stiffness$", p.name))
 
@@ -78,13 +78,13 @@ def test_the_alternatives_of_the_papers_robot() -> None:
 def test_an_alternative_of_an_alternative_is_the_robot_again() -> None:
     """Relative and absolute, loop taken out and put in: the same angles and the same statics."""
     robot = load_robot("fanuc_m900ib")
-    relative = next(a.robot for a in alternatives(robot) if a.kind is Structure.ANGLE_RELATIVE)
-    back = next(a.robot for a in alternatives(relative) if a.kind is Structure.ANGLE_ABSOLUTE)
+    relative = next(a.robot for a in alternatives(robot) if a.kind is StructuralChange.ANGLE_RELATIVE)
+    back = next(a.robot for a in alternatives(relative) if a.kind is StructuralChange.ANGLE_ABSOLUTE)
     np.testing.assert_allclose(back.controller.matrix, robot.controller.matrix, atol=1e-15)
     assert back.facts.limits is not None
     np.testing.assert_allclose(back.facts.limits, robot.facts.limits, atol=1e-12)
-    serial = next(a.robot for a in alternatives(robot) if a.kind is Structure.LOOP_ABSENT)
-    again = next(a.robot for a in alternatives(serial) if a.kind is Structure.LOOP_PRESENT)
+    serial = next(a.robot for a in alternatives(robot) if a.kind is StructuralChange.LOOP_ABSENT)
+    again = next(a.robot for a in alternatives(serial) if a.kind is StructuralChange.LOOP_PRESENT)
     assert "loop present: parallelogram[joint_3]" in ids(serial)
     q = np.random.default_rng(0).uniform(-0.5, 0.5, (5, 6))
     poses = Poses(q, robot.controller.to_joints(q), np.tile([0, 0, -3e3, 0, 0, 0], (5, 1)))
@@ -101,7 +101,7 @@ def test_what_hangs_on_a_loop_goes_with_it(tmp_path: Path) -> None:
     robot = load_robot(MACHINES[0])
     (soft,) = build_effects({"effect": "bar_compliance", "driven": "joint_3"}, robot.facts)
     robot = replace(robot, effects=(*robot.effects, soft))
-    serial = next(a.robot for a in alternatives(robot) if a.kind is Structure.LOOP_ABSENT)
+    serial = next(a.robot for a in alternatives(robot) if a.kind is StructuralChange.LOOP_ABSENT)
     assert [b.link for b in serial.facts.branches] == ["housing"]
     assert [s.link for s in serial.branch_shapes] == [serial.facts.bodies.index("housing")]
     gone = {e.effect_name() for e in robot.effects} - {e.effect_name() for e in serial.effects}
@@ -121,6 +121,6 @@ def test_a_coupling_is_absent_only_where_its_joints_have_actuators() -> None:
 def test_a_fit_keeps_what_the_other_robot_has(tmp_path: Path) -> None:
     robot = load_robot("fanuc_m900ib")
     described = campaign(robot, tmp_path).with_(fit=("joint_compliance", "compensator_stiffness[joint_2].stiffness"))
-    bare = next(a.robot for a in alternatives(robot) if a.kind is Structure.BALANCER_ABSENT)
+    bare = next(a.robot for a in alternatives(robot) if a.kind is StructuralChange.BALANCER_ABSENT)
     assert on_robot(described, bare).fit == ("joint_compliance",)
     assert on_robot(described, robot).fit == described.fit
