@@ -143,7 +143,11 @@ def test_every_effect_holds_and_sensitivities_are_slopes(arm: Robot) -> None:
 
 
 def test_what_hangs_on_the_lever_does_not_load_the_bar(arm: Robot) -> None:
-    """The passive joints pass on the arm's torque, the lower one the bar's weight too; the actuator holds all."""
+    """The passive joints pass on the arm's torque, the lower one the bar's weight too; the actuator holds all.
+
+    The arm's torque is that of its weight at the mass centre of all beyond the elbow: it vanishes where the vertical
+    through it crosses the elbow's joint, as section 3.3 of the paper has it.
+    """
     poses = some_poses(arm, 30, 3, 6e3)
     unloaded = dataclasses.replace(poses, wrench=np.zeros((30, 6)))
     heavy, light = (model_of(arm, **{"counterweight[lever]": m}) for m in (WEIGHT, 0.0))
@@ -151,7 +155,9 @@ def test_what_hangs_on_the_lever_does_not_load_the_bar(arm: Robot) -> None:
     assert np.abs(actuator_torques(heavy, poses) - actuator_torques(light, poses))[:, 2].max() > 1e3
     data, pinned = arm.model.createData(), []
     for q, wrench in zip(poses.q, poses.wrench, strict=True):
-        above = -pin.computeGeneralizedGravity(arm.model, data, q)[2]
+        pin.centerOfMass(arm.model, data, q)
+        centre, axis = (data.oMi[3].rotation @ v for v in (data.com[3], [0.0, -1.0, 0.0]))  # from the elbow
+        above = axis @ np.cross(centre, [0.0, 0.0, -9.81 * data.mass[3]])
         pin.computeJointJacobians(arm.model, data, q)
         J = pin.getJointJacobian(arm.model, data, 6, pin.LOCAL_WORLD_ALIGNED)
         load = J[:3, 2] @ wrench[:3] + J[3:, 2] @ np.cross(data.oMi[6].rotation @ TOOL, wrench[:3])
@@ -187,6 +193,15 @@ def test_branches_are_drawn_where_they_stand(arm: Robot, tree: pin.Model, tmp_pa
     bar = data.oMi[tree.getJointId("bar_joint")].translation
     rod = moved["/meshcat/robot/loop_0"] @ moved["/meshcat/robot/loop_0/bar_0_pivot"]
     np.testing.assert_allclose(np.cross(rod[:3, 3] - bar, data.oMi[2].rotation[:, 1]), 0.0, atol=1e-12)
+
+
+def test_the_palletizer_is_drawn_with_its_lever_and_bar(tmp_path: Path) -> None:
+    robot, scene = load_robot(MACHINES / "palletizer"), Scene(title="palletizer")
+    q = some_poses(robot, 1, 6).q
+    draw_robot(scene, "robot", robot, link_frames(place_poses(small_campaign(robot, tmp_path), q).placed, 0), q[0])
+    drawn = {c["path"] for c in scene.commands if c["type"] == "set_object"}
+    assert {f"/meshcat/robot/loop_0/bar_{k}" for k in range(3)} <= drawn
+    assert {f"/meshcat/robot/link_{k}/shape_{k - 1}" for k in range(1, 6)} <= drawn
 
 
 RODS = """
