@@ -24,7 +24,6 @@ from qsframework.elastostatics.state import place
 from qsframework.elastostatics.structure import CHUNK
 from qsframework.plugin import Poses, find
 from qsframework.robot import Robot, load_robot
-from qsframework.robot.gravity import nominal_moments
 
 TIP = Site(6, np.array([0.15, 0.0, 0.2]))
 
@@ -67,7 +66,7 @@ def batch(m: Model, poses: Poses) -> None:
     """The same by the batch kernel, stored."""
     count = len(poses)
     positions, jacobians, gravity = np.empty((3, count)), np.empty((6, 6, count)), np.empty((6, count))
-    moments, layout = nominal_moments(m.facts), m.layout
+    moments, layout = m.facts.moments, m.layout
     for start in range(0, count, CHUNK):
         part = slice(start, start + CHUNK)
         q = np.ascontiguousarray(poses.q[part].T)

@@ -44,6 +44,8 @@ PACKAGES: dict[str, tuple[str, ...]] = {
     "qsframework.design": (),
     "qsframework.identify": (),
     "qsframework.diagnose": (),
+    "qsframework.discriminate": (),
+    "qsframework.forecast": (),
     "qsframework.applications": (),
     "qsframework.work": (),
     "qsframework.viz": ("Scene", "plan_scene", "residual_scene", "show_scene"),

@@ -50,12 +50,14 @@ if TYPE_CHECKING:
     )
     from qsframework.plugin import check_effect as check_effect
     from qsframework.report.extended import write_extended as write_extended
+    from qsframework.report.words.diagnosis import diagnosis_words as diagnosis_words
     from qsframework.robot import Robot as Robot, load_robot as load_robot
     from qsframework.screening import screen as screen
 
     __version__: str
 
 _HOME = {
+    "diagnosis_words": "report.words.diagnosis",
     "compare": "applications.compare",
     "compensate": "applications.compensate",
     "design": "design",
@@ -107,6 +109,7 @@ __all__ = [
     "compensate",
     "design",
     "diagnose",
+    "diagnosis_words",
     "foresee",
     "identify",
     "load_experiment",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
@@ -31,6 +31,7 @@ class CompensatorFriction(ParallelSpring):
     joint: str = place()
     lc: float = setting("m")
     l2: float = setting("m")
+    _: KW_ONLY
     spring_stiffness: float = setting("N/m")
     """Of the balancer's spring: friction is a share of its force."""
     free_length: float = setting("m")

@@ -11,7 +11,7 @@ from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter,
 
 @dataclass(frozen=True)
 class Counterweight(Load):
-    """A mass at a point of a link: it shifts the loaded and the unloaded arm alike (section 3.3 of the paper).
+    """A mass at a point of a link or branch: it shifts the loaded and the unloaded arm alike (paper, section 3.3).
 
     It changes the response to a load only through the equilibrium, unless the load flips the side
     on which a passive joint is pressed: see the constraint `flip_margin`.
@@ -30,9 +30,9 @@ class Counterweight(Load):
         return (Parameter(self.name, "kg", typical=0.3 * robot.sizes.payload, lower=0.0),)
 
     def validate(self, robot: RobotFacts) -> None:
-        robot.link_index(self.link)
+        robot.body_index(self.link)
 
     def apply(self, loads: Loads, x: Array, context: Context) -> LoadTerm:
         slope = np.zeros((*loads.moments.shape, 1))
-        slope[context.robot.link_index(self.link), :, 0] = (1.0, self.x, self.y, self.z)
+        slope[context.robot.body_index(self.link), :, 0] = (1.0, self.x, self.y, self.z)
         return LoadTerm(moments=slope @ x, moments_dx=slope)

@@ -25,6 +25,8 @@ class Coupling(Loop):
     tied, matrix: the angles of the tied joints are the matrix times those of their actuators, such as
     in a differential wrist.
 
+    The joint may be that of a branch, a link beside the arm: the lever of a counterweight, a rod.
+
     Springs act at the actuators, and what follows moves along when they give. A joint_compliance at a
     joint without an actuator is the give of the rods or belts that hold it.
     """
@@ -70,7 +72,7 @@ class Coupling(Loop):
 
     def validate(self, robot: RobotFacts) -> None:
         for joint in self.joints(robot):
-            robot.joint_index(joint)
+            robot.turning_index(joint)
 
     def _map(self) -> Array:
         """Joint angles (k, k) per leader and actuator."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
@@ -41,6 +41,7 @@ class GasBalancer(ParallelSpring):
     """From the joint's axis to the balancer's pivot on the previous link."""
     l2: float = setting("m")
     """From the joint's axis to the balancer's pivot on the link that the joint moves."""
+    _: KW_ONLY
     length: float = setting("m")
     """Distance of the pivots at which the gas has the stated pressure and volume: the preload."""
     pressure: float = setting("Pa")

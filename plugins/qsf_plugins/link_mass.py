@@ -30,13 +30,13 @@ class LinkMass(Load):
         return (mass, *(Parameter(f"{self.name}.m{axis}", "kg m", typical=moment) for axis in "xyz"))
 
     def validate(self, robot: RobotFacts) -> None:
-        robot.link_index(self.link)
+        robot.body_index(self.link)
 
     def apply(self, loads: Loads, x: Array, context: Context) -> LoadTerm:
         slope = np.zeros((*loads.moments.shape, 4))
-        slope[context.robot.link_index(self.link)] = np.eye(4)
+        slope[context.robot.body_index(self.link)] = np.eye(4)
         return LoadTerm(moments=slope @ x, moments_dx=slope)
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[LinkMass, ...]:
-        return tuple(cls(link) for link in robot.links[1:])
+        return tuple(cls(link) for link in robot.bodies[1:])

@@ -2,24 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from qsf_plugins.planar_loop import (
     FLAT,
     Slopes,
+    Turned,
+    branch_stands,
     driven_term,
     implicit,
     link_length,
     parallel_sign,
     planar_outline,
     refuse,
+    with_branches,
 )
-from qsframework.plugin import Array, Context, InputError, Loop, LoopTerm, Parameter, RobotFacts, place, setting
+from qsframework.plugin import (
+    Array,
+    Branch,
+    Context,
+    InputError,
+    Loop,
+    LoopTerm,
+    Parameter,
+    Problem,
+    RobotFacts,
+    place,
+    setting,
+)
 
 _SHORTEST = 1e-6
 """m between two axes that are not one."""
+_APART = 1e-3
+"""m by which a drawn lever or bar may stand beside its place."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +52,10 @@ class Parallelogram(Loop):
     A flat parallelogram with a perfect bar still closes, but any length error or elasticity of the
     bar is amplified by 1 / sin of the transmission angle. Nearer to flat than 1e-6 rad the derivatives by
     the bar stay at their values there: finite and huge. With a bar error such a pose is refused.
+
+    Lever and bar may be links of the URDF, with masses and solids: the lever turns on the driver's axis, the bar at the
+    lever's end. They stand there at zero joint angles as they are drawn. Where the URDF does not draw them their masses
+    are enough: even rods, named after the driven joint, such as joint_3_lever and joint_3_bar.
     """
 
     driven: str = place()
@@ -42,9 +64,18 @@ class Parallelogram(Loop):
     """Length of the lever and of its copy on the driven link."""
     margin: float = setting("rad", float(np.deg2rad(15.0)))
     """Smallest transmission angle of a planned pose."""
+    _: KW_ONLY
     zero: float = setting("rad", float(np.pi / 2))
     """Angle from link 2 to the lever, about the driver's axis, at zero joint angles. Its sign says
     to which side a longer bar turns the driven link."""
+    lever_joint: str = ""
+    """The lever's joint beside the arm, on the driver's axis."""
+    bar_joint: str = ""
+    """The bar's joint beside the arm, at the lever's end."""
+    lever_mass: float = setting("kg", 0.0)
+    """Of a lever that the URDF does not draw, from axis to pivot."""
+    bar_mass: float = setting("kg", 0.0)
+    """Of a bar that the URDF does not draw."""
     equation = "q_driven = phi_driven - s q_driver, s = +1 or -1  (12)-(16), corrected"
     source = "Klimchik et al., section 3.1, corrected"
     check = "Play in the bearings of the coupling bar, length of the bar."
@@ -53,43 +84,129 @@ class Parallelogram(Loop):
         return (Parameter(self.name, "m", typical=1e-4, source="length error of the coupling bar"),)
 
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
-        return (self.driver, self.driven)
+        return (self.driver, self.driven, *self._branches)
+
+    @property
+    def _branches(self) -> tuple[str, ...]:
+        """Joints of lever and bar, of the URDF or of its own."""
+        own = (f"{self.driven}_lever", f"{self.driven}_bar") if max(self.lever_mass, self.bar_mass) > 0.0 else ()
+        return tuple(joint for joint in (self.lever_joint, self.bar_joint) if joint) or own
+
+    def branches(self, robot: RobotFacts) -> tuple[Branch, ...]:
+        """Lever and bar that no URDF draws: even rods, in frames parallel to the driver's at zero joint angles."""
+        if self.lever_joint or not self._branches:
+            return ()
+        k, (lever, bar) = robot.joint_index(self.driver), self._branches
+        (shoulder, low), (_, high) = self.outline(np.zeros((1, 2)), robot)[0, :2]
+        end = np.eye(4)
+        end[:3, 3] = low - shoulder
+        parts = (
+            (lever, robot.links[k], robot.placements[k], self.lever_mass, low - shoulder),
+            (bar, lever, end, self.bar_mass, high - low),
+        )
+        return tuple(
+            Branch(joint=own, link=own, parent=on, placement=at, axis=robot.axes[k], mass=mass, centre=0.5 * along)
+            for own, on, at, mass, along in parts
+        )
 
     def leaders(self, robot: RobotFacts) -> tuple[str, ...]:
         return (self.driver,)
 
     def validate(self, robot: RobotFacts) -> None:
-        for joint in self.joints(robot):
-            robot.joint_index(joint)
         self._sign(robot)
         if not self.lever > 0.0:
             raise InputError(f"{self.name}: lever must be a positive length, found {self.lever:g} m")
         if not link_length(robot, self.driver, self.driven) > _SHORTEST:
             raise InputError(f"{self.name}: {self.driver} and {self.driven} have one axis: no link for a parallelogram")
+        self._check_branches(robot)
+
+    def _check_branches(self, robot: RobotFacts) -> None:
+        """InputError where lever and bar do not stand where the parallelogram has them at zero joint angles."""
+        if min(self.lever_mass, self.bar_mass) < 0.0 or (self.lever_joint and self.lever_mass + self.bar_mass > 0.0):
+            found = f"lever_mass = {self.lever_mass:g} kg, bar_mass = {self.bar_mass:g} kg"
+            hint = "Masses are not below 0, and where the URDF draws lever and bar they stand there."
+            raise InputError(Problem(f"{self.name}: wrong masses", found=found, hint=hint))
+        if self.bar_joint and not self.lever_joint:
+            raise InputError(Problem(f"{self.name}: the bar hangs on the lever", hint="Give lever_joint too."))
+        corners = self.outline(np.zeros((1, 2)), robot)[0, :2, 0]
+        for count in range(1, 1 + bool(self.lever_joint) + bool(self.bar_joint)):
+            joint, corner = self._branches[count - 1], corners[count - 1]
+            _, at = branch_stands(robot, self.driver, self._branches[:count])
+            if np.linalg.norm(at - corner) > _APART:
+                found, wanted = (", ".join(f"{c:.4g}" for c in v) for v in (at, corner))
+                text = f"{self.name}: {joint} stands elsewhere at zero joint angles"
+                raise InputError(Problem(text, found=f"[{found}] m across {self.driver}", allowed=f"[{wanted}] m"))
+
+    @classmethod
+    def structures(cls, robot: RobotFacts) -> tuple[Parallelogram, ...]:
+        """At joints with parallel axes; a lever of half the link, no margin: a perfect loop transmits as any other."""
+        pairs = [p for p in pairwise(robot.joints) if set(p) <= set(robot.driven) and _may_carry(robot, *p)]
+        return tuple(cls(b, a, 0.5 * link_length(robot, a, b), 0.0) for a, b in pairs)
 
     def _sign(self, robot: RobotFacts) -> float:
         return parallel_sign(robot, self.driver, self.driven)
 
     def actuators(self, q: Array, robot: RobotFacts) -> Array:
-        return np.stack([q[:, 0], q[:, 1] + self._sign(robot) * q[:, 0]], axis=1)
+        own = np.zeros((len(q), len(self._branches)))
+        phi = np.stack([q[:, 0], q[:, 1] + self._sign(robot) * q[:, 0]], axis=1)
+        if self._branches:
+            perfect = self._closed(np.concatenate([phi, own], axis=1), np.zeros((len(q), 1)), robot).q
+            own = q[:, 2:] - perfect[:, 2:]
+        return np.concatenate([phi, own], axis=1)
 
     def closure(self, actuators: Array, bars: Array, context: Context) -> LoopTerm:
-        sign, link = self._sign(context.robot), link_length(context.robot, self.driver, self.driven)
+        return self._closed(actuators, bars, context.robot)
+
+    def _closed(self, actuators: Array, bars: Array, robot: RobotFacts) -> LoopTerm:
+        sign, link = self._sign(robot), link_length(robot, self.driver, self.driven)
         perfect = actuators[:, 1] - sign * actuators[:, 0]
         psi, bar = self.zero + sign * perfect, bars[:, 0]
         if not bar.any():
-            return driven_term(actuators[:, 0], perfect, self._perfect(psi, link), sign)
+            slopes = self._perfect(psi, link)
+            term = driven_term(actuators[:, 0], perfect, slopes, sign)
+            return self._turn_branches(term, actuators, psi, np.zeros_like(psi), slopes, robot)
         swing = self._swing(psi, bar, link)
         slopes, sine = self._slopes(psi, swing, bar, link)
         bad = ~np.isfinite(swing) | ((np.abs(sine) < FLAT) & (bar != 0.0))
-        refuse(self.name, "cannot close, or is flat,", bad, actuators, self.joints(context.robot), bars)
+        refuse(self.name, "cannot close, or is flat,", bad, actuators[:, :2], (self.driver, self.driven), bars)
         straight = bar == 0.0
         exact = self._perfect(psi, link)
         slopes = Slopes(
             np.where(straight[:, None], exact.first, slopes.first),
             np.where(straight[:, None, None], exact.second, slopes.second),
         )
-        return driven_term(actuators[:, 0], perfect + sign * swing, slopes, sign)
+        term = driven_term(actuators[:, 0], perfect + sign * swing, slopes, sign)
+        return self._turn_branches(term, actuators, psi, swing, slopes, robot)
+
+    def _turn_branches(
+        self, term: LoopTerm, actuators: Array, psi: Array, swing: Array, slopes: Slopes, robot: RobotFacts
+    ) -> LoopTerm:
+        """The lever turns by s phi_driven, the bar from it by phi_driver + beta - s phi_driven, about the driver."""
+        if not self._branches:
+            return term
+        sign, batch = self._sign(robot), len(psi)
+        lever = np.tile([0.0, sign, 0.0], (batch, 1))
+        turned = [Turned(sign * actuators[:, 1], lever, np.zeros((batch, 3, 3)))]
+        beta = self._bar_angle(psi, swing, slopes, link_length(robot, self.driver, self.driven))
+        y_u = np.array([[-1.0, sign, 0.0], [0.0, 0.0, 1.0]])
+        value = actuators[:, 0] + beta.value - sign * actuators[:, 1]
+        turned += [Turned(value, beta.first @ y_u + np.array([1.0, -sign, 0.0]), y_u.T @ beta.second @ y_u)]
+        senses = [branch_stands(robot, self.driver, self._branches[: i + 1])[0] for i in range(len(self._branches))]
+        return with_branches(term, [t.times(s) for t, s in zip(turned, senses, strict=False)], actuators[:, 2:])
+
+    def _bar_angle(self, psi: Array, swing: Array, slopes: Slopes, link: float) -> Turned:
+        """beta, from link 2 to the bar, by y = (psi, bar): the bar is Z = L + a e^(i rho) - a e^(i psi)."""
+        lever, rocker = self.lever * np.exp(1j * psi), self.lever * np.exp(1j * (psi + swing))
+        Z, by_psi = link + rocker - lever, np.array([1.0, 0.0])
+        r = slopes.first
+        first = 1j * (rocker[:, None] * r - lever[:, None] * by_psi) / Z[:, None]
+        second = rocker[:, None, None] * (1j * slopes.second - r[:, :, None] * r[:, None, :])
+        second = (second + lever[:, None, None] * np.outer(by_psi, by_psi)) / Z[:, None, None]
+        second = second - first[:, :, None] * first[:, None, :]
+        return Turned(*(np.asarray(part, dtype=np.float64) for part in (np.angle(Z), first.imag, second.imag)))
+
+    def carried(self, robot: RobotFacts) -> tuple[tuple[str, ...], ...]:
+        return ((), self._branches[1:]) if self._branches[1:] else ((),)
 
     def _swing(self, psi: Array, bar: Array, link: float) -> Array:
         """rho - psi (N,): by how much a bar error turns the driven link; NaN where the loop is open.
@@ -141,3 +258,12 @@ class Parallelogram(Loop):
     def outline(self, q: Array, robot: RobotFacts) -> Array:
         side = np.stack([np.full(len(q), self.lever), self.zero + self._sign(robot) * q[:, 1]])
         return planar_outline(robot, self.driver, self.driven, q, side, side)
+
+
+def _may_carry(robot: RobotFacts, driver: str, driven: str) -> bool:
+    """Whether two joints have parallel axes that are not one."""
+    try:
+        parallel_sign(robot, driver, driven)
+    except InputError:
+        return False
+    return link_length(robot, driver, driven) > _SHORTEST

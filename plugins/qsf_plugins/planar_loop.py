@@ -6,6 +6,7 @@ the lever stands at psi on A, the rocker at rho on B, the bar joins their ends.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,6 +94,54 @@ def driven_term(q_driver: Array, q_driven: Array, slopes: Slopes, sign: float) -
     q_uu = np.zeros((batch, 2, m + 2, m + 2))
     q_uu[:, 1] = sign * (y_u.T @ slopes.second @ y_u)
     return LoopTerm(np.stack([q_driver, q_driven], axis=1), q_u, q_uu)
+
+
+@dataclass(frozen=True, eq=False)
+class Turned:
+    """An angle (N,) rad by u inputs: first (N, u), second (N, u, u)."""
+
+    value: Array
+    first: Array
+    second: Array
+
+    def times(self, sense: float) -> Turned:
+        """The same angle about an axis of this sense, +1 or -1."""
+        return Turned(sense * self.value, sense * self.first, sense * self.second)
+
+
+def with_branches(term: LoopTerm, turned: Sequence[Turned], own: Array) -> LoopTerm:
+    """A loop over k joints and m bars that also turns b branches: by its own inputs, and by what theirs (N, b) add."""
+    (batch, k, u), b = term.q_u.shape, own.shape[1]
+    old = np.array([*range(k), *range(k + b, u + b)])
+    q_u, q_uu = np.zeros((batch, k + b, u + b)), np.zeros((batch, k + b, u + b, u + b))
+    rows = [*zip(term.q_u.transpose(1, 0, 2), term.q_uu.transpose(1, 0, 2, 3), strict=True)]
+    for i, (first, second) in enumerate([*rows, *((t.first, t.second) for t in turned)]):
+        q_u[:, i, old] = first
+        q_uu[:, i, old[:, None], old] = second
+    q_u[:, range(k, k + b), range(k, k + b)] = 1.0
+    return LoopTerm(np.concatenate([term.q, np.stack([t.value for t in turned], axis=1) + own], axis=1), q_u, q_uu)
+
+
+def branch_stands(robot: RobotFacts, driver: str, joints: Sequence[str]) -> tuple[float, Array]:
+    """Sense of a branch's axis against the driver's, and where it stands across that axis (3,) m at zero angles.
+
+    joints: the way to the branch from the link that carries the driver; the driver's frame. InputError where the
+    branches do not hang on each other so, or their axes are not parallel.
+    """
+    k = robot.joint_index(driver)
+    frame = np.asarray(np.linalg.inv(robot.placements[k]), dtype=np.float64)
+    parent, along = robot.links[k], np.zeros(3)
+    for joint in joints:
+        branch = robot.branch(joint)
+        if branch.parent != parent:
+            raise InputError(Problem(f"{joint} hangs on the wrong link", found=branch.parent, allowed=parent))
+        frame, parent = frame @ branch.placement, branch.link
+        along = frame[:3, :3] @ branch.axis
+    axis, at = robot.axes[k], frame[:3, 3]
+    cosine = float(axis @ along)
+    if abs(abs(cosine) - 1.0) > 1e-6:
+        raise InputError(f"a loop needs parallel axes: {driver} and {joints[-1]} are not (cosine {cosine:.6f})")
+    return float(np.sign(cosine)), at - axis * (axis @ at)
 
 
 def refuse(

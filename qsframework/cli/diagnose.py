@@ -21,7 +21,8 @@ from qsframework.experiment import load_experiment, read_readings
 class DiagnoseFiles:
     """What the command reads, and what it writes where it is asked to.
 
-    extend: a folder; second_day: a plan to write; plan: one to judge before measuring; output: of --separate
+    extend: a folder, doubtful: with the doubtful names too; second_day: a plan to write; plan: one to judge before
+    measuring; output: of --separate
     """
 
     experiment: Path
@@ -29,6 +30,7 @@ class DiagnoseFiles:
     json: Path | None = None
     report: Path | None = None
     extend: Path | None = None
+    doubtful: bool = False
     second_day: Path | None = None
     plan: Path | None = None
     output: Path = Path("separate.csv")
@@ -120,7 +122,7 @@ def _write(
     if files.extend is not None:
         from qsframework.report.extended import write_extended
 
-        write_extended(found, files.extend, pairs)
+        write_extended(found, files.extend, pairs, doubtful=files.doubtful)
         extended = files.extend / "experiment.yaml"
         print(f"extended robot: {files.extend / 'robot'}")
         told = bool(load_experiment(extended).data)

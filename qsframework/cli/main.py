@@ -327,6 +327,9 @@ def diagnose(
     data: Files = None,
     level: Annotated[float, typer.Option(help="Chance of naming anything where nothing acts.")] = 0.04,
     extend: Annotated[Path | None, typer.Option(help="Folder for the extended robot and an experiment on it.")] = None,
+    extend_doubtful: Annotated[
+        bool, typer.Option("--extend-doubtful", help="Extend by names too without which poses left out fit as well.")
+    ] = False,
     second_day: Annotated[
         Path | None, typer.Option("--second-day", help="Write a plan of poses that separate what is left open.")
     ] = None,
@@ -355,6 +358,7 @@ def diagnose(
         json=json,
         report=report,
         extend=extend,
+        doubtful=extend_doubtful,
         second_day=second_day,
         plan=plan,
         output=output,

@@ -11,23 +11,29 @@ from qsframework.diagnose.evidence_table import findings_of, table_of
 from qsframework.diagnose.linearization.candidates import Untested, find_causes
 from qsframework.diagnose.linearization.columns import Case, make_case
 from qsframework.diagnose.residuals.audited_rows import (
-    audited_rows,
     far_from_linear,
+    in_noise,
     library_basis,
+    lone_visits,
     misfit,
+    repeats,
     replicates,
     split_told,
+    visit_noise,
 )
 from qsframework.diagnose.residuals.dictionary import Closing, close, motions
+from qsframework.diagnose.residuals.gross_rows import Basis, find_outliers
 from qsframework.diagnose.residuals.huber_pseudo_values import huber_pseudo_values
-from qsframework.diagnose.residuals.noise_components import NoiseAudit, audit_noise
+from qsframework.diagnose.residuals.noise_components import NoiseAudit, audit_noise, make_basis
 from qsframework.diagnose.result import Diagnosis, Errors, Finding, Method, Value
 from qsframework.diagnose.selection.cross_validation import HeldOut, Search, held_out
 from qsframework.diagnose.selection.exact_refit import Settled, predicted_or_linear, settle_fit
+from qsframework.diagnose.selection.family_test import family_test
 from qsframework.diagnose.selection.model_selection import (
     Answer,
     Library,
     answer_of,
+    blocks_of,
     explain,
     make_library,
     most_plausible,
@@ -36,27 +42,34 @@ from qsframework.diagnose.selection.model_selection import (
 from qsframework.diagnose.selection.search import LARGEST, parts_of
 from qsframework.diagnose.verdict import ambiguous, verdict_of
 from qsframework.errors import InputError, NotConverged
-from qsframework.estimation import Independent, rms, rounding
+from qsframework.estimation import orthonormal, rms, rounding
+from qsframework.estimation.visit_noise import Reml, reml
 from qsframework.experiment import Experiment, Readings, bridge, make_rows
 from qsframework.experiment.observations import REACH, Rows, start_values
 from qsframework.identify.pose_spread import check_pose_spread
 from qsframework.identify.selection import in_order
-from qsframework.plugin import Indices
+from qsframework.plugin import Array, Indices
 from qsframework.screening.conventions import Convention, check_conventions
 
 LEVEL = 0.04
 _LIBRARY_SHARE = 0.6
 """Of the level that the library's test gets; the dictionary of the closing gate gets the rest."""
-STEPS = ("conventions", "baseline", "causes", "noise", "search", "closing gate", "held-out gain", "table")
+_GROSS = 0.01
+"""Level at which a row does not belong to the others."""
+_ROUNDS = 3
+"""Times that a noise is told beside what was found in it."""
+_SETTLED = 0.8
+"""Share of a noise that the next one has where the names stay: nothing more is hidden in it."""
+STEPS = ("conventions", "baseline", "causes", "search", "noise", "closing gate", "held-out gain", "table")
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Baseline:
-    """What the search starts from: rows and noise after the audit, the exact fit to them, the whitened case.
+    """What the search starts from: the exact fit to the rows, and the whitened case, tamed, in a noise that was told.
 
-    given, whole: rows and case before the audit; stated: whether somebody says the size of the noise; far: whether
-    it has been audited again, at the values of a cause far from linear
+    given, whole: rows and case as they came; good: places of the rows in them that are left; fits: of the columns that
+    the noise was told beside, in every noise that may be; far: whether a cause is far from linear
     """
 
     experiment: Experiment
@@ -64,18 +77,24 @@ class _Baseline:
     rows: Rows
     fit: Settled
     case: Case
-    audit: NoiseAudit
-    out: Indices
+    fits: Reml
+    nu: float
+    good: Indices
     untested: tuple[Untested, ...]
     untold: tuple[str, ...]
     given: Rows
     whole: Case
-    stated: bool
     far: bool = False
 
     @property
-    def nu(self) -> float:
-        return self.audit.nu
+    def start(self) -> Rows:
+        """The rows that are left, in the noise that came with them."""
+        return self.given.take(self.good)
+
+    @property
+    def values(self) -> Array:
+        """The tamed residuals (m,) of the baseline, m."""
+        return self.rows.padded_noise.colour(self.case.residuals)
 
 
 def diagnose(
@@ -111,20 +130,23 @@ def diagnose(
     base = _baseline(experiment, readings, tell)
     tell("search")
     base, library, answers = _searched(base, level, largest, seed)
+    gross = _gross(base, answers)
+    if len(gross):
+        base, library, answers = _searched(_without(base, gross), level, largest, seed)
     best = answers[0] if answers else None
+    extended = best.fit if best else base.fit
+    tell("noise")
+    audit = _audit(base, extended)
     tell("closing gate")
-    closing = _close(base, best, seed)
-    leftovers = closing.leftovers(level * (1.0 - _LIBRARY_SHARE))
+    leftovers = _close(base, extended, seed).leftovers(level * (1.0 - _LIBRARY_SHARE))
     tell("held-out gain")
     held = _held(base, library, best, level, largest, seed, repeats)
     tell("table")
-    extended = best.fit if best else base.fit
     threshold = library.scores.threshold(level * _LIBRARY_SHARE)
     findings = findings_of(library, answers, base.fit, held, threshold, _pose_names(base), seed)
     findings = (*_convention_findings(conventions), *findings)
-    known = base.audit.unit_source == "stated"
-    before = misfit(base.experiment, base.readings, base.rows, base.fit, known)
-    after = misfit(base.experiment, base.readings, base.rows, extended, known)
+    before = misfit(base.experiment, base.readings, base.rows, base.fit)
+    after = misfit(base.experiment, base.readings, base.rows, extended)
     return Diagnosis(
         experiment=base.experiment,
         readings=base.readings,
@@ -132,20 +154,31 @@ def diagnose(
         findings=findings,
         table=table_of(library, best, findings, base.untested),
         conventions=conventions,
-        audit=base.audit,
+        audit=audit,
         leftovers=leftovers,
         before=before,
         after=after,
-        rms=_errors(base, extended, held, given),
+        rms=_errors(base, extended, held, given, audit),
         kept=base.rows.keep,
-        outliers=base.out,
+        outliers=np.setdiff1d(base.given.keep, base.rows.keep),
         baseline=base.fit,
         extended=extended,
+        certain=_certain(base, best, findings),
         case=base.case,
-        method=Method(held, base.far, base.untold, one_pose),
+        method=Method(held, base.far, base.untold, one_pose, lone_visits(base.rows)),
         level=level,
         seed=seed,
     )
+
+
+def _certain(base: _Baseline, best: Answer | None, findings: Sequence[Finding]) -> Settled:
+    """The exact fit with the names that are not doubtful; that of all where it cannot be made."""
+    doubtful = {f.name for f in findings if f.doubtful}
+    if best is None or not doubtful:
+        return best.fit if best else base.fit
+    causes = [base.case.causes[i] for i in best.subset.members]
+    kept = [c for c in causes if c.name not in doubtful]
+    return (refit(base.case, kept, base.fit, base.rows) if kept else base.fit) or best.fit
 
 
 def _pose_names(base: _Baseline) -> list[str]:
@@ -199,90 +232,128 @@ def _baseline(experiment: Experiment, readings: Readings, tell: Callable[[str], 
             raise
         said = f"{error}. These readings do not tell {', '.join(untold)}: kept at the nominal value"
         raise NotConverged(said) from error
-    if not rows.stated:  # until the audit knows better, all that the baseline leaves counts as noise
-        unit = float(np.sqrt(fit.chi2 / max(len(rows.at) - fit.jacobian.shape[1], 1)))
-        unit = max(unit, rounding(rows.noise, rows.scalars, REACH))
-        scaled = replace(readings, sigma=readings.sigma * unit, minus_sigma=readings.minus_sigma * unit)
-        rows = replace(rows, readings=scaled)
     tell("causes")
     causes, untested = find_causes(experiment, names, rows)
     case = make_case(experiment, rows, names, causes, fit.by_name(), fit.residuals, fit.frames)
-    tell("noise")
-    audit = _audit(case, rows, rows.stated)
+    fits = _fits(rows, case.raw[:, : case.A.shape[1]])
     base = _Baseline(
         experiment=experiment,
         readings=readings,
         rows=rows,
         fit=fit,
         case=case,
-        audit=audit,
-        out=rows.keep[:0],
+        fits=fits,
+        nu=fits.freedom(0),
+        good=np.arange(len(rows.keep)),
         untested=untested,
         untold=untold,
         given=rows,
         whole=case,
-        stated=rows.stated,
     )
-    return _under(base, audit)
+    return _told(base, fits, fit)
 
 
-def _audit(case: Case, rows: Rows, stated: bool) -> NoiseAudit:
-    library = np.concatenate([case.A, *case.B], axis=1)
+def _fits(rows: Rows, columns: Array) -> Reml:
+    """Fits of columns (3 R, f) m to rows, in every noise that may be."""
+    return reml(visit_noise(rows), orthonormal(columns), len(rows.at), repeats(rows))
+
+
+def _told(base: _Baseline, fits: Reml, beside: Settled) -> _Baseline:
+    """The baseline in the noise that an exact fit to its rows leaves, tamed about that fit."""
+    start, noise = base.start, fits.noise
+    k, white, tame = _tamed(fits, beside.residuals.ravel())
+    k, white, tame = _tamed(fits, beside.residuals.ravel(), noise.noises[k].colour(tame))
+    left = noise.noises[k].colour(tame)
+    unit = max(fits.unit(k, left), rounding(start.noise, start.scalars, REACH))
+    rows = in_noise(start, unit, float(noise.rhos[k]))
+    fit = settle_fit(base.experiment.model(), rows, base.whole.fitted, base.fit.x, frames=base.fit.frames)
+    case = base.whole.rewhitened(base.good, rows.padded_noise, fit.residuals)
+    grown = unit * float(np.sqrt(1.0 + noise.many * noise.rhos[k] ** 2)) if start.stated else 1.0
+    case = replace(case, residuals=case.residuals - (white - tame) / unit, grown=max(grown, 1.0))
+    return replace(base, rows=rows, fit=fit, case=case, fits=fits, nu=fits.freedom(k))
+
+
+def _tamed(fits: Reml, values: Array, tame: Array | None = None) -> tuple[int, Array, Array]:
+    """Place of the noise that readings (m,) m tell, or tamed ones in their place; the readings whitened, and tamed."""
+    k = int(fits.choose((values if tame is None else tame)[:, None])[0])
+    white = fits.noise.noises[k].whiten(values)
+    return k, white, huber_pseudo_values(white, fits.Q[k])
+
+
+def _without(base: _Baseline, gross: Indices) -> _Baseline:
+    """The baseline without some of its rows, fitted and its noise told again."""
+    good = np.delete(base.good, gross)
+    rows = base.given.take(good)
+    fit = settle_fit(base.experiment.model(), rows, base.whole.fitted, base.fit.x, frames=base.fit.frames)
+    scalars = (3 * good[:, None] + np.arange(3)).ravel()
+    fits = _fits(rows, base.whole.raw[scalars, : base.whole.A.shape[1]])
+    return _told(replace(base, good=good, fit=fit), fits, fit)
+
+
+def _gross(base: _Baseline, answers: Sequence[Answer]) -> Indices:
+    """Places of rows that belong neither to the model that was found nor to the whole library; at most a tenth."""
+    fit = answers[0].fit if answers else base.fit
+    mask, shape = base.rows.mask, (len(base.rows.keep), 3)
+    columns = orthonormal(fit.jacobian).reshape(*shape, -1)
+    gross = find_outliers(fit.white.reshape(shape), make_basis(columns, mask), _GROSS)
+    basis = Basis(library_basis(base.case), None if mask.all() else mask)
+    if len(gross) and basis.dof >= max(base.case.count // 3, 6):
+        raw = base.rows.padded_noise.whiten(base.fit.residuals.ravel()).reshape(shape)
+        gross = np.intersect1d(gross, find_outliers(raw, basis, _GROSS))
+    return gross if len(gross) <= max(1, len(base.rows.keep) // 10) else gross[:0]
+
+
+def _audit(base: _Baseline, fit: Settled) -> NoiseAudit:
+    """What the rows say of their noise beside an exact fit, against what is stated."""
+    rows, given = base.rows, base.start
     shape = (len(rows.keep), 3)
-    sigma = np.sqrt(np.mean(rows.sigma**2, axis=1))
+    sigma = np.sqrt(np.mean(given.sigma**2, axis=1))
+    ratio = np.sqrt(np.mean(rows.sigma**2, axis=1)) / sigma
+    white = fit.residuals / sigma[:, None]
+    columns = orthonormal(rows.padded_noise.colour(fit.jacobian) / np.repeat(sigma, 3)[:, None])
     return audit_noise(
-        case.residuals.reshape(shape),
-        library.reshape(*shape, -1),
+        white,
+        columns.reshape(*shape, -1),
         sigma,
-        stated,
+        given.stated,
         rows.plus,
         replicates(rows.readings, rows),
         mask=None if rows.mask.all() else rows.mask,
-        least=rounding(rows.noise, rows.scalars, REACH),
+        unit=float(ratio.mean()),
+        shared=rows.shared,
+        outliers=np.setdiff1d(np.arange(len(base.given.keep)), base.good),
     )
 
 
-def _under(base: _Baseline, audit: NoiseAudit) -> _Baseline:
-    """The baseline with the rows that an audit leaves, and in its noise."""
-    given, whole = base.given, base.whole
-    good = np.setdiff1d(np.arange(len(given.keep)), audit.outliers)
-    out = given.keep[audit.outliers]
-    rows = audited_rows(given, good, audit)
-    fit = settle_fit(base.experiment.model(), rows, whole.fitted, base.fit.x, frames=base.fit.frames)
-    case = whole.rewhitened(good, rows.padded_noise, fit.residuals)
-    if audit.heavy_tailed:
-        case = replace(case, residuals=huber_pseudo_values(case.residuals, library_basis(case)))
-    return replace(base, rows=rows, fit=fit, case=case, audit=audit, out=out)
-
-
-def _audited_again(base: _Baseline, best: Answer) -> _Baseline | None:
-    """Where some causes leave far less than all of them together: the baseline in the noise that is seen beside them.
-
-    All causes are linear in the audit. What a large one does beyond that, a frame turned by half a radian for one,
-    passes for noise there; at the values of its exact fit it does not. None where nothing speaks against the audit.
-    """
-    if not far_from_linear(base.case, best.fit):
-        return None
-    given, whole, fit = base.given, base.whole, best.fit
-    predicted, _ = predicted_or_linear(fit.model, given, fit.x, fit.frames)
-    residuals = given.padded(np.nan_to_num(given.measured) - predicted)
-    case = make_case(base.experiment, given, whole.fitted, whole.causes, fit.by_name(), residuals, fit.frames)
-    return replace(_under(base, _audit(case, given, base.stated)), far=True)
-
-
 def _searched(base: _Baseline, level: float, largest: int, seed: int) -> tuple[_Baseline, Library, list[Answer]]:
-    """The library, its answers, best first, and the baseline whose noise they leave."""
-    library = make_library(base.case, base.fit, base.nu, seed)
+    """The library, its answers, best first, and the baseline in the noise that these leave.
+
+    Whether anything acts is tested in the noise that the fitted parameters alone leave. What does is then searched for
+    again in the noise beside it: what it did to the readings has passed for noise before.
+    """
+    subspaces = base.case.subspaces()
+    measured = base.rows.mask.ravel()
+    scores = family_test(blocks_of(base.case, subspaces), base.fits, base.values, seed, measured=measured)
+    library = make_library(base.case, base.fit, base.nu, subspaces, scores)
     answers = _answers(library, base, level, largest)
-    again = _audited_again(base, answers[0]) if answers else None
-    if again is None:
-        return base, library, answers
-    library = make_library(again.case, again.fit, again.nu, seed)
-    found = _answers(library, again, level, largest)
-    tried = {part.members: part for a in (answers[0], *found[:1]) for part in parts_of(a.subset, library.gram)}
-    parts = (answer_of(library, p, again.fit, again.rows) for p in tried.values())
-    # the linear search adds causes for what is far from linear: all parts of its answers are weighed by exact fits
-    return again, library, sorted((a for a in parts if a is not None), key=lambda a: a.ebic)
+    for _ in range(_ROUNDS if answers else 0):
+        best = answers[0]
+        far = far_from_linear(base.case, best.fit)
+        fits = _fits(base.start, base.rows.padded_noise.colour(best.fit.jacobian))
+        again = replace(_told(base, fits, best.fit), far=far)
+        there = make_library(again.case, again.fit, again.nu, again.case.subspaces(), scores)
+        found = _answers(there, again, level, largest)
+        if far:  # the linear search adds causes for what is far from linear: all parts are weighed by exact fits
+            tried = {part.members: part for a in (best, *found[:1]) for part in parts_of(a.subset, there.gram)}
+            parts = (answer_of(there, p, again.fit, again.rows) for p in tried.values())
+            found = sorted((a for a in parts if a is not None), key=lambda a: a.ebic)
+        if not found:
+            break
+        size, before = (np.hypot(b.rows.sigma[b.rows.mask].mean(), b.rows.shared) for b in (again, base))
+        base, library, answers = again, there, found
+        if found[0].subset.members == best.subset.members and size > _SETTLED * before:
+            break
+    return base, library, answers
 
 
 def _answers(library: Library, base: _Baseline, level: float, largest: int) -> list[Answer]:
@@ -302,55 +373,52 @@ def _answers(library: Library, base: _Baseline, level: float, largest: int) -> l
     return [first, *answers[1:]]
 
 
-def _close(base: _Baseline, best: Answer | None, seed: int) -> Closing:
-    fit = best.fit if best else base.fit
+def _close(base: _Baseline, fit: Settled, seed: int) -> Closing:
+    """The dictionary against what a fit leaves, in the noise beside it."""
     moved = motions(fit.model, base.rows, fit.x, fit.frames)
-    drives = base.experiment.robot.facts.n
-    white = huber_pseudo_values(fit.white, library_basis(base.case)) if base.audit.heavy_tailed else fit.white
-    return close(moved, drives, fit.jacobian, white, base.rows.padded_noise, base.nu, 2000, seed + 1)
+    noise = base.rows.padded_noise
+    fits = _fits(base.rows, noise.colour(fit.jacobian))
+    tame = huber_pseudo_values(fit.white, orthonormal(fit.jacobian))
+    return close(moved, base.experiment.robot.facts.n, fits, noise.colour(tame), base.rows.mask.ravel(), seed + 1)
 
 
 def _held(
     base: _Baseline, library: Library, best: Answer | None, level: float, largest: int, seed: int, repeats: int
 ) -> HeldOut:
-    """Cross-validation in independent noise, so that errors stay in metres at each row."""
-    sigma = base.rows.sigma.ravel()
-    every = np.arange(len(base.rows.keep))
-    case = base.case.rewhitened(every, Independent(sigma), base.fit.residuals)
+    """Cross-validation of the baseline and of the extended model, in the noise beside them."""
     members = best.subset.members if best else ()
-    closing = _extended_case(base, best, Independent(sigma)) if best else None
-    alike = [set(library.aliases(i)) for i in members]
     how = Search(
-        subspaces=case.subspaces(),
+        subspaces=library.subspaces,
         threshold=library.scores.threshold(level * _LIBRARY_SHARE),
         nu=library.nu,
-        stated=library.stated,
         classes=library.heads,
         bounds=library.bounds,
         largest=largest,
     )
-    return held_out(case, closing, members, alike, how, sigma, seed, repeats, given=base.far)
+    closing = _extended_case(base, best) if best else None
+    alike = [set(library.aliases(i)) for i in members]
+    return held_out(base.case, closing, members, alike, how, seed, repeats, given=base.far)
 
 
-def _extended_case(base: _Baseline, best: Answer, noise: Independent) -> Case:
+def _extended_case(base: _Baseline, best: Answer) -> Case:
     """The case whose fitted parameters are those of the extended model, linearised there, without further causes."""
     causes = [base.case.causes[i] for i in best.subset.members]
-    experiment = base.experiment
     fit = best.fit
-    case = make_case(experiment, base.rows, base.case.fitted, causes, fit.by_name(), fit.residuals, fit.frames)
-    every = np.arange(len(base.rows.keep))
-    case = case.rewhitened(every, noise, fit.residuals)
+    case = make_case(base.experiment, base.rows, base.case.fitted, causes, fit.by_name(), fit.residuals, fit.frames)
     return replace(case, A=np.concatenate([case.A, *case.B], axis=1), causes=(), B=())
 
 
-def _errors(base: _Baseline, extended: Settled, held: HeldOut, given: tuple[Experiment, Readings]) -> Errors:
+def _errors(
+    base: _Baseline, extended: Settled, held: HeldOut, given: tuple[Experiment, Readings], audit: NoiseAudit
+) -> Errors:
     experiment, readings = given
     model = experiment.model()
     given_rows = replace(base.rows, readings=readings)  # as they were before a convention was applied
     frames = given_rows.start(model, model.nominal)
     predicted, _ = predicted_or_linear(model, given_rows, model.nominal, frames)  # values far off may bear no load
     nominal = base.rows.measured - predicted
-    mask, noise = base.rows.mask, float(np.sqrt(np.mean(base.rows.sigma[base.rows.mask] ** 2) + base.audit.shared**2))
+    mask, own = base.rows.mask, base.start.sigma * audit.unit
+    noise = float(np.sqrt(np.mean(own[mask] ** 2) + audit.shared**2))
     return Errors(
         rms(nominal),
         rms(base.fit.residuals[mask]),

@@ -40,14 +40,15 @@ def error_budget(diagnosis: Diagnosis) -> tuple[Step, ...]:
     found = sorted((f for f in diagnosis.findings if f.name in where), key=lambda f: -f.s)
     for f in found:
         so_far.append(where[f.name])
-        steps.append(Step(f"+ {f.name}", *linear_errors(case, so_far, diagnosis.baseline.residuals)))
+        steps.append(Step(f"+ {f.name}", *linear_errors(case, so_far, diagnosis.baseline.residuals)[:2]))
     if found:
         steps[-1] = Step(steps[-1].label, e.extended, e.heldout_extended)
     return (*steps, Step("noise", e.noise, e.noise))
 
 
-def linear_errors(case: Case, causes: Sequence[int], residuals: Array) -> tuple[float, float]:
-    """RMS per axis, m, on the readings and with one pose left out, of the baseline's columns with those of causes.
+def linear_errors(case: Case, causes: Sequence[int], residuals: Array) -> tuple[float, float, float]:
+    """RMS per axis, m, on the readings and with one pose left out, of the baseline's columns with those of causes; and
+    the latter whitened, in units of noise.
 
     residuals (R, 3) m of the baseline
     """
@@ -77,7 +78,9 @@ def linear_errors(case: Case, causes: Sequence[int], residuals: Array) -> tuple[
             without = _solve(both[others], target[others])
         out[test] = left[test] - plain[test] @ without
     whole = left - plain @ x
-    return float(np.sqrt(np.sum(whole**2) / case.count)), float(np.sqrt(np.sum(out**2) / case.count))
+    sums = np.sum(whole**2), np.sum(out**2), np.sum(case.noise.whiten(out) ** 2)
+    here, unseen, white = (float(np.sqrt(s / case.count)) for s in sums)
+    return here, unseen, white
 
 
 def _solve(columns: Array, target: Array) -> Array:

@@ -50,16 +50,16 @@ def findings_of(
 
 
 def _gains(library: Library, members: Sequence[int], baseline: Settled, held: HeldOut) -> dict[int, float]:
-    """By what share the held-out error falls with each cause beside the others.
+    """By what share the held-out error, whitened by the noise, falls with each cause beside the others.
 
     One cause alone has the gain of the whole extension, its search nested; of several, one after the other is left out
     of the linearised model, the others given.
     """
     if len(members) == 1:
-        return {members[0]: 1.0 - held.rms_extended / held.rms_identified}
-    _, every = linear_errors(library.case, members, baseline.residuals)
+        return {members[0]: held.gain}
+    every = linear_errors(library.case, members, baseline.residuals)[2]
     others = {i: [j for j in members if j != i] for i in members}
-    return {i: 1.0 - every / linear_errors(library.case, others[i], baseline.residuals)[1] for i in members}
+    return {i: 1.0 - every / linear_errors(library.case, others[i], baseline.residuals)[2] for i in members}
 
 
 def _finding(
@@ -135,8 +135,7 @@ def _hanging(
     allowed = {i, *rivals, *library.aliases(i)}
     others = _alternatives(library, given, allowed)
     dof = len(gram.at[i])
-    unit = 1.0 if library.stated else gram.total / max(gram.count - len(library.case.fitted), 1)
-    needed = float(chi2.isf(float(np.exp(threshold)), max(dof, 1))) * unit
+    needed = float(chi2.isf(float(np.exp(threshold)), max(dof, 1))) * library.unit(best.members)
     without = Subset(given, 0.0, best.dof - dof, 0.0)
     found = hangs_on(library.case, library.subspaces, best, without, others, needed)
     return tuple(tuple(pose_names[p] for p in poses) for poses in found[:_MOST_SETS])
@@ -188,7 +187,7 @@ def _line(
     return Line(
         name=cause.name,
         status=status,
-        s=float(library.scores.s()[i]),
+        s=float(library.scores.size[i]),
         p_value=float(library.scores.p_adjusted[i]),
         values=values_of(cause, best.fit) if best and i in members else (),
         limits=() if status is Status.NAMED else _limits(library, i, [m for m in members if m != i]),
@@ -204,7 +203,7 @@ def _limits(library: Library, i: int, given: Sequence[int]) -> tuple[tuple[Param
     G, c = G[np.ix_(at, at)], c[at]
     values, vectors = np.linalg.eigh(G)
     turn = library.subspaces[i].turn @ vectors
-    unit = 1.0 if library.stated else gram.total / max(gram.count - len(library.case.fitted), 1)
+    unit = library.unit(given)
     z = vectors.T @ c
     told = values > 1e-4
     if not told.any():

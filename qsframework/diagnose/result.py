@@ -73,6 +73,11 @@ class Finding:
     check: str = ""
     heldout_gain: float = float("nan")
 
+    @property
+    def doubtful(self) -> bool:
+        """Whether the error at poses left out does not fall with it, in the noise that was found."""
+        return self.heldout_gain <= 0.0
+
 
 @dataclass(frozen=True, kw_only=True)
 class Line:
@@ -127,22 +132,24 @@ class Method:
     """How a diagnosis came about.
 
     far: whether a named cause is so large that it is far from linear: the noise was audited again at its size, and the
-    folds took the causes as given; untold: parameters that the readings do not tell; one_pose: whether all are of one
+    folds took the causes as given; untold: parameters that the readings do not tell; one_pose: whether all are of one;
+    lone: whether every visit has one marker, so that its own error and the visit's cannot be told apart
     """
 
     held: HeldOut
     far: bool
     untold: tuple[str, ...]
     one_pose: bool
+    lone: bool
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Diagnosis:
     """What the model gets wrong.
 
-    baseline and extended: the exact fits without and with
-    the named causes, over the rows `kept` of `readings`; outliers: rows that the audit took out; case: linearised at
-    the baseline; before, after: their lack of fit
+    baseline and extended: the exact fits without and with the named causes, certain: with those that are not doubtful,
+    over the rows `kept` of `readings`; outliers: rows that belong to nothing; case: linearised at the baseline; before,
+    after: their lack of fit
     """
 
     experiment: Experiment
@@ -160,6 +167,7 @@ class Diagnosis:
     outliers: Indices
     baseline: Settled
     extended: Settled
+    certain: Settled
     case: Case
     method: Method
     level: float

@@ -38,4 +38,4 @@ def verdict_of(findings: Sequence[Finding], leftovers: Sequence[Leftover], after
     left = bool(leftovers) or misfits(after)
     if not findings:
         return "unexplained" if left else "none"
-    return "partly_explained" if left or unclear else "explained"
+    return "partly_explained" if left or unclear or any(f.doubtful for f in findings) else "explained"

@@ -117,7 +117,7 @@ def move_commanded(
     phi = nominal_actuators(layout, np.ascontiguousarray(poses.q.T))
     placements = None
     for term in geometry:
-        phi = phi + term.angles.T
+        phi[: model.facts.n] += term.angles.T
         if term.twists is not None:
             twist = term.twists.transpose(1, 2, 0)
             placements = twist if placements is None else placements + twist

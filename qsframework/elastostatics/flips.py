@@ -1,14 +1,17 @@
-"""Does a load press a parallelogram's passive joints on the other side than the arm's own weight does?
+"""Does a load press a loop's passive joints on the other side than the arm's own weight does?
 
-The coupling bar carries the torque of the loop's driven actuator. If the load changes its sign, the
-play of the passive joints is crossed, the displacement jumps by it, and the reading says nothing
-about stiffness (section 3.3 of the paper). Such poses are left out of plans, with a margin.
+A passive joint passes on what lies beyond it, seen from the loop's actuator: the joint of bar and driven link the
+torque of the arm, that of lever and bar the bar's weight too; what hangs on the lever the actuator holds alone. The
+torque vanishes where the vertical through the mass centre of all that lies beyond crosses the joint on which it
+turns. If the load changes its sign, the play of the joint is crossed, the displacement jumps by it, and the reading
+says nothing about stiffness (section 3.3 of the paper). Such poses are left out of plans, with a margin.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from qsframework.elastostatics.layout import LoopPlace, Member
 from qsframework.elastostatics.structure import CHUNK, Structure
 from qsframework.elastostatics.torques import element_torques
 from qsframework.plugin import Array, Poses
@@ -17,8 +20,8 @@ from qsframework.plugin import Array, Poses
 def flip_margin(model: Structure, poses: Poses, x: Array | None = None) -> Array:
     """Torque (N,) N m that keeps the passive joints of every loop pressed on the unloaded side.
 
-    The smaller of the torques of the driven actuator, unloaded and loaded, counted in the unloaded
-    direction: negative where the load flips the joint; infinite for an arm without loops.
+    The smallest of the torques that they pass on to the driven actuator, unloaded and loaded, counted in the unloaded
+    direction: negative where the load flips a joint; infinite for an arm without loops.
     """
     x = model.nominal if x is None else x
     parts = [_margin(model, poses.take(slice(s, s + CHUNK)), x) for s in range(0, len(poses), CHUNK)]
@@ -26,15 +29,24 @@ def flip_margin(model: Structure, poses: Poses, x: Array | None = None) -> Array
 
 
 def _margin(model: Structure, poses: Poses, x: Array) -> Array:
-    motion, own, added = element_torques(model, poses, x)
     margin = np.full(len(poses), np.inf)
-    for place, term in zip(model.layout.loops, motion.loops, strict=True):
-        joints = [model.layout.joint_elements[j] for j in place.joints]
+    for number, place in enumerate(model.layout.loops):
         for member in place.members:
-            if not member.bars:  # a coupling without passive joints
-                continue
-            rate = term.q_u[:, :, member.joints[-1]].T  # the driven actuator is the loop's last
-            unloaded = np.einsum("jn,jn->n", rate, own[joints])
-            loaded = unloaded + np.einsum("jn,jn->n", rate, added[joints])
-            margin = np.minimum(margin, np.minimum(np.abs(unloaded), np.sign(unloaded) * loaded))
+            for beyond in member.loop.carried(model.facts):
+                unloaded, added = _passed_on(model, poses, x, number, place, member, beyond)
+                held = np.minimum(np.abs(unloaded), np.sign(unloaded) * (unloaded + added))
+                margin = np.minimum(margin, held)
     return margin
+
+
+def _passed_on(
+    model: Structure, poses: Poses, x: Array, number: int, place: LoopPlace, member: Member, beyond: tuple[str, ...]
+) -> tuple[Array, Array]:
+    """The driven actuator's torque (N,) without the loop's own branches but those beyond a joint; and the load's."""
+    facts, turned = model.facts, [place.joints[j] for j in member.own]
+    near = [j + 1 for j in turned if j >= facts.n and facts.turning[j] not in beyond]
+    motion, own, added = element_torques(model, poses, x, near)
+    driven = max(j for j in turned if j < facts.n)
+    rate = motion.loops[number].q_u[:, :, place.joints.index(driven)].T
+    joints = [model.layout.joint_elements[j] for j in place.joints]
+    return np.einsum("jn,jn->n", rate, own[joints]), np.einsum("jn,jn->n", rate, added[joints])

@@ -41,7 +41,7 @@ class Member:
 class LoopPlace:
     """Loops that build on each other, in the order in which they close, with all their joints and their bars.
 
-    joints: indices in the chain; bars: positions among all bars
+    joints: indices among all that turn, branches after the arm's; bars: positions among all bars
     """
 
     members: tuple[Member, ...]
@@ -49,7 +49,7 @@ class LoopPlace:
     bars: tuple[int, ...]
 
     def of(self, member: Member) -> list[int]:
-        """The joints of one of its loops, in the chain."""
+        """The joints of one of its loops, among all that turn."""
         return [self.joints[j] for j in member.joints]
 
 
@@ -66,9 +66,10 @@ class Part:
 class Layout:
     """The chain of one model.
 
-    joint_elements (n,) element of each joint; placement_elements (n, 6) elements of each joint's
-    placement error, or None; loop_bars: of each loop, in the effects' order, the positions of its bars among all bars;
-    coordinates: the parts of each elastic coordinate, in the order of the springs' parameters
+    joint_elements (n + b,) element of each joint, of the arm's and the branches'; placement_elements (n, 6)
+    elements of each joint's placement error, or None; loop_bars: of each loop, in the effects' order, the positions
+    of its bars among all bars; coordinates: the parts of each elastic coordinate, in the order of the springs'
+    parameters
     """
 
     facts: RobotFacts
@@ -98,7 +99,7 @@ def make_layout(facts: RobotFacts, effects: Sequence[Effect]) -> Layout:
         coordinates += [every] * len(spring.compliances(facts))
     return Layout(
         facts=facts,
-        chain=Chain(tuple(builder.elements), tuple(builder.stops)),
+        chain=Chain(tuple(builder.elements), tuple(builder.stops), builder.limbs),
         joint_elements=tuple(builder.joint_elements),
         placement_elements=np.array(builder.placement_elements) if builder.perturbed else None,
         loops=loops,
@@ -159,7 +160,7 @@ def _place(facts: RobotFacts, loops: Sequence[Loop], bars: Sequence[tuple[int, .
         )
         for loop, own in zip(loops, bars, strict=True)
     )
-    return LoopPlace(members, tuple(facts.joint_index(joint) for joint in names), tuple(every))
+    return LoopPlace(members, tuple(facts.turning_index(joint) for joint in names), tuple(every))
 
 
 class _Builder:
@@ -190,6 +191,12 @@ class _Builder:
             for v in (v for v in mine if v.side == "after"):
                 here = self._add_virtual(v, here)
             self.stops.append(len(self.elements))
+        for branch in self.facts.branches:
+            self.joint_elements.append(self._add(branch.placement, branch.axis, True))
+
+    @property
+    def limbs(self) -> tuple[int, ...]:
+        return tuple(self.facts.body_index(branch.parent) for branch in self.facts.branches)
 
     def _add(self, placement: Array, axis: Array, rotation: bool) -> int:
         self.elements.append(Element(placement, np.asarray(axis, dtype=float), rotation))

@@ -10,14 +10,14 @@ import numpy as np
 
 from qsframework.elastostatics.motion import MotionRate, combine
 from qsframework.elastostatics.state import Column, ColumnRate, State
-from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, laws
-from qsframework.robot.gravity import element_gravity, nominal_moments
-from qsframework.robot.kinematics import Twists, cross, twists_along
+from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, RobotFacts, laws
+from qsframework.robot.gravity import element_gravity
+from qsframework.robot.kinematics import Twists, twists, twists_along
 
 
 @dataclass(frozen=True, eq=False)
 class Applied:
-    """The wrench (N, 6) after all load effects, and the links' mass moments (n + 1, 4).
+    """The wrench (N, 6) after all load effects, and the bodies' mass moments (n + 1 + b, 4).
 
     passed: what came into each effect, whose terms are taken where they are asked for
     """
@@ -35,14 +35,20 @@ class Applied:
 
 def apply_loads(effects: Sequence[tuple[Load, Array]], rotation: Array, context: Context) -> Applied:
     """Pass the wrench and the masses through the load effects in their order."""
-    wrench, moments = context.poses.wrench, nominal_moments(context.robot)
+    wrench, moments = context.poses.wrench, context.robot.moments
     passed: list[tuple[Load, Loads, Array]] = []
     for effect, x in effects:
         passed.append((effect, Loads(wrench, rotation, moments), x))
         term = laws.loaded(*passed[-1], context)
         wrench = term.wrench
-        moments = moments if term.moments is None else moments + term.moments
+        moments = moments if term.moments is None else moments + of_bodies(term.moments, context.robot)
     return Applied(wrench, moments, tuple(passed), context)
+
+
+def of_bodies(moments: Array, facts: RobotFacts) -> Array:
+    """Mass moments of all bodies from an effect's, which may know the arm's links only."""
+    missing = len(facts.bodies) - len(moments)
+    return np.concatenate([moments, np.zeros((missing, *moments.shape[1:]))]) if missing else moments
 
 
 def wrench_along(terms: Sequence[LoadTerm], turn: Array | None, start: Array | None, first: int = 0) -> Array:
@@ -63,18 +69,9 @@ def wrench_torque(column: Column | ColumnRate, wrench: Array) -> Array:
 
 def weighted_columns(state: State, link: int, moments: Array) -> Twists:
     """Jacobian of mass times position of a link's centre, element by element."""
-    placed = state.placed
-    stop = placed.chain.stops[link]
-    mass, r = moments[0], placed.rotations[link]
-    weight = mass * placed.positions[link] + moments[1] * r[0] + moments[2] * r[1] + moments[3] * r[2]
-    linear = cross(placed.axes[:stop], weight - mass * placed.origins[:stop])
-    angular = placed.axes[:stop]
-    translations = [e for e in range(stop) if not placed.chain.elements[e].rotation]
-    if translations:
-        angular = angular.copy()
-        linear[translations] = mass * placed.axes[translations]
-        angular[translations] = 0.0
-    return Twists(linear, angular)
+    mass, r = moments[0], state.placed.rotations[link]
+    weight = mass * state.placed.positions[link] + moments[1] * r[0] + moments[2] * r[1] + moments[3] * r[2]
+    return twists(state.placed, link, weight, mass)
 
 
 def gravity_torque(state: State, moments: Array, gravity: Array) -> Array:

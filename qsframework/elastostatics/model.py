@@ -23,6 +23,7 @@ from qsframework.errors import InputError, Problem, nearest
 from qsframework.plugin import Array, Effect, Parameter, Poses, RobotFacts, Spring, SpringLaw
 from qsframework.plugin.facts import frozen
 from qsframework.plugin.kinds import At
+from qsframework.plugin.loops import follow, with_branches
 from qsframework.plugin.settings import twice_hint
 
 
@@ -100,10 +101,12 @@ class Model(Structure):
 
     def transmission_margin(self, poses: Poses) -> Array:
         """Smallest margin (N,) rad over all loops: transmission angle less what the loop asks for."""
-        margin = np.full(len(poses), np.inf)
+        margin, q = np.full(len(poses), np.inf), poses.q
+        if self.facts.branches:
+            q = follow([m.loop for place in self.layout.loops for m in place.members], q, self.facts)
         for place in self.layout.loops:
             for member in place.members:
-                angle = member.loop.transmission_angle(poses.q[:, place.of(member)], self.facts)
+                angle = member.loop.transmission_angle(q[:, place.of(member)], self.facts)
                 margin = np.minimum(margin, angle - member.loop.smallest_transmission_angle)
         return margin
 
@@ -118,6 +121,7 @@ def make_model(
 ) -> Model:
     """Join effects (any order) into a model. `parameters` gives nominal values for the effects' names."""
     ordered = tuple(sorted(effects, key=lambda e: (e.stage, e.order)))
+    facts = with_branches(facts, ordered)
     values = {p.name: p for p in parameters}
     found: list[Parameter] = []
     slices: list[slice] = []

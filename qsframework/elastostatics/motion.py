@@ -14,6 +14,7 @@ import numpy as np
 
 from qsframework.elastostatics.layout import Layout, LoopPlace, shared
 from qsframework.plugin import Array, Context, LoopTerm, laws
+from qsframework.plugin.loops import follow
 
 Coefficients = tuple[tuple[tuple[int, Array | float], ...], ...]
 """For each elastic coordinate the elements that it moves, with the rate (N,) or constant of each."""
@@ -21,7 +22,8 @@ Coefficients = tuple[tuple[tuple[int, Array | float], ...], ...]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Motion:
-    """Actuators phi (n, N), bars and joint angles q (n, N), the loops' terms, and the rates of the coordinates.
+    """Actuators phi (n + b, N), bars and joint angles q (n + b, N), arm and branches, the loops' terms, and the
+    rates of the coordinates.
 
     context: the commanded poses in the state that is looked at
     """
@@ -50,19 +52,20 @@ class Motion:
 
 
 def nominal_actuators(layout: Layout, q: Array) -> Array:
-    """Actuator angles phi (n, N) that the controller commands for joint angles q (n, N)."""
-    phi = q.copy()
+    """Actuator angles phi (n + b, N) that the controller commands for the arm's joint angles q (n, N)."""
+    facts, phi = layout.facts, np.concatenate([q, np.zeros((len(layout.facts.branches), q.shape[1]))])
+    if facts.branches:
+        q = follow([m.loop for place in layout.loops for m in place.members], q.T, facts).T
     for place in layout.loops:
         for member in place.members:
-            tied = place.of(member)
-            actuators = member.loop.actuators(q[tied].T, layout.facts)
-            for own in member.own:
+            actuators = member.loop.actuators(q[place.of(member)].T, facts)
+            for own in (o for o in member.own if place.joints[o] < facts.n):
                 phi[place.joints[own]] = actuators[:, member.joints.index(own)]
     return phi
 
 
 def move(layout: Layout, context: Context, phi: Array, bars: Array, placements: Array | None = None) -> Motion:
-    """Close the loops at actuators phi (n, N) and bar errors (bars, N)."""
+    """Close the loops at actuators phi (n + b, N) and bar errors (bars, N)."""
     q = phi.copy()
     terms: list[LoopTerm] = []
     for place in layout.loops:
@@ -137,9 +140,10 @@ class MotionRate:
 
 
 def motion_along(motion: Motion, phi: Array, bars: Array, placements: Array | None) -> MotionRate:
-    """Move along d phi (n, N), d bars (bars, N) and d placements (n, 6, N)."""
+    """Move along d phi (n, N) of the arm's actuators, d bars (bars, N) and d placements (n, 6, N)."""
     layout = motion.layout
     rates = np.zeros((len(layout.chain), phi.shape[-1]))
+    phi = np.concatenate([phi, np.zeros((len(layout.joint_elements) - len(phi), phi.shape[-1]))])
     dq = phi.copy()
     slopes: list[LoopTerm] = []
     for place, term in zip(layout.loops, motion.loops, strict=True):

@@ -152,7 +152,8 @@ def _load(ev: Stages, number: int, i: int) -> Change:
     preload = None
     moments = terms[number].moments_dx
     if ev.preload is not None and moments is not None:
-        preload = loads.gravity_torque(ev.state, moments[..., i], ev.model.gravity)
+        own = loads.of_bodies(moments[..., i], ev.model.facts)
+        preload = loads.gravity_torque(ev.state, own, ev.model.gravity)
     return Change(tau=loads.wrench_torque(ev.state.tip, wrench.T), preload=preload)
 
 

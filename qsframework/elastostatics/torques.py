@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from qsframework.elastostatics import loads, pulls, springs
@@ -13,12 +16,19 @@ from qsframework.plugin import Array, Load, ParallelSpring, Poses
 from qsframework.robot.gravity import element_gravity
 
 
-def element_torques(model: Structure, poses: Poses, x: Array) -> tuple[Motion, Array, Array]:
-    """The motion, and the torques (m, N) N m on every element: of gravity and compensators, and of the load."""
+def element_torques(
+    model: Structure, poses: Poses, x: Array, without: Sequence[int] = ()
+) -> tuple[Motion, Array, Array]:
+    """The motion, and the torques (m, N) N m on every element: of gravity and compensators, and of the load.
+
+    without: bodies whose weight is left out
+    """
     _, motion = move_commanded(model, poses, x)
     state = place(motion, model.tip, ())
     applied = loads.apply_loads(model.of_kind(Load, x), state.placed.matrix(model.tip.link), motion.context)
-    own = _own_torque(model, state, applied, x)
+    hung = applied.moments.copy()
+    hung[list(without)] = 0.0
+    own = _own_torque(model, state, replace(applied, moments=hung), x)
     tip = state.tip.elements
     wrench = applied.wrench.T
     added = np.zeros_like(own)
@@ -44,7 +54,7 @@ def _actuator_torques(model: Structure, poses: Poses, x: Array) -> Array:
     for loop, term in zip(model.layout.loops, motion.loops, strict=True):
         tied = list(loop.joints)
         out[tied] = np.einsum("njk,jn->kn", term.q_u[:, :, : len(tied)], joints[tied])
-    return np.ascontiguousarray(out.T)
+    return np.ascontiguousarray(out[: model.facts.n].T)
 
 
 def _own_torque(model: Structure, state: State, applied: loads.Applied, x: Array) -> Array:

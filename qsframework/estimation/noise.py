@@ -33,7 +33,7 @@ class Noise(Protocol):
         ...
 
     def colour(self, values: Array) -> Array:
-        """L values (m,): back from whitened to metres."""
+        """L values, for values (m,) or (m, p): back from whitened to metres."""
         ...
 
     def weights(self) -> Array:
@@ -64,7 +64,7 @@ class Independent:
         return self.whiten(values)
 
     def colour(self, values: Array) -> Array:
-        return values * self.sigma
+        return values * (self.sigma if values.ndim == 1 else self.sigma[:, None])
 
     def weights(self) -> Array:
         return 1.0 / self.sigma**2

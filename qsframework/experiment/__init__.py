@@ -1,5 +1,6 @@
 """What is done to the robot: campaigns, plans, readings, simulation, and readings as observations."""
 
+from qsframework.experiment.alternatives import as_shown, on_robot
 from qsframework.experiment.constraints import Constraints, Sight
 from qsframework.experiment.differences import differences
 from qsframework.experiment.examples import example
@@ -27,6 +28,7 @@ __all__ = [
     "Sight",
     "Simulation",
     "States",
+    "as_shown",
     "bridge",
     "differences",
     "example",
@@ -34,6 +36,7 @@ __all__ = [
     "load_experiment",
     "make_plan",
     "make_rows",
+    "on_robot",
     "read_plan",
     "read_poses",
     "read_readings",

@@ -16,7 +16,7 @@ import numpy as np
 
 from qsframework.diagnose.linearization.candidates import REACH, Cause, find_causes
 from qsframework.diagnose.linearization.columns import Case, Subspace, plan_case
-from qsframework.diagnose.selection.family_test import DRAWS, blocks_of, score
+from qsframework.diagnose.selection.family_test import Block, chance
 from qsframework.diagnose.selection.principal_angles import alias_classes, angle_matrix, named_from
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import rank_test
@@ -120,10 +120,10 @@ def foresee(
 
 
 def _make_test(subspaces: tuple[Subspace, ...], readings: int, level: float, power: float, seed: int) -> _Test:
-    blocks = blocks_of(subspaces)
-    log_p = score(blocks, np.zeros(readings), draws=DRAWS, seed=seed).threshold(level)
-    Q = np.concatenate([b.Q for b in blocks], axis=1)
-    dof = np.array([b.Q.shape[1] for b in blocks])
+    blocks = [Block(s.Q, s.one_sided) for s in subspaces]
+    log_p = float(np.quantile(chance(blocks, seed=seed), level))
+    Q = np.concatenate([b.columns for b in blocks], axis=1)
+    dof = np.array([b.columns.shape[1] for b in blocks])
     sided = np.array([b.one_sided for b in blocks], dtype=bool)
     thresholds, needed = np.full(len(blocks), np.inf), np.full(len(blocks), np.inf)
     for k, side in sorted({(int(d), bool(o)) for d, o in zip(dof, sided, strict=True) if d}):

@@ -306,7 +306,7 @@ def write_urdf(robot: Robot, model: Model, x: Array, path: str | Path) -> tuple[
         _add(twists, moved[0], effect.name)
         angles += term.angles[0]
     closed = {j for loop, _ in model.of_kind(Loop, x) for j in loop.joints(model.facts)}
-    through = [j for j in closed if angles[model.facts.joint_index(j)] != 0.0]
+    through = [j for j in closed if j in model.facts.joints and angles[model.facts.joint_index(j)] != 0.0]
     if through:
         raise InputError(
             f"{', '.join(sorted(through))}: an actuator's offset passes through a closed loop, which no URDF origin "

@@ -63,7 +63,7 @@ class Balanced:
 
 
 def find_balanced(model: Model) -> Balanced:
-    """The one joint that a balancer stiffens. InputError says what to use where there is none, or more than one."""
+    """The one joint that one balancer stiffens. InputError says what to use where there is none, or more than one."""
     found: list[Balanced] = []
     for effect in (e for e in model.effects if isinstance(e, ParallelSpring)):
         joints, names = effect.joints(model.facts), [p.name for p in effect.parameters(model.facts)]
@@ -79,7 +79,10 @@ def find_balanced(model: Model) -> Balanced:
             "Use method one-step"
         )
     if len(found) > 1:
-        raise InputError("the two-step method knows one balanced joint; this model has more. Use method one-step")
+        raise InputError(
+            f"the two-step method knows one balancer; this model has {', '.join(b.balancer.name for b in found)}. Use "
+            "method one-step, which fits them all at once"
+        )
     if any(isinstance(e, SpringLaw) for e in model.effects):
         raise InputError("the two-step method needs springs that are linear in their torque. Use method one-step")
     return found[0]

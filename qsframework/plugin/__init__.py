@@ -3,7 +3,7 @@
 from qsframework.errors import InputError, Problem
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.check import check_effect
-from qsframework.plugin.facts import Array, Conditions, Context, Indices, Poses, RobotFacts
+from qsframework.plugin.facts import Array, Branch, Conditions, Context, Indices, Poses, RobotFacts
 from qsframework.plugin.kinds import (
     At,
     Effect,
@@ -41,6 +41,7 @@ __all__ = [
     "Array",
     "At",
     "Bar",
+    "Branch",
     "Conditions",
     "Context",
     "Coordinate",

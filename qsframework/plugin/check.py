@@ -15,6 +15,7 @@ from qsframework.plugin import laws
 from qsframework.plugin.facts import Array, Conditions, Context, Poses, RobotFacts, frozen
 from qsframework.plugin.kinds import Effect, Geometry, Load, Loop, ParallelSpring, Sensor, Spring, SpringLaw
 from qsframework.plugin.laws import as_term, difference, turn
+from qsframework.plugin.loops import with_branches
 from qsframework.plugin.parameter import Parameter
 from qsframework.plugin.terms import (
     Actuator,
@@ -136,7 +137,7 @@ def check_effect(effect: Effect, robot: RobotFacts | None = None, seed: int = 0)
 
     Returns the names of the checks that held. Raises PluginError that lists all that did not.
     """
-    robot = robot or sample_robot()
+    robot = with_branches(robot or sample_robot(), [effect])
     rng = np.random.default_rng(seed)
     report = Report()
     _declaration(effect, robot, report)
@@ -307,14 +308,13 @@ def _rotations(rng: np.random.Generator, *shape: int) -> Array:
 
 
 def _load(t: Trial) -> None:
-    moments = np.concatenate([t.robot.masses[:, None], t.robot.masses[:, None] * t.robot.centres], axis=1)
     rotation, wrench, report = _rotations(t.rng, BATCH), t.context.poses.wrench, t.report
 
     def apply(w: Array, x: Array, small: Array | None = None, c: Context = t.context) -> Any:
         turned = rotation if small is None else turn(rotation, small)
-        return laws.loaded(t.effect, Loads(w, turned, moments), x, c)
+        return laws.loaded(t.effect, Loads(w, turned, t.robot.moments), x, c)
 
-    term = laws.apply(t.effect, Loads(wrench, rotation, moments), t.x, t.context)
+    term = laws.apply(t.effect, Loads(wrench, rotation, t.robot.moments), t.x, t.context)
     report.law("wrench by wrench", lambda v: apply(v, t.x).wrench, wrench, term.d_wrench)
     report.law("wrench by x", lambda v: apply(wrench, v).wrench, t.x, term.dx, t.size)
     none = np.zeros((BATCH, 6, 3)) if term.d_rotation is None else term.d_rotation

@@ -59,6 +59,23 @@ class NaturalSizes:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Branch:
+    """A moving link beside the arm: a loop's bar, the lever of a counterweight, a balancer's cylinder.
+
+    joint, link: its names; parent: the link on which it hangs, of the arm or of a branch before it.
+    placement (4, 4) of its joint in the parent's frame at zero angle, axis (3,); mass kg and centre (3,) m in its own
+    """
+
+    joint: str
+    link: str
+    parent: str
+    placement: Array
+    axis: Array
+    mass: float
+    centre: Array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class RobotFacts:
     """The constants of an arm of n joints, base to flange, in SI.
 
@@ -71,6 +88,7 @@ class RobotFacts:
     payload     kg, None where nobody states it
     limits      (n, 2) rad, all joint angles that the controller can command; None where nobody states them
     passive     names of joints that no actuator drives: they follow others by a loop
+    branches    (b,) moving links beside the arm, parents first; loops determine their angles
     """
 
     name: str
@@ -84,6 +102,7 @@ class RobotFacts:
     payload: float | None = None
     limits: Array | None = None
     passive: tuple[str, ...] = ()
+    branches: tuple[Branch, ...] = ()
 
     @cached_property
     def sizes(self) -> NaturalSizes:
@@ -119,6 +138,36 @@ class RobotFacts:
         """Position of a moving link in the chain, 0 for the base."""
         return _index("link", link, self.links, self.name)
 
+    @property
+    def turning(self) -> tuple[str, ...]:
+        """(n + b,) names of all joints: the arm's, then those of the branches."""
+        return (*self.joints, *(branch.joint for branch in self.branches))
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """(n + 1 + b,) names of all links: the arm's, then those of the branches."""
+        return (*self.links, *(branch.link for branch in self.branches))
+
+    @property
+    def moments(self) -> Array:
+        """Mass, kg, and mass times centre, kg m in its own frame, of each body, (n + 1 + b, 4)."""
+        masses = np.array([*self.masses, *(branch.mass for branch in self.branches)])
+        centres = np.array([*self.centres, *(branch.centre for branch in self.branches)])
+        return np.concatenate([masses[:, None], masses[:, None] * centres], axis=1)
+
+    def turning_index(self, joint: str) -> int:
+        """Position of a joint of the arm or of a branch among `turning`."""
+        return _index("joint", joint, self.turning, self.name)
+
+    def body_index(self, link: str) -> int:
+        """Position of a link of the arm or of a branch among `bodies`."""
+        return _index("link", link, self.bodies, self.name)
+
+    def branch(self, joint: str) -> Branch:
+        """The branch that a joint moves; an InputError names the nearest."""
+        names = tuple(branch.joint for branch in self.branches)
+        return self.branches[_index("joint beside the arm", joint, names, self.name)]
+
     def link_of(self, joint: str) -> str:
         """The link that a joint moves."""
         return self.links[self.joint_index(joint) + 1]
@@ -130,7 +179,7 @@ def _index(kind: str, name: str, names: tuple[str, ...], robot: str) -> int:
     raise InputError(
         Problem(
             f"robot {robot} has no {kind} {name!r}",
-            allowed=", ".join(names),
+            allowed=", ".join(names) or "none",
             hint=nearest(name, names),
         )
     )

@@ -16,7 +16,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from qsframework.plugin.editions import refuse_first_edition
-from qsframework.plugin.facts import Array, Context, RobotFacts
+from qsframework.plugin.facts import Array, Branch, Context, RobotFacts
 from qsframework.plugin.parameter import Parameter
 from qsframework.plugin.settings import place_fields
 from qsframework.plugin.terms import (
@@ -92,6 +92,14 @@ class Effect(ABC):
         return ()
 
     @classmethod
+    def structures(cls, robot: RobotFacts) -> tuple[Self, ...]:
+        """Instances that an arm of this kind may have though its file does not say so, such as a loop at the elbow.
+
+        They are other structures to compare with, not causes that a diagnosis tries; none by default.
+        """
+        return ()
+
+    @classmethod
     def beside(cls, effects: Sequence[Effect], parameters: Sequence[Parameter]) -> tuple[Self, ...]:
         """Instances that a diagnosis may try beside effects that the robot has, such as friction in its balancer.
 
@@ -115,15 +123,16 @@ class Geometry(Effect):
 class Loop(Effect):
     """Stage 1: a closed kinematic loop, or another coupling, between actuators and joints.
 
-    Its parameters are the errors of its bars' lengths (m), which are also the coordinates that an
-    elastic bar deflects. Loops may build on each other: the joints that one turns may lead another.
+    It may also turn branches, the moving links beside the arm; their actuators stand at zero. Its parameters are
+    the errors of its bars' lengths (m), which are also the coordinates that an elastic bar deflects. Loops may build
+    on each other: the joints that one turns may lead another.
     """
 
     stage = 1
 
     @abstractmethod
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
-        """The k joints of the loop, the last of them one that it turns; actuators have the same names."""
+        """The k joints of the loop, of the arm and of branches; actuators have the same names."""
 
     def leaders(self, robot: RobotFacts) -> tuple[str, ...]:
         """Those of `joints` that it reads and does not turn: their joint angles stand for their actuators."""
@@ -145,6 +154,14 @@ class Loop(Effect):
     def smallest_transmission_angle(self) -> float:
         """The margin (rad) below which no pose is planned."""
         return 0.0
+
+    def branches(self, robot: RobotFacts) -> tuple[Branch, ...]:
+        """Links beside the arm that it brings along because no URDF draws them, parents first."""
+        return ()
+
+    def carried(self, robot: RobotFacts) -> tuple[tuple[str, ...], ...]:
+        """For each passive joint, seen from the driven actuator, the loop's own branches that lie beyond it."""
+        return ((),) if self.parameters(robot) else ()
 
     def outline(self, q: Array, robot: RobotFacts) -> Array | None:
         """For pictures: ends (N, bars, 2, 3) m of the bars at joint angles q (N, k), NaN where the loop is open.

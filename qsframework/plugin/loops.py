@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from qsframework.errors import InputError, Problem
 from qsframework.plugin.facts import Array, Context, Poses, RobotFacts
-from qsframework.plugin.kinds import Loop
+from qsframework.plugin.kinds import Effect, Loop
 from qsframework.plugin.laws import closure
 
 
@@ -16,6 +17,13 @@ def own_joints(loop: Loop, robot: RobotFacts) -> tuple[str, ...]:
     """The joints that a loop turns: all but its leaders."""
     leaders = loop.leaders(robot)
     return tuple(joint for joint in loop.joints(robot) if joint not in leaders)
+
+
+def with_branches(robot: RobotFacts, effects: Sequence[Effect]) -> RobotFacts:
+    """The robot with the links that its loops bring along, where it has them not yet."""
+    brought = [branch for e in effects if isinstance(e, Loop) for branch in e.branches(robot)]
+    more = tuple(branch for branch in brought if branch.joint not in robot.turning)
+    return replace(robot, branches=(*robot.branches, *more)) if more else robot
 
 
 def loop_problems(loops: Sequence[Loop], robot: RobotFacts) -> dict[str, Problem]:
@@ -28,8 +36,9 @@ def loop_problems(loops: Sequence[Loop], robot: RobotFacts) -> dict[str, Problem
             if owner.setdefault(joint, loop.name) != loop.name:
                 text = f"{loop.name} and {owner[joint]} both turn {joint}; a joint belongs to one loop only"
                 out[loop.name] = Problem(text)
-        undriven = [joint for joint in own if joint in robot.passive]
-        if undriven and len(undriven) < len(own):
+        arm = [joint for joint in own if joint in robot.joints]
+        undriven = [joint for joint in arm if joint in robot.passive]
+        if undriven and len(undriven) < len(arm):
             text = f"{loop.name}: {', '.join(undriven)} has no actuator, the other joints that it turns have"
             out[loop.name] = Problem(text, hint="Give each joint without an actuator a coupling of its own.")
     _, circle = _sorted(loops, robot)
@@ -62,14 +71,22 @@ def _sorted(loops: Sequence[Loop], robot: RobotFacts) -> tuple[list[Loop], list[
 
 
 def follow(loops: Sequence[Loop], q: Array, robot: RobotFacts) -> Array:
-    """Joint angles (N, n) with the joints that no actuator drives where their perfect loops hold them."""
-    out = q.copy()
+    """Angles (N, n + b) of all joints at those of the arm, q (N, n).
+
+    Joints that no actuator drives and branches stand where their perfect loops hold them.
+    """
+    out = np.concatenate([q, np.zeros((len(q), len(robot.branches)))], axis=1)
     for loop in in_order(loops, robot):
-        own = [robot.joint_index(joint) for joint in own_joints(loop, robot)]
-        if not own or robot.joints[own[0]] not in robot.passive:
+        tied = loop.joints(robot)
+        held = [joint not in robot.driven and joint in own_joints(loop, robot) for joint in tied]
+        if not any(held):
             continue
-        out[:, own] = 0.0
-        tied = [robot.joint_index(joint) for joint in loop.joints(robot)]
+        at = [robot.turning_index(joint) for joint in tied]
+        lead = [joint in loop.leaders(robot) for joint in tied]
+        phi = np.where(held, 0.0, out[:, at])
+        if not all(h or a for h, a in zip(held, lead, strict=True)):
+            phi = np.where(np.array(held) | lead, phi, loop.actuators(out[:, at], robot))
         bars = np.zeros((len(q), len(loop.parameters(robot))))
-        out[:, tied] = closure(loop, out[:, tied], bars, Context(robot, Poses(q, q, np.zeros((len(q), 6))))).q
+        context = Context(robot, Poses(q, q, np.zeros((len(q), 6))))
+        out[:, at] = np.where(held, closure(loop, phi, bars, context).q, out[:, at])
     return out

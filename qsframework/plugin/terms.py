@@ -135,7 +135,7 @@ class Loads:
     """The wrench at the load point, base frame, and the masses that gravity pulls.
 
     wrench (N, 6); rotation (N, 3, 3) of the flange;
-    moments (n + 1, 4): for each link its mass (kg) and mass times centre (kg m, link frame)
+    moments (n + 1 + b, 4): for each of the robot's `bodies` its mass (kg) and mass times centre (kg m, link frame)
     """
 
     wrench: Array
@@ -149,7 +149,7 @@ class LoadTerm:
 
     wrench (N, 6) (None: as it came in), d_wrench (N, 6, 6), dx (N, 6, p), d_rotation (N, 6, 3) for a small rotation of
     the flange about the base axes (beside a given d_wrench, None: no dependence);
-    moments (n + 1, 4) *added* to those that came in (None: none), moments_dx (n + 1, 4, p)
+    moments (n + 1 + b, 4) *added* to those that came in (None: none), moments_dx (n + 1 + b, 4, p)
     """
 
     wrench: Array = TAKEN

@@ -11,7 +11,7 @@ import numpy as np
 from qsframework.diagnose.diagnose import LEVEL
 from qsframework.diagnose.error_budget import error_budget
 from qsframework.diagnose.result import Diagnosis
-from qsframework.diagnose.selection.family_test import DRAWS, blocks_of, score
+from qsframework.diagnose.selection.family_test import Block, chance
 from qsframework.diagnose.selection.principal_angles import alias_classes, angle_matrix
 from qsframework.forecast.power import LIBRARY_LEVEL, detection_rate, threshold
 from qsframework.plugin import Array
@@ -216,9 +216,8 @@ def angle_figure(diagnosis: Diagnosis) -> Figure | None:
 
 def power_figure(diagnosis: Diagnosis) -> Figure:
     """How surely a cause of visible size s is detected in these readings, with what they hold."""
-    blocks = [b for b in blocks_of(diagnosis.case.subspaces()) if b.Q.shape[1]]
-    scores = score(blocks, np.zeros(len(diagnosis.case.residuals)), draws=DRAWS, seed=diagnosis.seed)
-    limit = scores.threshold(diagnosis.level * LIBRARY_LEVEL / LEVEL)
+    blocks = [Block(s.Q, s.one_sided) for s in diagnosis.case.subspaces() if s.visible]
+    limit = float(np.quantile(chance(blocks, seed=diagnosis.seed), diagnosis.level * LIBRARY_LEVEL / LEVEL))
     of = {s.cause.name: (s.Q.shape[1], s.one_sided) for s in diagnosis.case.subspaces() if s.visible}
     top = max([12.0, *(1.15 * f.s for f in diagnosis.findings)])
     s = np.linspace(0.0, top, 200)

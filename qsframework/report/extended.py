@@ -15,20 +15,23 @@ from qsframework.report.words.noise import audit_words
 from qsframework.screening.conventions import compelling
 
 
-def write_extended(diagnosis: Diagnosis, folder: str | Path, pairs: Sequence[Discrimination] = ()) -> tuple[Path, ...]:
+def write_extended(
+    diagnosis: Diagnosis, folder: str | Path, pairs: Sequence[Discrimination] = (), *, doubtful: bool = False
+) -> tuple[Path, ...]:
     """Write the extended robot of a diagnosis and its experiment into a folder, all or nothing; the paths written.
 
-    pairs: what would separate rivals, where it was computed. InputError as `write_extension` has them.
+    pairs: what would separate rivals, where it was computed; doubtful: with names whose held-out error does not fall.
+    InputError as `write_extension` has them.
     """
-    return write_extension(extension_of(diagnosis, pairs), folder)
+    return write_extension(extension_of(diagnosis, pairs, doubtful=doubtful), folder)
 
 
-def extension_of(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = ()) -> Extension:
-    """The extension that a diagnosis calls for: its named causes, and the values of its exact fit."""
-    source, settled = diagnosis.readings.source, diagnosis.extended
+def extension_of(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = (), *, doubtful: bool = False) -> Extension:
+    """The extension that a diagnosis calls for: its certain names, or all, and the values of the exact fit."""
+    source, settled = diagnosis.readings.source, diagnosis.extended if doubtful else diagnosis.certain
     told = f", readings sha256 {sha256(source)[:16]}" if source is not None and source.is_file() else ""
     evidence = {name: f"identified beside the named causes{told}" for name in settled.names}
-    for f in diagnosis.findings:
+    for f in (f for f in diagnosis.findings if doubtful or not f.doubtful):
         gain = f", held-out gain {100 * f.heldout_gain:.0f} %" if f.heldout_gain == f.heldout_gain else ""
         rivals = f"; not told from {', '.join(r.name for r in f.rivals)}" if f.rivals else ""
         said = f"diagnosed: s = {f.s:.1f}, p = {f.p_value:.2g}{gain}{told}{rivals}"
@@ -43,7 +46,7 @@ def extension_of(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = ()) -> 
     return Extension(
         experiment=diagnosis.experiment,
         model=settled.model,
-        values=diagnosis.values(),
+        values=settled.by_name(),
         sds={n: settled.sd(n) for n in settled.names},
         evidence=evidence,
         fit=settled.names,

@@ -76,6 +76,7 @@ def _cause(f: Finding) -> dict[str, Any]:
         "delta_ebic": f.ebic_gain,
         "parameters": {v.name: {"value": v.value, "unit": v.unit, "sd": v.sd, "initial": v.initial} for v in f.values},
         "heldout_gain": _number(f.heldout_gain),
+        "doubtful": f.doubtful,
         "hangs_on": [list(h) for h in f.hangs_on],
     }
 

@@ -1,7 +1,18 @@
 """What the arm is: files, kinematics, controller convention."""
 
+from qsframework.robot.alternatives import Alternative, StructuralChange, alternatives
 from qsframework.robot.controller import Controller
 from qsframework.robot.loader import load_robot, robot_names
 from qsframework.robot.robot import LinkFrame, Robot, Shape
 
-__all__ = ["Controller", "LinkFrame", "Robot", "Shape", "load_robot", "robot_names"]
+__all__ = [
+    "Alternative",
+    "Controller",
+    "LinkFrame",
+    "Robot",
+    "Shape",
+    "StructuralChange",
+    "alternatives",
+    "load_robot",
+    "robot_names",
+]

@@ -6,16 +6,20 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from qsframework.errors import InputError, Problem
 from qsframework.plugin import Array
 from qsframework.robot.controller import Controller
-from qsframework.robot.gravity import element_gravity, nominal_moments
+from qsframework.robot.gravity import element_gravity
 from qsframework.robot.kinematics import joint_frames, twists
-from qsframework.robot.reference import Statics, reference_statics
+from qsframework.robot.reference import Statics, reference_branches, reference_statics
 from qsframework.robot.robot import Robot
+
+if TYPE_CHECKING:
+    import pinocchio as pin
 
 POSES = 5
 ALLOWED = 1e-9
@@ -26,13 +30,15 @@ whose joints bear nothing but rounding."""
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
-def check_agreement(robot: Robot, file: Path) -> None:
+def check_agreement(robot: Robot, file: Path, tree: pin.Model | None = None) -> None:
     """InputError if positions, attitudes, Jacobians or gravity torques of the batch kernel are not Pinocchio's.
 
-    file: the robot.yaml that the error names
+    file: the robot.yaml that the error names; tree: the arm with its branches, where it has any
     """
     q = robot.controller.to_joints(spread_poses(robot.controller))
     problems = list(_differences(robot, kernel_statics(robot, q), reference_statics(robot, q), str(file)))
+    if tree is not None:
+        problems += _branch_differences(robot, tree, q, str(file))
     if problems:
         hint = (
             "Nothing computed from this robot can be trusted. Its files are not to blame but the software: "
@@ -62,8 +68,25 @@ def kernel_statics(robot: Robot, q: Array) -> Statics:
         np.concatenate([placed.rotations.transpose(0, 2, 1, 3), turned.transpose(1, 2, 0)[None]]),
         columns.linear,
         columns.angular,
-        element_gravity(placed, nominal_moments(robot.facts), robot.gravity),
+        element_gravity(placed, robot.facts.moments, robot.gravity),
     )
+
+
+def _branch_differences(robot: Robot, tree: pin.Model, q: Array, file: str) -> Iterator[Problem]:
+    """The same of the arm with its branches, which stand at angles of their own: no loop holds them here."""
+    drawn = tuple(branch for branch in robot.facts.branches if branch.joint in tuple(tree.names))
+    facts, count = replace(robot.facts, branches=drawn), robot.facts.n + 1
+    part = (_GOLDEN * np.arange(1, POSES * len(facts.branches) + 1)) % 1.0
+    every = np.concatenate([q, np.pi * (2.0 * part.reshape(POSES, -1) - 1.0)], axis=1)
+    placed = joint_frames(facts, every)
+    torque = element_gravity(placed, facts.moments, robot.gravity)
+    positions, rotations, held = reference_branches(tree, facts, every)
+    turned = placed.rotations[count:].transpose(0, 2, 1, 3)
+    length, links = ALLOWED * (1.0 + _largest(positions)), facts.bodies[count:]
+    yield from _told(robot, "position", "m", links, placed.positions[count:], positions, length, file)
+    yield from _told(robot, "attitude", "rad", links, turned, rotations, ALLOWED, file)
+    weight = ALLOWED * _largest(held) + _ROUNDING * float(np.linalg.norm(robot.gravity) * facts.masses.sum())
+    yield from _told(robot, "gravity torque", "N m", facts.turning, torque, held, weight, file)
 
 
 def _differences(robot: Robot, ours: Statics, theirs: Statics, file: str) -> Iterator[Problem]:
@@ -81,13 +104,20 @@ def _differences(robot: Robot, ours: Statics, theirs: Statics, file: str) -> Ite
         ("Jacobian (angular)", "rad/rad", facts.joints, ours.angular, theirs.angular, ALLOWED),
         ("gravity torque", "N m", facts.joints, ours.torque, theirs.torque, torque),
     ]
-    for what, unit, names, mine, other, allowed in told:
-        apart = np.abs(mine - other).reshape(len(names), -1).max(axis=1)
-        where = [repr(name) for name, d in zip(names, apart, strict=True) if not d <= allowed]  # NaN differs
-        if where:
-            message = f"robot {robot.name}: {what} of {', '.join(where)} by the batch kernel is not Pinocchio's"
-            size = f"a difference of up to {float(apart.max()):.1e} {unit}"
-            yield Problem(message, file=file, found=size, allowed=f"{allowed:.1e} {unit}")
+    for one in told:
+        yield from _told(robot, *one, file)
+
+
+def _told(
+    robot: Robot, what: str, unit: str, names: Sequence[str], ours: Array, theirs: Array, allowed: float, file: str
+) -> Iterator[Problem]:
+    """The names whose values (names, ...) are farther apart than allowed, in one problem."""
+    apart = np.abs(ours - theirs).reshape(len(names), -1).max(axis=1)
+    where = [repr(name) for name, d in zip(names, apart, strict=True) if not d <= allowed]  # NaN differs
+    if where:
+        message = f"robot {robot.name}: {what} of {', '.join(where)} by the batch kernel is not Pinocchio's"
+        size = f"a difference of up to {float(apart.max()):.1e} {unit}"
+        yield Problem(message, file=file, found=size, allowed=f"{allowed:.1e} {unit}")
 
 
 def _largest(values: Array) -> float:

@@ -7,6 +7,7 @@ double a link that has two parents.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from qsframework.errors import Problem, nearest
 from qsframework.robot.urdf import JOINT_TYPES, Joint, Link, Urdf
 
 _SUPPORTED = ("revolute", "continuous", "fixed")
+_FARTHEST = 20.0
+"""Of a link's centre of mass from its frame, m: four times the reach of the largest arms."""
 
 
 def check_structure(urdf: Urdf) -> list[Problem]:
@@ -28,22 +31,20 @@ def check_structure(urdf: Urdf) -> list[Problem]:
 
 
 def check_chain(urdf: Urdf, base: str, flange: str) -> list[Problem]:
-    """What keeps the joints from base to flange from being a serial arm. The structure must be sound."""
+    """What keeps the joints from base to flange from being a serial arm, and those beside it from being branches.
+
+    The structure must be sound.
+    """
     chain = chain_joints(urdf, base, flange)
     if chain is None:
         return [urdf.link(flange).place.problem(f"link {flange!r} does not hang on the base {base!r}")]
     problems: list[Problem] = []
     for joint in urdf.below(base):
-        here = joint in chain
-        if here and joint.kind not in _SUPPORTED:
+        if joint.kind not in _SUPPORTED:
             hint = "An arm's joints are revolute or continuous; fix the others."
             problems.append(
                 joint.place.problem(f"joint {joint.name!r}: a {joint.kind} joint is not supported yet", hint=hint)
             )
-        elif not here and joint.moves:
-            hint = 'Make it type="fixed".'
-            message = f"joint {joint.name!r} moves but is not between base {base!r} and flange {flange!r}"
-            problems.append(joint.place.problem(message, hint=hint))
     if not any(joint.moves for joint in chain):
         problems.append(urdf.link(flange).place.problem(f"no joint moves between {base!r} and {flange!r}"))
     return problems
@@ -59,6 +60,23 @@ def chain_joints(urdf: Urdf, base: str, flange: str) -> list[Joint] | None:
         chain.append(above[link])
         link = above[link].parent
     return chain[::-1]
+
+
+def branch_joints(urdf: Urdf, base: str, flange: str) -> list[Joint]:
+    """The joints that move beside the chain from base to flange, parents first."""
+    chain = chain_joints(urdf, base, flange) or []
+    return [joint for joint in urdf.below(base) if joint.moves and joint not in chain]
+
+
+def without_branches(urdf: Urdf, base: str, flange: str) -> Urdf:
+    """The URDF without the links that move beside the arm."""
+    gone = [joint for top in branch_joints(urdf, base, flange) for joint in (top, *urdf.below(top.child))]
+    links = {joint.child for joint in gone}
+    return replace(
+        urdf,
+        links=tuple(link for link in urdf.links if link.name not in links),
+        joints=tuple(joint for joint in urdf.joints if joint not in gone),
+    )
 
 
 def _names(urdf: Urdf) -> Iterator[Problem]:
@@ -127,6 +145,13 @@ def _mass(urdf: Urdf, link: Link, moving: bool) -> Iterator[Problem]:
     if inertial.mass < 0 or (inertial.mass == 0 and moving):
         what = "a moving link needs a positive mass" if moving else "a mass cannot be negative"
         yield inertial.mass_place.problem(f"{owner}: {what}", found=f"{inertial.mass:g} kg")
+    away = float(np.linalg.norm(inertial.origin.xyz))
+    if away > _FARTHEST:
+        yield inertial.mass_place.problem(
+            f"{owner}: the centre of mass is {away:g} m from the link's frame",
+            allowed=f"at most {_FARTHEST:g} m",
+            hint="A URDF is in metres.",
+        )
     if not np.isfinite(inertial.inertia).all() or (inertial.mass == 0 and not inertial.inertia.any()):
         return
     moments = np.linalg.eigvalsh(inertial.inertia)

@@ -125,7 +125,7 @@ def read_controller(document: Document, actuated: Controller, facts: RobotFacts,
     m, driven = actuated.axes, [facts.joint_index(joint) for joint in facts.driven]
     q = np.zeros((m + 2, facts.n))
     q[:, driven] = actuated.to_joints(np.vstack([np.eye(m), np.zeros((1, m)), 0.3 * np.ones((1, m))]))
-    q = follow(loops, q, facts)
+    q = follow(loops, q, facts)[:, : facts.n]
     bent = np.abs(q[m] + 0.3 * (q[:m] - q[m]).sum(axis=0) - q[m + 1]) > _FOLLOWS
     if bent.any():
         text = f"controller: {facts.joints[int(np.argmax(bent))]} does not follow in proportion to the pendant's angles"

@@ -27,24 +27,47 @@ class Element:
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """Elements base to flange; `stops[l]` is the number of elements that move link l."""
+    """Elements base to flange, then one for each branch; `stops[l]` is the number of elements that move link l.
+
+    limbs: the link on which each branch hangs; the branches' links follow those of the arm
+    """
 
     elements: tuple[Element, ...]
     stops: tuple[int, ...]
+    limbs: tuple[int, ...] = ()
 
     def __len__(self) -> int:
         return len(self.elements)
 
+    @property
+    def arm(self) -> int:
+        """The number of elements between base and flange."""
+        return self.stops[-1]
 
-def joint_chain(facts: RobotFacts) -> Chain:
-    """The chain of the joints alone, undeflected: one element per joint."""
-    elements = (Element(p, axis, True) for p, axis in zip(facts.placements, facts.axes, strict=True))
-    return Chain(tuple(elements), tuple(range(facts.n + 1)))
+    def reach(self, link: int) -> tuple[int, list[int]]:
+        """How many elements, from the base on, may move a link; and those among them that do not."""
+        if link < len(self.stops):
+            return self.stops[link], []
+        path: set[int] = set()
+        here = link
+        while here >= len(self.stops):
+            path.add(self.arm + here - len(self.stops))
+            here = self.limbs[here - len(self.stops)]
+        end = self.arm + link - len(self.stops) + 1
+        return end, [e for e in range(self.stops[here], end) if e not in path]
+
+
+def joint_chain(facts: RobotFacts, whole: bool = False) -> Chain:
+    """The chain of the joints alone, undeflected: one element per joint, if `whole` those of the branches too."""
+    beside = facts.branches if whole else ()
+    elements = [Element(p, axis, True) for p, axis in zip(facts.placements, facts.axes, strict=True)]
+    elements += [Element(branch.placement, branch.axis, True) for branch in beside]
+    return Chain(tuple(elements), tuple(range(facts.n + 1)), tuple(facts.body_index(b.parent) for b in beside))
 
 
 def joint_frames(facts: RobotFacts, q: Array) -> Frames:
-    """The links at joint angles (N, n), undeflected."""
-    return frames(joint_chain(facts), list(np.ascontiguousarray(q.T)), len(q))
+    """The links at joint angles (N, n), undeflected; at (N, n + b), with those of the branches, all bodies."""
+    return frames(joint_chain(facts, q.shape[1] > facts.n), list(np.ascontiguousarray(q.T)), len(q))
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +75,7 @@ class Frames:
     """World axes and origins of m elements, and the frames of the links, for N poses.
 
     axes (m, 3, N), origins (m, 3, N); rotations (links, 3, 3, N) with columns first
-    (`rotations[l, j]` is the j-th axis of link l), positions (links, 3, N)
+    (`rotations[l, j]` is the j-th axis of link l), positions (links, 3, N); branches after the arm
     """
 
     chain: Chain
@@ -89,29 +112,39 @@ def cross(a: Array, b: Array) -> Array:
 
 def frames(chain: Chain, coordinates: Sequence[Array | None], batch: int) -> Frames:
     """Place the chain. `coordinates[e]` (N,) is the angle or travel of element e, None for zero."""
-    count = len(chain)
+    count, links = len(chain), len(chain.stops) + len(chain.limbs)
     axes, origins = np.empty((count, 3, batch)), np.empty((count, 3, batch))
-    rotations, positions = np.empty((len(chain.stops), 3, 3, batch)), np.empty((len(chain.stops), 3, batch))
+    rotations, positions = np.empty((links, 3, 3, batch)), np.empty((links, 3, batch))
+    placed = Frames(chain, axes, origins, rotations, positions)
     columns = [np.eye(3)[:, j : j + 1] for j in range(3)]
     origin = np.zeros((3, 1))
-    for e in range(count + 1):
+    for e in range(chain.arm + 1):
         for link in (i for i, stop in enumerate(chain.stops) if stop == e):
             rotations[link, 0], rotations[link, 1], rotations[link, 2] = columns
             positions[link] = origin
-        if e == count:
-            break
-        element = chain.elements[e]
-        origin = origin + _combine(columns, element.placement[:3, 3])
-        columns = _times(columns, element.placement[:3, :3])
-        axes[e], origins[e] = _combine(columns, element.axis), origin
-        value = coordinates[e]
-        if value is None:
-            continue
-        if element.rotation:
-            columns = _rotate(columns, element.axis, value)
-        else:
-            origin = origin + axes[e] * value
-    return Frames(chain, axes, origins, rotations, positions)
+        if e < chain.arm:
+            columns, origin = _pass(placed, e, columns, origin, coordinates[e])
+    for i, parent in enumerate(chain.limbs):
+        e, link = chain.arm + i, len(chain.stops) + i
+        turned, at = _pass(placed, e, list(rotations[parent]), positions[parent], coordinates[e])
+        rotations[link, 0], rotations[link, 1], rotations[link, 2] = turned
+        positions[link] = at
+    return placed
+
+
+def _pass(
+    placed: Frames, e: int, columns: list[Array], origin: Array, value: Array | None
+) -> tuple[list[Array], Array]:
+    """Place element e, moved by its coordinate, behind a frame; the frame after it."""
+    element = placed.chain.elements[e]
+    origin = origin + _combine(columns, element.placement[:3, 3])
+    columns = _times(columns, element.placement[:3, :3])
+    placed.axes[e], placed.origins[e] = _combine(columns, element.axis), origin
+    if value is None:
+        return columns, origin
+    if element.rotation:
+        return _rotate(columns, element.axis, value), origin
+    return columns, origin + placed.axes[e] * value
 
 
 def _combine(columns: list[Array], weights: Array) -> Array:
@@ -170,16 +203,20 @@ class Twists:
         return len(self.linear)
 
 
-def twists(placed: Frames, link: int, point: Array) -> Twists:
-    """The Jacobian of a point (3, N) carried by a link, element by element."""
-    stop = placed.chain.stops[link]
-    linear = cross(placed.axes[:stop], point - placed.origins[:stop])
+def twists(placed: Frames, link: int, point: Array, mass: float = 1.0) -> Twists:
+    """The Jacobian of a point (3, N) carried by a link, element by element.
+
+    mass: where it is not 1, `point` is a position times this mass, and the linear part is so too
+    """
+    stop, idle = placed.chain.reach(link)
+    linear = cross(placed.axes[:stop], point - mass * placed.origins[:stop])
     angular = placed.axes[:stop]
     translations = [e for e in range(stop) if not placed.chain.elements[e].rotation]
-    if translations:
+    if translations or idle:
         angular = angular.copy()
-        linear[translations] = placed.axes[translations]
+        linear[translations] = mass * placed.axes[translations]
         angular[translations] = 0.0
+        linear[idle] = angular[idle] = 0.0
     return Twists(linear, angular)
 
 

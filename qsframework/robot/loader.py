@@ -9,25 +9,28 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.files import Document, read_yaml, validate
-from qsframework.plugin import Array, Loop, RobotFacts
+from qsframework.plugin import Array, Effect, Loop, Parameter, RobotFacts
 from qsframework.plugin.facts import frozen
-from qsframework.plugin.loops import own_joints
+from qsframework.plugin.loops import own_joints, with_branches
 from qsframework.plugin.trusted import trusted
 from qsframework.robot.agreement import check_agreement
-from qsframework.robot.checks import chain_joints, check_chain, check_structure
+from qsframework.robot.checks import chain_joints, check_chain, check_structure, without_branches
 from qsframework.robot.controller import Controller, joint_limits, read_actuated, read_controller
 from qsframework.robot.expand import inside
-from qsframework.robot.model import build_model, read_facts, read_frames, read_meshes, read_shapes
-from qsframework.robot.robot import Robot
+from qsframework.robot.model import build_model, read_branches, read_facts, read_frames, read_meshes, read_shapes
+from qsframework.robot.robot import LinkFrame, Robot
 from qsframework.robot.scaffold_text import coupling_text
 from qsframework.robot.spec import RobotSpec, read_effects, read_nominal
 from qsframework.robot.urdf import Urdf, read_urdf
+
+if TYPE_CHECKING:
+    import pinocchio as pin
 
 T = TypeVar("T")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
@@ -83,30 +86,27 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | No
     document = read_yaml(find_robot(name, beside))
     reading = _Reading(document)
     spec, urdf = reading.structure()
-    gravity = frozen(spec.gravity)
-    model = build_model(urdf, spec.base, gravity)
-    facts = read_facts(spec.name, model, urdf, spec.base, spec.flange, spec.payload)
-    facts = replace(facts, passive=tuple(joint for joint in facts.joints if joint not in spec.controller))
+    arm = without_branches(urdf, spec.base, spec.flange)
+    model = build_model(arm, spec.base, frozen(spec.gravity))
+    tree = build_model(urdf, spec.base, frozen(spec.gravity)) if len(arm.links) < len(urdf.links) else None
+    facts, on_branches = _read_facts(spec, model, arm, tree, urdf)
     frames = read_frames(model)
-    actuated = reading.attempt(read_actuated, document, spec, facts)
+    pendant = _Reading(document)
+    actuated = pendant.attempt(read_actuated, document, spec, facts)
     if actuated is not None:
         facts = replace(facts, limits=joint_limits(actuated, facts))
     effects, problems = read_effects(document, spec.effects, facts, trust=trusted(trust))
     reading.problems += problems
+    facts = with_branches(facts, effects)
     loops = [] if problems else [effect for effect in effects if isinstance(effect, Loop)]
-    controller = None
-    if reading.follow(urdf, facts, None if problems else loops) and actuated is not None:
-        controller = reading.attempt(read_controller, document, actuated, facts, loops)
-    parameters = {p.name: p for effect in effects for p in effect.parameters(facts)}
-    if spec.nominal is not None:
-        nominal = reading.attempt(lambda: read_yaml(reading.file("nominal")))
-        if nominal is not None:
-            parameters, more = read_nominal(nominal, parameters, effects, facts, complete=not problems)
-            reading.problems += more
+    if not reading.follow(urdf, facts, None if problems else loops):
+        reading.stop()  # what else could be said would follow from a joint that is missing
+    reading.problems += pendant.problems
+    controller = reading.attempt(read_controller, document, actuated, facts, loops) if actuated is not None else None
+    parameters = reading.parameters(spec, effects, facts, complete=not problems)
     reading.stop()
     assert isinstance(controller, Controller)
     reading.mimics(urdf, facts, controller)
-    reading.stop()
     robot = Robot(
         name=spec.name,
         title=spec.title,
@@ -115,17 +115,28 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | No
         facts=facts,
         controller=controller,
         effects=effects,
-        parameters=tuple(parameters.values()),
+        parameters=parameters,
         frames=frames,
         flange=frames[spec.flange],
-        shapes=read_shapes(urdf, frames),
-        meshes=read_meshes(urdf, frames, document.path.parent),
-        gravity=gravity,
+        shapes=read_shapes(arm, frames),
+        branch_shapes=read_shapes(urdf, on_branches),
+        meshes=read_meshes(urdf, {**frames, **on_branches}, document.path.parent),
+        gravity=frozen(spec.gravity),
         payload=spec.payload,
         torque_limits=_torque_limits(spec, facts),
     )
-    check_agreement(robot, document.path)
+    check_agreement(robot, document.path, tree)
     return robot
+
+
+def _read_facts(
+    spec: RobotSpec, model: pin.Model, arm: Urdf, tree: pin.Model | None, urdf: Urdf
+) -> tuple[RobotFacts, dict[str, LinkFrame]]:
+    """The arm's constants with its branches, and the links of the URDF on these."""
+    facts = read_facts(spec.name, model, arm, spec.base, spec.flange, spec.payload)
+    branches, frames = ((), {}) if tree is None else read_branches(tree, urdf, spec.base, facts)
+    passive = tuple(joint for joint in facts.joints if joint not in spec.controller)
+    return replace(facts, passive=passive, branches=branches), frames
 
 
 def _torque_limits(spec: RobotSpec, facts: RobotFacts) -> Array | None:
@@ -179,12 +190,14 @@ class _Reading:
     def follow(self, urdf: Urdf, facts: RobotFacts, loops: Sequence[Loop] | None) -> bool:
         """Whether each joint has an angle on the pendant or follows by a loop, and a mimic follows; else problems.
 
+        A branch always follows.
+
         loops: None where not all could be read
         """
         before = len(self.problems)
         turned = {joint for loop in loops or () for joint in own_joints(loop, facts)}
-        for joint in (j for j in urdf.joints if j.name in facts.joints):
-            driven, name = joint.name not in facts.passive, joint.name
+        for joint in (j for j in urdf.joints if j.name in facts.turning):
+            driven, name = joint.name in facts.driven, joint.name
             if joint.mimic is not None:
                 coupling, leader = coupling_text(name, joint.mimic), joint.mimic.joint
                 if driven:
@@ -194,6 +207,14 @@ class _Reading:
                 elif name not in turned and loops is not None:
                     message = f"joint {name!r} follows {leader!r} by mimic, and no effect in robot.yaml says so"
                     self.problems.append(joint.place.problem(message, hint=f"Add to effects: {coupling}"))
+            elif name not in facts.joints and name not in turned and loops is not None:
+                message = f"joint {name!r} moves beside the arm, and no effect in robot.yaml determines its angle"
+                hint = (
+                    'Make it type="fixed"; or name it in an effect: as lever or bar of a parallelogram, as a cylinder, '
+                    f"or as the joint of a coupling, such as {{effect: coupling, joint: {name}, follows: "
+                    f"{{{facts.joints[-1]}: 1}}}}."
+                )
+                self.problems.append(joint.place.problem(message, hint=hint))
             elif not driven and name not in turned and loops is not None:
                 other = next(j for j in facts.joints if j != name) if facts.n > 1 else "JOINT"
                 hint = f"Add {name}: {{limits_deg: [.., ..]}}; or, where no actuator drives it, to effects "
@@ -202,7 +223,7 @@ class _Reading:
         return len(self.problems) == before
 
     def mimics(self, urdf: Urdf, facts: RobotFacts, controller: Controller) -> None:
-        """A mimic of the chain says the same as the effect that turns the joint."""
+        """A mimic of the chain says the same as the effect that turns the joint; InputError where it does not."""
         for joint in (j for j in urdf.joints if j.mimic is not None and j.name in facts.joints):
             assert joint.mimic is not None
             if joint.mimic.joint not in facts.joints:
@@ -217,6 +238,18 @@ class _Reading:
                 message = f"joint {joint.name!r}: mimic and the effects of robot.yaml say different things"
                 hint = "The coupling in robot.yaml counts; make the two agree, or take the mimic out of the URDF."
                 self.problems.append(joint.place.problem(message, found=f"{m:g} times {joint.mimic.joint}", hint=hint))
+        self.stop()
+
+    def parameters(
+        self, spec: RobotSpec, effects: Sequence[Effect], facts: RobotFacts, complete: bool
+    ) -> tuple[Parameter, ...]:
+        """The effects' parameters with the values of nominal.yaml; complete: whether all effects could be read."""
+        found = {p.name: p for effect in effects for p in effect.parameters(facts)}
+        nominal = None if spec.nominal is None else self.attempt(lambda: read_yaml(self.file("nominal")))
+        if nominal is not None:
+            found, problems = read_nominal(nominal, found, effects, facts, complete=complete)
+            self.problems += problems
+        return tuple(found.values())
 
     def file(self, key: str) -> Path:
         """The path of a file that robot.yaml names, which must stay in the robot's folder."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -11,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsframework.errors import InputError, Problem
-from qsframework.plugin import Array, RobotFacts
+from qsframework.plugin import Array, Branch, RobotFacts
 from qsframework.plugin.facts import frozen
 from qsframework.robot.checks import chain_joints
 from qsframework.robot.expand import inside
@@ -56,22 +57,56 @@ def read_facts(
     joints = tuple(joint.name for joint in chain)
     if tuple(model.names)[1:] != joints or model.nq != len(joints) or model.nv != len(joints):
         raise InputError(Problem("Pinocchio reads another chain than the file holds", file=str(urdf.path)))
-    axes: list[Array] = []
-    for k in range(1, model.njoints):
-        data = model.joints[k].createData()
-        model.joints[k].calc(data, np.zeros(model.nq))
-        axes.append(np.asarray(data.S, dtype=float).ravel()[3:])
     return RobotFacts(
         name=name,
         joints=joints,
         links=(base, *(joint.child for joint in chain)),
-        axes=frozen(axes),
+        axes=frozen([_axis(model, k) for k in range(1, model.njoints)]),
         placements=frozen([placement.homogeneous for placement in model.jointPlacements][1:]),
         masses=frozen([inertia.mass for inertia in model.inertias]),
         centres=frozen([inertia.lever for inertia in model.inertias]),
         gravity=frozen(model.gravity.linear),
         payload=payload,
     )
+
+
+def read_branches(
+    tree: pin.Model, urdf: Urdf, base: str, facts: RobotFacts
+) -> tuple[tuple[Branch, ...], dict[str, LinkFrame]]:
+    """The links that move beside the arm, and every link of the URDF on them as a frame of one of the bodies.
+
+    tree: the `pin.Model` of the arm with its branches
+    """
+    import pinocchio as pin
+
+    links = {joint.name: joint.child for joint in urdf.joints}
+    names = tuple(tree.names)
+    beside = [k for k in range(1, tree.njoints) if names[k] not in facts.joints]
+    branches = tuple(
+        Branch(
+            joint=names[k],
+            link=links[names[k]],
+            parent=base if tree.parents[k] == 0 else links[names[tree.parents[k]]],
+            placement=frozen(tree.jointPlacements[k].homogeneous),
+            axis=_axis(tree, k),
+            mass=float(tree.inertias[k].mass),
+            centre=frozen(tree.inertias[k].lever),
+        )
+        for k in beside
+    )
+    frames = {
+        frame.name: LinkFrame(facts.n + 1 + beside.index(frame.parentJoint), frozen(frame.placement.homogeneous))
+        for frame in tree.frames
+        if frame.type == pin.FrameType.BODY and frame.parentJoint in beside
+    }
+    return branches, frames
+
+
+def _axis(model: pin.Model, k: int) -> Array:
+    """The axis (3,) of a joint in its frame."""
+    data = model.joints[k].createData()
+    model.joints[k].calc(data, np.zeros(model.nq))
+    return frozen(np.asarray(data.S, dtype=float).ravel()[3:])
 
 
 def read_frames(model: pin.Model) -> MappingProxyType[str, LinkFrame]:
@@ -87,7 +122,7 @@ def read_frames(model: pin.Model) -> MappingProxyType[str, LinkFrame]:
     )
 
 
-def read_shapes(urdf: Urdf, frames: MappingProxyType[str, LinkFrame]) -> tuple[Shape, ...]:
+def read_shapes(urdf: Urdf, frames: Mapping[str, LinkFrame]) -> tuple[Shape, ...]:
     """The simple solids of the visuals, placed on the moving links."""
     return tuple(
         Shape(frame.link, frozen(frame.placement @ visual.origin.matrix()), visual.kind, visual.size, visual.rgba)
@@ -97,7 +132,7 @@ def read_shapes(urdf: Urdf, frames: MappingProxyType[str, LinkFrame]) -> tuple[S
     )
 
 
-def read_meshes(urdf: Urdf, frames: MappingProxyType[str, LinkFrame], folder: Path) -> tuple[MeshShape, ...]:
+def read_meshes(urdf: Urdf, frames: Mapping[str, LinkFrame], folder: Path) -> tuple[MeshShape, ...]:
     """The meshes of the visuals, placed on the moving links, each with its file where that lies in the folder."""
     return tuple(
         MeshShape(

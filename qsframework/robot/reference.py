@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qsframework.plugin import Array
+from qsframework.plugin import Array, RobotFacts
 from qsframework.robot.robot import Robot
+
+if TYPE_CHECKING:
+    import pinocchio as pin
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +44,25 @@ def reference_statics(robot: Robot, q: Array) -> Statics:
         held[:, i] = pin.computeGeneralizedGravity(model, data, angles)
     linear, angular = columns[:3].transpose(1, 0, 2), columns[3:].transpose(1, 0, 2)
     return Statics(places[:, :3, 3], places[:, :3, :3], linear, angular, -held)
+
+
+def reference_branches(tree: pin.Model, facts: RobotFacts, q: Array) -> tuple[Array, Array, Array]:
+    """Of the whole tree at the angles (N, n + b) of arm and branches: where the branches are, and what all weighs.
+
+    positions (b, 3, N), rotations (b, 3, 3, N), and the torque (n + b, N) of the weight on each joint
+    """
+    import pinocchio as pin
+
+    names, data = list(tree.names), tree.createData()
+    joints = [names.index(joint) for joint in facts.turning]
+    places, held = np.empty((len(facts.branches), 4, 4, len(q))), np.empty((len(joints), len(q)))
+    for i, angles in enumerate(q):
+        own = np.empty(tree.nq)
+        own[[k - 1 for k in joints]] = angles
+        pin.forwardKinematics(tree, data, own)
+        places[..., i] = [data.oMi[k].homogeneous for k in joints[facts.n :]]
+        held[:, i] = pin.computeGeneralizedGravity(tree, data, own)[[k - 1 for k in joints]]
+    return places[:, :3, 3], places[:, :3, :3], -held
 
 
 def reference_flange(robot: Robot, q: Array) -> Array:

@@ -68,4 +68,6 @@ class Robot:
     payload: float | None = None
     torque_limits: Array | None = None
     meshes: tuple[MeshShape, ...] = ()
-    """To draw only: collisions count the simple shapes."""
+    branch_shapes: tuple[Shape, ...] = ()
+    """Meshes and the solids of branches are to draw only: collisions count the arm's simple shapes. `Shape.link` of a
+    branch is an index into `RobotFacts.bodies`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -58,8 +59,9 @@ def propose(
         raise InputError(source.unreadable)
     base, flange, chain = choose_chain(source, base, flange)
     every = [joint for joint in chain if joint.moves]
-    following = _following(every)
     arm, dropped = _arm(source, base, chain)
+    bars = [joint for joint in arm.joints if joint.moves and joint.name not in _names(every)]
+    following = {**_following(every), **_following(bars, every)}
     lost = sum(mass_of(source, joint.child) for joint in dropped)
     arm, impossible = with_bodies(arm)
     arm, guessed = with_masses(arm, chain, base)
@@ -87,12 +89,16 @@ def propose(
 
 
 def _arm(urdf: Urdf, base: str, chain: list[Joint]) -> tuple[Urdf, list[Joint]]:
-    """The chain and what is fixed to it; and the moving joints that were left out."""
-    names = {base}
+    """The chain, what is fixed to it and bars that follow its joints; and the moving joints that were left out."""
+    names, turning = {base}, _names(chain)
     joints: list[Joint] = []
     dropped: list[Joint] = []
     for joint in urdf.below(base):
-        if joint.parent in names and (joint in chain or not joint.moves):
+        if joint.parent in names and _is_bar(urdf, joint, turning):
+            names.add(joint.child)
+            turning.append(joint.name)
+            joints.append(replace(joint, limits=None, kind="continuous"))
+        elif joint.parent in names and (joint in chain or not joint.moves):
             names.add(joint.child)
             joints.append(replace(joint, limits=None) if joint.kind == "continuous" else joint)
         elif joint.moves:
@@ -101,13 +107,24 @@ def _arm(urdf: Urdf, base: str, chain: list[Joint]) -> tuple[Urdf, list[Joint]]:
     return replace(urdf, links=links, joints=tuple(joints)), dropped
 
 
-def _following(moving: list[Joint]) -> dict[str, Mimic]:
-    """The joints of the arm that follow others. InputError where one follows a joint that is no part of the arm."""
-    names = [joint.name for joint in moving]
+def _names(joints: Sequence[Joint]) -> list[str]:
+    return [joint.name for joint in joints]
+
+
+def _is_bar(urdf: Urdf, joint: Joint, turning: Sequence[str]) -> bool:
+    """Whether a joint beside the arm follows one of it and carries a mass."""
+    follows = joint.mimic is not None and joint.mimic.joint in turning and joint.name not in turning
+    return follows and joint.kind in ("revolute", "continuous") and mass_of(urdf, joint.child) > 0.0
+
+
+def _following(moving: Sequence[Joint], before: Sequence[Joint] = ()) -> dict[str, Mimic]:
+    """The joints that follow others. InputError where one follows a joint that is no part of the arm."""
+    names = _names([*before, *moving])
     for joint in moving:
         if joint.mimic is not None and joint.mimic.joint not in names:
             message = f"joint {joint.name!r} follows {joint.mimic.joint!r}, which is no part of the arm"
-            raise InputError(joint.place.problem(message, hint=f"End the arm before it: --flange {joint.parent}."))
+            hint = f"End the arm before it: flange {joint.parent}."
+            raise InputError(joint.place.problem(message, hint=hint, argument=("flange", joint.parent)))
     return {joint.name: joint.mimic for joint in moving if joint.mimic is not None}
 
 

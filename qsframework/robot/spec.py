@@ -16,7 +16,7 @@ from qsframework.files import Document, FileModel, Unit
 from qsframework.files.models import GREATEST
 from qsframework.files.plain import is_mapping
 from qsframework.plugin import Effect, Loop, Parameter, RobotFacts
-from qsframework.plugin.loops import loop_problems
+from qsframework.plugin.loops import loop_problems, with_branches
 from qsframework.plugin.settings import twice_hint
 from qsframework.robot.named_files import entry_effects
 
@@ -61,16 +61,26 @@ def read_effects(
     effects: dict[str, Effect] = {}
     places: dict[str, Place] = {}
     problems: list[Problem] = []
-    for i, entry in enumerate(entries):
+    refused: dict[int, list[Problem]] = {}
+
+    def read(i: int) -> None:
         here: Place = {"file": str(document.path), "line": document.line("effects", i)}
         try:
-            for effect in entry_effects(entry, document.path.parent, facts, markers, trust=trust):
+            for effect in entry_effects(entries[i], document.path.parent, facts, markers, trust=trust):
                 if effect.name in effects:
                     hint = twice_hint(type(effect))
                     problems.append(Problem(f"the effect {effect.name} stands here a second time", **here, hint=hint))
                 effects[effect.name], places[effect.name] = effect, here
+            refused.pop(i, None)
         except InputError as error:
-            problems += [p if p.file else replace(p, **here) for p in error.problems]
+            refused[i] = [p if p.file else replace(p, **here) for p in error.problems]
+
+    for i in range(len(entries)):
+        read(i)
+    facts = with_branches(facts, [*effects.values()])
+    for i in [*refused]:  # it may hang on a link that a loop of the list brings along
+        read(i)
+    problems += [p for told in refused.values() for p in told]
     loops = [effect for effect in effects.values() if isinstance(effect, Loop)]
     problems += [replace(p, **places[name]) for name, p in loop_problems(loops, facts).items()]
     return tuple(sorted(effects.values(), key=lambda e: (e.stage, e.order))), problems

@@ -19,7 +19,7 @@ _SETTLED = 256
 class Deflection:
     """Loaded minus unloaded at N poses: move (N, links, 3) m and turn (N, links, 3) rad of the links, base axes.
 
-    angles (N, n) rad of the joints, markers (N, K, 3) m, tip (N, 3) m
+    angles (N, n + b) rad of the joints and branches, markers (N, K, 3) m, tip (N, 3) m
     """
 
     move: Array

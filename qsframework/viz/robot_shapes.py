@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from qsframework.plugin import Array, Loop, ParallelSpring, RobotFacts
+from qsframework.plugin.loops import follow
 from qsframework.robot import Robot
 from qsframework.robot.kinematics import Frames
 from qsframework.viz.meshes import Meshes, draw_meshes
@@ -47,7 +48,7 @@ def draw_robot(
     """
     for link, placement in enumerate(links):
         scene.transform(f"{path}/link_{link}", placement)
-    for k, shape in enumerate(robot.shapes):
+    for k, shape in enumerate((*robot.shapes, *robot.branch_shapes)):
         if shape.link in without:
             continue
         colour = (*(tint or shape.rgba)[:3], shape.rgba[3] * opacity)
@@ -92,9 +93,11 @@ def draw_loops(
     """The bars of every closed loop, where its effect says they are."""
     radius = 0.6 * _THIN * reach(robot.facts)
     colour = (*(tint or _BAR)[:3], opacity)
-    for k, loop in enumerate(e for e in robot.effects if isinstance(e, Loop)):
-        joints = [robot.facts.joint_index(j) for j in loop.joints(robot.facts)]
-        ends = loop.outline(q[None, joints], robot.facts)
+    loops = [e for e in robot.effects if isinstance(e, Loop)]
+    every = follow(loops, q[None], robot.facts) if robot.facts.branches else q[None]
+    for k, loop in enumerate(loops):
+        joints = [robot.facts.turning_index(j) for j in loop.joints(robot.facts)]
+        ends = loop.outline(every[:, joints], robot.facts)
         if ends is None or not np.isfinite(ends).all():  # an exaggerated loop may be open
             continue
         frame = links[joints[0]] @ robot.facts.placements[joints[0]]

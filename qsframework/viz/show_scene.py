@@ -135,7 +135,7 @@ class _Drawing:
     def _deflected(self, path: str, i: int, given: Deflection) -> None:
         scene, where = self.scene, f"{path}/deflected"
         links = given.links(self.frames[i], i, self.scale)
-        q = self.plan.q[i] + self.scale * given.angles[i]
+        q = self.plan.q[i] + self.scale * given.angles[i, : self.plan.q.shape[1]]
         still = frozenset(np.flatnonzero(np.abs(links - self.frames[i]).max(axis=(1, 2)) < _STILL).tolist())
         draw_robot(scene, where, self.experiment.robot, links, q, _OPACITY, _DEFLECTED, still, self.meshes)
         points = [("tip", self.state.tip.position[:, i], given.tip[i])]

@@ -218,7 +218,7 @@ def test_a_load_is_named_once_the_arm_has_stopped(
     assert not read.plan_differences(plan)
     loads = dict(zip(plan.pose, plan.load, strict=True))
     assert all(stop.holds(loads.get(stop.pose, "")) for stop in read.stops)
-    assert any("--hold it waits" in note for note in made.notes) == (pause is not None)
+    assert any("without a pause it waits" in note for note in made.notes) == (pause is not None)
     if to == "csv":
         assert "# load: hang it after the arm has stopped, take it off again before the arm starts\n" in text
     else:
@@ -280,7 +280,7 @@ def test_wrong_plans(m900ib: Experiment, cell: Experiment, plan: Plan, programme
     hit = surroundings(cell).broken(down)
     with pytest.raises(InputError, match=r"pose 'p01': breaks 'floor'"):
         make_programme(cell, plan_of(cell, down[hit["floor"] & ~hit["self collision"]][:1]))
-    with pytest.raises(InputError, match=r"fanuc-ls is for controllers by FANUC; found KUKA KR500. Use --to krl"):
+    with pytest.raises(InputError, match=r"fanuc-ls is for controllers by FANUC; found KUKA KR500. Use krl"):
         export(replace(programme, title="KUKA KR500"), plan, "fanuc-ls", tmp_path / "x.ls")
     with pytest.raises(InputError, match="unknown format 'rapid'"):
         export(programme, plan, "rapid", tmp_path / "x.mod")

@@ -103,5 +103,5 @@ def test_a_direction_that_one_pose_carries_costs_nothing_elsewhere(real: Diagnos
     white[:, -1] = raw[:, -1] = 0.0
     white[pose, -1] = np.array([1.0, 2.0, -1.0])
     one = replace(case, A=white, raw=raw)
-    _, held = linear_errors(one, [], real.baseline.residuals)
+    _, held, _ = linear_errors(one, [], real.baseline.residuals)
     assert held == pytest.approx(refitted(one, [], real.baseline.residuals), rel=1e-9)

@@ -15,7 +15,7 @@ from qsframework.diagnose import diagnose
 from qsframework.diagnose.residuals.audited_rows import split_told
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, arm_axes, variables_of
 from qsframework.diagnose.residuals.noise_components import make_basis
-from qsframework.diagnose.selection.family_test import Block, score
+from qsframework.diagnose.selection.family_test import Block, family_test
 from qsframework.diagnose.selection.rivals import falls_of
 from qsframework.diagnose.verdict import misfits, verdict_of
 from qsframework.discriminate.alternatives import _directions, _marker  # pyright: ignore[reportPrivateUsage]
@@ -23,6 +23,8 @@ from qsframework.discriminate.follow_up import _pairs, second_day  # pyright: ig
 from qsframework.discriminate.pair import noise_of, with_loads
 from qsframework.discriminate.t_optimal import _left, told  # pyright: ignore[reportPrivateUsage]
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
+from qsframework.estimation import Independent
+from qsframework.estimation.visit_noise import VisitNoise, reml
 from qsframework.experiment import bridge, make_rows
 from qsframework.experiment.setup import Noise
 from qsframework.forecast.effect_size import Bench
@@ -70,8 +72,9 @@ def refused(level: float) -> None:
 
 def test_no_direction_no_statistic() -> None:
     """Causes that these readings cannot show score nothing and have p = 1."""
-    found = score([Block(np.zeros((9, 0)), False)] * 3, np.ones(9), draws=50)
-    assert found.statistic.tolist() == [0.0, 0.0, 0.0]
+    noise = VisitNoise(np.zeros(1), (Independent(np.ones(9)),), 9, 1.0)
+    found = family_test([Block(np.zeros((9, 0)))] * 3, reml(noise, np.ones((9, 1)), 9), np.ones(9), draws=50)
+    assert found.size.tolist() == [0.0, 0.0, 0.0]
     assert found.p_adjusted.tolist() == [1.0, 1.0, 1.0]
     assert found.p_value == 1.0
     assert make_basis(np.full((4, 3, 2), 1e-12)).Q.shape == (12, 0)

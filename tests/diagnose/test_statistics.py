@@ -12,11 +12,12 @@ import pytest
 from qsframework.diagnose.linearization.candidates import REACH, find_causes
 from qsframework.diagnose.linearization.columns import Case, Subspace, plan_case
 from qsframework.diagnose.residuals.dictionary import Motions, close, motions
-from qsframework.diagnose.selection.family_test import Block, blocks_of, score
+from qsframework.diagnose.selection.family_test import Block, chance, family_test, log_p_values
 from qsframework.diagnose.selection.influence import hangs_on
+from qsframework.diagnose.selection.model_selection import blocks_of
 from qsframework.diagnose.selection.rivals import rival_set
 from qsframework.diagnose.selection.search import Gram, Subset, make_gram, search
-from qsframework.estimation import Independent
+from qsframework.estimation.visit_noise import Reml, VisitNoise, reml
 from qsframework.experiment import make_rows
 from qsframework.experiment.simulate import displaced
 from qsframework.plugin import Array, Poses
@@ -31,6 +32,12 @@ def linear() -> tuple[Case, tuple[Subspace, ...]]:
     causes, _ = find_causes(experiment, experiment.fit_names(), planned)
     case = plan_case(experiment, planned, experiment.fit_names(), causes, SIGMA)
     return case, case.subspaces()
+
+
+def lone(case: Case) -> Reml:
+    """Fits of the case's own columns, in noise of which visits share nothing."""
+    noise = VisitNoise(np.zeros(1), (case.noise,), len(case.pose), 1.0)
+    return reml(noise, case.raw[:, : case.A.shape[1]], len(case.pose))
 
 
 def noise_left(case: Case, rng: np.random.Generator) -> Array:
@@ -72,38 +79,42 @@ def test_invisible_causes_stay_below_four_units_at_ten_times_their_typical_size(
 
 def test_max_t_keeps_its_level() -> None:
     case, subspaces = linear()
-    blocks = blocks_of(subspaces)
+    blocks, fits = blocks_of(case, subspaces), lone(case)
     rng = np.random.default_rng(0)
-    threshold = score(blocks, noise_left(case, rng), seed=1).threshold(0.04)
-    runs = 1500
-    hits = sum(score(blocks, noise_left(case, rng), draws=10).log_p.min() <= threshold for _ in range(runs))
-    assert 0.025 < hits / runs < 0.058  # 0.04 and four sds
+    threshold = family_test(blocks, fits, noise_left(case, rng) * SIGMA, seed=1, draws=4000).threshold(0.04)
+    runs = 600
+    found = [family_test(blocks, fits, noise_left(case, rng) * SIGMA, draws=1).log_p.min() for _ in range(runs)]
+    assert 0.015 < np.mean(np.array(found) <= threshold) < 0.072  # 0.04 and four sds
 
 
-def test_estimated_noise_keeps_its_level_too() -> None:
+def test_chance_is_that_of_orthonormal_blocks_in_estimated_noise() -> None:
     rng = np.random.default_rng(1)
     Q, _ = np.linalg.qr(rng.standard_normal((60, 10)))
     blocks = [Block(Q[:, :1]), Block(Q[:, 1:4]), Block(Q[:, 4:5], True), Block(Q[:, 5:10])]
-    threshold = score(blocks, rng.standard_normal(60), nu=20, draws=20000).threshold(0.05)
+    dof, sided = np.array([1, 3, 1, 5]), np.array([False, False, True, False])
+    threshold = np.quantile(chance(blocks, 20.0, draws=20000), 0.05)
     hits = 0
     for _ in range(3000):
-        unit = np.sqrt(rng.chisquare(20) / 20)
-        hits += score(blocks, rng.standard_normal(60) / unit, nu=20, draws=10).log_p.min() <= threshold
+        r = rng.standard_normal(60) / np.sqrt(rng.chisquare(20) / 20)
+        squares = np.array([np.square(b.columns.T @ r).sum() for b in blocks])
+        squares[2] *= Q[:, 4] @ r > 0.0
+        hits += log_p_values(squares, dof, sided, 20.0).min() <= threshold
     assert 0.034 < hits / 3000 < 0.066
 
 
 def test_detection_reaches_its_goal_at_s_of_four_and_a_half() -> None:
     case, subspaces = linear()
-    blocks = blocks_of(subspaces)
+    blocks, fits = blocks_of(case, subspaces), lone(case)
     rng = np.random.default_rng(2)
-    threshold = score(blocks, noise_left(case, rng), seed=1).threshold(0.04)
+    threshold = family_test(blocks, fits, noise_left(case, rng) * SIGMA, seed=1).threshold(0.04)
     seen = [s for s in subspaces if s.visible]
     hits = []
-    for _ in range(600):
+    for _ in range(400):
         s = seen[rng.integers(len(seen))]
         direction = s.Q[:, 0] if s.one_sided else s.Q @ _unit(rng, s.Q.shape[1])
-        hits.append(score(blocks, noise_left(case, rng) + 4.5 * direction, draws=10).log_p.min() <= threshold)
-    assert np.mean(hits) > 0.80
+        y = SIGMA * (noise_left(case, rng) + 4.5 * direction)
+        hits.append(family_test(blocks, fits, y, draws=1).log_p.min() <= threshold)
+    assert np.mean(hits) > 0.78
 
 
 def _unit(rng: np.random.Generator, k: int) -> Array:
@@ -118,7 +129,7 @@ def small(seed: int) -> tuple[list[Subspace], Array, Gram]:
     seen = [i for i, s in enumerate(subspaces) if s.visible]
     chosen = [subspaces[i] for i in rng.choice(seen, 8, replace=False)]
     residuals = noise_left(case, rng) + 12.0 * chosen[0].Q[:, 0] + 9.0 * chosen[1].Q[:, -1]
-    return chosen, residuals, make_gram(chosen, residuals, True, None)
+    return chosen, residuals, make_gram(chosen, residuals, None)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -199,12 +210,11 @@ def test_deleting_poses_agrees_with_refits() -> None:
 
 def test_the_dictionary_is_silent_on_noise_and_sees_a_coupling_between_joints() -> None:
     case, _ = linear()
-    noise = Independent(np.full(len(case.pose), SIGMA))
-    moved = moved_of(case, poses(3))
+    moved, fits, every = moved_of(case, poses(3)), lone(case), np.ones(len(case.pose), dtype=bool)
     rng = np.random.default_rng(3)
-    runs = 250
+    runs = 120
     flags = sum(
-        bool(close(moved, 6, case.A, noise_left(case, rng), noise, np.inf, 400, k).leftovers(0.05)) for k in range(runs)
+        bool(close(moved, 6, fits, noise_left(case, rng) * SIGMA, every, k).leftovers(0.05)) for k in range(runs)
     )
     assert flags / runs < 0.05 + 4 * np.sqrt(0.05 * 0.95 / runs)
     # the drive of joint 5 gives under the torque of joint 2: no effect of the library does that
@@ -212,9 +222,7 @@ def test_the_dictionary_is_silent_on_noise_and_sees_a_coupling_between_joints() 
     Q, _ = np.linalg.qr(case.A)
     extra -= Q @ (Q.T @ extra)
     extra *= 10.0 / np.linalg.norm(extra)
-    hits = [
-        close(moved, 6, case.A, noise_left(case, rng) + extra, noise, np.inf, 400, k).leftovers(0.05) for k in range(40)
-    ]
+    hits = [close(moved, 6, fits, SIGMA * (noise_left(case, rng) + extra), every, k).leftovers(0.05) for k in range(40)]
     assert sum(bool(h) for h in hits) >= 38
     assert sum("joint_5" in h[0].place or "link_5" in h[0].place for h in hits if h) >= 30
 
@@ -273,15 +281,18 @@ def test_without_load_the_dictionary_holds_only_what_needs_none() -> None:
     base, _ = linear()
     loaded = poses(3)
     still = replace(loaded, wrench=frozen(np.zeros_like(loaded.wrench)))
-    noise = Independent(np.full(len(base.pose), SIGMA))
+    count = len(base.pose)
+    noise = VisitNoise(np.zeros(1), (base.noise,), count, 1.0)
     seen = {}
     for name, given in (("loaded", loaded), ("still", still)):
         moved = moved_of(base, given)
-        explained = np.random.default_rng(0).standard_normal((len(base.pose), 2))
-        closing = close(moved, 6, explained, np.zeros(len(base.pose)), noise, np.inf, 20, 0)
+        rng = np.random.default_rng(0)
+        fits = reml(noise, rng.standard_normal((count, 2)), count)
+        closing = close(moved, 6, fits, SIGMA * rng.standard_normal(count), np.ones(count, dtype=bool), 0)
         seen[name] = {variable for _, variable in closing.labels}
         assert closing.leftovers(0.05) == ()
     lost = {"the load", "the joint's own angle", "the torque about other axes"}
     assert lost <= seen["loaded"]
     assert seen["still"] == seen["loaded"] - lost
     assert {"the order of the readings", "where the joint came from", "nothing (a constant)"} <= seen["still"]
+    assert "the angle of joint 5" in seen["still"]

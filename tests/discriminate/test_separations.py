@@ -15,7 +15,12 @@ from qsframework.discriminate.separations import separations
 from qsframework.experiment import LoadCase, Marker, make_plan
 from qsframework.plugin import Parameter
 from qsframework.report.words.diagnosis import diagnosis_words, statements, tied_words
-from qsframework.report.words.discrimination import discrimination_words, offer_words, outlook_words
+from qsframework.report.words.discrimination import (
+    discrimination_words,
+    not_separated_words,
+    offer_words,
+    outlook_words,
+)
 from tests.diagnose.cases import campaign, measured, poses as campaign_poses
 
 
@@ -95,9 +100,10 @@ def test_poses_are_offered_in_the_verdict_where_the_angle_is_open(tied: Diagnosi
 def test_what_cannot_be_computed_is_said(tied: Diagnosis) -> None:
     (f,) = tied.findings
     lost = replace(f, rivals=(replace(f.rivals[0], name="nobody[joint_1]"),))
-    pairs, notes = separations(replace(tied, findings=(lost,)), 6)
+    pairs, missing = separations(replace(tied, findings=(lost,)), 6)
     assert pairs == ()
-    assert "nobody[joint_1]" in notes[0]
+    assert missing[0].second == "nobody[joint_1]"
+    assert "nobody[joint_1]" in not_separated_words(missing)[0]
 
 
 def test_without_rivals_there_is_nothing_to_separate(tied: Diagnosis) -> None:

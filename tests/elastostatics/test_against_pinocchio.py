@@ -12,7 +12,6 @@ from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.state import State, place
 from qsframework.plugin import Context, Poses
 from qsframework.robot import Robot, load_robot
-from qsframework.robot.gravity import nominal_moments
 
 TIP = np.array([0.15, 0.0, 0.2])
 MARKERS = (np.array([0.15, 0.1, 0.25]), np.array([-0.1, 0.2, 0.3]))
@@ -92,7 +91,7 @@ def test_positions_and_jacobians_agree_with_pinocchio(robot: Robot, model: Model
 def test_gravity_torque_agrees_with_pinocchio(robot: Robot, model: Model, poses: Poses) -> None:
     """Joint torques of gravity, G' g(q): the masses load actuator 2 through the parallelogram too."""
     state = state_of(model, poses)
-    torque = gravity_torque(state, nominal_moments(robot.facts), np.asarray(robot.gravity))
+    torque = gravity_torque(state, robot.facts.moments, np.asarray(robot.gravity))
     data = robot.model.createData()
     G = np.eye(6)
     G[2, 1] = 1.0

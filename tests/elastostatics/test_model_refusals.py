@@ -47,7 +47,8 @@ def build(experiment: Experiment, **entry: object) -> tuple[Effect, ...]:
 
 
 def test_a_joint_belongs_to_one_loop(m900ib: Experiment) -> None:
-    second = build(m900ib, effect="coupling", joint="joint_3", follows={"joint_2": 1})
+    lengths = {"lever_m": 0.75, "bar_m": 1.2, "rocker_mm": 600}
+    second = build(m900ib, effect="four_bar", driver="joint_2", driven="joint_3", **lengths)
     with pytest.raises(InputError, match="a joint belongs to one loop only"):
         wide(m900ib, *second)
 

@@ -33,16 +33,16 @@ def arm(robot: Robot) -> Model:
     return make_model(robot.facts, robot.effects, robot.parameters, Site(6, MARKERS[0]), markers, robot.gravity)
 
 
+def rigid(m: Model) -> np.ndarray:
+    """Nothing gives and nothing errs; the balancer's pivots stay where they are."""
+    return np.array([p.nominal if p.by_name else 0.0 for p in m.parameters])
+
+
 def arm_poses(robot: Robot, count: int) -> Poses:
     rng = np.random.default_rng(5)
     pendant = rng.uniform(robot.controller.lower, robot.controller.upper, (count, 6))
     wrench = rng.normal(0.0, 1.0, (count, 6)) * np.array([2e3] * 3 + [300.0] * 3)
     return Poses(pendant, robot.controller.to_joints(pendant), wrench)
-
-
-def rigid(m: Model) -> np.ndarray:
-    """Parameter values at which nothing gives: a balancer keeps its place."""
-    return np.where([name.endswith((".lc", ".l2")) for name in m.names], m.nominal, 0.0)
 
 
 @STATES

@@ -8,7 +8,7 @@ import pytest
 
 from qsframework.design import generate_candidates
 from qsframework.diagnose.linearization.candidates import find_causes, widened
-from qsframework.diagnose.selection.family_test import blocks_of, log_p_values
+from qsframework.diagnose.selection.family_test import log_p_values
 from qsframework.elastostatics import exact_readings
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.experiment import example, load_experiment
@@ -43,7 +43,7 @@ def laboratory(foresight):
     """Falls of chi-square of every cause (draws, G) in measurements with a whitened trace y (m,) added, and limits."""
     case = foresight.case
     subspaces = case.subspaces()
-    blocks = blocks_of(subspaces)
+    blocks = subspaces
     sizes = np.array([b.Q.shape[1] for b in blocks])
     sided = np.array([b.one_sided for b in blocks])
     Q = np.concatenate([b.Q for b in blocks], axis=1)

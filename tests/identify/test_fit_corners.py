@@ -75,8 +75,11 @@ def test_the_two_step_method_knows_its_arm(m900ib: Experiment, r2000ic: Experime
         return m900ib.with_(effects=effects, parameters=tuple(p for e in effects for p in e.parameters(facts)))
 
     second = wider(effect="compensator_stiffness", joint="joint_3", lc_m=0.3, l2_m=1.0)
-    with pytest.raises(InputError, match="knows one balanced joint"):
+    with pytest.raises(InputError, match=r"one balancer; .*\[joint_2\], .*\[joint_3\]\. Use method one-step"):
         find_balanced(second.model())
+    beside = wider(effect="compensator_stiffness", joint="joint_2", lc_m=0.3, l2_m=1.0, label="left")
+    with pytest.raises(InputError, match=r"one balancer; .*\[joint_2\], .*\[joint_2/left\]\. Use method one-step"):
+        find_balanced(beside.model())
     hard = wider(effect="joint_hardening", joint="joint_4")
     with pytest.raises(InputError, match="needs springs that are linear in their torque"):
         find_balanced(hard.model())

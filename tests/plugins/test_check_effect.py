@@ -12,6 +12,7 @@ from qsframework.errors import PluginError
 from qsframework.plugin import (
     Array,
     At,
+    Branch,
     Context,
     Effect,
     InputError,
@@ -34,7 +35,16 @@ from qsframework.plugin import (
 from qsframework.plugin.check import sample_robot
 from qsframework.plugin.terms import Reading
 
-ROBOT = sample_robot()
+ROD = Branch(
+    joint="rod_joint",
+    link="rod",
+    parent="link_1",
+    placement=np.array([[1, 0, 0, 0.31], [0, 1, 0, 0.1], [0, 0, 1, 0.4], [0, 0, 0, 1.0]]),
+    axis=np.array([0.0, -1.0, 0.0]),
+    mass=80.0,
+    centre=np.array([0.0, 0.0, 0.3]),
+)
+ROBOT = replace(sample_robot(), branches=(ROD,))
 SETTINGS = {
     "counterweight": {"link": "link_2", "x_m": 0.1, "y_m": 0.0, "z_m": -0.5},
     "compensator_friction": {
@@ -57,6 +67,7 @@ SETTINGS = {
         ],
     },
     "base_lift": {"direction": "ry"},
+    "cylinder": {"joint": "rod_joint", "driver": "joint_2", "x_m": 0.1, "y_m": 0.0, "z_m": 0.9},
     "bar_compliance": {"driven": "joint_3"},
     "coupling": {"joint": "joint_5", "follows": {"joint_2": 1, "joint_3": -1}, "offset_deg": 5},
     "gravity_compensator": {"joint": "joint_2", "lc_m": 0.235, "l2_m": 1.12, "zero_deg": 20},
@@ -230,7 +241,7 @@ def test_parameters_are_checked_when_made() -> None:
         ({"effect": "joint_compliance", "joint": 3}, "must be a name"),
         ({"effect": "joint_compliance", "joint": "joint_9"}, "no joint 'joint_9'"),
         ({"effect": "joint_compliance", "joint": "joint_1", "colour": "red"}, "unknown key"),
-        ({"effect": "controller_coupling", "joint": "joint_1"}, "and one before it"),
+        ({"effect": "controller_coupling", "joint": "joint_1"}, "one before it"),
         ({"effect": "parallelogram", "driver": "joint_1", "driven": "joint_3", "lever_m": 1}, "needs parallel axes"),
     ],
 )

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from pinocchio_energy import energy_tip
 
 from qsframework.elastostatics import Model, Site, full_displacement, make_model
 from qsframework.elastostatics.motion import move, nominal_actuators
@@ -82,37 +83,6 @@ def test_jacobians_of_chained_loops_are_pinocchio_s(palletizer: Robot) -> None:
         np.testing.assert_allclose(D[i], (J @ G)[:, [0, 1, 2, 4]], atol=1e-12)
 
 
-def energy_tip(robot: Robot, q_of: object, c: np.ndarray, force: np.ndarray, phi: np.ndarray) -> np.ndarray:
-    """The tip where springs, weight and a force are in balance, by Pinocchio and Newton on the slope of the energy.
-
-    q_of: joint angles and their rates per actuator; c: compliances, 0 for rigid
-    """
-    model, data = robot.model, robot.model.createData()
-    soft = np.flatnonzero(c)
-    eps = np.zeros(len(c))
-
-    def slope(eps: np.ndarray) -> np.ndarray:
-        q, G = q_of(phi + eps)  # type: ignore[operator]
-        pin.computeJointJacobians(model, data, q)
-        J = pin.getJointJacobian(model, data, model.njoints - 1, pin.LOCAL_WORLD_ALIGNED)
-        arm = data.oMi[model.njoints - 1].rotation @ TOOL
-        load = J[:3].T @ force + J[3:].T @ np.cross(arm, force)
-        return (eps / np.where(c > 0, c, 1) - G.T @ (load - pin.computeGeneralizedGravity(model, data, q)))[soft]
-
-    for _ in range(30):
-        H = np.empty((len(soft), len(soft)))
-        for j, k in enumerate(soft):
-            h = np.zeros(len(c))
-            h[k] = 1e-6
-            H[:, j] = (slope(eps + h) - slope(eps - h)) / 2e-6
-        step = np.linalg.solve(H, slope(eps))
-        eps[soft] -= step
-        if np.abs(step).max() < 1e-14:
-            break
-    pin.forwardKinematics(model, data, q_of(phi + eps)[0])  # type: ignore[operator]
-    return data.oMi[model.njoints - 1].act(TOOL)
-
-
 def test_the_equilibrium_is_where_the_energy_is_least(palletizer: Robot) -> None:
     """What follows moves along when the springs give: an energy written with Pinocchio and the closed rods alone."""
     c = np.array([0.5e-6, 0.4e-6, 0.6e-6, 0.0, 4e-6])
@@ -123,7 +93,10 @@ def test_the_equilibrium_is_where_the_energy_is_least(palletizer: Robot) -> None
     ours = full_displacement(model, poses)[:, 0]
     for i in range(5):
         phi = np.linalg.solve(rates, poses.q[i])
-        tips = [energy_tip(palletizer, lambda p: (rates @ p, rates), c, f, phi) for f in (wrench[i, :3], np.zeros(3))]
+        tips = [
+            energy_tip(palletizer.model, lambda p: (rates @ p, rates), c, f, phi, 5, TOOL)
+            for f in (wrench[i, :3], np.zeros(3))
+        ]
         np.testing.assert_allclose(ours[i], tips[0] - tips[1], atol=1e-9)
 
 

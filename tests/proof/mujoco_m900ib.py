@@ -8,6 +8,8 @@ connect constraint, and the elbow has no spring at all. The balancer is a tendon
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 
@@ -18,6 +20,17 @@ CENTRES = np.array([(0.20, 0, -0.10), (0, 0, 0.55), (0.10, 0, 0.15), (0.60, 0, 0
 STIFFNESS = (6.0e6, 7.0e6, 5.0e6, 1.2e6, 1.0e6, 0.8e6)
 LEVER, BALANCER, SPRING, FREE_LENGTH = 0.75, 0.235, 1.0e5, 0.70
 STEP, SECONDS = 5e-4, 3.0
+
+
+@dataclass(frozen=True)
+class Rod:
+    """Mass (kg) and its centre (m) of lever or bar, from its pivot, as it stands at zero joint angles."""
+
+    mass: float = 1e-3
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+LIGHT = Rod()
 
 
 def rotation(axis: np.ndarray, angle: float) -> np.ndarray:
@@ -44,7 +57,9 @@ def text(values: np.ndarray) -> str:
     return " ".join(f"{v:.15g}" for v in values)
 
 
-def mjcf(q: np.ndarray, point: np.ndarray, bar_stiffness: float | None) -> str:
+def mjcf(
+    q: np.ndarray, point: np.ndarray, bar_stiffness: float | None, lever_rod: Rod = LIGHT, bar_rod: Rod = LIGHT
+) -> str:
     """The model at one commanded pose; `bar_stiffness` (N/m) makes the bar telescope on a spring."""
     o, a, R = frames(q)
     pivot = o[2] + R[2] @ np.array([-LEVER, 0.0, 0.0])
@@ -74,13 +89,14 @@ def mjcf(q: np.ndarray, point: np.ndarray, bar_stiffness: float | None) -> str:
     bar = (
         f'<body name="bar" pos="{text(lever_end - o[1])}">'
         f'<joint name="bar" type="hinge" axis="{text(a[1])}" damping="2e3" armature="50"/>{slide}'
-        '<inertial pos="0 0 0" mass="1e-3" diaginertia="1e-3 1e-3 1e-3"/></body>'
+        f'<inertial pos="{text(R[1] @ bar_rod.centre)}" mass="{bar_rod.mass}" diaginertia="1e-3 1e-3 1e-3"/></body>'
     )
     lever = (
         f'<body name="lever" pos="{text(o[1] - o[0])}">'
         f'<joint name="lever" type="hinge" axis="{text(a[1])}" stiffness="{STIFFNESS[2]}" '
         f'damping="{0.02 * STIFFNESS[2]}" armature="100"/>'
-        f'<inertial pos="0 0 0" mass="1e-3" diaginertia="1e-3 1e-3 1e-3"/>{bar}</body>'
+        f'<inertial pos="{text(R[2] @ lever_rod.centre)}" mass="{lever_rod.mass}" diaginertia="1e-3 1e-3 1e-3"/>'
+        f"{bar}</body>"
     )
     base_pivot = f'<site name="base_pivot" pos="{text(o[1] - o[0] + R[0] @ np.array([0, 0, BALANCER]))}"/>'
     link1 = body(0, np.zeros(3), base_pivot + link2 + lever)
@@ -110,7 +126,20 @@ def settle(model: mujoco.MjModel, force: np.ndarray) -> np.ndarray:
     return data.site_xpos[site].copy()
 
 
-def displacement(q: np.ndarray, force: np.ndarray, point: np.ndarray, bar_stiffness: float | None = None) -> np.ndarray:
+def displacement(
+    q: np.ndarray,
+    force: np.ndarray,
+    point: np.ndarray,
+    bar_stiffness: float | None = None,
+    lever: Rod = LIGHT,
+    bar: Rod = LIGHT,
+) -> np.ndarray:
     """Loaded minus unloaded position (3,) m of the load point at URDF angles q (6,)."""
-    model = mujoco.MjModel.from_xml_string(mjcf(q, point, bar_stiffness))
+    model = mujoco.MjModel.from_xml_string(mjcf(q, point, bar_stiffness, lever, bar))
     return settle(model, force) - settle(model, np.zeros(3))
+
+
+def sag_by(q: np.ndarray, point: np.ndarray, bar_stiffness: float | None, lever: Rod, bar: Rod) -> np.ndarray:
+    """By how much (3,) m the weight of lever and bar moves the load point of the unloaded arm."""
+    heavy, light = (mjcf(q, point, bar_stiffness, *rods) for rods in ((lever, bar), (LIGHT, LIGHT)))
+    return np.subtract(*(settle(mujoco.MjModel.from_xml_string(m), np.zeros(3)) for m in (heavy, light)))

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from pathlib import Path
 
 import mujoco_m900ib as mj
 import numpy as np
 import pytest
 
-from qsframework.elastostatics import Model, Site, full_displacement, make_model
+from qsframework.elastostatics import Model, Site, equilibrium, full_displacement, make_model
 from qsframework.plugin import Poses, build_effects
 from qsframework.robot import Robot, load_robot
 
 PAIRS = 40
+MACHINES = Path(__file__).parents[1] / "robots" / "machines"
 FORCE = 5e3
 POINT = np.array([0.15, 0.0, 0.2])
 
@@ -97,3 +99,51 @@ def test_the_bar_s_share_grows_as_the_loop_flattens(robot: Robot) -> None:
         shares.append((sag[0] - sag[1]) / sag[1])
     assert all(b > a for a, b in itertools.pairwise(shares))
     assert shares[-1] > 10 * shares[0]
+
+
+LEVER, BAR = mj.Rod(780.0, ((-180 * 0.3 - 600 * 1.1) / 780, 0.0, 0.0)), mj.Rod(90.0, (0.0, 0.0, 0.5))
+"""As the machine `counterweight_arm` has them, the mass on the lever included."""
+
+
+@pytest.fixture(scope="module")
+def heavy() -> Robot:
+    return load_robot(MACHINES / "counterweight_arm")
+
+
+def massive(robot: Robot, rods: float = 1.0, bar_compliance: float = 0.0, bar: float = 90.0) -> Model:
+    """The machine with MuJoCo's stiffnesses, its balancer's housing weightless; rods: a factor of all on the lever."""
+    weights = {"housing": 0.0, "lever": 180.0 * rods, "bar": bar * rods}
+    branches = tuple(dataclasses.replace(b, mass=weights[b.link]) for b in robot.facts.branches)
+    facts = dataclasses.replace(robot.facts, branches=branches)
+    effects = (*robot.effects, *build_effects({"effect": "bar_compliance", "driven": "joint_3"}, facts))
+    values = {f"joint_compliance[joint_{k + 1}]": 1 / K for k, K in enumerate(mj.STIFFNESS)}
+    values |= {"bar_compliance[joint_3]": bar_compliance, "counterweight[lever]": 600.0 * rods}
+    every = {p.name: p for e in effects for p in e.parameters(facts)} | {p.name: p for p in robot.parameters}
+    parameters = [dataclasses.replace(p, nominal=values.get(name, p.nominal)) for name, p in every.items()]
+    return make_model(facts, effects, parameters, Site(6, POINT), [("tip", Site(6, POINT))], robot.gravity)
+
+
+def test_massive_bars_and_a_lever_counterweight_give_the_same_displacement(heavy: Robot) -> None:
+    """Within 1 um, and so does the sag by their weight, which is a hundred times that."""
+    rng, m, light = np.random.default_rng(6), massive(heavy), massive(heavy, 0.0)
+    sags: list[float] = []
+    while len(sags) < 8:
+        p = pair(heavy, rng)
+        if m.transmission_margin(p)[0] < 0:
+            continue
+        truth = mj.displacement(p.q[0], p.wrench[0, :3], POINT, lever=LEVER, bar=BAR)
+        assert np.linalg.norm(full_displacement(m, p)[0, 0] - truth) < 1e-6
+        sag = (equilibrium(m, p, loaded=False).tip - equilibrium(light, p, loaded=False).tip)[0]
+        assert np.linalg.norm(sag - mj.sag_by(p.q[0], POINT, None, LEVER, BAR)) < 1e-6
+        sags.append(float(np.linalg.norm(sag)))
+    assert np.median(sags) > 1e-4
+
+
+def test_the_counterweight_on_the_lever_does_not_stretch_a_soft_bar(heavy: Robot) -> None:
+    """The bar's force is the arm's alone; hung on the driven link, the same mass would stretch it."""
+    rng, stiffness, light = np.random.default_rng(7), 3e7, mj.LIGHT
+    for _ in range(3):
+        p = pair(heavy, rng, np.deg2rad(40.0))
+        with_mass, without = (massive(heavy, rods, 1 / stiffness, bar=0.0) for rods in (1.0, 0.0))
+        sag = (equilibrium(with_mass, p, loaded=False).tip - equilibrium(without, p, loaded=False).tip)[0]
+        assert np.linalg.norm(sag - mj.sag_by(p.q[0], POINT, stiffness, LEVER, light)) < 1e-6

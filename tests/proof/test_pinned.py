@@ -198,8 +198,9 @@ FRICTION = Hidden("kr270", "", {"compensator_friction[joint_2]": "0.5"}, 32, "co
 #    Nothing hidden; and a load cell's gain, which nothing can show: the compliances take it up. Campaign, effect, seed.
 CLEAN = [("m900ib", "", 1), ("r2000ic", "", 2), ("kr500", "load_scale", 9)]
 #    examples/hidden_effect, made by benchmarks/hidden.py: what its README says was hidden, s and c3, rad/(N m)^3; then
-#    what is found: s (to 2 %), c3 (to 0.5 %) and its sd (to 3 %).
-HARDENING = ("joint_hardening[joint_3]", (20.0, -1.21e-16), (19.86, -1.2046e-16, 6.06e-18))
+#    what is found: s (to 2 %), c3 (to 0.5 %) and its sd (to 3 %). s was 19.86 in units of the stated noise; it is in
+#    units of the noise that the readings show beside the cause, which is 4 % smaller.
+HARDENING = ("joint_hardening[joint_3]", (20.0, -1.21e-16), (20.80, -1.2046e-16, 6.06e-18))
 #    The real cable pulls with J3 read as relative: the convention is found, then three causes. With these, each with
 #    its rivals, the error at poses left out, mm, falls from one number to the other (to 2 %).
 REAL_CAUSES: dict[str, list[str]] = {

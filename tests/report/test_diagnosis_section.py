@@ -135,10 +135,9 @@ def test_the_budget_is_the_leave_one_out_formula() -> None:
     for pose in np.unique(case.pose):
         at = np.flatnonzero(case.pose == pose)
         out[at] = np.linalg.solve(np.eye(len(at)) - H[np.ix_(at, at)], r[at])
-    sigma = diagnosis.rms.noise  # one size of independent noise on all rows
-    on, held = linear_errors(case, [i], diagnosis.baseline.residuals)
-    assert on == pytest.approx(sigma * float(np.sqrt(np.mean(r**2))), rel=1e-6)
-    assert held == pytest.approx(sigma * float(np.sqrt(np.mean(out**2))), rel=1e-6)
+    on, held, _ = linear_errors(case, [i], diagnosis.baseline.residuals)
+    assert on == pytest.approx(float(np.sqrt(np.mean(case.noise.colour(r) ** 2))), rel=1e-6)
+    assert held == pytest.approx(float(np.sqrt(np.mean(case.noise.colour(out) ** 2))), rel=1e-6)
     assert held == pytest.approx(diagnosis.rms.heldout_extended, rel=0.02)
 
 

@@ -19,6 +19,7 @@ from qsframework.plugin.facts import frozen
 from qsframework.robot import agreement, kinematics, load_robot, loader, robot_names
 from qsframework.robot.agreement import POSES, spread_poses
 
+MACHINES = Path(__file__).parents[1] / "robots" / "machines"
 Spoil = Callable[[Callable[[RobotFacts], RobotFacts]], None]
 
 
@@ -215,3 +216,26 @@ def test_the_poses_spread_over_the_limits(name: str) -> None:
     part = np.sort((pendant - controller.lower) / (controller.upper - controller.lower), axis=0)
     np.testing.assert_allclose(np.diff(part, axis=0), 1.0 / POSES)
     np.testing.assert_array_equal(pendant, spread_poses(controller))
+
+
+@pytest.mark.parametrize(
+    ("field", "change", "words"),
+    [
+        ("centre", [0.0, 0.0, 1e-6], "gravity torque of 'joint_2', 'housing_joint'"),
+        ("axis", [0.0, -2.0, 0.0], "attitude of 'housing' by"),
+        ("placement", 1e-6 * np.outer([1, 0, 0, 0], [0, 0, 0, 1]), "position of 'housing' by"),
+    ],
+)
+def test_branches_too_are_held_to_pinocchio(
+    field: str, change: Any, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = loader.read_branches
+
+    def spoilt(*given: Any) -> Any:
+        (first, *rest), frames = read(*given)
+        wrong = replace(first, **{field: frozen(getattr(first, field) + np.array(change))})
+        return (wrong, *rest), frames
+
+    monkeypatch.setattr(loader, "read_branches", spoilt)
+    text = refused(MACHINES / "counterweight_arm")
+    assert any(words in line for line in text), text

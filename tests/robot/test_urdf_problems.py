@@ -9,6 +9,7 @@ CASES = {
     "zero mass": (('value="5"', 'value="0"'), '<mass value="0"', ("'fore'", "positive mass")),
     "mass is text": (('value="5"', 'value="heavy"'), "heavy", ("'fore'", "value of <mass>", "'heavy'")),
     "mass is nan": (('value="5"', 'value="nan"'), "nan", ("finite number",)),
+    "centre of mass in mm": (('xyz="0.4 0 0"', 'xyz="400 0 0"'), '<mass value="5"', ("'fore'", "400 m", "in metres")),
     "inertia not positive": (('ixx="0.2"', 'ixx="-0.2"'), 'ixx="-0.2"', ("'fore'", "not positive definite")),
     "inertia by products": (
         ('ixx="0.2" iyy="0.6" izz="0.6" ixy="0"', 'ixx="0.2" iyy="0.6" izz="0.6" ixy="0.5"'),
@@ -141,7 +142,13 @@ def test_moving_joint_off_the_chain(small, told):
     ends = '<parent link="tip"/><child link="grip"/>'
     more = f'<link name="grip">{mass}</link>\n<joint name="finger" type="continuous">{ends}</joint>\n</robot>'
     small.edit("small.urdf", ("</robot>", more))
-    told(small.problem(), "small.urdf", small.line("small.urdf", "finger"), "'finger' moves but is not between")
+    told(
+        small.problem(),
+        "small.urdf",
+        small.line("small.urdf", "finger"),
+        "'finger' moves beside the arm",
+        "coupling, joint: finger",
+    )
 
 
 def test_duplicate_link_names_its_first_line(small):

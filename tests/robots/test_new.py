@@ -99,6 +99,32 @@ def test_bars_that_follow_by_mimic_are_left_out_and_told(tmp_path: Path) -> None
     assert "rod" not in proposal.files["arm.urdf"]
 
 
+def test_a_heavy_bar_that_follows_the_arm_is_kept_as_a_branch(tmp_path: Path) -> None:
+    """A lever on axis 2 turns with the forearm, and the bar on it keeps the attitude of link 2."""
+    lever = joint("lever", "l1", "crank", "0.2 0.3 0", k="continuous", more='<mimic joint="c" multiplier="1"/>')
+    bar = joint("bar", "crank", "rod", "-0.4 0 0", more=LIMIT + '<mimic joint="lever" multiplier="-1" offset="0.1"/>')
+    loose = joint("loose", "l2", "flap", k="continuous", more='<mimic joint="c"/>')
+    file = urdf(tmp_path, *ARM, lever, bar, loose)
+    body = '<inertial><mass value="40"/><inertia ixx="1" iyy="1" izz="1"/></inertial>'
+    text = file.read_text()
+    for name in ("crank", "rod"):
+        text = text.replace(f'<link name="{name}"/>', f'<link name="{name}">{body}</link>')
+    file.write_text(text)
+    folder = written(tmp_path, file)
+    spec = (folder / "robot.yaml").read_text()
+    assert "{effect: coupling, joint: lever, follows: {c: 1}}" in spec
+    assert "{effect: coupling, joint: bar, follows: {lever: -1}, offset_deg: 5.729577951}" in spec
+    robot = load_robot(folder)
+    assert [(b.joint, b.parent, b.mass) for b in robot.facts.branches] == [
+        ("lever", "l1", 40.0),
+        ("bar", "crank", 40.0),
+    ]
+    told = (folder / "README.md").read_text()
+    assert "lever follows c" in told
+    assert "left out, as they do not move the flange: loose" in told
+    assert all(c.good for c in check_robot(robot))
+
+
 HOLLOW = (
     *ARM[:4],
     joint("e", "l4", "l5", "0.07 0 0", "0.8 0 0.6"),
@@ -170,7 +196,7 @@ def test_branches_are_asked_for(tmp_path: Path) -> None:
             "no part of the arm",
         ),
         ((joint("a", "base", "l1", k="prismatic"),), "no joint turns"),
-        ((joint("a", "base", "l1", k="prismatic"), joint("b", "l1", "l2")), "prismatic joint .* --base l1"),
+        ((joint("a", "base", "l1", k="prismatic"), joint("b", "l1", "l2")), "prismatic joint .* base l1"),
         ((joint("a", "base", "l1", more=""),), "no limits"),
         ((joint("a", "base", "l1"), joint("b", "other", "l2")), "one root"),
     ],

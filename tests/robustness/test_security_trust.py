@@ -100,7 +100,7 @@ def test_without_trust_nothing_runs_and_the_user_is_told_how(campaign: Path, rob
         (problem,) = caught.value.problems
         assert problem.file == str(file)
         assert problem.line is not None
-        for words in ("soft_ground.py", "run as you", "--trust", "nothing of it was run"):
+        for words in ("soft_ground.py", "run as you", "trust=True", "nothing of it was run"):
             assert words in str(problem)
         assert not was_run(file)
 
@@ -111,7 +111,7 @@ def test_with_trust_it_is_an_effect_like_others(campaign: Path, robot: Path) -> 
     assert experiment.parameters[0].nominal == TRUE
     assert "soft_ground[y]" in [e.name for e in load_robot(robot, trust=True).effects]
     assert was_run(campaign)
-    with pytest.raises(InputError, match="--trust"):
+    with pytest.raises(InputError, match="trust=True"):
         load_experiment(campaign)  # trust is for one call
 
 
@@ -284,7 +284,7 @@ def test_it_is_diagnosed_and_extended(campaign: Path, tmp_path: Path) -> None:
     assert "soft_ground[y]" in named, diagnosis_words(found)
     write_extended(found, tmp_path / "extended")
     assert (tmp_path / "extended" / "robot" / "effects" / "soft_ground.py").read_text() == EFFECT
-    with pytest.raises(InputError, match="--trust"):
+    with pytest.raises(InputError, match="trust=True"):
         load_experiment(tmp_path / "extended" / "experiment.yaml")
     names = load_experiment(tmp_path / "extended" / "experiment.yaml", trust=True).model().names
     assert {"soft_ground[x]", found.findings[0].name} <= set(names)

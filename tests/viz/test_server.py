@@ -95,7 +95,7 @@ def test_a_port_that_is_taken_is_an_error() -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        with pytest.raises(InputError, match=f"port {port} cannot be listened on.*another --port"):
+        with pytest.raises(InputError, match=f"port {port} cannot be listened on.*give another one"):
             serve(Site(lambda watch: "", []), port)
 
 

@@ -47,6 +47,7 @@ class Model:
     nq: int
     nv: int
     njoints: int
+    parents: Sequence[int]
     names: Sequence[str]
     gravity: Motion
     joints: Sequence[JointModel]

@@ -58,7 +58,8 @@ class Case:
     frames: about which motions are counted; x: values of all parameters of `model`, which holds every cause;
     residuals (m,) whitened, of the baseline fit (zero where nothing has been measured yet); pose (m,): number of the
     pose of each coordinate; raw (m, q): all columns in m, not whitened; held (6 F + f,): weak hold of what is
-    fitted to its value, per column
+    fitted to its value, per column; noise: by which columns and residuals are whitened;
+    grown: how many times the stated noise it is: what is seen is judged by the latter, as a misfit may pass for noise
     """
 
     experiment: Experiment
@@ -73,6 +74,8 @@ class Case:
     pose: Indices
     raw: Array
     held: Array
+    noise: Noise
+    grown: float = 1.0
 
     @property
     def scale(self) -> Array:
@@ -102,8 +105,8 @@ class Case:
     def _subspace(self, cause: Cause, columns: Array, Q: Array, back: Array) -> Subspace:
         U, values, V = np.linalg.svd(left(Q, columns), full_matrices=False)
         size = float(np.linalg.norm(columns, axis=0).max(initial=0.0))
-        reach = REACH * float(values[0]) if len(values) else 0.0
-        seen = (values * REACH >= _DIRECTION) & (values > _ABSORBED * size) & (reach >= VISIBLE)
+        reach = REACH * self.grown * float(values[0]) if len(values) else 0.0
+        seen = (values * REACH * self.grown >= _DIRECTION) & (values > _ABSORBED * size) & (reach >= VISIBLE)
         if len(cause.parameters) == 1 and seen.any() and V[0, 0] < 0.0:
             U, V = -U, -V  # so that a positive coefficient means a larger parameter
         turn = (np.array(cause.sizes)[:, None] * V[seen].T) / values[seen]
@@ -115,7 +118,13 @@ class Case:
         scalars = (3 * kept[:, None] + np.arange(3)).ravel()
         raw = self.raw[scalars]
         A, B = _split(noise.whiten(raw), self.motions + len(self.fitted), self.causes)
-        return replace(self, A=A, B=B, residuals=noise.whiten(residuals.ravel()), pose=self.pose[scalars], raw=raw)
+        white = noise.whiten(residuals.ravel())
+        return replace(self, A=A, B=B, residuals=white, pose=self.pose[scalars], raw=raw, noise=noise)
+
+    def metres(self, i: int) -> Array:
+        """Columns (m, p) m of cause i, per natural size, not whitened."""
+        first = self.motions + len(self.fitted) + sum(len(c.parameters) for c in self.causes[:i])
+        return self.raw[:, first : first + len(self.causes[i].parameters)]
 
 
 def make_case(
@@ -159,6 +168,7 @@ def make_case(
         pose=np.repeat(rows.pose, 3),
         raw=raw,
         held=np.concatenate([np.zeros(6 * len(frames)), 1.0 / held_of(model, fitted)]),
+        noise=noise,
     )
 
 

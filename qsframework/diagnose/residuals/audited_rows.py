@@ -1,4 +1,4 @@
-"""Rows after the audit, replicates, and the lack of fit of a fitted model."""
+"""Rows and the noises that they may have, replicates, and the lack of fit of a fitted model."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ import numpy as np
 
 from qsframework.diagnose.linearization.columns import Case
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, arm_axes, lack_of_fit, variables_of
-from qsframework.diagnose.residuals.noise_components import NoiseAudit, make_basis
+from qsframework.diagnose.residuals.noise_components import FEWEST, make_basis, replicate_basis
 from qsframework.diagnose.selection.exact_refit import Settled
 from qsframework.errors import NotIdentifiable
 from qsframework.estimation import left
+from qsframework.estimation.visit_noise import RHOS, VisitNoise
 from qsframework.experiment import Bridge, Experiment, Readings
 from qsframework.experiment.observations import Rows
 from qsframework.identify.selection import told_names
 from qsframework.plugin import Array, Indices
 
+_MOST_REPEATS = 1500
 _FAR = 1e-6
 """Chance of so little below which an exact fit proves the linear library wrong."""
 
@@ -53,13 +55,42 @@ def split_told(seen: Bridge) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return tuple(told), tuple(n for n in seen.names if n not in told)
 
 
-def audited_rows(rows: Rows, good: Indices, audit: NoiseAudit) -> Rows:
-    """The good rows with their audited sigma, and with what a visit shares."""
+def visit_noise(rows: Rows) -> VisitNoise:
+    """The noises that rows may have, by the size of the error that the markers of a visit share.
+
+    Where every visit has one marker, that error cannot be told from the marker's own: rho is 0. Where the arm's
+    repeatability is stated, rho is known.
+    """
+    own = np.unique(rows.label[rows.label >= 0], return_counts=True)[1]
+    typical = float(np.sqrt(np.mean(rows.sigma[rows.mask] ** 2)))
+    known = rows.readings.repeatability if rows.stated else None
+    rhos = np.array([known / typical]) if known else np.array(RHOS[:1] if lone_visits(rows) else RHOS)
+    noises = tuple(rows.sharing(float(rho) * typical).padded_noise for rho in rhos)
+    return VisitNoise(rhos, noises, len(own), float(own.mean()) if len(own) else 1.0)
+
+
+def lone_visits(rows: Rows) -> bool:
+    """Whether no two readings share a visit and an axis."""
+    own = np.unique(rows.label[rows.label >= 0], return_counts=True)[1]
+    return not len(own) or bool(own.max() < 2)
+
+
+def repeats(rows: Rows) -> Array | None:
+    """Indicators (3 R, g) of the readings that repeat each other; None where too few do, or more than can be held."""
+    pure = replicate_basis(replicates(rows.readings, rows), rows.mask)
+    return pure.Q if pure.dof >= FEWEST and pure.Q.shape[1] <= _MOST_REPEATS else None
+
+
+def in_noise(rows: Rows, unit: float, rho: float) -> Rows:
+    """Rows whose own errors are `unit` times as stated, and that share rho of these in a visit.
+
+    Poses are numbered anew.
+    """
+    typical = float(np.sqrt(np.mean(rows.sigma[rows.mask] ** 2)))
     readings = rows.readings
-    scaled = replace(readings, sigma=readings.sigma * audit.unit, minus_sigma=readings.minus_sigma * audit.unit)
-    kept = replace(rows, readings=scaled).take(good)
-    _, pose = np.unique(kept.pose, return_inverse=True)
-    return replace(kept, pose=pose.astype(np.intp), shared=audit.shared)
+    other = replace(readings, sigma=readings.sigma * unit, minus_sigma=readings.minus_sigma * unit)
+    _, pose = np.unique(rows.pose, return_inverse=True)
+    return replace(rows, readings=other, shared=rho * unit * typical, pose=pose.astype(np.intp))
 
 
 def library_basis(case: Case) -> Array:
@@ -85,8 +116,8 @@ def far_from_linear(case: Case, fit: Settled) -> bool:
     return 1.0 - float(f.sf(ratio, more, dof)) < _FAR
 
 
-def misfit(experiment: Experiment, readings: Readings, rows: Rows, fit: Settled, known: bool) -> LackOfFit:
-    """How far the residuals of a fit are from its noise, and what they depend on. known: the noise's size is stated."""
+def misfit(experiment: Experiment, readings: Readings, rows: Rows, fit: Settled) -> LackOfFit:
+    """How far the residuals of a fit are from the repeats, and what they depend on."""
     shape = (len(rows.keep), 3)
     columns = fit.jacobian.reshape(*shape, -1)
     axes = rows.padded(arm_axes(experiment, rows))
@@ -95,7 +126,7 @@ def misfit(experiment: Experiment, readings: Readings, rows: Rows, fit: Settled,
         columns,
         replicates(readings, rows),
         variables_of(experiment, rows),
-        known,
+        False,
         axes,
         mask=rows.mask,
     )

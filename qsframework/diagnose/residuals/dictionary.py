@@ -11,17 +11,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from qsframework.diagnose.result import Leftover
-from qsframework.diagnose.selection.family_test import Block, Scores, score
+from qsframework.diagnose.selection.family_test import Block, Scores, family_test
 from qsframework.elastostatics import Model, make_model
 from qsframework.elastostatics.evaluation import evaluate_stages
 from qsframework.elastostatics.structure import chunks
-from qsframework.estimation import Noise, left
+from qsframework.estimation.visit_noise import Reml
 from qsframework.experiment import Frame
 from qsframework.experiment.observations import Rows
 from qsframework.plugin import Actuator, Array, Coordinate, Indices, Parameter, Poses, RobotFacts, Spring, VirtualJoint
 
+Flags = npt.NDArray[np.bool_]
 _LEFT = 1e-2
 """Share of a column that must remain beside what is already explained."""
 _AXES = ("x", "y", "z")
@@ -164,7 +166,17 @@ def dictionary(moved: Motions, drives: int) -> Iterator[tuple[str, str, Array]]:
         yield place.name, "nothing (a constant)", D
         for name, value in moved.recorded:
             yield place.name, name, _join(D, value[:, None] * np.ones_like(t), value[:, None] * t)
+    yield from _readings(moved)
     yield from _markers(moved)
+
+
+def _readings(moved: Motions) -> Iterator[tuple[str, str, Array]]:
+    """All readings move alike, along the axes of the base."""
+    ones = np.broadcast_to(np.eye(3), (len(moved.marker), 3, 3))
+    for i in range(moved.q.shape[1]):
+        bends = [f(k * moved.q[:, i, None]) for k in (1, 2) for f in (np.cos, np.sin)]
+        yield "the readings", f"the angle of joint {i + 1}", _join(ones, *bends)
+    yield "the readings", "the order of the readings", _join(ones, moved.order[:, None])
 
 
 def _markers(moved: Motions) -> Iterator[tuple[str, str, Array]]:
@@ -198,21 +210,18 @@ class Closing:
         )
 
 
-def close(
-    moved: Motions, drives: int, explained: Array, white: Array, noise: Noise, nu: float, draws: int, seed: int
-) -> Closing:
-    """Test the dictionary against whitened residuals (m,) of a fit whose whitened columns are `explained` (m, f)."""
-    Q, _ = np.linalg.qr(explained / np.maximum(np.linalg.norm(explained, axis=0), 1e-300))
-    residual = left(Q, white)
+def close(moved: Motions, drives: int, fits: Reml, values: Array, measured: Flags, seed: int) -> Closing:
+    """Test the dictionary against readings (m,) in m, beside what a model fits; measured (m,): those that there are."""
+    k = int(fits.choose(values[:, None])[0])
     labels: list[tuple[str, str]] = []
     blocks: list[Block] = []
     for place, variable, columns in dictionary(moved, drives):
-        flat = noise.whiten(columns.reshape(len(white), -1))
-        norm = np.linalg.norm(flat, axis=0)
-        flat = flat[:, norm > 0.0] / norm[norm > 0.0]
-        U, values, _ = np.linalg.svd(left(Q, flat), full_matrices=False)
-        basis = U[:, values > _LEFT]
-        if basis.shape[1]:
+        flat = columns.reshape(len(values), -1)
+        size: Array = np.linalg.norm(fits.noise.noises[k].whiten(flat), axis=0)
+        flat = flat[:, size > 0.0] / size[size > 0.0]
+        _, sizes, V = np.linalg.svd(fits.left(k, flat), full_matrices=False)
+        seen = sizes > _LEFT
+        if seen.any():
             labels.append((place, variable))
-            blocks.append(Block(basis))
-    return Closing(tuple(labels), score(blocks, residual, nu, draws, seed))
+            blocks.append(Block(flat @ (V[seen].T / sizes[seen])))
+    return Closing(tuple(labels), family_test(blocks, fits, values, seed, measured=measured))

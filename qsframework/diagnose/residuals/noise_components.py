@@ -1,7 +1,7 @@
 """The noise as a hypothesis: gross rows, heavy tails, its true size, and errors that the markers of a pose share.
 
-Everything is judged on what all columns of a library together leave of the residuals, so that physics that any
-candidate could explain does not pass for noise; or on replicates, which no physics explains.
+Everything is judged on what the final model leaves of the residuals, after nothing else was found in them; or on
+replicates, which no physics explains.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qsframework.diagnose.residuals.gross_rows import Basis, Flags, find_outliers, heavy_tails
+from qsframework.diagnose.residuals.gross_rows import Basis, Flags, heavy_tails
 from qsframework.estimation import Noise, grouped
 from qsframework.plugin import Array, Indices
 
@@ -27,12 +27,11 @@ class NoiseAudit:
     """What the readings say about their noise.
 
     unit: true sigma / stated sigma, 1 where nothing speaks against the stated one; unit_source: "stated",
-    "residuals" (of the full library) or "replicates"; measured: the estimate, NaN without any, with `dof` degrees of
-    freedom; p_unit: of the stated sigma, two-sided, NaN where none is stated; shared: sd m of the error that the
-    markers of a measurement share; nu: degrees of freedom by which a test in this noise must allow for its being
-    estimated, inf where it is stated; outliers: row indices to be left out; heavy: p-value of normal tails;
-    p_missing: of the library against the replicates, NaN without them; noise: of the rows that stay, `keep`; stated:
-    whether somebody says its size; level: of each alarm
+        "residuals" (of the final model) or "replicates"; measured: the estimate, NaN without any, with `dof` degrees of
+        freedom; p_unit: of the stated sigma, two-sided, NaN where none is stated; shared: sd m of the error that the
+        markers of a visit share, 0 where that is not significant; outliers: rows that were left out; heavy: p-value of
+        normal tails; p_missing: of the model against the replicates, NaN without them; repeated: whether readings were
+        repeated often enough to tell; stated: whether somebody says its size; level: of each alarm
     """
 
     unit: float
@@ -42,12 +41,10 @@ class NoiseAudit:
     p_unit: float
     shared: float
     p_shared: float
-    nu: float
     outliers: Indices
     heavy: float
     p_missing: float
-    noise: Noise
-    keep: Indices
+    repeated: bool
     stated: bool
     level: float
 
@@ -76,49 +73,41 @@ class Size:
 
 def audit_noise(
     white: Array,
-    library: Array,
+    columns: Array,
     sigma: Array,
     stated: bool,
     measurement: Indices,
     replicate: Indices,
+    *,
+    unit: float,
+    shared: float,
+    outliers: Indices,
     level: float = 0.01,
     mask: Flags | None = None,
-    least: float = 0.0,
 ) -> NoiseAudit:
-    """Audit residuals `white` (R, 3) of the fitted model, whitened by sigma (R,) m, against a `library` (R, 3, q).
+    """Audit residuals `white` (R, 3) of the final model, whitened by sigma (R,) m, beside its columns (R, 3, q).
 
-    library: whitened columns per natural size, of the fitted parameters and of every candidate; measurement (R,):
-    number of the visit; replicate (R,): equal where pose, load and marker are; level: of each alarm; mask (R, 3): what
-    was measured, None: all; least: what rounding alone leaves of a coordinate, in sigmas
+    measurement (R,): number of the visit; replicate (R,): equal where pose, load and marker are; unit, shared (m): the
+    noise that was told beside the model; outliers: rows that were left out before; level: of each alarm; mask (R, 3):
+    what was measured, None: all
     """
-    basis = make_basis(library, mask)
-    enough = basis.dof >= FEWEST
-    out = find_outliers(white, basis, level) if enough else np.zeros(0, dtype=np.intp)
-    keep = np.setdiff1d(np.arange(len(white)), out)
-    kept, rows = basis.take(keep), white[keep]
-    heavy = heavy_tails(rows, kept) if enough else np.nan
-    size, p_missing = _size(rows, kept, sigma[keep], measurement[keep], replicate[keep], level)
+    basis = make_basis(columns, mask)
+    heavy = heavy_tails(white, basis) if basis.dof >= FEWEST else np.nan
+    size, p_missing = _size(white, basis, sigma, measurement, replicate, level)
     p_unit = _two_sided(size) if stated and size.dof else np.nan
     trusted = stated and not p_unit < level
-    unit = 1.0 if trusted else size.unit if size.dof else float(np.sqrt(np.sum(rows**2) / kept.axes.sum()))
-    unit = max(unit, least)
-    shared = size.shared if size.p_shared < level else 0.0
-    nu = min(np.inf if trusted else float(max(size.dof, 1)), size.dof_shared)
-    noise = _noise(sigma[keep] * unit, shared, measurement[keep])
     return NoiseAudit(
-        unit=unit,
+        unit=1.0 if trusted else unit,
         unit_source="stated" if trusted else size.source,
         dof=size.dof,
         measured=size.unit,
         p_unit=p_unit,
-        shared=shared,
+        shared=shared if size.p_shared < level else 0.0,
         p_shared=size.p_shared,
-        nu=nu,
-        outliers=out,
+        outliers=outliers,
         heavy=heavy,
         p_missing=p_missing,
-        noise=noise,
-        keep=keep,
+        repeated=replicate_basis(replicate, mask).dof >= FEWEST,
         stated=stated,
         level=level,
     )

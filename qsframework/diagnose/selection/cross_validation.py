@@ -22,7 +22,9 @@ _SHORT = 16
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Held-out errors per scalar reading and repeat, m: of the identified and of the extended model.
+    """Held-out errors per repeat of the folds and scalar reading (repeats, m): of the identified and of the extended
+    model, in m, zero where nothing was measured; gain: 1 - extended / identified, both whitened by the noise, in which
+    an error that a visit's markers share counts once.
 
     poses: how many there are; repeats: of the folds, 0 where each pose is left out by itself; same: share of the folds
     whose search chose the causes of the whole, or their aliases
@@ -30,6 +32,7 @@ class HeldOut:
 
     identified: Array
     extended: Array
+    gain: float
     poses: int
     repeats: int
     same: float
@@ -45,13 +48,12 @@ class HeldOut:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Search:
-    """How a fold decides: subspaces of the causes, significance (log p), whether the noise is known, one position for
-    each alias class, bounds, causes at most."""
+    """How a fold decides: subspaces of the causes, significance (log p), degrees of freedom of the noise's unit, one
+    position for each alias class, bounds, causes at most."""
 
     subspaces: tuple[Subspace, ...]
     threshold: float
     nu: float
-    stated: bool
     classes: tuple[int, ...]
     bounds: Bounds | None
     largest: int
@@ -76,7 +78,6 @@ def held_out(
     members: Sequence[int],
     alike: Sequence[set[int]],
     how: Search,
-    sigma: Array,
     seed: int = 0,
     repeats: int = REPEATS,
     given: bool = False,
@@ -85,27 +86,28 @@ def held_out(
 
     case: linearised at the baseline; closing: at the extended model, its fitted columns being the baseline's and the
     named causes' (`members`), used in folds that choose these; alike: for each member the causes that count as the
-    same; sigma (m,) m of each scalar; given: whether every fold takes the named causes, without a search: where they
+    same; given: whether every fold takes the named causes, without a search: where they
     are far from linear, a linear one would miss them
     """
-    identified: list[Array] = []
-    extended: list[Array] = []
+    rounds = 1 if len(np.unique(case.pose)) <= LEAVE_ONE_OUT else repeats
+    identified, extended = np.zeros((rounds, len(case.pose))), np.zeros((rounds, len(case.pose)))
     same: list[bool] = []
-    weights = 1.0 / sigma
-    for test in folds(case.pose, seed, repeats):
+    for n, test in enumerate(folds(case.pose, seed, repeats)):
+        at = n // FOLDS if rounds > 1 else 0
         train = np.setdiff1d(np.arange(len(case.pose)), test)
-        identified.append(_errors(case.A, case, train, test) / weights[test])
+        identified[at, test] = _errors(case.A, case, train, test)
         chosen = tuple(members) if given else _choose(case, train, how)
         again = _matches(chosen, alike)
         if closing is not None and again:
-            extended.append(_errors(closing.A, closing, train, test) / weights[test])
+            extended[at, test] = _errors(closing.A, closing, train, test)
         else:
             columns = np.concatenate([case.A, *(case.B[i] for i in chosen)], axis=1)
-            extended.append(_errors(columns, case, train, test) / weights[test])
+            extended[at, test] = _errors(columns, case, train, test)
         same.append(again)
-    count = len(np.unique(case.pose))
-    repeats = 0 if count <= LEAVE_ONE_OUT else repeats
-    return HeldOut(np.concatenate(identified), np.concatenate(extended), count, repeats, float(np.mean(same)))
+    gain = 1.0 - float(np.linalg.norm(extended) / max(np.linalg.norm(identified), 1e-300))
+    poses, cut = len(np.unique(case.pose)), 0 if len(np.unique(case.pose)) <= LEAVE_ONE_OUT else repeats
+    plain = [case.noise.colour(white.T).T for white in (identified, extended)]
+    return HeldOut(plain[0], plain[1], gain, poses, cut, float(np.mean(same)))
 
 
 def _matches(chosen: Sequence[int], alike: Sequence[set[int]]) -> bool:
@@ -132,7 +134,7 @@ def _errors(columns: Array, case: Case, train: Indices, test: Indices) -> Array:
 
 def _choose(case: Case, train: Indices, how: Search) -> tuple[int, ...]:
     """What the search finds in these readings alone: nothing where nothing is significant."""
-    gram = make_gram(how.subspaces, case.residuals, how.stated, how.bounds, case.A, train)
+    gram = make_gram(how.subspaces, case.residuals, how.bounds, case.A, train)
     falls = gram.falls((), gram.visible)
     log_p = _log_p(how.subspaces, gram, falls, how)
     if not len(falls) or log_p.min() > how.threshold:
@@ -147,5 +149,5 @@ def _log_p(subspaces: Sequence[Subspace], gram: Gram, falls: Array, how: Search)
     dof = np.array([subspaces[i].Q.shape[1] for i in gram.visible])
     sided = np.array([gram.sided[i] for i in gram.visible])
     wrong = np.array([gram.sided[i] and gram.c[gram.at[i][0]] < 0.0 for i in gram.visible])
-    unit = 1.0 if np.isinf(how.nu) else max((gram.total - falls.max(initial=0.0)) / max(gram.count - 2, 1), 1e-300)
+    unit = max((gram.total - falls.max(initial=0.0)) / max(gram.count - 2, 1), 1e-300)
     return log_p_values(np.where(wrong, 0.0, falls / unit), dof, sided, how.nu)

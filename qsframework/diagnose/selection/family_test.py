@@ -1,43 +1,50 @@
-"""The score (Lagrange multiplier) test of every cause at once, with family-wise p-values.
+"""The F test of every block of columns at once, with family-wise p-values, in a noise whose size is not known.
 
-One Jacobian at the baseline serves all causes: under the baseline the whitened residuals r are standard normal beside
-the fitted columns, so |Q' r|^2 of a cause with orthonormal directions Q (m, k) is chi-square with k degrees of freedom.
-The largest of all (ranked by log p) is compared with its own distribution, drawn by Monte Carlo: max-T.
+Of whitened readings r that the fitted columns left, a block with k directions takes S = |Q'r|^2 of R = |r|^2, and
+F = (S/k) / ((R - S)/(free - k)). Blocks are ranked by log p of F(k, nu - k); nu allows for the error that visits share,
+whose size rho is estimated. The strongest of all is compared with that of Gaussian draws of the same noise, in each of
+which rho is estimated again; beyond their resolution p is that of F times the number of blocks.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.diagnose.linearization.columns import Subspace
+from qsframework.estimation.visit_noise import Reml
 from qsframework.plugin import Array, Indices
 
 Flags = npt.NDArray[np.bool_]
 
-DRAWS = 2000
+DRAWS = 1000
+_LARGE = 4_000_000
+"""Readings times draws at once."""
+_NEAR = 2
+"""Places of the grid to each side of the estimate that a draw looks at where readings are many: they tell rho well."""
+_MANY = 3000
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Directions Q (m, k), orthonormal; one_sided: only a positive coefficient counts."""
+    """Columns (m, k) of readings in metres, or whitened ones; one_sided: only a positive coefficient counts."""
 
-    Q: Array
+    columns: Array
     one_sided: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """Of G blocks: statistic, degrees of freedom, log p of each alone, and family-wise p-value (G,).
+    """Of G blocks: s estimated, degrees of freedom, log p of each alone, and family-wise p-value (G,).
 
     thresholds: log p that the smallest of all passes by chance, sorted (draws,)
     """
 
-    statistic: Array
-    dof: Array
+    size: Array
+    dof: Indices
     log_p: Array
     p_adjusted: Array
     thresholds: Array
@@ -51,69 +58,127 @@ class Scores:
         """log p below which a block is significant at a family-wise level."""
         return float(np.quantile(self.thresholds, level))
 
-    def s(self) -> Array:
-        """Estimated visible size (G,) in units of noise."""
-        return np.sqrt(np.maximum(self.statistic - self.dof, 0.0))
+
+@dataclass(frozen=True, eq=False)
+class _Bank:
+    """All columns (m, K) of the blocks, those of one size together: their places (blocks, k) by k."""
+
+    columns: Array
+    parts: tuple[tuple[Indices, Indices], ...]
+    sided: Flags
+
+    @cached_property
+    def dof(self) -> Indices:
+        out = np.zeros(len(self.sided), dtype=np.intp)
+        for blocks, at in self.parts:
+            out[blocks] = at.shape[1]
+        return out
+
+    def squares(self, white: Array, left: Array) -> Array:
+        """S (G, d) of residuals (m, d), by columns that are whitened and freed of the fitted ones."""
+        c = white.T @ left
+        out = np.zeros((len(self.sided), left.shape[1]))
+        for blocks, at in self.parts:
+            X = white.T[at]
+            gram: Array = X @ X.transpose(0, 2, 1)
+            gram += 1e-12 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(at.shape[1]) + 1e-300
+            z: Array = np.asarray(np.linalg.solve(np.linalg.cholesky(gram), c[at]), dtype=np.float64)
+            positive = ~self.sided[blocks][:, None] | (z[:, 0] > 0.0)
+            out[blocks] = np.square(z).sum(axis=1) * positive
+        return out
 
 
-def blocks_of(subspaces: Sequence[Subspace]) -> tuple[Block, ...]:
-    """The blocks of causes, invisible ones included with no direction."""
-    return tuple(Block(s.Q, s.one_sided) for s in subspaces)
+def _bank(blocks: Sequence[Block]) -> _Bank:
+    sizes: Indices = np.array([b.columns.shape[1] for b in blocks], dtype=np.intp)
+    first: Indices = np.cumsum(sizes) - sizes
+    parts: list[tuple[Indices, Indices]] = []
+    for k in np.unique(sizes[sizes > 0]).tolist():
+        of = np.flatnonzero(sizes == k)
+        at: Indices = first[of][:, None] + np.arange(int(k))
+        parts.append((of, at))
+    columns = np.concatenate([b.columns for b in blocks], axis=1)
+    return _Bank(columns, tuple(parts), np.array([b.one_sided for b in blocks], dtype=bool))
 
 
-def score(blocks: Sequence[Block], residuals: Array, nu: float = np.inf, draws: int = DRAWS, seed: int = 0) -> Scores:
-    """Test all blocks against whitened residuals (m,) that the fitted columns left.
-
-    nu: degrees of freedom of the noise's unit, infinite where the noise is stated
-    """
-    sizes = np.array([b.Q.shape[1] for b in blocks])
-    if not sizes.sum():
+def family_test(
+    blocks: Sequence[Block], fits: Reml, values: Array, seed: int = 0, draws: int = DRAWS, measured: Flags | None = None
+) -> Scores:
+    """Test all blocks against readings (m,) in metres; measured (m,): those that there are, None: all."""
+    if not blocks or not sum(b.columns.shape[1] for b in blocks):
         none = np.zeros(len(blocks))
-        return Scores(none, sizes, none, np.ones(len(blocks)), np.zeros(draws))
-    Q = np.concatenate([b.Q for b in blocks], axis=1)
-    owner = np.repeat(np.arange(len(blocks)), sizes)
-    sided = np.array([b.one_sided for b in blocks])
-    rng = np.random.default_rng(seed)
-    drawn = rng.standard_normal((draws, min(Q.shape))) @ np.linalg.qr(Q, mode="r")
-    unit = np.ones(draws) if np.isinf(nu) else rng.chisquare(nu, draws) / nu
-    statistic = _statistics((residuals @ Q)[None], owner, sided, len(blocks))[0]
-    log_p = log_p_values(statistic, sizes, sided, nu)
-    chance = _statistics(drawn / np.sqrt(unit)[:, None], owner, sided, len(blocks))
-    thresholds = np.sort(_smallest_log_p(chance, sizes, sided, nu))
+        return Scores(none, none.astype(np.intp), none, np.ones(len(blocks)), np.zeros(draws))
+    bank = _bank(blocks)
+    draws = min(draws, max(_LARGE // len(values), 200))
+    found = int(fits.choose(values[:, None])[0])
+    among = range(len(fits.cost))
+    if len(values) > _MANY:
+        among = range(max(found - _NEAR, 0), min(found + _NEAR + 1, len(fits.cost)))
+    drawn = np.random.default_rng(seed).standard_normal((len(values), draws))
+    drawn = fits.noise.noises[found].colour(drawn)
+    if measured is not None:
+        drawn[~measured] = 0.0
+    places = fits.choose(drawn, among)
+    smallest = np.zeros(draws)
+    for k in np.unique(places):
+        at = np.flatnonzero(places == k)
+        smallest[at] = _scored(bank, fits, int(k), drawn[:, at])[1].min(axis=0)
+    size, log_p = _scored(bank, fits, found, values[:, None])
+    return _scores(bank, size[:, 0], log_p[:, 0], np.sort(smallest))
+
+
+def _scores(bank: _Bank, size: Array, log_p: Array, thresholds: Array) -> Scores:
     below = np.searchsorted(thresholds, log_p, side="right")
-    adjusted = (below + 1.0) / (draws + 1.0)
-    union = np.minimum(np.exp(np.minimum(log_p, 0.0)) * max(int((sizes > 0).sum()), 1), 1.0)
+    adjusted = (below + 1.0) / (len(thresholds) + 1.0)
+    union = np.minimum(np.exp(np.minimum(log_p, 0.0)) * max(int((bank.dof > 0).sum()), 1), 1.0)
     adjusted = np.where(below == 0, np.minimum(adjusted, union), adjusted)
-    return Scores(statistic, sizes, log_p, np.where(sizes > 0, adjusted, 1.0), thresholds)
+    return Scores(size, bank.dof, log_p, np.where(bank.dof > 0, adjusted, 1.0), thresholds)
 
 
-def _smallest_log_p(statistic: Array, dof: Array, sided: Array, nu: float) -> Array:
-    """Smallest log p of each draw: blocks of one kind are ranked by their statistic, so only the largest counts."""
-    best = np.zeros(len(statistic))
-    for k in np.unique(dof[dof > 0]):
-        for side in (False, True):
-            at = np.flatnonzero((dof == k) & (sided == side))
-            if len(at):
-                largest = statistic[:, at].max(axis=1)
-                one = np.full(len(largest), side)
-                best = np.minimum(best, log_p_values(largest, np.full(len(largest), k), one, nu))
-    return best
+def _scored(bank: _Bank, fits: Reml, k: int, values: Array) -> tuple[Array, Array]:
+    """s and log p (G, d) of the blocks in readings (m, d), in noise k."""
+    residuals = fits.left(k, values)
+    total = np.square(residuals).sum(axis=0)
+    S, dof = bank.squares(fits.left(k, bank.columns), residuals), np.maximum(bank.dof, 1)[:, None]
+    unit = np.maximum(total - S, 1e-12 * total + 1e-300) / np.maximum(fits.free - dof, 1)
+    chi = S / unit
+    size = np.sqrt(np.maximum(chi - dof, 0.0))
+    return size, log_p_values(chi, bank.dof[:, None], bank.sided[:, None], fits.freedom(k))
 
 
-def _statistics(coefficients: Array, owner: Indices, sided: Flags, count: int) -> Array:
-    """Sum of squares (draws, G) of each block's coefficients; negative ones of one-sided blocks do not count."""
-    kept = np.where(sided[owner] & (coefficients < 0.0), 0.0, coefficients)
-    out = np.zeros((len(coefficients), count))
-    edges = np.flatnonzero(np.r_[True, np.diff(owner) != 0])
-    out[:, owner[edges]] = np.add.reduceat(kept**2, edges, axis=1)
-    return out
-
-
-def log_p_values(statistic: Array, dof: Array, sided: Array, nu: float = np.inf) -> Array:
-    """log p of each block alone (..., G): chi-square, or F where the noise's unit has nu degrees of freedom."""
+def log_p_values(statistic: Array, dof: Array | Indices, sided: Array | Flags, nu: float = np.inf) -> Array:
+    """log p of each block alone, of k F: chi-square, or F(k, nu - k) where the unit of the noise is estimated."""
     from scipy.stats import chi2, f
 
     k = np.maximum(dof, 1)
-    log_p = chi2.logsf(statistic, k) if np.isinf(nu) else f.logsf(statistic / k, k, nu)
+    log_p = chi2.logsf(statistic, k) if np.isinf(nu) else f.logsf(statistic / k, k, np.maximum(nu - k, 1.0))
     log_p = np.where(sided, np.where(statistic > 0.0, log_p - np.log(2.0), 0.0), log_p)
     return np.where(dof > 0, log_p, 0.0)
+
+
+def chance(blocks: Sequence[Block], nu: float = np.inf, draws: int = 2000, seed: int = 0) -> Array:
+    """log p (draws,), sorted, that the strongest of blocks with orthonormal columns reaches where nothing acts.
+
+    Of readings that are still to be measured: independent noise, whose unit has nu degrees of freedom.
+    """
+    sizes = np.array([b.columns.shape[1] for b in blocks])
+    if not sizes.sum():
+        return np.zeros(draws)
+    sided = np.array([b.one_sided for b in blocks], dtype=bool)
+    Q = np.concatenate([b.columns for b in blocks], axis=1)
+    owner = np.repeat(np.arange(len(blocks)), sizes)
+    rng = np.random.default_rng(seed)
+    drawn = rng.standard_normal((draws, min(Q.shape))) @ np.linalg.qr(Q, mode="r")
+    if np.isfinite(nu):
+        drawn /= np.sqrt(rng.chisquare(nu, draws) / nu)[:, None]
+    kept = np.where(sided[owner] & (drawn < 0.0), 0.0, drawn)
+    squares = np.zeros((draws, len(blocks)))
+    edges = np.flatnonzero(np.r_[True, np.diff(owner) != 0])
+    squares[:, owner[edges]] = np.add.reduceat(kept**2, edges, axis=1)
+    best = np.zeros(draws)
+    for k in np.unique(sizes[sizes > 0]):  # blocks of one kind are ranked by their squares: only the largest counts
+        for side in (False, True):
+            at = np.flatnonzero((sizes == k) & (sided == side))
+            if len(at):
+                largest = squares[:, at].max(axis=1)
+                best = np.minimum(best, log_p_values(largest, np.full(draws, k), np.full(draws, side), nu))
+    return np.sort(best)

@@ -11,7 +11,7 @@ import numpy as np
 from qsframework.diagnose.linearization.candidates import REACH, Cause, widened
 from qsframework.diagnose.linearization.columns import Case, Subspace
 from qsframework.diagnose.selection.exact_refit import Settled, settle_fit
-from qsframework.diagnose.selection.family_test import Scores, blocks_of, log_p_values, score
+from qsframework.diagnose.selection.family_test import Block, Scores, log_p_values
 from qsframework.diagnose.selection.principal_angles import alias_classes
 from qsframework.diagnose.selection.search import LARGEST, Bounds, Gram, Subset, make_gram, search
 from qsframework.errors import NotConverged, NotIdentifiable
@@ -28,7 +28,10 @@ _BEYOND = 2.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Library:
-    """The library against the baseline's residuals: subspaces, Gram matrix, scores, one position per alias class."""
+    """The library against the baseline's residuals: subspaces, Gram matrix, scores, one position per alias class.
+
+    nu: degrees of freedom of the noise's unit
+    """
 
     case: Case
     subspaces: tuple[Subspace, ...]
@@ -36,7 +39,6 @@ class Library:
     scores: Scores
     classes: tuple[tuple[int, ...], ...]
     bounds: Bounds
-    stated: bool
     nu: float
 
     @property
@@ -48,6 +50,12 @@ class Library:
         """The class that cause i belongs to."""
         return next((c for c in self.classes if i in c), (i,))
 
+    def unit(self, members: Sequence[int] = ()) -> float:
+        """Variance of unit weight that some causes leave."""
+        rss = self.gram.solve(tuple(members))[0] if len(members) else self.gram.total
+        used = self.case.A.shape[1] + sum(len(self.gram.at[i]) for i in members)
+        return max(rss / max(self.gram.count - used, 1), 1e-300)
+
 
 @dataclass(frozen=True, eq=False)
 class Answer:
@@ -58,18 +66,20 @@ class Answer:
     ebic: float
 
 
-def make_library(case: Case, baseline: Settled, nu: float, seed: int) -> Library:
-    """Subspaces, scores and alias classes of all causes. nu: infinite where the size of the noise is stated."""
-    subspaces = case.subspaces()
+def blocks_of(case: Case, subspaces: Sequence[Subspace]) -> tuple[Block, ...]:
+    """What each cause can do to the readings, m, along the directions that are seen; none of an invisible one."""
+    sizes = [np.array(s.cause.sizes)[:, None] for s in subspaces]
+    metres = [case.metres(i) @ (s.turn / size) for i, (s, size) in enumerate(zip(subspaces, sizes, strict=True))]
+    return tuple(Block(m, s.one_sided) for m, s in zip(metres, subspaces, strict=True))
+
+
+def make_library(case: Case, baseline: Settled, nu: float, subspaces: tuple[Subspace, ...], scores: Scores) -> Library:
+    """The Gram matrix and the alias classes of all causes. nu: degrees of freedom of the noise's unit."""
     residuals = left(np.linalg.qr(case.A)[0], case.residuals)
     bounds = _bounds(case, baseline)
-    stated = bool(np.isinf(nu))
-    gram = make_gram(subspaces, residuals, stated, bounds)
-    scores = score(blocks_of(subspaces), residuals, nu, seed=seed)
+    gram = make_gram(subspaces, residuals, bounds)
     classes = tuple(c for c in alias_classes(subspaces) if subspaces[c[0]].visible)
-    return Library(
-        case=case, subspaces=subspaces, gram=gram, scores=scores, classes=classes, bounds=bounds, stated=stated, nu=nu
-    )
+    return Library(case=case, subspaces=subspaces, gram=gram, scores=scores, classes=classes, bounds=bounds, nu=nu)
 
 
 def _bounds(case: Case, baseline: Settled) -> Bounds:
@@ -108,7 +118,7 @@ def answer_of(library: Library, subset: Subset, baseline: Settled, rows: Rows) -
 
 def _ebic(library: Library, subset: Subset, chi2: float, start: float) -> float:
     m = library.gram.count
-    fall = chi2 - start if library.stated else m * float(np.log(chi2 / start))
+    fall = m * float(np.log(chi2 / start))
     many = comb(len(library.heads), len(subset.members))
     return fall + subset.dof * float(np.log(m)) + 2.0 * float(np.log(many))
 
@@ -143,7 +153,7 @@ def _beyond(fit: Settled) -> bool:
 
 def size_of(library: Library, i: int, given: Sequence[int]) -> float:
     """s of cause i beside the given ones."""
-    fall = float(library.gram.falls(tuple(given), [i])[0])
+    fall = float(library.gram.falls(tuple(given), [i])[0]) / library.unit([*given, i])
     return float(np.sqrt(max(fall - len(library.gram.at[i]), 0.0)))
 
 
@@ -151,7 +161,7 @@ def p_value_of(library: Library, i: int, given: Sequence[int]) -> float:
     """Family-wise: max-T of a cause alone, a union bound for one beside others."""
     if not given:
         return float(library.scores.p_adjusted[i])
-    fall = library.gram.falls(tuple(given), [i])
+    fall = library.gram.falls(tuple(given), [i]) / library.unit([*given, i])
     dof = np.array([len(library.gram.at[i])])
     log_p = log_p_values(fall, dof, np.array([library.gram.sided[i]]), library.nu)
     return float(min(len(library.heads) * np.exp(log_p[0]), 1.0))

@@ -58,7 +58,6 @@ class Gram:
     c: Array
     total: float
     count: int
-    stated: bool
     at: tuple[Indices, ...]
     sided: tuple[bool, ...]
     absorbed: tuple[Array, ...]
@@ -71,7 +70,7 @@ class Gram:
 
     def ebic(self, rss: float, dof: int, size: int, classes: int) -> float:
         """EBIC less that of no cause."""
-        fall = rss - self.total if self.stated else self.count * float(np.log(max(rss, 1e-300) / self.total))
+        fall = self.count * float(np.log(max(rss, 1e-300) / self.total))
         return fall + dof * float(np.log(self.count)) + 2.0 * float(np.log(comb(classes, size)))
 
     def solve(self, members: tuple[int, ...]) -> tuple[float, Array, bool]:
@@ -124,7 +123,6 @@ class Gram:
 def make_gram(
     subspaces: Sequence[Subspace],
     residuals: Array,
-    stated: bool,
     bounds: Bounds | None,
     A: Array | None = None,
     kept: Indices | None = None,
@@ -140,7 +138,6 @@ def make_gram(
         c=Q.T @ residuals,
         total=float(residuals @ residuals),
         count=len(residuals),
-        stated=stated,
         at=tuple(np.arange(a, b) for a, b in pairwise(map(int, ends))),
         sided=tuple(s.one_sided for s in subspaces),
         absorbed=tuple(s.absorbed for s in subspaces),

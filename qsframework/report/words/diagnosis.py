@@ -61,6 +61,12 @@ def _plain(found: Diagnosis, outlooks: dict[str, str]) -> Iterator[str]:
         yield f"Held-out error {heldout} mm, noise {_mm(e.noise)}."
     elif found.verdict == "none":
         yield _nothing(found)
+    doubtful = [f.name for f in found.findings if f.doubtful]
+    if doubtful:
+        yield (
+            f"Doubtful: {', '.join(doubtful)}. In the noise that was found, the error at poses left out does not fall "
+            f"with {'it' if len(doubtful) == 1 else 'them'}; an extended robot is written without."
+        )
     yield from (tied_words(f, outlooks.get(f.name, "")) for f in found.findings if f.rivals)
     yield from (_hanging(f) for f in found.findings if f.hangs_on)
     if found.leftovers:
@@ -143,9 +149,14 @@ def method_words(found: Diagnosis) -> tuple[str, ...]:
     nested = f"the search chose the same causes in {100 * held.same:.0f} % of the folds"
     said.append(f"Held-out errors: {folds}; {'the causes are given' if how.far else nested}.")
     if how.far:
-        said.append("A named cause is so large that it is far from linear: the noise was audited again at its size.")
+        said.append("A named cause is so large that it is far from linear: the noise was told again at its size.")
     if how.untold:
         said.append(f"These readings do not tell {', '.join(how.untold)}: kept at the nominal value.")
+    if how.lone and not found.audit.repeated:
+        said.append(
+            "Each visit has one marker, nothing was repeated and no repeatability is stated: an error that a visit "
+            "shares cannot be told from a marker's own. More markers, or repeats of some poses, would tell."
+        )
     if found.audit.heavy_tailed:
-        said.append("The errors have heavy tails: in the tests large ones count by Huber's rule, as 1.3 sds at most.")
+        said.append("The errors have heavy tails: in the tests large ones count by Huber's rule, as 2.5 sds at most.")
     return tuple(said)

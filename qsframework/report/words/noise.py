@@ -17,12 +17,14 @@ def audit_words(audit: NoiseAudit) -> tuple[str, ...]:
         said.append(many if count > 1 else "1 row does not belong to the others and is left out.")
     if audit.p_shared < audit.level:
         size = f"{audit.shared * 1e3:.4f} mm a coordinate (p = {audit.p_shared:.2g})"
-        why = "the robot's repeatability, or what no candidate explains"
+        why = "the robot's repeatability"
+        if not audit.repeated:
+            why += ", or something unknown: repeat some poses, and the readings tell which"
         said.append(f"The markers of a pose share an error of {size}: {why}.")
     if audit.heavy < audit.level:
         said.append(f"Errors have heavier tails than normal ones (p = {audit.heavy:.2g}).")
     if audit.p_missing < audit.level:
-        said.append(f"No candidate explains all that is beyond the replicates (p = {audit.p_missing:.2g}).")
+        said.append(f"The model does not explain all that is beyond the replicates (p = {audit.p_missing:.2g}).")
     return tuple(said)
 
 
@@ -31,14 +33,14 @@ def _unit(audit: NoiseAudit) -> str:
     if not audit.dof:
         if audit.stated:
             return (
-                "The stated noise is taken as it is: the candidates use up every reading and nothing was measured "
-                "twice, so nothing can be told about it without replicates."
+                "The stated noise is taken as it is: the model uses up every reading and nothing was measured twice, "
+                "so nothing can be told about it without replicates."
             )
         return (
             "The noise is unknown, and nothing can be told about it without replicates: the residuals' size is used, "
             "which is its upper limit."
         )
-    source = "replicates" if audit.unit_source == "replicates" else "what all candidates together leave unexplained"
+    source = "replicates" if audit.unit_source == "replicates" else "what the model leaves"
     told = f"from {source}, {audit.dof} degrees of freedom"
     if audit.unit_source == "stated":
         return f"The stated noise holds: measured {audit.measured:.2f} times as large (p = {audit.p_unit:.2g}; {told})."
