@@ -1,4 +1,4 @@
-"""Conventions to try: other readings of the same file, and other angles of the same controller."""
+"""Conventions to try: other readings of the same file, other angles of the same controller, other structures."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from itertools import permutations, product
 
 import numpy as np
 
-from qsframework.experiment import Experiment, Readings
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, Readings, as_shown, on_robot
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.plugin.registry import with_role
+from qsframework.robot import StructuralChange, alternatives
 from qsframework.screening.linearized_fit import LinearizedFit
 from qsframework.screening.logging_faults import moved_up, visits
 
@@ -54,6 +56,28 @@ def joint_signs(experiment: Experiment, readings: Readings) -> Iterator[Change]:
         poses = replace(readings.poses, pendant=pendant, q=q)
         words = f"the angle of {joint} counts the other way round"
         yield Change(f"joint_sign[{joint}]", -1.0, words, experiment, readings.with_poses(poses))
+
+
+_WITHOUT = "this arm does not behave as if it had {}"
+_STRUCTURES = {
+    StructuralChange.LOOP_ABSENT: _WITHOUT,
+    StructuralChange.COUPLING_ABSENT: _WITHOUT,
+    StructuralChange.BALANCER_ABSENT: _WITHOUT,
+    StructuralChange.LOOP_PRESENT: "this arm behaves as if it had {}",
+}
+
+
+def structures(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+    """Loops, couplings and balancers that the file has and the arm has not, or the reverse; `couplings` has angles."""
+    for other in alternatives(experiment.robot):
+        if other.kind in _STRUCTURES:
+            try:
+                campaign = on_robot(experiment, other.robot)
+                shown = as_shown(readings, campaign)
+            except InputError:  # the campaign cannot be had on this structure
+                continue
+            words = f"{_STRUCTURES[other.kind].format(' and '.join(other.subjects))}, against its file"
+            yield Change(other.id, 1.0, words, campaign, shown)
 
 
 def _orientations() -> list[Array]:

@@ -21,6 +21,7 @@ from qsframework.screening.convention_changes import (
     earlier,
     force_axes,
     joint_signs,
+    structures,
 )
 from qsframework.screening.linearized_fit import LinearizedFit, of_bridge
 from qsframework.screening.logging_faults import exchanges, late_angles
@@ -52,7 +53,8 @@ class Convention:
     """Another reading of the file or of the controller, applied and refitted.
 
     name: the parameter of a joint's shown angle, `joint_sign[joint_2]`, `displacement_axes`, `displacement_sign`,
-    `force_axes`, `load_unit`, `swapped_markers` or `late_angles`; value: what a coupling is fixed at, the factor
+    `force_axes`, `load_unit`, `swapped_markers` or `late_angles`, or a structure, such as `loop absent:
+    parallelogram[joint_3]`; value: what a coupling is fixed at, the factor
     of a unit, else 1; experiment, readings: with the convention applied; rms, rms_given: m, of the fits with it
     and as given; evidence: log of how much likelier it makes the readings, the number of conventions tried
     counted; below: compliances that the fit puts below their bounds. Only a compelling one is to be believed; a
@@ -98,6 +100,7 @@ def check_conventions(experiment: Experiment, readings: Readings) -> tuple[Conve
         *joint_signs(experiment, readings),
         *displacement_axes(experiment, readings),
         *force_axes(experiment, readings),
+        *structures(experiment, readings),
     ]
     judged = [_judge(change, given, len(changes)) for change in changes]
     judged += [_judge(*mistake) for mistake in _mistakes(given)]

@@ -1,0 +1,63 @@
+"""A loop that the arm has not, or that its file leaves out, is named as such."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from qsframework.design import generate_candidates
+from qsframework.diagnose import diagnose
+from qsframework.experiment import (
+    Experiment,
+    Readings,
+    as_shown,
+    example,
+    load_experiment,
+    make_plan,
+    on_robot,
+    simulate,
+)
+from qsframework.experiment.setup import Noise
+from qsframework.plugin import Poses
+from qsframework.report.words.diagnosis import diagnosis_words
+from qsframework.robot import alternatives
+from qsframework.screening.conventions import check_conventions
+
+PULL = np.array([0.0, 800.0, -3000.0, 0.0, 0.0, 0.0])
+
+
+def campaign(name: str) -> Experiment:
+    return load_experiment(example(name) / "experiment.yaml").with_(noise=Noise(3e-5))
+
+
+def as_measured(experiment: Experiment, structure: str, seed: int = 3) -> Readings:
+    """Displacements of an arm of another structure, read with the file of the experiment."""
+    other = next(a for a in alternatives(experiment.robot) if a.id == structure)
+    real = on_robot(experiment, other.robot)
+    pendant = generate_candidates(experiment, 100, seed=1).pendant[:20]
+    poses = Poses(pendant, other.robot.controller.to_joints(pendant), np.tile(PULL, (20, 1)))
+    return as_shown(simulate(real, make_plan(poses, ["load"] * 20), seed=seed).readings, experiment)
+
+
+@pytest.mark.parametrize(
+    ("name", "structure", "words"),
+    [
+        ("m900ib", "loop absent: parallelogram[joint_3]", "does not behave as if it had parallelogram[joint_3]"),
+        ("r2000ic", "loop present: parallelogram[joint_3]", "behaves as if it had parallelogram[joint_3]"),
+    ],
+)
+def test_a_structure_is_named_rather_than_a_spring(name: str, structure: str, words: str) -> None:
+    experiment = campaign(name)
+    found = diagnose(experiment, as_measured(experiment, structure), repeats=1)
+    assert [f.name for f in found.findings] == [structure], diagnosis_words(found)
+    assert words in diagnosis_words(found)
+    assert found.rms.heldout_extended < 1.3 * 3e-5, "nothing is left for a spring to mend"
+
+
+def test_a_right_structure_is_left_alone() -> None:
+    experiment = campaign("m900ib")
+    pendant = generate_candidates(experiment, 100, seed=1).pendant[:20]
+    poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), np.tile(PULL, (20, 1)))
+    for seed in range(4):
+        readings = simulate(experiment, make_plan(poses, ["load"] * 20), seed=seed).readings
+        assert [c.name for c in check_conventions(experiment, readings) if c.compelling] == []
