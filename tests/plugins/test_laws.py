@@ -324,9 +324,13 @@ class Bad(SpringLaw):
 
 @pytest.mark.parametrize(
     ("gives", "said"),
-    [("nan", "gives NaN or infinity, first at .0, 0.: nan"), ("flat", r"gives the shape \(6,\), must be \(6, 1\)"),
-     ("words", "gives 'soft', no array of numbers"), ("none", "gives .*must be")],
-)  # fmt: skip
+    [
+        ("nan", "gives NaN or infinity, first at .0, 0.: nan"),
+        ("flat", r"gives the shape \(6,\), must be \(6, 1\)"),
+        ("words", "gives 'soft', no array of numbers"),
+        ("none", "gives .*must be"),
+    ],
+)
 def test_a_law_that_gives_nonsense_is_named_with_its_file(gives: str, said: str) -> None:
     with pytest.raises(PluginError, match=rf"bad: extra\(\) in .*test_laws.py, line \d+, {said}"):
         model(Bad(gives)).predict(poses())
