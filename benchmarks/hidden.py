@@ -247,7 +247,7 @@ def instances_of(experiment: Experiment, recorded: bool) -> dict[str, Instance]:
             zero = tuple(p.nominal for p in own)
             out[e.name] = Instance(e.name, e, own, zero, tuple(_deviation(p, True) for p in own), True)
     have = {e.name for e in model.effects}
-    springs = {p.name for e in model.effects if isinstance(e, Spring) for p in e.parameters(facts)}
+    springs = {(e.role, e.where) for e in model.effects if isinstance(e, Spring)}
     for kind in registry().values():
         for e in (*kind.places(facts, model.marker_names), *kind.beside(model.effects, model.parameters)):
             own = e.parameters(facts)
@@ -258,7 +258,7 @@ def instances_of(experiment: Experiment, recorded: bool) -> dict[str, Instance]:
     return out
 
 
-def _fits(effect: Effect, facts: RobotFacts, springs: set[str]) -> bool:
+def _fits(effect: Effect, facts: RobotFacts, springs: set[At]) -> bool:
     try:
         effect.validate(facts)
     except InputError:
