@@ -76,7 +76,7 @@ JOBS = (
     same("stiffness", "stiffness of the M-900iB", "stiffness fanuc_m900ib --pose 0,20,-10,0,40,0 --load 0,0,-4000"),
     Job("campaign-linear", "identify 61 parameters of {poses} poses x 3 markers, linear", MANY, f"{MANY} --linear"),
     Job("campaign", "the same by default: linear of old, exact now", MANY, MANY, 3.0, 400.0),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)
@@ -99,8 +99,12 @@ class Side:
         ran([self.python, *parts], self.tree, self.environment)
         said = subprocess.run(
             [self.python, "-c", "import qsframework, qsf_plugins; print(qsframework.__file__, qsf_plugins.__file__)"],
-            env={**os.environ, **self.environment}, cwd=FOLDER, capture_output=True, text=True, check=True,
-        ).stdout  # fmt: skip
+            env={**os.environ, **self.environment},
+            cwd=FOLDER,
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
         if said.count(str(self.tree)) != 2:
             raise SystemExit(f"the {self.name} tree is {self.tree}, but its interpreter imports {said}")
         return self
@@ -144,8 +148,10 @@ def environment_of(tree: Path) -> str:
         clean = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
         subprocess.run(
             [str(python), "-m", "pip", "install", "--quiet", "-c", "requirements.lock", "-e", "."],
-            cwd=tree, env={**clean, "PIP_CONSTRAINT": "requirements.lock"}, check=True,
-        )  # fmt: skip
+            cwd=tree,
+            env={**clean, "PIP_CONSTRAINT": "requirements.lock"},
+            check=True,
+        )
         stamp.touch()
     return str(python)
 
@@ -248,8 +254,9 @@ def main() -> None:
     parser.add_argument("revision", nargs="?", default=REV, metavar="REV")
     parser.add_argument("--runs", type=int, default=RUNS)
     parser.add_argument("--jobs", default="", help="some of them, by comma")
-    parser.add_argument("--spelling", choices=SPELLINGS, default="each",
-                        help="the words that both trees are given; each: its own")  # fmt: skip
+    parser.add_argument(
+        "--spelling", choices=SPELLINGS, default="each", help="the words that both trees are given; each: its own"
+    )
     parser.add_argument("--environment", action="store_true", help="an environment of its own for the older tree")
     parser.add_argument("--json", type=Path, help="write all runs to this file")
     parser.add_argument("--quick", action="store_true", help="one run, a tenth of the poses")

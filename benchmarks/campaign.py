@@ -82,15 +82,31 @@ def rows(poses: int, rng: np.random.Generator) -> Iterator[list[str]]:
         for name, xyz in tool.items():
             position = hand.act(xyz) * 1e3 + rng.normal(0.0, SIGMA, 3)
             state = "loaded" if any(force) else "unloaded"
-            yield [f"p{i + 1:04d}", *(f"{a:g}" for a in shown), *map(str, force), name, state,
-                   *(f"{p:.5f}" for p in position)]  # fmt: skip
+            yield [
+                f"p{i + 1:04d}",
+                *(f"{a:g}" for a in shown),
+                *map(str, force),
+                name,
+                state,
+                *(f"{p:.5f}" for p in position),
+            ]
 
 
 def write(folder: Path, poses: int, seed: int = 0) -> Path:
     """Write experiment.yaml and readings.csv into a folder; the path of the first."""
     folder.mkdir(parents=True, exist_ok=True)
-    head = ["pose", *(f"q{k}_deg" for k in range(1, 7)), "fx_N", "fy_N", "fz_N", "marker", "state",
-            "x_mm", "y_mm", "z_mm"]  # fmt: skip
+    head = [
+        "pose",
+        *(f"q{k}_deg" for k in range(1, 7)),
+        "fx_N",
+        "fy_N",
+        "fz_N",
+        "marker",
+        "state",
+        "x_mm",
+        "y_mm",
+        "z_mm",
+    ]
     lines = [",".join(line) for line in (head, *rows(poses, np.random.default_rng(seed)))]
     (folder / "readings.csv").write_text("# robot: ur10\n" + "\n".join(lines) + "\n")
     markers = "\n".join(f"  {name}: {{xyz_mm: {list(xyz)}}}" for name, xyz in MARKERS.items())

@@ -99,26 +99,39 @@ class Campaign:
         """experiment.yaml."""
         lines = [f"robot: {robot}", f"load: {{point_mm: {list(self.point)}}}", "markers:"]
         lines += [f"  m{k + 1}: {{xyz_mm: {list(xyz)}}}" for k, xyz in enumerate(self.markers)]
-        lines += ["noise: {sigma_mm: 0.03}", "loads:", f"  - {{name: weight, fz_N: -{self.weight}}}",
-                  f"  - {{name: side_pull, fz_N: -{self.weight}, fy_N: {self.pull}}}",
-                  f"constraints: {{{self.constraints}}}"]  # fmt: skip
+        lines += [
+            "noise: {sigma_mm: 0.03}",
+            "loads:",
+            f"  - {{name: weight, fz_N: -{self.weight}}}",
+            f"  - {{name: side_pull, fz_N: -{self.weight}, fy_N: {self.pull}}}",
+            f"constraints: {{{self.constraints}}}",
+        ]
         return "\n".join(lines) + "\n"
 
 
 MADE = "made"
 ROBOTS = {
     "fanuc_m900ib": Campaign(
-        (150, 0, 200), MARKERS, 4000, 1500, "z_min_m: 0.5, axis1_distance_min_m: 1.0, of: wrist_centre"),
+        (150, 0, 200), MARKERS, 4000, 1500, "z_min_m: 0.5, axis1_distance_min_m: 1.0, of: wrist_centre"
+    ),
     "fanuc_r2000ic": Campaign(
-        (100, 0, 200), NEAR, 1500, 600, "z_min_m: 0.4, axis1_distance_min_m: 0.6, of: wrist_centre"),
+        (100, 0, 200), NEAR, 1500, 600, "z_min_m: 0.4, axis1_distance_min_m: 0.6, of: wrist_centre"
+    ),
     "kuka_kr500_r2800_2": Campaign(
-        (150, 0, 200), MARKERS, 3500, 1300, "z_min_m: 0.5, axis1_distance_min_m: 0.8, of: wrist_centre"),
+        (150, 0, 200), MARKERS, 3500, 1300, "z_min_m: 0.5, axis1_distance_min_m: 0.8, of: wrist_centre"
+    ),
     "ur10": Campaign((80, 0, 60), SMALL, 90, 30, "z_min_m: 0.2, of: flange"),
     MADE: Campaign((80, 0, 100), NEAR, 360, 140, "z_min_m: 0.3, of: flange"),
-}  # fmt: skip
+}
 LINKS = (("foot", 60), ("turret", 90), ("upper", 60), ("fore", 35), ("roll", 20), ("bend", 10), ("hand", 4))
-JOINTS = (("0 0 1", "0 0 0.4"), ("0 1 0", "0.2 0 0.2"), ("0 1 0", "0 0 0.8"), ("1 0 0", "0.3 0 0.1"),
-          ("0 1 0", "0.5 0 0"), ("1 0 0", "0.15 0 0"))  # fmt: skip
+JOINTS = (
+    ("0 0 1", "0 0 0.4"),
+    ("0 1 0", "0.2 0 0.2"),
+    ("0 1 0", "0 0 0.8"),
+    ("1 0 0", "0.3 0 0.1"),
+    ("0 1 0", "0.5 0 0"),
+    ("1 0 0", "0.15 0 0"),
+)
 
 
 def urdf() -> str:
@@ -142,8 +155,22 @@ def written(robot: str, folder: Path) -> Path:
     own.mkdir()
     if robot == MADE:
         (own / "arm.urdf").write_text(urdf())
-        ran([sys.executable, "-m", "qsframework", "new", "arm", "--urdf", "arm.urdf", "--payload", "40",
-             "--output", "arm"], own)  # fmt: skip
+        ran(
+            [
+                sys.executable,
+                "-m",
+                "qsframework",
+                "new",
+                "arm",
+                "--urdf",
+                "arm.urdf",
+                "--payload",
+                "40",
+                "--output",
+                "arm",
+            ],
+            own,
+        )
     path = own / "experiment.yaml"
     path.write_text(ROBOTS[robot].text("arm" if robot == MADE else robot))
     return path
@@ -211,9 +238,17 @@ def row(label: str, results: Sequence[Result], goal: float) -> list[str]:
     met = "yes" if alarms <= goal * len(done) else "within the interval" if low <= goal else "NO"
     unexplained = sum(r.verdict == "unexplained" for r in done)
     audited = sum(bool(r.problems) for r in done)
-    return [label, str(len(done)), f"{alarms}: {100 * alarms / len(done):.1f} %",
-            f"{100 * low:.1f} - {100 * high:.1f} %", f"at most {100 * goal:g} %: {met}", str(unexplained),
-            str(audited), f"{np.median([r.seconds for r in done]):.2f}", said]  # fmt: skip
+    return [
+        label,
+        str(len(done)),
+        f"{alarms}: {100 * alarms / len(done):.1f} %",
+        f"{100 * low:.1f} - {100 * high:.1f} %",
+        f"at most {100 * goal:g} %: {met}",
+        str(unexplained),
+        str(audited),
+        f"{np.median([r.seconds for r in done]):.2f}",
+        said,
+    ]
 
 
 def report(results: Sequence[Result]) -> str:
@@ -221,8 +256,17 @@ def report(results: Sequence[Result]) -> str:
     robots = list(dict.fromkeys(r.robot for r in results))
     rows = [row(name, [r for r in results if r.robot == name], GOAL) for name in robots]
     rows.append(row("all", results, POOLED))
-    head = ("robot", "answers", "something is found", "95 %", "goal", "of these unexplained", "noise or rows blamed",
-            "CPU s each", "no answer")  # fmt: skip
+    head = (
+        "robot",
+        "answers",
+        "something is found",
+        "95 %",
+        "goal",
+        "of these unexplained",
+        "noise or rows blamed",
+        "CPU s each",
+        "no answer",
+    )
     text = table(head, rows)
     for title, count in (
         ("Named", Counter(name for r in results for name in r.names)),
@@ -256,8 +300,11 @@ def main() -> None:
         for told in run(one, pools, tasks, where):
             results.append(result := Result(**told))
             if result.seed == seeds - 1:
-                print(" | ".join(row(result.robot, [r for r in results if r.robot == result.robot], GOAL)),
-                      file=sys.stderr, flush=True)  # fmt: skip
+                print(
+                    " | ".join(row(result.robot, [r for r in results if r.robot == result.robot], GOAL)),
+                    file=sys.stderr,
+                    flush=True,
+                )
         where.close()
     if given.json:
         given.json.write_text(json.dumps([asdict(r) for r in results], indent=1) + "\n")

@@ -66,9 +66,12 @@ def ran(command: Sequence[str], folder: Path | str = ".", more: Mapping[str, str
     """Run a command to its end, its output thrown away; an error is Failed. more: of its environment."""
     start = time.perf_counter()
     process = subprocess.Popen(
-        list(command), cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+        list(command),
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
         env={**os.environ, **THREADS, **(more or {})},
-    )  # fmt: skip
+    )
     assert process.stderr is not None
     with process.stderr as stream:
         told = stream.read()

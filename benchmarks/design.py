@@ -107,10 +107,14 @@ def relaxed(count: int, parameters: int, criterion: str, runs: int) -> dict[str,
     seconds = cpu(lambda: results.append(solve_columns(task, np.random.default_rng(1), goal)), runs)
     best = results[-1]
     return {
-        "seconds": seconds, "pass": one, "passes": best.passes, "multiple": seconds / one,
-        "gap": 1 - best.efficiency, "support": len(best.index),
+        "seconds": seconds,
+        "pass": one,
+        "passes": best.passes,
+        "multiple": seconds / one,
+        "gap": 1 - best.efficiency,
+        "support": len(best.index),
         "memory_percent": 100 * (memory() - before) / (rows.values.nbytes / 2**20),  # type: ignore[attr-defined]
-    }  # fmt: skip
+    }
 
 
 def mapped(count: int, parameters: int) -> dict[str, Any]:
@@ -138,9 +142,13 @@ def solve_mapped(path: str, count: int, parameters: int) -> dict[str, Any]:
     start, wall = time.process_time(), time.perf_counter()
     best = solve_columns(task, np.random.default_rng(1))
     return {
-        "seconds": time.process_time() - start, "wall": time.perf_counter() - wall, "pass": one, "passes": best.passes,
-        "gap": 1 - best.efficiency, "memory": memory(),
-    }  # fmt: skip
+        "seconds": time.process_time() - start,
+        "wall": time.perf_counter() - wall,
+        "pass": one,
+        "passes": best.passes,
+        "gap": 1 - best.efficiency,
+        "memory": memory(),
+    }
 
 
 def made(count: int, parameters: int) -> dict[str, Any]:
@@ -164,9 +172,12 @@ def made(count: int, parameters: int) -> dict[str, Any]:
     start, wall = time.process_time(), time.perf_counter()
     best = solve_columns(task, np.random.default_rng(1))
     return {
-        "seconds": time.process_time() - start, "wall": time.perf_counter() - wall, "passes": best.passes,
-        "gap": 1 - best.efficiency, "memory": memory(),
-    }  # fmt: skip
+        "seconds": time.process_time() - start,
+        "wall": time.perf_counter() - wall,
+        "passes": best.passes,
+        "gap": 1 - best.efficiency,
+        "memory": memory(),
+    }
 
 
 def exact(parameters: int, sizes: list[int], count: int) -> dict[str, Any]:
@@ -240,9 +251,14 @@ def against_figaroh(count: int) -> dict[str, Any]:
         M = weighted_information(rows, weights / weights.sum())
         value = float(CRITERIA["D"].value(M))
         ours = float(Robust(CRITERIA["D"]).value(results[-1].information))
-        return {**theirs, "ours": seconds, "our_memory": memory(), "added": memory() - before,
-                "support": int((results[-1].weights > 1e-5).sum()),
-                "their_efficiency": results[-1].efficiency * ours / value}  # fmt: skip
+        return {
+            **theirs,
+            "ours": seconds,
+            "our_memory": memory(),
+            "added": memory() - before,
+            "support": int((results[-1].weights > 1e-5).sum()),
+            "their_efficiency": results[-1].efficiency * ours / value,
+        }
 
 
 def kernel(count: int) -> dict[str, Any]:
@@ -278,18 +294,46 @@ def run(name: str, *arguments: Any) -> dict[str, Any]:
 
 def relaxed_table(quick: bool) -> str:
     large = 100_000 if quick else 1_000_000
-    jobs = [("D", large, 9, "3"), ("D", large, 32, "3"), ("A", large, 9, "5"), ("A", large, 32, "5"),
-            ("I", large, 9, "5"), ("E", large, 9, "14"), ("D", large // 10, 9, ""),
-            ("D", large // 10, 32, "")]  # fmt: skip
+    jobs = [
+        ("D", large, 9, "3"),
+        ("D", large, 32, "3"),
+        ("A", large, 9, "5"),
+        ("A", large, 32, "5"),
+        ("I", large, 9, "5"),
+        ("E", large, 9, "14"),
+        ("D", large // 10, 9, ""),
+        ("D", large // 10, 32, ""),
+    ]
     rows = []
     for criterion, count, p, goal in jobs:
         r = run("relaxed", count, p, criterion, 1 if quick else RUNS)
-        rows.append([criterion, f"{count:.0e}", str(p), f"{r['seconds']:.2f}", f"{r['pass']:.3f}",
-                     f"{r['passes']:.2f}", goal, f"{r['multiple']:.1f}", f"{r['gap']:.0e}",
-                     f"{r['memory_percent']:.0f} %"])  # fmt: skip
+        rows.append(
+            [
+                criterion,
+                f"{count:.0e}",
+                str(p),
+                f"{r['seconds']:.2f}",
+                f"{r['pass']:.3f}",
+                f"{r['passes']:.2f}",
+                goal,
+                f"{r['multiple']:.1f}",
+                f"{r['gap']:.0e}",
+                f"{r['memory_percent']:.0f} %",
+            ]
+        )
         print(rows[-1], file=sys.stderr)
-    head = ["criterion", "candidates", "parameters", "CPU s", "one pass, CPU s", "full passes", "goal", "CPU in passes",
-            "1 - certified", "memory beyond the rows"]  # fmt: skip
+    head = [
+        "criterion",
+        "candidates",
+        "parameters",
+        "CPU s",
+        "one pass, CPU s",
+        "full passes",
+        "goal",
+        "CPU in passes",
+        "1 - certified",
+        "memory beyond the rows",
+    ]
     return table(head, rows)
 
 
@@ -313,8 +357,10 @@ def exact_table(quick: bool) -> str:
     rows = []
     for p, wanted in goals.items():
         result = run("exact", p, list(wanted), 10_000 if quick else 100_000)
-        rows += [[str(p), str(n), f"{result[str(n)]['efficiency']:.4f}", f"{goal}", f"{result[str(n)]['seconds']:.2f}"]
-                 for n, goal in wanted.items()]  # fmt: skip
+        rows += [
+            [str(p), str(n), f"{result[str(n)]['efficiency']:.4f}", f"{goal}", f"{result[str(n)]['seconds']:.2f}"]
+            for n, goal in wanted.items()
+        ]
     return table(["parameters", "poses", "efficiency of the bound", "goal", "CPU s, 30 starts"], rows)
 
 
@@ -324,8 +370,17 @@ def reference_table(quick: bool) -> str:
         if quick and count > 1000:
             continue
         r = run("reference", count, p, solver)
-        rows.append([f"cvxpy, {solver}", f"{count:.0e}", str(p), f"{r['theirs']:.2f}", f"{r['their_gap']:.0e}",
-                     f"{r['ours']:.3f}", f"{r['theirs'] / r['ours']:.0f}"])  # fmt: skip
+        rows.append(
+            [
+                f"cvxpy, {solver}",
+                f"{count:.0e}",
+                str(p),
+                f"{r['theirs']:.2f}",
+                f"{r['their_gap']:.0e}",
+                f"{r['ours']:.3f}",
+                f"{r['theirs'] / r['ours']:.0f}",
+            ]
+        )
     return table(["solver", "candidates", "parameters", "CPU s", "1 - certified", "ours, CPU s", "ratio"], rows)
 
 
@@ -336,11 +391,32 @@ def figaroh_table(quick: bool) -> str:
         if "skipped" in r:
             return f"FIGAROH is not compared here: {r['skipped']}."
         theirs = r["optimum"]["cpu_s"]
-        rows.append([str(count), f"{r['regressor']['cpu_s']:.2f}", f"{theirs:.2f}", f"{r['memory_MB']:.0f}",
-                     f"{r['their_efficiency']:.6f}", str(r["chosen"]), f"{r['ours']:.4f}", f"{r['our_memory']:.0f}",
-                     str(r["support"]), f"{theirs / r['ours']:.0f}"])  # fmt: skip
-    head = ["candidates", "FIGAROH: rows, CPU s", "optimum, CPU s", "memory, MB", "D-efficiency", "kept",
-            "ours: optimum, CPU s", "memory, MB", "kept", "ratio"]  # fmt: skip
+        rows.append(
+            [
+                str(count),
+                f"{r['regressor']['cpu_s']:.2f}",
+                f"{theirs:.2f}",
+                f"{r['memory_MB']:.0f}",
+                f"{r['their_efficiency']:.6f}",
+                str(r["chosen"]),
+                f"{r['ours']:.4f}",
+                f"{r['our_memory']:.0f}",
+                str(r["support"]),
+                f"{theirs / r['ours']:.0f}",
+            ]
+        )
+    head = [
+        "candidates",
+        "FIGAROH: rows, CPU s",
+        "optimum, CPU s",
+        "memory, MB",
+        "D-efficiency",
+        "kept",
+        "ours: optimum, CPU s",
+        "memory, MB",
+        "kept",
+        "ratio",
+    ]
     return table(head, rows)
 
 
@@ -358,11 +434,16 @@ def main() -> None:
     size = "1e5" if given.quick else "1e6"
     parts = [
         "### Relaxed designs",
-        relaxed_table(given.quick), large_text(given.quick),
+        relaxed_table(given.quick),
+        large_text(given.quick),
         f"Rows of {size} candidates with 20 parameters, geometry included: {seconds:.2f} s CPU (goal for 1e6: 4 s).",
-        "### Exact plans", exact_table(given.quick),
-        "### Against cvxpy", reference_table(given.quick), "### Against FIGAROH 1.0.2", figaroh_table(given.quick),
-    ]  # fmt: skip
+        "### Exact plans",
+        exact_table(given.quick),
+        "### Against cvxpy",
+        reference_table(given.quick),
+        "### Against FIGAROH 1.0.2",
+        figaroh_table(given.quick),
+    ]
     show("design", "\n\n".join(parts), given.write, given.quick)
 
 

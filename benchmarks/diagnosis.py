@@ -37,15 +37,38 @@ from qsframework.files import write_text
 HERE = Path(__file__).resolve().parent
 PAGE = HERE.parent / "docs" / "diagnosis.md"
 SIZES = (4.0, 4.5, 6.0, 8.0, 12.0, 40.0)
-PAIRED = ("joint_hardening", "joint_backlash", "offaxis_compliance", "link_compliance", "base_compliance",
-          "tool_compliance", "load_direction", "tracker_frame", "bar_compliance")  # fmt: skip
+PAIRED = (
+    "joint_hardening",
+    "joint_backlash",
+    "offaxis_compliance",
+    "link_compliance",
+    "base_compliance",
+    "tool_compliance",
+    "load_direction",
+    "tracker_frame",
+    "bar_compliance",
+)
 ALIASED = ("offaxis_compliance", "link_compliance", "base_compliance", "tool_compliance")
-GROUPS = ("nulls", "stress", "effects", "pairs", "triples", "aliases", "unknown", "unseen", "protocol", "conventions",
-          "visible")  # fmt: skip
+GROUPS = (
+    "nulls",
+    "stress",
+    "effects",
+    "pairs",
+    "triples",
+    "aliases",
+    "unknown",
+    "unseen",
+    "protocol",
+    "conventions",
+    "visible",
+)
 PROTOCOLS = {
-    "gravity load only": {"loads": "gravity"}, "one marker": {"markers": 1}, "20 poses": {"poses": 20},
-    "40 poses": {"poses": 40}, "100 poses": {"poses": 100},
-}  # fmt: skip
+    "gravity load only": {"loads": "gravity"},
+    "one marker": {"markers": 1},
+    "20 poses": {"poses": 20},
+    "40 poses": {"poses": 40},
+    "100 poses": {"poses": 100},
+}
 FULL = 12
 DEGREES = float(np.rad2deg(hidden.ALIAS))
 Result = dict[str, Any]
@@ -75,9 +98,7 @@ def make_cases(seeds: int, groups: Sequence[str], base: int) -> list[Case]:
         "effects": ((f"{k}/{s:g}", {"effects": ((k, s),)}) for k in kinds() for s in SIZES for _ in range(seeds)),
         "pairs": _several(2, many(100), base),
         "triples": _several(3, many(40), base),
-        "aliases": (
-            (k, {"effects": ((k, 12.0),), "alias": True}) for k in ALIASED for _ in range(many(10))
-        ),
+        "aliases": ((k, {"effects": ((k, 12.0),), "alias": True}) for k in ALIASED for _ in range(many(10))),
         "unknown": [
             (f"{kind}/{s:g}", {"unknown": (kind, s)})
             for s, known in ((8.0, UNKNOWN), (12.0, (*UNKNOWN, hidden.UNTOLD)))
@@ -90,7 +111,7 @@ def make_cases(seeds: int, groups: Sequence[str], base: int) -> list[Case]:
         "protocol": _protocols(many(24), many(48)),
         "conventions": ((c, {"convention": c}) for c in CONVENTIONS for _ in range(many(8))),
         "visible": (("all", {}) for _ in range(min(8, many(8)))),
-    }  # fmt: skip
+    }
     cases: list[Case] = []
     for group in groups:
         count: Counter[str] = Counter()
@@ -148,9 +169,15 @@ def code() -> str:
 
 def run(case: Case) -> Result:
     """Hide, write, diagnose from the files, and keep what the scores need."""
-    out: Result = {"id": case.id, "group": case.group, "seed": case.seed, "code": code(), "robot": case.setting.robot,
-                   "wanted": [s for _, s in case.effects] or ([case.unknown[1]] if case.unknown else []),
-                   "kind": "+".join(k for k, _ in case.effects) or (case.unknown or ("",))[0]}  # fmt: skip
+    out: Result = {
+        "id": case.id,
+        "group": case.group,
+        "seed": case.seed,
+        "code": code(),
+        "robot": case.setting.robot,
+        "wanted": [s for _, s in case.effects] or ([case.unknown[1]] if case.unknown else []),
+        "kind": "+".join(k for k, _ in case.effects) or (case.unknown or ("",))[0],
+    }
     try:
         truth = hidden.hide(case)
     except hidden.Unreachable as none:
@@ -161,8 +188,11 @@ def run(case: Case) -> Result:
     except Exception as error:  # a refusal is right for some cases, and a crash must not stop the benchmark
         refused = type(error).__name__ == "InputError" and case.convention == "metres"
         text = re.sub(r"\S*/(readings\.csv|experiment\.yaml)", r"\1", f"{type(error).__name__}: {error}")
-        out |= {"outcome": "refused" if refused else "failed", "error": text[:400],
-                "trace": "" if refused else traceback.format_exc()[-800:]}  # fmt: skip
+        out |= {
+            "outcome": "refused" if refused else "failed",
+            "error": text[:400],
+            "trace": "" if refused else traceback.format_exc()[-800:],
+        }
     return out
 
 
@@ -180,12 +210,17 @@ def _diagnosed(case: Case, truth: Truth) -> Result:
         d = diagnose(experiment, readings, progress=lambda step, *_: clock.setdefault(step, time.process_time()))
         seconds = time.process_time() - clock["start"]
     told = json.loads(json.dumps(diagnosis_json(d)))
-    out: Result = {"outcome": "done", "seconds": round(seconds, 3),
-                   "search_s": round(clock.get("closing gate", np.nan) - clock.get("search", np.nan), 3),
-                   "verdict": told["verdict"],
-                   "causes": [{"id": c["id"], "rivals": c["rivals"], "p": c["p_value"]} for c in told["causes"]],
-                   "conventions": told.get("conventions", []), "problems": [p["id"] for p in told["data_problems"]],
-                   "leftovers": told.get("leftovers", [])[:1], "rms_mm": told["rms_mm"]}  # fmt: skip
+    out: Result = {
+        "outcome": "done",
+        "seconds": round(seconds, 3),
+        "search_s": round(clock.get("closing gate", np.nan) - clock.get("search", np.nan), 3),
+        "verdict": told["verdict"],
+        "causes": [{"id": c["id"], "rivals": c["rivals"], "p": c["p_value"]} for c in told["causes"]],
+        "conventions": told.get("conventions", []),
+        "problems": [p["id"] for p in told["data_problems"]],
+        "leftovers": told.get("leftovers", [])[:1],
+        "rms_mm": told["rms_mm"],
+    }
     out["off"] = _off(truth, told)
     if case.group == "visible":
         out["invisible"] = _invisible(truth, told)
@@ -199,8 +234,11 @@ def _diagnosed(case: Case, truth: Truth) -> Result:
 def _off(truth: Truth, told: Result) -> dict[str, float]:
     """Estimated minus true values of the hidden parameters in sds, where the cause is named."""
     found = {name: p for c in told["causes"] for name, p in c["parameters"].items()}
-    return {n: round((found[n]["value"] - v) / found[n]["sd"], 2)
-            for n, v in truth.values.items() if n in found and found[n]["sd"]}  # fmt: skip
+    return {
+        n: round((found[n]["value"] - v) / found[n]["sd"], 2)
+        for n, v in truth.values.items()
+        if n in found and found[n]["sd"]
+    }
 
 
 def _angles(truth: Truth, told: Result) -> list[dict[str, float]]:
@@ -216,8 +254,11 @@ def _invisible(truth: Truth, told: Result) -> dict[str, list[Any]]:
     h = truth.hider
     reached = {n: h.reaches(i) for n, i in h.instances.items()}
     declared = sorted(x["id"] for x in told["table"] if x["status"].startswith("invisible"))
-    return {"own": sorted([n, round(r, 2)] for n, r in reached.items() if r < 1.15 * hidden.VISIBLE),
-            "declared": declared, "all": len(reached)}  # fmt: skip
+    return {
+        "own": sorted([n, round(r, 2)] for n, r in reached.items() if r < 1.15 * hidden.VISIBLE),
+        "declared": declared,
+        "all": len(reached),
+    }
 
 
 def _fresh(truth: Truth, d: Any) -> dict[str, float]:
@@ -233,8 +274,11 @@ def _fresh(truth: Truth, d: Any) -> dict[str, float]:
     def error(model: Any, x: Any) -> float:
         return round(1e3 * float(np.sqrt(np.mean((hidden.exact(model, poses, x) - wanted) ** 2))), 6)
 
-    return {"identified": error(d.baseline.model, d.baseline.x), "extended": error(d.extended.model, d.extended.x),
-            "oracle": error(truth.model, best)}  # fmt: skip
+    return {
+        "identified": error(d.baseline.model, d.baseline.x),
+        "extended": error(d.extended.model, d.extended.x),
+        "oracle": error(truth.model, best),
+    }
 
 
 # ---------------------------------------------------------------- all cases
@@ -350,8 +394,14 @@ def worse(r: Result) -> bool:
 Row = tuple[str, str, str, str, int, str]
 
 
-def rate(label: str, goal: str, results: Sequence[Result], hit: Callable[[Result], bool], least: float | None = None,
-         most: float | None = None) -> Row:  # fmt: skip
+def rate(
+    label: str,
+    goal: str,
+    results: Sequence[Result],
+    hit: Callable[[Result], bool],
+    least: float | None = None,
+    most: float | None = None,
+) -> Row:
     """A row of the table: measured rate, its interval, cases, and whether the goal is met or within the interval."""
     count, hits = len(results), sum(map(hit, results))
     low, high = wilson(hits, count)
@@ -382,10 +432,18 @@ def scores(results: Sequence[Result]) -> list[Row]:
     rows.append(rate("two causes, s = 12: exact", ">= 85 %", of("pairs"), exactly, least=0.85))
     rows.append(rate("two causes, s = 12: up to aliases", ">= 95 %", of("pairs"), up_to_aliases, least=0.95))
     for s, least in ((8.0, 0.90), (12.0, 0.98)):
-        rows.append(rate(f"unknown cause flagged, s = {s:g}", f">= {100 * least:g} %", of("unknown", s), flagged,
-                         least=least))  # fmt: skip
-    rows.append(rate("unknown cause confidently wrong, s = 8", "<= 5 %", of("unknown", 8.0),
-                     lambda r: r["verdict"] == "explained", most=0.05))  # fmt: skip
+        rows.append(
+            rate(f"unknown cause flagged, s = {s:g}", f">= {100 * least:g} %", of("unknown", s), flagged, least=least)
+        )
+    rows.append(
+        rate(
+            "unknown cause confidently wrong, s = 8",
+            "<= 5 %",
+            of("unknown", 8.0),
+            lambda r: r["verdict"] == "explained",
+            most=0.05,
+        )
+    )
     large = of("effects", 8.0, 12.0, 40.0)
     rows.append(_mean_share(large))
     rows.append(rate("held-out error worse than before, s >= 8", "<= 1 %", large, worse, most=0.01))
@@ -471,8 +529,17 @@ def by_size(results: Sequence[Result]) -> str:
         cells = [f"{100 * sum(map(f, chosen)) / len(chosen):.1f} %" for f in asked]
         inside = f"{100 * np.mean(np.abs(off) <= 3.0):.1f} %" if off else "-"
         rows.append([f"{s:g}", len(chosen), *cells, f"{np.mean(sizes):.2f}" if sizes else "-", inside])
-    head = ("s", "cases", "detected", "named right", "up to aliases", "set covers", "more than one named", "set size",
-            "parameters within 3 sd")  # fmt: skip
+    head = (
+        "s",
+        "cases",
+        "detected",
+        "named right",
+        "up to aliases",
+        "set covers",
+        "more than one named",
+        "set size",
+        "parameters within 3 sd",
+    )
     return table(head, rows)
 
 
@@ -516,19 +583,38 @@ def others(results: Sequence[Result]) -> str:
     for name in PROTOCOLS:
         rows.append(rate(f"{name}: false alarms", "", of(f"protocol/{name}/null"), alarmed))
         rows.append(rate(f"{name}: named right, s = 8", "", of(f"protocol/{name}/effect"), named))
-    wanted = {"coupling_plus": "controller_coupling[joint_3]", "coupling_minus": "controller_coupling[joint_3]",
-              "swapped_axes": "displacement_axes", "sign": "displacement_sign"}  # fmt: skip
+    wanted = {
+        "coupling_plus": "controller_coupling[joint_3]",
+        "coupling_minus": "controller_coupling[joint_3]",
+        "swapped_axes": "displacement_axes",
+        "sign": "displacement_sign",
+    }
     for convention, name in wanted.items():
         label = f"{convention.replace('_', ' ')}: named {name}"
         rows.append(rate(label, "", of(f"conventions/{convention}"), lambda r, name=name: name in _names(r)))
     for kind in hidden.UNSEEN:
         for size in ("8", "12"):
-            rows.append(rate(f"unknown: {kind.replace('_', ' ')}, s = {size}: flagged", "",
-                             of(f"unseen/{kind}/{size}/"), flagged))  # fmt: skip
-            rows.append(rate(f"unknown: {kind.replace('_', ' ')}, s = {size}: confidently wrong", "",
-                             of(f"unseen/{kind}/{size}/"), lambda r: r["verdict"] == "explained"))  # fmt: skip
-    rows.append(rate("hose of two series, s = 12: a noise problem is named or it is flagged", "",
-                     of(f"unknown/{hidden.UNTOLD}"), lambda r: bool(r["problems"]) or alarmed(r)))  # fmt: skip
+            rows.append(
+                rate(
+                    f"unknown: {kind.replace('_', ' ')}, s = {size}: flagged", "", of(f"unseen/{kind}/{size}/"), flagged
+                )
+            )
+            rows.append(
+                rate(
+                    f"unknown: {kind.replace('_', ' ')}, s = {size}: confidently wrong",
+                    "",
+                    of(f"unseen/{kind}/{size}/"),
+                    lambda r: r["verdict"] == "explained",
+                )
+            )
+    rows.append(
+        rate(
+            "hose of two series, s = 12: a noise problem is named or it is flagged",
+            "",
+            of(f"unknown/{hidden.UNTOLD}"),
+            lambda r: bool(r["problems"]) or alarmed(r),
+        )
+    )
     metres = [r for r in results if r["id"].startswith("conventions/metres")]
     rows.append(
         rate("millimetres called metres: refused by the reader", "", metres, lambda r: r["outcome"] == "refused")
@@ -547,8 +633,11 @@ def troubles(results: Sequence[Result]) -> str:
     kinds = Counter(r["kind"] for r in results if r["outcome"] == "unreachable")
     lines = ["Outcomes: " + ", ".join(f"{n} {o}" for o, n in count.most_common()) + "."]
     if kinds:
-        lines.append("No place of these effects reaches the wanted s within ten times its typical size: "
-                     + ", ".join(f"{k} ({n})" for k, n in sorted(kinds.items())) + ".")  # fmt: skip
+        lines.append(
+            "No place of these effects reaches the wanted s within ten times its typical size: "
+            + ", ".join(f"{k} ({n})" for k, n in sorted(kinds.items()))
+            + "."
+        )
     lines += [f"- {r['id']}: {r['error']}" for r in results if r["outcome"] == "failed"][:20]
     return "\n".join(lines)
 
@@ -556,14 +645,21 @@ def troubles(results: Sequence[Result]) -> str:
 def report(results: Sequence[Result]) -> str:
     """All tables as Markdown."""
     head = ("metric", "goal", "measured", "95 %", "cases", "goal met")
-    return "\n\n".join([
-        table(head, [r for r in scores(results) if r[4]]),
-        "### Single effects by size", by_size(results),
-        "### Further cases", others(results),
-        "### What each effect was called, s = 6 and 8", confusion(results, 6.0, 8.0),
-        "### What each effect was called, s = 12", confusion(results, 12.0),
-        "### Cases without a diagnosis", troubles(results),
-    ])  # fmt: skip
+    return "\n\n".join(
+        [
+            table(head, [r for r in scores(results) if r[4]]),
+            "### Single effects by size",
+            by_size(results),
+            "### Further cases",
+            others(results),
+            "### What each effect was called, s = 6 and 8",
+            confusion(results, 6.0, 8.0),
+            "### What each effect was called, s = 12",
+            confusion(results, 12.0),
+            "### Cases without a diagnosis",
+            troubles(results),
+        ]
+    )
 
 
 def write_page(text: str, command: str, results: Sequence[Result]) -> None:

@@ -164,10 +164,16 @@ def design(count: int, seed: int, save: str | None) -> dict[str, Any]:
     if save:
         np.savez(save, q=job.q_measured, rows=rows, weights=weights)
     return {
-        "candidates": count, "parameters": parameters, "names": names, "regressor": regressor, "optimum": optimum,
-        "chosen": len(job.optimal_configurations["calibration_joint_configurations"]), **quality(rows, weights),
-        "memory_before_MB": round(before), "memory_MB": round(memory()),
-    }  # fmt: skip
+        "candidates": count,
+        "parameters": parameters,
+        "names": names,
+        "regressor": regressor,
+        "optimum": optimum,
+        "chosen": len(job.optimal_configurations["calibration_joint_configurations"]),
+        **quality(rows, weights),
+        "memory_before_MB": round(before),
+        "memory_MB": round(memory()),
+    }
 
 
 def quality(rows: np.ndarray, weights: np.ndarray) -> dict[str, float]:
@@ -230,12 +236,21 @@ def identify(series: str, seed: int, model: str) -> dict[str, Any]:
             errors.append(rms(found.reshape(3, -1).T - y[part]))
     names = job.calib_config["param_name"]
     return {
-        "series": series.upper(), "seed": seed, "model": model, "readings": len(train), "parameters": len(names),
-        "train_mm": errors[0], "held_out_mm": errors[1], "initialize": start, "fit": fit,
-        "converged": bool(result.success), "excluded": len(excluded),
+        "series": series.upper(),
+        "seed": seed,
+        "model": model,
+        "readings": len(train),
+        "parameters": len(names),
+        "train_mm": errors[0],
+        "held_out_mm": errors[1],
+        "initialize": start,
+        "fit": fit,
+        "converged": bool(result.success),
+        "excluded": len(excluded),
         "values": {n: float(v) for n, v in zip(names, result.x, strict=True)},
-        "memory_before_MB": round(before), "memory_MB": round(memory()),
-    }  # fmt: skip
+        "memory_before_MB": round(before),
+        "memory_MB": round(memory()),
+    }
 
 
 def main() -> None:

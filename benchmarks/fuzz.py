@@ -33,10 +33,20 @@ import fuzzing  # noqa: E402
 from common import replace_between  # noqa: E402
 
 COUNTS = {
-    "robot.yaml": 6000, "nominal.yaml": 5000, "URDF": 9000, "xacro": 3000, "experiment.yaml": 14000,
-    "plan.csv": 16000, "readings.csv": 12000, "states.csv": 6000, "controller programmes": 6000, "fit.json": 8000,
-    "task.yaml": 6000, "plan.json": 9000, "targets.csv": 4000,
-}  # fmt: skip
+    "robot.yaml": 6000,
+    "nominal.yaml": 5000,
+    "URDF": 9000,
+    "xacro": 3000,
+    "experiment.yaml": 14000,
+    "plan.csv": 16000,
+    "readings.csv": 12000,
+    "states.csv": 6000,
+    "controller programmes": 6000,
+    "fit.json": 8000,
+    "task.yaml": 6000,
+    "plan.json": 9000,
+    "targets.csv": 4000,
+}
 FIRST_SEED = 1_000_000
 """Away from the seeds of the tests."""
 CHUNK = 250

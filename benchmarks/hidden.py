@@ -68,15 +68,17 @@ ROBOTS: dict[str, dict[str, Any]] = {
         "load": "load: {point_mm: [150, 0, 200]}",
         "markers": {"m1": (150, 250, 250), "m2": (400, -150, 150), "m3": (150, -150, -250)},
         "constraints": "constraints: {z_min_m: 0.5, axis1_distance_min_m: 1.0, of: wrist_centre}",
-        "weight": (0.0, 0.0, -4000.0), "pull": (0.0, 1500.0, -4000.0),
+        "weight": (0.0, 0.0, -4000.0),
+        "pull": (0.0, 1500.0, -4000.0),
     },
     "fanuc_r2000ic": {
         "load": "load: {point_mm: [100, 0, 200]}",
         "markers": {"m1": (50, 200, 250), "m2": (250, -150, 150), "m3": (0, -150, 50)},
         "constraints": "constraints: {z_min_m: 0.4, axis1_distance_min_m: 0.6, of: wrist_centre}",
-        "weight": (0.0, 0.0, -2000.0), "pull": (0.0, 800.0, -2000.0),
+        "weight": (0.0, 0.0, -2000.0),
+        "pull": (0.0, 800.0, -2000.0),
     },
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -148,10 +150,14 @@ class Truth:
     def as_json(self) -> dict[str, Any]:
         """What a scorer needs."""
         return {
-            "case": self.case.id, "seed": self.case.seed, "robot": self.case.setting.robot,
-            "effects": [i.name for i in self.instances], "values": self.values, "s": list(self.s),
+            "case": self.case.id,
+            "seed": self.case.seed,
+            "robot": self.case.setting.robot,
+            "effects": [i.name for i in self.instances],
+            "values": self.values,
+            "s": list(self.s),
             "skipped": list(self.skipped),
-        }  # fmt: skip
+        }
 
 
 class Unreachable(Exception):
@@ -230,9 +236,13 @@ def extended(model: Model, instances: Sequence[Instance]) -> Model:
     nulled = [replace(p, nominal=z) for i in new for p, z in zip(i.parameters, i.zero, strict=True)]
     markers = list(zip(model.marker_names, model.markers, strict=True))
     return make_model(
-        model.facts, (*model.effects, *(i.effect for i in new)), (*model.parameters, *nulled), model.tip, markers,
+        model.facts,
+        (*model.effects, *(i.effect for i in new)),
+        (*model.parameters, *nulled),
+        model.tip,
+        markers,
         model.gravity,
-    )  # fmt: skip
+    )
 
 
 def instances_of(experiment: Experiment, recorded: bool) -> dict[str, Instance]:
@@ -408,8 +418,10 @@ def _unknown(kind: str, base: Model, poses: Poses, x: Array, rng: np.random.Gene
         held = np.tanh(np.diff(poses.q[:, 3:], axis=0, prepend=poses.q[:1, 3:]))
         first, second = held, np.zeros_like(held)
     else:  # both states are series of their own, in orders that no file tells
-        first, second = (np.tanh(np.diff(poses.q[o][:, 3:], axis=0, prepend=poses.q[o][:1, 3:]))[np.argsort(o)]
-                         for o in (rng.permutation(count), rng.permutation(count)))  # fmt: skip
+        first, second = (
+            np.tanh(np.diff(poses.q[o][:, 3:], axis=0, prepend=poses.q[o][:1, 3:]))[np.argsort(o)]
+            for o in (rng.permutation(count), rng.permutation(count))
+        )
     unloaded, loaded = with_(HoseTorque(first, wrist)), with_(HoseTorque(second, wrist))
     return lambda t: exact(loaded, poses, values(loaded, 50.0 * t), unloaded)
 
@@ -579,8 +591,9 @@ def hide(case: Case) -> Truth:
     model, x = h.with_(values, chosen)
     s = tuple(float(np.linalg.norm(v)) for v in vectors)
     clean = exact(model, h.poses, x)
-    return Truth(case, h.experiment, h.poses, tuple(chosen), values, model, x, s, tuple(skipped), tuple(vectors), clean,
-                 h)  # fmt: skip
+    return Truth(
+        case, h.experiment, h.poses, tuple(chosen), values, model, x, s, tuple(skipped), tuple(vectors), clean, h
+    )
 
 
 def _near(a: Array, b: Array) -> bool:
@@ -607,8 +620,9 @@ def _hide_unknown(case: Case, h: Hider) -> Truth:
         except Unreachable:
             continue
         v = vector(t)
-        return Truth(case, h.experiment, h.poses, (), {kind: t}, h.base, h.x, (float(np.linalg.norm(v)),), (), (v,),
-                     make(t), h)  # fmt: skip
+        return Truth(
+            case, h.experiment, h.poses, (), {kind: t}, h.base, h.x, (float(np.linalg.norm(v)),), (), (v,), make(t), h
+        )
     raise Unreachable
 
 

@@ -65,11 +65,16 @@ def one(series: str, seed: int, model: str) -> dict[str, Any]:
     seconds = time.perf_counter() - clock
     predicted, measured = fit.predict(halves[1])
     return {
-        "series": series.upper(), "seed": seed, "model": model, "parameters": len(fit.estimates),
-        "held_out_mm": fit.error_of(predicted - measured) * 1e3, "train_mm": fit.error_of(fit.residuals) * 1e3,
-        "masked": list(fit.masked), "time_s": seconds,
+        "series": series.upper(),
+        "seed": seed,
+        "model": model,
+        "parameters": len(fit.estimates),
+        "held_out_mm": fit.error_of(predicted - measured) * 1e3,
+        "train_mm": fit.error_of(fit.residuals) * 1e3,
+        "masked": list(fit.masked),
+        "time_s": seconds,
         "memory_MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000,
-    }  # fmt: skip
+    }
 
 
 def own(series: str, seed: int, model: str) -> dict[str, Any]:
@@ -120,8 +125,15 @@ def _line(ours: list[dict[str, Any]], told: list[dict[str, Any]]) -> list[str]:
     if not told:
         return [f"{error:.4f}", "", f"{seconds:.3f}", "", "", f"{size:.0f}", ""]
     their_error, their_seconds, their_size = (median(told, key) for key in keys)
-    return [f"{error:.4f}", f"{their_error:.4f}", f"{seconds:.3f}", f"{their_seconds:.2f}",
-            f"{their_seconds / seconds:.0f}", f"{size:.0f}", f"{their_size:.0f}"]  # fmt: skip
+    return [
+        f"{error:.4f}",
+        f"{their_error:.4f}",
+        f"{seconds:.3f}",
+        f"{their_seconds:.2f}",
+        f"{their_seconds / seconds:.0f}",
+        f"{size:.0f}",
+        f"{their_size:.0f}",
+    ]
 
 
 def main() -> None:

@@ -49,9 +49,11 @@ def pinocchio_loop(robot: Robot, poses: Poses) -> None:
     import pinocchio as pin
 
     data = robot.model.createData()
-    frame = robot.model.addFrame(
-        pin.Frame("bench_tip", 6, 0, pin.SE3(np.eye(3), TIP.xyz), pin.FrameType.OP_FRAME)
-    ) if not robot.model.existFrame("bench_tip") else robot.model.getFrameId("bench_tip")  # fmt: skip
+    frame = (
+        robot.model.addFrame(pin.Frame("bench_tip", 6, 0, pin.SE3(np.eye(3), TIP.xyz), pin.FrameType.OP_FRAME))
+        if not robot.model.existFrame("bench_tip")
+        else robot.model.getFrameId("bench_tip")
+    )
     data = robot.model.createData()
     count = len(poses)
     positions, jacobians, gravity = np.empty((count, 3)), np.empty((count, 6, 6)), np.empty((count, 6))
@@ -101,25 +103,39 @@ def tables(count: int, runs: int) -> str:
     few = poses.take(slice(0, count // 10))
     plain, wide = model(robot), model(robot, 12)
     names = [p.name for p in wide.parameters if "compliance" in p.name or p.name.endswith(".stiffness")]
-    kinematics = turns({
-        "ours": lambda: batch(plain, poses),
-        "loop": lambda: pinocchio_loop(robot, few),
-        "writing": writing(count, (3,), (6, 6), (6,)),
-    }, runs)  # fmt: skip
+    kinematics = turns(
+        {
+            "ours": lambda: batch(plain, poses),
+            "loop": lambda: pinocchio_loop(robot, few),
+            "writing": writing(count, (3,), (6, 6), (6,)),
+        },
+        runs,
+    )
     loop = kinematics["loop"] * len(poses) / len(few)
-    both = turns({
-        "ours": lambda: sensitivities(wide, poses, names),
-        "writing": writing(count, (1, 3, len(names)), (1, 3)),
-    }, runs)  # fmt: skip
+    both = turns(
+        {
+            "ours": lambda: sensitivities(wide, poses, names),
+            "writing": writing(count, (1, 3, len(names)), (1, 3)),
+        },
+        runs,
+    )
     states = turns({"full": lambda: full_displacement(plain, few), "linear": lambda: plain.predict(few)}, runs)
     rows = [
-        (f"positions, Jacobians, gravity torques of {count:.0e} poses", kinematics["ours"],
-         f"Pinocchio, pose by pose ({len(few):.0e} of them, scaled up)", loop),
+        (
+            f"positions, Jacobians, gravity torques of {count:.0e} poses",
+            kinematics["ours"],
+            f"Pinocchio, pose by pose ({len(few):.0e} of them, scaled up)",
+            loop,
+        ),
         ("the same", kinematics["ours"], "writing these arrays", kinematics["writing"]),
-        (f"predictions and {len(names)} sensitivities of {count:.0e} poses", both["ours"],
-         "writing these arrays", both["writing"]),
+        (
+            f"predictions and {len(names)} sensitivities of {count:.0e} poses",
+            both["ours"],
+            "writing these arrays",
+            both["writing"],
+        ),
         (f"full equilibrium of {len(few):.0e} poses", states["full"], "linear prediction", states["linear"]),
-    ]  # fmt: skip
+    ]
     text = [[what, f"{ours:.3f}", against, f"{other:.3f}", _ratio(ours, other)] for what, ours, against, other in rows]
     head = ["what", "CPU s", "against", "CPU s", "ratio"]
     return table(head, text) + f"\n\nPeak memory of all of this {memory() / 1024:.2f} GB."

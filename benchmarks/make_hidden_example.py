@@ -66,8 +66,9 @@ def main() -> None:
     true = dict(zip(truth.model.names, truth.x.tolist(), strict=True))
     springs = [1e6 * true[f"joint_compliance[joint_{k}]"] for k in range(1, 7)]
     value = truth.values[PLACE]
-    said = HARDENS.format(c=springs[2], value=value, add=1e3 * value * 1e12, s=truth.s[0],
-                          springs=", ".join(f"{c:.4f}" for c in springs))  # fmt: skip
+    said = HARDENS.format(
+        c=springs[2], value=value, add=1e3 * value * 1e12, s=truth.s[0], springs=", ".join(f"{c:.4f}" for c in springs)
+    )
     (given.folder / "README.md").write_text(README.format(truth=said, seed=SEED))
     print(said)
 

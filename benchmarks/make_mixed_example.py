@@ -86,8 +86,9 @@ def built(rng: np.random.Generator, pedestal: float = PEDESTAL) -> Arm:
     compliance = np.concatenate([[pedestal], NOMINAL * rng.uniform(0.7, 1.4, 6)])
     markers = {name: (np.array(xyz) + rng.normal(0.0, 0.8, 3)) / 1e3 for name, xyz in MARKERS.items()}
     tip = {"tip": np.array(POINT) / 1e3}
-    return Arm(model, model.createData(), model.getFrameId("flange"), rng.normal(0.0, 4e-4, 6), compliance,
-               markers | tip)  # fmt: skip
+    return Arm(
+        model, model.createData(), model.getFrameId("flange"), rng.normal(0.0, 4e-4, 6), compliance, markers | tip
+    )
 
 
 def poses(arm: Arm, count: int, rng: np.random.Generator) -> list[list[float]]:

@@ -148,18 +148,29 @@ def curves(quick: bool) -> list[Curve]:
     return [
         Curve("candidates", "predictions, 9 sensitivities, all springs", large, lambda n: predicted(n, 9), 1.0),
         Curve("candidates", "relaxed design, 9 parameters", large, lambda n: relaxed(n, 9), 1.0),
-        Curve("parameters", "predictions, sensitivities, 2e4 poses, all springs", [4, 8, 16, 32],
-              lambda p: predicted(20_000, p), 1.0),
+        Curve(
+            "parameters",
+            "predictions, sensitivities, 2e4 poses, all springs",
+            [4, 8, 16, 32],
+            lambda p: predicted(20_000, p),
+            1.0,
+        ),
         Curve("parameters", "relaxed design, 1e5 candidates", [4, 8, 16, 32], lambda p: relaxed(10_000 * top, p), 2.0),
         Curve("poses", "exact plan from 1e4 candidates", [12, 24, 48, 96], exact, 1.0),
-        Curve("poses", "identification, 3 markers", [n * top for n in (10, 40, 160, 640)],
-              lambda n: identified(n, 3), 1.0),
+        Curve(
+            "poses", "identification, 3 markers", [n * top for n in (10, 40, 160, 640)], lambda n: identified(n, 3), 1.0
+        ),
         Curve("poses", "diagnosis, 3 markers", few, lambda n: diagnosed(n, 3), 2.0),
         Curve("markers", "identification, 100 poses", [1, 2, 4, 8, 16], lambda k: identified(100, k), 1.0),
         Curve("markers", "diagnosis, 40 poses", [1, 2, 4], lambda k: diagnosed(40, k), 2.0),
-        Curve("fitted parameters", "identification, 100 poses, 3 markers", [6, 8, 12, 17],
-              lambda p: identified(100, 3, p), 2.0),
-    ]  # fmt: skip
+        Curve(
+            "fitted parameters",
+            "identification, 100 poses, 3 markers",
+            [6, 8, 12, 17],
+            lambda p: identified(100, 3, p),
+            2.0,
+        ),
+    ]
 
 
 def draw(measured: Sequence[Curve], path: Path) -> None:
@@ -195,8 +206,17 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help="write docs/performance.md and the picture")
     given = parser.parse_args()
     measured = [c.measure(1 if given.quick else RUNS) for c in curves(given.quick)]
-    rows = [[c.panel, c.name, ", ".join(f"{n:,}" for n in c.sizes), ", ".join(f"{s:.3g}" for s in c.seconds),
-             f"{c.slope():.2f}", f"{c.bound:g}"] for c in measured]  # fmt: skip
+    rows = [
+        [
+            c.panel,
+            c.name,
+            ", ".join(f"{n:,}" for n in c.sizes),
+            ", ".join(f"{s:.3g}" for s in c.seconds),
+            f"{c.slope():.2f}",
+            f"{c.bound:g}",
+        ]
+        for c in measured
+    ]
     text = table(["size", "what", "sizes", "CPU s", "slope", "expected at most"], rows)
     if given.write and not given.quick:
         draw(measured, PICTURE)

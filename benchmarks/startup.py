@@ -27,16 +27,20 @@ def python(code: str) -> list[str]:
 
 def starts(runs: int) -> str:
     """How long nothing takes: the interpreter, the imports, the commands that only answer."""
-    found = medians({
-        "an empty Python": python("pass"),
-        "import numpy": python("import numpy"),
-        "import qsframework": python("import qsframework"),
-        "`qsf --help`": [QSF, "--help"],
-        "import pinocchio": python("import pinocchio"),
-        "a robot in memory": python("from qsframework.robot import load_robot; load_robot('fanuc_m900ib')"),
-        "`qsf check fanuc_m900ib`": [QSF, "check", "fanuc_m900ib"],
-        "import cvxpy": python("import cvxpy"),
-    }, ROOT, runs)  # fmt: skip
+    found = medians(
+        {
+            "an empty Python": python("pass"),
+            "import numpy": python("import numpy"),
+            "import qsframework": python("import qsframework"),
+            "`qsf --help`": [QSF, "--help"],
+            "import pinocchio": python("import pinocchio"),
+            "a robot in memory": python("from qsframework.robot import load_robot; load_robot('fanuc_m900ib')"),
+            "`qsf check fanuc_m900ib`": [QSF, "check", "fanuc_m900ib"],
+            "import cvxpy": python("import cvxpy"),
+        },
+        ROOT,
+        runs,
+    )
     empty = found["an empty Python"].cpu
     rows = [[name, f"{r.cpu:.2f}", f"{r.cpu / empty:.1f}", f"{r.memory:.0f}"] for name, r in found.items()]
     return table(["what", "CPU s", "times an empty Python", "peak memory, MB"], rows)
@@ -51,12 +55,14 @@ def commands(folder: Path) -> dict[str, tuple[Sequence[str], str]]:
     return {
         "demo: fit 43 poses, design 12, report": ([QSF, "demo", "--output", str(folder / "demo")], ""),
         "design: 12 poses of the M-900iB, report": (
-            [QSF, "design", str(m900ib), "--output", str(folder / "d.csv"), *report], ""),
+            [QSF, "design", str(m900ib), "--output", str(folder / "d.csv"), *report],
+            "",
+        ),
         "simulate that plan": ([QSF, "simulate", str(m900ib), plan, "--output", str(folder / "s.csv")], ""),
         "identify the R-2000iC, report": ([QSF, "identify", str(r2000ic), *report], ""),
         "identify the UR10's geometry, report": ([QSF, "identify", str(ur10), *report], ""),
         "diagnose 60 poses x 3 markers, report": ([QSF, "diagnose", str(hidden), *report], "20 s by the clock"),
-    }  # fmt: skip
+    }
 
 
 def whole(runs: int) -> str:

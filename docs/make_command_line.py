@@ -27,8 +27,11 @@ def _section(name: str, command: Any) -> str:
     asked = [p for p in command.params if p.param_type_name == "argument"]
     usage = " ".join(["qsf", name, *(_argument(p) for p in asked), "[OPTIONS]"])
     rows = [(f"`{_argument(p)}`", _words(p)) for p in asked]
-    rows += [(", ".join(f"`{o}`" for o in (*p.opts, *p.secondary_opts)), _words(p)) for p in command.params
-             if p not in asked and p.name != "help" and not p.hidden]  # fmt: skip
+    rows += [
+        (", ".join(f"`{o}`" for o in (*p.opts, *p.secondary_opts)), _words(p))
+        for p in command.params
+        if p not in asked and p.name != "help" and not p.hidden
+    ]
     table = "".join(f"| {left} | {right} |\n" for left, right in rows)
     doc = " ".join((command.help or "").split())
     return f"\n## `qsf {name}`\n\n{_escaped(doc)}\n\n```\n{usage}\n```\n\n| | |\n|---|---|\n{table}"

@@ -13,8 +13,7 @@ from typing import Any
 from qsframework import units
 from qsframework.applications import targets
 from qsframework.applications.task import CampaignSpec, MapSpec, PointSpec, TaskSpec
-from qsframework.experiment import example, load_experiment, plan, readings_table
-from qsframework.experiment import spec as e
+from qsframework.experiment import example, load_experiment, plan, readings_table, spec as e
 from qsframework.experiment.columns import Column
 from qsframework.files import FileModel
 from qsframework.identify.io import EstimateSpec, FitSpec, MaskedSpec, StoredFrameSpec
@@ -23,16 +22,26 @@ from qsframework.robot.spec import JointSpec, RobotSpec
 DOCS = Path(__file__).parent
 PAGE = DOCS / "file-formats.md"
 MODELS: dict[str, type[FileModel]] = {
-    "robot.yaml": RobotSpec, "robot.yaml, controller": JointSpec,
-    "experiment.yaml": e.ExperimentSpec, "experiment.yaml, load": e.LoadSpec, "experiment.yaml, markers": e.MarkerSpec,
-    "experiment.yaml, noise": e.NoiseSpec, "experiment.yaml, frames": e.FrameSpec,
+    "robot.yaml": RobotSpec,
+    "robot.yaml, controller": JointSpec,
+    "experiment.yaml": e.ExperimentSpec,
+    "experiment.yaml, load": e.LoadSpec,
+    "experiment.yaml, markers": e.MarkerSpec,
+    "experiment.yaml, noise": e.NoiseSpec,
+    "experiment.yaml, frames": e.FrameSpec,
     "experiment.yaml, load_uncertainty": e.LoadUncertaintySpec,
-    "experiment.yaml, loads": e.LoadCaseSpec, "experiment.yaml, constraints": e.ConstraintsSpec,
+    "experiment.yaml, loads": e.LoadCaseSpec,
+    "experiment.yaml, constraints": e.ConstraintsSpec,
     "experiment.yaml, constraints, sight": e.SightSpec,
-    "task.yaml": TaskSpec, "task.yaml, path": PointSpec, "task.yaml, map": MapSpec, "task.yaml, campaign": CampaignSpec,
-    "fit.json": FitSpec, "fit.json, estimates": EstimateSpec, "fit.json, masked": MaskedSpec,
+    "task.yaml": TaskSpec,
+    "task.yaml, path": PointSpec,
+    "task.yaml, map": MapSpec,
+    "task.yaml, campaign": CampaignSpec,
+    "fit.json": FitSpec,
+    "fit.json, estimates": EstimateSpec,
+    "fit.json, masked": MaskedSpec,
     "fit.json, frames": StoredFrameSpec,
-}  # fmt: skip
+}
 SI_FILES = ("fit.json",)
 """Made by a program: SI throughout, no unit in the keys."""
 
@@ -41,9 +50,11 @@ def tables() -> dict[str, list[Column]]:
     """The columns of every CSV file, for a robot with six joints."""
     experiment = load_experiment(example("m900ib") / "experiment.yaml")
     return {
-        "plan.csv": plan._columns(experiment), "readings.csv": readings_table._columns(experiment, False, False),
-        "readings.csv of states": readings_table._columns(experiment, True, False), "targets.csv": targets._columns(6),
-    }  # fmt: skip
+        "plan.csv": plan._columns(experiment),
+        "readings.csv": readings_table._columns(experiment, False, False),
+        "readings.csv of states": readings_table._columns(experiment, True, False),
+        "targets.csv": targets._columns(6),
+    }
 
 
 def rows() -> dict[str, list[tuple[str, str, bool]]]:

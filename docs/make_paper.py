@@ -96,15 +96,26 @@ def tables_1_and_2(curves: dict[str, Array]) -> str:
         rows.append(row)
     head = ["measurements", "A printed", "A computed", "best q2, deg", "D printed", "D computed", "best q2, deg"]
     middles = [
-        [TITLES[name], f"{paper.BEST_VALUE[name]:.2f}", f"{curves[name].min():.2f}",
-         f"{paper.BEST_MIDDLE[name]:.1f}" if name in paper.BEST_MIDDLE else UNKNOWN,
-         f"{paper.best_middle(curves[name]):.1f}"] for name in paper.CRITERIA_NAMES
-    ]  # fmt: skip
+        [
+            TITLES[name],
+            f"{paper.BEST_VALUE[name]:.2f}",
+            f"{curves[name].min():.2f}",
+            f"{paper.BEST_MIDDLE[name]:.1f}" if name in paper.BEST_MIDDLE else UNKNOWN,
+            f"{paper.best_middle(curves[name]):.1f}",
+        ]
+        for name in paper.CRITERIA_NAMES
+    ]
     ranges = [
-        [f"{loss:.0%}", *(cell for name in paper.CRITERIA_NAMES for cell in (
-            span(paper.RANGES.get((name, loss))), span(paper.table_2(curves[name], loss), 1)))]
+        [
+            f"{loss:.0%}",
+            *(
+                cell
+                for name in paper.CRITERIA_NAMES
+                for cell in (span(paper.RANGES.get((name, loss))), span(paper.table_2(curves[name], loss), 1))
+            ),
+        ]
         for loss in LOSSES
-    ]  # fmt: skip
+    ]
     best = paper.BEST_VALUE["O3"]
     return f"""## Table 1: how many angles, and which
 
@@ -183,10 +194,15 @@ Our notes hold the row of 20 % only, and the finding that every printed end agre
 def thirty_five(curves: dict[str, Array], weighted: dict[str, Array]) -> str:
     """Section on the step from 47-50 deg to 35 deg."""
     rows = [
-        [TITLES[name], f"{paper.best_middle(curves[name]):.1f}", f"{paper.best_middle(weighted[name]):.1f}",
-         f"{paper.loss_at(weighted[name], paper.CHOSEN):.1%}", f"{paper.loss_at(weighted[name], 48.0):.1%}"]
+        [
+            TITLES[name],
+            f"{paper.best_middle(curves[name]):.1f}",
+            f"{paper.best_middle(weighted[name]):.1f}",
+            f"{paper.loss_at(weighted[name], paper.CHOSEN):.1%}",
+            f"{paper.loss_at(weighted[name], 48.0):.1%}",
+        ]
         for name in paper.CRITERIA_NAMES
-    ]  # fmt: skip
+    ]
     robot = {name: paper.on_the_robot(name) for name in ("A", "D")}
     best = [[name, degrees(found.angles), f"{found.times:.2f}"] for name, found in robot.items()]
     head = ["criterion", "best middle, alike", "best middle, weighted", "loss at 35", "loss at 48"]
@@ -223,10 +239,15 @@ def table_5(designed: Designed) -> str:
         v = [table5.criterion(name, c) for c in columns]
         rows.append([f"{name}, 1e-4", *(f"{1e4 * x:.2f}" for x in v), f"{v[-1] / v[2]:.2f}"])
     rows.append(["poses", *(str(len(c)) for c in columns), ""])
-    limits = [[name, ", ".join(map(str, which)), "none" if name not in table5.broken(designed.plan) else "some"]
-              for name, which in table5.broken(with_q6[135.0]).items()]  # fmt: skip
-    said = {"axis1_distance_min": "wrist centre at least 1 m from axis 1", "transmission angle":
-            "parallelogram at least 15 deg from flat", "z_min": "wrist centre at least 0.5 m high"}  # fmt: skip
+    limits = [
+        [name, ", ".join(map(str, which)), "none" if name not in table5.broken(designed.plan) else "some"]
+        for name, which in table5.broken(with_q6[135.0]).items()
+    ]
+    said = {
+        "axis1_distance_min": "wrist centre at least 1 m from axis 1",
+        "transmission angle": "parallelogram at least 15 deg from flat",
+        "z_min": "wrist centre at least 0.5 m high",
+    }
     limits = [[said.get(name, name), which, ours] for name, which, ours in limits]
     twins = " and ".join(f"{i} and {j}" for i, j in table5.twins(with_q6[135.0]))
     one = ", ".join(f"{100 * table5.joint_4_share(q6):.0f} % with q6 = {q6:g}" for q6 in with_q6)
@@ -255,13 +276,26 @@ def section_5_1(designed: Designed) -> str:
     alone, among = designed.side, designed.side_among_unknown
     sd = (table5.sd_share(alone, table5.side_pull(False))[0], table5.told_of_joint_1(among)[0] ** -0.5)
     rows = [
-        [name, f"{table5.reach(poses)[0]:.2f}", f"{table5.reach(poses)[0] / far:.0%}", f"{table5.lever(poses)[0]:.2f}",
-         f"{table5.wrist_angle(poses, table5.SIDE_PULL[:3])[0]:.0f}",
-         ", ".join(f"{abs(torque):.0f}" for torque in table5.wrist_torques(poses)[0]), f"{share:.2%}"]
+        [
+            name,
+            f"{table5.reach(poses)[0]:.2f}",
+            f"{table5.reach(poses)[0] / far:.0%}",
+            f"{table5.lever(poses)[0]:.2f}",
+            f"{table5.wrist_angle(poses, table5.SIDE_PULL[:3])[0]:.0f}",
+            ", ".join(f"{abs(torque):.0f}" for torque in table5.wrist_torques(poses)[0]),
+            f"{share:.2%}",
+        ]
         for name, poses, share in zip(("known", "unknown"), (alone, among), sd, strict=True)
-    ]  # fmt: skip
-    head = ["the other compliances", "reach, m", "of the largest", "lever of the pull, m", "axis 6 to the force, deg",
-            "torques of joints 4, 5, 6, N m", "sd of joint 1"]  # fmt: skip
+    ]
+    head = [
+        "the other compliances",
+        "reach, m",
+        "of the largest",
+        "lever of the pull, m",
+        "axis 6 to the force, deg",
+        "torques of joints 4, 5, 6, N m",
+        "sd of joint 1",
+    ]
     return f"""## Section 5.1: a side pull for joint 1
 
 What the twelve poses under their vertical load say of all six joints: *{table5.unseen_under_weight()}*. The paper pulls
@@ -298,8 +332,15 @@ def page(designed: Designed) -> str:
     """The whole page, with these designed poses."""
     curves = {name: paper.curve(name) for name in paper.CRITERIA_NAMES}
     weighted = {name: paper.curve(name, paper.step_one) for name in paper.CRITERIA_NAMES}
-    parts = [HEAD, tables_1_and_2(curves), figures(), tables_3_and_4(), thirty_five(curves, weighted),
-             table_5(designed), section_5_1(designed)]  # fmt: skip
+    parts = [
+        HEAD,
+        tables_1_and_2(curves),
+        figures(),
+        tables_3_and_4(),
+        thirty_five(curves, weighted),
+        table_5(designed),
+        section_5_1(designed),
+    ]
     return "\n\n".join(map(wrapped, "\n\n".join(parts).split("\n\n"))) + "\n"
 
 
@@ -326,13 +367,21 @@ def pictures() -> dict[str, str]:
     angle = np.arange(1.0, 89.01, 0.5)
     sds = np.array([paper.table_3(a) for a in angle])
     names = ("k2(0)", "k2(middle)", "k2(120)", "k3(-30)", "k3(30)")
-    axes = plots.Axes("sd of the aggregated compliances, sigma / F = 1 um/N", q2, "sd, urad/(N m)",
-                      tuple(range(0, 91, 15)), (0, 1, 2, 3, 4), names_left=True)  # fmt: skip
+    axes = plots.Axes(
+        "sd of the aggregated compliances, sigma / F = 1 um/N",
+        q2,
+        "sd, urad/(N m)",
+        tuple(range(0, 91, 15)),
+        (0, 1, 2, 3, 4),
+        names_left=True,
+    )
     out["paper-sd.svg"] = plots.draw(axes, [plots.Line(n, angle, sds[:, k]) for k, n in enumerate(names)])
     alike, weighted = paper.curve("A"), paper.curve("A", paper.step_one)
     axes = plots.Axes("Trace (A): every stiffness alike, or weighted by step one", *_rest(losses))
-    lines = [plots.Line(n, paper.MIDDLE, 100.0 * (v / v.min() - 1.0)) for n, v in
-             (("alike", alike), ("weighted by step one", weighted))]  # fmt: skip
+    lines = [
+        plots.Line(n, paper.MIDDLE, 100.0 * (v / v.min() - 1.0))
+        for n, v in (("alike", alike), ("weighted by step one", weighted))
+    ]
     out["paper-weighted.svg"] = plots.draw(axes, lines)
     return out
 

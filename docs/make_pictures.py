@@ -13,9 +13,15 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 EXPERIMENT = HERE.parent / "examples" / "m900ib" / "experiment.yaml"
 FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader", "--virtual-time-budget=15000", "--hide-scrollbars",
-)  # fmt: skip
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--virtual-time-budget=15000",
+    "--hide-scrollbars",
+)
 
 
 def screenshot(page: Path, picture: Path, size: str, at: str = "") -> None:
@@ -23,11 +29,17 @@ def screenshot(page: Path, picture: Path, size: str, at: str = "") -> None:
     picture.parent.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as profile:
         subprocess.run(
-            ["chromium", *FLAGS, f"--window-size={size}", f"--user-data-dir={profile}", f"--screenshot={picture}",
-             page.as_uri() + at],
+            [
+                "chromium",
+                *FLAGS,
+                f"--window-size={size}",
+                f"--user-data-dir={profile}",
+                f"--screenshot={picture}",
+                page.as_uri() + at,
+            ],
             check=True,
             capture_output=True,
-        )  # fmt: skip
+        )
 
 
 def qsf(*arguments: str) -> None:

@@ -17,13 +17,28 @@ PACKAGES: dict[str, tuple[str, ...]] = {
     "qsframework.plugin": (),
     "qsframework.robot": (),
     "qsframework.elastostatics": (
-        "Equilibrium", "Model", "Site", "actuator_torques", "cartesian_compliance", "cartesian_stiffness",
-        "equilibrium", "flip_margin", "full_displacement", "make_model", "spring_stiffness",
+        "Equilibrium",
+        "Model",
+        "Site",
+        "actuator_torques",
+        "cartesian_compliance",
+        "cartesian_stiffness",
+        "equilibrium",
+        "flip_margin",
+        "full_displacement",
+        "make_model",
+        "spring_stiffness",
     ),
     "qsframework.estimation": ("FitOptions", "Interval", "RankTest", "rank_test"),
     "qsframework.experiment": (),
     "qsframework.information": (
-        "Promise", "information_rows", "predicted_sd", "promised_beyond", "promised_sd", "promises", "what_would_help",
+        "Promise",
+        "information_rows",
+        "predicted_sd",
+        "promised_beyond",
+        "promised_sd",
+        "promises",
+        "what_would_help",
     ),
     "qsframework.screening": ("Finding", "masked", "screen"),
     "qsframework.design": (),
@@ -32,7 +47,7 @@ PACKAGES: dict[str, tuple[str, ...]] = {
     "qsframework.applications": (),
     "qsframework.work": (),
     "qsframework.viz": ("Scene", "plan_scene", "residual_scene", "show_scene"),
-}  # fmt: skip
+}
 """What a user may import: of each package the names given here, or all of its `__all__`. All else may change."""
 HEAD = """# Every public Python name of qsframework with its signature; docs/versions.md says what that promises.
 # Made by `python docs/make_public_api.py`; a change of this list is told in CHANGELOG.md.

@@ -206,14 +206,24 @@ def page(count: int, results: list[tuple[Case, Array, Array]], methods: str) -> 
     """The page's text."""
     text = (Path(__file__).parent / "statistics_text.txt").read_text()
     spread = 100 * np.sqrt(0.95 * 0.05 / count)
-    table = ["| campaign | condition | coverage, mean | smallest | largest | sd of the parameters, % |",
-             "|---|--:|---|---|---|---|"]  # fmt: skip
+    table = [
+        "| campaign | condition | coverage, mean | smallest | largest | sd of the parameters, % |",
+        "|---|--:|---|---|---|---|",
+    ]
     for case, inside, sd in results:
         c = 100 * inside
-        table.append(f"| {case.name} | {condition(case):,.0f} | {c.mean():.1f} | {c.min():.1f} | {c.max():.1f} | "
-                     f"{_short(100 * sd.min())} to {_short(100 * sd.max())} |")  # fmt: skip
-    filled = {"COUNT": f"{count:,}", "SEED": str(SEED), "DATE": DATE, "SPREAD": f"{spread:.2f}",
-              "TABLE": "\n".join(table), "METHODS": methods}  # fmt: skip
+        table.append(
+            f"| {case.name} | {condition(case):,.0f} | {c.mean():.1f} | {c.min():.1f} | {c.max():.1f} | "
+            f"{_short(100 * sd.min())} to {_short(100 * sd.max())} |"
+        )
+    filled = {
+        "COUNT": f"{count:,}",
+        "SEED": str(SEED),
+        "DATE": DATE,
+        "SPREAD": f"{spread:.2f}",
+        "TABLE": "\n".join(table),
+        "METHODS": methods,
+    }
     for key, value in filled.items():
         text = text.replace(f"@{key}@", value)
     return text

@@ -103,8 +103,7 @@ def one_reflector() -> Model:
     experiment = vertical()
     robot, marker = experiment.robot, experiment.markers[0]
     site = experiment.site(marker.link, marker.xyz)
-    return make_model(robot.facts, robot.effects, robot.parameters, experiment.load_site, [("m1", site)],
-                      robot.gravity)  # fmt: skip
+    return make_model(robot.facts, robot.effects, robot.parameters, experiment.load_site, [("m1", site)], robot.gravity)
 
 
 def joint_4_share(q6_of_row_2: float) -> float:

@@ -23,69 +23,34 @@ if TYPE_CHECKING:
     from qsframework.discriminate.follow_up import second_day as second_day
     from qsframework.errors import (
         InputError as InputError,
-    )
-    from qsframework.errors import (
         NotCertified as NotCertified,
-    )
-    from qsframework.errors import (
         NotConverged as NotConverged,
-    )
-    from qsframework.errors import (
         NotIdentifiable as NotIdentifiable,
-    )
-    from qsframework.errors import (
         QsfError as QsfError,
     )
     from qsframework.experiment import (
         Experiment as Experiment,
-    )
-    from qsframework.experiment import (
         Plan as Plan,
-    )
-    from qsframework.experiment import (
         Readings as Readings,
-    )
-    from qsframework.experiment import (
         load_experiment as load_experiment,
-    )
-    from qsframework.experiment import (
         read_plan as read_plan,
-    )
-    from qsframework.experiment import (
         read_readings as read_readings,
-    )
-    from qsframework.experiment import (
         simulate as simulate,
-    )
-    from qsframework.experiment import (
         write_plan as write_plan,
-    )
-    from qsframework.experiment import (
         write_readings as write_readings,
     )
     from qsframework.forecast.power import foresee as foresee
     from qsframework.identify import (
         Fit as Fit,
-    )
-    from qsframework.identify import (
         FitOptions as FitOptions,
-    )
-    from qsframework.identify import (
         identify as identify,
-    )
-    from qsframework.identify import (
         read_fit as read_fit,
-    )
-    from qsframework.identify import (
         validate as validate,
-    )
-    from qsframework.identify import (
         write_fit as write_fit,
     )
     from qsframework.plugin import check_effect as check_effect
     from qsframework.report.extended import write_extended as write_extended
-    from qsframework.robot import Robot as Robot
-    from qsframework.robot import load_robot as load_robot
+    from qsframework.robot import Robot as Robot, load_robot as load_robot
     from qsframework.screening import screen as screen
 
     __version__: str

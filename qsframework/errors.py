@@ -92,9 +92,12 @@ class NotIdentifiable(QsfError):
     """
 
     def __init__(
-        self, message: str = "these readings cannot tell the parameters", unseen: Sequence[str] = (),
-        groups: Sequence[Sequence[str]] = (), at_bound: Sequence[str] = (),
-    ):  # fmt: skip
+        self,
+        message: str = "these readings cannot tell the parameters",
+        unseen: Sequence[str] = (),
+        groups: Sequence[Sequence[str]] = (),
+        at_bound: Sequence[str] = (),
+    ):
         self.unseen, self.groups = tuple(unseen), tuple(tuple(g) for g in groups)
         self.at_bound = tuple(at_bound)
         said = [f"{name}: no reading depends on it" for name in self.unseen]

@@ -13,10 +13,19 @@ NO_HOST = "--host-resolver-rules=MAP * ~NOTFOUND"
 """Every name resolves to nothing, so that a request to any host would be an error on the console."""
 SMALL = "--window-size=800,600"
 _FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader", "--virtual-time-budget=8000", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync", "--no-first-run", "--enable-logging=stderr",
-)  # fmt: skip
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--virtual-time-budget=8000",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+    "--enable-logging=stderr",
+)
 
 
 def open_page(page: Path | str, folder: Path, *more: str, timeout: float = 120) -> subprocess.CompletedProcess[str]:

@@ -81,8 +81,10 @@ class ClosedChain(Loop):
         if robot.joint_index(self.driven) != robot.joint_index(self.driver) + 1:
             raise InputError(f"{self.name}: {self.driven} must be the joint after {self.driver}")
         if abs(self._orientation(np.zeros((1, self._count(robot))), robot)[0]) < FLAT:
-            raise InputError(f"{self.name} is flat, or its links are free to move, at zero angles; "
-                             "two links close a planar loop, three a spatial one")  # fmt: skip
+            raise InputError(
+                f"{self.name} is flat, or its links are free to move, at zero angles; "
+                "two links close a planar loop, three a spatial one"
+            )
 
     def _arms(self) -> Array:
         pivots = np.array([self.at, *(link.to for link in self.links)])

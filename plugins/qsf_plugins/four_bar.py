@@ -89,9 +89,10 @@ class FourBar(Loop):
         rho = self._rocker(psi, lengths)
         sines = np.zeros((1, 2)) if np.isnan(rho[0]) else _sines(psi, rho, lengths)
         if np.abs(sines).min() < FLAT:
-            raise InputError(f"{self.name} does not close at zero actuator angles, or is flat there; "
-                             f"lengths in m: {', '.join(f'{b} {v:g}' for b, v in zip(BARS, lengths[0], strict=True))}"
-                             )  # fmt: skip
+            raise InputError(
+                f"{self.name} does not close at zero actuator angles, or is flat there; "
+                f"lengths in m: {', '.join(f'{b} {v:g}' for b, v in zip(BARS, lengths[0], strict=True))}"
+            )
         return float(np.sign(sines[0, 1]))
 
     def _rocker(self, psi: Array, lengths: Array) -> Array:

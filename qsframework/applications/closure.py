@@ -276,10 +276,13 @@ def _drives(states: Readings) -> Check:
 def _floor(experiment: Experiment, path: Path, sigma: float | None) -> Check:
     """The reflectors on the floor against where they were first read."""
     columns = [
-        Column("visit", "count", required=True), Column("pose", "text"), Column("repeat", "count"),
-        Column("reflector", "text", required=True), Column("time", "number", "s", blank=True),
+        Column("visit", "count", required=True),
+        Column("pose", "text"),
+        Column("repeat", "count"),
+        Column("reflector", "text", required=True),
+        Column("time", "number", "s", blank=True),
         *(Column(c, "number", "m", required=True, blank=True) for c in ("x", "y", "z")),
-    ]  # fmt: skip
+    ]
     table = read_table(path, columns, experiment.robot.name)
     if table.problems:
         raise InputError(table.problems)

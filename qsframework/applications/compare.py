@@ -104,16 +104,22 @@ def _robot_json(r: Compared, shared: Flags) -> dict[str, Any]:
         "task_deflection_mm": listed(r.task, 1e3),
         "task_after_compensation_mm": listed(r.after, 1e3),
         "campaign": r.campaign,
-        "sds": {p.name: {"sd": float(s) if np.isfinite(s) else None, "unit": p.unit, "nominal": p.nominal}
-                for p, s in zip(r.parameters, r.sds, strict=True)},
+        "sds": {
+            p.name: {"sd": float(s) if np.isfinite(s) else None, "unit": p.unit, "nominal": p.nominal}
+            for p, s in zip(r.parameters, r.sds, strict=True)
+        },
         "notes": list(r.notes),
-    }  # fmt: skip
+    }
 
 
 def compare(
-    robots: Sequence[Robot], task: Task, seed: int = 0, tell: Tell | None = None,
-    notes: Mapping[str, Sequence[str]] | None = None, work: Work = HERE,
-) -> Comparison:  # fmt: skip
+    robots: Sequence[Robot],
+    task: Task,
+    seed: int = 0,
+    tell: Tell | None = None,
+    notes: Mapping[str, Sequence[str]] | None = None,
+    work: Work = HERE,
+) -> Comparison:
     """Compare robots on a task, each by its nominal parameters (see `with_fit`).
 
     notes: more to say, by robot; work: where, robot by robot
@@ -192,12 +198,8 @@ def campaign_of(robot: Robot, task: Task, tool: Tool) -> Experiment:
     side = side - (side @ tool.axis) * tool.axis
     hung = tool.site.xyz + task.campaign.lever * side / np.linalg.norm(side)
     load_point = (np.linalg.inv(robot.flange.placement) @ np.append(hung, 1.0))[:3]
-    markers = tuple(
-        Marker(f"m{k + 1}", link, frozen(tool.site.xyz + _SPREAD * np.eye(3)[k])) for k in range(3)
-    )  # fmt: skip
-    loads = tuple(
-        LoadCase(s.name, frozen(s.wrench()), s.poses, s.poses_min, s.cost) for s in task.campaign.loads
-    )  # fmt: skip
+    markers = tuple(Marker(f"m{k + 1}", link, frozen(tool.site.xyz + _SPREAD * np.eye(3)[k])) for k in range(3))
+    loads = tuple(LoadCase(s.name, frozen(s.wrench()), s.poses, s.poses_min, s.cost) for s in task.campaign.loads)
     return Experiment(
         path=task.path,
         robot=robot,

@@ -151,8 +151,9 @@ def check_fit(experiment: Experiment, fit: StoredFit) -> None:
     name, model = experiment.robot.name, experiment.model()
     if fit.robot and fit.robot != name:
         hint = "Give the experiment of that robot, or identify this one."
-        raise InputError(Problem("the fit is of another robot", fit.file or None, found=fit.robot, allowed=name,
-                                 hint=hint))  # fmt: skip
+        raise InputError(
+            Problem("the fit is of another robot", fit.file or None, found=fit.robot, allowed=name, hint=hint)
+        )
     optional = {p.name for p in model.parameters if p.by_name}
     other = sorted((set(fit.model) ^ set(model.names)) - (optional - set(fit.model)))
     if other:
@@ -282,10 +283,14 @@ def _check_torques(experiment: Experiment, model: Model, x: Array, targets: Targ
     poses = Poses(targets.pendant, robot.controller.to_joints(targets.pendant), targets.wrench)
     torque = np.abs(actuator_torques(model, poses, x))
     problems = [
-        targets.problem(int(i), f"{robot.facts.joints[k]} cannot hold the load", found=f"{torque[i, k]:.0f} N m",
-                        allowed=f"up to {robot.torque_limits[k]:.0f} N m")
+        targets.problem(
+            int(i),
+            f"{robot.facts.joints[k]} cannot hold the load",
+            found=f"{torque[i, k]:.0f} N m",
+            allowed=f"up to {robot.torque_limits[k]:.0f} N m",
+        )
         for i, k in zip(*np.nonzero(torque > robot.torque_limits), strict=True)
-    ]  # fmt: skip
+    ]
     if problems:
         raise InputError(problems)
 

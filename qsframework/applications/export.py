@@ -93,11 +93,14 @@ def check_format(programme: Programme, to: str) -> None:
 
 def _check_names(programme: Programme) -> None:
     problems = [
-        Problem(f"pose {name!r}: the controller cannot hold this name", allowed="1 to 16 letters, digits and _ . + -",
-                hint="Name it so in the plan's column pose.")
+        Problem(
+            f"pose {name!r}: the controller cannot hold this name",
+            allowed="1 to 16 letters, digits and _ . + -",
+            hint="Name it so in the plan's column pose.",
+        )
         for name in dict.fromkeys(m.pose for m in programme.moves if m.measured)
         if not _NAME.fullmatch(name)
-    ]  # fmt: skip
+    ]
     if problems:
         raise InputError(problems)
 
@@ -138,9 +141,13 @@ def parse_csv(text: str) -> Parsed:
         robot[1],
         tuple(
             Stop(
-                r["pose"], int(r["visit"]), np.deg2rad([float(r[a]) for a in angles]), int(r["speed_percent"]),
-                None if r["pause_s"] == "hold" else float(r["pause_s"]), r.get("load") or "",
+                r["pose"],
+                int(r["visit"]),
+                np.deg2rad([float(r[a]) for a in angles]),
+                int(r["speed_percent"]),
+                None if r["pause_s"] == "hold" else float(r["pause_s"]),
+                r.get("load") or "",
             )
             for r in rows
         ),
-    )  # fmt: skip
+    )

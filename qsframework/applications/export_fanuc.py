@@ -34,11 +34,22 @@ def write_fanuc(programme: Programme, name: str) -> str:
     numbered = [_line(k, text) for k, text in enumerate(lines, start=1)]
     positions = [_position(i, m) for i, m in enumerate(programme.moves, start=1)]
     head = [
-        f"/PROG  {name}", "/ATTR", "OWNER\t\t= MNEDITOR;", 'COMMENT\t\t= "qsf export";', f"LINE_COUNT\t= {len(lines)};",
-        "PROTECT\t\t= READ_WRITE;", "TCD:  STACK_SIZE\t= 0,", "      TASK_PRIORITY\t= 50,", "      TIME_SLICE\t= 0,",
-        "      BUSY_LAMP_OFF\t= 0,", "      ABORT_REQUEST\t= 0,", "      PAUSE_REQUEST\t= 0;",
-        "DEFAULT_GROUP\t= 1,*,*,*,*;", "CONTROL_CODE\t= 00000000 00000000;", "/MN",
-    ]  # fmt: skip
+        f"/PROG  {name}",
+        "/ATTR",
+        "OWNER\t\t= MNEDITOR;",
+        'COMMENT\t\t= "qsf export";',
+        f"LINE_COUNT\t= {len(lines)};",
+        "PROTECT\t\t= READ_WRITE;",
+        "TCD:  STACK_SIZE\t= 0,",
+        "      TASK_PRIORITY\t= 50,",
+        "      TIME_SLICE\t= 0,",
+        "      BUSY_LAMP_OFF\t= 0,",
+        "      ABORT_REQUEST\t= 0,",
+        "      PAUSE_REQUEST\t= 0;",
+        "DEFAULT_GROUP\t= 1,*,*,*,*;",
+        "CONTROL_CODE\t= 00000000 00000000;",
+        "/MN",
+    ]
     return "\n".join([*head, *numbered, "/POS", *positions, "/END"]) + "\n"
 
 

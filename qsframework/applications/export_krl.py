@@ -21,11 +21,20 @@ def write_krl(programme: Programme, name: str) -> tuple[str, str]:
         raise InputError(Problem("KRL states the six axes A1 to A6", found=f"{len(programme.moves[0].pendant)} joints"))
     payload = "not stated" if programme.payload is None else f"{programme.payload:g} kg"
     src = [
-        "&ACCESS RVP", "&REL 1", f"DEF {name}( )", f";robot {programme.robot}", f";payload {payload}",
-        ";set the load data of tool and weight before the start", ";no weight while the arm moves",
-        "DECL INT K", "BAS(#INITMOV,0)", f"FOR K=1 TO {_JOINTS}", f"$VEL_AXIS[K]={programme.speed}", "ENDFOR",
+        "&ACCESS RVP",
+        "&REL 1",
+        f"DEF {name}( )",
+        f";robot {programme.robot}",
+        f";payload {payload}",
+        ";set the load data of tool and weight before the start",
+        ";no weight while the arm moves",
+        "DECL INT K",
+        "BAS(#INITMOV,0)",
+        f"FOR K=1 TO {_JOINTS}",
+        f"$VEL_AXIS[K]={programme.speed}",
+        "ENDFOR",
         "PTP $AXIS_ACT",
-    ]  # fmt: skip
+    ]
     dat = ["&ACCESS RVP", "&REL 1", f"DEFDAT {name}"]
     for i, move in enumerate(programme.moves, start=1):
         if move.measured:

@@ -44,9 +44,12 @@ def with_repeats(plan: Plan, share: float, seed: int = 0) -> Plan:
 
 
 def visits(
-    plan: Plan, order: str = "shortest", seed: int = 0, home: Array | None = None,
+    plan: Plan,
+    order: str = "shortest",
+    seed: int = 0,
+    home: Array | None = None,
     penalty: Mapping[tuple[int, int], float] | None = None,
-) -> tuple[int, ...]:  # fmt: skip
+) -> tuple[int, ...]:
     """Poses of the plan (positions in it), each as often as it is to be measured, in the order of the visits.
 
     "shortest": rounds within which no pose comes twice, so that repeats stand a round apart; poses under one load stay
@@ -74,9 +77,7 @@ def visits(
     return tuple(out)
 
 
-def _chain(
-    plan: Plan, rounds: list[list[int]], cost: Array, home: Array | None, rng: np.random.Generator
-) -> list[int]:  # fmt: skip
+def _chain(plan: Plan, rounds: list[list[int]], cost: Array, home: Array | None, rng: np.random.Generator) -> list[int]:
     """Round after round, each a short way from where the one before ended."""
     out: list[int] = []
     for group in rounds:

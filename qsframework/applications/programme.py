@@ -71,9 +71,16 @@ class Programme:
 
 
 def make_programme(
-    experiment: Experiment, plan: Plan, order: str = "shortest", seed: int = 0, speed: int = 10,
-    pause: float | None = 10.0, home: Array | None = None, tell: Tell | None = None, file: str = "",
-) -> Programme:  # fmt: skip
+    experiment: Experiment,
+    plan: Plan,
+    order: str = "shortest",
+    seed: int = 0,
+    speed: int = 10,
+    pause: float | None = 10.0,
+    home: Array | None = None,
+    tell: Tell | None = None,
+    file: str = "",
+) -> Programme:
     """Order a plan and check the way. home (n,) rad: pendant angles where the way begins and ends.
 
     InputError where a pose is outside the limits or collides, a load is above the payload or an actuator's torque, or
@@ -115,25 +122,37 @@ def check_plan(experiment: Experiment, plan: Plan, file: str = "") -> None:
     for i, k in zip(*np.nonzero(outside), strict=True):
         low, high = np.rad2deg([robot.controller.lower[k], robot.controller.upper[k]])
         problems.append(
-            Problem(f"pose {plan.pose[i]!r}: {robot.facts.driven[k]} is outside its limits", where,
-                    found=f"{np.rad2deg(plan.pendant[i, k]):g} deg", allowed=f"{low:g} to {high:g} deg")
-        )  # fmt: skip
+            Problem(
+                f"pose {plan.pose[i]!r}: {robot.facts.driven[k]} is outside its limits",
+                where,
+                found=f"{np.rad2deg(plan.pendant[i, k]):g} deg",
+                allowed=f"{low:g} to {high:g} deg",
+            )
+        )
     force = np.linalg.norm(plan.wrench[:, :3], axis=1)
     most = np.inf if robot.payload is None else robot.payload * float(np.linalg.norm(robot.gravity))
     for i in np.flatnonzero(force > most * (1.0 + 1e-9)):
         problems.append(
-            Problem(f"pose {plan.pose[i]!r}: the load is above the wrist's payload", where, found=f"{force[i]:.0f} N",
-                    allowed=f"{robot.payload:g} kg, {most:.0f} N",
-                    hint="The real robot is never told to hold it: plan with a smaller load.")
-        )  # fmt: skip
+            Problem(
+                f"pose {plan.pose[i]!r}: the load is above the wrist's payload",
+                where,
+                found=f"{force[i]:.0f} N",
+                allowed=f"{robot.payload:g} kg, {most:.0f} N",
+                hint="The real robot is never told to hold it: plan with a smaller load.",
+            )
+        )
     if robot.torque_limits is not None:
         empty = replace(plan.poses, wrench=np.zeros_like(plan.wrench))
         torque = np.max([np.abs(actuator_torques(experiment.model(), p)) for p in (plan.poses, empty)], axis=0)
         for i, k in zip(*np.nonzero(torque > robot.torque_limits), strict=True):
             problems.append(
-                Problem(f"pose {plan.pose[i]!r}: {robot.facts.joints[k]} cannot hold the load", where,
-                        found=f"{torque[i, k]:.0f} N m", allowed=f"up to {robot.torque_limits[k]:.0f} N m")
-            )  # fmt: skip
+                Problem(
+                    f"pose {plan.pose[i]!r}: {robot.facts.joints[k]} cannot hold the load",
+                    where,
+                    found=f"{torque[i, k]:.0f} N m",
+                    allowed=f"up to {robot.torque_limits[k]:.0f} N m",
+                )
+            )
     if problems:
         raise InputError(problems)
 
@@ -160,11 +179,14 @@ def _check_poses(around: Surroundings, plan: Plan, home: Array | None, file: str
     pendant = plan.pendant if home is None else np.vstack([plan.pendant, home])
     names = [*(f"pose {p!r}" for p in plan.pose), "home"]
     problems = [
-        Problem(f"{names[i]}: breaks {what!r}", file or None,
-                hint="Leave it out, or design with this among the constraints of the experiment.")
+        Problem(
+            f"{names[i]}: breaks {what!r}",
+            file or None,
+            hint="Leave it out, or design with this among the constraints of the experiment.",
+        )
         for what, hit in around.broken(pendant).items()
         for i in np.flatnonzero(hit)
-    ]  # fmt: skip
+    ]
     if problems:
         raise InputError(problems)
 
@@ -172,19 +194,20 @@ def _check_poses(around: Surroundings, plan: Plan, home: Array | None, file: str
 def _check_rest(experiment: Experiment, plan: Plan, file: str) -> None:
     """InputError where a pose breaks a constraint of the experiment that keeps robot and load safe."""
     problems = [
-        Problem(f"pose {pose!r}: breaks {constraint!r}", file or None,
-                hint="Leave it out, or design with the constraints of this experiment.")
+        Problem(
+            f"pose {pose!r}: breaks {constraint!r}",
+            file or None,
+            hint="Leave it out, or design with the constraints of this experiment.",
+        )
         for constraint, poses in broken_constraints(experiment, plan).items()
         if constraint not in (*_FOR_THE_READINGS, "load_capacity")  # `check_plan` asks for the plan's own loads
         for pose in poses
-    ]  # fmt: skip
+    ]
     if problems:
         raise InputError(problems)
 
 
-def _unseen(
-    experiment: Experiment, plan: Plan, moves: tuple[Move, ...], around: Surroundings
-) -> tuple[str, ...]:  # fmt: skip
+def _unseen(experiment: Experiment, plan: Plan, moves: tuple[Move, ...], around: Surroundings) -> tuple[str, ...]:
     """Constraints that only the readings need, where they are broken: at poses, and the sight on the way."""
     broken = broken_constraints(experiment, plan)
     notes = [f"{', '.join(broken[c])} break the constraint {c!r}" for c in _FOR_THE_READINGS if c in broken]
@@ -203,7 +226,7 @@ def _unseen(
 
 def _free_order(
     around: Surroundings, plan: Plan, order: str, seed: int, home: Array | None, tell: Tell
-) -> tuple[int, ...]:  # fmt: skip
+) -> tuple[int, ...]:
     """A short order: a way that is not free counts longer, and the order is sought again; the plan's own is tried."""
     penalty: dict[tuple[int, int], float] = {}
     free: dict[tuple[int, int], bool] = {}
@@ -235,9 +258,14 @@ def _in_rounds(plan: Plan) -> bool:
 
 
 def _moves(
-    around: Surroundings, plan: Plan, sequence: tuple[int, ...], home: Array | None, rng: np.random.Generator,
-    tell: Tell, file: str,
-) -> tuple[Move, ...]:  # fmt: skip
+    around: Surroundings,
+    plan: Plan,
+    sequence: tuple[int, ...],
+    home: Array | None,
+    rng: np.random.Generator,
+    tell: Tell,
+    file: str,
+) -> tuple[Move, ...]:
     stops: list[Move] = []
     seen: dict[int, int] = {}
     for i in sequence:

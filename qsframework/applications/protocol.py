@@ -137,10 +137,12 @@ def _check(wish: ProtocolWish) -> None:
     if wish.drive not in DRIVES:
         problems.append(Problem(f"unknown drive state {wish.drive!r}", allowed=", ".join(DRIVES)))
     for what, value, low, high in (
-        ("cycles", wish.cycles, 1, 10), ("share of repeats", wish.repeat_share, 0, 1),
+        ("cycles", wish.cycles, 1, 10),
+        ("share of repeats", wish.repeat_share, 0, 1),
         ("reflectors", wish.reflectors, 0, 20),
-        ("settling time, s", wish.settle, 0, 3600), ("warm-up, min", wish.warm_up, 0, 600),
-    ):  # fmt: skip
+        ("settling time, s", wish.settle, 0, 3600),
+        ("warm-up, min", wish.warm_up, 0, 600),
+    ):
         if not low <= value <= high:
             problems.append(Problem(what, found=f"{value:g}", allowed=f"{low} to {high}"))
     if problems:
@@ -169,9 +171,24 @@ def write_reading_file(path: Path, protocol: Protocol) -> None:
             wrench = [*map(number, state.wrench.tolist())] if state.loaded else [""] * 6
             for marker in protocol.markers:
                 rows.append(
-                    [visit.pose, *angles, *wrench, marker, "loaded" if state.loaded else "unloaded", "", "", "",
-                     state.load_id, str(visit.repeat), str(state.cycle), "1", "", "", protocol.wish.drive]
-                )  # fmt: skip
+                    [
+                        visit.pose,
+                        *angles,
+                        *wrench,
+                        marker,
+                        "loaded" if state.loaded else "unloaded",
+                        "",
+                        "",
+                        "",
+                        state.load_id,
+                        str(visit.repeat),
+                        str(state.cycle),
+                        "1",
+                        "",
+                        "",
+                        protocol.wish.drive,
+                    ]
+                )
     write_table(path, header, rows, [f"robot: {protocol.robot}"])
 
 
@@ -187,5 +204,9 @@ def write_floor_file(path: Path, protocol: Protocol) -> None:
         for v in protocol.visits
         for k in range(protocol.wish.reflectors)
     ]
-    write_table(path, ["visit", "pose", "repeat", "reflector", "x_mm", "y_mm", "z_mm", "time_s"], rows,
-                [f"robot: {protocol.robot}"])  # fmt: skip
+    write_table(
+        path,
+        ["visit", "pose", "repeat", "reflector", "x_mm", "y_mm", "z_mm", "time_s"],
+        rows,
+        [f"robot: {protocol.robot}"],
+    )

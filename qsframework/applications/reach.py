@@ -111,7 +111,7 @@ def _middle(pendant: Array, good: Flags, middle: Array) -> tuple[Array, Flags]:
 
 def _newton(
     robot: Robot, model: Model, tool: Tool, points: Array, directions: Array, start: Array
-) -> tuple[Array, Flags]:  # fmt: skip
+) -> tuple[Array, Flags]:
     controller, length = robot.controller, arm_length(robot)
     pendant = start.copy()
     error, size = np.zeros((len(points), 6)), np.zeros(len(points))

@@ -22,17 +22,29 @@ def with_fit(robot: Robot, fit: StoredFit) -> tuple[Robot, tuple[str, ...]]:
             Problem(f"the fit estimates no parameter of {robot.name}", file, found=", ".join(fit.names[:6]))
         )
     beyond = [
-        Problem(f"{p.name} is beyond its bounds", file, found=f"{fit.model[p.name]:.4g} {p.unit}",
-                allowed=f"{p.lower:g} to {p.upper:g}", hint="Identify within bounds.", argument=("bounds", ""))
+        Problem(
+            f"{p.name} is beyond its bounds",
+            file,
+            found=f"{fit.model[p.name]:.4g} {p.unit}",
+            allowed=f"{p.lower:g} to {p.upper:g}",
+            hint="Identify within bounds.",
+            argument=("bounds", ""),
+        )
         for p in robot.parameters
         if p.name in fit.model and not p.lower <= fit.model[p.name] <= p.upper
-    ]  # fmt: skip
+    ]
     if beyond:
         raise InputError(beyond)
     sd = {name: float(s) for name, s in zip(fit.names, fit.sd, strict=True)}
     parameters = tuple(
-        replace(p, nominal=fit.model[p.name], sd=sd[p.name] if np.isfinite(sd[p.name]) else None,
-                source=f"identified: {fit.file}") if p.name in sd else p
+        replace(
+            p,
+            nominal=fit.model[p.name],
+            sd=sd[p.name] if np.isfinite(sd[p.name]) else None,
+            source=f"identified: {fit.file}",
+        )
+        if p.name in sd
+        else p
         for p in robot.parameters
-    )  # fmt: skip
+    )
     return replace(robot, parameters=parameters), tuple(n for n in fit.names if n not in own)

@@ -129,8 +129,9 @@ def _complete(table: Table, joints: list[str], cartesian: bool) -> None:
     given = table.numbers
     groups = [(joints, not cartesian), (_XYZ, cartesian)]
     groups += [(_QUATERNION, False)] if not any(s in given for s in _TURNS) else [(_TURNS, True)]
-    missing = [s for stems, needed in groups if needed or any(t in given for t in stems) for s in stems
-               if s not in given]  # fmt: skip
+    missing = [
+        s for stems, needed in groups if needed or any(t in given for t in stems) for s in stems if s not in given
+    ]
     if cartesian and not any(s in given for s in (*_TURNS, *_QUATERNION)):
         missing += ["rx_deg, ry_deg, rz_deg or quat_w, quat_x, quat_y, quat_z"]
     if any(s in given for s in _TURNS) and any(s in given for s in _QUATERNION):
@@ -149,8 +150,15 @@ def _poses(table: Table, experiment: Experiment, problems: list[Problem]) -> Tip
         w, x, y, z = (table.numbers[c] for c in _QUATERNION)
         size = np.sqrt(w**2 + x**2 + y**2 + z**2)
         for i in np.flatnonzero(~(np.abs(size - 1.0) < 1e-3)):
-            problems.append(Problem("a quaternion of a rotation has length 1", str(table.path), table.rows[i],
-                                    "quat_w", found=f"{size[i]:.4g}"))  # fmt: skip
+            problems.append(
+                Problem(
+                    "a quaternion of a rotation has length 1",
+                    str(table.path),
+                    table.rows[i],
+                    "quat_w",
+                    found=f"{size[i]:.4g}",
+                )
+            )
         quaternion = np.stack([x, y, z, np.where(np.isfinite(w), w, 1.0)], axis=1)
         quaternion = np.where((size > 0)[:, None], np.nan_to_num(quaternion), [0.0, 0.0, 0.0, 1.0])
         turn = Rotation.from_quat(quaternion).as_matrix()
@@ -167,15 +175,22 @@ def _capacity(table: Table, wrench: Array, experiment: Experiment) -> list[Probl
     force, most = np.linalg.norm(wrench[:, :3], axis=1), robot.payload * float(np.linalg.norm(robot.gravity))
     hint = "A load meant to be heavier needs constraints: {load_capacity: false} in the experiment."
     return [
-        Problem("the force is more than the robot's payload", str(table.path), table.rows[i], "fx",
-                found=f"{force[i]:.0f} N", allowed=f"{robot.payload:g} kg, {most:.0f} N", hint=hint)
+        Problem(
+            "the force is more than the robot's payload",
+            str(table.path),
+            table.rows[i],
+            "fx",
+            found=f"{force[i]:.0f} N",
+            allowed=f"{robot.payload:g} kg, {most:.0f} N",
+            hint=hint,
+        )
         for i in np.flatnonzero(force > most)
-    ]  # fmt: skip
+    ]
 
 
 def _joints(
     experiment: Experiment, table: Table, names: list[str], wanted: TipPose, starts: Array | None, tell: Tell
-) -> Array:  # fmt: skip
+) -> Array:
     """Pendant angles (N, n) of Cartesian targets, each search begun at its own start or at the row before."""
     robot, rng = experiment.robot, np.random.default_rng(_SEED)
     lower, upper = np.maximum(robot.controller.lower, -np.pi), np.minimum(robot.controller.upper, np.pi)

@@ -136,10 +136,14 @@ def load_task(path: str | Path) -> Task:
     spec = validate(document, TaskSpec)
     wrenches = np.array([[p.fx, p.fy, p.fz, p.mx, p.my, p.mz] for p in spec.path])
     problems = [
-        Problem(f"path, point {i + 1}: no force acts there", str(path), document.line("path", int(i)),
-                allowed="fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm")
+        Problem(
+            f"path, point {i + 1}: no force acts there",
+            str(path),
+            document.line("path", int(i)),
+            allowed="fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm",
+        )
         for i in np.flatnonzero(~np.any(wrenches, axis=1))
-    ]  # fmt: skip
+    ]
     names = [load.name for load in spec.campaign.loads]
     for i, load in enumerate(spec.campaign.loads):
         where: Place = {"file": str(path), "line": document.line("campaign", "loads", i)}

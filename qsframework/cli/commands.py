@@ -19,9 +19,15 @@ from qsframework.files.formats import FORMAT
 
 
 def run_simulate(
-    file: Path, plan_file: Path, output: Path, truth: str, seed: int, json: Path | None, linear: bool = False,
+    file: Path,
+    plan_file: Path,
+    output: Path,
+    truth: str,
+    seed: int,
+    json: Path | None,
+    linear: bool = False,
     report: Path | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Simulate a plan and write its readings."""
     from qsframework.design import broken_constraints
     from qsframework.experiment import simulate

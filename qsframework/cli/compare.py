@@ -18,9 +18,14 @@ from qsframework.work import job_of
 
 
 def run_compare(
-    names: Sequence[str], task_file: Path, seed: int, json: Path | None, report: Path | None, fits: Sequence[str] = (),
+    names: Sequence[str],
+    task_file: Path,
+    seed: int,
+    json: Path | None,
+    report: Path | None,
+    fits: Sequence[str] = (),
     where: Where = ALONE,
-) -> None:  # fmt: skip
+) -> None:
     """Compare, print the summary, write the JSON and the report."""
     from qsframework.report import write_report
     from qsframework.report.compare_section import compare_sections, summary_table

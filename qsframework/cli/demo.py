@@ -119,9 +119,14 @@ def _compare_models(fits: dict[str, Fit]) -> Section:
     for name, fit in fits.items():
         broken = [e.name for e in fit.estimates if e.value < e.lower]
         rows.append(
-            (name, f"{fit.rms_readings * 1e3:.3f}", f"{fit.rms * 1e3:.3f}", f"{fit.rms_left_out * 1e3:.3f}",
-             ", ".join(broken) or "none")
-        )  # fmt: skip
+            (
+                name,
+                f"{fit.rms_readings * 1e3:.3f}",
+                f"{fit.rms * 1e3:.3f}",
+                f"{fit.rms_left_out * 1e3:.3f}",
+                ", ".join(broken) or "none",
+            )
+        )
     table = Table(
         ("model", "readings, mm", "residual, mm", "leave-one-out, mm", "negative compliances"),
         tuple(rows),

@@ -62,8 +62,17 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, where: Whe
         progress() as tell,
     ):
         found = find_candidates(files.candidates, experiment, seed, tell, work)
-        plan = design(experiment, poses, candidates=found, seed=seed, progress=tell, wish=wish, test_poses=test,
-                      taken=taken, work=work)  # fmt: skip
+        plan = design(
+            experiment,
+            poses,
+            candidates=found,
+            seed=seed,
+            progress=tell,
+            wish=wish,
+            test_poses=test,
+            taken=taken,
+            work=work,
+        )
     write_plan(files.output, plan, experiment)
     sds = {"this plan": promised_sd(experiment, plan)}
     if taken:

@@ -87,11 +87,12 @@ def run_diagnose(files: DiagnoseFiles, asked: Asked, where: Where = ALONE) -> No
 def _alone(files: DiagnoseFiles, asked: Asked, option: str) -> None:
     """InputError where options stand together that do not: a plan is judged before there are readings."""
     others = {
-        "--extend": files.extend, "--second-day": files.second_day,
+        "--extend": files.extend,
+        "--second-day": files.second_day,
         "--separate": asked.separate if option == "--plan" else None,
         "the readings": files.data or None if option == "--plan" else None,
         "--report": files.report if option == "--separate" else None,
-    }  # fmt: skip
+    }
     wrong = [name for name, value in others.items() if value is not None]
     if wrong:
         raise InputError(f"{option} goes without {', '.join(wrong)}: run them one after the other")
@@ -99,7 +100,7 @@ def _alone(files: DiagnoseFiles, asked: Asked, option: str) -> None:
 
 def _write(
     found: Diagnosis, pairs: Sequence[Discrimination], day: SecondDay | None, files: DiagnoseFiles, inputs: list[Path]
-) -> None:  # fmt: skip
+) -> None:
     """The files that were asked for; pairs: what would separate rivals; day: the poses designed for that."""
     if files.json is not None:
         from qsframework.report.result_json import diagnosis_json, discrimination_json, second_day_json
@@ -123,8 +124,10 @@ def _write(
         extended = files.extend / "experiment.yaml"
         print(f"extended robot: {files.extend / 'robot'}")
         told = bool(load_experiment(extended).data)
-        print(f"next: {'' if told else 'correct the readings, then '}qsf identify {extended}"
-              f"{'' if told else ' --data FILE'}")  # fmt: skip
+        print(
+            f"next: {'' if told else 'correct the readings, then '}qsf identify {extended}"
+            f"{'' if told else ' --data FILE'}"
+        )
 
 
 def _steps(tell: Tell) -> Tell:

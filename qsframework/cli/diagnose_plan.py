@@ -16,9 +16,13 @@ from qsframework.work import job_of
 
 
 def run_foresight(
-    experiment: Path, plan: Path, json: Path | None = None, report: Path | None = None, seed: int = 0,
+    experiment: Path,
+    plan: Path,
+    json: Path | None = None,
+    report: Path | None = None,
+    seed: int = 0,
     where: Where = ALONE,
-) -> None:  # fmt: skip
+) -> None:
     """Print, before anything is measured, what a plan would detect and name, and what stays invisible."""
     from qsframework.forecast.power import foresee
     from qsframework.information import promises
@@ -59,9 +63,14 @@ def run_foresight(
 
 
 def run_separate(
-    experiment: Path, taken: Sequence[Path], pair: tuple[str, str], count: int, output: Path,
-    json: Path | None = None, seed: int = 0,
-) -> None:  # fmt: skip
+    experiment: Path,
+    taken: Sequence[Path],
+    pair: tuple[str, str],
+    count: int,
+    output: Path,
+    json: Path | None = None,
+    seed: int = 0,
+) -> None:
     """Design poses that tell two named causes apart, beside readings or plans taken already."""
     from qsframework.discriminate.pair import discriminate
     from qsframework.report.result_json import discrimination_json

@@ -285,9 +285,17 @@ def identify(
         raise InputError("--clean masks what --keep-all keeps; give one of them")
     groups = tuple(tuple(name.strip() for name in group.split(",")) for group in tied or ())
     options = FitOptions(
-        method=method or "one-step", linear=linear, bounds=bounds, priors=priors, loss=loss, fixed=tuple(fixed or ()),
-        tied=groups, shared="pose" if shared_error else "", profile=tuple(profile or ()), keep_all=keep_all,
-    )  # fmt: skip
+        method=method or "one-step",
+        linear=linear,
+        bounds=bounds,
+        priors=priors,
+        loss=loss,
+        fixed=tuple(fixed or ()),
+        tied=groups,
+        shared="pose" if shared_error else "",
+        profile=tuple(profile or ()),
+        keep_all=keep_all,
+    )
     paths = FitFiles(
         experiment=experiment, data=tuple(readings), json=json, report=report, nominal=nominal, urdf=urdf, states=states
     )

@@ -60,8 +60,9 @@ def run_new(name: str, urdf: Path, wish: NewWish) -> None:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(Problem("exists already, and nothing is overwritten", file=str(folder), hint="Choose -o."))
     packages = {key: Path(value) for key, value in pairs("--package", wish.packages, "NAME=FOLDER").items()}
-    missing = [Problem(f"--package {key}: no such folder", str(value)) for key, value in packages.items()
-               if not value.is_dir()]  # fmt: skip
+    missing = [
+        Problem(f"--package {key}: no such folder", str(value)) for key, value in packages.items() if not value.is_dir()
+    ]
     if missing:
         raise InputError(missing)
     sources = Sources(packages, pairs("--arg", wish.arguments, "NAME=VALUE"), nearby=True)

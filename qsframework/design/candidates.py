@@ -166,9 +166,13 @@ def _checked(shared: tuple[Experiment, bool], points: Array) -> tuple[Array, dic
 
 
 def _collect(
-    experiment: Experiment, blocks: Iterable[Array], count: int, progress: Progress | None, folded: bool,
+    experiment: Experiment,
+    blocks: Iterable[Array],
+    count: int,
+    progress: Progress | None,
+    folded: bool,
     work: Work = HERE,
-) -> Candidates:  # fmt: skip
+) -> Candidates:
     kept: list[Array] = [np.zeros((0, experiment.robot.controller.axes))]
     total: dict[str, Removal] = {}
     tried = found = 0
@@ -191,6 +195,9 @@ def _collect(
             if found >= count:
                 break
     return Candidates(
-        np.concatenate(kept)[:count], tried, {n: r.in_order for n, r in total.items()},
-        {n: r.alone for n, r in total.items()}, {n: r.only for n, r in total.items()},
-    )  # fmt: skip
+        np.concatenate(kept)[:count],
+        tried,
+        {n: r.in_order for n, r in total.items()},
+        {n: r.alone for n, r in total.items()},
+        {n: r.only for n, r in total.items()},
+    )

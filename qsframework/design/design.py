@@ -109,9 +109,15 @@ def _criterion(problem: Problem, wish: Wish, test_poses: Poses | None) -> Criter
 
 
 def _exact(
-    problem: Problem, rule: Robust, wish: Wish, relaxed: Relaxed, fixed: tuple[int | None, ...], seed: int,
-    tell: Progress, work: Work,
-) -> tuple[Indices, Indices]:  # fmt: skip
+    problem: Problem,
+    rule: Robust,
+    wish: Wish,
+    relaxed: Relaxed,
+    fixed: tuple[int | None, ...],
+    seed: int,
+    tell: Progress,
+    work: Work,
+) -> tuple[Indices, Indices]:
     """The plan's candidates (m,) and how often each is measured (m,)."""
     short = _shortlist(problem, relaxed)
     rows, weights = problem.rows.take(short), relaxed.spread(len(problem.rows))[short]
@@ -185,9 +191,15 @@ def _quotas(problem: Problem, short: Indices, counts: tuple[tuple[tuple[int, ...
 
 
 def _plan(
-    problem: Problem, rule: Robust, wish: Wish, relaxed: Relaxed, chosen: Indices, counts: Indices, seed: int,
+    problem: Problem,
+    rule: Robust,
+    wish: Wish,
+    relaxed: Relaxed,
+    chosen: Indices,
+    counts: Indices,
+    seed: int,
     tell: Progress,
-) -> Plan:  # fmt: skip
+) -> Plan:
     """Put the chosen candidates, polished, and the certificate into a Plan."""
     total = int(counts.sum())
     M = problem.prior + gathered_information(problem.rows, chosen, counts.astype(float))
@@ -202,11 +214,18 @@ def _plan(
         polished = before
     value = float(rule.value(M))
     certificate = Certificate(
-        criterion=rule.name, value=value, relaxed_value=relaxed_value, relaxed_efficiency=relaxed.efficiency,
-        efficiency=relaxed.efficiency * relaxed_value / value, candidates=len(problem.rows), poses=total,
-        parameters=problem.names, solver=SOLVER if wish.solver == "cvxpy" else "column generation",
-        polished_from=polished, notes=_notes(problem, rule, M[0]),
-    )  # fmt: skip
+        criterion=rule.name,
+        value=value,
+        relaxed_value=relaxed_value,
+        relaxed_efficiency=relaxed.efficiency,
+        efficiency=relaxed.efficiency * relaxed_value / value,
+        candidates=len(problem.rows),
+        poses=total,
+        parameters=problem.names,
+        solver=SOLVER if wish.solver == "cvxpy" else "column generation",
+        polished_from=polished,
+        notes=_notes(problem, rule, M[0]),
+    )
     load = problem.load(chosen)
     order = np.lexsort((*poses.pendant.T[::-1], load))
     names = tuple(problem.loads[int(g)].name for g in load[order])

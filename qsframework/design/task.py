@@ -58,8 +58,11 @@ def make_task(rows: Rows, criterion: Robust, allowed: Allowed, prior: Array | No
 
 def _few(label: npt.NDArray[np.int16], allowed: Allowed) -> Indices:
     """Some candidates of every group that carries a share, evenly spread."""
-    parts = [np.flatnonzero(label == g) if len(allowed.shares) > 1 else np.arange(len(label))
-             for g, share in enumerate(allowed.shares) if share > 0]  # fmt: skip
+    parts = [
+        np.flatnonzero(label == g) if len(allowed.shares) > 1 else np.arange(len(label))
+        for g, share in enumerate(allowed.shares)
+        if share > 0
+    ]
     return np.concatenate([part[:: max(1, len(part) // _FEW)] for part in parts])
 
 

@@ -79,9 +79,15 @@ class _Baseline:
 
 
 def diagnose(
-    experiment: Experiment, readings: Readings, *, level: float = LEVEL, seed: int = 0, largest: int = LARGEST,
-    repeats: int = 3, progress: Progress | None = None,
-) -> Diagnosis:  # fmt: skip
+    experiment: Experiment,
+    readings: Readings,
+    *,
+    level: float = LEVEL,
+    seed: int = 0,
+    largest: int = LARGEST,
+    repeats: int = 3,
+    progress: Progress | None = None,
+) -> Diagnosis:
     """What the experiment's model gets wrong on these readings, and which causes explain it.
 
     level: probability of naming anything where nothing acts; largest: causes named together at most; repeats: of the
@@ -225,10 +231,15 @@ def _audit(case: Case, rows: Rows, stated: bool) -> NoiseAudit:
     shape = (len(rows.keep), 3)
     sigma = np.sqrt(np.mean(rows.sigma**2, axis=1))
     return audit_noise(
-        case.residuals.reshape(shape), library.reshape(*shape, -1), sigma, stated, rows.plus,
-        replicates(rows.readings, rows), mask=None if rows.mask.all() else rows.mask,
+        case.residuals.reshape(shape),
+        library.reshape(*shape, -1),
+        sigma,
+        stated,
+        rows.plus,
+        replicates(rows.readings, rows),
+        mask=None if rows.mask.all() else rows.mask,
         least=rounding(rows.noise, rows.scalars, REACH),
-    )  # fmt: skip
+    )
 
 
 def _under(base: _Baseline, audit: NoiseAudit) -> _Baseline:
@@ -301,7 +312,7 @@ def _close(base: _Baseline, best: Answer | None, seed: int) -> Closing:
 
 def _held(
     base: _Baseline, library: Library, best: Answer | None, level: float, largest: int, seed: int, repeats: int
-) -> HeldOut:  # fmt: skip
+) -> HeldOut:
     """Cross-validation in independent noise, so that errors stay in metres at each row."""
     sigma = base.rows.sigma.ravel()
     every = np.arange(len(base.rows.keep))
@@ -341,6 +352,10 @@ def _errors(base: _Baseline, extended: Settled, held: HeldOut, given: tuple[Expe
     nominal = base.rows.measured - predicted
     mask, noise = base.rows.mask, float(np.sqrt(np.mean(base.rows.sigma[base.rows.mask] ** 2) + base.audit.shared**2))
     return Errors(
-        rms(nominal), rms(base.fit.residuals[mask]), rms(extended.residuals[mask]), held.rms_identified,
-        held.rms_extended, noise,
-    )  # fmt: skip
+        rms(nominal),
+        rms(base.fit.residuals[mask]),
+        rms(extended.residuals[mask]),
+        held.rms_identified,
+        held.rms_extended,
+        noise,
+    )

@@ -9,8 +9,7 @@ import numpy as np
 
 from qsframework.diagnose.linearization.columns import Case
 from qsframework.diagnose.result import Diagnosis
-from qsframework.estimation.projection import left as take_out
-from qsframework.estimation.projection import solved
+from qsframework.estimation.projection import left as take_out, solved
 from qsframework.plugin import Array
 
 _TOLD = 1e-10

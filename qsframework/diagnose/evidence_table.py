@@ -26,9 +26,14 @@ _MOST_SETS = 20
 
 
 def findings_of(
-    library: Library, answers: Sequence[Answer], baseline: Settled, held: HeldOut, threshold: float,
-    pose_names: Sequence[str], seed: int,
-) -> tuple[Finding, ...]:  # fmt: skip
+    library: Library,
+    answers: Sequence[Answer],
+    baseline: Settled,
+    held: HeldOut,
+    threshold: float,
+    pose_names: Sequence[str],
+    seed: int,
+) -> tuple[Finding, ...]:
     """The named causes of the best explanation with rivals, evidence and the poses that they hang on.
 
     threshold: log p of a significant cause; pose_names: by number of the pose
@@ -58,9 +63,14 @@ def _gains(library: Library, members: Sequence[int], baseline: Settled, held: He
 
 
 def _finding(
-    library: Library, answers: Sequence[Answer], baseline: Settled, i: int, rivals: Sequence[int],
-    hanging: tuple[tuple[str, ...], ...], gain: float,
-) -> Finding:  # fmt: skip
+    library: Library,
+    answers: Sequence[Answer],
+    baseline: Settled,
+    i: int,
+    rivals: Sequence[int],
+    hanging: tuple[tuple[str, ...], ...],
+    gain: float,
+) -> Finding:
     best = answers[0]
     cause = library.case.causes[i]
     given = tuple(j for j in best.subset.members if j != i)

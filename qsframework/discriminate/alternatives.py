@@ -99,9 +99,15 @@ def _marker(experiment: Experiment, name: str, link: int) -> Marker | None:
 
 
 def offers(
-    question: Question, experiment: Experiment, taken: Sequence[Taken], count: int, candidates: int, seed: int,
-    others: Sequence[Cause], progress: Progress,
-) -> tuple[Offer, ...]:  # fmt: skip
+    question: Question,
+    experiment: Experiment,
+    taken: Sequence[Taken],
+    count: int,
+    candidates: int,
+    seed: int,
+    others: Sequence[Cause],
+    progress: Progress,
+) -> tuple[Offer, ...]:
     """Every other kind of reading with what it would reach, the best first."""
     found: list[Offer] = []
     every = list(kinds(experiment))
@@ -116,17 +122,30 @@ def offers(
 
 
 def _judged(
-    kind: Kind, question: Question, experiment: Experiment, taken: Sequence[Taken], count: int, candidates: int,
-    seed: int, others: Sequence[Cause],
-) -> Offer:  # fmt: skip
+    kind: Kind,
+    question: Question,
+    experiment: Experiment,
+    taken: Sequence[Taken],
+    count: int,
+    candidates: int,
+    seed: int,
+    others: Sequence[Cause],
+) -> Offer:
     drawn: Candidates = generate_candidates(kind.experiment, candidates, seed)
     poses, place, _ = batch(kind.experiment, drawn.pendant)
     if kind.other is None:
         rows, before, width = _absolute(question, experiment, taken, poses, others)
     else:
         known = dict(zip(question.model.names, question.x.tolist(), strict=True))
-        asked = ask(kind.experiment, question.first, question.second, question.sigma, values=question.values,
-                    others=others, x=known)  # fmt: skip
+        asked = ask(
+            kind.experiment,
+            question.first,
+            question.second,
+            question.sigma,
+            values=question.values,
+            others=others,
+            x=known,
+        )
         rows, before, width = asked.rows(poses), question.taken(taken), question.width
     rows = rows.reshape(len(rows), -1, rows.shape[-1])
     chosen = choose([rows], [before], count, place, seed, _STARTS)

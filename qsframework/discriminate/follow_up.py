@@ -76,9 +76,13 @@ class SecondDay:
 
 
 def second_day(
-    diagnosis: Diagnosis, count: int = 12, *, candidates: int | Candidates | Array = CANDIDATES, seed: int = 0,
+    diagnosis: Diagnosis,
+    count: int = 12,
+    *,
+    candidates: int | Candidates | Array = CANDIDATES,
+    seed: int = 0,
     progress: Progress | None = None,
-) -> SecondDay:  # fmt: skip
+) -> SecondDay:
     """`count` poses that make the smallest s over all pairs of a named cause and a rival as large as they can.
 
     The size of a named cause is its estimate; the readings that the diagnosis kept count as taken. InputError where
@@ -100,8 +104,14 @@ def second_day(
         said = "; ".join(f"{a} and {b}" for a, b in hopeless)
         message = f"no pose under these loads separates {said}: measure something different"
         raise InputError(Problem(message, argument=("separate", " ".join(hopeless[0]))))
-    chosen = choose([s.rows for s in open_], [s.before for s in open_], count, place, seed,
-                    progress=lambda i, n: tell("poses", i, n))  # fmt: skip
+    chosen = choose(
+        [s.rows for s in open_],
+        [s.before for s in open_],
+        count,
+        place,
+        seed,
+        progress=lambda i, n: tell("poses", i, n),
+    )
     plan = plan_of(poses, loads, chosen, experiment.fit_names(), len(poses), seed)
     contests = tuple(s.contest(chosen) for s in open_)
     return SecondDay(plan, contests, chosen.bound, hopeless, tuple(crowded), tuple(waiting))
@@ -125,9 +135,13 @@ class _Side:
 
 
 def _side(
-    diagnosis: Diagnosis, pair: tuple[Finding, Cause, Cause], fitted: Sequence[str], poses: Poses, first_day: Readings,
+    diagnosis: Diagnosis,
+    pair: tuple[Finding, Cause, Cause],
+    fitted: Sequence[str],
+    poses: Poses,
+    first_day: Readings,
     seed: int,
-) -> _Side:  # fmt: skip
+) -> _Side:
     finding, cause, rival = pair
     named = {f.name for f in diagnosis.findings} - {cause.name, rival.name}
     others = [c for c in diagnosis.case.causes if c.name in named]

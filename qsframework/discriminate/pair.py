@@ -70,11 +70,21 @@ def mistaken(s: float) -> float:
 
 
 def discriminate(
-    experiment: Experiment, taken: Taken | Sequence[Taken], first: str, second: str, count: int, *,
-    candidates: int | Candidates | Array = CANDIDATES, values: Sequence[float] | None = None,
-    sigma: float | None = None, others: Sequence[Cause] = (), x: dict[str, float] | None = None, seed: int = 0,
-    alternatives: bool | None = None, progress: Progress | None = None,
-) -> Discrimination:  # fmt: skip
+    experiment: Experiment,
+    taken: Taken | Sequence[Taken],
+    first: str,
+    second: str,
+    count: int,
+    *,
+    candidates: int | Candidates | Array = CANDIDATES,
+    values: Sequence[float] | None = None,
+    sigma: float | None = None,
+    others: Sequence[Cause] = (),
+    x: dict[str, float] | None = None,
+    seed: int = 0,
+    alternatives: bool | None = None,
+    progress: Progress | None = None,
+) -> Discrimination:
     """`count` poses that show `first` beside what the fitted parameters and `second` absorb.
 
     taken: readings, plans or poses that are there already; values: deviations of the first cause's parameters, SI,
@@ -88,8 +98,15 @@ def discriminate(
     pendant = drawn(experiment, candidates, seed, tell)
     poses, place, loads = batch(experiment, pendant)
     causes = known_causes(experiment, poses, (first, second))
-    question = ask(experiment, causes[0], causes[1], noise, others=others, x=x,
-                   values=None if values is None else np.asarray(values, dtype=np.float64))  # fmt: skip
+    question = ask(
+        experiment,
+        causes[0],
+        causes[1],
+        noise,
+        others=others,
+        x=x,
+        values=None if values is None else np.asarray(values, dtype=np.float64),
+    )
     there = question.taken(before)
     rows = _flat(question, poses)
     tell("poses", 0, 1)
@@ -156,8 +173,12 @@ def known_causes(experiment: Experiment, poses: Poses, names: Sequence[str]) -> 
     problems: list[Problem] = []
     for name in names:
         if name in waiting:
-            problems.append(Problem(f"{name} shows only in readings with the column {' and '.join(waiting[name])}: "
-                                    "vary that, not the poses"))  # fmt: skip
+            problems.append(
+                Problem(
+                    f"{name} shows only in readings with the column {' and '.join(waiting[name])}: "
+                    "vary that, not the poses"
+                )
+            )
         elif name not in found:
             problems.append(Problem(f"no cause {name!r}", allowed=", ".join(found), hint=nearest(name, list(found))))
     if len(set(names)) < len(names):
@@ -174,10 +195,17 @@ def plan_of(
     index = chosen.index[np.lexsort((*poses.pendant[chosen.index].T[::-1], [loads[int(i)] for i in chosen.index]))]
     value, best = 1.0 / max(chosen.s, 1e-12) ** 2, 1.0 / max(chosen.bound, 1e-12) ** 2
     certificate = Certificate(
-        criterion="T", value=value, relaxed_value=best, relaxed_efficiency=1.0, efficiency=min(best / value, 1.0),
-        candidates=candidates, poses=len(index), parameters=tuple(known), solver="column generation",
+        criterion="T",
+        value=value,
+        relaxed_value=best,
+        relaxed_efficiency=1.0,
+        efficiency=min(best / value, 1.0),
+        candidates=candidates,
+        poses=len(index),
+        parameters=tuple(known),
+        solver="column generation",
         notes=("T: s^2 of one cause beside what the fitted parameters and another cause absorb",),
-    )  # fmt: skip
+    )
     names = [f"t{i + 1:02d}" for i in range(len(index))]
     return make_plan(poses.take(index), [loads[int(i)] for i in index], None, "T", certificate, seed, names)
 

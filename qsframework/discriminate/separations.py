@@ -43,11 +43,18 @@ def separations(
         try:
             found.append(
                 discriminate(
-                    diagnosis.experiment, [diagnosis.readings], f.name, rival, count,
-                    values=[v.value - v.initial for v in f.values], sigma=diagnosis.rms.noise, others=others,
-                    x=dict(diagnosis.values()), seed=diagnosis.seed,
+                    diagnosis.experiment,
+                    [diagnosis.readings],
+                    f.name,
+                    rival,
+                    count,
+                    values=[v.value - v.initial for v in f.values],
+                    sigma=diagnosis.rms.noise,
+                    others=others,
+                    x=dict(diagnosis.values()),
+                    seed=diagnosis.seed,
                 )
-            )  # fmt: skip
+            )
         except InputError as error:
             missing.append(NotSeparated(f.name, rival, error))
     if progress is not None and tied:

@@ -96,9 +96,15 @@ class Question:
 
 
 def ask(
-    experiment: Experiment, first: Cause, second: Cause, sigma: float, *, values: Array | None = None,
-    others: Sequence[Cause] = (), x: dict[str, float] | None = None,
-) -> Question:  # fmt: skip
+    experiment: Experiment,
+    first: Cause,
+    second: Cause,
+    sigma: float,
+    *,
+    values: Array | None = None,
+    others: Sequence[Cause] = (),
+    x: dict[str, float] | None = None,
+) -> Question:
     """The question for an experiment. others: causes that are fitted too; x: parameter values by name.
 
     values: deviations of the first cause's parameters, SI; their typical sizes if None
@@ -153,9 +159,14 @@ class Chosen:
 
 
 def choose(
-    rows: Sequence[Array], before: Sequence[Array], count: int, place: Indices, seed: int, starts: int = STARTS,
+    rows: Sequence[Array],
+    before: Sequence[Array],
+    count: int,
+    place: Indices,
+    seed: int,
+    starts: int = STARTS,
     progress: Progress | None = None,
-) -> Chosen:  # fmt: skip
+) -> Chosen:
     """`count` candidates that make the smallest s of S questions as large as they can, by exchange.
 
     rows: for each question (N, k, w), trace last; before: for each the rows (m, w) that are there already; place

@@ -41,8 +41,9 @@ def evaluate(model: Structure, poses: Poses, x: Array) -> Evaluation:
     loaded = s.respond(s.tau if s.preload is None else s.preload + s.tau)
     first = s.sense(None if unloaded is None else unloaded.eps, Context(model.facts, poses, loaded=False))
     second = s.sense(loaded.eps)
-    return Evaluation(**vars(s), unloaded=unloaded, loaded=loaded,
-                      sensed=None if first is None or second is None else (first, second))  # fmt: skip
+    return Evaluation(
+        **vars(s), unloaded=unloaded, loaded=loaded, sensed=None if first is None or second is None else (first, second)
+    )
 
 
 def displacement(ev: Evaluation) -> Array:

@@ -150,9 +150,13 @@ def joint_torque(faces: tuple[springs.Faces, ...], touched: tuple[int, ...], bat
 
 
 def _preload(
-    model: Structure, state: State, applied: loads.Applied, faces: tuple[springs.Faces, ...],
-    drawn: tuple[pulls.Pull | None, ...], rates: springs.JointRates,
-) -> Array:  # fmt: skip
+    model: Structure,
+    state: State,
+    applied: loads.Applied,
+    faces: tuple[springs.Faces, ...],
+    drawn: tuple[pulls.Pull | None, ...],
+    rates: springs.JointRates,
+) -> Array:
     """tau_0: gravity and the compensators' torques on the coordinates, (ne, N)."""
     torque = loads.gravity_torque(state, applied.moments, model.gravity)
     touched = tuple(sorted({j for f in faces for j in f.joints}))

@@ -89,8 +89,12 @@ class JointRates:
     E: Array
 
 
-def joint_rates(motion: Motion, joints: Sequence[int], active: tuple[int, ...] | None = None,
-                coefficients: Coefficients | None = None) -> JointRates:  # fmt: skip
+def joint_rates(
+    motion: Motion,
+    joints: Sequence[int],
+    active: tuple[int, ...] | None = None,
+    coefficients: Coefficients | None = None,
+) -> JointRates:
     """E for the joints; with `coefficients` the derivative of E on the same active set."""
     coefficients = motion.coefficients if coefficients is None else coefficients
     elements = [motion.layout.joint_elements[j] for j in joints]

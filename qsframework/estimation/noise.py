@@ -206,7 +206,7 @@ class SharedError:
 
 def shared_error(
     residuals: Array, jacobian: Array, sigma: Array, label: Indices, stated: bool = True, others: Sequence[Group] = ()
-) -> SharedError:  # fmt: skip
+) -> SharedError:
     """The sd of the error that readings of one label share, by restricted maximum likelihood (REML).
 
     residuals (m,) and jacobian (m, p) of a fit that has settled, not whitened; sigma (m,) the readings' own sd, up to
@@ -233,8 +233,12 @@ def shared_error(
         both = V.log_det() + 2.0 * float(np.log(np.abs(np.diag(R))).sum())
         return (square + both, 1.0) if stated else (free * np.log(square / free) + both, square / free)
 
-    found = minimize_scalar(lambda t: deviance(float(np.exp(t)))[0], bounds=(np.log(1e-3), np.log(_LARGEST)),
-                            method="bounded", options={"xatol": 1e-6})  # fmt: skip
+    found = minimize_scalar(
+        lambda t: deviance(float(np.exp(t)))[0],
+        bounds=(np.log(1e-3), np.log(_LARGEST)),
+        method="bounded",
+        options={"xatol": 1e-6},
+    )
     ratio = float(np.exp(found.x))
     gain = deviance(0.0)[0] - deviance(ratio)[0]
     if gain <= 0.0:

@@ -41,17 +41,21 @@ class FitOptions:
     def __post_init__(self) -> None:
         problems: list[Problem] = []
         for what, value, allowed in (
-            ("method", self.method, METHODS), ("loss", self.loss, LOSSES), ("shared error", self.shared, SHARED),
-        ):  # fmt: skip
+            ("method", self.method, METHODS),
+            ("loss", self.loss, LOSSES),
+            ("shared error", self.shared, SHARED),
+        ):
             if value not in allowed:
                 told = ", ".join(a for a in allowed if a)
                 problems.append(Problem(f"unknown {what} {value!r}", allowed=told, hint=nearest(value, allowed)))
         more = self.bounds or self.priors or self.loss != "linear" or self.tied or self.fixed or self.profile
         if self.method == "two-step" and more:
             problems.append(
-                Problem("the two-step method is plain least squares, twice: bounds, priors, loss, fixed, tied and "
-                        "profile are for method one-step")
-            )  # fmt: skip
+                Problem(
+                    "the two-step method is plain least squares, twice: bounds, priors, loss, fixed, tied and "
+                    "profile are for method one-step"
+                )
+            )
         if problems:
             raise InputError(problems)
 

@@ -44,9 +44,12 @@ class Reduction:
 
 
 def reduce(
-    parameters: Sequence[Parameter], start: Array, fixed: Sequence[str], tied: Sequence[Sequence[str]],
+    parameters: Sequence[Parameter],
+    start: Array,
+    fixed: Sequence[str],
+    tied: Sequence[Sequence[str]],
     bounds: bool = True,
-) -> Reduction:  # fmt: skip
+) -> Reduction:
     """The free variables. InputError where a name is unknown, or what is tied cannot be.
 
     bounds: whether those of the parameters are kept
@@ -101,8 +104,9 @@ def _together(group: Sequence[int], parameters: Sequence[Parameter], start: Arra
 
 def _index(name: str, names: Sequence[str]) -> int:
     if name not in names:
-        raise InputError(Problem(f"the fit has no parameter {name!r}", allowed=", ".join(names),
-                                 hint=nearest(name, names)))  # fmt: skip
+        raise InputError(
+            Problem(f"the fit has no parameter {name!r}", allowed=", ".join(names), hint=nearest(name, names))
+        )
     return list(names).index(name)
 
 

@@ -78,9 +78,14 @@ class Solution:
 
 
 def solve(
-    observations: Observations, options: FitOptions = PLAIN, start: Array | None = None, *, unit: float = 1.0,
-    tolerance: float = 1e-9, seed: int = 0,
-) -> Solution:  # fmt: skip
+    observations: Observations,
+    options: FitOptions = PLAIN,
+    start: Array | None = None,
+    *,
+    unit: float = 1.0,
+    tolerance: float = 1e-9,
+    seed: int = 0,
+) -> Solution:
     """The parameters that fit best.
 
     start (p,), the nominal values if None; unit: the size of a whitened residual of good readings, for robust losses.
@@ -454,10 +459,19 @@ def _solution(problem: _Problem, best: _Minimum) -> Solution:
     if rank_test(R, [str(i) for i in range(reduction.free)]).full:
         free = np.linalg.norm(reduction.T @ np.linalg.inv(np.linalg.qr(R, mode="r")), axis=1)
     return Solution(
-        x=x, jacobian=whole, residuals=r, cost=best.cost, iterations=best.steps, at_bound=stopped,
-        covariance=robust * T @ half @ half.T @ T.T, free=len(inside), weights=problem.loss.weights(r),
-        free_sd=free * np.sqrt(robust), hat=whole @ (T @ half), robust=robust,
-    )  # fmt: skip
+        x=x,
+        jacobian=whole,
+        residuals=r,
+        cost=best.cost,
+        iterations=best.steps,
+        at_bound=stopped,
+        covariance=robust * T @ half @ half.T @ T.T,
+        free=len(inside),
+        weights=problem.loss.weights(r),
+        free_sd=free * np.sqrt(robust),
+        hat=whole @ (T @ half),
+        robust=robust,
+    )
 
 
 def solution_at(observations: Observations, x: Array, covariance: Array) -> Solution:
@@ -468,9 +482,18 @@ def solution_at(observations: Observations, x: Array, covariance: Array) -> Solu
     jacobian = noise.whiten(observations.jacobian(x))
     hat = orthonormal(jacobian * np.where(sd > 0.0, sd, 1.0))
     return Solution(
-        x=x, jacobian=jacobian, residuals=r, cost=0.5 * float(r @ r), iterations=2, at_bound=(), covariance=covariance,
-        free=len(x), weights=np.ones(len(r)), free_sd=sd, hat=hat,
-    )  # fmt: skip
+        x=x,
+        jacobian=jacobian,
+        residuals=r,
+        cost=0.5 * float(r @ r),
+        iterations=2,
+        at_bound=(),
+        covariance=covariance,
+        free=len(x),
+        weights=np.ones(len(r)),
+        free_sd=sd,
+        hat=hat,
+    )
 
 
 def check_rank(rows: Array, names: Sequence[str], stopped: Sequence[str] = ()) -> None:

@@ -91,8 +91,9 @@ def profile_interval(
     """
     names = observations.names
     if name not in names:
-        raise InputError(Problem(f"no parameter {name!r} in this fit", allowed=", ".join(names),
-                                 hint=nearest(name, names)))  # fmt: skip
+        raise InputError(
+            Problem(f"no parameter {name!r} in this fit", allowed=", ".join(names), hint=nearest(name, names))
+        )
     i = names.index(name)
     if solution.unit is not None:  # priors and losses weighed by the noise that was found
         noise = Scaled(observations.noise, solution.unit, len(observations.measured))
@@ -139,8 +140,14 @@ def _profile(observations: Observations, solution: Solution, i: int, options: Fi
     own = observations.parameters[i]
     weight = 0.0 if observations.held is None else float(observations.held[i])
     weight = 1.0 / own.sd if options.priors and own.sd is not None else weight
-    held = FitOptions(bounds=options.bounds, priors=options.priors, loss=options.loss, tied=options.tied,
-                      fixed=(*options.fixed, name), starts=0)  # fmt: skip
+    held = FitOptions(
+        bounds=options.bounds,
+        priors=options.priors,
+        loss=options.loss,
+        tied=options.tied,
+        fixed=(*options.fixed, name),
+        starts=0,
+    )
 
     def cost(value: float) -> float:
         alone = 0.5 * (weight * (value - own.nominal)) ** 2  # held, its own prior is none of the others' fit

@@ -106,11 +106,16 @@ def read_table(path: str | Path, columns: Sequence[Column], robot: str) -> Table
 
 def _unfilled(
     table: Table, columns: list[tuple[int, Column]], rows: list[tuple[int, list[str]]], masked: set[int], maskable: bool
-) -> list[Problem]:  # fmt: skip
+) -> list[Problem]:
     """One problem for all rows in which something that is measured is still empty."""
     wanted = [(i, c) for i, c in columns if c.stem in _MEASURED and not c.blank and c.stem in table.numbers]
-    empty = [(line, c.stem) for r, (line, cells) in enumerate(rows) if r not in masked
-             for i, c in wanted if not cells[i].strip()]  # fmt: skip
+    empty = [
+        (line, c.stem)
+        for r, (line, cells) in enumerate(rows)
+        if r not in masked
+        for i, c in wanted
+        if not cells[i].strip()
+    ]
     lines = list(dict.fromkeys(line for line, _ in empty))
     if not lines:
         return []

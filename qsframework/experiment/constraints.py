@@ -82,9 +82,14 @@ def constraint_problems(document: Document, spec: ExperimentSpec, robot: Robot) 
     if limits.of not in places:
         line = document.line("constraints", "of")
         problems.append(
-            Problem(f"constraints: unknown point {limits.of!r}", file, line,
-                    allowed=", ".join(places), hint=nearest(limits.of, places))
-        )  # fmt: skip
+            Problem(
+                f"constraints: unknown point {limits.of!r}",
+                file,
+                line,
+                allowed=", ".join(places),
+                hint=nearest(limits.of, places),
+            )
+        )
     problems += _value_problems(document, spec, robot)
     for joint, ends in limits.joint_limits.items():
         problems += _joint_problems(document, robot, joint, ends)
@@ -157,14 +162,24 @@ def capacity_problems(document: Document, spec: ExperimentSpec, robot: Robot) ->
     problems: list[Problem] = []
     if spec.load.mass is not None and spec.load.mass > robot.payload:
         problems.append(
-            Problem(f"load: {spec.load.mass:g} kg is more than the robot's payload", str(document.path),
-                    document.line("load"), allowed=allowed, hint=hint)
-        )  # fmt: skip
+            Problem(
+                f"load: {spec.load.mass:g} kg is more than the robot's payload",
+                str(document.path),
+                document.line("load"),
+                allowed=allowed,
+                hint=hint,
+            )
+        )
     for i, load in enumerate(spec.loads):
         force = float(np.linalg.norm(load.wrench()[:3]))
         if force > most:
             problems.append(
-                Problem(f"load {load.name!r}: {force:.0f} N is more than the robot's payload", str(document.path),
-                        document.line("loads", i), allowed=allowed, hint=hint)
-            )  # fmt: skip
+                Problem(
+                    f"load {load.name!r}: {force:.0f} N is more than the robot's payload",
+                    str(document.path),
+                    document.line("loads", i),
+                    allowed=allowed,
+                    hint=hint,
+                )
+            )
     return problems

@@ -48,11 +48,23 @@ def differences(states: Readings, experiment: Experiment) -> Readings:
     axes = None if states.axes is None else states.axes[loaded]
     drive = None if states.drive_state is None else tuple(states.drive_state[int(i)] for i in loaded)
     return replace(
-        states, plus=states.plus[loaded], minus=states.plus[unloaded], marker=states.marker[loaded], frame=frame,
-        known=known, value=frozen(states.value[loaded] - states.value[unloaded]), sigma=frozen(sigma),
-        minus_sigma=frozen(states.sigma[unloaded]), use=states.use[loaded], line=states.line[loaded],
-        file=states.file[loaded], to=states.to[loaded], axes=axes, drive_state=drive, alignments=alignments,
-    )  # fmt: skip
+        states,
+        plus=states.plus[loaded],
+        minus=states.plus[unloaded],
+        marker=states.marker[loaded],
+        frame=frame,
+        known=known,
+        value=frozen(states.value[loaded] - states.value[unloaded]),
+        sigma=frozen(sigma),
+        minus_sigma=frozen(states.sigma[unloaded]),
+        use=states.use[loaded],
+        line=states.line[loaded],
+        file=states.file[loaded],
+        to=states.to[loaded],
+        axes=axes,
+        drive_state=drive,
+        alignments=alignments,
+    )
 
 
 def _place(states: Readings, i: int) -> tuple[object, ...]:

@@ -47,9 +47,12 @@ def check_kinds(parts: Sequence[Part], whole: Readings, experiment: Experiment) 
 def which_sigma(experiment: Experiment, kinds: Sequence[str]) -> Problem:
     """What is wrong with a sigma_mm that stands for several kinds of readings."""
     return Problem(
-        "noise: sigma_mm does not say of which kind of reading it is", str(experiment.path), found=", ".join(kinds),
-        allowed=_keys(kinds), hint="State each kind by itself, or give every row a sigma_mm.",
-    )  # fmt: skip
+        "noise: sigma_mm does not say of which kind of reading it is",
+        str(experiment.path),
+        found=", ".join(kinds),
+        allowed=_keys(kinds),
+        hint="State each kind by itself, or give every row a sigma_mm.",
+    )
 
 
 def _keys(kinds: Sequence[str]) -> str:

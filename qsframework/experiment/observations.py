@@ -480,16 +480,29 @@ class Bridge:
     def observations(self) -> Observations:
         """What the solver works on."""
         return Observations(
-            measured=self.rows.scalars, predict=self.predict, jacobian=self.jacobian, parameters=self.parameters,
-            noise=self.rows.noise, block=self.rows.together, row=self.rows.row, stated=self.rows.stated,
-            tangent=self.linear, reach=self.reach,
-        )  # fmt: skip
+            measured=self.rows.scalars,
+            predict=self.predict,
+            jacobian=self.jacobian,
+            parameters=self.parameters,
+            noise=self.rows.noise,
+            block=self.rows.together,
+            row=self.rows.row,
+            stated=self.rows.stated,
+            tangent=self.linear,
+            reach=self.reach,
+        )
 
 
 def bridge(
-    experiment: Experiment, readings: Readings, names: Sequence[str] | None = None, *, linear: bool = False,
-    x: Array | None = None, frames: Sequence[Frame] | None = None, rows: Rows | None = None,
-) -> Bridge:  # fmt: skip
+    experiment: Experiment,
+    readings: Readings,
+    names: Sequence[str] | None = None,
+    *,
+    linear: bool = False,
+    x: Array | None = None,
+    frames: Sequence[Frame] | None = None,
+    rows: Rows | None = None,
+) -> Bridge:
     """The observations that readings are of the named parameters, those of `fit:` by default.
 
     x: values of all parameters to stand at, nominal if None; frames: where to start, by Procrustes if None

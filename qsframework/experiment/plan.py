@@ -105,9 +105,14 @@ class Plan:
 
 
 def make_plan(
-    poses: Poses, load: Sequence[str], repeats: Sequence[int] | None = None, criterion: str = "",
-    certificate: Certificate | None = None, seed: int | None = None, names: Sequence[str] | None = None,
-) -> Plan:  # fmt: skip
+    poses: Poses,
+    load: Sequence[str],
+    repeats: Sequence[int] | None = None,
+    criterion: str = "",
+    certificate: Certificate | None = None,
+    seed: int | None = None,
+    names: Sequence[str] | None = None,
+) -> Plan:
     """A plan from poses, named p01, p02, ... unless said."""
     count = len(poses)
     return Plan(
@@ -153,10 +158,15 @@ def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
         "repeats",
     ]
     rows = [
-        [plan.pose[i], *degrees(plan.pendant[i]), *map(number, plan.wrench[i].tolist()), plan.load[i],
-         str(plan.repeats[i])]
+        [
+            plan.pose[i],
+            *degrees(plan.pendant[i]),
+            *map(number, plan.wrench[i].tolist()),
+            plan.load[i],
+            str(plan.repeats[i]),
+        ]
         for i in range(len(plan.pose))
-    ]  # fmt: skip
+    ]
     write_table(path, header, rows, [f"robot: {experiment.robot.name}"])
     beside = {
         "format": FORMAT,
@@ -257,10 +267,12 @@ def limit_problems(table: Table, pendant: Array, experiment: Experiment) -> list
     return [
         Problem(
             f"{experiment.robot.facts.driven[int(k)]} is outside its limits",
-            str(table.path), table.rows[int(i)], table.names[f"q{k + 1}"],
+            str(table.path),
+            table.rows[int(i)],
+            table.names[f"q{k + 1}"],
             found=f"{np.rad2deg(pendant[i, k]):.4g} deg",
             allowed=f"{np.rad2deg(controller.lower[k]):g} to {np.rad2deg(controller.upper[k]):g} deg",
             hint=_degrees_hint(table.names[f"q{k + 1}"], bool(degrees[i, k])),
         )
         for i, k in np.argwhere(outside)[:MOST_PROBLEMS]
-    ]  # fmt: skip
+    ]

@@ -180,16 +180,28 @@ def joined(parts: list[Readings]) -> Readings:
     if any(p.drive_state is not None for p in parts):
         drives = tuple(d for p in parts for d in (p.drive_state or ("",) * len(p)))
     return Readings(
-        states=_joined_states([p.states for p in parts]), plus=moved("plus"), minus=moved("minus"),
-        marker=rows("marker").astype(np.intp), frame=np.concatenate(place), frames=frames,
-        known=tuple(known[n] for n in frames), value=frozen(rows("value")), sigma=frozen(rows("sigma")),
-        minus_sigma=frozen(rows("minus_sigma")), stated=all(p.stated for p in parts), use=rows("use").astype(bool),
-        line=rows("line").astype(np.intp), to=rows("to").astype(np.intp), axes=axes,
+        states=_joined_states([p.states for p in parts]),
+        plus=moved("plus"),
+        minus=moved("minus"),
+        marker=rows("marker").astype(np.intp),
+        frame=np.concatenate(place),
+        frames=frames,
+        known=tuple(known[n] for n in frames),
+        value=frozen(rows("value")),
+        sigma=frozen(rows("sigma")),
+        minus_sigma=frozen(rows("minus_sigma")),
+        stated=all(p.stated for p in parts),
+        use=rows("use").astype(bool),
+        line=rows("line").astype(np.intp),
+        to=rows("to").astype(np.intp),
+        axes=axes,
         file=np.concatenate([p.file + k for p, k in zip(parts, files, strict=False)]).astype(np.intp),
-        sources=tuple(s for p in parts for s in p.sources), drive_state=drives,
-        repeatability=parts[0].repeatability, alignments=tuple(a for p in parts for a in p.alignments),
+        sources=tuple(s for p in parts for s in p.sources),
+        drive_state=drives,
+        repeatability=parts[0].repeatability,
+        alignments=tuple(a for p in parts for a in p.alignments),
         made=parts[0].made if all(p.made == parts[0].made for p in parts) else None,
-    )  # fmt: skip
+    )
 
 
 def _joined_states(parts: list[States]) -> States:
@@ -212,7 +224,9 @@ def _joined_states(parts: list[States]) -> States:
     return States(
         poses=Poses(pendant, q, wrench, conditions("unloaded"), conditions("loaded")),
         loaded=np.concatenate([p.loaded for p in parts]),
-        pose=tuple(n for p in parts for n in p.pose), load_id=tuple(n for p in parts for n in p.load_id),
-        series=tuple(n for p in parts for n in p.series), repeat=np.concatenate([p.repeat for p in parts]),
+        pose=tuple(n for p in parts for n in p.pose),
+        load_id=tuple(n for p in parts for n in p.load_id),
+        series=tuple(n for p in parts for n in p.series),
+        repeat=np.concatenate([p.repeat for p in parts]),
         cycle=np.concatenate([p.cycle for p in parts]),
-    )  # fmt: skip
+    )

@@ -53,14 +53,23 @@ def _columns(experiment: Experiment, states: bool, gauge: bool) -> list[Column]:
         Column("marker", "text", required=True),
         *([Column("state", "text", required=True)] if states else []),
         *(Column(d, "number", "m", required=not gauge, blank=True) for d in (_XYZ if states else _MOVED)),
-        Column("gauge", "number", "m", blank=True), *(Column(u, "number", blank=True) for u in _ALONG),
+        Column("gauge", "number", "m", blank=True),
+        *(Column(u, "number", blank=True) for u in _ALONG),
         Column("to_marker", "text"),
-        *([Column("load_id", "text")] if states else [Column("reference", "text")]), Column("series", "text"),
-        Column("repeat", "count"), Column("cycle", "count"), Column("sigma", "number", "m", blank=True),
-        *(Column(f"{c}{end}", "number", unit) for c, unit in (("time", "s"), ("temperature", "K"))
-          for end in ("", *(() if states else ("_unloaded",)))),
-        Column("approach", "side"), Column("drive_state", "text"), Column("use", "flag"),
-    ]  # fmt: skip
+        *([Column("load_id", "text")] if states else [Column("reference", "text")]),
+        Column("series", "text"),
+        Column("repeat", "count"),
+        Column("cycle", "count"),
+        Column("sigma", "number", "m", blank=True),
+        *(
+            Column(f"{c}{end}", "number", unit)
+            for c, unit in (("time", "s"), ("temperature", "K"))
+            for end in ("", *(() if states else ("_unloaded",)))
+        ),
+        Column("approach", "side"),
+        Column("drive_state", "text"),
+        Column("use", "flag"),
+    ]
 
 
 def holds_states(path: str | Path) -> bool:
@@ -135,9 +144,11 @@ def suggested(experiment: Experiment, states: Readings) -> str:
     names = set(experiment.fit_names())
     model = experiment.model()
     of_place = {
-        n for e, part in zip(model.effects, model.slices, strict=True)
-        if isinstance(e, Geometry | Sensor) for n in model.names[part]
-    }  # fmt: skip
+        n
+        for e, part in zip(model.effects, model.slices, strict=True)
+        if isinstance(e, Geometry | Sensor)
+        for n in model.names[part]
+    }
     return "positions" if names & of_place or GEOMETRY in (experiment.fit or ()) else "differences"
 
 
@@ -212,10 +223,18 @@ class _Rows:
         others = np.flatnonzero(np.any(self.pendant != self.pendant[before[minus - len(first)]], axis=1))
         if len(others):
             hint = "An unloaded reading is of one pose: name the others differently."
-            raise InputError([
-                at(table, int(i), "reference", f"the reference {references[int(i)]!r} is of another pose", hint=hint)
-                for i in others[:MOST_PROBLEMS]
-            ])  # fmt: skip
+            raise InputError(
+                [
+                    at(
+                        table,
+                        int(i),
+                        "reference",
+                        f"the reference {references[int(i)]!r} is of another pose",
+                        hint=hint,
+                    )
+                    for i in others[:MOST_PROBLEMS]
+                ]
+            )
         rows = np.concatenate([first, before])  # a row of the file for every state
         loaded = np.arange(len(rows)) < len(first)
         names = [(*keys[int(i)], "" if on else references[int(i)]) for i, on in zip(rows, loaded, strict=True)]
@@ -235,8 +254,16 @@ class _Rows:
             no_load(table, experiment)
         problems += _position_problems(table, np.where(self.use[:, None] & ~self.gauge[:, None], self.value, 0.0))
         texts = [table.texts.get(c, [""] * len(loaded)) for c in ("load_id", "series")]
-        keys = list(zip(table.texts["pose"], *texts, counts(table, "repeat"), counts(table, "cycle"), loaded.tolist(),
-                        strict=True))  # fmt: skip
+        keys = list(
+            zip(
+                table.texts["pose"],
+                *texts,
+                counts(table, "repeat"),
+                counts(table, "cycle"),
+                loaded.tolist(),
+                strict=True,
+            )
+        )
         known = [table.numbers[c][:, None] for c in _RECORDED if c in table.numbers]
         constant = np.hstack([self.pendant, wrench, *known])
         first, state = _group(table, keys, _labels(keys), self._who(), constant, problems)
@@ -260,23 +287,32 @@ class _Rows:
             return self.marker.tolist()
         ends = self.axes[:, 0].round(9).tolist()
         return [
-            (int(m), int(t), tuple(u) if g else ()) for m, t, u, g in zip(self.marker, self.to, ends, self.gauge,
-                                                                          strict=True)
-        ]  # fmt: skip
+            (int(m), int(t), tuple(u) if g else ())
+            for m, t, u, g in zip(self.marker, self.to, ends, self.gauge, strict=True)
+        ]
 
     def _states(
-        self, experiment: Experiment, rows: Indices, loaded: npt.NDArray[np.bool_], conditions: Conditions,
-        names: Sequence[tuple[str, int, int, str]], series: Sequence[str],
-    ) -> States:  # fmt: skip
+        self,
+        experiment: Experiment,
+        rows: Indices,
+        loaded: npt.NDArray[np.bool_],
+        conditions: Conditions,
+        names: Sequence[tuple[str, int, int, str]],
+        series: Sequence[str],
+    ) -> States:
         """States by their row in the file; names: pose, repeat, cycle and load."""
         pendant = frozen(self.pendant[rows])
         wrench = frozen(np.where(loaded[:, None], self.wrench[rows], 0.0))
         joints = frozen(experiment.robot.controller.to_joints(pendant))
         return States(
-            poses=Poses(pendant, joints, wrench, conditions, conditions), loaded=loaded,
-            pose=tuple(n[0] for n in names), load_id=tuple(n[3] for n in names), series=tuple(series),
-            repeat=np.array([n[1] for n in names]), cycle=np.array([n[2] for n in names]),
-        )  # fmt: skip
+            poses=Poses(pendant, joints, wrench, conditions, conditions),
+            loaded=loaded,
+            pose=tuple(n[0] for n in names),
+            load_id=tuple(n[3] for n in names),
+            series=tuple(series),
+            repeat=np.array([n[1] for n in names]),
+            cycle=np.array([n[2] for n in names]),
+        )
 
     def _readings(
         self, experiment: Experiment, states: States, plus: Indices, minus: Indices, of_states: bool
@@ -293,19 +329,31 @@ class _Rows:
         known = {f.series: f for f in experiment.frames}
         sigma, stated = _sigmas(table, experiment, self.sigma, self.kind(of_states), self.use)
         return Readings(
-            states=states, plus=plus, minus=minus, marker=self.marker,
+            states=states,
+            plus=plus,
+            minus=minus,
+            marker=self.marker,
             frame=np.array([frames.index(n) if g else -1 for n, g in zip(named, given, strict=True)], dtype=np.intp),
-            frames=frames, known=tuple(known.get(n) for n in frames), value=frozen(self.value),
-            sigma=frozen(np.repeat(sigma[:, None], 3, axis=1)), minus_sigma=frozen(np.full((len(plus), 3), np.nan)),
-            stated=stated, use=self.use, line=np.array(table.rows), file=np.zeros(len(plus), dtype=np.intp),
-            to=self.to, axes=self.axes, sources=(table.path,),
+            frames=frames,
+            known=tuple(known.get(n) for n in frames),
+            value=frozen(self.value),
+            sigma=frozen(np.repeat(sigma[:, None], 3, axis=1)),
+            minus_sigma=frozen(np.full((len(plus), 3), np.nan)),
+            stated=stated,
+            use=self.use,
+            line=np.array(table.rows),
+            file=np.zeros(len(plus), dtype=np.intp),
+            to=self.to,
+            axes=self.axes,
+            sources=(table.path,),
             drive_state=tuple(table.texts["drive_state"]) if "drive_state" in table.texts else None,
             repeatability=experiment.noise.repeatability,
-        )  # fmt: skip
+        )
 
 
-def at(table: Table, i: int, stem: str, message: str, found: str = "", allowed: str | None = None,
-       hint: str | None = None) -> Problem:  # fmt: skip
+def at(
+    table: Table, i: int, stem: str, message: str, found: str = "", allowed: str | None = None, hint: str | None = None
+) -> Problem:
     """A problem in row i of a table, in the column of this stem."""
     return Problem(
         message,
@@ -399,9 +447,13 @@ def _unfilled(table: Table, value: Array, use: npt.NDArray[np.bool_], stems: Seq
 
 
 def _group(
-    table: Table, keys: Sequence[Hashable], labels: Sequence[str], who: Sequence[Hashable], constant: Array,
+    table: Table,
+    keys: Sequence[Hashable],
+    labels: Sequence[str],
+    who: Sequence[Hashable],
+    constant: Array,
     problems: list[Problem],
-) -> tuple[Indices, Indices]:  # fmt: skip
+) -> tuple[Indices, Indices]:
     """First row of each state, and the state of each row; its rows must agree in `constant`."""
     numbered: dict[Hashable, int] = {}
     first: list[int] = []
@@ -461,8 +513,14 @@ def _loads(table: Table, wrench: Array, problems: list[Problem]) -> npt.NDArray[
     loaded = np.array([state == "loaded" for state in table.texts["state"]])
     missing = [f for f in _FORCE if f not in table.numbers]
     if missing and (loaded.any() or len(missing) < 3):
-        problems.append(Problem("a loaded state needs its force", str(table.path), column=f"{missing[0]}_N",
-                                allowed="the columns fx_N, fy_N, fz_N"))  # fmt: skip
+        problems.append(
+            Problem(
+                "a loaded state needs its force",
+                str(table.path),
+                column=f"{missing[0]}_N",
+                allowed="the columns fx_N, fy_N, fz_N",
+            )
+        )
     stems = [*_FORCE, *_MOMENT]
     unclear = {(p.line, p.column) for p in table.problems}
     for i, k in np.argwhere(np.isnan(wrench) & loaded[:, None])[:MOST_PROBLEMS]:
@@ -477,8 +535,9 @@ def _loads(table: Table, wrench: Array, problems: list[Problem]) -> npt.NDArray[
         if table.texts["state"][i] == "unloaded":
             k = int(np.flatnonzero(np.nan_to_num(wrench[i]))[0])
             hint = "Leave its force empty or 0, or call the state loaded."
-            problems.append(at(table, int(i), stems[k], "an unloaded state has no force", f"{wrench[i, k]:g}",
-                               "0 or nothing", hint))  # fmt: skip
+            problems.append(
+                at(table, int(i), stems[k], "an unloaded state has no force", f"{wrench[i, k]:g}", "0 or nothing", hint)
+            )
     return loaded
 
 
@@ -686,9 +745,7 @@ def _named_references(readings: Readings) -> list[str]:
         own.setdefault(m, set()).add(s)
     shared = {m for m, loaded in own.items() if m >= 0 and len(loaded) > 1}
     states = readings.states
-    return [
-        (states.load_id[m] or f"{states.pose[m]}/{m}") if m in shared else "" for m in readings.minus.tolist()
-    ]  # fmt: skip
+    return [(states.load_id[m] or f"{states.pose[m]}/{m}") if m in shared else "" for m in readings.minus.tolist()]
 
 
 def _recorded_columns(readings: Readings, of_states: bool) -> dict[str, Array]:

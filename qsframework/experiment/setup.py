@@ -284,8 +284,15 @@ def _markers(document: Document, spec: ExperimentSpec, robot: Robot, problems: l
         line = document.line("markers", name)
         link = entry.link or next(n for n, f in robot.frames.items() if f is robot.flange)
         if link not in robot.frames:
-            problems.append(Problem(f"marker {name!r}: no link {link!r}", str(document.path), line,
-                                    allowed=", ".join(robot.frames), hint=nearest(link, robot.frames)))  # fmt: skip
+            problems.append(
+                Problem(
+                    f"marker {name!r}: no link {link!r}",
+                    str(document.path),
+                    line,
+                    allowed=", ".join(robot.frames),
+                    hint=nearest(link, robot.frames),
+                )
+            )
             continue
         normal = None if entry.normal is None else frozen(np.array(entry.normal) / np.linalg.norm(entry.normal))
         out.append(Marker(name, link, frozen(entry.xyz), normal))

@@ -31,9 +31,13 @@ class Simulation:
 
 
 def simulate(
-    experiment: Experiment, plan: Plan, x: Array | None = None, truth: str = "nominal", seed: int = 0,
+    experiment: Experiment,
+    plan: Plan,
+    x: Array | None = None,
+    truth: str = "nominal",
+    seed: int = 0,
     linear: bool = False,
-) -> Simulation:  # fmt: skip
+) -> Simulation:
     """Measure a plan in simulation: displacements with independent Gaussian noise on every coordinate.
 
     The arm settles in its full equilibrium, as a real one does; linear: by the tangent model at the undeflected pose.
@@ -54,16 +58,28 @@ def simulate(
     repeat = np.concatenate([np.arange(1, r + 1) for r in plan.repeats])
     displacement = moved + sigma * rng.standard_normal(moved.shape)
     readings = displaced(
-        poses, displacement, sigma or UNSTATED, [plan.pose[int(i)] for i in order], repeat, stated=sigma > 0.0,
-        repeatability=experiment.noise.repeatability, made=Made("linear" if linear else "equilibrium", seed),
-    )  # fmt: skip
+        poses,
+        displacement,
+        sigma or UNSTATED,
+        [plan.pose[int(i)] for i in order],
+        repeat,
+        stated=sigma > 0.0,
+        repeatability=experiment.noise.repeatability,
+        made=Made("linear" if linear else "equilibrium", seed),
+    )
     return Simulation(readings, model, frozen(x))
 
 
 def displaced(
-    poses: Poses, displacement: Array, sigma: float, names: Sequence[str], repeat: Indices | None = None,
-    stated: bool = True, repeatability: float | None = None, made: Made | None = None,
-) -> Readings:  # fmt: skip
+    poses: Poses,
+    displacement: Array,
+    sigma: float,
+    names: Sequence[str],
+    repeat: Indices | None = None,
+    stated: bool = True,
+    repeatability: float | None = None,
+    made: Made | None = None,
+) -> Readings:
     """Readings of every marker's displacement (N, K, 3) m at N poses, each minus an unloaded state of its own."""
     count, markers = (int(n) for n in displacement.shape[:2])
     unloaded = replace(poses, wrench=np.zeros_like(poses.wrench), loaded=poses.unloaded)
@@ -73,17 +89,33 @@ def displaced(
     pendant, q, wrench = (np.concatenate([getattr(p, k) for p in both]) for k in ("pendant", "q", "wrench"))
     states = States(
         poses=Poses(pendant, q, wrench, _stacked([p.unloaded for p in both]), _stacked([p.loaded for p in both])),
-        loaded=np.arange(2 * count) < count, pose=(*names, *names), load_id=("",) * (2 * count),
-        series=("",) * (2 * count), repeat=np.tile(repeat, 2), cycle=np.ones(2 * count, dtype=np.intp),
-    )  # fmt: skip
+        loaded=np.arange(2 * count) < count,
+        pose=(*names, *names),
+        load_id=("",) * (2 * count),
+        series=("",) * (2 * count),
+        repeat=np.tile(repeat, 2),
+        cycle=np.ones(2 * count, dtype=np.intp),
+    )
     state, rows = np.repeat(np.arange(count), markers), count * markers
     return Readings(
-        states=states, plus=state, minus=state + count, marker=np.tile(np.arange(markers), count),
-        frame=np.full(rows, -1), frames=(), known=(), value=frozen(displacement.reshape(-1, 3)),
-        sigma=frozen(np.full((rows, 3), sigma)), minus_sigma=frozen(np.full((rows, 3), np.nan)), stated=stated,
-        use=np.ones(rows, dtype=bool), line=np.arange(3, 3 + rows), file=np.zeros(rows, dtype=np.intp),
-        to=np.full(rows, -1), repeatability=repeatability, made=made,
-    )  # fmt: skip
+        states=states,
+        plus=state,
+        minus=state + count,
+        marker=np.tile(np.arange(markers), count),
+        frame=np.full(rows, -1),
+        frames=(),
+        known=(),
+        value=frozen(displacement.reshape(-1, 3)),
+        sigma=frozen(np.full((rows, 3), sigma)),
+        minus_sigma=frozen(np.full((rows, 3), np.nan)),
+        stated=stated,
+        use=np.ones(rows, dtype=bool),
+        line=np.arange(3, 3 + rows),
+        file=np.zeros(rows, dtype=np.intp),
+        to=np.full(rows, -1),
+        repeatability=repeatability,
+        made=made,
+    )
 
 
 def _stacked(parts: list[Conditions]) -> Conditions:

@@ -188,10 +188,15 @@ def _one_arm(errors: list[Any]) -> list[Any]:
 
 
 _WORDS = {
-    "model_type": "must be a mapping", "dict_type": "must be a mapping", "list_type": "must be a list",
-    "float_type": "must be a number", "int_type": "must be a whole number", "int_from_float": "must be a whole number",
-    "string_type": "must be text", "bool_type": "must be true or false",
-}  # fmt: skip
+    "model_type": "must be a mapping",
+    "dict_type": "must be a mapping",
+    "list_type": "must be a list",
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "string_type": "must be text",
+    "bool_type": "must be true or false",
+}
 
 
 def _problem(document: Document, model: type[FileModel], at: tuple[Key, ...], error: Any) -> Problem:

@@ -59,10 +59,18 @@ class _Test:
 
 
 def foresee(
-    experiment: Experiment, plan: Plan | Poses, *, level: float = LIBRARY_LEVEL, power: float = 0.85,
-    share: float = 0.95, sigma: float | None = None, seed: int = 0, exact: bool = True,
-    progress: Progress | None = None, work: Work = HERE,
-) -> Foresight:  # fmt: skip
+    experiment: Experiment,
+    plan: Plan | Poses,
+    *,
+    level: float = LIBRARY_LEVEL,
+    power: float = 0.85,
+    share: float = 0.95,
+    sigma: float | None = None,
+    seed: int = 0,
+    exact: bool = True,
+    progress: Progress | None = None,
+    work: Work = HERE,
+) -> Foresight:
     """What a plan (or poses with their wrenches) would detect and name.
 
     level: family-wise chance of an alarm; power: rate of detection, share: rate of right names that are asked for;
@@ -216,9 +224,7 @@ def _hidden(typical: float) -> Why:
     return Why.LITTLE_LOAD if REACH * typical < 4.0 else Why.ABSORBED
 
 
-def _size(
-    case: Case, test: _Test, i: int, j: int, own: Sequence[int], share: float, bench: Bench | None
-) -> Size:  # fmt: skip
+def _size(case: Case, test: _Test, i: int, j: int, own: Sequence[int], share: float, bench: Bench | None) -> Size:
     """The smallest visible deviations of parameter j of cause i, alone."""
     cause, mine = case.causes[i], np.flatnonzero(test.owner == i)
     along = test.subspaces[i].Q.T @ case.B[i][:, j]

@@ -115,8 +115,9 @@ def masked_words(readings: Readings, findings: Sequence[Finding]) -> tuple[Maske
 def _check_names(options: FitOptions, names: Sequence[str]) -> None:
     for name in (*options.fixed, *(n for group in options.tied for n in group), *options.profile):
         if name not in names:
-            raise InputError(Problem(f"the fit has no parameter {name!r}", allowed=", ".join(names),
-                                     hint=nearest(name, names)))  # fmt: skip
+            raise InputError(
+                Problem(f"the fit has no parameter {name!r}", allowed=", ".join(names), hint=nearest(name, names))
+            )
 
 
 def _one_step(experiment: Experiment, rows: Rows, names: Sequence[str], options: FitOptions) -> Found:
@@ -267,24 +268,41 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
     left = tuple(e for e in found.left if e.name in model.names)
     notes = (*notes, *_advice(rows, model, left, estimates))
     return Fit(
-        method=found.method, linear=options.linear, model=model, x=x, estimates=estimates, covariance=covariance,
-        rank=rank_test(solution.jacobian[:, free] * scale[free], [n for n, f in zip(
-            (p.name for p in seen.parameters), free, strict=True) if f]),
-        sigma=unit * sigma, sigma_source="stated" if rows.stated else "estimated",
-        lines=readings.line[rows.keep], file=readings.file[rows.keep],
-        sources=tuple(str(s) for s in readings.sources), poses=rows.pose_names,
-        kind=readings.kind[rows.keep], measured=rows.measured, predicted=predicted,
-        nominal=_nominal(experiment, found, options, frames, x), residuals=rows.measured - predicted,
+        method=found.method,
+        linear=options.linear,
+        model=model,
+        x=x,
+        estimates=estimates,
+        covariance=covariance,
+        rank=rank_test(
+            solution.jacobian[:, free] * scale[free],
+            [n for n, f in zip((p.name for p in seen.parameters), free, strict=True) if f],
+        ),
+        sigma=unit * sigma,
+        sigma_source="stated" if rows.stated else "estimated",
+        lines=readings.line[rows.keep],
+        file=readings.file[rows.keep],
+        sources=tuple(str(s) for s in readings.sources),
+        poses=rows.pose_names,
+        kind=readings.kind[rows.keep],
+        measured=rows.measured,
+        predicted=predicted,
+        nominal=_nominal(experiment, found, options, frames, x),
+        residuals=rows.measured - predicted,
         studentised=rows.spread(studentised(white, Q, noise)),
-        left_out=rows.spread(noise.colour(_left_out(Q, white, rows))), chi2=chi2 / unit**2, dof=dof,
-        data_sha256="+".join(sha256(s) for s in readings.sources), frames=frames, left_aside=left,
-        alignments=readings.alignments, made=readings.made, notes=notes,
-    )  # fmt: skip
+        left_out=rows.spread(noise.colour(_left_out(Q, white, rows))),
+        chi2=chi2 / unit**2,
+        dof=dof,
+        data_sha256="+".join(sha256(s) for s in readings.sources),
+        frames=frames,
+        left_aside=left,
+        alignments=readings.alignments,
+        made=readings.made,
+        notes=notes,
+    )
 
 
-def _advice(
-    rows: Rows, model: Model, left: Sequence[LeftAside], estimates: Sequence[Estimate]
-) -> tuple[str, ...]:  # fmt: skip
+def _advice(rows: Rows, model: Model, left: Sequence[LeftAside], estimates: Sequence[Estimate]) -> tuple[str, ...]:
     """What would help to tell the parameters that these readings do not tell, or tell badly."""
     readings = rows.readings
     poses = readings.poses.take(rows.plus)

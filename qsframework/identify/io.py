@@ -152,25 +152,41 @@ def read_fit(path: str | Path) -> StoredFit:
             continue
         if len(given) != p or any(len(row) != p for row in given):
             wrong.append(
-                Problem(f"{key} has another size than parameters", str(path), document.line(key),
-                        allowed=f"{p} rows of {p} numbers")
-            )  # fmt: skip
+                Problem(
+                    f"{key} has another size than parameters",
+                    str(path),
+                    document.line(key),
+                    allowed=f"{p} rows of {p} numbers",
+                )
+            )
         elif not np.allclose(given, np.transpose(given), rtol=1e-6, atol=0.0):
             wrong.append(Problem(f"{key} is not symmetric", str(path), document.line(key)))
     if wrong:
         raise InputError(wrong)
     estimates = [spec.estimates[name] for name in spec.parameters]
     return StoredFit(
-        method=spec.method, names=tuple(spec.parameters), values=np.array([e.value for e in estimates]),
+        method=spec.method,
+        names=tuple(spec.parameters),
+        values=np.array([e.value for e in estimates]),
         sd=np.array([np.nan if e.sd is None else e.sd for e in estimates]),
-        covariance=np.array(spec.covariance).reshape(p, p), status=tuple(e.status for e in estimates),
-        sigma=spec.sigma, sigma_source=spec.sigma_source, chi2=spec.chi2, dof=spec.dof, model=dict(spec.model),
-        data_sha256=spec.data_sha256, robot=spec.robot, file=str(path),
+        covariance=np.array(spec.covariance).reshape(p, p),
+        status=tuple(e.status for e in estimates),
+        sigma=spec.sigma,
+        sigma_source=spec.sigma_source,
+        chi2=spec.chi2,
+        dof=spec.dof,
+        model=dict(spec.model),
+        data_sha256=spec.data_sha256,
+        robot=spec.robot,
+        file=str(path),
         total_covariance=None if spec.covariance_total is None else np.array(spec.covariance_total).reshape(p, p),
-        cleaned=None if spec.masked is None else tuple(
-            Masked(m.kind, tuple(m.rows), m.words, m.readings) for m in spec.masked),
-        masked_rows=tuple(spec.masked_rows), linear=spec.linear, frames=_frames(spec, document),
-    )  # fmt: skip
+        cleaned=None
+        if spec.masked is None
+        else tuple(Masked(m.kind, tuple(m.rows), m.words, m.readings) for m in spec.masked),
+        masked_rows=tuple(spec.masked_rows),
+        linear=spec.linear,
+        frames=_frames(spec, document),
+    )
 
 
 def _frames(spec: FitSpec, document: Document) -> tuple[Frame, ...]:
@@ -324,8 +340,10 @@ def result_files(fit: Any, robot: Robot, nominal: Path | None, urdf: Path | None
                 f"takes them as `nominal: {beside.name}`"
             )
         if count + len(others) < len(fit.names):
-            said.append(f"not in these files: {len(fit.names) - count - len(others)} of the tracker's frame; fit.json "
-                        "holds them (frames)")  # fmt: skip
+            said.append(
+                f"not in these files: {len(fit.names) - count - len(others)} of the tracker's frame; fit.json "
+                "holds them (frames)"
+            )
     if urdf is not None:
         left = write_urdf(robot, fit.model, fit.x, urdf)
         effects = zip(fit.model.effects, fit.model.slices, strict=True)

@@ -23,9 +23,19 @@ def estimate_of(p: Parameter, value: float, sd: float, free: float) -> Estimate:
     """An estimate with its state; `free` is the sd that it would have without its bounds."""
     state, limit = _state(p, value, sd, free)
     return Estimate(
-        name=p.name, unit=p.unit, value=value, sd=sd, initial=p.nominal, lower=p.lower, upper=p.upper, state=state,
-        limit=limit, free_sd=free, size=p.scale, prior_sd=p.sd,
-    )  # fmt: skip
+        name=p.name,
+        unit=p.unit,
+        value=value,
+        sd=sd,
+        initial=p.nominal,
+        lower=p.lower,
+        upper=p.upper,
+        state=state,
+        limit=limit,
+        free_sd=free,
+        size=p.scale,
+        prior_sd=p.sd,
+    )
 
 
 def _state(p: Parameter, value: float, sd: float, free: float) -> tuple[State, float | None]:

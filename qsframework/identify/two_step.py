@@ -52,8 +52,9 @@ class Balanced:
 
     def rows(self, q: Array) -> Array:
         """[1, g, h] (n, 3): K = row @ [K2, Kc, s0 Kc], from the effect itself."""
-        return np.stack([np.ones_like(q), self._value(q, 1.0, 0.0),
-                         self._value(q, 1.0, 1.0) - self._value(q, 1.0, 0.0)], axis=-1)  # fmt: skip
+        return np.stack(
+            [np.ones_like(q), self._value(q, 1.0, 0.0), self._value(q, 1.0, 1.0) - self._value(q, 1.0, 0.0)], axis=-1
+        )
 
     def _value(self, q: Array, stiffness: float, free_length: float) -> Array:
         value = _stiffness(self.balancer, self.facts, q, stiffness, free_length)
@@ -213,8 +214,10 @@ class _StepOne:
         b, first, motions = self.balanced, self.first, self.seen.motions
         here, off = model.index([b.compliance, b.stiffness])
         index = model.index(self.others)
-        parts = [(j, rows.take(np.flatnonzero(self.group == j)), np.flatnonzero(self.group[rows.row] == j))
-                 for j in range(len(self.angles))]  # fmt: skip
+        parts = [
+            (j, rows.take(np.flatnonzero(self.group == j)), np.flatnonzero(self.group[rows.row] == j))
+            for j in range(len(self.angles))
+        ]
 
         def full(z: Array, j: int) -> Array:
             every = self.seen.x.copy()
@@ -242,10 +245,17 @@ class _StepOne:
             return out
 
         return Observations(
-            measured=rows.scalars, predict=predict, jacobian=jacobian, parameters=self._parameters(), noise=rows.noise,
-            block=rows.together, row=rows.row, stated=rows.stated, tangent=self.seen.linear,
+            measured=rows.scalars,
+            predict=predict,
+            jacobian=jacobian,
+            parameters=self._parameters(),
+            noise=rows.noise,
+            block=rows.together,
+            row=rows.row,
+            stated=rows.stated,
+            tangent=self.seen.linear,
             reach=self.seen.reach,
-        )  # fmt: skip
+        )
 
     def _frames(self, z: Array, own: Rows) -> list[Frame]:
         """The frames of some rows after their motions."""

@@ -175,19 +175,30 @@ def _hashes(readings: Readings) -> Sequence[str]:
 
 
 def _validation(
-    experiment: Experiment, rows: Rows, errors: Array, before: Array, halves: int = 0, seen: bool = False,
+    experiment: Experiment,
+    rows: Rows,
+    errors: Array,
+    before: Array,
+    halves: int = 0,
+    seen: bool = False,
     spread: Array | None = None,
-) -> Validation:  # fmt: skip
+) -> Validation:
     readings = rows.readings
     series = [readings.states.series[s] for s in map(int, rows.plus)]
     kind = readings.kind[rows.keep].tolist()
     label = [f"{k}s, series {s}" if s else f"{k}s" for k, s in zip(kind, series, strict=True)]
     parts = tuple(
         Errors(name=name, errors=errors[at], before=before[at])
-        for name in dict.fromkeys(label) for at in [np.array([n == name for n in label])]
-    )  # fmt: skip
+        for name in dict.fromkeys(label)
+        for at in [np.array([n == name for n in label])]
+    )
     return Validation(
-        robot=experiment.robot.name, whole=Errors(name="all", errors=errors, before=before), parts=parts,
-        halves=halves, seen=seen, spread=np.zeros(0) if spread is None else spread, lines=readings.line[rows.keep],
+        robot=experiment.robot.name,
+        whole=Errors(name="all", errors=errors, before=before),
+        parts=parts,
+        halves=halves,
+        seen=seen,
+        spread=np.zeros(0) if spread is None else spread,
+        lines=readings.line[rows.keep],
         poses=rows.pose_names,
-    )  # fmt: skip
+    )

@@ -76,4 +76,4 @@ __all__ = [
     "place",
     "registry",
     "setting",
-]  # fmt: skip
+]

@@ -36,6 +36,9 @@ def _plain(effect: Effect, name: str, value: Any) -> Any:
     if isinstance(value, float):
         return value
     raise InputError(
-        Problem(f"{effect.name}: {name} cannot be written to a file", found=repr(value)[:80],
-                hint="List the effect in robot.yaml or experiment.yaml, whose own entry is kept.")
-    )  # fmt: skip
+        Problem(
+            f"{effect.name}: {name} cannot be written to a file",
+            found=repr(value)[:80],
+            hint="List the effect in robot.yaml or experiment.yaml, whose own entry is kept.",
+        )
+    )

@@ -28,11 +28,12 @@ def found_section(files: Sequence[Found]) -> Section:
         "What was found",
         (
             Table(
-                ("file", "looked at", "result", "in words"), tuple(rows),
+                ("file", "looked at", "result", "in words"),
+                tuple(rows),
                 "Rows that say 'look at it' deserve a look at the file or the machine before any fit.",
             ),
         ),
-    )  # fmt: skip
+    )
 
 
 def readings_section(experiment: Experiment, readings: Readings, name: str) -> Section:
@@ -62,8 +63,10 @@ def readings_section(experiment: Experiment, readings: Readings, name: str) -> S
 def _apart(readings: Readings) -> Array:
     """Distances (R,) mm of positions from the mean of their marker's at the same pose under the same load."""
     out, states = np.zeros(len(readings)), readings.states
-    of = [(states.series[s], states.pose[s], bool(states.loaded[s]), states.load_id[s] if states.loaded[s] else "")
-          for s in map(int, readings.plus)]  # fmt: skip
+    of = [
+        (states.series[s], states.pose[s], bool(states.loaded[s]), states.load_id[s] if states.loaded[s] else "")
+        for s in map(int, readings.plus)
+    ]
     groups = list(zip(of, map(int, readings.marker), map(bool, readings.is_position), strict=True))
     for group in dict.fromkeys(g for g in groups if g[2]):
         at = np.array([g == group for g in groups])
@@ -76,12 +79,23 @@ def _apart(readings: Readings) -> Array:
 def _sizes(rows: list[int], size: list[float], marker: list[str], used: list[str], what: str) -> Any:
     import plotly.graph_objects as go
 
-    figure = go.Figure(layout={"title": {"text": "Readings by row"}, "template": "plotly_white", "height": 380,
-                               "xaxis": {"title": {"text": "row of the readings file"}},
-                               "yaxis": {"title": {"text": what}}})  # fmt: skip
+    figure = go.Figure(
+        layout={
+            "title": {"text": "Readings by row"},
+            "template": "plotly_white",
+            "height": 380,
+            "xaxis": {"title": {"text": "row of the readings file"}},
+            "yaxis": {"title": {"text": what}},
+        }
+    )
     for name in dict.fromkeys(marker):
         at = [i for i, m in enumerate(marker) if m == name]
         symbols = ["circle" if used[i] == "yes" else "x" for i in at]
-        figure.add_scatter(x=[rows[i] for i in at], y=[size[i] for i in at], mode="markers", name=html.escape(name),
-                           marker={"size": 6, "symbol": symbols})  # fmt: skip
+        figure.add_scatter(
+            x=[rows[i] for i in at],
+            y=[size[i] for i in at],
+            mode="markers",
+            name=html.escape(name),
+            marker={"size": 6, "symbol": symbols},
+        )
     return figure

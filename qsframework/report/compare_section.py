@@ -21,14 +21,22 @@ def summary_table(result: Comparison) -> Table:
     shared = result.shared
     rows = tuple(_summary(r, shared) for r in result.robots)
     header = (
-        "robot", "cells reached", "shared: mean mm", "shared: softest N/um", "path reached", "path: mean mm",
-        "path: worst mm", "after compensation: mean mm", "worst mm",
-    )  # fmt: skip
+        "robot",
+        "cells reached",
+        "shared: mean mm",
+        "shared: softest N/um",
+        "path reached",
+        "path: mean mm",
+        "path: worst mm",
+        "after compensation: mean mm",
+        "worst mm",
+    )
     return Table(
-        header, rows,
+        header,
+        rows,
         f"'Shared' counts the {int(shared.sum())} cells of the map that every robot reaches. Mean and worst over the "
         "path count the points that the robot reaches: compare them only where all points are reached.",
-    )  # fmt: skip
+    )
 
 
 def _summary(r: Compared, shared: Flags) -> tuple[str, ...]:
@@ -128,21 +136,35 @@ def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) ->
         z = [[float(np.log10(v)) if np.isfinite(v) else None for v in row] for row in grid]
         said = [[float(v) if np.isfinite(v) else None for v in row] for row in grid]
         figure.add_heatmap(
-            x=task.map_x.tolist(), y=task.map_z.tolist(), z=z, coloraxis="coloraxis", row=1, col=k,
-            customdata=said, hovertemplate="x %{x:.2f} m, z %{y:.2f} m: %{customdata:.3g} " + unit + "<extra></extra>",
-        )  # fmt: skip
+            x=task.map_x.tolist(),
+            y=task.map_z.tolist(),
+            z=z,
+            coloraxis="coloraxis",
+            row=1,
+            col=k,
+            customdata=said,
+            hovertemplate="x %{x:.2f} m, z %{y:.2f} m: %{customdata:.3g} " + unit + "<extra></extra>",
+        )
         figure.add_scatter(
-            x=task.points[:, 0].tolist(), y=task.points[:, 2].tolist(), mode="markers", showlegend=False, row=1, col=k,
-            marker={"color": "black", "size": 5, "symbol": "x"}, hovertemplate="the path<extra></extra>",
-        )  # fmt: skip
+            x=task.points[:, 0].tolist(),
+            y=task.points[:, 2].tolist(),
+            mode="markers",
+            showlegend=False,
+            row=1,
+            col=k,
+            marker={"color": "black", "size": 5, "symbol": "x"},
+            hovertemplate="the path<extra></extra>",
+        )
         figure.update_xaxes(title_text="x, m", row=1, col=k)
     figure.update_yaxes(title_text="z, m", row=1, col=1)
     ticks = _ticks(np.concatenate(values))
     bar = {"title": unit, "tickvals": np.log10(ticks).tolist(), "ticktext": [f"{v:g}" for v in ticks]}
     figure.update_layout(
-        title=f"{title}, {unit}, at y = {task.map_y:g} m", height=420, plot_bgcolor="#ddd",
+        title=f"{title}, {unit}, at y = {task.map_y:g} m",
+        height=420,
+        plot_bgcolor="#ddd",
         coloraxis={"colorscale": "Blues", "colorbar": bar},
-    )  # fmt: skip
+    )
     figure.update_xaxes(showgrid=False, zeroline=False)
     figure.update_yaxes(showgrid=False, zeroline=False)
     return figure

@@ -46,16 +46,25 @@ def budget_figure(diagnosis: Diagnosis) -> Figure:
     figure = _blank("Error budget", "", "RMS per axis, mm")
     figure.add_trace(
         go.Waterfall(
-            x=[*labels, "extended"], y=[held[0], *np.diff(held), 0.0], name="held out",
+            x=[*labels, "extended"],
+            y=[held[0], *np.diff(held), 0.0],
+            name="held out",
             measure=["absolute", *["relative"] * (len(body) - 1), "total"],
-            decreasing={"marker": {"color": _AFTER}}, increasing={"marker": {"color": _BEFORE}},
+            decreasing={"marker": {"color": _AFTER}},
+            increasing={"marker": {"color": _BEFORE}},
             totals={"marker": {"color": "#8aa0b8"}},
-            text=[f"{v:.3f}" for v in [*held, held[-1]]], textposition="outside",
+            text=[f"{v:.3f}" for v in [*held, held[-1]]],
+            textposition="outside",
         )
-    )  # fmt: skip
+    )
     on = [1e3 * s.readings for s in body]
-    figure.add_scatter(x=[*labels, "extended"], y=[*on, on[-1]], mode="markers", name="on the readings",
-                       marker={"symbol": "diamond", "size": 9, "color": "#225"})  # fmt: skip
+    figure.add_scatter(
+        x=[*labels, "extended"],
+        y=[*on, on[-1]],
+        mode="markers",
+        name="on the readings",
+        marker={"symbol": "diamond", "size": 9, "color": "#225"},
+    )
     figure.add_hline(y=1e3 * noise.heldout, line={"color": _NOISE, "dash": "dot"}, annotation_text="noise")
     return Figure(
         figure,
@@ -82,8 +91,16 @@ def joint_figure(diagnosis: Diagnosis) -> Figure:
     for k in range(len(joints)):
         place = {"row": k // _ACROSS + 1, "col": k % _ACROSS + 1}
         for values, colour, name in ((before, _BEFORE, "before"), (after, _AFTER, "after")):
-            figure.add_scatter(x=q[:, k], y=1e3 * values, mode="markers", name=name, legendgroup=name,
-                               showlegend=k == 0, marker={"color": colour, "size": 5}, **place)  # fmt: skip
+            figure.add_scatter(
+                x=q[:, k],
+                y=1e3 * values,
+                mode="markers",
+                name=name,
+                legendgroup=name,
+                showlegend=k == 0,
+                marker={"color": colour, "size": 5},
+                **place,
+            )
     title = "Residuals against the joint angles, deg"
     figure.update_layout(template="plotly_white", height=260 * lines, title={"text": title})
     figure.update_yaxes(title_text="residual, mm", col=1)
@@ -110,9 +127,17 @@ def load_figure(diagnosis: Diagnosis) -> Figure:
     for col, x in ((1, force), (2, r.line[diagnosis.kept])):
         for values, colour, name in ((before, _BEFORE, "before"), (after, _AFTER, "after")):
             figure.add_scatter(
-                x=x, y=1e3 * values, mode="markers", name=name, legendgroup=name, showlegend=col == 1,
-                marker={"color": colour, "size": 5}, text=_labels(diagnosis), row=1, col=col,
-            )  # fmt: skip
+                x=x,
+                y=1e3 * values,
+                mode="markers",
+                name=name,
+                legendgroup=name,
+                showlegend=col == 1,
+                marker={"color": colour, "size": 5},
+                text=_labels(diagnosis),
+                row=1,
+                col=col,
+            )
     figure.update_layout(template="plotly_white", height=360, title={"text": "Residuals against load and order"})
     figure.update_yaxes(title_text="residual, mm", col=1)
     return Figure(
@@ -134,8 +159,15 @@ def marker_figure(diagnosis: Diagnosis) -> Figure:
     figure = _blank("Residuals at each marker", "", "length of the residual, mm")
     pairs = zip(diagnosis.residuals(), (_BEFORE, _AFTER), ("before", "after"), strict=True)
     for residuals, colour, name in pairs:
-        figure.add_box(x=names[marker], y=1e3 * np.linalg.norm(residuals, axis=1), name=name, marker={"color": colour},
-                       boxpoints="all", pointpos=0.0, jitter=0.5)  # fmt: skip
+        figure.add_box(
+            x=names[marker],
+            y=1e3 * np.linalg.norm(residuals, axis=1),
+            name=name,
+            marker={"color": colour},
+            boxpoints="all",
+            pointpos=0.0,
+            jitter=0.5,
+        )
     figure.update_layout(boxmode="group")
     return Figure(
         figure,
@@ -199,8 +231,15 @@ def power_figure(diagnosis: Diagnosis) -> Figure:
         if f.name in of:
             dof, sided = of[f.name]
             y = detection_rate(f.s, dof, sided, threshold(dof, sided, limit))
-            figure.add_scatter(x=[f.s], y=[float(y)], mode="markers+text", text=[html.escape(f.name)], showlegend=False,
-                               textposition="bottom left", marker={"size": 11, "color": "#c22"})  # fmt: skip
+            figure.add_scatter(
+                x=[f.s],
+                y=[float(y)],
+                mode="markers+text",
+                text=[html.escape(f.name)],
+                showlegend=False,
+                textposition="bottom left",
+                marker={"size": 11, "color": "#c22"},
+            )
     return Figure(
         figure,
         f"One line for each number of directions that a cause has; where nothing acts something is named in "
@@ -220,8 +259,10 @@ def main_direction(diagnosis: Diagnosis) -> tuple[Array, Array, Array]:
 def _labels(diagnosis: Diagnosis) -> list[str]:
     r = diagnosis.readings
     names = [m.name for m in diagnosis.experiment.markers]
-    return [html.escape(f"pose {r.states.pose[int(r.plus[i])]}, {names[int(r.marker[i])]}, row {int(r.line[i])}")
-            for i in diagnosis.kept]  # fmt: skip
+    return [
+        html.escape(f"pose {r.states.pose[int(r.plus[i])]}, {names[int(r.marker[i])]}, row {int(r.line[i])}")
+        for i in diagnosis.kept
+    ]
 
 
 def _vector(direction: Sequence[float] | Array) -> str:

@@ -8,8 +8,7 @@ from pathlib import Path
 from qsframework.diagnose.result import Diagnosis
 from qsframework.discriminate.follow_up import SecondDay
 from qsframework.discriminate.pair import Discrimination
-from qsframework.report import diagnosis_plots as plots
-from qsframework.report import diagnosis_tables as tables
+from qsframework.report import diagnosis_plots as plots, diagnosis_tables as tables
 from qsframework.report.blocks import Block, Section, Text, View
 from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, LINEAR, provenance_section
 from qsframework.report.words.diagnosis import VERDICTS, method_words

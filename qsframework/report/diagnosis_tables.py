@@ -62,9 +62,15 @@ def _named(f: Finding, line: Line | None) -> tuple[str, ...]:
     rivals = ", ".join(f"{r.name}, {degrees(r.angle)}" for r in f.rivals)
     near = f"{line.nearest}, {degrees(line.angle)}" if line is not None and line.nearest else "-"
     return (
-        f.name, estimate_words(f.values), f"{f.s:.1f}", chance(f.p_value), f"{f.ebic_gain:.1f}",
-        f"{100 * f.heldout_gain:.0f} %" if np.isfinite(f.heldout_gain) else "-", rivals or near, Status.NAMED.value,
-    )  # fmt: skip
+        f.name,
+        estimate_words(f.values),
+        f"{f.s:.1f}",
+        chance(f.p_value),
+        f"{f.ebic_gain:.1f}",
+        f"{100 * f.heldout_gain:.0f} %" if np.isfinite(f.heldout_gain) else "-",
+        rivals or near,
+        Status.NAMED.value,
+    )
 
 
 def _row(x: Line, diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -80,10 +86,16 @@ def all_causes_table(diagnosis: Diagnosis) -> Table:
     order = list(Status)
     lines = sorted(diagnosis.table, key=lambda x: (order.index(x.status), -x.s if np.isfinite(x.s) else 0.0))
     rows = tuple(
-        (x.name, x.status.value, _size(x.s), chance(x.p_value), limit_words(x) or "-",
-         f"{x.nearest}, {degrees(x.angle)}" if x.nearest else "-")
+        (
+            x.name,
+            x.status.value,
+            _size(x.s),
+            chance(x.p_value),
+            limit_words(x) or "-",
+            f"{x.nearest}, {degrees(x.angle)}" if x.nearest else "-",
+        )
         for x in lines
-    )  # fmt: skip
+    )
     return Table(
         ("cause", "status", "s", "adjusted p", "bound, 95 %", "nearest rival, angle"),
         rows,
@@ -168,10 +180,14 @@ def outlier_table(diagnosis: Diagnosis) -> Table:
     r = diagnosis.readings
     names = [m.name for m in diagnosis.experiment.markers]
     rows = tuple(
-        (str(int(r.line[i])), r.states.pose[int(r.plus[i])], names[int(r.marker[i])],
-         ", ".join(f"{1e3 * v:.3f}" for v in r.value[i].tolist()))
+        (
+            str(int(r.line[i])),
+            r.states.pose[int(r.plus[i])],
+            names[int(r.marker[i])],
+            ", ".join(f"{1e3 * v:.3f}" for v in r.value[i].tolist()),
+        )
         for i in diagnosis.outliers.tolist()
-    )  # fmt: skip
+    )
     return Table(
         ("row", "pose", "marker", "reading, mm"),
         rows,
@@ -223,11 +239,15 @@ def trend_table(diagnosis: Diagnosis) -> Table:
     """On what the residuals depend, before and after."""
     after = {t.variable: t for t in diagnosis.after.trends}
     rows = tuple(
-        (t.variable, chance(t.p_value), f"{100 * t.share:.0f} %",
-         chance(after[t.variable].p_value) if t.variable in after else "-",
-         f"{100 * after[t.variable].share:.0f} %" if t.variable in after else "-")
+        (
+            t.variable,
+            chance(t.p_value),
+            f"{100 * t.share:.0f} %",
+            chance(after[t.variable].p_value) if t.variable in after else "-",
+            f"{100 * after[t.variable].share:.0f} %" if t.variable in after else "-",
+        )
         for t in diagnosis.before.trends[:_STRONGEST]
-    )  # fmt: skip
+    )
     return Table(
         ("residuals depend on", "p before", "share before", "p after", "share after"),
         rows,

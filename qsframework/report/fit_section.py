@@ -155,28 +155,35 @@ def error_tables(fit: Fit) -> tuple[Table, ...]:
 
 def _errors(title: str, rows: Sequence[tuple[str, float]], note: str) -> Table:
     return Table(
-        (title, "mm"), tuple((name, f"{value * 1e3:.4f}") for name, value in rows),
+        (title, "mm"),
+        tuple((name, f"{value * 1e3:.4f}") for name, value in rows),
         "Leave-one-pose-out counts: it is the error at poses that the fit has not seen." + note,
-    )  # fmt: skip
+    )
 
 
 def frame_table(fit: Fit) -> Table:
     """Where each tracker sees the robot's base."""
     rows = tuple(
-        (f.series or "-", ", ".join(f"{v * 1e3:.3f}" for v in f.origin), "; ".join(
-            ", ".join(f"{v:.6f}" for v in row) for row in f.rotation))
+        (
+            f.series or "-",
+            ", ".join(f"{v * 1e3:.3f}" for v in f.origin),
+            "; ".join(", ".join(f"{v:.6f}" for v in row) for row in f.rotation),
+        )
         for f in fit.frames
-    )  # fmt: skip
+    )
     return Table(("series", "origin of the base, mm", "rotation matrix, by rows"), rows, "The base in tracker frames.")
 
 
 def left_aside_table(fit: Fit) -> Table:
     """Parameters that these readings cannot tell."""
     rows = tuple(
-        (entry.name, "no effect" if not entry.absorbed_by else ", ".join(entry.absorbed_by),
-         "-" if np.isinf(entry.sd) else f"{entry.sd:.2g}")
+        (
+            entry.name,
+            "no effect" if not entry.absorbed_by else ", ".join(entry.absorbed_by),
+            "-" if np.isinf(entry.sd) else f"{entry.sd:.2g}",
+        )
         for entry in fit.left_aside
-    )  # fmt: skip
+    )
     note = (
         "Asked for and not estimated: they stay at their nominal values. The last column: the sd if one were fitted "
         "too, in its natural sizes; - where these readings do not tell it at all."
@@ -216,17 +223,21 @@ def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> 
 def _figures(fit: Fit) -> tuple[Figure, ...]:
     out: list[Figure] = []
     if not fit.position.all():
-        out.append(Figure(
-            _measured_predicted(fit),
-            "Look for a slope: points should lie on the line; one says that the stiffness is off.",
-            _reading_table(fit),
-        ))  # fmt: skip
+        out.append(
+            Figure(
+                _measured_predicted(fit),
+                "Look for a slope: points should lie on the line; one says that the stiffness is off.",
+                _reading_table(fit),
+            )
+        )
     if fit.position.any():
-        out.append(Figure(
-            _distances(fit),
-            "Distances between predicted and measured positions by row of the file. Look for rows that stay far "
-            "off when all others fall: a gross error, or a pose that the model does not describe.",
-        ))  # fmt: skip
+        out.append(
+            Figure(
+                _distances(fit),
+                "Distances between predicted and measured positions by row of the file. Look for rows that stay far "
+                "off when all others fall: a gross error, or a pose that the model does not describe.",
+            )
+        )
     return tuple(out)
 
 
@@ -234,8 +245,14 @@ def _reading_table(fit: Fit) -> Table:
     """Predicted and measured displacement by row of the file."""
     header = ("row", "pose", *(f"{what} d{a} mm" for what in ("predicted", "measured") for a in _AXES))
     values = np.column_stack([fit.predicted, fit.measured]) * 1e3
-    return Table(header, tuple((str(r), p, *(_number(v, 4) for v in row)) for r, p, row, at in
-                               zip(fit.rows, fit.poses, values, fit.position, strict=True) if not at))  # fmt: skip
+    return Table(
+        header,
+        tuple(
+            (str(r), p, *(_number(v, 4) for v in row))
+            for r, p, row, at in zip(fit.rows, fit.poses, values, fit.position, strict=True)
+            if not at
+        ),
+    )
 
 
 def _number(value: float, digits: int) -> str:
@@ -247,15 +264,25 @@ def residual_table(rows: Sequence[int] | Indices, poses: Sequence[str], left: Ar
     """Residuals (R, 3) m and in units of their sd, by row of the file."""
     header = ("row", "pose", *(f"{a}, mm" for a in _AXES), *(f"{a} / its sd" for a in _AXES))
     lines = zip(rows, poses, left * 1e3, student, strict=True)
-    return Table(header, tuple((str(r), str(p), *(_number(v, 4) for v in a), *(_number(v, 2) for v in b))
-                               for r, p, a, b in lines), "Measured minus predicted.")  # fmt: skip
+    return Table(
+        header,
+        tuple((str(r), str(p), *(_number(v, 4) for v in a), *(_number(v, 2) for v in b)) for r, p, a, b in lines),
+        "Measured minus predicted.",
+    )
 
 
 def _figure(title: str, x: str, y: str) -> Any:
     import plotly.graph_objects as go
 
-    return go.Figure(layout={"title": {"text": html.escape(title)}, "xaxis": {"title": {"text": x}},
-                             "yaxis": {"title": {"text": y}}, "template": "plotly_white", "height": 380})  # fmt: skip
+    return go.Figure(
+        layout={
+            "title": {"text": html.escape(title)},
+            "xaxis": {"title": {"text": x}},
+            "yaxis": {"title": {"text": y}},
+            "template": "plotly_white",
+            "height": 380,
+        }
+    )
 
 
 def _measured_predicted(fit: Fit) -> Any:
@@ -263,9 +290,12 @@ def _measured_predicted(fit: Fit) -> Any:
     at = np.flatnonzero(~fit.position)
     for i, axis in enumerate(_AXES):
         figure.add_scatter(
-            x=_plotted(fit.predicted[at, i] * 1e3), y=_plotted(fit.measured[at, i] * 1e3), mode="markers",
-            name=f"d{axis}", text=[f"row {fit.rows[r]}, pose {html.escape(fit.poses[r])}" for r in at],
-        )  # fmt: skip
+            x=_plotted(fit.predicted[at, i] * 1e3),
+            y=_plotted(fit.measured[at, i] * 1e3),
+            mode="markers",
+            name=f"d{axis}",
+            text=[f"row {fit.rows[r]}, pose {html.escape(fit.poses[r])}" for r in at],
+        )
     ends = np.array([np.nanmin(fit.measured[at]), np.nanmax(fit.measured[at])]) * 1e3
     figure.add_scatter(x=ends, y=ends, mode="lines", name="equal", line={"color": "#999", "width": 1})
     return figure
@@ -292,9 +322,12 @@ def residual_figure(fit: Fit) -> Any:
     figure = _figure("Studentised residuals", "row of the readings file", "residual / its sd")
     for i, axis in enumerate(names):
         figure.add_scatter(
-            x=fit.rows, y=_plotted(fit.studentised[:, i]), mode="markers", name=axis,
+            x=fit.rows,
+            y=_plotted(fit.studentised[:, i]),
+            mode="markers",
+            name=axis,
             text=[f"{v * 1e3:.3f} mm" for v in fit.residuals[:, i]],
-        )  # fmt: skip
+        )
     for level in (-3.0, 3.0):
         figure.add_hline(y=level, line={"color": "#c33", "width": 1, "dash": "dot"})
     return figure

@@ -28,8 +28,9 @@ def figure_table(figure: Any) -> Table:
     note = "" if not any(s.thinned for s in series) else "Smooth curves are told at some of their points."
     if all(a.x == b.x for a, b in pairwise(series)):
         rows = zip(series[0].x, *(s.y for s in series), strict=True)
-        names = (y,) if len(series) == 1 else tuple(f"{s.name}: {y}" if i == 0 else s.name for i, s in
-                                                    enumerate(series))  # fmt: skip
+        names = (
+            (y,) if len(series) == 1 else tuple(f"{s.name}: {y}" if i == 0 else s.name for i, s in enumerate(series))
+        )
         return Table((x, *names), tuple(tuple(map(_cell, row)) for row in rows), note)
     rows = ((s.name, _cell(a), _cell(b)) for s in series for a, b in zip(s.x, s.y, strict=True))
     return Table(("series", x, y), tuple(rows), note)
@@ -50,8 +51,9 @@ def _matrix(trace: Any) -> Table:
     """A heat map with its labels."""
     shown = trace.z if trace.customdata is None else trace.customdata
     header = ("", *(_plain(str(v)) for v in trace.x))
-    return Table(header, tuple((_plain(str(label)), *map(_cell, row)) for label, row in
-                               zip(trace.y, shown, strict=True)))  # fmt: skip
+    return Table(
+        header, tuple((_plain(str(label)), *map(_cell, row)) for label, row in zip(trace.y, shown, strict=True))
+    )
 
 
 def _title(axis: Any) -> str:

@@ -80,17 +80,25 @@ def angle_figure(names: Sequence[str], angles: Array) -> Any:
     labels = [html.escape(names[int(i)]) for i in order]
     figure = go.Figure(
         go.Heatmap(
-            z=shown, x=labels, y=labels, zmin=0.0, zmax=90.0, colorscale="Inferno",
+            z=shown,
+            x=labels,
+            y=labels,
+            zmin=0.0,
+            zmax=90.0,
+            colorscale="Inferno",
             colorbar={"title": {"text": "angle, deg"}},
             hovertemplate="%{x}<br>%{y}<br>%{z:.1f} deg<extra></extra>",
         )
-    )  # fmt: skip
+    )
     size = max(420, 200 + 11 * len(order)) if len(order) <= _LABELS else 1100
     every = {"tickfont": {"size": 8}, "showticklabels": len(order) <= _LABELS, "automargin": True}
     figure.update_layout(
-        title={"text": "Angles between causes"}, template="plotly_white", height=size,
-        xaxis={**every, "tickangle": 90, "dtick": 1}, yaxis={**every, "autorange": "reversed", "dtick": 1},
-    )  # fmt: skip
+        title={"text": "Angles between causes"},
+        template="plotly_white",
+        height=size,
+        xaxis={**every, "tickangle": 90, "dtick": 1},
+        yaxis={**every, "autorange": "reversed", "dtick": 1},
+    )
     return figure
 
 
@@ -118,9 +126,12 @@ def power_figure(foresight: Foresight, marked: Sequence[tuple[str, float]] = ())
     for name, s in marked:
         figure.add_vline(x=s, line={"color": "#666", "width": 1}, annotation_text=html.escape(name))
     figure.update_layout(
-        title={"text": "Chance of detection"}, template="plotly_white", height=380,
-        xaxis={"title": {"text": "s: visible size in units of noise"}}, yaxis={"title": {"text": "detected, %"}},
-    )  # fmt: skip
+        title={"text": "Chance of detection"},
+        template="plotly_white",
+        height=380,
+        xaxis={"title": {"text": "s: visible size in units of noise"}},
+        yaxis={"title": {"text": "detected, %"}},
+    )
     return figure
 
 

@@ -106,8 +106,10 @@ def _visit_row(visit: Visit) -> tuple[str, ...]:
 def _states(protocol: Protocol) -> Section:
     kinds: dict[tuple[tuple[int, str], ...], list[str]] = {}
     for v in protocol.visits:
-        label = tuple((s.cycle, "unloaded" if not s.loaded else "loaded" if s.load_id == v.load else "half load")
-                      for s in v.states)  # fmt: skip
+        label = tuple(
+            (s.cycle, "unloaded" if not s.loaded else "loaded" if s.load_id == v.load else "half load")
+            for s in v.states
+        )
         kinds.setdefault(label, []).append(str(v.number))
     rows = tuple(
         (", ".join(numbers), " - ".join(f"{what} {c}" for c, what in label)) for label, numbers in kinds.items()

@@ -26,13 +26,15 @@ READING = ("reading of a displacement", "p_loaded - p_unloaded of a marker, base
 LINEAR = ("linear model", "eps = (diag(1/c) + K_par(q))^-1 D' w,  t = D eps", "Klimchik et al., (1)-(5), (10)")
 EQUILIBRIUM = ("full equilibrium", "eps = C (D(eps)' w + tau_0(eps)), by Newton's iteration", "Klimchik et al., (17)")
 LEAST_SQUARES = (
-    "least squares", "c = argmin sum |reading - prediction|^2 / sigma^2,  cov = (sum A' A / sigma^2)^-1",
+    "least squares",
+    "c = argmin sum |reading - prediction|^2 / sigma^2,  cov = (sum A' A / sigma^2)^-1",
     "Klimchik et al., (2)-(4)",
-)  # fmt: skip
+)
 INFORMATION = (
-    "design", "cov = (sum over poses A_i' A_i / sigma^2)^-1; equivalence theorem for the relaxed design",
+    "design",
+    "cov = (sum over poses A_i' A_i / sigma^2)^-1; equivalence theorem for the relaxed design",
     "Kiefer, Wolfowitz 1960; Pukelsheim, Optimal Design of Experiments",
-)  # fmt: skip
+)
 AFTER = (
     "error after compensation",
     "S cov S', S the derivative of the tip by the parameters",
@@ -59,11 +61,16 @@ def provenance_section(
     versions = (("Python", platform.python_version()), *_versions())
     every = dict.fromkeys([*files, *(f for robot in robots for f in robot_files(robot))])
     hashes = tuple((path.name, sha256(path)) for path in every)
-    random = "Nothing is random here: the same files give the same numbers." if seed is None else (
-        f"All random numbers come from seed {seed}: with it the same files give the same numbers."
-    )  # fmt: skip
-    known = tuple((p.name, f"{shown(p.nominal, p.unit)[0]:.4g} {shown(1.0, p.unit)[1]}".strip(), p.source or "-")
-                  for p in parameters if p.nominal)  # fmt: skip
+    random = (
+        "Nothing is random here: the same files give the same numbers."
+        if seed is None
+        else (f"All random numbers come from seed {seed}: with it the same files give the same numbers.")
+    )
+    known = tuple(
+        (p.name, f"{shown(p.nominal, p.unit)[0]:.4g} {shown(1.0, p.unit)[1]}".strip(), p.source or "-")
+        for p in parameters
+        if p.nominal
+    )
     nominal = Table(
         ("parameter", "nominal", "source"), known, "Nominal values that are not zero, from the robot's files."
     )
@@ -77,7 +84,7 @@ def provenance_section(
             Table(("input file", "SHA-256"), hashes, "Other numbers come from other files."),
             Table(("software", "version"), versions),
         ),
-    )  # fmt: skip
+    )
 
 
 def computed(

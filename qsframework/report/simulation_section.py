@@ -49,10 +49,16 @@ def simulation_sections(experiment: Experiment, plan: Plan, result: Simulation, 
 def deflection_table(experiment: Experiment, plan: Plan, moved: Array) -> Table:
     """Displacement (N, K, 3) m of each marker at each pose, without noise."""
     rows = tuple(
-        (plan.pose[i], plan.load[i] or "-", m.name, *(f"{1e3 * v:.4f}" for v in moved[i, k]),
-         f"{1e3 * np.linalg.norm(moved[i, k]):.4f}")
-        for i in range(len(plan.pose)) for k, m in enumerate(experiment.markers)
-    )  # fmt: skip
+        (
+            plan.pose[i],
+            plan.load[i] or "-",
+            m.name,
+            *(f"{1e3 * v:.4f}" for v in moved[i, k]),
+            f"{1e3 * np.linalg.norm(moved[i, k]):.4f}",
+        )
+        for i in range(len(plan.pose))
+        for k, m in enumerate(experiment.markers)
+    )
     return Table(("pose", "load", "marker", "dx mm", "dy mm", "dz mm", "length mm"), rows, "Base frame, without noise.")
 
 
@@ -77,9 +83,16 @@ def truth_table(result: Simulation) -> Table:
 def _bars(experiment: Experiment, plan: Plan, moved: Array, sigma: float) -> Any:
     import plotly.graph_objects as go
 
-    figure = go.Figure(layout={"title": {"text": "Displacement of the markers"}, "template": "plotly_white",
-                               "height": 380, "barmode": "group", "xaxis": {"type": "category"},
-                               "yaxis": {"title": {"text": "length, mm"}}})  # fmt: skip
+    figure = go.Figure(
+        layout={
+            "title": {"text": "Displacement of the markers"},
+            "template": "plotly_white",
+            "height": 380,
+            "barmode": "group",
+            "xaxis": {"type": "category"},
+            "yaxis": {"title": {"text": "length, mm"}},
+        }
+    )
     sizes = 1e3 * np.linalg.norm(moved, axis=2)
     poses = [html.escape(p) for p in plan.pose]
     for k, marker in enumerate(experiment.markers):

@@ -24,14 +24,23 @@ def validation_tables(found: Validation) -> tuple[Table, ...]:
         rows.append((part.name, str(part.count), *map(_mm, (mean, most, largest, before[0], before[2]))))
     axes = tuple((part.name, *map(_mm, part.axes())) for part in parts)
     tables = [
-        Table(header, tuple(rows), "3D error, the distance of the measured from the predicted point; nominal: of the "
-              "arm before the fit, in frames that suit it best."),
+        Table(
+            header,
+            tuple(rows),
+            "3D error, the distance of the measured from the predicted point; nominal: of the "
+            "arm before the fit, in frames that suit it best.",
+        ),
         Table(("RMS by axis", "x, mm", "y, mm", "z, mm"), axes, "Of a gauge the first column is its own axis."),
-    ]  # fmt: skip
+    ]
     if found.halves:
         low, middle, high = np.quantile(found.spread, [0.0, 0.5, 1.0])
-        tables.append(Table(("RMS of the 3D error by half", "mm"), (("smallest", _mm(low)), ("median", _mm(middle)),
-                            ("largest", _mm(high))), "Each half of the poses fitted, the other judged."))  # fmt: skip
+        tables.append(
+            Table(
+                ("RMS of the 3D error by half", "mm"),
+                (("smallest", _mm(low)), ("median", _mm(middle)), ("largest", _mm(high))),
+                "Each half of the poses fitted, the other judged.",
+            )
+        )
     return tuple(tables)
 
 
@@ -46,18 +55,28 @@ def validation_section(found: Validation) -> Section:
         (
             Text(validation_words(found)),
             *validation_tables(found),
-            Figure(_distribution(found.whole), "Readings whose 3D error is below a value, before and after. "
-                   "Look at where a curve ends: the largest errors are what a part is scrapped for."),
+            Figure(
+                _distribution(found.whole),
+                "Readings whose 3D error is below a value, before and after. "
+                "Look at where a curve ends: the largest errors are what a part is scrapped for.",
+            ),
             Figure(_by_row(found), "3D error by row of the file. Look for rows that belong together."),
         ),
-    )  # fmt: skip
+    )
 
 
 def _figure(title: str, x: str, y: str) -> Any:
     import plotly.graph_objects as go
 
-    return go.Figure(layout={"title": {"text": title}, "template": "plotly_white", "height": 380,
-                             "xaxis": {"title": {"text": x}}, "yaxis": {"title": {"text": y}}})  # fmt: skip
+    return go.Figure(
+        layout={
+            "title": {"text": title},
+            "template": "plotly_white",
+            "height": 380,
+            "xaxis": {"title": {"text": x}},
+            "yaxis": {"title": {"text": y}},
+        }
+    )
 
 
 def _distribution(part: Errors) -> Any:

@@ -101,13 +101,17 @@ def read_meshes(urdf: Urdf, frames: MappingProxyType[str, LinkFrame], folder: Pa
     """The meshes of the visuals, placed on the moving links, each with its file where that lies in the folder."""
     return tuple(
         MeshShape(
-            frame.link, frozen(frame.placement @ mesh.origin.matrix()), mesh.name,
-            mesh_file(mesh.name, urdf.path.parent, folder), frozen(mesh.scale), mesh.rgba,
+            frame.link,
+            frozen(frame.placement @ mesh.origin.matrix()),
+            mesh.name,
+            mesh_file(mesh.name, urdf.path.parent, folder),
+            frozen(mesh.scale),
+            mesh.rgba,
         )
         for link in urdf.links
         if (frame := frames.get(link.name)) is not None
         for mesh in link.meshes
-    )  # fmt: skip
+    )
 
 
 def mesh_file(name: str, beside: Path, folder: Path) -> Path | None:

@@ -41,9 +41,13 @@ class Stiffness:
 
 
 def propose(
-    name: str, urdf: Path, base: str | None = None, flange: str | None = None, sources: Sources | None = None,
+    name: str,
+    urdf: Path,
+    base: str | None = None,
+    flange: str | None = None,
+    sources: Sources | None = None,
     payload: float | None = None,
-) -> Proposal:  # fmt: skip
+) -> Proposal:
     """The files of a new robot from a URDF or xacro. InputError where the file is no arm, or holds several.
 
     sources: where a xacro's packages are and what its arguments say; payload: kg, from the manual
@@ -128,9 +132,7 @@ def _efforts(urdf: Path, sources: Sources) -> dict[str, float]:
     return out
 
 
-def _stiffness(
-    urdf: Urdf, moving: list[Joint], efforts: dict[str, float], payload: float | None
-) -> list[Stiffness]:  # fmt: skip
+def _stiffness(urdf: Urdf, moving: list[Joint], efforts: dict[str, float], payload: float | None) -> list[Stiffness]:
     """From the largest torques if all are stated, else from what the links weigh."""
     if all(j.name in efforts for j in moving) and len({efforts[j.name] for j in moving}) > 1:
         why = "assumed: 2.5 mrad at the joint's largest torque in the URDF"

@@ -59,9 +59,14 @@ def _flange(urdf: Urdf, base: str) -> str:
     if len(ends) > 1:
         hint = "Name the flange (and the base if the arm does not start at the root)."
         raise InputError(
-            Problem(f"{len(ends)} chains hang on {base!r}; say which one is the arm", file=file,
-                    allowed=_offered(urdf, base, ends), hint=hint, argument=("flange", "LINK"))
-        )  # fmt: skip
+            Problem(
+                f"{len(ends)} chains hang on {base!r}; say which one is the arm",
+                file=file,
+                allowed=_offered(urdf, base, ends),
+                hint=hint,
+                argument=("flange", "LINK"),
+            )
+        )
     last = _before_a_spin(chain_joints(urdf, base, ends[0].child) or [], ends[0])
     here = [last.child]
     fixed: list[str] = []

@@ -22,9 +22,14 @@ _LOOPS = """  # A parallelogram? Then the driven joint follows the driver; lever
 
 
 def robot_text(
-    name: str, source: str, base: str, flange: str, limits: Sequence[tuple[str, tuple[float, float]]],
-    payload: float | None = None, following: Mapping[str, Mimic] | None = None,
-) -> str:  # fmt: skip
+    name: str,
+    source: str,
+    base: str,
+    flange: str,
+    limits: Sequence[tuple[str, tuple[float, float]]],
+    payload: float | None = None,
+    following: Mapping[str, Mimic] | None = None,
+) -> str:
     """robot.yaml. following: the joints without an actuator"""
     joints = [joint for joint, _ in limits]
     second, third = (joints[1], joints[2]) if len(joints) > 2 else ("JOINT", "JOINT")

@@ -47,9 +47,13 @@ class RobotSpec(FileModel):
 
 
 def read_effects(
-    document: Document, entries: list[dict[str, Any]], facts: RobotFacts, markers: tuple[str, ...] = (),
-    *, trust: bool = False,
-) -> tuple[tuple[Effect, ...], list[Problem]]:  # fmt: skip
+    document: Document,
+    entries: list[dict[str, Any]],
+    facts: RobotFacts,
+    markers: tuple[str, ...] = (),
+    *,
+    trust: bool = False,
+) -> tuple[tuple[Effect, ...], list[Problem]]:
     """The effects of a list `effects:` in the order of the pipeline, and the problems with file and line.
 
     trust: whether an entry may name an effect by `file:`, which runs its code
@@ -73,9 +77,12 @@ def read_effects(
 
 
 def read_nominal(
-    document: Document, parameters: Mapping[str, Parameter], effects: Sequence[Effect], facts: RobotFacts,
+    document: Document,
+    parameters: Mapping[str, Parameter],
+    effects: Sequence[Effect],
+    facts: RobotFacts,
     complete: bool = True,
-) -> tuple[dict[str, Parameter], list[Problem]]:  # fmt: skip
+) -> tuple[dict[str, Parameter], list[Problem]]:
     """The parameters that the effects declare, with the values of nominal.yaml, and the problems.
 
     `complete` is False where an effect could not be read: an unknown name is then no problem of this file.

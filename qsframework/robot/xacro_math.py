@@ -20,10 +20,40 @@ _MOST_ITEMS = 1000
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     name: getattr(math, name)
-    for name in ("acos", "asin", "atan", "atan2", "ceil", "copysign", "cos", "degrees", "exp", "fabs", "floor", "fmod",
-                 "hypot", "log", "log10", "pow", "radians", "sin", "sqrt", "tan")
-} | {"abs": abs, "bool": bool, "float": float, "int": int, "len": len, "max": max, "min": min, "round": round,
-     "str": str, "sum": sum}  # fmt: skip
+    for name in (
+        "acos",
+        "asin",
+        "atan",
+        "atan2",
+        "ceil",
+        "copysign",
+        "cos",
+        "degrees",
+        "exp",
+        "fabs",
+        "floor",
+        "fmod",
+        "hypot",
+        "log",
+        "log10",
+        "pow",
+        "radians",
+        "sin",
+        "sqrt",
+        "tan",
+    )
+} | {
+    "abs": abs,
+    "bool": bool,
+    "float": float,
+    "int": int,
+    "len": len,
+    "max": max,
+    "min": min,
+    "round": round,
+    "str": str,
+    "sum": sum,
+}
 
 
 def _ratio(a: Any, b: Any) -> Any:
@@ -47,13 +77,25 @@ def _outside(a: Any, b: Any) -> bool:
 
 
 _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
-    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: _ratio,
-    ast.FloorDiv: _whole, ast.Mod: operator.mod,
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: _ratio,
+    ast.FloorDiv: _whole,
+    ast.Mod: operator.mod,
     ast.Pow: _power,
-    ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt,
-    ast.GtE: operator.ge, ast.In: _inside, ast.NotIn: _outside,
-    ast.UAdd: operator.pos, ast.USub: operator.neg, ast.Not: operator.not_,
-}  # fmt: skip
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+    ast.In: _inside,
+    ast.NotIn: _outside,
+    ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+    ast.Not: operator.not_,
+}
 
 
 def evaluate(expression: str, names: Mapping[str, Any]) -> Any:

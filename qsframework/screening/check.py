@@ -45,9 +45,13 @@ def screen(
 
 
 def _looked(
-    experiment: Experiment, readings: Readings, found: list[Finding], kind: str,
-    look: Callable[[LinearizedFit, float], list[tuple[Indices, str]]], level: float,
-) -> list[Finding]:  # fmt: skip
+    experiment: Experiment,
+    readings: Readings,
+    found: list[Finding],
+    kind: str,
+    look: Callable[[LinearizedFit, float], list[tuple[Indices, str]]],
+    level: float,
+) -> list[Finding]:
     fit = _fit(experiment, masked(readings, found))
     return [] if fit is None else [finding(kind, readings, rows, words) for rows, words in look(fit, level)]
 

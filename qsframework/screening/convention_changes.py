@@ -58,8 +58,11 @@ def joint_signs(experiment: Experiment, readings: Readings) -> Iterator[Change]:
 
 def _orientations() -> list[Array]:
     """The 47 signed permutations of three axes that are not the identity."""
-    out = [np.diag(signs) @ np.eye(3)[list(order)]
-           for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]  # fmt: skip
+    out = [
+        np.diag(signs) @ np.eye(3)[list(order)]
+        for order in permutations(range(3))
+        for signs in product((1.0, -1.0), repeat=3)
+    ]
     return [P for P in out if not np.array_equal(P, np.eye(3))]
 
 
@@ -83,10 +86,17 @@ def displacement_axes(experiment: Experiment, readings: Readings) -> Iterator[Ch
         name = "displacement_sign" if reversed_ else "displacement_axes"
         words = (
             "displacements are unloaded minus loaded, or the force is the one that the robot exerts: the sign of one "
-            "of them is reversed" if reversed_ else f"axes of the displacements: {_axes(P, 'd')}"
-        )  # fmt: skip
-        yield Change(name, -1.0 if reversed_ else 1.0, words, experiment,
-                      readings.with_values(np.where(base[:, None], readings.value @ P.T, readings.value)))  # fmt: skip
+            "of them is reversed"
+            if reversed_
+            else f"axes of the displacements: {_axes(P, 'd')}"
+        )
+        yield Change(
+            name,
+            -1.0 if reversed_ else 1.0,
+            words,
+            experiment,
+            readings.with_values(np.where(base[:, None], readings.value @ P.T, readings.value)),
+        )
 
 
 def force_axes(experiment: Experiment, readings: Readings) -> Iterator[Change]:
@@ -101,8 +111,7 @@ def force_axes(experiment: Experiment, readings: Readings) -> Iterator[Change]:
             continue
         seen.append(turned)
         poses: Poses = replace(readings.poses, wrench=turned)
-        yield Change("force_axes", 1.0, f"axes of the force: {_axes(P, 'f')}", experiment,
-                      readings.with_poses(poses))  # fmt: skip
+        yield Change("force_axes", 1.0, f"axes of the force: {_axes(P, 'f')}", experiment, readings.with_poses(poses))
 
 
 def earlier(fit: LinearizedFit, rows: Indices) -> Readings:

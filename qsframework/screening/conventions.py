@@ -93,8 +93,12 @@ def check_conventions(experiment: Experiment, readings: Readings) -> tuple[Conve
     of the right sign fit better than as given, too.
     """
     given = _fit(_trial(experiment, readings))
-    changes = [*couplings(experiment, readings), *joint_signs(experiment, readings),
-               *displacement_axes(experiment, readings), *force_axes(experiment, readings)]  # fmt: skip
+    changes = [
+        *couplings(experiment, readings),
+        *joint_signs(experiment, readings),
+        *displacement_axes(experiment, readings),
+        *force_axes(experiment, readings),
+    ]
     judged = [_judge(change, given, len(changes)) for change in changes]
     judged += [_judge(*mistake) for mistake in _mistakes(given)]
     found = [c for c in judged if c is not None]

@@ -88,9 +88,7 @@ class LinearizedFit:
     def take(self, kept: npt.NDArray[np.bool_]) -> LinearizedFit:
         """Some of the rows (R,), with the errors that they share among themselves."""
         rows, scalars = self.rows.take(kept), kept[self.row]
-        return replace(
-            self, rows=rows, slopes=self.slopes[scalars], errors=self.errors[scalars], noise=rows.noise
-        )  # fmt: skip
+        return replace(self, rows=rows, slopes=self.slopes[scalars], errors=self.errors[scalars], noise=rows.noise)
 
     def without(self, label: Indices) -> tuple[Array, Indices, Indices]:
         """By how much the sum of squares falls without blocks of coordinates, by label (m,): falls, labels, sizes."""

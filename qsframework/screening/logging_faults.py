@@ -45,8 +45,10 @@ def exchanges(fit: LinearizedFit, level: float) -> Found:
     kind = 2 * fit.rows.frame + (fit.rows.minus < 0)
     gauge = fit.readings.is_gauge[fit.keep]
     whole = np.isfinite(fit.rows.measured).all(axis=1) & ~gauge
-    parts = [np.flatnonzero((of == m) & (kind == k) & whole) for m, k in sorted(set(zip(of.tolist(), kind.tolist(),
-                                                                                       strict=True)))]  # fmt: skip
+    parts = [
+        np.flatnonzero((of == m) & (kind == k) & whole)
+        for m, k in sorted(set(zip(of.tolist(), kind.tolist(), strict=True)))
+    ]
     orders = [order for rows in parts for order in _orders(rows)]
     everywhere: dict[bytes, list[Indices]] = {}
     for order in orders:
@@ -231,8 +233,13 @@ def _stuck(fit: LinearizedFit, seen: Visits, stuck: Indices, level: float) -> tu
             rows = fit.keep[seen.of == v]
             pose = fit.readings.states.pose[seen.states[int(v)][0]]
             told = ", ".join(str(fit.readings.line[i]) for i in rows)
-            out.append((rows, f"rows {told} (pose {pose}): the angles are those of the pose before, and the "
-                              "readings do not fit there: they were logged too early"))  # fmt: skip
+            out.append(
+                (
+                    rows,
+                    f"rows {told} (pose {pose}): the angles are those of the pose before, and the "
+                    "readings do not fit there: they were logged too early",
+                )
+            )
     return out, without
 
 

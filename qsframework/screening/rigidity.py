@@ -317,9 +317,7 @@ def _wrong_distances(experiment: Experiment, tool: Tool, shape: Shape, s: int) -
     return f"the distance of {_names(experiment, tool.marker[[a, b]])} is {size} than in the other states"
 
 
-def _swapped(
-    experiment: Experiment, readings: Readings, rows: Indices, marker: Indices, what: str
-) -> Finding:  # fmt: skip
+def _swapped(experiment: Experiment, readings: Readings, rows: Indices, marker: Indices, what: str) -> Finding:
     order = np.argsort(rows)
     words = (
         f"{lines(readings, rows[order])}: markers {_names(experiment, marker[order])} are exchanged: {what} right then"

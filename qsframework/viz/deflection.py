@@ -52,8 +52,12 @@ def _deflection(model: Model, poses: Poses, x: Array | None) -> tuple[Array, Arr
     loaded = settle(model, poses, x, True, start=unloaded).at.state
     state, count = unloaded.at.state, len(poses)
     before, after = (np.stack([link_frames(s.placed, i) for i in range(count)]) for s in (state, loaded))
-    turn = np.array([[vector(b[:3, :3] @ a[:3, :3].T) for a, b in zip(*pair, strict=True)]
-                     for pair in zip(before, after, strict=True)])  # fmt: skip
+    turn = np.array(
+        [
+            [vector(b[:3, :3] @ a[:3, :3].T) for a, b in zip(*pair, strict=True)]
+            for pair in zip(before, after, strict=True)
+        ]
+    )
     pairs = zip(state.markers, loaded.markers, strict=True)
     markers = np.array([(b.position - a.position).T for a, b in pairs]).reshape(-1, count, 3).transpose(1, 0, 2)
     return (

@@ -66,9 +66,13 @@ def draw_robot(
 
 
 def draw_bones(
-    scene: Scene, path: str, robot: Robot, opacity: float, tint: Colour | None = None,
+    scene: Scene,
+    path: str,
+    robot: Robot,
+    opacity: float,
+    tint: Colour | None = None,
     drawn: frozenset[int] = frozenset(),
-) -> None:  # fmt: skip
+) -> None:
     """A rod from joint to joint where a link has no solid and is not drawn already, so that no arm is invisible."""
     solid = {shape.link for shape in robot.shapes} | drawn
     radius = _THIN * reach(robot.facts)

@@ -51,11 +51,16 @@ def one_pose(experiment: Experiment, pendant: Array | None, load: Array | None) 
     outside = np.flatnonzero(controller.outside(pendant[None])[0])
     if len(outside):
         degrees = np.rad2deg([pendant, controller.lower, controller.upper])
-        raise InputError([
-            Problem(f"{facts.driven[k]} is outside its limits", found=f"{degrees[0, k]:g} deg",
-                    allowed=f"{degrees[1, k]:g} to {degrees[2, k]:g} deg")
-            for k in outside
-        ])  # fmt: skip
+        raise InputError(
+            [
+                Problem(
+                    f"{facts.driven[k]} is outside its limits",
+                    found=f"{degrees[0, k]:g} deg",
+                    allowed=f"{degrees[1, k]:g} to {degrees[2, k]:g} deg",
+                )
+                for k in outside
+            ]
+        )
     name = ""
     if load is None:
         load, name = (experiment.loads[0].wrench, experiment.loads[0].name) if experiment.loads else (np.zeros(6), "")

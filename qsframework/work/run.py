@@ -63,9 +63,13 @@ def run(
 
 
 def _run_rest(
-    function: Callable[[S, T], R], shared: S, tasks: Iterable[tuple[int, T]], where: Executor, checkpoint: Checkpoint,
+    function: Callable[[S, T], R],
+    shared: S,
+    tasks: Iterable[tuple[int, T]],
+    where: Executor,
+    checkpoint: Checkpoint,
     stage: str,
-) -> Iterator[R]:  # fmt: skip
+) -> Iterator[R]:
     """From the first task on that the checkpoint does not hold; it may hold later ones."""
     order: deque[int] = deque()
 

@@ -211,9 +211,10 @@ def test_the_command(tmp_path: Path) -> None:
     assert "its payload, 165 kg, is less than the 2000 N of the task" in " ".join(run.output.split())
     assert "payload, 700 kg" not in run.output
     for names, words in (
-        (["fanuc_m900ib"], "two or more different robots"), (["fanuc_m900ib"] * 2, "two or more different robots"),
+        (["fanuc_m900ib"], "two or more different robots"),
+        (["fanuc_m900ib"] * 2, "two or more different robots"),
         (["fanuc_m900ib", "fanuc_r2000"], "Did you mean 'fanuc_r2000ic'"),
-    ):  # fmt: skip
+    ):
         wrong = CliRunner().invoke(app, ["compare", *names, "--task", str(file)])
         assert isinstance(wrong.exception, InputError)
         assert words in str(wrong.exception)

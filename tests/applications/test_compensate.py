@@ -53,9 +53,21 @@ def exact_fit(experiment: Experiment) -> StoredFit:
     nothing = np.zeros(0)
     name = experiment.robot.name
     return StoredFit(
-        method="exact", names=(), values=nothing, sd=nothing, covariance=np.zeros((0, 0)), status=(), sigma=3e-5,
-        sigma_source="stated", chi2=0.0, dof=0, model=values, data_sha256="", robot=name, file="fit.json",
-    )  # fmt: skip
+        method="exact",
+        names=(),
+        values=nothing,
+        sd=nothing,
+        covariance=np.zeros((0, 0)),
+        status=(),
+        sigma=3e-5,
+        sigma_source="stated",
+        chi2=0.0,
+        dof=0,
+        model=values,
+        data_sha256="",
+        robot=name,
+        file="fit.json",
+    )
 
 
 def stands(experiment: Experiment, result: Compensation, x: Array) -> TipPose:
@@ -104,12 +116,22 @@ def stored(experiment: Experiment, readings: Readings, folder: Path, linear: boo
     found = identify(experiment, readings, options=FitOptions(linear=linear))
     values = dict(zip(found.model.names, found.x.tolist(), strict=True))
     return StoredFit(
-        method=found.method, names=found.names, values=np.array([e.value for e in found.estimates]),
-        sd=np.array([e.sd for e in found.estimates]), covariance=found.covariance,
-        status=tuple(e.status for e in found.estimates), sigma=found.sigma, sigma_source=found.sigma_source,
-        chi2=found.chi2, dof=found.dof, model=values, data_sha256="", robot=experiment.robot.name, file=str(folder),
+        method=found.method,
+        names=found.names,
+        values=np.array([e.value for e in found.estimates]),
+        sd=np.array([e.sd for e in found.estimates]),
+        covariance=found.covariance,
+        status=tuple(e.status for e in found.estimates),
+        sigma=found.sigma,
+        sigma_source=found.sigma_source,
+        chi2=found.chi2,
+        dof=found.dof,
+        model=values,
+        data_sha256="",
+        robot=experiment.robot.name,
+        file=str(folder),
         total_covariance=found.total_covariance,
-    )  # fmt: skip
+    )
 
 
 def test_the_expected_error_is_the_one_found_in_simulation(m900ib: Experiment) -> None:
@@ -252,12 +274,15 @@ def test_cartesian_targets_without_a_start(m900ib: Experiment, targets: Targets,
         ([*PLACE, *TURNS, *FORCES], [9000, 0, 0, 0, 0, 0, 0, 0, -1], "line 2: target 't01': no joint angles .*mm and"),
         ([*JOINTS[:5], *FORCES], [0, 0, 0, 0, 40, 0, 0, -1000], "missing: q6.* Targets are joint angles"),
         ([*PLACE, *FORCES], [2000, 0, 1000, 0, 0, -1000], "missing: rx_deg, ry_deg, rz_deg or quat_w"),
-        ([*PLACE, "quat_w", "quat_x", "quat_y", "quat_z", *FORCES], [2000, 0, 1000, 1, 1, 0, 0, 0, 0, -1],
-         "column quat_w: a quaternion of a rotation has length 1; found 1.414"),
+        (
+            [*PLACE, "quat_w", "quat_x", "quat_y", "quat_z", *FORCES],
+            [2000, 0, 1000, 1, 1, 0, 0, 0, 0, -1],
+            "column quat_w: a quaternion of a rotation has length 1; found 1.414",
+        ),
         ([*PLACE, *TURNS, "quat_w", *FORCES], [2000, 0, 1000, 1, 1, 0, 1, 0, 0, -1], "the rotation is given twice"),
         ([*JOINTS, "fx_N", "fy_N"], [0, 0, 0, 0, 40, 0, 0, 0], "column fz: this column is missing"),
     ],
-)  # fmt: skip
+)
 def test_wrong_targets(m900ib: Experiment, tmp_path: Path, header: list[str], row: list[float], words: str) -> None:
     path = write_csv(tmp_path / "targets.csv", header, np.array([row], dtype=float))
     with pytest.raises(InputError, match=words) as caught:
@@ -301,9 +326,13 @@ def test_errors_of_geometry_are_corrected_too(m900ib: Experiment, targets: Targe
     x[model.index(offsets)] = 3e-3, -2e-3
     sd = np.array([1e-4, 2e-4, 1.0])
     fit = replace(
-        exact_fit(bent), model=dict(zip(model.names, x.tolist(), strict=True)), names=(*offsets, "frame[s].x"),
-        values=np.array([3e-3, -2e-3, 1.0]), sd=sd, covariance=np.diag(sd**2),
-    )  # fmt: skip
+        exact_fit(bent),
+        model=dict(zip(model.names, x.tolist(), strict=True)),
+        names=(*offsets, "frame[s].x"),
+        values=np.array([3e-3, -2e-3, 1.0]),
+        sd=sd,
+        covariance=np.diag(sd**2),
+    )
     result = compensate(bent, fit, targets)
     assert result.size.max() > 6e-3, "3 mrad at two metres and more"
     assert np.abs(pose_error(targets.wanted, stands(bent, result, x))).max() < 1e-8

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from qsframework.applications import path_check
-from qsframework.applications import programme as programme_module
+from qsframework.applications import path_check, programme as programme_module
 from qsframework.applications.export import FORMATS, export, read_export
 from qsframework.applications.inverse import rigid_tip
 from qsframework.applications.ordering import shortest_path, travel, visits, way_length
@@ -137,9 +136,7 @@ def test_the_way_is_free(cell: Experiment, programme: Programme) -> None:
 
 def test_a_way_around(cell: Experiment, around: Surroundings, plan: Plan) -> None:
     """Of all pairs some are not free; around each of them a way is found, and it is free."""
-    blocked = [
-        (a, b) for a, b in itertools.combinations(plan.pendant, 2) if not around.way_is_free(a, b)
-    ]  # fmt: skip
+    blocked = [(a, b) for a, b in itertools.combinations(plan.pendant, 2) if not around.way_is_free(a, b)]
     assert blocked
     for first, second in blocked[:3]:
         between = find_way(around, first, second, np.random.default_rng(0))
@@ -317,9 +314,11 @@ def test_the_command(m900ib: Experiment, tmp_path: Path) -> None:
     assert "5 stops to measure" in again.output, "a third of three poses, rounded up, a second time"
     assert {s.pause for s in read_export(out).stops} == {None}
     for more, words in (
-        (["--to", "fanuc"], "unknown format 'fanuc'"), (["--home", "0,0"], "--home: found 2 numbers"),
-        (["--home", "0,95,0,0,0,0"], "--home: joint_2 is outside"), (["--order", "tsp"], "unknown order 'tsp'"),
-    ):  # fmt: skip
+        (["--to", "fanuc"], "unknown format 'fanuc'"),
+        (["--home", "0,0"], "--home: found 2 numbers"),
+        (["--home", "0,95,0,0,0,0"], "--home: joint_2 is outside"),
+        (["--order", "tsp"], "unknown order 'tsp'"),
+    ):
         wrong = CliRunner().invoke(app, [*arguments, "-o", str(out), *more])
         assert isinstance(wrong.exception, InputError)
         assert words in str(wrong.exception)

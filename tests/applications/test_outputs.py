@@ -18,21 +18,24 @@ WORK = ["--pose", "0,20,-20,0,-60,0", "--load", "0,0,-2000"]
 COMMANDS = {
     "design": (["design", M900IB, "-n", "8"], ("-o", "--json", "--report"), "qsframework.cli.design.design"),
     "simulate": (["simulate", M900IB, TABLE5], ("-o", "--json", "--report"), "qsframework.experiment.simulate"),
-    "protocol": (
-        ["protocol", M900IB, TABLE5], ("-o", "--readings"), "qsframework.cli.protocol.make_protocol"
-    ),
+    "protocol": (["protocol", M900IB, TABLE5], ("-o", "--readings"), "qsframework.cli.protocol.make_protocol"),
     "export": (
-        ["export", TABLE5, "-e", M900IB, "--to", "csv"], ("-o", "--json"), "qsframework.cli.export.make_programme"
+        ["export", TABLE5, "-e", M900IB, "--to", "csv"],
+        ("-o", "--json"),
+        "qsframework.cli.export.make_programme",
     ),
     "compensate": (
-        ["compensate", M900IB, "fit.json", "targets.csv"], ("-o", "--json", "--report"),
+        ["compensate", M900IB, "fit.json", "targets.csv"],
+        ("-o", "--json", "--report"),
         "qsframework.cli.compensate.read_fit",
     ),
     "stiffness": (
-        ["stiffness", "fanuc_m900ib", *WORK], ("--json", "--report"), "qsframework.cli.stiffness.stiffness_at"
+        ["stiffness", "fanuc_m900ib", *WORK],
+        ("--json", "--report"),
+        "qsframework.cli.stiffness.stiffness_at",
     ),
     "demo": (["demo"], ("--json",), "qsframework.cli.demo.real_readings"),
-}  # fmt: skip
+}
 """Arguments, options that name files, and where the work begins."""
 CASES = [(name, option) for name, (_, options, _) in COMMANDS.items() for option in options]
 
@@ -41,10 +44,12 @@ CASES = [(name, option) for name, (_, options, _) in COMMANDS.items() for option
 @pytest.mark.parametrize(
     ("target", "words"),
     [
-        ("adir", "adir: cannot be written: this is a folder. Name a file"), (".", "this is a folder"),
-        ("afile/x.csv", "afile is a file, not a folder"), ("afile/deeper/x.csv", "afile is a file, not a folder"),
+        ("adir", "adir: cannot be written: this is a folder. Name a file"),
+        (".", "this is a folder"),
+        ("afile/x.csv", "afile is a file, not a folder"),
+        ("afile/deeper/x.csv", "afile is a file, not a folder"),
     ],
-)  # fmt: skip
+)
 def test_before_the_work(
     name: str, option: str, target: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -133,8 +133,12 @@ def test_the_table_is_in_the_measured_order(protocol: Protocol, tmp_path: Path) 
     table = list(csv.DictReader(lines[1:]))
     assert lines[0] == "# robot: fanuc_m900ib"
     assert len(table) == protocol.readings
-    said = [(v.pose, str(v.repeat), str(s.cycle), s.load_id, m)
-            for v in protocol.visits for s in v.states for m in protocol.markers]  # fmt: skip
+    said = [
+        (v.pose, str(v.repeat), str(s.cycle), s.load_id, m)
+        for v in protocol.visits
+        for s in v.states
+        for m in protocol.markers
+    ]
     assert [(r["pose"], r["repeat"], r["cycle"], r["load_id"], r["marker"]) for r in table] == said
     assert all(r["x_mm"] == r["y_mm"] == r["z_mm"] == r["time_s"] == "" for r in table)
     assert {r["drive_state"] for r in table} == {"servo"}
@@ -159,8 +163,13 @@ def test_a_good_day_is_read_and_fitted(m900ib: Experiment, protocol: Protocol, t
     assert missing.good is None
     assert missing.words == "no readings_floor.csv beside the readings, with the reflectors on the floor"
     assert set(found) == {
-        "repeatability", "closure", "hysteresis first cycle", "hysteresis later cycles", "linearity", "drive state",
-    }  # fmt: skip
+        "repeatability",
+        "closure",
+        "hysteresis first cycle",
+        "hysteresis later cycles",
+        "linearity",
+        "drive state",
+    }
     assert all(c.good for c in found.values())
 
 

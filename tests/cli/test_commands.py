@@ -62,8 +62,20 @@ def test_check_finds_a_wrong_sign_and_a_wrong_unit(tmp_path: Path) -> None:
 def test_design_simulate_identify(tmp_path: Path) -> None:
     plan, readings, fit = (str(tmp_path / n) for n in ("plan.csv", "readings.csv", "fit.json"))
     report = str(tmp_path / "r.html")
-    output = run("design", M900IB, "-n", "8", "--candidates", "150", "-o", plan, "--json", str(tmp_path / "p.json"),
-                 "--report", report)  # fmt: skip
+    output = run(
+        "design",
+        M900IB,
+        "-n",
+        "8",
+        "--candidates",
+        "150",
+        "-o",
+        plan,
+        "--json",
+        str(tmp_path / "p.json"),
+        "--report",
+        report,
+    )
     assert "certified to an efficiency of 0.9999" in output
     assert json.loads((tmp_path / "p.json").read_text())["certificate"]["relaxed_efficiency"] >= 0.9999
     run("simulate", M900IB, plan, "-o", readings, "--truth", "drawn", "--seed", "3", "--json", str(tmp_path / "s.json"))
@@ -149,9 +161,19 @@ def test_an_unwritable_output_is_an_error(tmp_path: Path, monkeypatch: pytest.Mo
 def test_design_on_three_robots(file: str, tmp_path: Path) -> None:
     folder, name = file.split("/")
     output = run(
-        "design", str(example(folder) / name), "-n", "14", "--candidates", "200", "-o", str(tmp_path / "plan.csv"),
-        "--report", str(tmp_path / "plan.html"), "--json", str(tmp_path / "plan.json2"),
-    )  # fmt: skip
+        "design",
+        str(example(folder) / name),
+        "-n",
+        "14",
+        "--candidates",
+        "200",
+        "-o",
+        str(tmp_path / "plan.csv"),
+        "--report",
+        str(tmp_path / "plan.html"),
+        "--json",
+        str(tmp_path / "plan.json2"),
+    )
     assert "is certified to an efficiency of" in output
     assert "the tip is known to" in output
     assert "poses tried, 200 allowed" in output

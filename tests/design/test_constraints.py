@@ -156,10 +156,18 @@ def test_counts_in_order_alone_and_only() -> None:
 
 def test_every_constraint_is_counted_and_kept(m900ib: Experiment) -> None:
     limits = Constraints(
-        x_max=2.4, y_min=-2.4, z_min=0.3, z_max=3.0, axis1_distance_min=0.8, flip_margin=100.0, collision=True,
-        floor=0.0, sight=Sight(np.array([4.0, 0.0, 1.5])), singularity_margin=0.05,
+        x_max=2.4,
+        y_min=-2.4,
+        z_min=0.3,
+        z_max=3.0,
+        axis1_distance_min=0.8,
+        flip_margin=100.0,
+        collision=True,
+        floor=0.0,
+        sight=Sight(np.array([4.0, 0.0, 1.5])),
+        singularity_margin=0.05,
         joint_limits={"joint_1": (-2.0, 2.0)},
-    )  # fmt: skip
+    )
     tight = m900ib.with_(constraints=limits)
     found = generate_candidates(tight, 60, seed=3)
     names = {

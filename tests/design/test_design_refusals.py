@@ -107,8 +107,15 @@ def test_a_basis_of_rows_that_tell_too_little_only_scales() -> None:
 
 def test_an_arm_of_three_joints_has_no_wrist_to_flip(m900ib: Experiment) -> None:
     facts = m900ib.robot.facts
-    short = replace(facts, joints=facts.joints[:3], links=facts.links[:4], axes=facts.axes[:3],
-                    placements=facts.placements[:3], masses=facts.masses[:4], centres=facts.centres[:4])  # fmt: skip
+    short = replace(
+        facts,
+        joints=facts.joints[:3],
+        links=facts.links[:4],
+        axes=facts.axes[:3],
+        placements=facts.placements[:3],
+        masses=facts.masses[:4],
+        centres=facts.centres[:4],
+    )
     assert not flips_wrist(short)
     assert flips_wrist(facts)
 

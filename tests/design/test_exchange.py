@@ -69,8 +69,15 @@ def test_what_is_known_before_counts() -> None:
     """With a prior one pose is enough, and it is the one that adds most to it."""
     rows = rows_of(5)
     prior = np.diag([1e4, 1e4, 1e-4])[None]
-    found = exchange(rows, Determinant(), Quotas((np.arange(11),), (1,), np.arange(11)), None, 8,
-                     np.random.default_rng(0), prior=prior)  # fmt: skip
+    found = exchange(
+        rows,
+        Determinant(),
+        Quotas((np.arange(11),), (1,), np.arange(11)),
+        None,
+        8,
+        np.random.default_rng(0),
+        prior=prior,
+    )
     scores = [float(Determinant().value(prior[0] + r.T @ r)) for r in rows]
     assert int(found[0]) == int(np.argmin(scores))
 

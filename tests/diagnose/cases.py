@@ -40,9 +40,12 @@ def poses(seed: int, count: int = 60) -> Poses:
 
 
 def measured(
-    effects: tuple[Effect, ...] = (), values: dict[str, float] | None = None, seed: int = 0, count: int = 60,
+    effects: tuple[Effect, ...] = (),
+    values: dict[str, float] | None = None,
+    seed: int = 0,
+    count: int = 60,
     noise: float = 1.0,
-) -> Readings:  # fmt: skip
+) -> Readings:
     """Displacements of an arm as `as_built` has it."""
     rng = np.random.default_rng([seed, 7])
     wide, x = as_built(effects, values or {}, rng)
@@ -67,9 +70,15 @@ def as_built(effects: tuple[Effect, ...], values: Mapping[str, float], rng: np.r
 
 
 def day_of_positions(
-    model: Model, x: Array, pendant: Array, seed: int, sigma: float | None = 2e-5, noise: float = 2e-5,
-    turned: tuple[float, float, float] = (0.0, 0.0, 0.0), origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> Readings:  # fmt: skip
+    model: Model,
+    x: Array,
+    pendant: Array,
+    seed: int,
+    sigma: float | None = 2e-5,
+    noise: float = 2e-5,
+    turned: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Readings:
     """Positions of all markers at poses (N, n), each pose unloaded and under the campaign's two loads.
 
     sigma: as stated, m, None: not stated; noise: the true one; turned, origin: the tracker's frame

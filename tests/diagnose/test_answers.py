@@ -234,7 +234,7 @@ def test_an_effect_is_tried_only_where_the_robot_can_have_it(
         ({"loaded": ("temperature",)}, {"tracker_drift": ("time", "time_unloaded")}),
         ({"loaded": ("time",), "unloaded": ("time",)}, {"thermal_expansion": ("temperature",)}),
     ],
-)  # fmt: skip
+)
 def test_half_of_the_columns_that_an_effect_needs_leave_it_untested(
     recorded: dict[str, tuple[str, ...]], lacking: dict[str, tuple[str, ...]], twisted: Readings
 ) -> None:

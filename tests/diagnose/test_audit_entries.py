@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.cli.diagnose import Asked as Wish
-from qsframework.cli.diagnose import DiagnoseFiles, run_diagnose
+from qsframework.cli.diagnose import Asked as Wish, DiagnoseFiles, run_diagnose
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.audit_entries import Audited, audited_of, audited_readings
 from qsframework.errors import InputError
@@ -132,9 +131,16 @@ def test_lines_stay_where_they_are(tmp_path: Path) -> None:
     text = audited_readings(path, Audited(1e-5, masked=(5,), factor=2.0))
     assert text is not None
     assert text.splitlines() == [
-        "# robot: somebody's", "", "pose,q1_deg,marker,sigma_um,dx_mm, use", "# none", 'a,1.5,"m,1",60,0.1,0',
-        "b,2,m2,,nan,no", "c,2,m2,x,0.3,0", "", "d,2,m2,80,0.4,1",
-    ]  # fmt: skip
+        "# robot: somebody's",
+        "",
+        "pose,q1_deg,marker,sigma_um,dx_mm, use",
+        "# none",
+        'a,1.5,"m,1",60,0.1,0',
+        "b,2,m2,,nan,no",
+        "c,2,m2,x,0.3,0",
+        "",
+        "d,2,m2,80,0.4,1",
+    ]
     path.write_text("pose,x_mm\na,1\nb,2\n", encoding="utf-8")
     assert audited_readings(path, Audited(1e-5, factor=2.0)) is None
     assert audited_readings(path, Audited(masked=(3,))) == "pose,x_mm,use\na,1,1\nb,2,0\n"

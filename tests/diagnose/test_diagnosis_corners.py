@@ -38,9 +38,17 @@ from qsframework.screening.convention_changes import couplings
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(0.0, "0"), (np.nan, "unknown"), (np.inf, "unknown"), (1.23456e-9, "1.23e-09"), (-4.5678e7, "-4.57e+07"),
-     (0.012345, "0.0123"), (123456.0, "123000"), (-1.5, "-1.50")],
-)  # fmt: skip
+    [
+        (0.0, "0"),
+        (np.nan, "unknown"),
+        (np.inf, "unknown"),
+        (1.23456e-9, "1.23e-09"),
+        (-4.5678e7, "-4.57e+07"),
+        (0.012345, "0.0123"),
+        (123456.0, "123000"),
+        (-1.5, "-1.50"),
+    ],
+)
 def test_three_digits_of_any_number(value: float, text: str) -> None:
     assert three(value) == text
 
@@ -125,8 +133,14 @@ def test_the_axes_of_the_arm_are_orthonormal_with_and_without_weight() -> None:
 def lack(p_chi2: float, p_replicates: float) -> LackOfFit:
     """A lack of fit with given p-values."""
     fields: dict[str, Any] = {name: 0 for name in LackOfFit.__dataclass_fields__}
-    fields |= {"square": 40.0, "dof": 10, "p_chi2": p_chi2, "p_replicates": p_replicates, "free_replicates": 7,
-               "trends": ()}  # fmt: skip
+    fields |= {
+        "square": 40.0,
+        "dof": 10,
+        "p_chi2": p_chi2,
+        "p_replicates": p_replicates,
+        "free_replicates": 7,
+        "trends": (),
+    }
     return LackOfFit(**fields)
 
 
@@ -154,10 +168,17 @@ def test_a_misfit_without_a_place_is_unexplained_and_said() -> None:
     assert verdict_of((), (), lack(0.5, 0.5), False) == "none"
     errors: Any = SimpleNamespace(heldout_identified=1e-5, heldout_extended=1e-5, noise=1e-5)
     found: Any = SimpleNamespace(
-        verdict="unexplained", findings=(), leftovers=(), conventions=(), table=(), after=bad, rms=errors,
-        audit=SimpleNamespace(unit_source="stated"), outliers=np.array([0, 1]),
+        verdict="unexplained",
+        findings=(),
+        leftovers=(),
+        conventions=(),
+        table=(),
+        after=bad,
+        rms=errors,
+        audit=SimpleNamespace(unit_source="stated"),
+        outliers=np.array([0, 1]),
         readings=SimpleNamespace(line=np.array([4, 7])),
-    )  # fmt: skip
+    )
     said = diagnosis_words(found)
     assert "no place or variable stands out" in said
     assert "Outliers left out: rows 4, 7." in said

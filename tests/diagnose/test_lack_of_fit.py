@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import f as fisher
-from scipy.stats import kstest
+from scipy.stats import f as fisher, kstest
 
 from qsframework.diagnose.residuals.lack_of_fit import arm_axes, lack_of_fit, smooth, variables_of
 from qsframework.experiment import Experiment, make_plan, make_rows, simulate
@@ -20,9 +19,12 @@ RNG = np.random.default_rng(0)
 A = RNG.standard_normal((ROWS, 3, COLUMNS))
 Q = np.linalg.qr(A.reshape(3 * ROWS, -1))[0]
 VARIABLES = {
-    "joint_1": RNG.uniform(-1, 1, ROWS), "joint_2": RNG.uniform(-2, 1, ROWS), "load": RNG.choice([1.0, 2.0, 5.0], ROWS),
-    "approach": RNG.choice([-1.0, 1.0], ROWS), "marker": np.array(["m1", "m2", "m3"] * (ROWS // 3)),
-}  # fmt: skip
+    "joint_1": RNG.uniform(-1, 1, ROWS),
+    "joint_2": RNG.uniform(-2, 1, ROWS),
+    "load": RNG.choice([1.0, 2.0, 5.0], ROWS),
+    "approach": RNG.choice([-1.0, 1.0], ROWS),
+    "marker": np.array(["m1", "m2", "m3"] * (ROWS // 3)),
+}
 
 
 def residuals(errors: Array) -> Array:

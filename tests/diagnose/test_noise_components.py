@@ -89,10 +89,12 @@ def test_scores_are_calibrated_after_the_audit(kind: str) -> None:
     alarms = 0
     for _ in range(60):
         errors = {
-            "small sigma": lambda: 1.5 * normal(rng), "shared 1": lambda: with_shared(1.0)(rng),
-            "shared 2": lambda: with_shared(2.0)(rng), "outliers": lambda: gross(rng)[0],
+            "small sigma": lambda: 1.5 * normal(rng),
+            "shared 1": lambda: with_shared(1.0)(rng),
+            "shared 2": lambda: with_shared(2.0)(rng),
+            "outliers": lambda: gross(rng)[0],
             "t3": lambda: rng.standard_t(3, (ROWS, 3)),
-        }[kind]()  # fmt: skip
+        }[kind]()
         alarms += false_alarm(audit(errors), errors, rng)
     assert alarms <= 9
 

@@ -31,8 +31,9 @@ def readings() -> Readings:
 def fit(readings: Readings, names: tuple[str, ...] = (), start: Array | None = None) -> Settled:
     experiment = campaign()
     model = experiment.model()
-    return settle_fit(model, make_rows(readings), names or experiment.fit_names(),
-                      model.nominal if start is None else start)  # fmt: skip
+    return settle_fit(
+        model, make_rows(readings), names or experiment.fit_names(), model.nominal if start is None else start
+    )
 
 
 def test_too_few_steps_are_said_and_no_explanation(readings: Readings, monkeypatch: pytest.MonkeyPatch) -> None:

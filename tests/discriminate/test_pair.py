@@ -183,8 +183,9 @@ def test_where_the_size_is_too_small_the_words_say_which_is_enough(experiment, f
 
 
 def test_a_base_marker_separates_the_pedestal_from_the_first_link(experiment, first_day):
-    found = discriminate(experiment, first_day, "base_compliance[z]", "link_compliance[link_1/z]", 8, candidates=60,
-                         values=[2e-8])  # fmt: skip
+    found = discriminate(
+        experiment, first_day, "base_compliance[z]", "link_compliance[link_1/z]", 8, candidates=60, values=[2e-8]
+    )
     assert found.offers[0].name == "base marker"
     assert found.offers[0].s > 4.0
     assert found.offers[0].angle > np.deg2rad(20.0)

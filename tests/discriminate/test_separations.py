@@ -16,8 +16,7 @@ from qsframework.experiment import LoadCase, Marker, make_plan
 from qsframework.plugin import Parameter
 from qsframework.report.words.diagnosis import diagnosis_words, statements, tied_words
 from qsframework.report.words.discrimination import discrimination_words, offer_words, outlook_words
-from tests.diagnose.cases import campaign, measured
-from tests.diagnose.cases import poses as campaign_poses
+from tests.diagnose.cases import campaign, measured, poses as campaign_poses
 
 
 @pytest.fixture(scope="module")

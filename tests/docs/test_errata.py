@@ -18,8 +18,7 @@ from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.state import place as place_chain
 from qsframework.experiment import Experiment, Plan, example, read_plan
 from qsframework.information.two_step import stiffness_rows
-from qsframework.plugin import Actuator, Array, Context, Parameter, Poses, RobotFacts, Spring
-from qsframework.plugin import find as find_effect
+from qsframework.plugin import Actuator, Array, Context, Parameter, Poses, RobotFacts, Spring, find as find_effect
 
 TRIANGLE = SpringTriangle(*numbers.FITTED)
 

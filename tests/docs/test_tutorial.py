@@ -23,8 +23,14 @@ def test_every_command_runs(root: Path, tmp_path: Path) -> None:
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     commands = [line for block in blocks(root, "sh") for line in block.splitlines()]
     assert [c.split()[1] for c in commands] == [
-        "check", "design", "simulate", "identify", "diagnose", "stiffness", "compensate"
-    ]  # fmt: skip
+        "check",
+        "design",
+        "simulate",
+        "identify",
+        "diagnose",
+        "stiffness",
+        "compensate",
+    ]
     for command in commands:
         run = subprocess.run(
             command, shell=True, cwd=tmp_path, env={**os.environ, "PATH": path}, capture_output=True, text=True

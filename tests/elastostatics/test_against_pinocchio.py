@@ -108,9 +108,11 @@ def test_load_hessian_agrees_with_pinocchio(robot: Robot, model: Model, poses: P
     state = state_of(model, poses)
     data = robot.model.createData()
     joint = robot.model.njoints - 1
-    frame = robot.model.addFrame(
-        pin.Frame("test_tip", joint, 0, pin.SE3(np.eye(3), TIP), pin.FrameType.OP_FRAME)
-    ) if not robot.model.existFrame("test_tip") else robot.model.getFrameId("test_tip")  # fmt: skip
+    frame = (
+        robot.model.addFrame(pin.Frame("test_tip", joint, 0, pin.SE3(np.eye(3), TIP), pin.FrameType.OP_FRAME))
+        if not robot.model.existFrame("test_tip")
+        else robot.model.getFrameId("test_tip")
+    )
     data = robot.model.createData()
     for j in range(6):
         rates = np.zeros((6, len(poses)))

@@ -22,15 +22,34 @@ PARALLELOGRAM = build_effects(
 BALANCER = build_effects({"effect": "gravity_compensator", "joint": "joint_2", "lc_m": 0.235, "l2_m": 1.12}, ROBOT)
 EQUIVALENT = build_effects({"effect": "compensator_stiffness", "joint": "joint_2", "lc_m": 0.2, "l2_m": 1.1}, ROBOT)
 POINTS = build_effects(
-    {"effect": "point_spring", "first": "link_1", "second": "link_4", "first_x_m": 0.3, "first_y_m": 0.1,
-     "first_z_m": 0.2, "second_x_m": 0.2, "second_y_m": 0.3, "second_z_m": 0.1},
+    {
+        "effect": "point_spring",
+        "first": "link_1",
+        "second": "link_4",
+        "first_x_m": 0.3,
+        "first_y_m": 0.1,
+        "first_z_m": 0.2,
+        "second_x_m": 0.2,
+        "second_y_m": 0.3,
+        "second_z_m": 0.1,
+    },
     ROBOT,
-)  # fmt: skip
+)
 GAS = build_effects(
-    {"effect": "gas_balancer", "joint": "joint_2", "lc_m": 0.235, "l2_m": 1.12, "length_m": 0.9, "pressure_bar": 2e4,
-     "volume_l": 12, "piston_area_cm^2": 60, "rod_area_cm^2": 12, "exponent": 1.2},
+    {
+        "effect": "gas_balancer",
+        "joint": "joint_2",
+        "lc_m": 0.235,
+        "l2_m": 1.12,
+        "length_m": 0.9,
+        "pressure_bar": 2e4,
+        "volume_l": 12,
+        "piston_area_cm^2": 60,
+        "rod_area_cm^2": 12,
+        "exponent": 1.2,
+    },
     ROBOT,
-)  # fmt: skip
+)
 COUPLING = build_effects({"effect": "controller_coupling", "joint": "joint_3"}, ROBOT)
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
@@ -106,11 +125,17 @@ BUILT_IN = [
         {"effect": "encoder_eccentricity", "joint": "joint_3"},
         {"effect": "thermal_expansion"},
         {"effect": "gravity_sag", "joint": "joint_2", "last": "link_4"},
-        {"effect": "compensator_friction", "joint": "joint_2", "lc_m": 0.235, "l2_m": 1.12, "spring_stiffness_N/m": 1e5,
-         "free_length_m": 0.7},
+        {
+            "effect": "compensator_friction",
+            "joint": "joint_2",
+            "lc_m": 0.235,
+            "l2_m": 1.12,
+            "spring_stiffness_N/m": 1e5,
+            "free_length_m": 0.7,
+        },
     )
     for effect in build_effects(entry, ROBOT, ("m1", "elbow"))
-]  # fmt: skip
+]
 
 CASES = {
     "all built-in effects": [*JOINTS, *OFFAXIS, *PARALLELOGRAM, *BALANCER, *EQUIVALENT, *POINTS, *COUPLING, *BUILT_IN],

@@ -93,8 +93,18 @@ def test_parameters_are_one_finite_number_each(m900ib: Experiment, x: Array) -> 
 
 
 def point_spring(experiment: Experiment, second_z: float) -> Effect:
-    (effect,) = build(experiment, effect="point_spring", first="link_1", first_x_m=0.2, first_y_m=0.0, first_z_m=0.0,
-                      second="link_1", second_x_m=0.2, second_y_m=0.0, second_z_m=second_z)  # fmt: skip
+    (effect,) = build(
+        experiment,
+        effect="point_spring",
+        first="link_1",
+        first_x_m=0.2,
+        first_y_m=0.0,
+        first_z_m=0.0,
+        second="link_1",
+        second_x_m=0.2,
+        second_y_m=0.0,
+        second_z_m=second_z,
+    )
     return effect
 
 
@@ -115,8 +125,18 @@ def test_a_spring_within_one_link_does_nothing(m900ib: Experiment) -> None:
 
 def test_the_torque_of_a_spring_between_links_is_held_by_the_actuators(m900ib: Experiment) -> None:
     """Against the derivative of its energy by the joint angle, by differences."""
-    (effect,) = build(m900ib, effect="point_spring", first="base_link", first_x_m=0.9, first_y_m=0.0, first_z_m=1.0,
-                      second="link_2", second_x_m=0.3, second_y_m=0.1, second_z_m=0.6)  # fmt: skip
+    (effect,) = build(
+        m900ib,
+        effect="point_spring",
+        first="base_link",
+        first_x_m=0.9,
+        first_y_m=0.0,
+        first_z_m=1.0,
+        second="link_2",
+        second_x_m=0.3,
+        second_y_m=0.1,
+        second_z_m=0.6,
+    )
     model = wide(m900ib, effect)
     x = model.nominal
     k, s0 = model.index([n for n in model.names if n.startswith("point_spring")])

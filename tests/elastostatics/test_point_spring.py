@@ -13,8 +13,16 @@ from qsframework.plugin import Effect, Poses, build_effects
 from qsframework.robot import Robot, load_robot
 
 TIP = Site(6, np.array([0.15, 0.0, 0.2]))
-PIVOTS = {"first": "link_1", "first_x_m": 0.41, "first_y_m": 0.0, "first_z_m": 0.235, "second": "link_2",
-          "second_x_m": 0.0, "second_y_m": 0.0, "second_z_m": 1.12}  # fmt: skip
+PIVOTS = {
+    "first": "link_1",
+    "first_x_m": 0.41,
+    "first_y_m": 0.0,
+    "first_z_m": 0.235,
+    "second": "link_2",
+    "second_x_m": 0.0,
+    "second_y_m": 0.0,
+    "second_z_m": 1.12,
+}
 
 
 @pytest.fixture(scope="module")
@@ -56,8 +64,10 @@ def test_it_equals_the_closed_form_of_the_balancer(robot: Robot) -> None:
 
 def test_two_balancers_on_one_joint_add_up(robot: Robot) -> None:
     one = build_effects({"effect": "point_spring", **PIVOTS}, robot.facts)
-    sides = [build_effects({"effect": "point_spring", **PIVOTS, "first_y_m": y, "second_y_m": y}, robot.facts)[0]
-             for y in (0.3,)]  # fmt: skip
+    sides = [
+        build_effects({"effect": "point_spring", **PIVOTS, "first_y_m": y, "second_y_m": y}, robot.facts)[0]
+        for y in (0.3,)
+    ]
     other = build_effects(
         {"effect": "gravity_compensator", "joint": "joint_2", "lc_m": 0.235, "l2_m": 1.12}, robot.facts
     )
@@ -86,8 +96,17 @@ def test_two_springs_with_labels_are_one_of_twice_the_stiffness(robot: Robot) ->
 
 def test_compliance_with_a_spring_across_many_joints(robot: Robot) -> None:
     """A spring from the pedestal to the wrist: equation (18) against differences of the equilibrium."""
-    across = {"effect": "point_spring", "first": "base_link", "first_x_m": 1.5, "first_y_m": 0.4, "first_z_m": 2.5,
-              "second": "link_4", "second_x_m": 0.3, "second_y_m": 0.2, "second_z_m": 0.1}  # fmt: skip
+    across = {
+        "effect": "point_spring",
+        "first": "base_link",
+        "first_x_m": 1.5,
+        "first_y_m": 0.4,
+        "first_z_m": 2.5,
+        "second": "link_4",
+        "second_x_m": 0.3,
+        "second_y_m": 0.2,
+        "second_z_m": 0.1,
+    }
     model, p = arm(robot, *build_effects(across, robot.facts), stiffness=2e5), poses(robot)
     C = cartesian_compliance(model, p)[:, :3, :3]
     h = 20.0

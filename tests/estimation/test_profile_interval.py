@@ -20,9 +20,14 @@ def linear(rng: np.random.Generator) -> Observations:
     y = A @ [1.0, 2.0, -1.0] + 0.1 * rng.normal(size=20)
     parameters = tuple(Parameter(n, "", nominal=1.0, typical=1.0) for n in "abc")
     return Observations(
-        measured=y, predict=lambda x: A @ x, jacobian=lambda x: A, parameters=parameters,
-        noise=Independent(np.full(20, 0.1)), block=np.arange(20), row=np.arange(20),
-    )  # fmt: skip
+        measured=y,
+        predict=lambda x: A @ x,
+        jacobian=lambda x: A,
+        parameters=parameters,
+        noise=Independent(np.full(20, 0.1)),
+        block=np.arange(20),
+        row=np.arange(20),
+    )
 
 
 @pytest.mark.parametrize("level", [0.68, 0.95])
@@ -52,13 +57,20 @@ def bent(lower: float = 0.0) -> Observations:
     def jacobian(x: Array) -> Array:
         return np.stack([1.0 - np.exp(-x[1] * u), x[0] * u * np.exp(-x[1] * u)], axis=1)
 
-    parameters = (Parameter("a", "", nominal=1.0, typical=1.0, lower=0.0, upper=50.0),
-                  Parameter("b", "", nominal=1.0, typical=1.0, lower=lower, upper=50.0))  # fmt: skip
+    parameters = (
+        Parameter("a", "", nominal=1.0, typical=1.0, lower=0.0, upper=50.0),
+        Parameter("b", "", nominal=1.0, typical=1.0, lower=lower, upper=50.0),
+    )
     y = predict(np.array([1.0, 1.2])) + 0.09 * rng.normal(size=12)
     return Observations(
-        measured=y, predict=predict, jacobian=jacobian, parameters=parameters, noise=Independent(np.full(12, 0.09)),
-        block=np.arange(12), row=np.arange(12),
-    )  # fmt: skip
+        measured=y,
+        predict=predict,
+        jacobian=jacobian,
+        parameters=parameters,
+        noise=Independent(np.full(12, 0.09)),
+        block=np.arange(12),
+        row=np.arange(12),
+    )
 
 
 def test_a_bent_model_has_the_interval_of_a_grid() -> None:
@@ -94,9 +106,14 @@ def one(y: Array) -> Observations:
     """y = a + noise of 0.1: one parameter."""
     p = (Parameter("a", "", nominal=1.0, typical=1.0),)
     return Observations(
-        measured=y, predict=lambda x: np.full(len(y), x[0]), jacobian=lambda x: np.ones((len(y), 1)), parameters=p,
-        noise=Independent(np.full(len(y), 0.1)), block=np.arange(len(y)), row=np.arange(len(y)),
-    )  # fmt: skip
+        measured=y,
+        predict=lambda x: np.full(len(y), x[0]),
+        jacobian=lambda x: np.ones((len(y), 1)),
+        parameters=p,
+        noise=Independent(np.full(len(y), 0.1)),
+        block=np.arange(len(y)),
+        row=np.arange(len(y)),
+    )
 
 
 def test_the_interval_of_a_single_parameter() -> None:
@@ -111,10 +128,14 @@ def test_a_parameter_without_end_is_not_converged() -> None:
     """A law that saturates: beyond, no value is worse than another."""
     p = (Parameter("a", "", nominal=1.0, typical=1.0),)
     flat = Observations(
-        measured=np.full(6, 0.7), predict=lambda x: np.full(6, np.tanh(x[0])),
-        jacobian=lambda x: np.full((6, 1), 1.0 / np.cosh(x[0]) ** 2), parameters=p, noise=Independent(np.ones(6)),
-        block=np.arange(6), row=np.arange(6),
-    )  # fmt: skip
+        measured=np.full(6, 0.7),
+        predict=lambda x: np.full(6, np.tanh(x[0])),
+        jacobian=lambda x: np.full((6, 1), 1.0 / np.cosh(x[0]) ** 2),
+        parameters=p,
+        noise=Independent(np.ones(6)),
+        block=np.arange(6),
+        row=np.arange(6),
+    )
     with pytest.raises(NotConverged, match=r"a: no end of its interval within .* the readings do not tell it"):
         profile_interval(flat, solve(flat), "a", PLAIN, 0.95)
 

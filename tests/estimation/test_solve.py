@@ -28,14 +28,22 @@ def line(m: int = 30, seed: int = 0, lower: float = -np.inf) -> tuple[Observatio
 
 
 def _observations(
-    predict: Callable[[Array], Array], jacobian: Callable[[Array], Array], parameters: tuple[Parameter, ...],
-    measured: Array, sigma: Array,
-) -> Observations:  # fmt: skip
+    predict: Callable[[Array], Array],
+    jacobian: Callable[[Array], Array],
+    parameters: tuple[Parameter, ...],
+    measured: Array,
+    sigma: Array,
+) -> Observations:
     index = np.arange(len(measured))
     return Observations(
-        measured=measured, predict=predict, jacobian=jacobian, parameters=parameters, noise=Independent(sigma),
-        block=index, row=index,
-    )  # fmt: skip
+        measured=measured,
+        predict=predict,
+        jacobian=jacobian,
+        parameters=parameters,
+        noise=Independent(sigma),
+        block=index,
+        row=index,
+    )
 
 
 def decay(seed: int = 0) -> Observations:
@@ -50,8 +58,10 @@ def decay(seed: int = 0) -> Observations:
     return _observations(
         lambda x: x[0] * np.exp(-x[1] * t),
         lambda x: np.stack([np.exp(-x[1] * t), -x[0] * t * np.exp(-x[1] * t)], axis=1),
-        parameters, y, sigma,
-    )  # fmt: skip
+        parameters,
+        y,
+        sigma,
+    )
 
 
 def test_a_line_is_solved_in_closed_form() -> None:
@@ -114,9 +124,10 @@ def test_fixed_and_tied() -> None:
     both = np.stack([W[:, 0] * 1e-7 + W[:, 2] * 1e5, W[:, 1]], axis=1)
     assert np.allclose(found.x[:2] / [1e-7, 1], np.linalg.lstsq(both, o.noise.whiten(o.measured))[0])
     for wrong, words in (
-        (FitOptions(fixed=("d",)), "no parameter 'd'"), (FitOptions(fixed=("a", "b", "c")), "nothing is left"),
+        (FitOptions(fixed=("d",)), "no parameter 'd'"),
+        (FitOptions(fixed=("a", "b", "c")), "nothing is left"),
         (FitOptions(fixed=("a",), tied=(("a", "b"),)), "tied twice, or tied and fixed"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(InputError, match=words):
             solve(o, wrong)
 
@@ -124,9 +135,14 @@ def test_fixed_and_tied() -> None:
 def scipys(o: Observations, loss: str, start: Array) -> Array:
     kind = {"loss": loss, "f_scale": 1.345} if loss != "linear" else {}
     return least_squares(
-        lambda x: o.noise.whiten(o.predict(x) - o.measured), start, lambda x: o.noise.whiten(o.jacobian(x)),
-        xtol=1e-15, ftol=1e-15, gtol=1e-15, **kind,
-    ).x  # fmt: skip
+        lambda x: o.noise.whiten(o.predict(x) - o.measured),
+        start,
+        lambda x: o.noise.whiten(o.jacobian(x)),
+        xtol=1e-15,
+        ftol=1e-15,
+        gtol=1e-15,
+        **kind,
+    ).x
 
 
 @pytest.mark.parametrize("loss", ["linear", "huber", "soft_l1"])

@@ -52,7 +52,10 @@ HEADER = "pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N,marker,d
 FIRST = "1,-59.991000025,-16.692999998,-28.9300000228,3.78799999624,-62.929999984,144.919000017"
 # columns: 0 pose, 1-6 angles, 7-9 force, 10 marker, 11-13 displacement
 READINGS: dict[str, tuple[Edit, tuple[str, ...]]] = {
-    "no unit on an angle": (replace("q3_deg", "q3"), ("line 3", "column q3", "does not say its unit", "q3_deg, q3_rad")),  # noqa: E501
+    "no unit on an angle": (
+        replace("q3_deg", "q3"),
+        ("line 3", "column q3", "does not say its unit", "q3_deg, q3_rad"),
+    ),
     "no unit on a force": (replace("fx_N", "fx"), ("column fx", "fx_N, fx_kN")),
     "no unit on a displacement": (replace("dy_mm", "dy"), ("column dy", "dy_mm, dy_m")),
     "unknown unit": (replace("dx_mm", "dx_parsnips"), ("column dx_parsnips", "'parsnips' is no unit", "dx_mm")),
@@ -77,7 +80,8 @@ READINGS: dict[str, tuple[Edit, tuple[str, ...]]] = {
     "a seventh joint": (replace("q6_deg", "q6_deg,q7_deg"), ("column q7_deg", "The robot has 6 joints")),
     "the same reading twice": (lambda lines: [*lines, lines[3]], ("line 47", "stands here twice", "first in line 4")),
     "one pose, two loads": (
-        append(f"{FIRST},1,2,3,tool,0,0,0"), ("line 47", "pose '1'", "another load than in line 4"),
+        append(f"{FIRST},1,2,3,tool,0,0,0"),
+        ("line 47", "pose '1'", "another load than in line 4"),
     ),
     "unknown marker": (cell(1, 10, "tol"), ("line 4", "column marker", "'tol'", "Did you mean 'tool'?")),
     "another robot": (replace("fanuc_r2000ic", "fanuc_m900ib"), ("another robot", "fanuc_m900ib", "fanuc_r2000ic")),
@@ -87,7 +91,10 @@ READINGS: dict[str, tuple[Edit, tuple[str, ...]]] = {
     "a NUL byte": (replace("tool", "to\0ol"), ("NUL",)),
     "an open quote": (append('"44,' + "1," * 13), ("line 47",)),
     "no load anywhere": (
-        lambda lines: [*lines[:3], *(",".join([*x.split(",")[:7], "0,0,0", *x.split(",")[10:]]) for x in lines[3:] if x)],  # noqa: E501
+        lambda lines: [
+            *lines[:3],
+            *(",".join([*x.split(",")[:7], "0,0,0", *x.split(",")[10:]]) for x in lines[3:] if x),
+        ],
         ("every force is zero",),
     ),
     "sigma zero": (
@@ -111,7 +118,8 @@ READINGS: dict[str, tuple[Edit, tuple[str, ...]]] = {
         ("line 4", "column repeat", "'1e300'", "up to 100000"),
     ),
     "one measurement, two times": (
-        lambda lines: [lines[2] + ",time_s", lines[3] + ",1", lines[3] + ",2"], ("line 3", "times", "than in line 2"),
+        lambda lines: [lines[2] + ",time_s", lines[3] + ",1", lines[3] + ",2"],
+        ("line 3", "times", "than in line 2"),
     ),
     "semicolons": (lambda lines: [x.replace(",", ";") for x in lines], ("line 3", "separated by ';'", "a comma")),
     "tabs": (lambda lines: [x.replace(",", "\t") for x in lines], ("line 3", "separated by a tab")),
@@ -120,7 +128,7 @@ READINGS: dict[str, tuple[Edit, tuple[str, ...]]] = {
     "digits in groups": (cell(1, 11, "-0_686"), ("line 4", "dx_mm", "'-0_686'", "a finite number")),
     "a position": (cell(1, 11, "1500"), ("line 4", "dx_mm", "1.5 m", "is it a position?")),
     "a column without a name": (replace("dz_mm", "dz_mm,"), ("line 3", "column 15, which has no name")),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", READINGS)
@@ -147,7 +155,10 @@ def test_all_problems_of_a_file_are_told_together(folder: Path) -> None:
 
 
 EXPERIMENTS: dict[str, tuple[Edit, tuple[str, ...]]] = {
-    "unknown robot": (replace("fanuc_m900ib", "fanuc_m900"), ("line 1", "'fanuc_m900'", "Did you mean 'fanuc_m900ib'?")),  # noqa: E501
+    "unknown robot": (
+        replace("fanuc_m900ib", "fanuc_m900"),
+        ("line 1", "'fanuc_m900'", "Did you mean 'fanuc_m900ib'?"),
+    ),
     "unknown key": (replace("constraints:", "constrants:"), ("'constrants'", "Did you mean 'constraints'?")),
     "no unit": (replace("point_mm", "point"), ("line 2", "'point'", "point_mm, point_m")),
     "wrong unit": (replace("sigma_mm", "sigma_N"), ("'sigma_N'", "sigma_mm")),
@@ -167,35 +178,43 @@ EXPERIMENTS: dict[str, tuple[Edit, tuple[str, ...]]] = {
     "empty": (lambda lines: [], ("empty",)),
     "unknown effect": (append("effects: [{effect: tracker_skale}]"), ("unknown effect 'tracker_skale'", "allowed")),
     "effect of another robot": (
-        append("effects: [{effect: offaxis_compliance, joint: joint_7, axis: x}]"), ("no joint 'joint_7'", "joint_1"),
+        append("effects: [{effect: offaxis_compliance, joint: joint_7, axis: x}]"),
+        ("no joint 'joint_7'", "joint_1"),
     ),
     "effect with a wrong axis": (
-        append("effects: [{effect: offaxis_compliance, joint: joint_3, axis: w}]"), ("unknown axis", "x, y, z"),
+        append("effects: [{effect: offaxis_compliance, joint: joint_3, axis: w}]"),
+        ("unknown axis", "x, y, z"),
     ),
     "an effect twice": (
-        append("effects: [{effect: joint_compliance, joint: joint_3}]"), ("listed twice: joint_compliance[joint_3]",),
+        append("effects: [{effect: joint_compliance, joint: joint_3}]"),
+        ("listed twice: joint_compliance[joint_3]",),
     ),
     "unknown parameter": (append("fit: [joint_complianse]"), ("fit: no parameter", "Did you mean 'joint_compliance'?")),
     "unknown link": (replace("m1: {", "m1: {link: elbow, "), ("marker 'm1'", "no link 'elbow'", "link_3")),
     "unknown constraint point": (replace("of: wrist_centre", "of: wrist"), ("'wrist'", "Did you mean 'wrist_centre'?")),
     "limits of an unknown joint": (
-        replace("of: wrist_centre", "joint_limits_deg: {J2: [0, 1]}"), ("joint_limits: no joint 'J2'",),
+        replace("of: wrist_centre", "joint_limits_deg: {J2: [0, 1]}"),
+        ("joint_limits: no joint 'J2'",),
     ),
     "limits the wrong way": (
-        replace("of: wrist_centre", "joint_limits_deg: {joint_2: [9, 1]}"), ("joint_2 must be [lower, upper]",),
+        replace("of: wrist_centre", "joint_limits_deg: {joint_2: [9, 1]}"),
+        ("joint_2 must be [lower, upper]",),
     ),
     "both numbers": (
-        replace(", poses: 3", ", poses: 3, poses_min: 2"), ("poses_min must be 1 or more, and goes without",)
+        replace(", poses: 3", ", poses: 3, poses_min: 2"),
+        ("poses_min must be 1 or more, and goes without",),
     ),
     "no cost": (replace(", poses: 3", ", poses: 3, cost: 0"), ("a cost is a positive number",)),
     "values outside": (
-        replace("z_min_m: 0.5", "z_min_m: 0.5, joint_values_deg: {joint_2: [200]}"), ("joint_values of joint_2",)
+        replace("z_min_m: 0.5", "z_min_m: 0.5, joint_values_deg: {joint_2: [200]}"),
+        ("joint_values of joint_2",),
     ),
     "a load twice": (replace("weight_and_side_pull", "weight"), ("load 'weight' stands here twice",)),
     "a zero load": (replace("fz_N: -4000", "fz_N: 0"), ("load 'weight' is zero", "fx_N")),
     "noise without unit": (replace("sigma_mm", "sigma"), ("line 7", "'sigma'", "sigma_mm, sigma_m")),
     "noise is a guess": (
-        replace("{sigma_mm: 0.03}", "guess"), ("line 7", "noise: must be a mapping, or the word 'estimate'", "'guess'"),
+        replace("{sigma_mm: 0.03}", "guess"),
+        ("line 7", "noise: must be a mapping, or the word 'estimate'", "'guess'"),
     ),
     "a number of base 60": (replace("[150, 0, 200]", "[1:30, 0, 200]"), ("line 2", "point_mm[0]", "'1:30'")),
     "no load": (replace("{point_mm: [150, 0, 200]}", ""), ("line 2", "load: must be a mapping", "point_mm, mass_kg")),
@@ -204,23 +223,27 @@ EXPERIMENTS: dict[str, tuple[Edit, tuple[str, ...]]] = {
         ("line 2", "either the point or the mass"),
     ),
     "a mass beside loads": (
-        replace("{point_mm: [150, 0, 200]}", "{mass_kg: 9, centre_mm: [0, 0, 1]}"), ("line 2", "not both"),
+        replace("{point_mm: [150, 0, 200]}", "{mass_kg: 9, centre_mm: [0, 0, 1]}"),
+        ("line 2", "not both"),
     ),
     "half a load": (replace("poses: 3", "poses: 2.5"), ("line 10", "poses: must be a whole number", "2.5")),
     "nothing to fit": (append("fit: []"), ("line 12", "fit", "leave it out")),
     "two unknown parameters": (
-        append("fit:\n- joint_complianse\n- joint_compliance[joint_7]"), ("line 13", "line 14", "'joint_complianse'"),
+        append("fit:\n- joint_complianse\n- joint_compliance[joint_7]"),
+        ("line 13", "line 14", "'joint_complianse'"),
     ),
     "effects by name": (append("effects: [joint_compliance]"), ("line 12", "effects.0: must be a mapping")),
     "limits out of reach": (
-        replace("of: wrist_centre", "joint_limits_deg: {joint_2: [100, 120]}"), ("joint_2", "-64 to 90 deg"),
+        replace("of: wrist_centre", "joint_limits_deg: {joint_2: [100, 120]}"),
+        ("joint_2", "-64 to 90 deg"),
     ),
     "a word for a limit": (
-        replace("of: wrist_centre", "joint_limits_deg: {joint_2: [a, 5]}"), ("joint_limits_deg.joint_2[0]", "'a'"),
+        replace("of: wrist_centre", "joint_limits_deg: {joint_2: [a, 5]}"),
+        ("joint_limits_deg.joint_2[0]", "'a'"),
     ),
     "a negative distance": (replace("min_m: 1.0", "min_m: -1.0"), ("axis1_distance_min", "is not negative", "-1.0")),
     "a load without unit": (replace("fz_N: -4000", "fz: -4000"), ("'fz'", "fz_N, fz_kN")),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", EXPERIMENTS)
@@ -276,8 +299,14 @@ def test_bad_input_ends_with_code_2_and_writes_nothing(folder: Path) -> None:
     file = folder / "r2000ic" / "readings.csv"
     file.write_text(file.read_text().replace("dx_mm", "dx_m"))
     before = sorted(folder.rglob("*"))
-    command = ["identify", str(folder / "r2000ic" / "experiment.yaml"), "--json", str(folder / "fit.json"), "--report",
-               str(folder / "r.html")]  # fmt: skip
+    command = [
+        "identify",
+        str(folder / "r2000ic" / "experiment.yaml"),
+        "--json",
+        str(folder / "fit.json"),
+        "--report",
+        str(folder / "r.html"),
+    ]
     run = subprocess.run([sys.executable, "-m", "qsframework", *command], capture_output=True, text=True)
     assert run.returncode == 2
     assert "Traceback" not in run.stderr

@@ -17,7 +17,7 @@ from qsframework.experiment import (
     load_experiment,
     read_readings,
     write_readings,
-)  # fmt: skip
+)
 from qsframework.experiment.readings_table import suggested
 from qsframework.plugin import Poses
 
@@ -91,7 +91,7 @@ BAD_GAUGES: dict[str, tuple[str, tuple[str, ...]]] = {
     "marker without a gauge": ("0.1,0.1,0.1,,,,,base", ("line 2, column to_marker", "belongs to a gauge")),
     "direction without a gauge": ("0.1,0.1,0.1,,0,0,1,", ("line 2, column ux", "belongs to a gauge", "gauge_mm")),
     "in words": (",,,half,0,0,1,", ("line 2, column gauge_mm", "'half'", "a finite number")),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", BAD_GAUGES)
@@ -136,8 +136,12 @@ def test_single_axes_may_be_missing(tmp_path: Path) -> None:
     found = read_readings(displaced(tmp_path, f"A,{A},{PULL},m1,,0.2,-2", f"B,{B},{PULL},m1,,,-2"), of)
     assert np.isfinite(found.value).tolist() == [[False, True, True], [False, False, True]]
     assert len(bridge(of, found).observations().measured) == 3
-    refused(displaced(tmp_path, f"A,{A},{PULL},m1,,0.2,-2", f"B,{B},{PULL},m1,,,"), of,
-            "moved.csv, line 3, column dx_mm", "this row is not filled in")  # fmt: skip
+    refused(
+        displaced(tmp_path, f"A,{A},{PULL},m1,,0.2,-2", f"B,{B},{PULL},m1,,,"),
+        of,
+        "moved.csv, line 3, column dx_mm",
+        "this row is not filled in",
+    )
     masked = displaced(tmp_path, f"A,{A},{PULL},m1,,0.2,-2,1", f"B,{B},{PULL},m1,,,,0", more=",use")
     assert read_readings(masked, of).use.tolist() == [True, False]
 
@@ -220,8 +224,13 @@ def test_too_few_points_hold_no_frame(poses: str, tmp_path: Path) -> None:
     found = read_readings(path, of, "positions")
     with pytest.raises(InputError) as caught:
         bridge(of, found)
-    for word in (str(path), "frame cannot be found", f"{len(poses)} poses of series 'S'", "in all directions",
-                 "frames: in the"):  # fmt: skip
+    for word in (
+        str(path),
+        "frame cannot be found",
+        f"{len(poses)} poses of series 'S'",
+        "in all directions",
+        "frames: in the",
+    ):
         assert word in str(caught.value), str(caught.value)
     assert bridge(experiment(tmp_path, more=FRAME), read_readings(path, experiment(tmp_path, more=FRAME))).frames == ()
 
@@ -245,8 +254,15 @@ def apart(folder: Path, *kinds: str) -> Experiment:
 def test_one_sigma_does_not_stand_for_two_kinds(tmp_path: Path) -> None:
     of = experiment(tmp_path)
     files = [displaced(tmp_path), placed(of, tmp_path)]
-    refused(files, of, "experiment.yaml", "does not say of which kind", "found displacement, position",
-            "allowed: displacement_sigma_mm, position_sigma_mm", states="positions")  # fmt: skip
+    refused(
+        files,
+        of,
+        "experiment.yaml",
+        "does not say of which kind",
+        "found displacement, position",
+        "allowed: displacement_sigma_mm, position_sigma_mm",
+        states="positions",
+    )
     both = read_readings(files, apart(tmp_path, "displacement", "position"), "positions")
     assert both.sigma[:, 0].tolist() == pytest.approx([2e-5] * 2 + [3e-5] * 6)
     assert both.stated
@@ -260,12 +276,22 @@ def test_two_kinds_in_one_file_are_weighed_by_stated_noise(tmp_path: Path) -> No
     rows = (f"A,{A},{PULL},m1,0.1,0.2,-2,,,,,", f"A,{A},{PULL},m1,,,,0.5,0,0,1,")
     path = table(tmp_path, "g.csv", GAUGED, *rows)
     refused(path, experiment(tmp_path), "allowed: displacement_sigma_mm, gauge_sigma_mm")
-    refused(path, experiment(tmp_path, "estimate"), "g.csv", "displacements and gauges is not stated",
-            "State noise: {displacement_sigma_mm: ..., gauge_sigma_mm: ...} in the experiment")  # fmt: skip
+    refused(
+        path,
+        experiment(tmp_path, "estimate"),
+        "g.csv",
+        "displacements and gauges is not stated",
+        "State noise: {displacement_sigma_mm: ..., gauge_sigma_mm: ...} in the experiment",
+    )
     found = read_readings(path, apart(tmp_path, "displacement", "gauge"))
     assert found.sigma[:, 0].tolist() == pytest.approx([2e-5, 3e-5])
-    refused(path, apart(tmp_path, "displacement"), "line 3, column sigma", "1 readings have no sigma_mm",
-            "Give all of them or none")  # fmt: skip
+    refused(
+        path,
+        apart(tmp_path, "displacement"),
+        "line 3, column sigma",
+        "1 readings have no sigma_mm",
+        "Give all of them or none",
+    )
 
 
 def test_files_of_which_one_states_its_noise_are_not_mixed(tmp_path: Path) -> None:
@@ -350,9 +376,16 @@ def test_displacements_and_positions_that_contradict_each_other(tmp_path: Path) 
     assert spoilt[11] == "loaded"
     spoilt[13] = repr(float(spoilt[13]) + 1400.0)
     path.write_text("\n".join([*lines[:2], ",".join(spoilt), *lines[3:]]) + "\n")
-    refused([moved, path], of, f"{path}, line 3", "loaded and unloaded (line 2) are 1.4 m apart",
-            f"its displacement ({moved}, line 2) is 0.002", "not of one arm", "use of the wrong row",
-            states="positions")  # fmt: skip
+    refused(
+        [moved, path],
+        of,
+        f"{path}, line 3",
+        "loaded and unloaded (line 2) are 1.4 m apart",
+        f"its displacement ({moved}, line 2) is 0.002",
+        "not of one arm",
+        "use of the wrong row",
+        states="positions",
+    )
     elsewhere = displaced(tmp_path, f"A,{B},{PULL},m1,0.1,0.2,-2", f"A,{A},{PULL},m2,0.1,0.2,-2,", more="")
     elsewhere.write_text(elsewhere.read_text().replace("-2,\n", "-2\n").replace(f"A,{A}", f"A2,{A}"))
     assert len(read_readings([elsewhere, path], of, "positions")) == 8, "another pose of this name, another marker"
@@ -391,8 +424,14 @@ def test_how_states_are_read(load: bool, more: str, wanted: str, tmp_path: Path)
 
 def test_an_unknown_way_to_read_states(tmp_path: Path) -> None:
     of = experiment(tmp_path)
-    refused(placed(of, tmp_path), of, "states: 'position'", "differences, positions", "Did you mean 'positions'?",
-            states="position")  # fmt: skip
+    refused(
+        placed(of, tmp_path),
+        of,
+        "states: 'position'",
+        "differences, positions",
+        "Did you mean 'positions'?",
+        states="position",
+    )
     with pytest.raises(InputError, match="states"):
         experiment(tmp_path, more="states: both\n")
 

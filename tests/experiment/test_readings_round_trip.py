@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings, States, read_readings, write_readings
@@ -39,9 +38,15 @@ def aimed(rng: np.random.Generator, rows: int, markers: Indices, count: int) -> 
 
 
 def readings(
-    experiment: Experiment, states: States, plus: Indices, minus: Indices, series: str, gauges: bool,
-    rng: np.random.Generator, size: float,
-) -> Readings:  # fmt: skip
+    experiment: Experiment,
+    states: States,
+    plus: Indices,
+    minus: Indices,
+    series: str,
+    gauges: bool,
+    rng: np.random.Generator,
+    size: float,
+) -> Readings:
     """Every marker in the states `plus`, with holes where an axis was not measured."""
     names = [m.name for m in experiment.markers]
     each, rows = len(names), len(plus) * len(names)
@@ -56,12 +61,24 @@ def readings(
     given = np.array([bool(series or position)] * rows) & (True if axes is None else ~gauge)
     frames = (series,) if given.any() else ()
     return Readings(
-        states=states, plus=np.repeat(plus, each), minus=np.repeat(minus, each), marker=marker,
-        frame=np.where(given, 0, -1), frames=frames, known=(None,) * len(frames), value=value,
-        sigma=np.repeat(rng.uniform(1e-6, 1e-4, rows)[:, None], 3, axis=1), minus_sigma=np.full((rows, 3), np.nan),
-        stated=True, use=rng.random(rows) < 0.8, line=np.arange(3, 3 + rows), file=np.zeros(rows, dtype=np.intp),
-        to=to, axes=axes, drive_state=tuple(f"servo {i}" for i in range(rows)) if series else None,
-    )  # fmt: skip
+        states=states,
+        plus=np.repeat(plus, each),
+        minus=np.repeat(minus, each),
+        marker=marker,
+        frame=np.where(given, 0, -1),
+        frames=frames,
+        known=(None,) * len(frames),
+        value=value,
+        sigma=np.repeat(rng.uniform(1e-6, 1e-4, rows)[:, None], 3, axis=1),
+        minus_sigma=np.full((rows, 3), np.nan),
+        stated=True,
+        use=rng.random(rows) < 0.8,
+        line=np.arange(3, 3 + rows),
+        file=np.zeros(rows, dtype=np.intp),
+        to=to,
+        axes=axes,
+        drive_state=tuple(f"servo {i}" for i in range(rows)) if series else None,
+    )
 
 
 def displaced(experiment: Experiment, count: int, seed: int, shared: bool, gauges: bool) -> Readings:
@@ -81,12 +98,16 @@ def displaced(experiment: Experiment, count: int, seed: int, shared: bool, gauge
     kept = own if seed % 2 else Conditions()
     used_twice = np.bincount(before) > 1
     states = States(
-        poses=Poses(pendant[rows], controller.to_joints(pendant)[rows], np.where(loaded[:, None], wrench[rows], 0.0),
-                    kept, kept),
-        loaded=loaded, pose=tuple(f'p{i // 2}, "{i // 2}"' for i in rows.tolist()),
+        poses=Poses(
+            pendant[rows], controller.to_joints(pendant)[rows], np.where(loaded[:, None], wrench[rows], 0.0), kept, kept
+        ),
+        loaded=loaded,
+        pose=tuple(f'p{i // 2}, "{i // 2}"' for i in rows.tolist()),
         load_id=("",) * count + tuple(f"zero {k}" if twice else "" for k, twice in enumerate(used_twice)),
-        series=("",) * len(rows), repeat=rows % 2 + 1, cycle=np.ones(len(rows), dtype=np.intp),
-    )  # fmt: skip
+        series=("",) * len(rows),
+        repeat=rows % 2 + 1,
+        cycle=np.ones(len(rows), dtype=np.intp),
+    )
     if shared:  # the reading at an unloaded state that visits share is of one time
         assert used_twice.any() or count == 1
     return readings(experiment, states, np.arange(count), count + before, "t" if seed % 3 else "", gauges, rng, 1e-3)
@@ -103,11 +124,14 @@ def stood(experiment: Experiment, count: int, seed: int, loads: bool, gauges: bo
     own = conditions(rng, total) if loads else Conditions()
     name = "s" if loads else ""
     states = States(
-        poses=Poses(pendant, controller.to_joints(pendant), wrench, own, own), loaded=loaded,
+        poses=Poses(pendant, controller.to_joints(pendant), wrench, own, own),
+        loaded=loaded,
         pose=tuple(f'p{i // each}, "x"' for i in range(total)),
-        load_id=tuple(("", "A", "B")[i % each] for i in range(total)), series=(name,) * total,
-        repeat=np.ones(total, dtype=np.intp), cycle=np.ones(total, dtype=np.intp),
-    )  # fmt: skip
+        load_id=tuple(("", "A", "B")[i % each] for i in range(total)),
+        series=(name,) * total,
+        repeat=np.ones(total, dtype=np.intp),
+        cycle=np.ones(total, dtype=np.intp),
+    )
     out = readings(experiment, states, np.arange(total), np.full(total, -1), name, gauges, rng, 1.0)
     place = experiment.model().positions(states.poses).reshape(-1, 3) @ np.linalg.qr(rng.normal(size=(3, 3)))[0] + 3.0
     return out.with_values(place)

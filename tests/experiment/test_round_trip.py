@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from qsframework.errors import InputError
 from qsframework.experiment import (
@@ -119,10 +118,15 @@ def test_many_readings_are_read_in_seconds(r2000ic: Experiment, tmp_path: Path) 
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (1.9100000000000001, "1.91"), (-59.99999999999999, "-60"), (-0.0, "0"), (1234.5678901234, "1234.56789"),
-        (1e-7 / 3, "3.333333333e-08"), (-4000.0, "-4000"), (123456789012.0, "1.23456789e+11"),
+        (1.9100000000000001, "1.91"),
+        (-59.99999999999999, "-60"),
+        (-0.0, "0"),
+        (1234.5678901234, "1234.56789"),
+        (1e-7 / 3, "3.333333333e-08"),
+        (-4000.0, "-4000"),
+        (123456789012.0, "1.23456789e+11"),
     ],
-)  # fmt: skip
+)
 def test_numbers_for_people(value: float, text: str) -> None:
     assert number(value) == text
 

@@ -21,8 +21,9 @@ from qsframework.experiment import (
 @pytest.fixture
 def ur10(tmp_path: Path) -> Experiment:
     file = tmp_path / "experiment.yaml"
-    file.write_text("robot: ur10\nload: {point_mm: [0, 0, 0]}\nmarkers:\n  tmac: {xyz_mm: [0, 0, 80]}\n"
-                    "noise: {sigma_mm: 0.05}\n")  # fmt: skip
+    file.write_text(
+        "robot: ur10\nload: {point_mm: [0, 0, 0]}\nmarkers:\n  tmac: {xyz_mm: [0, 0, 80]}\nnoise: {sigma_mm: 0.05}\n"
+    )
     return load_experiment(file)
 
 
@@ -94,9 +95,11 @@ WRONG: dict[str, tuple[Callable[[list[str]], list[str]], tuple[str, ...]]] = {
     "unknown marker": (cell(0, 10, "tmak"), ("line 3", "no such marker", "Did you mean 'tmac'?")),
     "outside the limits": (cell(2, 3, "500"), ("line 5", "joint_3 is outside its limits", "500 deg")),
     "twice": (lambda rows: [*rows, rows[1]], ("line 7", "pose '1', loaded, load 'A'", "first in line 4")),
-    "other angles": (lambda rows: [*rows, "2,0,1,0,0,0,0,0,0,0,tmac,unloaded,0,0,0,,1"],
-                     ("line 7", "stands here twice", "other angles")),
-}  # fmt: skip
+    "other angles": (
+        lambda rows: [*rows, "2,0,1,0,0,0,0,0,0,0,tmac,unloaded,0,0,0,,1"],
+        ("line 7", "stands here twice", "other angles"),
+    ),
+}
 
 
 @pytest.mark.parametrize("case", WRONG)

@@ -8,8 +8,7 @@ from typing import Annotated
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from qsframework import units
 from qsframework.errors import InputError, Problem, nearest
@@ -100,9 +99,16 @@ def test_expansion_bombs_and_depth_are_refused(tmp_path: Path) -> None:
 
 
 FACTORS = {
-    "deg": np.pi / 180.0, "arcmin": np.pi / 10800.0, "mm": 1e-3, "kN": 1e3, "Nm": 1.0, "urad/(N m)": 1e-6, "degC": 1.0,
-    "N/m": 1.0, "percent": 0.01,
-}  # fmt: skip
+    "deg": np.pi / 180.0,
+    "arcmin": np.pi / 10800.0,
+    "mm": 1e-3,
+    "kN": 1e3,
+    "Nm": 1.0,
+    "urad/(N m)": 1e-6,
+    "degC": 1.0,
+    "N/m": 1.0,
+    "percent": 0.01,
+}
 
 
 @given(st.sampled_from(sorted(FACTORS)), st.floats(-1e6, 1e6))
@@ -113,9 +119,18 @@ def test_units_are_what_they_say(unit: str, value: float) -> None:
 
 @pytest.mark.parametrize(
     ("unit", "si", "same"),
-    [("deg", "rad", True), ("percent", "rad", False), ("mm", "m", True), ("N", "m", False), ("Nm", "N m", True),
-     ("degC", "K", True), ("urad/(N m)", "rad/(N m)", True), ("1/(N m)", "rad/(N m)", False), ("percent", "", True)],
-)  # fmt: skip
+    [
+        ("deg", "rad", True),
+        ("percent", "rad", False),
+        ("mm", "m", True),
+        ("N", "m", False),
+        ("Nm", "N m", True),
+        ("degC", "K", True),
+        ("urad/(N m)", "rad/(N m)", True),
+        ("1/(N m)", "rad/(N m)", False),
+        ("percent", "", True),
+    ],
+)
 def test_angles_are_a_dimension(unit: str, si: str, same: bool) -> None:
     assert units.same_dimension(unit, si) is same
 

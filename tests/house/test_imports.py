@@ -34,11 +34,29 @@ RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 SIBLINGS = {("report", "viz")}
 """Pairs of one layer that may look at each other: a report embeds a scene."""
 OWNERS = {
-    "pinocchio": "robot", "coal": "robot", "cvxpy": "design/relaxed.py", "meshcat": "viz", "joblib": "work",
+    "pinocchio": "robot",
+    "coal": "robot",
+    "cvxpy": "design/relaxed.py",
+    "meshcat": "viz",
+    "joblib": "work",
     "distributed": "work",
-}  # fmt: skip
-HEAVY = {"pinocchio", "coal", "cvxpy", "meshcat", "plotly", "scipy", "pint", "xacro", "jinja2", "pandas", "matplotlib",
-         "joblib", "distributed", "dask"}  # fmt: skip
+}
+HEAVY = {
+    "pinocchio",
+    "coal",
+    "cvxpy",
+    "meshcat",
+    "plotly",
+    "scipy",
+    "pint",
+    "xacro",
+    "jinja2",
+    "pandas",
+    "matplotlib",
+    "joblib",
+    "distributed",
+    "dask",
+}
 
 
 def imported(parsed: ast.AST) -> Iterator[str]:

@@ -104,12 +104,17 @@ def test_options_are_named_in_cli_only() -> None:
 
 
 SAYING = {
-    "applications/closure.py: Check", "applications/conformance.py: Check", "design/candidates.py: Candidates",
-    "estimation/rank.py: RankTest", "identify/fit.py: Masked", "identify/io.py: MaskedSpec",
-    "identify/selection.py: LeftAside", "screening/convention_changes.py: Change",
+    "applications/closure.py: Check",
+    "applications/conformance.py: Check",
+    "design/candidates.py: Candidates",
+    "estimation/rank.py: RankTest",
+    "identify/fit.py: Masked",
+    "identify/io.py: MaskedSpec",
+    "identify/selection.py: LeftAside",
+    "screening/convention_changes.py: Change",
     "screening/conventions.py: Convention",
     "screening/rows.py: Finding",
-}  # fmt: skip
+}
 """Classes outside report/words that still hold or make sentences: of errors, or of files that keep them. No more."""
 
 

@@ -18,9 +18,15 @@ TYPINGS = ROOT / "typings"
 MOST_IGNORED = 6
 STUBS = sorted(TYPINGS.rglob("*.pyi"))
 MADE_LATER = {
-    "Motion", "SE3", "Inertia",  # properties of the bindings
-    "Problem.status", "Variable.value", "Figure.data", "Figure.layout", "CollisionRequest.security_margin",
-}  # fmt: skip
+    "Motion",
+    "SE3",
+    "Inertia",  # properties of the bindings
+    "Problem.status",
+    "Variable.value",
+    "Figure.data",
+    "Figure.layout",
+    "CollisionRequest.security_margin",
+}
 """What only an instance has."""
 
 

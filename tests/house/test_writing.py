@@ -10,8 +10,24 @@ import pytest
 from sources import MODULES, ROOT, complaints, tree
 
 WRITERS = ("qsframework/files/output.py", "qsframework/files/folders.py", "qsframework/work/checkpoint.py")
-METHODS = {"write_text", "write_bytes", "mkstemp", "mkdtemp", "NamedTemporaryFile", "touch", "rename", "savez",
-           "savetxt", "tofile", "to_csv", "copyfile", "copytree", "symlink_to", "unlink", "rmtree"}  # fmt: skip
+METHODS = {
+    "write_text",
+    "write_bytes",
+    "mkstemp",
+    "mkdtemp",
+    "NamedTemporaryFile",
+    "touch",
+    "rename",
+    "savez",
+    "savetxt",
+    "tofile",
+    "to_csv",
+    "copyfile",
+    "copytree",
+    "symlink_to",
+    "unlink",
+    "rmtree",
+}
 SYSTEM = ("open", "replace", "rename", "remove", "move", "copy", "copy2")
 
 

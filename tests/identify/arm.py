@@ -48,9 +48,15 @@ def settled(model: Model, poses: Poses, loaded: npt.NDArray[np.bool_], x: Array 
 
 
 def position_readings(
-    poses: Poses, loaded: npt.NDArray[np.bool_], value: Array, sigma: float | None, *,
-    pose: Sequence[str] | None = None, series: Sequence[str] | None = None, load_id: Sequence[str] | None = None,
-) -> Readings:  # fmt: skip
+    poses: Poses,
+    loaded: npt.NDArray[np.bool_],
+    value: Array,
+    sigma: float | None,
+    *,
+    pose: Sequence[str] | None = None,
+    series: Sequence[str] | None = None,
+    load_id: Sequence[str] | None = None,
+) -> Readings:
     """Absolute positions (N, K, 3) m of every marker in N states; sigma None: not stated. Lines start at 2."""
     count, markers = int(value.shape[0]), int(value.shape[1])
     series = ("",) * count if series is None else tuple(series)
@@ -58,17 +64,32 @@ def position_readings(
     ones, rows = np.ones(count, dtype=np.intp), count * markers
     own = Poses(poses.pendant, poses.q, np.where(loaded[:, None], poses.wrench, 0.0), Conditions(), Conditions())
     states = States(
-        poses=own, loaded=loaded, pose=tuple(pose) if pose else tuple(str(i) for i in range(count)),
-        load_id=tuple(load_id) if load_id else ("",) * count, series=series, repeat=ones, cycle=ones,
-    )  # fmt: skip
+        poses=own,
+        loaded=loaded,
+        pose=tuple(pose) if pose else tuple(str(i) for i in range(count)),
+        load_id=tuple(load_id) if load_id else ("",) * count,
+        series=series,
+        repeat=ones,
+        cycle=ones,
+    )
     plus = np.repeat(np.arange(count), markers)
     return Readings(
-        states=states, plus=plus, minus=np.full(rows, -1), marker=np.tile(np.arange(markers), count),
-        frame=np.array([frames.index(series[s]) for s in plus.tolist()]), frames=frames, known=(None,) * len(frames),
-        value=frozen(value.reshape(-1, 3)), sigma=frozen(np.full((rows, 3), UNSTATED if sigma is None else sigma)),
-        minus_sigma=frozen(np.full((rows, 3), np.nan)), stated=sigma is not None, use=np.ones(rows, dtype=bool),
-        line=np.arange(2, 2 + rows), file=np.zeros(rows, dtype=np.intp), to=np.full(rows, -1),
-    )  # fmt: skip
+        states=states,
+        plus=plus,
+        minus=np.full(rows, -1),
+        marker=np.tile(np.arange(markers), count),
+        frame=np.array([frames.index(series[s]) for s in plus.tolist()]),
+        frames=frames,
+        known=(None,) * len(frames),
+        value=frozen(value.reshape(-1, 3)),
+        sigma=frozen(np.full((rows, 3), UNSTATED if sigma is None else sigma)),
+        minus_sigma=frozen(np.full((rows, 3), np.nan)),
+        stated=sigma is not None,
+        use=np.ones(rows, dtype=bool),
+        line=np.arange(2, 2 + rows),
+        file=np.zeros(rows, dtype=np.intp),
+        to=np.full(rows, -1),
+    )
 
 
 def with_sigma(readings: Readings, sigma: float | Array | None) -> Readings:

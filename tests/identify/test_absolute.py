@@ -104,8 +104,14 @@ def test_without_noise_the_arm_is_found_to_the_last_micrometre(arm: Experiment) 
 def test_the_stated_uncertainty_is_the_scatter(arm: Experiment) -> None:
     """Coverage of 95 % intervals of the parameters whose truth is theirs alone; springs, and other poses."""
     rng = np.random.default_rng(11)
-    fit_names = [*SPRINGS, "joint_offset[joint_2]", "joint_offset[joint_3]", "joint_placement[joint_2].x",
-                 "joint_placement[joint_3].x", "tool_offset[a]"]  # fmt: skip
+    fit_names = [
+        *SPRINGS,
+        "joint_offset[joint_2]",
+        "joint_offset[joint_3]",
+        "joint_placement[joint_2].x",
+        "joint_placement[joint_3].x",
+        "tool_offset[a]",
+    ]
     x = arm.model().nominal
     index = arm.model().index(names_of(arm, fit_names))
     x[index] += [
@@ -120,9 +126,7 @@ def test_the_stated_uncertainty_is_the_scatter(arm: Experiment) -> None:
         off += [(e.value - x[arm.model().index([e.name])[0]]) / e.sd for e in fit.estimates[12:]]
         for i, frame in enumerate(fit.frames):
             true = TRUE_FRAMES[frame.series]
-            error = np.concatenate(
-                [frame.origin - true.origin, rotation_vector(frame.rotation @ true.rotation.T)]
-            )  # fmt: skip
+            error = np.concatenate([frame.origin - true.origin, rotation_vector(frame.rotation @ true.rotation.T)])
             frames += [float(v) for v in error / [e.sd for e in fit.estimates[6 * i : 6 * i + 6]]]
         assert 0.7 < fit.chi2 / fit.dof < 1.3
     for z in (np.array(off), np.array(frames)):
@@ -205,11 +209,16 @@ def test_derivatives_against_differences(arm: Experiment) -> None:
         assert J[:, i] == pytest.approx(slope, abs=2e-6 * max(np.abs(slope).max(), 1e-3)), p.name
 
 
-@pytest.mark.parametrize(("series", "fit", "goal"), [
-    ("d", GEOMETRY, 0.41), ("d", GEOMETRY + SPRINGS, 0.355),
-    ("d", [*GEOMETRY, "gravity_sag", "encoder_eccentricity"], 0.34),
-    ("b", GEOMETRY, 0.46), ("b", [*GEOMETRY, "gravity_sag"], 0.42),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("series", "fit", "goal"),
+    [
+        ("d", GEOMETRY, 0.41),
+        ("d", GEOMETRY + SPRINGS, 0.355),
+        ("d", [*GEOMETRY, "gravity_sag", "encoder_eccentricity"], 0.34),
+        ("b", GEOMETRY, 0.46),
+        ("b", [*GEOMETRY, "gravity_sag"], 0.42),
+    ],
+)
 def test_real_readings_at_poses_that_were_not_fitted(series: str, fit: list[str], goal: float) -> None:
     """Held-out RMS of the distance, mm: median of three random halves."""
     experiment = load_experiment(UR10 / "experiment.yaml")
@@ -245,12 +254,15 @@ def changed(states: Readings, case: str) -> Readings:
     return states.with_poses(Poses(q, q, np.zeros((len(q), 6))))
 
 
-@pytest.mark.parametrize(("case", "words"), [
-    ("all masked", "every reading is masked (use = 0)"),
-    ("few", "7 readings give 21 numbers: too few for"),
-    ("a lonely series", "cannot be found: 2 poses of series 'evening'"),
-    ("all poses equal", "cannot be found: 120 poses of series 'morning' lie at one point"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("case", "words"),
+    [
+        ("all masked", "every reading is masked (use = 0)"),
+        ("few", "7 readings give 21 numbers: too few for"),
+        ("a lonely series", "cannot be found: 2 poses of series 'evening'"),
+        ("all poses equal", "cannot be found: 120 poses of series 'morning' lie at one point"),
+    ],
+)
 def test_bad_input(case: str, words: str, tmp_path: Path) -> None:
     file = tmp_path / "experiment.yaml"
     file.write_text(re.sub(r"\n  [bc]: .*", "", EXPERIMENT))

@@ -19,8 +19,12 @@ from tests.identify.arm import with_sigma
 
 
 def test_tied_parameters_have_all_or_none_a_nominal_value(r2000ic: Experiment, real: Readings) -> None:
-    robot = replace(r2000ic.robot, parameters=tuple(
-        replace(p, nominal=0.0) if p.name.endswith("joint_2]") else p for p in r2000ic.robot.parameters))  # fmt: skip
+    robot = replace(
+        r2000ic.robot,
+        parameters=tuple(
+            replace(p, nominal=0.0) if p.name.endswith("joint_2]") else p for p in r2000ic.robot.parameters
+        ),
+    )
     pair = ("joint_compliance[joint_2]", "joint_compliance[joint_3]")
     with pytest.raises(InputError, match=r"joint_2\], joint_compliance\[joint_3\] cannot be tied: tied parameters"):
         identify(r2000ic.with_(robot=robot), real, options=FitOptions(tied=(pair,)))

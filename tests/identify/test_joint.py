@@ -170,9 +170,11 @@ def test_the_command_takes_several_files_in_one_fit(
     write_readings(tmp_path / "p.csv", positions(arm, x, 8, 1), arm)
     (tmp_path / "experiment.yaml").write_text(APART)
     files = FitFiles(
-        experiment=tmp_path / "experiment.yaml", data=(tmp_path / "p.csv", tmp_path / "d.csv"),
-        json=tmp_path / "fit.json", report=tmp_path / "r.html",
-    )  # fmt: skip
+        experiment=tmp_path / "experiment.yaml",
+        data=(tmp_path / "p.csv", tmp_path / "d.csv"),
+        json=tmp_path / "fit.json",
+        report=tmp_path / "r.html",
+    )
     run_identify(files, NAMES, FitOptions(), False)
     said = capsys.readouterr().out
     assert "displacements, RMS per axis" in said

@@ -92,8 +92,11 @@ def gauges_of(arm: Experiment, poses: Poses, folder: Path) -> Readings:
 @pytest.fixture(scope="module")
 def kinds(arm: Experiment, poses: Poses, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Readings]:
     folder = tmp_path_factory.mktemp("gauges")
-    out = {"displacement": displaced_of(arm, poses), "position": positions_of(arm, poses),
-           "gauge": gauges_of(arm, poses, folder)}  # fmt: skip
+    out = {
+        "displacement": displaced_of(arm, poses),
+        "position": positions_of(arm, poses),
+        "gauge": gauges_of(arm, poses, folder),
+    }
     return out | {"mixed": joined(list(out.values()))}
 
 
@@ -206,9 +209,13 @@ def test_the_equilibrium_is_found_again_from_every_kind(arm: Experiment, kinds: 
         value = np.array(readings.value)
         value[make_rows(readings).keep] = exact_of(arm, readings)
         start = arm.with_(parameters=arm.parameters)
-        robot = replace(start.robot, parameters=tuple(
-            replace(p, nominal=1.2 * p.nominal) if p.name.startswith("joint_compliance") else p
-            for p in start.robot.parameters))  # fmt: skip
+        robot = replace(
+            start.robot,
+            parameters=tuple(
+                replace(p, nominal=1.2 * p.nominal) if p.name.startswith("joint_compliance") else p
+                for p in start.robot.parameters
+            ),
+        )
         fit = identify(start.with_(robot=robot), readings.with_values(value), options=FitOptions(keep_all=True))
         assert np.allclose(fit.x, arm.model().nominal, rtol=2e-4), kind
 

@@ -130,8 +130,10 @@ def test_what_a_fit_says_of_it(arm: Experiment) -> None:
     assert all(t >= e.sd for t, e in zip(fit.sd_total, fit.estimates, strict=True))
     content = fit.as_json()
     assert content["covariance_total"] is not None
-    assert content["estimates"]["joint_compliance[joint_2]"]["sd_total"] == fit.sd_total[fit.names.index(
-        "joint_compliance[joint_2]")]  # fmt: skip
+    assert (
+        content["estimates"]["joint_compliance[joint_2]"]["sd_total"]
+        == fit.sd_total[fit.names.index("joint_compliance[joint_2]")]
+    )
     assert "with the load's stated uncertainty, of initial: " in fit_table(fit).caption
     exact = arm.with_(load_uncertainty=LoadUncertainty(0.0, 0.0))
     states = positions(arm, 0.0, np.zeros(3), np.random.default_rng([9, 0]))

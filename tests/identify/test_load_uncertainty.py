@@ -132,8 +132,10 @@ def test_the_file_states_it(tmp_path: Path) -> None:
     file.write_text(TEXT)
     assert load_experiment(file).load_uncertainty == LoadUncertainty(0.0, 0.0)
     for wrong, words in (
-        ("{scale: 0.5}", "scale_percent"), ("{scale_percent: -1}", "line 5"), ("{direction_mm: 3}", "direction_deg"),
-    ):  # fmt: skip
+        ("{scale: 0.5}", "scale_percent"),
+        ("{scale_percent: -1}", "line 5"),
+        ("{direction_mm: 3}", "direction_deg"),
+    ):
         file.write_text(TEXT + f"load_uncertainty: {wrong}\n")
         with pytest.raises(InputError, match=words):
             load_experiment(file)

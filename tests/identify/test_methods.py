@@ -20,9 +20,11 @@ from tests.identify.arm import shared_unloaded, spoilt, with_sigma
 
 ONE, TWO = (FitOptions(method=m, linear=True, keep_all=True) for m in ("one-step", "two-step"))
 EXACT = FitOptions(keep_all=True)
-K2, KC, S0 = "joint_compliance[joint_2]", "compensator_stiffness[joint_2].stiffness", (
-    "compensator_stiffness[joint_2].free_length"
-)  # fmt: skip
+K2, KC, S0 = (
+    "joint_compliance[joint_2]",
+    "compensator_stiffness[joint_2].stiffness",
+    ("compensator_stiffness[joint_2].free_length"),
+)
 TRUTH = {KC: 2.0e7, S0: 0.70}
 """A balancer that stiffens joint 2 by some 40 %: one that readings can tell."""
 

@@ -136,10 +136,14 @@ def test_a_marker_that_is_nowhere_defined(m900ib: Experiment, lines: list[list[s
 def test_a_fit_that_did_not_converge_is_no_result() -> None:
     """A model whose derivative has the wrong sign: no step lowers the error."""
     false = Observations(
-        measured=np.ones(3), predict=lambda x: np.full(3, 5.0) + x[0], jacobian=lambda x: np.full((3, 1), -1.0),
-        parameters=(Parameter("a", "1", typical=1.0),), noise=Independent(np.ones(3)), block=np.arange(3),
+        measured=np.ones(3),
+        predict=lambda x: np.full(3, 5.0) + x[0],
+        jacobian=lambda x: np.full((3, 1), -1.0),
+        parameters=(Parameter("a", "1", typical=1.0),),
+        noise=Independent(np.ones(3)),
+        block=np.arange(3),
         row=np.arange(3),
-    )  # fmt: skip
+    )
     with pytest.raises(
         NotConverged, match=r"stuck after \d+ steps.*start nearer|did not settle in \d+ steps.*fix this parameter"
     ):

@@ -45,9 +45,13 @@ def measured(experiment: Experiment, x: Array, poses: int, frame: Frame, seed: i
     seen = frame.apply(settled(experiment.model(), all_, loaded, x))
     seen = seen + SIGMA * rng.standard_normal(seen.shape)
     return position_readings(
-        all_, loaded, seen, SIGMA, pose=[f"p{i // 3}" for i in range(3 * poses)],
+        all_,
+        loaded,
+        seen,
+        SIGMA,
+        pose=[f"p{i // 3}" for i in range(3 * poses)],
         load_id=("", "weight", "side") * poses,
-    )  # fmt: skip
+    )
 
 
 def dense(readings: Readings) -> Array:
@@ -114,8 +118,10 @@ def test_the_experiments_sigma_is_that_of_one_position_however_states_are_read(t
     dofs: dict[str, int] = {}
     for seed in range(count):
         states = measured(arm, arm.model().nominal, 8, BASE, 100 + seed)
-        fits = {"positions": identify(arm, states, names, KEEP),
-                "differences": identify(arm, differences(states, arm), names, KEEP)}  # fmt: skip
+        fits = {
+            "positions": identify(arm, states, names, KEEP),
+            "differences": identify(arm, differences(states, arm), names, KEEP),
+        }
         for kind, fit in fits.items():
             assert fit.sigma_source == "stated"
             squares[kind].append(fit.chi2)

@@ -28,9 +28,17 @@ def test_the_promise_is_what_fits_keep() -> None:
     told = promises(experiment, plan)
     assert [p.name for p in told] == springs
     assert not any(p.help for p in told)
-    found = [[e.value for e in identify(experiment, simulate(experiment, plan, seed=s, linear=True).readings,
-                                          options=FitOptions(linear=True, keep_all=True)).estimates]
-             for s in range(60)]  # fmt: skip
+    found = [
+        [
+            e.value
+            for e in identify(
+                experiment,
+                simulate(experiment, plan, seed=s, linear=True).readings,
+                options=FitOptions(linear=True, keep_all=True),
+            ).estimates
+        ]
+        for s in range(60)
+    ]
     ratio = np.std(found, axis=0) / [p.sd for p in told]
     assert np.abs(ratio - 1.0).max() < 4.0 / np.sqrt(2 * 60)
 

@@ -242,6 +242,10 @@ def test_spec_entries_say_what_is_wrong(entry: dict[str, object], words: str) ->
 
 def test_plural_places_make_one_instance_each() -> None:
     assert len(build_effects({"effect": "joint_compliance", "joints": "all"}, ROBOT)) == 6
-    names = [e.name for e in build_effects({"effect": "offaxis_compliance", "joints": ["joint_2", "joint_3"],
-                                            "axes": ["x", "z"]}, ROBOT)]  # fmt: skip
+    names = [
+        e.name
+        for e in build_effects(
+            {"effect": "offaxis_compliance", "joints": ["joint_2", "joint_3"], "axes": ["x", "z"]}, ROBOT
+        )
+    ]
     assert names == [f"offaxis_compliance[joint_{k}/{a}]" for k in (2, 3) for a in "xz"]

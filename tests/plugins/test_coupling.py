@@ -172,9 +172,18 @@ def test_loops_that_build_on_each_other_bend_as_differences_say() -> None:
         robot,
         {"effect": "coupling", "joint": "joint_5", "follows": {"joint_4": 0.5, "joint_1": 0.1}},
         {"effect": "coupling", "joint": "joint_4", "follows": {"joint_2": -1, "joint_3": 0.7}, "offset_deg": 3},
-        {"effect": "four_bar", "driver": "joint_2", "driven": "joint_3", "lever_m": 0.5, "bar_m": 1.2, "rocker_m": 0.6,
-         "lever_zero_deg": -100, "rocker_zero_deg": -90, "branch": -1},
-    )  # fmt: skip
+        {
+            "effect": "four_bar",
+            "driver": "joint_2",
+            "driven": "joint_3",
+            "lever_m": 0.5,
+            "bar_m": 1.2,
+            "rocker_m": 0.6,
+            "lever_zero_deg": -100,
+            "rocker_zero_deg": -90,
+            "branch": -1,
+        },
+    )
     assert [e.where for e in in_order(loops, robot.facts)] == ["joint_3", "joint_4", "joint_5"]
     springs = effects_of(robot, {"effect": "joint_compliance", "joints": "all"})
     model = model_of(robot, (*springs, *loops))
@@ -202,8 +211,11 @@ def test_loops_that_build_on_each_other_bend_as_differences_say() -> None:
 
 
 def test_sensitivities_are_the_slope_of_the_prediction(palletizer: Robot) -> None:
-    extra = effects_of(palletizer, {"effect": "joint_offset", "joints": ["joint_2", "joint_3", "joint_4"]},
-                       {"effect": "bar_compliance", "driven": "joint_3"})  # fmt: skip
+    extra = effects_of(
+        palletizer,
+        {"effect": "joint_offset", "joints": ["joint_2", "joint_3", "joint_4"]},
+        {"effect": "bar_compliance", "driven": "joint_3"},
+    )
     model, poses = model_of(palletizer, (*palletizer.effects, *extra)), some_poses(palletizer, 6, 3)
     x = model.nominal + 1e-4 * np.array([n.startswith(("joint_offset", "parallelogram")) for n in model.names])
     x[model.index(["bar_compliance[joint_3]"])] = 1e-8

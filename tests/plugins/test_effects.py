@@ -1,4 +1,3 @@
-# ruff: noqa: E501
 """What each effect does, against arithmetic that does not use it."""
 
 from __future__ import annotations
@@ -24,17 +23,27 @@ def robot() -> Robot:
     return load_robot("fanuc_m900ib")
 
 
-def arm(robot: Robot, entries: Sequence[Mapping[str, object]], values: dict[str, float], point: np.ndarray = POINT,
-        marker: np.ndarray = MARKER, base: bool = True) -> Model:  # fmt: skip
+def arm(
+    robot: Robot,
+    entries: Sequence[Mapping[str, object]],
+    values: dict[str, float],
+    point: np.ndarray = POINT,
+    marker: np.ndarray = MARKER,
+    base: bool = True,
+) -> Model:
     """The M-900iB's own effects (or none) with others whose parameters have the values given."""
     extra: list[Effect] = [e for entry in entries for e in build_effects(entry, robot.facts, ("m",))]
     parameters = [p for e in extra for p in e.parameters(robot.facts)]
     parameters = [dataclasses.replace(p, nominal=values.get(p.name, p.nominal)) for p in parameters]
     own = robot.effects if base else ()
     return make_model(
-        robot.facts, [*own, *extra], [*robot.parameters, *parameters], Site(6, point), [("m", Site(6, marker))],
+        robot.facts,
+        [*own, *extra],
+        [*robot.parameters, *parameters],
+        Site(6, point),
+        [("m", Site(6, marker))],
         robot.gravity,
-    )  # fmt: skip
+    )
 
 
 def poses(robot: Robot, **conditions: np.ndarray) -> Poses:
@@ -197,8 +206,14 @@ def test_the_knee_changes_the_compliance(robot: Robot) -> None:
 
 def test_masses_do_not_change_a_linear_displacement(robot: Robot) -> None:
     p = poses(robot)
-    heavy = arm(robot, [{"effect": "link_mass", "link": "link_3"}, {"effect": "counterweight", "link": "link_2", "x_m": 0.0,
-                         "y_m": 0.0, "z_m": -0.5}], {"link_mass[link_3].mass": 100.0, "counterweight[link_2]": 300.0})  # fmt: skip
+    heavy = arm(
+        robot,
+        [
+            {"effect": "link_mass", "link": "link_3"},
+            {"effect": "counterweight", "link": "link_2", "x_m": 0.0, "y_m": 0.0, "z_m": -0.5},
+        ],
+        {"link_mass[link_3].mass": 100.0, "counterweight[link_2]": 300.0},
+    )
     plain = arm(robot, [], {})
     assert np.array_equal(heavy.predict(p), plain.predict(p))
     sag, less = (equilibrium(m, p, loaded=False).tip for m in (heavy, plain))
@@ -240,8 +255,14 @@ def test_eccentricity_and_heat(robot: Robot) -> None:
 
 
 def test_friction_holds_against_the_approach(robot: Robot) -> None:
-    entry = {"effect": "compensator_friction", "joint": "joint_2", "lc_m": 0.235, "l2_m": 1.12,
-             "spring_stiffness_N/m": 1e5, "free_length_m": 0.7}  # fmt: skip
+    entry = {
+        "effect": "compensator_friction",
+        "joint": "joint_2",
+        "lc_m": 0.235,
+        "l2_m": 1.12,
+        "spring_stiffness_N/m": 1e5,
+        "free_length_m": 0.7,
+    }
     model = arm(robot, [entry], {"compensator_friction[joint_2]": 0.1})
     with pytest.raises(InputError, match="needs the column approach"):
         model.predict(poses(robot))

@@ -36,8 +36,13 @@ def facts(robot: Robot, request: pytest.FixtureRequest) -> RobotFacts:
     return dataclasses.replace(robot.facts, placements=placements)
 
 
-def serial(robot: Robot, entries: Sequence[Mapping[str, object]], values: Mapping[str, float],
-           point: np.ndarray = POINT, facts: RobotFacts | None = None) -> Model:  # fmt: skip
+def serial(
+    robot: Robot,
+    entries: Sequence[Mapping[str, object]],
+    values: Mapping[str, float],
+    point: np.ndarray = POINT,
+    facts: RobotFacts | None = None,
+) -> Model:
     """The arm as a plain chain with the effects given, and nothing of its own but its masses."""
     facts = facts or robot.facts
     effects = [e for entry in entries for e in build_effects(entry, facts, ("m",))]
@@ -97,8 +102,13 @@ def test_a_mass_on_the_last_link_hangs_like_a_load(robot: Robot, facts: RobotFac
         values = {"counterweight[link_6]": mass}
     else:
         entry = {"effect": effect, "link": "link_6"}
-        values = dict(zip([f"link_mass[link_6].{m}" for m in ("mass", "mx", "my", "mz")],
-                          mass * np.array([1.0, x, y, z]), strict=True))  # fmt: skip
+        values = dict(
+            zip(
+                [f"link_mass[link_6].{m}" for m in ("mass", "mx", "my", "mz")],
+                mass * np.array([1.0, x, y, z]),
+                strict=True,
+            )
+        )
     stiff = {"joint_compliance[joint_2]": C2}
     weight = np.tile([0.0, 0.0, mass * robot.gravity[2], 0.0, 0.0, 0.0], (8, 1))
     hung = equilibrium(serial(robot, [JOINT_2, entry], stiff | values, facts=facts), poses(robot), loaded=False).tip
@@ -132,8 +142,11 @@ def test_friction_is_a_share_of_the_balancer(robot: Robot) -> None:
     mu, stiffness = 0.07, 2e5
     levers = {"joint": "joint_2", "lc_m": 0.235, "l2_m": 1.12, "zero_deg": 25}
     friction = {
-        "effect": "compensator_friction", **levers, "spring_stiffness_N/m": stiffness, "free_length_m": 0.7,
-    }  # fmt: skip
+        "effect": "compensator_friction",
+        **levers,
+        "spring_stiffness_N/m": stiffness,
+        "free_length_m": 0.7,
+    }
     # the spring is longer than 0.7 m everywhere: its moment has the sign of sin b
     side = np.sign(np.sin(poses(robot).q[:, 1] + np.deg2rad(25)))
     assert set(side) == {-1.0, 1.0}
@@ -184,10 +197,19 @@ def test_a_warm_arm_is_a_longer_arm(robot: Robot, facts: RobotFacts) -> None:
     [
         ({"effect": "joint_backlash", "joint": "joint_2", "width_Nm": 0}, "width must be above 0"),
         ({"effect": "joint_hardening", "joint": "joint_2", "knee_Nm": -5}, "knee must not be negative"),
-        ({"effect": "compensator_friction", "joint": "joint_2", "lc_m": 0, "l2_m": 1, "spring_stiffness_N/m": 1e5,
-          "free_length_m": 0.7}, "lc and l2 must be above 0"),
+        (
+            {
+                "effect": "compensator_friction",
+                "joint": "joint_2",
+                "lc_m": 0,
+                "l2_m": 1,
+                "spring_stiffness_N/m": 1e5,
+                "free_length_m": 0.7,
+            },
+            "lc and l2 must be above 0",
+        ),
     ],
-)  # fmt: skip
+)
 def test_impossible_settings_are_refused(robot: Robot, entry: dict[str, object], words: str) -> None:
     with pytest.raises(InputError, match=words):
         build_effects(entry, robot.facts)

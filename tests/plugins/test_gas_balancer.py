@@ -15,9 +15,18 @@ from qsframework.plugin.check import sample_context, sample_robot
 
 ROBOT = sample_robot()
 ENTRY: dict[str, Any] = {
-    "effect": "gas_balancer", "joint": "joint_2", "lc_mm": 235, "l2_m": 1.12, "length_mm": 885, "pressure_bar": 90,
-    "volume_l": 12, "piston_area_cm^2": 60, "rod_area_cm^2": 12, "exponent": 1.2, "zero_deg": 10,
-}  # fmt: skip
+    "effect": "gas_balancer",
+    "joint": "joint_2",
+    "lc_mm": 235,
+    "l2_m": 1.12,
+    "length_mm": 885,
+    "pressure_bar": 90,
+    "volume_l": 12,
+    "piston_area_cm^2": 60,
+    "rod_area_cm^2": 12,
+    "exponent": 1.2,
+    "zero_deg": 10,
+}
 SIDES = {"rod side": 48e-4, "piston side": -60e-4, "both sides": -12e-4}
 B = np.linspace(-2.2, 2.2, 9)
 

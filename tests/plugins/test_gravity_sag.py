@@ -128,8 +128,13 @@ def test_a_third_entry_per_link_tells_nothing_more() -> None:
     for link in range(2, 7):
         for i in range(3):
             one = replace(facts, masses=frozen(np.zeros(7)), centres=frozen(np.zeros((7, 3))))
-            m = model(one, [*build_effects({"effect": "joint_compliance", "joint": "joint_2"}, one),
-                            *build_effects({"effect": "link_mass", "link": facts.links[link]}, one)])  # fmt: skip
+            m = model(
+                one,
+                [
+                    *build_effects({"effect": "joint_compliance", "joint": "joint_2"}, one),
+                    *build_effects({"effect": "link_mass", "link": facts.links[link]}, one),
+                ],
+            )
             x = np.zeros(len(m.parameters))
             x[m.index(["joint_compliance[joint_2]", f"link_mass[{facts.links[link]}].m{'xyz'[i]}"])] = 1e-5, 1.0
             full.append((m.positions(p, x) - m.positions(p, 0 * x)).ravel())
@@ -142,8 +147,9 @@ def test_only_joints_that_gravity_turns_are_places() -> None:
     facts = sample_robot()
     effect = build_effects({"effect": "gravity_sag", "joints": ["joint_2"], "last": "link_3"}, facts)[0]
     assert [e.name for e in type(effect).places(facts)] == [f"gravity_sag[joint_{k}]" for k in range(2, 7)]
-    assert [p.name for p in effect.parameters(facts)] == [f"gravity_sag[joint_2].link_{k}_{a}" for k in (2, 3)
-                                                          for a in "xz"]  # fmt: skip
+    assert [p.name for p in effect.parameters(facts)] == [
+        f"gravity_sag[joint_2].link_{k}_{a}" for k in (2, 3) for a in "xz"
+    ]
     wall = replace(facts, gravity=frozen([9.81, 0.0, 0.0]))
     assert len(type(effect).places(wall)) == 6
     assert not type(effect).places(replace(facts, gravity=frozen(np.zeros(3))))

@@ -165,8 +165,16 @@ def test_a_loop_that_cannot_close_says_where() -> None:
     ],
 )
 def test_spec_entries_of_a_four_bar(change: dict[str, object], words: str) -> None:
-    entry = {"effect": "four_bar", "driver": "joint_2", "driven": "joint_3", "lever_mm": 750, "bar_m": 1.2,
-             "rocker_m": 0.6, "lever_zero_deg": 80, "branch": 1}  # fmt: skip
+    entry = {
+        "effect": "four_bar",
+        "driver": "joint_2",
+        "driven": "joint_3",
+        "lever_mm": 750,
+        "bar_m": 1.2,
+        "rocker_m": 0.6,
+        "lever_zero_deg": 80,
+        "branch": 1,
+    }
     assert build_effects(entry, ROBOT)[0].name == "four_bar[joint_3]"
     with pytest.raises(InputError) as caught:
         build_effects(entry | change, ROBOT)
@@ -302,8 +310,9 @@ def test_an_elastic_bar_counts_as_one_over_sine_squared() -> None:
     q[:, 2] = np.deg2rad(90.0 - ANGLES)
     wrench = np.zeros((len(q), 6))
     wrench[:, 4] = 1e3  # a moment about the joint's axis: the torque is the same at every pose
-    model = make_model(arm(), [loop, BarCompliance("joint_3")], [], TIP, [("elbow", Site(3, np.array([0, 0, 1.0])))],
-                       np.zeros(3))  # fmt: skip
+    model = make_model(
+        arm(), [loop, BarCompliance("joint_3")], [], TIP, [("elbow", Site(3, np.array([0, 0, 1.0])))], np.zeros(3)
+    )
     size = np.linalg.norm(model.predict(Poses(q, q, wrench), np.array([0.0, SOFT]))[:, 0], axis=1)
     assert np.allclose(size * np.sin(np.deg2rad(ANGLES)) ** 2, size[0], rtol=1e-9)
     assert np.isclose(size[0], SOFT * 1e3 / 0.75**2)
@@ -446,8 +455,10 @@ def test_an_elastic_bar_of_a_chain_is_that_of_the_parallelogram() -> None:
     assert np.allclose(*found, rtol=1e-9, atol=1e-15)
 
 
-LINKS = [{"name": "lever", "axis": [0, -2, 0], "to_mm": [750, 0, 0]}, {"name": "bar", "axis": [0, 1, 0],
-                                                                        "to_m": [0.75, 0, 1.1]}]  # fmt: skip
+LINKS = [
+    {"name": "lever", "axis": [0, -2, 0], "to_mm": [750, 0, 0]},
+    {"name": "bar", "axis": [0, 1, 0], "to_m": [0.75, 0, 1.1]},
+]
 
 
 @pytest.mark.parametrize(

@@ -66,10 +66,11 @@ def mjcf(q: np.ndarray, point: np.ndarray, bar_stiffness: float | None) -> str:
     forearm = body(2, o[1], wrist, passive=True)
     link2 = body(1, o[0], f'<site name="rod" pos="{text(o[2] - o[1])}"/>' + forearm)
     slide = (
-        "" if bar_stiffness is None else
-        f'<joint name="stretch" type="slide" axis="{text(along)}" stiffness="{bar_stiffness}" '
+        ""
+        if bar_stiffness is None
+        else f'<joint name="stretch" type="slide" axis="{text(along)}" stiffness="{bar_stiffness}" '
         f'damping="{0.02 * bar_stiffness}" armature="100"/>'
-    )  # fmt: skip
+    )
     bar = (
         f'<body name="bar" pos="{text(lever_end - o[1])}">'
         f'<joint name="bar" type="hinge" axis="{text(a[1])}" damping="2e3" armature="50"/>{slide}'

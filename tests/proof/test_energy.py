@@ -10,8 +10,7 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 from scipy.optimize import root
 
 from qsframework.elastostatics import Site, full_displacement, make_model
@@ -95,17 +94,34 @@ def random_arm(
     ends = sorted(rng.choice(joints + 1, 2, replace=False))
     pull = (int(ends[0]), int(ends[1]), rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3), 10 ** rng.uniform(3, 5), 0.4)
     arm = Arm(
-        placements, axes, rng.uniform(10, 300, joints + 1), rng.uniform(-0.4, 0.4, (joints + 1, 3)),
-        10 ** rng.uniform(-8, -6.3, joints), tuple({(j, a): (j, a, c) for j, a, c in springs}.values()),
-        10 ** rng.uniform(-9, -7.5) if base else None, loop, sign, pull if spring else None,
-        (int(rng.integers(0, joints)), 10 ** rng.uniform(-17, -16)) if hardening else None, None,
-        rng.uniform(-3, 3, joints), rng.normal(size=3) * 2e3, rng.uniform(-0.5, 0.5, 3),
-    )  # fmt: skip
+        placements,
+        axes,
+        rng.uniform(10, 300, joints + 1),
+        rng.uniform(-0.4, 0.4, (joints + 1, 3)),
+        10 ** rng.uniform(-8, -6.3, joints),
+        tuple({(j, a): (j, a, c) for j, a, c in springs}.values()),
+        10 ** rng.uniform(-9, -7.5) if base else None,
+        loop,
+        sign,
+        pull if spring else None,
+        (int(rng.integers(0, joints)), 10 ** rng.uniform(-17, -16)) if hardening else None,
+        None,
+        rng.uniform(-3, 3, joints),
+        rng.normal(size=3) * 2e3,
+        rng.uniform(-0.5, 0.5, 3),
+    )
     lc, l2, area = rng.uniform(0.1, 0.4), rng.uniform(0.5, 1.2), rng.uniform(2e-3, 8e-3) * rng.choice([-1.0, 1.0])
     balancer = Gas(
-        int(rng.integers(0, joints)), lc, l2, rng.uniform(-1, 1), area, 10 ** rng.uniform(6, 7),
-        2.5 * abs(area) * lc * rng.uniform(1.0, 4.0), l2, rng.uniform(1.05, 1.4),
-    )  # fmt: skip
+        int(rng.integers(0, joints)),
+        lc,
+        l2,
+        rng.uniform(-1, 1),
+        area,
+        10 ** rng.uniform(6, 7),
+        2.5 * abs(area) * lc * rng.uniform(1.0, 4.0),
+        l2,
+        rng.uniform(1.05, 1.4),
+    )
     return dataclasses.replace(arm, gas=balancer) if gas else arm
 
 
@@ -218,9 +234,17 @@ def modelled(arm: Arm) -> np.ndarray:
         values |= {f"{name}.stiffness": stiffness, f"{name}.free_length": free}
     if arm.gas is not None:
         g = arm.gas
-        given_gas = {"lc_m": g.lc, "l2_m": g.l2, "zero_rad": g.zero, "pressure_Pa": g.pressure, "volume_m^3": g.volume,
-                    "length_m": g.length, "exponent": g.exponent, "piston_area_m^2": abs(g.area),
-                    "gas": "rod side" if g.area > 0.0 else "piston side"}  # fmt: skip
+        given_gas = {
+            "lc_m": g.lc,
+            "l2_m": g.l2,
+            "zero_rad": g.zero,
+            "pressure_Pa": g.pressure,
+            "volume_m^3": g.volume,
+            "length_m": g.length,
+            "exponent": g.exponent,
+            "piston_area_m^2": abs(g.area),
+            "gas": "rod side" if g.area > 0.0 else "piston side",
+        }
         entries.append({"effect": "gas_balancer", "joint": f"joint_{g.joint + 1}", **given_gas})
     if arm.hardening is not None:
         entries.append({"effect": "joint_hardening", "joint": f"joint_{arm.hardening[0] + 1}"})

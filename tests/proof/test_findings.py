@@ -75,10 +75,16 @@ def read(data: Made, folder: Path, points: Array | None = None, q: Array | None 
     seen = seen + 1e-3 * SIGMA * rng.standard_normal(seen.shape)
     names = [m.name for m in data.experiment.markers]
     rows = [
-        [f"p{i:03d}", *(f"{v:.9f}" for v in np.rad2deg(q[i])), name, "unloaded",
-         *(f"{1e3 * v:.6f}" for v in seen[i, k])]
-        for i in range(len(q)) for k, name in enumerate(names)
-    ]  # fmt: skip
+        [
+            f"p{i:03d}",
+            *(f"{v:.9f}" for v in np.rad2deg(q[i])),
+            name,
+            "unloaded",
+            *(f"{1e3 * v:.6f}" for v in seen[i, k]),
+        ]
+        for i in range(len(q))
+        for k, name in enumerate(names)
+    ]
     header = ["pose", *(f"q{k + 1}_deg" for k in range(6)), "marker", "state", "x_mm", "y_mm", "z_mm"]
     path = folder / "positions.csv"
     write_table(path, header, rows, ["robot: ur10"])

@@ -120,35 +120,81 @@ class Hidden(NamedTuple):
 
 
 HIDDEN = [
-    Hidden("m900ib", "joint_backlash, joint: joint_5", {"joint_backlash[joint_5]": "2.9e-4 rad"}, 4,
-           "joint_backlash[joint_5]", 19.7),
-    Hidden("m900ib", "joint_hardening, joint: joint_3", {"joint_hardening[joint_3]": "-1.0e-16 rad/(N m)^3"}, 5,
-           "joint_hardening[joint_3]", 12.4),
-    Hidden("m900ib", "base_compliance, direction: ry", {"base_compliance[ry]": "4.0e-9 rad/(N m)"}, 7,
-           "base_compliance[ry]", 16.1),
-    Hidden("m900ib", "tracker_frame",
-           {"tracker_frame.rx": "0.0175 rad", "tracker_frame.ry": "0.0087 rad", "tracker_frame.rz": "-0.021 rad"}, 11,
-           "tracker_frame", 13.5),
-    Hidden("m900ib", "bar_compliance, driven: joint_3", {"bar_compliance[joint_3]": "1.0e-9 m/N"}, 12,
-           "bar_compliance[joint_3]", 11.6),
-    Hidden("r2000ic", "offaxis_compliance, joint: joint_3, axis: x",
-           {"offaxis_compliance[joint_3/x]": "8.0e-8 rad/(N m)"}, 6,
-           "offaxis_compliance[joint_3/x]", 11.0),
-    Hidden("r2000ic", "joint_backlash, joint: joint_2", {"joint_backlash[joint_2]": "1.7e-4 rad"}, 15,
-           "joint_backlash[joint_2]", 16.1),
-    Hidden("kr500", "tool_compliance, direction: z", {"tool_compliance[z]": "2.0e-8 m/N"}, 8,
-           "tool_compliance[z]", 11.0),
-    Hidden("kr500", "load_direction", {"load_direction.rx": "0.026 rad", "load_direction.ry": "-0.021 rad"}, 10,
-           "load_direction", 23.3),
-    Hidden("kr500", "payload_centre", {"payload_centre.x": "0.06 m"}, 14,
-           "payload_centre", 10.1),
-]  # fmt: skip
+    Hidden(
+        "m900ib",
+        "joint_backlash, joint: joint_5",
+        {"joint_backlash[joint_5]": "2.9e-4 rad"},
+        4,
+        "joint_backlash[joint_5]",
+        19.7,
+    ),
+    Hidden(
+        "m900ib",
+        "joint_hardening, joint: joint_3",
+        {"joint_hardening[joint_3]": "-1.0e-16 rad/(N m)^3"},
+        5,
+        "joint_hardening[joint_3]",
+        12.4,
+    ),
+    Hidden(
+        "m900ib",
+        "base_compliance, direction: ry",
+        {"base_compliance[ry]": "4.0e-9 rad/(N m)"},
+        7,
+        "base_compliance[ry]",
+        16.1,
+    ),
+    Hidden(
+        "m900ib",
+        "tracker_frame",
+        {"tracker_frame.rx": "0.0175 rad", "tracker_frame.ry": "0.0087 rad", "tracker_frame.rz": "-0.021 rad"},
+        11,
+        "tracker_frame",
+        13.5,
+    ),
+    Hidden(
+        "m900ib",
+        "bar_compliance, driven: joint_3",
+        {"bar_compliance[joint_3]": "1.0e-9 m/N"},
+        12,
+        "bar_compliance[joint_3]",
+        11.6,
+    ),
+    Hidden(
+        "r2000ic",
+        "offaxis_compliance, joint: joint_3, axis: x",
+        {"offaxis_compliance[joint_3/x]": "8.0e-8 rad/(N m)"},
+        6,
+        "offaxis_compliance[joint_3/x]",
+        11.0,
+    ),
+    Hidden(
+        "r2000ic",
+        "joint_backlash, joint: joint_2",
+        {"joint_backlash[joint_2]": "1.7e-4 rad"},
+        15,
+        "joint_backlash[joint_2]",
+        16.1,
+    ),
+    Hidden(
+        "kr500", "tool_compliance, direction: z", {"tool_compliance[z]": "2.0e-8 m/N"}, 8, "tool_compliance[z]", 11.0
+    ),
+    Hidden(
+        "kr500",
+        "load_direction",
+        {"load_direction.rx": "0.026 rad", "load_direction.ry": "-0.021 rad"},
+        10,
+        "load_direction",
+        23.3,
+    ),
+    Hidden("kr500", "payload_centre", {"payload_centre.x": "0.06 m"}, 14, "payload_centre", 10.1),
+]
 #    What no simulation has the columns for, made from simulated readings: a drift by arithmetic, a balancer's friction
 #    from two balancers, one for each side of approach.
-DRIFT = Hidden("r2000ic", "", {"tracker_drift.vx": "1.0e-7 m/s", "tracker_drift.vz": "-5.0e-8 m/s"}, 31,
-               "tracker_drift", 11.2)  # fmt: skip
-FRICTION = Hidden("kr270", "", {"compensator_friction[joint_2]": "0.5"}, 32,
-                  "compensator_friction[joint_2]", 9.8)  # fmt: skip
+DRIFT = Hidden(
+    "r2000ic", "", {"tracker_drift.vx": "1.0e-7 m/s", "tracker_drift.vz": "-5.0e-8 m/s"}, 31, "tracker_drift", 11.2
+)
+FRICTION = Hidden("kr270", "", {"compensator_friction[joint_2]": "0.5"}, 32, "compensator_friction[joint_2]", 9.8)
 #    Nothing hidden; and a load cell's gain, which nothing can show: the compliances take it up. Campaign, effect, seed.
 CLEAN = [("m900ib", "", 1), ("r2000ic", "", 2), ("kr500", "load_scale", 9)]
 #    examples/hidden_effect, made by benchmarks/hidden.py: what its README says was hidden, s and c3, rad/(N m)^3; then

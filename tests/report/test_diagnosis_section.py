@@ -60,8 +60,17 @@ def test_the_report_is_whole_and_offline(page: Path) -> None:
     assert all(a.startswith("#") and a[1:] in tags.ids for a in tags.anchors)
     assert tags.tags.count("iframe") == 1
     assert len(re.findall("plotly-graph-div", text)) >= 6
-    for words in ("joint_hardening[joint_3]", "held-out gain", "delta EBIC", "nearest rival", "SHA-256", "adjusted p",
-                  "urad/(kN m)^3", "Not tested", "Invisible in these readings"):  # fmt: skip
+    for words in (
+        "joint_hardening[joint_3]",
+        "held-out gain",
+        "delta EBIC",
+        "nearest rival",
+        "SHA-256",
+        "adjusted p",
+        "urad/(kN m)^3",
+        "Not tested",
+        "Invisible in these readings",
+    ):
         assert words in text, words
     inner = Page()
     inner.feed(tags.frames[0])
@@ -185,11 +194,13 @@ def test_names_of_users_are_escaped(tmp_path: Path) -> None:
     states = diagnosis.readings.states
     states = replace(states, pose=tuple(EVIL for _ in states.pose))
     evil = replace(
-        diagnosis, leftovers=(Leftover(EVIL, EVIL, 1e-9),), method=replace(diagnosis.method, untold=(EVIL,)),
+        diagnosis,
+        leftovers=(Leftover(EVIL, EVIL, 1e-9),),
+        method=replace(diagnosis.method, untold=(EVIL,)),
         experiment=replace(diagnosis.experiment, markers=markers),
         readings=replace(diagnosis.readings, states=states),
         findings=tuple(replace(f, check=EVIL, physics=EVIL) for f in diagnosis.findings),
-    )  # fmt: skip
+    )
     plain = write_report(tmp_path / "a.html", "Diagnosis", diagnosis_sections(diagnosis, []))
     page = write_report(tmp_path / "b.html", "Diagnosis", diagnosis_sections(evil, []))
     assert parse(page).tags.count("script") == parse(plain).tags.count("script")

@@ -24,9 +24,22 @@ from qsframework.viz import Scene
 
 EXPERIMENT = example("m900ib") / "experiment.yaml"
 COMMANDS = (
-    "demo", "robots", "check", "check_states", "stiffness", "design", "simulate", "identify", "identify_positions",
-    "validate", "diagnose", "foresee", "compensate", "compare", "protocol",
-)  # fmt: skip
+    "demo",
+    "robots",
+    "check",
+    "check_states",
+    "stiffness",
+    "design",
+    "simulate",
+    "identify",
+    "identify_positions",
+    "validate",
+    "diagnose",
+    "foresee",
+    "compensate",
+    "compare",
+    "protocol",
+)
 SEEDED = {"demo", "design", "simulate", "diagnose", "foresee", "compare", "protocol", "validate"}
 PLAIN = {"protocol", "validate"}
 """Reports without a pose to be seen in 3D."""
@@ -77,12 +90,28 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> Reports:
     out.run("foresee", "diagnose", EXPERIMENT, "--plan", plan, reads=[*campaign, plan])
     targets = folder / "targets.csv"
     targets.write_text("target,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N\na,0,20,-10,0,40,0,0,0,-4000\n")
-    out.run("compensate", "compensate", EXPERIMENT, fit, targets, "-o", folder / "corrected.csv",
-            reads=[*campaign, fit, targets])  # fmt: skip
+    out.run(
+        "compensate",
+        "compensate",
+        EXPERIMENT,
+        fit,
+        targets,
+        "-o",
+        folder / "corrected.csv",
+        reads=[*campaign, fit, targets],
+    )
     task = EXPERIMENT.parents[1] / "compare" / "task.yaml"
     out.run("compare", "compare", "fanuc_m900ib", "abb_irb2400", "--task", task, reads=[*robot, task])
-    out.run("protocol", "protocol", EXPERIMENT, plan, "--readings", folder / "sheet.csv", reads=[*campaign, plan],
-            option="-o")  # fmt: skip
+    out.run(
+        "protocol",
+        "protocol",
+        EXPERIMENT,
+        plan,
+        "--readings",
+        folder / "sheet.csv",
+        reads=[*campaign, plan],
+        option="-o",
+    )
     return out
 
 

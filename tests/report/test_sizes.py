@@ -44,8 +44,12 @@ def test_estimate_and_sd_share_one_unit() -> None:
 
 
 SHOWN = {  # unit shown -> the same in pint's words
-    "um/h": "um/hour", "mm/kN": "mm/kN", "%": "percent", "um/(m K)": "um/(m*K)", "urad/(kN m)^3": "urad/(kN*m)**3",
-}  # fmt: skip
+    "um/h": "um/hour",
+    "mm/kN": "mm/kN",
+    "%": "percent",
+    "um/(m K)": "um/(m*K)",
+    "urad/(kN m)^3": "urad/(kN*m)**3",
+}
 
 
 @pytest.mark.parametrize("unit", ["rad", "m", "rad/(N m)", "rad/(N m)^3", "m/N", "N/m", "m/s", "1/K", "", "kg", "kg m"])

@@ -197,9 +197,13 @@ def test_every_robot_is_held_at_five_poses(monkeypatch: pytest.MonkeyPatch, name
     robot = load_robot(name)
     assert batches == [(POSES, robot.facts.n)]
     assert calls == {
-        "computeJointJacobians": POSES, "getFrameJacobian": POSES, "computeGeneralizedGravity": POSES,
-        "joint_frames": 1, "twists": 1, "element_gravity": 1,
-    }  # fmt: skip
+        "computeJointJacobians": POSES,
+        "getFrameJacobian": POSES,
+        "computeGeneralizedGravity": POSES,
+        "joint_frames": 1,
+        "twists": 1,
+        "element_gravity": 1,
+    }
 
 
 @pytest.mark.parametrize("name", robot_names())

@@ -59,9 +59,10 @@ def test_arguments_folders_and_packages_of_a_xacro(tmp_path: Path) -> None:
         folder.mkdir()
     (other / "b.xacro").write_text(XACRO.format('<link name="from_b"/>'))
     (robot / "a.urdf.xacro").write_text(
-        XACRO.format('<xacro:arg name="n" default="x"/><xacro:include filename="$(find other)/b.xacro"/>'
-                     '<link name="$(arg n)"/>')
-    )  # fmt: skip
+        XACRO.format(
+            '<xacro:arg name="n" default="x"/><xacro:include filename="$(find other)/b.xacro"/><link name="$(arg n)"/>'
+        )
+    )
     with pytest.raises(InputError, match="no folder of this name"):
         read_tree(robot / "a.urdf.xacro", robot)
     given = Sources(packages={"other": other}, arguments={"n": "mine"})
@@ -90,10 +91,13 @@ def test_a_copy_needs_the_meshes_and_licences_of_its_folder(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        (3, "must name a Python file"), ("effect.txt", "must name a Python file"), ("a" * 300 + ".py", "must name"),
-        ("../effect.py", "is outside the folder"), ("effect.py", "does not exist in"),
+        (3, "must name a Python file"),
+        ("effect.txt", "must name a Python file"),
+        ("a" * 300 + ".py", "must name"),
+        ("../effect.py", "is outside the folder"),
+        ("effect.py", "does not exist in"),
     ],
-)  # fmt: skip
+)
 def test_a_file_of_effects_lies_in_the_folder(tmp_path: Path, name: object, words: str) -> None:
     (tmp_path.parent / "effect.py").write_text("raise SystemExit('must not run')")
     with pytest.raises(InputError, match=words):

@@ -38,9 +38,14 @@ def urdf(where: Path, *joints: str) -> Path:
     return file
 
 
-ARM = (joint("a", "base", "l1", a="0 0 1"), joint("b", "l1", "l2", "0.2 0 0"), joint("c", "l2", "l3", "0 0 1"),
-       joint("d", "l3", "l4", "0 0 0.2", "1 0 0"), joint("e", "l4", "l5", "1 0 0"),
-       joint("f", "l5", "l6", "0.2 0 0", "1 0 0", "continuous", ""))  # fmt: skip
+ARM = (
+    joint("a", "base", "l1", a="0 0 1"),
+    joint("b", "l1", "l2", "0.2 0 0"),
+    joint("c", "l2", "l3", "0 0 1"),
+    joint("d", "l3", "l4", "0 0 0.2", "1 0 0"),
+    joint("e", "l4", "l5", "1 0 0"),
+    joint("f", "l5", "l6", "0.2 0 0", "1 0 0", "continuous", ""),
+)
 
 
 def written(where: Path, file: Path, flange: str | None = None) -> Path:
@@ -61,8 +66,9 @@ def test_the_page_runs(root: Path, tmp_path: Path) -> None:
     commands = [line for block in re.findall(r"^```sh\n(.*?)^```", page, re.M | re.S) for line in block.splitlines()]
     assert any(c.startswith("qsf design") for c in commands)
     for command in commands:
-        done = subprocess.run(command, shell=True, cwd=tmp_path, env={**os.environ, "PATH": path},
-                              capture_output=True, text=True)  # fmt: skip
+        done = subprocess.run(
+            command, shell=True, cwd=tmp_path, env={**os.environ, "PATH": path}, capture_output=True, text=True
+        )
         assert done.returncode == 0, f"{command}: {done.stderr}"
     assert (tmp_path / "plan.csv").is_file()
     one, two = load_robot("kuka_kr500_r2800_2"), load_robot(tmp_path / "my_arm")
@@ -93,9 +99,12 @@ def test_bars_that_follow_by_mimic_are_left_out_and_told(tmp_path: Path) -> None
     assert "rod" not in proposal.files["arm.urdf"]
 
 
-HOLLOW = (*ARM[:4], joint("e", "l4", "l5", "0.07 0 0", "0.8 0 0.6"),
-          joint("e2", "l5", "l5b", "0.1 0 0.07", "0.8 0 -0.6", more=LIMIT + '<mimic joint="e" multiplier="-1"/>'),
-          joint("f", "l5b", "l6", "0.07 0 0", "1 0 0", "continuous", ""))  # fmt: skip
+HOLLOW = (
+    *ARM[:4],
+    joint("e", "l4", "l5", "0.07 0 0", "0.8 0 0.6"),
+    joint("e2", "l5", "l5b", "0.1 0 0.07", "0.8 0 -0.6", more=LIMIT + '<mimic joint="e" multiplier="-1"/>'),
+    joint("f", "l5b", "l6", "0.07 0 0", "1 0 0", "continuous", ""),
+)
 
 
 def test_a_mimic_in_the_arm_becomes_a_coupling(tmp_path: Path) -> None:

@@ -37,17 +37,28 @@ def joint(parent: str, child: str, axis: str, xyz: str = "0 0 0.4", kind: str = 
 
 
 ARM = (
-    link("foot", 20) + link("turret", 30) + link("upper", 18) + link("fore", 9) + link("roll", 4) + link("bend", 2)
+    link("foot", 20)
+    + link("turret", 30)
+    + link("upper", 18)
+    + link("fore", 9)
+    + link("roll", 4)
+    + link("bend", 2)
     + link("hand", 1)
-    + joint("foot", "turret", "0 0 1") + joint("turret", "upper", "0 1 0", "0.2 0 0.2")
-    + joint("upper", "fore", "0 1 0", "0 0 0.8") + joint("fore", "roll", "1 0 0", "0.3 0 0.1")
-    + joint("roll", "bend", "0 1 0", "0.5 0 0") + joint("bend", "hand", "1 0 0", "0.1 0 0")
-)  # fmt: skip
+    + joint("foot", "turret", "0 0 1")
+    + joint("turret", "upper", "0 1 0", "0.2 0 0.2")
+    + joint("upper", "fore", "0 1 0", "0 0 0.8")
+    + joint("fore", "roll", "1 0 0", "0.3 0 0.1")
+    + joint("roll", "bend", "0 1 0", "0.5 0 0")
+    + joint("bend", "hand", "1 0 0", "0.1 0 0")
+)
 FINGERS = (
-    link("palm", 0.8) + link("left", 0.1) + link("right", 0.1) + joint("hand", "palm", "", "0.05 0 0", "fixed")
+    link("palm", 0.8)
+    + link("left", 0.1)
+    + link("right", 0.1)
+    + joint("hand", "palm", "", "0.05 0 0", "fixed")
     + joint("palm", "left", "0 1 0", "0.1 0.03 0", "prismatic")
     + joint("palm", "right", "0 -1 0", "0.1 -0.03 0", "prismatic", LIMIT + '<mimic joint="to_left"/>')
-)  # fmt: skip
+)
 
 
 def file_of(folder: Path, text: str, name: str = "robot.urdf", more: str = "") -> Path:
@@ -105,11 +116,15 @@ def test_a_hand_of_turning_fingers_asks_where_the_arm_ends(tmp_path: Path) -> No
 
 def test_an_arm_on_a_lift_of_a_mobile_base(tmp_path: Path) -> None:
     cart = (
-        link("cart", 80) + link("wheel_left", 3) + link("wheel_right", 3) + link("lift", 12)
+        link("cart", 80)
+        + link("wheel_left", 3)
+        + link("wheel_right", 3)
+        + link("lift", 12)
         + joint("cart", "wheel_left", "0 1 0", kind="continuous", more="")
         + joint("cart", "wheel_right", "0 1 0", kind="continuous", more="")
-        + joint("cart", "lift", "0 0 1", kind="prismatic") + joint("lift", "foot", "", kind="fixed")
-    )  # fmt: skip
+        + joint("cart", "lift", "0 0 1", kind="prismatic")
+        + joint("lift", "foot", "", kind="fixed")
+    )
     file = file_of(tmp_path, cart + ARM)
     with pytest.raises(InputError, match=r"3 chains.*allowed: hand \(6 joints\), wheel_left \(1 joint\), wheel_right"):
         propose("arm", file)

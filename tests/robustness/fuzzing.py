@@ -248,7 +248,10 @@ EVERY_KEY = {
     "load": {"point_mm": [150, 0, 200]},
     "markers": {"m1": {"xyz_mm": [1, 2, 3], "normal": [0, 0, 1]}, "m2": {"xyz_mm": [3, 2, 1], "link": "tip"}},
     "noise": {
-        "position_sigma_mm": 0.05, "displacement_sigma_mm": 0.03, "gauge_sigma_mm": 0.01, "repeatability_mm": 0.01,
+        "position_sigma_mm": 0.05,
+        "displacement_sigma_mm": 0.03,
+        "gauge_sigma_mm": 0.01,
+        "repeatability_mm": 0.01,
     },
     "load_uncertainty": {"scale_percent": 1, "direction_deg": 0.5},
     "loads": [
@@ -256,9 +259,18 @@ EVERY_KEY = {
         {"name": "pull", "fy_N": 50, "mx_Nm": 1, "poses_min": 1},
     ],
     "constraints": {
-        "x_min_m": -9, "x_max_m": 9, "z_min_m": -5, "axis1_distance_min_m": 0.1, "of": "load_point",
-        "joint_limits_deg": {"shoulder": [-80, 80]}, "joint_values_deg": {"elbow": [0, 10, 20]},
-        "collision": True, "clearance_mm": 5, "tool_radius_mm": 10, "floor_m": -5.0, "singularity_margin": 0.01,
+        "x_min_m": -9,
+        "x_max_m": 9,
+        "z_min_m": -5,
+        "axis1_distance_min_m": 0.1,
+        "of": "load_point",
+        "joint_limits_deg": {"shoulder": [-80, 80]},
+        "joint_values_deg": {"elbow": [0, 10, 20]},
+        "collision": True,
+        "clearance_mm": 5,
+        "tool_radius_mm": 10,
+        "floor_m": -5.0,
+        "singularity_margin": 0.01,
         "sight": {"station_m": [5, 0, 1], "markers": ["m1"], "incidence_max_deg": 45, "clearance_mm": 5},
     },
     "effects": [
@@ -268,7 +280,7 @@ EVERY_KEY = {
     ],
     "nominal": "nominal.yaml",
     "fit": ["joint_compliance", "load_scale"],
-}  # fmt: skip
+}
 
 
 def _experiments(folder: Path) -> list[Good]:
@@ -305,31 +317,52 @@ def _tables(folder: Path) -> dict[str, list[Good]]:
     full += "drive_state,use,reference\n" + "".join(
         f"p{i},{i},90,-30,-45,30,35,0,0,-{4000 + i},0,0,0,m{k},0.{i}{k},0.1,-0.{k},"
         f"1,1,0.03,{i},{i},20.5,20,1,on,1,r{i}\n"
-        for i in range(1, 6) for k in (1, 2, 3)
-    )  # fmt: skip
+        for i in range(1, 6)
+        for k in (1, 2, 3)
+    )
     gauges = "pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N,marker,dx_mm,dy_mm,dz_mm,gauge_mm,ux,uy,uz,"
     gauges += "to_marker,sigma_mm,series\n" + "".join(
-        f"p{i},{i},90,-30,-45,30,35,0,0,-4000,m1,{cells}\n" for i in range(1, 4)
+        f"p{i},{i},90,-30,-45,30,35,0,0,-4000,m1,{cells}\n"
+        for i in range(1, 4)
         for cells in ("0.1,,-0.2,,,,,,0.03,t", ",,,0.5,0,1,2,,0.01,", ",,,0.5,,,,m2,0.01,")
-    )  # fmt: skip
+    )
     pairs = "pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N,marker,state,x_mm,y_mm,z_mm,load_id,series,"
     pairs += "repeat,cycle,time_s,gauge_mm,ux,uy,uz,sigma_mm\n" + "".join(
-        f"p{i},{i},90,-30,-45,30,35,{force},m1,{state},{xyz},a,,1,1,{i},{gauge},0.02\n" for i in range(1, 4)
+        f"p{i},{i},90,-30,-45,30,35,{force},m1,{state},{xyz},a,,1,1,{i},{gauge},0.02\n"
+        for i in range(1, 4)
         for state, force in (("unloaded", ",,"), ("loaded", "0,0,-4000"))
         for xyz, gauge in ((f"1900,{i},1200", ",,,"), (",,", "1.5,0,0,1"))
-    )  # fmt: skip
+    )
     plan, readings = example("m900ib") / "table5.csv", example("r2000ic") / "readings.csv"
     states = example("ur10") / "series_d.csv"
     targets = "target,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg,fx_N,fy_N,fz_N\na,1900,0,1200,180,0,0,0,0,-1000\n"
     joints = "target,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N\na,0,90,0,0,-30,0,0,0,-1000\n"
     proof = own / "proof.csv"
     proof.write_text(plan.read_text())
-    certificate = {"criterion": "D", "value": 1.0, "relaxed_value": 1.0, "relaxed_efficiency": 0.99, "efficiency": 0.98,
-                   "candidates": 10, "poses": 3, "parameters": ["a"], "solver": "s", "notes": []}  # fmt: skip
-    (own / "proof.json").write_text(json.dumps({
-        "criterion": "D", "certificate": certificate, "seed": 1, "robot": "fanuc_m900ib", "experiment_sha256": "0",
-        "plan_sha256": sha256(proof),
-    }))  # fmt: skip
+    certificate = {
+        "criterion": "D",
+        "value": 1.0,
+        "relaxed_value": 1.0,
+        "relaxed_efficiency": 0.99,
+        "efficiency": 0.98,
+        "candidates": 10,
+        "poses": 3,
+        "parameters": ["a"],
+        "solver": "s",
+        "notes": [],
+    }
+    (own / "proof.json").write_text(
+        json.dumps(
+            {
+                "criterion": "D",
+                "certificate": certificate,
+                "seed": 1,
+                "robot": "fanuc_m900ib",
+                "experiment_sha256": "0",
+                "plan_sha256": sha256(proof),
+            }
+        )
+    )
     return {
         "plan.csv": [
             table("plan.csv", plan.read_text(), lambda p: read_plan(p, m900ib)),

@@ -79,9 +79,12 @@ def ended(child: int, limit: float = WAIT) -> int:
 
 
 def run(
-    work: Callable[[], int], said: Path, number: int | None = None, delay: float = 0.0,
+    work: Callable[[], int],
+    said: Path,
+    number: int | None = None,
+    delay: float = 0.0,
     ready: Callable[[], bool] = lambda: True,
-) -> int:  # fmt: skip
+) -> int:
     """Run, and send a signal so long after all is ready."""
     child = in_child(work, said)
     if number is not None:
@@ -148,11 +151,16 @@ def command_job(job: dict[str, Any], place: Path, chance: random.Random) -> dict
         share = chance.uniform(0.0, 1.0) if k % 4 < 2 else chance.uniform(0.85, 1.0)
         code = run(work, said, number, share * seconds)
         left = files_in(out)
-        trials.append({
-            "signal": int(number), "code": code, "share": share, "said": said.read_text()[-2000:],
-            "half": half(left, old, new, folders),
-            "stale": [n for n in left if n not in new],
-        })  # fmt: skip
+        trials.append(
+            {
+                "signal": int(number),
+                "code": code,
+                "share": share,
+                "said": said.read_text()[-2000:],
+                "half": half(left, old, new, folders),
+                "stale": [n for n in left if n not in new],
+            }
+        )
     if job.get("again"):
         result |= {"again": run(work, said), "same": all_whole(files_in(out), new)}
     return result | {"trials": trials, "cpu": sum(os.times()[2:4]) - before}
@@ -205,8 +213,15 @@ def resumed_job(job: dict[str, Any], place: Path, chance: random.Random) -> dict
             kept.unlink()
     clear(out)
     again = run(make(kept), said)
-    return result | {"kills": kills, "half": bad, "sizes": sizes, "again": again, "same": files_in(out) == new,
-                     "cpu": sum(os.times()[2:4]) - before, "last": said.read_text()[-2000:]}  # fmt: skip
+    return result | {
+        "kills": kills,
+        "half": bad,
+        "sizes": sizes,
+        "again": again,
+        "same": files_in(out) == new,
+        "cpu": sum(os.times()[2:4]) - before,
+        "last": said.read_text()[-2000:],
+    }
 
 
 def lines(path: Path) -> int:
@@ -227,8 +242,7 @@ def monte_carlo(kept: Path | None) -> Callable[[], int]:
 
         from qsframework.cli.stop import Stopped, listening
         from qsframework.files import write_bytes
-        from qsframework.work import Checkpoint
-        from qsframework.work import run as run_tasks
+        from qsframework.work import Checkpoint, run as run_tasks
 
         try:
             with listening():

@@ -23,9 +23,14 @@ SIGMA = 3e-5
 
 def few(count: int) -> Callable[[Any], Any]:
     """The same few examples in every run, as slow as they are."""
-    return settings(max_examples=count, derandomize=True, deadline=None, database=None,
-                    phases=(Phase.explicit, Phase.generate),
-                    suppress_health_check=tuple(HealthCheck))  # fmt: skip
+    return settings(
+        max_examples=count,
+        derandomize=True,
+        deadline=None,
+        database=None,
+        phases=(Phase.explicit, Phase.generate),
+        suppress_health_check=tuple(HealthCheck),
+    )
 
 
 @cache
@@ -81,8 +86,14 @@ def hidden(entry: dict[str, Any], value: float, count: int = 24, seed: int = 0) 
 def scaled(parameter: Parameter, factor: float) -> Parameter:
     """A parameter in a unit `factor` times as small."""
     sd = None if parameter.sd is None else parameter.sd * factor
-    return replace(parameter, nominal=parameter.nominal * factor, typical=parameter.typical * factor, sd=sd,
-                   lower=parameter.lower * factor, upper=parameter.upper * factor)  # fmt: skip
+    return replace(
+        parameter,
+        nominal=parameter.nominal * factor,
+        typical=parameter.typical * factor,
+        sd=sd,
+        lower=parameter.lower * factor,
+        upper=parameter.upper * factor,
+    )
 
 
 _FORCES = {
@@ -111,8 +122,13 @@ def in_force_unit(experiment: Experiment, k: float) -> Experiment:
     robot = experiment.robot
     gravity = frozen(robot.gravity * k)
     parameters = tuple(scaled(p, k ** force_power(p)) for p in robot.parameters)
-    robot = replace(robot, gravity=gravity, facts=replace(robot.facts, gravity=gravity), parameters=parameters,
-                    payload=None if robot.payload is None else robot.payload * k)  # fmt: skip
+    robot = replace(
+        robot,
+        gravity=gravity,
+        facts=replace(robot.facts, gravity=gravity),
+        parameters=parameters,
+        payload=None if robot.payload is None else robot.payload * k,
+    )
     loads = tuple(LoadCase(c.name, frozen(c.wrench * k), c.poses, c.poses_min, c.cost) for c in experiment.loads)
     return experiment.with_(
         robot=robot, loads=loads, parameters=tuple(scaled(p, k ** force_power(p)) for p in experiment.parameters)

@@ -274,8 +274,16 @@ def test_answers_are_counted(load) -> None:
     results = [clean.Result("a", k, "done", 0.5, v, said[v]) for k, v in enumerate(verdicts)]
     results.append(clean.Result("a", 49, "refused", 0.0, words="too few"))
     assert clean.row("a", results, 0.06) == [
-        "a", "49", "3: 6.1 %", "1.3 - 16.9 %", "at most 6 %: within the interval", "1", "0", "0.50", "1 refused"
-    ]  # fmt: skip
+        "a",
+        "49",
+        "3: 6.1 %",
+        "1.3 - 16.9 %",
+        "at most 6 %: within the interval",
+        "1",
+        "0",
+        "0.50",
+        "1 refused",
+    ]
     text = clean.report(results)
     assert "No answer: too few (1)." in text
     assert "Named: c (2), d (1)." in text

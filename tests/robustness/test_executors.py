@@ -159,8 +159,22 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
     address = f"tcp://127.0.0.1:{free_port()}"
     port = address.rsplit(":", 1)[1]
     processes = [started(tmp_path, "scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard", "--no-show")]
-    worker = ("worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-nanny", "--no-dashboard",
-              "--memory-limit", "0", "--death-timeout", "90", "--local-directory", str(tmp_path))  # fmt: skip
+    worker = (
+        "worker",
+        address,
+        "--host",
+        "127.0.0.1",
+        "--nthreads",
+        "1",
+        "--no-nanny",
+        "--no-dashboard",
+        "--memory-limit",
+        "0",
+        "--death-timeout",
+        "90",
+        "--local-directory",
+        str(tmp_path),
+    )
     try:
         processes += [started(tmp_path, *worker, "--name", f"w{k}") for k in range(2)]
         yield Cluster(address, processes[1:])

@@ -44,7 +44,7 @@ def job(request: pytest.FixtureRequest, m900ib: Experiment, plan: Plan, tmp_path
         "design": lambda work: bits_of(design(m900ib, 9, candidates=400, wish=quick, work=work)),
         "forecast": lambda work: repr(foresight_json(foresee(m900ib, plan, work=work))).encode(),
         "comparison": lambda work: repr(compare(robots, task, work=work).as_json()).encode(),
-    }  # fmt: skip
+    }
     return jobs[request.param]
 
 

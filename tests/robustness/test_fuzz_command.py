@@ -22,7 +22,7 @@ COMMANDS = {
     "plan.csv": lambda path: ["simulate", str(example("m900ib") / "experiment.yaml"), str(path), "-o", "out.csv"],
     "fit.json": lambda path: ["show", str(example("r2000ic") / "experiment.yaml"), "--fit", str(path), "--html", "s"],
     "task.yaml": lambda path: ["compare", "fanuc_m900ib", "no_such_robot", "--task", str(path)],
-}  # fmt: skip
+}
 """For each format a command that reads it."""
 COUNT = 12
 
@@ -30,9 +30,12 @@ COUNT = 12
 @pytest.mark.filterwarnings("default")  # a warning is no traceback; the library's own are counted in test_fuzz_files.py
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_ends_with_0_or_2(
-    corpus: dict[str, list[fuzzing.Good]], name: str, tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    corpus: dict[str, list[fuzzing.Good]],
+    name: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
     monkeypatch.chdir(tmp_path)
     goods = [g for g in corpus[name] if g.label not in ("every", "poses.csv", "full.csv")]
     for seed in range(COUNT):
@@ -44,9 +47,12 @@ def test_a_command_ends_with_0_or_2(
 
 
 def run(
-    good: fuzzing.Good, content: bytes, words: list[str], monkeypatch: pytest.MonkeyPatch,
+    good: fuzzing.Good,
+    content: bytes,
+    words: list[str],
+    monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
-) -> tuple[int, str]:  # fmt: skip
+) -> tuple[int, str]:
     """Exit code and stderr of `qsf` on a spoiled file."""
     good.path.write_bytes(content)
     monkeypatch.setattr("sys.argv", ["qsf", *words])

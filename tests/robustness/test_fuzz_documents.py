@@ -8,14 +8,19 @@ import fuzzing
 import mutate
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 FEW = settings(max_examples=60, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck))
 leaf = (
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=12) | st.sampled_from(mutate.TEXTS)
-    | st.sampled_from(mutate.NUMBERS) | st.dates().map(str)
-)  # fmt: skip
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=12)
+    | st.sampled_from(mutate.TEXTS)
+    | st.sampled_from(mutate.NUMBERS)
+    | st.dates().map(str)
+)
 value = st.recursive(
     leaf, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=3)
 )

@@ -12,10 +12,20 @@ import pytest
 
 REGRESSIONS = Path(__file__).parent / "regressions"
 COUNTS = {
-    "robot.yaml": 90, "nominal.yaml": 70, "URDF": 120, "xacro": 40, "experiment.yaml": 150, "plan.csv": 200,
-    "plan.json": 150, "readings.csv": 200, "states.csv": 60, "targets.csv": 80, "fit.json": 150, "task.yaml": 120,
+    "robot.yaml": 90,
+    "nominal.yaml": 70,
+    "URDF": 120,
+    "xacro": 40,
+    "experiment.yaml": 150,
+    "plan.csv": 200,
+    "plan.json": 150,
+    "readings.csv": 200,
+    "states.csv": 60,
+    "targets.csv": 80,
+    "fit.json": 150,
+    "task.yaml": 120,
     "controller programmes": 200,
-}  # fmt: skip
+}
 """How many inputs of each format a test run tries."""
 
 

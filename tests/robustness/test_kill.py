@@ -36,37 +36,83 @@ TARGETS = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N\n10,10,-10,2
 PLAN, FIT, READINGS = "../job0/out/plan.csv", "../job2/out/fit.json", "../job1/out/readings.csv"
 SMALL = ["-n", "8", "--candidates", "60", "--no-polish"]
 COMMANDS: list[dict[str, Any]] = [
-    {"arguments": ["design", EXPERIMENT, *SMALL, "-o", "out/plan.csv", "--json", "out/d.json"], "kills": 6,
-     "again": True},
-    {"arguments": ["simulate", EXPERIMENT, PLAN, "-o", "out/readings.csv", "--json", "out/t.json"],
-     "kills": 6, "again": True},
-    {"arguments": ["identify", EXPERIMENT, "--data", READINGS, "--json", "out/fit.json", "--nominal", "out/n.yaml"],
-     "kills": 4, "again": True},
-    {"arguments": ["stiffness", "fanuc_m900ib", "--pose", "0,20,-20,0,-60,0", "--load", "0,0,-2000", "--json",
-                   "out/s.json", "--report", "out/s.html"], "kills": 4},
-    {"arguments": ["compensate", EXPERIMENT, FIT, "../targets.csv", "-o", "out/c.csv", "--json", "out/c.json"],
-     "kills": 4},
+    {
+        "arguments": ["design", EXPERIMENT, *SMALL, "-o", "out/plan.csv", "--json", "out/d.json"],
+        "kills": 6,
+        "again": True,
+    },
+    {
+        "arguments": ["simulate", EXPERIMENT, PLAN, "-o", "out/readings.csv", "--json", "out/t.json"],
+        "kills": 6,
+        "again": True,
+    },
+    {
+        "arguments": ["identify", EXPERIMENT, "--data", READINGS, "--json", "out/fit.json", "--nominal", "out/n.yaml"],
+        "kills": 4,
+        "again": True,
+    },
+    {
+        "arguments": [
+            "stiffness",
+            "fanuc_m900ib",
+            "--pose",
+            "0,20,-20,0,-60,0",
+            "--load",
+            "0,0,-2000",
+            "--json",
+            "out/s.json",
+            "--report",
+            "out/s.html",
+        ],
+        "kills": 4,
+    },
+    {
+        "arguments": ["compensate", EXPERIMENT, FIT, "../targets.csv", "-o", "out/c.csv", "--json", "out/c.json"],
+        "kills": 4,
+    },
     {"arguments": ["export", PLAN, "-e", EXPERIMENT, "--to", "fanuc-ls", "-o", "out/arm.ls"], "kills": 4},
     {"arguments": ["protocol", EXPERIMENT, PLAN, "-o", "out/sheet.html", "--readings", "out/r.csv"], "kills": 4},
     {"arguments": ["show", EXPERIMENT, PLAN, "--html", "out/scene.html"], "kills": 4},
-    {"arguments": ["diagnose", EXPERIMENT, READINGS, "--json", "out/d.json", "--extend", "out/new"],
-     "folders": ["new"], "kills": 4, "again": True},
-    {"arguments": ["new", "arm", "--urdf", "../arm.urdf", "-o", "out/arm"], "folders": ["arm"], "fresh": True,
-     "kills": 4},
+    {
+        "arguments": ["diagnose", EXPERIMENT, READINGS, "--json", "out/d.json", "--extend", "out/new"],
+        "folders": ["new"],
+        "kills": 4,
+        "again": True,
+    },
+    {
+        "arguments": ["new", "arm", "--urdf", "../arm.urdf", "-o", "out/arm"],
+        "folders": ["arm"],
+        "fresh": True,
+        "kills": 4,
+    },
     {"arguments": ["demo", "-o", "out"], "kills": 2},
     {"arguments": ["robots", "--json", "out/robots.json"], "kills": 2},
     {"arguments": ["check", EXPERIMENT, "--json", "out/check.json"], "kills": 2},
-]  # fmt: skip
+]
 LONG: list[dict[str, Any]] = [
     {"resumed": True, "arguments": ["monte carlo"], "kills": 12},
-    {"resumed": True, "arguments": ["design", EXPERIMENT, "-n", "9", "--candidates", "5000", "-o", "out/plan.csv"],
-     "kills": 4},
+    {
+        "resumed": True,
+        "arguments": ["design", EXPERIMENT, "-n", "9", "--candidates", "5000", "-o", "out/plan.csv"],
+        "kills": 4,
+    },
     {"resumed": True, "arguments": ["diagnose", EXPERIMENT, "--plan", PLAN, "--json", "out/f.json"], "kills": 3},
-    {"resumed": True, "arguments": ["compare", "fanuc_m900ib", "fanuc_r2000ic", "--task", "../task.yaml", "--json",
-                                    "out/c.json"], "kills": 2},
-]  # fmt: skip
-IMPORTS = ["qsframework.cli.design", "qsframework.cli.identify", "qsframework.cli.diagnose_plan", "scipy.stats",
-           "qsframework.report", "qsframework.robot.loader", "qsframework.cli.compare", "plotly"]  # fmt: skip
+    {
+        "resumed": True,
+        "arguments": ["compare", "fanuc_m900ib", "fanuc_r2000ic", "--task", "../task.yaml", "--json", "out/c.json"],
+        "kills": 2,
+    },
+]
+IMPORTS = [
+    "qsframework.cli.design",
+    "qsframework.cli.identify",
+    "qsframework.cli.diagnose_plan",
+    "scipy.stats",
+    "qsframework.report",
+    "qsframework.robot.loader",
+    "qsframework.cli.compare",
+    "plotly",
+]
 
 
 @pytest.fixture(scope="module")
@@ -79,9 +125,12 @@ def trials(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
     given = {"imports": IMPORTS, "folder": str(folder), "seed": 8, "jobs": [*COMMANDS, *LONG]}
     (folder / "jobs.json").write_text(json.dumps(given))
     done = subprocess.run(
-        [sys.executable, str(HERE / "killed.py"), str(folder / "jobs.json")], capture_output=True, text=True,
-        timeout=600, env=os.environ | {"PYTHONPATH": str(HERE), "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "200"},
-    )  # fmt: skip
+        [sys.executable, str(HERE / "killed.py"), str(folder / "jobs.json")],
+        capture_output=True,
+        text=True,
+        timeout=600,
+        env=os.environ | {"PYTHONPATH": str(HERE), "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "200"},
+    )
     assert done.returncode == 0, done.stderr[-3000:]
     return json.loads(done.stdout)
 

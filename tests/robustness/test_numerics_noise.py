@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from numerics import SIGMA, campaign, candidates, few, noisy, poses, readings, weighed, with_effects, with_forces
 
 from qsframework.design import Wish, design
@@ -22,9 +21,13 @@ from qsframework.plugin import Array, Conditions, build_effects
 from qsframework.plugin.facts import frozen
 
 WAYS = (
-    FitOptions(linear=True), FitOptions(), FitOptions(loss="huber"), FitOptions(loss="soft_l1"),
-    FitOptions(priors=True), FitOptions(shared="pose"),
-)  # fmt: skip
+    FitOptions(linear=True),
+    FitOptions(),
+    FitOptions(loss="huber"),
+    FitOptions(loss="soft_l1"),
+    FitOptions(priors=True),
+    FitOptions(shared="pose"),
+)
 
 
 def off(seed: int) -> Array:

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from numerics import campaign, candidates, few, hidden, poses, readings
 
 from qsframework.design import Wish, design
@@ -45,8 +44,14 @@ def poses_in_order(one: Readings, seed: int) -> Readings:
     place: Indices = np.argsort(order)
     own = one.states
     named = {name: tuple(getattr(own, name)[i] for i in order) for name in ("pose", "load_id", "series")}
-    states = replace(own, poses=own.poses.take(order), loaded=own.loaded[order], repeat=own.repeat[order],
-                     cycle=own.cycle[order], **named)  # fmt: skip
+    states = replace(
+        own,
+        poses=own.poses.take(order),
+        loaded=own.loaded[order],
+        repeat=own.repeat[order],
+        cycle=own.cycle[order],
+        **named,
+    )
     return replace(one, states=states, plus=place[one.plus], minus=place[one.minus])
 
 

@@ -9,8 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from numerics import SIGMA, campaign, candidates, few, noisy, poses, with_effects
 
 from qsframework.design import Wish, design
@@ -63,9 +62,14 @@ def nearly_singular(seed: int, gap: float, p: int = 3, m: int = 8) -> Array:
 def observed(A: Array, y: Array, parameters: tuple[Parameter, ...], sigma: float) -> Observations:
     """A linear problem for the solver."""
     return Observations(
-        measured=y, predict=lambda x: A @ x, jacobian=lambda x: A, parameters=parameters,
-        noise=Independent(np.full(len(y), sigma)), block=np.arange(len(y)), row=np.arange(len(y)),
-    )  # fmt: skip
+        measured=y,
+        predict=lambda x: A @ x,
+        jacobian=lambda x: A,
+        parameters=parameters,
+        noise=Independent(np.full(len(y), sigma)),
+        block=np.arange(len(y)),
+        row=np.arange(len(y)),
+    )
 
 
 @few(25)

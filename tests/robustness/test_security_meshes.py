@@ -45,8 +45,9 @@ def test_a_mesh_fetches_no_other_file(robot: Path, code: str) -> None:
     """The entity leads to a FIFO: whoever opened it would wait for ever."""
     os.mkfifo(robot.parent / "fifo")
     for doctype in (
-        f'<!DOCTYPE a [<!ENTITY x SYSTEM "file://{robot.parent}/fifo">]>', f'<!DOCTYPE a SYSTEM "{robot.parent}/fifo">',
-    ):  # fmt: skip
+        f'<!DOCTYPE a [<!ENTITY x SYSTEM "file://{robot.parent}/fifo">]>',
+        f'<!DOCTYPE a SYSTEM "{robot.parent}/fifo">',
+    ):
         draw = with_mesh(robot, "part.dae", dae(doctype, "&x;" if "ENTITY" in doctype else "", code))
         assert limited(draw, seconds=10.0, megabytes=500) == ""
 

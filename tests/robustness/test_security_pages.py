@@ -86,11 +86,15 @@ def problems(text: str) -> list[str]:
 def test_the_parser_sees_what_gets_out() -> None:
     """Pages that do not escape are found out."""
     for page in (
-        f"<p>{EVIL}</p>", f"<p>{IN_NAME}</p>", f'<a title="{EVIL}">', f"<title>{EVIL}</title>",
-        f"<script>const a = '{EVIL}'</script>", f"<style>{EVIL}</style>",
+        f"<p>{EVIL}</p>",
+        f"<p>{IN_NAME}</p>",
+        f'<a title="{EVIL}">',
+        f"<title>{EVIL}</title>",
+        f"<script>const a = '{EVIL}'</script>",
+        f"<style>{EVIL}</style>",
         f'<iframe srcdoc="{("<p>" + EVIL).replace("&", "&amp;").replace(chr(34), "&quot;")}"></iframe>',
         '<script>Plotly.newPlot("a", [{"text": "\\u003cqsf-evil>"}])</script>',
-    ):  # fmt: skip
+    ):
         assert problems(page), page
     assert not problems("<p>&lt;qsf-evil onerror=1&gt;</p><script>const a = '\\u003cqsf-evil>'</script>")
 
@@ -184,10 +188,25 @@ def pages(folder: Path, states: Path, tmp_path_factory: pytest.TempPathFactory) 
 
 
 PAGES = (
-    "design", "robots", "check", "stiffness", "simulate", "identify", "diagnose", "foresee", "compensate", "compare",
-    "protocol", "show", "show_fit", "show_robot", "check_states", "identify_positions",
-    "validate", "validate_positions",
-)  # fmt: skip
+    "design",
+    "robots",
+    "check",
+    "stiffness",
+    "simulate",
+    "identify",
+    "diagnose",
+    "foresee",
+    "compensate",
+    "compare",
+    "protocol",
+    "show",
+    "show_fit",
+    "show_robot",
+    "check_states",
+    "identify_positions",
+    "validate",
+    "validate_positions",
+)
 
 
 @pytest.mark.parametrize("name", PAGES)
@@ -229,8 +248,10 @@ def test_the_viewer_listens_on_this_machine_only(port: int) -> None:
     assert f"0100007F:{port:04X}" in local
     assert f"00000000:{port:04X}" not in local
     if Path("/proc/net/tcp6").exists():
-        assert not any(line.split()[1].endswith(f":{port:04X}") and line.split()[3] == "0A"
-                       for line in Path("/proc/net/tcp6").read_text().splitlines()[1:])  # fmt: skip
+        assert not any(
+            line.split()[1].endswith(f":{port:04X}") and line.split()[3] == "0A"
+            for line in Path("/proc/net/tcp6").read_text().splitlines()[1:]
+        )
     for other in ("127.0.0.2", *socket.gethostbyname_ex(socket.gethostname())[2]):
         if other != "127.0.0.1":
             with pytest.raises(OSError), socket.create_connection((other, port), timeout=1.0):

@@ -168,11 +168,16 @@ def test_wrong_files_are_refused_in_words(campaign: Path, entry: dict[str, objec
     head = EFFECT.partition("@dataclass")[0]
     body = "@dataclass" + EFFECT.partition("@dataclass")[2]
     for name, text in {
-        "empty.py": "x = 1\n", "two.py": EFFECT + body.replace("SoftGround", "Other"), "soft_ground.py": EFFECT,
-        "taken.py": head + body.replace("SoftGround", "BaseCompliance"), "plain.py": head + body.partition("\n")[2],
-        "broken.py": "x = 1\ndef (\n", "fails.py": "x = 1\n\n1 / 0\n", "leaves.py": "raise SystemExit(0)\n",
+        "empty.py": "x = 1\n",
+        "two.py": EFFECT + body.replace("SoftGround", "Other"),
+        "soft_ground.py": EFFECT,
+        "taken.py": head + body.replace("SoftGround", "BaseCompliance"),
+        "plain.py": head + body.partition("\n")[2],
+        "broken.py": "x = 1\ndef (\n",
+        "fails.py": "x = 1\n\n1 / 0\n",
+        "leaves.py": "raise SystemExit(0)\n",
         "nul.py": "x = 1\0\n",
-    }.items():  # fmt: skip
+    }.items():
         (folder / name).write_text(text)
     (folder / "binary.py").write_bytes(b"\xff\xfe\x00")
     (folder / "folder.py").mkdir()
@@ -213,9 +218,12 @@ COMMANDS = {
     "validate": ["validate", "E", "fit.json", "none.csv"],
 }
 LET_IN = {
-    "compensate": "fit.json", "identify": "none.csv", "validate": "fit.json", "export": "transmission angle",
+    "compensate": "fit.json",
+    "identify": "none.csv",
+    "validate": "fit.json",
+    "export": "transmission angle",
     "diagnose": "does not tell the fitted parameters",
-}  # fmt: skip
+}
 """Commands that are tried up to what they say of their next input."""
 
 

@@ -55,9 +55,11 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
 def run(experiment: Path, folder: Path, *data: str, clean: bool = True) -> tuple[StoredFit, str]:
     """The stored fit and the report's text."""
     files = FitFiles(
-        experiment=experiment, data=tuple(folder / d for d in data), json=folder / "fit.json",
+        experiment=experiment,
+        data=tuple(folder / d for d in data),
+        json=folder / "fit.json",
         report=folder / "fit.html",
-    )  # fmt: skip
+    )
     run_identify(files, None, FitOptions(), clean)
     return read_fit(folder / "fit.json"), (folder / "fit.html").read_text()
 
@@ -69,7 +71,9 @@ def test_what_was_masked_of_displacements_is_in_the_files(
     stored, page = run(campaign.file, tmp_path, "r.csv")
     assert stored.cleaned is not None
     assert {(m.kind, m.rows, m.readings) for m in stored.cleaned} == {
-        ("zero", (8,), "displacements"), ("duplicate", (23,), "displacements")}  # fmt: skip
+        ("zero", (8,), "displacements"),
+        ("duplicate", (23,), "displacements"),
+    }
     assert stored.masked_rows == (8, 23)
     said = capsys.readouterr().out.replace("\n", " ")
     for one in stored.cleaned:
@@ -100,7 +104,10 @@ def test_both_kinds_in_one_fit_say_whose_rows_they_are(campaign: Campaign, tmp_p
     stored, _ = run(campaign.apart, tmp_path, "r.csv", "s.csv")
     assert stored.cleaned is not None
     assert {(m.readings, *m.rows) for m in stored.cleaned} == {
-        ("displacements", 8), ("displacements", 23), ("positions", 19)}  # fmt: skip
+        ("displacements", 8),
+        ("displacements", 23),
+        ("positions", 19),
+    }
 
 
 def test_readings_with_nothing_wrong_are_said_to_be_so(

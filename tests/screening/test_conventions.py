@@ -174,9 +174,7 @@ def test_moments_turn_as_axial_vectors(m900ib: Experiment) -> None:
     force = poses.wrench[:, :3]
     good = np.hstack([force, np.cross(r, force)])
     file = np.hstack([force @ mirror.T, np.cross(r @ mirror.T, force @ mirror.T)])
-    truth = simulate(
-        m900ib, make_plan(replace(poses, wrench=good), ["x"] * 40), seed=6
-    ).readings  # fmt: skip
+    truth = simulate(m900ib, make_plan(replace(poses, wrench=good), ["x"] * 40), seed=6).readings
     found = named(m900ib, truth.with_poses(replace(truth.poses, wrench=np.concatenate([file, np.zeros((40, 6))]))))
     assert found.name == "force_axes"
     assert np.allclose(visited(found.readings).wrench, good)
@@ -188,9 +186,10 @@ def test_moments_turn_as_axial_vectors(m900ib: Experiment) -> None:
 def test_units_that_compliances_absorb(m900ib: Experiment, factor: float, said: str) -> None:
     readings = campaign(m900ib, 7)
     scaled = (
-        readings.with_values(readings.value * factor) if factor < 1 else
-        readings.with_poses(replace(readings.poses, wrench=readings.poses.wrench / factor))
-    )  # fmt: skip
+        readings.with_values(readings.value * factor)
+        if factor < 1
+        else readings.with_poses(replace(readings.poses, wrench=readings.poses.wrench / factor))
+    )
     found = check_conventions(unstated(m900ib), scaled)
     assert compelling(found) is None  # absorbed: a suspicion, no proof
     suspicion = [c for c in found if c.name == "load_unit" and said in c.words]

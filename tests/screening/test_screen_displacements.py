@@ -89,8 +89,9 @@ def test_swapped_markers_of_a_pose_are_named(m900ib: Experiment, plan: Plan, sta
 @NOISE
 def test_markers_swapped_everywhere_are_named(m900ib: Experiment, plan: Plan, stated: bool) -> None:
     readings = clean(m900ib, plan)
-    finding = only(said(m900ib, replace(readings, marker=np.array([1, 0, 2])[readings.marker]), stated),
-                   "swapped markers")  # fmt: skip
+    finding = only(
+        said(m900ib, replace(readings, marker=np.array([1, 0, 2])[readings.marker]), stated), "swapped markers"
+    )
     assert "m1 and m2 are exchanged at all poses" in finding.words
     assert finding.mask.sum() == 28
 

@@ -172,8 +172,12 @@ def test_a_tool_that_was_touched(arm: Experiment, stated: bool) -> None:
 def test_what_distances_cannot_see_the_fit_does(tmp_path: Path) -> None:
     """Two markers whose exchange keeps all distances, and a state with wrong angles: all its rows are gross."""
     arm = arm_of(tmp_path)
-    twin = arm.with_(markers=tuple(replace(m, xyz=x) for m, x in zip(
-        arm.markers, np.array([[0.2, 0.25, 0.1], [0.2, -0.25, 0.1], [0.4, 0.0, -0.1]]), strict=True)))  # fmt: skip
+    twin = arm.with_(
+        markers=tuple(
+            replace(m, xyz=x)
+            for m, x in zip(arm.markers, np.array([[0.2, 0.25, 0.1], [0.2, -0.25, 0.1], [0.4, 0.0, -0.1]]), strict=True)
+        )
+    )
     states = clean(twin)
     finding = only(screen(twin, copied(states, [9, 10], [10, 9])), "swapped markers")
     assert finding.rows == (11, 12)

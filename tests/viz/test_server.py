@@ -37,8 +37,9 @@ def test_it_listens_on_this_machine_only() -> None:
         pytest.skip("this system does not list who listens in /proc/net/tcp")
     with running(Site(lambda watch: "page", [])) as (host, port):
         assert host == "127.0.0.1"
-        listening = [line.split()[1] for line in Path("/proc/net/tcp").read_text().splitlines()[1:]
-                     if line.split()[3] == "0A"]  # fmt: skip
+        listening = [
+            line.split()[1] for line in Path("/proc/net/tcp").read_text().splitlines()[1:] if line.split()[3] == "0A"
+        ]
         here = [address for address in listening if int(address.split(":")[1], 16) == port]
         assert here == [f"0100007F:{port:04X}"]  # 127.0.0.1, least byte first
         with socket.socket() as other:

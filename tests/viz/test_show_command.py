@@ -45,8 +45,11 @@ def plan(m900ib: Experiment, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def fit(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("fit") / "fit.json"
-    subprocess.run([sys.executable, "-m", "qsframework", "identify", str(R2000IC), "--json", str(path)],
-                   check=True, capture_output=True)  # fmt: skip
+    subprocess.run(
+        [sys.executable, "-m", "qsframework", "identify", str(R2000IC), "--json", str(path)],
+        check=True,
+        capture_output=True,
+    )
     return path
 
 
@@ -171,8 +174,9 @@ def test_the_page_does_not_overwrite_its_input(plan: Path) -> None:
 
 
 def test_bad_input_ends_with_code_two() -> None:
-    run = subprocess.run([sys.executable, "-m", "qsframework", "show", "fanuc_m900ib", "--scale", "0"],
-                         capture_output=True, text=True)  # fmt: skip
+    run = subprocess.run(
+        [sys.executable, "-m", "qsframework", "show", "fanuc_m900ib", "--scale", "0"], capture_output=True, text=True
+    )
     assert run.returncode == 2
     assert run.stderr.startswith("error: --scale 0")
 
@@ -195,10 +199,16 @@ def test_the_stiffness_report_holds_the_scene_of_its_load(tmp_path: Path) -> Non
     frames.pages = []
     frames.feed(report.read_text())
     (page,) = frames.pages
-    size = 1e3 * float(np.linalg.norm(stiffness_at(
-        load_robot("fanuc_m900ib"), np.deg2rad([0.0, 20, -10, 30, 40, 0]), np.array([0.0, 0, -4000, 0, 0, 0]),
-        np.array([0.15, 0.0, 0.2]),
-    ).full))  # fmt: skip
+    size = 1e3 * float(
+        np.linalg.norm(
+            stiffness_at(
+                load_robot("fanuc_m900ib"),
+                np.deg2rad([0.0, 20, -10, 30, 40, 0]),
+                np.array([0.0, 0, -4000, 0, 0, 0]),
+                np.array([0.15, 0.0, 0.2]),
+            ).full
+        )
+    )
     assert f"the load point moves {size:.3f} mm" in page
 
 

@@ -200,10 +200,13 @@ def test_residuals_are_measured_minus_predicted_at_their_markers(r2000ic: Experi
     predicted = make_rows(real).predict(model, x)
     assert len(plan.pose) == MOST < len(set(real.pose))
     worst = np.sort(np.linalg.norm(real.value - predicted, axis=1))
-    drawn = np.sort([
-        np.linalg.norm(found[p][:3, 3] - found[p.split("/residuals")[0] + "/markers/0"][:3, 3])
-        for p in found if p.endswith("/head") and "/residuals/" in p
-    ])  # fmt: skip
+    drawn = np.sort(
+        [
+            np.linalg.norm(found[p][:3, 3] - found[p.split("/residuals")[0] + "/markers/0"][:3, 3])
+            for p in found
+            if p.endswith("/head") and "/residuals/" in p
+        ]
+    )
     assert np.allclose(drawn, 50.0 * worst[-MOST:], atol=1e-9)
     first = int(np.flatnonzero([n == plan.pose[0].split(",")[0] for n in real.pose])[0])
     arrow = found["poses/0/residuals/0/head"][:3, 3] - found["poses/0/markers/0"][:3, 3]

@@ -144,8 +144,12 @@ def proposed(model: Model) -> list[Effect]:
 def widened(model: Model, causes: Sequence[Cause]) -> Model:
     """The model with the effects of the causes added, each at the value where it vanishes."""
     extra = tuple(c.effect for c in causes if not c.present)
-    nulled = [replace(p, nominal=p.nominal if p.null is None else p.null)
-              for c in causes if not c.present for p in c.parameters]  # fmt: skip
+    nulled = [
+        replace(p, nominal=p.nominal if p.null is None else p.null)
+        for c in causes
+        if not c.present
+        for p in c.parameters
+    ]
     markers = list(zip(model.marker_names, model.markers, strict=True))
     return make_model(
         model.facts, (*model.effects, *extra), (*model.parameters, *nulled), model.tip, markers, model.gravity

@@ -119,9 +119,14 @@ class Case:
 
 
 def make_case(
-    experiment: Experiment, rows: Rows, fitted: Sequence[str], causes: Sequence[Cause], x: dict[str, float],
-    residuals: Array, frames: Sequence[Frame] = (),
-) -> Case:  # fmt: skip
+    experiment: Experiment,
+    rows: Rows,
+    fitted: Sequence[str],
+    causes: Sequence[Cause],
+    x: dict[str, float],
+    residuals: Array,
+    frames: Sequence[Frame] = (),
+) -> Case:
     """Linearise about the parameter values `x` (by name, the others at their nominal or vanishing value).
 
     residuals (R, 3) m, of the exact model there, zero where nothing was measured
@@ -132,9 +137,13 @@ def make_case(
         values[i] = x.get(name, values[i])
     wanted = [*fitted, *(n for c in causes for n in c.names)]
     columns = rows.padded(rows.rates(model, values, frames, wanted)[1]).reshape(3 * len(rows.keep), -1)
-    sizes = np.concatenate([[p.scale for f in frames for p in f.parameters()],
-                            scales([model.parameters[i] for i in model.index(fitted)]),
-                            *(np.array(c.sizes) for c in causes)])  # fmt: skip
+    sizes = np.concatenate(
+        [
+            [p.scale for f in frames for p in f.parameters()],
+            scales([model.parameters[i] for i in model.index(fitted)]),
+            *(np.array(c.sizes) for c in causes),
+        ]
+    )
     raw, noise = columns * sizes, rows.padded_noise
     A, B = _split(noise.whiten(raw), 6 * len(frames) + len(fitted), causes)
     return Case(
@@ -160,9 +169,13 @@ def _split(white: Array, first: int, causes: Sequence[Cause]) -> tuple[Array, tu
 
 
 def plan_case(
-    experiment: Experiment, poses: Poses, fitted: Sequence[str], causes: Sequence[Cause], sigma: float,
+    experiment: Experiment,
+    poses: Poses,
+    fitted: Sequence[str],
+    causes: Sequence[Cause],
+    sigma: float,
     x: dict[str, float] | None = None,
-) -> Case:  # fmt: skip
+) -> Case:
     """The case of poses that are still to be measured, every marker once, at the values `x`; no residuals."""
     nothing = np.zeros((len(poses), len(experiment.markers), 3))
     planned = displaced(poses, nothing, sigma, [f"{i:09d}" for i in range(len(poses))])

@@ -25,8 +25,17 @@ def replicates(readings: Readings, rows: Rows) -> Indices:
     """Equal numbers (R,) where pose, load and marker are: repeats and cycles of one reading."""
     wrench = np.round(readings.poses.wrench, 6)
     _, load = np.unique(wrench, axis=0, return_inverse=True)
-    keys = np.column_stack([rows.pose, load.ravel()[rows.plus], rows.marker, rows.frame, rows.minus < 0,
-                            readings.to[rows.keep], np.where(readings.is_gauge[rows.keep], rows.keep, -1)])  # fmt: skip
+    keys = np.column_stack(
+        [
+            rows.pose,
+            load.ravel()[rows.plus],
+            rows.marker,
+            rows.frame,
+            rows.minus < 0,
+            readings.to[rows.keep],
+            np.where(readings.is_gauge[rows.keep], rows.keep, -1),
+        ]
+    )
     return np.unique(keys, axis=0, return_inverse=True)[1].ravel()
 
 
@@ -82,6 +91,11 @@ def misfit(experiment: Experiment, readings: Readings, rows: Rows, fit: Settled,
     columns = fit.jacobian.reshape(*shape, -1)
     axes = rows.padded(arm_axes(experiment, rows))
     return lack_of_fit(
-        fit.white.reshape(shape), columns, replicates(readings, rows), variables_of(experiment, rows), known, axes,
+        fit.white.reshape(shape),
+        columns,
+        replicates(readings, rows),
+        variables_of(experiment, rows),
+        known,
+        axes,
         mask=rows.mask,
-    )  # fmt: skip
+    )

@@ -133,8 +133,10 @@ def _places(facts: RobotFacts) -> tuple[Place, ...]:
         for i, link in enumerate(facts.links)
     ]
     last = n + 3 * len(facts.links)
-    ends = [Place(f"a shift of {facts.base}", tuple(range(last, last + 3)), None),
-            Place(f"a shift of {facts.flange}", tuple(range(last + 3, last + 6)), n - 1)]  # fmt: skip
+    ends = [
+        Place(f"a shift of {facts.base}", tuple(range(last, last + 3)), None),
+        Place(f"a shift of {facts.flange}", tuple(range(last + 3, last + 6)), n - 1),
+    ]
     return (*drives, *links, *ends)
 
 
@@ -198,7 +200,7 @@ class Closing:
 
 def close(
     moved: Motions, drives: int, explained: Array, white: Array, noise: Noise, nu: float, draws: int, seed: int
-) -> Closing:  # fmt: skip
+) -> Closing:
     """Test the dictionary against whitened residuals (m,) of a fit whose whitened columns are `explained` (m, f)."""
     Q, _ = np.linalg.qr(explained / np.maximum(np.linalg.norm(explained, axis=0), 1e-300))
     residual = left(Q, white)

@@ -57,9 +57,14 @@ class LackOfFit:
 
 
 def lack_of_fit(
-    white: Array, columns: Array, replicate: Indices, variables: Mapping[str, Array], known: bool = True,
-    shapes: Array | None = None, mask: Flags | None = None,
-) -> LackOfFit:  # fmt: skip
+    white: Array,
+    columns: Array,
+    replicate: Indices,
+    variables: Mapping[str, Array],
+    known: bool = True,
+    shapes: Array | None = None,
+    mask: Flags | None = None,
+) -> LackOfFit:
     """Test whitened residuals (R, 3) of a fit with whitened columns (R, 3, p), freely estimated.
 
     replicate (R,): equal where pose, load and marker are; variables: (R,) numbers by name, or labels (text, whole

@@ -75,9 +75,16 @@ class Size:
 
 
 def audit_noise(
-    white: Array, library: Array, sigma: Array, stated: bool, measurement: Indices, replicate: Indices,
-    level: float = 0.01, mask: Flags | None = None, least: float = 0.0,
-) -> NoiseAudit:  # fmt: skip
+    white: Array,
+    library: Array,
+    sigma: Array,
+    stated: bool,
+    measurement: Indices,
+    replicate: Indices,
+    level: float = 0.01,
+    mask: Flags | None = None,
+    least: float = 0.0,
+) -> NoiseAudit:
     """Audit residuals `white` (R, 3) of the fitted model, whitened by sigma (R,) m, against a `library` (R, 3, q).
 
     library: whitened columns per natural size, of the fitted parameters and of every candidate; measurement (R,):
@@ -167,8 +174,12 @@ def estimate(white: Array, basis: Basis, sigma: Array, measurement: Indices, sou
         grown = 1.0 + ratio**2 * lam
         return float(basis.dof * np.log(rest + (square / grown).sum()) + np.log(grown).sum())
 
-    best = minimize_scalar(lambda t: deviance(float(np.exp(t))), bounds=(np.log(1e-3), np.log(_LARGEST)),
-                           method="bounded", options={"xatol": 1e-6})  # fmt: skip
+    best = minimize_scalar(
+        lambda t: deviance(float(np.exp(t))),
+        bounds=(np.log(1e-3), np.log(_LARGEST)),
+        method="bounded",
+        options={"xatol": 1e-6},
+    )
     ratio, gain = float(np.exp(best.x)), deviance(0.0) - float(best.fun)
     p = 0.5 * float(chi2.sf(gain, 1)) if gain > 0.0 else 1.0
     own = rest + float((square / (1.0 + ratio**2 * lam)).sum())

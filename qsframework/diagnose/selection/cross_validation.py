@@ -71,9 +71,16 @@ def folds(pose: Indices, seed: int, repeats: int = REPEATS) -> Iterator[Indices]
 
 
 def held_out(
-    case: Case, closing: Case | None, members: Sequence[int], alike: Sequence[set[int]], how: Search, sigma: Array,
-    seed: int = 0, repeats: int = REPEATS, given: bool = False,
-) -> HeldOut:  # fmt: skip
+    case: Case,
+    closing: Case | None,
+    members: Sequence[int],
+    alike: Sequence[set[int]],
+    how: Search,
+    sigma: Array,
+    seed: int = 0,
+    repeats: int = REPEATS,
+    given: bool = False,
+) -> HeldOut:
     """Errors at poses that neither the fit nor the choice of causes has seen.
 
     case: linearised at the baseline; closing: at the extended model, its fitted columns being the baseline's and the

@@ -56,9 +56,13 @@ def predicted_or_linear(model: Model, rows: Rows, x: Array, frames: Sequence[Fra
 
 
 def settle_fit(
-    model: Model, rows: Rows, names: Sequence[str], start: Array, priors: Sequence[tuple[str, float]] = (),
+    model: Model,
+    rows: Rows,
+    names: Sequence[str],
+    start: Array,
+    priors: Sequence[tuple[str, float]] = (),
     frames: Sequence[Frame] | None = None,
-) -> Settled:  # fmt: skip
+) -> Settled:
     """Fit `names`, and the frames that nobody knows, from `start` (q,), all others held there.
 
     priors: (name, sd) of parameters that are pulled to their nominal values, so that directions which no reading shows
@@ -94,6 +98,13 @@ def _settled(seen: Bridge, priors: dict[str, float]) -> Settled:
     jacobian[rows.at] = found.jacobian
     k = seen.motions
     return Settled(
-        model=seen.model, names=seen.names, frames=frames, x=x, covariance=found.covariance[k:, k:],
-        residuals=residuals, white=white, jacobian=jacobian, chi2=float(white @ white),
-    )  # fmt: skip
+        model=seen.model,
+        names=seen.names,
+        frames=frames,
+        x=x,
+        covariance=found.covariance[k:, k:],
+        residuals=residuals,
+        white=white,
+        jacobian=jacobian,
+        chi2=float(white @ white),
+    )

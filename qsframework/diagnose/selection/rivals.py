@@ -60,9 +60,13 @@ def contest(gram: Gram, given: Sequence[int]) -> Contest:
 
 
 def rival_set(
-    gram: Gram, named: int, given: Sequence[int], exact: Mapping[int, float], seed: int = 0,
+    gram: Gram,
+    named: int,
+    given: Sequence[int],
+    exact: Mapping[int, float],
+    seed: int = 0,
     confidence: float = CONFIDENCE,
-) -> tuple[int, ...]:  # fmt: skip
+) -> tuple[int, ...]:
     """Causes that may stand in the place of `named` beside the `given` ones, the likeliest first; never the named.
 
     exact: squares that the exact fit leaves with each cause in this place, where such a fit was made

@@ -122,9 +122,13 @@ class Gram:
 
 
 def make_gram(
-    subspaces: Sequence[Subspace], residuals: Array, stated: bool, bounds: Bounds | None, A: Array | None = None,
+    subspaces: Sequence[Subspace],
+    residuals: Array,
+    stated: bool,
+    bounds: Bounds | None,
+    A: Array | None = None,
     kept: Indices | None = None,
-) -> Gram:  # fmt: skip
+) -> Gram:
     """Products of the subspaces; of some scalar readings `kept` only, where A (m, f) must be taken out again."""
     ends = np.cumsum([0, *(s.Q.shape[1] for s in subspaces)])
     Q = np.concatenate([s.Q for s in subspaces], axis=1)
@@ -132,10 +136,16 @@ def make_gram(
         basis, _ = np.linalg.qr(A[kept])
         Q, residuals = left(basis, Q[kept]), left(basis, residuals[kept])
     return Gram(
-        G=Q.T @ Q, c=Q.T @ residuals, total=float(residuals @ residuals), count=len(residuals), stated=stated,
+        G=Q.T @ Q,
+        c=Q.T @ residuals,
+        total=float(residuals @ residuals),
+        count=len(residuals),
+        stated=stated,
         at=tuple(np.arange(a, b) for a, b in pairwise(map(int, ends))),
-        sided=tuple(s.one_sided for s in subspaces), absorbed=tuple(s.absorbed for s in subspaces), bounds=bounds,
-    )  # fmt: skip
+        sided=tuple(s.one_sided for s in subspaces),
+        absorbed=tuple(s.absorbed for s in subspaces),
+        bounds=bounds,
+    )
 
 
 def search(gram: Gram, classes: Sequence[int], largest: int = LARGEST) -> list[Subset]:

@@ -16,8 +16,10 @@ def first_words(fit: Fit) -> tuple[str, ...]:
         own = "linear" if fit.linear else "equilibrium"
         if fit.made.model != own:
             names = {"linear": "the linear model", "equilibrium": "the full equilibrium"}
-            out.append(f"These readings were simulated by {names[fit.made.model]} and are fitted by {names[own]}: what "
-                       "differs between the two is not noise.")  # fmt: skip
+            out.append(
+                f"These readings were simulated by {names[fit.made.model]} and are fitted by {names[own]}: what "
+                "differs between the two is not noise."
+            )
     if fit.alignments:
         out.append("States are read as differences, loaded minus unloaded.")
     elif fit.position.any():
@@ -55,13 +57,17 @@ def alignment_words(fit: Fit) -> tuple[str, ...]:
     for a in fit.alignments:
         name = f"series {a.series!r}" if a.series else "the tracker"
         if not a.count:
-            out.append(f"Whether {name} has the axes of the base cannot be told from its unloaded markers; it is taken "
-                       "so. State its frame under frames: otherwise.")  # fmt: skip
+            out.append(
+                f"Whether {name} has the axes of the base cannot be told from its unloaded markers; it is taken "
+                "so. State its frame under frames: otherwise."
+            )
             continue
         angle = f"{np.rad2deg(a.angle):.2f} deg"
         turned = f"has the axes of the base ({angle})"
         if a.turned:
             turned = f"is turned {angle} to the base, and its displacements with it"
-        out.append(f"By {a.count} unloaded markers {name} {turned}; they then miss by {1e3 * a.rms:.3f} mm RMS, "
-                   f"{1e3 * a.largest:.3f} mm at most.")  # fmt: skip
+        out.append(
+            f"By {a.count} unloaded markers {name} {turned}; they then miss by {1e3 * a.rms:.3f} mm RMS, "
+            f"{1e3 * a.largest:.3f} mm at most."
+        )
     return tuple(out)
