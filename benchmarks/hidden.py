@@ -24,6 +24,7 @@ import numpy as np
 from qsframework.design import generate_candidates
 from qsframework.elastostatics import Model, make_model
 from qsframework.elastostatics.equilibrium import settle
+from qsframework.elastostatics.sensors import said
 from qsframework.errors import InputError, NotConverged
 from qsframework.experiment import Experiment, load_experiment, write_readings
 from qsframework.experiment.simulate import displaced
@@ -37,7 +38,6 @@ from qsframework.plugin import (
     ParallelSpring,
     Parameter,
     Poses,
-    Reading,
     RobotFacts,
     Sensor,
     Spring,
@@ -225,15 +225,9 @@ def exact(model: Model, poses: Poses, x: Array, unloaded: Model | None = None) -
     """Displacements (N, K, 3) m: both equilibria, each read by the instrument. unloaded: a model of its own."""
     first = settle(unloaded or model, poses, x, False)
     second = settle(model, poses, x, True)
-    return _read(model, x, second.at.state, poses.loaded) - _read(model, x, first.at.state, poses.unloaded)
-
-
-def _read(model: Model, x: Array, state: Any, conditions: Conditions) -> Array:
-    position = np.stack([m.position.T for m in state.markers], axis=1)
-    rotation = np.stack([state.placed.matrix(m.link) for m in state.markers], axis=1)
-    for sensor, values in model.of_kind(Sensor, x):
-        position = sensor.read(Reading(position, rotation), values, model.marker_names, conditions).position
-    return np.asarray(position)
+    sensors = model.of_kind(Sensor, x)
+    ends, starts = (said(sensors, s.at.state, model.marker_names) for s in (second, first))
+    return ends - starts
 
 
 def extended(model: Model, instances: Sequence[Instance]) -> Model:
@@ -263,7 +257,7 @@ def instances_of(experiment: Experiment, recorded: bool) -> dict[str, Instance]:
             zero = tuple(p.nominal for p in own)
             out[e.name] = Instance(e.name, e, own, zero, tuple(_deviation(p, True) for p in own), True)
     have = {e.name for e in model.effects}
-    springs = {p.name for e in model.effects if isinstance(e, Spring) for p in e.parameters(facts)}
+    springs = {(e.role, e.where) for e in model.effects if isinstance(e, Spring)}
     for kind in registry().values():
         for e in (*kind.places(facts, model.marker_names), *kind.beside(model.effects, model.parameters)):
             own = e.parameters(facts)
@@ -274,7 +268,7 @@ def instances_of(experiment: Experiment, recorded: bool) -> dict[str, Instance]:
     return out
 
 
-def _fits(effect: Effect, facts: RobotFacts, springs: set[str]) -> bool:
+def _fits(effect: Effect, facts: RobotFacts, springs: set[At]) -> bool:
     try:
         effect.validate(facts)
     except InputError:

@@ -41,11 +41,8 @@ def _load() -> Iterator[tuple[str, type[Effect]]]:
 
 
 def with_role(role: str) -> tuple[type[Effect], ...]:
-    """The installed effects that are this to an arm; PluginError where there is none."""
-    found = tuple(effect for effect in registry().values() if effect.role == role)
-    if not found:
-        raise PluginError(f"no installed effect has the role {role!r}; is a package of effects missing?")
-    return found
+    """The installed effects that are this to an arm."""
+    return tuple(effect for effect in registry().values() if effect.role == role)
 
 
 def find(name: str) -> type[Effect]:

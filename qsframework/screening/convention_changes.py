@@ -30,10 +30,10 @@ class Change:
 
 def couplings(experiment: Experiment, readings: Readings) -> Iterator[Change]:
     """An angle that is absolute where the file says relative, or the reverse, at every joint."""
-    (kind,) = with_role("shown angle")
     robot, model = experiment.robot, experiment.model()
     held = dict(zip(model.names, model.nominal, strict=True))
-    for effect in kind.places(robot.facts, tuple(m.name for m in experiment.markers)):
+    markers = tuple(m.name for m in experiment.markers)
+    for effect in (e for kind in with_role("shown angle") for e in kind.places(robot.facts, markers)):
         (own,) = effect.parameters(robot.facts)
         here = experiment if own.name in held else experiment.with_(effects=(*experiment.effects, effect))
         others = tuple(p for p in experiment.parameters if p.name != own.name)

@@ -14,7 +14,7 @@ from qsframework.diagnose import diagnose
 from qsframework.diagnose.result import Status
 from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_readings
-from qsframework.plugin import Array, At, Context, LawTerm, Parameter, RobotFacts, SpringLaw, find, place
+from qsframework.plugin import Array, At, Context, Parameter, RobotFacts, SpringLaw, find, place
 from qsframework.report.result_json import diagnosis_json
 from qsframework.report.words.diagnosis import diagnosis_words, method_words
 from tests.diagnose.cases import campaign, measured
@@ -134,7 +134,7 @@ def test_a_strangers_effect_takes_part_without_further_work(monkeypatch: pytest.
 
     @dataclass(frozen=True)
     class WornTeeth(SpringLaw):
-        """A gear gives more under one sense of the torque: its teeth are worn on one flank."""
+        """A gear gives more under one sense of the torque where its teeth are worn: near one angle of the joint."""
 
         joint: str = place()
 
@@ -144,10 +144,9 @@ def test_a_strangers_effect_takes_part_without_further_work(monkeypatch: pytest.
         def springs(self, robot: RobotFacts) -> tuple[At, ...]:
             return (("gear", self.joint),)
 
-        def extra(self, torque: Array, x: Array, context: Context) -> LawTerm:
-            worn = np.logaddexp(0.0, torque / 50.0) * 50.0
-            side = 1.0 / (1.0 + np.exp(-torque / 50.0))
-            return LawTerm(x[0] * worn, x[0] * side, worn[..., None])
+        def extra(self, torque: Array, x: Array, context: Context) -> Array:
+            angle = context.poses.q[:, context.robot.joint_index(self.joint), None]
+            return x[0] * np.exp(-((angle - 0.5) ** 2)) * np.logaddexp(0.0, torque / 50.0) * 50.0
 
         @classmethod
         def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[WornTeeth, ...]:

@@ -190,7 +190,7 @@ def test_a_misfit_without_a_place_is_unexplained_and_said() -> None:
 def test_an_arm_has_no_couplings_without_their_effect(monkeypatch: pytest.MonkeyPatch) -> None:
     data = measured(count=6)
     assert sum(1 for _ in couplings(campaign(), data)) >= 2
-    monkeypatch.setattr(import_module("qsframework.screening.convention_changes"), "registry", dict)
+    monkeypatch.setattr(import_module("qsframework.screening.convention_changes"), "with_role", lambda _: ())
     assert list(couplings(campaign(), data)) == []
 
 

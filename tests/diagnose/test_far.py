@@ -23,8 +23,8 @@ def turned(readings: Readings) -> Readings:
 
 @pytest.fixture(scope="module")
 def found() -> Diagnosis:
-    """Two loads at 14 poses: the linear library takes nearly all that it can."""
-    return diagnose(campaign(), turned(measured(seed=4, count=14)), repeats=1)
+    """Two loads at 18 poses: the linear library takes nearly all that it can."""
+    return diagnose(campaign(), turned(measured(seed=4, count=18)), repeats=1)
 
 
 def test_a_frame_turned_far_is_named_and_is_no_noise(found: Diagnosis) -> None:

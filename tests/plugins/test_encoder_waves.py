@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from qsframework.errors import InputError
-from qsframework.plugin import Poses, build_effects, check_effect
+from qsframework.plugin import Context, Poses, build_effects, check_effect
 from qsframework.robot import load_robot
 
 
@@ -23,7 +23,7 @@ def test_waves_add_up():
     assert names == ["sin", "cos", "sin8", "cos8", "sin17", "cos17"]
     q = np.random.default_rng(0).uniform(-3, 3, (9, 6))
     x = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]) * 1e-4
-    found = several.errors(Poses(q, q, np.zeros((9, 6))), x, robot.facts)
+    found = several.errors(x, Context(robot.facts, Poses(q, q, np.zeros((9, 6)))))
     a = q[:, 1]
     expected = 1e-4 * (
         np.sin(a) + 2 * np.cos(a) + 3 * np.sin(8 * a) + 4 * np.cos(8 * a) + 5 * np.sin(17 * a) + 6 * np.cos(17 * a)

@@ -12,12 +12,27 @@ import pytest
 from qsframework.design import Wish, design
 from qsframework.diagnose import diagnose
 from qsframework.diagnose.result import Status
-from qsframework.elastostatics import exact_readings
+from qsframework.elastostatics import Site, exact_readings, make_model
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Frame, Readings, make_plan, simulate
 from qsframework.experiment.simulate import displaced
 from qsframework.identify import identify
-from qsframework.plugin import Conditions, Effect, build_effects, check_effect
+from qsframework.plugin import (
+    Array,
+    Conditions,
+    Context,
+    Effect,
+    InputError,
+    ParallelSpring,
+    Poses,
+    Reading,
+    Sensor,
+    SpringLaw,
+    build_effects,
+    check_effect,
+    laws,
+)
+from qsframework.plugin.check import sample_robot
 from tests.diagnose.cases import SIGMA, campaign, poses
 from tests.identify.arm import position_readings, settled
 
@@ -168,3 +183,113 @@ def test_a_diagnosis_tries_it(law: Law) -> None:
     assert found.findings or found.leftovers
     named = {f.name for f in found.findings} | {r.name for f in found.findings for r in f.rivals}
     assert not law.named or built(law).name in named
+
+
+ROBOT = sample_robot()
+TORQUES = np.array([-5e4, -2e3, 0.0, 2e3, 5e4])[:, None]
+
+
+def bent(entry: str, x: Array, torque: Array, at: Context, **more: object) -> Array:
+    (effect,) = build_effects({"effect": entry, **more}, ROBOT)
+    assert isinstance(effect, SpringLaw)
+    return laws.extra(effect, torque, x, at).value
+
+
+def still(loaded: bool = True, side: float = 1.0) -> Context:
+    alike = Conditions(approach=np.full(5, side))
+    q = np.tile(np.linspace(-1, 1, 5)[:, None], (1, 6))
+    return Context(ROBOT, Poses(q, q, np.zeros((5, 6)), alike, alike), loaded)
+
+
+def test_a_flank_gives_under_torques_of_one_sign() -> None:
+    found = bent("gear_flank", np.array([1e-7]), TORQUES, still(), joint="joint_2")[:, 0]
+    assert np.allclose(found, [-2.5e-6, -2.5e-6, 0.0, 2e-4, 5e-3], rtol=0.02, atol=1e-7)
+
+
+def test_waves_follow_the_angle() -> None:
+    found = bent("gear_waves", np.array([1e-7, 2e-7]), TORQUES, still(), joint="joint_3", waves_per_turn=2)
+    q = np.linspace(-1, 1, 5)
+    assert np.allclose(found[:, 0], (1e-7 * np.sin(2 * q) + 2e-7 * np.cos(2 * q)) * TORQUES[:, 0])
+
+
+def test_friction_sticks_by_the_side_and_slips_under_a_load() -> None:
+    width = np.array([1e-4])
+    for side in (-1.0, 1.0):
+        stuck = bent("gear_friction", width, TORQUES, still(False, side), joint="joint_2", slip_Nm=3e3)[:, 0]
+        assert np.allclose(stuck, -1e-4 * side)
+        slipped = bent("gear_friction", width, TORQUES, still(True, side), joint="joint_2", slip_Nm=3e3)[:, 0]
+        assert np.allclose(slipped[[0, 4]], [1e-4, -1e-4], rtol=0.02), "whatever the side"
+        assert slipped[2] == pytest.approx(-1e-4 * side)
+
+
+def test_a_base_lifts_beyond_its_preload_on_one_side() -> None:
+    found = bent("base_lift", np.array([1e-8, 0.0]), TORQUES, still(), direction="ry", preload_Nm=1e4)[:, 0]
+    assert np.allclose(found, [0.0, 0.0, 0.0, 0.0, 4e-4], rtol=0.01, atol=3e-6)
+
+
+def test_a_link_bends_as_a_beam_does() -> None:
+    """End shift F L^3 / (3 E I) + M L^2 / (2 E I) and turn F L^2 / (2 E I) + M L / (E I), c = L / (2 E I)."""
+    (effect,) = build_effects({"effect": "link_bending", "link": "link_2", "across": "u"}, ROBOT)
+    c, L = 1e-7, 1.1
+    own = [replace(p, nominal=c) for p in effect.parameters(ROBOT)]
+    # link 2 stands along z at zero angles: "u" lies along the base's y or x
+    axis = effect.virtual_joints(ROBOT)[1].axis  # type: ignore[attr-defined]
+    side = np.cross(axis, [0.0, 0.0, 1.0])
+    beyond = 0.5
+    sites = [("end", Site(2, np.array([0.0, 0.0, L]))), ("beyond", Site(2, np.array([0.0, 0.0, L + beyond])))]
+    model = make_model(ROBOT, [effect], own, Site(2, np.array([0.0, 0.0, L])), sites, np.zeros(3))
+    for force, moment in ((1e3, 0.0), (0.0, 1e3)):
+        wrench = np.concatenate([force * side, moment * np.asarray(axis)])[None]
+        end, farther = model.predict(Poses(np.zeros((1, 6)), np.zeros((1, 6)), wrench))[0] @ side
+        assert end == pytest.approx(2.0 * c * (force * L**2 / 3.0 + moment * L / 2.0), rel=1e-9)
+        assert (farther - end) / beyond == pytest.approx(2.0 * c * (force * L / 2.0 + moment), rel=1e-9)
+
+
+def test_a_slack_hose_does_not_pull_and_a_taut_one_does() -> None:
+    (hose,) = build_effects({"effect": "hose", "link": "link_6", "from_z_m": 4, "length_m": 2}, ROBOT)
+    assert isinstance(hose, ParallelSpring)
+    found = laws.tension(hose, np.array([1.0, 1.5, 2.5, 4.0, 5.0]), np.array([100.0]), still()).value
+    assert np.allclose(found, [0, 0, 50, 200, 300], atol=0.01)
+
+
+def test_a_marker_and_a_tracker_move_from_a_reading_on() -> None:
+    shares = Conditions(order=np.array([0.0, 0.2, 0.49, 0.5, 0.9]))
+    context = still()
+    context = replace(context, poses=replace(context.poses, loaded=shares))
+    p, turned = np.ones((5, 2, 3)), np.tile(np.eye(3), (5, 2, 1, 1))
+    reading = Reading(p, turned, ("m1", "m2"))
+    after = np.array([0, 0, 0, 1, 1.0])[:, None]
+    marker, tracker, drift = (
+        build_effects({"effect": name, **more}, ROBOT, ("m1", "m2"))[0]
+        for name, more in (("marker_move", {"marker": "m2"}), ("tracker_move", {}), ("reading_drift", {}))
+    )
+    x = np.array([1e-3, 2e-3, 3e-3])
+    assert isinstance(marker, Sensor)
+    assert isinstance(tracker, Sensor)
+    assert isinstance(drift, Sensor)
+    moved = laws.seen(marker, reading, x, context) - p
+    assert np.array_equal(moved[:, 0], np.zeros((5, 3)))
+    assert np.allclose(moved[:, 1], after * x)
+    moved = laws.seen(tracker, reading, np.concatenate([x, np.zeros(3)]), context) - p
+    assert np.allclose(moved, (after * x)[:, None, :])
+    assert np.allclose(laws.seen(drift, reading, x, context) - p, context.order[:, None, None] * x)
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        {"effect": "gear_flank", "joint": "joint_2", "width_Nm": 0},
+        {"effect": "base_lift", "direction": "x"},
+        {"effect": "gear_waves", "joint": "joint_2", "waves_per_turn": 0},
+        {"effect": "link_growth", "link": "link_6"},
+        {"effect": "gear_friction", "joint": "joint_2", "slip_Nm": -1},
+        {"effect": "tracker_move", "percent": "half"},
+        {"effect": "hose", "link": "link_6", "from_z_m": 3, "length_m": -1},
+        {"effect": "link_bending", "link": "link_2", "across": "w"},
+        {"effect": "marker_move", "marker": "m1", "percent": "100"},
+    ],
+    ids=lambda entry: str(entry["effect"]),
+)
+def test_settings_that_make_no_sense_are_refused(entry: dict[str, object]) -> None:
+    with pytest.raises(InputError, match=str(entry["effect"])):
+        build_effects(entry, ROBOT, ("m1",))

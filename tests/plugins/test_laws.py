@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,7 @@ from qsframework.plugin import (
     laws,
 )
 from qsframework.plugin.check import sample_context, sample_robot
+from qsframework.plugin.trusted import effect_of_file
 
 ROBOT = sample_robot()
 JOINTS = build_effects({"effect": "joint_compliance", "joints": "all"}, ROBOT)
@@ -385,3 +387,12 @@ def test_complex_steps_are_as_exact_as_the_law() -> None:
     dropped = laws.derivative(lambda v: np.abs(v) * v, T)[:, 0, 0]
     assert np.allclose(dropped, 2.0 * np.abs(T[:, 0]), rtol=1e-9, atol=1e-2)
     assert len(sample_context(ROBOT, 4)) == 4
+
+
+def test_a_trusted_file_of_the_first_edition_is_refused_with_its_line(tmp_path: Path) -> None:
+    file = tmp_path / "old.py"
+    file.write_text(FIRST.format(kind="SpringLaw", law="extra(self, torque, x)"))
+    with pytest.raises(
+        InputError, match=r"old\.py.*line \d+.*is a law of the first edition. Write extra\(self, torque"
+    ):
+        effect_of_file(file)

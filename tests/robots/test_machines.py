@@ -17,7 +17,7 @@ from qsframework.elastostatics import Model, Site, actuator_torques, flip_margin
 from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.state import place
 from qsframework.errors import InputError
-from qsframework.plugin import Effect, Poses, build_effects, check_effect
+from qsframework.plugin import Context, Effect, Poses, build_effects, check_effect
 from qsframework.robot import Robot, load_robot
 from qsframework.viz.robot_shapes import draw_robot, link_frames
 from qsframework.viz.scene import Scene
@@ -89,7 +89,8 @@ def some_poses(robot: Robot, count: int, seed: int = 0, force: float = 2e3) -> P
 
 def test_bars_and_housing_stand_and_weigh_as_pinocchio_s_tree_says(arm: Robot, tree: pin.Model) -> None:
     model, poses, data = model_of(arm, without_spring(arm)), some_poses(arm, 40, force=0.0), tree.createData()
-    motion = move(model.layout, nominal_actuators(model.layout, poses.q.T.copy()), np.zeros((1, 40)))
+    phi = nominal_actuators(model.layout, poses.q.T.copy())
+    motion = move(model.layout, Context(model.facts, poses), phi, np.zeros((1, 40)))
     state, ours = place(motion, model.tip, ()), actuator_torques(model, poses)
     for i in range(40):
         q, G = imposed(tree, motion.phi[:6, i])
