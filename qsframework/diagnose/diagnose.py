@@ -49,7 +49,7 @@ from qsframework.experiment.observations import REACH, Rows, start_values
 from qsframework.identify.pose_spread import check_pose_spread
 from qsframework.identify.selection import in_order
 from qsframework.plugin import Array, Indices
-from qsframework.screening.conventions import Convention, check_conventions
+from qsframework.screening.conventions import Convention, check_conventions, check_structures, compelling
 
 LEVEL = 0.04
 _LIBRARY_SHARE = 0.6
@@ -123,18 +123,16 @@ def diagnose(
     tell("conventions")
     conventions = check_conventions(experiment, readings)
     given = (experiment, readings)
-    for convention in conventions:
-        if convention.compelling:
-            experiment, readings = convention.experiment, convention.readings
-            break
-    base = _baseline(experiment, readings, tell)
-    tell("search")
-    base, library, answers = _searched(base, level, largest, seed)
-    gross = _gross(base, answers)
-    if len(gross):
-        base, library, answers = _searched(_without(base, gross), level, largest, seed)
-    best = answers[0] if answers else None
-    extended = best.fit if best else base.fit
+    adopted = compelling(conventions)
+    if adopted is not None:
+        experiment, readings = adopted.experiment, adopted.readings
+    found = _found(experiment, readings, tell, level, largest, seed)
+    for other in check_structures(experiment, readings)[:1] if adopted is None else ():
+        instead = _found(other.experiment, other.readings, tell, level, largest, seed)
+        if instead.cost <= found.cost:  # rather another structure than causes that merely do the same
+            found, conventions = instead, (other, *conventions)
+    base, library, answers = found.base, found.library, found.answers
+    best, extended = found.best, found.extended
     tell("noise")
     audit = _audit(base, extended)
     tell("closing gate")
@@ -169,6 +167,49 @@ def diagnose(
         level=level,
         seed=seed,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """The library, its answers, best first, and the baseline in the noise that these leave."""
+
+    base: _Baseline
+    library: Library
+    answers: Sequence[Answer]
+
+    @property
+    def best(self) -> Answer | None:
+        return self.answers[0] if self.answers else None
+
+    @property
+    def extended(self) -> Settled:
+        return self.answers[0].fit if self.answers else self.base.fit
+
+    @property
+    def cost(self) -> float:
+        """BIC of the extended model, in errors as stated."""
+        rows, fit = self.base.start, self.extended
+        count = len(rows.at)
+        square = float(np.square((fit.residuals / rows.sigma)[rows.mask]).sum()) / count
+        return count * float(np.log(max(square, 1e-300))) + fit.jacobian.shape[1] * float(np.log(count))
+
+
+def _found(
+    experiment: Experiment,
+    readings: Readings,
+    tell: Callable[[str], None],
+    level: float,
+    largest: int,
+    seed: int,
+) -> _Found:
+    """The search, and once more without the rows that belong to nothing."""
+    base = _baseline(experiment, readings, tell)
+    tell("search")
+    base, library, answers = _searched(base, level, largest, seed)
+    gross = _gross(base, answers)
+    if len(gross):
+        base, library, answers = _searched(_without(base, gross), level, largest, seed)
+    return _Found(base, library, answers)
 
 
 def _certain(base: _Baseline, best: Answer | None, findings: Sequence[Finding]) -> Settled:

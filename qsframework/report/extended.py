@@ -9,6 +9,7 @@ from qsframework.diagnose.audit_entries import audited_of
 from qsframework.diagnose.extend import Extension, write_extension
 from qsframework.diagnose.result import Diagnosis
 from qsframework.discriminate.pair import Discrimination
+from qsframework.errors import InputError
 from qsframework.files import sha256
 from qsframework.report.words.diagnosis import diagnosis_words
 from qsframework.report.words.noise import audit_words
@@ -37,6 +38,11 @@ def extension_of(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = (), *, 
         said = f"diagnosed: s = {f.s:.1f}, p = {f.p_value:.2g}{gain}{told}{rivals}"
         evidence.update({v.name: said for v in f.values})
     adopted = compelling(diagnosis.conventions)
+    if adopted is not None and adopted.structure:
+        raise InputError(
+            f"no extended robot is written: {adopted.words}. Change the effects of "
+            f"{diagnosis.experiment.robot.folder}, then diagnose again"
+        )
     read_otherwise = adopted is not None and adopted.name not in settled.model.names
     notes = [diagnosis_words(diagnosis, pairs)]
     if adopted is not None and read_otherwise:

@@ -57,7 +57,8 @@ class Convention:
     parallelogram[joint_3]`; value: what a coupling is fixed at, the factor
     of a unit, else 1; experiment, readings: with the convention applied; rms, rms_given: m, of the fits with it
     and as given; evidence: log of how much likelier it makes the readings, the number of conventions tried
-    counted; below: compliances that the fit puts below their bounds. Only a compelling one is to be believed; a
+    counted; below: compliances that the fit puts below their bounds; structure: whether the
+    arm itself is another one. Only a compelling one is to be believed; a
     `load_unit` never is, because the compliances absorb it.
     """
 
@@ -71,6 +72,7 @@ class Convention:
     evidence: float
     below: int
     compelling: bool
+    structure: bool = False
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -100,7 +102,6 @@ def check_conventions(experiment: Experiment, readings: Readings) -> tuple[Conve
         *joint_signs(experiment, readings),
         *displacement_axes(experiment, readings),
         *force_axes(experiment, readings),
-        *structures(experiment, readings),
     ]
     judged = [_judge(change, given, len(changes)) for change in changes]
     judged += [_judge(*mistake) for mistake in _mistakes(given)]
@@ -109,6 +110,18 @@ def check_conventions(experiment: Experiment, readings: Readings) -> tuple[Conve
     if better and better[0].compelling:
         better = [better[0], *(replace(c, compelling=False) for c in better[1:2])]
     return (*better, *_units(given))
+
+
+def check_structures(experiment: Experiment, readings: Readings) -> tuple[Convention, ...]:
+    """The structures of the arm that fit compellingly better than that of its file, the likeliest first.
+
+    A cause may do so too: whoever asks compares the two.
+    """
+    given = _fit(_trial(experiment, readings))
+    changes = list(structures(experiment, readings))
+    judged = [_judge(change, given, len(changes)) for change in changes]
+    found = [replace(c, structure=True) for c in judged if c is not None and c.compelling]
+    return tuple(sorted(found, key=lambda c: -c.evidence))
 
 
 def _judge(change: Change, given: _Fit, tried: int, rows: Indices | None = None) -> Convention | None:
