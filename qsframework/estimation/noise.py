@@ -105,7 +105,7 @@ def rounding(noise: Noise, measured: Array, reach: float = 0.0) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """A covariance of blocks: for each size s, the readings of B blocks (B, s) and their factors L^-1 (B, s, s)."""
+    """A covariance of blocks: for each size s, the readings of B blocks (B, s) and their roots L^-1 (B, s, s)."""
 
     parts: tuple[tuple[Indices, Array], ...]
     logarithm: float
@@ -158,10 +158,11 @@ def grouped(sigma: Array, groups: Sequence[Group]) -> Noise:
     parts: list[tuple[Indices, Array]] = []
     for size in np.unique(counts):
         rows = order[first[counts == size][:, None] + np.arange(size)]
-        L = np.linalg.cholesky(_covariance(sigma, groups, rows))
-        logarithm += 2.0 * float(np.log(np.diagonal(L, axis1=1, axis2=2)).sum())
-        inverse = np.linalg.solve(L, np.broadcast_to(np.eye(size), L.shape))
-        parts.append((rows, np.asarray(inverse, dtype=np.float64)))
+        # the symmetric root: whitened readings do not depend on the order of the rows, as those by Cholesky's do
+        values, vectors = np.linalg.eigh(_covariance(sigma, groups, rows))
+        logarithm += float(np.log(values).sum())
+        inverse: Array = (vectors / np.sqrt(values)[:, None, :]) @ vectors.transpose(0, 2, 1)
+        parts.append((rows, inverse))
     return Blocks(tuple(parts), logarithm)
 
 
