@@ -22,7 +22,7 @@ from qsframework.elastostatics.loads import gravity_torque
 from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.state import place
 from qsframework.elastostatics.structure import CHUNK
-from qsframework.plugin import Poses, find
+from qsframework.plugin import Context, Poses, find
 from qsframework.robot import Robot, load_robot
 
 TIP = Site(6, np.array([0.15, 0.0, 0.2]))
@@ -70,7 +70,8 @@ def batch(m: Model, poses: Poses) -> None:
     for start in range(0, count, CHUNK):
         part = slice(start, start + CHUNK)
         q = np.ascontiguousarray(poses.q[part].T)
-        state = place(move(layout, nominal_actuators(layout, q), np.zeros((layout.bars, q.shape[1]))), TIP, ())
+        phi, context = nominal_actuators(layout, q), Context(m.facts, poses.take(part))
+        state = place(move(layout, context, phi, np.zeros((layout.bars, q.shape[1]))), TIP, ())
         positions[:, part] = state.tip.position
         jacobians[:, :3, part], jacobians[:, 3:, part] = state.tip.elements.linear, state.tip.elements.angular
         gravity[:, part] = gravity_torque(state, moments, m.gravity)

@@ -58,6 +58,8 @@ _GROSS = 0.01
 """Level at which a row does not belong to the others."""
 _ROUNDS = 3
 """Times that a noise is told beside what was found in it."""
+_BETTER = 1.0
+"""By how much the BIC must fall for another structure; a cause less makes more."""
 _SETTLED = 0.8
 """Share of a noise that the next one has where the names stay: nothing more is hidden in it."""
 STEPS = ("conventions", "baseline", "causes", "search", "noise", "closing gate", "held-out gain", "table")
@@ -129,7 +131,8 @@ def diagnose(
     found = _found(experiment, readings, tell, level, largest, seed)
     for other in check_structures(experiment, readings)[:1] if adopted is None else ():
         instead = _found(other.experiment, other.readings, tell, level, largest, seed)
-        if instead.cost <= found.cost:  # rather another structure than causes that merely do the same
+        # rather another structure than causes that merely do the same, and rather that of the file than another one
+        if instead.cost < found.cost - _BETTER:
             found, conventions = instead, (other, *conventions)
     base, library, answers = found.base, found.library, found.answers
     best, extended = found.best, found.extended

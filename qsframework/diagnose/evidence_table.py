@@ -110,8 +110,8 @@ def _rivals(library: Library, answers: Sequence[Answer], i: int, seed: int) -> t
     best = answers[0].subset.members
     given = tuple(j for j in best if j != i)
     found = rival_set(library.gram, i, given, _exact(answers, given), seed)
-    alike = [j for j in library.aliases(i) if j != i and library.subspaces[j].visible and j not in found]
-    return (*alike, *found)
+    every = dict.fromkeys(j for rival in (i, *found) for j in library.aliases(rival))  # what does the same goes along
+    return tuple(j for j in every if j != i and j not in given and library.subspaces[j].visible)
 
 
 def _exact(answers: Sequence[Answer], given: tuple[int, ...]) -> Mapping[int, float]:

@@ -199,7 +199,7 @@ def test_there_were_kills_enough(trials: list[dict[str, Any]]) -> None:
 def test_the_command_line_itself(tmp_path: Path, number: signal.Signals, code: int) -> None:
     """A process of its own, stopped before anything is computed and while it is."""
     say = "from qsframework.cli import main; print('here', flush=True); main()"
-    command = [sys.executable, "-c", say, "design", EXPERIMENT, "--candidates", "30000", "-o", str(tmp_path / "p.csv")]
+    command = [sys.executable, "-c", say, "design", EXPERIMENT, "--candidates", "300000", "-o", str(tmp_path / "p.csv")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stderr is not None
