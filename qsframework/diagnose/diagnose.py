@@ -60,7 +60,7 @@ _ROUNDS = 3
 """Times that a noise is told beside what was found in it."""
 _BETTER = 1.0
 """By how much the BIC must fall for another structure; a cause less makes more."""
-_SETTLED = 0.7
+_SETTLED = 0.8
 """Share of a noise that the next one has where the names stay: nothing more is hidden in it."""
 STEPS = ("conventions", "baseline", "causes", "search", "noise", "closing gate", "held-out gain", "table")
 Progress = Callable[[str, int, int], None]
