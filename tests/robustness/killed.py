@@ -13,7 +13,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 from typing import Any
 
@@ -265,6 +265,9 @@ def main() -> None:
     given = json.loads(Path(sys.argv[1]).read_text())
     for name in given["imports"]:
         __import__(name)
+    for arguments in given["before"]:  # loads the effects and what reads a robot, which else each run would do again
+        with redirect_stdout(io.StringIO()), suppress(SystemExit):
+            qsf(arguments)()
     results = []
     for k, job in enumerate(given["jobs"]):
         print(time.ctime(), job["arguments"], file=sys.stderr, flush=True)

@@ -111,7 +111,13 @@ IMPORTS = [
     "qsframework.report",
     "qsframework.robot.loader",
     "qsframework.cli.compare",
+    "qsframework.cli.export",
+    "qsframework.cli.show",
+    "qsframework.report.extended",
+    "meshcat",
     "plotly",
+    "rich.progress",
+    "typer.rich_utils",
 ]
 
 
@@ -122,7 +128,8 @@ def trials(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
     (folder / "task.yaml").write_text(TASK)
     (folder / "targets.csv").write_text(TARGETS)
     (folder / "arm.urdf").write_text(arm())
-    given = {"imports": IMPORTS, "folder": str(folder), "seed": 8, "jobs": [*COMMANDS, *LONG]}
+    before = [["check", EXPERIMENT]]
+    given = {"imports": IMPORTS, "before": before, "folder": str(folder), "seed": 8, "jobs": [*COMMANDS, *LONG]}
     (folder / "jobs.json").write_text(json.dumps(given))
     done = subprocess.run(
         [sys.executable, str(HERE / "killed.py"), str(folder / "jobs.json")],
