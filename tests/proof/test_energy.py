@@ -35,7 +35,7 @@ class Gas:
     length: float
     exponent: float
 
-    def energy(self, q: complex) -> complex:
+    def energy(self, q: np.ndarray) -> np.ndarray:
         """Of the gas and of the air: the antiderivative of -(p - p_a) dV, p V^n constant."""
         n, V0 = self.exponent, self.volume
         s = np.sqrt(self.lc**2 + self.l2**2 - 2.0 * self.lc * self.l2 * np.cos(q + self.zero))
@@ -64,8 +64,9 @@ class Arm:
     tip: np.ndarray
 
 
-def turn(axis: np.ndarray, angle: complex) -> np.ndarray:
-    """Rodrigues' rotation, analytic in the angle."""
+def turn(axis: np.ndarray, angle: np.ndarray | float) -> np.ndarray:
+    """Rodrigues' rotations (..., 3, 3), analytic in the angle (...)."""
+    angle = np.asarray(angle)[..., None, None]
     x, y, z = axis
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
@@ -131,18 +132,17 @@ def compliances(arm: Arm) -> np.ndarray:
 
 
 def angles(arm: Arm, eps: np.ndarray) -> np.ndarray:
-    """Joint angles (n,) at deflections eps: the motor of joint 3 turns the lever, its joint takes up joint 2's."""
-    q = arm.q + eps[: len(arm.axes)]
+    """Joint angles (..., n) at deflections eps: the motor of joint 3 turns the lever, its joint takes up joint 2's."""
+    q = arm.q + eps[..., : len(arm.axes)]
     if arm.loop:
-        q = q.copy()
-        q[2] -= arm.sign * eps[1]
+        q[..., 2] -= arm.sign * eps[..., 1]
     return q
 
 
 def place(arm: Arm, eps: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Rotation and origin of the base and of every link at deflections eps (complex allowed)."""
+    """Rotation and origin of the base and of every link at deflections eps (..., m), complex allowed."""
     n, q = len(arm.axes), angles(arm, eps)
-    R = turn(np.array([0.0, 1.0, 0.0]), eps[-1]) if arm.base is not None else np.eye(3)
+    R = turn(np.array([0.0, 1.0, 0.0]), eps[..., -1]) if arm.base is not None else np.eye(3)
     o = np.zeros(3)
     rotations, origins = [R], [o]
     for k in range(n):
@@ -150,51 +150,50 @@ def place(arm: Arm, eps: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]
         R = R @ arm.placements[k, :3, :3]
         for i, (joint, axis, _) in enumerate(arm.offaxis):
             if joint == k:
-                R = R @ turn(np.eye(3)[axis], eps[n + i])
-        R = R @ turn(arm.axes[k], q[k])
+                R = R @ turn(np.eye(3)[axis], eps[..., n + i])
+        R = R @ turn(arm.axes[k], q[..., k])
         rotations.append(R)
         origins.append(o)
     return rotations, origins
 
 
-def energy(arm: Arm, eps: np.ndarray, loaded: bool) -> complex:
-    """Potential of masses, balancer and load; the springs' own energy is added by `gradient`."""
+def energy(arm: Arm, eps: np.ndarray, loaded: bool) -> np.ndarray:
+    """Potential (...) of masses, balancer and load at deflections (..., m); the springs' own is added by `settle`."""
     rotations, origins = place(arm, eps)
-    total: complex = 0.0 if arm.gas is None else arm.gas.energy(angles(arm, eps)[arm.gas.joint])
+    total = np.zeros(eps.shape[:-1]) if arm.gas is None else arm.gas.energy(angles(arm, eps)[..., arm.gas.joint])
     for R, o, m, c in zip(rotations, origins, arm.masses, arm.centres, strict=True):
-        total -= m * GRAVITY @ (o + R @ c)
+        total = total - m * ((o + R @ c) @ GRAVITY)
     if arm.spring is not None:
         first, second, a, b, stiffness, free = arm.spring
         apart = origins[second] + rotations[second] @ b - origins[first] - rotations[first] @ a
-        total += 0.5 * stiffness * (np.sqrt(apart @ apart) - free) ** 2
+        total = total + 0.5 * stiffness * (np.sqrt((apart * apart).sum(axis=-1)) - free) ** 2
     if loaded:
-        total -= arm.force @ (origins[-1] + rotations[-1] @ arm.tip)
+        total = total - (origins[-1] + rotations[-1] @ arm.tip) @ arm.force
     return total
 
 
 def settle(arm: Arm, loaded: bool) -> np.ndarray:
     """Position of the tip where every spring carries the torque of the potential: eps = c T + f(T)."""
     c = compliances(arm)
-    scale = c * 1e3
+    scale, units = c * 1e3, np.eye(len(c))
 
     def torque(eps: np.ndarray) -> np.ndarray:
         step = 1e-30
-        return -np.array([energy(arm, eps + 1j * step * unit, loaded).imag / step for unit in np.eye(len(c))])
+        return -energy(arm, eps[..., None, :] + 1j * step * units, loaded).imag / step
 
     def residual(y: np.ndarray) -> np.ndarray:
         T = torque(y * scale)
         given = c * T
         if arm.hardening is not None:
             joint, c3 = arm.hardening
-            given[joint] += c3 * T[joint] ** 3
+            given[..., joint] += c3 * T[..., joint] ** 3
         return y - given / scale
 
     found = root(residual, residual(np.zeros(len(c))) * -1.0, tol=1e-13)
     y = found.x
     for _ in range(3):  # Newton polish with a difference Jacobian of an exact residual
-        r = residual(y)
-        J = np.stack([(residual(y + 1e-4 * u) - residual(y - 1e-4 * u)) / 2e-4 for u in np.eye(len(c))], axis=1)
-        y = y - np.linalg.solve(J, r)
+        J = ((residual(y + 1e-4 * units) - residual(y - 1e-4 * units)) / 2e-4).T
+        y = y - np.linalg.solve(J, residual(y))
     assert np.abs(residual(y)).max() < 1e-9 * max(np.abs(y).max(), 1.0)
     rotations, origins = place(arm, y * scale)
     return origins[-1] + rotations[-1] @ arm.tip
