@@ -17,9 +17,17 @@ HIDDEN = str(example("hidden_effect") / "experiment.yaml")
 TRUTH = -1.21e-16
 
 
-def test_the_hidden_effect_is_named_extended_and_simulated(tmp_path: Path) -> None:
-    result, report, out = tmp_path / "r.json", tmp_path / "r.html", tmp_path / "out"
-    output = run("diagnose", HIDDEN, "--json", str(result), "--report", str(report), "--extend", str(out))
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """The folder of all files that a diagnosis writes, and what it prints."""
+    to = tmp_path_factory.mktemp("hidden")
+    files = ("--json", str(to / "r.json"), "--report", str(to / "r.html"), "--extend", str(to / "out"))
+    return to, run("diagnose", HIDDEN, *files, "--second-day", str(to / "day2.csv"), "--count", "5")
+
+
+def test_the_hidden_effect_is_named_extended_and_simulated(ran: tuple[Path, str], tmp_path: Path) -> None:
+    (folder, output) = ran
+    result, report, out = folder / "r.json", folder / "r.html", folder / "out"
     assert "\nExplained.\n  - joint_hardening[joint_3]: " in output
     found = json.loads(result.read_text())
     assert [c["id"] for c in found["causes"]] == ["joint_hardening[joint_3]"]
@@ -108,10 +116,9 @@ def test_a_wrong_convention_is_named_and_written_with_the_robot(tmp_path: Path) 
     assert readings.line[~readings.use].tolist() == problem["rows"]
 
 
-def test_a_second_day_is_in_json_and_report(tmp_path: Path) -> None:
-    result, report, plan = tmp_path / "r.json", tmp_path / "r.html", tmp_path / "day2.csv"
-    command = ("diagnose", HIDDEN, "--json", str(result), "--report", str(report), "--second-day", str(plan))
-    output = run(*command, "--count", "5")
+def test_a_second_day_is_in_json_and_report(ran: tuple[Path, str]) -> None:
+    (folder, output) = ran
+    result, report = folder / "r.json", folder / "r.html"
     day = json.loads(result.read_text())["second_day"]
     assert day["poses"] == 5
     (contest,) = (c for c in day["contests"] if f"against {c['second']}: s" in output)

@@ -9,10 +9,21 @@ import numpy as np
 import pytest
 
 from qsframework.design.candidates import generate_candidates
+from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.elastostatics import Model, exact_readings, make_model
 from qsframework.elastostatics.so3 import exponential
 from qsframework.errors import NotConverged
-from qsframework.experiment import Experiment, Frame, Readings, Rows, example, load_experiment, make_plan, simulate
+from qsframework.experiment import (
+    Experiment,
+    Frame,
+    Readings,
+    Rows,
+    example,
+    load_experiment,
+    make_plan,
+    read_readings,
+    simulate,
+)
 from qsframework.plugin import Array, Effect, Poses
 from tests.identify.arm import position_readings, settled
 
@@ -23,6 +34,19 @@ SIGMA = 3e-5
 def campaign() -> Experiment:
     """The M-900iB with three markers and two loads."""
     return load_experiment(example("m900ib") / "experiment.yaml")
+
+
+@cache
+def diagnosed(name: str) -> Diagnosis:
+    """The diagnosis of an example, made once for all tests that look at it."""
+    experiment = load_experiment(example(name) / "experiment.yaml")
+    return diagnose(experiment, read_readings(experiment.data, experiment))
+
+
+@cache
+def quiet(seed: int) -> Diagnosis:
+    """The diagnosis of an arm in which nothing acts."""
+    return diagnose(campaign(), measured(seed=seed), seed=seed)
 
 
 @cache

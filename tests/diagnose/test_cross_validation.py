@@ -11,18 +11,16 @@ import pytest
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.error_budget import linear_errors
 from qsframework.diagnose.linearization.columns import Case
-from qsframework.experiment import example, load_experiment, read_readings
 from qsframework.plugin import Array
 from qsframework.report.diagnosis_tables import cause_table, verdict_lines
 from qsframework.report.result_json import diagnosis_json
-from tests.diagnose.cases import campaign, measured
+from tests.diagnose.cases import campaign, diagnosed, measured
 
 
 @pytest.fixture(scope="module")
 def real() -> Diagnosis:
     """The R-2000iC has three causes."""
-    experiment = load_experiment(example("r2000ic") / "experiment.yaml")
-    return diagnose(experiment, read_readings(experiment.data, experiment))
+    return diagnosed("r2000ic")
 
 
 def refitted(case: Case, names: list[str], residuals: Array) -> float:
@@ -80,8 +78,7 @@ def test_json_holds_what_the_report_shows(real: Diagnosis) -> None:
 
 
 def test_one_cause_has_the_gain_of_the_extension() -> None:
-    experiment = load_experiment(example("hidden_effect") / "experiment.yaml")
-    found = diagnose(experiment, read_readings(experiment.data, experiment))
+    found = diagnosed("hidden_effect")
     assert [f.heldout_gain for f in found.findings] == [found.rms.heldout_gain]
 
 

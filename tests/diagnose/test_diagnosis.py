@@ -17,7 +17,7 @@ from qsframework.experiment import example, load_experiment, read_readings
 from qsframework.plugin import Array, At, Context, Parameter, RobotFacts, SpringLaw, find, place
 from qsframework.report.result_json import diagnosis_json
 from qsframework.report.words.diagnosis import diagnosis_words, method_words
-from tests.diagnose.cases import campaign, measured
+from tests.diagnose.cases import campaign, diagnosed, measured, quiet
 
 HIDDEN = [
     ("joint_hardening", ("joint_3",), 0.4),
@@ -56,17 +56,16 @@ def test_two_causes_are_both_named() -> None:
 def test_nothing_is_named_where_nothing_acts_and_bounds_are_given() -> None:
     verdicts = []
     for seed in range(12):
-        found = diagnose(campaign(), measured(seed=seed), seed=seed)
+        found = quiet(seed)
         verdicts.append(found.verdict)
         assert found.rms.heldout_extended == pytest.approx(found.rms.noise, rel=0.15)
     assert verdicts.count("none") >= 10, verdicts
-    clean = diagnose(campaign(), measured(seed=0), seed=0)
-    assert "no " in diagnosis_words(clean)
-    assert " above " in diagnosis_words(clean)
+    assert "no " in diagnosis_words(quiet(0))
+    assert " above " in diagnosis_words(quiet(0))
 
 
 def test_bounds_of_excluded_causes_hold_the_truth_that_nothing_acts() -> None:
-    found = diagnose(campaign(), measured(seed=3))
+    found = quiet(3)
     excluded = [x for x in found.table if x.status is Status.EXCLUDED]
     invisible = {x.name for x in found.table if x.status is Status.INVISIBLE}
     assert len(excluded) > 40
@@ -77,14 +76,13 @@ def test_bounds_of_excluded_causes_hold_the_truth_that_nothing_acts() -> None:
 
 def test_the_same_seed_gives_the_same_result() -> None:
     hidden = find("joint_hardening")("joint_3")
-    readings = measured((hidden,), {hidden.name: 4e-17}, seed=4)
+    readings = measured((hidden,), {hidden.name: 4e-17}, seed=4, count=30)
     one, two = (diagnosis_json(diagnose(campaign(), readings, seed=3)) for _ in range(2))
     assert one == two
 
 
 def test_the_r2000ic_joint_springs_are_not_the_whole_truth() -> None:
-    experiment = load_experiment(example("r2000ic") / "experiment.yaml")
-    found = diagnose(experiment, read_readings(experiment.data, experiment))
+    found = diagnosed("r2000ic")
     assert found.verdict in ("explained", "partly_explained")
     assert found.rms.heldout_extended <= 165e-6
     assert found.audit.unit_source != "stated"

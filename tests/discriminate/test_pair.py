@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from qsframework.design import check_poses, generate_candidates
-from qsframework.diagnose import diagnose
 from qsframework.diagnose.linearization.candidates import find_causes, widened
 from qsframework.discriminate import alternatives, t_optimal
 from qsframework.discriminate.alternatives import Offer, _frame, batch, kinds
@@ -16,10 +15,11 @@ from qsframework.discriminate.follow_up import second_day
 from qsframework.discriminate.pair import discriminate, mistaken
 from qsframework.discriminate.t_optimal import ask, choose, limit_angle, told
 from qsframework.errors import InputError, NotCertified, NotIdentifiable
-from qsframework.experiment import LoadCase, example, load_experiment, read_plan, read_readings, write_plan
+from qsframework.experiment import LoadCase, example, load_experiment, read_plan, write_plan
 from qsframework.plugin import Poses
 from qsframework.report.result_json import discrimination_json, second_day_json
 from qsframework.report.words.discrimination import discrimination_words, second_day_words, size_words
+from tests.diagnose.cases import diagnosed
 
 SIGMA = 3e-5
 BEARING = "offaxis_compliance[joint_1/x]"
@@ -227,8 +227,8 @@ def test_bad_questions_are_refused(experiment, first_day):
 
 
 def test_a_second_day_confirms_what_the_first_one_named(tmp_path):
-    experiment = load_experiment(example("hidden_effect") / "experiment.yaml")
-    diagnosis = diagnose(experiment, read_readings(experiment.data, experiment), repeats=1)
+    diagnosis = diagnosed("hidden_effect")
+    experiment = diagnosis.experiment
     found = second_day(diagnosis, 6, candidates=100)
     assert {c.first for c in found.contests} == {f.name for f in diagnosis.findings}
     for contest in found.contests:

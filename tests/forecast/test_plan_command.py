@@ -7,11 +7,11 @@ import pytest
 
 from qsframework.cli.diagnose_plan import run_foresight, run_second_day, run_separate
 from qsframework.design import design
-from qsframework.diagnose import diagnose
 from qsframework.errors import InputError
-from qsframework.experiment import example, load_experiment, read_plan, read_readings, write_plan
+from qsframework.experiment import example, load_experiment, read_plan, write_plan
 from qsframework.forecast.power import foresee
 from qsframework.report.power_section import angle_figure, pair_table, power_figure, power_section, size_table
+from tests.diagnose.cases import diagnosed
 
 FILE = example("m900ib") / "experiment.yaml"
 
@@ -97,11 +97,10 @@ def test_separating_poses_are_a_plan(experiment, plan_file, tmp_path, capsys):
 
 
 def test_a_second_day_is_a_plan(tmp_path, capsys):
-    hidden = load_experiment(example("hidden_effect") / "experiment.yaml")
-    found = diagnose(hidden, read_readings(hidden.data, hidden), repeats=1)
+    found = diagnosed("hidden_effect")
     run_second_day(found, 5, tmp_path / "day2.csv")
     assert "told right in" in capsys.readouterr().out
-    assert len(read_plan(tmp_path / "day2.csv", hidden).pose) == 5
+    assert len(read_plan(tmp_path / "day2.csv", found.experiment).pose) == 5
 
 
 def test_without_a_stated_noise_what_the_fit_leaves_counts(tmp_path, capsys):
