@@ -1,43 +1,162 @@
-"""The README's commands run as written."""
+"""The commands of the README and of the examples' READMEs run as written, and print what the READMEs say."""
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import shlex
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pytest
 import yaml
+from check_answers import pedestal, waves
+from typer.testing import CliRunner
 
+from qsframework.cli.main import app
 from qsframework.experiment import load_experiment
 
-
-def blocks(root: Path, language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", (root / "README.md").read_text(), re.M | re.S)
+EXAMPLES = sorted(p.parent.name for p in Path(__file__).parents[2].glob("examples/*/README.md"))
 
 
-def test_every_command_runs(root: Path, tmp_path: Path) -> None:
-    (tmp_path / "examples").symlink_to(root / "examples")
+@dataclass(frozen=True)
+class Ran:
+    """What each command of the README printed, and the folder in which they ran."""
+
+    printed: dict[str, str]
+    folder: Path
+
+    def json(self, name: str) -> Any:
+        return json.loads((self.folder / name).read_text())
+
+
+def blocks(readme: Path, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", readme.read_text(), re.M | re.S)
+
+
+def lines(readme: Path, language: str) -> list[str]:
+    return [line for block in blocks(readme, language) for line in block.splitlines()]
+
+
+@pytest.fixture(scope="module")
+def readme(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Ran:
+    """The README, run by a shell."""
+    folder = tmp_path_factory.mktemp("readme")
+    (folder / "examples").symlink_to(root / "examples")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    commands = [line for block in blocks(root, "sh") for line in block.splitlines()]
-    assert sum(c.startswith("qsf ") for c in commands) >= 6
-    for command in commands:
+    environment = {**os.environ, "PATH": path, "COLUMNS": "400", "TERMINAL_WIDTH": "400"}
+    printed: dict[str, str] = {}
+    for command in lines(root / "README.md", "sh"):
         if command.startswith("make "):
             where = ["make", "--dry-run", command.split()[1]]
             subprocess.run(where, cwd=root, check=True, capture_output=True)
             continue
-        run = subprocess.run(
-            command, shell=True, cwd=tmp_path, env={**os.environ, "PATH": path}, capture_output=True, text=True
-        )
+        run = subprocess.run(command, shell=True, cwd=folder, env=environment, capture_output=True, text=True)
         assert run.returncode == 0, f"{command}: {run.stderr}"
-        assert run.stdout.strip(), command
+        printed[command] = run.stdout
+    return Ran(printed, folder)
+
+
+def test_every_command_runs(readme: Ran) -> None:
+    assert sum(c.startswith("qsf ") for c in readme.printed) >= 6
+    for command, printed in readme.printed.items():
+        assert printed.strip(), command
     for name in ("plan.csv", "plan.json", "plan.html", "readings.csv", "fit.json", "fit.html"):
-        assert (tmp_path / name).stat().st_size > 0
+        assert (readme.folder / name).stat().st_size > 0
+
+
+def test_the_pedestal_that_is_named_gives_as_much_by_another_computation(readme: Ran, root: Path) -> None:
+    """Seven springs fitted to the displacements and the gauge alone, by Pinocchio and scipy."""
+    (cause,) = readme.json("mixed_diagnosis.json")["causes"]
+    assert cause["id"] == "base_compliance[ry]"
+    (told,) = cause["parameters"].values()
+    value, sd = pedestal(root / "examples" / "mixed")
+    assert abs(told["value"] - value) < 3.0 * np.hypot(sd, told["sd"])
+    assert abs(value - 3e-8) < 3.0 * sd, "what was hidden"
+    assert value > 8.0 * sd
+
+
+def test_the_waves_that_are_named_are_there_by_another_computation(readme: Ran, root: Path) -> None:
+    """As high as in docs/ur10.md, and worth as much at poses that are left out."""
+    answer = readme.json("ur10.json")
+    found = waves(root / "examples" / "ur10" / "series_d.csv")
+    named = {c["id"]: c["parameters"] for c in answer["causes"] if c["id"].startswith("encoder_eccentricity")}
+    assert {f"encoder_eccentricity[joint_{k}]" for k in (1, 2, 3)} <= set(named)
+    for k in (0, 1, 2):
+        told = [
+            named[f"encoder_eccentricity[joint_{k + 1}]"][f"encoder_eccentricity[joint_{k + 1}].{w}17"]
+            for w in ("sin", "cos")
+        ]
+        sd = np.hypot(found.sd[k], [v["sd"] for v in told])
+        assert np.all(np.abs(found.waves[k] - [v["value"] for v in told]) < 3.0 * sd)
+        assert np.hypot(*found.waves[k]) > 3.0 * np.hypot(*found.sd[k]), "it is not noise"
+    rms = answer["rms_mm"]
+    gain = 1.0 - rms["heldout_extended"] / rms["heldout_identified"]
+    assert gain == pytest.approx(1.0 - found.with_waves / found.without, abs=0.05)
+    assert rms["heldout_identified"] == pytest.approx(1e3 * found.without, rel=0.1)
+    page = (root / "docs" / "ur10.md").read_text()
+    assert f"{1e3 * found.without:.3f} to {1e3 * found.with_waves:.3f} mm" in page
+    for k, (size, height) in enumerate(zip(found.waves[:3], np.linalg.norm(found.waves[:3], axis=1), strict=True)):
+        parts = ", ".join(f"{60 * np.rad2deg(v):.3f}" for v in size)
+        assert f"| {k + 1} | {parts} | {1e3 * height:.2f} |" in page
+
+
+def printed_by(command: str) -> str:
+    """What a line of an example's README prints, run in this process."""
+    program, *arguments = shlex.split(command)
+    assert program == "qsf"
+    done = CliRunner().invoke(app, arguments, env={"COLUMNS": "400", "TERMINAL_WIDTH": "400"})
+    assert done.exit_code == 0, f"{command}: {done.output}"
+    return done.stdout
+
+
+def plain(text: str) -> str:
+    """Words and numbers, without the lines of tables."""
+    return re.sub(r"\s+", " ", re.sub(r"[\u2500-\u257f]", " ", text))
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_commands_run_and_print_what_is_said(
+    name: str, readme: Ran, root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the README runs as well is not run again."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "examples").symlink_to(root / "examples")
+    page = root / "examples" / name / "README.md"
+    commands = lines(page, "sh")
+    assert any(c.startswith(("qsf identify ", "qsf diagnose ")) for c in commands)
+    assert all("--report" in c for c in commands if c.startswith(("qsf identify ", "qsf design ")))
+    printed = ""
+    for command in commands:
+        folder = readme.folder if command in readme.printed else tmp_path
+        printed += readme.printed[command] if command in readme.printed else printed_by(command)
+        for report in re.findall(r"--report (\S+)", command):
+            assert (folder / report).stat().st_size > 10_000
+    if name == "m900ib":
+        # the paper's plan asked for all six joints: five are told, one is left aside by name
+        printed += printed_by("qsf identify examples/m900ib/experiment.yaml --data table5_readings.csv")
+    said = lines(page, "text")
+    assert said
+    for line in said:
+        assert plain(line) in plain(printed), line
+
+
+def test_the_two_files_of_the_m900ib_describe_one_campaign(root: Path) -> None:
+    one, two = (load_experiment(root / "examples" / "m900ib" / f) for f in ("experiment.yaml", "table5.yaml"))
+    assert one.noise == two.noise
+    assert (one.load_point == two.load_point).all()
+    for a, b in zip(one.markers, two.markers, strict=True):
+        assert a.name == b.name
+        assert (a.xyz == b.xyz).all()
 
 
 def test_the_experiment_shown_is_a_valid_one(root: Path, tmp_path: Path) -> None:
-    (block,) = blocks(root, "yaml")
+    (block,) = blocks(root / "README.md", "yaml")
     (tmp_path / "experiment.yaml").write_text(block)
     assert yaml.safe_load(block)["robot"] == load_experiment(tmp_path / "experiment.yaml").robot.name
 
