@@ -177,6 +177,21 @@ class Diagnosis:
         """All parameters of the extended model by name, SI."""
         return dict(zip(self.extended.model.names, (float(v) for v in self.extended.x), strict=True))
 
+    @property
+    def sure(self) -> tuple[Finding, ...]:
+        """The named causes that are not doubtful."""
+        return tuple(f for f in self.findings if not f.doubtful)
+
+    @property
+    def doubtful(self) -> tuple[Finding, ...]:
+        """The named causes without which poses left out are predicted as well."""
+        return tuple(f for f in self.findings if f.doubtful)
+
+    @property
+    def plain_alone(self) -> tuple[Line, ...]:
+        """Causes that are plain by themselves and are not named: what they show, the named ones do too."""
+        return tuple(x for x in self.table if x.status is Status.EXCLUDED and x.p_value < self.level)
+
     def residuals(self) -> tuple[Array, Array]:
         """Of the kept rows (R, 3) m, before and after the extension."""
         return self.baseline.residuals, self.extended.residuals
