@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, readings_files, write_json
-from qsframework.cli.progress import Tell, print_line, print_table, progress
+from qsframework.cli.progress import Tell, print_folded, print_line, print_table, progress
 from qsframework.cli.where import ALONE, Where
 from qsframework.diagnose import LEVEL, STEPS, Diagnosis, diagnose
 from qsframework.diagnose.extend import check_folder
@@ -38,12 +38,14 @@ class DiagnoseFiles:
 
 @dataclass(frozen=True)
 class Asked:
-    """How to diagnose; separate: two causes that poses are to tell apart, instead of a diagnosis."""
+    """How to diagnose; separate: two causes that poses are to tell apart, instead of a diagnosis; verbose: list all
+    causes, also those that are excluded or invisible."""
 
     level: float = LEVEL
     seed: int = 0
     count: int = 12
     separate: tuple[str, str] | None = None
+    verbose: bool = False
 
 
 def run_diagnose(files: DiagnoseFiles, asked: Asked, where: Where = ALONE) -> None:
@@ -72,9 +74,9 @@ def run_diagnose(files: DiagnoseFiles, asked: Asked, where: Where = ALONE) -> No
         found = diagnose(experiment, readings, level=asked.level, seed=asked.seed, progress=_steps(tell))
         tell("diagnosis", len(STEPS), len(STEPS))
         pairs, missing = separations(found, asked.count, progress=tell)
-    print_diagnosis(found, pairs)
+    print_diagnosis(found, pairs, asked.verbose)
     for said in (*(line for pair in pairs for line in discrimination_words(pair)), *not_separated_words(missing)):
-        print(said)
+        print_folded(said)
     day, lost = None, None
     if files.second_day is not None:
         try:
@@ -137,27 +139,47 @@ def _steps(tell: Tell) -> Tell:
     return lambda _, done, total: tell("diagnosis", done, total)
 
 
-def print_diagnosis(found: Diagnosis, pairs: Sequence[Discrimination]) -> None:
-    """The verdict, the causes, what is excluded and what is wrong with the data."""
+def _print_rest(found: Diagnosis, verbose: bool) -> None:
+    """What is explained by the named causes, excluded or unseen: as tables where few or asked for, else counted."""
     from qsframework.report import diagnosis_tables as tables
-    from qsframework.report.words.diagnosis import VERDICTS, method_words
 
-    print(f"{VERDICTS[found.verdict]}.")
-    for lead, said in tables.verdict_lines(found, pairs).rows:
-        print_line(lead, said)
+    rest = (
+        ("Explained by the named causes", tables.alone_table(found)),
+        ("Excluded", tables.excluded_table(found, short=True)),
+        ("Nothing is said about", tables.unseen_table(found)),
+    )
+    for title, table in rest:
+        if table.rows and (verbose or not table.folded):
+            print_table(table.header, table.rows, title)
+        elif table.rows:
+            print_folded(f"{table.folded}.")
+    if not verbose and any(table.folded for _, table in rest):
+        print("`--verbose` lists them all.")
+
+
+def print_diagnosis(found: Diagnosis, pairs: Sequence[Discrimination], verbose: bool = False) -> None:
+    """The verdict in a sentence, what is certain, doubtful and open, what to measure next, and the evidence."""
+    from qsframework.report import diagnosis_tables as tables
+    from qsframework.report.words.diagnosis import method_words
+    from qsframework.report.words.headline import headline
+
+    print_folded(headline(found))
+    for title, lines in tables.verdict_groups(found, pairs):
+        print(f"{title}:")
+        for lead, said in lines.rows:
+            print_line(lead, said)
     judged = {pair.first for pair in pairs}
     for f in (f for f in found.findings if f.rivals and f.name not in judged):
         nearest = min(f.rivals, key=lambda r: r.angle).name
         print_line("", f"`--separate {f.name} {nearest}` designs poses that tell them apart, or says what would")
-    causes = tables.cause_table(found)
-    print_table(causes.header, causes.rows)
+    for title, table in (("Certain", tables.cause_table(found)), ("Doubtful", tables.doubtful_table(found))):
+        if table.rows:
+            print_table(table.header, table.rows, title if found.findings else "")
     errors = tables.error_rows(found)
     print_table(errors.header, errors.rows)
-    excluded = tables.excluded_table(found, short=True)
-    if excluded.rows:
-        print_table(excluded.header, excluded.rows, "Excluded")
-    for said in (*tables.unseen_words(found), *method_words(found)):
-        print(said)
+    _print_rest(found, verbose)
+    for said in method_words(found):
+        print_folded(said)
     if len(found.outliers):
         problems = tables.outlier_table(found)
         print_table(problems.header, problems.rows, "Rows left out")

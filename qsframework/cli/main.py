@@ -341,6 +341,9 @@ def diagnose(
     plan: Annotated[
         Path | None, typer.Option(help="Before measuring: what this plan would detect and name, and what not.")
     ] = None,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", help="List all causes, excluded and invisible ones too.")
+    ] = False,
     jobs: Jobs = 1,
     dask: DaskAddress = None,
     checkpoint: Kept = None,
@@ -363,7 +366,7 @@ def diagnose(
         plan=plan,
         output=output,
     )
-    run_diagnose(files, Asked(level, seed, count, separate), Where(jobs, dask, checkpoint))
+    run_diagnose(files, Asked(level, seed, count, separate, verbose), Where(jobs, dask, checkpoint))
 
 
 add_commands(app)

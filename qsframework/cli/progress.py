@@ -30,6 +30,15 @@ def progress() -> Generator[Tell, None, None]:
         yield tell
 
 
+def print_folded(said: str) -> None:
+    """A paragraph, folded at the terminal's width."""
+    import shutil
+    import textwrap
+
+    width = shutil.get_terminal_size((_LINE, 24)).columns
+    print(textwrap.fill(said, width, subsequent_indent="  " if said.startswith("- ") else "", break_on_hyphens=False))
+
+
 def print_line(lead: str, said: str) -> None:
     """A statement as an item of a list, with what it is about in front, folded at the terminal's width."""
     import shutil

@@ -22,11 +22,13 @@ class Lines:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells under a header; `caption` says what to look for."""
+    """Rows of cells under a header; `caption` says what to look for; folded: what stands in its place until it is
+    opened, "" for a table that is always open."""
 
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     caption: str = ""
+    folded: str = ""
 
 
 @dataclass(frozen=True)

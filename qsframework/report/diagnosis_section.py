@@ -11,8 +11,9 @@ from qsframework.discriminate.pair import Discrimination
 from qsframework.report import diagnosis_plots as plots, diagnosis_tables as tables
 from qsframework.report.blocks import Block, Section, Text, View
 from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, LINEAR, provenance_section
-from qsframework.report.words.diagnosis import VERDICTS, method_words
+from qsframework.report.words.diagnosis import method_words
 from qsframework.report.words.discrimination import discrimination_words, left_open_words
+from qsframework.report.words.headline import headline
 from qsframework.report.words.noise import audit_words, misfit_words
 from qsframework.viz import residual_scene
 from qsframework.viz.residual_scene import MOST
@@ -60,14 +61,20 @@ def _sizes(diagnosis: Diagnosis) -> str:
 
 
 def _verdict(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[Block]:
-    yield Text(f"{VERDICTS[diagnosis.verdict]}.")
-    yield tables.verdict_lines(diagnosis, pairs)
+    yield Text(headline(diagnosis))
+    for title, rows in tables.verdict_groups(diagnosis, pairs):
+        yield Text(f"{title}:")
+        yield rows
     yield tables.error_rows(diagnosis)
     yield plots.budget_figure(diagnosis)
 
 
 def _causes(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[Block]:
-    yield tables.cause_table(diagnosis)
+    if (certain := tables.cause_table(diagnosis)).rows:
+        yield certain
+    if (doubtful := tables.doubtful_table(diagnosis)).rows:
+        yield Text("Doubtful, and never to be read as certain:")
+        yield doubtful
     for f in diagnosis.findings:
         if f.rivals:
             said = ", ".join(f"{r.name} ({tables.degrees(r.angle)})" for r in f.rivals)
@@ -80,10 +87,9 @@ def _causes(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[B
             yield Text(said)
     if diagnosis.leftovers:
         yield tables.leftover_table(diagnosis)
-    if (excluded := tables.excluded_table(diagnosis)).rows:
-        yield excluded
-    for said in tables.unseen_words(diagnosis):
-        yield Text(said)
+    for rest in (tables.alone_table, tables.excluded_table, tables.unseen_table):
+        if (table := rest(diagnosis)).rows:
+            yield table
 
 
 def _day(day: SecondDay) -> Iterator[Block]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -11,17 +11,39 @@ from qsframework.discriminate.follow_up import SecondDay
 from qsframework.discriminate.pair import Discrimination
 from qsframework.plugin import Parameter
 from qsframework.report.blocks import Lines, Table
-from qsframework.report.words.diagnosis import limit_words, statements
+from qsframework.report.words.diagnosis import Group, excluded_words, limit_words, statements, status_words
+from qsframework.report.words.headline import check_words
+from qsframework.report.words.next_steps import next_steps
 from qsframework.report.words.sizes import people_estimate, people_size, three
 
 _STRONGEST = 12
+FOLDED = 10
+"""Causes beyond which a list of what is excluded or unseen is folded."""
+_EVIDENCE = (
+    "cause",
+    "estimate ± sd",
+    "s",
+    "adjusted p",
+    "delta EBIC",
+    "held-out gain",
+    "nearest rival, angle",
+    "status",
+)
+_BESIDE = ("nearest, angle", "beside the named ones at most (95 %)")
 
 
-def verdict_lines(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = ()) -> Lines:
-    """What the verdict rests on, a statement each, and what to look at on the robot; causes stand in front."""
-    rows = [(s.about, s.text) for s in statements(diagnosis, pairs)]
-    rows += [("Look at", f"{f.check} ({f.name})") for f in diagnosis.findings if f.check]
-    return Lines(tuple(rows))
+def verdict_groups(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = ()) -> tuple[tuple[str, Lines], ...]:
+    """What the verdict rests on, and what to measure next, under their titles; causes stand in front."""
+    said = statements(diagnosis, pairs)
+    groups: list[tuple[str, Lines]] = []
+    for group in Group:
+        rows = [(s.about, s.text) for s in said if s.group is group]
+        looked = {Group.CERTAIN: diagnosis.sure, Group.DOUBTFUL: diagnosis.doubtful}.get(group, ())
+        rows += [("Look at", f"{check_words(f)} ({f.name})") for f in looked if f.check]
+        if rows:
+            groups.append((group.value, Lines(tuple(rows))))
+    steps = tuple((step.do, f"{step.settles}.") for step in next_steps(diagnosis, pairs))
+    return (*groups, *([("Next", Lines(steps))] if steps else []))
 
 
 def estimate_words(values: Sequence[Value]) -> str:
@@ -38,17 +60,13 @@ def estimate_words(values: Sequence[Value]) -> str:
 
 
 def cause_table(diagnosis: Diagnosis) -> Table:
-    """Named causes and what cannot be told from them, with all the evidence."""
-    found = {f.name: f for f in diagnosis.findings}
-    lines = {x.name: x for x in diagnosis.table}
-    rows = [_named(f, lines.get(f.name)) for f in diagnosis.findings]
-    tied = [x for x in diagnosis.table if x.status is Status.TIED and x.name not in found]
-    rows += [_row(x, diagnosis) for x in tied]
-    if not rows:
+    """Certain names and what cannot be told from them, with all the evidence."""
+    rows = _with_rivals(diagnosis, diagnosis.sure)
+    if not diagnosis.findings:
         strongest = sorted((x for x in diagnosis.table if x.status is Status.EXCLUDED), key=lambda x: -x.s)[:3]
         rows = [_row(x, diagnosis) for x in strongest]
     return Table(
-        ("cause", "estimate ± sd", "s", "adjusted p", "delta EBIC", "held-out gain", "nearest rival, angle", "status"),
+        _EVIDENCE,
         tuple(rows),
         "s: what the readings show of a cause, in units of noise, after the fitted parameters have absorbed what they "
         "can. Adjusted p: how often the largest of all causes looks as strong where nothing acts. Delta EBIC: by how "
@@ -56,6 +74,40 @@ def cause_table(diagnosis: Diagnosis) -> Table:
         "not seen falls with this cause beside the other named ones. Below 10 deg two causes do nearly the same to "
         "these readings.",
     )
+
+
+def doubtful_table(diagnosis: Diagnosis) -> Table:
+    """Names without which poses left out are predicted as well, and what cannot be told from them."""
+    return Table(
+        _EVIDENCE,
+        tuple(_with_rivals(diagnosis, diagnosis.doubtful)),
+        "Doubtful: significant in these readings, but the error at poses left out does not fall with them. An extended "
+        "robot is written without them.",
+    )
+
+
+def alone_table(diagnosis: Diagnosis) -> Table:
+    """Causes that are plain by themselves and show nothing beside the named ones."""
+    rows = tuple((x.name, _size(x.s), chance(x.p_value), _nearest(x), limit_words(x)) for x in diagnosis.plain_alone)
+    return Table(
+        (status_words(diagnosis.plain_alone[0], diagnosis) if rows else "", "s alone", "adjusted p alone", *_BESIDE),
+        rows,
+        "Each of these looks plain by itself, because it does in part what a named cause does. Beside the named ones "
+        "nothing of it is left; the bound says how large it could still be.",
+        folded=_many(f"{len(rows)} causes are plain by themselves, but explained by the named ones", len(rows)),
+    )
+
+
+def _with_rivals(diagnosis: Diagnosis, findings: Sequence[Finding]) -> list[tuple[str, ...]]:
+    """Rows of findings, and of what cannot be told from them."""
+    lines = {x.name: x for x in diagnosis.table}
+    named, rivals = {f.name for f in diagnosis.findings}, {r.name for f in findings for r in f.rivals}
+    tied = (x for x in diagnosis.table if x.name in rivals - named and x.status is Status.TIED)
+    return [*(_named(f, lines.get(f.name)) for f in findings), *(_row(x, diagnosis) for x in tied)]
+
+
+def _nearest(x: Line) -> str:
+    return f"{x.nearest}, {degrees(x.angle)}" if x.nearest else "-"
 
 
 def _named(f: Finding, line: Line | None) -> tuple[str, ...]:
@@ -69,7 +121,7 @@ def _named(f: Finding, line: Line | None) -> tuple[str, ...]:
         f"{f.ebic_gain:.1f}",
         f"{100 * f.heldout_gain:.0f} %" if np.isfinite(f.heldout_gain) else "-",
         rivals or near,
-        Status.NAMED.value,
+        "doubtful" if f.doubtful else Status.NAMED.value,
     )
 
 
@@ -77,7 +129,8 @@ def _row(x: Line, diagnosis: Diagnosis) -> tuple[str, ...]:
     owner = next((f.name for f in diagnosis.findings if x.name in [r.name for r in f.rivals]), "")
     angle = next((r.angle for f in diagnosis.findings for r in f.rivals if r.name == x.name), x.angle)
     near = f"{owner or x.nearest}, {degrees(angle)}" if owner or x.nearest else "-"
-    status = f"{x.status.value} {limit_words(x)}" if x.status is Status.EXCLUDED else x.status.value
+    status = status_words(x, diagnosis)
+    status = f"{status} {limit_words(x)}" if status == Status.EXCLUDED.value else status
     return x.name, estimate_words(x.values) or "-", _size(x.s), chance(x.p_value), "-", "-", near, status
 
 
@@ -88,11 +141,11 @@ def all_causes_table(diagnosis: Diagnosis) -> Table:
     rows = tuple(
         (
             x.name,
-            x.status.value,
+            status_words(x, diagnosis),
             _size(x.s),
             chance(x.p_value),
             limit_words(x) or "-",
-            f"{x.nearest}, {degrees(x.angle)}" if x.nearest else "-",
+            _nearest(x),
         )
         for x in lines
     )
@@ -107,35 +160,57 @@ def all_causes_table(diagnosis: Diagnosis) -> Table:
 def excluded_table(diagnosis: Diagnosis, short: bool = False) -> Table:
     """One row for each kind of effect: above which size each place is excluded; short: without stiffnesses."""
     kinds: dict[str, list[str]] = {}
-    for x in sorted(diagnosis.table, key=lambda x: x.name):
-        bound = limit_words(x, stiffness=not short) if x.status is Status.EXCLUDED else ""
-        if bound:
-            kind, where = _parts(x.name)
-            kinds.setdefault(kind, []).append(f"{where} {bound}".strip())
+    excluded = _excluded(diagnosis)
+    for x in sorted(excluded, key=lambda x: x.name):
+        kind, where = _parts(x.name)
+        kinds.setdefault(kind, []).append(f"{where} {limit_words(x, stiffness=not short)}".strip())
     return Table(
         ("no", "above (95 %)"),
         tuple((kind, "; ".join(bounds)) for kind, bounds in kinds.items()),
         "What these readings would have shown. It is not a statement about smaller ones.",
+        folded=_many(f"{len(excluded)} causes are excluded above a size: {excluded_words(diagnosis)}", len(excluded)),
     )
 
 
-def unseen_words(diagnosis: Diagnosis) -> Iterator[str]:
-    """Sentences on causes that are invisible here, and on those that could not be tested."""
-    hidden = [(x.name, "") for x in diagnosis.table if x.status is Status.INVISIBLE]
-    if hidden:
-        yield f"Invisible in these readings, so nothing is said about them: {_grouped(hidden)}."
-    untested = [(x.name, limit_words(x)) for x in diagnosis.table if x.status is Status.UNTESTED]
+def _excluded(diagnosis: Diagnosis) -> list[Line]:
+    """Causes of which the readings say how large they are at most, without those that are plain by themselves."""
+    alone = {x.name for x in diagnosis.plain_alone}
+    excluded = (x for x in diagnosis.table if x.status is Status.EXCLUDED and x.name not in alone)
+    return [x for x in excluded if limit_words(x)]
+
+
+def unseen_table(diagnosis: Diagnosis) -> Table:
+    """One row for each kind of effect of which these readings say nothing, and why."""
+    rows: list[tuple[str, str, str]] = []
+    unseen = [x for x in diagnosis.table if x.status in (Status.INVISIBLE, Status.UNTESTED)]
+    kinds: dict[tuple[str, str], list[str]] = {}
+    for x in unseen:
+        why = limit_words(x) if x.status is Status.UNTESTED else x.status.value
+        kind, where = _parts(x.name)
+        kinds.setdefault((kind, why), []).append(where)
+    rows = [(kind, ", ".join(w for w in places if w) or "-", why) for (kind, why), places in kinds.items()]
+    return Table(
+        ("nothing is said about", "at", "because"),
+        tuple(rows),
+        "Invisible here: the fitted parameters absorb it, or no reading depends on it. What needs a column was not "
+        "tested: record it, and it is.",
+        folded=_many(_unseen_words(unseen), len(unseen)),
+    )
+
+
+def _unseen_words(unseen: Sequence[Line]) -> str:
+    """How many causes nothing is said about, and which columns would change that."""
+    untested = [x for x in unseen if x.status is Status.UNTESTED]
+    said = f"{len(unseen) - len(untested)} causes are invisible in these readings, so nothing is said about them"
     if untested:
-        yield f"Not tested: {_grouped(untested)}."
+        needs = ", ".join(sorted({n for x in untested for n in x.needs}))
+        said += f"; {len(untested)} were not tested: they need {needs}"
+    return said
 
 
-def _grouped(names: Sequence[tuple[str, str]]) -> str:
-    """`joint_backlash joint_1, joint_2; ...` from names and a remark on each kind."""
-    kinds: dict[str, list[str]] = {}
-    for name, remark in names:
-        kind, where = _parts(name)
-        kinds.setdefault(f"{kind} ({remark})" if remark else kind, []).append(where)
-    return "; ".join(f"{kind} {', '.join(w for w in where if w)}".strip() for kind, where in kinds.items())
+def _many(said: str, count: int) -> str:
+    """What stands in the place of a long table."""
+    return said if count > FOLDED else ""
 
 
 def _parts(name: str) -> tuple[str, str]:

@@ -59,4 +59,5 @@ def _block(block: Block, name: str) -> dict[str, Any]:
 def _table(table: Table) -> dict[str, Any]:
     """A table, and which of its columns hold words."""
     words = [any(len(row[i]) > _WORDS for row in table.rows) for i in range(len(table.header))]
-    return {"header": table.header, "rows": table.rows, "caption": table.caption, "words": words}
+    drawn = {"header": table.header, "rows": table.rows, "caption": table.caption, "words": words}
+    return {**drawn, "folded": table.folded}

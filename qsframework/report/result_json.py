@@ -16,6 +16,8 @@ from qsframework.forecast.forecast import Foresight, Prospect
 from qsframework.report.words.diagnosis import diagnosis_words, limit_words, method_words
 from qsframework.report.words.discrimination import discrimination_words, note_words, offer_words
 from qsframework.report.words.forecast import foresight_words, size_words, why_words
+from qsframework.report.words.headline import headline
+from qsframework.report.words.next_steps import next_steps
 
 _RMS = ("nominal", "identified", "extended", "heldout_identified", "heldout_extended", "noise")
 
@@ -24,7 +26,9 @@ def diagnosis_json(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> di
     """What `qsf diagnose` writes (SI units, RMS in mm). pairs: what would separate rivals, where it was computed."""
     return {
         "verdict": found.verdict,
+        "headline": headline(found),
         "words": diagnosis_words(found, pairs),
+        "next": [{"do": step.do, "settles": step.settles} for step in next_steps(found, pairs)],
         "causes": [_cause(f) for f in found.findings],
         "conventions": [c.name for c in found.conventions if c.compelling],
         "data_problems": _problems(found),
@@ -36,6 +40,7 @@ def diagnosis_json(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> di
         ],
         "lack_of_fit": {"before": _misfit(found.before), "after": _misfit(found.after)},
         "table": [_line(x) for x in found.table],
+        "plain_alone": [x.name for x in found.plain_alone],
         "notes": list(method_words(found)),
         "level": found.level,
         "seed": found.seed,

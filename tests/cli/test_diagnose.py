@@ -28,14 +28,15 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 def test_the_hidden_effect_is_named_extended_and_simulated(ran: tuple[Path, str], tmp_path: Path) -> None:
     (folder, output) = ran
     result, report, out = folder / "r.json", folder / "r.html", folder / "out"
-    assert "\nExplained.\n  - joint_hardening[joint_3]: " in output
+    assert "Explained by joint_hardening[joint_3]: the error at poses left out falls by " in output
+    assert "\nCertain:\n  - joint_hardening[joint_3]: " in output
     found = json.loads(result.read_text())
     assert [c["id"] for c in found["causes"]] == ["joint_hardening[joint_3]"]
     value = found["causes"][0]["parameters"]["joint_hardening[joint_3]"]
     assert abs(value["value"] - TRUTH) < 3 * value["sd"]
     assert found["rms_mm"]["heldout_extended"] < 0.8 * found["rms_mm"]["heldout_identified"]
     assert "joint_hardening[joint_3]" in report.read_text()
-    for words in ("urad/(kN m)^3", "no", "above (95 %)", "arcmin", "Not tested"):
+    for words in ("urad/(kN m)^3", "no", "excluded above a size", "were not tested", "`--verbose`"):
         assert words in output
 
     extended = load_experiment(out / "experiment.yaml")
@@ -62,7 +63,10 @@ def test_the_hidden_effect_is_named_extended_and_simulated(ran: tuple[Path, str]
 def test_other_readings_than_the_experiments_own(tmp_path: Path) -> None:
     data = Path(HIDDEN).parent / "readings.csv"
     result = tmp_path / "r.json"
-    run("diagnose", M900IB, str(data), "--json", str(result), "--seed", "2")
+    output = run("diagnose", M900IB, str(data), "--json", str(result), "--seed", "2", "--verbose")
+    for words in ("above (95 %)", "arcmin", "Nothing is said about", "invisible here"):
+        assert words in output
+    assert "`--verbose`" not in output
     assert [c["id"] for c in json.loads(result.read_text())["causes"]] == ["joint_hardening[joint_3]"]
 
 

@@ -12,7 +12,7 @@ from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.error_budget import linear_errors
 from qsframework.diagnose.linearization.columns import Case
 from qsframework.plugin import Array
-from qsframework.report.diagnosis_tables import cause_table, verdict_lines
+from qsframework.report.diagnosis_tables import cause_table, verdict_groups
 from qsframework.report.result_json import diagnosis_json
 from tests.diagnose.cases import campaign, diagnosed, measured
 
@@ -88,7 +88,8 @@ def test_a_convention_has_no_held_out_gain() -> None:
     assert found.findings[0].name == "displacement_sign"
     assert np.isnan(found.findings[0].heldout_gain)
     assert diagnosis_json(found)["causes"][0]["heldout_gain"] is None
-    said = [row for row in verdict_lines(found).rows if "of them is reversed" in " ".join(row)]
+    rows = [row for _, lines in verdict_groups(found) for row in lines.rows]
+    said = [row for row in rows if "of them is reversed" in " ".join(row)]
     assert len(said) == 1, "once is enough"
 
 

@@ -33,6 +33,8 @@ from qsframework.plugin import Poses
 from qsframework.plugin.facts import frozen
 from qsframework.report.words.diagnosis import diagnosis_words
 from qsframework.report.words.forecast import smallest_words
+from qsframework.report.words.headline import worst_poses
+from qsframework.report.words.next_steps import next_steps
 from qsframework.report.words.noise import misfit_words
 from qsframework.report.words.sizes import three, two
 from qsframework.screening.convention_changes import couplings
@@ -169,22 +171,25 @@ def test_a_misfit_without_a_place_is_unexplained_and_said() -> None:
     bad = lack(1e-9, np.nan)
     assert verdict_of((), (), bad, False) == "unexplained"
     assert verdict_of((), (), lack(0.5, 0.5), False) == "none"
-    errors: Any = SimpleNamespace(heldout_identified=1e-5, heldout_extended=1e-5, noise=1e-5)
-    found: Any = SimpleNamespace(
-        verdict="unexplained",
-        findings=(),
-        leftovers=(),
-        conventions=(),
-        table=(),
-        after=bad,
-        rms=errors,
-        audit=SimpleNamespace(unit_source="stated"),
-        outliers=np.array([0, 1]),
-        readings=SimpleNamespace(line=np.array([4, 7])),
-    )
+
+
+def test_what_no_place_explains_is_said_with_where_it_is_and_what_would_tell() -> None:
+    quiet = diagnose(campaign(), measured(seed=3, count=12), repeats=1)
+    bad = replace(quiet.after, p_chi2=1e-9)
+    found = replace(quiet, verdict="unexplained", findings=(), leftovers=(), after=bad, outliers=np.array([0, 1]))
     said = diagnosis_words(found)
-    assert "no place or variable stands out" in said
-    assert "Outliers left out: rows 4, 7." in said
+    worst = worst_poses(found, 3)
+    left = {p: 0.0 for p in found.readings.states.pose}
+    for row, r in zip(found.kept, found.residuals()[1], strict=True):
+        left[found.readings.states.pose[found.readings.plus[row]]] += float(r @ r)
+    assert list(worst) == sorted(left, key=lambda p: -left[p])[:3]
+    assert f"Look first at poses {worst[0]}, {worst[1]} and {worst[2]}, where most of it is" in said
+    assert "stands out" not in said
+    first, second = found.readings.line[:2]
+    assert f"Outliers left out: rows {first}, {second}." in said
+    (step, *_) = next_steps(found)
+    assert step.do.startswith("Repeat 6 poses, such as ")
+    assert step.settles == "tells a noise that is larger than stated from what the model lacks"
 
 
 def test_an_arm_has_no_couplings_without_their_effect(monkeypatch: pytest.MonkeyPatch) -> None:

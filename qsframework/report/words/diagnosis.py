@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 
@@ -13,18 +14,26 @@ from qsframework.diagnose.verdict import misfits
 from qsframework.discriminate.pair import Discrimination
 from qsframework.plugin import Parameter
 from qsframework.report.words.discrimination import outlook_words
+from qsframework.report.words.headline import headline, mm, names_words, place_words, poses_words, worst_poses
+from qsframework.report.words.next_steps import next_steps, unrepeatable
 from qsframework.report.words.noise import audit_words
 from qsframework.report.words.sizes import people_estimate, people_size
 
 _SHOWN = 3
+ALONE = "explained by the named causes"
+"""Of a cause that is plain by itself, but shows nothing that the named ones do not."""
+UNHELD = "seen, but no fit with it holds"
 _ALIKE = float(np.deg2rad(1.0))
 """Angle below which no poses are promised: whether any tell the two is still to be computed."""
-VERDICTS = {
-    "none": "Nothing to name",
-    "explained": "Explained",
-    "partly_explained": "Partly explained",
-    "unexplained": "Unexplained",
-}
+
+
+class Group(Enum):
+    """What a statement speaks of, in the order of a page."""
+
+    CERTAIN = "Certain"
+    DOUBTFUL = "Doubtful"
+    OPEN = "Not explained"
+    READINGS = "Readings and noise"
 
 
 @dataclass(frozen=True)
@@ -33,64 +42,73 @@ class Statement:
 
     text: str
     about: str = ""
+    group: Group = Group.CERTAIN
 
     def __str__(self) -> str:
         return f"{self.about}: {self.text}" if self.about else self.text
 
 
 def diagnosis_words(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> str:
-    """The statements as one paragraph."""
-    return " ".join(map(str, statements(found, pairs)))
+    """The verdict, what it rests on and what would settle the rest, as one paragraph."""
+    steps = [f"Next: {step}" for step in next_steps(found, pairs)]
+    return " ".join([headline(found), *map(str, statements(found, pairs)), *steps])
 
 
 def statements(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> tuple[Statement, ...]:
-    """What the verdict rests on. pairs: what would separate rivals, where that has been computed."""
+    """What the verdict rests on, group by group. pairs: what would separate rivals, where that has been computed."""
     outlooks = {pair.first: outlook_words(pair) for pair in pairs}
     adopted = {c.name for c in found.conventions if c.compelling}
     said = [Statement(f"{c.words}.{_next_best(found)}", c.name) for c in found.conventions if c.compelling]
-    said += [Statement(_evidence(f), f.name) for f in found.findings if f.name not in adopted]
-    said += [Statement(text) for text in _plain(found, outlooks)]
-    return tuple(said)
+    for group, findings in ((Group.CERTAIN, found.sure), (Group.DOUBTFUL, found.doubtful)):
+        own = [f for f in findings if f.name not in adopted]
+        said += [Statement(_evidence(f), f.name, group) for f in own]
+        said += [Statement(tied_words(f, outlooks.get(f.name, "")), "", group) for f in own if f.rivals]
+        said += [Statement(_hanging(f), "", group) for f in own if f.hangs_on]
+        if own and group is Group.DOUBTFUL:
+            said.append(Statement(_doubt(own), "", group))
+    if found.verdict == "none":
+        said += [Statement(text) for text in _bounds(found)]
+    said += [Statement(text, "", Group.OPEN) for text in _open(found)]
+    return (*said, *(Statement(text, "", Group.READINGS) for text in _readings(found)))
 
 
-def _plain(found: Diagnosis, outlooks: dict[str, str]) -> Iterator[str]:
-    """What is said of no single cause, or of it beside others."""
-    e = found.rms
-    if found.findings:
-        heldout = f"{_mm(e.heldout_identified)} -> {_mm(e.heldout_extended)}"
-        yield f"Held-out error {heldout} mm, noise {_mm(e.noise)}."
-    elif found.verdict == "none":
-        yield _nothing(found)
-    doubtful = [f.name for f in found.findings if f.doubtful]
-    if doubtful:
-        yield (
-            f"Doubtful: {', '.join(doubtful)}. In the noise that was found, the error at poses left out does not fall "
-            f"with {'it' if len(doubtful) == 1 else 'them'}; an extended robot is written without."
-        )
-    yield from (tied_words(f, outlooks.get(f.name, "")) for f in found.findings if f.rivals)
-    yield from (_hanging(f) for f in found.findings if f.hangs_on)
+def _doubt(findings: Sequence[Finding]) -> str:
+    names, they = names_words(findings), "it" if len(findings) == 1 else "them"
+    return (
+        f"In the noise that was found, the error at poses left out does not fall with {they}: an extended robot is "
+        f"written without {names}."
+    )
+
+
+def _open(found: Diagnosis) -> Iterator[str]:
+    """What no named cause explains, and where to look."""
     if found.leftovers:
         also = "also " if found.findings else ""
         left = leftover_words(found.leftovers[0])
-        yield f"The readings {also}hold something that no effect of the library explains: {left}."
+        yield f"The readings {also}hold something that no effect of the library explains: {left}. Look there first."
     elif misfits(found.after):
-        yield "What is left is too much for the noise, though no place or variable stands out."
+        where = poses_words(worst_poses(found, _SHOWN))
+        trend = next(iter(found.after.trends), None)
+        follows = f"; of all variables, most of it goes with {trend.variable}" if trend is not None else ""
+        yield f"More is left than the noise allows. Look first at {where}, where most of it is{follows}."
+
+
+def _readings(found: Diagnosis) -> Iterator[str]:
+    """What the readings say of themselves."""
     yield from (f"A suspicion: {c.words}." for c in found.conventions if c.name == "load_unit")
     if len(found.outliers):
         rows = (str(int(found.readings.line[i])) for i in found.outliers)
         yield f"Outliers left out: rows {', '.join(rows)}."
     if found.audit.unit_source != "stated":
-        yield from audit_words(found.audit)
+        yield from audit_words(found.audit, rows=False)
+    elif found.audit.shared > 0.0:
+        yield from audit_words(found.audit, rows=False)[1:]
 
 
 def _next_best(found: Diagnosis) -> str:
     """How far from the adopted convention the second one stays."""
     second = next((c for c in found.conventions if not c.compelling and c.name != "load_unit"), None)
-    return "" if second is None else f" Next best is {second.name}, {_mm(second.rms)} mm."
-
-
-def _mm(value: float) -> str:
-    return f"{1e3 * value:.3f}"
+    return "" if second is None else f" Next best is {second.name}, {mm(second.rms)} mm."
 
 
 def _evidence(f: Finding) -> str:
@@ -98,13 +116,26 @@ def _evidence(f: Finding) -> str:
     return f"{f.physics.rstrip('.')} ({', '.join(sizes)}; s = {f.s:.1f}, p = {f.p_value:.2g})."
 
 
-def _nothing(found: Diagnosis) -> str:
-    excluded = [(x.name, limit_words(x)) for x in found.table if x.status is Status.EXCLUDED]
-    excluded = [(name, limit) for name, limit in excluded if limit]
+def _bounds(found: Diagnosis) -> Iterator[str]:
+    """The first bounds of what is excluded, where nothing is named."""
+    if examples := excluded_words(found):
+        yield f"Excluded: {examples}."
+
+
+def excluded_words(found: Diagnosis) -> str:
+    """`no joint_backlash[joint_3] above 0.3 arcmin; ... and 80 more`: the bounds of the causes seen best."""
+    alone = {x.name for x in found.plain_alone}
+    kept = (x for x in found.table if x.status is Status.EXCLUDED and x.limits and x.name not in alone)
+    excluded = [(x.name, limit_words(x, stiffness=False)) for x in kept]
     some = "; ".join(f"no {name} above {limit}" for name, limit in excluded[:_SHOWN])
-    more = f" and {len(excluded) - _SHOWN} more in the table" if len(excluded) > _SHOWN else ""
-    seen = f"Nothing beyond the model is seen at {_mm(found.rms.identified)} mm, noise {_mm(found.rms.noise)}"
-    return f"{seen}: {some}{more}."
+    return f"{some} and {len(excluded) - _SHOWN} more" if len(excluded) > _SHOWN else some
+
+
+def status_words(x: Line, found: Diagnosis) -> str:
+    """What the readings say of a cause; one that is plain by itself is not just excluded."""
+    if x not in found.plain_alone:
+        return x.status.value
+    return ALONE if found.findings else UNHELD
 
 
 def tied_words(f: Finding, outlook: str = "") -> str:
@@ -125,7 +156,7 @@ def _hanging(f: Finding) -> str:
 
 def leftover_words(x: Leftover) -> str:
     """An extra motion that no cause explains."""
-    return f"an extra motion at {x.place} that depends on {x.variable} (p = {x.p_value:.2g})"
+    return f"an extra motion at {place_words(x)} that depends on {x.variable} (p = {x.p_value:.2g})"
 
 
 def limit_words(x: Line, stiffness: bool = True) -> str:
@@ -152,10 +183,11 @@ def method_words(found: Diagnosis) -> tuple[str, ...]:
         said.append("A named cause is so large that it is far from linear: the noise was told again at its size.")
     if how.untold:
         said.append(f"These readings do not tell {', '.join(how.untold)}: kept at the nominal value.")
-    if how.lone and not found.audit.repeated:
+    if unrepeatable(found):
         said.append(
             "Each visit has one marker, nothing was repeated and no repeatability is stated: an error that a visit "
-            "shares cannot be told from a marker's own. More markers, or repeats of some poses, would tell."
+            "shares cannot be told from a marker's own, and p-values take it for the marker's. More markers, or "
+            "repeats of some poses, would tell."
         )
     if found.audit.heavy_tailed:
         said.append("The errors have heavy tails: in the tests large ones count by Huber's rule, as 2.5 sds at most.")

@@ -8,10 +8,10 @@ from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, Trend
 from qsframework.diagnose.residuals.noise_components import NoiseAudit
 
 
-def audit_words(audit: NoiseAudit) -> tuple[str, ...]:
-    """The size of the noise, and what is not as usual of it."""
+def audit_words(audit: NoiseAudit, rows: bool = True) -> tuple[str, ...]:
+    """The size of the noise, and what is not as usual of it; rows: how many were left out, too."""
     said = [_unit(audit)]
-    if len(audit.outliers):
+    if rows and len(audit.outliers):
         count = len(audit.outliers)
         many = f"{count} rows do not belong to the others and are left out."
         said.append(many if count > 1 else "1 row does not belong to the others and is left out.")

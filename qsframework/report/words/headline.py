@@ -1,0 +1,142 @@
+"""The verdict of a diagnosis in one sentence: what acts, what it is worth at poses left out, and what to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from qsframework.diagnose.result import Diagnosis, Finding, Leftover
+from qsframework.diagnose.verdict import MANY, misfits
+
+_NAMED = 3
+_WORST = 3
+_HOW = {
+    "nothing (a constant)": "by a constant amount",
+    "the order of the readings": "in the course of the readings",
+    "where the joint came from": "with the side that the joint came from",
+    "the load": "with the load",
+}
+
+
+def headline(found: Diagnosis) -> str:
+    """The verdict in one sentence."""
+    if not found.findings:
+        return _nothing(found) if found.verdict == "none" else _unexplained(found)
+    look = _look(found.sure or found.doubtful)
+    if not found.sure:
+        they = "it" if len(found.doubtful) == 1 else "them"
+        what = f"{names_words(found.doubtful)} would explain the readings, but {_gain(found, they)}"
+        return f"Partly explained at most: {what}{look}."
+    start = "Explained" if found.verdict == "explained" else "Partly explained"
+    but = "".join(f", but {reason}" for reason in list(_reasons(found))[:1])
+    return f"{start} by {names_words(found.sure)}: {_gain(found)}{but}{look}."
+
+
+def _nothing(found: Diagnosis) -> str:
+    e = found.rms
+    seen = "the model fits within the noise and no cause of the library is seen"
+    return f"Nothing to name: {seen} (error at poses left out {mm(e.heldout_identified)} mm, noise {mm(e.noise)})."
+
+
+def _unexplained(found: Diagnosis) -> str:
+    e = found.rms
+    if found.leftovers:
+        what = f"{moving_words(found.leftovers[0])}, as no cause of the library does"
+    else:
+        what = f"more is left than the noise allows, most of it at {poses_words(worst_poses(found, _WORST))}"
+    return (
+        f"Unexplained: {what}; the error at poses left out stays at {mm(e.heldout_identified)} mm, noise {mm(e.noise)}."
+    )
+
+
+def _gain(found: Diagnosis, they: str = "") -> str:
+    e = found.rms
+    if found.method.one_pose:
+        return "only one pose was measured, so nothing says whether this holds at another one"
+    before, after = e.heldout_identified, e.heldout_extended
+    if not np.isfinite(after / before):
+        return "no error at poses left out can be computed"
+    if after < before and not they:
+        fall = f"falls by {100 * e.heldout_gain:.0f} %, from {mm(before)} to {mm(after)} mm"
+        return f"the error at poses left out {fall} (noise {mm(e.noise)})"
+    beside = f" with {they}" if they else ""
+    return f"the error at poses left out does not fall{beside} ({mm(before)} -> {mm(after)} mm, noise {mm(e.noise)})"
+
+
+def _reasons(found: Diagnosis) -> Iterator[str]:
+    """Why the verdict is only partly, the weightiest first."""
+    if found.verdict != "partly_explained":
+        return
+    if found.leftovers:
+        yield f"{moving_words(found.leftovers[0])}, which nothing explains yet"
+    elif misfits(found.after):
+        yield f"more is left than the noise allows, most of it at {poses_words(worst_poses(found, _WORST))}"
+    if found.doubtful:
+        yield f"{names_words(found.doubtful)} {'is' if len(found.doubtful) == 1 else 'are'} doubtful"
+    for f in found.sure:
+        if len(f.rivals) > MANY:
+            yield f"{f.name} could be any of {len(f.rivals)} other causes"
+    faint = max(found.sure, key=lambda f: f.p_value)
+    yield f"{faint.name} is barely seen (p = {faint.p_value:.1g})"
+
+
+def _look(findings: Sequence[Finding]) -> str:
+    check = next((check_words(f) for f in findings if f.check), "")
+    return f"; look first at: {lower_first(check).rstrip('.')}" if check else ""
+
+
+def check_words(f: Finding) -> str:
+    """What to look at on the robot, with the joint's name."""
+    joint = f.name.partition("[")[2].removesuffix("]").partition("/")[0]
+    return f.check.replace("this joint", joint) if joint else f.check
+
+
+def lower_first(text: str) -> str:
+    """A sentence in the midst of another."""
+    return text[:1].lower() + text[1:] if text[1:2].islower() else text
+
+
+def names_words(findings: Sequence[Finding]) -> str:
+    """`a, b and c`, or the first few and how many more."""
+    names = [f.name for f in findings]
+    if len(names) > _NAMED:
+        return f"{', '.join(names[:_NAMED])} and {len(names) - _NAMED} more"
+    return " and ".join([", ".join(names[:-1]), names[-1]] if names[1:] else names)
+
+
+def moving_words(x: Leftover) -> str:
+    """That something moves, and with what."""
+    how = _HOW.get(x.variable, f"with {x.variable}")
+    if x.place == "the readings":
+        return f"all readings move {how}"
+    return f"something moves {place_words(x)} {how}"
+
+
+def place_words(x: Leftover) -> str:
+    """Where it is: `the drive of joint_1`, `link_2`."""
+    _, _, link = x.place.partition("link link")
+    return f"link{link}" if link else x.place.removeprefix("a shift of ")
+
+
+def worst_poses(found: Diagnosis, count: int) -> tuple[str, ...]:
+    """Names of the poses at which most is left."""
+    r = found.readings
+    at = r.plus[found.kept]
+    left = np.square(found.residuals()[1]).sum(axis=1)
+    square = {r.states.pose[m]: 0.0 for m in map(int, at)}
+    for m, value in zip(map(int, at), left.tolist(), strict=True):
+        square[r.states.pose[m]] += value
+    return tuple(sorted(square, key=lambda name: -square[name])[:count])
+
+
+def poses_words(names: Sequence[str]) -> str:
+    """`pose a`, `poses a, b and c`."""
+    if len(names) == 1:
+        return f"pose {names[0]}"
+    return f"poses {', '.join(names[:-1])} and {names[-1]}"
+
+
+def mm(value: float) -> str:
+    """A length, m, in mm to the micrometre."""
+    return f"{1e3 * value:.3f}"

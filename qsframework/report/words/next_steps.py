@@ -1,0 +1,126 @@
+"""What to measure next, and what it would settle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from qsframework.diagnose.result import Diagnosis, Leftover, Status
+from qsframework.diagnose.verdict import misfits
+from qsframework.discriminate.pair import ENOUGH, SEEN, Discrimination
+from qsframework.experiment import LoadCase, Marker
+from qsframework.report.words.discrimination import offer_words, size_words
+from qsframework.report.words.headline import names_words, place_words, poses_words, worst_poses
+
+FEW = 20
+"""Poses below which an error that markers share is hardly told from a cause, without repeats."""
+_REPEATS = 6
+_MORE = 12
+_MOST = 5
+
+
+@dataclass(frozen=True)
+class Step:
+    """Something to do, and what it would settle."""
+
+    do: str
+    settles: str
+
+    def __str__(self) -> str:
+        return f"{self.do}: {self.settles}."
+
+
+def next_steps(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> tuple[Step, ...]:
+    """The few steps that would settle most, the plainest first. pairs: what would separate rivals, if computed."""
+    every = (*_repeats(found), *_separating(pairs), *_leftover(found), *_unsure(found), *_recorded(found))
+    return tuple({step.do: step for step in every}.values())[:_MOST]
+
+
+def _repeats(found: Diagnosis) -> Iterator[Step]:
+    """Where the noise itself is in question."""
+    audit, names = found.audit, worst_poses(found, _REPEATS)
+    again = f"Repeat {len(names)} poses, such as {', '.join(names)}"
+    odd = misfits(found.after) and not found.leftovers
+    if audit.repeated:
+        if odd:
+            yield Step(f"Measure {poses_words(names[:3])} again", "tells wrong readings from what the model lacks")
+    elif unrepeatable(found):
+        yield Step(f"{again}, or read more markers at each", "tells an error that a visit shares from a marker's own")
+    elif odd:
+        yield Step(again, "tells a noise that is larger than stated from what the model lacks")
+    elif audit.p_shared < audit.level:
+        yield Step(again, "tells an error that the markers share, which is noise, from something that nobody knows yet")
+    elif len(set(found.readings.states.pose)) < FEW and found.verdict != "none":
+        yield Step(again, "tells an error that the markers share from a cause, which so few poses hardly do")
+
+
+def unrepeatable(found: Diagnosis) -> bool:
+    """Whether nothing tells an error that a visit shares from a marker's own, and nobody states it."""
+    stated = found.experiment.noise.repeatability is not None
+    return found.method.lone and not found.audit.repeated and not stated
+
+
+def _separating(pairs: Sequence[Discrimination]) -> Iterator[Step]:
+    """What tells a named cause from its nearest rival: more poses, or where these are too little another reading."""
+    for pair in pairs:
+        best = max((o for o in pair.offers if o.s >= SEEN), key=lambda o: o.s, default=None)
+        what = f"tells {pair.first} from {pair.second}"
+        if pair.useful and (best is None or pair.s_after >= min(best.s, ENOUGH)):
+            yield Step(f"Measure {len(pair.plan.pose)} more poses, designed for it", what + _from(pair, pair.s_after))
+        elif best is not None:
+            how = offer_words(best)
+            do = f"Read {how}"
+            if isinstance(best.other, LoadCase):
+                do = f"Add {len(pair.plan.pose)} poses under {how}"
+            elif isinstance(best.other, Marker):
+                do = f"Add {how}"
+            yield Step(do, what + _from(pair, best.s))
+
+
+def _from(pair: Discrimination, s: float) -> str:
+    return "" if s >= ENOUGH else f" from {size_words(pair, ENOUGH / s)} on"
+
+
+def _leftover(found: Diagnosis) -> Iterator[Step]:
+    for x in found.leftovers[:1]:
+        do, what = _trial(x, bool(found.readings.poses.wrench.any()))
+        yield Step(do, f"tells {what}")
+
+
+def _trial(x: Leftover, loaded: bool) -> tuple[str, str]:
+    """What to vary, and what is told then, of a motion that no cause explains; loaded: whether any load was hung on."""
+    of = "what all readings share" if x.place == "the readings" else f"the motion of {place_words(x)}"
+    again = "Take some unloaded readings twice"
+    load = "Measure some poses under half the load and under the opposite one" if loaded else "Add a weight at 6 poses"
+    known = {
+        "the load": (load, f"how {of} follows the load"),
+        "the joint's own angle": ("Measure 6 more poses in which this joint alone turns", f"how {of} follows it"),
+        "the torque about other axes": ("Add a side pull at 6 poses", f"which torque causes {of}"),
+        "the order of the readings": ("Measure the first poses again at the end", f"a drift from {of} by the load"),
+        "where the joint came from": ("Come to some poses from both sides", f"friction or play from {of} by the load"),
+        "nothing (a constant)": (again, f"an offset of these readings from {of}"),
+    }
+    return known.get(x.variable, (f"Measure 6 more poses that differ in {x.variable}", f"how {of} follows it"))
+
+
+def _unsure(found: Diagnosis) -> Iterator[Step]:
+    """Names that hang on few poses, or without which poses left out fit as well."""
+    if found.doubtful:
+        yield Step(f"Measure {_MORE} more poses", f"tells whether {names_words(found.doubtful)} acts at all")
+    for f in found.sure:
+        if f.hangs_on:
+            hanging = f"{f.name} hangs on {'them' if len(f.hangs_on[0]) > 1 else 'it'}"
+            yield Step(f"Measure {poses_words(f.hangs_on[0])} again", hanging)
+
+
+def _recorded(found: Diagnosis) -> Iterator[Step]:
+    """Columns that were not recorded, where something is left to explain."""
+    untested = [x for x in found.table if x.status is Status.UNTESTED]
+    if untested and (found.leftovers or misfits(found.after)):
+        columns = sorted({column for x in untested for column in x.needs})
+        kinds = sorted({x.name.partition("[")[0] for x in untested})
+        yield Step(f"Record {_listed(columns)}", f"lets {_listed(kinds)} be tested")
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
