@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qsframework.design import Candidates, generate_candidates
 from qsframework.diagnose.linearization.candidates import REACH, Cause
 from qsframework.discriminate.t_optimal import Question, Taken, ask, choose, told
 from qsframework.errors import InputError, NotIdentifiable
@@ -23,8 +22,12 @@ from qsframework.plugin.facts import frozen
 
 OFFSET = 0.2
 """m: how far a proposed marker sits from the origin of its link, so that it sees the link turn."""
+SEEN = 0.5
+"""s below which an offer shows nothing worth saying."""
 _STARTS = 2
 Progress = Callable[[str, int, int], None]
+Draw = Callable[[str, Experiment, int], Array]
+"""Candidate poses (P, n), pendant angles, of a kind of reading: its name, its experiment, how many."""
 
 
 @dataclass(frozen=True)
@@ -107,14 +110,17 @@ def offers(
     seed: int,
     others: Sequence[Cause],
     progress: Progress,
+    draw: Draw,
 ) -> tuple[Offer, ...]:
     """Every other kind of reading with what it would reach, the best first."""
     found: list[Offer] = []
     every = list(kinds(experiment))
+    there = question.taken(taken)
     for done, kind in enumerate(every):
         progress("something different", done, len(every))
         try:
-            found.append(_judged(kind, question, experiment, taken, count, candidates, seed, others))
+            pendant = draw(kind.name, kind.experiment, candidates)
+            found.append(_judged(kind, question, experiment, taken, there, count, pendant, seed, others))
         except (InputError, NotIdentifiable):
             continue  # the constraints leave too few poses, or the model has no geometry to fit
     progress("something different", len(every), len(every))
@@ -126,13 +132,13 @@ def _judged(
     question: Question,
     experiment: Experiment,
     taken: Sequence[Taken],
+    there: Array,
     count: int,
-    candidates: int,
+    pendant: Array,
     seed: int,
     others: Sequence[Cause],
 ) -> Offer:
-    drawn: Candidates = generate_candidates(kind.experiment, candidates, seed)
-    poses, place, _ = batch(kind.experiment, drawn.pendant)
+    poses, place, _ = batch(kind.experiment, pendant)
     if kind.other is None:
         rows, before, width = _absolute(question, experiment, taken, poses, others)
     else:
@@ -146,8 +152,11 @@ def _judged(
             others=others,
             x=known,
         )
-        rows, before, width = asked.rows(poses), question.taken(taken), question.width
+        rows, before, width = asked.rows(poses), there, question.width
     rows = rows.reshape(len(rows), -1, rows.shape[-1])
+    s, angle = told(np.concatenate([before, rows.reshape(-1, rows.shape[-1])]), width)
+    if s < SEEN:  # all of them together show nothing, so no choice does
+        return Offer(kind.name, kind.other, s, angle)
     chosen = choose([rows], [before], count, place, seed, _STARTS)
     s, angle = told(np.concatenate([before, rows[chosen.index].reshape(-1, rows.shape[-1])]), width)
     return Offer(kind.name, kind.other, s, angle)

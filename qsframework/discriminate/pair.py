@@ -9,8 +9,8 @@ import numpy as np
 
 from qsframework.design import Candidates, generate_candidates
 from qsframework.diagnose.linearization.candidates import Cause, find_causes
-from qsframework.discriminate.alternatives import Offer, batch, offers
-from qsframework.discriminate.t_optimal import Chosen, Question, Taken, ask, choose, limit_angle, told
+from qsframework.discriminate.alternatives import SEEN, Draw, Offer, batch, offers
+from qsframework.discriminate.t_optimal import STARTS, Chosen, Question, Taken, ask, choose, limit_angle, told
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment import Certificate, Experiment, LoadCase, Plan, Readings, make_plan
 from qsframework.plugin import Array, Parameter, Poses
@@ -18,13 +18,25 @@ from qsframework.plugin.facts import frozen
 
 ENOUGH = 4.0
 """s beside the other cause from which the two are told apart: the wrong one fits better in 2 %."""
+SAME = "the same"
+"""The kind of reading that was taken before, beside those of `alternatives.kinds`."""
 CLOSE = float(np.deg2rad(10.0))
 CANDIDATES = 500
-_FEW = 200
 _FEW_LOADS = 4
-SEEN = 0.5
-"""s below which an offer shows nothing worth saying."""
 Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is looked at: poses to choose from, poses of each other kind of reading, and how often the exchange
+    begins anew."""
+
+    candidates: int = CANDIDATES
+    offered: int = 200
+    starts: int = STARTS
+
+
+FULL = Effort()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -76,26 +88,30 @@ def discriminate(
     second: str,
     count: int,
     *,
-    candidates: int | Candidates | Array = CANDIDATES,
+    candidates: int | Candidates | Array | None = None,
     values: Sequence[float] | None = None,
     sigma: float | None = None,
     others: Sequence[Cause] = (),
     x: dict[str, float] | None = None,
     seed: int = 0,
     alternatives: bool | None = None,
+    effort: Effort = FULL,
+    draw: Draw | None = None,
     progress: Progress | None = None,
 ) -> Discrimination:
     """`count` poses that show `first` beside what the fitted parameters and `second` absorb.
 
     taken: readings, plans or poses that are there already; values: deviations of the first cause's parameters, SI,
     their typical sizes if None; others: causes that are named already; x: parameter values to linearise at, by name;
-    alternatives: whether to try other kinds of readings, where poses do not help if None.
+    alternatives: whether to try other kinds of readings, where poses do not help if None; effort: how much to look at;
+    draw: where candidates come from, if they are drawn before.
     """
     tell: Progress = progress or (lambda step, done, total: None)
     before = [taken] if isinstance(taken, Plan | Readings | Poses) else list(taken)
     experiment = with_loads(experiment, before)
     noise = noise_of(experiment, sigma)
-    pendant = drawn(experiment, candidates, seed, tell)
+    draw = draw or (lambda name, of, many: drawn(of, many, seed, tell if name == SAME else None))
+    pendant = draw(SAME, experiment, effort.candidates) if candidates is None else drawn(experiment, candidates, seed)
     poses, place, loads = batch(experiment, pendant)
     causes = known_causes(experiment, poses, (first, second))
     question = ask(
@@ -110,7 +126,7 @@ def discriminate(
     there = question.taken(before)
     rows = _flat(question, poses)
     tell("poses", 0, 1)
-    chosen = choose([rows], [there], count, place, seed, progress=lambda i, n: tell("poses", i, n))
+    chosen = choose([rows], [there], count, place, seed, effort.starts, lambda i, n: tell("poses", i, n))
     plan = plan_of(poses, loads, chosen, question.known, len(rows), seed)
     start, end = told(there, question.width), told(_with(there, rows, chosen), question.width)
     limit = limit_angle(rows, question.width, seed)
@@ -131,8 +147,8 @@ def discriminate(
     )
     if not (alternatives or (alternatives is None and not found.helps)):
         return found
-    few = min(_FEW, len(pendant))
-    other = offers(question, experiment, before, count, few, seed, others, tell)
+    few = min(effort.offered, len(pendant))
+    other = offers(question, experiment, before, count, few, seed, others, tell, draw)
     return replace(found, offers=other)
 
 
@@ -158,10 +174,13 @@ def with_loads(experiment: Experiment, taken: Sequence[Taken]) -> Experiment:
     return experiment.with_(loads=tuple(LoadCase(f"load_{i + 1}", frozen(w), None) for i, w in enumerate(kept)))
 
 
-def drawn(experiment: Experiment, candidates: int | Candidates | Array, seed: int, tell: Progress) -> Array:
+def drawn(
+    experiment: Experiment, candidates: int | Candidates | Array, seed: int, tell: Progress | None = None
+) -> Array:
     """Candidate poses (P, n), pendant angles."""
     if isinstance(candidates, int):
-        candidates = generate_candidates(experiment, candidates, seed, lambda i, n: tell("candidate poses", i, n))
+        told_of: Progress = tell or (lambda step, done, total: None)
+        candidates = generate_candidates(experiment, candidates, seed, lambda i, n: told_of("candidate poses", i, n))
     return candidates.pendant if isinstance(candidates, Candidates) else np.asarray(candidates, dtype=np.float64)
 
 
