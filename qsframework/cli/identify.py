@@ -102,7 +102,7 @@ def _tell(result: Fit) -> None:
     for table in (*aside, fit_table(result), *interval_tables(result), *error_tables(result)):
         print_table(table.header, table.rows)
         print(table.caption)
-    for line in (*alignment_words(result), *result.notes):
+    for line in (*alignment_words(result.alignments), *result.notes):
         print(line)
     for one in result.gross:
         print(f"{'masked by the fit, ' if one.kind == 'gross' else ''}{one.kind}: {one.words}")

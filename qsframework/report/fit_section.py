@@ -206,7 +206,7 @@ def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> 
             *masked_blocks(fit),
             fit_table(fit, truth),
             *interval_tables(fit),
-            *(Text(note) for note in (*alignment_words(fit), *fit.notes)),
+            *(Text(note) for note in (*alignment_words(fit.alignments), *fit.notes)),
             Text(f"Correlations above 0.9: {said}."),
             *((frame_table(fit),) if fit.frames else ()),
             *_figures(fit),

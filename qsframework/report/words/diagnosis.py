@@ -14,6 +14,7 @@ from qsframework.diagnose.verdict import misfits
 from qsframework.discriminate.pair import Discrimination
 from qsframework.plugin import Parameter
 from qsframework.report.words.discrimination import outlook_words
+from qsframework.report.words.fit import alignment_words
 from qsframework.report.words.headline import headline, mm, names_words, place_words, poses_words, worst_poses
 from qsframework.report.words.next_steps import next_steps, unrepeatable
 from qsframework.report.words.noise import audit_words
@@ -95,6 +96,7 @@ def _open(found: Diagnosis) -> Iterator[str]:
 
 def _readings(found: Diagnosis) -> Iterator[str]:
     """What the readings say of themselves."""
+    yield from alignment_words([a for a in found.readings.alignments if a.turned or not a.count])
     yield from (f"A suspicion: {c.words}." for c in found.conventions if c.name == "load_unit")
     if len(found.outliers):
         rows = (str(int(found.readings.line[i])) for i in found.outliers)

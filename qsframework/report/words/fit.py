@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from qsframework.experiment.readings import Alignment
 from qsframework.identify import Fit
 
 
@@ -51,10 +53,10 @@ def verdict_words(fit: Fit) -> str:
     )
 
 
-def alignment_words(fit: Fit) -> tuple[str, ...]:
+def alignment_words(alignments: Sequence[Alignment]) -> tuple[str, ...]:
     """How series of states lie to the base, and what their unloaded markers then miss."""
     out: list[str] = []
-    for a in fit.alignments:
+    for a in alignments:
         name = f"series {a.series!r}" if a.series else "the tracker"
         if not a.count:
             out.append(

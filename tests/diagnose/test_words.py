@@ -1,0 +1,203 @@
+"""What a diagnosis says, and how: findings B.10 and B.11 of the trials.
+
+The verdict in one sentence, certain and doubtful apart, nothing "excluded" that is plain by itself, long lists folded,
+a place to look and a next step for what is left; and positions of states in any tracker's axes.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from qsframework.cli.diagnose import print_diagnosis
+from qsframework.diagnose import Diagnosis, diagnose
+from qsframework.diagnose.result import Finding, Leftover, Status
+from qsframework.experiment import differences
+from qsframework.experiment.setup import Noise
+from qsframework.plugin import find
+from qsframework.report.diagnosis_section import diagnosis_sections
+from qsframework.report.diagnosis_tables import (
+    FOLDED,
+    alone_table,
+    cause_table,
+    doubtful_table,
+    excluded_table,
+    unseen_table,
+    verdict_groups,
+)
+from qsframework.report.page import write_report
+from qsframework.report.result_json import diagnosis_json
+from qsframework.report.words.diagnosis import diagnosis_words, method_words
+from qsframework.report.words.headline import headline
+from qsframework.report.words.next_steps import next_steps
+from tests.diagnose.cases import as_built, campaign, candidates, day_of_positions, diagnosed, measured, quiet
+
+
+@pytest.fixture(scope="module")
+def real() -> Diagnosis:
+    """The R-2000iC: three causes, one with a rival, something left, one marker a visit."""
+    return diagnosed("r2000ic")
+
+
+def doubted(found: Diagnosis, *places: int) -> Diagnosis:
+    """The diagnosis with some of its names without a gain."""
+    names = [f.name for f in found.findings]
+    findings = tuple(replace(f, heldout_gain=-0.01) if names.index(f.name) in places else f for f in found.findings)
+    return replace(found, findings=findings, verdict="partly_explained")
+
+
+def names_in(rows: tuple[tuple[str, ...], ...]) -> set[str]:
+    return {row[0] for row in rows}
+
+
+def test_the_verdict_is_one_sentence_with_all_that_matters(real: Diagnosis) -> None:
+    said = headline(real)
+    assert said.startswith("Partly explained by offaxis_compliance[joint_4/z], payload_centre and tracker_frame: ")
+    before, after = 1e3 * real.rms.heldout_identified, 1e3 * real.rms.heldout_extended
+    assert f"falls by {100 * real.rms.heldout_gain:.0f} %, from {before:.3f} to {after:.3f} mm" in said
+    assert "something moves the drive of joint_1 with the load" in said
+    assert "; look first at: play of the main bearing" in said
+    assert re.findall(r"\.(?= |$)", said) == ["."], "one sentence"
+    assert diagnosis_words(real).startswith(said)
+    assert diagnosis_json(real)["headline"] == said
+    assert diagnosis_sections(real, [])[0].blocks[0].text == said  # type: ignore[union-attr]
+    assert headline(diagnosed("hidden_effect")).endswith("compare small and large loads at joint_3 alone.")
+    assert headline(quiet(0)).startswith("Nothing to name: the model fits within the noise")
+
+
+def test_a_doubtful_name_never_stands_beside_a_certain_one(real: Diagnosis) -> None:
+    found = doubted(real, 1)
+    sure, doubtful = [f.name for f in found.sure], found.findings[1].name
+    assert names_in(cause_table(found).rows) >= set(sure)
+    assert doubtful not in names_in(cause_table(found).rows)
+    (row,) = doubtful_table(found).rows
+    assert (row[0], row[-1]) == (doubtful, "doubtful")
+    groups = {title: [about for about, _ in lines.rows] for title, lines in verdict_groups(found)}
+    assert doubtful in groups["Doubtful"]
+    assert doubtful not in groups["Certain"]
+    start = headline(found).partition(":")[0]
+    assert doubtful not in start
+    assert all(name in start for name in sure)
+    assert f"tells whether {doubtful} acts at all" in [s.settles for s in next_steps(found)]
+
+
+def test_where_all_names_are_doubtful_none_is_said_to_explain(real: Diagnosis) -> None:
+    found = doubted(real, 0, 1, 2)
+    assert headline(found).startswith("Partly explained at most: ")
+    assert "does not fall with them" in headline(found)
+    assert cause_table(found).rows == ()
+    assert "Certain" not in dict(verdict_groups(found))
+
+
+def test_what_is_plain_by_itself_is_not_called_excluded(real: Diagnosis) -> None:
+    plain = {x.name for x in real.plain_alone}
+    assert plain
+    assert all(x.p_value < real.level for x in real.table if x.name in plain)
+    assert names_in(alone_table(real).rows) == plain
+    assert alone_table(real).header[0] == "explained by the named causes"
+    bounded = {
+        f"{kind}[{bound.split()[0]}]" for kind, bounds in excluded_table(real).rows for bound in bounds.split("; ")
+    }
+    assert bounded
+    assert not bounded & plain
+    left = [x for x in real.table if x.status is Status.EXCLUDED and x.name not in plain]
+    assert left
+    assert min(x.p_value for x in left) >= real.level
+
+
+def test_long_lists_are_counted_and_folded(real: Diagnosis, tmp_path, capsys) -> None:
+    for table in (excluded_table(real), unseen_table(real)):
+        assert table.folded
+    print_diagnosis(real, ())
+    short = capsys.readouterr().out
+    print_diagnosis(real, (), verbose=True)
+    long = capsys.readouterr().out
+    assert "causes are excluded above a size: no " in short
+    assert "causes are invisible in these readings, so nothing is said about them" in short
+    hidden = [x.name for x in real.table if x.status is Status.INVISIBLE]
+    assert len(hidden) > FOLDED
+    assert "`--verbose` lists them all." in short
+    assert "`--verbose`" not in long
+    assert len(long.splitlines()) > len(short.splitlines()) + 10
+    page = write_report(tmp_path / "r.html", "Diagnosis", diagnosis_sections(real, [])).read_text()
+    assert page.count('<details class="folded printed">') >= 2
+    first = page.index("Partly explained by")
+    assert first < page.index("<details")
+
+
+def test_few_names_are_not_folded(real: Diagnosis) -> None:
+    few = [x for x in real.table if x.status is Status.EXCLUDED][-FOLDED:]
+    assert excluded_table(replace(real, table=tuple(few))).folded == ""
+
+
+@pytest.mark.parametrize(
+    ("place", "variable", "moves", "do"),
+    [
+        ("link link_2", "the load", "something moves link_2 with the load", "Measure some poses under half the load"),
+        ("the drive of joint_1", "where the joint came from", "with the side that the joint came from", "Come to some"),
+        ("the readings", "the angle of joint 2", "all readings move with the angle of joint 2", "Measure 6 more poses"),
+        ("a shift of base", "the order of the readings", "something moves base in the course", "Measure the first"),
+        ("the drive of joint_1", "nothing (a constant)", "by a constant amount", "Take some unloaded readings twice"),
+    ],
+)
+def test_what_nothing_explains_comes_with_a_place_and_a_step(
+    real: Diagnosis, place: str, variable: str, moves: str, do: str
+) -> None:
+    found = replace(real, verdict="unexplained", findings=(), leftovers=(Leftover(place, variable, 1e-9),))
+    assert headline(found).startswith("Unexplained: ")
+    assert moves in headline(found)
+    assert any(step.do.startswith(do) for step in next_steps(found)), next_steps(found)
+    assert all(step.settles for step in next_steps(found))
+
+
+def test_one_marker_a_visit_is_said_with_what_it_hides(real: Diagnosis) -> None:
+    """Unless somebody states how well the arm comes back."""
+    assert any("cannot be told from a marker's own" in note for note in method_words(real))
+    (step, *_) = next_steps(real)
+    assert step.do.startswith("Repeat 6 poses, such as ")
+    assert step.do.endswith(", or read more markers at each")
+    stated = replace(real, experiment=real.experiment.with_(noise=Noise(3e-5, repeatability=5e-5)))
+    assert not any("marker's own" in note for note in method_words(stated))
+    assert not any("marker's own" in step.settles for step in next_steps(stated))
+
+
+def test_with_few_poses_it_is_said_which_repeats_would_tell() -> None:
+    hidden = find("joint_hardening")("joint_3")
+    truth = {p.name: 0.6 * p.typical for p in hidden.parameters(campaign().robot.facts)}
+    few = diagnose(campaign(), measured((hidden,), truth, seed=5, count=14), repeats=1)
+    assert few.findings
+    (step, *_) = next_steps(few)
+    assert step.do.startswith("Repeat 6 poses, such as ")
+    named = step.do.removeprefix("Repeat 6 poses, such as ").split(", ")
+    assert set(named) <= set(few.readings.states.pose)
+    assert "an error that the markers share" in step.settles
+
+
+def test_many_rivals_are_said_in_the_sentence(real: Diagnosis) -> None:
+    def crowded(f: Finding) -> Finding:
+        return replace(f, rivals=f.rivals * 10)
+
+    found = replace(real, leftovers=(), findings=tuple(crowded(f) for f in real.findings[:1]))
+    assert "but offaxis_compliance[joint_4/z] could be any of 10 other causes" in headline(found)
+
+
+def test_states_in_a_trackers_own_axes_are_diagnosed_as_in_those_of_the_base() -> None:
+    """Loaded minus unloaded positions of a tracker that stands anywhere: the same cause, the same size."""
+    hidden = find("joint_hardening")("joint_3")
+    truth = {p.name: 0.8 * p.typical for p in hidden.parameters(campaign().robot.facts)}
+    model, x = as_built((hidden,), truth, np.random.default_rng([5, 7]))
+    told = []
+    for turned, origin in (((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), ((0.1, -0.2, 2.0), (3.0, 1.0, -0.5))):
+        states = day_of_positions(model, x, candidates()[40:60], 6, turned=turned, origin=origin)
+        found = diagnose(campaign(), differences(states, campaign()), repeats=1)
+        assert [f.name for f in found.findings] == [hidden.name], diagnosis_words(found)
+        told.append(found)
+    (one,), (other,) = (f.findings[0].values for f in told)
+    assert abs(one.value - other.value) < 3.0 * one.sd, "the noise lies otherwise, nothing else"
+    assert abs(other.value - truth[hidden.name]) < 4.0 * other.sd
+    said = diagnosis_words(told[1])
+    assert re.search(r"the tracker is turned \d+\.\d\d deg to the base, and its displacements with it", said)
+    assert "is turned" not in diagnosis_words(told[0])
