@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import subprocess
-import sys
+import shlex
 from pathlib import Path
 
+import pytest
 import yaml
+from typer.testing import CliRunner
+
+from qsframework.cli.main import app
 
 
 def blocks(root: Path, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", (root / "docs" / "tutorial.md").read_text(), re.M | re.S)
 
 
-def test_every_command_runs(root: Path, tmp_path: Path) -> None:
+def test_every_command_runs(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In this process: a shell runs the README's, which are much the same."""
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "examples").symlink_to(root / "examples")
     (table,) = blocks(root, "csv")
     (tmp_path / "targets.csv").write_text(table)
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     commands = [line for block in blocks(root, "sh") for line in block.splitlines()]
     assert [c.split()[1] for c in commands] == [
         "check",
@@ -32,10 +35,10 @@ def test_every_command_runs(root: Path, tmp_path: Path) -> None:
         "compensate",
     ]
     for command in commands:
-        run = subprocess.run(
-            command, shell=True, cwd=tmp_path, env={**os.environ, "PATH": path}, capture_output=True, text=True
-        )
-        assert run.returncode == 0, f"{command}: {run.stderr}"
+        program, *arguments = shlex.split(command)
+        assert program == "qsf"
+        run = CliRunner().invoke(app, arguments)
+        assert run.exit_code == 0, f"{command}: {run.output}"
         assert run.stdout.strip(), command
     assert json.loads((tmp_path / "diagnosis.json").read_text())["causes"][0]["id"] == "joint_hardening[joint_3]"
     assert len(json.loads((tmp_path / "fit.json").read_text())["parameters"]) == 6
