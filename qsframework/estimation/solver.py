@@ -23,6 +23,10 @@ from qsframework.estimation.robust import Loss
 from qsframework.plugin import Array
 
 _STEPS = 200
+_LAPS = 20
+"""Steps in which a descent must halve what a step promises, or lower the cost by _FALL of it: one that does neither
+goes to and fro over a kink of the model, or runs away, and 200 steps end no better."""
+_FALL = 1e-2
 _DAMPINGS = 40
 _SILENT = 25
 """Trials without a finite prediction after which a fit is given up."""
@@ -314,17 +318,29 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
     if not np.all(np.isfinite(r)):
         raise NotConverged("the model has no finite prediction at the start of the fit: check the nominal values")
     at = _State(z=z, residuals=r, cost=problem.cost(z, r), J=problem.jacobian(z))
+    step, trace = 0, list[tuple[float, float]]()
     for step in range(1, _STEPS + 1):
         local = _linearised(problem, at)
+        trace.append((local.gain, at.cost))
         if not _settled(problem, at, local, tolerance):
             at = _stepped(problem, at, local, step)
         elif at.fresh or not problem.observations.tangent:
             return _minimum(problem, at, local, step)
         else:
             at = _fresh(problem, at)
-        if np.any(np.abs(at.z) > FAR * np.maximum(problem.reduction.spread, 1.0)):
+        far = np.any(np.abs(at.z) > FAR * np.maximum(problem.reduction.spread, 1.0))
+        if far or _goes_nowhere(trace, problem.digits()):
             break
-    raise NotConverged(f"the fit did not settle in {_STEPS} steps: {_farthest(problem, at.z)}")
+    raise NotConverged(f"the fit did not settle in {step} steps: {_farthest(problem, at.z)}")
+
+
+def _goes_nowhere(trace: Sequence[tuple[float, float]], digits: float) -> bool:
+    """Whether the last steps promised as much as those before them, and the cost hardly fell meanwhile."""
+    if len(trace) < 2 * _LAPS:
+        return False
+    gains, costs = zip(*trace, strict=True)
+    slower = min(gains[-_LAPS:]) > 0.5 * min(gains[:-_LAPS])
+    return slower and costs[-_LAPS] - costs[-1] < _FALL * costs[-_LAPS] and gains[-1] ** 2 > digits
 
 
 def _linearised(problem: _Problem, at: _State) -> _Linearised:
