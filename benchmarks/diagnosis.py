@@ -2,9 +2,10 @@
 
     python benchmarks/diagnosis.py [--quick] [--seeds 12] [--cases nulls,effects,...] [--out cases.jsonl] [--write]
 
-Each case hides something by `benchmarks/hidden.py` in an experiment.yaml and a readings.csv; the diagnosis sees these
-files and nothing else. Results go to the checkpoint `--out` one line each: a run that was stopped goes on where it
-was, and ends with the same numbers. `--score` scores what is there.
+Each case hides something in an experiment.yaml and its readings, by `benchmarks/hidden.py` or by the second generator,
+which imports nothing of the package (`benchmarks/second_generator.py`); the diagnosis sees these files and nothing
+else. The group `untouched` runs only where `--cases` names it. Results go to the checkpoint `--out` one line each: a
+run that was stopped goes on where it was, and ends with the same numbers. `--score` scores what is there.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from typing import Any
 
 import hidden
 import numpy as np
+import second_generator as second
 from common import cores, replace_between, table
 from hidden import CONVENTIONS, ROBOTS, STRESSES, UNKNOWN, Case, Setting, Truth
 from threadpoolctl import threadpool_limits
@@ -86,7 +88,7 @@ def kinds() -> list[str]:
     return sorted(found)
 
 
-def make_cases(seeds: int, groups: Sequence[str], base: int) -> list[Case]:
+def first_cases(seeds: int, groups: Sequence[str], base: int) -> list[Case]:
     """The cases of the chosen groups; their numbers are in proportion to `seeds`, with 400 nulls at 12."""
 
     def many(count: int) -> int:
@@ -153,12 +155,12 @@ def _protocols(nulls: int, effects: int) -> Iterator[tuple[str, dict[str, Any]]]
 
 
 @cache
-def code() -> str:
-    """What the results depend on: a hash of the package, the physics, the robots and the generator."""
+def code(*generator: str) -> str:
+    """What the results depend on: a hash of the package, the physics, the robots and the generator's files."""
     digest = hashlib.sha256()
     root = HERE.parent
     sources = [
-        HERE / "hidden.py",
+        *(HERE / name for name in generator or ("hidden.py",)),
         *(p for part in ("qsframework", "plugins", "robots") for p in (root / part).rglob("*")),
     ]
     for path in sorted(p for p in sources if p.suffix in (".py", ".yaml", ".xacro") and "_version" not in p.name):
@@ -167,7 +169,24 @@ def code() -> str:
     return digest.hexdigest()[:12]
 
 
-def run(case: Case) -> Result:
+def code_of(case: Case | second.Case) -> str:
+    """Of its generator."""
+    return code() if isinstance(case, Case) else code(*second.FILES)
+
+
+def run(case: Case | second.Case) -> Result:
+    """One case of either generator; what went wrong is a result too."""
+    if isinstance(case, Case):
+        return _run(case)
+    try:
+        return second.run(case, code_of(case))
+    except Exception as error:  # a crash must not stop the benchmark
+        out: Result = {"id": case.id, "group": case.group, "seed": case.seed, "code": code_of(case)}
+        text = f"{type(error).__name__}: {error}"[:400]
+        return out | {"outcome": "failed", "error": text, "trace": traceback.format_exc()[-800:]}
+
+
+def _run(case: Case) -> Result:
     """Hide, write, diagnose from the files, and keep what the scores need."""
     out: Result = {
         "id": case.id,
@@ -284,16 +303,16 @@ def _fresh(truth: Truth, d: Any) -> dict[str, float]:
 # ---------------------------------------------------------------- all cases
 
 
-def run_all(cases: Sequence[Case], out: Path, workers: int, any_code: bool = False) -> list[Result]:
+def run_all(cases: Sequence[Case | second.Case], out: Path, workers: int, any_code: bool = False) -> list[Result]:
     """Run what the checkpoint does not hold yet, or of other code; results in the order of the cases."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     done = read_checkpoint(out)
 
-    def fits(case: Case) -> bool:
+    def fits(case: Case | second.Case) -> bool:
         r = done.get(case.id)
         right = r is not None and r["seed"] == case.seed and r["outcome"] != "failed"
-        return right and (any_code or r["code"] == code())
+        return right and (any_code or r["code"] == code_of(case))
 
     left = [c for c in cases if not fits(c)]
     left.sort(key=lambda c: zlib.crc32(c.id.encode()))  # so that a part of a run is a fair sample of all groups
@@ -643,7 +662,9 @@ def troubles(results: Sequence[Result]) -> str:
 
 
 def report(results: Sequence[Result]) -> str:
-    """All tables as Markdown."""
+    """All tables of the first generator as Markdown; empty where none of its cases was run."""
+    if not results:
+        return ""
     head = ("metric", "goal", "measured", "95 %", "cases", "goal met")
     return "\n\n".join(
         [
@@ -662,20 +683,22 @@ def report(results: Sequence[Result]) -> str:
     )
 
 
-def write_page(text: str, command: str, results: Sequence[Result]) -> None:
-    """Put the tables between the marks of docs/diagnosis.md."""
+def write_page(text: str, command: str, results: Sequence[Result], mark: str) -> None:
+    """Put the tables between their marks of docs/diagnosis.md."""
     versions = ", ".join(sorted({r["code"] for r in results}))
     when = f"{command}; {date.today().isoformat()}; {cores()}; code {versions} (a hash of the sources)."
-    replace_between(PAGE, "<!-- results -->", "<!-- end of results -->", f"{when}\n\n{text}")
+    replace_between(PAGE, f"<!-- {mark} -->", f"<!-- end of {mark} -->", f"{when}\n\n{text}")
 
 
 def main() -> None:
     """Run, score, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="one seed of everything, 33 nulls")
+    parser.add_argument(
+        "--quick", action="store_true", help="one seed of everything, 33 nulls; of the second generator some"
+    )
     parser.add_argument("--seeds", type=int, default=FULL, help="per effect and size; the other groups in proportion")
     parser.add_argument("--seed", type=int, default=0, help="shifts all seeds")
-    parser.add_argument("--cases", default=",".join(GROUPS), help="groups, by comma")
+    parser.add_argument("--cases", default=",".join((*GROUPS, *second.GROUPS)), help="groups, by comma")
     parser.add_argument("--only", default="", help="ids that contain this")
     parser.add_argument("--out", type=Path, default=HERE.parent / "build" / "diagnosis.jsonl")
     parser.add_argument("--workers", type=int, default=2)
@@ -684,19 +707,27 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help="write the tables to docs/diagnosis.md")
     given = parser.parse_args()
     seeds = 1 if given.quick else given.seeds
-    groups = [g for g in GROUPS if g in given.cases.split(",")]
-    cases = [c for c in make_cases(seeds, groups, given.seed) if given.only in c.id]
+    asked = given.cases.split(",")
+    of_both: list[Case | second.Case] = [
+        *first_cases(seeds, [g for g in GROUPS if g in asked], given.seed),
+        *second.make_cases(seeds, [g for g in (*second.GROUPS, *second.ASKED) if g in asked], given.seed, given.quick),
+    ]
+    cases = [c for c in of_both if given.only in c.id]
     given.out.parent.mkdir(parents=True, exist_ok=True)
     if given.score:
         done = read_checkpoint(given.out)
         results = [done[c.id] for c in cases if c.id in done]
     else:
         results = run_all(cases, given.out, given.workers, given.any_code)
-    text = report(results)
-    print(text)
-    if given.write:
-        some = "" if len(results) == len(cases) else f", {len(results)} of its {len(cases)} cases"
-        write_page(text, f"`python benchmarks/diagnosis.py --seeds {seeds} --seed {given.seed}`{some}", results)
+    for mark, make in (("results", report), ("second generator", second.report)):
+        mine = [isinstance(c, Case) == (make is report) for c in cases]
+        own = [r for r in results if (r["group"] in GROUPS) == (make is report)]
+        text = make(own)
+        print(text)
+        if given.write and own:
+            some = "" if len(own) == sum(mine) else f", {len(own)} of its {sum(mine)} cases"
+            command = f"`python benchmarks/diagnosis.py --seeds {seeds} --seed {given.seed}`{some}"
+            write_page(text, command, own, mark)
 
 
 if __name__ == "__main__":

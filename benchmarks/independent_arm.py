@@ -284,6 +284,7 @@ class Hidden:
     in the link before; tilts: turns of these frames (n, 3) rad; masses: link, kg, and kg m (3,) in its frame
     loads: force and moment at the tool (N, 3) each by those that are meant and the flange's rotation (N, 3, 3)
     readings: markers (N, K, 3) m by markers and the arm at rest; bar: error of the parallelogram's bar, m
+    charge: share by which the balancer's stiffness or pressure is off
     """
 
     springs: tuple[Spring, ...] = ()
@@ -296,6 +297,7 @@ class Hidden:
     ropes: tuple[Rope, ...] = ()
     readings: tuple[Callable[[Array, Rest], Array], ...] = ()
     bar: float = 0.0
+    charge: float = 0.0
 
     def __add__(self, other: Hidden) -> Hidden:
         """Both at once."""
@@ -444,7 +446,7 @@ def rest(arm: Arm, hidden: Hidden, compliance: Array, visits: Visits) -> tuple[R
         stand = _stand(arm, hidden, angles, gives, shifts)
         torque, other = _moments(arm, hidden, visits, stand)
         if arm.balancer is not None:
-            torque[:, 1] += balance(arm.balancer, angles[:, 1])
+            torque[:, 1] += balance(_charged(arm.balancer, hidden.charge), angles[:, 1])
         if arm.lever:
             torque[:, 1] -= arm.sense * rate * torque[:, 2]
             torque[:, 2] *= rate
@@ -461,6 +463,13 @@ def rest(arm: Arm, hidden: Hidden, compliance: Array, visits: Visits) -> tuple[R
             stand = _stand(arm, hidden, angles, gives, shifts)
             return replace(still, angles=angles, turned=stand.turned), stand.flange
     raise NoRest(arm.name)
+
+
+def _charged(balancer: Coil | Gas, share: float) -> Coil | Gas:
+    """A balancer with more stiffness or pressure by a share."""
+    if isinstance(balancer, Coil):
+        return replace(balancer, stiffness=balancer.stiffness * (1.0 + share))
+    return replace(balancer, pressure=balancer.pressure * (1.0 + share))
 
 
 def balance(balancer: Coil | Gas, angle: Array) -> Array:

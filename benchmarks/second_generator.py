@@ -1,0 +1,406 @@
+"""Cases of the second generator (`independent.py`) for `diagnosis.py`: what is hidden, what is answered, and the goals.
+
+Groups: `second_effects`, causes that the library holds; `second_nulls`, nothing hidden, for each noise and number of
+poses; `second_structures`, arms that are not those of their files; `untouched`, effects of `untouched.py`, which no
+threshold is ever tuned on: it runs only where it is asked for.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from common import table
+from independent import NOISES, Campaign, Setting, Unreachable, noisy, write_campaign, write_robot
+from independent_arm import ARMS, Arm, Array, Hidden, NoRest
+from independent_effects import SHOWN, Places, campaign_for, hide, structures
+from scipy.stats import f
+from untouched import UNTOUCHED
+
+GROUPS = ("second_effects", "second_nulls", "second_structures")
+ASKED = ("untouched",)
+FILES = ("independent.py", "independent_arm.py", "independent_effects.py", "untouched.py", "second_generator.py")
+SIZES = (10.0, 5.0)
+POSES = (12, 14, 20, 40)
+PLANNED = (40, 24, 60, 14)
+"""Poses of the campaigns in which something is hidden, in turns."""
+STRESSED = ("nominal", "shared", "nominal", "sigma_too_small", "nominal", "quantised", "repeatability")
+PLAIN = 5.0
+"""s from which a structure must be named."""
+SEEDS = 12
+Result = dict[str, Any]
+Row = tuple[str, str, str, str, int, str]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One campaign; number: of the case among those of its label."""
+
+    id: str
+    group: str
+    number: int
+    seed: int
+    words: str = ""
+    places: Places | None = None
+    wanted: float = 0.0
+    noise: str = "nominal"
+    poses: int = 40
+
+
+# ---------------------------------------------------------------- which cases
+
+
+def make_cases(seeds: int, groups: Sequence[str], base: int, quick: bool = False) -> list[Case]:
+    """In proportion to `seeds`: at 12 each effect of each kind of readings 5 times at each s, each null 60 times.
+
+    quick: those of one seed that take a few minutes
+    """
+    cases = [case for group in groups if group in _MAKERS for case in _MAKERS[group](seeds, base)]
+    return [c for c in cases if _fast(c)] if quick else cases
+
+
+def _fast(case: Case) -> bool:
+    """Displacements, at s = 10 or with the fewest poses."""
+    if case.group == "second_effects":
+        return case.words == "displacements" and case.wanted == SIZES[0]
+    if case.group == "second_nulls":
+        return case.number == 0 and case.poses == POSES[0]
+    return case.group != "second_structures" or structures()[int(case.words)].kind == "displacements"
+
+
+def _case(group: str, label: str, number: int, base: int, **more: Any) -> Case:
+    name = f"{group}/{label}/{number}"
+    return Case(name, group, number, zlib.crc32(f"{base}/{name}".encode()), **more)
+
+
+def _effects(seeds: int, base: int) -> Iterator[Case]:
+    kinds = [(words, places) for words, several in SHOWN.items() for places in several]
+    for number in range(max(1, round(5 * seeds / SEEDS))):
+        for i, (words, places) in enumerate(kinds):
+            for s in SIZES:
+                turn = number * len(kinds) + i
+                more = {"noise": STRESSED[turn % len(STRESSED)], "poses": PLANNED[(turn // 6) % len(PLANNED)]}
+                label = f"{words}/{places.__name__}/{s:g}"
+                yield _case("second_effects", label, number, base, words=words, places=places, wanted=s, **more)
+
+
+def _nulls(seeds: int, base: int) -> Iterator[Case]:
+    for number in range(max(1, 5 * seeds)):
+        for poses in POSES:
+            for noise in NOISES:
+                words = ("displacements", "displacements", "positions", "mixed")[number % 4]
+                more: dict[str, Any] = {"words": words, "noise": noise, "poses": poses}
+                yield _case("second_nulls", f"{noise}/{poses}", number, base, **more)
+
+
+def _structures(seeds: int, base: int) -> Iterator[Case]:
+    for number in range(max(1, round(3 * seeds / SEEDS))):
+        for i, structure in enumerate(structures()):
+            more = {"noise": STRESSED[(number + i) % len(STRESSED)], "poses": PLANNED[(number + i) % len(PLANNED)]}
+            label = f"{structure.kind}/{structure.told.name}/{i}"
+            yield _case("second_structures", label, number, base, words=str(i), **more)
+
+
+def _untouched(seeds: int, base: int) -> Iterator[Case]:
+    for number in range(max(1, seeds)):
+        for maker in UNTOUCHED:
+            yield _case("untouched", maker.__name__, number, base, wanted=10.0)
+
+
+_MAKERS: dict[str, Callable[[int, int], Iterator[Case]]] = {
+    "second_effects": _effects,
+    "second_nulls": _nulls,
+    "second_structures": _structures,
+    "untouched": _untouched,
+}
+
+
+# ---------------------------------------------------------------- one case
+
+
+@dataclass(frozen=True)
+class Told:
+    """A campaign with what is hidden in it: right names, the size s that it has, how many of the usual sizes."""
+
+    campaign: Campaign
+    hidden: Hidden
+    names: tuple[str, ...]
+    s: float = 0.0
+    size: float = 0.0
+    place: str = ""
+    variable: str = ""
+
+
+def make(case: Case) -> Told:
+    """What is hidden; Unreachable where no place shows as much."""
+    rng = np.random.default_rng([case.seed, 9])
+    arm = list(ARMS.values())[int(rng.integers(len(ARMS)))]
+    if case.group == "second_structures":
+        return _structure(case, rng)
+    if case.group == "second_nulls":
+        setting = campaign_for(case.words, arm, case.poses, case.seed, case.noise)
+        return Told(Campaign(_planned(replace(setting, recorded=bool(rng.integers(2))), rng)), Hidden(), ())
+    if case.places is None:
+        return _unknown(case, arm, rng)
+    for a in map(int, rng.permutation(len(ARMS))):
+        setting = campaign_for(case.words, list(ARMS.values())[a], case.poses, case.seed, case.noise)
+        campaign = Campaign(_planned(setting, rng))
+        try:
+            effect, size = hide(campaign, case.places, case.wanted, rng)
+        except Unreachable:
+            continue
+        return Told(campaign, effect.make(size), (effect.name,), campaign.s(effect.make(size)), size)
+    raise Unreachable
+
+
+def _unknown(case: Case, arm: Arm, rng: np.random.Generator) -> Told:
+    maker = next(m for m in UNTOUCHED if m.__name__ == case.id.split("/")[1])
+    for _ in range(20):
+        campaign = Campaign(Setting(arm, case.poses, case.seed, loads="many"))
+        unknown = maker(arm, rng)
+        try:
+            size = campaign.sized(unknown.make, case.wanted, unknown.first, unknown.most)
+        except Unreachable:
+            arm = list(ARMS.values())[int(rng.integers(len(ARMS)))]
+            continue
+        s, usual = campaign.s(unknown.make(size)), size / unknown.first
+        return Told(campaign, unknown.make(size), (), s, usual, unknown.place, unknown.variable)
+    raise Unreachable
+
+
+def _structure(case: Case, rng: np.random.Generator) -> Told:
+    """An arm that is not that of its files; s: what the files' arm cannot absorb of it."""
+    of = structures()[int(case.words)]
+    setting = Setting(of.arm, case.poses, case.seed, of.kind, case.noise, loads=("two", "many")[case.number % 2])
+    campaign = Campaign(_planned(replace(setting, told=of.told), rng))
+    both, states = campaign.visits
+    found = [(v.number, v.shown) for v in (both[0] if both else None, states) if v is not None]
+    shown = {int(n): q for numbers, angles in found for n, q in zip(numbers, angles, strict=True)}
+    plan = np.array([shown[n] for n in sorted(shown)])
+    believed = Campaign(replace(campaign.setting, arm=of.told, told=None, plan=plan))
+    more = campaign.whiten(campaign.clean(Hidden())) - campaign.whiten(believed.clean(Hidden()))
+    s = float(np.linalg.norm(more - believed.fitted @ (believed.fitted.T @ more)))
+    if s < PLAIN:
+        raise Unreachable
+    return Told(campaign, Hidden(), (of.name,), s)
+
+
+def _planned(setting: Setting, rng: np.random.Generator) -> Setting:
+    """Every third campaign has poses of a design in place of random ones."""
+    if rng.integers(3) or any(a.lever for a in (setting.arm, setting.described)):
+        return setting
+    return replace(setting, plan=designed(setting.arm.name, setting.poses, int(rng.integers(2))))
+
+
+@cache
+def designed(name: str, poses: int, seed: int) -> Array:
+    """Pendant angles (poses, n) rad of a plan by the product's own design."""
+    from qsframework.design import design
+    from qsframework.experiment import load_experiment
+
+    arm = ARMS[name]
+    with tempfile.TemporaryDirectory() as folder:
+        write_robot(arm, Path(folder) / "robot")
+        weight = 9.81 * arm.payload
+        markers = [f"  m{m}: {{xyz_mm: {[1e3 * c for c in xyz]}}}" for m, xyz in enumerate(arm.markers, 1)]
+        loads = [f"  - {{name: weight, fz_N: {-0.9 * weight}}}"]
+        loads += [f"  - {{name: pull, fz_N: {-0.9 * weight}, fy_N: {0.36 * weight}}}"]
+        lines = ["robot: robot", f"load: {{point_mm: {[1e3 * c for c in arm.tool]}}}", "markers:", *markers]
+        lines += ["noise: {sigma_mm: 0.03}", "loads:", *loads, "constraints: {load_capacity: false}"]
+        path = Path(folder) / "experiment.yaml"
+        path.write_text("\n".join(lines) + "\n")
+        plan = design(load_experiment(path), poses, candidates=300, seed=seed)
+    return np.asarray(np.deg2rad(np.round(np.rad2deg(plan.poses.pendant), 3)), dtype=np.float64)
+
+
+def run(case: Case, code: str) -> Result:
+    """Hide, write, diagnose from the files, and keep what the scores need."""
+    out: Result = {"id": case.id, "group": case.group, "seed": case.seed, "code": code, "wanted": case.wanted}
+    try:
+        told = make(case)
+    except (Unreachable, NoRest):
+        return out | {"outcome": "unreachable"}
+    setting = told.campaign.setting
+    out |= {"arm": setting.arm.name, "kind": setting.kind, "noise": setting.noise, "loads": setting.loads}
+    out |= {"poses": setting.poses, "designed": setting.plan is not None, "truth": told.names, "s": round(told.s, 2)}
+    out |= {"size": round(told.size, 3), "place": told.place, "variable": told.variable}
+    return out | answer(told)
+
+
+def answer(told: Told) -> Result:
+    """What the diagnosis says of these files."""
+    from qsframework.diagnose import diagnose
+    from qsframework.errors import QsfError
+    from qsframework.experiment import load_experiment, read_readings
+
+    with tempfile.TemporaryDirectory() as folder:
+        readings = noisy(told.campaign, told.campaign.clean(told.hidden))
+        experiment = load_experiment(write_campaign(told.campaign, readings, Path(folder)))
+        start = time.process_time()
+        try:
+            assert experiment.data is not None
+            d = diagnose(experiment, read_readings(experiment.data, experiment))
+        except QsfError as error:
+            return {"outcome": "refused", "error": f"{type(error).__name__}: {error}".replace(folder, "")[:300]}
+    findings = [
+        {
+            "name": found.name,
+            "rivals": [r.name for r in found.rivals],
+            "doubtful": bool(found.doubtful),
+            "s": round(found.s, 2),
+            "p": float(found.p_value),
+            "gain": round(found.heldout_gain, 3),
+        }
+        for found in d.findings
+    ]
+    return {
+        "outcome": "done",
+        "seconds": round(time.process_time() - start, 2),
+        "verdict": d.verdict,
+        "findings": findings,
+        "leftovers": [[x.place, x.variable, float(x.p_value)] for x in d.leftovers[:3]],
+        "rms_mm": [round(1e3 * v, 5) for v in (d.rms.heldout_identified, d.rms.heldout_extended, d.rms.noise)],
+    }
+
+
+# ---------------------------------------------------------------- scores
+
+
+def interval(hits: int, count: int) -> tuple[float, float]:
+    """Of Clopper and Pearson, 95 %, by the quantiles of F."""
+
+    def bound(share: float, more: int) -> float:
+        a, b = hits + more, count - hits + 1 - more
+        ratio = float(f.ppf(share, 2 * a, 2 * b)) * a / b
+        return ratio / (1.0 + ratio)
+
+    return bound(0.025, 0) if hits else 0.0, bound(0.975, 1) if hits < count else 1.0
+
+
+def is_name(name: str, truth: str) -> bool:
+    """Whether a name is the right one, or one of its parameters."""
+    return name == truth or name.startswith(truth + ".")
+
+
+def named(r: Result) -> bool:
+    """Whether the right cause is a name, or a rival of one."""
+    told = [n for found in r["findings"] for n in (found["name"], *found["rivals"])]
+    return all(any(is_name(n, truth) for n in told) for truth in r["truth"])
+
+
+def wrong(r: Result) -> bool:
+    """Whether the answer is sure of something else."""
+    return r["verdict"] == "explained" and not (r["truth"] and named(r))
+
+
+def alarmed(r: Result) -> bool:
+    """Whether anything is said where nothing is hidden."""
+    return r["verdict"] != "none"
+
+
+def rate(label: str, goal: str, results: Sequence[Result], hit: Callable[[Result], bool]) -> Row:
+    """Label, goal, measured, interval, cases, and whether the goal, such as `>= 95 %`, is met."""
+    count, hits = len(results), sum(map(hit, results))
+    if not count:
+        return label, goal, "-", "-", 0, "-"
+    low, high = interval(hits, count)
+    p, bound = hits / count, float(goal.split()[1]) / 100.0
+    least = goal.startswith(">")
+    met = p >= bound if least else p <= bound
+    near = high >= bound if least else low <= bound
+    verdict = "yes" if met else "within the interval" if near else "no"
+    return label, goal, f"{100 * p:.1f} %", f"{100 * low:.1f} - {100 * high:.1f} %", count, verdict
+
+
+def rows(results: Sequence[Result]) -> list[Row]:
+    """The goals."""
+    done = [r for r in results if r["outcome"] == "done"]
+    effects = [r for r in done if r["group"] == "second_effects"]
+    out: list[Row] = []
+    for s, right, bad in ((10.0, ">= 95 %", "<= 1 %"), (5.0, ">= 65 %", "<= 2 %")):
+        chosen = [r for r in effects if r["wanted"] == s]
+        out.append(rate(f"library effects, s = {s:g}: named, or in the set", right, chosen, named))
+        out.append(rate(f"library effects, s = {s:g}: confidently wrong", bad, chosen, wrong))
+    for noise in NOISES:
+        for poses in POSES:
+            chosen = [r for r in done if r["id"].startswith(f"second_nulls/{noise}/{poses}/")]
+            words = f"nothing hidden, {noise.replace('_', ' ')}, {poses} poses: said something"
+            out.append(rate(words, "<= 5 %", chosen, alarmed))
+    out.append(
+        rate("another structure: named", ">= 95 %", [r for r in done if r["group"] == "second_structures"], named)
+    )
+    unknown = [r for r in done if r["group"] == "untouched"]
+    out.append(rate("untouched kinds, s = 10: confidently wrong", "<= 5 %", unknown, wrong))
+    return [row for row in out if row[4]]
+
+
+def parts(results: Sequence[Result]) -> str:
+    """The library effects by readings, poses, noise and plan."""
+    done = [r for r in results if r["outcome"] == "done" and r["group"] == "second_effects"]
+    cells: list[tuple[object, ...]] = []
+    for what in ("kind", "poses", "noise", "arm", "designed"):
+        for value in sorted({r[what] for r in done}, key=str):
+            for s in SIZES:
+                chosen = [r for r in done if r[what] == value and r["wanted"] == s]
+                if chosen:
+                    right, bad = (f"{100 * sum(map(hit, chosen)) / len(chosen):.0f} %" for hit in (named, wrong))
+                    cells.append((f"{what}: {str(value).replace('_', ' ')}", f"{s:g}", len(chosen), right, bad))
+    return table(("campaigns", "s", "cases", "named, or in the set", "confidently wrong"), cells)
+
+
+def called(results: Sequence[Result]) -> str:
+    """What each effect and each structure was called, by the first name."""
+    done = [r for r in results if r["outcome"] == "done" and r["group"] in ("second_effects", "second_structures")]
+    cells: list[tuple[object, ...]] = []
+    for kind in sorted({_kind(r) for r in done}):
+        for s in sorted({r["wanted"] for r in done}, reverse=True):
+            own = [r for r in done if _kind(r) == kind and r["wanted"] == s]
+            count = Counter(map(_called, own))
+            words = ", ".join(f"{name} {n}" for name, n in count.most_common())
+            cells += [(kind, f"{s:g}" if s else "-", len(own), sum(map(named, own)), words)] if own else []
+    return table(("hidden", "s", "cases", "named, or in the set", "called"), cells)
+
+
+def _kind(r: Result) -> str:
+    truth = r["truth"][0]
+    return truth if ":" in truth else truth.partition("[")[0]
+
+
+def _called(r: Result) -> str:
+    if not r["findings"]:
+        return "nothing" if r["verdict"] == "none" else "unexplained"
+    first = r["findings"][0]["name"]
+    right = any(is_name(first, truth) for truth in r["truth"])
+    name = "itself" if right else first if ":" in first else first.partition("[")[0]
+    more = " + more" if len(r["findings"]) > 1 else ""
+    return name + more + (" + unexplained" if r["verdict"] == "partly_explained" else "")
+
+
+def report(results: Sequence[Result]) -> str:
+    """All tables as Markdown; empty where no case of this generator was run."""
+    own = [r for r in results if r["group"] in (*GROUPS, *ASKED)]
+    if not own:
+        return ""
+    head = ("metric", "goal", "measured", "95 %", "cases", "goal met")
+    outcomes = Counter(r["outcome"] for r in own)
+    times = [r["seconds"] for r in own if r["outcome"] == "done"]
+    tail = "Outcomes: " + ", ".join(f"{n} {o}" for o, n in outcomes.most_common()) + "."
+    tail += f" CPU of a diagnosis, one thread: median {np.median(times):.1f} s, at most {max(times):.1f} s."
+    return "\n\n".join(
+        [
+            table(head, rows(own)),
+            "#### By campaign",
+            parts(own),
+            "#### What each effect was called by the second generator",
+            called(own),
+            tail,
+        ]
+    )
