@@ -8,6 +8,7 @@ import diagnosis as benchmark
 import hidden
 import numpy as np
 import pytest
+import second_generator as second
 from threadpoolctl import threadpool_limits
 
 from qsframework.diagnose.diagnose import diagnose
@@ -131,3 +132,29 @@ def test_how_answers_are_counted() -> None:
     assert [benchmark.covered(r) for r in (right, alias, lax, wrong)] == [True, True, True, False]
     low, high = benchmark.wilson(5, 100)
     assert (low, high) == pytest.approx((0.02154, 0.11175), abs=1e-4)
+
+
+def test_how_answers_of_the_second_generator_are_counted() -> None:
+    def result(name: str, *rivals: str, verdict: str = "explained") -> dict[str, object]:
+        return {"truth": ["gear[j2]"], "verdict": verdict, "findings": [{"name": name, "rivals": list(rivals)}]}
+
+    right, part, rival = result("gear[j2]"), result("gear[j2].sin"), result("gear[j3]", "gear[j2]")
+    wrong, careful = result("gear[j22]"), result("gear[j3]", verdict="partly_explained")
+    assert [second.named(r) for r in (right, part, rival, wrong, careful)] == [True, True, True, False, False]
+    assert [second.wrong(r) for r in (right, part, rival, wrong, careful)] == [False, False, False, True, False]
+    assert second.wrong({"truth": [], "verdict": "explained", "findings": [{"name": "gear[j2]", "rivals": []}]})
+    assert second.interval(5, 100) == pytest.approx((0.01643, 0.11284), abs=1e-5)
+    assert second.interval(0, 20) == pytest.approx((0.0, 0.16843), abs=1e-5)
+    assert second.interval(20, 20) == pytest.approx((0.83157, 1.0), abs=1e-5)
+
+
+def test_cases_of_the_second_generator_come_again_alike() -> None:
+    """The same case has the same seed whatever else is run, so that a checkpoint stays good."""
+    few, many = (second.make_cases(n, second.GROUPS, 0) for n in (1, 12))
+    assert {c.group for c in few} == set(second.GROUPS)
+    assert len({c.id for c in many}) == len(many)
+    seeds = {c.id: c.seed for c in many}
+    assert all(seeds[c.id] == c.seed for c in few)
+    assert not second.make_cases(1, ["nulls"], 0)
+    assert len(second.make_cases(1, second.ASKED, 0)) >= 12
+    assert 20 < len(second.make_cases(1, second.GROUPS, 0, quick=True)) < 80
