@@ -150,7 +150,7 @@ CASES = {
     "bearing, displacements": (Setting(HEAVY, 30), effects.offaxis_compliance, "offaxis_compliance[j4/z]"),
     "gear waves, shared": (Setting(LOOP, 40, noise="shared"), effects.gear_waves, "gear_waves[j3]"),
     "encoder, positions": (
-        Setting(SMALL, 24, kind="positions"),
+        Setting(SMALL, 20, kind="positions", fit="springs"),
         effects.encoder_eccentricity,
         "encoder_eccentricity[j3]",
     ),
