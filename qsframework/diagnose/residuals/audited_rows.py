@@ -8,7 +8,7 @@ import numpy as np
 
 from qsframework.diagnose.linearization.columns import Case
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, arm_axes, lack_of_fit, variables_of
-from qsframework.diagnose.residuals.noise_components import FEWEST, make_basis, replicate_basis
+from qsframework.diagnose.residuals.noise_components import FEWEST, make_basis, pure_dof, replicate_basis
 from qsframework.diagnose.selection.exact_refit import Settled
 from qsframework.errors import NotIdentifiable
 from qsframework.estimation import left
@@ -61,8 +61,7 @@ def visit_noise(rows: Rows) -> VisitNoise:
     Where every visit has one marker, that error cannot be told from the marker's own: rho is 0. Where the arm's
     repeatability is stated, rho is known.
     """
-    own = np.unique(rows.label[rows.label >= 0], return_counts=True)[1]
-    typical = float(np.sqrt(np.mean(rows.sigma[rows.mask] ** 2)))
+    own, typical = _visits(rows), _typical(rows)
     known = rows.readings.repeatability if rows.stated else None
     rhos = np.array([known / typical]) if known else np.array(RHOS[:1] if lone_visits(rows) else RHOS)
     noises = tuple(rows.sharing(float(rho) * typical).padded_noise for rho in rhos)
@@ -71,14 +70,25 @@ def visit_noise(rows: Rows) -> VisitNoise:
 
 def lone_visits(rows: Rows) -> bool:
     """Whether no two readings share a visit and an axis."""
-    own = np.unique(rows.label[rows.label >= 0], return_counts=True)[1]
-    return not len(own) or bool(own.max() < 2)
+    return bool(_visits(rows).max(initial=0) < 2)
+
+
+def _visits(rows: Rows) -> Indices:
+    """How many coordinates share the error of each visit along an axis."""
+    return np.unique(rows.label[rows.label >= 0], return_counts=True)[1]
+
+
+def _typical(rows: Rows) -> float:
+    """Typical sd m of a coordinate."""
+    return float(np.sqrt(np.mean(rows.sigma[rows.mask] ** 2)))
 
 
 def repeats(rows: Rows) -> Array | None:
     """Indicators (3 R, g) of the readings that repeat each other; None where too few do, or more than can be held."""
-    pure = replicate_basis(replicates(rows.readings, rows), rows.mask)
-    return pure.Q if pure.dof >= FEWEST and pure.Q.shape[1] <= _MOST_REPEATS else None
+    alike = replicates(rows.readings, rows)
+    pure = pure_dof(alike, rows.mask)
+    few = pure < FEWEST or int(rows.mask.sum()) - pure > _MOST_REPEATS
+    return None if few else replicate_basis(alike, rows.mask).Q
 
 
 def in_noise(rows: Rows, unit: float, rho: float) -> Rows:
@@ -86,16 +96,15 @@ def in_noise(rows: Rows, unit: float, rho: float) -> Rows:
 
     Poses are numbered anew.
     """
-    typical = float(np.sqrt(np.mean(rows.sigma[rows.mask] ** 2)))
     readings = rows.readings
     other = replace(readings, sigma=readings.sigma * unit, minus_sigma=readings.minus_sigma * unit)
     _, pose = np.unique(rows.pose, return_inverse=True)
-    return replace(rows, readings=other, shared=rho * unit * typical, pose=pose.astype(np.intp))
+    return replace(rows, readings=other, shared=rho * unit * _typical(rows), pose=pose.astype(np.intp))
 
 
 def library_basis(case: Case) -> Array:
     """Orthonormal directions (m, q) of the fitted parameters and of every cause that rises above the noise."""
-    columns = np.concatenate([case.A, *case.B], axis=1)
+    columns = np.concatenate([case.A, *(B for B, c in zip(case.B, case.causes, strict=True) if not c.group)], axis=1)
     return make_basis(columns.reshape(-1, 3, columns.shape[1])).Q
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.diagnose.residuals.gross_rows import Basis, Flags
-from qsframework.diagnose.residuals.noise_components import replicate_basis
+from qsframework.diagnose.residuals.noise_components import pure_dof, replicate_basis
 from qsframework.experiment import Experiment
 from qsframework.experiment.observations import Rows
 from qsframework.plugin import Array, Indices
@@ -99,9 +99,10 @@ def _replicates(left: Array, fit: Basis, replicate: Indices) -> tuple[float, int
     """p-value of the fit against pure error, and the degrees of freedom of the latter."""
     from scipy.stats import f
 
+    free = pure_dof(replicate, fit.mask)
+    if free <= 0 or fit.dof <= free:
+        return np.nan, free
     pure = replicate_basis(replicate, fit.mask)
-    if pure.dof <= 0 or fit.dof <= pure.dof:
-        return np.nan, max(pure.dof, 0)
     error = float(np.sum(pure.left(left) ** 2))
     lack, dof = float(np.sum(left**2)) - error, fit.dof - pure.dof
     return float(f.sf(max(lack, 0.0) / dof / (error / pure.dof), dof, pure.dof)), pure.dof

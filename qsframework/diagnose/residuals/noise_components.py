@@ -26,12 +26,12 @@ _LARGEST = 1e3
 class NoiseAudit:
     """What the readings say about their noise.
 
-    unit: true sigma / stated sigma, 1 where nothing speaks against the stated one; unit_source: "stated",
-        "residuals" (of the final model) or "replicates"; measured: the estimate, NaN without any, with `dof` degrees of
-        freedom; p_unit: of the stated sigma, two-sided, NaN where none is stated; shared: sd m of the error that the
-        markers of a visit share, 0 where that is not significant; outliers: rows that were left out; heavy: p-value of
-        normal tails; p_missing: of the model against the replicates, NaN without them; repeated: whether readings were
-        repeated often enough to tell; stated: whether somebody says its size; level: of each alarm
+    unit: true sigma / stated sigma, 1 where nothing speaks against the stated one; unit_source: "stated", "residuals"
+    (of the final model) or "replicates"; measured: the estimate, NaN without any, with `dof` degrees of freedom;
+    p_unit: of the stated sigma, two-sided, NaN where none is stated; shared: sd m of the error that the markers of a
+    visit share, 0 where that is not significant; outliers: rows that were left out; heavy: p-value of normal tails;
+    p_missing: of the model against the replicates, NaN without them; repeated: whether readings were repeated often
+    enough to tell; stated: whether somebody says its size; level: of each alarm
     """
 
     unit: float
@@ -57,13 +57,12 @@ class NoiseAudit:
 @dataclass(frozen=True)
 class Size:
     """An estimate of the noise: a sum of squares of the rows' own error in units of the stated one, its degrees of
-    freedom, the sd m that rows of one measurement share, its p-value and its degrees of freedom, and the source."""
+    freedom, the sd m that rows of one measurement share with its p-value, and the source."""
 
     square: float
     dof: int
     shared: float
     p_shared: float
-    dof_shared: float
     source: str
 
     @property
@@ -107,7 +106,7 @@ def audit_noise(
         outliers=outliers,
         heavy=heavy,
         p_missing=p_missing,
-        repeated=replicate_basis(replicate, mask).dof >= FEWEST,
+        repeated=pure_dof(replicate, mask) >= FEWEST,
         stated=stated,
         level=level,
     )
@@ -141,7 +140,7 @@ def estimate(white: Array, basis: Basis, sigma: Array, measurement: Indices, sou
 
     left = basis.left(white)
     total = float(np.sum(left**2))
-    plain = Size(total, basis.dof, 0.0, 1.0, np.inf, source)
+    plain = Size(total, basis.dof, 0.0, 1.0, source)
     if basis.dof < FEWEST or np.unique(measurement, return_counts=True)[1].max() < 2:
         return plain
     typical = float(np.sqrt(np.mean(sigma**2)))
@@ -176,10 +175,14 @@ def estimate(white: Array, basis: Basis, sigma: Array, measurement: Indices, sou
     if p >= level:
         return replace(plain, shared=shared if gain > 0.0 else 0.0, p_shared=p)
     # beyond what measurements share there is only the rows' own error: exactly chi-square
-    grown = ratio**2 * lam / (1.0 + ratio**2 * lam)
-    # the variance of log(1 + ratio^2 lam) where ratio is estimated, as that of a chi-square
-    nu = float(np.square(grown).sum() / np.square(grown).max())
-    return Size(rest, basis.dof - len(lam), shared, p, nu, source)
+    return Size(rest, basis.dof - len(lam), shared, p, source)
+
+
+def pure_dof(replicate: Indices, mask: Flags | None = None) -> int:
+    """Degrees of freedom of what replicates differ by: measured coordinates less the groups that an axis has."""
+    measured = np.ones((len(replicate), 3), dtype=bool) if mask is None else mask
+    row, axis = np.nonzero(measured)
+    return len(row) - len(np.unique(3 * replicate[row] + axis))
 
 
 def replicate_basis(replicate: Indices, mask: Flags | None = None) -> Basis:
@@ -199,11 +202,11 @@ def _size(
     white: Array, basis: Basis, sigma: Array, measurement: Indices, replicate: Indices, level: float
 ) -> tuple[Size, float]:
     """The noise to believe, and the p-value of the library against the replicates."""
-    pure = replicate_basis(replicate, basis.mask)
     fromlibrary = estimate(white, basis, sigma, measurement, "residuals", level)
-    if pure.dof < FEWEST:
+    if pure_dof(replicate, basis.mask) < FEWEST:
         usable = basis.dof >= FEWEST
         return (fromlibrary if usable else replace(fromlibrary, square=0.0, dof=0)), np.nan
+    pure = replicate_basis(replicate, basis.mask)
     repeats = estimate(white, pure, sigma, measurement, "replicates", level)
     p = lack_p_value(white, basis, pure, _noise(sigma, repeats.shared, measurement), sigma)
     return (fromlibrary if p >= level else repeats), p

@@ -117,13 +117,13 @@ def family_test(
     drawn = fits.noise.noises[found].colour(drawn)
     if measured is not None:
         drawn[~measured] = 0.0
-    places = fits.choose(drawn, among)
-    smallest = np.zeros(draws)
+    every = np.column_stack([values, drawn])
+    places = np.concatenate([[found], fits.choose(drawn, among)])
+    size, log_p = np.zeros((2, len(blocks), draws + 1))
     for k in np.unique(places):
         at = np.flatnonzero(places == k)
-        smallest[at] = _scored(bank, fits, int(k), drawn[:, at])[1].min(axis=0)
-    size, log_p = _scored(bank, fits, found, values[:, None])
-    return _scores(bank, size[:, 0], log_p[:, 0], np.sort(smallest))
+        size[:, at], log_p[:, at] = _scored(bank, fits, int(k), every[:, at])
+    return _scores(bank, size[:, 0], log_p[:, 0], np.sort(log_p[:, 1:].min(axis=0)))
 
 
 def _scores(bank: _Bank, size: Array, log_p: Array, thresholds: Array) -> Scores:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -35,23 +36,40 @@ class Contest:
     sided: tuple[bool, ...]
     half: tuple[Array, ...]
 
-    def falls(self, c: Array) -> Array:
-        """By how much each cause lowers the squares (draws, G), for coefficients (draws, K)."""
-        out = np.zeros((len(c), len(self.at)))
-        for i, (at, half) in enumerate(zip(self.at, self.half, strict=True)):
-            if half.size:
-                part = c[:, at] @ half
-                if self.sided[i]:
-                    part = np.maximum(part, 0.0)
-                out[:, i] = np.square(part).sum(axis=1)
+    @cached_property
+    def _whole(self) -> tuple[Array, Array, Indices]:
+        """All halves in one matrix (K, k), which of its columns count where positive alone, and whose each is (k,)."""
+        owner = np.repeat(np.arange(len(self.half)), [h.shape[1] for h in self.half])
+        H = np.zeros((len(self.c), len(owner)))
+        first = 0
+        for at, half in zip(self.at, self.half, strict=True):
+            H[at, first : first + half.shape[1]] = half
+            first += half.shape[1]
+        return H, np.array(self.sided)[owner], owner
+
+    def parts(self, c: Array) -> Array:
+        """What coefficients (draws, K) come to along the directions of each cause (draws, k)."""
+        return np.asarray(c @ self._whole[0], dtype=np.float64)
+
+    def falls(self, parts: Array) -> Array:
+        """By how much each cause lowers the squares (draws, G)."""
+        _, sided, owner = self._whole
+        square = np.square(np.where(sided, np.maximum(parts, 0.0), parts))
+        out = np.zeros((len(parts), len(self.at)))
+        edges = np.flatnonzero(np.diff(owner, prepend=-1))
+        if len(edges):
+            out[:, owner[edges]] = np.add.reduceat(square, edges, axis=1)
         return out
 
 
-def contest(gram: Gram, given: Sequence[int]) -> Contest:
-    """The contest of all causes beside the given ones."""
+def contest(gram: Gram, given: Sequence[int], without: Sequence[int] = ()) -> Contest:
+    """The contest of all causes but some, beside the given ones."""
     G, c = gram.beside(given)
     half: list[Array] = []
-    for at in gram.at:
+    for i, at in enumerate(gram.at):
+        if i in without:
+            half.append(np.zeros((len(at), 0)))
+            continue
         values, vectors = np.linalg.eigh(G[np.ix_(at, at)])
         kept = values > _FLOOR
         half.append(vectors[:, kept] / np.sqrt(values[kept]))
@@ -66,21 +84,23 @@ def rival_set(
     exact: Mapping[int, float],
     seed: int = 0,
     confidence: float = CONFIDENCE,
+    without: Sequence[int] = (),
 ) -> tuple[int, ...]:
     """Causes that may stand in the place of `named` beside the `given` ones, the likeliest first; never the named.
 
-    exact: squares that the exact fit leaves with each cause in this place, where such a fit was made
+    exact: squares that the exact fit leaves with each cause in this place, where such a fit was made; without: causes
+    that do not compete, such as all axes of a place of which one is named
     """
-    race = contest(gram, given)
-    falls = race.falls(race.c[None])[0]
+    race = contest(gram, given, without)
+    falls = race.falls(race.parts(race.c[None]))[0]
     start = gram.total - float(falls_of(gram, given))
     left = start - falls
     for i, rss in exact.items():
         left[i] = rss
-    others = [i for i in gram.visible if i not in given and i != named and left[i] - left[named] < _FAR]
+    others = [i for i in gram.visible if i not in {*given, *without, named} and left[i] - left[named] < _FAR]
     rng = np.random.default_rng(seed)
     values, vectors = np.linalg.eigh(race.G)
-    noise = rng.standard_normal((_DRAWS, len(values))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    noise = race.parts(rng.standard_normal((_DRAWS, len(values))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T)
     kept = [i for i in others if _possible(race, i, left[i] - left[named], noise, given, confidence)]
     return tuple(sorted(kept, key=lambda i: left[i]))
 
@@ -99,8 +119,7 @@ def _possible(race: Contest, i: int, behind: float, noise: Array, given: Sequenc
     part = race.c[at] @ half
     if race.sided[i]:
         part = np.maximum(part, 0.0)
-    drawn = race.G[:, at] @ (half @ part) + noise
-    falls = race.falls(drawn)
+    falls = race.falls(noise + race.parts(race.G[:, at] @ (half @ part)))
     falls[:, list(given)] = 0.0
     lost = falls.max(axis=1) - falls[:, i]
     return bool(behind <= np.quantile(lost, confidence) + 1e-9)
