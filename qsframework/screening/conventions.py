@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from qsframework.errors import InputError, NotIdentifiable
-from qsframework.estimation import left, scales
+from qsframework.estimation import left, rms, scales
 from qsframework.experiment import Experiment, Readings, bridge
 from qsframework.plugin import Array, Indices, Spring
 from qsframework.screening.convention_changes import (
@@ -23,7 +23,7 @@ from qsframework.screening.convention_changes import (
     joint_signs,
     structures,
 )
-from qsframework.screening.linearized_fit import LinearizedFit, of_bridge
+from qsframework.screening.linearized_fit import LinearizedFit, of_bridge, other_loads
 from qsframework.screening.logging_faults import exchanges, late_angles
 
 LEVEL = 1e-4
@@ -44,6 +44,8 @@ _UNITS = (
 """Factor of the compliances as fitted, which is (true load) / (load of the file), and what it stands for."""
 _NEAR = 0.25
 """How near, in log, the common factor of the compliances must be to that of a unit."""
+_FAR = 3.0
+"""How many times further from the nominal arm than as given positions are beyond any fit: derivatives cost more."""
 _APART = 0.5
 """How far, in log, the compliances may scatter about their common factor."""
 
@@ -96,7 +98,7 @@ def check_conventions(experiment: Experiment, readings: Readings) -> tuple[Conve
     Where one is compelling, the next best only goes along, and is not compelling any more: axes that are nearly those
     of the right sign fit better than as given, too.
     """
-    given = _fit(_trial(experiment, readings))
+    given = _fit(_first(experiment, readings))
     changes = [
         *couplings(experiment, readings),
         *joint_signs(experiment, readings),
@@ -117,7 +119,7 @@ def check_structures(experiment: Experiment, readings: Readings) -> tuple[Conven
 
     A cause may do so too: whoever asks compares the two.
     """
-    given = _fit(_trial(experiment, readings))
+    given = _fit(_first(experiment, readings))
     changes = list(structures(experiment, readings))
     judged = [_judge(change, given, len(changes)) for change in changes]
     found = [replace(c, structure=True) for c in judged if c is not None and c.compelling]
@@ -128,9 +130,12 @@ def _judge(change: Change, given: _Fit, tried: int, rows: Indices | None = None)
     """Apply a change and compare; `rows` of the file are those that it touches, None for all. None where it cannot be
     applied: angles beyond the arm's, readings that then hold no frame."""
     try:
-        fit = _fit(_trial(change.experiment, change.readings, given.trial))
+        trial = _trial(change.experiment, change.readings, given.trial)
     except (InputError, NotIdentifiable):
         return None
+    if trial is None:
+        return None
+    fit = _fit(trial)
     drop = np.log(max(given.square, 1e-300)) - np.log(max(fit.square, 1e-300))
     drop -= np.log(given.dof / fit.dof)  # late angles leave a measurement out
     evidence = 0.5 * min(fit.dof, given.dof) * float(drop) - float(np.log(tried))
@@ -164,17 +169,35 @@ def _local(given: _Fit, fit: _Fit, rows: Indices) -> float:
     return square(fit) / max(square(given), 1e-300)
 
 
-def _trial(experiment: Experiment, readings: Readings, given: LinearizedFit | None = None) -> LinearizedFit:
-    """Columns of frames and fitted parameters, and the readings less what the nominal values give.
+def _first(experiment: Experiment, readings: Readings) -> LinearizedFit:
+    """Columns of frames and fitted parameters, and the readings less what the nominal values give."""
+    return of_bridge(experiment, bridge(experiment, readings, experiment.fit_names(), linear=True))
+
+
+def _trial(experiment: Experiment, readings: Readings, given: LinearizedFit) -> LinearizedFit | None:
+    """The same of changed readings; None where they lie so far from the nominal arm that no fit makes up for it.
 
     given: the readings as they are, whose columns stay where only values change and no frame is to be found
     """
-    if given is not None and experiment is given.experiment and not given.rows.estimated:
-        before = given.readings
-        if readings.states is before.states and readings.use is before.use:
-            rows = replace(given.rows, readings=readings)
-            return replace(given, rows=rows, errors=given.errors + rows.scalars - given.rows.scalars)
-    return of_bridge(experiment, bridge(experiment, readings, experiment.fit_names(), linear=True))
+    before = given.readings
+    kept = experiment is given.experiment and readings.use is before.use
+    if kept and readings.states is before.states and not _moved(given, readings):
+        rows = replace(given.rows, readings=readings)
+        return replace(given, rows=rows, errors=given.errors + rows.scalars - given.rows.scalars)
+    seen = bridge(experiment, readings, experiment.fit_names(), linear=True)
+    if seen.rows.estimated:
+        errors = seen.rows.scalars - seen.rows.flat(seen.rows.predict(seen.model, seen.x, seen.frames, linear=True))
+        if rms(errors) > _FAR * rms(given.errors):
+            return None
+    if kept and np.array_equal(readings.poses.q, before.poses.q):
+        return other_loads(given, seen)
+    return of_bridge(experiment, seen)
+
+
+def _moved(given: LinearizedFit, readings: Readings) -> bool:
+    """Whether readings in a frame that is to be found are others than before: then the frame is, too."""
+    changed = np.any(given.rows.measured != readings.value[given.keep], axis=1, where=given.rows.mask)
+    return bool(np.isin(given.rows.frame[changed], given.rows.estimated).any())
 
 
 def _fit(trial: LinearizedFit) -> _Fit:

@@ -14,7 +14,7 @@ from qsframework.estimation import Noise, falls, left, orthonormal, rank_test, s
 from qsframework.estimation.projection import chi_square
 from qsframework.experiment import Bridge, Experiment, Readings, bridge
 from qsframework.experiment.observations import Rows
-from qsframework.plugin import Array, Indices
+from qsframework.plugin import Array, Geometry, Indices, Sensor
 
 CARRIED = 1e-10
 
@@ -125,3 +125,15 @@ def of_bridge(experiment: Experiment, seen: Bridge) -> LinearizedFit:
         raise NotIdentifiable(unseen=[p.name for p in seen.parameters])
     errors = rows.scalars - rows.flat(predicted)
     return LinearizedFit(experiment, rows, slopes, errors, rows.noise, rows.stated)
+
+
+def other_loads(given: LinearizedFit, seen: Bridge) -> LinearizedFit:
+    """The fit to the same poses under other loads, on which it hardly depends where geometry moves the markers."""
+    rows, model = seen.rows, seen.model
+    still = {p.name for e in model.effects if isinstance(e, Geometry | Sensor) for p in e.parameters(model.facts)}
+    names = [n for n in seen.names if n not in still]
+    predicted, J = rows.rates(model, seen.x, seen.frames, names)
+    at = [*range(seen.motions), *(seen.motions + seen.names.index(n) for n in names)]
+    slopes = given.slopes.copy()
+    slopes[:, at] = rows.flat(J) * scales(list(seen.parameters))[at]
+    return replace(given, rows=rows, slopes=slopes, errors=rows.scalars - rows.flat(predicted))
