@@ -13,7 +13,7 @@ from qsframework.plugin import Parameter, RobotFacts, Spring, VirtualJoint, plac
 class BaseCompliance(Spring):
     """The whole arm moves on its pedestal, about or along one axis of the base frame."""
 
-    direction: str = place()
+    direction: str = place(axis=True)
     role = "base"
     equation = "eps = c tau, tau = the force along, or the moment about, the direction at the base"
     source = "pedestal stiffness of 20 to 100 MN m/rad: published calibrations of heavy arms"

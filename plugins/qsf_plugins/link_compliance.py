@@ -14,7 +14,7 @@ class LinkCompliance(Spring):
     """A link gives in one of six directions of its own frame, translations x, y, z or rotations rx, ry, rz."""
 
     link: str = place()
-    direction: str = place()
+    direction: str = place(axis=True)
     role = "link"
     equation = "eps = c tau, tau = the force along, or the moment about, the link's axis"
     source = "Klimchik et al., virtual joint modelling with six-axis springs"

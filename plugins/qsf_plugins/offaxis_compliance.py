@@ -19,7 +19,7 @@ class OffaxisCompliance(Spring):
     """
 
     joint: str = place()
-    axis: str = place()
+    axis: str = place(axis=True)
     role = "bearing"
     equation = "eps = c tau, tau = the moment about the axis"
     source = "Klimchik et al., off-axis terms of the virtual joint model"

@@ -13,7 +13,7 @@ from qsframework.plugin import Parameter, RobotFacts, Spring, VirtualJoint, plac
 class ToolCompliance(Spring):
     """The tool moves on the last link, about or along one axis of that link's frame."""
 
-    direction: str = place()
+    direction: str = place(axis=True)
     role = "tool"
     equation = "eps = c tau, tau = the force along, or the moment about, the flange's axis"
     source = "six springs at the flange; tip effect of 0.05 to 0.5 mm on heavy arms"

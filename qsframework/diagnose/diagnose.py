@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from qsframework.diagnose.evidence_table import findings_of, table_of
 from qsframework.diagnose.linearization.candidates import Untested, find_causes
 from qsframework.diagnose.linearization.columns import Case, make_case
+from qsframework.diagnose.linearization.generic_blocks import generic_blocks, motions
 from qsframework.diagnose.residuals.audited_rows import (
     far_from_linear,
     in_noise,
@@ -21,11 +22,11 @@ from qsframework.diagnose.residuals.audited_rows import (
     split_told,
     visit_noise,
 )
-from qsframework.diagnose.residuals.dictionary import Closing, close, motions
 from qsframework.diagnose.residuals.gross_rows import Basis, find_outliers
 from qsframework.diagnose.residuals.huber_pseudo_values import huber_pseudo_values
 from qsframework.diagnose.residuals.noise_components import NoiseAudit, audit_noise, make_basis
-from qsframework.diagnose.result import Diagnosis, Errors, Finding, Method, Value
+from qsframework.diagnose.result import Diagnosis, Errors, Finding, Leftover, Method, Value
+from qsframework.diagnose.selection.closing_gate import contested, leftovers, named_in
 from qsframework.diagnose.selection.cross_validation import HeldOut, Search, held_out
 from qsframework.diagnose.selection.exact_refit import Settled, predicted_or_linear, settle_fit
 from qsframework.diagnose.selection.family_test import family_test
@@ -53,13 +54,15 @@ from qsframework.screening.conventions import Convention, check_conventions, che
 
 LEVEL = 0.04
 _LIBRARY_SHARE = 0.6
-"""Of the level that the library's test gets; the dictionary of the closing gate gets the rest."""
+"""Of the level that the library's test gets; the generic blocks of the closing gate get the rest."""
 _GROSS = 0.01
 """Level at which a row does not belong to the others."""
 _ROUNDS = 3
 """Times that a noise is told beside what was found in it."""
 _BETTER = 1.0
-"""By how much the BIC must fall for another structure; a cause less makes more."""
+"""By how much the BIC must fall for another structure."""
+_AS_GOOD = 2.0
+"""By how much it may rise where causes are spared: they merely do the same."""
 _SETTLED = 0.8
 """Share of a noise that the next one has where the names stay: nothing more is hidden in it."""
 STEPS = ("conventions", "baseline", "causes", "search", "noise", "closing gate", "held-out gain", "table")
@@ -132,31 +135,33 @@ def diagnose(
     for other in check_structures(experiment, readings)[:1] if adopted is None else ():
         instead = _found(other.experiment, other.readings, tell, level, largest, seed)
         # rather another structure than causes that merely do the same, and rather that of the file than another one
-        if instead.cost < found.cost - _BETTER:
+        spared = len(instead.members) < len(found.members)
+        if instead.cost < found.cost + (_AS_GOOD if spared else -_BETTER):
             found, conventions = instead, (other, *conventions)
     base, library, answers = found.base, found.library, found.answers
     best, extended = found.best, found.extended
     tell("noise")
     audit = _audit(base, extended)
     tell("closing gate")
-    leftovers = _close(base, extended, seed).leftovers(level * (1.0 - _LIBRARY_SHARE))
+    closing = _close(base, best, extended, level * (1.0 - _LIBRARY_SHARE), seed)
     tell("held-out gain")
     held = _held(base, library, best, level, largest, seed, repeats)
     tell("table")
     threshold = library.scores.threshold(level * _LIBRARY_SHARE)
     findings = findings_of(library, answers, base.fit, held, threshold, _pose_names(base), seed)
+    findings = tuple(replace(f, instead=closing.rivals.get(f.name)) for f in findings)
     findings = (*_convention_findings(conventions), *findings)
     before = misfit(base.experiment, base.readings, base.rows, base.fit)
     after = misfit(base.experiment, base.readings, base.rows, extended)
     return Diagnosis(
         experiment=base.experiment,
         readings=base.readings,
-        verdict=verdict_of(findings, leftovers, after, ambiguous(library, findings)),
+        verdict=verdict_of(findings, closing.leftovers, after, bool(closing.rivals) or ambiguous(library, findings)),
         findings=findings,
         table=table_of(library, best, findings, base.untested),
         conventions=conventions,
         audit=audit,
-        leftovers=leftovers,
+        leftovers=closing.leftovers,
         before=before,
         after=after,
         rms=_errors(base, extended, held, given, audit),
@@ -172,6 +177,14 @@ def diagnose(
     )
 
 
+@dataclass(frozen=True)
+class _Closing:
+    """What the names leave, and by name the law that stands in its place as well."""
+
+    leftovers: tuple[Leftover, ...]
+    rivals: Mapping[str, Leftover]
+
+
 @dataclass(frozen=True, eq=False)
 class _Found:
     """The library, its answers, best first, and the baseline in the noise that these leave."""
@@ -183,6 +196,10 @@ class _Found:
     @property
     def best(self) -> Answer | None:
         return self.answers[0] if self.answers else None
+
+    @property
+    def members(self) -> tuple[int, ...]:
+        return self.answers[0].subset.members if self.answers else ()
 
     @property
     def extended(self) -> Settled:
@@ -208,11 +225,9 @@ def _found(
     """The search, and once more without the rows that belong to nothing."""
     base = _baseline(experiment, readings, tell)
     tell("search")
-    base, library, answers = _searched(base, level, largest, seed)
-    gross = _gross(base, answers)
-    if len(gross):
-        base, library, answers = _searched(_without(base, gross), level, largest, seed)
-    return _Found(base, library, answers)
+    found = _searched(base, level, largest, seed)
+    gross = _gross(found)
+    return _searched(_without(found.base, gross), level, largest, seed) if len(gross) else found
 
 
 def _certain(base: _Baseline, best: Answer | None, findings: Sequence[Finding]) -> Settled:
@@ -235,7 +250,7 @@ def _pose_names(base: _Baseline) -> list[str]:
 
 def _convention_findings(conventions: Sequence[Convention]) -> tuple[Finding, ...]:
     """The compelling convention that was adopted, as a cause of its own."""
-    adopted = next((c for c in conventions if c.compelling), None)
+    adopted = compelling(conventions)
     if adopted is None:
         return ()
     value = Value(adopted.name, "", adopted.value, 0.0, 0.0 if adopted.value != 1.0 or "[" in adopted.name else 1.0)
@@ -261,7 +276,7 @@ def _teller(progress: Progress | None) -> Callable[[str], None]:
 
 
 def _baseline(experiment: Experiment, readings: Readings, tell: Callable[[str], None]) -> _Baseline:
-    """The exact fit of the experiment's own parameters, the audit of the noise, and the fit under audited noise."""
+    """The exact fit of the experiment's own parameters, all causes beside it, and the noise that it leaves."""
     tell("baseline")
     model = experiment.model()
     rows = make_rows(readings)
@@ -278,7 +293,7 @@ def _baseline(experiment: Experiment, readings: Readings, tell: Callable[[str], 
         raise NotConverged(said) from error
     tell("causes")
     causes, untested = find_causes(experiment, names, rows)
-    case = make_case(experiment, rows, names, causes, fit.by_name(), fit.residuals, fit.frames)
+    case = make_case(experiment, rows, names, causes, fit.by_name(), fit.residuals, fit.frames).grouped()
     fits = _fits(rows, case.raw[:, : case.A.shape[1]])
     base = _Baseline(
         experiment=experiment,
@@ -334,14 +349,16 @@ def _without(base: _Baseline, gross: Indices) -> _Baseline:
     return _told(replace(base, good=good, fit=fit), fits, fit)
 
 
-def _gross(base: _Baseline, answers: Sequence[Answer]) -> Indices:
+def _gross(found: _Found) -> Indices:
     """Places of rows that belong neither to the model that was found nor to the whole library; at most a tenth."""
-    fit = answers[0].fit if answers else base.fit
+    base, fit = found.base, found.extended
     mask, shape = base.rows.mask, (len(base.rows.keep), 3)
     columns = orthonormal(fit.jacobian).reshape(*shape, -1)
     gross = find_outliers(fit.white.reshape(shape), make_basis(columns, mask), _GROSS)
+    if not len(gross):
+        return gross
     basis = Basis(library_basis(base.case), None if mask.all() else mask)
-    if len(gross) and basis.dof >= max(base.case.count // 3, 6):
+    if basis.dof >= max(base.case.count // 3, 6):
         raw = base.rows.padded_noise.whiten(base.fit.residuals.ravel()).reshape(shape)
         gross = np.intersect1d(gross, find_outliers(raw, basis, _GROSS))
     return gross if len(gross) <= max(1, len(base.rows.keep) // 10) else gross[:0]
@@ -369,7 +386,7 @@ def _audit(base: _Baseline, fit: Settled) -> NoiseAudit:
     )
 
 
-def _searched(base: _Baseline, level: float, largest: int, seed: int) -> tuple[_Baseline, Library, list[Answer]]:
+def _searched(base: _Baseline, level: float, largest: int, seed: int) -> _Found:
     """The library, its answers, best first, and the baseline in the noise that these leave.
 
     Whether anything acts is tested in the noise that the fitted parameters alone leave. What does is then searched for
@@ -397,7 +414,7 @@ def _searched(base: _Baseline, level: float, largest: int, seed: int) -> tuple[_
         base, library, answers = again, there, found
         if found[0].subset.members == best.subset.members and size > _SETTLED * before:
             break
-    return base, library, answers
+    return _Found(base, library, answers)
 
 
 def _answers(library: Library, base: _Baseline, level: float, largest: int) -> list[Answer]:
@@ -417,13 +434,21 @@ def _answers(library: Library, base: _Baseline, level: float, largest: int) -> l
     return [first, *answers[1:]]
 
 
-def _close(base: _Baseline, fit: Settled, seed: int) -> Closing:
-    """The dictionary against what a fit leaves, in the noise beside it."""
-    moved = motions(fit.model, base.rows, fit.x, fit.frames)
+def _close(base: _Baseline, best: Answer | None, fit: Settled, level: float, seed: int) -> _Closing:
+    """The generic blocks against what an exact fit leaves, and in the place of each of its names."""
+    blocks = list(generic_blocks(motions(fit.model, base.rows, fit.x, fit.frames)))
     noise = base.rows.padded_noise
-    fits = _fits(base.rows, noise.colour(fit.jacobian))
-    tame = huber_pseudo_values(fit.white, orthonormal(fit.jacobian))
-    return close(moved, base.experiment.robot.facts.n, fits, noise.colour(tame), base.rows.mask.ravel(), seed + 1)
+    columns = noise.colour(fit.jacobian)
+    tame = noise.colour(huber_pseudo_values(fit.white, orthonormal(fit.jacobian)))
+    left = leftovers(blocks, _fits(base.rows, columns), tame, level, seed + 1, base.rows.mask.ravel())
+    causes = {base.case.causes[i].name: base.case.causes[i].names for i in (best.subset.members if best else ())}
+    rivals: dict[str, Leftover] = {}
+    for name in named_in(fit, causes, columns):
+        own = [columns.shape[1] - len(fit.names) + fit.names.index(p) for p in causes[name.name]]
+        rival = contested(blocks, _fits(base.rows, np.delete(columns, own, axis=1)), tame, name)
+        if rival is not None:
+            rivals[name.name] = rival
+    return _Closing(left, rivals)
 
 
 def _held(

@@ -86,8 +86,8 @@ def _finding(
         ebic_gain=_conditional_ebic(library, i, given) if given else -best.ebic,
         rivals=tuple(Rival(library.case.causes[j].name, float(angles[j])) for j in rivals),
         hangs_on=hanging,
-        physics=(type(cause.effect).__doc__ or cause.name).strip().splitlines()[0],
-        check=type(cause.effect).check,
+        physics=(cause.kind.__doc__ or cause.name).strip().splitlines()[0],
+        check=cause.kind.check,
         heldout_gain=gain,
     )
 
@@ -109,9 +109,12 @@ def _conditional_ebic(library: Library, i: int, given: tuple[int, ...]) -> float
 def _rivals(library: Library, answers: Sequence[Answer], i: int, seed: int) -> tuple[int, ...]:
     best = answers[0].subset.members
     given = tuple(j for j in best if j != i)
-    found = rival_set(library.gram, i, given, _exact(answers, given), seed)
+    causes, own = library.case.causes, library.case.causes[i]
+    without = [j for j, c in enumerate(causes) if j != i and (c.shares(own) or (c.group and not own.group))]
+    found = rival_set(library.gram, i, given, _exact(answers, given), seed, without=without)
     every = dict.fromkeys(j for rival in (i, *found) for j in library.aliases(rival))  # what does the same goes along
-    return tuple(j for j in every if j != i and j not in given and library.subspaces[j].visible)
+    out = {i, *given, *without}
+    return tuple(j for j in every if j not in out and library.subspaces[j].visible)
 
 
 def _exact(answers: Sequence[Answer], given: tuple[int, ...]) -> Mapping[int, float]:
@@ -133,6 +136,8 @@ def _hanging(
     gram = library.gram
     given = tuple(j for j in best.members if j != i)
     allowed = {i, *rivals, *library.aliases(i)}
+    own = library.case.causes[i]
+    allowed |= {j for j, c in enumerate(library.case.causes) if c.shares(own) or (c.group and not own.group)}
     others = _alternatives(library, given, allowed)
     dof = len(gram.at[i])
     needed = float(chi2.isf(float(np.exp(threshold)), max(dof, 1))) * library.unit(best.members)
@@ -163,7 +168,9 @@ def table_of(
     tied = {r.name for f in findings for r in f.rivals}
     members = best.subset.members if best else ()
     angles = angle_matrix(library.subspaces)
-    lines = [_line(library, best, i, named, tied, members, angles[i]) for i in range(len(library.subspaces))]
+    causes = library.case.causes
+    shown = [i for i, c in enumerate(causes) if not c.group or c.name in named | tied]
+    lines = [_line(library, best, i, named, tied, members, angles[i]) for i in shown]
     order = list(Status)
     lines.sort(key=lambda x: (order.index(x.status), x.p_value))
     return (*lines, *(Line(name=u.name, status=Status.UNTESTED, needs=u.needs) for u in untested))
@@ -182,6 +189,8 @@ def _line(
     if not subspace.visible:
         s = subspace.reach / REACH
         return Line(name=cause.name, status=Status.INVISIBLE, s=0.0, p_value=1.0, reach=s if s > _ROUNDING else 0.0)
+    others = [j for j, c in enumerate(library.case.causes) if c.group or c.shares(cause)]
+    angles[others] = np.nan
     near = int(np.nanargmin(angles)) if np.isfinite(angles).any() else i
     status = Status.NAMED if cause.name in named else Status.TIED if cause.name in tied else Status.EXCLUDED
     return Line(

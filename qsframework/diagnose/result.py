@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Literal
 
+from qsframework.diagnose.law import Law
 from qsframework.plugin import Array, Indices, Parameter
 
 if TYPE_CHECKING:
@@ -52,6 +53,18 @@ class Rival:
     angle: float
 
 
+@dataclass(frozen=True)
+class Leftover:
+    """A law that nobody has written and that the readings hold.
+
+    p_value: family-wise; evidence: nats, beside all names, or beyond the name in whose place it stands (p then NaN)
+    """
+
+    law: Law
+    p_value: float
+    evidence: float
+
+
 @dataclass(frozen=True, kw_only=True)
 class Finding:
     """A named cause with its evidence.
@@ -59,7 +72,8 @@ class Finding:
     s: visible size in units of noise; p_value: family-wise; ebic_gain: by how much the extended BIC falls with it;
     heldout_gain: 1 - held-out RMS with all named causes / with all but this one, NaN for a convention; hangs_on: poses
     without any one or two of which the name changes; physics, check: what its effect says of itself, and what to look
-    at on the real robot; both empty for a convention
+    at on the real robot; both empty for a convention; instead: a law that nobody has written, which explains the
+    readings as well in its place
     """
 
     name: str
@@ -72,6 +86,7 @@ class Finding:
     physics: str = ""
     check: str = ""
     heldout_gain: float = float("nan")
+    instead: Leftover | None = None
 
     @property
     def doubtful(self) -> bool:
@@ -99,15 +114,6 @@ class Line:
     needs: tuple[str, ...] = ()
     nearest: str = ""
     angle: float = float("nan")
-
-
-@dataclass(frozen=True)
-class Leftover:
-    """What no named cause explains: an extra motion at a place that depends on a variable."""
-
-    place: str
-    variable: str
-    p_value: float
 
 
 @dataclass(frozen=True)

@@ -177,12 +177,17 @@ def _pairs(diagnosis: Diagnosis) -> tuple[list[tuple[Finding, Cause, Cause]], li
         angles = smallest_angles(subspaces, position[finding.name])
         known = {*names, *(f.name for f in diagnosis.findings)}
         order = (int(i) for i in np.argsort(angles))
-        far = [i for i in order if angles[i] > ALIKE and diagnosis.case.causes[i].name not in known]
+        far = [i for i in order if angles[i] > ALIKE and _apart(diagnosis.case.causes[i], cause, known)]
         names += [diagnosis.case.causes[i].name for i in far[:1]]
         for rival in (causes[n] for n in names):
-            needs = sorted({*cause.effect.needs, *rival.effect.needs})
+            needs = sorted({*cause.needs, *rival.needs})
             if needs:
                 waiting.append(Waiting(cause.name, rival.name, tuple(needs)))
             else:
                 pairs.append((finding, cause, rival))
     return pairs, crowded, waiting
+
+
+def _apart(other: Cause, cause: Cause, known: set[str]) -> bool:
+    """Whether another cause is neither known already nor the same place with other axes."""
+    return other.name not in known and not other.group and not other.shares(cause)

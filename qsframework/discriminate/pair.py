@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from qsframework.design import Candidates, generate_candidates
-from qsframework.diagnose.linearization.candidates import Cause, find_causes
+from qsframework.diagnose.linearization.candidates import Cause, find_causes, groups_of
 from qsframework.discriminate.alternatives import SEEN, Draw, Offer, batch, offers
 from qsframework.discriminate.t_optimal import STARTS, Chosen, Question, Taken, ask, choose, limit_angle, told
 from qsframework.errors import InputError, Problem, nearest
@@ -187,7 +187,7 @@ def drawn(
 def known_causes(experiment: Experiment, poses: Poses, names: Sequence[str]) -> tuple[Cause, ...]:
     """Causes by name. InputError for one that the robot cannot have, or that poses alone cannot show."""
     causes, untested = find_causes(experiment, experiment.fit_names(), poses.take(slice(0, 1)))
-    found = {c.name: c for c in causes}
+    found = {c.name: c for c in (*causes, *groups_of(causes))}
     waiting = {u.name: u.needs for u in untested}
     problems: list[Problem] = []
     for name in names:

@@ -212,7 +212,7 @@ class Rows:
         """Positions (S, K, 3) m of the markers in the states that rows need, base frame."""
         used, _, _ = self._used
         out = np.empty((len(used), len(model.markers), 3))
-        for loaded, which, poses in self._split():
+        for loaded, which, poses in self.split():
             out[which] = model.positions(poses, x, loaded) if linear else exact_positions(model, poses, x, loaded)
         return out
 
@@ -221,11 +221,12 @@ class Rows:
         used, _, _ = self._used
         out = np.empty((len(used), len(model.markers), 3))
         slope = np.empty((*out.shape, len(names)))
-        for loaded, which, poses in self._split():
+        for loaded, which, poses in self.split():
             out[which], slope[which] = model.position_rates(poses, x, names, loaded)
         return out, slope
 
-    def _split(self) -> list[tuple[bool, Indices, Poses]]:
+    def split(self) -> list[tuple[bool, Indices, Poses]]:
+        """The unloaded and the loaded states that rows need: whether a load hangs, places among them, and poses."""
         used, _, _ = self._used
         loaded = self.readings.states.loaded[used]
         parts = [(flag, np.flatnonzero(loaded == flag)) for flag in (False, True)]

@@ -15,17 +15,23 @@ def setting(unit: str = "", default: Any = dataclasses.MISSING) -> Any:
     return dataclasses.field(default=default, metadata={"unit": unit})
 
 
-def place(default: Any = dataclasses.MISSING) -> Any:
+def place(default: Any = dataclasses.MISSING, *, axis: bool = False) -> Any:
     """Where the effect acts: a field `joint`, `axis`, `link` or `marker`, part of the instance's name.
 
     In a spec its plural with a list, or `all`, makes one instance for each; `joints: all` are those with an actuator.
+    axis: one of several axes of a place; to a diagnosis all axes of one place together are one cause, too.
     """
-    return dataclasses.field(default=default, metadata={"place": True})
+    return dataclasses.field(default=default, metadata={"place": True, "axis": axis})
 
 
 def place_fields(effect: type) -> tuple[str, ...]:
     """Names of the fields that say where an effect acts."""
     return tuple(f.name for f in dataclasses.fields(effect) if f.metadata.get("place"))
+
+
+def axis_fields(effect: type) -> tuple[str, ...]:
+    """Names of the place fields that are one of several axes of a place."""
+    return tuple(f.name for f in dataclasses.fields(effect) if f.metadata.get("axis"))
 
 
 def twice_hint(effect: type) -> str | None:

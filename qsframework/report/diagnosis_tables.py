@@ -13,6 +13,7 @@ from qsframework.plugin import Parameter
 from qsframework.report.blocks import Lines, Table
 from qsframework.report.words.diagnosis import Group, excluded_words, limit_words, statements, status_words
 from qsframework.report.words.headline import check_words
+from qsframework.report.words.law import place_words, variable_words
 from qsframework.report.words.next_steps import next_steps
 from qsframework.report.words.sizes import people_estimate, people_size, three
 
@@ -304,7 +305,7 @@ def leftover_table(diagnosis: Diagnosis) -> Table:
     more = len(diagnosis.leftovers) - len(shown)
     return Table(
         ("unexplained: an extra motion at", "that depends on", "p"),
-        tuple((x.place, x.variable, chance(x.p_value)) for x in shown),
+        tuple((place_words(x.law), variable_words(x.law), chance(x.p_value)) for x in shown),
         "A smooth extra motion, of no cause in the library, that the readings still hold. The first row is where to "
         "look; the others are often the same motion seen from elsewhere" + (f" ({more} more)." if more else "."),
     )

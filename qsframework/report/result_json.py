@@ -9,7 +9,7 @@ import numpy as np
 
 from qsframework.diagnose.error_budget import error_budget
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit
-from qsframework.diagnose.result import Diagnosis, Finding, Line
+from qsframework.diagnose.result import Diagnosis, Finding, Leftover, Line
 from qsframework.discriminate.follow_up import SecondDay
 from qsframework.discriminate.pair import Discrimination
 from qsframework.forecast.forecast import Foresight, Prospect
@@ -17,6 +17,7 @@ from qsframework.report.words.diagnosis import diagnosis_words, limit_words, met
 from qsframework.report.words.discrimination import discrimination_words, note_words, offer_words
 from qsframework.report.words.forecast import foresight_words, size_words, why_words
 from qsframework.report.words.headline import headline
+from qsframework.report.words.law import place_words, variable_words
 from qsframework.report.words.next_steps import next_steps
 
 _RMS = ("nominal", "identified", "extended", "heldout_identified", "heldout_extended", "noise")
@@ -32,7 +33,7 @@ def diagnosis_json(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> di
         "causes": [_cause(f) for f in found.findings],
         "conventions": [c.name for c in found.conventions if c.compelling],
         "data_problems": _problems(found),
-        "leftovers": [{"place": x.place, "variable": x.variable, "p_value": x.p_value} for x in found.leftovers],
+        "leftovers": [_law_json(x) for x in found.leftovers],
         "rms_mm": {name: _number(1e3 * getattr(found.rms, name)) for name in _RMS},
         "budget": [
             {"label": x.label, "readings_mm": 1e3 * x.readings, "heldout_mm": 1e3 * x.heldout}
@@ -72,6 +73,16 @@ def _problems(found: Diagnosis) -> list[dict[str, Any]]:
     return out
 
 
+def _law_json(x: Leftover) -> dict[str, Any]:
+    return {
+        "id": x.law.name,
+        "place": place_words(x.law),
+        "variable": variable_words(x.law),
+        "p_value": _number(x.p_value),
+        "evidence": _number(x.evidence),
+    }
+
+
 def _cause(f: Finding) -> dict[str, Any]:
     return {
         "id": f.name,
@@ -83,6 +94,7 @@ def _cause(f: Finding) -> dict[str, Any]:
         "heldout_gain": _number(f.heldout_gain),
         "doubtful": f.doubtful,
         "hangs_on": [list(h) for h in f.hangs_on],
+        "instead": None if f.instead is None else _law_json(f.instead),
     }
 
 

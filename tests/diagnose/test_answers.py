@@ -180,7 +180,7 @@ def test_of_many_rivals_the_likeliest_are_looked_at_and_it_is_said(tied: Diagnos
 def test_what_needs_another_column_is_not_a_matter_of_poses(tied: Diagnosis) -> None:
     (f,) = tied.findings
     drift = find("tracker_drift")()
-    cause = Cause(drift.name, drift, drift.parameters(campaign().robot.facts), False)
+    cause = Cause(drift.name, (drift,), drift.parameters(campaign().robot.facts), False)
     (own,) = (i for i, c in enumerate(tied.case.causes) if c.name == f.name)
     columns = np.random.default_rng(0).standard_normal((len(tied.case.A), len(cause.names)))
     case = replace(tied.case, causes=(tied.case.causes[own], cause), B=(tied.case.B[own], columns))

@@ -60,7 +60,7 @@ def extension_with(robot: str, kind: str) -> Extension:
     """The model with one kind of effect at all its places, its parameters and those of the springs at odd values."""
     experiment = loaded(robot)
     model = experiment.model()
-    causes = [Cause(e.name, e, e.parameters(model.facts), False) for e in offered(robot) if e.effect_name() == kind]
+    causes = [Cause(e.name, (e,), e.parameters(model.facts), False) for e in offered(robot) if e.effect_name() == kind]
     wide = widened(model, causes)
     rng = np.random.default_rng(1)
     values = dict(zip(wide.names, wide.nominal.tolist(), strict=True))

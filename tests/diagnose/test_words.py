@@ -14,6 +14,7 @@ import pytest
 
 from qsframework.cli.diagnose import print_diagnosis
 from qsframework.diagnose import Diagnosis, diagnose
+from qsframework.diagnose.law import Law
 from qsframework.diagnose.result import Finding, Leftover, Status
 from qsframework.experiment import differences
 from qsframework.experiment.setup import Noise
@@ -58,7 +59,7 @@ def test_the_verdict_is_one_sentence_with_all_that_matters(real: Diagnosis) -> N
     assert said.startswith("Partly explained by offaxis_compliance[joint_4/z], payload_centre and tracker_frame: ")
     before, after = 1e3 * real.rms.heldout_identified, 1e3 * real.rms.heldout_extended
     assert f"falls by {100 * real.rms.heldout_gain:.0f} %, from {before:.3f} to {after:.3f} mm" in said
-    assert "something moves the drive of joint_1 with the load" in said
+    assert "something moves the drive of joint_1 with the torque there" in said
     assert "; look first at: play of the main bearing" in said
     assert re.findall(r"\.(?= |$)", said) == ["."], "one sentence"
     assert diagnosis_words(real).startswith(said)
@@ -134,19 +135,25 @@ def test_few_names_are_not_folded(real: Diagnosis) -> None:
 
 
 @pytest.mark.parametrize(
-    ("place", "variable", "moves", "do"),
+    ("law", "moves", "do"),
     [
-        ("link link_2", "the load", "something moves link_2 with the load", "Measure some poses under half the load"),
-        ("the drive of joint_1", "where the joint came from", "with the side that the joint came from", "Come to some"),
-        ("the readings", "the angle of joint 2", "all readings move with the angle of joint 2", "Measure 6 more poses"),
-        ("a shift of base", "the order of the readings", "something moves base in the course", "Measure the first"),
-        ("the drive of joint_1", "nothing (a constant)", "by a constant amount", "Take some unloaded readings twice"),
+        (
+            Law("link", "link_2", "torque"),
+            "something moves link_2 with the torque there",
+            "Measure some poses under half the load",
+        ),
+        (Law("drive", "joint_1", "step"), "with the side that the joint came from", "Come to some"),
+        (
+            Law("readings", "", "angle", ("joint_2",)),
+            "all readings move with the angle of joint_2",
+            "Measure 6 more poses",
+        ),
+        (Law("shift", "base", "order"), "something moves base in the course", "Measure the first"),
+        (Law("drive", "joint_1", "constant"), "by a constant amount", "Take some unloaded readings twice"),
     ],
 )
-def test_what_nothing_explains_comes_with_a_place_and_a_step(
-    real: Diagnosis, place: str, variable: str, moves: str, do: str
-) -> None:
-    found = replace(real, verdict="unexplained", findings=(), leftovers=(Leftover(place, variable, 1e-9),))
+def test_what_nothing_explains_comes_with_a_place_and_a_step(real: Diagnosis, law: Law, moves: str, do: str) -> None:
+    found = replace(real, verdict="unexplained", findings=(), leftovers=(Leftover(law, 1e-9, 20.0),))
     assert headline(found).startswith("Unexplained: ")
     assert moves in headline(found)
     assert any(step.do.startswith(do) for step in next_steps(found)), next_steps(found)

@@ -30,8 +30,8 @@ def truth(experiment, first_plan):
     """The robot with a link that gives, half as much again as the first day detects."""
     cause = next(c for c in find_causes(experiment, experiment.fit_names(), first_plan.poses)[0] if c.name == TRUE)
     size = 1.5 * foresee(experiment, first_plan, exact=False).of(TRUE).sizes[0].detect
-    p = replace(cause.effect.parameters(experiment.robot.facts)[0], nominal=size)
-    return experiment.with_(effects=(*experiment.effects, cause.effect), parameters=(*experiment.parameters, p))
+    p = replace(cause.effects[0].parameters(experiment.robot.facts)[0], nominal=size)
+    return experiment.with_(effects=(*experiment.effects, cause.effects[0]), parameters=(*experiment.parameters, p))
 
 
 def joined(days, experiment, folder):

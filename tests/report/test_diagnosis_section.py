@@ -14,6 +14,7 @@ from headless import SMALL, browser, console, open_page
 from qsf_plugins.joint_hardening import JointHardening
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.error_budget import error_budget, linear_errors
+from qsframework.diagnose.law import Law
 from qsframework.diagnose.result import Leftover, Status
 from qsframework.elastostatics import make_model
 from qsframework.report import Figure, Table, View, write_report
@@ -194,7 +195,7 @@ def test_names_of_users_are_escaped(tmp_path: Path) -> None:
     states = replace(states, pose=tuple(EVIL for _ in states.pose))
     evil = replace(
         diagnosis,
-        leftovers=(Leftover(EVIL, EVIL, 1e-9),),
+        leftovers=(Leftover(Law("link", EVIL, "order"), 1e-9, 20.0),),
         method=replace(diagnosis.method, untold=(EVIL,)),
         experiment=replace(diagnosis.experiment, markers=markers),
         readings=replace(diagnosis.readings, states=states),

@@ -20,6 +20,7 @@ from qsframework.plugin import (
     SpringLaw,
     registry,
 )
+from qsframework.plugin.settings import axis_fields, place_fields
 from qsframework.plugin.trusted import file_of
 
 REACH = 10.0
@@ -29,15 +30,35 @@ _SHARE = 0.1
 
 @dataclass(frozen=True)
 class Cause:
-    """An effect at one place, with the parameters that the baseline fit leaves at their nominal values.
+    """An effect at one place, or all axes of one place, with the parameters that the baseline fit leaves at their
+    nominal values.
 
     present: the robot or the campaign has the effect already, and its nominal values may be wrong
     """
 
     name: str
-    effect: Effect
+    effects: tuple[Effect, ...]
     parameters: tuple[Parameter, ...]
     present: bool
+
+    @property
+    def kind(self) -> type[Effect]:
+        """What its effects are, of which there may be one for each axis."""
+        return type(self.effects[0])
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Columns that the readings must have."""
+        return self.kind.needs
+
+    @property
+    def group(self) -> bool:
+        """Whether it is all axes of one place together."""
+        return len(self.effects) > 1
+
+    def shares(self, other: Cause) -> bool:
+        """Whether one is an axis of the other one's place."""
+        return not set(self.names).isdisjoint(other.names)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -87,8 +108,25 @@ def find_causes(
         if missing:
             untested.append(Untested(effect.name, missing))
         else:
-            causes.append(Cause(effect.name, effect, effect.parameters(facts), False))
+            causes.append(Cause(effect.name, (effect,), effect.parameters(facts), False))
     return tuple(c for c in causes if c.parameters), tuple(untested)
+
+
+def groups_of(causes: Sequence[Cause]) -> list[Cause]:
+    """All axes of one place, of those that are given, as one cause each."""
+    places: dict[str, list[Cause]] = {}
+    for cause in causes:
+        axes = axis_fields(cause.kind)
+        if axes and not cause.present:
+            effect = cause.effects[0]
+            rest = [str(getattr(effect, f)) for f in place_fields(cause.kind) if f not in axes]
+            name = effect.effect_name() + (f"[{'/'.join(rest)}]" if rest else "")
+            places.setdefault(name, []).append(cause)
+    return [
+        Cause(name, tuple(c.effects[0] for c in own), tuple(p for c in own for p in c.parameters), False)
+        for name, own in places.items()
+        if len(own) > 1
+    ]
 
 
 def _missing(effect: Effect, seen: Rows | Poses) -> tuple[str, ...]:
@@ -120,7 +158,7 @@ def _known(state: Conditions, name: str) -> bool:
 def _present(effect: Effect, fitted: Sequence[str], model: Model) -> Cause:
     values = dict(zip(model.names, model.parameters, strict=True))
     own = tuple(values[p.name] for p in effect.parameters(model.facts) if p.name not in fitted)
-    return Cause(effect.name, effect, own, True)
+    return Cause(effect.name, (effect,), own, True)
 
 
 def proposed(model: Model) -> list[Effect]:
@@ -143,13 +181,9 @@ def proposed(model: Model) -> list[Effect]:
 
 def widened(model: Model, causes: Sequence[Cause]) -> Model:
     """The model with the effects of the causes added, each at the value where it vanishes."""
-    extra = tuple(c.effect for c in causes if not c.present)
-    nulled = [
-        replace(p, nominal=p.nominal if p.null is None else p.null)
-        for c in causes
-        if not c.present
-        for p in c.parameters
-    ]
+    extra = tuple(dict.fromkeys(e for c in causes if not c.present for e in c.effects))
+    new = dict.fromkeys(p for c in causes if not c.present for p in c.parameters)
+    nulled = [replace(p, nominal=p.nominal if p.null is None else p.null) for p in new]
     markers = list(zip(model.marker_names, model.markers, strict=True))
     return make_model(
         model.facts, (*model.effects, *extra), (*model.parameters, *nulled), model.tip, markers, model.gravity

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from qsframework.diagnose.linearization.candidates import REACH, Cause, widened
+from qsframework.diagnose.linearization.candidates import REACH, Cause, groups_of, widened
 from qsframework.elastostatics import Model
 from qsframework.estimation import Noise, left, scales
 from qsframework.experiment import Experiment, Frame, make_rows
@@ -113,6 +113,21 @@ class Case:
         absorbed = -(back @ columns)[self.motions :] @ (V[seen].T / values[seen]) * self.scale[:, None]
         return Subspace(cause, np.ascontiguousarray(U[:, seen]), values[seen], turn, absorbed, reach)
 
+    def grouped(self) -> Case:
+        """The same, and all axes of one place that are visible as one cause more."""
+        seen = [s.cause for s in self.subspaces() if s.visible]
+        groups = groups_of(seen)
+        at = {c.name: self._at(i) for i, c in enumerate(self.causes)}
+        raw = [self.raw[:, at[e.name]] for g in groups for e in g.effects]
+        place = {c.name: i for i, c in enumerate(self.causes)}
+        B = tuple(np.concatenate([self.B[place[e.name]] for e in g.effects], axis=1) for g in groups)
+        return replace(
+            self,
+            causes=(*self.causes, *groups),
+            B=(*self.B, *B),
+            raw=np.concatenate([self.raw, *raw], axis=1),
+        )
+
     def rewhitened(self, kept: Indices, noise: Noise, residuals: Array) -> Case:
         """Of rows `kept`, under other noise, with residuals (len(kept), 3) m of a fit to them."""
         scalars = (3 * kept[:, None] + np.arange(3)).ravel()
@@ -123,8 +138,12 @@ class Case:
 
     def metres(self, i: int) -> Array:
         """Columns (m, p) m of cause i, per natural size, not whitened."""
+        return self.raw[:, self._at(i)]
+
+    def _at(self, i: int) -> slice:
+        """Columns of cause i in `raw`."""
         first = self.motions + len(self.fitted) + sum(len(c.parameters) for c in self.causes[:i])
-        return self.raw[:, first : first + len(self.causes[i].parameters)]
+        return slice(first, first + len(self.causes[i].parameters))
 
 
 def make_case(

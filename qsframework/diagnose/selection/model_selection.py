@@ -22,6 +22,10 @@ from qsframework.plugin import InputError
 REFITS = 5
 _OTHERS = 0.025
 """Share of the level for causes beside others."""
+_TIE = 2.0
+"""EBIC by which two explanations are as good as each other."""
+_LAST = "link"
+"""Role of what is opened last."""
 _BEYOND = 2.0
 """Standard deviations by which a parameter of an exact fit may end beyond its bound."""
 
@@ -91,7 +95,8 @@ def _bounds(case: Case, baseline: Settled) -> Bounds:
 
 
 def explain(library: Library, baseline: Settled, rows: Rows, level: float, largest: int = LARGEST) -> list[Answer]:
-    """The best explanations with one or more causes, each fitted exactly, best first.
+    """The best explanations with one or more causes, each fitted exactly, best first; of those as good, the one with
+    the fewest causes.
 
     Every cause of an answer is significant: alone at the level, beside others at a fortieth of it, because the best of
     many pairs nearly always holds one cause that only fits the noise.
@@ -104,7 +109,15 @@ def explain(library: Library, baseline: Settled, rows: Rows, level: float, large
             answers.append(answer)
         if len(answers) == REFITS:
             break
-    return sorted(answers, key=lambda a: a.ebic)
+    if not answers:
+        return []
+    best = min(a.ebic for a in answers)
+
+    def order(a: Answer) -> tuple[bool, int, float]:
+        tied = a.ebic <= best + _TIE
+        return not tied, len(a.subset.members) if tied else 0, a.ebic
+
+    return sorted(answers, key=order)
 
 
 def answer_of(library: Library, subset: Subset, baseline: Settled, rows: Rows) -> Answer | None:
@@ -168,22 +181,34 @@ def p_value_of(library: Library, i: int, given: Sequence[int]) -> float:
 
 
 def significant(library: Library, subset: Subset, level: float) -> bool:
-    """Whether every cause of a subset is significant: EBIC alone may prefer one that is not."""
-    members = subset.members
+    """Whether every cause of a subset is significant: EBIC alone may prefer one that is not.
+
+    All axes of a place are, where they are beside each one of them.
+    """
+    members, causes = subset.members, library.case.causes
     limit = level if len(members) == 1 else _OTHERS * level
-    return all(p_value_of(library, i, [j for j in members if j != i]) <= limit for i in members)
+    for i in members:
+        others = [j for j in members if j != i]
+        if p_value_of(library, i, others) > limit:
+            return False
+        axes = [j for j in library.gram.visible if causes[i].group and j != i and causes[j].shares(causes[i])]
+        if any(p_value_of(library, i, [*others, j]) > _OTHERS * level for j in axes):
+            return False
+    return True
 
 
 def most_plausible(library: Library, i: int) -> int:
-    """Of causes that do the same to the readings, the one whose size is nearest to its typical one."""
-    members = library.aliases(i)
+    """Of causes that do the same to the readings, the one to be checked first: a link after bearings and bolts, and of
+    these the one whose size is nearest to its typical one."""
 
-    def oddness(j: int) -> float:
+    def order(j: int) -> tuple[bool, bool, bool, float]:
         subspace = library.subspaces[j]
         s = float(np.linalg.norm(subspace.Q.T @ library.case.residuals))
-        return abs(float(np.log(max(s, 1e-9) / float(subspace.values[0])))) + (0.0 if _right_sign(library, j) else 50.0)
+        odd = abs(float(np.log(max(s, 1e-9) / float(subspace.values[0]))))
+        cause = subspace.cause
+        return not _right_sign(library, j), cause.group, cause.kind.role == _LAST, odd
 
-    return min(members, key=oddness)
+    return min(library.aliases(i), key=order)
 
 
 def _right_sign(library: Library, j: int) -> bool:

@@ -15,7 +15,8 @@ from qsframework.discriminate.pair import Discrimination
 from qsframework.plugin import Parameter
 from qsframework.report.words.discrimination import outlook_words
 from qsframework.report.words.fit import alignment_words
-from qsframework.report.words.headline import headline, mm, names_words, place_words, poses_words, worst_poses
+from qsframework.report.words.headline import headline, mm, names_words, poses_words, worst_poses
+from qsframework.report.words.law import place_words, variable_words
 from qsframework.report.words.next_steps import next_steps, unrepeatable
 from qsframework.report.words.noise import audit_words
 from qsframework.report.words.sizes import people_estimate, people_size
@@ -64,6 +65,7 @@ def statements(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> tuple[
         own = [f for f in findings if f.name not in adopted]
         said += [Statement(_evidence(f), f.name, group) for f in own]
         said += [Statement(tied_words(f, outlooks.get(f.name, "")), "", group) for f in own if f.rivals]
+        said += [Statement(instead_words(f, f.instead), "", group) for f in own if f.instead]
         said += [Statement(_hanging(f), "", group) for f in own if f.hangs_on]
         if own and group is Group.DOUBTFUL:
             said.append(Statement(_doubt(own), "", group))
@@ -158,7 +160,14 @@ def _hanging(f: Finding) -> str:
 
 def leftover_words(x: Leftover) -> str:
     """An extra motion that no cause explains."""
-    return f"an extra motion at {place_words(x)} that depends on {x.variable} (p = {x.p_value:.2g})"
+    return f"an extra motion at {place_words(x.law)} that depends on {variable_words(x.law)} (p = {x.p_value:.2g})"
+
+
+def instead_words(f: Finding, x: Leftover) -> str:
+    """That a law which nobody has written stands in the place of a name as well."""
+    where = f"an extra motion at {place_words(x.law)} that depends on {variable_words(x.law)}"
+    better = f"better, by {x.evidence:.1f} nats" if x.evidence > 0.0 else "nearly as well"
+    return f"Instead of {f.name}, {where} explains the readings {better}: the place may be another one."
 
 
 def limit_words(x: Line, stiffness: bool = True) -> str:

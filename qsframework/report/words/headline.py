@@ -6,17 +6,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from qsframework.diagnose.result import Diagnosis, Finding, Leftover
+from qsframework.diagnose.result import Diagnosis, Finding
 from qsframework.diagnose.verdict import MANY, misfits
+from qsframework.report.words.law import moving_words
 
 _NAMED = 3
 _WORST = 3
-_HOW = {
-    "nothing (a constant)": "by a constant amount",
-    "the order of the readings": "in the course of the readings",
-    "where the joint came from": "with the side that the joint came from",
-    "the load": "with the load",
-}
 
 
 def headline(found: Diagnosis) -> str:
@@ -42,7 +37,7 @@ def _nothing(found: Diagnosis) -> str:
 def _unexplained(found: Diagnosis) -> str:
     e = found.rms
     if found.leftovers:
-        what = f"{moving_words(found.leftovers[0])}, as no cause of the library does"
+        what = f"{moving_words(found.leftovers[0].law)}, as no cause of the library does"
     else:
         what = f"more is left than the noise allows, most of it at {poses_words(worst_poses(found, _WORST))}"
     return (
@@ -69,12 +64,14 @@ def _reasons(found: Diagnosis) -> Iterator[str]:
     if found.verdict != "partly_explained":
         return
     if found.leftovers:
-        yield f"{moving_words(found.leftovers[0])}, which nothing explains yet"
+        yield f"{moving_words(found.leftovers[0].law)}, which nothing explains yet"
     elif misfits(found.after):
         yield f"more is left than the noise allows, most of it at {poses_words(worst_poses(found, _WORST))}"
     if found.doubtful:
         yield f"{names_words(found.doubtful)} {'is' if len(found.doubtful) == 1 else 'are'} doubtful"
     for f in found.sure:
+        if f.instead is not None:
+            yield f"it may as well be that {moving_words(f.instead.law)}"
         if len(f.rivals) > MANY:
             yield f"{f.name} could be any of {len(f.rivals)} other causes"
     faint = max(found.sure, key=lambda f: f.p_value)
@@ -103,20 +100,6 @@ def names_words(findings: Sequence[Finding]) -> str:
     if len(names) > _NAMED:
         return f"{', '.join(names[:_NAMED])} and {len(names) - _NAMED} more"
     return " and ".join([", ".join(names[:-1]), names[-1]] if names[1:] else names)
-
-
-def moving_words(x: Leftover) -> str:
-    """That something moves, and with what."""
-    how = _HOW.get(x.variable, f"with {x.variable}")
-    if x.place == "the readings":
-        return f"all readings move {how}"
-    return f"something moves {place_words(x)} {how}"
-
-
-def place_words(x: Leftover) -> str:
-    """Where it is: `the drive of joint_1`, `link_2`."""
-    _, _, link = x.place.partition("link link")
-    return f"link{link}" if link else x.place.removeprefix("a shift of ")
 
 
 def worst_poses(found: Diagnosis, count: int) -> tuple[str, ...]:

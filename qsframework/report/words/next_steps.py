@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from qsframework.diagnose.result import Diagnosis, Leftover, Status
+from qsframework.diagnose.law import Law
+from qsframework.diagnose.result import Diagnosis, Status
 from qsframework.diagnose.verdict import misfits
 from qsframework.discriminate.pair import ENOUGH, SEEN, Discrimination
 from qsframework.experiment import LoadCase, Marker
 from qsframework.report.words.discrimination import offer_words, size_words
-from qsframework.report.words.headline import names_words, place_words, poses_words, worst_poses
+from qsframework.report.words.headline import names_words, poses_words, worst_poses
+from qsframework.report.words.law import place_words, variable_words
 
 FEW = 20
 """Poses below which an error that markers share is hardly told from a cause, without repeats."""
@@ -82,25 +84,27 @@ def _from(pair: Discrimination, s: float) -> str:
 
 
 def _leftover(found: Diagnosis) -> Iterator[Step]:
-    for x in found.leftovers[:1]:
-        do, what = _trial(x, bool(found.readings.poses.wrench.any()))
+    for law in (*(x.law for x in found.leftovers[:1]), *(f.instead.law for f in found.sure if f.instead)):
+        do, what = _trial(law, bool(found.readings.poses.wrench.any()))
         yield Step(do, f"tells {what}")
 
 
-def _trial(x: Leftover, loaded: bool) -> tuple[str, str]:
-    """What to vary, and what is told then, of a motion that no cause explains; loaded: whether any load was hung on."""
-    of = "what all readings share" if x.place == "the readings" else f"the motion of {place_words(x)}"
-    again = "Take some unloaded readings twice"
+def _trial(law: Law, loaded: bool) -> tuple[str, str]:
+    """What to vary, and what is told then, of a law that nobody has written; loaded: whether any load was hung on."""
+    of = "what all readings share" if law.part == "readings" else f"the motion of {place_words(law)}"
     load = "Measure some poses under half the load and under the opposite one" if loaded else "Add a weight at 6 poses"
+    if law.joints:
+        alone = f"{' or '.join(law.joints)} alone turns"
+        return f"Measure 6 more poses in which {alone}", f"how {of} follows it"
     known = {
-        "the load": (load, f"how {of} follows the load"),
-        "the joint's own angle": ("Measure 6 more poses in which this joint alone turns", f"how {of} follows it"),
-        "the torque about other axes": ("Add a side pull at 6 poses", f"which torque causes {of}"),
-        "the order of the readings": ("Measure the first poses again at the end", f"a drift from {of} by the load"),
-        "where the joint came from": ("Come to some poses from both sides", f"friction or play from {of} by the load"),
-        "nothing (a constant)": (again, f"an offset of these readings from {of}"),
+        "torque": (load, f"how {of} follows the load"),
+        "others": ("Add a side pull at 6 poses", f"which torque causes {of}"),
+        "order": ("Measure the first poses again at the end", f"a drift from {of} by the load"),
+        "step": ("Come to some poses from both sides", f"friction or play from {of} by the load"),
+        "constant": ("Take some unloaded readings twice", f"an offset of these readings from {of}"),
     }
-    return known.get(x.variable, (f"Measure 6 more poses that differ in {x.variable}", f"how {of} follows it"))
+    more = f"Measure 6 more poses that differ in {variable_words(law)}"
+    return known.get(law.variable, (more, f"how {of} follows it"))
 
 
 def _unsure(found: Diagnosis) -> Iterator[Step]:

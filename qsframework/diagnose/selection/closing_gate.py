@@ -1,0 +1,77 @@
+"""The closing gate: what the names leave, and whether a law that nobody has written does as well in a name's place.
+
+With all names fitted, a generic block that is still significant says that they are not the whole truth. And a name
+stands only where no generic block explains the readings nearly as well in its place, the other names given: of blocks
+that cannot do what the name does, the odds together must be small; of those that can, none may beat it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.diagnose.linearization.generic_blocks import Block
+from qsframework.diagnose.result import Leftover
+from qsframework.diagnose.selection.evidence import evidence
+from qsframework.diagnose.selection.exact_refit import Settled
+from qsframework.estimation.projection import Flags
+from qsframework.estimation.visit_noise import Reml
+from qsframework.plugin import Array
+
+_HOLDS = 0.9
+"""Share of a name's effect that a block must be able to do to count as one that holds it."""
+_ODDS = 0.1
+"""Of all blocks that do not hold a name together, against it."""
+_BEATS = 3.0
+"""Nats by which a block that holds a name may be better."""
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """A name in an exact fit: columns (m, k) m of its parameters, effect (m,) m: what they did as fitted."""
+
+    name: str
+    columns: Array
+    effect: Array
+
+
+def named_in(fit: Settled, causes: Mapping[str, Sequence[str]], colour: Array) -> tuple[Named, ...]:
+    """The causes, by the names of their parameters; colour (m, q): the fit's columns in m."""
+    first = colour.shape[1] - len(fit.names)
+    nominal = fit.model.nominal
+    out: list[Named] = []
+    for name, parameters in causes.items():
+        at = [first + fit.names.index(p) for p in parameters]
+        index = fit.model.index(list(parameters))
+        out.append(Named(name, colour[:, at], colour[:, at] @ (fit.x[index] - nominal[index])))
+    return tuple(out)
+
+
+def leftovers(
+    blocks: Sequence[Block], fits: Reml, values: Array, level: float, seed: int, measured: Flags
+) -> tuple[Leftover, ...]:
+    """Blocks that are significant in readings (m,) m beside all that a model fits, the strongest first."""
+    found = evidence([b.columns for b in blocks], fits, values, seed=seed, measured=measured)
+    p = found.p_values
+    return tuple(
+        Leftover(blocks[i].law, float(p[i]), float(found.e[i]))
+        for i in map(int, np.argsort(-found.e))
+        if p[i] <= level and found.e[i] > 0.0
+    )
+
+
+def contested(blocks: Sequence[Block], fits: Reml, values: Array, name: Named) -> Leftover | None:
+    """The generic block that stands in the place of a name best, where one does; fits: of all but the name."""
+    found = evidence(
+        [name.columns, *(b.columns for b in blocks)], fits, values + name.effect, effects=name.effect[:, None], draws=0
+    )
+    ahead, holds = found.e[1:] - found.e[0], found.held[1:, 0] >= _HOLDS
+    odds = np.where(holds, 0.0, np.exp(np.minimum(ahead, 50.0)))
+    beaten = np.max(ahead, where=holds, initial=-np.inf) > _BEATS
+    if odds.sum() < _ODDS and not beaten:
+        return None
+    margin: Array = ahead - np.where(holds, _BEATS, np.log(_ODDS))
+    best = int(np.argmax(margin))
+    return Leftover(blocks[best].law, float("nan"), float(ahead[best]))

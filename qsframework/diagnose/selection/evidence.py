@@ -1,0 +1,172 @@
+"""One evidence for causes and for laws that nobody has written, in nats, whatever their number of columns.
+
+A block is a set of columns Z beside the fitted ones X, its coefficients drawn from N(0, tau^2 s^2). In the noise V of
+visit errors rho, with r what X leaves of whitened readings, and E, lambda the left singular vectors and squared
+singular values (the largest made 1) of what X leaves of Z, and c = E'r:
+
+    dev(rho, tau) = free log(r'r - sum c^2 tau^2 lambda / (1 + tau^2 lambda)) + sum log(1 + tau^2 lambda)
+                    + log |V| + log |X' V^-1 X|
+    e = (min dev(rho, 0) - min dev(rho, tau)) / 2
+
+the minima over grids of rho and tau. What e reaches by chance is told by draws of the noise that was found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.estimation.projection import Flags
+from qsframework.estimation.visit_noise import Reml
+from qsframework.plugin import Array, Indices
+
+TAUS = np.geomspace(0.7, 200.0, 11)
+DRAWS = 500
+_LEAST = 0.02
+"""Share of the largest singular value below which a direction does not count."""
+_LEFT = 1e-2
+"""Share of a block's columns that must remain beside what is fitted."""
+_MOST = 14
+"""Directions of a block at most."""
+_LARGE = 1_000_000
+"""Readings times draws at once."""
+_EVERY = 2
+"""Of the grid of rho, one place of so many is looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Of G blocks, nats.
+
+    e (G,): of the readings; chance (draws,): the largest of all by chance, sorted; held (G, w): which share of the
+    squares of some effects each block holds, in the noise that was found
+    """
+
+    e: Array
+    chance: Array
+    held: Array
+
+    def threshold(self, level: float) -> float:
+        """Evidence that is significant at a family-wise level."""
+        return float(np.quantile(self.chance, 1.0 - level))
+
+    @property
+    def p_values(self) -> Array:
+        """Family-wise (G,): beyond the draws' resolution by Markov's inequality of Bayes factors."""
+        draws = len(self.chance)
+        above = draws - np.searchsorted(self.chance, self.e, side="left")
+        bound = np.minimum(len(TAUS) * len(self.e) * np.exp(-np.maximum(self.e, 0.0)), 1.0)
+        p = (above + 1.0) / (draws + 1.0)
+        return np.where(above == 0, np.minimum(p, bound), p)
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """Blocks of one number of columns, in one noise, beside the fitted columns.
+
+    of (b,): their places; at (b, k): of their columns; turn (b, k, d): from products with columns to those with E;
+    weight (b, d): lambda, 0 where a direction does not count
+    """
+
+    of: Indices
+    at: Indices
+    turn: Array
+    weight: Array
+
+
+def evidence(
+    blocks: Sequence[Array],
+    fits: Reml,
+    values: Array,
+    *,
+    seed: int = 0,
+    effects: Array | None = None,
+    draws: int = DRAWS,
+    measured: Flags | None = None,
+) -> Evidence:
+    """Evidence of blocks (m, k) m for readings (m,) m; effects (m, w) m: whose share each block holds is asked;
+    measured (m,): readings that there are, None: all; draws: of the noise, 0: none."""
+    count = len(blocks)
+    found = int(fits.choose(values[:, None])[0])
+    places = _places(fits, found, len(values) > _LARGE // DRAWS)
+    draws = min(draws, max(_LARGE // len(values), 100)) if count else 0
+    drawn = np.random.default_rng(seed).standard_normal((len(values), draws))
+    drawn = fits.noise.noises[found].colour(drawn)
+    if measured is not None:
+        drawn[~measured] = 0.0
+    every = np.column_stack([values, drawn])
+    held = np.zeros((count, 0 if effects is None else effects.shape[1]))
+    if not count:
+        return Evidence(np.zeros(0), np.zeros(draws), held)
+    columns = np.concatenate(blocks, axis=1)
+    without = np.full(every.shape[1], np.inf)
+    beside = np.full((count, every.shape[1]), np.inf)
+    for k in places:
+        white, rest = fits.left(k, columns), fits.left(k, every)
+        total = np.maximum(np.square(rest).sum(axis=0), 1e-300)
+        whole: Array = np.linalg.norm(fits.noise.noises[k].whiten(columns), axis=0)
+        without = np.minimum(without, fits.free * np.log(total) + fits.cost[k])
+        parts = _parts(blocks, white, whole)
+        c = white.T @ rest
+        for part in parts:
+            dev = _deviance(part, c, total, fits.free) + fits.cost[k]
+            beside[part.of] = np.minimum(beside[part.of], dev)
+        if k == found and effects is not None:
+            own = fits.left(k, effects)
+            square = np.maximum(np.square(own).sum(axis=0), 1e-300)
+            d = white.T @ own
+            for part in parts:
+                held[part.of] = np.square(_along(part, d)).sum(axis=1) / square
+    e = np.where(np.isfinite(beside), 0.5 * (without - beside), 0.0)
+    return Evidence(e[:, 0], np.sort(e[:, 1:].max(axis=0)), held)
+
+
+def _places(fits: Reml, found: int, many: bool) -> list[int]:
+    """Places of the grid of rho to look at: the one that was found alone where repeats told it."""
+    if fits.by is not fits.Q:
+        return [found]
+    places = sorted({*range(0, len(fits.cost), _EVERY), found})
+    return [k for k in places if abs(k - found) <= _EVERY] if many else places
+
+
+def _parts(blocks: Sequence[Array], white: Array, whole: Array) -> list[_Seen]:
+    """The directions of the blocks, of columns white (m, K) that the fit has left of some `whole` (K,) large."""
+    sizes: Indices = np.array([b.shape[1] for b in blocks], dtype=np.intp)
+    first: Indices = np.cumsum(sizes) - sizes
+    out: list[_Seen] = []
+    for k in np.unique(sizes[sizes > 0]).tolist():
+        of = np.flatnonzero(sizes == k)
+        at: Indices = first[of][:, None] + np.arange(int(k))
+        X = white.T[at]
+        values, vectors = np.linalg.eigh(X @ X.transpose(0, 2, 1))
+        values, vectors = values[:, ::-1], vectors[:, :, ::-1]
+        largest = np.square(whole[at]).max(axis=1)
+        seen = (values > _LEAST**2 * values[:, :1]) & (values > _LEFT**2 * largest[:, None]) & (values > 1e-300)
+        seen &= np.arange(int(k)) < _MOST
+        some = seen.any(axis=1)
+        weight = np.where(seen, values / np.where(values[:, :1] > 0.0, values[:, :1], 1.0), 0.0)
+        turn = vectors / np.sqrt(np.where(seen, values, np.inf))[:, None, :]
+        d = int(seen.sum(axis=1).max(initial=0))
+        if some.any():
+            out.append(_Seen(of[some], at[some], turn[some][:, :, :d], weight[some][:, :d]))
+    return out
+
+
+def _along(part: _Seen, products: Array) -> Array:
+    """Products (b, d, n) with E of products (K, n) with the columns."""
+    return np.asarray(part.turn.transpose(0, 2, 1) @ products[part.at], dtype=np.float64)
+
+
+def _deviance(part: _Seen, c: Array, total: Array, free: int) -> Array:
+    """The smallest dev (b, n) over tau, without what the noise costs."""
+    square = np.square(_along(part, c))
+    best = np.full((len(part.of), c.shape[1]), np.inf)
+    for tau in TAUS:
+        grown = tau**2 * part.weight
+        fall = ((grown / (1.0 + grown))[:, None, :] @ square)[:, 0]
+        price = np.log1p(grown).sum(axis=1)[:, None]
+        dev = free * np.log(np.maximum(total - fall, 1e-12 * total)) + price
+        best = np.minimum(best, dev)
+    return best
