@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from qsframework.diagnose.evidence_table import findings_of, table_of
-from qsframework.diagnose.linearization.candidates import Untested, find_causes
+from qsframework.diagnose.learn import Lesson, lessons
+from qsframework.diagnose.linearization.candidates import Cause, Untested, find_causes
 from qsframework.diagnose.linearization.columns import Case, make_case
 from qsframework.diagnose.linearization.generic_blocks import generic_blocks, motions
 from qsframework.diagnose.residuals.audited_rows import (
@@ -25,7 +26,7 @@ from qsframework.diagnose.residuals.audited_rows import (
 from qsframework.diagnose.residuals.gross_rows import Basis, find_outliers
 from qsframework.diagnose.residuals.huber_pseudo_values import huber_pseudo_values
 from qsframework.diagnose.residuals.noise_components import NoiseAudit, audit_noise, make_basis
-from qsframework.diagnose.result import Diagnosis, Errors, Finding, Leftover, Method, Value
+from qsframework.diagnose.result import Diagnosis, Errors, Finding, Leftover, Method, Taught, Value
 from qsframework.diagnose.selection.closing_gate import contested, leftovers, named_in
 from qsframework.diagnose.selection.cross_validation import HeldOut, Search, held_out
 from qsframework.diagnose.selection.exact_refit import Settled, predicted_or_linear, settle_fit
@@ -151,6 +152,7 @@ def diagnose(
     findings = findings_of(library, answers, base.fit, held, threshold, _pose_names(base), seed)
     findings = tuple(replace(f, instead=closing.rivals.get(f.name)) for f in findings)
     findings = (*_convention_findings(conventions), *findings)
+    certain = _certain(base, best, findings)
     before = misfit(base.experiment, base.readings, base.rows, base.fit)
     after = misfit(base.experiment, base.readings, base.rows, extended)
     return Diagnosis(
@@ -169,7 +171,8 @@ def diagnose(
         outliers=np.setdiff1d(base.given.keep, base.rows.keep),
         baseline=base.fit,
         extended=extended,
-        certain=_certain(base, best, findings),
+        certain=certain,
+        taught=_taught(base, best, certain, closing, seed, repeats),
         case=base.case,
         method=Method(held, base.far, base.untold, one_pose, lone_visits(base.rows)),
         level=level,
@@ -179,10 +182,11 @@ def diagnose(
 
 @dataclass(frozen=True)
 class _Closing:
-    """What the names leave, and by name the law that stands in its place as well."""
+    """What the names leave, by name the law that stands in its place as well, and what can be learned."""
 
     leftovers: tuple[Leftover, ...]
     rivals: Mapping[str, Leftover]
+    lessons: Sequence[Lesson]
 
 
 @dataclass(frozen=True, eq=False)
@@ -436,19 +440,60 @@ def _answers(library: Library, base: _Baseline, level: float, largest: int) -> l
 
 def _close(base: _Baseline, best: Answer | None, fit: Settled, level: float, seed: int) -> _Closing:
     """The generic blocks against what an exact fit leaves, and in the place of each of its names."""
-    blocks = list(generic_blocks(motions(fit.model, base.rows, fit.x, fit.frames)))
+    moved = motions(fit.model, base.rows, fit.x, fit.frames)
+    blocks = list(generic_blocks(moved))
     noise = base.rows.padded_noise
     columns = noise.colour(fit.jacobian)
     tame = noise.colour(huber_pseudo_values(fit.white, orthonormal(fit.jacobian)))
-    left = leftovers(blocks, _fits(base.rows, columns), tame, level, seed + 1, base.rows.mask.ravel())
-    causes = {base.case.causes[i].name: base.case.causes[i].names for i in (best.subset.members if best else ())}
+    fits = _fits(base.rows, columns)
+    left = leftovers(blocks, fits, tame, level, seed + 1, base.rows.mask.ravel())
+    causes = {c.name: c.names for c in _causes(base, best)}
     rivals: dict[str, Leftover] = {}
     for name in named_in(fit, causes, columns):
         own = [columns.shape[1] - len(fit.names) + fit.names.index(p) for p in causes[name.name]]
         rival = contested(blocks, _fits(base.rows, np.delete(columns, own, axis=1)), tame, name)
         if rival is not None:
             rivals[name.name] = rival
-    return _Closing(left, rivals)
+    return _Closing(left, rivals, lessons(fit.model, base.rows, moved, blocks, left, fits, tame))
+
+
+def _causes(base: _Baseline, best: Answer | None) -> list[Cause]:
+    return [base.case.causes[i] for i in best.subset.members] if best else []
+
+
+def _taught(
+    base: _Baseline, best: Answer | None, certain: Settled, closing: _Closing, seed: int, repeats: int
+) -> Taught | None:
+    """The law that what is left teaches: the first of the plainest that holds, else the plainest."""
+    tried: list[Taught] = []
+    for lesson in closing.lessons:
+        taught = _learned(base, best, certain, lesson, seed, repeats)
+        if taught is not None and taught.holds:
+            return taught
+        tried += [taught] if taught is not None else []
+    return tried[0] if tried else None
+
+
+def _learned(
+    base: _Baseline, best: Answer | None, certain: Settled, lesson: Lesson, seed: int, repeats: int
+) -> Taught | None:
+    """A law fitted exactly beside the certain names, with its held-out gain; None where no fit leads anywhere."""
+    kept = [c for c in _causes(base, best) if set(c.names) <= set(certain.names)]
+    fit = refit(base.case, [*kept, lesson.cause], base.fit, base.rows)
+    if fit is None:
+        return None
+    cases = _case_at(base, kept, certain), _case_at(base, [*kept, lesson.cause], fit)
+    held = held_out(*cases, (), [], None, seed, repeats)
+    bounds = {p.name: (p.lower, p.upper) for p in fit.model.parameters}
+    return Taught(
+        cause=lesson.cause,
+        leftover=lesson.leftover,
+        s=float(np.sqrt(max(certain.chi2 - fit.chi2, 0.0))),
+        fit=fit,
+        heldout=held.rms_extended,
+        gain=held.gain,
+        physical=all(bounds[n][0] <= v <= bounds[n][1] for n, v in fit.by_name().items()),
+    )
 
 
 def _held(
@@ -464,17 +509,17 @@ def _held(
         bounds=library.bounds,
         largest=largest,
     )
-    closing = _extended_case(base, best) if best else None
+    closing = _case_at(base, _causes(base, best), best.fit) if best else None
     alike = [set(library.aliases(i)) for i in members]
-    return held_out(base.case, closing, members, alike, how, seed, repeats, given=base.far)
+    return held_out(base.case, closing, members, alike, None if base.far else how, seed, repeats)
 
 
-def _extended_case(base: _Baseline, best: Answer) -> Case:
-    """The case whose fitted parameters are those of the extended model, linearised there, without further causes."""
-    causes = [base.case.causes[i] for i in best.subset.members]
-    fit = best.fit
+def _case_at(base: _Baseline, causes: Sequence[Cause], fit: Settled) -> Case:
+    """The case whose fitted parameters are those of a fit with causes, linearised there, without further causes."""
     case = make_case(base.experiment, base.rows, base.case.fitted, causes, fit.by_name(), fit.residuals, fit.frames)
-    return replace(case, A=np.concatenate([case.A, *case.B], axis=1), causes=(), B=())
+    held = [np.array(c.sizes) / c.prior if c.prior else np.zeros(len(c.names)) for c in causes]
+    A = np.concatenate([case.A, *case.B], axis=1)
+    return replace(case, A=A, causes=(), B=(), held=np.concatenate([case.held, *held]))
 
 
 def _errors(

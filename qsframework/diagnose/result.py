@@ -11,6 +11,7 @@ from qsframework.diagnose.law import Law
 from qsframework.plugin import Array, Indices, Parameter
 
 if TYPE_CHECKING:
+    from qsframework.diagnose.linearization.candidates import Cause
     from qsframework.diagnose.linearization.columns import Case
     from qsframework.diagnose.residuals.lack_of_fit import LackOfFit
     from qsframework.diagnose.residuals.noise_components import NoiseAudit
@@ -94,6 +95,33 @@ class Finding:
         return self.heldout_gain <= 0.0
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Taught:
+    """A law that was learned where no cause of the library explains the readings.
+
+    cause: its effect and weights; leftover: by which evidence; s: visible size in units of noise; fit: exact, beside
+    the certain names; heldout: RMS per axis, m, at poses left out with it; gain: 1 - that / without it, in the noise;
+    physical: whether all values of the fit lie within their bounds
+    """
+
+    cause: Cause
+    leftover: Leftover
+    s: float
+    fit: Settled
+    heldout: float
+    gain: float
+    physical: bool
+
+    @property
+    def name(self) -> str:
+        return self.cause.name
+
+    @property
+    def holds(self) -> bool:
+        """Whether poses left out are predicted better with it, all values being possible: else it is not written."""
+        return self.gain > 0.0 and self.physical
+
+
 @dataclass(frozen=True, kw_only=True)
 class Line:
     """One row of the table of all causes.
@@ -154,8 +182,8 @@ class Diagnosis:
     """What the model gets wrong.
 
     baseline and extended: the exact fits without and with the named causes, certain: with those that are not doubtful,
-    over the rows `kept` of `readings`; outliers: rows that belong to nothing; case: linearised at the baseline; before,
-    after: their lack of fit
+    over the rows `kept` of `readings`; taught: a law that was learned of what the names leave; outliers: rows that
+    belong to nothing; case: linearised at the baseline; before, after: their lack of fit
     """
 
     experiment: Experiment
@@ -174,6 +202,7 @@ class Diagnosis:
     baseline: Settled
     extended: Settled
     certain: Settled
+    taught: Taught | None
     case: Case
     method: Method
     level: float

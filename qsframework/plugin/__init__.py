@@ -18,6 +18,7 @@ from qsframework.plugin.kinds import (
 from qsframework.plugin.parameter import Parameter
 from qsframework.plugin.registry import find, registry
 from qsframework.plugin.settings import place, setting
+from qsframework.plugin.shapes import by_torque, circular, smooth
 from qsframework.plugin.terms import (
     Actuator,
     Bar,
@@ -72,9 +73,12 @@ __all__ = [
     "TorqueTerm",
     "VirtualJoint",
     "build_effects",
+    "by_torque",
     "check_effect",
+    "circular",
     "find",
     "place",
     "registry",
     "setting",
+    "smooth",
 ]

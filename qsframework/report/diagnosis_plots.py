@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from qsframework.diagnose.diagnose import LEVEL
 from qsframework.diagnose.error_budget import error_budget
-from qsframework.diagnose.result import Diagnosis
+from qsframework.diagnose.learn import curve
+from qsframework.diagnose.result import Diagnosis, Taught
 from qsframework.diagnose.selection.family_test import Block, chance
 from qsframework.diagnose.selection.principal_angles import alias_classes, angle_matrix
 from qsframework.forecast.power import LIBRARY_LEVEL, detection_rate, threshold
@@ -18,9 +19,11 @@ from qsframework.plugin import Array
 from qsframework.report import power_section
 from qsframework.report.blocks import Figure, Table
 from qsframework.report.numbers import row_table
+from qsframework.report.words.law import place_words, variable_words
 
 _BEFORE, _AFTER = "rgba(200, 70, 40, 0.55)", "rgba(30, 130, 60, 0.75)"
 _NOISE = "#888"
+_LINES = ("#0072B2", "#D55E00", "#009E73")
 _ACROSS = 3
 _MOST = 80
 """Causes in the heat map, most visible first."""
@@ -33,6 +36,29 @@ def _blank(title: str, x: str, y: str, height: int = 380) -> Any:
     return go.Figure(
         layout={"title": {"text": html.escape(title)}, **axes, "template": "plotly_white", "height": height}
     )
+
+
+def learned_figure(diagnosis: Diagnosis, taught: Taught) -> Iterator[Figure]:
+    """The law that was learned, with two sds to each side, over the range that the readings have."""
+    found = curve(taught, diagnosis.experiment.robot.facts)
+    if found is None:
+        return
+    law, degrees = taught.leftover.law, taught.leftover.law.variable == "angle"
+    x = np.rad2deg(found.x) if degrees else found.x
+    over = f"{variable_words(law)}, {'deg' if degrees else 'N m'}"
+    under = f" under {found.torque:.3g} N m" if degrees else ""
+    figure = _blank(f"Learned: {taught.name}", over, f"extra motion{under}, urad")
+    names = ("rx", "ry", "rz") if found.motion.shape[1] > 1 else (place_words(law),)
+    for i, name in enumerate(names):
+        y, band = 1e6 * found.motion[:, i], 2e6 * found.sd[:, i]
+        figure.add_scatter(x=x, y=y, name=html.escape(name), line={"color": _LINES[i]})
+        around = np.concatenate([x, x[::-1]]), np.concatenate([y + band, (y - band)[::-1]])
+        look = {"fill": "toself", "fillcolor": _LINES[i], "opacity": 0.15, "line": {"width": 0}}
+        figure.add_scatter(x=around[0], y=around[1], name="2 sd", hoverinfo="skip", showlegend=False, **look)
+    note = (
+        "A smooth law that the readings taught, with its band of two standard deviations; it says nothing of a cause."
+    )
+    yield Figure(figure, note)
 
 
 def budget_figure(diagnosis: Diagnosis) -> Figure:

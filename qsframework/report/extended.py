@@ -28,8 +28,15 @@ def write_extended(
 
 
 def extension_of(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = (), *, doubtful: bool = False) -> Extension:
-    """The extension that a diagnosis calls for: its certain names, or all, and the values of the exact fit."""
-    source, settled = diagnosis.readings.source, diagnosis.extended if doubtful else diagnosis.certain
+    """The extension that a diagnosis calls for: its certain names and the law that was learned beside them, or all
+    names without it, and the values of the exact fit. The law's weights are not fitted again: no file holds the prior
+    that they need."""
+    taught = diagnosis.taught if not (doubtful and diagnosis.doubtful) else None
+    settled = diagnosis.extended if doubtful else diagnosis.certain
+    learned: tuple[str, ...] = ()
+    if taught is not None and taught.holds:
+        settled, learned = taught.fit, taught.cause.names
+    source = diagnosis.readings.source
     told = f", readings sha256 {sha256(source)[:16]}" if source is not None and source.is_file() else ""
     evidence = {name: f"identified beside the named causes{told}" for name in settled.names}
     for f in (f for f in diagnosis.findings if doubtful or not f.doubtful):
@@ -37,6 +44,10 @@ def extension_of(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = (), *, 
         rivals = f"; not told from {', '.join(r.name for r in f.rivals)}" if f.rivals else ""
         said = f"diagnosed: s = {f.s:.1f}, p = {f.p_value:.2g}{gain}{told}{rivals}"
         evidence.update({v.name: said for v in f.values})
+    if taught is not None and taught.holds:
+        said = f"learned: s = {taught.s:.1f}, p = {taught.leftover.p_value:.2g}"
+        said += f", held-out gain {100 * taught.gain:.0f} %{told}; no cause of the library"
+        evidence.update(dict.fromkeys(taught.cause.names, said))
     adopted = compelling(diagnosis.conventions)
     if adopted is not None and adopted.structure:
         raise InputError(
@@ -55,7 +66,7 @@ def extension_of(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = (), *, 
         values=settled.by_name(),
         sds={n: settled.sd(n) for n in settled.names},
         evidence=evidence,
-        fit=settled.names,
+        fit=tuple(n for n in settled.names if n not in learned),
         data=None if read_otherwise else source,
         notes=tuple(notes),
         poses=diagnosis.readings.poses,

@@ -9,7 +9,7 @@ import numpy as np
 
 from qsframework.diagnose.error_budget import error_budget
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit
-from qsframework.diagnose.result import Diagnosis, Finding, Leftover, Line
+from qsframework.diagnose.result import Diagnosis, Finding, Leftover, Line, Taught
 from qsframework.discriminate.follow_up import SecondDay
 from qsframework.discriminate.pair import Discrimination
 from qsframework.forecast.forecast import Foresight, Prospect
@@ -34,6 +34,7 @@ def diagnosis_json(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> di
         "conventions": [c.name for c in found.conventions if c.compelling],
         "data_problems": _problems(found),
         "leftovers": [_law_json(x) for x in found.leftovers],
+        "learned": None if found.taught is None else _learned(found.taught),
         "rms_mm": {name: _number(1e3 * getattr(found.rms, name)) for name in _RMS},
         "budget": [
             {"label": x.label, "readings_mm": 1e3 * x.readings, "heldout_mm": 1e3 * x.heldout}
@@ -71,6 +72,17 @@ def _problems(found: Diagnosis) -> list[dict[str, Any]]:
     elif audit.shared > 0.0:
         out.append({**noise, "source": "shared pose error", "p_value": _number(audit.p_shared)})
     return out
+
+
+def _learned(x: Taught) -> dict[str, Any]:
+    return _law_json(x.leftover) | {
+        "id": x.name,
+        "written": x.holds,
+        "s": _number(x.s),
+        "heldout_gain": _number(x.gain),
+        "heldout_mm": _number(1e3 * x.heldout),
+        "weights": {name: _number(x.fit.value(name)) for name in x.cause.names},
+    }
 
 
 def _law_json(x: Leftover) -> dict[str, Any]:

@@ -33,13 +33,15 @@ class Cause:
     """An effect at one place, or all axes of one place, with the parameters that the baseline fit leaves at their
     nominal values.
 
-    present: the robot or the campaign has the effect already, and its nominal values may be wrong
+    present: the robot or the campaign has the effect already, and its nominal values may be wrong; prior: sd of the
+    parameters about their nominal values; None: they are held only where no reading shows them
     """
 
     name: str
     effects: tuple[Effect, ...]
     parameters: tuple[Parameter, ...]
     present: bool
+    prior: float | None = None
 
     @property
     def kind(self) -> type[Effect]:
@@ -49,7 +51,7 @@ class Cause:
     @property
     def needs(self) -> tuple[str, ...]:
         """Columns that the readings must have."""
-        return self.kind.needs
+        return self.effects[0].needs
 
     @property
     def group(self) -> bool:
@@ -181,8 +183,10 @@ def proposed(model: Model) -> list[Effect]:
 
 def widened(model: Model, causes: Sequence[Cause]) -> Model:
     """The model with the effects of the causes added, each at the value where it vanishes."""
-    extra = tuple(dict.fromkeys(e for c in causes if not c.present for e in c.effects))
-    new = dict.fromkeys(p for c in causes if not c.present for p in c.parameters)
+    have = {e.name for e in model.effects}
+    added = {e.name: e for c in causes if not c.present for e in c.effects if e.name not in have}
+    extra = tuple(added.values())
+    new = [p for e in extra for p in e.parameters(model.facts)]
     nulled = [replace(p, nominal=p.nominal if p.null is None else p.null) for p in new]
     markers = list(zip(model.marker_names, model.markers, strict=True))
     return make_model(

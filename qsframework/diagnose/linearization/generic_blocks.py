@@ -20,12 +20,20 @@ from qsframework.elastostatics.evaluation import evaluate_stages
 from qsframework.elastostatics.structure import chunks
 from qsframework.experiment import Frame
 from qsframework.experiment.observations import Rows
-from qsframework.plugin import Actuator, Array, Coordinate, Indices, Parameter, RobotFacts, Spring, VirtualJoint
+from qsframework.plugin import (
+    Actuator,
+    Array,
+    Coordinate,
+    Indices,
+    Parameter,
+    RobotFacts,
+    Spring,
+    VirtualJoint,
+    by_torque,
+    circular,
+)
 
 _AXES = ("x", "y", "z")
-_LENGTH = 0.45
-"""Length over which a smooth function of a variable between -1 and 1 changes."""
-_KNOTS = np.linspace(-1.0, 1.0, 9)
 _PARALLEL = 1e-6
 
 
@@ -90,6 +98,11 @@ class Motions:
     angles: tuple[tuple[tuple[str, ...], tuple[float, ...]], ...]
     """Angles that a law may depend on, by their joints: of each, and of what parallel joints turn together."""
     drives: int
+
+    def scale(self, at: Sequence[int]) -> float:
+        """Largest torque on the coordinates of a place, 1 where there is none."""
+        both = np.abs(np.concatenate([self.plus.torque[:, at], self.minus.torque[:, at]])).max()
+        return float(both) or 1.0
 
     @cached_property
     def size(self) -> Array:
@@ -199,12 +212,11 @@ def generic_blocks(moved: Motions) -> Iterator[Block]:
     plus, minus = moved.plus, moved.minus
     for place in moved.places:
         at = list(place.coordinates)
-        ends = [(end.columns[..., at], end.torque[:, at] / moved.size[at], end.q) for end in (plus, minus)]
+        ends = [(end.columns[..., at], end.torque[:, at] / moved.scale(at), end.q) for end in (plus, minus)]
         (D, t, q), (_, before, q0) = ends
         ones = np.ones((len(D), len(at), 1))
         if np.any(t) or np.any(before):
-            torque = [np.concatenate([u[..., None] * smooth(u), np.sign(u)[..., None]], axis=2) for u in (t, before)]
-            yield _block(Law(place.part, place.name, "torque"), ends, *torque)
+            yield _block(Law(place.part, place.name, "torque"), ends, by_torque(t), by_torque(before))
             for joints, coefficients in moved.angles:
                 bends = [u[..., None] * circular(a @ coefficients)[:, None] for u, a in ((t, q), (before, q0))]
                 yield _block(Law(place.part, place.name, "angle", joints), ends, *bends)
@@ -236,23 +248,6 @@ def _with_torque(value: Array, t: Array, before: Array) -> tuple[Array, Array]:
     """A variable (R,) of the later state by itself, and times the torques (R, c) of both states."""
     v = value[:, None]
     return np.stack([v * np.ones_like(t), v * t], axis=2), np.stack([np.zeros_like(t), v * before], axis=2)
-
-
-def smooth(u: Array) -> Array:
-    """Smooth functions (..., 9) of a variable between -1 and 1, whose equal weights make a Gaussian process."""
-    values, vectors = np.linalg.eigh(_kernel(_KNOTS, _KNOTS))
-    kept = values > 1e-8
-    return np.asarray(_kernel(u, _KNOTS) @ (vectors[:, kept] / np.sqrt(values[kept])), dtype=np.float64)
-
-
-def _kernel(u: Array, knots: Array) -> Array:
-    return np.asarray(np.exp(-0.5 * np.square((u[..., None] - knots) / _LENGTH)), dtype=np.float64)
-
-
-def circular(angle: Array) -> Array:
-    """Smooth functions (..., 5) of an angle, rad."""
-    waves = [np.cos(angle), np.sin(angle), 0.5 * np.cos(2.0 * angle), 0.5 * np.sin(2.0 * angle)]
-    return np.stack([np.ones_like(angle), *waves], axis=-1)
 
 
 def _readings(moved: Motions) -> Iterator[Block]:

@@ -77,17 +77,15 @@ def held_out(
     closing: Case | None,
     members: Sequence[int],
     alike: Sequence[set[int]],
-    how: Search,
+    how: Search | None,
     seed: int = 0,
     repeats: int = REPEATS,
-    given: bool = False,
 ) -> HeldOut:
     """Errors at poses that neither the fit nor the choice of causes has seen.
 
     case: linearised at the baseline; closing: at the extended model, its fitted columns being the baseline's and the
     named causes' (`members`), used in folds that choose these; alike: for each member the causes that count as the
-    same; given: whether every fold takes the named causes, without a search: where they
-    are far from linear, a linear one would miss them
+    same; how: None: every fold takes the named causes, without a search, as where they are far from linear
     """
     rounds = 1 if len(np.unique(case.pose)) <= LEAVE_ONE_OUT else repeats
     identified, extended = np.zeros((rounds, len(case.pose))), np.zeros((rounds, len(case.pose)))
@@ -96,7 +94,7 @@ def held_out(
         at = n // FOLDS if rounds > 1 else 0
         train = np.setdiff1d(np.arange(len(case.pose)), test)
         identified[at, test] = _errors(case.A, case, train, test)
-        chosen = tuple(members) if given else _choose(case, train, how)
+        chosen = tuple(members) if how is None else _choose(case, train, how)
         again = _matches(chosen, alike)
         if closing is not None and again:
             extended[at, test] = _errors(closing.A, closing, train, test)

@@ -123,6 +123,22 @@ def evidence(
     return Evidence(e[:, 0], np.sort(e[:, 1:].max(axis=0)), held)
 
 
+def prior_of(block: Array, fits: Reml, values: Array) -> float:
+    """The sd of the coefficients of a block (m, k) m that its evidence for readings (m,) m is largest with."""
+    found = int(fits.choose(values[:, None])[0])
+    best, sd = np.inf, 0.0
+    for k in _places(fits, found, False):
+        white, rest = fits.left(k, block), fits.left(k, values)
+        total, whole = float(rest @ rest), np.asarray(np.linalg.norm(fits.noise.noises[k].whiten(block), axis=0))
+        for part in _parts([block], white, whole):
+            for tau in TAUS:
+                dev = float(_deviance(part, (white.T @ rest)[:, None], np.array([total]), fits.free, (tau,))[0, 0])
+                if dev + fits.cost[k] < best:
+                    largest = float(np.linalg.svd(white, compute_uv=False)[0])
+                    best, sd = dev + fits.cost[k], float(tau) * float(np.sqrt(total / fits.free)) / largest
+    return sd
+
+
 def _places(fits: Reml, found: int, many: bool) -> list[int]:
     """Places of the grid of rho to look at: the one that was found alone where repeats told it."""
     if fits.by is not fits.Q:
@@ -159,11 +175,11 @@ def _along(part: _Seen, products: Array) -> Array:
     return np.asarray(part.turn.transpose(0, 2, 1) @ products[part.at], dtype=np.float64)
 
 
-def _deviance(part: _Seen, c: Array, total: Array, free: int) -> Array:
+def _deviance(part: _Seen, c: Array, total: Array, free: int, taus: Sequence[float] = tuple(TAUS)) -> Array:
     """The smallest dev (b, n) over tau, without what the noise costs."""
     square = np.square(_along(part, c))
     best = np.full((len(part.of), c.shape[1]), np.inf)
-    for tau in TAUS:
+    for tau in taus:
         grown = tau**2 * part.weight
         fall = ((grown / (1.0 + grown))[:, None, :] @ square)[:, 0]
         price = np.log1p(grown).sum(axis=1)[:, None]

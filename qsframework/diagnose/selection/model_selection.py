@@ -146,7 +146,8 @@ def refit(case: Case, causes: Sequence[Cause], baseline: Settled, rows: Rows) ->
     known = baseline.by_name()
     start = np.array([known.get(p.name, p.nominal) for p in model.parameters])
     names = [*case.fitted, *(n for c in causes for n in c.names)]
-    priors = [(n, REACH * size) for c in causes if len(c.names) > 1 for n, size in zip(c.names, c.sizes, strict=True)]
+    several = [c for c in causes if len(c.names) > 1]
+    priors = [(n, c.prior or REACH * s) for c in several for n, s in zip(c.names, c.sizes, strict=True)]
     try:
         return settle_fit(model, rows, names, start, priors, baseline.frames)
     except (NotConverged, NotIdentifiable, InputError, np.linalg.LinAlgError):

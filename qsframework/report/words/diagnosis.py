@@ -8,7 +8,7 @@ from enum import Enum
 
 import numpy as np
 
-from qsframework.diagnose.result import Diagnosis, Finding, Leftover, Line, Status
+from qsframework.diagnose.result import Diagnosis, Finding, Leftover, Line, Status, Taught
 from qsframework.diagnose.selection.cross_validation import FOLDS
 from qsframework.diagnose.verdict import misfits
 from qsframework.discriminate.pair import Discrimination
@@ -89,6 +89,8 @@ def _open(found: Diagnosis) -> Iterator[str]:
         also = "also " if found.findings else ""
         left = leftover_words(found.leftovers[0])
         yield f"The readings {also}hold something that no effect of the library explains: {left}. Look there first."
+        if found.taught is not None:
+            yield learned_words(found, found.taught)
     elif misfits(found.after):
         where = poses_words(worst_poses(found, _SHOWN))
         trend = next(iter(found.after.trends), None)
@@ -161,6 +163,20 @@ def _hanging(f: Finding) -> str:
 def leftover_words(x: Leftover) -> str:
     """An extra motion that no cause explains."""
     return f"an extra motion at {place_words(x.law)} that depends on {variable_words(x.law)} (p = {x.p_value:.2g})"
+
+
+def learned_words(found: Diagnosis, taught: Taught) -> str:
+    """What the law that was learned is worth."""
+    law = taught.leftover.law
+    what = f"As {taught.name} its law was learned from the readings, {variable_words(law)} at {place_words(law)}"
+    before = found.rms.heldout_extended
+    if not taught.holds:
+        why = "a value leaves its bounds" if taught.gain > 0.0 else "the error at poses left out does not fall"
+        return f"{what}, but {why} with it: it is not written."
+    return (
+        f"{what} (s = {taught.s:.1f}): the error at poses left out falls from {mm(before)} to {mm(taught.heldout)} mm. "
+        "It predicts, and says nothing of the cause."
+    )
 
 
 def instead_words(f: Finding, x: Leftover) -> str:

@@ -1,0 +1,152 @@
+"""Laws that nobody has written are learned, from readings that another code has made, and written as an effect."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qsframework.diagnose import Diagnosis, diagnose
+from qsframework.diagnose.law import Law
+from qsframework.diagnose.learn import curve
+from qsframework.elastostatics import exact_readings
+from qsframework.errors import InputError
+from qsframework.experiment import load_experiment, read_readings
+from qsframework.plugin import Array, check_effect, find
+from qsframework.report.diagnosis_section import diagnosis_sections
+from qsframework.report.extended import write_extended
+from qsframework.report.page import write_report
+from qsframework.report.result_json import diagnosis_json
+from qsframework.report.words.diagnosis import diagnosis_words
+from tests.diagnose.cases import campaign
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+from independent import Campaign, Setting, noisy, write_campaign
+from independent_arm import HEAVY, Hidden, Rest
+
+FORTY = Campaign(Setting(HEAVY, poses=40))
+
+
+def tanh(torque: Array) -> Array:
+    return np.asarray(4.5e-4 * np.tanh(torque / 1500.0), dtype=np.float64)
+
+
+def saturating(still: Rest) -> Array:
+    """The third gear gives 0.45 mrad more, but hardly more beyond 1500 N m."""
+    return np.eye(6)[2] * tanh(still.torque[:, [2]])
+
+
+def by_another_angle(still: Rest) -> Array:
+    """The fifth gear gives more at some angles of the fourth joint."""
+    return np.eye(6)[4] * 2.5e-7 * still.torque[:, [4]] * np.cos(2.0 * still.angles[:, [3]] + 0.4)
+
+
+LAWS = {"j3/torque": saturating, "j5/j4": by_another_angle}
+
+
+@pytest.fixture(scope="module", params=LAWS)
+def found(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Diagnosis, str]:
+    folder = tmp_path_factory.mktemp("learned")
+    hidden = Hidden(gears=(LAWS[request.param],))
+    experiment = load_experiment(write_campaign(FORTY, noisy(FORTY, FORTY.clean(hidden)), folder))
+    return diagnose(experiment, read_readings(experiment.data, experiment), repeats=1), request.param
+
+
+def test_an_unknown_law_is_learned_with_its_place_and_variable(found: tuple[Diagnosis, str]) -> None:
+    d, name = found
+    assert d.taught is not None, diagnosis_words(d)
+    assert d.taught.name == f"learned[{name}]"
+    assert d.taught.holds
+    assert d.taught.heldout < 1.3 * 3e-5
+    assert d.taught.heldout < 0.8 * d.rms.heldout_extended
+    assert f"As learned[{name}] its law was learned" in diagnosis_words(d)
+    told = diagnosis_json(d)["learned"]
+    assert (told["id"], told["written"]) == (f"learned[{name}]", True)
+    assert d.verdict in ("unexplained", "partly_explained"), "a law that predicts names no cause"
+
+
+def test_the_extended_robot_predicts_poses_that_nobody_has_measured(
+    found: tuple[Diagnosis, str], tmp_path: Path
+) -> None:
+    """At 60 fresh poses without noise, by the other code: most of what the hidden law does is gone."""
+    d, name = found
+    write_extended(d, tmp_path / "out")
+    extended = load_experiment(tmp_path / "out" / "experiment.yaml")
+    assert f"learned[{name}]" in {e.name for e in extended.model().effects}
+    fresh = Campaign(Setting(HEAVY, poses=60))
+    path = write_campaign(fresh, fresh.clean(Hidden(gears=(LAWS[name],)), FORTY.built), tmp_path / "fresh")
+    truth = read_readings(load_experiment(path).data, load_experiment(path))
+
+    def error(model, x) -> float:
+        poses = truth.poses.take(truth.plus)
+        said = exact_readings(model, poses, x)[np.arange(len(truth)), truth.marker]
+        return float(np.sqrt(np.mean(np.square(said - truth.value))))
+
+    before, after = error(d.baseline.model, d.baseline.x), error(extended.model(), extended.model().nominal)
+    assert after < 0.5 * before
+
+
+def test_the_curve_and_the_report_show_the_law(found: tuple[Diagnosis, str], tmp_path: Path) -> None:
+    d, name = found
+    assert d.taught is not None
+    seen = curve(d.taught, d.experiment.robot.facts)
+    assert seen is not None
+    assert np.all(seen.sd > 0.0)
+    if not d.findings:  # where names take a part, the curve is what they leave
+        rest = seen.motion[:, 0] - 2.5e-7 * seen.torque * np.cos(2.0 * seen.x + 0.4)
+        assert np.abs(rest - rest.mean()).max() < 0.2 * 5e-7 * seen.torque, "the spring takes what is constant"
+    assert bool(d.findings) == ("torque" in name)
+    page = write_report(tmp_path / "r.html", "Diagnosis", diagnosis_sections(d, [])).read_text()
+    assert f"Learned: {d.taught.name}".replace("/", "\\u002f") in page or f"Learned: {d.taught.name}" in page
+
+
+def test_nothing_is_learned_where_nothing_acts(tmp_path: Path) -> None:
+    for seed in range(4):
+        campaign = Campaign(Setting(HEAVY, poses=24, seed=seed))
+        path = write_campaign(campaign, noisy(campaign, campaign.clean(Hidden())), tmp_path / str(seed))
+        experiment = load_experiment(path)
+        assert diagnose(experiment, read_readings(experiment.data, experiment), repeats=1).taught is None
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"at": "joint_3", "by": "torque", "scale": 900.0, "lowest": -500.0, "highest": 900.0},
+        {"at": "joint_3", "by": "joint_2+joint_3", "signs": "+-", "scale": 900.0, "angle_from": -1.0, "angle_to": 1.5},
+        {"at": "joint_3", "by": "order", "scale": 900.0, "first": 0.0, "last": 1.0},
+    ],
+)
+def test_a_learned_law_is_an_effect_like_others(settings: dict[str, object]) -> None:
+    check_effect(find("learned")(**settings), campaign().robot.facts)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"at": "elbow"}, "elbow"),
+        ({"by": "wind"}, "wind"),
+        ({"lowest": 5.0, "highest": 5.0}, "lowest must lie below highest"),
+        ({"by": "joint_2", "angle_from": 1.0, "angle_to": 0.5}, "angle_from must lie below angle_to"),
+        ({"by": "time"}, "first must lie below last"),
+        ({"scale": 0.0}, "scale must be above 0"),
+        ({"part": "tool"}, "unknown part"),
+    ],
+)
+def test_what_a_file_of_a_learned_law_gets_wrong_is_said(wrong: dict[str, object], said: str) -> None:
+    right = {"at": "joint_3", "by": "torque", "scale": 900.0, "lowest": -500.0, "highest": 900.0}
+    with pytest.raises(InputError, match=said):
+        find("learned")(**(right | wrong)).validate(campaign().robot.facts)
+
+
+def test_beyond_what_was_seen_it_stays_constant() -> None:
+    effect = find("learned")(at="joint_3", by="torque", scale=900.0, lowest=-500.0, highest=900.0)
+    facts = campaign().robot.facts
+    x = np.linspace(1.0, 2.0, len(effect.parameters(facts)))
+    ends = effect.extra(np.array([[900.0], [5000.0], [-500.0], [-9000.0]]), x, None)[:, 0]
+    assert ends[0] == ends[1]
+    assert ends[2] == ends[3]
+    assert replace(effect, highest=5000.0).extra(np.array([[5000.0]]), x, None)[0, 0] != ends[1]
+    assert Law("drive", "joint_3", "torque").name == "joint_3/torque"
