@@ -20,6 +20,8 @@ FEWEST = 10
 """Degrees of freedom below which nothing is said about the noise."""
 _LARGEST = 1e3
 """Largest shared sd that is looked for, in sds of a reading's own error."""
+_TOGETHER = 256
+"""Columns that are taken beside the fit at once."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -149,7 +151,9 @@ def estimate(white: Array, basis: Basis, sigma: Array, measurement: Indices, sou
     Z[np.arange(left.size), label] = np.repeat(typical / sigma, 3)
     if basis.mask is not None:
         Z[~basis.mask.ravel()] = 0.0
-    Z -= basis.Q @ (basis.Q.T @ Z)
+    for first in range(0, Z.shape[1], _TOGETHER):
+        part = Z[:, first : first + _TOGETHER]
+        part -= basis.Q @ (basis.Q.T @ part)
     lam, V = np.linalg.eigh(Z.T @ Z)
     seen = lam > 1e-6 * max(lam[-1], 1e-300)
     lam, V = lam[seen], V[:, seen]

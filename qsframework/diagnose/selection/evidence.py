@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -32,6 +33,8 @@ _MOST = 14
 """Directions of a block at most."""
 _LARGE = 1_000_000
 """Readings times draws at once."""
+_HELD = 2_000_000
+"""Numbers of blocks that are whitened at once."""
 _EVERY = 2
 """Of the grid of rho, one place of so many is looked at."""
 
@@ -100,25 +103,25 @@ def evidence(
     held = np.zeros((count, 0 if effects is None else effects.shape[1]))
     if not count:
         return Evidence(np.zeros(0), np.zeros(draws), held)
-    columns = np.concatenate(blocks, axis=1)
     without = np.full(every.shape[1], np.inf)
     beside = np.full((count, every.shape[1]), np.inf)
     for k in places:
-        white, rest = fits.left(k, columns), fits.left(k, every)
+        rest = fits.left(k, every)
         total = np.maximum(np.square(rest).sum(axis=0), 1e-300)
-        whole: Array = np.linalg.norm(fits.noise.noises[k].whiten(columns), axis=0)
         without = np.minimum(without, fits.free * np.log(total) + fits.cost[k])
-        parts = _parts(blocks, white, whole)
-        c = white.T @ rest
-        for part in parts:
-            dev = _deviance(part, c, total, fits.free) + fits.cost[k]
-            beside[part.of] = np.minimum(beside[part.of], dev)
-        if k == found and effects is not None:
-            own = fits.left(k, effects)
-            square = np.maximum(np.square(own).sum(axis=0), 1e-300)
-            d = white.T @ own
-            for part in parts:
-                held[part.of] = np.square(_along(part, d)).sum(axis=1) / square
+        own = None if effects is None or k != found else fits.left(k, effects)
+        for first, last in _batches(blocks):
+            some = blocks[first:last]
+            columns = np.concatenate(some, axis=1)
+            whole: Array = np.linalg.norm(fits.noise.noises[k].whiten(columns), axis=0)
+            white = fits.left(k, columns)
+            c = white.T @ rest
+            for part in _parts(some, white, whole):
+                of = first + part.of
+                beside[of] = np.minimum(beside[of], _deviance(part, c, total, fits.free) + fits.cost[k])
+                if own is not None:
+                    square = np.maximum(np.square(own).sum(axis=0), 1e-300)
+                    held[of] = np.square(_along(part, white.T @ own)).sum(axis=1) / square
     e = np.where(np.isfinite(beside), 0.5 * (without - beside), 0.0)
     return Evidence(e[:, 0], np.sort(e[:, 1:].max(axis=0)), held)
 
@@ -145,6 +148,13 @@ def _places(fits: Reml, found: int, many: bool) -> list[int]:
         return [found]
     places = sorted({*range(0, len(fits.cost), _EVERY), found})
     return [k for k in places if abs(k - found) <= _EVERY] if many else places
+
+
+def _batches(blocks: Sequence[Array]) -> list[tuple[int, int]]:
+    """From where to where blocks are whitened at once, so that not all of them are where readings are many."""
+    batch = np.cumsum([b.size for b in blocks]) // _HELD
+    edges = [0, *(int(i) + 1 for i in np.flatnonzero(np.diff(batch))), len(blocks)]
+    return list(pairwise(edges))
 
 
 def _parts(blocks: Sequence[Array], white: Array, whole: Array) -> list[_Seen]:
