@@ -24,6 +24,8 @@ _HOLDS = 0.9
 """Share of a name's effect that a block must be able to do to count as one that holds it."""
 _ODDS = 0.1
 """Of all blocks that do not hold a name together, against it."""
+_LEAST = 6.2
+"""Nats from which on something is left, whatever the draws of plain noise say: real noise has tails and grows."""
 _BEATS = 3.0
 """Nats by which a block that holds a name may be better."""
 
@@ -58,7 +60,7 @@ def leftovers(
     return tuple(
         Leftover(blocks[i].law, float(p[i]), float(found.e[i]))
         for i in map(int, np.argsort(-found.e))
-        if p[i] <= level and found.e[i] > 0.0
+        if p[i] <= level and found.e[i] >= _LEAST
     )
 
 
