@@ -266,7 +266,7 @@ def answer(told: Told) -> Result:
         "seconds": round(time.process_time() - start, 2),
         "verdict": d.verdict,
         "findings": findings,
-        "leftovers": [[x.place, x.variable, float(x.p_value)] for x in d.leftovers[:3]],
+        "leftovers": [[x.law.name, float(x.p_value)] for x in d.leftovers[:3]],
         "rms_mm": [round(1e3 * v, 5) for v in (d.rms.heldout_identified, d.rms.heldout_extended, d.rms.noise)],
     }
 
