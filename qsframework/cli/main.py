@@ -376,7 +376,8 @@ def main() -> None:
     """Run `qsf`; bad input ends with exit code 2 and a message that says what to do, Ctrl-C with 130 and one line."""
     try:
         with listening():
-            app()
+            # app() would put a hook of its own where `listening` hears what compiled code loses
+            typer.main.get_command(app)()
     except Stopped as stopped:
         print("stopped: the files written so far are whole", file=sys.stderr)
         sys.exit(stopped.code)
