@@ -2,30 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from itertools import permutations, product
+from collections.abc import Iterator, Sequence
+from dataclasses import KW_ONLY, dataclass, replace
+from itertools import combinations, permutations, product
 
 import numpy as np
 
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, Readings, as_shown, on_robot
+from qsframework.experiment import Experiment, Readings, as_shown, bridge, on_robot
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.plugin.registry import with_role
 from qsframework.robot import StructuralChange, alternatives
 from qsframework.screening.linearized_fit import LinearizedFit
-from qsframework.screening.logging_faults import moved_up, visits
+from qsframework.screening.logging_faults import moved_up, visits_of
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """A convention before it is judged; name and value as in `Convention`."""
+    """A convention before it is judged; name, value, rows, column, found and meant as in `Convention`.
+
+    free: numbers that it fits to the readings; shrunk: log of how much smaller it makes what was measured, and with it
+    all misfits
+    """
 
     name: str
     value: float
     words: str
     experiment: Experiment
     readings: Readings
+    _: KW_ONLY
+    column: str = ""
+    free: int = 0
+    shrunk: float = 0.0
 
 
 def couplings(experiment: Experiment, readings: Readings) -> Iterator[Change]:
@@ -138,9 +146,152 @@ def force_axes(experiment: Experiment, readings: Readings) -> Iterator[Change]:
         yield Change("force_axes", 1.0, f"axes of the force: {_axes(P, 'f')}", experiment, readings.with_poses(poses))
 
 
+_FEW_DEGREES = 2.0 * np.pi
+"""Numbers of a column of angles that all stay below it, in the unit of the file, may be radians."""
+_FORCE = ("fx", "fy", "fz")
+_MOVED = 1e-3
+"""rad: a joint whose angles differ by less in all poses tells nothing of its column."""
+
+
+def angle_units(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+    """A column of angles in radians under a header of degrees, or the reverse."""
+    pendant = readings.poses.pendant
+    for k in range(pendant.shape[1]):
+        largest = float(np.abs(pendant[:, k]).max())
+        few = np.rad2deg(largest) <= _FEW_DEGREES
+        if largest < _MOVED or not (few or largest > _FEW_DEGREES):
+            continue
+        factor, said = (180.0 / np.pi, "rad, not in deg") if few else (np.pi / 180.0, "deg, not in rad")
+        angles = pendant.copy()
+        angles[:, k] *= factor
+        if not experiment.robot.controller.outside(angles).any():
+            words = f"the column q{k + 1} is in {said}"
+            changed = _shown(experiment, readings, angles)
+            yield Change("column_unit", factor, words, experiment, changed, column=f"q{k + 1}")
+
+
+def joint_columns(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+    """The angles of two joints exchanged."""
+    pendant = readings.poses.pendant
+    for a, b in combinations(range(pendant.shape[1]), 2):
+        angles = pendant.copy()
+        angles[:, [a, b]] = pendant[:, [b, a]]
+        if not experiment.robot.controller.outside(angles).any():
+            words = f"the columns q{a + 1} and q{b + 1} are exchanged"
+            changed = _shown(experiment, readings, angles)
+            yield Change("joint_columns", 1.0, words, experiment, changed, column=f"q{a + 1}, q{b + 1}")
+
+
+def _shown(experiment: Experiment, readings: Readings, pendant: Array) -> Readings:
+    q = experiment.robot.controller.to_joints(pendant)
+    return readings.with_poses(replace(readings.poses, pendant=pendant, q=q))
+
+
+_LENGTHS = ((10.0, "cm"), (1e3, "m"), (25.4, "inches"))
+"""Factor of a number of millimetres that a file holds in another unit."""
+_WEIGHTS = ((9.80665, "kgf"), (4.4482216, "lbf"), (1e3, "kN"))
+
+
+def value_units(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+    """A column of displacements or positions in another unit than its header's; all columns of positions."""
+    for position in (False, True):
+        rows = readings.use & (readings.is_position == position) & ~readings.is_gauge
+        if not rows.any():
+            continue
+        what = "" if position else "d"
+        parts = [(i,) for i in range(3)] + ([(0, 1, 2)] if position else [])
+        for axes in parts:
+            column = ", ".join(what + "xyz"[i] for i in axes)
+            for factor, said in _both(_LENGTHS, "mm"):
+                value = readings.value.copy()
+                value[np.ix_(rows, list(axes))] *= factor
+                words = (
+                    f"the column{'s' if len(axes) > 1 else ''} {column} {'are' if len(axes) > 1 else 'is'} in {said}"
+                )
+                smaller = min(float(np.log(factor)), 0.0) * len(axes) * int(rows.sum())
+                changed = readings.with_values(value)
+                yield Change("column_unit", factor, words, experiment, changed, column=column, shrunk=smaller)
+
+
+def force_units(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+    """A column of forces in another unit than its header's, where another column keeps its own."""
+    wrench = readings.poses.wrench
+    used = [i for i in range(3) if wrench[:, i].any()]
+    for i in used if len(used) > 1 else ():
+        for factor, said in _both(_WEIGHTS, "N"):
+            changed = wrench.copy()
+            changed[:, i] *= factor
+            words = f"the column {_FORCE[i]} is in {said}"
+            poses = replace(readings.poses, wrench=changed)
+            yield Change("column_unit", factor, words, experiment, readings.with_poses(poses), column=_FORCE[i])
+
+
+def _both(units: Sequence[tuple[float, str]], own: str) -> Iterator[tuple[float, str]]:
+    for factor, name in units:
+        yield factor, f"{name}, not in {own}"
+        yield 1.0 / factor, f"{own}, not in {name}"
+
+
+def position_axes(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+    """Positions in a frame that is to be found, mirrored: one sign, or two axes exchanged, it is the same."""
+    for f, name in enumerate(readings.frames):
+        rows = readings.use & readings.is_position & (readings.frame == f)
+        if not rows.any() or readings.known[f] is not None:
+            continue
+        value = np.where(rows[:, None], readings.value * [1.0, 1.0, -1.0], readings.value)
+        where = f" of series {name}" if name else ""
+        words = f"the positions{where} are mirror images: the sign of one axis is reversed, or two are exchanged"
+        yield Change("position_axes", -1.0, words, experiment, readings.with_values(value), column="x, y, z")
+
+
+def exchanged_states(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+    """Positions of loaded states that stand where those of the unloaded ones should, at all poses."""
+    loaded = readings.states.loaded[readings.plus]
+    key: dict[tuple[object, ...], int] = {}
+    order = np.arange(len(readings))
+    rows = np.flatnonzero(readings.is_position & ~readings.is_gauge)
+    for i in rows[~loaded[rows]].tolist():
+        key[_who(readings, i)] = i
+    for i in rows[loaded[rows]].tolist():
+        other = key.get(_who(readings, i))
+        if other is not None:
+            order[i], order[other] = other, i
+    if not np.array_equal(order, np.arange(len(readings))):
+        words = "the readings of the loaded and of the unloaded states are exchanged"
+        changed = readings.with_values(readings.value[order])
+        yield Change("states_exchanged", 1.0, words, experiment, changed, column="state")
+
+
+def _who(readings: Readings, i: int) -> tuple[object, ...]:
+    s, states = int(readings.plus[i]), readings.states
+    return states.pose[s], int(states.repeat[s]), int(states.cycle[s]), int(readings.marker[i]), int(readings.frame[i])
+
+
+def tracker_axes(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+    """Displacements along the axes of a tracker that nobody aligned: a frame is found for them."""
+    base = readings.use & ~readings.is_position & (readings.frame < 0) & ~readings.is_gauge
+    if not base.any():
+        return
+    frame = np.where(base, len(readings.frames), readings.frame)
+    words = "the displacements are along the axes of the tracker, not of the base"
+    changed = replace(readings, frame=frame, frames=(*readings.frames, TRACKER), known=(*readings.known, None))
+    try:
+        turned = bridge(experiment, changed, experiment.fit_names(), linear=True).frames[-1].rotation
+    except InputError:  # too few, or all along one line
+        return
+    if np.trace(turned) < 1.0 + 2.0 * np.cos(_ALIGNED):
+        yield Change("tracker_axes", 1.0, words, experiment, changed, column="dx, dy, dz", free=3)
+
+
+_ALIGNED = np.deg2rad(10.0)
+"""Axes nearer to those of the base may be the tracker's alignment, which is a cause of its own."""
+TRACKER = "tracker axes"
+"""Name of the series that displacements along unknown axes are taken for."""
+
+
 def earlier(fit: LinearizedFit, rows: Indices) -> Readings:
     """The angles of a run of visits moved up by one; the last one's are missing, so it is masked."""
-    seen = visits(fit)
+    seen = visits_of(fit.rows)
     run = np.unique(seen.of[np.isin(fit.keep, rows)])
     poses = moved_up(fit.readings.poses, seen, range(int(run[0]), int(run[-1])))
     last = np.zeros(len(fit.readings), dtype=bool)

@@ -11,20 +11,30 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from qsframework.errors import InputError, NotIdentifiable
-from qsframework.estimation import left, rms, scales
+from qsframework.estimation import left, orthonormal, rms, scales
 from qsframework.experiment import Experiment, Readings, bridge
 from qsframework.plugin import Array, Indices, Spring
 from qsframework.screening.convention_changes import (
     Change,
+    angle_units,
     couplings,
     displacement_axes,
     earlier,
+    exchanged_states,
     force_axes,
+    force_units,
+    joint_columns,
     joint_signs,
+    position_axes,
     structures,
+    tracker_axes,
+    value_units,
 )
+from qsframework.screening.edit_words import mistake_words
 from qsframework.screening.linearized_fit import LinearizedFit, of_bridge, other_loads
 from qsframework.screening.logging_faults import exchanges, late_angles
+from qsframework.screening.standing_out import Standing, agreement, stand_out
+from qsframework.screening.table_mistakes import table_mistakes
 
 LEVEL = 1e-4
 """The likelihood ratio, all conventions counted, beyond which one may be compelling."""
@@ -32,6 +42,14 @@ RATIO = 0.8
 """How far the sum of squares must fall at least; a hidden effect makes smaller differences."""
 LOCAL = 0.25
 """The same for the rows that a change touches: physics at some poses is not undone by exchanging their readings."""
+_MOST = 6
+"""Mistakes of one file that are looked for."""
+_MANY = 0.15
+"""Of the visits: where more stand out, it may be a change of all rows that they are too many to be set aside from."""
+_AS_STATED = 0.5
+"""Of the stated variance: below it the noise is not as stated, and says nothing of what is left to gain."""
+_SHOWN = 3
+"""Parameters that are told with a mistake."""
 _BELOW = 2.0
 """sds below its bound from which a compliance speaks against a convention."""
 _UNITS = (
@@ -50,6 +68,16 @@ _APART = 0.5
 """How far, in log, the compliances may scatter about their common factor."""
 
 
+@dataclass(frozen=True)
+class Moved:
+    """A parameter that a mistake moved: its value with and without it, SI."""
+
+    name: str
+    unit: str
+    before: float
+    after: float
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Convention:
     """Another reading of the file or of the controller, applied and refitted.
@@ -60,8 +88,9 @@ class Convention:
     of a unit, else 1; experiment, readings: with the convention applied; rms, rms_given: m, of the fits with it
     and as given; evidence: log of how much likelier it makes the readings, the number of conventions tried
     counted; below: compliances that the fit puts below their bounds; structure: whether the
-    arm itself is another one. Only a compelling one is to be believed; a
-    `load_unit` never is, because the compliances absorb it.
+    arm itself is another one; rows: lines of the file, none for all; column: without its unit; found, meant: SI, in
+    that column of one pose, else NaN; moved: the parameters that change most with it. Only a compelling one is to be
+    believed; a `load_unit` never is, because the compliances absorb it.
     """
 
     name: str
@@ -75,6 +104,11 @@ class Convention:
     below: int
     compelling: bool
     structure: bool = False
+    rows: tuple[int, ...] = ()
+    column: str = ""
+    found: float = float("nan")
+    meant: float = float("nan")
+    moved: tuple[Moved, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -93,25 +127,136 @@ class _Fit:
 
 
 def check_conventions(experiment: Experiment, readings: Readings) -> tuple[Convention, ...]:
-    """The conventions under which the readings fit better than as given, the likeliest first; none is the rule.
+    """The conventions and mistakes under which the readings fit better than as given; none is the rule.
 
-    Where one is compelling, the next best only goes along, and is not compelling any more: axes that are nearly those
-    of the right sign fit better than as given, too.
+    Compelling ones stand first, in the order in which they were adopted: each holds the readings with it and with all
+    before it. Where none is compelling, those that merely fit better, the likeliest first. Beside the first compelling
+    one the next best goes along and is not compelling: axes that are nearly those of the right sign fit better, too.
     """
+    adopted: list[Convention] = []
+    rest: list[Convention] = []
     given = _fit(_first(experiment, readings))
-    changes = [
-        *couplings(experiment, readings),
-        *joint_signs(experiment, readings),
-        *displacement_axes(experiment, readings),
-        *force_axes(experiment, readings),
-    ]
-    judged = [_judge(change, given, len(changes)) for change in changes]
+    suspicions = _units(given)
+    while len(adopted) < _MOST:
+        standing = stand_out(experiment, readings)
+        found = _whole(given, standing)
+        if not adopted:
+            rest = found if not found or not found[0].compelling else found[1:2]
+        if not found or not found[0].compelling:
+            found = _cells(given, standing)
+            if not found:
+                break
+            rest = []
+        else:
+            found = found[:1]
+        adopted += found
+        experiment, readings = found[-1].experiment, found[-1].readings
+        given = _fit(_first(experiment, readings))
+    return (*adopted, *(replace(c, compelling=False) for c in rest), *suspicions)
+
+
+def _whole(given: _Fit, standing: Standing) -> list[Convention]:
+    """Changes of all rows under which the readings fit better, compelling ones first.
+
+    Visits that stand out are set aside first; where they are many, a change must make most visits agree better.
+    """
+    experiment, readings = given.trial.experiment, given.trial.readings
+    aside = np.zeros(len(readings), dtype=bool)
+    aside[standing.rows.keep] = standing.wrong[standing.visits.of]
+    many = float(standing.wrong.mean()) > _MANY
+    others = given if many or not aside.any() else _fit(_first(experiment, readings.masked(aside)))
+    changes = [] if _as_stated(others) else [c for make in _CHANGES for c in make(experiment, others.trial.readings)]
+    judged = [_judge(change, others, len(changes)) for change in changes]
     judged += [_judge(*mistake) for mistake in _mistakes(given)]
-    found = [c for c in judged if c is not None]
-    better = sorted((c for c in found if c.evidence > 0.0), key=lambda c: (not c.compelling, -c.evidence))
-    if better and better[0].compelling:
-        better = [better[0], *(replace(c, compelling=False) for c in better[1:2])]
-    return (*better, *_units(given))
+    found = [c for c in judged if c is not None and c.evidence > 0.0]
+    whole = [replace(c, readings=replace(c.readings, use=c.readings.use | (aside & readings.use))) for c in found]
+    whole.sort(key=lambda c: (not c.compelling, -c.evidence))
+    while many and whole and whole[0].compelling and not _agrees(standing, whole[0]):
+        whole = [*(c for c in whole[1:] if c.compelling), *(c for c in whole[1:] if not c.compelling)]
+    return whole
+
+
+def _as_stated(fit: _Fit) -> bool:
+    """Whether the noise is as stated, so that no change of all rows can take off what makes one compelling."""
+    return fit.trial.stated and _AS_STATED < fit.square / fit.dof < 1.0 / RATIO
+
+
+def _agrees(standing: Standing, change: Convention) -> bool:
+    """Whether most visits fit better with a change."""
+    try:
+        return agreement(stand_out(change.experiment, change.readings)) < agreement(standing)
+    except (InputError, NotIdentifiable):
+        return False
+
+
+_CHANGES = (
+    couplings,
+    joint_signs,
+    joint_columns,
+    angle_units,
+    displacement_axes,
+    force_axes,
+    value_units,
+    force_units,
+    position_axes,
+    exchanged_states,
+    tracker_axes,
+)
+
+
+def _cells(given: _Fit, standing: Standing) -> list[Convention]:
+    """Mistakes in single rows and poses, each applied after those before it."""
+    out: list[Convention] = []
+    experiment, readings = given.trial.experiment, given.trial.readings
+    for mistake in table_mistakes(standing):
+        words, first = mistake_words(readings, mistake), mistake.edits[0]
+        lines = np.concatenate([e.rows if e.touched is None else e.touched for e in mistake.edits])
+        for edit in mistake.edits:
+            readings = edit.apply(experiment, readings)
+        try:
+            fit = _fit(_first(experiment, readings))
+        except (InputError, NotIdentifiable):
+            continue
+        out.append(
+            Convention(
+                name=first.kind,
+                value=1.0,
+                words=f"{words}: {_gain(given, fit)}",
+                experiment=experiment,
+                readings=readings,
+                rms=fit.rms,
+                rms_given=given.rms,
+                evidence=0.5 * mistake.gain - float(np.log(mistake.tried)),
+                below=fit.below,
+                compelling=True,
+                rows=tuple(sorted(int(r) for r in readings.line[lines])),
+                column=first.column,
+                found=first.found,
+                meant=first.meant,
+                moved=_changed(given, fit),
+            )
+        )
+        given = fit
+    return out
+
+
+def _gain(given: _Fit, fit: _Fit) -> str:
+    return f"the readings then fit to {fit.rms * 1e3:.3f} mm a coordinate, as given to {given.rms * 1e3:.3f} mm"
+
+
+def _changed(given: _Fit, fit: _Fit) -> tuple[Moved, ...]:
+    """The parameters that move most, in sds."""
+    model, names = fit.trial.experiment.model(), fit.trial.experiment.fit_names()
+    if names != given.trial.experiment.fit_names():
+        return ()
+    size = scales([model.parameters[i] for i in model.index(names)])
+    far = np.abs(fit.x - given.x) / np.where(fit.sd > 0.0, fit.sd, np.inf)
+    return tuple(
+        Moved(names[i], model.parameters[model.index([names[i]])[0]].unit, float(a * size[i]), float(b * size[i]))
+        for i in np.argsort(-far)[:_SHOWN].tolist()
+        for a, b in ((given.x[i], fit.x[i]),)
+        if far[i] > 1.0
+    )
 
 
 def check_structures(experiment: Experiment, readings: Readings) -> tuple[Convention, ...]:
@@ -139,16 +284,14 @@ def _judge(change: Change, given: _Fit, tried: int, rows: Indices | None = None)
     drop = np.log(max(given.square, 1e-300)) - np.log(max(fit.square, 1e-300))
     drop -= np.log(given.dof / fit.dof)  # late angles leave a measurement out
     evidence = 0.5 * min(fit.dof, given.dof) * float(drop) - float(np.log(tried))
+    evidence -= 0.5 * change.free * float(np.log(fit.dof))
+    evidence += change.shrunk
     enough = drop > -np.log(RATIO) and (rows is None or _local(given, fit, rows) < LOCAL)
     compelling = evidence > -np.log(LEVEL) and enough and fit.below <= given.below
-    words = (
-        f"{change.words}: the readings then fit to {fit.rms * 1e3:.3f} mm a coordinate, as given to "
-        f"{given.rms * 1e3:.3f} mm"
-    )
     return Convention(
         name=change.name,
         value=change.value,
-        words=words,
+        words=f"{change.words}: {_gain(given, fit)}",
         experiment=change.experiment,
         readings=change.readings,
         rms=fit.rms,
@@ -156,6 +299,9 @@ def _judge(change: Change, given: _Fit, tried: int, rows: Indices | None = None)
         evidence=evidence,
         below=fit.below,
         compelling=bool(compelling),
+        rows=() if rows is None else tuple(int(r) for r in np.unique(given.trial.readings.line[rows])),
+        column=change.column,
+        moved=_changed(given, fit),
     )
 
 
@@ -180,7 +326,7 @@ def _trial(experiment: Experiment, readings: Readings, given: LinearizedFit) -> 
     given: the readings as they are, whose columns stay where only values change and no frame is to be found
     """
     before = given.readings
-    kept = experiment is given.experiment and readings.use is before.use
+    kept = experiment is given.experiment and readings.use is before.use and readings.frame is before.frame
     if kept and readings.states is before.states and not _moved(given, readings):
         rows = replace(given.rows, readings=readings)
         return replace(given, rows=rows, errors=given.errors + rows.scalars - given.rows.scalars)
@@ -209,7 +355,7 @@ def _fit(trial: LinearizedFit) -> _Fit:
     chosen = [model.parameters[i] for i in model.index(names)]
     size = scales(chosen)
     motions = trial.A.shape[1] - len(chosen)
-    frames = np.linalg.qr(trial.A[:, :motions])[0]
+    frames = orthonormal(trial.A[:, :motions])  # displacements do not tell where the origin lies
     A, target = left(frames, trial.A[:, motions:]), left(frames, trial.target)
     U, values, V = np.linalg.svd(A, full_matrices=False)
     told = values > 1e-9 * values[0]
@@ -220,7 +366,7 @@ def _fit(trial: LinearizedFit) -> _Fit:
     free = V.T @ (z / values)
     kept = _within(values[:, None] * V, z, free, low, high)
     rest = target - U @ (values * (V @ kept))
-    square, dof = float(rest @ rest), len(target) - int(told.sum()) - motions
+    square, dof = float(rest @ rest), len(target) - int(told.sum()) - frames.shape[1]
     sd = np.sqrt(np.square(V.T / values).sum(axis=1) * (target @ target - z @ z) / dof)
     below = int((~np.isclose(sd, 0.0) & (free < low - _BELOW * sd)).sum())
     rms = float(np.sqrt(np.mean(np.square(trial.noise.colour(rest)))))

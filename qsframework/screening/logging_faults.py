@@ -14,7 +14,7 @@ import numpy as np
 
 from qsframework.estimation import left
 from qsframework.estimation.projection import chi_square
-from qsframework.experiment import bridge
+from qsframework.experiment import Rows, bridge
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.screening.linearized_fit import LinearizedFit, of_bridge
 
@@ -125,18 +125,18 @@ class Visits:
         return len(self.states)
 
 
-def visits(fit: LinearizedFit) -> Visits:
+def visits_of(rows: Rows) -> Visits:
     """Rows of one `plus` are one visit, with the unloaded states that no other visit shares."""
-    order = list(dict.fromkeys(fit.rows.plus.tolist()))
+    order = list(dict.fromkeys(rows.plus.tolist()))
     before: dict[int, set[int]] = {s: set() for s in order}
     shared: dict[int, set[int]] = {}
-    for s, m in zip(fit.rows.plus.tolist(), fit.rows.minus.tolist(), strict=True):
+    for s, m in zip(rows.plus.tolist(), rows.minus.tolist(), strict=True):
         if m >= 0:
             before[s].add(m)
             shared.setdefault(m, set()).add(s)
     states = tuple((s, *(m for m in sorted(before[s]) if len(shared[m]) == 1)) for s in order)
     number = {s: i for i, s in enumerate(order)}
-    return Visits(states, np.array([number[s] for s in fit.rows.plus.tolist()]))
+    return Visits(states, np.array([number[s] for s in rows.plus.tolist()]))
 
 
 def moved_up(poses: Poses, seen: Visits, run: range) -> Poses:
@@ -150,7 +150,7 @@ def moved_up(poses: Poses, seen: Visits, run: range) -> Poses:
 
 def late_angles(fit: LinearizedFit, level: float) -> Found:
     """Runs of visits that have the angles of the one before, so that their own stand one visit later."""
-    seen = visits(fit)
+    seen = visits_of(fit.rows)
     count = len(seen)
     if count < 3:
         return []

@@ -1,0 +1,376 @@
+"""Edits of a few cells of a table: what a slip of the hand or of a logger may have made of them, kind by kind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from qsframework.experiment import Experiment, Readings
+from qsframework.plugin import Array, Indices
+from qsframework.screening.standing_out import Standing
+
+KGF, LBF, INCH = 9.80665, 4.4482216, 25.4
+SIGN, DECIMAL, UNIT, MISSING, OTHER, OFF = "sign", "decimal", "unit", "missing", "another load", "off"
+"""What leads from the number that was meant to the one in the file; OFF: nothing known."""
+_ANGLES = ((-1.0, SIGN), (10.0, DECIMAL), (0.1, DECIMAL), (180.0 / np.pi, UNIT), (np.pi / 180.0, UNIT))
+_FORCES = (
+    (-1.0, SIGN),
+    *((10.0**k, DECIMAL) for k in (-1, 1, -2, 2, -3, 3)),
+    (KGF, UNIT),
+    (1.0 / KGF, UNIT),
+    (LBF, UNIT),
+)
+VALUES = (
+    (-1.0, SIGN),
+    *((10.0**k, DECIMAL) for k in (-1, 1, -2, 2, -3, 3)),
+    (INCH, UNIT),
+    (1.0 / INCH, UNIT),
+)
+"""Factors of the number in the file that may make the one that was meant, each with its slip."""
+_LOADS = 40
+"""Loads of a file that are tried in the place of one, the most frequent first."""
+_SAME = 1e-9
+"""m: readings that differ by less are copies."""
+_MANY = 5
+"""Markers of a state up to which all exchanges are tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Rows (k,) and states (s,) of the readings that a mistake may have touched together: visits of one pose."""
+
+    visits: tuple[int, ...]
+    rows: Indices
+    states: Indices
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Edit:
+    """Other cells at some rows. kind: as `docs/diagnosis.md` lists them; slip: what happened, if it is known.
+
+    rows (k,), states (s,): of the readings; pendant (s, m) rad, wrench (s, 6), value (k, 3) m: what they become;
+    free: numbers that were fitted to the readings; masked: the rows tell nothing any more; column: its name in the
+    file without its unit; found, meant: SI, of the column, NaN where several are changed; single: rows of one marker
+    """
+
+    kind: str
+    slip: str
+    visits: tuple[int, ...]
+    rows: Indices
+    states: Indices
+    pendant: Array
+    wrench: Array
+    value: Array
+    free: int = 0
+    masked: bool = False
+    column: str = ""
+    found: float = float("nan")
+    meant: float = float("nan")
+    other: str = ""
+    touched: Indices | None = None
+
+    def apply(self, experiment: Experiment, readings: Readings) -> Readings:
+        """The readings with it."""
+        poses = readings.poses
+        pendant, q, wrench, value = (np.array(v) for v in (poses.pendant, poses.q, poses.wrench, readings.value))
+        pendant[self.states], wrench[self.states] = self.pendant, self.wrench
+        q[self.states] = experiment.robot.controller.to_joints(self.pendant)
+        value[self.rows] = self.value
+        changed = readings.with_poses(replace(poses, pendant=pendant, q=q, wrench=wrench)).with_values(value)
+        wrong = np.zeros(len(readings), dtype=bool)
+        wrong[self.rows] = self.masked
+        return changed.masked(wrong)
+
+
+def groups(standing: Standing, most: int) -> list[Group]:
+    """The visits that stand out most, one by one, and with the others of their pose."""
+    worst = np.argsort(-np.where(standing.wrong, standing.misfit, -1.0))[: min(most, int(standing.wrong.sum()))]
+    out = [group_of(standing, (v,)) for v in worst.tolist()]
+    pose = np.zeros(len(standing.visits), dtype=np.intp)
+    pose[standing.visits.of] = standing.rows.pose
+    for p in dict.fromkeys(pose[worst].tolist()):
+        both = tuple(np.flatnonzero(pose == p).tolist())
+        if len(both) > 1:
+            out.append(group_of(standing, both))
+    return out
+
+
+def group_of(standing: Standing, visits: tuple[int, ...]) -> Group:
+    """Rows and states of some visits."""
+    rows = standing.rows.keep[np.isin(standing.visits.of, visits)]
+    return Group(visits, rows, np.array([s for v in visits for s in standing.visits.states[v]], dtype=np.intp))
+
+
+def plain(readings: Readings, group: Group, kind: str, slip: str = OFF) -> Edit:
+    """The edit that changes nothing, to start from."""
+    poses = readings.poses
+    return Edit(
+        kind=kind,
+        slip=slip,
+        visits=group.visits,
+        rows=group.rows,
+        states=group.states,
+        pendant=poses.pendant[group.states],
+        wrench=poses.wrench[group.states],
+        value=readings.value[group.rows],
+    )
+
+
+def angle_edits(experiment: Experiment, readings: Readings, group: Group) -> Iterator[Edit]:
+    """One angle of the pose with another sign, decimal or unit, within what the controller can show."""
+    start = plain(readings, group, "angle")
+    for k in range(start.pendant.shape[1]):
+        for factor, slip in _ANGLES:
+            edit = with_angle(start, k, start.pendant[0, k] * (factor - 1.0), slip)
+            moved = abs(edit.meant - edit.found) > 1e-9
+            if moved and not experiment.robot.controller.outside(edit.pendant).any():
+                yield edit
+
+
+def with_angle(start: Edit, k: int, shift: float, slip: str) -> Edit:
+    """Angle k of the pose moved by `shift` rad."""
+    pendant = start.pendant.copy()
+    pendant[:, k] += shift
+    found = float(start.pendant[0, k])
+    return replace(start, slip=slip, pendant=pendant, column=f"q{k + 1}", found=found, meant=found + shift)
+
+
+def force_edits(readings: Readings, group: Group) -> Iterator[Edit]:
+    """The pose's force with another sign, decimal or unit, along one axis or as a whole, or another load's."""
+    start = plain(readings, group, "force")
+    loaded = readings.states.loaded[group.states]
+    if not loaded.any():
+        return
+    own = start.wrench[loaded][0]
+    for factor, slip in _FORCES:
+        yield with_force(start, loaded, own * factor, slip)
+        for i in np.flatnonzero(own):
+            if np.count_nonzero(own) > 1:
+                yield with_force(start, loaded, np.where(np.arange(6) == i, own * factor, own), slip)
+    every, counts = np.unique(readings.poses.wrench[readings.states.loaded], axis=0, return_counts=True)
+    for other in every[np.argsort(-counts)][:_LOADS]:
+        if not np.array_equal(other, own):
+            yield with_force(start, loaded, other, OTHER if own[other != 0.0].all() else MISSING)
+
+
+def with_force(start: Edit, loaded: Array, wrench: Array, slip: str) -> Edit:
+    """Another wrench (6,) at the loaded states."""
+    own = start.wrench[loaded.astype(bool)][0]
+    changed = np.flatnonzero(~np.isclose(own, wrench))
+    one = len(changed) == 1
+    at = int(changed[0]) if one else 0
+    return replace(
+        start,
+        slip=slip,
+        wrench=np.where(loaded[:, None], wrench, start.wrench),
+        column=("fx", "fy", "fz", "mx", "my", "mz")[at] if one else "force",
+        found=float(own[at] if one else np.linalg.norm(own)),
+        meant=float(wrench[at] if one else np.linalg.norm(wrench)),
+    )
+
+
+def value_edits(readings: Readings, group: Group) -> Iterator[Edit]:
+    """All readings of the pose, or of one of its markers, with another sign, decimal or unit."""
+    start = plain(readings, group, "value")
+    gauge = readings.is_gauge[group.rows]
+    what = "d" if (readings.minus[group.rows] >= 0).all() else ""
+    for factor, slip in VALUES:
+        everything = replace(start, slip=slip, value=start.value * factor, column=_axes_of(what, slice(None)))
+        yield replace(everything, kind="states_exchanged") if slip == SIGN and what else everything
+        if len(start.rows) > 1:
+            for r in range(len(start.rows)):
+                value = start.value.copy()
+                value[r] *= factor
+                yield replace(everything, value=value, touched=start.rows[[r]])
+        for r, i in np.argwhere(np.isfinite(start.value) & ~gauge[:, None]).tolist():
+            value = start.value.copy()
+            value[r, i] *= factor
+            found, meant = float(start.value[r, i]), float(value[r, i])
+            column = _axes_of(what, slice(i, i + 1))
+            yield replace(
+                start, slip=slip, value=value, column=column, found=found, meant=meant, touched=start.rows[[r]]
+            )
+
+
+def _axes_of(what: str, part: slice) -> str:
+    return ", ".join(what + axis for axis in "xyz"[part])
+
+
+def marker_edits(readings: Readings, group: Group) -> Iterator[Edit]:
+    """Two or three markers of one state exchanged."""
+    start = plain(readings, group, "swapped_markers")
+    whole = np.isfinite(start.value).all(axis=1) & ~readings.is_gauge[group.rows]
+    rows = np.flatnonzero(whole)
+    if len(group.visits) > 1 or not 2 <= len(rows) <= _MANY:
+        return
+    orders = [dict(((a, b), (b, a))) for a, b in combinations(rows.tolist(), 2)]
+    for a, b, c in combinations(rows.tolist(), 3):
+        orders += [{a: b, b: c, c: a}, {a: c, c: b, b: a}]
+    for order in orders:
+        value = start.value.copy()
+        value[list(order)] = start.value[list(order.values())]
+        yield replace(start, value=value, column="marker", touched=start.rows[list(order)])
+
+
+def state_edits(readings: Readings, group: Group) -> Iterator[Edit]:
+    """Positions of the loaded and of the unloaded state of a pose exchanged."""
+    start = plain(readings, group, "states_exchanged")
+    if len(group.visits) != 2 or (readings.minus[group.rows] >= 0).any():
+        return
+    loaded = readings.states.loaded[readings.plus[group.rows]]
+    value = start.value.copy()
+    for m in np.unique(readings.marker[group.rows]):
+        both = np.flatnonzero(readings.marker[group.rows] == m)
+        if len(both) == 2 and loaded[both].sum() == 1:
+            value[both] = start.value[both[::-1]]
+    yield replace(start, value=value, column="state")
+
+
+def repeated_readings(readings: Readings, group: Group, keep: Indices) -> Iterator[Edit]:
+    """The readings of the pose are copies of those of another pose, to the last digit: what was measured is lost."""
+    start = plain(readings, group, "repeated_readings")
+    if len(group.visits) > 1 or not np.isfinite(start.value).all():
+        return
+    what = "d" if (readings.minus[group.rows] >= 0).all() else ""
+    others = keep[~np.isin(readings.plus[keep], readings.plus[group.rows])]
+    same = (np.abs(readings.value[others][:, None] - start.value[None]) < _SAME).all(axis=2)
+    same &= readings.marker[others][:, None] == readings.marker[group.rows][None]
+    for state in np.unique(readings.plus[others][same.any(axis=1)]).tolist():
+        if same[readings.plus[others] == state].any(axis=0).all():
+            other = readings.states.pose[state]
+            yield replace(
+                start,
+                masked=True,
+                other=other,
+                column=_axes_of(what, slice(None)),
+            )
+            return
+
+
+def exchanges(readings: Readings, one: Group, two: Group) -> Iterator[tuple[Edit, Edit]]:
+    """The readings of two poses stand at each other's angles, under each other's force or their own."""
+    if len(one.states) != len(two.states) or len(one.rows) != len(two.rows):
+        return
+    if not np.array_equal(readings.states.loaded[one.states], readings.states.loaded[two.states]):
+        return
+    poses = readings.poses
+    for forces in (True, False):
+        if forces and np.array_equal(poses.wrench[one.states], poses.wrench[two.states]):
+            continue
+        yield (_taken(readings, one, two, forces), _taken(readings, two, one, forces))
+
+
+def _taken(readings: Readings, own: Group, other: Group, forces: bool) -> Edit:
+    start = plain(readings, own, "poses_exchanged")
+    poses, name = readings.poses, readings.states.pose[int(other.states[0])]
+    wrench = poses.wrench[other.states] if forces else start.wrench
+    column = "pose" if forces else "q"
+    return replace(start, pendant=poses.pendant[other.states], wrench=wrench, other=name, column=column)
+
+
+def misfits(standing: Standing, edits: Sequence[Edit]) -> Array:
+    """Misfit (E,) of the rows of each edit against the fit to the visits that agree, in squares of the noise."""
+    return np.array([float(e @ e) for e in residuals(standing, edits)])
+
+
+def residuals(standing: Standing, edits: Sequence[Edit]) -> list[Array]:
+    """Errors (3 k,) of the rows of each edit, whitened by what foretells them.
+
+    Edits are copies of their rows and states, asked of the model at once; those of values alone share one copy.
+    """
+    asked: list[Edit] = []
+    place: dict[object, int] = {}
+    of: list[int] = []
+    for e in edits:
+        still = _still(standing.readings, e)
+        key = (e.visits, e.rows.tobytes()) if still else (len(asked),)
+        if not still or key not in place:
+            place[key] = len(asked)
+            asked.append(e)
+        of.append(place[key])
+    readings = copied(standing, asked)
+    error, P = standing.foretold(readings, np.arange(len(readings)))
+    first = np.concatenate([[0], np.cumsum([len(e.rows) for e in asked])])
+    factors: dict[int, Array] = {}
+    out: list[Array] = []
+    for e, i in zip(edits, of, strict=True):
+        rows = slice(int(first[i]), int(first[i + 1]))
+        p = P[rows].reshape(-1, P.shape[-1])
+        if i not in factors:
+            factors[i] = np.asarray(np.linalg.inv(np.linalg.cholesky(np.eye(len(p)) + p @ p.T)), dtype=np.float64)
+        more = np.nan_to_num(e.value - asked[i].value) / (standing.unit * standing.readings.sigma[e.rows])
+        out.append(factors[i] @ (error[rows] + more).ravel())
+    return out
+
+
+def factor(standing: Standing, e: Edit) -> Array:
+    """What whitens (3 k, 3 k) the errors of the rows of an edit by what foretells them."""
+    readings = copied(standing, [e])
+    p = standing.foretold(readings, np.arange(len(readings)))[1]
+    p = p.reshape(-1, p.shape[-1])
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(np.eye(len(p)) + p @ p.T)), dtype=np.float64)
+
+
+def _still(readings: Readings, e: Edit) -> bool:
+    """Whether an edit leaves angles and forces as they are."""
+    poses = readings.poses
+    return np.array_equal(e.pendant, poses.pendant[e.states]) and np.array_equal(e.wrench, poses.wrench[e.states])
+
+
+def copied(standing: Standing, edits: Sequence[Edit]) -> Readings:
+    """One table with the rows of every edit, as it has them, after each other."""
+    readings = standing.readings
+    rows = np.concatenate([e.rows for e in edits])
+    states: list[Indices] = []
+    plus: list[Indices] = []
+    minus: list[Indices] = []
+    pendant: list[Array] = []
+    wrench: list[Array] = []
+    first = 0
+    for e in edits:
+        # beside its own states an edit needs those that it shares with others
+        need = np.unique(np.concatenate([readings.plus[e.rows], readings.minus[e.rows][readings.minus[e.rows] >= 0]]))
+        more = need[~np.isin(need, e.states)]
+        every = np.concatenate([e.states, more])
+        place = np.full(len(readings.states) + 1, -1, dtype=np.intp)
+        place[every] = first + np.arange(len(every))
+        first += len(every)
+        states.append(every)
+        plus.append(place[readings.plus[e.rows]])
+        minus.append(place[readings.minus[e.rows]])
+        pendant.append(np.concatenate([e.pendant, readings.poses.pendant[more]]))
+        wrench.append(np.concatenate([e.wrench, readings.poses.wrench[more]]))
+    at = np.concatenate(states)
+    shown = np.concatenate(pendant)
+    q = standing.experiment.robot.controller.to_joints(shown)
+    poses = replace(readings.poses.take(at), pendant=shown, q=q, wrench=np.concatenate(wrench))
+    own = readings.states
+    return replace(
+        readings,
+        states=replace(
+            own,
+            poses=poses,
+            loaded=own.loaded[at],
+            pose=tuple(own.pose[i] for i in at.tolist()),
+            load_id=tuple(own.load_id[i] for i in at.tolist()),
+            series=tuple(own.series[i] for i in at.tolist()),
+            repeat=own.repeat[at],
+            cycle=own.cycle[at],
+        ),
+        plus=np.concatenate(plus),
+        minus=np.concatenate(minus),
+        marker=readings.marker[rows],
+        frame=readings.frame[rows],
+        value=np.concatenate([e.value for e in edits]),
+        sigma=readings.sigma[rows],
+        minus_sigma=readings.minus_sigma[rows],
+        use=np.ones(len(rows), dtype=bool),
+        line=readings.line[rows],
+        file=readings.file[rows],
+        to=readings.to[rows],
+        axes=None if readings.axes is None else readings.axes[rows],
+        drive_state=None,
+    )
