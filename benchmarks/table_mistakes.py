@@ -25,13 +25,14 @@ from pathlib import Path
 
 import numpy as np
 from common import machine, replace_between, table
-from independent import NOISES, Campaign, Setting, Unreachable, noisy, write_campaign
+from independent import NOISES, Campaign, Setting, Unreachable, noisy, random_poses, visits_of, write_campaign
 from independent_arm import ARMS, Arm, Array, Hidden, NoRest, Visits, turn
 from independent_effects import SHOWN, campaign_for, hide
 from second_generator import interval
 
 from qsframework.errors import QsfError
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
+from qsframework.plugin import Indices
 from qsframework.screening.conventions import Convention, check_conventions
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "diagnosis.md"
@@ -78,9 +79,9 @@ class Page:
         both = None if self.both is None else (change(self.both[0]), change(self.both[1]))
         return replace(self, both=both, states=None if self.states is None else change(self.states))
 
-    def at(self, pose: int) -> list[tuple[int, Array]]:
+    def at(self, pose: int) -> list[tuple[int, Indices]]:
         """Table and visits of a pose."""
-        out: list[tuple[int, Array]] = []
+        out: list[tuple[int, Indices]] = []
         for visits in (self.both[1] if self.both else None, self.states):
             if visits is not None:
                 out.append((len(out), np.flatnonzero(visits.number == pose)))
@@ -109,12 +110,13 @@ def _one(page: Page, rng: np.random.Generator) -> int:
 
 def unit_of_angles(page: Page, rng: np.random.Generator) -> Page:
     k = int(rng.integers(len(page.arm.links)))
-    return _angles(page, lambda q, _: q * np.where(np.arange(q.shape[1]) == k, np.pi / 180.0, 1.0))
+    factor = np.where(np.arange(len(page.arm.links)) == k, np.pi / 180.0, 1.0)
+    return _angles(page, lambda q, _: q * factor)
 
 
 def unit_of_values(page: Page, rng: np.random.Generator) -> Page:
-    i, factor = int(rng.integers(3)), float(rng.choice([10.0, 1e3, 25.4]))
-    return page.with_values(lambda t, v: v / np.where(np.arange(3) == i, factor, 1.0))
+    i, factor, one = int(rng.integers(3)), float(rng.choice([10.0, 1e3, 25.4])), int(rng.integers(len(page.values)))
+    return page.with_values(lambda t, v: v / np.where(np.arange(3) == i, factor, 1.0) if t == one else v)
 
 
 def unit_of_forces(page: Page, rng: np.random.Generator) -> Page:
@@ -124,13 +126,14 @@ def unit_of_forces(page: Page, rng: np.random.Generator) -> Page:
 
 
 def sign_of_values(page: Page, rng: np.random.Generator) -> Page:
-    i = int(rng.integers(3))
-    return page.with_values(lambda t, v: v * np.where(np.arange(3) == i, -1.0, 1.0))
+    i, one = int(rng.integers(3)), int(rng.integers(len(page.values)))
+    return page.with_values(lambda t, v: v * np.where(np.arange(3) == i, -1.0, 1.0) if t == one else v)
 
 
 def sign_of_angles(page: Page, rng: np.random.Generator) -> Page:
     k = int(rng.integers(len(page.arm.links)))
-    return _angles(page, lambda q, _: q * np.where(np.arange(q.shape[1]) == k, -1.0, 1.0))
+    sign = np.where(np.arange(len(page.arm.links)) == k, -1.0, 1.0)
+    return _angles(page, lambda q, _: q * sign)
 
 
 def sign_of_forces(page: Page, rng: np.random.Generator) -> Page:
@@ -139,19 +142,20 @@ def sign_of_forces(page: Page, rng: np.random.Generator) -> Page:
 
 
 def axes_of_values(page: Page, rng: np.random.Generator) -> Page:
-    a, b = rng.permutation(3)[:2]
+    a, b = map(int, rng.permutation(3)[:2])
     order = np.arange(3)
     order[[a, b]] = b, a
-    return page.with_values(lambda t, v: v[:, :, order])
+    one = int(rng.integers(len(page.values)))
+    return page.with_values(lambda t, v: v[:, :, order] if t == one else v)
 
 
 def axes_of_forces(page: Page, rng: np.random.Generator) -> Page:
-    order = [0, 2, 1] if rng.integers(2) else [1, 0, 2]
+    order = np.array([0, 2, 1] if rng.integers(2) else [1, 0, 2])
     return _forces(page, lambda f, _: f[:, order])
 
 
 def columns_of_angles(page: Page, rng: np.random.Generator) -> Page:
-    a, b = rng.permutation(len(page.arm.links))[:2]
+    a, b = map(int, rng.permutation(len(page.arm.links))[:2])
     order = np.arange(len(page.arm.links))
     order[[a, b]] = b, a
     return _angles(page, lambda q, _: q[:, order])
@@ -185,15 +189,15 @@ def one_force(page: Page, rng: np.random.Generator) -> Page:
 
 
 def markers_everywhere(page: Page, rng: np.random.Generator) -> Page:
-    a, b = rng.permutation(page.values[0].shape[1])[:2]
-    order = np.arange(page.values[0].shape[1])
+    a, b = map(int, rng.permutation(page.values[0].shape[1])[:2])
+    order: Indices = np.arange(page.values[0].shape[1])
     order[[a, b]] = b, a
     return page.with_values(lambda t, v: v[:, order])
 
 
 def markers_once(page: Page, rng: np.random.Generator) -> Page:
     pose = _one(page, rng)
-    a, b = rng.permutation(page.values[0].shape[1])[:2]
+    a, b = map(int, rng.permutation(page.values[0].shape[1])[:2])
     loaded = int(rng.integers(2))
 
     def change(t: int, v: Array) -> Array:
@@ -315,12 +319,13 @@ def decimal(page: Page, rng: np.random.Generator) -> Page:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of mistake: the names that are right; which readings it is of."""
+    """A kind of mistake: the names that are right; which readings it is of; turned: whether it changes all angles."""
 
     words: str
     make: Maker
     names: tuple[str, ...]
     of: tuple[str, ...] = ("displacements", "positions", "mixed")
+    turned: bool = False
 
 
 UNLOADED = ("displacements", "positions")
@@ -330,11 +335,11 @@ KINDS = (
     Kind("unit of a column of readings", unit_of_values, ("column_unit",)),
     Kind("unit of a column of forces", unit_of_forces, ("column_unit",)),
     Kind("sign of a column of readings", sign_of_values, ("displacement_axes", "position_axes")),
-    Kind("sign of a column of angles", sign_of_angles, ("joint_sign",)),
+    Kind("sign of a column of angles", sign_of_angles, ("joint_sign",), turned=True),
     Kind("sign of a column of forces", sign_of_forces, ("force_axes",)),
     Kind("two axes of the readings", axes_of_values, ("displacement_axes", "position_axes")),
     Kind("two axes of the force", axes_of_forces, ("force_axes",)),
-    Kind("two columns of angles", columns_of_angles, ("joint_columns",)),
+    Kind("two columns of angles", columns_of_angles, ("joint_columns",), turned=True),
     Kind("one pose's angle", one_angle, ("angle",)),
     Kind("one pose's force", one_force, ("force",)),
     Kind("marker names, everywhere", markers_everywhere, ("swapped_markers",)),
@@ -345,7 +350,7 @@ KINDS = (
     Kind("loaded and unloaded, everywhere", states_everywhere, ("displacement_sign", "states_exchanged"), UNLOADED),
     Kind("loaded and unloaded, one pose", states_once, ("states_exchanged",), UNLOADED),
     Kind("a block of another setting", block, ("block",)),
-    Kind("the third angle's convention", convention, ("controller_coupling",)),
+    Kind("the third angle's convention", convention, ("controller_coupling",), turned=True),
     Kind("one cell: decimal, sign or unit", decimal, ("value",)),
 )
 
@@ -374,8 +379,9 @@ def make(kind: Kind, number: int, seed: int) -> tuple[Campaign, Table, Page, flo
         setting = Setting(
             arm, (40, 24, 60)[number % 3], int(rng.integers(1 << 30)), of, loads=("two", "many")[number % 2]
         )
-        campaign = Campaign(setting)
         try:
+            setting = replace(setting, plan=readable(kind, setting, [*first, attempt]))
+            campaign = Campaign(setting)
             clean = campaign.clean(Hidden())
             pages = [
                 kind.make(Page(arm, *campaign.visits, values), np.random.default_rng([*first, attempt]))
@@ -384,11 +390,36 @@ def make(kind: Kind, number: int, seed: int) -> tuple[Campaign, Table, Page, flo
             told = Table(setting, pages[0].both, pages[0].states)
             more = told.whiten(pages[0].values) - told.whiten(told.clean(Hidden()))
             size = float(np.linalg.norm(more - told.fitted @ (told.fitted.T @ more)))
-        except (NoRest, FloatingPointError, np.linalg.LinAlgError):
+        except (NoRest, Unreachable, FloatingPointError, np.linalg.LinAlgError):
             continue
         if np.isfinite(size):
             return campaign, told, pages[1], size
     raise Unreachable
+
+
+_DRAWN = 4000
+"""Poses from which those are taken that the controller would also show with the mistake."""
+
+
+def readable(kind: Kind, setting: Setting, seed: Sequence[int]) -> Array | None:
+    """A plan whose angles the reader takes with the mistake too, else it speaks first; Unreachable without one."""
+    if not kind.turned:
+        return None
+    arm = setting.arm
+    many = replace(setting, poses=_DRAWN, kind="displacements", noise="nominal")
+    plan = random_poses(many, np.random.default_rng(seed))
+    both, _ = visits_of(replace(many, plan=plan))
+    assert both is not None
+    page = kind.make(Page(arm, both, None, (np.zeros((_DRAWN, 3, 3)),)), np.random.default_rng(seed))
+    assert page.both is not None
+    low, high = (np.deg2rad([link.limits[e] for link in arm.links]) for e in (0, 1))
+    shown = page.both[1].shown
+    inside = ((shown >= low) & (shown <= high)).all(axis=1)
+    if arm.lever:
+        inside &= np.cos(arm.joints(shown)[:, 2]) >= 0.25
+    if inside.sum() < setting.poses:
+        raise Unreachable
+    return plan[inside][: setting.poses]
 
 
 def files(campaign: Campaign, told: Campaign, values: Sequence[Array], folder: Path) -> tuple[Experiment, Readings]:
@@ -442,11 +473,15 @@ def outcome(kind: Kind, page: Page, size: float, called: Sequence[Convention], r
     """named: all that is called is of the right kind and of the rows of the right poses."""
     if not called:
         return "silent" if size >= PLAIN else "small"
-    pose = {int(line): int(name[1:]) - 1 for line, name in zip(readings.line, readings.pose, strict=True)}
+    files = [readings.sources[int(f)].name if len(readings.sources) > 1 else "" for f in readings.file]
+    pose = {
+        (file, int(line)): int(name[1:]) - 1
+        for file, line, name in zip(files, readings.line, readings.pose, strict=True)
+    }
     for c in called:
-        right = c.name.partition("[")[0] in kind.names
+        right = bool({name.partition("[")[0] for name in c.kinds} & set(kind.names))
         if page.poses and c.rows:
-            right &= {pose[r] for r in c.rows} <= page.poses
+            right &= {pose[c.file, r] for r in c.rows} <= page.poses
         if not right:
             return "wrong"
     return "named" if size >= PLAIN else "small, named"
@@ -473,7 +508,7 @@ def clean(number: int, seed: int, hidden: bool) -> Clean | None:
     name = ""
     if hidden:
         places = SHOWN[of][number % len(SHOWN[of])]
-        for a in rng.permutation(len(arms)).tolist():
+        for a in map(int, rng.permutation(len(arms))):
             campaign = Campaign(campaign_for(of, arms[a], poses, draw, noise))
             try:
                 found, size = hide(campaign, places, 10.0, rng)

@@ -105,22 +105,21 @@ def _lines(experiment: Experiment, readings: Readings) -> list[Line]:
     that cannot be right even then."""
     from qsframework.applications.closure import check_states
     from qsframework.screening import screen
-    from qsframework.screening.conventions import check_conventions, compelling
+    from qsframework.screening.conventions import SUSPECTED, adopted, check_conventions
 
     lines: list[Line] = [(c.good, c.kind, c.words) for c in check_states(experiment, readings)]
     tried: Sequence[Convention] = ()
-    if not readings.is_position.any():
-        with suppress(QsfError):  # readings that tell no fit prove nothing here; `qsf identify` says what they lack
-            tried = check_conventions(experiment, readings)
-    lines += [(False, c.name, c.words) for c in tried if c.name == "load_unit"]
-    proved = compelling(tried)
-    if proved is not None and proved.name not in _ROWS:
-        lines.append((False, proved.name, proved.words))
-        experiment, readings = proved.experiment, proved.readings
+    with suppress(QsfError):  # readings that tell no fit prove nothing here; `qsf identify` says what they lack
+        tried = check_conventions(experiment, readings)
+    lines += [(False, c.name, c.words) for c in tried if c.name in SUSPECTED]
+    proved = adopted(tried)
+    if any(c.name.partition("[")[0] not in _ROWS for c in proved):
+        lines += [(False, c.name, c.words) for c in proved]
+        experiment, readings = proved[-1].experiment, proved[-1].readings
     return lines + [(False, f.kind, f.words) for f in screen(experiment, readings)]
 
 
-_ROWS = ("swapped_markers", "late_angles")
+_ROWS = ("swapped_markers", "late_angles", "repeated_readings")
 """Mistakes that `screen` finds too, and names with their rows."""
 _MARK = {True: " ", False: "!", None: "?"}
 """Before what `qsf check` says of states: as it should be, look at it, not measured."""

@@ -51,7 +51,7 @@ from qsframework.experiment.observations import REACH, Rows, start_values
 from qsframework.identify.pose_spread import check_pose_spread
 from qsframework.identify.selection import in_order
 from qsframework.plugin import Array, Indices
-from qsframework.screening.conventions import Convention, check_conventions, check_structures, compelling
+from qsframework.screening.conventions import Convention, adopted, check_conventions, check_structures
 
 LEVEL = 0.04
 _LIBRARY_SHARE = 0.6
@@ -129,11 +129,11 @@ def diagnose(
     tell("conventions")
     conventions = check_conventions(experiment, readings)
     given = (experiment, readings)
-    adopted = compelling(conventions)
-    if adopted is not None:
-        experiment, readings = adopted.experiment, adopted.readings
+    proved = adopted(conventions)
+    if proved:
+        experiment, readings = proved[-1].experiment, proved[-1].readings
     found = _found(experiment, readings, tell, level, largest, seed)
-    for other in check_structures(experiment, readings)[:1] if adopted is None else ():
+    for other in check_structures(experiment, readings)[:1] if not proved else ():
         instead = _found(other.experiment, other.readings, tell, level, largest, seed)
         # rather another structure than causes that merely do the same, and rather that of the file than another one
         spared = len(instead.members) < len(found.members)
@@ -253,21 +253,18 @@ def _pose_names(base: _Baseline) -> list[str]:
 
 
 def _convention_findings(conventions: Sequence[Convention]) -> tuple[Finding, ...]:
-    """The compelling convention that was adopted, as a cause of its own."""
-    adopted = compelling(conventions)
-    if adopted is None:
-        return ()
-    value = Value(adopted.name, "", adopted.value, 0.0, 0.0 if adopted.value != 1.0 or "[" in adopted.name else 1.0)
-    return (
+    """The conventions and mistakes that were adopted, as causes of their own."""
+    return tuple(
         Finding(
-            name=adopted.name,
-            values=(value,),
-            s=float(np.sqrt(2.0 * max(adopted.evidence, 0.0))),
-            p_value=float(np.exp(-min(adopted.evidence, 700.0))),
-            ebic_gain=2.0 * adopted.evidence,
+            name=c.name,
+            values=(Value(c.name, "", c.value, 0.0, 0.0 if c.value != 1.0 or "[" in c.name else 1.0),),
+            s=float(np.sqrt(2.0 * max(c.evidence, 0.0))),
+            p_value=float(np.exp(-min(c.evidence, 700.0))),
+            ebic_gain=2.0 * c.evidence,
             rivals=(),
             hangs_on=(),
-        ),
+        )
+        for c in adopted(conventions)
     )
 
 

@@ -246,8 +246,8 @@ def convention_table(diagnosis: Diagnosis) -> Table:
     return Table(
         ("convention", "value", "as given, mm", "with it, mm", "log evidence", "compelling"),
         rows,
-        "Wrong controller angles, axes, signs, units, exchanged markers and late angles were applied and refitted "
-        "before any cause was looked for. Only a compelling one counts; it says that the file, not the robot, is off.",
+        "Wrong controller angles, axes, signs and units, and slips in single rows, were applied and refitted before "
+        "any cause was looked for. Only a compelling one counts; it says that the file, not the robot, is off.",
     )
 
 

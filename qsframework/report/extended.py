@@ -13,7 +13,7 @@ from qsframework.errors import InputError
 from qsframework.files import sha256
 from qsframework.report.words.diagnosis import diagnosis_words
 from qsframework.report.words.noise import audit_words
-from qsframework.screening.conventions import compelling
+from qsframework.screening.conventions import adopted
 
 
 def write_extended(
@@ -48,16 +48,18 @@ def extension_of(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = (), *, 
         said = f"learned: s = {taught.s:.1f}, p = {taught.leftover.p_value:.2g}"
         said += f", held-out gain {100 * taught.gain:.0f} %{told}; no cause of the library"
         evidence.update(dict.fromkeys(taught.cause.names, said))
-    adopted = compelling(diagnosis.conventions)
-    if adopted is not None and adopted.structure:
+    proved = adopted(diagnosis.conventions)
+    structure = next((c for c in proved if c.structure), None)
+    if structure is not None:
         raise InputError(
-            f"no extended robot is written: {adopted.words}. Change the effects of "
+            f"no extended robot is written: {structure.words}. Change the effects of "
             f"{diagnosis.experiment.robot.folder}, then diagnose again"
         )
-    read_otherwise = adopted is not None and adopted.name not in settled.model.names
+    otherwise = [c for c in proved if c.name not in settled.model.names]
     notes = [diagnosis_words(diagnosis, pairs)]
-    if adopted is not None and read_otherwise:
-        notes.append(f"The readings are not named here: they have to be corrected first. {adopted.words}.")
+    if otherwise:
+        said = " ".join(f"{c.words}." for c in otherwise)
+        notes.append(f"The readings are not named here: they have to be corrected first. {said}")
     audited = audited_of(diagnosis)
     place = "In a file of states this is the noise of one position, 1/sqrt(2) of a displacement's."
     return Extension(
@@ -67,10 +69,10 @@ def extension_of(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = (), *, 
         sds={n: settled.sd(n) for n in settled.names},
         evidence=evidence,
         fit=tuple(n for n in settled.names if n not in learned),
-        data=None if read_otherwise else source,
+        data=None if otherwise else source,
         notes=tuple(notes),
         poses=diagnosis.readings.poses,
         audited=audited,
         about_noise=" ".join([*audit_words(diagnosis.audit), *([place] if audited.of_position else [])]),
-        further=() if read_otherwise else diagnosis.readings.sources[1:],
+        further=() if otherwise else diagnosis.readings.sources[1:],
     )

@@ -19,6 +19,7 @@ from qsframework.report.words.forecast import foresight_words, size_words, why_w
 from qsframework.report.words.headline import headline
 from qsframework.report.words.law import place_words, variable_words
 from qsframework.report.words.next_steps import next_steps
+from qsframework.screening.conventions import SUSPECTED, Convention
 
 _RMS = ("nominal", "identified", "extended", "heldout_identified", "heldout_extended", "noise")
 
@@ -32,6 +33,7 @@ def diagnosis_json(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> di
         "next": [{"do": step.do, "settles": step.settles} for step in next_steps(found, pairs)],
         "causes": [_cause(f) for f in found.findings],
         "conventions": [c.name for c in found.conventions if c.compelling],
+        "mistakes": [_mistake(c) for c in found.conventions if c.compelling or c.name in SUSPECTED],
         "data_problems": _problems(found),
         "leftovers": [_law_json(x) for x in found.leftovers],
         "learned": None if found.taught is None else _learned(found.taught),
@@ -46,6 +48,22 @@ def diagnosis_json(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> di
         "notes": list(method_words(found)),
         "level": found.level,
         "seed": found.seed,
+    }
+
+
+def _mistake(c: Convention) -> dict[str, Any]:
+    """A wrong convention or a mistake in the table: where, what was found and meant, and what changes with it."""
+    return {
+        "id": c.name,
+        "applied": c.compelling,
+        "words": c.words,
+        "file": c.file,
+        "rows": list(c.rows),
+        "column": c.column,
+        "found": _number(c.found),
+        "meant": _number(c.meant),
+        "rms_mm": {"given": 1e3 * c.rms_given, "corrected": 1e3 * c.rms},
+        "moved": [{"name": m.name, "before": m.before, "after": m.after} for m in c.moved],
     }
 
 

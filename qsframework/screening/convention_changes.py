@@ -21,8 +21,8 @@ from qsframework.screening.logging_faults import moved_up, visits_of
 class Change:
     """A convention before it is judged; name, value, rows, column, found and meant as in `Convention`.
 
-    free: numbers that it fits to the readings; shrunk: log of how much smaller it makes what was measured, and with it
-    all misfits
+    free: numbers that it fits to the readings; shrunk: log of how much smaller it makes numbers, and all misfits with
+    them
     """
 
     name: str
@@ -208,7 +208,7 @@ def value_units(experiment: Experiment, readings: Readings) -> Iterator[Change]:
                 words = (
                     f"the column{'s' if len(axes) > 1 else ''} {column} {'are' if len(axes) > 1 else 'is'} in {said}"
                 )
-                smaller = min(float(np.log(factor)), 0.0) * len(axes) * int(rows.sum())
+                smaller = min(float(np.log(factor)), 0.0)
                 changed = readings.with_values(value)
                 yield Change("column_unit", factor, words, experiment, changed, column=column, shrunk=smaller)
 

@@ -14,6 +14,7 @@ from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import left, orthonormal, rms, scales
 from qsframework.experiment import Experiment, Readings, bridge
 from qsframework.plugin import Array, Indices, Spring
+from qsframework.screening.blocks import FRAME, in_frame
 from qsframework.screening.convention_changes import (
     Change,
     angle_units,
@@ -33,8 +34,9 @@ from qsframework.screening.convention_changes import (
 from qsframework.screening.edit_words import mistake_words
 from qsframework.screening.linearized_fit import LinearizedFit, of_bridge, other_loads
 from qsframework.screening.logging_faults import exchanges, late_angles
+from qsframework.screening.rows import lines
 from qsframework.screening.standing_out import Standing, agreement, stand_out
-from qsframework.screening.table_mistakes import table_mistakes
+from qsframework.screening.table_mistakes import Mistake, table_mistakes
 
 LEVEL = 1e-4
 """The likelihood ratio, all conventions counted, beyond which one may be compelling."""
@@ -48,6 +50,16 @@ _MANY = 0.15
 """Of the visits: where more stand out, it may be a change of all rows that they are too many to be set aside from."""
 _AS_STATED = 0.5
 """Of the stated variance: below it the noise is not as stated, and says nothing of what is left to gain."""
+SUSPECTED = ("load_unit", "load_payload")
+"""Names of what is told and never applied: no fit can prove it."""
+_OVERLOAD = 1.5
+"""Times the payload of the robot's files from which a force is told."""
+_LIGHTER = (
+    (0.1, "perhaps the decimal is shifted"),
+    (1e-3, "perhaps N where the file says kN"),
+    (1.0 / 4.4482216, "perhaps N where the file says lbf"),
+    (1.0 / 9.80665, "perhaps N where the file says kgf"),
+)
 _SHOWN = 3
 """Parameters that are told with a mistake."""
 _BELOW = 2.0
@@ -88,8 +100,9 @@ class Convention:
     of a unit, else 1; experiment, readings: with the convention applied; rms, rms_given: m, of the fits with it
     and as given; evidence: log of how much likelier it makes the readings, the number of conventions tried
     counted; below: compliances that the fit puts below their bounds; structure: whether the
-    arm itself is another one; rows: lines of the file, none for all; column: without its unit; found, meant: SI, in
-    that column of one pose, else NaN; moved: the parameters that change most with it. Only a compelling one is to be
+    arm itself is another one; rows: lines of the file, none for all; file: its name, where there are several; kinds: of
+    mistakes that mend the readings about as well, its own first; column: without its unit; found, meant: SI, in that
+    column of one pose, else NaN; moved: the parameters that change most with it. Only a compelling one is to be
     believed; a `load_unit` never is, because the compliances absorb it.
     """
 
@@ -105,6 +118,8 @@ class Convention:
     compelling: bool
     structure: bool = False
     rows: tuple[int, ...] = ()
+    file: str = ""
+    kinds: tuple[str, ...] = ()
     column: str = ""
     found: float = float("nan")
     meant: float = float("nan")
@@ -133,14 +148,14 @@ def check_conventions(experiment: Experiment, readings: Readings) -> tuple[Conve
     before it. Where none is compelling, those that merely fit better, the likeliest first. Beside the first compelling
     one the next best goes along and is not compelling: axes that are nearly those of the right sign fit better, too.
     """
-    adopted: list[Convention] = []
+    proved: list[Convention] = []
     rest: list[Convention] = []
     given = _fit(_first(experiment, readings))
     suspicions = _units(given)
-    while len(adopted) < _MOST:
+    while len(proved) < _MOST:
         standing = stand_out(experiment, readings)
         found = _whole(given, standing)
-        if not adopted:
+        if not proved:
             rest = found if not found or not found[0].compelling else found[1:2]
         if not found or not found[0].compelling:
             found = _cells(given, standing)
@@ -149,10 +164,10 @@ def check_conventions(experiment: Experiment, readings: Readings) -> tuple[Conve
             rest = []
         else:
             found = found[:1]
-        adopted += found
+        proved += found
         experiment, readings = found[-1].experiment, found[-1].readings
         given = _fit(_first(experiment, readings))
-    return (*adopted, *(replace(c, compelling=False) for c in rest), *suspicions)
+    return (*proved, *(replace(c, compelling=False) for c in rest), *suspicions, *_overloads(given))
 
 
 def _whole(given: _Fit, standing: Standing) -> list[Convention]:
@@ -210,16 +225,17 @@ def _cells(given: _Fit, standing: Standing) -> list[Convention]:
     experiment, readings = given.trial.experiment, given.trial.readings
     for mistake in table_mistakes(standing):
         words, first = mistake_words(readings, mistake), mistake.edits[0]
-        lines = np.concatenate([e.rows if e.touched is None else e.touched for e in mistake.edits])
+        rows = np.concatenate([e.rows if e.touched is None else e.touched for e in mistake.edits])
         for edit in mistake.edits:
-            readings = edit.apply(experiment, readings)
+            framed = edit.kind == "block" and edit.slip == FRAME
+            readings = in_frame(readings, edit) if framed else edit.apply(experiment, readings)
         try:
             fit = _fit(_first(experiment, readings))
         except (InputError, NotIdentifiable):
             continue
         out.append(
             Convention(
-                name=first.kind,
+                name=_name(readings, mistake),
                 value=1.0,
                 words=f"{words}: {_gain(given, fit)}",
                 experiment=experiment,
@@ -229,7 +245,9 @@ def _cells(given: _Fit, standing: Standing) -> list[Convention]:
                 evidence=0.5 * mistake.gain - float(np.log(mistake.tried)),
                 below=fit.below,
                 compelling=True,
-                rows=tuple(sorted(int(r) for r in readings.line[lines])),
+                rows=tuple(sorted(int(r) for r in readings.line[rows])),
+                file=_file(readings, rows),
+                kinds=tuple(dict.fromkeys([first.kind, *(o.kind for o in mistake.others)])),
                 column=first.column,
                 found=first.found,
                 meant=first.meant,
@@ -238,6 +256,65 @@ def _cells(given: _Fit, standing: Standing) -> list[Convention]:
         )
         given = fit
     return out
+
+
+def _name(readings: Readings, mistake: Mistake) -> str:
+    """`angle[p08/q5]`: kind, pose, the state where it is one of two, and the column of a single number."""
+    states, first = readings.states, mistake.edits[0]
+    poses = list(dict.fromkeys(states.pose[int(s)] for e in mistake.edits for s in e.states))
+    where = poses if len(poses) < 3 else [poses[0], poses[-1]]
+    loaded = states.loaded[readings.plus[first.rows]]
+    if readings.is_position[first.rows].all() and first.kind != "force" and loaded.all() | (~loaded).all():
+        where.append("loaded" if loaded.all() else "unloaded")
+    if np.isfinite(first.found) and first.kind != "block":
+        where.append(first.column)
+    return f"{first.kind}[{'/'.join(where)}]"
+
+
+def _file(readings: Readings, rows: Indices) -> str:
+    """Name of the file of some rows, where there are several."""
+    if len(readings.sources) < 2 or not len(rows):
+        return ""
+    return readings.sources[int(readings.file[rows[0]])].name
+
+
+def _overloads(given: _Fit) -> list[Convention]:
+    """Forces far beyond what the robot's files say that it carries."""
+    trial = given.trial
+    readings, robot = trial.readings, trial.experiment.robot
+    if robot.payload is None:
+        return []
+    most = robot.payload * float(np.linalg.norm(robot.gravity))
+    force = np.linalg.norm(readings.poses.wrench[:, :3], axis=1)
+    rows = np.flatnonzero((force > _OVERLOAD * most)[readings.plus] & readings.use)
+    if not len(rows):
+        return []
+    largest = float(force[readings.plus[rows]].max())
+    meant = next((f"; {said}" for factor, said in _LIGHTER if 0.1 * most <= largest * factor <= most), "")
+    words = (
+        f"{lines(readings, rows)}: the force is {largest:.0f} N, {largest / most:.1f} times what the robot carries "
+        f"({robot.payload:g} kg, {most:.0f} N){meant}"
+    )
+    return [
+        Convention(
+            name="load_payload",
+            value=largest / most,
+            words=words,
+            experiment=trial.experiment,
+            readings=readings,
+            rms=given.rms,
+            rms_given=given.rms,
+            evidence=0.0,
+            below=given.below,
+            compelling=False,
+            rows=tuple(int(r) for r in readings.line[rows]),
+            file=_file(readings, rows),
+            kinds=("load_payload",),
+            column="force",
+            found=largest,
+            meant=most,
+        )
+    ]
 
 
 def _gain(given: _Fit, fit: _Fit) -> str:
@@ -251,12 +328,12 @@ def _changed(given: _Fit, fit: _Fit) -> tuple[Moved, ...]:
         return ()
     size = scales([model.parameters[i] for i in model.index(names)])
     far = np.abs(fit.x - given.x) / np.where(fit.sd > 0.0, fit.sd, np.inf)
-    return tuple(
-        Moved(names[i], model.parameters[model.index([names[i]])[0]].unit, float(a * size[i]), float(b * size[i]))
-        for i in np.argsort(-far)[:_SHOWN].tolist()
-        for a, b in ((given.x[i], fit.x[i]),)
-        if far[i] > 1.0
-    )
+    out: list[Moved] = []
+    for i in map(int, np.argsort(-far)[:_SHOWN]):
+        if far[i] > 1.0:
+            unit = model.parameters[int(model.index([names[i]])[0])].unit
+            out.append(Moved(names[i], unit, float(given.x[i] * size[i]), float(fit.x[i] * size[i])))
+    return tuple(out)
 
 
 def check_structures(experiment: Experiment, readings: Readings) -> tuple[Convention, ...]:
@@ -285,7 +362,7 @@ def _judge(change: Change, given: _Fit, tried: int, rows: Indices | None = None)
     drop -= np.log(given.dof / fit.dof)  # late angles leave a measurement out
     evidence = 0.5 * min(fit.dof, given.dof) * float(drop) - float(np.log(tried))
     evidence -= 0.5 * change.free * float(np.log(fit.dof))
-    evidence += change.shrunk
+    evidence += change.shrunk * fit.dof
     enough = drop > -np.log(RATIO) and (rows is None or _local(given, fit, rows) < LOCAL)
     compelling = evidence > -np.log(LEVEL) and enough and fit.below <= given.below
     return Convention(
@@ -300,6 +377,8 @@ def _judge(change: Change, given: _Fit, tried: int, rows: Indices | None = None)
         below=fit.below,
         compelling=bool(compelling),
         rows=() if rows is None else tuple(int(r) for r in np.unique(given.trial.readings.line[rows])),
+        file="" if rows is None else _file(given.trial.readings, rows),
+        kinds=(change.name,),
         column=change.column,
         moved=_changed(given, fit),
     )
@@ -442,6 +521,12 @@ def _units(given: _Fit) -> list[Convention]:
     return out
 
 
+def adopted(found: Sequence[Convention]) -> tuple[Convention, ...]:
+    """The conventions and mistakes that are beyond doubt, in the order in which they were applied: the last one holds
+    the readings with all of them. None where the readings are right as given."""
+    return tuple(c for c in found if c.compelling)
+
+
 def compelling(found: Sequence[Convention]) -> Convention | None:
-    """The likeliest convention that is beyond doubt, None where the readings are right as given."""
-    return next((c for c in found if c.compelling), None)
+    """The first convention that is beyond doubt, None where the readings are right as given."""
+    return next(iter(adopted(found)), None)

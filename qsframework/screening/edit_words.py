@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from qsframework.experiment import Readings
+from qsframework.screening.blocks import FORCE, FRAME, LOST
 from qsframework.screening.edits import DECIMAL, MISSING, OFF, OTHER, SIGN, UNIT, Edit
 from qsframework.screening.rows import lines
 from qsframework.screening.table_mistakes import Mistake
@@ -29,6 +30,8 @@ def mistake_words(readings: Readings, mistake: Mistake) -> str:
 
 
 def _what(readings: Readings, e: Edit) -> str:
+    if e.kind == "block":
+        return f"a block of another setting: {_block(e)}"
     if e.kind == "swapped_markers":
         return "the names of the markers are exchanged"
     if e.kind == "states_exchanged":
@@ -44,6 +47,16 @@ def _what(readings: Readings, e: Edit) -> str:
         return f"{e.column} of this {'pose' if e.touched is None else 'row'} do not stand as they were meant{why}"
     unit, factor = unit_of(e.column)
     return f"{e.column} is {factor * e.found:.6g} {unit}, {factor * e.meant:.6g} was probably meant{why}"
+
+
+def _block(e: Edit) -> str:
+    if e.slip == FORCE:
+        return f"the force there is {e.meant:.4g} times what the table says"
+    if e.slip == FRAME:
+        return "the tracker stood elsewhere, so that these rows are a series of their own"
+    if e.slip == LOST:
+        return "no other load, unit, sign or place of the tracker mends it; the rows are left out"
+    return "the readings have the other sign" if e.slip == SIGN else f"the unit differs by a factor of {e.meant:.4g}"
 
 
 def unit_of(column: str) -> tuple[str, float]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from qsframework.experiment import Experiment, Readings
 from qsframework.plugin import Array, Indices
-from qsframework.screening.standing_out import Standing
+from qsframework.screening.standing_out import Flags, Standing
 
 KGF, LBF, INCH = 9.80665, 4.4482216, 25.4
 SIGN, DECIMAL, UNIT, MISSING, OTHER, OFF = "sign", "decimal", "unit", "missing", "another load", "off"
@@ -73,7 +73,7 @@ class Edit:
     touched: Indices | None = None
 
     def apply(self, experiment: Experiment, readings: Readings) -> Readings:
-        """The readings with it."""
+        """The readings with it, where it changes cells alone."""
         poses = readings.poses
         pendant, q, wrench, value = (np.array(v) for v in (poses.pendant, poses.q, poses.wrench, readings.value))
         pendant[self.states], wrench[self.states] = self.pendant, self.wrench
@@ -147,18 +147,19 @@ def force_edits(readings: Readings, group: Group) -> Iterator[Edit]:
     own = start.wrench[loaded][0]
     for factor, slip in _FORCES:
         yield with_force(start, loaded, own * factor, slip)
-        for i in np.flatnonzero(own):
+        for i in map(int, np.flatnonzero(own)):
             if np.count_nonzero(own) > 1:
-                yield with_force(start, loaded, np.where(np.arange(6) == i, own * factor, own), slip)
+                one = np.eye(6)[i] * own[i]
+                yield with_force(start, loaded, own + (factor - 1.0) * one, slip)
     every, counts = np.unique(readings.poses.wrench[readings.states.loaded], axis=0, return_counts=True)
     for other in every[np.argsort(-counts)][:_LOADS]:
         if not np.array_equal(other, own):
             yield with_force(start, loaded, other, OTHER if own[other != 0.0].all() else MISSING)
 
 
-def with_force(start: Edit, loaded: Array, wrench: Array, slip: str) -> Edit:
+def with_force(start: Edit, loaded: Flags, wrench: Array, slip: str) -> Edit:
     """Another wrench (6,) at the loaded states."""
-    own = start.wrench[loaded.astype(bool)][0]
+    own = start.wrench[loaded][0]
     changed = np.flatnonzero(~np.isclose(own, wrench))
     one = len(changed) == 1
     at = int(changed[0]) if one else 0
@@ -238,9 +239,9 @@ def repeated_readings(readings: Readings, group: Group, keep: Indices) -> Iterat
     others = keep[~np.isin(readings.plus[keep], readings.plus[group.rows])]
     same = (np.abs(readings.value[others][:, None] - start.value[None]) < _SAME).all(axis=2)
     same &= readings.marker[others][:, None] == readings.marker[group.rows][None]
-    for state in np.unique(readings.plus[others][same.any(axis=1)]).tolist():
+    for state in map(int, np.unique(readings.plus[others][same.any(axis=1)])):
         if same[readings.plus[others] == state].any(axis=0).all():
-            other = readings.states.pose[state]
+            other = str(readings.states.pose[state])
             yield replace(
                 start,
                 masked=True,
@@ -354,9 +355,9 @@ def copied(standing: Standing, edits: Sequence[Edit]) -> Readings:
             own,
             poses=poses,
             loaded=own.loaded[at],
-            pose=tuple(own.pose[i] for i in at.tolist()),
-            load_id=tuple(own.load_id[i] for i in at.tolist()),
-            series=tuple(own.series[i] for i in at.tolist()),
+            pose=tuple(own.pose[i] for i in map(int, at)),
+            load_id=tuple(own.load_id[i] for i in map(int, at)),
+            series=tuple(own.series[i] for i in map(int, at)),
             repeat=own.repeat[at],
             cycle=own.cycle[at],
         ),

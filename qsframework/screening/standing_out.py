@@ -18,6 +18,7 @@ from qsframework.experiment import Bridge, Experiment, Frame, Readings, Rows, br
 from qsframework.plugin import Array, Indices
 from qsframework.screening.logging_faults import Visits, visits_of
 
+Flags = npt.NDArray[np.bool_]
 _ROUNDS = 8
 _REWEIGHED = 10
 """Steps of the fit of least absolute errors."""
@@ -25,6 +26,8 @@ _CHANCE = 1e-6
 """Probability at which the misfit of a visit stands out, all of them together."""
 _BEYOND = 1.5
 """And by how much more: noise has tails."""
+_STEP = 1e-4
+"""Share of a fit's step of which the rates are taken: what it does not tell may be far from linear."""
 _SHARE = 0.35
 """Of the visits: more than these are not set aside, for then it is no mistake here and there."""
 
@@ -42,7 +45,7 @@ class Standing:
     experiment: Experiment
     seen: Bridge
     visits: Visits
-    wrong: npt.NDArray[np.bool_]
+    wrong: Flags
     z: Array
     half: Array
     frames: tuple[Frame, ...]
@@ -89,13 +92,18 @@ class Standing:
         keep = np.arange(len(readings))
         rows = Rows(readings, keep, np.flatnonzero(np.isfinite(readings.value).ravel()), np.zeros(len(keep), int))
         places = [self.rows.estimated.index(f) for f in rows.estimated]
+        step = _STEP * scales(list(self.seen.parameters)) * self.z
+        there = [self._predicted(rows, places, sign * step) for sign in (1.0, -1.0)]
+        predicted = 0.5 * (there[0] + there[1]) + (there[0] - there[1]) / (2.0 * _STEP)
+        return np.where(rows.mask, (rows.measured - predicted) / (rows.sigma * self.unit), 0.0)
+
+    def _predicted(self, rows: Rows, places: Sequence[int], step: Array) -> Array:
+        """What the tangent model says (R, 3) after motions of the frames and changes of the parameters."""
         motions = 6 * len(self.frames)
-        size = scales(list(self.seen.parameters))
         x = self.seen.x.copy()
-        x[self.seen.model.index(self.seen.names)] += (size * self.z)[motions:]
-        frames = [self.frames[i].moved((size * self.z)[6 * i : 6 * i + 6]) for i in places]
-        error = rows.measured - rows.predict(self.seen.model, x, frames, linear=True)
-        return np.where(rows.mask, error / (rows.sigma * self.unit), 0.0)
+        x[self.seen.model.index(self.seen.names)] += step[motions:]
+        frames = [self.frames[i].moved(step[6 * i : 6 * i + 6]) for i in places]
+        return rows.predict(self.seen.model, x, frames, linear=True)
 
 
 def stand_out(experiment: Experiment, readings: Readings) -> Standing:
@@ -148,7 +156,7 @@ def _linear(seen: Bridge, frames: Sequence[Frame]) -> tuple[Array, Array]:
     return rows.flat(J) * scales(list(seen.parameters)) / sigma[:, None], (rows.scalars - rows.flat(predicted)) / sigma
 
 
-def _beyond(misfit: Array, count: Indices) -> npt.NDArray[np.bool_]:
+def _beyond(misfit: Array, count: Indices) -> Flags:
     """The visits (V,) whose misfit no chance makes, at most a share of them."""
     from scipy.stats import chi2
 
@@ -159,33 +167,44 @@ def _beyond(misfit: Array, count: Indices) -> npt.NDArray[np.bool_]:
     return out
 
 
-def _misfits(
-    A: Array, target: Array, label: Indices, wrong: npt.NDArray[np.bool_], robust: bool
-) -> tuple[Array, float, Array, Array]:
+def _misfits(A: Array, target: Array, label: Indices, wrong: Flags, robust: bool) -> tuple[Array, float, Array, Array]:
     """Misfit (V,) of each visit against the good ones without it, the unit that makes the usual visit usual, z and
     half of the fit; robust: of least absolute errors, misfits of all visits as they are left."""
-    good = ~wrong[label]
-    weight = good.astype(float)
-    for _ in range(_REWEIGHED if robust else 1):
-        z, half, Q = _solved(A, target, np.sqrt(weight))
+    count = np.bincount(label, minlength=len(wrong))
+    if robust:
+        z, half = _least_absolute(A, target, label, count)
+        square = _squares(label, target - A @ z, len(wrong))
+    else:
+        good = ~wrong[label]
+        z, half, Q = _solved(A, target, good.astype(np.float64))
         rest = target - A @ z
-        if robust:
-            length = np.sqrt(np.bincount(label, rest**2, len(wrong)) / np.maximum(np.bincount(label), 1))
-            weight = (1.0 / np.maximum(length, 1e-2 * np.median(length) + 1e-300))[label]
-    square = np.bincount(label, rest**2, len(wrong))
-    if not robust:
+        square = _squares(label, rest, len(wrong))
         fall, own, _ = falls(Q, left(Q, np.where(good, target, 0.0)), np.where(good, label, -1))
         square[own] = fall
         for at in blocks_of(np.where(good, -1, label)):
             P = A[at] @ half
             spread = np.eye(at.shape[1]) + P @ P.transpose(0, 2, 1)
-            weighed = np.asarray(np.linalg.solve(spread, rest[at][..., None]))[..., 0]
+            weighed = np.asarray(np.linalg.solve(spread, rest[at][..., None]), dtype=np.float64)[..., 0]
             square[label[at[:, 0]]] = np.einsum("bs,bs->b", rest[at], weighed)
-    unit = _unit(square, np.bincount(label, minlength=len(wrong)), wrong)
+    unit = _unit(square, count, wrong)
     return square / unit**2, unit, z, half
 
 
-def _unit(square: Array, count: Indices, wrong: npt.NDArray[np.bool_]) -> float:
+def _squares(label: Indices, values: Array, count: int) -> Array:
+    return np.asarray(np.bincount(label, values**2, count), dtype=np.float64)
+
+
+def _least_absolute(A: Array, target: Array, label: Indices, count: Indices) -> tuple[Array, Array]:
+    """The fit whose sum of the lengths of the errors of visits is least: a few may be far off."""
+    z, half, _ = _solved(A, target, np.ones(len(target)))
+    for _ in range(_REWEIGHED):
+        length = np.sqrt(_squares(label, target - A @ z, len(count)) / np.maximum(count, 1))
+        weight = 1.0 / np.maximum(length, 1e-2 * float(np.median(length)) + 1e-300)
+        z, half, _ = _solved(A, target, np.sqrt(weight[label]))
+    return z, half
+
+
+def _unit(square: Array, count: Indices, wrong: Flags) -> float:
     """The noise that the usual good visit shows, in sds as stated."""
     from scipy.stats import chi2
 

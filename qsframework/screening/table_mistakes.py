@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from qsframework.plugin import Array
+from qsframework.screening.blocks import block
 from qsframework.screening.edits import (
     MISSING,
     OFF,
@@ -88,6 +89,9 @@ def table_mistakes(standing: Standing) -> tuple[Mistake, ...]:
     """Mistakes in single rows and poses, the plainest first; none is the rule."""
     if not standing.wrong.any():
         return ()
+    run = block(standing)
+    if run is not None:
+        return (Mistake(edits=(run[0],), gain=run[1], tried=len(standing.visits) ** 2),)
     found: list[Mistake] = []
     every = groups(standing, _GROUPS)
     for group in every:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -20,6 +20,7 @@ from qsframework.report.words.law import place_words, variable_words
 from qsframework.report.words.next_steps import next_steps, unrepeatable
 from qsframework.report.words.noise import audit_words
 from qsframework.report.words.sizes import people_estimate, people_size
+from qsframework.screening.conventions import SUSPECTED, Convention
 
 _SHOWN = 3
 ALONE = "explained by the named causes"
@@ -60,7 +61,8 @@ def statements(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> tuple[
     """What the verdict rests on, group by group. pairs: what would separate rivals, where that has been computed."""
     outlooks = {pair.first: outlook_words(pair) for pair in pairs}
     adopted = {c.name for c in found.conventions if c.compelling}
-    said = [Statement(f"{c.words}.{_next_best(found)}", c.name) for c in found.conventions if c.compelling]
+    said = [Statement(f"{c.words}.{_moved(c)}", c.name) for c in found.conventions if c.compelling]
+    said[:1] = [replace(s, text=s.text + _next_best(found)) for s in said[:1]]
     for group, findings in ((Group.CERTAIN, found.sure), (Group.DOUBTFUL, found.doubtful)):
         own = [f for f in findings if f.name not in adopted]
         said += [Statement(_evidence(f), f.name, group) for f in own]
@@ -101,7 +103,7 @@ def _open(found: Diagnosis) -> Iterator[str]:
 def _readings(found: Diagnosis) -> Iterator[str]:
     """What the readings say of themselves."""
     yield from alignment_words([a for a in found.readings.alignments if a.turned or not a.count])
-    yield from (f"A suspicion: {c.words}." for c in found.conventions if c.name == "load_unit")
+    yield from (f"A suspicion: {c.words}." for c in found.conventions if c.name in SUSPECTED)
     if len(found.outliers):
         rows = (str(int(found.readings.line[i])) for i in found.outliers)
         yield f"Outliers left out: rows {', '.join(rows)}."
@@ -111,9 +113,21 @@ def _readings(found: Diagnosis) -> Iterator[str]:
         yield from audit_words(found.audit, rows=False)[1:]
 
 
+def _moved(c: Convention) -> str:
+    """Which parameters change most when a mistake in some rows is corrected."""
+    if not c.rows or not c.moved:
+        return ""
+    sizes = [
+        f"{m.name} from {people_size(Parameter(m.name, m.unit), m.before)} to "
+        f"{people_size(Parameter(m.name, m.unit), m.after)}"
+        for m in c.moved
+    ]
+    return f" With it the fit moves {', '.join(sizes)}."
+
+
 def _next_best(found: Diagnosis) -> str:
     """How far from the adopted convention the second one stays."""
-    second = next((c for c in found.conventions if not c.compelling and c.name != "load_unit"), None)
+    second = next((c for c in found.conventions if not c.compelling and c.name not in SUSPECTED), None)
     return "" if second is None else f" Next best is {second.name}, {mm(second.rms)} mm."
 
 

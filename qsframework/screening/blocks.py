@@ -1,0 +1,147 @@
+"""Runs of poses that belong to another setting: under another load, in another unit, from another place of the tracker.
+
+One such run is no handful of slips: it is looked for before single poses are, and told as a block.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from qsframework.elastostatics.so3 import cross_matrix
+from qsframework.estimation import left, orthonormal
+from qsframework.experiment import Readings
+from qsframework.experiment.frames import procrustes
+from qsframework.plugin import Array
+from qsframework.screening.edits import (
+    SIGN,
+    VALUES,
+    Edit,
+    Group,
+    copied,
+    factor,
+    group_of,
+    misfits,
+    plain,
+)
+from qsframework.screening.standing_out import Standing
+
+_LEAST = 3
+"""Poses of a run below which it is no block."""
+_INSIDE = 0.75
+"""Share of the poses of a run that stand out at least."""
+_CHANCE = 2e-3
+"""Level at which visits that stand out here and there make such a run."""
+_CLEAR = 2.0
+"""Times the largest misfit elsewhere that those of a run have, where nothing says what is other."""
+_STEPS = 6
+_SMALL = 1e-3
+FORCE, VALUE, FRAME, LOST = "force", "unit", "frame", "setting"
+"""What is other in a block: its force, its unit or sign, the tracker's place, or what no change of the table mends."""
+
+
+def block(standing: Standing) -> tuple[Edit, float] | None:
+    """The run that stands out, as the edit that mends it, and the fall of the sum of squares; None without one."""
+    run = _run(standing)
+    if run is None:
+        return None
+    group = group_of(standing, run)
+    start = plain(standing.readings, group, "block")
+    before = float(misfits(standing, [start])[0])
+    count = int(np.isfinite(start.value).sum())
+    edits = [*_forces(standing, group), *_values(start)]
+    after = misfits(standing, edits)
+    best = int(np.argmin(after))
+    if after[best] <= standing.usual(count):
+        return edits[best], before - float(after[best])
+    framed = _framed(standing, start)
+    if framed is not None:
+        return replace(start, slip=FRAME, masked=False, free=6), before - framed
+    elsewhere = np.delete(standing.misfit, run).max(initial=0.0)
+    if np.median(standing.misfit[list(run)]) < _CLEAR * elsewhere:
+        return None
+    return replace(start, slip=LOST, masked=True), before
+
+
+def _run(standing: Standing) -> tuple[int, ...] | None:
+    """The visits of a run of poses of one file with the largest excess of those that stand out."""
+    visits, rows = standing.visits, standing.rows
+    first = np.unique(visits.of, return_index=True)[1]
+    pose, file = rows.pose[first], standing.readings.file[rows.keep[first]]
+    best: tuple[float, list[int]] | None = None
+    for f in np.unique(file):
+        names = list(dict.fromkeys(pose[file == f].tolist()))
+        wrong = np.array([standing.wrong[(pose == p) & (file == f)].any() for p in names])
+        excess = np.concatenate([[0.0], np.cumsum(np.where(wrong, 1.0, -1.0 / (1.0 - _INSIDE)))])
+        low = np.minimum.accumulate(excess)
+        end = int(np.argmax(excess - low))
+        start = int(np.argmin(excess[: end + 1]))
+        inside = names[start:end]
+        if len(inside) >= _LEAST and (best is None or excess[end] - excess[start] > best[0]):
+            best = float(excess[end] - excess[start]), np.flatnonzero(np.isin(pose, inside) & (file == f)).tolist()
+    if best is None or len(best[1]) == len(visits):
+        return None
+    outside = np.delete(standing.wrong, best[1])
+    share = (float(outside.sum()) + 0.5) / (len(outside) + 1.0)
+    return tuple(best[1]) if len(visits) * share ** int(standing.wrong[best[1]].sum()) < _CHANCE else None
+
+
+def _forces(standing: Standing, group: Group) -> Iterator[Edit]:
+    """The force of all poses so many times as large, as the readings tell it."""
+    readings = standing.readings
+    start = plain(readings, group, "block", FORCE)
+    loaded = readings.states.loaded[group.states]
+    if not start.wrench[loaded].any():
+        return
+    whitened = factor(standing, start)
+
+    def scaled(c: float) -> Edit:
+        wrench = np.where(loaded[:, None], c * start.wrench, start.wrench)
+        return replace(start, wrench=wrench, column="force", found=1.0, meant=c, free=1)
+
+    for c in (1.0, -1.0):
+        for _ in range(_STEPS):
+            both = standing.missed(copied(standing, [scaled(c), scaled(c + _SMALL)])).reshape(2, -1) @ whitened.T
+            slope = (both[1] - both[0]) / _SMALL
+            c -= float(slope @ both[0]) / max(float(slope @ slope), 1e-300)
+        yield scaled(c)
+
+
+def _values(start: Edit) -> Iterator[Edit]:
+    for number, slip in VALUES:
+        yield replace(start, slip=SIGN if slip == SIGN else VALUE, value=start.value * number, found=1.0, meant=number)
+
+
+def _framed(standing: Standing, start: Edit) -> float | None:
+    """The misfit of a block whose readings stand in a frame of their own; None where that does not mend it."""
+    readings = standing.readings
+    if (readings.minus[start.rows] >= 0).any() or len(np.unique(readings.frame[start.rows])) > 1:
+        return None
+    # about its own place: the rigid motion that brings the readings to what is foretold, then what is left of it
+    whitened = factor(standing, start)
+    size = standing.unit * readings.sigma[start.rows]
+    error = standing.missed(copied(standing, [start])) * size
+    measured = readings.value[start.rows]
+    foretold = measured - error
+    R, t = _motion(measured, foretold)
+    rest = (measured @ R.T + t - foretold) / size
+    columns = np.concatenate([np.tile(np.eye(3), (len(measured), 1, 1)), -cross_matrix(foretold)], axis=2)
+    columns = whitened @ (columns / size[..., None]).reshape(-1, 6)
+    square = float(np.sum(left(orthonormal(columns), whitened @ rest.ravel()) ** 2))
+    return square if square <= standing.usual(error.size) else None
+
+
+def _motion(points: Array, there: Array) -> tuple[Array, Array]:
+    frame = procrustes(points, there)
+    return frame.rotation, frame.origin
+
+
+def in_frame(readings: Readings, edit: Edit) -> Readings:
+    """The rows of a block as a series of their own, whose frame is found."""
+    frame = np.array(readings.frame)
+    frame[edit.rows] = len(readings.frames)
+    lines = readings.line[edit.rows]
+    name = f"rows {lines.min()} to {lines.max()}"
+    return replace(readings, frame=frame, frames=(*readings.frames, name), known=(*readings.known, None))
