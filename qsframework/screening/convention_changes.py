@@ -29,8 +29,8 @@ class Change:
     value: float
     words: str
     experiment: Experiment
-    readings: Readings
     _: KW_ONLY
+    readings: Readings
     column: str = ""
     free: int = 0
     shrunk: float = 0.0
@@ -52,7 +52,7 @@ def couplings(experiment: Experiment, readings: Readings) -> Iterator[Change]:
                 f"{own.name} = {value:+g}: the true angle of {effect.where} is the file's {sign} the shown angle of "
                 "the joint before it; an absolute angle was read as relative, or the reverse"
             )
-            yield Change(own.name, value, words, here.with_(parameters=(*others, fixed)), readings)
+            yield Change(own.name, value, words, here.with_(parameters=(*others, fixed)), readings=readings)
 
 
 def joint_signs(experiment: Experiment, readings: Readings) -> Iterator[Change]:
@@ -63,7 +63,7 @@ def joint_signs(experiment: Experiment, readings: Readings) -> Iterator[Change]:
         q = experiment.robot.controller.to_joints(pendant)
         poses = replace(readings.poses, pendant=pendant, q=q)
         words = f"the angle of {joint} counts the other way round"
-        yield Change(f"joint_sign[{joint}]", -1.0, words, experiment, readings.with_poses(poses))
+        yield Change(f"joint_sign[{joint}]", -1.0, words, experiment, readings=readings.with_poses(poses))
 
 
 _WITHOUT = "this arm does not behave as if it had {}"
@@ -85,7 +85,7 @@ def structures(experiment: Experiment, readings: Readings) -> Iterator[Change]:
             except InputError:  # the campaign cannot be had on this structure
                 continue
             words = f"{_STRUCTURES[other.kind].format(' and '.join(other.subjects))}, against its file"
-            yield Change(other.id, 1.0, words, campaign, shown)
+            yield Change(other.id, 1.0, words, campaign, readings=shown)
 
 
 def _orientations() -> list[Array]:
@@ -127,7 +127,7 @@ def displacement_axes(experiment: Experiment, readings: Readings) -> Iterator[Ch
             -1.0 if reversed_ else 1.0,
             words,
             experiment,
-            readings.with_values(np.where(base[:, None], readings.value @ P.T, readings.value)),
+            readings=readings.with_values(np.where(base[:, None], readings.value @ P.T, readings.value)),
         )
 
 
@@ -143,7 +143,9 @@ def force_axes(experiment: Experiment, readings: Readings) -> Iterator[Change]:
             continue
         seen.append(turned)
         poses: Poses = replace(readings.poses, wrench=turned)
-        yield Change("force_axes", 1.0, f"axes of the force: {_axes(P, 'f')}", experiment, readings.with_poses(poses))
+        yield Change(
+            "force_axes", 1.0, f"axes of the force: {_axes(P, 'f')}", experiment, readings=readings.with_poses(poses)
+        )
 
 
 _FEW_DEGREES = 2.0 * np.pi
@@ -167,7 +169,7 @@ def angle_units(experiment: Experiment, readings: Readings) -> Iterator[Change]:
         if not experiment.robot.controller.outside(angles).any():
             words = f"the column q{k + 1} is in {said}"
             changed = _shown(experiment, readings, angles)
-            yield Change("column_unit", factor, words, experiment, changed, column=f"q{k + 1}")
+            yield Change("column_unit", factor, words, experiment, readings=changed, column=f"q{k + 1}")
 
 
 def joint_columns(experiment: Experiment, readings: Readings) -> Iterator[Change]:
@@ -179,7 +181,7 @@ def joint_columns(experiment: Experiment, readings: Readings) -> Iterator[Change
         if not experiment.robot.controller.outside(angles).any():
             words = f"the columns q{a + 1} and q{b + 1} are exchanged"
             changed = _shown(experiment, readings, angles)
-            yield Change("joint_columns", 1.0, words, experiment, changed, column=f"q{a + 1}, q{b + 1}")
+            yield Change("joint_columns", 1.0, words, experiment, readings=changed, column=f"q{a + 1}, q{b + 1}")
 
 
 def _shown(experiment: Experiment, readings: Readings, pendant: Array) -> Readings:
@@ -210,7 +212,7 @@ def value_units(experiment: Experiment, readings: Readings) -> Iterator[Change]:
                 )
                 smaller = min(float(np.log(factor)), 0.0)
                 changed = readings.with_values(value)
-                yield Change("column_unit", factor, words, experiment, changed, column=column, shrunk=smaller)
+                yield Change("column_unit", factor, words, experiment, readings=changed, column=column, shrunk=smaller)
 
 
 def force_units(experiment: Experiment, readings: Readings) -> Iterator[Change]:
@@ -223,7 +225,9 @@ def force_units(experiment: Experiment, readings: Readings) -> Iterator[Change]:
             changed[:, i] *= factor
             words = f"the column {_FORCE[i]} is in {said}"
             poses = replace(readings.poses, wrench=changed)
-            yield Change("column_unit", factor, words, experiment, readings.with_poses(poses), column=_FORCE[i])
+            yield Change(
+                "column_unit", factor, words, experiment, readings=readings.with_poses(poses), column=_FORCE[i]
+            )
 
 
 def _both(units: Sequence[tuple[float, str]], own: str) -> Iterator[tuple[float, str]]:
@@ -241,7 +245,7 @@ def position_axes(experiment: Experiment, readings: Readings) -> Iterator[Change
         value = np.where(rows[:, None], readings.value * [1.0, 1.0, -1.0], readings.value)
         where = f" of series {name}" if name else ""
         words = f"the positions{where} are mirror images: the sign of one axis is reversed, or two are exchanged"
-        yield Change("position_axes", -1.0, words, experiment, readings.with_values(value), column="x, y, z")
+        yield Change("position_axes", -1.0, words, experiment, readings=readings.with_values(value), column="x, y, z")
 
 
 def exchanged_states(experiment: Experiment, readings: Readings) -> Iterator[Change]:
@@ -259,7 +263,7 @@ def exchanged_states(experiment: Experiment, readings: Readings) -> Iterator[Cha
     if not np.array_equal(order, np.arange(len(readings))):
         words = "the readings of the loaded and of the unloaded states are exchanged"
         changed = readings.with_values(readings.value[order])
-        yield Change("states_exchanged", 1.0, words, experiment, changed, column="state")
+        yield Change("states_exchanged", 1.0, words, experiment, readings=changed, column="state")
 
 
 def _who(readings: Readings, i: int) -> tuple[object, ...]:
@@ -280,7 +284,7 @@ def tracker_axes(experiment: Experiment, readings: Readings) -> Iterator[Change]
     except InputError:  # too few, or all along one line
         return
     if np.trace(turned) < 1.0 + 2.0 * np.cos(_ALIGNED):
-        yield Change("tracker_axes", 1.0, words, experiment, changed, column="dx, dy, dz", free=3)
+        yield Change("tracker_axes", 1.0, words, experiment, readings=changed, column="dx, dy, dz", free=3)
 
 
 _ALIGNED = np.deg2rad(10.0)

@@ -50,6 +50,10 @@ _MANY = 0.15
 """Of the visits: where more stand out, it may be a change of all rows that they are too many to be set aside from."""
 _AS_STATED = 0.5
 """Of the stated variance: below it the noise is not as stated, and says nothing of what is left to gain."""
+_UNIT = 0.25
+"""What another unit of a column leaves of the sum of squares at most: it is no small change."""
+_NOISE = 4.0
+"""Times the stated variance that a column of forces in another unit leaves at most."""
 SUSPECTED = ("load_unit", "load_payload")
 """Names of what is told and never applied: no fit can prove it."""
 _OVERLOAD = 1.5
@@ -266,7 +270,7 @@ def _name(readings: Readings, mistake: Mistake) -> str:
     loaded = states.loaded[readings.plus[first.rows]]
     if readings.is_position[first.rows].all() and first.kind != "force" and loaded.all() | (~loaded).all():
         where.append("loaded" if loaded.all() else "unloaded")
-    if np.isfinite(first.found) and first.kind != "block":
+    if np.isfinite(first.found) and first.kind != "block" and first.column != "force":
         where.append(first.column)
     return f"{first.kind}[{'/'.join(where)}]"
 
@@ -364,6 +368,7 @@ def _judge(change: Change, given: _Fit, tried: int, rows: Indices | None = None)
     evidence -= 0.5 * change.free * float(np.log(fit.dof))
     evidence += change.shrunk * fit.dof
     enough = drop > -np.log(RATIO) and (rows is None or _local(given, fit, rows) < LOCAL)
+    enough = enough and (change.name != "column_unit" or _right_unit(change, given, fit))
     compelling = evidence > -np.log(LEVEL) and enough and fit.below <= given.below
     return Convention(
         name=change.name,
@@ -382,6 +387,12 @@ def _judge(change: Change, given: _Fit, tried: int, rows: Indices | None = None)
         column=change.column,
         moved=_changed(given, fit),
     )
+
+
+def _right_unit(change: Change, given: _Fit, fit: _Fit) -> bool:
+    """Whether a column fits in another unit, and not only better: of forces to the stated noise, for springs follow."""
+    forces = change.column.startswith("f")
+    return fit.square < _UNIT * given.square and not (forces and fit.trial.stated and fit.square > _NOISE * fit.dof)
 
 
 def _local(given: _Fit, fit: _Fit, rows: Indices) -> float:
@@ -474,10 +485,10 @@ def _mistakes(given: _Fit) -> list[tuple[Change, _Fit, int, Indices]]:
         for order, _ in swapped:
             value[order[:, 0]] = readings.value[order[:, 1]]
         words = "; ".join(words for _, words in swapped)
-        change = Change("swapped_markers", 1.0, words, experiment, replace(readings, value=value))
+        change = Change("swapped_markers", 1.0, words, experiment, readings=replace(readings, value=value))
         out.append((change, given, 3 * len(readings.states), touched))
     for rows, words in late_angles(trial, LEVEL)[:1]:
-        change = Change("late_angles", 1.0, words, experiment, earlier(trial, rows))
+        change = Change("late_angles", 1.0, words, experiment, readings=earlier(trial, rows))
         out.append((change, given, len(readings.states), rows))
     return out
 

@@ -107,11 +107,18 @@ def table_mistakes(standing: Standing) -> tuple[Mistake, ...]:
     while chosen:
         mended = {v for m in chosen for v in m.visits}
         rest = max((float(s) for v, s in enumerate(standing.misfit) if v not in mended), default=0.0)
+        rest *= _doubt(standing)
         kept = [m for m in chosen if m.gain >= m.need * rest]
         if len(kept) == len(chosen):
             break
         chosen = [m for m in chosen if m is not min(chosen, key=lambda m: m.gain / max(m.need, 1e-9))]
     return tuple(chosen)
+
+
+def _doubt(standing: Standing) -> float:
+    """How much plainer a mistake must be where even the visits that agree do so worse than the stated noise: something
+    else acts, and may act at one pose more than at others."""
+    return max(standing.unit**2, 1.0) if standing.readings.stated else 1.0
 
 
 def _best(standing: Standing, group: Group) -> Mistake | None:
@@ -136,7 +143,7 @@ def _best(standing: Standing, group: Group) -> Mistake | None:
     order = np.argsort(score)
     best, left = edits[int(order[0])], float(after[order[0]])
     gain = before - left
-    if left > standing.usual(count) or gain < _LEAST + 2.0 * np.log(len(edits)):
+    if left > standing.usual(count) or gain < _LEAST * _doubt(standing) + 2.0 * np.log(len(edits)):
         return None
     others = tuple(edits[int(i)] for i in order[1:4] if score[i] - score[order[0]] < _AS_GOOD)
     single = best.touched is not None and len(best.touched) == 1
@@ -238,7 +245,7 @@ def _pair(standing: Standing, pairs: Sequence[tuple[Edit, Edit]], one: Group) ->
     after = first[good] + second
     best = int(np.argmin(after - before))
     gain = float(before[best] - after[best])
-    if second[best] > usual or gain < _LEAST + 2.0 * np.log(len(standing.visits)):
+    if second[best] > usual or gain < _LEAST * _doubt(standing) + 2.0 * np.log(len(standing.visits)):
         return []
     # an exchange within a pose of two states is that of the states
     if len({standing.readings.states.pose[int(e.states[0])] for e in chosen[best]}) < 2:
