@@ -9,11 +9,12 @@ from itertools import combinations, permutations, product
 import numpy as np
 
 from qsframework.errors import InputError
+from qsframework.estimation import scales
 from qsframework.experiment import Experiment, Readings, as_shown, bridge, on_robot
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.plugin.registry import with_role
 from qsframework.robot import StructuralChange, alternatives
-from qsframework.screening.linearized_fit import LinearizedFit
+from qsframework.screening.linearized_fit import LinearizedFit, of_bridge
 from qsframework.screening.logging_faults import moved_up, visits_of
 
 
@@ -287,6 +288,25 @@ def tracker_axes(experiment: Experiment, readings: Readings) -> Iterator[Change]
         yield Change("tracker_axes", 1.0, words, experiment, readings=changed, column="dx, dy, dz", free=3)
 
 
+def aligned(experiment: Experiment, turned: Readings, given: Readings) -> Readings:
+    """Displacements along the axes of a tracker turned to those of the base, by the rotation that fits best.
+
+    turned: with the frame that `tracker_axes` gives them; given: the readings before
+    """
+    names = experiment.fit_names()
+    seen = bridge(experiment, turned, names, linear=True)
+    for _ in range(_SETTLES):
+        fit = of_bridge(experiment, seen)
+        size = np.maximum(np.linalg.norm(fit.A, axis=0), 1e-300)
+        z = np.asarray(np.linalg.lstsq(fit.A / size, fit.target, rcond=1e-9)[0], dtype=np.float64) / size
+        frames = seen.moved(z * scales(list(seen.parameters)))
+        seen = bridge(experiment, turned, names, linear=True, frames=frames)
+    rotation = seen.frames[-1].rotation
+    rows = turned.frame == turned.frames.index(TRACKER)
+    return given.with_values(np.where(rows[:, None], given.value @ rotation, given.value))
+
+
+_SETTLES = 4
 _ALIGNED = np.deg2rad(10.0)
 """Axes nearer to those of the base may be the tracker's alignment, which is a cause of its own."""
 TRACKER = "tracker axes"

@@ -17,6 +17,7 @@ from qsframework.plugin import Array, Indices, Spring
 from qsframework.screening.blocks import FRAME, in_frame
 from qsframework.screening.convention_changes import (
     Change,
+    aligned,
     angle_units,
     couplings,
     displacement_axes,
@@ -46,7 +47,7 @@ LOCAL = 0.25
 """The same for the rows that a change touches: physics at some poses is not undone by exchanging their readings."""
 _MOST = 6
 """Mistakes of one file that are looked for."""
-_MANY = 0.15
+_MANY = 0.08
 """Of the visits: where more stand out, it may be a change of all rows that they are too many to be set aside from."""
 _AS_STATED = 0.5
 """Of the stated variance: below it the noise is not as stated, and says nothing of what is left to gain."""
@@ -177,7 +178,8 @@ def check_conventions(experiment: Experiment, readings: Readings) -> tuple[Conve
 def _whole(given: _Fit, standing: Standing) -> list[Convention]:
     """Changes of all rows under which the readings fit better, compelling ones first.
 
-    Visits that stand out are set aside first; where they are many, a change must make most visits agree better.
+    Visits that stand out are set aside first unless they are many; a change must make most visits agree better, and not
+    only those that stand out.
     """
     experiment, readings = given.trial.experiment, given.trial.readings
     aside = np.zeros(len(readings), dtype=bool)
@@ -190,8 +192,10 @@ def _whole(given: _Fit, standing: Standing) -> list[Convention]:
     found = [c for c in judged if c is not None and c.evidence > 0.0]
     whole = [replace(c, readings=replace(c.readings, use=c.readings.use | (aside & readings.use))) for c in found]
     whole.sort(key=lambda c: (not c.compelling, -c.evidence))
-    while many and whole and whole[0].compelling and not _agrees(standing, whole[0]):
+    while aside.any() and whole and whole[0].compelling and not _agrees(standing, whole[0]):
         whole = [*(c for c in whole[1:] if c.compelling), *(c for c in whole[1:] if not c.compelling)]
+    if whole and whole[0].compelling and whole[0].name == "tracker_axes":
+        whole[0] = replace(whole[0], readings=aligned(experiment, whole[0].readings, readings))
     return whole
 
 
@@ -425,7 +429,7 @@ def _trial(experiment: Experiment, readings: Readings, given: LinearizedFit) -> 
         errors = seen.rows.scalars - seen.rows.flat(seen.rows.predict(seen.model, seen.x, seen.frames, linear=True))
         if rms(errors) > _FAR * rms(given.errors):
             return None
-    if kept and np.array_equal(readings.poses.q, before.poses.q):
+    if kept and np.array_equal(readings.poses.q, before.poses.q) and not _moved(given, readings):
         return other_loads(given, seen)
     return of_bridge(experiment, seen)
 

@@ -159,6 +159,15 @@ def test_a_block_of_another_setting(folder: Path) -> None:
     assert np.allclose(one.readings.poses.wrench, right.poses.wrench, rtol=0.05, atol=20.0)
 
 
+def test_displacements_along_the_axes_of_the_tracker(folder: Path) -> None:
+    experiment, right = loaded(folder / "displacements")
+    turn = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
+    (one,) = found(experiment, right.with_values(right.value @ turn.T))
+    assert one.name == "tracker_axes"
+    assert np.allclose(one.readings.value, right.value, atol=1e-4)  # some turns do as springs do
+    assert diagnose(experiment, one.readings, repeats=1).verdict == "none"
+
+
 def test_an_effect_at_one_pose_is_not_undone(folder: Path) -> None:
     """A push of 0.3 mm at one pose, all markers alike, is no slip: no number in the table leads to it."""
     experiment, right = loaded(folder / "displacements")
