@@ -8,8 +8,8 @@ from itertools import combinations, permutations, product
 
 import numpy as np
 
+from qsframework.elastostatics.so3 import cross_matrix, exponential
 from qsframework.errors import InputError
-from qsframework.estimation import scales
 from qsframework.experiment import Experiment, Readings, as_shown, bridge, on_robot
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.plugin.registry import with_role
@@ -20,7 +20,8 @@ from qsframework.screening.logging_faults import moved_up, visits_of
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """A convention before it is judged; name, value, rows, column, found and meant as in `Convention`.
+    """A convention before it is judged, of all rows, those that are set aside too; name, value, rows, column, found and
+    meant as in `Convention`.
 
     free: numbers that it fits to the readings; shrunk: log of how much smaller it makes numbers, and all misfits with
     them
@@ -111,8 +112,8 @@ def _axes(P: Array, what: str) -> str:
 
 def displacement_axes(experiment: Experiment, readings: Readings) -> Iterator[Change]:
     """Signed permutations of the axes of the displacements; their reversal is a sign convention."""
-    base = readings.use & ~readings.is_position & (readings.frame < 0) & ~readings.is_gauge
-    if not base.any():  # the axes of a series are found, whatever they are
+    base = ~readings.is_position & (readings.frame < 0) & ~readings.is_gauge
+    if not (base & readings.use).any():  # the axes of a series are found, whatever they are
         return
     for P in _orientations():
         reversed_ = np.array_equal(P, -np.eye(3))
@@ -198,8 +199,8 @@ _WEIGHTS = ((9.80665, "kgf"), (4.4482216, "lbf"), (1e3, "kN"))
 def value_units(experiment: Experiment, readings: Readings) -> Iterator[Change]:
     """A column of displacements or positions in another unit than its header's; all columns of positions."""
     for position in (False, True):
-        rows = readings.use & (readings.is_position == position) & ~readings.is_gauge
-        if not rows.any():
+        rows = (readings.is_position == position) & ~readings.is_gauge
+        if not (rows & readings.use).any():
             continue
         what = "" if position else "d"
         parts = [(i,) for i in range(3)] + ([(0, 1, 2)] if position else [])
@@ -240,8 +241,8 @@ def _both(units: Sequence[tuple[float, str]], own: str) -> Iterator[tuple[float,
 def position_axes(experiment: Experiment, readings: Readings) -> Iterator[Change]:
     """Positions in a frame that is to be found, mirrored: one sign, or two axes exchanged, it is the same."""
     for f, name in enumerate(readings.frames):
-        rows = readings.use & readings.is_position & (readings.frame == f)
-        if not rows.any() or readings.known[f] is not None:
+        rows = readings.is_position & (readings.frame == f) & ~readings.is_gauge
+        if not (rows & readings.use).any() or readings.known[f] is not None:
             continue
         value = np.where(rows[:, None], readings.value * [1.0, 1.0, -1.0], readings.value)
         where = f" of series {name}" if name else ""
@@ -274,8 +275,8 @@ def _who(readings: Readings, i: int) -> tuple[object, ...]:
 
 def tracker_axes(experiment: Experiment, readings: Readings) -> Iterator[Change]:
     """Displacements along the axes of a tracker that nobody aligned: a frame is found for them."""
-    base = readings.use & ~readings.is_position & (readings.frame < 0) & ~readings.is_gauge
-    if not base.any():
+    base = ~readings.is_position & (readings.frame < 0) & ~readings.is_gauge
+    if not (base & readings.use).any():
         return
     frame = np.where(base, len(readings.frames), readings.frame)
     words = "the displacements are along the axes of the tracker, not of the base"
@@ -293,20 +294,26 @@ def aligned(experiment: Experiment, turned: Readings, given: Readings) -> Readin
 
     turned: with the frame that `tracker_axes` gives them; given: the readings before
     """
-    names = experiment.fit_names()
-    seen = bridge(experiment, turned, names, linear=True)
-    for _ in range(_SETTLES):
-        fit = of_bridge(experiment, seen)
-        size = np.maximum(np.linalg.norm(fit.A, axis=0), 1e-300)
-        z = np.asarray(np.linalg.lstsq(fit.A / size, fit.target, rcond=1e-9)[0], dtype=np.float64) / size
-        frames = seen.moved(z * scales(list(seen.parameters)))
-        seen = bridge(experiment, turned, names, linear=True, frames=frames)
-    rotation = seen.frames[-1].rotation
-    rows = turned.frame == turned.frames.index(TRACKER)
-    return given.with_values(np.where(rows[:, None], given.value @ rotation, given.value))
+    seen = bridge(experiment, given, experiment.fit_names(), linear=True)
+    fit = of_bridge(experiment, seen)
+    rows = fit.rows
+    at = turned.frame[rows.keep] == turned.frames.index(TRACKER)
+    rotation = bridge(experiment, turned, experiment.fit_names(), linear=True).frames[-1].rotation.T
+    predicted = rows.scalars - fit.errors
+    for _ in range(_SETTLES):  # the readings are turned and not the model: springs and turns then do not mix
+        value = np.where(at[:, None], rows.measured @ rotation.T, rows.measured)
+        turn = rows.flat(np.where(at[:, None, None], cross_matrix(np.nan_to_num(value)), 0.0))
+        A = fit.noise.whiten(np.column_stack([turn, fit.slopes]))
+        size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+        target = fit.noise.whiten(rows.flat(value) - predicted)
+        z = np.asarray(np.linalg.lstsq(A / size, target, rcond=1e-9)[0], dtype=np.float64) / size
+        rotation = exponential(z[:3]) @ rotation
+    wrong = turned.frame == turned.frames.index(TRACKER)
+    return given.with_values(np.where(wrong[:, None], given.value @ rotation.T, given.value))
 
 
-_SETTLES = 4
+_SETTLES = 20
+"""Steps of Gauss and Newton."""
 _ALIGNED = np.deg2rad(10.0)
 """Axes nearer to those of the base may be the tracker's alignment, which is a cause of its own."""
 TRACKER = "tracker axes"
