@@ -13,6 +13,7 @@ from qsframework.diagnose.linearization.candidates import Cause, Untested, find_
 from qsframework.diagnose.linearization.columns import Case, make_case
 from qsframework.diagnose.linearization.generic_blocks import generic_blocks, motions
 from qsframework.diagnose.residuals.audited_rows import (
+    bic,
     far_from_linear,
     in_noise,
     library_basis,
@@ -43,7 +44,7 @@ from qsframework.diagnose.selection.model_selection import (
 )
 from qsframework.diagnose.selection.search import LARGEST, parts_of
 from qsframework.diagnose.verdict import ambiguous, verdict_of
-from qsframework.errors import InputError, NotConverged
+from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import orthonormal, rms, rounding
 from qsframework.estimation.visit_noise import Reml, reml
 from qsframework.experiment import Experiment, Readings, bridge, make_rows
@@ -51,9 +52,16 @@ from qsframework.experiment.observations import REACH, Rows, start_values
 from qsframework.identify.pose_spread import check_pose_spread
 from qsframework.identify.selection import in_order
 from qsframework.plugin import Array, Indices
-from qsframework.screening.conventions import Convention, check_conventions, check_structures, compelling
+from qsframework.screening.convention_changes import Change
+from qsframework.screening.conventions import (
+    Convention,
+    check_conventions,
+    check_structures,
+    compelling,
+    fits_better,
+)
 
-LEVEL = 0.04
+LEVEL = 0.02
 _LIBRARY_SHARE = 0.6
 """Of the level that the library's test gets; the generic blocks of the closing gate get the rest."""
 _GROSS = 0.01
@@ -64,10 +72,23 @@ _BETTER = 1.0
 """By how much the BIC must fall for another structure."""
 _AS_GOOD = 2.0
 """By how much it may rise where causes are spared: they merely do the same."""
+_SURE = 1e-4
+"""Odds against another structure below which it may stand."""
 _SETTLED = 0.8
 """Share of a noise that the next one has where the names stay: nothing more is hidden in it."""
 STEPS = ("conventions", "baseline", "causes", "search", "noise", "closing gate", "held-out gain", "table")
 Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """An exact fit of the experiment's own parameters to all rows; untold: those that the readings do not tell."""
+
+    experiment: Experiment
+    readings: Readings
+    rows: Rows
+    fit: Settled
+    untold: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -132,13 +153,15 @@ def diagnose(
     adopted = compelling(conventions)
     if adopted is not None:
         experiment, readings = adopted.experiment, adopted.readings
-    found = _found(experiment, readings, tell, level, largest, seed)
-    for other in check_structures(experiment, readings)[:1] if adopted is None else ():
-        instead = _found(other.experiment, other.readings, tell, level, largest, seed)
+    tell("baseline")
+    start = _start(experiment, readings)
+    found = _found(start, tell, level, largest, seed)
+    for structure, other in _structures(start) if adopted is None else ():
+        instead = _found(other, tell, level, largest, seed)
         # rather another structure than causes that merely do the same, and rather that of the file than another one
         spared = len(instead.members) < len(found.members)
-        if instead.cost < found.cost + (_AS_GOOD if spared else -_BETTER):
-            found, conventions = instead, (other, *conventions)
+        if _dearer(instead, found) < (_AS_GOOD if spared else -_BETTER):
+            found, conventions = instead, (structure, *conventions)
     base, library, answers = found.base, found.library, found.answers
     best, extended = found.best, found.extended
     tell("noise")
@@ -209,25 +232,11 @@ class _Found:
     def extended(self) -> Settled:
         return self.answers[0].fit if self.answers else self.base.fit
 
-    @property
-    def cost(self) -> float:
-        """BIC of the extended model, in errors as stated."""
-        rows, fit = self.base.start, self.extended
-        count = len(rows.at)
-        square = float(np.square((fit.residuals / rows.sigma)[rows.mask]).sum()) / count
-        return count * float(np.log(max(square, 1e-300))) + fit.jacobian.shape[1] * float(np.log(count))
 
-
-def _found(
-    experiment: Experiment,
-    readings: Readings,
-    tell: Callable[[str], None],
-    level: float,
-    largest: int,
-    seed: int,
-) -> _Found:
+def _found(start: _Start, tell: Callable[[str], None], level: float, largest: int, seed: int) -> _Found:
     """The search, and once more without the rows that belong to nothing."""
-    base = _baseline(experiment, readings, tell)
+    tell("causes")
+    base = _baseline(start)
     tell("search")
     found = _searched(base, level, largest, seed)
     gross = _gross(found)
@@ -279,9 +288,8 @@ def _teller(progress: Progress | None) -> Callable[[str], None]:
     return tell
 
 
-def _baseline(experiment: Experiment, readings: Readings, tell: Callable[[str], None]) -> _Baseline:
-    """The exact fit of the experiment's own parameters, all causes beside it, and the noise that it leaves."""
-    tell("baseline")
+def _start(experiment: Experiment, readings: Readings) -> _Start:
+    """The exact fit of the experiment's own parameters, in the noise that is stated."""
     model = experiment.model()
     rows = make_rows(readings)
     wanted = in_order(model, experiment.fit_names())
@@ -295,13 +303,60 @@ def _baseline(experiment: Experiment, readings: Readings, tell: Callable[[str], 
             raise
         said = f"{error}. These readings do not tell {', '.join(untold)}: kept at the nominal value"
         raise NotConverged(said) from error
-    tell("causes")
-    causes, untested = find_causes(experiment, names, rows)
-    case = make_case(experiment, rows, names, causes, fit.by_name(), fit.residuals, fit.frames).grouped()
+    return _Start(experiment, readings, rows, fit, untold)
+
+
+def _structures(given: _Start) -> list[tuple[Convention, _Start]]:
+    """The structure of the arm whose exact fit is compellingly better than that of its file, the likeliest; or none.
+
+    A cause may do so too: the two are compared when both were searched beside.
+    """
+    changes = check_structures(given.experiment, given.readings)
+    tried: list[tuple[float, Change, _Start]] = []
+    for change in changes:
+        try:
+            start = _start(change.experiment, change.readings)
+        except (InputError, NotConverged, NotIdentifiable):
+            continue
+        tried.append((bic(given.rows, given.fit) - bic(start.rows, start.fit), change, start))
+    out: list[tuple[Convention, _Start]] = []
+    for gain, change, start in sorted(tried, key=lambda t: -t[0])[:1]:
+        evidence = 0.5 * gain - float(np.log(len(changes)))
+        if evidence > -np.log(_SURE):
+            after, before = (rms(f.residuals[given.rows.mask]) for f in (start.fit, given.fit))
+            structure = Convention(
+                name=change.name,
+                value=change.value,
+                words=fits_better(change, after, before),
+                experiment=change.experiment,
+                readings=change.readings,
+                rms=after,
+                rms_given=before,
+                evidence=evidence,
+                below=0,
+                compelling=True,
+                structure=True,
+            )
+            out.append((structure, start))
+    return out
+
+
+def _dearer(one: _Found, other: _Found) -> float:
+    """By how much the BIC of one extended model is above that of another, for the rows that both have left."""
+    both = np.intersect1d(one.base.good, other.base.good)
+    costs = [bic(f.base.given.take(both), f.extended, np.flatnonzero(np.isin(f.base.good, both))) for f in (one, other)]
+    return costs[0] - costs[1]
+
+
+def _baseline(start: _Start) -> _Baseline:
+    """All causes beside the exact fit, and the noise that it leaves."""
+    experiment, rows, fit = start.experiment, start.rows, start.fit
+    causes, untested = find_causes(experiment, fit.names, rows)
+    case = make_case(experiment, rows, fit.names, causes, fit.by_name(), fit.residuals, fit.frames).grouped()
     fits = _fits(rows, case.raw[:, : case.A.shape[1]])
     base = _Baseline(
         experiment=experiment,
-        readings=readings,
+        readings=start.readings,
         rows=rows,
         fit=fit,
         case=case,
@@ -309,7 +364,7 @@ def _baseline(experiment: Experiment, readings: Readings, tell: Callable[[str], 
         nu=fits.freedom(0),
         good=np.arange(len(rows.keep)),
         untested=untested,
-        untold=untold,
+        untold=start.untold,
         given=rows,
         whole=case,
     )

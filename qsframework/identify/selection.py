@@ -97,8 +97,13 @@ def in_order(model: Model, names: Sequence[str]) -> list[str]:
     return sorted((n for n in model.names if n in wanted), key=lambda n: rank[n])
 
 
-def told_names(seen: Bridge, options: FitOptions = PLAIN) -> tuple[list[str], tuple[LeftAside, ...], float]:
-    """The names that the readings, with the priors, can tell; what is left aside; the nominal arm's error in sds."""
+def told_names(
+    seen: Bridge, options: FitOptions = PLAIN, *, weakly: bool = False
+) -> tuple[list[str], tuple[LeftAside, ...], float]:
+    """The names that the readings, with the priors, can tell; what is left aside; the nominal arm's error in sds.
+
+    weakly: also what they tell to no use, but might be seen to be wrong by
+    """
     o = seen.observations()
     z = seen.start
     scale = np.concatenate([np.full(seen.motions, 1e-2), scales(list(seen.parameters[seen.motions :]))])
@@ -116,7 +121,7 @@ def told_names(seen: Bridge, options: FitOptions = PLAIN) -> tuple[list[str], tu
     if group:
         rows, names = _tied_columns(rows, names, o, scale, options)
     limits = np.concatenate([np.full(seen.motions, np.inf), _limits_of(seen.model, names[seen.motions :])])
-    if options.priors or np.all(seen.rows.minus >= 0):  # differences that tell little still tell it honestly
+    if weakly or options.priors or np.all(seen.rows.minus >= 0):  # differences that tell little still tell it honestly
         limits = np.full(len(limits), np.inf)
     taken, left = choose(rows, names, limits)
     chosen = {names[i] for i in taken}

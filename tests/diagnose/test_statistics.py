@@ -245,7 +245,7 @@ def test_evidence_of_one_column_is_the_integral_over_its_coefficient() -> None:
     from scipy.integrate import quad
 
     rng = np.random.default_rng(0)
-    m, free = 400, 397
+    m, free = 402, 399
     noise = VisitNoise(np.zeros(1), (Independent(np.ones(m)),), m, 1.0)
     X, z = rng.standard_normal((m, 3)), rng.standard_normal((m, 1))
     fits = reml(noise, X, m)
