@@ -67,7 +67,8 @@ def settle_fit(
     """Fit `names`, and the frames that nobody knows, from `start` (q,), all others held there.
 
     priors: (name, sd) of parameters that are pulled to their nominal values, so that directions which no reading shows
-    stay there; geometry and markers weakly always are. Bounds are not kept: a value beyond one says that the model is wrong.
+    stay there; geometry and markers weakly always are. Bounds are not kept: a value beyond one says that the model is
+    wrong.
 
     Raises NotConverged where the steps settle neither from the start nor from a linear fit, as where the arm cannot
     bear its loads; NotIdentifiable where readings cannot tell the names.
