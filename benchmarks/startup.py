@@ -99,7 +99,7 @@ print(json.dumps(spent))
 
 
 def steps(runs: int) -> str:
-    """What each step of a diagnosis costs; a unit is the CPU of a fresh Python that imports numpy and scipy.optimize."""
+    """What each step of a diagnosis costs; a unit is the CPU of a fresh Python with numpy and scipy.optimize."""
     unit = medians({"unit": python("import numpy, scipy.optimize")}, ROOT, runs)["unit"].cpu
     program = python(STEPS.format(path=str(EXAMPLES / "hidden_effect" / "experiment.yaml")))
     env = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
