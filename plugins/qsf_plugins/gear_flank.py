@@ -26,7 +26,7 @@ class GearFlank(SpringLaw):
     check = "Wear of the teeth; push the joint to both sides with the drive held."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        return (Parameter(self.name, "rad/(N m)", typical=robot.sizes.compliance(4e-3)),)
+        return (Parameter(self.name, "rad/(N m)", typical=robot.sizes.rotation(4e-3) / robot.torque_at(self.joint)),)
 
     def springs(self, robot: RobotFacts) -> tuple[At, ...]:
         return (("gear", self.joint),)

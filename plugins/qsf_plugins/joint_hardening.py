@@ -31,8 +31,8 @@ class JointHardening(SpringLaw):
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         if self.knee:
-            return (Parameter(self.name, "rad/(N m)", typical=robot.sizes.compliance(2e-3)),)
-        return (Parameter(self.name, "rad/(N m)^3", typical=robot.sizes.rotation(12e-3) / robot.sizes.torque**3),)
+            return (Parameter(self.name, "rad/(N m)", typical=robot.sizes.rotation(2e-3) / robot.torque_at(self.joint)),)
+        return (Parameter(self.name, "rad/(N m)^3", typical=robot.sizes.rotation(12e-3) / robot.torque_at(self.joint) ** 3),)
 
     def springs(self, robot: RobotFacts) -> tuple[At, ...]:
         return (("gear", self.joint),)
