@@ -9,6 +9,7 @@ import numpy as np
 
 from qsframework.diagnose.evidence_table import findings_of, table_of
 from qsframework.diagnose.learn import Lesson, lessons
+from qsframework.diagnose.likeness import alike
 from qsframework.diagnose.linearization.candidates import Cause, Untested, find_causes
 from qsframework.diagnose.linearization.columns import Case, make_case
 from qsframework.diagnose.linearization.generic_blocks import generic_blocks, motions
@@ -493,6 +494,7 @@ def _learned(
         heldout=held.rms_extended,
         gain=held.gain,
         physical=all(bounds[n][0] <= v <= bounds[n][1] for n, v in fit.by_name().items()),
+        alike=alike(base.case, kept, fit, lesson.leftover.law, lesson.cause),
     )
 
 

@@ -68,6 +68,30 @@ def test_an_unknown_law_is_learned_with_its_place_and_variable(found: tuple[Diag
     assert d.verdict in ("unexplained", "partly_explained"), "a law that predicts names no cause"
 
 
+def knee(size: float) -> Hidden:
+    """The third gear gives more beyond 500 N m on one side: a backlash with a sign that none has."""
+
+    def law(still: Rest) -> Array:
+        return np.eye(6)[2] * size * 1e-7 * np.maximum(still.torque[:, [2]] - 500.0, 0.0)
+
+    return Hidden(gears=(law,))
+
+
+def test_a_law_that_looks_like_one_of_the_library_says_which(found: tuple[Diagnosis, str], tmp_path: Path) -> None:
+    path = write_campaign(FORTY, noisy(FORTY, FORTY.clean(knee(FORTY.sized(knee, 14.0, 0.01, 10.0)))), tmp_path)
+    d = diagnose(load_experiment(path), read_readings(load_experiment(path).data, load_experiment(path)), repeats=1)
+    assert d.taught is not None
+    first = d.taught.alike[0]
+    assert (first.name, first.here, first.turned) == ("joint_backlash[j3]", True, True)
+    assert first.share > 0.9
+    assert "looks most like joint_backlash[j3]: with a sign that it cannot have" in diagnosis_words(d)
+    assert diagnosis_json(d)["learned"]["looks_like"][0]["id"] == "joint_backlash[j3]"
+    other, name = found
+    assert other.taught is not None
+    assert not [a for a in other.taught.alike if a.share > 0.9], name
+    assert "No effect of the library at this place does half" in diagnosis_words(other)
+
+
 def test_the_extended_robot_predicts_poses_that_nobody_has_measured(
     found: tuple[Diagnosis, str], tmp_path: Path
 ) -> None:
