@@ -520,8 +520,10 @@ def _case_at(base: _Baseline, causes: Sequence[Cause], fit: Settled) -> Case:
     """The case whose fitted parameters are those of a fit with causes, linearised there, without further causes."""
     case = make_case(base.experiment, base.rows, base.case.fitted, causes, fit.by_name(), fit.residuals, fit.frames)
     held = [np.array(c.sizes) / c.prior if c.prior else np.zeros(len(c.names)) for c in causes]
+    back = [[-fit.value(n) / s if c.prior else 0.0 for n, s in zip(c.names, c.sizes, strict=True)] for c in causes]
     A = np.concatenate([case.A, *case.B], axis=1)
-    return replace(case, A=A, causes=(), B=(), held=np.concatenate([case.held, *held]))
+    aim = np.concatenate([np.zeros(len(case.held)) if case.aim is None else case.aim, *back])
+    return replace(case, A=A, causes=(), B=(), held=np.concatenate([case.held, *held]), aim=aim)
 
 
 def _errors(

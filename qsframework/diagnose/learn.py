@@ -7,7 +7,7 @@ reading shows stay there: a law is never larger than what was seen of it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
@@ -21,9 +21,11 @@ from qsframework.elastostatics import Model
 from qsframework.errors import InputError
 from qsframework.estimation.visit_noise import Reml
 from qsframework.experiment.observations import Rows
-from qsframework.plugin import Array, Context, Effect, Poses, RobotFacts, Spring, SpringLaw, find, registry
+from qsframework.plugin import KNOTS, Array, Context, Effect, Poses, RobotFacts, Spring, SpringLaw, find, registry
 
 _TRIED = 3
+_PARTS: dict[str, str] = {"drive": "learned", "link": "learned", "shift": "learned_shift"}
+"""The effect that a law of such a part is; laws of markers and readings are none of the arm."""
 _RECORDED = ("order", "time", "temperature", "approach")
 
 
@@ -50,10 +52,10 @@ def lessons(
     for leftover in left:
         effects = _effects(model, leftover.law, rows, moved)
         if effects:
-            effect = effects[-1]
             prior = prior_of(columns[leftover.law], fits, values)
+            effect: Any = replace(cast("Any", effects[-1]), prior=prior)
             parameters = effect.parameters(model.facts)
-            out.append(Lesson(leftover, Cause(effect.name, effects, parameters, False, prior)))
+            out.append(Lesson(leftover, Cause(effect.name, (*effects[:-1], effect), parameters, False, prior)))
         if len(out) == _TRIED:
             break
     return out
@@ -97,7 +99,7 @@ def curve(taught: Taught, robot: RobotFacts, count: int = 61) -> Curve | None:
 
 def _effects(model: Model, law: Law, rows: Rows, moved: Motions) -> tuple[Effect, ...]:
     """The effect that a law is, after the springs that it bends where the arm lacks them; none where no effect can."""
-    if law.part not in ("drive", "link") or law.variable not in ("torque", "angle", *_RECORDED):
+    if law.part not in _PARTS or law.variable not in ("torque", "angle", *_RECORDED):
         return ()
     try:
         effect = _effect(law, rows, moved)
@@ -125,7 +127,7 @@ def _effect(law: Law, rows: Rows, moved: Motions) -> SpringLaw:
     """The effect, with the range that the readings have of what it depends on."""
     at = next(list(p.coordinates) for p in moved.places if (p.part, p.name) == (law.part, law.place))
     torque = np.concatenate([moved.plus.torque[:, at], moved.minus.torque[:, at]])
-    settings: dict[str, float | str] = {"part": law.part, "scale": moved.scale(at)}
+    settings: dict[str, Any] = {"part": law.part, "scale": moved.scale(at), "knots": KNOTS}
     by: str = law.variable
     if law.variable == "torque":
         settings |= {"lowest": float(torque.min()), "highest": float(torque.max())}
@@ -140,6 +142,6 @@ def _effect(law: Law, rows: Rows, moved: Motions) -> SpringLaw:
     else:
         value = np.asarray(getattr(rows.readings.poses.loaded, law.variable))[rows.plus]
         settings |= {"first": float(value.min()), "last": float(value.max())}
-    found = cast("Any", find("learned"))(at=law.place, by=by, **settings)
+    found = cast("Any", find(_PARTS[law.part]))(at=law.place, by=by, **settings)
     assert isinstance(found, SpringLaw)
     return found
