@@ -63,9 +63,10 @@ def lessons(
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A law as it was learned: motion (n, k), rad, of its coordinates over a variable x (n,), with its sd.
+    """A law as it was learned: motion (n, k), rad or m, of its coordinates over a variable x (n,), with its sd.
 
-    torque: N m under which it stands, NaN where the variable is the torque itself
+    What is straight in the torque is left out of both: no reading tells it from the spring's. torque: N m, or N, under
+    which it stands, NaN where the variable is the torque itself
     """
 
     x: Array
@@ -90,6 +91,8 @@ def curve(taught: Taught, robot: RobotFacts, count: int = 61) -> Curve | None:
         return None
     context = Context(robot, Poses(q, q, np.zeros((count, 6))))
     shapes = np.stack([effect.extra(torque, unit, context) for unit in np.eye(len(names))], axis=-1)
+    straight = x if law.variable == "torque" else np.ones(count)
+    shapes = shapes - np.multiply.outer(straight, np.tensordot(straight, shapes, (0, 0))) / float(straight @ straight)
     at = [taught.fit.names.index(n) for n in names]
     covariance = taught.fit.covariance[np.ix_(at, at)]
     sd = np.sqrt(np.maximum(np.einsum("nkp,pq,nkq->nk", shapes, covariance, shapes), 0.0))

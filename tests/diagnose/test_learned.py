@@ -17,7 +17,7 @@ from qsframework.diagnose.law import Law
 from qsframework.diagnose.learn import curve
 from qsframework.elastostatics import beyond, exact_readings, range_notes
 from qsframework.errors import InputError
-from qsframework.experiment import Readings, load_experiment, read_readings
+from qsframework.experiment import Readings, example, load_experiment, read_readings
 from qsframework.identify import FitOptions, identify
 from qsframework.plugin import Array, check_effect, find
 from qsframework.report.diagnosis_section import diagnosis_sections
@@ -137,6 +137,24 @@ def test_nothing_is_learned_where_nothing_acts(tmp_path: Path) -> None:
         path = write_campaign(campaign, noisy(campaign, campaign.clean(Hidden())), tmp_path / str(seed))
         experiment = load_experiment(path)
         assert diagnose(experiment, read_readings(experiment.data, experiment), repeats=1).taught is None
+
+
+def test_the_curve_of_the_example_is_what_was_hidden() -> None:
+    """The law that `benchmarks/make_unknown_example.py` hides, from the readings that it wrote."""
+    from make_unknown_example import PHASE
+
+    experiment = load_experiment(example("unknown_effect") / "experiment.yaml")
+    d = diagnose(experiment, read_readings(experiment.data, experiment))
+    assert not d.findings
+    assert d.taught is not None
+    assert (d.taught.name, d.taught.holds) == ("learned[j5/j4]", True)
+    seen = curve(d.taught, experiment.robot.facts)
+    assert seen is not None
+    hidden = np.cos(2.0 * seen.x + PHASE)
+    hidden -= hidden.mean()
+    height = float(hidden @ seen.motion[:, 0] / (hidden @ hidden)) / seen.torque
+    assert abs(height - 0.267e-6) < 0.05e-6
+    assert np.all(np.abs(seen.motion[:, 0] - seen.torque * 0.267e-6 * hidden) < 3.5 * seen.sd)
 
 
 @pytest.mark.parametrize(
