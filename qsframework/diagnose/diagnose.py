@@ -9,6 +9,7 @@ import numpy as np
 
 from qsframework.diagnose.evidence_table import findings_of, table_of
 from qsframework.diagnose.learn import Lesson, lessons
+from qsframework.diagnose.likeness import alike
 from qsframework.diagnose.linearization.candidates import Cause, Untested, find_causes
 from qsframework.diagnose.linearization.columns import Case, make_case
 from qsframework.diagnose.linearization.generic_blocks import generic_blocks, motions
@@ -548,6 +549,7 @@ def _learned(
         heldout=held.rms_extended,
         gain=held.gain,
         physical=all(bounds[n][0] <= v <= bounds[n][1] for n, v in fit.by_name().items()),
+        alike=alike(base.case, kept, fit, lesson.leftover.law, lesson.cause),
     )
 
 
@@ -573,8 +575,10 @@ def _case_at(base: _Baseline, causes: Sequence[Cause], fit: Settled) -> Case:
     """The case whose fitted parameters are those of a fit with causes, linearised there, without further causes."""
     case = make_case(base.experiment, base.rows, base.case.fitted, causes, fit.by_name(), fit.residuals, fit.frames)
     held = [np.array(c.sizes) / c.prior if c.prior else np.zeros(len(c.names)) for c in causes]
+    back = [[-fit.value(n) / s if c.prior else 0.0 for n, s in zip(c.names, c.sizes, strict=True)] for c in causes]
     A = np.concatenate([case.A, *case.B], axis=1)
-    return replace(case, A=A, causes=(), B=(), held=np.concatenate([case.held, *held]))
+    aim = np.concatenate([np.zeros(len(case.held)) if case.aim is None else case.aim, *back])
+    return replace(case, A=A, causes=(), B=(), held=np.concatenate([case.held, *held]), aim=aim)
 
 
 def _errors(

@@ -82,6 +82,16 @@ def _learned(x: Taught) -> dict[str, Any]:
         "heldout_gain": _number(x.gain),
         "heldout_mm": _number(1e3 * x.heldout),
         "weights": {name: _number(x.fit.value(name)) for name in x.cause.names},
+        "looks_like": [
+            {
+                "id": a.name,
+                "share": _number(a.share),
+                "s_of_the_rest": _number(a.left),
+                "same_place": a.here,
+                "opposite_sign": a.turned,
+            }
+            for a in x.alike
+        ],
     }
 
 

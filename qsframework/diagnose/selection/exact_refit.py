@@ -96,8 +96,10 @@ def _weakly(model: Model, names: Sequence[str]) -> dict[str, float]:
 
 def _settled(seen: Bridge, priors: dict[str, float]) -> Settled:
     rows, observations = seen.rows, seen.observations()
-    if priors:
-        held = np.array([1.0 / priors[p.name] if p.name in priors else 0.0 for p in seen.parameters])
+    pulls = {p.name: p.pull for p in seen.parameters if p.pull is not None}
+    if priors or pulls:
+        sds = pulls | priors
+        held = np.array([1.0 / sds[p.name] if p.name in sds else 0.0 for p in seen.parameters])
         observations = replace(observations, held=held)
     found = solve(observations, _PLAIN, seen.start, tolerance=_CLOSE)
     x, frames = seen.values(found.x), seen.moved(found.x)

@@ -8,7 +8,7 @@ from enum import Enum
 
 import numpy as np
 
-from qsframework.diagnose.result import Diagnosis, Finding, Leftover, Line, Status, Taught
+from qsframework.diagnose.result import Alike, Diagnosis, Finding, Leftover, Line, Status, Taught
 from qsframework.diagnose.selection.cross_validation import FOLDS
 from qsframework.diagnose.verdict import misfits
 from qsframework.discriminate.pair import Discrimination
@@ -27,6 +27,8 @@ ALONE = "explained by the named causes"
 UNHELD = "seen, but no fit with it holds"
 _ALIKE = float(np.deg2rad(1.0))
 """Angle below which no poses are promised: whether any tell the two is still to be computed."""
+_HARDLY = 3.0
+"""s below which readings hardly tell a learned law from a cause of the library."""
 
 
 class Group(Enum):
@@ -91,6 +93,7 @@ def _open(found: Diagnosis) -> Iterator[str]:
         yield f"The readings {also}hold something that no effect of the library explains: {left}. Look there first."
         if found.taught is not None:
             yield learned_words(found, found.taught)
+            yield alike_words(found.taught)
     elif misfits(found.after):
         where = poses_words(worst_poses(found, _SHOWN))
         trend = next(iter(found.after.trends), None)
@@ -177,6 +180,29 @@ def learned_words(found: Diagnosis, taught: Taught) -> str:
         f"{what} (s = {taught.s:.1f}): the error at poses left out falls from {mm(before)} to {mm(taught.heldout)} mm. "
         "It predicts, and says nothing of the cause."
     )
+
+
+def alike_words(taught: Taught) -> str:
+    """Which causes of the library the law that was learned looks like, and by how much."""
+    said: list[str] = []
+    here = [a for a in taught.alike if a.here]
+    if here:
+        first, *more = here
+        also = "".join(f"; {a.name} {100 * a.share:.0f} %" for a in more)
+        sign = "with a sign that it cannot have, " if first.turned else ""
+        said.append(
+            f"It looks most like {first.name}: {sign}that cause can do {100 * first.share:.0f} % of what this law does "
+            f"to the readings ({rest_words(first)}{also})."
+        )
+    elsewhere = [f"{a.name} ({100 * a.share:.0f} %)" for a in taught.alike if not a.here]
+    if elsewhere:
+        said.append(f"At another place {' and '.join(elsewhere)} would do the same: the place may be that one.")
+    return " ".join(said) or "No effect of the library at this place does half of what it does."
+
+
+def rest_words(a: Alike) -> str:
+    """What a cause does not do of a learned law."""
+    return f"the rest has s = {a.left:.1f}" + (", which these readings hardly tell" if a.left < _HARDLY else "")
 
 
 def instead_words(f: Finding, x: Leftover) -> str:
