@@ -75,9 +75,11 @@ _AS_GOOD = 2.0
 """By how much it may rise where causes are spared: they merely do the same."""
 _SURE = 1e-4
 """Odds against another structure below which it may stand."""
+_FAR_BETTER = 10.0
+"""Nats by which a law that nobody has written must be ahead of a name to stand alone in its place."""
 _SETTLED = 0.8
 """Share of a noise that the next one has where the names stay: nothing more is hidden in it."""
-STEPS = ("conventions", "baseline", "causes", "search", "noise", "closing gate", "held-out gain", "table")
+STEPS = ("conventions", "baseline", "causes", "search", "closing gate", "held-out gain", "table", "noise")
 Progress = Callable[[str, int, int], None]
 
 
@@ -163,12 +165,10 @@ def diagnose(
         spared = len(instead.members) < len(found.members)
         if _dearer(instead, found) < (_AS_GOOD if spared else -_BETTER):
             found, conventions = instead, (structure, *conventions)
+    tell("closing gate")
+    found, closing = _closed(found, level * (1.0 - _LIBRARY_SHARE), seed)
     base, library, answers = found.base, found.library, found.answers
     best, extended = found.best, found.extended
-    tell("noise")
-    audit = _audit(base, extended)
-    tell("closing gate")
-    closing = _close(base, best, extended, level * (1.0 - _LIBRARY_SHARE), seed)
     tell("held-out gain")
     held = _held(base, library, best, level, largest, seed, repeats)
     tell("table")
@@ -177,6 +177,9 @@ def diagnose(
     findings = tuple(replace(f, instead=closing.rivals.get(f.name)) for f in findings)
     findings = (*_convention_findings(conventions), *findings)
     certain = _certain(base, best, findings)
+    taught = _taught(base, best, certain, closing, seed, repeats)
+    tell("noise")
+    audit = _audit(base, taught.fit if taught and taught.holds else extended)
     before = misfit(base.experiment, base.readings, base.rows, base.fit)
     after = misfit(base.experiment, base.readings, base.rows, extended)
     return Diagnosis(
@@ -196,7 +199,7 @@ def diagnose(
         baseline=base.fit,
         extended=extended,
         certain=certain,
-        taught=_taught(base, best, certain, closing, seed, repeats),
+        taught=taught,
         case=base.case,
         method=Method(held, base.far, base.untold, one_pose, lone_visits(base.rows)),
         level=level,
@@ -215,11 +218,13 @@ class _Closing:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """The library, its answers, best first, and the baseline in the noise that these leave."""
+    """The library, its answers, best first, and the baseline in the noise that these leave; plain: the same without
+    any answer, in the noise that is left then."""
 
     base: _Baseline
     library: Library
     answers: Sequence[Answer]
+    plain: _Found | None = None
 
     @property
     def best(self) -> Answer | None:
@@ -456,6 +461,7 @@ def _searched(base: _Baseline, level: float, largest: int, seed: int) -> _Found:
     measured = base.rows.mask.ravel()
     scores = family_test(blocks_of(base.case, subspaces), base.fits, base.values, seed, measured=measured)
     library = make_library(base.case, base.fit, base.nu, subspaces, scores)
+    plain = _Found(base, library, ())
     answers = _answers(library, base, level, largest)
     for _ in range(_ROUNDS if answers else 0):
         best = answers[0]
@@ -474,7 +480,22 @@ def _searched(base: _Baseline, level: float, largest: int, seed: int) -> _Found:
         base, library, answers = again, there, found
         if found[0].subset.members == best.subset.members and size > _SETTLED * before:
             break
-    return _Found(base, library, answers)
+    return _Found(base, library, answers, plain)
+
+
+def _closed(found: _Found, level: float, seed: int) -> tuple[_Found, _Closing]:
+    """The closing gate, and what stands after it: a name that a law is far ahead of drops out, and the law remains."""
+    closing = _close(found.base, found.best, found.extended, level, seed)
+    beaten = {name for name, rival in closing.rivals.items() if rival.evidence > _FAR_BETTER}
+    if found.best is None or found.plain is None or not beaten:
+        return found, closing
+    members = tuple(i for i in found.members if found.base.case.causes[i].name not in beaten)
+    fit = refit(found.base.case, [found.base.case.causes[i] for i in members], found.base.fit, found.base.rows)
+    stands = found.plain
+    if members and fit is not None:
+        answer = replace(found.best, subset=replace(found.best.subset, members=members), fit=fit)
+        stands = replace(found, answers=(answer, *found.answers[1:]))
+    return stands, _close(stands.base, stands.best, stands.extended, level, seed)
 
 
 def _answers(library: Library, base: _Baseline, level: float, largest: int) -> list[Answer]:
@@ -568,7 +589,7 @@ def _held(
     )
     closing = _case_at(base, _causes(base, best), best.fit) if best else None
     alike = [set(library.aliases(i)) for i in members]
-    return held_out(base.case, closing, members, alike, None if base.far else how, seed, repeats)
+    return held_out(base.case, closing, members, alike, how if best and not base.far else None, seed, repeats)
 
 
 def _case_at(base: _Baseline, causes: Sequence[Cause], fit: Settled) -> Case:
