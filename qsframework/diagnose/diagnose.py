@@ -173,7 +173,7 @@ def diagnose(
         baseline=base.fit,
         extended=extended,
         certain=certain,
-        taught=_taught(base, best, certain, closing, seed, repeats),
+        taught=_taught(base, best, certain, closing, level, seed, repeats),
         case=base.case,
         method=Method(held, base.far, base.untold, one_pose, lone_visits(base.rows)),
         level=level,
@@ -463,9 +463,14 @@ def _causes(base: _Baseline, best: Answer | None) -> list[Cause]:
 
 
 def _taught(
-    base: _Baseline, best: Answer | None, certain: Settled, closing: _Closing, seed: int, repeats: int
+    base: _Baseline, best: Answer | None, certain: Settled, closing: _Closing, level: float, seed: int, repeats: int
 ) -> Taught | None:
-    """The law that what is left teaches: the first of the plainest that holds, else the plainest."""
+    """The law that what is left teaches: the first of the plainest that holds, else the plainest.
+
+    Where doubtful names do not stay, what is left beside the certain ones teaches it.
+    """
+    if best is not None and certain is not best.fit:
+        closing = _close(base, None, certain, level * (1.0 - _LIBRARY_SHARE), seed)
     tried: list[Taught] = []
     for lesson in closing.lessons:
         taught = _learned(base, best, certain, lesson, seed, repeats)
@@ -491,6 +496,7 @@ def _learned(
         leftover=lesson.leftover,
         s=float(np.sqrt(max(certain.chi2 - fit.chi2, 0.0))),
         fit=fit,
+        before=held.rms_identified,
         heldout=held.rms_extended,
         gain=held.gain,
         physical=all(bounds[n][0] <= v <= bounds[n][1] for n, v in fit.by_name().items()),
