@@ -27,6 +27,7 @@ ALONE = "explained by the named causes"
 UNHELD = "seen, but no fit with it holds"
 _ALIKE = float(np.deg2rad(1.0))
 """Angle below which no poses are promised: whether any tell the two is still to be computed."""
+TOO_WEAK = "It shows too little to learn its law: more poses, or repeats, would tell."
 _HARDLY = 3.0
 """s below which readings hardly tell a learned law from a cause of the library."""
 
@@ -90,7 +91,7 @@ def _open(found: Diagnosis) -> Iterator[str]:
     if found.leftovers:
         also = "also " if found.findings else ""
         left = leftover_words(found.leftovers[0])
-        why = unlearned_words(found.leftovers[0].law)
+        why = unlearned_words(found.leftovers[0].law) or ("" if found.taught is not None else TOO_WEAK)
         first = f"The readings {also}hold something that no effect of the library explains: {left}. Look there first."
         yield f"{first} {why}".rstrip()
         if found.taught is not None:
@@ -182,8 +183,8 @@ def learned_words(taught: Taught) -> str:
         return f"{what}, but {why} with it: it is not written."
     return (
         f"{what} (s = {taught.s:.1f}): the error at poses left out, {mm(taught.before)} mm without it and "
-        f"{mm(taught.heldout)} mm with it, falls by {100 * taught.gain:.0f} % in the noise that was found. It predicts, "
-        "and says nothing of the cause."
+        f"{mm(taught.heldout)} mm with it, falls by {100 * taught.gain:.0f} % in the noise that was found. It "
+        "predicts, and says nothing of the cause."
     )
 
 
