@@ -149,7 +149,7 @@ def main() -> None:
         runner = CliRunner()
         said = [_run(runner, app, command, Path(away)) for command in commands]
     note = next(line for line in said[2].splitlines() if "was learned between" in line)
-    law = re.search(rf"As {re.escape(NAME)} its law was learned.*?mm\.", " ".join(said[0].split()))
+    law = re.search(rf"As {re.escape(NAME)} its law was learned.*?found\.", " ".join(said[0].split()))
     text = README.format(
         poses=POSES,
         extend=EXTEND,

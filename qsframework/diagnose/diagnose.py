@@ -177,7 +177,7 @@ def diagnose(
     findings = tuple(replace(f, instead=closing.rivals.get(f.name)) for f in findings)
     findings = (*_convention_findings(conventions), *findings)
     certain = _certain(base, best, findings)
-    taught = _taught(base, best, certain, closing, seed, repeats)
+    taught = _taught(base, best, certain, closing, level, seed, repeats)
     tell("noise")
     audit = _audit(base, taught.fit if taught and taught.holds else extended)
     before = misfit(base.experiment, base.readings, base.rows, base.fit)
@@ -539,9 +539,14 @@ def _causes(base: _Baseline, best: Answer | None) -> list[Cause]:
 
 
 def _taught(
-    base: _Baseline, best: Answer | None, certain: Settled, closing: _Closing, seed: int, repeats: int
+    base: _Baseline, best: Answer | None, certain: Settled, closing: _Closing, level: float, seed: int, repeats: int
 ) -> Taught | None:
-    """The law that what is left teaches: the first of the plainest that holds, else the plainest."""
+    """The law that what is left teaches: the first of the plainest that holds, else the plainest.
+
+    Where doubtful names do not stay, what is left beside the certain ones teaches it.
+    """
+    if best is not None and certain is not best.fit:
+        closing = _close(base, None, certain, level * (1.0 - _LIBRARY_SHARE), seed)
     tried: list[Taught] = []
     for lesson in closing.lessons:
         taught = _learned(base, best, certain, lesson, seed, repeats)
@@ -567,6 +572,7 @@ def _learned(
         leftover=lesson.leftover,
         s=float(np.sqrt(max(certain.chi2 - fit.chi2, 0.0))),
         fit=fit,
+        before=held.rms_identified,
         heldout=held.rms_extended,
         gain=held.gain,
         physical=all(bounds[n][0] <= v <= bounds[n][1] for n, v in fit.by_name().items()),

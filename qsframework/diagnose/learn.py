@@ -24,6 +24,8 @@ from qsframework.experiment.observations import Rows
 from qsframework.plugin import KNOTS, Array, Context, Effect, Poses, RobotFacts, Spring, SpringLaw, find, registry
 
 _TRIED = 3
+_ODDS = 10.0
+"""Of a law against nothing, which weighs as much as all blocks together, from which on it is learned."""
 _PARTS: dict[str, str] = {"drive": "learned", "link": "learned", "shift": "learned_shift"}
 """The effect that a law of such a part is; laws of markers and readings are none of the arm."""
 _RECORDED = ("order", "time", "temperature", "approach")
@@ -46,10 +48,12 @@ def lessons(
     fits: Reml,
     values: Array,
 ) -> list[Lesson]:
-    """The few plainest laws that readings (m,) m hold beside a fit and that an effect can be."""
+    """The few plainest laws that readings (m,) m hold beside a fit, well enough to be learned, and an effect can be."""
     columns = {b.law: b.columns for b in blocks}
     out: list[Lesson] = []
     for leftover in left:
+        if leftover.evidence < np.log(_ODDS * len(blocks)):
+            continue
         effects = _effects(model, leftover.law, rows, moved)
         if effects:
             prior = prior_of(columns[leftover.law], fits, values)

@@ -115,7 +115,8 @@ class Taught:
     """A law that was learned where no cause of the library explains the readings.
 
     cause: its effect and weights; leftover: by which evidence; s: visible size in units of noise; fit: exact, beside
-    the certain names; heldout: RMS per axis, m, at poses left out with it; gain: 1 - that / without it, in the noise;
+    the certain names; before, heldout: RMS per axis, m, at poses left out without and with it; gain: 1 - the one / the
+    other, in the noise;
     physical: whether all values of the fit lie within their bounds; alike: causes of the library that it looks like,
     the likest first
     """
@@ -124,6 +125,7 @@ class Taught:
     leftover: Leftover
     s: float
     fit: Settled
+    before: float
     heldout: float
     gain: float
     physical: bool

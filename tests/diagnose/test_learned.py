@@ -82,7 +82,7 @@ def knee(size: float) -> Hidden:
 
 
 def test_a_law_that_looks_like_one_of_the_library_says_which(found: tuple[Diagnosis, str], tmp_path: Path) -> None:
-    path = write_campaign(FORTY, noisy(FORTY, FORTY.clean(knee(FORTY.sized(knee, 14.0, 0.01, 10.0)))), tmp_path)
+    path = write_campaign(FORTY, noisy(FORTY, FORTY.clean(knee(FORTY.sized(knee, 20.0, 0.01, 10.0)))), tmp_path)
     d = diagnose(load_experiment(path), read_readings(load_experiment(path).data, load_experiment(path)), repeats=1)
     assert d.taught is not None
     first = d.taught.alike[0]
