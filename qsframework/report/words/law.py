@@ -23,8 +23,8 @@ _HOW = {
 
 _UNLEARNED = {
     "step": "It needs the pose before, which no plan has: no law of it is learned. Record the side of approach.",
-    "constant": "A constant is a parameter of the geometry: fit joint_offset or joint_placement there.",
-    "others": "It couples axes: a law of one spring cannot hold it, only an effect such as controller_coupling.",
+    "constant": "A constant is a parameter of the geometry there: fit that.",
+    "others": "It couples axes: a law of one spring cannot hold it, only an effect that couples them.",
 }
 
 
