@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -75,8 +75,6 @@ _AS_GOOD = 2.0
 """By how much it may rise where causes are spared: they merely do the same."""
 _SURE = 1e-4
 """Odds against another structure below which it may stand."""
-_FAR_BETTER = 10.0
-"""Nats by which a law that nobody has written must be ahead of a name to stand alone in its place."""
 _SETTLED = 0.8
 """Share of a noise that the next one has where the names stay: nothing more is hidden in it."""
 STEPS = ("conventions", "baseline", "causes", "search", "closing gate", "held-out gain", "table", "noise")
@@ -209,10 +207,12 @@ def diagnose(
 
 @dataclass(frozen=True)
 class _Closing:
-    """What the names leave, by name the law that stands in its place as well, and what can be learned."""
+    """What the names leave, by name the law that stands in its place as well, those that cannot stand beside theirs,
+    and what can be learned."""
 
     leftovers: tuple[Leftover, ...]
     rivals: Mapping[str, Leftover]
+    beaten: Collection[str]
     lessons: Sequence[Lesson]
 
 
@@ -486,10 +486,9 @@ def _searched(base: _Baseline, level: float, largest: int, seed: int) -> _Found:
 def _closed(found: _Found, level: float, seed: int) -> tuple[_Found, _Closing]:
     """The closing gate, and what stands after it: a name that a law is far ahead of drops out, and the law remains."""
     closing = _close(found.base, found.best, found.extended, level, seed)
-    beaten = {name for name, rival in closing.rivals.items() if rival.evidence > _FAR_BETTER}
-    if found.best is None or found.plain is None or not beaten:
+    if found.best is None or found.plain is None or not closing.beaten:
         return found, closing
-    members = tuple(i for i in found.members if found.base.case.causes[i].name not in beaten)
+    members = tuple(i for i in found.members if found.base.case.causes[i].name not in closing.beaten)
     fit = refit(found.base.case, [found.base.case.causes[i] for i in members], found.base.fit, found.base.rows)
     stands = found.plain
     if members and fit is not None:
@@ -526,12 +525,14 @@ def _close(base: _Baseline, best: Answer | None, fit: Settled, level: float, see
     left = leftovers(blocks, fits, tame, level, seed + 1, base.rows.mask.ravel())
     causes = {c.name: c.names for c in _causes(base, best)}
     rivals: dict[str, Leftover] = {}
+    beaten: set[str] = set()
     for name in named_in(fit, causes, columns):
         own = [columns.shape[1] - len(fit.names) + fit.names.index(p) for p in causes[name.name]]
         rival = contested(blocks, _fits(base.rows, np.delete(columns, own, axis=1)), tame, name)
         if rival is not None:
-            rivals[name.name] = rival
-    return _Closing(left, rivals, lessons(fit.model, base.rows, moved, blocks, left, fits, tame))
+            rivals[name.name] = rival[0]
+            beaten |= {name.name} if rival[1] else set()
+    return _Closing(left, rivals, beaten, lessons(fit.model, base.rows, moved, blocks, left, fits, tame))
 
 
 def _causes(base: _Baseline, best: Answer | None) -> list[Cause]:
