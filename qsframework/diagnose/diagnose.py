@@ -157,12 +157,9 @@ def diagnose(
     tell("baseline")
     start = _start(experiment, readings)
     found = _found(start, tell, level, largest, seed)
-    for structure, other in _structures(start) if adopted is None else ():
-        instead = _found(other, tell, level, largest, seed)
-        # rather another structure than causes that merely do the same, and rather that of the file than another one
-        spared = len(instead.members) < len(found.members)
-        if _dearer(instead, found) < (_AS_GOOD if spared else -_BETTER):
-            found, conventions = instead, (structure, *conventions)
+    if adopted is None:
+        found, structure = _structured(start, found, tell, level, largest, seed)
+        conventions = (*structure, *conventions)
     tell("closing gate")
     found, closing = _closed(found, level * (1.0 - _LIBRARY_SHARE), seed)
     base, library, answers = found.base, found.library, found.answers
@@ -345,6 +342,19 @@ def _structures(given: _Start) -> list[tuple[Convention, _Start]]:
             )
             out.append((structure, start))
     return out
+
+
+def _structured(
+    start: _Start, found: _Found, tell: Callable[[str], None], level: float, largest: int, seed: int
+) -> tuple[_Found, tuple[Convention, ...]]:
+    """What was found, or what is found with another structure, which then stands beside it: rather that than causes
+    that merely do the same, and rather the file's than another one."""
+    for structure, other in _structures(start):
+        instead = _found(other, tell, level, largest, seed)
+        spared = len(instead.members) < len(found.members)
+        if _dearer(instead, found) < (_AS_GOOD if spared else -_BETTER):
+            return instead, (structure,)
+    return found, ()
 
 
 def _dearer(one: _Found, other: _Found) -> float:
