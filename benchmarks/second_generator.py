@@ -15,24 +15,39 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from common import table
+from fresh_poses import Fresh, fresh_errors, place_right, spoken, variable_right
 from independent import NOISES, Campaign, Setting, Unreachable, noisy, write_campaign, write_robot
 from independent_arm import ARMS, Arm, Array, Hidden, NoRest
 from independent_effects import SHOWN, Places, campaign_for, hide, structures
 from scipy.stats import f
 from untouched import UNTOUCHED
 
+if TYPE_CHECKING:
+    from qsframework.diagnose import Diagnosis
+
 GROUPS = ("second_effects", "second_nulls", "second_structures")
 ASKED = ("untouched",)
-FILES = ("independent.py", "independent_arm.py", "independent_effects.py", "untouched.py", "second_generator.py")
+FILES = (
+    "independent.py",
+    "independent_arm.py",
+    "independent_effects.py",
+    "untouched.py",
+    "second_generator.py",
+    "fresh_poses.py",
+)
 SIZES = (10.0, 5.0)
 POSES = (12, 14, 20, 40)
 PLANNED = (40, 24, 60, 14)
 """Poses of the campaigns in which something is hidden, in turns."""
 STRESSED = ("nominal", "shared", "nominal", "sigma_too_small", "nominal", "quantised", "repeatability")
+UNKNOWN = (40, 14)
+"""Poses of the campaigns of untouched kinds."""
+_WORSE, _HARM = 1.02, 1.05
+"""How many times larger errors at fresh poses may be than those of the springs alone."""
 PLAIN = 5.0
 """s from which a structure must be named."""
 SEEDS = 12
@@ -112,7 +127,9 @@ def _structures(seeds: int, base: int) -> Iterator[Case]:
 def _untouched(seeds: int, base: int) -> Iterator[Case]:
     for number in range(max(1, seeds)):
         for maker in UNTOUCHED:
-            yield _case("untouched", maker.__name__, number, base, wanted=10.0)
+            for poses in UNKNOWN:
+                label = f"{maker.__name__}/{poses}"
+                yield _case("untouched", label, number, base, wanted=10.0, poses=poses)
 
 
 _MAKERS: dict[str, Callable[[int, int], Iterator[Case]]] = {
@@ -232,11 +249,11 @@ def run(case: Case, code: str) -> Result:
     out |= {"arm": setting.arm.name, "kind": setting.kind, "noise": setting.noise, "loads": setting.loads}
     out |= {"poses": setting.poses, "designed": setting.plan is not None, "truth": told.names, "s": round(told.s, 2)}
     out |= {"size": round(told.size, 3), "place": told.place, "variable": told.variable}
-    return out | answer(told)
+    return out | answer(told, fresh=case.group in ("untouched", "second_nulls"))
 
 
-def answer(told: Told) -> Result:
-    """What the diagnosis says of these files."""
+def answer(told: Told, fresh: bool = False) -> Result:
+    """What the diagnosis says of these files; fresh: and what it is worth at poses that nobody has measured."""
     from qsframework.diagnose import diagnose
     from qsframework.errors import QsfError
     from qsframework.experiment import load_experiment, read_readings
@@ -250,6 +267,7 @@ def answer(told: Told) -> Result:
             d = diagnose(experiment, read_readings(experiment.data, experiment))
         except QsfError as error:
             return {"outcome": "refused", "error": f"{type(error).__name__}: {error}".replace(folder, "")[:300]}
+        seconds = round(time.process_time() - start, 2)
     findings = [
         {
             "name": found.name,
@@ -263,12 +281,26 @@ def answer(told: Told) -> Result:
     ]
     return {
         "outcome": "done",
-        "seconds": round(time.process_time() - start, 2),
+        "seconds": seconds,
         "verdict": d.verdict,
         "findings": findings,
         "leftovers": [[x.law.name, float(x.p_value)] for x in d.leftovers[:3]],
+        "learned": None if d.taught is None else [d.taught.name, d.taught.holds, round(d.taught.gain, 3)],
+        "said": [[sorted(words) for words in both] for both in spoken(d)],
+        "fresh": _fresh(told, d) if fresh else None,
         "rms_mm": [round(1e3 * v, 5) for v in (d.rms.heldout_identified, d.rms.heldout_extended, d.rms.noise)],
     }
+
+
+def _fresh(told: Told, found: Diagnosis) -> list[float] | None:
+    """Errors, mm, at fresh poses: of the springs alone, of the extended model, of the oracle; None without a rest."""
+    from qsframework.errors import QsfError
+
+    try:
+        errors = fresh_errors(told.campaign, told.hidden, found)
+    except (QsfError, NoRest):
+        return None
+    return [round(1e3 * v, 5) for v in (errors.springs, errors.extended, errors.oracle)]
 
 
 # ---------------------------------------------------------------- scores
@@ -320,6 +352,61 @@ def rate(label: str, goal: str, results: Sequence[Result], hit: Callable[[Result
     return label, goal, f"{100 * p:.1f} %", f"{100 * low:.1f} - {100 * high:.1f} %", count, verdict
 
 
+def learned(r: Result) -> bool:
+    """Whether a law was learned that `--extend` writes."""
+    return r["learned"] is not None and bool(r["learned"][1])
+
+
+def share(r: Result) -> float:
+    """Of the oracle's gain at fresh poses."""
+    return Fresh(*r["fresh"]).share
+
+
+def learned_rows(results: Sequence[Result]) -> list[Row]:
+    """The goals of learned laws: on untouched kinds at each number of poses, and on nulls."""
+    done = [r for r in results if r["outcome"] == "done"]
+    unknown = [r for r in done if r["group"] == "untouched"]
+    out = [rate("untouched kinds, s = 10: confidently wrong", "<= 5 %", unknown, wrong)]
+    placed = [r for r in unknown if r["place"]]
+    out.append(rate("untouched kinds: place right", ">= 95 %", placed, lambda r: place_right(r["said"], r["place"])))
+    out.append(
+        rate(
+            "untouched kinds: place and variable right",
+            ">= 85 %",
+            placed,
+            lambda r: variable_right(r["said"], r["place"], r["variable"]),
+        )
+    )
+    for poses, goal in ((40, 80.0), (14, 65.0)):
+        shares = [share(r) for r in unknown if r["poses"] == poses and r["fresh"] is not None]
+        words = f"untouched kinds, {poses} poses: share of the oracle's gain at fresh poses, median"
+        out.append(_median(words, goal, [v for v in shares if np.isfinite(v)]))
+        own = [r for r in unknown if r["poses"] == poses and r["fresh"] is not None]
+        out.append(rate(f"untouched kinds, {poses} poses: worse than the springs by 2 %", "<= 5 %", own, _worse))
+    nulls = [r for r in done if r["group"] == "second_nulls"]
+    out.append(rate("nothing hidden: a law learned", "<= 2 %", nulls, learned))
+    known = [r for r in nulls if r["fresh"] is not None]
+    words = "nothing hidden: error at fresh poses more than 1.05 times that of the springs"
+    out.append(rate(words, "<= 0 %", known, lambda r: Fresh(*r["fresh"]).harm > _HARM))
+    return [row for row in out if row[4]]
+
+
+def _worse(r: Result) -> bool:
+    return Fresh(*r["fresh"]).harm > _WORSE
+
+
+def _median(label: str, goal: float, values: Sequence[float]) -> Row:
+    """A median with its interval by order statistics, 95 %."""
+    if not values:
+        return label, f">= {goal:g} %", "-", "-", 0, "-"
+    ordered, n = np.sort(values), len(values)
+    draws = np.random.default_rng(0).choice(ordered, (2000, n))
+    low, high = np.quantile(np.median(draws, axis=1), [0.025, 0.975])
+    middle = 100.0 * float(np.median(ordered))
+    met = "yes" if middle >= goal else "within the interval" if 100.0 * high >= goal else "no"
+    return label, f">= {goal:g} %", f"{middle:.0f} %", f"{100 * low:.0f} - {100 * high:.0f} %", n, met
+
+
 def rows(results: Sequence[Result]) -> list[Row]:
     """The goals."""
     done = [r for r in results if r["outcome"] == "done"]
@@ -337,8 +424,7 @@ def rows(results: Sequence[Result]) -> list[Row]:
     out.append(
         rate("another structure: named", ">= 95 %", [r for r in done if r["group"] == "second_structures"], named)
     )
-    unknown = [r for r in done if r["group"] == "untouched"]
-    out.append(rate("untouched kinds, s = 10: confidently wrong", "<= 5 %", unknown, wrong))
+    out += learned_rows(done)
     return [row for row in out if row[4]]
 
 

@@ -9,11 +9,15 @@ those of the README and the examples, reports included. Medians; all commands ta
 from __future__ import annotations
 
 import argparse
+import json
+import os
 import shutil
+import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from statistics import median
 
 from common import ROOT, RUNS, Ran, medians, ran, show, table
 
@@ -76,6 +80,37 @@ def whole(runs: int) -> str:
     return table(["command", "CPU s", "clock s", "peak memory, MB", "goal"], rows)
 
 
+STEPS = """
+import json, time
+from qsframework.diagnose import diagnose
+from qsframework.experiment import load_experiment, read_readings
+experiment = load_experiment({path!r})
+readings = read_readings(experiment.data, experiment)
+marks = [("imports and files", 0.0)]
+def tell(step, done, count):
+    marks.append((step, time.process_time()))
+diagnose(experiment, readings, progress=tell)
+marks.append(("", time.process_time()))
+spent = {{step: 0.0 for step, _ in marks[:-1]}}
+for (step, start), (_, end) in zip(marks, marks[1:]):
+    spent[step] += end - start
+print(json.dumps(spent))
+"""
+
+
+def steps(runs: int) -> str:
+    """What each step of a diagnosis costs; a unit is the CPU of a fresh Python with numpy and scipy.optimize."""
+    unit = medians({"unit": python("import numpy, scipy.optimize")}, ROOT, runs)["unit"].cpu
+    program = python(STEPS.format(path=str(EXAMPLES / "hidden_effect" / "experiment.yaml")))
+    env = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+    seen = [json.loads(subprocess.run(program, check=True, capture_output=True, env=env).stdout) for _ in range(runs)]
+    spent = {name: float(median(one[name] for one in seen)) for name in seen[0]}
+    whole = float(median(sum(one.values()) for one in seen))
+    rows = [[name, f"{s:.2f}", f"{s / unit:.1f}", ""] for name, s in spent.items()]
+    rows.append(["all, 60 poses x 3 markers, without a report", f"{whole:.2f}", f"{whole / unit:.1f}", "10 units"])
+    return table(["step", "CPU s", "units", "goal"], rows)
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -87,6 +122,7 @@ def main() -> None:
     runs = 1 if given.quick else RUNS
     show("start-up", starts(runs), given.write, given.quick)
     show("commands", whole(runs), given.write, given.quick)
+    show("diagnosis", steps(runs), given.write, given.quick)
 
 
 if __name__ == "__main__":

@@ -19,25 +19,26 @@ class GearFlank(SpringLaw):
     """
 
     joint: str = place()
-    width: float = setting("N m", 50.0)
-    """Torque over which the flanks change; above 0."""
+    width: float = setting("N m", 0.0)
+    """Torque over which the flanks change; 0: 0.5 % of the payload's at full reach."""
     equation = "eps = c T + c+ (T + sqrt(T^2 + w^2) - w) / 2"
     source = "gears and worm drives: stiffness differs by the side that carries by 5 to 30 %"
     check = "Wear of the teeth; push the joint to both sides with the drive held."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        return (Parameter(self.name, "rad/(N m)", typical=robot.sizes.compliance(4e-3)),)
+        return (Parameter(self.name, "rad/(N m)", typical=robot.sizes.rotation(4e-3) / robot.torque_at(self.joint)),)
 
     def springs(self, robot: RobotFacts) -> tuple[At, ...]:
         return (("gear", self.joint),)
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
-        if self.width <= 0.0:
-            raise InputError(Problem(f"{self.name}: width must be above 0", found=f"{self.width:g} N m"))
+        if self.width < 0.0:
+            raise InputError(Problem(f"{self.name}: width must not be negative", found=f"{self.width:g} N m"))
 
     def extra(self, torque: Array, x: Array, context: Context) -> Array:
-        return 0.5 * x[0] * (torque + np.sqrt(torque**2 + self.width**2) - self.width)
+        width = self.width or 5e-3 * context.robot.sizes.torque
+        return 0.5 * x[0] * (torque + np.sqrt(torque**2 + width**2) - width)
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[GearFlank, ...]:

@@ -7,7 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.plugin import Array, At, Context, InputError, LawTerm, Parameter, RobotFacts, SpringLaw, place, setting
+from qsframework.plugin import (
+    Array,
+    At,
+    Context,
+    InputError,
+    LawTerm,
+    Parameter,
+    Problem,
+    RobotFacts,
+    SpringLaw,
+    place,
+    setting,
+)
 
 
 @dataclass(frozen=True)
@@ -19,8 +31,8 @@ class JointBacklash(SpringLaw):
     """
 
     joint: str = place()
-    width: float = setting("N m", 20.0)
-    """Torque over which the gear crosses its gap; above 0."""
+    width: float = setting("N m", 0.0)
+    """Torque over which the gear crosses its gap; 0: 0.2 % of the payload's at full reach."""
     equation = "eps = c T + (b / 2) T / sqrt(T^2 + w^2)"
     source = "gear catalogues: 1 to 3 arcmin, below 1 arcmin for reduced backlash; (b / 2) sign(T)"
     check = "Gear play: push the joint to both sides with the drive held."
@@ -33,13 +45,14 @@ class JointBacklash(SpringLaw):
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
-        if self.width <= 0.0:
-            raise InputError(f"{self.name}: width must be above 0, found {self.width:g} N m")
+        if self.width < 0.0:
+            raise InputError(Problem(f"{self.name}: width must not be negative", found=f"{self.width:g} N m"))
 
     def extra(self, torque: Array, x: Array, context: Context) -> LawTerm:
-        root = np.sqrt(torque**2 + self.width**2)
+        width = self.width or 2e-3 * context.robot.sizes.torque
+        root = np.sqrt(torque**2 + width**2)
         side = 0.5 * torque / root
-        return LawTerm(x[0] * side, 0.5 * x[0] * self.width**2 / root**3, side[..., None])
+        return LawTerm(x[0] * side, 0.5 * x[0] * width**2 / root**3, side[..., None])
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[JointBacklash, ...]:

@@ -30,9 +30,10 @@ class JointHardening(SpringLaw):
     check = "Gear type and wear; compare small and large loads at this joint alone."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        turn, full = robot.sizes.rotation(1e-3), robot.torque_at(self.joint)
         if self.knee:
-            return (Parameter(self.name, "rad/(N m)", typical=robot.sizes.compliance(2e-3)),)
-        return (Parameter(self.name, "rad/(N m)^3", typical=robot.sizes.rotation(12e-3) / robot.sizes.torque**3),)
+            return (Parameter(self.name, "rad/(N m)", typical=2.0 * turn / full),)
+        return (Parameter(self.name, "rad/(N m)^3", typical=12.0 * turn / full**3),)
 
     def springs(self, robot: RobotFacts) -> tuple[At, ...]:
         return (("gear", self.joint),)

@@ -12,7 +12,7 @@ import numpy as np
 from qsframework.applications.reach import Free, Reached, Tool, reach, tool_of
 from qsframework.applications.task import Task
 from qsframework.design import Wish, design
-from qsframework.elastostatics import Model, cartesian_compliance, equilibrium, make_model
+from qsframework.elastostatics import Model, cartesian_compliance, equilibrium, make_model, range_notes
 from qsframework.errors import InputError, NotCertified, NotConverged, NotIdentifiable
 from qsframework.estimation import scales
 from qsframework.experiment import Constraints, Experiment, LoadCase, Marker, Noise, Plan
@@ -151,7 +151,7 @@ def _one(robot: Robot, task: Task, seed: int) -> Compared:
     experiment = campaign_of(robot, task, tool)
     model = tip_model(robot, tool)
     free = _free(robot, task)
-    deflection, softest, touching = _map(robot, model, tool, task, seed, free)
+    deflection, softest, touching, mapped = _map(robot, model, tool, task, seed, free)
     found = reach(robot, model, tool, task.points, task.directions, seed, free)
     pendant, reached = found.pendant, found.good
     poses = Poses(pendant, robot.controller.to_joints(pendant), task.wrenches)
@@ -163,7 +163,9 @@ def _one(robot: Robot, task: Task, seed: int) -> Compared:
     if plan is not None:
         sds = promised_sd(experiment, plan)
         after[reached] = _after(experiment, model, plan, poses.take(reached))
-    notes = _notes(robot, task, found, touching)
+    points = np.flatnonzero(reached)
+    beyond = range_notes(model, poses.take(reached), [f"point {i + 1} of the path" for i in points])
+    notes = (*_notes(robot, task, found, touching), *beyond, *mapped)
     return Compared(
         robot=robot,
         deflection=deflection,
@@ -215,9 +217,11 @@ def campaign_of(robot: Robot, task: Task, tool: Tool) -> Experiment:
     )
 
 
-def _map(robot: Robot, model: Model, tool: Tool, task: Task, seed: int, free: Free) -> tuple[Array, Array, int]:
-    """Deflection (C,) m, the stiffness (C,) N/m in the direction that gives most, and the cells that are reached only
-    by touching."""
+def _map(
+    robot: Robot, model: Model, tool: Tool, task: Task, seed: int, free: Free
+) -> tuple[Array, Array, int, tuple[str, ...]]:
+    """Deflection (C,) m, the stiffness (C,) N/m in the direction that gives most, the cells that are reached only by
+    touching, and what is asked beyond where a law holds."""
     z, x = (a.ravel() for a in np.meshgrid(task.map_z, task.map_x, indexing="ij"))
     points = np.stack([x, np.full(len(x), task.map_y), z], axis=1)
     found = reach(robot, model, tool, points, np.tile(task.map_direction, (len(x), 1)), seed, free)
@@ -231,7 +235,8 @@ def _map(robot: Robot, model: Model, tool: Tool, task: Task, seed: int, free: Fr
     if stable.any():
         compliance = cartesian_compliance(model, poses.take(stable))[:, :3, :3]
         softest[np.flatnonzero(reached)[stable]] = 1.0 / np.linalg.svd(compliance, compute_uv=False)[:, 0]
-    return deflection, softest, int(found.blocked.sum())
+    cells = [f"the cell at x {x[i]:.2f}, z {z[i]:.2f} m" for i in np.flatnonzero(reached)]
+    return deflection, softest, int(found.blocked.sum()), range_notes(model, poses, cells)
 
 
 def _deflections(model: Model, poses: Poses) -> Array:

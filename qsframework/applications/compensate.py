@@ -17,7 +17,7 @@ import numpy as np
 
 from qsframework.applications.inverse import TipPose, arm_length, joint_step, pose_error, rigid_jacobian, rigid_tip
 from qsframework.applications.targets import Targets
-from qsframework.elastostatics import Model, actuator_torques, equilibrium
+from qsframework.elastostatics import Model, actuator_torques, equilibrium, range_notes
 from qsframework.errors import InputError, NotConverged, Problem
 from qsframework.experiment import Experiment
 from qsframework.identify.io import StoredFit
@@ -133,7 +133,8 @@ def compensate(
     pendant, deflection, left, covariance, noise = (np.concatenate(a) for a in zip(*parts, strict=True))
     _check_corrected(experiment, targets, pendant, deflection, left)
     command = rigid_tip(experiment.robot, experiment.load_site, experiment.robot.controller.to_joints(pendant))
-    notes = fit_notes(experiment, fit)
+    stood = Poses(pendant, experiment.robot.controller.to_joints(pendant), targets.wrench)
+    notes = (*fit_notes(experiment, fit), *range_notes(model, stood, targets.name, x))
     return Compensation(
         targets=targets,
         pendant=frozen(pendant),

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.elastostatics import Model, Site, cartesian_compliance, equilibrium, make_model
+from qsframework.elastostatics import Model, Site, cartesian_compliance, equilibrium, make_model, range_notes
 from qsframework.elastostatics.displacements import evaluate
 from qsframework.errors import InputError
 from qsframework.plugin import Array, Poses
@@ -22,7 +22,7 @@ class Stiffness:
     linear, full (3,) m: translation of the load point, loaded minus unloaded; rotation (3,) rad: of
     its link, full; shares: spring name -> translation (3,) m that it adds in the linear model;
     compliance, compliance_without_load (6, 6): tip twist per unit wrench with the whole Hessian of
-    equation (18), and with the compensators' part alone
+    equation (18), and with the compensators' part alone; notes: what was asked beyond where a law holds
     """
 
     names: tuple[str, ...]
@@ -32,6 +32,7 @@ class Stiffness:
     rotation: Array
     compliance: Array
     compliance_without_load: Array
+    notes: tuple[str, ...] = ()
 
     @property
     def linear_error(self) -> float:
@@ -56,6 +57,7 @@ class Stiffness:
             "rotation_mrad": (self.rotation * 1e3).tolist(),
             "shares_mm": {n: (s * 1e3).tolist() for n, s in zip(self.names, self.shares, strict=True)},
             "stiffness": None if K is None else K.tolist(),
+            "notes": list(self.notes),
         }
 
 
@@ -77,6 +79,7 @@ def stiffness_at(robot: Robot, pendant: Array, wrench: Array, point: Array) -> S
         rotation=rotation,
         compliance=cartesian_compliance(model, poses)[0],
         compliance_without_load=cartesian_compliance(model, poses, hessian=False)[0],
+        notes=range_notes(model, poses, ["this pose"]),
     )
 
 

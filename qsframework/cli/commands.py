@@ -30,6 +30,7 @@ def run_simulate(
 ) -> None:
     """Simulate a plan and write its readings."""
     from qsframework.design import broken_constraints
+    from qsframework.elastostatics import range_notes
     from qsframework.experiment import simulate
     from qsframework.experiment.measured import keep_measured, write_simulated
 
@@ -42,9 +43,13 @@ def run_simulate(
     for constraint, poses in broken_constraints(experiment, plan).items():
         print(f"note: {', '.join(poses)} break the constraint {constraint!r}")
     result = simulate(experiment, plan, truth=truth, seed=seed, linear=linear)
+    notes = range_notes(result.model, plan.poses, plan.pose, result.x)
+    for note in notes:
+        print(f"note: {note}")
     made = write_simulated(output, result.readings, experiment)
     if json is not None:
         told = {"readings": str(output), "seed": seed, "truth": result.truth_by_name()}
+        told |= {"notes": list(notes)} if notes else {}
         write_json(json, {**(made if json == sidecar else {}), **told})
     if report is not None:
         from qsframework.report import write_report
@@ -52,7 +57,7 @@ def run_simulate(
         from qsframework.report.simulation_section import simulation_sections
 
         own = computed(experiment, [file, plan_file], seed, (LINEAR, EQUILIBRIUM) if linear else (EQUILIBRIUM,))
-        sections = (*simulation_sections(experiment, plan, result, linear), own)
+        sections = (*simulation_sections(experiment, plan, result, linear, notes), own)
         print(f"report: {write_report(report, f'Simulation: {experiment.robot.title}', sections)}")
     print(f"{len(result.readings)} readings at {len(set(result.readings.pose))} poses: {output}")
     print(f"next: qsf identify {file} --data {output}")

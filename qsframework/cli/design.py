@@ -22,6 +22,7 @@ from qsframework.design import (
     read_candidates,
 )
 from qsframework.design.candidates import Candidates
+from qsframework.elastostatics import range_notes
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan, Readings, load_experiment, read_plan, read_readings, write_plan
 from qsframework.information import promised_sd
@@ -80,7 +81,8 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, where: Whe
     table = sd_table(experiment.fit_parameters(), sds)
     print(found.words())
     print_table(table.header, table.rows)
-    for line in (certificate_text(plan), *tip_words(plan), *twin_words(experiment, plan)):
+    beyond = [f"Note: {n}." for n in range_notes(experiment.model(), plan.poses, plan.pose)]
+    for line in (certificate_text(plan), *tip_words(plan), *twin_words(experiment, plan), *beyond):
         print(line)
     print(f"plan: {files.output}")
     print(f"next: measure each pose unloaded, then loaded, or try it: qsf simulate {files.experiment} {files.output}")
@@ -88,7 +90,7 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, where: Whe
         certificate = plan.certificate.as_json() if plan.certificate else None
         write_json(files.json, {"plan": str(files.output), "certificate": certificate, "candidates": found.words()})
     if files.report is not None:
-        notes = (found.words(), *tip_words(plan), *twin_words(experiment, plan))
+        notes = (found.words(), *tip_words(plan), *twin_words(experiment, plan), *beyond)
         sections = (
             plan_section(experiment, plan, table, "Plan", notes),
             computed(experiment, files.inputs(), seed, (LINEAR, INFORMATION, AFTER)),

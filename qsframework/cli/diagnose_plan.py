@@ -24,6 +24,7 @@ def run_foresight(
     where: Where = ALONE,
 ) -> None:
     """Print, before anything is measured, what a plan would detect and name, and what stays invisible."""
+    from qsframework.elastostatics import range_notes
     from qsframework.forecast.power import foresee
     from qsframework.information import promises
     from qsframework.report.plan_section import promise_table
@@ -45,6 +46,8 @@ def run_foresight(
             print_table(table.header, table.rows)
     for line in foresight_words(found):
         print(line)
+    for note in range_notes(campaign.model(), planned.poses, planned.pose):
+        print(f"note: {note}")
     print(f"next: measure the plan, then qsf diagnose {experiment} readings.csv")
     if json is not None:
         write_json(json, {"fitted": [p.as_json() for p in told], **foresight_json(found)})

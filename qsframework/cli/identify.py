@@ -136,6 +136,8 @@ def run_validate(files: FitFiles, fit: Path, halves: int, seed: int) -> None:
     else:
         found = validate(experiment, readings, stored)
     print(validation_words(found))
+    for note in found.notes:
+        print(f"note: {note}")
     for table in validation_tables(found):
         print_table(table.header, table.rows)
         print(table.caption)

@@ -325,7 +325,7 @@ def validate(
 def diagnose(
     experiment: ExperimentFile,
     data: Files = None,
-    level: Annotated[float, typer.Option(help="Chance of naming anything where nothing acts.")] = 0.04,
+    level: Annotated[float, typer.Option(help="Chance of naming anything where nothing acts.")] = 0.02,
     extend: Annotated[Path | None, typer.Option(help="Folder for the extended robot and an experiment on it.")] = None,
     extend_doubtful: Annotated[
         bool, typer.Option("--extend-doubtful", help="Extend by names too without which poses left out fit as well.")

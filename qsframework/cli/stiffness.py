@@ -29,11 +29,14 @@ def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | Non
         np.concatenate([wrench, np.zeros(6 - len(wrench))]),
         numbers("--point", point, (3,)) * 1e-3,
     )
-    section = Section(f"{arm.title} at {pose} deg under {load} N", (*_tables(result), Text(_words(result))))
+    notes = [Text(f"Note: {note}.") for note in result.notes]
+    section = Section(f"{arm.title} at {pose} deg under {load} N", (*_tables(result), Text(_words(result)), *notes))
     for block in section.blocks:
         if isinstance(block, Table):
             print_table(block.header, block.rows)
     print(_words(result))
+    for note in result.notes:
+        print(f"note: {note}")
     if json is not None:
         write_json(json, result.as_json())
     if report is not None:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from qsframework.diagnose.evidence_table import findings_of, table_of
 from qsframework.diagnose.learn import Lesson, lessons
+from qsframework.diagnose.likeness import alike
 from qsframework.diagnose.linearization.candidates import Cause, Untested, find_causes
 from qsframework.diagnose.linearization.columns import Case, make_case
 from qsframework.diagnose.linearization.generic_blocks import generic_blocks, motions
 from qsframework.diagnose.residuals.audited_rows import (
+    bic,
     far_from_linear,
     in_noise,
     library_basis,
@@ -43,7 +45,7 @@ from qsframework.diagnose.selection.model_selection import (
 )
 from qsframework.diagnose.selection.search import LARGEST, parts_of
 from qsframework.diagnose.verdict import ambiguous, verdict_of
-from qsframework.errors import InputError, NotConverged
+from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import orthonormal, rms, rounding
 from qsframework.estimation.visit_noise import Reml, reml
 from qsframework.experiment import Experiment, Readings, bridge, make_rows
@@ -51,9 +53,16 @@ from qsframework.experiment.observations import REACH, Rows, start_values
 from qsframework.identify.pose_spread import check_pose_spread
 from qsframework.identify.selection import in_order
 from qsframework.plugin import Array, Indices
-from qsframework.screening.conventions import Convention, adopted, check_conventions, check_structures
+from qsframework.screening.convention_changes import Change
+from qsframework.screening.conventions import (
+    Convention,
+    adopted,
+    check_conventions,
+    check_structures,
+    fits_better,
+)
 
-LEVEL = 0.04
+LEVEL = 0.02
 _LIBRARY_SHARE = 0.6
 """Of the level that the library's test gets; the generic blocks of the closing gate get the rest."""
 _GROSS = 0.01
@@ -64,10 +73,23 @@ _BETTER = 1.0
 """By how much the BIC must fall for another structure."""
 _AS_GOOD = 2.0
 """By how much it may rise where causes are spared: they merely do the same."""
+_SURE = 1e-4
+"""Odds against another structure below which it may stand."""
 _SETTLED = 0.8
 """Share of a noise that the next one has where the names stay: nothing more is hidden in it."""
-STEPS = ("conventions", "baseline", "causes", "search", "noise", "closing gate", "held-out gain", "table")
+STEPS = ("conventions", "baseline", "causes", "search", "closing gate", "held-out gain", "table", "noise")
 Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """An exact fit of the experiment's own parameters to all rows; untold: those that the readings do not tell."""
+
+    experiment: Experiment
+    readings: Readings
+    rows: Rows
+    fit: Settled
+    untold: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -132,19 +154,16 @@ def diagnose(
     proved = adopted(conventions)
     if proved:
         experiment, readings = proved[-1].experiment, proved[-1].readings
-    found = _found(experiment, readings, tell, level, largest, seed)
-    for other in check_structures(experiment, readings)[:1] if not proved else ():
-        instead = _found(other.experiment, other.readings, tell, level, largest, seed)
-        # rather another structure than causes that merely do the same, and rather that of the file than another one
-        spared = len(instead.members) < len(found.members)
-        if instead.cost < found.cost + (_AS_GOOD if spared else -_BETTER):
-            found, conventions = instead, (other, *conventions)
+    tell("baseline")
+    start = _start(experiment, readings)
+    found = _found(start, tell, level, largest, seed)
+    if not proved:
+        found, structure = _structured(start, found, tell, level, largest, seed)
+        conventions = (*structure, *conventions)
+    tell("closing gate")
+    found, closing = _closed(found, level * (1.0 - _LIBRARY_SHARE), seed)
     base, library, answers = found.base, found.library, found.answers
     best, extended = found.best, found.extended
-    tell("noise")
-    audit = _audit(base, extended)
-    tell("closing gate")
-    closing = _close(base, best, extended, level * (1.0 - _LIBRARY_SHARE), seed)
     tell("held-out gain")
     held = _held(base, library, best, level, largest, seed, repeats)
     tell("table")
@@ -153,6 +172,9 @@ def diagnose(
     findings = tuple(replace(f, instead=closing.rivals.get(f.name)) for f in findings)
     findings = (*_convention_findings(conventions), *findings)
     certain = _certain(base, best, findings)
+    taught = _taught(base, best, certain, closing, level, seed, repeats)
+    tell("noise")
+    audit = _audit(base, taught.fit if taught and taught.holds else extended)
     before = misfit(base.experiment, base.readings, base.rows, base.fit)
     after = misfit(base.experiment, base.readings, base.rows, extended)
     return Diagnosis(
@@ -172,7 +194,7 @@ def diagnose(
         baseline=base.fit,
         extended=extended,
         certain=certain,
-        taught=_taught(base, best, certain, closing, seed, repeats),
+        taught=taught,
         case=base.case,
         method=Method(held, base.far, base.untold, one_pose, lone_visits(base.rows)),
         level=level,
@@ -182,20 +204,24 @@ def diagnose(
 
 @dataclass(frozen=True)
 class _Closing:
-    """What the names leave, by name the law that stands in its place as well, and what can be learned."""
+    """What the names leave, by name the law that stands in its place as well, those that cannot stand beside theirs,
+    and what can be learned."""
 
     leftovers: tuple[Leftover, ...]
     rivals: Mapping[str, Leftover]
+    beaten: Collection[str]
     lessons: Sequence[Lesson]
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """The library, its answers, best first, and the baseline in the noise that these leave."""
+    """The library, its answers, best first, and the baseline in the noise that these leave; plain: the same without
+    any answer, in the noise that is left then."""
 
     base: _Baseline
     library: Library
     answers: Sequence[Answer]
+    plain: _Found | None = None
 
     @property
     def best(self) -> Answer | None:
@@ -209,25 +235,11 @@ class _Found:
     def extended(self) -> Settled:
         return self.answers[0].fit if self.answers else self.base.fit
 
-    @property
-    def cost(self) -> float:
-        """BIC of the extended model, in errors as stated."""
-        rows, fit = self.base.start, self.extended
-        count = len(rows.at)
-        square = float(np.square((fit.residuals / rows.sigma)[rows.mask]).sum()) / count
-        return count * float(np.log(max(square, 1e-300))) + fit.jacobian.shape[1] * float(np.log(count))
 
-
-def _found(
-    experiment: Experiment,
-    readings: Readings,
-    tell: Callable[[str], None],
-    level: float,
-    largest: int,
-    seed: int,
-) -> _Found:
+def _found(start: _Start, tell: Callable[[str], None], level: float, largest: int, seed: int) -> _Found:
     """The search, and once more without the rows that belong to nothing."""
-    base = _baseline(experiment, readings, tell)
+    tell("causes")
+    base = _baseline(start)
     tell("search")
     found = _searched(base, level, largest, seed)
     gross = _gross(found)
@@ -276,9 +288,8 @@ def _teller(progress: Progress | None) -> Callable[[str], None]:
     return tell
 
 
-def _baseline(experiment: Experiment, readings: Readings, tell: Callable[[str], None]) -> _Baseline:
-    """The exact fit of the experiment's own parameters, all causes beside it, and the noise that it leaves."""
-    tell("baseline")
+def _start(experiment: Experiment, readings: Readings) -> _Start:
+    """The exact fit of the experiment's own parameters, in the noise that is stated."""
     model = experiment.model()
     rows = make_rows(readings)
     wanted = in_order(model, experiment.fit_names())
@@ -292,13 +303,73 @@ def _baseline(experiment: Experiment, readings: Readings, tell: Callable[[str], 
             raise
         said = f"{error}. These readings do not tell {', '.join(untold)}: kept at the nominal value"
         raise NotConverged(said) from error
-    tell("causes")
-    causes, untested = find_causes(experiment, names, rows)
-    case = make_case(experiment, rows, names, causes, fit.by_name(), fit.residuals, fit.frames).grouped()
+    return _Start(experiment, readings, rows, fit, untold)
+
+
+def _structures(given: _Start) -> list[tuple[Convention, _Start]]:
+    """The structure of the arm whose exact fit is compellingly better than that of its file, the likeliest; or none.
+
+    A cause may do so too: the two are compared when both were searched beside.
+    """
+    changes = check_structures(given.experiment, given.readings)
+    tried: list[tuple[float, Change, _Start]] = []
+    for change in changes:
+        try:
+            start = _start(change.experiment, change.readings)
+        except (InputError, NotConverged, NotIdentifiable):
+            continue
+        tried.append((bic(given.rows, given.fit) - bic(start.rows, start.fit), change, start))
+    out: list[tuple[Convention, _Start]] = []
+    for gain, change, start in sorted(tried, key=lambda t: -t[0])[:1]:
+        evidence = 0.5 * gain - float(np.log(len(changes)))
+        if evidence > -np.log(_SURE):
+            after, before = (rms(f.residuals[given.rows.mask]) for f in (start.fit, given.fit))
+            structure = Convention(
+                name=change.name,
+                value=change.value,
+                words=fits_better(change, after, before),
+                experiment=change.experiment,
+                readings=change.readings,
+                rms=after,
+                rms_given=before,
+                evidence=evidence,
+                below=0,
+                compelling=True,
+                structure=True,
+            )
+            out.append((structure, start))
+    return out
+
+
+def _structured(
+    start: _Start, found: _Found, tell: Callable[[str], None], level: float, largest: int, seed: int
+) -> tuple[_Found, tuple[Convention, ...]]:
+    """What was found, or what is found with another structure, which then stands beside it: rather that than causes
+    that merely do the same, and rather the file's than another one."""
+    for structure, other in _structures(start):
+        instead = _found(other, tell, level, largest, seed)
+        spared = len(instead.members) < len(found.members)
+        if _dearer(instead, found) < (_AS_GOOD if spared else -_BETTER):
+            return instead, (structure,)
+    return found, ()
+
+
+def _dearer(one: _Found, other: _Found) -> float:
+    """By how much the BIC of one extended model is above that of another, for the rows that both have left."""
+    both = np.intersect1d(one.base.good, other.base.good)
+    costs = [bic(f.base.given.take(both), f.extended, np.flatnonzero(np.isin(f.base.good, both))) for f in (one, other)]
+    return costs[0] - costs[1]
+
+
+def _baseline(start: _Start) -> _Baseline:
+    """All causes beside the exact fit, and the noise that it leaves."""
+    experiment, rows, fit = start.experiment, start.rows, start.fit
+    causes, untested = find_causes(experiment, fit.names, rows)
+    case = make_case(experiment, rows, fit.names, causes, fit.by_name(), fit.residuals, fit.frames).grouped()
     fits = _fits(rows, case.raw[:, : case.A.shape[1]])
     base = _Baseline(
         experiment=experiment,
-        readings=readings,
+        readings=start.readings,
         rows=rows,
         fit=fit,
         case=case,
@@ -306,7 +377,7 @@ def _baseline(experiment: Experiment, readings: Readings, tell: Callable[[str], 
         nu=fits.freedom(0),
         good=np.arange(len(rows.keep)),
         untested=untested,
-        untold=untold,
+        untold=start.untold,
         given=rows,
         whole=case,
     )
@@ -397,6 +468,7 @@ def _searched(base: _Baseline, level: float, largest: int, seed: int) -> _Found:
     measured = base.rows.mask.ravel()
     scores = family_test(blocks_of(base.case, subspaces), base.fits, base.values, seed, measured=measured)
     library = make_library(base.case, base.fit, base.nu, subspaces, scores)
+    plain = _Found(base, library, ())
     answers = _answers(library, base, level, largest)
     for _ in range(_ROUNDS if answers else 0):
         best = answers[0]
@@ -415,7 +487,21 @@ def _searched(base: _Baseline, level: float, largest: int, seed: int) -> _Found:
         base, library, answers = again, there, found
         if found[0].subset.members == best.subset.members and size > _SETTLED * before:
             break
-    return _Found(base, library, answers)
+    return _Found(base, library, answers, plain)
+
+
+def _closed(found: _Found, level: float, seed: int) -> tuple[_Found, _Closing]:
+    """The closing gate, and what stands after it: a name that a law is far ahead of drops out, and the law remains."""
+    closing = _close(found.base, found.best, found.extended, level, seed)
+    if found.best is None or found.plain is None or not closing.beaten:
+        return found, closing
+    members = tuple(i for i in found.members if found.base.case.causes[i].name not in closing.beaten)
+    fit = refit(found.base.case, [found.base.case.causes[i] for i in members], found.base.fit, found.base.rows)
+    stands = found.plain
+    if members and fit is not None:
+        answer = replace(found.best, subset=replace(found.best.subset, members=members), fit=fit)
+        stands = replace(found, answers=(answer, *found.answers[1:]))
+    return stands, _close(stands.base, stands.best, stands.extended, level, seed)
 
 
 def _answers(library: Library, base: _Baseline, level: float, largest: int) -> list[Answer]:
@@ -446,12 +532,14 @@ def _close(base: _Baseline, best: Answer | None, fit: Settled, level: float, see
     left = leftovers(blocks, fits, tame, level, seed + 1, base.rows.mask.ravel())
     causes = {c.name: c.names for c in _causes(base, best)}
     rivals: dict[str, Leftover] = {}
+    beaten: set[str] = set()
     for name in named_in(fit, causes, columns):
         own = [columns.shape[1] - len(fit.names) + fit.names.index(p) for p in causes[name.name]]
         rival = contested(blocks, _fits(base.rows, np.delete(columns, own, axis=1)), tame, name)
         if rival is not None:
-            rivals[name.name] = rival
-    return _Closing(left, rivals, lessons(fit.model, base.rows, moved, blocks, left, fits, tame))
+            rivals[name.name] = rival[0]
+            beaten |= {name.name} if rival[1] else set()
+    return _Closing(left, rivals, beaten, lessons(fit.model, base.rows, moved, blocks, left, fits, tame))
 
 
 def _causes(base: _Baseline, best: Answer | None) -> list[Cause]:
@@ -459,9 +547,14 @@ def _causes(base: _Baseline, best: Answer | None) -> list[Cause]:
 
 
 def _taught(
-    base: _Baseline, best: Answer | None, certain: Settled, closing: _Closing, seed: int, repeats: int
+    base: _Baseline, best: Answer | None, certain: Settled, closing: _Closing, level: float, seed: int, repeats: int
 ) -> Taught | None:
-    """The law that what is left teaches: the first of the plainest that holds, else the plainest."""
+    """The law that what is left teaches: the first of the plainest that holds, else the plainest.
+
+    Where doubtful names do not stay, what is left beside the certain ones teaches it.
+    """
+    if best is not None and certain is not best.fit:
+        closing = _close(base, None, certain, level * (1.0 - _LIBRARY_SHARE), seed)
     tried: list[Taught] = []
     for lesson in closing.lessons:
         taught = _learned(base, best, certain, lesson, seed, repeats)
@@ -487,9 +580,11 @@ def _learned(
         leftover=lesson.leftover,
         s=float(np.sqrt(max(certain.chi2 - fit.chi2, 0.0))),
         fit=fit,
+        before=held.rms_identified,
         heldout=held.rms_extended,
         gain=held.gain,
         physical=all(bounds[n][0] <= v <= bounds[n][1] for n, v in fit.by_name().items()),
+        alike=alike(base.case, kept, fit, lesson.leftover.law, lesson.cause),
     )
 
 
@@ -508,15 +603,17 @@ def _held(
     )
     closing = _case_at(base, _causes(base, best), best.fit) if best else None
     alike = [set(library.aliases(i)) for i in members]
-    return held_out(base.case, closing, members, alike, None if base.far else how, seed, repeats)
+    return held_out(base.case, closing, members, alike, how if best and not base.far else None, seed, repeats)
 
 
 def _case_at(base: _Baseline, causes: Sequence[Cause], fit: Settled) -> Case:
     """The case whose fitted parameters are those of a fit with causes, linearised there, without further causes."""
     case = make_case(base.experiment, base.rows, base.case.fitted, causes, fit.by_name(), fit.residuals, fit.frames)
     held = [np.array(c.sizes) / c.prior if c.prior else np.zeros(len(c.names)) for c in causes]
+    back = [[-fit.value(n) / s if c.prior else 0.0 for n, s in zip(c.names, c.sizes, strict=True)] for c in causes]
     A = np.concatenate([case.A, *case.B], axis=1)
-    return replace(case, A=A, causes=(), B=(), held=np.concatenate([case.held, *held]))
+    aim = np.concatenate([np.zeros(len(case.held)) if case.aim is None else case.aim, *back])
+    return replace(case, A=A, causes=(), B=(), held=np.concatenate([case.held, *held]), aim=aim)
 
 
 def _errors(

@@ -7,7 +7,7 @@ reading shows stay there: a law is never larger than what was seen of it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
@@ -21,9 +21,13 @@ from qsframework.elastostatics import Model
 from qsframework.errors import InputError
 from qsframework.estimation.visit_noise import Reml
 from qsframework.experiment.observations import Rows
-from qsframework.plugin import Array, Context, Effect, Poses, RobotFacts, Spring, SpringLaw, find, registry
+from qsframework.plugin import KNOTS, Array, Context, Effect, Poses, RobotFacts, Spring, SpringLaw, find, registry
 
 _TRIED = 3
+_ODDS = 10.0
+"""Of a law against nothing, which weighs as much as all blocks together, from which on it is learned."""
+_PARTS: dict[str, str] = {"drive": "learned", "link": "learned", "shift": "learned_shift"}
+"""The effect that a law of such a part is; laws of markers and readings are none of the arm."""
 _RECORDED = ("order", "time", "temperature", "approach")
 
 
@@ -44,16 +48,18 @@ def lessons(
     fits: Reml,
     values: Array,
 ) -> list[Lesson]:
-    """The few plainest laws that readings (m,) m hold beside a fit and that an effect can be."""
+    """The few plainest laws that readings (m,) m hold beside a fit, well enough to be learned, and an effect can be."""
     columns = {b.law: b.columns for b in blocks}
     out: list[Lesson] = []
     for leftover in left:
+        if leftover.evidence < np.log(_ODDS * len(blocks)):
+            continue
         effects = _effects(model, leftover.law, rows, moved)
         if effects:
-            effect = effects[-1]
             prior = prior_of(columns[leftover.law], fits, values)
+            effect: Any = replace(cast("Any", effects[-1]), prior=prior)
             parameters = effect.parameters(model.facts)
-            out.append(Lesson(leftover, Cause(effect.name, effects, parameters, False, prior)))
+            out.append(Lesson(leftover, Cause(effect.name, (*effects[:-1], effect), parameters, False, prior)))
         if len(out) == _TRIED:
             break
     return out
@@ -61,9 +67,10 @@ def lessons(
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A law as it was learned: motion (n, k), rad, of its coordinates over a variable x (n,), with its sd.
+    """A law as it was learned: motion (n, k), rad or m, of its coordinates over a variable x (n,), with its sd.
 
-    torque: N m under which it stands, NaN where the variable is the torque itself
+    What is straight in the torque is left out of both: no reading tells it from the spring's. torque: N m, or N, under
+    which it stands, NaN where the variable is the torque itself
     """
 
     x: Array
@@ -88,6 +95,8 @@ def curve(taught: Taught, robot: RobotFacts, count: int = 61) -> Curve | None:
         return None
     context = Context(robot, Poses(q, q, np.zeros((count, 6))))
     shapes = np.stack([effect.extra(torque, unit, context) for unit in np.eye(len(names))], axis=-1)
+    straight = x if law.variable == "torque" else np.ones(count)
+    shapes = shapes - np.multiply.outer(straight, np.tensordot(straight, shapes, (0, 0))) / float(straight @ straight)
     at = [taught.fit.names.index(n) for n in names]
     covariance = taught.fit.covariance[np.ix_(at, at)]
     sd = np.sqrt(np.maximum(np.einsum("nkp,pq,nkq->nk", shapes, covariance, shapes), 0.0))
@@ -97,7 +106,7 @@ def curve(taught: Taught, robot: RobotFacts, count: int = 61) -> Curve | None:
 
 def _effects(model: Model, law: Law, rows: Rows, moved: Motions) -> tuple[Effect, ...]:
     """The effect that a law is, after the springs that it bends where the arm lacks them; none where no effect can."""
-    if law.part not in ("drive", "link") or law.variable not in ("torque", "angle", *_RECORDED):
+    if law.part not in _PARTS or law.variable not in ("torque", "angle", *_RECORDED):
         return ()
     try:
         effect = _effect(law, rows, moved)
@@ -125,7 +134,7 @@ def _effect(law: Law, rows: Rows, moved: Motions) -> SpringLaw:
     """The effect, with the range that the readings have of what it depends on."""
     at = next(list(p.coordinates) for p in moved.places if (p.part, p.name) == (law.part, law.place))
     torque = np.concatenate([moved.plus.torque[:, at], moved.minus.torque[:, at]])
-    settings: dict[str, float | str] = {"part": law.part, "scale": moved.scale(at)}
+    settings: dict[str, Any] = {"part": law.part, "scale": moved.scale(at), "knots": KNOTS}
     by: str = law.variable
     if law.variable == "torque":
         settings |= {"lowest": float(torque.min()), "highest": float(torque.max())}
@@ -140,6 +149,6 @@ def _effect(law: Law, rows: Rows, moved: Motions) -> SpringLaw:
     else:
         value = np.asarray(getattr(rows.readings.poses.loaded, law.variable))[rows.plus]
         settings |= {"first": float(value.min()), "last": float(value.max())}
-    found = cast("Any", find("learned"))(at=law.place, by=by, **settings)
+    found = cast("Any", find(_PARTS[law.part]))(at=law.place, by=by, **settings)
     assert isinstance(found, SpringLaw)
     return found

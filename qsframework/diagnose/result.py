@@ -95,22 +95,41 @@ class Finding:
         return self.heldout_gain <= 0.0
 
 
+@dataclass(frozen=True)
+class Alike:
+    """A cause of the library that a learned law looks like.
+
+    share: of the square of what the law does to the readings, which the cause can do as well; left: s of the rest;
+    here: whether it acts at the law's place; turned: whether only with a sign that it cannot have
+    """
+
+    name: str
+    share: float
+    left: float
+    here: bool
+    turned: bool = False
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Taught:
     """A law that was learned where no cause of the library explains the readings.
 
     cause: its effect and weights; leftover: by which evidence; s: visible size in units of noise; fit: exact, beside
-    the certain names; heldout: RMS per axis, m, at poses left out with it; gain: 1 - that / without it, in the noise;
-    physical: whether all values of the fit lie within their bounds
+    the certain names; before, heldout: RMS per axis, m, at poses left out without and with it; gain: 1 - the one / the
+    other, in the noise;
+    physical: whether all values of the fit lie within their bounds; alike: causes of the library that it looks like,
+    the likest first
     """
 
     cause: Cause
     leftover: Leftover
     s: float
     fit: Settled
+    before: float
     heldout: float
     gain: float
     physical: bool
+    alike: tuple[Alike, ...] = ()
 
     @property
     def name(self) -> str:

@@ -11,15 +11,18 @@ from qsframework.elastostatics.evaluation import spring_stiffness
 from qsframework.elastostatics.exact import exact_positions, exact_readings
 from qsframework.elastostatics.flips import flip_margin
 from qsframework.elastostatics.model import Model, make_model
+from qsframework.elastostatics.ranges import Beyond, beyond, range_notes
 from qsframework.elastostatics.state import Site, State
 from qsframework.elastostatics.torques import actuator_torques
 
 __all__ = [
+    "Beyond",
     "Equilibrium",
     "Model",
     "Site",
     "State",
     "actuator_torques",
+    "beyond",
     "cartesian_compliance",
     "cartesian_stiffness",
     "equilibrium",
@@ -28,5 +31,6 @@ __all__ = [
     "flip_margin",
     "full_displacement",
     "make_model",
+    "range_notes",
     "spring_stiffness",
 ]

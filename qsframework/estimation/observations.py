@@ -48,6 +48,20 @@ class Observations:
         """The nominal values (p,)."""
         return np.array([p.nominal for p in self.parameters])
 
+    def holds(self, priors: bool) -> tuple[Array, Array]:
+        """By which weight (p,), 1 / sd, each parameter is held to which value (p,).
+
+        To its nominal value by its stated sd where `priors`, by `held` else; what is pulled by itself to its null.
+        """
+        weight = np.zeros(len(self.parameters)) if self.held is None else self.held.copy()
+        towards = self.start
+        for i, p in enumerate(self.parameters):
+            if priors and p.sd is not None:
+                weight[i] = 1.0 / p.sd
+            elif p.pull is not None and p.null is not None:
+                towards[i] = p.null
+        return weight, towards
+
     @property
     def least(self) -> float:
         """Whitened size that rounding leaves of residuals: no noise is estimated below it, and none is zero."""

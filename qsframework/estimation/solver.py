@@ -197,14 +197,10 @@ class _Problem:
     def prior(self, z: Array) -> tuple[Array, Array]:
         """Residuals and rows of the priors and of weak holds."""
         o = self.observations
-        weight = np.zeros(len(o.parameters)) if o.held is None else o.held.copy()
-        if self.priors:
-            weight = np.array(
-                [1.0 / p.sd if p.sd is not None else w for p, w in zip(o.parameters, weight, strict=True)]
-            )
+        weight, towards = o.holds(self.priors)
         known = np.flatnonzero((weight > 0.0) & self.reduction.moved)
         weight = weight[known]
-        return weight * (o.start - self.reduction.x(z))[known], self.reduction.T[known] * weight[:, None]
+        return weight * (towards - self.reduction.x(z))[known], self.reduction.T[known] * weight[:, None]
 
     def cost(self, z: Array, r: Array | None = None) -> float:
         """Half the sum of squares, priors included; r: the residuals there, where they are known."""

@@ -137,9 +137,7 @@ def _profile(observations: Observations, solution: Solution, i: int, options: Fi
     tangent = solution.covariance[:, i] / (solution.covariance[i, i] or 1.0)  # a parameter at its bound has none
     ends = [(p.lower, p.upper) if options.bounds else (-np.inf, np.inf) for p in observations.parameters]
     lower, upper = np.array(ends).T
-    own = observations.parameters[i]
-    weight = 0.0 if observations.held is None else float(observations.held[i])
-    weight = 1.0 / own.sd if options.priors and own.sd is not None else weight
+    weight, towards = (float(v[i]) for v in observations.holds(options.priors))
     held = FitOptions(
         bounds=options.bounds,
         priors=options.priors,
@@ -150,7 +148,7 @@ def _profile(observations: Observations, solution: Solution, i: int, options: Fi
     )
 
     def cost(value: float) -> float:
-        alone = 0.5 * (weight * (value - own.nominal)) ** 2  # held, its own prior is none of the others' fit
+        alone = 0.5 * (weight * (value - towards)) ** 2  # held, its own prior is none of the others' fit
         start = np.clip(others[-1] + tangent * (value - others[-1][i]), lower, upper)
         start[i] = value
         if {*observations.names} <= {*held.fixed}:

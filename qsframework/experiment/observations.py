@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.elastostatics import Model, exact_positions, exact_readings
+from qsframework.elastostatics import Model, exact_positions, exact_readings, range_notes
 from qsframework.elastostatics.so3 import cross_matrix, left_jacobian
 from qsframework.errors import InputError
 from qsframework.estimation import Noise, Observations, grouped
@@ -90,6 +90,12 @@ class Rows:
         """Number (m,) of the error that the markers of one visit share along one axis; -1 for a gauge's own axis."""
         own = 3 * self.plus[self.row] + self.at % 3 + 3 * len(self.readings.states) * (self.frame[self.row] + 1)
         return np.where(self.readings.is_gauge[self.keep][self.row], -1, own)
+
+    def range_notes(self, model: Model, x: Array) -> tuple[str, ...]:
+        """A sentence for each law of a model that these readings ask beyond where it was seen."""
+        used = np.unique(self.plus)
+        names = [self.readings.states.pose[i] for i in map(int, used)]
+        return range_notes(model, self.readings.poses.take(used), names, x)
 
     @cached_property
     def own_noise(self) -> tuple[Array, list[Group]]:

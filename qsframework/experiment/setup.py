@@ -220,7 +220,7 @@ def load_experiment(path: str | Path, *, trust: bool | None = None) -> Experimen
     names = tuple(m.name for m in markers)
     effects, found = read_effects(document, spec.effects, robot.facts, names, trust=trusted(trust))
     effects += _geometry(robot, effects) if GEOMETRY in (spec.fit or ()) else ()
-    parameters = _nominal(path, spec, effects, robot, problems, complete=not found)
+    robot, parameters = _nominal(path, spec, effects, robot, problems, complete=not found)
     problems += [*found, *constraint_problems(document, spec, robot), *_load_problems(document, spec, robot)]
     if problems:
         raise InputError(problems)
@@ -260,22 +260,22 @@ def _noise(spec: ExperimentSpec) -> Noise:
 
 def _nominal(
     path: Path, spec: ExperimentSpec, effects: tuple[Effect, ...], robot: Robot, problems: list[Problem], complete: bool
-) -> tuple[Parameter, ...]:
-    """Parameters of the campaign's own effects, with the values of its `nominal` file."""
-    parameters = {p.name: p for e in effects for p in e.parameters(robot.facts)}
-    if spec.nominal is not None:
-        try:
-            if not inside(path.parent / spec.nominal, path.parent):
-                raise InputError(
-                    Problem(f"nominal: {spec.nominal[:80]!r} is outside the experiment's folder", str(path))
-                )
-            parameters, found = read_nominal(
-                read_yaml(path.parent / spec.nominal), parameters, effects, robot.facts, complete
-            )
-            problems += found
-        except InputError as error:
-            problems += error.problems
-    return tuple(parameters.values())
+) -> tuple[Robot, tuple[Parameter, ...]]:
+    """The robot, and the parameters of the campaign's own effects, with the values of its `nominal` file."""
+    own = {p.name: p for e in effects for p in e.parameters(robot.facts)}
+    if spec.nominal is None:
+        return robot, tuple(own.values())
+    every = {p.name: p for p in robot.parameters} | own
+    try:
+        if not inside(path.parent / spec.nominal, path.parent):
+            raise InputError(Problem(f"nominal: {spec.nominal[:80]!r} is outside the experiment's folder", str(path)))
+        document = read_yaml(path.parent / spec.nominal)
+        every, found = read_nominal(document, every, (*robot.effects, *effects), robot.facts, complete)
+        problems += found
+    except InputError as error:
+        problems += error.problems
+    robot = replace(robot, parameters=tuple(every[p.name] for p in robot.parameters))
+    return robot, tuple(every[name] for name in own)
 
 
 def _markers(document: Document, spec: ExperimentSpec, robot: Robot, problems: list[Problem]) -> tuple[Marker, ...]:

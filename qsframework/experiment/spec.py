@@ -212,7 +212,7 @@ class ExperimentSpec(FileModel):
     loads: list[LoadCaseSpec] = pydantic.Field(default_factory=list[LoadCaseSpec])
     constraints: ConstraintsSpec = ConstraintsSpec()
     effects: list[dict[str, Any]] = pydantic.Field(default_factory=list[dict[str, Any]])
-    nominal: str | None = None  # a file of values of these effects, beside the experiment
+    nominal: str | None = None  # a file of values of these effects and of the robot, beside the experiment
     fit: list[str] | None = None
     rigid: bool = False
 

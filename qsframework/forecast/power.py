@@ -27,8 +27,8 @@ from qsframework.information import loss_words
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.work import HERE, Work
 
-LIBRARY_LEVEL = 0.024
-"""Family-wise level of the library's test in a diagnosis at its usual level of 4 %."""
+LIBRARY_LEVEL = 0.012
+"""Family-wise level of the library's test in a diagnosis at its usual level of 2 %."""
 CLOSE = float(np.deg2rad(10.0))
 """Causes at a smaller angle count as not separable: naming one of them takes s = 19 and more."""
 _MOST = 1e4

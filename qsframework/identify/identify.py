@@ -158,7 +158,8 @@ def _one_step(experiment: Experiment, rows: Rows, names: Sequence[str], options:
 def _settled(seen: Bridge, options: FitOptions, unit: float) -> tuple[Solution, Observations]:
     """The solution and its observations, geometry and markers held weakly to their nominal values.
 
-    They are held by the noise that is seen in the end. unit: the nominal arm's error, in sds of a reading
+    They are held by the noise that is seen in the end; what its effect pulls, by the stated noise where there is one.
+    unit: the nominal arm's error, in sds of a reading
     """
     observations = seen.observations()
     starts = 0 if seen.frames else options.starts
@@ -167,11 +168,16 @@ def _settled(seen: Bridge, options: FitOptions, unit: float) -> tuple[Solution, 
     held = np.concatenate([np.zeros(seen.motions), held])
     if not held.any():
         return settle(observations, options, seen.start), observations
-    solution = settle(replace(observations, held=held * unit), options, seen.start, tolerance=1e-3)
+    pulled = np.array([p.pull is not None for p in seen.parameters]) & seen.rows.stated
+
+    def by(noise: float) -> Observations:
+        return replace(observations, held=held * np.where(pulled, 1.0, noise))
+
+    solution = settle(by(unit), options, seen.start, tolerance=1e-3)
     options = replace(options, starts=0)
     noise = max(rms(solution.residuals), observations.least)
     for _ in range(_HOLDS):
-        observations = replace(observations, held=held * noise)
+        observations = by(noise)
         solution = settle(observations, options, solution.x)
         before, noise = noise, max(rms(solution.residuals), observations.least)
         if noise > _FELL * before:
@@ -266,7 +272,8 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
         notes = (*notes, "The readings have no noise: sigma is what rounding leaves, and the sds say no more.")
     estimates = _estimates(found, solution, frames, x, np.sqrt(covariance.diagonal()), unit)
     left = tuple(e for e in found.left if e.name in model.names)
-    notes = (*notes, *_advice(rows, model, left, estimates))
+    beyond = (f"{note}." for note in rows.range_notes(model, x))
+    notes = (*notes, *_advice(rows, model, left, estimates), *beyond)
     return Fit(
         method=found.method,
         linear=options.linear,

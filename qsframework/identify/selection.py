@@ -10,7 +10,7 @@ import numpy as np
 from qsframework.elastostatics import Model
 from qsframework.estimation import PLAIN, FitOptions, Observations, scales
 from qsframework.experiment import Bridge
-from qsframework.plugin import Array, Geometry, Sensor, Spring
+from qsframework.plugin import Array, Geometry, Parameter, Sensor, Spring
 
 REDUNDANT = 1e-5
 """Share of a column that must be new, seen from the columns chosen before it."""
@@ -97,8 +97,13 @@ def in_order(model: Model, names: Sequence[str]) -> list[str]:
     return sorted((n for n in model.names if n in wanted), key=lambda n: rank[n])
 
 
-def told_names(seen: Bridge, options: FitOptions = PLAIN) -> tuple[list[str], tuple[LeftAside, ...], float]:
-    """The names that the readings, with the priors, can tell; what is left aside; the nominal arm's error in sds."""
+def told_names(
+    seen: Bridge, options: FitOptions = PLAIN, *, weakly: bool = False
+) -> tuple[list[str], tuple[LeftAside, ...], float]:
+    """The names that the readings, with the priors, can tell; what is left aside; the nominal arm's error in sds.
+
+    weakly: also what they tell to no use, but might be seen to be wrong by
+    """
     o = seen.observations()
     z = seen.start
     scale = np.concatenate([np.full(seen.motions, 1e-2), scales(list(seen.parameters[seen.motions :]))])
@@ -113,10 +118,15 @@ def told_names(seen: Bridge, options: FitOptions = PLAIN) -> tuple[list[str], tu
         stated = np.zeros((len(known), len(names)))
         stated[np.arange(len(known)), known] = [scale[i] / (o.parameters[i].sd or 1.0) for i in known]
         rows = np.vstack([rows, stated])
+    pulled = [i for i, p in enumerate(o.parameters) if p.pull is not None]
+    if pulled:
+        own = np.zeros((len(pulled), len(names)))
+        own[np.arange(len(pulled)), pulled] = [scale[i] / (o.parameters[i].pull or 1.0) for i in pulled]
+        rows = np.vstack([rows, own])
     if group:
         rows, names = _tied_columns(rows, names, o, scale, options)
     limits = np.concatenate([np.full(seen.motions, np.inf), _limits_of(seen.model, names[seen.motions :])])
-    if options.priors or np.all(seen.rows.minus >= 0):  # differences that tell little still tell it honestly
+    if weakly or options.priors or np.all(seen.rows.minus >= 0):  # differences that tell little still tell it honestly
         limits = np.full(len(limits), np.inf)
     taken, left = choose(rows, names, limits)
     chosen = {names[i] for i in taken}
@@ -153,6 +163,13 @@ def _limits_of(model: Model, names: Sequence[str]) -> Array:
 
 
 def held_of(model: Model, names: Sequence[str]) -> Array:
-    """sd (p,) of the weak hold on each parameter, in natural sizes; inf for springs, loads and all else."""
+    """sd (p,) of the weak hold on each parameter, in natural sizes; inf for springs, loads and all else that nothing
+    pulls."""
     geometry, sensors = kinds_of(model, Geometry), kinds_of(model, Sensor)
-    return np.array([_BROAD if n in sensors else _LOOSE if n in geometry else np.inf for n in names])
+
+    def hold(p: Parameter) -> float:
+        if p.pull is not None:
+            return p.pull / float(scales([p])[0])
+        return _BROAD if p.name in sensors else _LOOSE if p.name in geometry else np.inf
+
+    return np.array([hold(model.parameters[i]) for i in model.index(names)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -53,7 +53,7 @@ class Validation:
     """Errors of all readings and of each series or kind; halves: how many random halves they are of, 0 for none.
 
     seen: whether the fit was made of these readings; spread (halves,): RMS of the 3D error of each half, m
-    lines, file (R,): of the readings; poses: their names
+    lines, file (R,): of the readings; poses: their names; notes: what the errors do not say
     """
 
     robot: str
@@ -64,6 +64,7 @@ class Validation:
     spread: Array
     lines: Indices
     poses: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Lengths in mm."""
@@ -74,6 +75,7 @@ class Validation:
             "spread_mm": [1e3 * v for v in self.spread.tolist()],
             **_json(self.whole),
             "parts": {part.name: _json(part) for part in self.parts},
+            "notes": list(self.notes),
         }
 
 
@@ -111,7 +113,8 @@ def validate(experiment: Experiment, readings: Readings, fit: StoredFit) -> Vali
     frames = [known.get(n) or found[n] for n in names]
     errors = rows.measured - rows.predict(model, x, frames, fit.linear)
     seen = bool(set(fit.data_sha256.split("+")) & set(_hashes(readings)))
-    return _validation(experiment, rows, errors, _nominal(experiment, rows, fit.linear), seen=seen)
+    found = _validation(experiment, rows, errors, _nominal(experiment, rows, fit.linear), seen=seen)
+    return replace(found, notes=rows.range_notes(model, x))
 
 
 def validate_halves(

@@ -18,7 +18,7 @@ from qsframework.plugin.kinds import (
 from qsframework.plugin.parameter import Parameter
 from qsframework.plugin.registry import find, registry
 from qsframework.plugin.settings import place, setting
-from qsframework.plugin.shapes import by_torque, circular, smooth
+from qsframework.plugin.shapes import KNOTS, by_torque, circular, smooth
 from qsframework.plugin.terms import (
     Actuator,
     Bar,
@@ -29,6 +29,7 @@ from qsframework.plugin.terms import (
     LoadTerm,
     LoopTerm,
     Point,
+    Range,
     Reading,
     SensorTerm,
     StiffnessTerm,
@@ -38,6 +39,7 @@ from qsframework.plugin.terms import (
 )
 
 __all__ = [
+    "KNOTS",
     "Actuator",
     "Array",
     "At",
@@ -62,6 +64,7 @@ __all__ = [
     "Point",
     "Poses",
     "Problem",
+    "Range",
     "Reading",
     "RobotFacts",
     "Sensor",

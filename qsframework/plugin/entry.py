@@ -35,6 +35,8 @@ def _plain(effect: Effect, name: str, value: Any) -> Any:
         return number.item()
     if isinstance(value, float):
         return value
+    if isinstance(value, tuple):
+        return [_plain(effect, name, v) for v in cast("tuple[Any, ...]", value)]
     raise InputError(
         Problem(
             f"{effect.name}: {name} cannot be written to a file",

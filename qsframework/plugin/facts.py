@@ -113,6 +113,11 @@ class RobotFacts:
         payload = self.payload or moving or 100.0 * (reach / 2.5) ** 3
         return NaturalSizes(reach, payload, float(np.linalg.norm(self.gravity)) or 9.81)
 
+    def torque_at(self, joint: str) -> float:
+        """Of the payload about a joint of the stretched arm, a tenth of that at full reach at least, N m."""
+        beyond = np.linalg.norm(self.placements[self.joint_index(joint) + 1 :, :3, 3], axis=1)
+        return self.sizes.weight * max(float(beyond.sum()), 0.1 * self.sizes.reach)
+
     @property
     def n(self) -> int:
         return len(self.joints)

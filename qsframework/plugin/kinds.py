@@ -27,6 +27,7 @@ from qsframework.plugin.terms import (
     LoadTerm,
     LoopTerm,
     Point,
+    Range,
     Reading,
     SensorTerm,
     StiffnessTerm,
@@ -85,6 +86,13 @@ class Effect(ABC):
 
     def validate_values(self, x: Array, robot: RobotFacts) -> None:  # noqa: B027 - bounds say enough for most
         """Raise InputError if these nominal values (p,) of a file do not fit the robot or each other."""
+
+    def ranges(self, torque: Array, context: Context) -> tuple[Range, ...]:
+        """Where its law holds, of which a prediction beyond is said in words; none by default: everywhere.
+
+        torque: (N, k) N m on the k coordinates of the springs that a SpringLaw bends, (N, 0) of other kinds
+        """
+        return ()
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[Self, ...]:

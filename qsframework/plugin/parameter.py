@@ -18,6 +18,8 @@ class Parameter:
     typical  a realistic non-zero size: scales the parameter and sizes a hidden effect
     sd       prior standard deviation, None if nothing is known
     null     value at which the effect vanishes, None if this parameter alone cannot switch it off
+    pull     sd about `null` by which every fit holds it, however many the readings: of laws that bend more freely than
+             readings tell; None: the readings alone say it
     by_name  estimated only where `fit` names the parameter itself: an effect's name stands for its others
     """
 
@@ -32,6 +34,7 @@ class Parameter:
     null: float | None = 0.0
     source: str = ""
     by_name: bool = False
+    pull: float | None = None
 
     def __post_init__(self) -> None:
         if not self.lower <= self.nominal <= self.upper:
@@ -43,6 +46,8 @@ class Parameter:
             raise PluginError(f"{self.name}: typical must be a positive number, found {self.typical}")
         if self.sd is not None and not (math.isfinite(self.sd) and self.sd > 0):
             raise PluginError(f"{self.name}: sd must be positive or None, found {self.sd}")
+        if self.pull is not None and (self.null is None or not (math.isfinite(self.pull) and self.pull > 0)):
+            raise PluginError(f"{self.name}: pull must be positive, towards a null, found {self.pull}")
 
     @property
     def scale(self) -> float:

@@ -34,6 +34,22 @@ class GeometryTerm:
     twists_dx: Array | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class Range:
+    """Of a law that holds only where it was seen: what it depends on at N states, and from where to where it was seen.
+
+    label  what it is, such as `torque on joint_3`
+    unit   SI unit as text, "N m"
+    values (N,), low and high in this unit
+    """
+
+    label: str
+    unit: str
+    values: Array
+    low: float
+    high: float
+
+
 @dataclass(frozen=True)
 class LoopTerm:
     """A loop over k joints with m bars, at u = (actuator angles, bar errors) of k + m entries.

@@ -56,7 +56,8 @@ def learned_figure(diagnosis: Diagnosis, taught: Taught) -> Iterator[Figure]:
         look = {"fill": "toself", "fillcolor": _LINES[i], "opacity": 0.15, "line": {"width": 0}}
         figure.add_scatter(x=around[0], y=around[1], name="2 sd", hoverinfo="skip", showlegend=False, **look)
     note = (
-        "A smooth law that the readings taught, with its band of two standard deviations; it says nothing of a cause."
+        "A smooth law that the readings taught, with its band of two standard deviations, beside the spring, which "
+        "takes what is straight in the torque; it says nothing of a cause."
     )
     yield Figure(figure, note)
 

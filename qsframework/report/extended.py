@@ -29,13 +29,12 @@ def write_extended(
 
 def extension_of(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = (), *, doubtful: bool = False) -> Extension:
     """The extension that a diagnosis calls for: its certain names and the law that was learned beside them, or all
-    names without it, and the values of the exact fit. The law's weights are not fitted again: no file holds the prior
-    that they need."""
+    names without it, and the values of the exact fit. The law's weights are fitted again with all else, by the prior
+    that its effect holds."""
     taught = diagnosis.taught if not (doubtful and diagnosis.doubtful) else None
     settled = diagnosis.extended if doubtful else diagnosis.certain
-    learned: tuple[str, ...] = ()
     if taught is not None and taught.holds:
-        settled, learned = taught.fit, taught.cause.names
+        settled = taught.fit
     source = diagnosis.readings.source
     told = f", readings sha256 {sha256(source)[:16]}" if source is not None and source.is_file() else ""
     evidence = {name: f"identified beside the named causes{told}" for name in settled.names}
@@ -68,7 +67,7 @@ def extension_of(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = (), *, 
         values=settled.by_name(),
         sds={n: settled.sd(n) for n in settled.names},
         evidence=evidence,
-        fit=tuple(n for n in settled.names if n not in learned),
+        fit=settled.names,
         data=None if otherwise else source,
         notes=tuple(notes),
         poses=diagnosis.readings.poses,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -25,8 +26,10 @@ _SCENE = (
 )
 
 
-def simulation_sections(experiment: Experiment, plan: Plan, result: Simulation, linear: bool) -> tuple[Section, ...]:
-    """Deflections as figure and table, the scene, and the parameters that made the readings."""
+def simulation_sections(
+    experiment: Experiment, plan: Plan, result: Simulation, linear: bool, notes: Sequence[str] = ()
+) -> tuple[Section, ...]:
+    """Deflections as figure and table, the scene, and the parameters that made the readings; notes: said first."""
     model = result.model
     moved = model.predict(plan.poses, result.x) if linear else exact_readings(model, plan.poses, result.x)
     how = "the linear model" if linear else "the full equilibrium"
@@ -40,7 +43,7 @@ def simulation_sections(experiment: Experiment, plan: Plan, result: Simulation, 
     figure = Figure(_bars(experiment, plan, moved, sigma), _LOOK, numbers)
     view = View(show_scene(experiment, plan, result.x).html(), _SCENE, tip_table(plan, result))
     return (
-        Section("What the poses show", (Text(said), figure)),
+        Section("What the poses show", (Text(said), *(Text(f"Note: {note}.") for note in notes), figure)),
         Section("In 3D", (view,)),
         Section("What made the readings", (truth_table(result),)),
     )

@@ -54,6 +54,7 @@ def validation_section(found: Validation) -> Section:
         "Errors at readings",
         (
             Text(validation_words(found)),
+            *(Text(f"Note: {note}.") for note in found.notes),
             *validation_tables(found),
             Figure(
                 _distribution(found.whole),

@@ -79,6 +79,8 @@ _UNITS = (
 """Factor of the compliances as fitted, which is (true load) / (load of the file), and what it stands for."""
 _NEAR = 0.25
 """How near, in log, the common factor of the compliances must be to that of a unit."""
+_NO_FURTHER = 2.0
+"""How much larger the residuals of a linear fit may be where exact fits may turn out the other way."""
 _FAR = 3.0
 """How many times further from the nominal arm than as given positions are beyond any fit: derivatives cost more."""
 _APART = 0.5
@@ -245,7 +247,7 @@ def _cells(given: _Fit, standing: Standing) -> list[Convention]:
             Convention(
                 name=_name(readings, mistake),
                 value=1.0,
-                words=f"{words}: {_gain(given, fit)}",
+                words=f"{words}: {_gain_words(fit.rms, given.rms)}",
                 experiment=experiment,
                 readings=readings,
                 rms=fit.rms,
@@ -325,10 +327,6 @@ def _overloads(given: _Fit) -> list[Convention]:
     ]
 
 
-def _gain(given: _Fit, fit: _Fit) -> str:
-    return f"the readings then fit to {fit.rms * 1e3:.3f} mm a coordinate, as given to {given.rms * 1e3:.3f} mm"
-
-
 def _changed(given: _Fit, fit: _Fit) -> tuple[Moved, ...]:
     """The parameters that move most, in sds."""
     model, names = fit.trial.experiment.model(), fit.trial.experiment.fit_names()
@@ -344,16 +342,22 @@ def _changed(given: _Fit, fit: _Fit) -> tuple[Moved, ...]:
     return tuple(out)
 
 
-def check_structures(experiment: Experiment, readings: Readings) -> tuple[Convention, ...]:
-    """The structures of the arm that fit compellingly better than that of its file, the likeliest first.
-
-    A cause may do so too: whoever asks compares the two.
-    """
+def check_structures(experiment: Experiment, readings: Readings) -> tuple[Change, ...]:
+    """The structures of the arm that may fit the readings better than that of its file: no further from them by a
+    linear fit, and with no compliance below its bound that is not so in the file's own. Exact fits compare them."""
     given = _fit(_first(experiment, readings))
-    changes = list(structures(experiment, readings))
-    judged = [_judge(change, given, len(changes)) for change in changes]
-    found = [replace(c, structure=True) for c in judged if c is not None and c.compelling]
-    return tuple(sorted(found, key=lambda c: -c.evidence))
+    return tuple(change for change in structures(experiment, readings) if _may_fit(change, given))
+
+
+def _may_fit(change: Change, given: _Fit) -> bool:
+    try:
+        trial = _trial(change.experiment, change.readings, given.trial)
+    except (InputError, NotIdentifiable):
+        return False
+    if trial is None:
+        return False
+    fit = _fit(trial)
+    return fit.rms < _NO_FURTHER * given.rms and fit.below <= given.below
 
 
 def _judge(change: Change, given: _Fit, tried: int, rows: Indices | None = None) -> Convention | None:
@@ -377,7 +381,7 @@ def _judge(change: Change, given: _Fit, tried: int, rows: Indices | None = None)
     return Convention(
         name=change.name,
         value=change.value,
-        words=f"{change.words}: {_gain(given, fit)}",
+        words=fits_better(change, fit.rms, given.rms),
         experiment=change.experiment,
         readings=change.readings,
         rms=fit.rms,
@@ -391,6 +395,15 @@ def _judge(change: Change, given: _Fit, tried: int, rows: Indices | None = None)
         column=change.column,
         moved=_changed(given, fit),
     )
+
+
+def fits_better(change: Change, rms: float, given: float) -> str:
+    """What a change is, and what the fits leave with it and as given, m."""
+    return f"{change.words}: {_gain_words(rms, given)}"
+
+
+def _gain_words(rms: float, given: float) -> str:
+    return f"the readings then fit to {rms * 1e3:.3f} mm a coordinate, as given to {given * 1e3:.3f} mm"
 
 
 def _right_unit(change: Change, given: _Fit, fit: _Fit) -> bool:

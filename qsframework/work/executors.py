@@ -12,7 +12,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import BrokenExecutor
+from concurrent.futures import BrokenExecutor, Future
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, islice
@@ -108,7 +108,13 @@ class Local:
 
     def close(self) -> None:
         """End the processes."""
-        self._workers().shutdown(wait=True, kill_workers=True)
+        workers = self._workers()
+        for waiting in list(workers._pending_work_items.values()):
+            if (
+                waiting.future.cancelled()
+            ):  # loky tells each that it is not to be done, which one called back cannot hear
+                waiting.future = Future()
+        workers.shutdown(wait=True, kill_workers=True)
 
 
 def _end_with(parent: int) -> None:

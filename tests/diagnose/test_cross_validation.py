@@ -79,7 +79,7 @@ def test_json_holds_what_the_report_shows(real: Diagnosis) -> None:
 
 def test_one_cause_has_the_gain_of_the_extension() -> None:
     found = diagnosed("hidden_effect")
-    assert [f.heldout_gain for f in found.findings] == [found.rms.heldout_gain]
+    assert [f.heldout_gain for f in found.findings] == [pytest.approx(found.rms.heldout_gain, rel=1e-12)]
 
 
 def test_a_convention_has_no_held_out_gain() -> None:

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from qsframework.cli.main import app
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.law import Law
 from qsframework.diagnose.learn import curve
-from qsframework.elastostatics import exact_readings
+from qsframework.elastostatics import beyond, exact_readings, range_notes
 from qsframework.errors import InputError
-from qsframework.experiment import load_experiment, read_readings
+from qsframework.experiment import Readings, example, load_experiment, read_readings
+from qsframework.identify import FitOptions, identify
 from qsframework.plugin import Array, check_effect, find
 from qsframework.report.diagnosis_section import diagnosis_sections
 from qsframework.report.extended import write_extended
@@ -60,12 +64,37 @@ def test_an_unknown_law_is_learned_with_its_place_and_variable(found: tuple[Diag
     assert d.taught is not None, diagnosis_words(d)
     assert d.taught.name == f"learned[{name}]"
     assert d.taught.holds
-    assert d.taught.heldout < 1.3 * 3e-5
+    assert d.taught.heldout < (2.0 if "torque" in name else 1.3) * 3e-5, "a corner is rounded off"
     assert d.taught.heldout < 0.8 * d.rms.heldout_extended
     assert f"As learned[{name}] its law was learned" in diagnosis_words(d)
     told = diagnosis_json(d)["learned"]
     assert (told["id"], told["written"]) == (f"learned[{name}]", True)
     assert d.verdict in ("unexplained", "partly_explained"), "a law that predicts names no cause"
+
+
+def knee(size: float) -> Hidden:
+    """The third gear gives more beyond 500 N m on one side: a backlash with a sign that none has."""
+
+    def law(still: Rest) -> Array:
+        return np.eye(6)[2] * size * 1e-7 * np.maximum(still.torque[:, [2]] - 500.0, 0.0)
+
+    return Hidden(gears=(law,))
+
+
+def test_a_law_that_looks_like_one_of_the_library_says_which(found: tuple[Diagnosis, str], tmp_path: Path) -> None:
+    path = write_campaign(FORTY, noisy(FORTY, FORTY.clean(knee(FORTY.sized(knee, 20.0, 0.01, 10.0)))), tmp_path)
+    d = diagnose(load_experiment(path), read_readings(load_experiment(path).data, load_experiment(path)), repeats=1)
+    assert d.taught is not None
+    first = d.taught.alike[0]
+    assert (first.name, first.here, first.turned) == ("joint_backlash[j3]", True, True)
+    assert first.share > 0.9
+    assert "looks most like joint_backlash[j3]: with a sign that it cannot have" in diagnosis_words(d)
+    assert diagnosis_json(d)["learned"]["looks_like"][0]["id"] == "joint_backlash[j3]"
+    other, name = found
+    assert other.taught is not None
+    assert not [a for a in other.taught.alike if a.share > 0.9], name
+    nearest = "It looks most like joint_hardening[j3]" if "torque" in name else "No effect of the library at this place"
+    assert nearest in diagnosis_words(other)
 
 
 def test_the_extended_robot_predicts_poses_that_nobody_has_measured(
@@ -95,10 +124,10 @@ def test_the_curve_and_the_report_show_the_law(found: tuple[Diagnosis, str], tmp
     seen = curve(d.taught, d.experiment.robot.facts)
     assert seen is not None
     assert np.all(seen.sd > 0.0)
-    if not d.findings:  # where names take a part, the curve is what they leave
+    if "torque" not in name:
         rest = seen.motion[:, 0] - 2.5e-7 * seen.torque * np.cos(2.0 * seen.x + 0.4)
         assert np.abs(rest - rest.mean()).max() < 0.2 * 5e-7 * seen.torque, "the spring takes what is constant"
-    assert bool(d.findings) == ("torque" in name)
+    assert not d.findings, "a name that the law is far ahead of does not stand"
     page = write_report(tmp_path / "r.html", "Diagnosis", diagnosis_sections(d, [])).read_text()
     assert f"Learned: {d.taught.name}".replace("/", "\\u002f") in page or f"Learned: {d.taught.name}" in page
 
@@ -109,6 +138,24 @@ def test_nothing_is_learned_where_nothing_acts(tmp_path: Path) -> None:
         path = write_campaign(campaign, noisy(campaign, campaign.clean(Hidden())), tmp_path / str(seed))
         experiment = load_experiment(path)
         assert diagnose(experiment, read_readings(experiment.data, experiment), repeats=1).taught is None
+
+
+def test_the_curve_of_the_example_is_what_was_hidden() -> None:
+    """The law that `benchmarks/make_unknown_example.py` hides, from the readings that it wrote."""
+    from make_unknown_example import PHASE
+
+    experiment = load_experiment(example("unknown_effect") / "experiment.yaml")
+    d = diagnose(experiment, read_readings(experiment.data, experiment))
+    assert not d.findings
+    assert d.taught is not None
+    assert (d.taught.name, d.taught.holds) == ("learned[j5/j4]", True)
+    seen = curve(d.taught, experiment.robot.facts)
+    assert seen is not None
+    hidden = np.cos(2.0 * seen.x + PHASE)
+    hidden -= hidden.mean()
+    height = float(hidden @ seen.motion[:, 0] / (hidden @ hidden)) / seen.torque
+    assert abs(height - 0.267e-6) < 0.05e-6
+    assert np.all(np.abs(seen.motion[:, 0] - seen.torque * 0.267e-6 * hidden) < 3.5 * seen.sd)
 
 
 @pytest.mark.parametrize(
@@ -133,12 +180,91 @@ def test_a_learned_law_is_an_effect_like_others(settings: dict[str, object]) -> 
         ({"by": "time"}, "first must lie below last"),
         ({"scale": 0.0}, "scale must be above 0"),
         ({"part": "tool"}, "unknown part"),
+        ({"knots": [-1.0, 0.0, -0.5, 1.0]}, "knots out of order; found 0, then -0.5"),
+        ({"knots": [-1.0, 1.0]}, "too few knots; found 2; allowed: 3 or more"),
+        ({"knots": "many"}, "knots must be numbers"),
+        ({"knots": [-1.0, float("nan"), 1.0]}, "knots must be numbers"),
+        ({"prior": -1.0}, "prior must not be negative"),
+        ({"by": "joint_2+joint_3", "signs": "+", "angle_from": 0.0, "angle_to": 1.0}, "wrong signs"),
     ],
 )
 def test_what_a_file_of_a_learned_law_gets_wrong_is_said(wrong: dict[str, object], said: str) -> None:
     right = {"at": "joint_3", "by": "torque", "scale": 900.0, "lowest": -500.0, "highest": 900.0}
     with pytest.raises(InputError, match=said):
         find("learned")(**(right | wrong)).validate(campaign().robot.facts)
+
+
+def test_values_of_another_law_are_refused(found: tuple[Diagnosis, str], tmp_path: Path) -> None:
+    """A file with a weight too many, or too few, and an effect at a joint that this robot lacks."""
+    d, name = found
+    write_extended(d, tmp_path / "out")
+    robot, nominal = (tmp_path / "out" / "robot" / f for f in ("robot.yaml", "nominal.yaml"))
+    effect = f"learned[{name}]"
+    text = nominal.read_text()
+    last = max(int(line.partition(".w")[2].rstrip(":")) for line in text.splitlines() if line.startswith(effect))
+    nominal.write_text(f"{text}{effect}.w{last + 1}:\n  value_rad: 1.0e-5\n")
+    with pytest.raises(InputError, match=f"no effect has the parameter '{re.escape(effect)}.w{last + 1}'"):
+        load_experiment(tmp_path / "out" / "experiment.yaml")
+    entries = re.split(r"^(?=\S)", text, flags=re.MULTILINE)
+    nominal.write_text("".join(e for e in entries if not e.startswith(f"{effect}.w{last}:")))
+    with pytest.raises(InputError, match=f"a value is missing for {re.escape(effect)}.w{last}"):
+        load_experiment(tmp_path / "out" / "experiment.yaml")
+    nominal.write_text(text)
+    robot.write_text(robot.read_text().replace(f"at: {name[:2]}", "at: j9"))
+    with pytest.raises(InputError, match="has no joint 'j9'"):
+        load_experiment(tmp_path / "out" / "experiment.yaml")
+
+
+def test_a_new_fit_pulls_the_weights_by_the_prior_of_their_effect(found: tuple[Diagnosis, str], tmp_path: Path) -> None:
+    """The extended campaign, identified again from the same readings, is the fit of the diagnosis; without readings
+    that say more, weights stay where the prior holds them."""
+    d, name = found
+    assert d.taught is not None
+    write_extended(d, tmp_path / "out")
+    extended = load_experiment(tmp_path / "out" / "experiment.yaml")
+    weights = [p for p in extended.model().parameters if p.name.startswith(f"learned[{name}]")]
+    assert {p.pull for p in weights} == {d.taught.cause.prior}
+    assert {p.name for p in weights} <= set(extended.fit_names())
+    fit = identify(extended, read_readings(extended.data, extended), options=FitOptions(bounds=False))
+    assert {p.name for p in weights} <= set(fit.names)
+    sd = {e.name: e.sd for e in fit.estimates}
+    prior = d.taught.cause.prior
+    assert prior is not None
+    assert all(sd[p.name] < 1.01 * prior for p in weights), "no weight is freer than its prior"
+    said = d.taught.fit.model.predict(d.readings.poses.take(d.readings.plus), d.taught.fit.x)
+    again = fit.model.predict(d.readings.poses.take(d.readings.plus), fit.x)
+    assert np.sqrt(np.mean(np.square(again - said))) < 0.5 * 3e-5, "the noise that was found was larger"
+    few = identify(extended, some(read_readings(extended.data, extended), 5), options=FitOptions(bounds=False))
+    assert all(e.sd < 1.01 * prior for e in few.estimates if e.name in {p.name for p in weights})
+
+
+def some(readings: Readings, poses: int) -> Readings:
+    """The readings of the first few poses alone."""
+    return replace(readings, use=readings.use & np.isin(readings.pose, readings.pose[: 3 * poses]))
+
+
+def test_every_verb_says_where_a_law_is_asked_beyond_what_it_was_learned_from(
+    found: tuple[Diagnosis, str], tmp_path: Path
+) -> None:
+    d, name = found
+    write_extended(d, tmp_path / "out")
+    experiment = load_experiment(tmp_path / "out" / "experiment.yaml")
+    model, readings = experiment.model(), read_readings(experiment.data, experiment)
+    assert not beyond(model, readings.poses), "nothing lies beyond the readings themselves"
+    poses = readings.poses.take(readings.plus[:3])
+    far = replace(poses, wrench=3.0 * poses.wrench, q=poses.q + 6.0 * np.eye(6)[3])
+    outside = beyond(model, far)
+    assert [b.effect for b in outside] == [f"learned[{name}]"]
+    said = range_notes(model, far, ["one", "two", "three"])[0]
+    assert f"learned[{name}] was learned between" in said
+    assert "is held constant beyond" in said
+    angles = readings.poses.pendant[0]
+    pose = ",".join(f"{a:.3f}" for a in np.rad2deg(angles))
+    made = CliRunner().invoke(
+        app,
+        ["stiffness", str(tmp_path / "out" / "robot"), f"--pose={pose}", "--load=0,0,-90000", "--point=0,0,500"],
+    )
+    assert ("was learned between" in made.output) == (name == "j3/torque"), made.output
 
 
 def test_beyond_what_was_seen_it_stays_constant() -> None:

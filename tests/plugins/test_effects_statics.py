@@ -195,7 +195,7 @@ def test_a_warm_arm_is_a_longer_arm(robot: Robot, facts: RobotFacts) -> None:
 @pytest.mark.parametrize(
     ("entry", "words"),
     [
-        ({"effect": "joint_backlash", "joint": "joint_2", "width_Nm": 0}, "width must be above 0"),
+        ({"effect": "joint_backlash", "joint": "joint_2", "width_Nm": -1}, "width must not be negative"),
         ({"effect": "joint_hardening", "joint": "joint_2", "knee_Nm": -5}, "knee must not be negative"),
         (
             {

@@ -126,7 +126,7 @@ HIDDEN = [
         {"joint_backlash[joint_5]": "2.9e-4 rad"},
         4,
         "joint_backlash[joint_5]",
-        19.7,
+        16.1,
     ),
     Hidden(
         "m900ib",

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from long_tasks import bits, die, refuse, shared, spectrum, tasks, too_late
+from long_tasks import bits, die, refuse, shared, spectrum, tasks, too_late, whose
 
 from qsframework.design import Wish, design
 from qsframework.errors import InputError
@@ -73,6 +73,16 @@ def test_tasks_are_taken_only_as_they_are_needed(local: Local) -> None:
         next(results)
     results.close()  # type: ignore[attr-defined]
     assert len(taken) <= 3 + 2 * 2
+
+
+def test_workers_with_tasks_that_were_called_back_end_without_a_word(wanted: bytes) -> None:
+    """loky's thread once died of the first such task, with a traceback, and the processes lived on."""
+    local = Local(2)
+    given = [local._workers().submit(whose, 0.2, task) for task in range(30)]
+    assert all(future.cancel() for future in given[15:])
+    local.close()
+    assert bits(run(spectrum, shared(), tasks(COUNT), local)) == wanted
+    local.close()
 
 
 def test_a_task_s_error_arrives_as_it_was_raised(local: Local) -> None:

@@ -65,9 +65,9 @@ def test_a_right_structure_is_left_alone() -> None:
     experiment = campaign("m900ib")
     pendant = generate_candidates(experiment, 100, seed=1).pendant[:20]
     poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), np.tile(PULL, (20, 1)))
-    for seed in range(4):
+    for seed in range(3):
         readings = simulate(experiment, make_plan(poses, ["load"] * 20), seed=seed).readings
-        assert check_structures(experiment, readings) == ()
+        assert diagnose(experiment, readings, repeats=1).verdict == "none"
 
 
 def test_a_cause_that_does_more_than_another_structure_is_named_instead() -> None:

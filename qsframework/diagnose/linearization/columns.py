@@ -58,7 +58,8 @@ class Case:
     frames: about which motions are counted; x: values of all parameters of `model`, which holds every cause;
     residuals (m,) whitened, of the baseline fit (zero where nothing has been measured yet); pose (m,): number of the
     pose of each coordinate; raw (m, q): all columns in m, not whitened; held (6 F + f,): weak hold of what is
-    fitted to its value, per column; noise: by which columns and residuals are whitened;
+    fitted to its value, or to `aim` (6 F + f,) beyond it, per column; noise: by which columns and residuals are
+    whitened;
     grown: how many times the stated noise it is: what is seen is judged by the latter, as a misfit may pass for noise
     """
 
@@ -76,6 +77,7 @@ class Case:
     held: Array
     noise: Noise
     grown: float = 1.0
+    aim: Array | None = None
 
     @property
     def scale(self) -> Array:
@@ -188,7 +190,16 @@ def make_case(
         raw=raw,
         held=np.concatenate([np.zeros(6 * len(frames)), 1.0 / held_of(model, fitted)]),
         noise=noise,
+        aim=np.concatenate([np.zeros(6 * len(frames)), _back(model, fitted, values)]),
     )
+
+
+def _back(model: Model, fitted: Sequence[str], values: Array) -> Array:
+    """Of fitted parameters (f,) that are pulled to their null, how far that is from their values, in their scales."""
+    index = model.index(fitted)
+    own = [model.parameters[i] for i in index]
+    far = [0.0 if p.pull is None else (p.null or 0.0) - v for p, v in zip(own, values[index], strict=True)]
+    return np.asarray(far / scales(own), dtype=np.float64)
 
 
 def _split(white: Array, first: int, causes: Sequence[Cause]) -> tuple[Array, tuple[Array, ...]]:

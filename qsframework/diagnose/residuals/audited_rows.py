@@ -44,9 +44,11 @@ def replicates(readings: Readings, rows: Rows) -> Indices:
 def split_told(seen: Bridge) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The names that the readings tell, and those that they do not. NotIdentifiable where none is told.
 
+    What few poses tell badly is fitted, too: held at its nominal value its error would look like another cause's.
+
     seen: the readings at the nominal arm, in its best frames
     """
-    told, _, _ = told_names(seen)
+    told, _, _ = told_names(seen, weakly=True)
     if not told:
         raise NotIdentifiable(
             f"these readings tell none of {', '.join(seen.names)}: was the arm loaded? If it was, check the nominal "
@@ -66,6 +68,18 @@ def visit_noise(rows: Rows) -> VisitNoise:
     rhos = np.array([known / typical]) if known else np.array(RHOS[:1] if lone_visits(rows) else RHOS)
     noises = tuple(rows.sharing(float(rho) * typical).padded_noise for rho in rhos)
     return VisitNoise(rhos, noises, len(own), float(own.mean()) if len(own) else 1.0)
+
+
+def bic(rows: Rows, fit: Settled, at: Indices | None = None) -> float:
+    """BIC of an exact fit to rows, in the likeliest of the noises that they may have, its size free; at: their places
+    among those of the fit, None: all."""
+    residuals = fit.residuals if at is None else fit.residuals[at]
+    count = len(rows.at)
+    costs = (
+        count * float(np.log(max(np.square(noise.whiten(residuals.ravel())).sum(), 1e-300))) + noise.log_det()
+        for noise in visit_noise(rows).noises
+    )
+    return min(costs) + fit.jacobian.shape[1] * float(np.log(count))
 
 
 def lone_visits(rows: Rows) -> bool:

@@ -28,6 +28,8 @@ _LEAST = 6.2
 """Nats from which on something is left, whatever the draws of plain noise say: real noise has tails and grows."""
 _BEATS = 3.0
 """Nats by which a block that holds a name may be better."""
+_FAR_BETTER = 10.0
+"""Nats by which a block must be better to stand alone in the place of a name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +66,9 @@ def leftovers(
     )
 
 
-def contested(blocks: Sequence[Block], fits: Reml, values: Array, name: Named) -> Leftover | None:
-    """The generic block that stands in the place of a name best, where one does; fits: of all but the name."""
+def contested(blocks: Sequence[Block], fits: Reml, values: Array, name: Named) -> tuple[Leftover, bool] | None:
+    """The generic block that stands in the place of a name best, where one does, and whether it is so far ahead that
+    the name cannot stand beside it; fits: of all but the name."""
     found = evidence(
         [name.columns, *(b.columns for b in blocks)], fits, values + name.effect, effects=name.effect[:, None], draws=0
     )
@@ -76,4 +79,4 @@ def contested(blocks: Sequence[Block], fits: Reml, values: Array, name: Named) -
         return None
     margin: Array = ahead - np.where(holds, _BEATS, np.log(_ODDS))
     best = int(np.argmax(margin))
-    return Leftover(blocks[best].law, float("nan"), float(ahead[best]))
+    return Leftover(blocks[best].law, float("nan"), float(ahead[best])), bool(ahead[best] > _FAR_BETTER)

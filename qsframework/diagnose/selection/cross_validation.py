@@ -119,14 +119,16 @@ def _matches(chosen: Sequence[int], alike: Sequence[set[int]]) -> bool:
 
 
 def _errors(columns: Array, case: Case, train: Indices, test: Indices) -> Array:
-    """Whitened errors of the test scalars after a fit to the others, held weakly to the fit of all."""
+    """Whitened errors of the test scalars after a fit to the others, held weakly to the fit of all, and what a prior
+    draws towards zero to zero."""
     residuals = case.residuals
     held = np.zeros((len(case.held), columns.shape[1]))
     held[:, : len(case.held)] = np.diag(case.held)
-    held = held[case.held > 0.0]
+    aim = np.zeros(len(case.held)) if case.aim is None else case.held * case.aim
+    held, aim = held[case.held > 0.0], aim[case.held > 0.0]
     A = np.vstack([columns[train], held])
     size: Array = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-    x = np.linalg.lstsq(A / size, np.concatenate([residuals[train], np.zeros(len(held))]), rcond=1e-10)[0]
+    x = np.linalg.lstsq(A / size, np.concatenate([residuals[train], aim]), rcond=1e-10)[0]
     return residuals[test] - (columns[test] / size) @ x
 
 

@@ -19,6 +19,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from qsframework.diagnose.selection.null_draws import null_draws
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.visit_noise import Reml
 from qsframework.plugin import Array, Indices
@@ -95,10 +96,7 @@ def evidence(
     found = int(fits.choose(values[:, None])[0])
     places = _places(fits, found, len(values) > _LARGE // DRAWS)
     draws = min(draws, max(_LARGE // len(values), 100)) if count else 0
-    drawn = np.random.default_rng(seed).standard_normal((len(values), draws))
-    drawn = fits.noise.noises[found].colour(drawn)
-    if measured is not None:
-        drawn[~measured] = 0.0
+    drawn = null_draws(fits, found, values, draws, seed, measured)
     every = np.column_stack([values, drawn])
     held = np.zeros((count, 0 if effects is None else effects.shape[1]))
     if not count:

@@ -9,9 +9,10 @@ import numpy as np
 
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged
-from qsframework.estimation import FitOptions, solve
+from qsframework.estimation import FitOptions, scales, solve
 from qsframework.experiment import Bridge, Frame
 from qsframework.experiment.observations import Rows
+from qsframework.identify.selection import held_of
 from qsframework.plugin import Array
 
 _PLAIN = FitOptions(starts=0)
@@ -66,18 +67,20 @@ def settle_fit(
     """Fit `names`, and the frames that nobody knows, from `start` (q,), all others held there.
 
     priors: (name, sd) of parameters that are pulled to their nominal values, so that directions which no reading shows
-    stay there. Bounds are not kept: a value beyond one says that the model is wrong.
+    stay there; geometry and markers weakly always are. Bounds are not kept: a value beyond one says that the model is
+    wrong.
 
     Raises NotConverged where the steps settle neither from the start nor from a linear fit, as where the arm cannot
     bear its loads; NotIdentifiable where readings cannot tell the names.
     """
     own = rows.start(model, start) if frames is None else tuple(frames)
+    pulled = _weakly(model, names) | dict(priors)
     try:
-        return _settled(Bridge(model, rows, own, start, tuple(names)), dict(priors))
+        return _settled(Bridge(model, rows, own, start, tuple(names)), pulled)
     except (NotConverged, InputError):  # the nominal arm may not bear the load that a fitted one does
-        linear = _settled(Bridge(model, rows, own, start, tuple(names), linear=True), dict(priors))
+        linear = _settled(Bridge(model, rows, own, start, tuple(names), linear=True), pulled)
         try:
-            return _settled(Bridge(model, rows, linear.frames, linear.x, tuple(names)), dict(priors))
+            return _settled(Bridge(model, rows, linear.frames, linear.x, tuple(names)), pulled)
         except (NotConverged, InputError) as error:
             raise NotConverged(
                 f"the full equilibrium can be fitted neither from where it starts nor from a linear fit: {error}. "
@@ -85,10 +88,18 @@ def settle_fit(
             ) from error
 
 
+def _weakly(model: Model, names: Sequence[str]) -> dict[str, float]:
+    """sd of the weak hold on what few poses may hardly tell, SI."""
+    sizes = held_of(model, names) * scales([model.parameters[i] for i in model.index(list(names))])
+    return {n: float(s) for n, s in zip(names, sizes, strict=True) if np.isfinite(s)}
+
+
 def _settled(seen: Bridge, priors: dict[str, float]) -> Settled:
     rows, observations = seen.rows, seen.observations()
-    if priors:
-        held = np.array([1.0 / priors[p.name] if p.name in priors else 0.0 for p in seen.parameters])
+    pulls = {p.name: p.pull for p in seen.parameters if p.pull is not None}
+    if priors or pulls:
+        sds = pulls | priors
+        held = np.array([1.0 / sds[p.name] if p.name in sds else 0.0 for p in seen.parameters])
         observations = replace(observations, held=held)
     found = solve(observations, _PLAIN, seen.start, tolerance=_CLOSE)
     x, frames = seen.values(found.x), seen.moved(found.x)

@@ -2,8 +2,8 @@
 
 Of whitened readings r that the fitted columns left, a block with k directions takes S = |Q'r|^2 of R = |r|^2, and
 F = (S/k) / ((R - S)/(free - k)). Blocks are ranked by log p of F(k, nu - k); nu allows for the error that visits share,
-whose size rho is estimated. The strongest of all is compared with that of Gaussian draws of the same noise, in each of
-which rho is estimated again; beyond their resolution p is that of F times the number of blocks.
+whose size rho is estimated. The strongest of all is compared with that of the same residuals dealt out anew, in each of
+which rho is estimated again; beyond the resolution of such draws p is that of F times the number of blocks.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from qsframework.diagnose.selection.null_draws import null_draws
 from qsframework.estimation.visit_noise import Reml
 from qsframework.plugin import Array, Indices
 
@@ -113,10 +114,7 @@ def family_test(
     among = range(len(fits.cost))
     if len(values) > _MANY:
         among = range(max(found - _NEAR, 0), min(found + _NEAR + 1, len(fits.cost)))
-    drawn = np.random.default_rng(seed).standard_normal((len(values), draws))
-    drawn = fits.noise.noises[found].colour(drawn)
-    if measured is not None:
-        drawn[~measured] = 0.0
+    drawn = null_draws(fits, found, values, draws, seed, measured)
     every = np.column_stack([values, drawn])
     places = np.concatenate([[found], fits.choose(drawn, among)])
     size, log_p = np.zeros((2, len(blocks), draws + 1))

@@ -8,7 +8,7 @@ from enum import Enum
 
 import numpy as np
 
-from qsframework.diagnose.result import Diagnosis, Finding, Leftover, Line, Status, Taught
+from qsframework.diagnose.result import Alike, Diagnosis, Finding, Leftover, Line, Status, Taught
 from qsframework.diagnose.selection.cross_validation import FOLDS
 from qsframework.diagnose.verdict import misfits
 from qsframework.discriminate.pair import Discrimination
@@ -16,7 +16,7 @@ from qsframework.plugin import Parameter
 from qsframework.report.words.discrimination import outlook_words
 from qsframework.report.words.fit import alignment_words
 from qsframework.report.words.headline import headline, mm, names_words, poses_words, worst_poses
-from qsframework.report.words.law import place_words, variable_words
+from qsframework.report.words.law import place_words, unlearned_words, variable_words
 from qsframework.report.words.next_steps import next_steps, unrepeatable
 from qsframework.report.words.noise import audit_words
 from qsframework.report.words.sizes import people_estimate, people_size
@@ -28,6 +28,9 @@ ALONE = "explained by the named causes"
 UNHELD = "seen, but no fit with it holds"
 _ALIKE = float(np.deg2rad(1.0))
 """Angle below which no poses are promised: whether any tell the two is still to be computed."""
+TOO_WEAK = "It shows too little to learn its law: more poses, or repeats, would tell."
+_HARDLY = 3.0
+"""s below which readings hardly tell a learned law from a cause of the library."""
 
 
 class Group(Enum):
@@ -90,9 +93,15 @@ def _open(found: Diagnosis) -> Iterator[str]:
     if found.leftovers:
         also = "also " if found.findings else ""
         left = leftover_words(found.leftovers[0])
-        yield f"The readings {also}hold something that no effect of the library explains: {left}. Look there first."
+        why = unlearned_words(found.leftovers[0].law) or ("" if found.taught is not None else TOO_WEAK)
+        first = f"The readings {also}hold something that no effect of the library explains: {left}. Look there first."
+        yield f"{first} {why}".rstrip()
         if found.taught is not None:
-            yield learned_words(found, found.taught)
+            yield learned_words(found.taught)
+            yield alike_words(found.taught)
+    elif found.taught is not None and found.taught.holds:
+        yield f"In the place of {names_words(found.doubtful)}: {learned_words(found.taught)}"
+        yield alike_words(found.taught)
     elif misfits(found.after):
         where = poses_words(worst_poses(found, _SHOWN))
         trend = next(iter(found.after.trends), None)
@@ -179,18 +188,41 @@ def leftover_words(x: Leftover) -> str:
     return f"an extra motion at {place_words(x.law)} that depends on {variable_words(x.law)} (p = {x.p_value:.2g})"
 
 
-def learned_words(found: Diagnosis, taught: Taught) -> str:
+def learned_words(taught: Taught) -> str:
     """What the law that was learned is worth."""
     law = taught.leftover.law
     what = f"As {taught.name} its law was learned from the readings, {variable_words(law)} at {place_words(law)}"
-    before = found.rms.heldout_extended
     if not taught.holds:
         why = "a value leaves its bounds" if taught.gain > 0.0 else "the error at poses left out does not fall"
         return f"{what}, but {why} with it: it is not written."
     return (
-        f"{what} (s = {taught.s:.1f}): the error at poses left out falls from {mm(before)} to {mm(taught.heldout)} mm. "
-        "It predicts, and says nothing of the cause."
+        f"{what} (s = {taught.s:.1f}): the error at poses left out, {mm(taught.before)} mm without it and "
+        f"{mm(taught.heldout)} mm with it, falls by {100 * taught.gain:.0f} % in the noise that was found. It "
+        "predicts, and says nothing of the cause."
     )
+
+
+def alike_words(taught: Taught) -> str:
+    """Which causes of the library the law that was learned looks like, and by how much."""
+    said: list[str] = []
+    here = [a for a in taught.alike if a.here]
+    if here:
+        first, *more = here
+        also = "".join(f"; {a.name} {100 * a.share:.0f} %" for a in more)
+        sign = "with a sign that it cannot have, " if first.turned else ""
+        said.append(
+            f"It looks most like {first.name}: {sign}that cause can do {100 * first.share:.0f} % of what this law does "
+            f"to the readings ({rest_words(first)}{also})."
+        )
+    elsewhere = [f"{a.name} ({100 * a.share:.0f} %)" for a in taught.alike if not a.here]
+    if elsewhere:
+        said.append(f"At another place {' and '.join(elsewhere)} would do the same: the place may be that one.")
+    return " ".join(said) or "No effect of the library at this place does half of what it does."
+
+
+def rest_words(a: Alike) -> str:
+    """What a cause does not do of a learned law."""
+    return f"the rest has s = {a.left:.1f}" + (", which these readings hardly tell" if a.left < _HARDLY else "")
 
 
 def instead_words(f: Finding, x: Leftover) -> str:

@@ -21,6 +21,12 @@ _HOW = {
     "torque": "with the torque there",
 }
 
+_UNLEARNED = {
+    "step": "It needs the pose before, which no plan has: no law of it is learned. Record the side of approach.",
+    "constant": "A constant is a parameter of the geometry there: fit that.",
+    "others": "It couples axes: a law of one spring cannot hold it, only an effect that couples them.",
+}
+
 
 def place_words(law: Law) -> str:
     """Where it is: `the drive of joint_1`, `link_2`, `marker m1`, `all readings`."""
@@ -44,3 +50,12 @@ def moving_words(law: Law) -> str:
     """That something moves, and with what."""
     how = _HOW.get(law.variable) or f"with {variable_words(law)}"
     return f"all readings move {how}" if law.part == "readings" else f"something moves {place_words(law)} {how}"
+
+
+def unlearned_words(law: Law) -> str:
+    """Why a law cannot be an effect of the arm; empty where it can."""
+    if law.part == "marker":
+        return "It belongs to the marker's mount and not to the arm: no law of it is learned or extended."
+    if law.part == "readings":
+        return "It belongs to the instrument or its place and not to the arm: no law of it is learned or extended."
+    return _UNLEARNED.get(law.variable, "")

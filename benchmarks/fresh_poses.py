@@ -1,0 +1,143 @@
+"""What an answer is worth at poses that nobody has measured, for cases of the second generator.
+
+The error of the model that `--extend` writes at fresh poses without noise, on a scale on which the springs alone stand
+at 0 and an oracle at 1: the springs fitted to the same readings, had the effect been known and taken out of them. And
+which place and which variable the answer speaks of, in the words of who hid the effect.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from independent import Campaign, noisy, write_campaign
+from independent_arm import Array, Hidden
+
+if TYPE_CHECKING:
+    from qsframework.diagnose import Diagnosis
+
+_POSES, _SEED = 60, 1_000_003
+_SAME = {
+    "load": "torque",
+    "moment": "torque",
+    "force": "torque",
+    "own torque": "torque",
+    "own angle": "angle",
+    "torque x angle": "angle",
+    "angle and torque": "angle",
+    "side": "approach",
+    "direction": "step",
+    "hysteresis": "step",
+    "other torque": "others",
+    "drift": "order",
+}
+"""Other words for what a law depends on."""
+
+
+@dataclass(frozen=True)
+class Fresh:
+    """RMS errors m at fresh poses: of the springs alone, of the extended model, and of the oracle."""
+
+    springs: float
+    extended: float
+    oracle: float
+
+    @property
+    def share(self) -> float:
+        """Of the oracle's gain; below 0 where the extended model does harm."""
+        possible = self.springs - self.oracle
+        return (self.springs - self.extended) / possible if possible > 0.0 else float("nan")
+
+    @property
+    def harm(self) -> float:
+        """How many times larger the error is than that of the springs alone."""
+        return self.extended / max(self.springs, 1e-12)
+
+
+def fresh_errors(campaign: Campaign, hidden: Hidden, found: Diagnosis) -> Fresh:
+    """The errors of a diagnosis at poses of the same arm under the same loads that nobody has measured."""
+    setting = replace(campaign.setting, poses=_POSES, seed=campaign.setting.seed + _SEED, plan=None, noise="nominal")
+    fresh = Campaign(setting)
+    fit = found.taught.fit if found.taught is not None and found.taught.holds else found.certain
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder)
+        base, extended = (
+            _error(fresh, hidden, campaign, m, place / str(i))
+            for i, m in enumerate(((found.baseline.model, found.baseline.x), (fit.model, fit.x)))
+        )
+        oracle = _oracle(campaign, hidden, fresh, place)
+    return Fresh(base, extended, oracle)
+
+
+def _error(fresh: Campaign, hidden: Hidden, of: Campaign, model: tuple[Any, Array], folder: Path) -> float:
+    """RMS error m of a model at fresh readings without noise."""
+    from qsframework.experiment import load_experiment, make_rows, read_readings
+
+    experiment = load_experiment(write_campaign(fresh, fresh.clean(hidden, of.built), folder))
+    assert experiment.data is not None
+    rows = make_rows(read_readings(experiment.data, experiment))
+    arm, x = model
+    predicted = rows.predict(arm, x, rows.start(arm, x))
+    return float(np.sqrt(np.nanmean(np.square(rows.measured - predicted))))
+
+
+def _oracle(campaign: Campaign, hidden: Hidden, fresh: Campaign, folder: Path) -> float:
+    """The error of the springs where the effect is known: readings and fresh poses without it, the same noise."""
+    from qsframework.experiment import load_experiment, read_readings
+    from qsframework.identify import identify
+
+    tables = noisy(campaign, campaign.clean(Hidden()))
+    experiment = load_experiment(write_campaign(campaign, tables, folder / "oracle"))
+    assert experiment.data is not None
+    fit = identify(experiment, read_readings(experiment.data, experiment))
+    return _error(fresh, Hidden(), campaign, (fit.model, fit.x), folder / "fresh")
+
+
+def spoken(found: Diagnosis) -> list[tuple[set[str], set[str]]]:
+    """Words for the places and the variables that the answer says: of the learned law, or of what is left, first; else
+    the places of its names, which say no variable."""
+    laws = [found.taught.leftover.law] if found.taught is not None else []
+    laws += [found.leftovers[0].law] if found.leftovers else []
+    facts = found.experiment.robot.facts
+    if laws:
+        return [_words(laws[0], facts)]
+    return [(_place(f.name.partition("[")[2].rstrip("]").split("/")[0], facts), set[str]()) for f in found.findings]
+
+
+def _words(law: Any, facts: Any) -> tuple[set[str], set[str]]:
+    place = {law.part, f"{law.part} {law.place}".strip()} | _place(law.place, facts)
+    variable = {law.variable, *law.joints, "+".join(law.joints)} - {""}
+    if law.joints:
+        variable |= {f"angle {j}" for j in law.joints} | {f"angle of {j}" for j in law.joints}
+    return place, variable
+
+
+def _place(name: str, facts: Any) -> set[str]:
+    """What a joint, a link or another place is called: a drive and the link that it moves are one place."""
+    out = {name} - {""}
+    if name in facts.joints:
+        out |= {f"drive {name}", f"gear {name}", f"joint {name}", f"link {facts.link_of(name)}"}
+    elif name in facts.links:
+        k = facts.links.index(name)
+        out |= {f"link {name}"} | ({"base"} if k == 0 else {facts.joints[k - 1], f"joint {facts.joints[k - 1]}"})
+        out |= {"tool", "flange"} if name == facts.flange else set[str]()
+    return out
+
+
+def place_right(said: list[Any], place: str) -> bool:
+    """Whether what was said is of the right place."""
+    return any(_told(place) in {_told(w) for w in places} for places, _ in said)
+
+
+def variable_right(said: list[Any], place: str, variable: str) -> bool:
+    """Whether place and variable are right."""
+    wanted = _told(variable)
+    both = {wanted, _SAME.get(wanted, wanted)}
+    return any(place_right([one], place) and both & {_told(w) for w in one[1]} for one in said)
+
+
+def _told(word: str) -> str:
+    return " ".join(word.lower().replace("_", " ").replace("/", " ").split())
