@@ -44,6 +44,10 @@ _STANDS = 2.0
 _ONE = 6.0
 """The same where it is one reading or one cell, as outliers are; or an angle that no slip leads to."""
 _PLAIN = 4.0
+_GROSS = 16.0
+"""How much worse a gross reading, or a gear that gives, may explain a pose and still be the likelier cause."""
+_GIVES = 5e-3
+"""rad: what a drive may give at one pose under its load, unlike at others: a clearance, a stop."""
 _FREE = 12.0
 """How much better a number that was fitted must be than a slip that leads to it."""
 _AS_GOOD = 6.0
@@ -91,7 +95,9 @@ def table_mistakes(standing: Standing) -> tuple[Mistake, ...]:
         return ()
     run = block(standing)
     if run is not None:
-        return (Mistake(edits=(run[0],), gain=run[1], tried=len(standing.visits) ** 2),)
+        whole = Mistake(edits=(run[0],), gain=run[1], tried=len(standing.visits) ** 2)
+        if whole.gain >= whole.need * _elsewhere(standing, whole.visits):
+            return (whole,)
     found: list[Mistake] = []
     every = groups(standing, _GROUPS)
     for group in every:
@@ -105,14 +111,17 @@ def table_mistakes(standing: Standing) -> tuple[Mistake, ...]:
         if not {v for c in chosen for v in c.visits} & set(m.visits):
             chosen.append(m)
     while chosen:
-        mended = {v for m in chosen for v in m.visits}
-        rest = max((float(s) for v, s in enumerate(standing.misfit) if v not in mended), default=0.0)
-        rest *= _doubt(standing)
+        rest = _elsewhere(standing, [v for m in chosen for v in m.visits])
         kept = [m for m in chosen if m.gain >= m.need * rest]
         if len(kept) == len(chosen):
             break
         chosen = [m for m in chosen if m is not min(chosen, key=lambda m: m.gain / max(m.need, 1e-9))]
     return tuple(chosen)
+
+
+def _elsewhere(standing: Standing, mended: Sequence[int]) -> float:
+    """The largest misfit that is not mended, in whose light mistakes must stand out."""
+    return float(np.delete(standing.misfit, list(mended)).max(initial=0.0)) * _doubt(standing)
 
 
 def _doubt(standing: Standing) -> float:
@@ -147,7 +156,9 @@ def _best(standing: Standing, group: Group) -> Mistake | None:
         return None
     others = tuple(edits[int(i)] for i in order[1:4] if score[i] - score[order[0]] < _AS_GOOD)
     single = best.touched is not None and len(best.touched) == 1
-    single = single or _without_one(standing, start) < left + 16.0
+    single = single or _without_one(standing, start) < left + _GROSS
+    if _moved(standing, start) < left + _GROSS:
+        return None
     return Mistake(edits=(best,), gain=gain, tried=len(edits), others=others, single=single)
 
 
@@ -164,6 +175,23 @@ def _without_one(standing: Standing, start: Edit) -> float:
         rest = np.arange(len(start.rows)) != r
         out.append(float(misfits(standing, [replace(start, rows=start.rows[rest], value=start.value[rest])])[0]))
     return min(out)
+
+
+def _moved(standing: Standing, start: Edit) -> float:
+    """The least misfit of the rows if one drive gives in their loaded states."""
+    controller = standing.experiment.robot.controller
+    loaded = standing.readings.states.loaded[start.states]
+    if not loaded.any():
+        return np.inf
+
+    shown = np.linalg.inv(controller.matrix[list(controller.driven)]).T
+
+    def moved(turn: Array) -> Callable[[float], Edit]:
+        by = loaded[:, None] * turn
+        return lambda t: replace(start, pendant=start.pendant + np.clip(t, -_GIVES, _GIVES) * by)
+
+    makers = [(moved(turn), 0.0) for turn in shown]
+    return float(misfits(standing, _converged(standing, makers, start)).min())
 
 
 def _fitted(standing: Standing, group: Group) -> list[Edit]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 
@@ -23,8 +25,11 @@ def turned(readings: Readings) -> Readings:
 
 @pytest.fixture(scope="module")
 def found() -> Diagnosis:
-    """Two loads at 18 poses: the linear library takes nearly all that it can."""
-    return diagnose(campaign(), turned(measured(seed=4, count=18)), repeats=1)
+    """Two loads at 18 poses: the linear library takes nearly all that it can. The screening, which calls so large a
+    turn a mistake in the table, is left out: the tests have to name it without."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(import_module("qsframework.diagnose.diagnose"), "check_conventions", lambda *_: ())
+        return diagnose(campaign(), turned(measured(seed=4, count=18)), repeats=1)
 
 
 def test_a_frame_turned_far_is_named_and_is_no_noise(found: Diagnosis) -> None:
