@@ -35,6 +35,19 @@ _SAME = {
     "drift": "order",
 }
 """Other words for what a law depends on."""
+_OF = {
+    "joint_hardening": "torque",
+    "joint_backlash": "torque",
+    "gear_flank": "torque",
+    "gear_waves": "angle",
+    "encoder_eccentricity": "angle",
+    "gear_friction": "step",
+    "compensator_friction": "step",
+    "thermal_expansion": "temperature",
+    "tracker_drift": "order",
+    "reading_drift": "order",
+}
+"""What the laws of the library depend on that are more than a spring or a shift."""
 
 
 @dataclass(frozen=True)
@@ -98,13 +111,20 @@ def _oracle(campaign: Campaign, hidden: Hidden, fresh: Campaign, folder: Path) -
 
 def spoken(found: Diagnosis) -> list[tuple[set[str], set[str]]]:
     """Words for the places and the variables that the answer says: of the learned law, or of what is left, first; else
-    the places of its names, which say no variable."""
+    the places of its names, and what their laws depend on."""
     laws = [found.taught.leftover.law] if found.taught is not None else []
     laws += [found.leftovers[0].law] if found.leftovers else []
     facts = found.experiment.robot.facts
     if laws:
         return [_words(laws[0], facts)]
-    return [(_place(f.name.partition("[")[2].rstrip("]").split("/")[0], facts), set[str]()) for f in found.findings]
+    return [_named(f.name, facts) for f in found.findings]
+
+
+def _named(name: str, facts: Any) -> tuple[set[str], set[str]]:
+    kind, _, where = name.partition("[")
+    place = where.rstrip("]").split("/")[0]
+    variable = _OF.get(kind, "")
+    return _place(place, facts), {variable, place if variable == "angle" else ""} - {""}
 
 
 def _words(law: Any, facts: Any) -> tuple[set[str], set[str]]:

@@ -329,8 +329,12 @@ def named(r: Result) -> bool:
 
 
 def wrong(r: Result) -> bool:
-    """Whether the answer is sure of something else."""
-    return r["verdict"] == "explained" and not (r["truth"] and named(r))
+    """Whether the answer is sure of something else: where no library effect acts, of another place or variable."""
+    if r["verdict"] != "explained":
+        return False
+    if r["truth"] or not r["place"]:
+        return not (r["truth"] and named(r))
+    return not variable_right(r["said"], r["place"], r["variable"])
 
 
 def alarmed(r: Result) -> bool:
@@ -367,6 +371,7 @@ def learned_rows(results: Sequence[Result]) -> list[Row]:
     done = [r for r in results if r["outcome"] == "done"]
     unknown = [r for r in done if r["group"] == "untouched"]
     out = [rate("untouched kinds, s = 10: confidently wrong", "<= 5 %", unknown, wrong)]
+    out.append(rate("untouched kinds: explained by a law of the library", "<= 100 %", unknown, _explained))
     placed = [r for r in unknown if r["place"]]
     out.append(rate("untouched kinds: place right", ">= 95 %", placed, lambda r: place_right(r["said"], r["place"])))
     out.append(
@@ -389,6 +394,10 @@ def learned_rows(results: Sequence[Result]) -> list[Row]:
     words = "nothing hidden: error at fresh poses more than 1.05 times that of the springs"
     out.append(rate(words, "<= 0 %", known, lambda r: Fresh(*r["fresh"]).harm > _HARM))
     return [row for row in out if row[4]]
+
+
+def _explained(r: Result) -> bool:
+    return r["verdict"] == "explained"
 
 
 def _worse(r: Result) -> bool:

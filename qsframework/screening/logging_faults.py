@@ -25,6 +25,10 @@ _FALL = 0.8
 """How far the sum of squares must fall at least where angles are late; what the model misses makes smaller ones."""
 _AT_ONCE = 500
 """Exchanges tried in one product."""
+_RUNS = 64
+"""Runs of late angles tried at once."""
+_HELD = 1e-10
+"""Share of the weight of all visits with which directions are held that hardly any visit tells."""
 
 
 def _gain(fit: LinearizedFit, before: float, after: float) -> float:
@@ -158,19 +162,21 @@ def late_angles(fit: LinearizedFit, level: float) -> Found:
     first = np.array([s[0] for s in seen.states])
     stuck = np.flatnonzero(np.all(poses.q[first[1:]] == poses.q[first[:-1]], axis=1)) + 1
     stuck = np.array([v for v in stuck if names[first[v]] != names[first[v - 1]]], dtype=np.intp)
-    runs = [(int(k), j) for k in {0, *stuck.tolist()} for j in range(k + 2, count + 1)]
+    runs = np.array([(int(k), j) for k in {0, *stuck.tolist()} for j in range(k + 2, count + 1)])
     here, there = _sums(fit, fit, seen), _sums(_shifted(fit, seen), fit, seen)
+    turn = _turn(here[-1])
     need = 2.0 * np.log(max(len(runs), 1) / level)
     best: tuple[float, tuple[int, int]] | None = None
-    for k, j in runs:
+    for some in np.array_split(runs, max(len(runs) // _RUNS, 1)):
+        k, j = some.T
         rest = here[-1] - (here[j] - here[j - 1])
-        before, free = _square_of(rest)
-        if free <= 0:
-            continue
-        after, _ = _square_of(rest - (here[j - 1] - here[k]) + (there[j - 1] - there[k]))
-        gain = before - after if fit.stated else free * float(np.log(max(before, 1e-300) / max(after, 1e-300)))
-        if gain > need and after < _FALL * before and (best is None or after < best[0]):
-            best = after, (k, j)
+        before, free = _squares_of(rest, turn)
+        after, _ = _squares_of(rest - (here[j - 1] - here[k]) + (there[j - 1] - there[k]), turn)
+        gain = before - after if fit.stated else free * np.log(np.maximum(before, 1e-300) / np.maximum(after, 1e-300))
+        after[(free <= 0) | (gain <= need) | (after >= _FALL * before)] = np.inf
+        i = int(np.argmin(after))
+        if after[i] < (np.inf if best is None else best[0]):
+            best = float(after[i]), (int(k[i]), int(j[i]))
     alone, rest = _stuck(fit, seen, stuck, level)
     return alone if best is None or (alone and rest <= best[0]) else [_late_words(fit, seen, *best[1])]
 
@@ -187,15 +193,27 @@ def _sums(fit: LinearizedFit, given: LinearizedFit, seen: Visits) -> Array:
     return np.cumsum(out, axis=0)
 
 
-def _square_of(total: Array) -> tuple[float, int]:
-    """Sum of squares that least squares leaves, from products of columns and errors, and its degrees of freedom."""
+def _turn(total: Array) -> Array:
+    """(p, d): of the columns that all visits tell, combinations whose products over all visits are one."""
     p = len(total) - 2
     size = np.sqrt(np.maximum(np.diag(total)[:p], 1e-300))
-    G, c = total[:p, :p] / np.outer(size, size), total[:p, p] / size
-    values, vectors = np.linalg.eigh(G)
+    values, vectors = np.linalg.eigh(total[:p, :p] / np.outer(size, size))
     told = values > 1e-12 * max(float(values[-1]), 1e-300)
-    z = vectors[:, told].T @ c
-    return max(float(total[p, p] - (z**2 / values[told]).sum()), 0.0), round(float(total[-1, -1])) - int(told.sum())
+    return vectors[:, told] / np.sqrt(values[told]) / size[:, None]
+
+
+def _squares_of(totals: Array, turn: Array) -> tuple[Array, Indices]:
+    """Sums of squares (J,) that least squares leaves, from products (J, p + 2, p + 2) of columns and errors, and their
+    degrees of freedom (J,)."""
+    p, d = turn.shape
+    G = turn.T @ totals[:, :p, :p] @ turn
+    c = turn.T @ totals[:, :p, p : p + 1]
+    # what the visits of one choice do not tell is held by a weight that no other direction feels
+    held = G + _HELD * np.eye(d)
+    solved = np.linalg.solve(held, np.concatenate([c, G], axis=2))
+    rank = np.rint(np.trace(solved[:, :, 1:], axis1=1, axis2=2))
+    square = totals[:, p, p] - np.einsum("ja,ja->j", c[..., 0], solved[..., 0])
+    return np.maximum(square, 0.0), np.rint(totals[:, -1, -1] - rank).astype(np.intp)
 
 
 def _shifted(fit: LinearizedFit, seen: Visits) -> LinearizedFit:

@@ -28,6 +28,8 @@ _BEYOND = 1.5
 """And by how much more: noise has tails."""
 _STEP = 1e-4
 """Share of a fit's step of which the rates are taken: what it does not tell may be far from linear."""
+_TOLD = 1e-12
+"""Share of the largest weighted square of a direction below which the visits that agree do not tell it."""
 _SHARE = 0.35
 """Of the visits: more than these are not set aside, for then it is no mistake here and there."""
 
@@ -148,12 +150,13 @@ def agreement(standing: Standing) -> float:
     return float(np.log(np.maximum(square, 1e-12)).sum())
 
 
-def _linear(seen: Bridge, frames: Sequence[Frame]) -> tuple[Array, Array]:
-    """Columns (m, p) and errors (m,) in sigmas as stated; what visits share is left to the unit."""
+def _linear(seen: Bridge, frames: Sequence[Frame]) -> tuple[_Columns, Array]:
+    """Columns of p parameters and errors (m,) in sigmas as stated; what visits share is left to the unit."""
     rows = seen.rows
     predicted, J = rows.rates(seen.model, seen.x, frames, seen.names)
     sigma = rows.sigma.ravel()[rows.at]
-    return rows.flat(J) * scales(list(seen.parameters)) / sigma[:, None], (rows.scalars - rows.flat(predicted)) / sigma
+    columns = _columns(rows.flat(J) * scales(list(seen.parameters)) / sigma[:, None])
+    return columns, (rows.scalars - rows.flat(predicted)) / sigma
 
 
 def _beyond(misfit: Array, count: Indices) -> Flags:
@@ -167,40 +170,58 @@ def _beyond(misfit: Array, count: Indices) -> Flags:
     return out
 
 
-def _misfits(A: Array, target: Array, label: Indices, wrong: Flags, robust: bool) -> tuple[Array, float, Array, Array]:
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """Columns (m, p) as orthonormal ones U (m, d) and `turn` (p, d), which leads back to their parameters."""
+
+    U: Array
+    turn: Array
+
+
+def _columns(A: Array) -> _Columns:
+    size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    U, values, V = np.linalg.svd(A / size, full_matrices=False)
+    told = values > 1e-9 * max(float(values[0]), 1e-300)
+    return _Columns(U[:, told], V[told].T / values[told] / size[:, None])
+
+
+def _misfits(
+    A: _Columns, target: Array, label: Indices, wrong: Flags, robust: bool
+) -> tuple[Array, float, Array, Array]:
     """Misfit (V,) of each visit against the good ones without it, the unit that makes the usual visit usual, z and
     half of the fit; robust: of least absolute errors, misfits of all visits as they are left."""
     count = np.bincount(label, minlength=len(wrong))
     if robust:
         z, half = _least_absolute(A, target, label, count)
-        square = _squares(label, target - A @ z, len(wrong))
+        square = _squares(label, target - A.U @ z, len(wrong))
     else:
-        good = ~wrong[label]
-        z, half, Q = _solved(A, target, good.astype(np.float64))
-        rest = target - A @ z
+        good = (~wrong[label]).astype(np.float64)
+        z, half = _solved(A, target, good)
+        rest = target - A.U @ z
         square = _squares(label, rest, len(wrong))
-        fall, own, _ = falls(Q, left(Q, np.where(good, target, 0.0)), np.where(good, label, -1))
+        Q = (A.U * good[:, None]) @ half
+        fall, own, _ = falls(Q, left(Q, good * target), np.where(good > 0.0, label, -1))
         square[own] = fall
-        for at in blocks_of(np.where(good, -1, label)):
-            P = A[at] @ half
+        for at in blocks_of(np.where(good > 0.0, -1, label)):
+            P = A.U[at] @ half
             spread = np.eye(at.shape[1]) + P @ P.transpose(0, 2, 1)
             weighed = np.asarray(np.linalg.solve(spread, rest[at][..., None]), dtype=np.float64)[..., 0]
             square[label[at[:, 0]]] = np.einsum("bs,bs->b", rest[at], weighed)
     unit = _unit(square, count, wrong)
-    return square / unit**2, unit, z, half
+    return square / unit**2, unit, A.turn @ z, A.turn @ half
 
 
 def _squares(label: Indices, values: Array, count: int) -> Array:
     return np.asarray(np.bincount(label, values**2, count), dtype=np.float64)
 
 
-def _least_absolute(A: Array, target: Array, label: Indices, count: Indices) -> tuple[Array, Array]:
+def _least_absolute(A: _Columns, target: Array, label: Indices, count: Indices) -> tuple[Array, Array]:
     """The fit whose sum of the lengths of the errors of visits is least: a few may be far off."""
-    z, half, _ = _solved(A, target, np.ones(len(target)))
+    z, half = _solved(A, target, np.ones(len(target)))
     for _ in range(_REWEIGHED):
-        length = np.sqrt(_squares(label, target - A @ z, len(count)) / np.maximum(count, 1))
+        length = np.sqrt(_squares(label, target - A.U @ z, len(count)) / np.maximum(count, 1))
         weight = 1.0 / np.maximum(length, 1e-2 * float(np.median(length)) + 1e-300)
-        z, half, _ = _solved(A, target, np.sqrt(weight[label]))
+        z, half = _solved(A, target, weight[label])
     return z, half
 
 
@@ -214,10 +235,11 @@ def _unit(square: Array, count: Indices, wrong: Flags) -> float:
     return float(np.sqrt(max(np.median(square[use] / chi2.median(count[use])), 1e-12)))
 
 
-def _solved(A: Array, target: Array, root: Array) -> tuple[Array, Array, Array]:
-    """Weighted least squares: z (p,), half (p, f), and the orthonormal columns Q (m, f)."""
-    size = np.maximum(np.linalg.norm(A * root[:, None], axis=0), 1e-300)
-    U, values, V = np.linalg.svd(A * root[:, None] / size, full_matrices=False)
-    told = values > 1e-9 * max(float(values[0]), 1e-300)
-    half = V[told].T / values[told] / size[:, None]
-    return half @ (U[:, told].T @ (root * target)), half, U[:, told]
+def _solved(A: _Columns, target: Array, weight: Array) -> tuple[Array, Array]:
+    """Least squares of weighted squares: weights (d,) of the orthonormal columns, and half (d, f), half half' their
+    covariance. U half, times the roots of the weights, is orthonormal."""
+    heavy = A.U * weight[:, None]
+    values, vectors = np.linalg.eigh(A.U.T @ heavy)
+    told = values > _TOLD * max(float(values[-1]), 1e-300)
+    half = vectors[:, told] / np.sqrt(values[told])
+    return half @ (half.T @ (heavy.T @ target)), half
