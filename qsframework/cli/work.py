@@ -40,6 +40,32 @@ def compensate(
     run_compensate(CompensateFiles(experiment, fit, targets, output, json, report), reference)
 
 
+def certificate(
+    experiment: Annotated[Path | None, typer.Argument(help="experiment.yaml", show_default=False)] = None,
+    fit: Annotated[Path | None, typer.Argument(help="fit.json", show_default=False)] = None,
+    data: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[READINGS]...", help="Readings that the fit has not seen; else halves of its own."),
+    ] = None,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The page, HTML for A4.")] = Path("certificate.html"),
+    meta: Annotated[Path | None, typer.Option(help="meta.yaml: who, when, serial numbers, tolerance.")] = None,
+    template: Annotated[Path | None, typer.Option(help="Write a meta.yaml to fill in, and nothing else.")] = None,
+    halves: Annotated[int, typer.Option(help="Random halves, where no other readings are given.", min=1)] = 10,
+    seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
+    trust: Trust = False,
+) -> None:
+    """State on one to three printable pages how accurate a robot is, with its uncertainties."""
+    from qsframework.cli.certificate import run_certificate, write_template
+    from qsframework.errors import InputError
+
+    if template is not None:
+        write_template(template)
+    elif experiment is None or fit is None:
+        raise InputError("qsf certificate EXPERIMENT fit.json [READINGS...], or --template meta.yaml")
+    else:
+        run_certificate(experiment, fit, data or (), output, meta, halves, seed)
+
+
 def export(
     plan: Annotated[Path, typer.Argument(help="plan.csv", show_default=False)],
     experiment: Annotated[Path, typer.Option("--experiment", "-e", help="experiment.yaml", show_default=False)],
@@ -142,5 +168,5 @@ def new(
 
 def add_commands(app: typer.Typer) -> None:
     """Register the commands."""
-    for command in (compensate, export, protocol, compare, new):
+    for command in (compensate, certificate, export, protocol, compare, new):
         app.command()(command)

@@ -1,0 +1,310 @@
+"""What a calibration certificate states: accuracy at readings held out, parameters and a budget with k = 2, conformity.
+
+Accuracy and repeatability of poses as ISO 9283 defines them where readings repeat; uncertainties as the GUM combines
+them; conformity by the rule that the holder of the certificate stated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+
+from qsframework.elastostatics import Model
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, Frame, Readings, make_rows
+from qsframework.experiment.observations import Rows
+from qsframework.files import FileModel, Unit, read_yaml, validate as checked
+from qsframework.identify import StoredFit, validate, validate_halves
+from qsframework.identify.validate import Validation
+from qsframework.plugin import Array
+
+COVERAGE = 2.0
+"""k: expanded uncertainties are so many standard ones."""
+HALVES = 10
+ROTATIONAL = ("rad/(N m)", "rad")
+_COMPLIANCES = ("rad/(N m)", "m/N")
+
+
+class PartySpec(FileModel):
+    """Who made the calibration, when and where."""
+
+    number: str = ""
+    customer: str = ""
+    date: str = ""
+    place: str = ""
+    operator: str = ""
+    approved_by: str = ""
+
+
+class DeviceSpec(FileModel):
+    """The robot, or the instrument with its own certificate; uncertainty: expanded, k = 2, of a point in space."""
+
+    maker: str = ""
+    type: str = ""
+    serial_number: str = ""
+    controller: str = ""
+    certificate: str = ""
+    valid_until: str = ""
+    uncertainty: Annotated[float | None, Unit("m")] = None
+
+
+class MetaSpec(FileModel):
+    """meta.yaml: what no reading says. Everything may be left out, and is then printed as not stated."""
+
+    calibration: PartySpec = PartySpec()
+    robot: DeviceSpec = DeviceSpec()
+    instrument: DeviceSpec = DeviceSpec()
+    temperature: str = ""
+    load: str = ""
+    remarks: str = ""
+    tolerance: Annotated[float | None, Unit("m")] = None
+    decision: Literal["guarded", "simple"] = "guarded"
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A parameter of the fit: value and expanded uncertainty, SI, NaN where none is quoted; status "" where all is
+    well. stiffness: 1 / value and its expanded uncertainty, of a compliance that is told from zero; else None."""
+
+    name: str
+    unit: str
+    value: float
+    expanded: float
+    status: str
+    stiffness: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class Share:
+    """A source of the error of a predicted position: its standard uncertainty, m, of the distance in space.
+
+    source: "parameters", "load", "instrument", "repeatability" or "model"
+    """
+
+    source: str
+    standard: float
+
+
+@dataclass(frozen=True)
+class Arrivals:
+    """ISO 9283 at one pose and marker that was reached `count` times: accuracy AP before and after, repeatability RP,
+    m."""
+
+    pose: str
+    count: int
+    before: float
+    after: float
+    repeatability: float
+
+
+@dataclass(frozen=True)
+class Conformity:
+    """Whether the 95 % error keeps a tolerance, m: True, False, or None where the uncertainty of the instrument leaves
+    it open. rule "guarded": error + U below the tolerance proves, error - U above it disproves; "simple": the error
+    alone decides. expanded: U of one reading along the error, NaN where nobody stated it."""
+
+    tolerance: float
+    rule: str
+    error: float
+    expanded: float
+    holds: bool | None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Certificate:
+    """All that stands on the certificate. kept: parameters that the model uses and the fit did not estimate.
+
+    temperature: lowest and highest that was recorded, K; None where none was
+    """
+
+    experiment: Experiment
+    fit: StoredFit
+    meta: MetaSpec
+    validation: Validation
+    quantities: tuple[Quantity, ...]
+    budget: tuple[Share, ...]
+    arrivals: tuple[Arrivals, ...]
+    conformity: Conformity | None
+    kept: tuple[str, ...]
+    temperature: tuple[float, float] | None
+    readings: int
+    poses: int
+    files: tuple[Path, ...]
+
+    @property
+    def corrected(self) -> float:
+        """Standard uncertainty, m, of a corrected position in space: all but the instrument."""
+        return float(np.sqrt(sum(s.standard**2 for s in self.budget if s.source != "instrument")))
+
+
+def read_meta(path: Path | None) -> MetaSpec:
+    """meta.yaml, or nothing stated. InputError with all its problems, each with file and line."""
+    return MetaSpec() if path is None else checked(read_yaml(path), MetaSpec)
+
+
+def certify(
+    experiment: Experiment, fit: StoredFit, readings: Readings, meta: MetaSpec, *, halves: int = HALVES, seed: int = 0
+) -> Certificate:
+    """The certificate of a fit by readings: those that it has not seen, else by random halves of its own.
+
+    Raises InputError where the fit is not one that may be certified: of another robot or model, with a compliance
+    below zero, with a covariance that is none, or no better than the nominal arm at the readings held out.
+    """
+    _refuse(experiment, fit)
+    found = validate(experiment, readings, fit)
+    if found.seen:
+        found = validate_halves(experiment, readings, fit, halves, seed)
+    if not np.isfinite(found.whole.summary()[0]):
+        raise InputError(f"{readings.where}: no reading has all three axes, and a certificate states errors in space")
+    after, before = (float(np.sqrt(np.mean(found.whole.distances(b) ** 2))) for b in (False, True))
+    if after >= before:
+        raise InputError(
+            f"{fit.file}: no certificate: the error at readings held out, {1e3 * after:.3f} mm, is not below that of "
+            f"the nominal arm, {1e3 * before:.3f} mm. Diagnose the readings first: `qsf diagnose {experiment.path}`"
+        )
+    rows = make_rows(readings)
+    budget = _budget(experiment, fit, meta, rows, after)
+    own = set(fit.model_names(experiment))
+    temperature = rows.readings.poses.loaded.temperature
+    told = None if temperature is None else temperature[np.isfinite(temperature)]
+    return Certificate(
+        experiment=experiment,
+        fit=fit,
+        meta=meta,
+        validation=found,
+        quantities=_quantities(experiment, fit),
+        budget=budget,
+        arrivals=_arrivals(experiment, fit, rows),
+        conformity=_conformity(meta, found, budget),
+        kept=tuple(p.name for p in experiment.model().parameters if p.nominal and p.name not in own),
+        temperature=None if told is None or not len(told) else (float(told.min()), float(told.max())),
+        readings=len(rows.keep),
+        poses=len(np.unique(rows.pose)),
+        files=(experiment.path, Path(fit.file), *readings.sources),
+    )
+
+
+def _refuse(experiment: Experiment, fit: StoredFit) -> None:
+    """InputError, with every reason, where a fit cannot be certified by itself."""
+    known = {p.name: p for p in experiment.model().parameters}
+    wrong: list[str] = []
+    for name, value in zip(fit.names, fit.values.tolist(), strict=True):
+        p = known.get(name)
+        if p is not None and p.unit in _COMPLIANCES and value < 0.0:
+            wrong.append(f"{name} is {value:.3g} {p.unit}, and no spring gives against its load")
+        if name in fit.model and not np.isclose(fit.model[name], value, rtol=1e-9, atol=0.0):
+            wrong.append(f"{name} is {value:g} among the estimates and {fit.model[name]:g} in the model")
+    C = fit.whole_covariance
+    values = np.linalg.eigvalsh(C) if len(C) and np.isfinite(C).all() else np.zeros(0)
+    if len(values) and (not np.allclose(C, C.T, rtol=1e-6) or values[0] < -1e-9 * values[-1]):
+        wrong.append("its covariance is none: a variance would be below zero")
+    if wrong:
+        raise InputError(f"{fit.file}: no certificate: " + "; ".join(wrong))
+
+
+def _quantities(experiment: Experiment, fit: StoredFit) -> tuple[Quantity, ...]:
+    units = {p.name: p.unit for p in experiment.model().parameters}
+    out: list[Quantity] = []
+    sds = np.sqrt(np.maximum(np.diag(fit.whole_covariance), 0.0))
+    for name, value, sd, quoted, status in zip(fit.names, fit.values, sds, fit.sd, fit.status, strict=True):
+        if name not in units:
+            continue
+        unit = units[name]
+        expanded = COVERAGE * float(sd) if np.isfinite(quoted) else float("nan")
+        told = unit in _COMPLIANCES and value > expanded > 0.0
+        stiffness = (1.0 / float(value), expanded / float(value) ** 2) if told else None
+        out.append(Quantity(name, unit, float(value), expanded, status, stiffness))
+    return tuple(out)
+
+
+def _budget(experiment: Experiment, fit: StoredFit, meta: MetaSpec, rows: Rows, error: float) -> tuple[Share, ...]:
+    """Standard uncertainties of the distance in space, over the readings: u^2 = tr(J C J') of what the fit says, its
+    frames included, and what the held-out error has beyond them."""
+    model = experiment.model()
+    names = fit.model_names(experiment)
+    frames, known = _frames(model, fit, rows, fit.x(model))
+    _, J = rows.rates(model, fit.x(model), frames, names)
+    at = [n for f in known for n in _motions(fit, f)] + [fit.names.index(n) for n in names]
+    J = np.where(rows.mask[..., None], J, 0.0)
+
+    def seen(C: Array) -> float:
+        part = np.nan_to_num(C)[np.ix_(at, at)] if at else np.zeros((0, 0))
+        part[[i < 0 for i in at]] = 0.0
+        part[:, [i < 0 for i in at]] = 0.0
+        return float(np.sqrt(max(float(np.einsum("rap,pq,raq->r", J, part, J).mean()), 0.0)))
+
+    shares = [Share("parameters", seen(fit.covariance))]
+    if fit.total_covariance is not None:
+        shares.append(Share("load", seen(fit.total_covariance - fit.covariance)))
+    if rows.readings.repeatability:
+        shares.append(Share("repeatability", float(np.sqrt(3.0)) * rows.readings.repeatability))
+    instrument = _instrument(meta, rows)
+    if instrument is not None:
+        shares.append(Share("instrument", instrument))
+    rest = error**2 - sum(s.standard**2 for s in shares)
+    return (*shares, Share("model", float(np.sqrt(max(rest, 0.0)))))
+
+
+def _instrument(meta: MetaSpec, rows: Rows) -> float | None:
+    """Standard uncertainty, m, of one reading in space, as somebody stated it: residuals hold more than the
+    instrument."""
+    if meta.instrument.uncertainty is not None:
+        return meta.instrument.uncertainty / COVERAGE
+    if not rows.readings.stated:
+        return None
+    return float(np.sqrt((np.where(rows.mask, rows.sigma, 0.0) ** 2).sum(axis=1).mean()))
+
+
+def _frames(model: Model, fit: StoredFit, rows: Rows, x: Array) -> tuple[list[Frame], list[str]]:
+    """The frames of the rows, those of the fit where it found them, and their series."""
+    known = {f.series: f for f in fit.frames}
+    names = [rows.readings.frames[f] for f in rows.estimated]
+    start = [known[n] for n in names] if set(names) <= set(known) else rows.start(model, x)
+    return [known.get(n, s) for n, s in zip(names, start, strict=True)], names
+
+
+def _motions(fit: StoredFit, series: str) -> list[int]:
+    """Places of the six motions of a frame among the fit's names, -1 for those of a frame that it does not know."""
+    own = [f"frame[{series}].{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")]
+    return [fit.names.index(n) if n in fit.names else -1 for n in own]
+
+
+def _arrivals(experiment: Experiment, fit: StoredFit, rows: Rows) -> tuple[Arrivals, ...]:
+    """AP = |mean error|, RP = mean + 3 sd of the distances from the centre (ISO 9283, 7.2.1 and 7.2.2), where a marker
+    was read at one pose and load several times."""
+    readings = rows.readings
+    position = readings.is_position[rows.keep] & np.isfinite(rows.measured).all(axis=1)
+    poses = readings.poses
+    key = np.column_stack([poses.q[rows.plus], poses.wrench[rows.plus], rows.marker, rows.frame])
+    _, group = np.unique(np.round(key, 9), axis=0, return_inverse=True)
+    model = experiment.model()
+    errors: list[Array] = []
+    for x, own in ((model.nominal, False), (fit.x(model), True)):
+        frames = _frames(model, fit, rows, x)[0] if own else rows.start(model, x)
+        errors.append(rows.measured - rows.predict(model, x, frames, fit.linear))
+    out: list[Arrivals] = []
+    for g in np.unique(group[position]).tolist():
+        at = np.flatnonzero(position & (group == g))
+        if len(at) < 2:
+            continue
+        spread = np.linalg.norm(rows.measured[at] - rows.measured[at].mean(axis=0), axis=1)
+        before, after = (float(np.linalg.norm(e[at].mean(axis=0))) for e in errors)
+        repeated = float(spread.mean() + 3.0 * spread.std(ddof=1))
+        out.append(Arrivals(rows.pose_names[int(at[0])], len(at), before, after, repeated))
+    return tuple(out)
+
+
+def _conformity(meta: MetaSpec, found: Validation, budget: Sequence[Share]) -> Conformity | None:
+    if meta.tolerance is None:
+        return None
+    error = found.whole.summary()[1]
+    instrument = next((s.standard for s in budget if s.source == "instrument"), float("nan"))
+    expanded = COVERAGE * instrument / float(np.sqrt(3.0))
+    holds: bool | None = error <= meta.tolerance
+    if meta.decision == "guarded":
+        holds = True if error + expanded <= meta.tolerance else False if error - expanded > meta.tolerance else None
+    return Conformity(meta.tolerance, meta.decision, error, expanded, holds)

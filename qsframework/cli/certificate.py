@@ -1,0 +1,43 @@
+"""`qsf certificate`: what it calls and prints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+
+from qsframework.cli.commands import distinct_outputs, readings_files
+from qsframework.experiment import load_experiment, read_readings
+
+
+def run_certificate(
+    experiment_file: Path, fit: Path, data: Sequence[Path], output: Path, meta: Path | None, halves: int, seed: int
+) -> None:
+    """Certify a fit, say its main numbers, and write the page."""
+    from qsframework.applications.certificate import certify, read_meta
+    from qsframework.identify import read_fit
+    from qsframework.report.certificate_page import MISSING, heads, write_certificate
+    from qsframework.report.words.certificate import conformity_words
+    from qsframework.report.words.validation import validation_words
+
+    experiment = load_experiment(experiment_file)
+    stored = read_fit(fit)
+    sources = readings_files(experiment, data)
+    distinct_outputs([output], [experiment_file, fit, *sources, *([meta] if meta else [])])
+    told = read_meta(meta)
+    found = certify(experiment, stored, read_readings(sources, experiment), told, halves=halves, seed=seed)
+    print(conformity_words(found.conformity))
+    print(validation_words(found.validation))
+    left = [f"{title.lower()}: {name}" for title, part in heads(found) for name, value in part if value == MISSING]
+    if left:
+        print(f"note: printed as not stated: {', '.join(left)}. --meta states them; --template writes such a file")
+    print(f"certificate: {write_certificate(output, found)}")
+
+
+def write_template(output: Path) -> None:
+    """Write a meta.yaml to fill in."""
+    from qsframework.files import write_text
+
+    distinct_outputs([output], [])
+    text = files("qsframework.report").joinpath("templates", "meta.yaml").read_text(encoding="utf-8")
+    print(f"fill in and give it as --meta: {write_text(output, text)}")

@@ -1,0 +1,63 @@
+"""A certificate in words."""
+
+from __future__ import annotations
+
+from qsframework.applications.certificate import COVERAGE, Certificate, Conformity
+
+SOURCES = {
+    "parameters": ("noise of the readings that the parameters rest on", "fit, covariance of the parameters"),
+    "load": ("load's amount and direction", "as stated in the experiment"),
+    "repeatability": ("arm comes back elsewhere", "as stated in the experiment"),
+    "instrument": ("instrument, one reading", "as stated: its certificate, or the noise of a reading"),
+    "model": ("what the model does not describe", "what the error at readings held out has beyond the other sources"),
+}
+RULES = {
+    "guarded": "error + U at most the tolerance proves, error - U above it disproves (guarded, ISO 14253-1)",
+    "simple": "the error alone decides (simple acceptance)",
+}
+
+
+_MOST = 8
+"""Parameters that are listed by name."""
+
+
+def held_out_words(found: Certificate) -> str:
+    """Which readings the accuracy is of."""
+    if found.validation.halves:
+        return (
+            f"No reading is left that the fit has not seen, so {found.validation.halves} random halves of the poses "
+            "were fitted and the other half judged each time: the whole fit is no worse than that."
+        )
+    return f"At {found.readings} readings of {found.poses} poses that the fit has not seen."
+
+
+def conformity_words(c: Conformity | None) -> str:
+    """The statement of conformity in one sentence."""
+    if c is None:
+        return "No tolerance is stated, so nothing is said about conformity."
+    known = f"U = {1e3 * c.expanded:.3f} mm, k = {COVERAGE:.0f}" if c.expanded >= 0.0 else "U not stated"
+    size = f"95 % of the readings held out are within {1e3 * c.error:.3f} mm ({known}), "
+    size += f"the tolerance is {1e3 * c.tolerance:.3f} mm"
+    if c.holds is None:
+        return f"Conformity can be neither stated nor denied: {size}."
+    return f"The calibrated robot {'conforms' if c.holds else 'does NOT conform'}: {size}."
+
+
+def assumed_words(found: Certificate) -> list[str]:
+    """What was taken as known."""
+    out = [f"The model is {'the linear one' if found.fit.linear else 'the full equilibrium of arm, springs and load'}."]
+    noise = f"The noise of one coordinate, {1e3 * found.fit.sigma:.4f} mm, is {found.fit.sigma_source}."
+    out.append(noise)
+    if found.kept:
+        names = ", ".join(found.kept[:_MOST])
+        names += f" and {len(found.kept) - _MOST} more" if len(found.kept) > _MOST else ""
+        out.append(f"Kept at their nominal values, without an uncertainty of their own: {names}.")
+    if found.fit.total_covariance is None:
+        out.append("The load is taken as exactly known: no uncertainty of it is stated.")
+    if found.fit.masked_rows:
+        out.append(f"{len(found.fit.masked_rows)} readings were not used by the fit: they are gross.")
+    if "instrument" not in {s.source for s in found.budget}:
+        out.append("Nobody states what the instrument adds: its part is within what the model does not describe.")
+    out += [f"{note}." for note in found.validation.notes]
+    out.append("The robot is calibrated as it stood: a part that is changed, or a crash, ends what is stated here.")
+    return out
