@@ -57,7 +57,7 @@ def test_the_budget_is_the_spread_of_fits_to_other_readings(m900ib: Experiment, 
     for seed in range(16):
         fit = identify(m900ib, base.with_values(true + noise(seed)), options=LINEAR)
         wrong = fit.predict(other)[0] - fit_truth(m900ib, other)
-        squares.append(float(np.mean((wrong**2).sum(axis=1))))
+        squares.append(float(np.square(wrong).sum(axis=1).mean()))
     (share,) = [s.standard for s in found.budget if s.source == "parameters"]
     assert share == pytest.approx(float(np.sqrt(np.mean(squares))), rel=0.25)
     assert [s.source for s in found.budget] == ["parameters", "instrument", "model"]
