@@ -14,7 +14,7 @@ import numpy as np
 
 from qsframework.diagnose.law import Law
 from qsframework.diagnose.linearization.candidates import Cause
-from qsframework.diagnose.linearization.generic_blocks import Block, Motions
+from qsframework.diagnose.linearization.generic_blocks import Block, Motions, motions
 from qsframework.diagnose.result import Leftover, Taught
 from qsframework.diagnose.selection.evidence import prior_of
 from qsframework.elastostatics import Model
@@ -28,6 +28,8 @@ _ODDS = 10.0
 """Of a law against nothing, which weighs as much as all blocks together, from which on it is learned."""
 _PARTS: dict[str, str] = {"drive": "learned", "link": "learned", "shift": "learned_shift"}
 """The effect that a law of such a part is; laws of markers and readings are none of the arm."""
+_TELLS = 0.2
+"""Share of the largest torque under which a visit tells a law that grows with the torque."""
 _RECORDED = ("order", "time", "temperature", "approach")
 
 
@@ -102,6 +104,33 @@ def curve(taught: Taught, robot: RobotFacts, count: int = 61) -> Curve | None:
     sd = np.sqrt(np.maximum(np.einsum("nkp,pq,nkq->nk", shapes, covariance, shapes), 0.0))
     values = np.array([taught.fit.value(n) for n in names])
     return Curve(x, shapes @ values, sd, np.nan if law.variable == "torque" else float(effect.scale))
+
+
+def dots(taught: Taught, rows: Rows, found: Curve) -> tuple[Array, Array]:
+    """What each visit says of a curve: variable (V, k) and motion (V, k) rad or m, k coordinates, NaN for visits that
+    stand under too little torque to tell; rows: those of the fit.
+
+    The motion is the curve's plus the one that fits the visit's residuals best, under the curve's torque.
+    """
+    fit, law = taught.fit, taught.leftover.law
+    effect: Any = taught.cause.effects[-1]
+    moved = motions(fit.model, rows, fit.x, fit.frames)
+    at = next(list(p.coordinates) for p in moved.places if (p.part, p.name) == (law.part, law.place))
+    used, visit = np.unique(rows.plus, return_inverse=True)
+    x, y = np.full((len(used), len(at)), np.nan), np.full((len(used), len(at)), np.nan)
+    for v in range(len(used)):
+        here = np.flatnonzero(visit == v)
+        torque = moved.plus.torque[here[0], at]
+        D, mask = moved.plus.columns[here][..., at], rows.mask[here]
+        extra = np.linalg.lstsq(D[mask], fit.residuals[here][mask], rcond=1e-3)[0]
+        if law.variable == "torque":
+            x[v] = torque
+        else:
+            joints = np.array(dict(moved.angles)[law.joints])
+            x[v] = float(moved.plus.q[here[0]] @ joints)
+            extra = np.where(np.abs(torque) > _TELLS * effect.scale, extra * effect.scale / torque, np.nan)
+        y[v] = [np.interp(a, found.x, m) for a, m in zip(x[v], found.motion.T, strict=True)] + extra
+    return x, y
 
 
 def _effects(model: Model, law: Law, rows: Rows, moved: Motions) -> tuple[Effect, ...]:

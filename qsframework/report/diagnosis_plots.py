@@ -10,10 +10,11 @@ import numpy as np
 
 from qsframework.diagnose.diagnose import LEVEL
 from qsframework.diagnose.error_budget import error_budget
-from qsframework.diagnose.learn import curve
+from qsframework.diagnose.learn import curve, dots
 from qsframework.diagnose.result import Diagnosis, Taught
 from qsframework.diagnose.selection.family_test import Block, chance
 from qsframework.diagnose.selection.principal_angles import alias_classes, angle_matrix
+from qsframework.experiment import make_rows
 from qsframework.forecast.power import LIBRARY_LEVEL, detection_rate, threshold
 from qsframework.plugin import Array
 from qsframework.report import power_section
@@ -48,6 +49,8 @@ def learned_figure(diagnosis: Diagnosis, taught: Taught) -> Iterator[Figure]:
     over = f"{variable_words(law)}, {'deg' if degrees else 'N m'}"
     under = f" under {found.torque:.3g} N m" if degrees else ""
     figure = _blank(f"Learned: {taught.name}", over, f"extra motion{under}, urad")
+    rows = make_rows(diagnosis.readings)
+    at, said = dots(taught, rows.take(np.isin(rows.keep, diagnosis.kept)), found)
     names = ("rx", "ry", "rz") if found.motion.shape[1] > 1 else (place_words(law),)
     for i, name in enumerate(names):
         y, band = 1e6 * found.motion[:, i], 2e6 * found.sd[:, i]
@@ -55,9 +58,15 @@ def learned_figure(diagnosis: Diagnosis, taught: Taught) -> Iterator[Figure]:
         around = np.concatenate([x, x[::-1]]), np.concatenate([y + band, (y - band)[::-1]])
         look = {"fill": "toself", "fillcolor": _LINES[i], "opacity": 0.15, "line": {"width": 0}}
         figure.add_scatter(x=around[0], y=around[1], name="2 sd", hoverinfo="skip", showlegend=False, **look)
+        dot = {"color": _LINES[i], "size": 5, "symbol": "circle-open"}
+        where = np.rad2deg(at[:, i]) if degrees else at[:, i]
+        figure.add_scatter(
+            x=where, y=1e6 * said[:, i], mode="markers", name=f"readings, {html.escape(name)}", marker=dot
+        )
     note = (
         "A smooth law that the readings taught, with its band of two standard deviations, beside the spring, which "
-        "takes what is straight in the torque; it says nothing of a cause."
+        "takes what is straight in the torque; it says nothing of a cause. Rings: what each visit says of it, the "
+        "curve and the motion that its residuals ask for. Look for rings that leave the band together."
     )
     yield Figure(figure, note)
 

@@ -14,10 +14,10 @@ from typer.testing import CliRunner
 from qsframework.cli.main import app
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.law import Law
-from qsframework.diagnose.learn import curve
+from qsframework.diagnose.learn import curve, dots
 from qsframework.elastostatics import beyond, exact_readings, range_notes
 from qsframework.errors import InputError
-from qsframework.experiment import Readings, example, load_experiment, read_readings
+from qsframework.experiment import Readings, example, load_experiment, make_rows, read_readings
 from qsframework.identify import FitOptions, identify
 from qsframework.plugin import Array, check_effect, find
 from qsframework.report.diagnosis_section import diagnosis_sections
@@ -156,6 +156,13 @@ def test_the_curve_of_the_example_is_what_was_hidden() -> None:
     height = float(hidden @ seen.motion[:, 0] / (hidden @ hidden)) / seen.torque
     assert abs(height - 0.267e-6) < 0.05e-6
     assert np.all(np.abs(seen.motion[:, 0] - seen.torque * 0.267e-6 * hidden) < 3.5 * seen.sd)
+    rows = make_rows(d.readings)
+    angle, said = dots(d.taught, rows.take(np.isin(rows.keep, d.kept)), seen)
+    truth = seen.torque * 0.267e-6 * (np.cos(2.0 * angle + PHASE) - np.cos(2.0 * seen.x + PHASE).mean())
+    told = np.isfinite(said)
+    assert told.mean() > 0.5
+    assert np.nanmedian(np.abs(said - truth)) < 0.3 * np.nanstd(truth[told])
+    assert np.corrcoef(said[told], truth[told])[0, 1] > 0.9
 
 
 @pytest.mark.parametrize(
