@@ -28,6 +28,10 @@ _SAME = {
     "own angle": "angle",
     "torque x angle": "angle",
     "angle and torque": "angle",
+    "own torque x attitude": "torque",
+    "torque x order": "order",
+    "direction of the force": "torque",
+    "attitude": "angle",
     "side": "approach",
     "direction": "step",
     "hysteresis": "step",
@@ -48,6 +52,8 @@ _OF = {
     "reading_drift": "order",
 }
 """What the laws of the library depend on that are more than a spring or a shift."""
+_ENDS = {"tool_compliance": "tool", "base_compliance": "base", "base_lift": "base", "load_scale": "load"}
+"""Places of causes that say only their axis."""
 
 
 @dataclass(frozen=True)
@@ -123,6 +129,8 @@ def spoken(found: Diagnosis) -> list[tuple[set[str], set[str]]]:
 def _named(name: str, facts: Any) -> tuple[set[str], set[str]]:
     kind, _, where = name.partition("[")
     place = where.rstrip("]").split("/")[0]
+    if kind in _ENDS:
+        place = _ENDS[kind]
     variable = _OF.get(kind, "")
     return _place(place, facts), {variable, place if variable == "angle" else ""} - {""}
 
