@@ -324,7 +324,7 @@ and the errors in print are on [the paper's page](paper.md).
 
 Tables 1 and 2 are about step two of the two-step method: K2, Kc and s0 Kc from joint 2's aggregated stiffness at
 several q2, by the rows of (22), which
-`qsframework.information.two_step.stiffness_rows` makes. lc = 0.4722 m and l2 = 0.8609 m are fitted to Table 2, because
+`paper_steps.stiffness_rows` makes. lc = 0.4722 m and l2 = 0.8609 m are fitted to Table 2, because
 the paper prints neither. Tables 3 and 4 are about step one."""
 
 

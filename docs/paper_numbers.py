@@ -8,15 +8,10 @@ from functools import cache
 from itertools import combinations
 
 import numpy as np
+from paper_steps import loss_range, planar_rows, step_one_covariance, stiffness_rows
 
 from qsframework.design import CRITERIA
-from qsframework.information.two_step import (
-    loss_range,
-    planar_rows,
-    step_one_covariance,
-    step_two_information,
-    stiffness_rows,
-)
+from qsframework.information.two_step import step_two_information
 from qsframework.plugin import Array
 
 CRITERIA_NAMES = ("A", "D", "O3")

@@ -9,6 +9,7 @@ import numpy as np
 import paper_numbers as numbers
 import paper_table5 as table5
 import pytest
+from paper_steps import stiffness_rows
 
 from qsf_plugins.spring_triangle import SpringTriangle, spring
 from qsframework.design import check_poses
@@ -17,7 +18,6 @@ from qsframework.elastostatics import Site, make_model
 from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.state import place as place_chain
 from qsframework.experiment import Experiment, Plan, example, read_plan
-from qsframework.information.two_step import stiffness_rows
 from qsframework.plugin import Actuator, Array, Context, Parameter, Poses, RobotFacts, Spring, find as find_effect
 
 TRIANGLE = SpringTriangle(*numbers.FITTED)

@@ -13,10 +13,10 @@ import numpy as np
 import paper_numbers as paper
 import paper_table5 as table5
 import pytest
+from paper_steps import loss_range
 
 from qsframework.design import CRITERIA, design, generate_candidates
 from qsframework.design.candidates import reference_point
-from qsframework.information.two_step import loss_range
 
 
 @pytest.fixture(scope="module")
