@@ -43,7 +43,7 @@ def compensate(
 def export(
     plan: Annotated[Path, typer.Argument(help="plan.csv", show_default=False)],
     experiment: Annotated[Path, typer.Option("--experiment", "-e", help="experiment.yaml", show_default=False)],
-    to: Annotated[str, typer.Option(help="fanuc-ls, krl or csv.", show_default=False)],
+    to: Annotated[str, typer.Option(help="fanuc-ls, krl, rapid, urscript or csv.", show_default=False)],
     output: Annotated[Path, typer.Option("-o", "--output", help="The file; krl makes .src and .dat.")],
     order: Annotated[
         str, typer.Option(help="shortest way, random (what drift cannot imitate), or as in the plan.")
@@ -57,6 +57,12 @@ def export(
     repeat_share: Annotated[
         float, typer.Option(help="Share of the poses visited twice, as qsf protocol draws them.", min=0, max=1)
     ] = 0.0,
+    tool: Annotated[
+        str, typer.Option(help="Number or name of the controller's tool; 1 or tool0 if left out.", show_default=False)
+    ] = "",
+    frame: Annotated[
+        str, typer.Option(help="Number or name of its user frame; 0 or wobj0 if left out.", show_default=False)
+    ] = "",
     seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
     json: Json = None,
     trust: Trust = False,
@@ -65,7 +71,15 @@ def export(
     from qsframework.cli.export import ExportWish, run_export
 
     wish = ExportWish(
-        to=to, order=order, speed=speed, pause=None if hold else pause, home=home, seed=seed, repeat_share=repeat_share
+        to=to,
+        order=order,
+        speed=speed,
+        pause=None if hold else pause,
+        home=home,
+        seed=seed,
+        repeat_share=repeat_share,
+        tool=tool,
+        frame=frame,
     )
     run_export(plan, experiment, output, wish, json)
 
