@@ -71,17 +71,17 @@ def plan_of(file: Path, experiment: Experiment) -> Plan:
     return plan
 
 
-def home_pose(experiment: Experiment, text: str) -> Array:
-    """Pendant angles (n,) rad of `--home`."""
+def home_pose(experiment: Experiment, text: str, option: str = "--home") -> Array:
+    """Pendant angles (n,) rad of an option."""
     from qsframework.cli.stiffness import numbers
 
     robot = experiment.robot
-    pendant = np.deg2rad(numbers("--home", text, (robot.controller.axes,)))
+    pendant = np.deg2rad(numbers(option, text, (robot.controller.axes,)))
     outside = np.flatnonzero(robot.controller.outside(pendant[None])[0])
     if len(outside):
         k = int(outside[0])
         low, high = np.rad2deg([robot.controller.lower[k], robot.controller.upper[k]])
-        message = f"--home: {robot.facts.driven[k]} is outside its limits"
+        message = f"{option}: {robot.facts.driven[k]} is outside its limits"
         raise InputError(Problem(message, found=f"{np.rad2deg(pendant[k]):g} deg", allowed=f"{low:g} to {high:g} deg"))
     return pendant
 

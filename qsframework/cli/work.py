@@ -21,7 +21,8 @@ def compensate(
     targets: Annotated[
         Path,
         typer.Argument(
-            help="CSV: q1_deg, ... or x_mm, y_mm, z_mm, rx_deg, ry_deg, rz_deg; and fx_N, fy_N, fz_N.",
+            help="CSV: q1_deg, ... or x_mm, y_mm, z_mm, rx_deg, ry_deg, rz_deg; and fx_N, fy_N, fz_N. Or a programme: "
+            ".ls of FANUC, .src or .dat of KUKA.",
             show_default=False,
         ),
     ],
@@ -30,14 +31,28 @@ def compensate(
         str,
         typer.Option(help="Wanted is where the 'commanded' angles would put a rigid arm, or the 'unloaded' real one."),
     ] = "commanded",
+    load: Annotated[
+        list[str] | None, typer.Option(help="Of a programme: fx,fy,fz[,mx,my,mz], or NAME=... of one point (repeat).")
+    ] = None,
+    keep: Annotated[list[str] | None, typer.Option(help="A programme's point that stays as it is (repeat).")] = None,
+    tool: Annotated[
+        list[str] | None, typer.Option(help="Of a programme's poses: N=X,Y,Z,... of tool N on the flange (repeat).")
+    ] = None,
+    frame: Annotated[
+        list[str] | None, typer.Option(help="N=X,Y,Z,... of user frame N in the base frame, mm and deg (repeat).")
+    ] = None,
+    start: Annotated[
+        str | None, typer.Option(help="Pendant angles, deg, where the search for those of a first pose begins.")
+    ] = None,
     json: Json = None,
     report: Report = None,
     trust: Trust = False,
 ) -> None:
     """Correct targets so that the loaded tool stands where it is wanted, and say what error is left."""
-    from qsframework.cli.compensate import CompensateFiles, run_compensate
+    from qsframework.cli.compensate import CompensateFiles, ProgrammeOptions, run_compensate
 
-    run_compensate(CompensateFiles(experiment, fit, targets, output, json, report), reference)
+    options = ProgrammeOptions(tuple(load or ()), tuple(keep or ()), tuple(tool or ()), tuple(frame or ()), start)
+    run_compensate(CompensateFiles(experiment, fit, targets, output, json, report), reference, options)
 
 
 def export(

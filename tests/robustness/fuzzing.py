@@ -31,6 +31,7 @@ from qsframework.applications.export_krl import write_krl
 from qsframework.applications.export_rapid import write_rapid
 from qsframework.applications.export_urscript import write_urscript
 from qsframework.applications.programme import Move, Programme
+from qsframework.applications.programme_points import ENDINGS, read_source
 from qsframework.applications.stiffness import stiffness_at
 from qsframework.applications.targets import read_targets
 from qsframework.applications.task import load_task
@@ -426,7 +427,12 @@ def _programmes(folder: Path) -> list[Good]:
     for name, text in texts.items():
         (folder / name).write_text(text)
     kinds = {name: "csv" if name.endswith(".csv") else "lines" for name in texts}
-    return [_good(n, folder / n, k, lambda n=n: read_export(folder / n)) for n, k in kinds.items()]
+    points = [
+        _good(f"points of {n}", folder / n, "lines", lambda n=n: read_source(folder / n))
+        for n in texts
+        if n[4:] in ENDINGS
+    ]
+    return [_good(n, folder / n, k, lambda n=n: read_export(folder / n)) for n, k in kinds.items()] + points
 
 
 def spoiled(goods: list[Good], seed: int) -> tuple[Good, bytes]:
