@@ -6,6 +6,7 @@ must be stated: the tool in the flange's frame, the user frame in the base's. Th
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -273,7 +274,10 @@ def _shown(maker: str, place: Array, point: Point) -> dict[str, float]:
     """Six numbers of a pose as the controller shows them, angles on the turn of the point's own."""
     from scipy.spatial.transform import Rotation
 
-    names, euler = POSES[maker], Rotation.from_matrix(place[:3, :3]).as_euler(_EULER[maker], degrees=True)
+    names = POSES[maker]
+    with warnings.catch_warnings():  # where two of the three axes coincide, one angle is as good as another
+        warnings.simplefilter("ignore", UserWarning)
+        euler = Rotation.from_matrix(place[:3, :3]).as_euler(_EULER[maker], degrees=True)
     own = np.array([point.cells[name].value for name in names[3:]])
     other = np.array([euler[0] + 180.0, 180.0 - euler[1], euler[2] + 180.0])
     turns = [angles + 360.0 * np.round((own - angles) / 360.0) for angles in (euler, other)]

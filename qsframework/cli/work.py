@@ -55,6 +55,29 @@ def compensate(
     run_compensate(CompensateFiles(experiment, fit, targets, output, json, report), reference, options)
 
 
+def kinematics(
+    experiment: ExperimentFile,
+    fit: Annotated[Path, typer.Argument(help="fit.json, from qsf identify --json", show_default=False)],
+    urdf: Annotated[Path | None, typer.Option(help="Write the URDF with corrected joint origins.")] = None,
+    dh: Annotated[Path | None, typer.Option(help="Write the Denavit-Hartenberg table, YAML.")] = None,
+    mdh: Annotated[Path | None, typer.Option(help="Write the modified table (Craig), YAML.")] = None,
+    hayati: Annotated[
+        Path | None, typer.Option(help="Write the table with a fifth number for nearly parallel axes, YAML.")
+    ] = None,
+    ur: Annotated[Path | None, typer.Option(help="Write the kinematics of the Universal Robots driver, YAML.")] = None,
+    offsets: Annotated[
+        Path | None, typer.Option(help="Write the joints' offsets, CSV; in motor counts where robot.yaml states them.")
+    ] = None,
+    json: Json = None,
+    trust: Trust = False,
+) -> None:
+    """Write the fitted rigid kinematics for other programs and for the controller, and say what they lack."""
+    from qsframework.cli.kinematics import run_kinematics
+
+    asked = {"urdf": urdf, "dh": dh, "mdh": mdh, "hayati": hayati, "ur": ur}
+    run_kinematics(experiment, fit, {k: path for k, path in asked.items() if path is not None}, offsets, json)
+
+
 def export(
     plan: Annotated[Path, typer.Argument(help="plan.csv", show_default=False)],
     experiment: Annotated[Path, typer.Option("--experiment", "-e", help="experiment.yaml", show_default=False)],
@@ -171,5 +194,5 @@ def new(
 
 def add_commands(app: typer.Typer) -> None:
     """Register the commands."""
-    for command in (compensate, export, protocol, compare, new):
+    for command in (compensate, kinematics, export, protocol, compare, new):
         app.command()(command)
