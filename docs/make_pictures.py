@@ -1,4 +1,4 @@
-"""Make the README's pictures in headless Chromium: the report of a design, and `qsf show`.
+"""Make the README's pictures in headless Chromium: the report of a design, `qsf show`, and a sheet.
 
 Run: python docs/make_pictures.py
 """
@@ -50,14 +50,19 @@ def qsf(*arguments: str) -> None:
 
 
 def main(images: Path = HERE / "images") -> None:
-    """Design twelve poses for the M-900iB; picture the report, and the plan in 3D."""
+    """Design twelve poses for the M-900iB; picture the report, the plan in 3D, and the sheet of the day."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         plan = str(folder / "plan.csv")
         qsf("design", str(EXPERIMENT), "--output", plan, "--report", str(folder / "plan.html"))
         qsf("show", str(EXPERIMENT), plan, "--html", str(folder / "show.html"))
+        sheet = folder / "sheet.html"
+        qsf("protocol", str(EXPERIMENT), plan, "-o", str(sheet), "--readings", str(folder / "readings.csv"))
         screenshot(folder / "plan.html", images / "report.png", "1060,1960")
         screenshot(folder / "show.html", images / "show.png", "1000,680", "#5")
+        visits = sheet.read_text().replace("</style>", "section:not(.load), h1, .fill { display: none }</style>")
+        sheet.write_text(visits)
+        screenshot(sheet, images / "sheet.png", "760,1000")
 
 
 if __name__ == "__main__":

@@ -59,8 +59,8 @@ def _said(name: str, written: Written) -> str:
     text = f"{name}, read back: {written.path}; at most {written.away:.1e} m and {written.turned:.1e} rad from the fit"
     if written.far:
         text += (
-            f". d of {', '.join(written.far)} is more than 10 m, for two axes are nearly parallel: a controller that "
-            "keeps seven digits loses it; use the corrected URDF, or --hayati"
+            f". d of {', '.join(written.far)} is more than 10 m, for two axes are nearly parallel: rounded "
+            "to a few digits it is lost; use the corrected URDF, or --hayati"
         )
     return text
 
