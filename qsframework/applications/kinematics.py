@@ -17,6 +17,7 @@ from qsframework.applications.compensate import check_fit
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
 from qsframework.files import read_yaml, sha256, write_text
+from qsframework.files.plain import is_list, is_mapping
 from qsframework.identify.io import StoredFit, constant_geometry, refuse_through_loops, write_urdf
 from qsframework.plugin import Array, Geometry
 from qsframework.plugin.facts import frozen
@@ -157,8 +158,9 @@ def _row(table: Denavit, convention: str, k: int) -> dict[str, float]:
 def _pose(matrix: Array) -> dict[str, float]:
     from scipy.spatial.transform import Rotation
 
-    x, y, z, w = Rotation.from_matrix(matrix[:3, :3]).as_quat(canonical=True)
-    return dict(zip(_POSE, [*(1e3 * matrix[:3, 3]), w, x, y, z], strict=True))
+    x, y, z, w = Rotation.from_matrix(matrix[:3, :3]).as_quat().tolist()
+    place = (1e3 * matrix[:3, 3]).tolist()
+    return dict(zip(_POSE, [*place, *(np.copysign(1.0, w) * np.array([w, x, y, z])).tolist()], strict=True))
 
 
 def _mapping(values: Mapping[str, Any]) -> str:
@@ -171,11 +173,11 @@ def read_table(path: Path) -> Denavit:
     document = read_yaml(path)
     data = document.data
     convention, rows = data.get("convention"), data.get("joints")
-    if convention not in CONVENTIONS or not isinstance(rows, list) or not rows:
+    if not isinstance(convention, str) or convention not in CONVENTIONS or not is_list(rows) or not rows:
         raise InputError(Problem("is no table of Denavit and Hartenberg", str(path), document.line("convention")))
     names = ["theta_deg", "d_mm", "a_mm", "alpha_deg", *(["beta_deg"] if convention == "hayati" else [])]
     cells = np.array([_numbers(path, document.line("joints", k), row, names) for k, row in enumerate(rows)])
-    base, tool = (_matrix(_numbers(path, document.line(key), data.get(key), _POSE)) for key in ("base", "tool"))
+    base, tool = (_matrix(path, document.line(key), data.get(key)) for key in ("base", "tool"))
     between = cells[1:] if convention == "mdh" else cells[:-1]
     beta = np.deg2rad(between[:, 4]) if convention == "hayati" else np.zeros(len(rows) - 1)
     return Denavit(
@@ -193,7 +195,7 @@ _POSE = ("x_mm", "y_mm", "z_mm", "quat_w", "quat_x", "quat_y", "quat_z")
 
 
 def _numbers(path: Path, line: int | None, row: Any, names: Sequence[str]) -> list[float]:
-    values = [row.get(name) if isinstance(row, dict) else None for name in names]
+    values = [row.get(name) if is_mapping(row) else None for name in names]
     good = [isinstance(v, int | float) and not isinstance(v, bool) and np.isfinite(v) for v in values]
     if not all(good):
         lacking = ", ".join(n for n, fine in zip(names, good, strict=True) if not fine)
@@ -201,14 +203,16 @@ def _numbers(path: Path, line: int | None, row: Any, names: Sequence[str]) -> li
     return [float(v) for v in values if v is not None]
 
 
-def _matrix(values: Sequence[float]) -> Array:
+def _matrix(path: Path, line: int | None, row: Any) -> Array:
+    """The pose (4, 4) of a row of the file."""
     from scipy.spatial.transform import Rotation
 
     out = np.eye(4)
-    if not any(values[3:]):
-        raise InputError("a quaternion of zeros is no rotation")
-    out[:3, :3] = Rotation.from_quat(values[3:], scalar_first=True).as_matrix()
-    out[:3, 3] = 1e-3 * np.array(values[:3])
+    values = np.array(_numbers(path, line, row, _POSE))
+    if abs(float(np.linalg.norm(values[3:])) - 1.0) > 1e-6:
+        raise InputError(Problem("a quaternion of a rotation has length 1", str(path), line))
+    out[:3, :3] = Rotation.from_quat(values[[4, 5, 6, 3]]).as_matrix()
+    out[:3, 3] = 1e-3 * values[:3]
     return out
 
 
@@ -236,10 +240,10 @@ def read_ur(path: Path, mount: Array, tool: Array) -> Serial:
     found = document.data.get("kinematics")
     placements: list[Array] = []
     for link in _UR_LINKS:
-        row = found.get(link) if isinstance(found, dict) else None
+        row = found.get(link) if is_mapping(found) else None
         values = _numbers(path, document.line("kinematics", link), row, ("x", "y", "z", "roll", "pitch", "yaw"))
         out = np.eye(4)
-        out[:3, :3] = Rotation.from_euler("xyz", values[3:]).as_matrix()
+        out[:3, :3] = Rotation.from_euler("xyz", np.array(values[3:])).as_matrix()
         out[:3, 3] = values[:3]
         placements.append(out)
     placements[0] = mount @ placements[0]
@@ -264,7 +268,8 @@ def _ur_frames(one: Fitted) -> tuple[Array, list[Array]]:
         step = turns(np.eye(3)[0], np.array([roll]))[0]
         step[:3, 3] = x, y, z
         here, nominal = here @ step, nominal @ one.nominal.placements[k]
-        out.append(np.linalg.inv(nominal) @ here)
+        own: Array = np.linalg.inv(nominal) @ here
+        out.append(own)
     return table.base, out
 
 

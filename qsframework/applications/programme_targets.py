@@ -180,7 +180,7 @@ def _point_problems(
     extra = [k for k in point.cells if k not in names and (k[0] != "E" or point.cells[k].value != 0.0)]
     pendant = np.deg2rad([point.cells[name].value for name in names])
     out = [Problem(f"{point.name}: the robot has no axis {k}", *here, allowed=", ".join(names)) for k in extra]
-    for k in np.flatnonzero(controller.outside(pendant[None])[0]):
+    for k in map(int, np.flatnonzero(controller.outside(pendant[None])[0])):
         low, high = np.rad2deg([controller.lower[k], controller.upper[k]])
         message, found = f"{point.name}: {names[k]} is outside its limits", f"{np.rad2deg(pendant[k]):g} deg"
         out.append(Problem(message, *here, found=found, allowed=f"{low:g} to {high:g} deg"))
@@ -245,7 +245,7 @@ def _pose(maker: str, values: Array) -> Array:
     from scipy.spatial.transform import Rotation
 
     out = np.eye(4)
-    out[:3, :3] = Rotation.from_euler(_EULER[maker], values[3:], degrees=True).as_matrix()
+    out[:3, :3] = Rotation.from_euler(_EULER[maker], np.deg2rad(values[3:])).as_matrix()
     out[:3, 3] = values[:3] * 1e-3
     return out
 
@@ -277,7 +277,7 @@ def _shown(maker: str, place: Array, point: Point) -> dict[str, float]:
     names = POSES[maker]
     with warnings.catch_warnings():  # where two of the three axes coincide, one angle is as good as another
         warnings.simplefilter("ignore", UserWarning)
-        euler = Rotation.from_matrix(place[:3, :3]).as_euler(_EULER[maker], degrees=True)
+        euler = np.rad2deg(Rotation.from_matrix(place[:3, :3]).as_euler(_EULER[maker]))
     own = np.array([point.cells[name].value for name in names[3:]])
     other = np.array([euler[0] + 180.0, 180.0 - euler[1], euler[2] + 180.0])
     turns = [angles + 360.0 * np.round((own - angles) / 360.0) for angles in (euler, other)]

@@ -45,7 +45,8 @@ def moves(robot: Robot, twists: Array, angles: Array) -> Array:
 def read_placements(robot: Robot, path: Path) -> Array:
     """The placements (n, 4, 4) of the robot's joints in another URDF of it, as Pinocchio reads them."""
     model = build_model(read_urdf(path, path.parent), robot.facts.base, robot.gravity)
-    return np.stack([model.jointPlacements[model.getJointId(name)].homogeneous for name in robot.facts.joints])
+    names = list(model.names)
+    return np.stack([model.jointPlacements[names.index(name)].homogeneous for name in robot.facts.joints])
 
 
 def _tree(robot: Robot) -> Node:

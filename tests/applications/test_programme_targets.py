@@ -164,7 +164,7 @@ def write_krl(folder: Path, experiment: Experiment) -> Path:
 
 def wish(**more: object) -> ProgrammeWish:
     stated = {"loads": {"": PULL}, "tools": {"3": TOOL}, "frames": {"2": FRAME}}
-    return ProgrammeWish(**{**stated, **more})  # pyright: ignore[reportArgumentType]
+    return ProgrammeWish(**{**stated, **more})
 
 
 @pytest.mark.parametrize("ends", ["\n", "\r\n"])
@@ -197,7 +197,7 @@ def test_a_fanuc_programme(m900ib: Experiment, tmp_path: Path, ends: str) -> Non
 
 
 def _numbers(cells: object) -> Array:
-    return np.array([c.value for c in list(cells.values())[:6]])  # pyright: ignore
+    return np.array([c.value for c in list(cells.values())[:6]])
 
 
 def test_a_kuka_module(kuka: Experiment, tmp_path: Path) -> None:
