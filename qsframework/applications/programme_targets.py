@@ -161,7 +161,8 @@ def _point_problems(
         return [lacking]
     if not all(abs(cell.value) < 1e6 for cell in point.cells.values()):
         return [Problem(f"{point.name}: a number is out of all bounds", *here, allowed="up to 1e6 mm or deg")]
-    if point.cartesian and controller.external:
+    beside = any(name[0] == "E" and cell.value != 0.0 for name, cell in point.cells.items())
+    if point.cartesian and (controller.external or beside):
         return [
             Problem(f"{point.name}: a pose beside external axes is not corrected", *here, hint="State joint angles.")
         ]

@@ -305,6 +305,72 @@ def test_external_axes_come_back_in_their_places(
         assert re.search(stated[to], "".join(texts))
 
 
+LINK = """<link name="l{k}"><inertial><mass value="{m}"/><origin xyz="0 0 0.1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+JOINT = """<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{n}"/><origin xyz="{xyz}"/>
+<axis xyz="{axis}"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>"""
+CHAIN = [
+    ("0 0 0.3", "0 0 1"),
+    ("1.2 0 0.4", "0 0 1"),
+    ("0.3 0 0.4", "0 1 0"),
+    ("0 0 1.1", "0 1 0"),
+    ("0.2 0 0.2", "1 0 0"),
+    ("1.0 0 0", "0 1 0"),
+    ("0.2 0 0", "1 0 0"),
+]
+"""A turntable, and an arm with six axes on it."""
+
+
+def turntable(folder: Path, external: str) -> Path:
+    """The folder's experiment.yaml of that arm; what robot.yaml says of the turntable's joint."""
+    links = "".join(LINK.format(k=k, m=100.0 - 10.0 * k) for k in range(8))
+    joints = "".join(JOINT.format(k=k, n=k + 1, xyz=xyz, axis=axis) for k, (xyz, axis) in enumerate(CHAIN))
+    (folder / "arm.urdf").write_text(f'<robot name="arm">{links}{joints}</robot>')
+    rows = [f"  j{k}: {{limits_deg: [-170, 170]{external if k == 0 else ''}}}" for k in range(7)]
+    head = [
+        "name: table_arm",
+        "title: an arm on a turntable",
+        "urdf: arm.urdf",
+        "base: l0",
+        "flange: l7",
+        "controller:",
+    ]
+    effects = ["effects:", "  - {effect: joint_compliance, joints: all}"]
+    (folder / "robot.yaml").write_text("\n".join([*head, *rows, *effects]) + "\n")
+    lines = [
+        "robot: .",
+        "load: {point_mm: [0, 0, 100]}",
+        "markers: {m: {xyz_mm: [0, 0, 100]}}",
+        "noise: {sigma_mm: 0.03}",
+    ]
+    (folder / "experiment.yaml").write_text("\n".join(lines) + "\n")
+    return folder / "experiment.yaml"
+
+
+@pytest.mark.parametrize("to", WRITERS)
+def test_an_arm_on_a_turntable(tmp_path: Path, to: str) -> None:
+    """From robot.yaml to the controller's file: the turntable is E1, the arm keeps its six axes."""
+    experiment = load_experiment(turntable(tmp_path, ", external: true"))
+    pendant = np.random.default_rng(5).uniform(-0.8, 0.8, (4, 7))
+    plan = plan_of(experiment, pendant, force=-100.0)
+    write_plan(tmp_path / "plan.csv", plan, experiment)
+    out = tmp_path / f"way{ENDING[to]}"
+    line = ["export", str(tmp_path / "plan.csv"), "-e", str(experiment.path), "--to", to, "-o", str(out)]
+    assert CliRunner().invoke(app, line, catch_exceptions=False).exit_code == 0
+    read = read_export(out)
+    assert read.plan_differences(plan) == []
+    found = np.array([next(s.pendant for s in read.stops if s.pose == name) for name in plan.pose])
+    assert np.abs(np.rad2deg(found - pendant)).max() < 1e-4
+    stated = "".join(f.read_text() for f in tmp_path.glob("way.*"))
+    letter = "A" if to == "krl" else "J"
+    assert " ".join(["axes E1", *(f"{letter}{k}" for k in range(1, 7))]) in stated
+    assert ("$VEL_EXTAX[1]=10" in stated) == (to == "krl")
+    plain = load_experiment(turntable(tmp_path, ""))
+    if to != "fanuc-ls":
+        with pytest.raises(InputError, match="found 7 axes of the arm and 0 external ones"):
+            export(make_programme(plain, plan), plan, to, out)
+
+
 def test_axes_that_nobody_calls_external_are_refused(programme: Programme) -> None:
     for to, most in (("krl", 6), ("rapid", 6), ("fanuc-ls", 9)):
         with pytest.raises(InputError, match=rf"allowed: up to {most} and 6. Say `external: true`"):

@@ -283,6 +283,12 @@ BROKEN = {
     "open": (".dat", "E6 0.0}\nDECL E6POS", "E6 0.0\nDECL E6POS", r"drill.dat, line 4: XP1 does not end"),
     "word": (".dat", "A2 -90.0", "A2 down", r"drill.dat, line 4: XP1: A2 is no number of a point; found down"),
     "axis": (".dat", "A3 110.0,", "", r"drill.dat, line 4: XP1 lacks A3"),
+    "rail": (
+        ".dat",
+        "S 2,T 10,E1 0.0",
+        "S 2,T 10,E1 900.0",
+        r"line 5: XP2: a pose beside external axes is not corrected",
+    ),
     "inline": (".src", "A6 0}", "A6 0", r"drill.src, line 8: the point of this motion does not end"),
     "beyond": (".src", "A1 -20.5", "A1 -220.5", r"drill.src, line 8: line 8: A1 is outside its limits"),
 }
