@@ -1,4 +1,4 @@
-"""Make pictures in headless Chromium: a design's report and `qsf show` for the README, a palletizer for the robots.
+"""Make pictures in headless Chromium: report, `qsf show` and sheet for the README, a palletizer.
 
 Run: python docs/make_pictures.py
 """
@@ -71,7 +71,7 @@ def picture_of(robot: str, at: str, images: Path) -> None:
 
 
 def main(images: Path = HERE / "images") -> None:
-    """Design twelve poses for the M-900iB; picture the report, the plan in 3D, and other robots."""
+    """Design twelve poses for the M-900iB; picture the report, the plan in 3D, the sheet of the day, and other robots."""
     for robot, at in ROBOTS.items():
         picture_of(robot, at, images)
     with tempfile.TemporaryDirectory() as name:
@@ -79,8 +79,13 @@ def main(images: Path = HERE / "images") -> None:
         plan = str(folder / "plan.csv")
         qsf("design", str(EXPERIMENT), "--output", plan, "--report", str(folder / "plan.html"))
         qsf("show", str(EXPERIMENT), plan, "--html", str(folder / "show.html"))
+        sheet = folder / "sheet.html"
+        qsf("protocol", str(EXPERIMENT), plan, "-o", str(sheet), "--readings", str(folder / "readings.csv"))
         screenshot(folder / "plan.html", images / "report.png", "1060,1960")
         screenshot(folder / "show.html", images / "show.png", "1000,680", "#5")
+        visits = sheet.read_text().replace("</style>", "section:not(.load), h1, .fill { display: none }</style>")
+        sheet.write_text(visits)
+        screenshot(sheet, images / "sheet.png", "760,1000")
 
 
 if __name__ == "__main__":

@@ -12,14 +12,21 @@ import numpy as np
 
 from qsframework.applications.export_fanuc import parse_fanuc, write_fanuc
 from qsframework.applications.export_krl import parse_krl, write_krl
+from qsframework.applications.export_rapid import parse_rapid, write_rapid
 from qsframework.applications.export_readback import Parsed, Stop, wrong
+from qsframework.applications.export_urscript import parse_urscript, write_urscript
 from qsframework.applications.programme import Programme
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment import Plan
 from qsframework.files import read_text, write_text
 
-FORMATS = ("fanuc-ls", "krl", "csv")
-_MAKERS = {"fanuc-ls": "FANUC", "krl": "KUKA"}
+FORMATS = ("fanuc-ls", "krl", "rapid", "urscript", "csv")
+ENDINGS = {"fanuc-ls": (".ls",), "krl": (".src", ".dat"), "rapid": (".mod",), "urscript": (".script",), "csv": ()}
+"""How a format's files end; () for any ending."""
+_MAKERS = {"fanuc-ls": "FANUC", "krl": "KUKA", "rapid": "ABB", "urscript": "UNIVERSAL ROBOTS"}
+_FRAMES = {"fanuc-ls": ("1", "0"), "krl": ("1", "0"), "rapid": ("tool0", "wobj0")}
+"""Tool and user frame where nothing else is asked for; the other formats state none, for joint angles need none."""
+_FRAME_NAMES = {"fanuc-ls": r"\d{1,2}", "krl": r"\d{1,2}", "rapid": r"[A-Za-z]\w{0,31}"}
 _KNOWN = ("FANUC", "KUKA", "ABB", "YASKAWA", "MOTOMAN", "UNIVERSAL ROBOTS", "STAUBLI", "KAWASAKI", "COMAU", "NACHI")
 _NAME = re.compile(r"[A-Za-z0-9_.+-]{1,16}")
 """A pose's name that every format can hold."""
@@ -33,6 +40,7 @@ def export(programme: Programme, plan: Plan, to: str, path: str | Path) -> tuple
     path = Path(path)
     check_format(programme, to)
     _check_names(programme)
+    programme = _with_frames(programme, to)
     if to == "krl":
         src, dat = write_krl(programme, path.stem)
         _proof(parse_krl(src, dat), programme, plan)
@@ -40,14 +48,41 @@ def export(programme: Programme, plan: Plan, to: str, path: str | Path) -> tuple
     if to == "fanuc-ls":
         text = write_fanuc(programme, re.sub(r"\W", "_", path.stem).upper())
         _proof(parse_fanuc(text), programme, plan)
+    elif to == "rapid":
+        text = write_rapid(programme, path.stem)
+        _proof(parse_rapid(text), programme, plan)
+    elif to == "urscript":
+        text = write_urscript(programme, path.stem)
+        _proof(parse_urscript(text), programme, plan)
     else:
         text = write_csv(programme)
         _proof(parse_csv(text), programme, plan)
     return (write_text(path, text),)
 
 
+def _with_frames(programme: Programme, to: str) -> Programme:
+    """The programme with its tool and frame, those of the format where none are asked for."""
+    if to not in _FRAMES:
+        if programme.tool or programme.frame:
+            found = f"{programme.tool} {programme.frame}".strip()
+            message = f"{to} states joint angles, for which no tool and no frame is chosen"
+            raise InputError(Problem(message, found=found, hint="Leave them out."))
+        return programme
+    tool, frame = _FRAMES[to]
+    made = replace(programme, tool=programme.tool or tool, frame=programme.frame or frame)
+    allowed = "a number" if to != "rapid" else "the name of a tooldata or wobjdata"
+    problems = [
+        Problem(f"the {what} of the controller", found=repr(said), allowed=allowed)
+        for what, said in (("tool", made.tool), ("frame", made.frame))
+        if not re.fullmatch(_FRAME_NAMES[to], said, re.ASCII)
+    ]
+    if problems:
+        raise InputError(problems)
+    return made
+
+
 def read_export(path: str | Path) -> Parsed:
-    """Read back a file that `export` wrote, by its ending: .ls, .src (with its .dat) or .csv.
+    """Read back a file that `export` wrote, by its ending: .ls, .src (with its .dat), .mod, .script or .csv.
 
     InputError where it has been spoilt since.
     """
@@ -71,7 +106,8 @@ def _parsed(path: Path) -> Parsed:
     text = read_text(path)
     if ending in (".src", ".dat"):
         return parse_krl(read_text(path.with_suffix(".src")), read_text(path.with_suffix(".dat")))
-    return parse_fanuc(text) if ending == ".ls" else parse_csv(text)
+    parsers = {".ls": parse_fanuc, ".mod": parse_rapid, ".script": parse_urscript}
+    return parsers.get(ending, parse_csv)(text)
 
 
 def check_format(programme: Programme, to: str) -> None:
@@ -123,7 +159,7 @@ def write_csv(programme: Programme) -> str:
     writer.writerow(["stop", "pose", "visit", *angles, "speed_percent", "pause_s", "load", "fx_N", "fy_N", "fz_N"])
     for i, move in enumerate(programme.moves, start=1):
         pause = "0" if not move.measured else "hold" if programme.pause is None else repr(programme.pause)
-        degrees = [f"{v:.3f}" for v in np.rad2deg(move.pendant) + 0.0]
+        degrees = [f"{v:.4f}" for v in np.rad2deg(move.pendant) + 0.0]
         force = [f"{f:g}" for f in move.force]
         writer.writerow([i, move.pose, move.repeat, *degrees, programme.speed, pause, move.load, *force])
     return stream.getvalue()

@@ -9,6 +9,7 @@ import re
 
 import numpy as np
 
+from qsframework.applications.controller_axes import axes_remark, axis_names, remarked_axes
 from qsframework.applications.export_readback import Parsed, Stop, bad_name, plain, wrong
 from qsframework.applications.programme import Move, Programme
 
@@ -24,7 +25,8 @@ def write_fanuc(programme: Programme, name: str) -> str:
     if not re.fullmatch(r"[A-Z][A-Z0-9_]{0,35}", name):
         raise bad_name(name, "a letter, then letters, digits and _, up to 36")
     _check_loads(programme)
-    lines = [*_head(programme), "UFRAME_NUM=0", "UTOOL_NUM=1"]
+    names = axis_names(len(programme.moves[0].pendant), programme.external, "J", _MOST_JOINTS)
+    lines = [*_head(programme, names), f"UFRAME_NUM={programme.frame}", f"UTOOL_NUM={programme.tool}"]
     for i, move in enumerate(programme.moves, start=1):
         if move.measured:
             lines.append(f"!{move.pose} visit {move.repeat}"[:_REMARK])
@@ -32,7 +34,8 @@ def write_fanuc(programme: Programme, name: str) -> str:
         if move.measured:
             lines += _stopped(move.load, programme.pause)
     numbered = [_line(k, text) for k, text in enumerate(lines, start=1)]
-    positions = [_position(i, m) for i, m in enumerate(programme.moves, start=1)]
+    where = f"UF : {programme.frame}, UT : {programme.tool}"
+    positions = [_position(i, m, names, where) for i, m in enumerate(programme.moves, start=1)]
     head = [
         f"/PROG  {name}",
         "/ATTR",
@@ -53,11 +56,12 @@ def write_fanuc(programme: Programme, name: str) -> str:
     return "\n".join([*head, *numbered, "/POS", *positions, "/END"]) + "\n"
 
 
-def _head(programme: Programme) -> list[str]:
+def _head(programme: Programme, names: tuple[str, ...]) -> list[str]:
     payload = "payload not stated" if programme.payload is None else f"payload {programme.payload:g} kg"
     remarks = [f"robot {programme.robot}", payload, "set PAYLOAD of tool and weight", "no weight while the arm moves"]
     if len(remarks[0]) >= _REMARK:
         raise bad_name(programme.robot, f"a robot's name of up to {_REMARK - 7} characters, for a remark holds no more")
+    remarks += [remark] if (remark := axes_remark(names, "J")) else []
     return [f"!{text}" for text in remarks]
 
 
@@ -81,20 +85,19 @@ def _line(number: int, text: str) -> str:
     return f"{number:4d}:{text}    ;" if motion else f"{number:4d}:  {text} ;"
 
 
-def _position(index: int, move: Move) -> str:
-    degrees = np.rad2deg(move.pendant)
-    if len(degrees) > _MOST_JOINTS:
-        raise bad_name(f"{len(degrees)} joints", "up to 9")
-    cells = [f"J{k}={value:10.3f} deg" for k, value in enumerate(degrees + 0.0, start=1)]
+def _position(index: int, move: Move, names: tuple[str, ...], where: str) -> str:
+    degrees = dict(zip(names, np.rad2deg(move.pendant) + 0.0, strict=True))
+    cells = [f"{axis}={degrees[axis]:11.4f} deg" for axis in sorted(names, key=lambda a: (a[0] == "E", a))]
     rows = [",\t".join(cells[s : s + _PER_LINE]) for s in range(0, len(cells), _PER_LINE)]
     label = f':"{move.pose[:16]}"' if move.measured else ""
-    return f"P[{index}{label}]{{\n   GP1:\n\tUF : 0, UT : 1,\t\n\t" + ",\n\t".join(rows) + "\n};"
+    return f"P[{index}{label}]{{\n   GP1:\n\t{where},\t\n\t" + ",\n\t".join(rows) + "\n};"
 
 
 _MOVE = re.compile(r"\s*\d+:\s*J P\[(\d+)\] (\d+)% FINE\s*;")
 _VISIT = re.compile(r"\s*\d+:\s*!(\S+) visit (\d+) ;")
 _LOAD = re.compile(r"\s*\d+:\s*!(?:now hang|load) (\S+) ;")
 _WAIT = re.compile(r"\s*\d+:\s*(?:WAIT\s+([\d.]+)\(sec\)|(PAUSE)) ;")
+_FRAMES = re.compile(r"UF : (\d+), UT : (\d+),")
 _POINT = re.compile(r"P\[(\d+)[^\]]*\]\{(.*?)\};", re.DOTALL)
 
 
@@ -104,10 +107,14 @@ def parse_fanuc(text: str) -> Parsed:
     if not text.startswith("/PROG") or robot is None or "/POS" not in text:
         raise wrong("is no listing of `qsf export`")
     body, positions = text.split("/POS", 1)
+    stated = {int(m[1]): dict(re.findall(r"([JE]\d)=\s*(-?[\d.]+) deg", m[2])) for m in _POINT.finditer(positions)}
     points = {
-        int(m[1]): np.deg2rad([float(v) for v in re.findall(r"J\d+=\s*(-?[\d.]+) deg", m[2])])
-        for m in _POINT.finditer(positions)
+        i: np.deg2rad([float(cells[axis]) for axis in remarked_axes(body, "!", "J", len(cells))])
+        for i, cells in stated.items()
     }
+    frame, tool = (re.search(rf"{what}_NUM=(\d+) ;", body) for what in ("UFRAME", "UTOOL"))
+    if frame is None or tool is None or set(_FRAMES.findall(positions)) - {(frame[1], tool[1])}:
+        raise wrong("does not state one tool and one user frame")
     stops: list[Stop] = []
     visit: tuple[str, int] = ("", 0)
     for line in body.splitlines():
@@ -122,4 +129,4 @@ def parse_fanuc(text: str) -> Parsed:
             visit = ("", 0)
         elif match := _WAIT.fullmatch(line):
             stops[-1] = stops[-1].waiting(None if match[2] else float(match[1]))
-    return Parsed(robot[1], tuple(stops))
+    return Parsed(robot[1], tuple(stops), tool[1], frame[1])

@@ -6,19 +6,18 @@ import re
 
 import numpy as np
 
+from qsframework.applications.controller_axes import MOST, axes_remark, axis_names, remarked_axes, six_axes
 from qsframework.applications.export_readback import Parsed, Stop, bad_name, plain, wrong
 from qsframework.applications.programme import Programme
-from qsframework.errors import InputError, Problem
-
-_JOINTS = 6
 
 
 def write_krl(programme: Programme, name: str) -> tuple[str, str]:
     """The .src and the .dat. `name` is the module's name: a letter, then letters, digits and _, up to 24."""
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,23}", name):
         raise bad_name(name, "a letter, then letters, digits and _, up to 24, for the file bears the module's name")
-    if len(programme.moves[0].pendant) != _JOINTS:
-        raise InputError(Problem("KRL states the six axes A1 to A6", found=f"{len(programme.moves[0].pendant)} joints"))
+    count = len(programme.moves[0].pendant)
+    six_axes(count, programme.external, "KRL")
+    names = axis_names(count, programme.external, "A")
     payload = "not stated" if programme.payload is None else f"{programme.payload:g} kg"
     src = [
         "&ACCESS RVP",
@@ -26,13 +25,17 @@ def write_krl(programme: Programme, name: str) -> tuple[str, str]:
         f"DEF {name}( )",
         f";robot {programme.robot}",
         f";payload {payload}",
+        *([f";{remark}"] if (remark := axes_remark(names, "A")) else []),
         ";set the load data of tool and weight before the start",
         ";no weight while the arm moves",
         "DECL INT K",
         "BAS(#INITMOV,0)",
-        f"FOR K=1 TO {_JOINTS}",
+        f"BAS(#TOOL,{programme.tool})",
+        f"BAS(#BASE,{programme.frame})",
+        f"FOR K=1 TO {MOST}",
         f"$VEL_AXIS[K]={programme.speed}",
         "ENDFOR",
+        *(f"$VEL_EXTAX[{k}]={programme.speed}" for k in range(1, len(programme.external) + 1)),
         "PTP $AXIS_ACT",
     ]
     dat = ["&ACCESS RVP", "&REL 1", f"DEFDAT {name}"]
@@ -42,8 +45,8 @@ def write_krl(programme: Programme, name: str) -> tuple[str, str]:
         src.append(f"PTP XP{i}")
         if move.measured:
             src += _stopped(move.load, programme.pause)
-        axes = [f"A{k} {value:.3f}" for k, value in enumerate(np.rad2deg(move.pendant) + 0.0, start=1)]
-        axes += [f"E{k} 0.0" for k in range(1, _JOINTS + 1)]
+        degrees = dict(zip(names, np.rad2deg(move.pendant) + 0.0, strict=True))
+        axes = [f"{a} {degrees[a]:.4f}" if a in degrees else f"{a} 0.0" for a in _AXES]
         dat.append(f"DECL E6AXIS XP{i}={{{','.join(axes)}}}")
     return "\n".join([*src, "END"]) + "\n", "\n".join([*dat, "ENDDAT"]) + "\n"
 
@@ -55,6 +58,7 @@ def _stopped(load: str, pause: float | None) -> list[str]:
     return [*([f";now hang {plain(load)}", ";take it off before the start"] if load else []), "HALT"]
 
 
+_AXES = tuple(f"{letter}{k}" for letter in "AE" for k in range(1, MOST + 1))
 _POINT = re.compile(r"DECL E6AXIS XP(\d+)=\{([^}]*)\}")
 _VISIT = re.compile(r";pose (\S+) visit (\d+)")
 _LOAD = re.compile(r";(?:now hang|load) (\S+)")
@@ -65,9 +69,12 @@ def parse_krl(src: str, dat: str) -> Parsed:
     robot, speed = re.search(r"^;robot (\S+)$", src, re.MULTILINE), re.search(r"\$VEL_AXIS\[K\]=(\d+)", src)
     if robot is None or speed is None:
         raise wrong("is no module of `qsf export`")
-    points = {
-        int(m[1]): np.deg2rad([float(v) for v in re.findall(r"A\d (-?[\d.]+)", m[2])]) for m in _POINT.finditer(dat)
-    }
+    order = remarked_axes(src, ";", "A", MOST)
+    stated = {int(m[1]): dict(re.findall(r"([AE]\d) (-?[\d.]+)", m[2])) for m in _POINT.finditer(dat)}
+    points = {i: np.deg2rad([float(cells[axis]) for axis in order]) for i, cells in stated.items()}
+    tool, frame = (re.search(rf"^BAS\(#{what},(\d+)\)$", src, re.MULTILINE) for what in ("TOOL", "BASE"))
+    if tool is None or frame is None:
+        raise wrong("does not say its tool and its base")
     stops: list[Stop] = []
     visit: tuple[str, int] = ("", 0)
     for line in src.splitlines():
@@ -84,4 +91,4 @@ def parse_krl(src: str, dat: str) -> Parsed:
             stops[-1] = stops[-1].waiting(float(match[1]))
         elif line == "HALT":
             stops[-1] = stops[-1].waiting(None)
-    return Parsed(robot[1], tuple(stops))
+    return Parsed(robot[1], tuple(stops), tool[1], frame[1])

@@ -12,8 +12,8 @@ from qsframework.errors import InputError, Problem
 from qsframework.experiment import Plan
 from qsframework.plugin import Array
 
-ROUNDING = float(np.deg2rad(0.0005 * 1.001))
-"""Files state angles to a thousandth of a degree."""
+ROUNDING = float(np.deg2rad(0.00005 * 1.001))
+"""Files state angles to a ten-thousandth of a degree, 5 um at an arm of 3 m; URScript to 1e-7 rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,16 +45,21 @@ class Stop:
 
 @dataclass(frozen=True, eq=False)
 class Parsed:
-    """A file that was read back."""
+    """A file that was read back. tool, frame: as it states them, "" where it states none."""
 
     robot: str
     stops: tuple[Stop, ...]
+    tool: str = ""
+    frame: str = ""
 
     def differences(self, programme: Programme) -> list[str]:
         """Where the file says something else than the programme; empty for a good one."""
         out = [] if self.robot == programme.robot else [f"robot {self.robot}, not {programme.robot}"]
         if len(self.stops) != len(programme.moves):
             return [*out, f"{len(self.stops)} stops, not {len(programme.moves)}"]
+        for what, said, meant in (("tool", self.tool, programme.tool), ("frame", self.frame, programme.frame)):
+            if said and meant and said != meant:
+                out.append(f"{what} {said}, not {meant}")
         for i, (stop, move) in enumerate(zip(self.stops, programme.moves, strict=True), start=1):
             pause = programme.pause if move.measured else 0.0
             said, meant = (stop.pose, stop.repeat), (move.pose, move.repeat)

@@ -50,7 +50,8 @@ class Programme:
     """What the robot is to do. speed: percent of every joint's largest; pause: s at each pose, None: until started.
 
     length, length_as_planned: rad of the slowest joint, in this order and in the plan's, both from home and back
-    where `home` says so
+    where `home` says so; external: which angles are external axes of the controller; tool, frame: the controller's
+    numbers or names of the tool and of the user frame, "" for those that the format begins with
     """
 
     robot: str
@@ -63,6 +64,9 @@ class Programme:
     length_as_planned: float = 0.0
     notes: tuple[str, ...] = field(default=())
     home: bool = False
+    external: tuple[int, ...] = ()
+    tool: str = ""
+    frame: str = ""
 
     @property
     def vias(self) -> int:
@@ -110,6 +114,7 @@ def make_programme(
         length_as_planned=planned,
         notes=notes,
         home=home is not None,
+        external=robot.controller.external,
     )
 
 

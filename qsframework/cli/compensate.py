@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
+import difflib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from qsframework.applications.compensate import Compensation, compensate
+from qsframework.applications.programme_points import ENDINGS
+from qsframework.applications.programme_targets import (
+    ProgrammeTargets,
+    ProgrammeWish,
+    corrected_texts,
+    read_programme,
+)
 from qsframework.applications.targets import flange_pose, read_targets
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.progress import print_table, progress
+from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, load_experiment
 from qsframework.experiment.columns import write_table
-from qsframework.identify.io import read_fit
+from qsframework.files import write_text
+from qsframework.identify.io import StoredFit, read_fit
+from qsframework.plugin import Array
 
 _SHOWN = 20
+_DIFF = 120
+"""Lines of the difference that are shown."""
+DEFAULT_OUTPUT = Path("corrected.csv")
 
 
 @dataclass(frozen=True)
@@ -30,33 +44,133 @@ class CompensateFiles:
     report: Path | None = None
 
 
-def run_compensate(files: CompensateFiles, reference: str) -> None:
-    """Correct the targets, print what is gained, write corrected.csv, the JSON and the report."""
-    from qsframework.report import write_report
-    from qsframework.report.compensation_section import compensation_section, target_table, target_view
-    from qsframework.report.provenance import AFTER, EQUILIBRIUM, computed
+@dataclass(frozen=True)
+class ProgrammeOptions:
+    """What the command is told of a programme: text, as it was typed."""
 
+    load: tuple[str, ...] = ()
+    keep: tuple[str, ...] = ()
+    tool: tuple[str, ...] = ()
+    frame: tuple[str, ...] = ()
+    start: str | None = None
+
+    @property
+    def given(self) -> bool:
+        return bool(self.load or self.keep or self.tool or self.frame or self.start)
+
+
+def run_compensate(files: CompensateFiles, reference: str, options: ProgrammeOptions | None = None) -> None:
+    """Correct the targets, print what is gained, write corrected targets or the programme, the JSON and the report."""
+    options = options or ProgrammeOptions()
+    programme = files.targets.suffix.lower() in ENDINGS
+    if options.given and not programme:
+        hint = "A table of targets has columns for the forces; the other options are for programmes."
+        raise InputError(Problem("is no programme", str(files.targets), allowed=", ".join(ENDINGS), hint=hint))
     inputs = [files.experiment, files.fit, files.targets]
-    distinct_outputs([files.output, files.json, files.report], inputs)
+    outputs = [files.output]
+    if programme:
+        inputs, outputs = [*inputs[:2], *programme_files(files.targets)], programme_outputs(files)
+    distinct_outputs([*outputs, files.json, files.report], inputs)
     experiment, fit = load_experiment(files.experiment), read_fit(files.fit)
+    made: ProgrammeTargets | None = None
     with progress() as tell:
-        targets = read_targets(files.targets, experiment, tell)
+        if programme:
+            made = read_programme(files.targets, experiment, programme_wish(options, experiment), tell)
+        targets = read_targets(files.targets, experiment, tell) if made is None else made.targets
         result = compensate(experiment, fit, targets, reference, tell)
+    texts = {} if made is None else corrected_texts(made, result, experiment)
+    _print(result, files.output)
+    if made is None:
+        write_corrected(files.output, result, experiment)
+        print(f"corrected targets: {files.output}")
+    else:
+        _programme(made, texts, outputs)
+    _more(files, experiment, fit, result, inputs)
+
+
+def _print(result: Compensation, output: Path) -> None:
+    from qsframework.report.compensation_section import target_table
+
     table = target_table(result)
     print_table(table.header, table.rows[:_SHOWN])
     if len(table.rows) > _SHOWN:
-        print(f"... and {len(table.rows) - _SHOWN} more targets, in {files.output}")
+        print(f"... and {len(table.rows) - _SHOWN} more targets, in {output}")
     print(words(result))
     for note in result.notes:
         print(f"note: {note}")
-    write_corrected(files.output, result, experiment)
-    print(f"corrected targets: {files.output}")
+
+
+def _more(
+    files: CompensateFiles, experiment: Experiment, fit: StoredFit, result: Compensation, inputs: list[Path]
+) -> None:
+    from qsframework.report import write_report
+    from qsframework.report.compensation_section import compensation_section, target_view
+    from qsframework.report.provenance import AFTER, EQUILIBRIUM, computed
+
     if files.json is not None:
         write_json(files.json, result.as_json())
     if files.report is not None:
         seen = target_view(experiment, result, fit.x(experiment.model()))
         sections = (compensation_section(result), seen, computed(experiment, inputs, None, (EQUILIBRIUM, AFTER)))
         print(f"report: {write_report(files.report, f'Compensation: {experiment.robot.title}', sections)}")
+
+
+def programme_files(path: Path) -> list[Path]:
+    """The files of a programme: of KRL the module, whichever of the two is named."""
+    if path.suffix.lower() == ".ls":
+        return [path]
+    both = [p for p in (path.with_suffix(".src"), path.with_suffix(".dat")) if p.is_file()]
+    return both or [path]
+
+
+def programme_outputs(files: CompensateFiles) -> list[Path]:
+    """Where the corrected files go, in the order of `programme_files`. InputError for another ending."""
+    endings = [p.suffix for p in programme_files(files.targets)]
+    output = files.output.with_suffix(endings[0]) if files.output == DEFAULT_OUTPUT else files.output
+    if output.suffix.lower() not in [e.lower() for e in endings]:
+        allowed = f"a name with {' or '.join(endings)}"
+        raise InputError(Problem("a programme is written as what it is", str(files.output), allowed=allowed))
+    return [output.with_suffix(e) for e in endings]
+
+
+def programme_wish(options: ProgrammeOptions, experiment: Experiment) -> ProgrammeWish:
+    """What was typed, as numbers. InputError where it is none."""
+    from qsframework.cli.export import home_pose
+    from qsframework.cli.stiffness import numbers
+
+    loads: dict[str, Array] = {}
+    for text in options.load:
+        name, _, values = text.rpartition("=")
+        given = numbers("--load", values, (3, 6))
+        loads[name] = np.concatenate([given, np.zeros(6 - len(given))])
+    tools, frames = dict[str, Array](), dict[str, Array]()
+    for option, texts, into in (("--tool", options.tool, tools), ("--frame", options.frame, frames)):
+        for text in texts:
+            name, _, values = text.partition("=")
+            into[name.strip()] = numbers(option, values, (6,))
+    start = None if options.start is None else home_pose(experiment, options.start, "--start")
+    return ProgrammeWish(loads=loads, keep=options.keep, tools=tools, frames=frames, start=start)
+
+
+def _programme(made: ProgrammeTargets, texts: dict[Path, str], outputs: list[Path]) -> None:
+    """Write the corrected files, and show what differs."""
+    searched = [p for p in made.points if p.cartesian]
+    if searched:
+        print(
+            f"note: the joint angles of {len(searched)} poses, from {searched[0].name} in line {searched[0].line} on, "
+            "were searched from the point before; the configuration that the programme states was not read"
+        )
+    if made.source.shifted:
+        lines = ", ".join(map(str, made.source.shifted[:10]))
+        print(f"note: motions in line {lines} are relative or shifted when they run: what they add is not corrected")
+    for (path, text), output in zip(texts.items(), outputs, strict=True):
+        old, new = (t.replace("\r\n", "\n").splitlines() for t in (made.source.texts[path], text))
+        diff = list(difflib.unified_diff(old, new, path.name, output.name, lineterm="", n=0))
+        print("\n".join(diff[:_DIFF]))
+        if len(diff) > _DIFF:
+            print(f"... and {len(diff) - _DIFF} more lines that differ")
+        write_text(output, text)
+    print(f"corrected programme, read back: {', '.join(map(str, outputs))}")
 
 
 def words(result: Compensation) -> str:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json as json_module
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.export import FORMATS, export
+from qsframework.applications.export import ENDINGS, FORMATS, export
 from qsframework.applications.ordering import with_repeats
 from qsframework.applications.programme import Programme, make_programme
 from qsframework.cli.commands import beside, distinct_outputs, write_json
@@ -21,7 +21,7 @@ from qsframework.plugin import Array
 
 @dataclass(frozen=True, kw_only=True)
 class ExportWish:
-    """How the plan is to be driven; pause None: wait for the start button."""
+    """How the plan is to be driven; pause None: wait for the start button; tool, frame: the controller's."""
 
     to: str
     order: str
@@ -30,6 +30,8 @@ class ExportWish:
     home: str | None
     seed: int
     repeat_share: float = 0.0
+    tool: str = ""
+    frame: str = ""
 
 
 def run_export(plan_file: Path, file: Path, output: Path, wish: ExportWish, json: Path | None) -> None:
@@ -37,7 +39,8 @@ def run_export(plan_file: Path, file: Path, output: Path, wish: ExportWish, json
     if wish.to not in FORMATS:
         allowed, hint = ", ".join(FORMATS), nearest(wish.to, FORMATS)
         raise InputError(Problem(f"unknown format {wish.to!r}", allowed=allowed, hint=hint))
-    outputs = [beside(output, s) for s in (".src", ".dat")] if wish.to == "krl" else [output]
+    endings = ENDINGS[wish.to]
+    outputs = [beside(output, s) for s in endings] if len(endings) > 1 else [output]
     distinct_outputs([*outputs, json], [file, plan_file, plan_file.with_suffix(".json")])
     experiment = load_experiment(file)
     plan = with_repeats(plan_of(plan_file, experiment), wish.repeat_share, wish.seed)
@@ -46,7 +49,7 @@ def run_export(plan_file: Path, file: Path, output: Path, wish: ExportWish, json
         programme = make_programme(
             experiment, plan, wish.order, wish.seed, wish.speed, wish.pause, home, tell, str(plan_file)
         )
-    files = export(programme, plan, wish.to, output)
+    files = export(replace(programme, tool=wish.tool, frame=wish.frame), plan, wish.to, output)
     print(words(programme))
     for note in programme.notes:
         print(f"note: {note}")
@@ -68,17 +71,17 @@ def plan_of(file: Path, experiment: Experiment) -> Plan:
     return plan
 
 
-def home_pose(experiment: Experiment, text: str) -> Array:
-    """Pendant angles (n,) rad of `--home`."""
+def home_pose(experiment: Experiment, text: str, option: str = "--home") -> Array:
+    """Pendant angles (n,) rad of an option."""
     from qsframework.cli.stiffness import numbers
 
     robot = experiment.robot
-    pendant = np.deg2rad(numbers("--home", text, (robot.controller.axes,)))
+    pendant = np.deg2rad(numbers(option, text, (robot.controller.axes,)))
     outside = np.flatnonzero(robot.controller.outside(pendant[None])[0])
     if len(outside):
         k = int(outside[0])
         low, high = np.rad2deg([robot.controller.lower[k], robot.controller.upper[k]])
-        message = f"--home: {robot.facts.driven[k]} is outside its limits"
+        message = f"{option}: {robot.facts.driven[k]} is outside its limits"
         raise InputError(Problem(message, found=f"{np.rad2deg(pendant[k]):g} deg", allowed=f"{low:g} to {high:g} deg"))
     return pendant
 

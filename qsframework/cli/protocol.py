@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from qsframework.applications.protocol import (
     ProtocolWish,
     floor_file,
@@ -19,9 +21,8 @@ from qsframework.experiment.measured import keep_measured
 
 def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish: ProtocolWish) -> None:
     """Write the sheet and the files to fill in."""
-    from qsframework.report import write_report
-    from qsframework.report.protocol_section import Commands, protocol_sections
-    from qsframework.report.provenance import computed
+    from qsframework.report.protocol_section import Commands, SheetFiles, write_sheet
+    from qsframework.viz.sketch import sketches
 
     floor = floor_file(readings) if readings.name else readings
     distinct_outputs([sheet, readings, floor], [file, plan_file, plan_file.with_suffix(".json")])
@@ -34,11 +35,11 @@ def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish:
         warm_up="exported without --hold it drives on by itself",
         identify="qsf identify EXPERIMENT --states differences",
     )
-    sections = (
-        *protocol_sections(protocol, readings.name, floor.name, commands),
-        computed(experiment, [file, plan_file], wish.seed),
-    )
-    write_report(sheet, f"Protocol: {experiment.robot.title}", sections)
+    pendant = np.stack([v.pendant for v in protocol.visits])
+    force = np.stack([v.wrench[:3] for v in protocol.visits])
+    pictures = sketches(experiment.robot, experiment.load_site, pendant, force)
+    files = SheetFiles(readings.name, floor.name, (file, plan_file))
+    write_sheet(sheet, protocol, pictures, files, commands)
     write_reading_file(readings, protocol)
     print(f"{len(protocol.visits)} visits, {protocol.readings} readings, about {protocol.hours:.1f} hours: {sheet}")
     for note in protocol.notes:

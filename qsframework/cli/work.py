@@ -21,7 +21,8 @@ def compensate(
     targets: Annotated[
         Path,
         typer.Argument(
-            help="CSV: q1_deg, ... or x_mm, y_mm, z_mm, rx_deg, ry_deg, rz_deg; and fx_N, fy_N, fz_N.",
+            help="CSV: q1_deg, ... or x_mm, y_mm, z_mm, rx_deg, ry_deg, rz_deg; and fx_N, fy_N, fz_N. Or a programme: "
+            ".ls of FANUC, .src or .dat of KUKA.",
             show_default=False,
         ),
     ],
@@ -30,14 +31,51 @@ def compensate(
         str,
         typer.Option(help="Wanted is where the 'commanded' angles would put a rigid arm, or the 'unloaded' real one."),
     ] = "commanded",
+    load: Annotated[
+        list[str] | None, typer.Option(help="Of a programme: fx,fy,fz[,mx,my,mz], or NAME=... of one point (repeat).")
+    ] = None,
+    keep: Annotated[list[str] | None, typer.Option(help="A programme's point that stays as it is (repeat).")] = None,
+    tool: Annotated[
+        list[str] | None, typer.Option(help="Of a programme's poses: N=X,Y,Z,... of tool N on the flange (repeat).")
+    ] = None,
+    frame: Annotated[
+        list[str] | None, typer.Option(help="N=X,Y,Z,... of user frame N in the base frame, mm and deg (repeat).")
+    ] = None,
+    start: Annotated[
+        str | None, typer.Option(help="Pendant angles, deg, where the search for those of a first pose begins.")
+    ] = None,
     json: Json = None,
     report: Report = None,
     trust: Trust = False,
 ) -> None:
     """Correct targets so that the loaded tool stands where it is wanted, and say what error is left."""
-    from qsframework.cli.compensate import CompensateFiles, run_compensate
+    from qsframework.cli.compensate import CompensateFiles, ProgrammeOptions, run_compensate
 
-    run_compensate(CompensateFiles(experiment, fit, targets, output, json, report), reference)
+    options = ProgrammeOptions(tuple(load or ()), tuple(keep or ()), tuple(tool or ()), tuple(frame or ()), start)
+    run_compensate(CompensateFiles(experiment, fit, targets, output, json, report), reference, options)
+
+
+def kinematics(
+    experiment: ExperimentFile,
+    fit: Annotated[Path, typer.Argument(help="fit.json, from qsf identify --json", show_default=False)],
+    urdf: Annotated[Path | None, typer.Option(help="Write the URDF with corrected joint origins.")] = None,
+    dh: Annotated[Path | None, typer.Option(help="Write the Denavit-Hartenberg table, YAML.")] = None,
+    mdh: Annotated[Path | None, typer.Option(help="Write the modified table (Craig), YAML.")] = None,
+    hayati: Annotated[
+        Path | None, typer.Option(help="Write the table with a fifth number for nearly parallel axes, YAML.")
+    ] = None,
+    ur: Annotated[Path | None, typer.Option(help="Write the kinematics of the Universal Robots driver, YAML.")] = None,
+    offsets: Annotated[
+        Path | None, typer.Option(help="Write the joints' offsets, CSV; in motor counts where robot.yaml states them.")
+    ] = None,
+    json: Json = None,
+    trust: Trust = False,
+) -> None:
+    """Write the fitted rigid kinematics for other programs and for the controller, and say what they lack."""
+    from qsframework.cli.kinematics import run_kinematics
+
+    asked = {"urdf": urdf, "dh": dh, "mdh": mdh, "hayati": hayati, "ur": ur}
+    run_kinematics(experiment, fit, {k: path for k, path in asked.items() if path is not None}, offsets, json)
 
 
 def certificate(
@@ -69,7 +107,7 @@ def certificate(
 def export(
     plan: Annotated[Path, typer.Argument(help="plan.csv", show_default=False)],
     experiment: Annotated[Path, typer.Option("--experiment", "-e", help="experiment.yaml", show_default=False)],
-    to: Annotated[str, typer.Option(help="fanuc-ls, krl or csv.", show_default=False)],
+    to: Annotated[str, typer.Option(help="fanuc-ls, krl, rapid, urscript or csv.", show_default=False)],
     output: Annotated[Path, typer.Option("-o", "--output", help="The file; krl makes .src and .dat.")],
     order: Annotated[
         str, typer.Option(help="shortest way, random (what drift cannot imitate), or as in the plan.")
@@ -83,6 +121,12 @@ def export(
     repeat_share: Annotated[
         float, typer.Option(help="Share of the poses visited twice, as qsf protocol draws them.", min=0, max=1)
     ] = 0.0,
+    tool: Annotated[
+        str, typer.Option(help="Number or name of the controller's tool; 1 or tool0 if left out.", show_default=False)
+    ] = "",
+    frame: Annotated[
+        str, typer.Option(help="Number or name of its user frame; 0 or wobj0 if left out.", show_default=False)
+    ] = "",
     seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
     json: Json = None,
     trust: Trust = False,
@@ -91,7 +135,15 @@ def export(
     from qsframework.cli.export import ExportWish, run_export
 
     wish = ExportWish(
-        to=to, order=order, speed=speed, pause=None if hold else pause, home=home, seed=seed, repeat_share=repeat_share
+        to=to,
+        order=order,
+        speed=speed,
+        pause=None if hold else pause,
+        home=home,
+        seed=seed,
+        repeat_share=repeat_share,
+        tool=tool,
+        frame=frame,
     )
     run_export(plan, experiment, output, wish, json)
 
@@ -168,5 +220,5 @@ def new(
 
 def add_commands(app: typer.Typer) -> None:
     """Register the commands."""
-    for command in (compensate, certificate, export, protocol, compare, new):
+    for command in (compensate, kinematics, certificate, export, protocol, compare, new):
         app.command()(command)

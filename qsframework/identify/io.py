@@ -292,6 +292,26 @@ def write_urdf(robot: Robot, model: Model, x: Array, path: str | Path) -> tuple[
 
     Returns the names of geometry effects that no origin can hold, because they change with the pose.
     """
+    constant = constant_geometry(model, x)
+    refuse_through_loops(model, x, constant.angles)
+    write_corrected_urdf(robot, constant.twists, constant.angles, Path(path))
+    return constant.left
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantGeometry:
+    """Errors of geometry that are the same at every pose: angles (n,) rad, twists (n, 6) of the placements, m and rad.
+
+    left: the names of the effects of geometry that change with the pose
+    """
+
+    angles: Array
+    twists: Array
+    left: tuple[str, ...]
+
+
+def constant_geometry(model: Model, x: Array) -> ConstantGeometry:
+    """The errors of geometry at parameters x that every pose shares. InputError where two effects turn one joint."""
     count, n = 2, model.facts.n
     q = np.linspace(0.1, 0.9, count * n).reshape(count, n)
     poses = Poses(q, q, np.zeros((count, 6)))
@@ -305,6 +325,11 @@ def write_urdf(robot: Robot, model: Model, x: Array, path: str | Path) -> tuple[
             continue
         _add(twists, moved[0], effect.name)
         angles += term.angles[0]
+    return ConstantGeometry(angles, twists, tuple(left))
+
+
+def refuse_through_loops(model: Model, x: Array, angles: Array) -> None:
+    """InputError where offsets (n,) of actuators pass through a closed loop."""
     closed = {j for loop, _ in model.of_kind(Loop, x) for j in loop.joints(model.facts)}
     through = [j for j in closed if j in model.facts.joints and angles[model.facts.joint_index(j)] != 0.0]
     if through:
@@ -312,8 +337,6 @@ def write_urdf(robot: Robot, model: Model, x: Array, path: str | Path) -> tuple[
             f"{', '.join(sorted(through))}: an actuator's offset passes through a closed loop, which no URDF origin "
             "can hold. Set it on the controller instead"
         )
-    write_corrected_urdf(robot, twists, angles, Path(path))
-    return tuple(left)
 
 
 def _add(twists: Array, more: Array, name: str) -> None:

@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 
 from qsframework.applications.protocol import Protocol, Visit
-from qsframework.report.blocks import Section, Table, Text
+from qsframework.files import sha256, write_text
 
 _BOX = "\u2610"
+_BLOCKS = 2
+"""Times that each load may come back, on average, and still begin a page: repeats are in a second round."""
+_BLANKS = (
+    ("Date", "Operator", "Robot's serial no."),
+    ("Tracker, serial no.", "Its certificate", "Temperature, \u00b0C"),
+)
+
+
+@dataclass(frozen=True)
+class SheetFiles:
+    """The names of the tables to fill in, and the files that the sheet is made of."""
+
+    readings: str
+    floor: str
+    inputs: tuple[Path, ...]
 
 
 @dataclass(frozen=True)
@@ -21,23 +39,102 @@ class Commands:
     identify: str
 
 
-def protocol_sections(protocol: Protocol, readings: str, floor: str, commands: Commands) -> tuple[Section, ...]:
-    """Before, at each pose, the visits, and what to do with the file."""
-    return (
-        _before(protocol, commands),
-        _at_each_pose(protocol, readings, floor),
-        _visits(protocol),
-        _states(protocol),
-        _after(readings, commands),
+@dataclass(frozen=True)
+class Part:
+    """A titled part of the sheet: paragraphs, then steps with a box each."""
+
+    title: str
+    texts: tuple[str, ...] = ()
+    steps: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Card:
+    """One visit on the sheet. angles: name and value of each; states: in the order in which they are read."""
+
+    title: str
+    picture: str
+    angles: tuple[tuple[str, str], ...]
+    hung: str
+    states: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """Visits one after the other under one load; new_page: whether a page begins with them."""
+
+    title: str
+    visits: tuple[Card, ...]
+    new_page: bool
+
+
+def write_sheet(path: Path, protocol: Protocol, pictures: Sequence[str], files: SheetFiles, commands: Commands) -> Path:
+    """Write the sheet to print, A4: what is done before and at each pose, a card for each visit, what comes after.
+
+    pictures: one SVG for each visit
+    """
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("qsframework.report"), autoescape=True, undefined=jinja2.StrictUndefined
+    )
+    page = environment.get_template("sheet.html.j2").render(
+        title=f"Protocol: {protocol.title}",
+        box=_BOX,
+        blanks=_BLANKS,
+        parts=(_before(protocol, commands), _at_each_pose(protocol, files), _order(protocol)),
+        runs=_runs(protocol, pictures),
+        after=_after(files, commands),
+        made=_made(protocol, files),
+    )
+    return write_text(path, page)
+
+
+def _runs(protocol: Protocol, pictures: Sequence[str]) -> tuple[Run, ...]:
+    """The visits, divided where the load changes: there a page begins, unless the loads come mixed."""
+    groups: list[list[int]] = []
+    for i, visit in enumerate(protocol.visits):
+        if not groups or protocol.visits[groups[-1][0]].load != visit.load:
+            groups.append([])
+        groups[-1].append(i)
+    out: list[Run] = []
+    in_blocks = len(groups) <= _BLOCKS * len({v.load for v in protocol.visits})
+    for k, group in enumerate(groups):
+        cards = tuple(_card(protocol.visits[i], pictures[i]) for i in group)
+        title = f"Load: {protocol.visits[group[0]].load}"
+        out.append(Run(title=title, visits=cards, new_page=k == 0 or in_blocks))
+    return tuple(out)
+
+
+def _card(visit: Visit, picture: str) -> Card:
+    name = visit.pose if visit.repeat == 1 else f"{visit.pose}, repeat {visit.repeat}"
+    half = ", half of it first" if any(s.loaded and s.load_id != visit.load for s in visit.states) else ""
+    force = ", ".join(f"{f:.0f}" for f in visit.wrench[:3])
+    moment = ", ".join(f"{m:.0f}" for m in visit.wrench[3:])
+    turned = f"; moment {moment} N m" if np.any(visit.wrench[3:]) else ""
+    return Card(
+        title=f"Visit {visit.number}: {name}",
+        picture=picture,
+        angles=tuple((f"J{k} deg", f"{a:.2f}") for k, a in enumerate(np.rad2deg(visit.pendant), start=1)),
+        hung=f"{visit.load}{half}: {force} N{turned}",
+        states=tuple(_state(s.cycle, s.loaded, s.load_id == visit.load) for s in visit.states),
     )
 
 
-def _steps(title: str, steps: list[str], caption: str = "") -> Table:
-    rows = tuple((f"{k}", _BOX, step) for k, step in enumerate(steps, start=1))
-    return Table((title, "done", "what"), rows, caption)
+def _state(cycle: int, loaded: bool, whole: bool) -> str:
+    what = "unloaded" if not loaded else "loaded" if whole else "half load"
+    return f"{what} {cycle}"
 
 
-def _before(protocol: Protocol, commands: Commands) -> Section:
+def _made(protocol: Protocol, files: SheetFiles) -> str:
+    """One line instead of a page: from which files, so that the sheet can be made again."""
+    hashes = ", ".join(f"{path.name} {sha256(path)[:12]}" for path in files.inputs)
+    return (
+        f"Made by qsf protocol of qsframework {version('qsframework')}; seed {protocol.wish.seed}; SHA-256: {hashes}."
+    )
+
+
+def _before(protocol: Protocol, commands: Commands) -> Part:
     wish = protocol.wish
     first = protocol.visits[0]
     people = (
@@ -57,13 +154,13 @@ def _before(protocol: Protocol, commands: Commands) -> Section:
         "Every pose is reached from the same side: the programme's own way, without jogging in between.",
     ]
     hours = f"About {protocol.hours:.1f} hours in all: {len(protocol.visits)} visits, {protocol.readings} readings."
-    notes = (Text(f"Note: {n}.") for n in protocol.notes)
-    return Section("Before", (Text(people), *notes, Text(hours), _steps("before", steps)))
+    notes = (f"Note: {n}." for n in protocol.notes)
+    return Part("Before", (people, *notes, hours), tuple(steps))
 
 
-def _at_each_pose(protocol: Protocol, readings: str, floor: str) -> Section:
-    wish = protocol.wish
-    half = "At visits marked 'half', first half of the weight, read, then all of it. " if wish.half else ""
+def _at_each_pose(protocol: Protocol, files: SheetFiles) -> Part:
+    wish, readings, floor = protocol.wish, files.readings, files.floor
+    half = "Where a card says 'half', first half of the weight, read, then all of it. " if wish.half else ""
     steps = [
         "The arm arrives without the weight. People clear. Compare the pendant's angles with the sheet.",
         f"Wait {wish.settle:g} s. Read the reflectors on the floor ({floor}).",
@@ -78,13 +175,10 @@ def _at_each_pose(protocol: Protocol, readings: str, floor: str) -> Section:
         "from the way; it comes back when the arm stands still and the drives hold. A side pull is slackened first, "
         "then unhooked."
     )
-    return Section("At each pose", (_steps("at each pose", steps), Text(weight)))
+    return Part("At each pose", (weight,), tuple(steps))
 
 
-def _visits(protocol: Protocol) -> Section:
-    n = len(protocol.visits[0].pendant)
-    header = ("visit", "done", "pose", "time", *(f"J{k + 1} deg" for k in range(n)), "load", "force N")
-    rows = tuple(_visit_row(v) for v in protocol.visits)
+def _order(protocol: Protocol) -> Part:
     wish = protocol.wish
     order = {
         "random": f"The order is random (seed {wish.seed}), so that drift cannot pass for an effect of the pose.",
@@ -92,37 +186,19 @@ def _visits(protocol: Protocol) -> Section:
         "plan": "The order is the plan's.",
     }[wish.order]
     again = f"Visited again later: {', '.join(protocol.repeated) or 'none'}. Keep to the order, also after a break."
-    return Section("Visits", (Text(f"{order} {again}"), Table(header, rows, "Angles as the pendant shows them.")))
-
-
-def _visit_row(visit: Visit) -> tuple[str, ...]:
-    half = " (half, too)" if any(s.loaded and s.load_id != visit.load for s in visit.states) else ""
-    name = visit.pose if visit.repeat == 1 else f"{visit.pose}, repeat {visit.repeat}"
-    angles = (f"{a:.2f}" for a in np.rad2deg(visit.pendant))
-    force = ", ".join(f"{f:.0f}" for f in visit.wrench[:3])
-    return (str(visit.number), _BOX, name, "", *angles, visit.load + half, force)
-
-
-def _states(protocol: Protocol) -> Section:
-    kinds: dict[tuple[tuple[int, str], ...], list[str]] = {}
-    for v in protocol.visits:
-        label = tuple(
-            (s.cycle, "unloaded" if not s.loaded else "loaded" if s.load_id == v.load else "half load")
-            for s in v.states
-        )
-        kinds.setdefault(label, []).append(str(v.number))
-    rows = tuple(
-        (", ".join(numbers), " - ".join(f"{what} {c}" for c, what in label)) for label, numbers in kinds.items()
+    cards = (
+        "Angles are those of the pendant. The number of a state is its cycle: unloaded c and loaded c make one "
+        "displacement. In the pictures grey lines are the base's x (longer) and y, the red arrow is the force."
     )
-    caption = "The number is the cycle: unloaded c and loaded c make one displacement."
-    return Section("States of a visit", (Table(("visits", "states in this order"), rows, caption),))
+    return Part("Visits", (f"{order} {again}", cards))
 
 
-def _after(readings: str, commands: Commands) -> Section:
+def _after(files: SheetFiles, commands: Commands) -> Part:
+    readings = files.readings
     text = (
         f"Name {readings} as `data:` in the experiment and run qsf check on it before any fit: it tells the "
         "repeatability, what did not come back after unloading, whether half the load gives half the deflection, and "
         "whether the floor's reflectors moved. Columns that nobody filled in may stay empty; rows not measured get 0 "
         f"in the column use. Then {commands.identify}."
     )
-    return Section("After", (Text(text),))
+    return Part("After", (text,))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -21,20 +21,40 @@ _FOLLOWS = 1e-9
 """rad; what float64 loses on the way."""
 
 
+@dataclass(frozen=True)
+class Drive:
+    """What the controller makes of one angle of the pendant.
+
+    external: it counts it among its external axes; ratio: turns of the motor per turn of the joint, negative where
+    they turn against each other; counts: of the encoder per turn of the motor. None where nobody states it.
+    """
+
+    external: bool = False
+    ratio: float | None = None
+    counts: float | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Controller:
     """Affine map from m pendant angles to n URDF joint angles; limits hold for what the pendant shows.
 
     matrix (n, m), offset (n,), lower and upper (m,) rad, tolerance rad; driven (m,): the joints that have an
-    actuator, the others (m < n) follow them
+    actuator, the others (m < n) follow them; drives (m,), or none where nothing is stated
     """
 
     matrix: Array
     offset: Array
+    _: KW_ONLY
     lower: Array
     upper: Array
     tolerance: float
     driven: tuple[int, ...]
+    drives: tuple[Drive, ...] = ()
+
+    @property
+    def external(self) -> tuple[int, ...]:
+        """Which angles of the pendant are external axes of the controller."""
+        return tuple(k for k, drive in enumerate(self.drives) if drive.external)
 
     @property
     def axes(self) -> int:
@@ -95,6 +115,8 @@ def read_actuated(document: Document, spec: RobotSpec, facts: RobotFacts) -> Con
             problems.append(Problem(f"{joint}: limits must be [lower, upper]", **here, found=f"[{found}] deg"))
         else:
             limits[k] = entry.limits
+        if entry.motor_ratio == 0.0:
+            problems.append(Problem(f"{joint}: motor_ratio must not be zero", **here, found="0"))
         try:
             if entry.equals is not None:
                 matrix[k], offset[k] = parse_expression(entry.equals, m)
@@ -106,7 +128,17 @@ def read_actuated(document: Document, spec: RobotSpec, facts: RobotFacts) -> Con
     if problems:
         raise InputError(problems)
     lower, upper = frozen(limits[:, 0]), frozen(limits[:, 1])
-    return Controller(frozen(matrix), frozen(offset), lower, upper, spec.limits_tolerance, tuple(range(m)))
+    entries = [spec.controller[joint] for joint in facts.driven]
+    drives = tuple(Drive(e.external, e.motor_ratio, e.counts_per_turn) for e in entries)
+    return Controller(
+        frozen(matrix),
+        frozen(offset),
+        lower=lower,
+        upper=upper,
+        tolerance=spec.limits_tolerance,
+        driven=tuple(range(m)),
+        drives=drives,
+    )
 
 
 def joint_limits(actuated: Controller, facts: RobotFacts) -> Array:

@@ -12,7 +12,9 @@ from qsframework.errors import InputError
 from qsframework.files import read_yaml, write_text
 from qsframework.plugin import Array
 from qsframework.robot.expand import read_tree
+from qsframework.robot.model import build_model
 from qsframework.robot.robot import Robot
+from qsframework.robot.urdf import read_urdf
 from qsframework.robot.xml_tree import Node
 
 
@@ -28,11 +30,23 @@ def write_corrected_urdf(robot: Robot, twists: Array, angles: Array, path: Path)
     urdf = yourdfpy.URDF.load(
         io.StringIO(text), load_meshes=False, build_scene_graph=False, load_collision_meshes=False
     )
-    for k, name in enumerate(robot.facts.joints):
+    for name, moved in zip(robot.facts.joints, moves(robot, twists, angles), strict=True):
         joint = urdf.joint_map[name]
-        moved = _move(twists[k]) @ _turn(np.asarray(robot.facts.axes[k]), float(angles[k]))
         joint.origin = (np.eye(4) if joint.origin is None else joint.origin) @ moved
     return write_text(path, urdf.write_xml_string().decode("utf-8"))
+
+
+def moves(robot: Robot, twists: Array, angles: Array) -> Array:
+    """What each joint's nominal placement is multiplied by (n, 4, 4), from the right."""
+    axes = np.asarray(robot.facts.axes)
+    return np.stack([_move(twists[k]) @ _turn(axes[k], float(angles[k])) for k in range(robot.facts.n)])
+
+
+def read_placements(robot: Robot, path: Path) -> Array:
+    """The placements (n, 4, 4) of the robot's joints in another URDF of it, as Pinocchio reads them."""
+    model = build_model(read_urdf(path, path.parent), robot.facts.base, robot.gravity)
+    names = list(model.names)
+    return np.stack([model.jointPlacements[names.index(name)].homogeneous for name in robot.facts.joints])
 
 
 def _tree(robot: Robot) -> Node:

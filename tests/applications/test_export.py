@@ -15,10 +15,14 @@ from typer.testing import CliRunner
 
 from qsframework.applications import path_check, programme as programme_module
 from qsframework.applications.export import FORMATS, export, read_export
+from qsframework.applications.export_fanuc import parse_fanuc, write_fanuc
+from qsframework.applications.export_krl import parse_krl, write_krl
+from qsframework.applications.export_rapid import parse_rapid, write_rapid
+from qsframework.applications.export_urscript import write_urscript
 from qsframework.applications.inverse import rigid_tip
 from qsframework.applications.ordering import shortest_path, travel, visits, way_length
 from qsframework.applications.path_check import Surroundings, find_way, stretch, surroundings
-from qsframework.applications.programme import Programme, make_programme
+from qsframework.applications.programme import Move, Programme, make_programme
 from qsframework.cli.main import app
 from qsframework.elastostatics import actuator_torques
 from qsframework.errors import InputError
@@ -28,6 +32,15 @@ from qsframework.plugin import Array, Poses
 from qsframework.robot.collision import above_floor, make_collider
 from qsframework.robot.kinematics import joint_frames
 
+ENDING = {"fanuc-ls": ".ls", "krl": ".src", "rapid": ".mod", "urscript": ".script", "csv": ".csv"}
+CHANGES = {
+    "fanuc-ls": [("% FINE", "0% FINE"), ("WAIT  10.00", "WAIT  99.00")],
+    "krl": [("]=10", "]=11"), ("SEC 10", "SEC 99")],
+    "rapid": [("VelSet 10,", "VelSet 11,"), ("InPos,10", "InPos,99")],
+    "urscript": [("v=0.2", "v=0.3"), ("sleep(10", "sleep(99")],
+    "csv": [(",10,", ",11,"), ("10.0,", "9.0,")],
+}
+"""Another speed, another wait."""
 HOME = np.deg2rad([0.0, 0.0, 0.0, 0.0, -90.0, 0.0])
 GOOD = np.deg2rad([[0.0, 20.0, -10.0, 0.0, -60.0, 0.0], [90.0, 20.0, -10.0, 0.0, -60.0, 0.0]])
 
@@ -156,7 +169,7 @@ def test_no_way_is_told(cell: Experiment, plan: Plan, monkeypatch: pytest.Monkey
 @pytest.mark.parametrize("pause", [12.5, None])
 def test_round_trip(programme: Programme, plan: Plan, tmp_path: Path, to: str, pause: float | None) -> None:
     made = replace(programme, pause=pause, speed=15, title="an arm")
-    files = export(made, plan, to, tmp_path / f"way.{ {'fanuc-ls': 'ls', 'krl': 'src', 'csv': 'csv'}[to] }")
+    files = export(made, plan, to, tmp_path / f"way{ENDING[to]}")
     assert len(files) == (2 if to == "krl" else 1)
     read = read_export(files[0])
     assert read.differences(made) == []
@@ -164,22 +177,19 @@ def test_round_trip(programme: Programme, plan: Plan, tmp_path: Path, to: str, p
     assert [s.pose for s in read.stops if s.pose] == [m.pose for m in made.moves if m.measured]
     assert {s.pause for s in read.stops if s.pose} == {pause}
     back = {s.pose: s.pendant for s in read.stops}
-    assert np.allclose([back[p] for p in plan.pose], plan.pendant, atol=np.deg2rad(6e-4))
+    assert np.allclose([back[p] for p in plan.pose], plan.pendant, atol=np.deg2rad(1e-4), rtol=0.0)
 
 
 @pytest.mark.parametrize("to", FORMATS)
 def test_a_changed_file_is_seen(cell: Experiment, plan: Plan, programme: Programme, tmp_path: Path, to: str) -> None:
     """One digit of an angle, a missing stop, another robot, another speed: the reader tells each."""
-    files = export(
-        replace(programme, title=""), plan, to, tmp_path / "way.ls" if to == "fanuc-ls" else tmp_path / f"way.{to}"
-    )
+    files = export(replace(programme, title=""), plan, to, tmp_path / f"way{ENDING[to]}")
     text = {f: f.read_text() for f in files}
-    angle = f"{np.rad2deg(plan.pendant[0, 1]):.3f}"
-    changes = [(angle, f"{float(angle) + 0.01:.3f}"), ("fanuc_r2000ic", "ur10")]
-    changes.append({"fanuc-ls": ("% FINE", "0% FINE"), "krl": ("]=10", "]=11"), "csv": (",10,", ",11,")}[to])
-    changes.append(
-        {"fanuc-ls": ("WAIT  10.00", "WAIT  99.00"), "krl": ("SEC 10", "SEC 99"), "csv": ("10.0,", "9.0,")}[to]
-    )
+    angle = f"{np.rad2deg(plan.pendant[0, 1]):.4f}"
+    other = f"{float(angle) + 0.001:.4f}"
+    if to == "urscript":
+        angle, other = f"{plan.pendant[0, 1]:.7f}", f"{plan.pendant[0, 1] + 1e-5:.7f}"
+    changes = [(angle, other), ("fanuc_r2000ic", "ur10"), *CHANGES[to]]
     for old, new in changes:
         assert any(old in t for t in text.values())
         for file, content in text.items():
@@ -197,8 +207,13 @@ def two_loads(experiment: Experiment, names: list[str]) -> Plan:
     return make_plan(Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench), names)
 
 
-MOTION = {"fanuc-ls": r"^ *\d+:J P\[", "krl": r"^PTP XP"}
-WAITS = {"fanuc-ls": r"^ *\d+:  (PAUSE|WAIT)", "krl": r"^(HALT|WAIT)"}
+MOTION = {"fanuc-ls": r"^ *\d+:J P\[", "krl": r"^PTP XP", "rapid": r"^ *MoveAbsJ", "urscript": r"^ *movej"}
+WAITS = {
+    "fanuc-ls": r"^ *\d+:  (?:PAUSE|WAIT)",
+    "krl": r"^(?:HALT|WAIT)",
+    "rapid": r"^ *(?:Stop;|WaitTime)",
+    "urscript": r"^ *(?:popup\(.*|sleep)",
+}
 
 
 @pytest.mark.parametrize("to", FORMATS)
@@ -211,7 +226,7 @@ def test_a_load_is_named_once_the_arm_has_stopped(
     plan = two_loads(m900ib, ["w", "w", long, long])
     made = make_programme(bounded(m900ib), plan, order="random", seed=3, pause=pause, home=GOOD[0])
     made = replace(made, title="an arm")
-    file = export(made, plan, to, tmp_path / "way.ls" if to == "fanuc-ls" else tmp_path / f"way.{to}")[0]
+    file = export(made, plan, to, tmp_path / f"way{ENDING[to]}")[0]
     text = file.read_text()
     read = read_export(file)
     assert not read.differences(made)
@@ -227,7 +242,7 @@ def test_a_load_is_named_once_the_arm_has_stopped(
         for move, part in zip(made.moves, moves[1:], strict=True):
             asked, *after = re.split(WAITS[to], part.partition("/POS")[0], flags=re.MULTILINE)
             kind = "load" if pause is not None else "now hang"
-            assert re.findall(rf"[!;]{kind} (\S+)", asked) == ([_shown(move.load, to)] if move.measured else [])
+            assert re.findall(rf"[!;#] ?{kind} (\S+)", asked) == ([_shown(move.load, to)] if move.measured else [])
             assert not re.search("hang|load", "".join(after)), "nothing is named before the next move"
             assert ("take it off before the start" in asked) == (move.measured and pause is None)
     changed = text.replace(f"{'hang' if pause is None else 'load'} w", f"{'hang' if pause is None else 'load'} u")
@@ -253,6 +268,120 @@ def test_loads_that_a_remark_cannot_tell_apart(m900ib: Experiment, tmp_path: Pat
     assert export(made, plan, "csv", tmp_path / "way.csv")
 
 
+WRITERS: dict[str, Any] = {
+    "fanuc-ls": (lambda p: (write_fanuc(p, "WAY"),), parse_fanuc),
+    "krl": (lambda p: write_krl(p, "way"), parse_krl),
+    "rapid": (lambda p: (write_rapid(p, "way"),), parse_rapid),
+}
+"""Formats that hold external axes: what they write, and how it is read."""
+
+
+def beside(programme: Programme, to: str, count: int, external: tuple[int, ...]) -> Programme:
+    """Two moves of an arm with more axes."""
+    angles = np.random.default_rng(count).uniform(-3.0, 3.0, (2, count))
+    moves = (Move(angles[0]), Move(angles[1], "p01", 1, "w"))
+    tool, frame = ("grip", "table") if to == "rapid" else ("3", "2")
+    return replace(programme, moves=moves, external=external, tool=tool, frame=frame)
+
+
+@pytest.mark.parametrize("to", WRITERS)
+@pytest.mark.parametrize(("count", "external"), [(7, (0,)), (7, (6,)), (7, (2,)), (8, (0, 7)), (6, ())])
+def test_external_axes_come_back_in_their_places(
+    programme: Programme, to: str, count: int, external: tuple[int, ...]
+) -> None:
+    """A turntable below the arm or beside it, and the third axis of an arm with seven; tool and frame as asked for."""
+    write, parse = WRITERS[to]
+    made = beside(programme, to, count, external)
+    texts = write(made)
+    read = parse(*texts)
+    assert read.differences(made) == []
+    assert (read.tool, read.frame) == (made.tool, made.frame)
+    found = np.array([s.pendant for s in read.stops])
+    assert np.allclose(found, [m.pendant for m in made.moves], rtol=0.0, atol=np.deg2rad(1e-4))
+    assert read.differences(replace(made, tool="9")) == [f"tool {made.tool}, not 9"]
+    if external:
+        degrees = np.rad2deg(made.moves[0].pendant[external[0]])
+        stated = {"fanuc-ls": rf"E1= *{degrees:.4f} deg", "krl": rf"E1 {degrees:.4f}", "rapid": rf"\],\[{degrees:.4f}"}
+        assert re.search(stated[to], "".join(texts))
+
+
+LINK = """<link name="l{k}"><inertial><mass value="{m}"/><origin xyz="0 0 0.1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+JOINT = """<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{n}"/><origin xyz="{xyz}"/>
+<axis xyz="{axis}"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>"""
+CHAIN = [
+    ("0 0 0.3", "0 0 1"),
+    ("1.2 0 0.4", "0 0 1"),
+    ("0.3 0 0.4", "0 1 0"),
+    ("0 0 1.1", "0 1 0"),
+    ("0.2 0 0.2", "1 0 0"),
+    ("1.0 0 0", "0 1 0"),
+    ("0.2 0 0", "1 0 0"),
+]
+"""A turntable, and an arm with six axes on it."""
+
+
+def turntable(folder: Path, external: str) -> Path:
+    """The folder's experiment.yaml of that arm; what robot.yaml says of the turntable's joint."""
+    links = "".join(LINK.format(k=k, m=100.0 - 10.0 * k) for k in range(8))
+    joints = "".join(JOINT.format(k=k, n=k + 1, xyz=xyz, axis=axis) for k, (xyz, axis) in enumerate(CHAIN))
+    (folder / "arm.urdf").write_text(f'<robot name="arm">{links}{joints}</robot>')
+    rows = [f"  j{k}: {{limits_deg: [-170, 170]{external if k == 0 else ''}}}" for k in range(7)]
+    head = [
+        "name: table_arm",
+        "title: an arm on a turntable",
+        "urdf: arm.urdf",
+        "base: l0",
+        "flange: l7",
+        "controller:",
+    ]
+    effects = ["effects:", "  - {effect: joint_compliance, joints: all}"]
+    (folder / "robot.yaml").write_text("\n".join([*head, *rows, *effects]) + "\n")
+    lines = [
+        "robot: .",
+        "load: {point_mm: [0, 0, 100]}",
+        "markers: {m: {xyz_mm: [0, 0, 100]}}",
+        "noise: {sigma_mm: 0.03}",
+    ]
+    (folder / "experiment.yaml").write_text("\n".join(lines) + "\n")
+    return folder / "experiment.yaml"
+
+
+@pytest.mark.parametrize("to", WRITERS)
+def test_an_arm_on_a_turntable(tmp_path: Path, to: str) -> None:
+    """From robot.yaml to the controller's file: the turntable is E1, the arm keeps its six axes."""
+    experiment = load_experiment(turntable(tmp_path, ", external: true"))
+    pendant = np.random.default_rng(5).uniform(-0.8, 0.8, (4, 7))
+    plan = plan_of(experiment, pendant, force=-100.0)
+    write_plan(tmp_path / "plan.csv", plan, experiment)
+    out = tmp_path / f"way{ENDING[to]}"
+    line = ["export", str(tmp_path / "plan.csv"), "-e", str(experiment.path), "--to", to, "-o", str(out)]
+    assert CliRunner().invoke(app, line, catch_exceptions=False).exit_code == 0
+    read = read_export(out)
+    assert read.plan_differences(plan) == []
+    found = np.array([next(s.pendant for s in read.stops if s.pose == name) for name in plan.pose])
+    assert np.abs(np.rad2deg(found - pendant)).max() < 1e-4
+    stated = "".join(f.read_text() for f in tmp_path.glob("way.*"))
+    letter = "A" if to == "krl" else "J"
+    assert " ".join(["axes E1", *(f"{letter}{k}" for k in range(1, 7))]) in stated
+    assert ("$VEL_EXTAX[1]=10" in stated) == (to == "krl")
+    plain = load_experiment(turntable(tmp_path, ""))
+    if to != "fanuc-ls":
+        with pytest.raises(InputError, match="found 7 axes of the arm and 0 external ones"):
+            export(make_programme(plain, plan), plan, to, out)
+
+
+def test_axes_that_nobody_calls_external_are_refused(programme: Programme) -> None:
+    for to, most in (("krl", 6), ("rapid", 6), ("fanuc-ls", 9)):
+        with pytest.raises(InputError, match=rf"allowed: up to {most} and 6. Say `external: true`"):
+            WRITERS[to][0](beside(programme, to, most + 1, ()))
+    for to in ("krl", "rapid"):
+        with pytest.raises(InputError, match="found 5 joints; allowed: 6"):
+            WRITERS[to][0](beside(programme, to, 5, ()))
+    with pytest.raises(InputError, match="found 7 joints, 1 of them external"):
+        write_urscript(beside(programme, "krl", 7, (0,)), "way")
+
+
 def test_the_fanuc_listing(programme: Programme, plan: Plan, tmp_path: Path) -> None:
     """What the controller's loader insists on: numbered lines, remarks of 32 characters, joints in three columns."""
     text = export(programme, plan, "fanuc-ls", tmp_path / "way.ls")[0].read_text()
@@ -262,7 +391,7 @@ def test_the_fanuc_listing(programme: Programme, plan: Plan, tmp_path: Path) -> 
     assert all(len(t.strip()) <= 33 for _, t in lines if t.strip().startswith("!"))
     block = re.findall(r"^P\[\d+.*?^};", text, re.MULTILINE | re.DOTALL)
     assert len(block) == len(programme.moves)
-    shape = r'P\[\d+(:"\S{1,16}")?\]\{\n   GP1:\n\tUF : 0, UT : 1,\t\n(\t(J\d= *-?\d+\.\d{3} deg,?\t?){3}\n){2}\};'
+    shape = r'P\[\d+(:"\S{1,16}")?\]\{\n   GP1:\n\tUF : 0, UT : 1,\t\n(\t(J\d= *-?\d+\.\d{4} deg,?\t?){3}\n){2}\};'
     assert all(re.fullmatch(shape, b) for b in block)
     assert text.endswith("/END\n")
 
@@ -282,8 +411,14 @@ def test_wrong_plans(m900ib: Experiment, cell: Experiment, plan: Plan, programme
         make_programme(cell, plan_of(cell, down[hit["floor"] & ~hit["self collision"]][:1]))
     with pytest.raises(InputError, match=r"fanuc-ls is for controllers by FANUC; found KUKA KR500. Use krl"):
         export(replace(programme, title="KUKA KR500"), plan, "fanuc-ls", tmp_path / "x.ls")
-    with pytest.raises(InputError, match="unknown format 'rapid'"):
-        export(programme, plan, "rapid", tmp_path / "x.mod")
+    with pytest.raises(InputError, match="unknown format 'karel'"):
+        export(programme, plan, "karel", tmp_path / "x.kl")
+    with pytest.raises(InputError, match=r"rapid is for controllers by ABB; found KUKA KR500. Use krl"):
+        export(replace(programme, title="KUKA KR500"), plan, "rapid", tmp_path / "x.mod")
+    with pytest.raises(InputError, match=r"the tool of the controller; found 'gripper'; allowed: a number"):
+        export(replace(programme, title="", tool="gripper"), plan, "krl", tmp_path / "x.src")
+    with pytest.raises(InputError, match=r"urscript states joint angles, .*found 1 0. Leave them out"):
+        export(replace(programme, title="", tool="1", frame="0"), plan, "urscript", tmp_path / "x.script")
     named = replace(programme, moves=tuple(replace(m, pose="a b") if m.measured else m for m in programme.moves))
     with pytest.raises(InputError, match="pose 'a b': the controller cannot hold this name"):
         export(named, plan, "csv", tmp_path / "x.csv")

@@ -29,6 +29,11 @@ COMMANDS = {
         ("-o", "--json", "--report"),
         "qsframework.cli.compensate.read_fit",
     ),
+    "kinematics": (
+        ["kinematics", M900IB, "fit.json"],
+        ("--urdf", "--dh", "--offsets", "--json"),
+        "qsframework.cli.kinematics.read_fit",
+    ),
     "stiffness": (
         ["stiffness", "fanuc_m900ib", *WORK],
         ("--json", "--report"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import itertools
 import re
 from collections.abc import Callable
@@ -14,6 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from qsframework.applications.closure import Check, check_states
+from qsframework.applications.inverse import rigid_tip
 from qsframework.applications.ordering import with_repeats
 from qsframework.applications.programme import make_programme
 from qsframework.applications.protocol import (
@@ -25,6 +27,7 @@ from qsframework.applications.protocol import (
     write_reading_file,
 )
 from qsframework.cli.main import app
+from qsframework.elastostatics import Site
 from qsframework.errors import InputError
 from qsframework.experiment import (
     Experiment,
@@ -38,6 +41,10 @@ from qsframework.experiment import (
 )
 from qsframework.identify import identify
 from qsframework.plugin import Array, Poses
+from qsframework.report.protocol_section import Commands, SheetFiles, write_sheet
+from qsframework.robot import load_robot
+from qsframework.viz.sketch import hull, sketches
+from tests.headless import browser, open_page
 
 PULL = np.array([0.0, 1500.0, -4000.0, 0.0, 0.0, 0.0])
 SIGMA = 3e-5
@@ -314,6 +321,93 @@ def test_wrong_wishes(m900ib: Experiment, plan: Plan) -> None:
         make_protocol(m900ib, replace(plan, wrench=2 * plan.wrench))
 
 
+def test_a_card_for_each_visit(m900ib: Experiment, plan: Plan, tmp_path: Path) -> None:
+    """In the order of the day, with its picture, angles, force and states; names of files and loads are escaped."""
+    named = replace(plan, load=tuple("<b>pull" for _ in plan.load))
+    protocol = make_protocol(m900ib, named)
+    page = sheet_of(m900ib, protocol, tmp_path)
+    cards = re.findall(r'<div class="visit">(.*?)</table>\n</div>\n</div>', page, re.DOTALL)
+    assert len(cards) == len(protocol.visits) == page.count("<svg ")
+    assert "<b>pull" not in page
+    for card, visit in zip(cards, protocol.visits, strict=True):
+        assert f"Visit {visit.number}: {visit.pose}" in card
+        assert [f"{a:.2f}" for a in np.rad2deg(visit.pendant)] == re.findall(r"<td>(-?[\d.]+)</td>", card)
+        assert "&lt;b&gt;pull" in card
+        assert "0, 1500, -4000 N" in card
+        states = re.findall(r"<td>((?:unloaded|loaded|half load) \d)</td>", card)
+        assert [s.partition(" ")[0] == "unloaded" for s in states] == [not s.loaded for s in visit.states]
+    loads = re.findall(r"(src|href)=", page)
+    assert loads == [], "nothing is loaded"
+
+
+def sheet_of(experiment: Experiment, protocol: Protocol, folder: Path) -> str:
+    pendant = np.stack([v.pendant for v in protocol.visits])
+    force = np.stack([v.wrench[:3] for v in protocol.visits])
+    pictures = sketches(experiment.robot, experiment.load_site, pendant, force)
+    files = SheetFiles("r.csv", "f.csv", (experiment.path,))
+    return write_sheet(folder / "s.html", protocol, pictures, files, Commands("a", "b", "c")).read_text()
+
+
+def test_pages_break_between_loads(m900ib: Experiment, plan: Plan, tmp_path: Path) -> None:
+    """Loads that come in blocks begin a page each; mixed ones, as in a random order, fill the pages."""
+    two = replace(plan, load=("a",) * 8 + ("b",) * 4)
+    day = make_protocol(m900ib, two, ProtocolWish(order="plan", repeat_share=0.0))
+    page = sheet_of(m900ib, day, tmp_path)
+    sections = re.findall(r'<section[^>]* class="load( new-page)?">\n<h2>Load: (\w)</h2>', page)
+    assert sections == [(" new-page", "a"), (" new-page", "b")]
+    mixed = replace(plan, load=("a", "b") * 6)
+    day = make_protocol(m900ib, mixed, ProtocolWish(order="plan", repeat_share=0.0))
+    sections = re.findall(r'<section[^>]* class="load( new-page)?">', sheet_of(m900ib, day, tmp_path))
+    assert sections == [" new-page", *[""] * 11]
+
+
+@browser
+def test_the_sheet_on_paper(m900ib: Experiment, plan: Plan, tmp_path: Path) -> None:
+    """A4; the instructions on one page, four or five visits on each of the others, then what comes after."""
+    sheet_of(m900ib, make_protocol(m900ib, plan), tmp_path)
+    printed = tmp_path / "sheet.pdf"
+    open_page(tmp_path / "s.html", tmp_path, "--no-pdf-header-footer", f"--print-to-pdf={printed}")
+    pages = re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", printed.read_bytes())
+    assert {(round(float(w)), round(float(h))) for w, h in pages} == {(595, 842)}
+    assert 4 <= len(pages) <= 7
+
+
+def test_the_pictures_show_the_pose(m900ib: Experiment, protocol: Protocol) -> None:
+    """The arrow begins where the load point is: seen from the same side, at the same scale for all poses."""
+    robot, site = m900ib.robot, m900ib.load_site
+    pendant = np.stack([v.pendant for v in protocol.visits])
+    force = np.tile([0.0, 0.0, -4000.0], (len(pendant), 1))
+    drawn = sketches(robot, site, pendant, force)
+    assert len({re.search(r'viewBox="[^"]*"', d)[0] for d in drawn}) == 1
+    tip = rigid_tip(robot, site, robot.controller.to_joints(pendant)).position
+    azimuth, elevation = np.deg2rad([-55.0, 18.0])
+    towards = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    seen = np.stack([tip @ right, tip @ np.cross(towards, right)], axis=1)
+    ends, origins = [], []
+    for picture in drawn:
+        lines = re.findall(r'<polyline points="([-\d., ]+)" style="([^"]*)"', picture)
+        arrow = next(p for p, style in lines if "#b00" in style)
+        ends.append([float(v) for v in arrow.split()[0].split(",")])
+        origins.append([float(v) for v in lines[0][0].split()[0].split(",")])
+    away = (np.array(ends) - np.array(origins)) * [1.0, -1.0]
+    scale = float((away * seen).sum() / (seen * seen).sum())
+    assert np.abs(away - scale * seen).max() < 0.3, "units of a picture of 200"
+    bare = sketches(load_robot("ur10"), Site(6, np.zeros(3)), np.zeros((1, 6)), np.zeros((1, 3)))
+    assert "#b00" not in bare[0], "no load, no arrow"
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_outline_of_a_solid(seed: int) -> None:
+    """Every point lies inside it, and it has no more corners than it needs."""
+    points = np.random.default_rng(seed).normal(size=(30, 2))
+    outline = hull(points)
+    for a, b in itertools.pairwise([*outline, outline[0]]):
+        side = (b[0] - a[0]) * (points[:, 1] - a[1]) - (b[1] - a[1]) * (points[:, 0] - a[0])
+        assert side.min() > -1e-12
+    assert {tuple(p) for p in outline} <= {tuple(p) for p in points}
+
+
 def test_the_commands(m900ib: Experiment, plan: Plan, tmp_path: Path) -> None:
     write_plan(tmp_path / "plan.csv", plan, m900ib)
     sheet, readings = tmp_path / "sheet.html", tmp_path / "readings.csv"
@@ -330,6 +424,10 @@ def test_the_commands(m900ib: Experiment, plan: Plan, tmp_path: Path) -> None:
     )
     for word in words.split("|"):
         assert word in page, word
+    assert "How this was computed" not in page
+    for file in (experiment, tmp_path / "plan.csv"):
+        assert f"{file.name} {hashlib.sha256(file.read_bytes()).hexdigest()[:12]}" in page
+    assert "seed 0" in page
     assert floor_file(readings).is_file()
     unfilled = CliRunner().invoke(app, ["check", str(experiment)])
     assert isinstance(unfilled.exception, InputError)

@@ -38,10 +38,9 @@ COMMANDS = (
     "foresee",
     "compensate",
     "compare",
-    "protocol",
 )
-SEEDED = {"demo", "design", "simulate", "diagnose", "foresee", "compare", "protocol", "validate"}
-PLAIN = {"protocol", "validate"}
+SEEDED = {"demo", "design", "simulate", "diagnose", "foresee", "compare", "validate"}
+PLAIN = {"validate"}
 """Reports without a pose to be seen in 3D."""
 
 
@@ -102,16 +101,6 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> Reports:
     )
     task = EXPERIMENT.parents[1] / "compare" / "task.yaml"
     out.run("compare", "compare", "fanuc_m900ib", "abb_irb2400", "--task", task, reads=[*robot, task])
-    out.run(
-        "protocol",
-        "protocol",
-        EXPERIMENT,
-        plan,
-        "--readings",
-        folder / "sheet.csv",
-        reads=[*campaign, plan],
-        option="-o",
-    )
     return out
 
 
@@ -168,7 +157,7 @@ def test_these_are_all_commands_with_a_report() -> None:
 
     commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     with_report = {name for name, c in commands.items() if any("--report" in p.opts for p in c.params)}
-    assert with_report | {"demo", "protocol"} == {c.partition("_")[0] for c in COMMANDS} - {"foresee"}
+    assert with_report | {"demo"} == {c.partition("_")[0] for c in COMMANDS} - {"foresee"}
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -181,7 +170,7 @@ def test_every_figure_has_its_sentence_and_its_numbers(reports: Reports, name: s
         assert int(figure["rows"]) >= 2, figure  # a header and a row
     drawn = len(re.findall(r'class="plotly-graph-div"', reports.text(name))) + len(page.frames)
     assert drawn == len(page.figures)
-    assert drawn >= (0 if name == "protocol" else 1)
+    assert drawn >= 1
 
 
 @pytest.mark.parametrize("name", COMMANDS)

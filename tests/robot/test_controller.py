@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 
 from qsframework.errors import InputError
 from qsframework.robot import load_robot
-from qsframework.robot.controller import parse_expression
+from qsframework.robot.controller import Drive, parse_expression
 
 EXPRESSIONS = {
     "J3": ([0, 0, 1, 0], 0),
@@ -94,6 +94,19 @@ def test_limits_hold_for_the_pendant_with_a_tolerance():
     outside = controller.outside(pendant)
     assert not outside[:2].any()
     assert outside[2].tolist() == [True, True, True, False, True, True]
+
+
+def test_what_is_stated_of_the_drives(small):
+    """An external axis, a motor's ratio and its encoder's counts; nothing where nothing is stated."""
+    assert small.load().controller.external == ()
+    small.edit(
+        "robot.yaml", ("limits_deg: [", "motor_ratio: -121.5, counts_per_turn: 4096, external: true, limits_deg: [")
+    )
+    controller = small.load().controller
+    assert (controller.external, controller.drives[0]) == ((0,), Drive(True, -121.5, 4096.0))
+    small.edit("robot.yaml", ("motor_ratio: -121.5", "motor_ratio: 0"))
+    with pytest.raises(InputError, match=r"robot.yaml, line \d+: \w+: motor_ratio must not be zero; found 0"):
+        small.load()
 
 
 def test_arrays_are_read_only():

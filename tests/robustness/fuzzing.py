@@ -17,7 +17,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,10 @@ from mutate import mutated
 from qsframework.applications.export import read_export, write_csv
 from qsframework.applications.export_fanuc import write_fanuc
 from qsframework.applications.export_krl import write_krl
+from qsframework.applications.export_rapid import write_rapid
+from qsframework.applications.export_urscript import write_urscript
 from qsframework.applications.programme import Move, Programme
+from qsframework.applications.programme_points import ENDINGS, read_source
 from qsframework.applications.stiffness import stiffness_at
 from qsframework.applications.targets import read_targets
 from qsframework.applications.task import load_task
@@ -409,18 +412,27 @@ def _programmes(folder: Path) -> list[Good]:
     experiment = load_experiment(example("m900ib") / "experiment.yaml")
     plan = read_plan(example("m900ib") / "table5.csv", experiment)
     moves = tuple(Move(q, name, 1) for q, name in zip(plan.pendant, plan.pose, strict=True))
-    programme = Programme(robot="fanuc_m900ib", title="FANUC", payload=700.0, moves=moves, speed=10, pause=5.0)
+    programme = Programme(
+        robot="fanuc_m900ib", title="FANUC", payload=700.0, moves=moves, speed=10, pause=5.0, tool="1", frame="0"
+    )
     src, dat = write_krl(programme, "plan")
     texts = {
         "plan.ls": write_fanuc(programme, "PLAN"),
         "plan.src": src,
         "plan.dat": dat,
+        "plan.mod": write_rapid(replace(programme, tool="tool0", frame="wobj0"), "plan"),
+        "plan.script": write_urscript(programme, "plan"),
         "plan.csv": write_csv(programme),
     }
     for name, text in texts.items():
         (folder / name).write_text(text)
-    kinds = {"plan.ls": "lines", "plan.src": "lines", "plan.dat": "lines", "plan.csv": "csv"}
-    return [_good(n, folder / n, k, lambda n=n: read_export(folder / n)) for n, k in kinds.items()]
+    kinds = {name: "csv" if name.endswith(".csv") else "lines" for name in texts}
+    points = [
+        _good(f"points of {n}", folder / n, "lines", lambda n=n: read_source(folder / n))
+        for n in texts
+        if n[4:] in ENDINGS
+    ]
+    return [_good(n, folder / n, k, lambda n=n: read_export(folder / n)) for n, k in kinds.items()] + points
 
 
 def spoiled(goods: list[Good], seed: int) -> tuple[Good, bytes]:

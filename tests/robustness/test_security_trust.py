@@ -214,11 +214,13 @@ COMMANDS = {
     "diagnose": ["diagnose", "E", "--plan", "plan.csv"],
     "design": ["design", "E", "-n", "6", "--candidates", "60", "--efficiency", "0.9", "-o", "O/plan.csv"],
     "compensate": ["compensate", "E", "fit.json", "plan.csv"],
+    "kinematics": ["kinematics", "E", "fit.json", "--dh", "O/dh.yaml"],
     "identify": ["identify", "E", "--data", "none.csv"],
     "validate": ["validate", "E", "fit.json", "none.csv"],
 }
 LET_IN = {
     "compensate": "fit.json",
+    "kinematics": "fit.json",
     "identify": "none.csv",
     "validate": "fit.json",
     "export": "transmission angle",

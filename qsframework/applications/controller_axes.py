@@ -1,0 +1,48 @@
+"""Which angle of the pendant is which axis of the controller: A1 to A6 of the arm, E1 to E6 beside it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from qsframework.errors import InputError, Problem
+
+MOST = 6
+"""Axes of an arm, and external axes, that KRL, RAPID and URScript can state."""
+
+
+def axis_names(count: int, external: Sequence[int], letter: str, most: int = MOST) -> tuple[str, ...]:
+    """The controller's name of each of `count` angles, such as A1, A2 or E1, in the order of the plan's columns.
+
+    letter: of the arm's own axes; most: how many of them there may be. InputError where there are more, or more than
+    six external ones.
+    """
+    own = [k for k in range(count) if k not in external]
+    if len(own) > most or count - len(own) > MOST:
+        hint = "Say `external: true` in robot.yaml, controller, at each joint that the controller shows as E1, E2, ..."
+        found = f"{len(own)} axes of the arm and {count - len(own)} external ones"
+        raise InputError(
+            Problem("more axes than the format holds", found=found, allowed=f"up to {most} and {MOST}", hint=hint)
+        )
+    names = {k: f"{letter}{i}" for i, k in enumerate(own, start=1)}
+    names |= {k: f"E{i}" for i, k in enumerate((k for k in range(count) if k in external), start=1)}
+    return tuple(names[k] for k in range(count))
+
+
+def six_axes(count: int, external: Sequence[int], what: str) -> None:
+    """InputError where an arm has not the six axes of its own that the format states at every point."""
+    if count - len(external) < MOST:
+        found = f"{count - len(external)} joints"
+        raise InputError(Problem(f"{what} states six axes of the arm at every point", found=found, allowed="6"))
+
+
+def axes_remark(names: Sequence[str], letter: str) -> str:
+    """What a file says of the order of its axes: "" for A1, A2, ... one after the other."""
+    plain = [f"{letter}{k}" for k in range(1, len(names) + 1)]
+    return "" if list(names) == plain else f"axes {' '.join(names)}"
+
+
+def remarked_axes(text: str, sign: str, letter: str, count: int) -> list[str]:
+    """The order of the axes that a file states after the sign of a remark, or the plain one of `count` axes."""
+    found = re.search(rf"{re.escape(sign)}\s*axes ((?:[A-Z]\d ?)+)", text)
+    return found[1].split() if found else [f"{letter}{k}" for k in range(1, count + 1)]

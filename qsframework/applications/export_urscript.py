@@ -1,0 +1,85 @@
+"""A programme as a URScript function (.script) of Universal Robots, in joint angles, and back.
+
+A joint move takes the speed of the joint that turns farthest, in rad/s: the share is of 120 deg/s, the largest of the
+slowest joints that the maker has.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from qsframework.applications.export_readback import Parsed, Stop, bad_name, plain, wrong
+from qsframework.applications.programme import Programme
+from qsframework.errors import InputError, Problem
+
+_JOINTS = 6
+_FASTEST = float(np.deg2rad(120.0))
+_ACCELERATION = 0.5
+"""rad/s^2, of the joint that turns farthest."""
+
+
+def write_urscript(programme: Programme, name: str) -> str:
+    """The script. `name` is the function's name: a letter, then letters, digits and _, up to 32."""
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,31}", name):
+        raise bad_name(name, "a letter, then letters, digits and _, up to 32")
+    count = len(programme.moves[0].pendant)
+    if count != _JOINTS or programme.external:
+        found = f"{count} joints, {len(programme.external)} of them external"
+        raise InputError(Problem("URScript states the six joints of the arm", found=found, allowed="6 joints"))
+    payload = "not stated" if programme.payload is None else f"{programme.payload:g} kg"
+    lines = [
+        f"def {name}():",
+        f"  # robot {programme.robot}",
+        f"  # payload {payload}",
+        f"  # speed {programme.speed} percent of {np.rad2deg(_FASTEST):g} deg/s",
+        "  # tool and frame: joint angles need none; set_tcp stays as the installation has it",
+        "  # set the payload and its centre of gravity, of tool and weight, before the start",
+        "  # no weight while the arm moves",
+    ]
+    velocity = f"{_FASTEST * programme.speed / 100.0:.5f}"
+    for move in programme.moves:
+        if move.measured:
+            lines.append(f"  # pose {move.pose} visit {move.repeat}")
+        angles = ", ".join(f"{v + 0.0:.7f}" for v in move.pendant)
+        lines.append(f"  movej([{angles}], a={_ACCELERATION}, v={velocity})")
+        if move.measured:
+            lines += _stopped(f"{move.pose} visit {move.repeat}", move.load, programme.pause)
+    return "\n".join([*lines, "end"]) + "\n"
+
+
+def _stopped(visit: str, load: str, pause: float | None) -> list[str]:
+    """What is done once the arm stands: a load is named where the programme waits for it, never before a move."""
+    if pause is not None:
+        return [*([f"  # load {plain(load)}"] if load else []), f"  sleep({pause:.2f})"]
+    ask = f": now hang {plain(load)}, take it off before you continue" if load else ": nothing hangs here"
+    said = [f"  # now hang {plain(load)}", "  # take it off before the start"] if load else []
+    return [*said, f'  popup("{visit}{ask}", title="measure", blocking=True)']
+
+
+_VISIT = re.compile(r"  # pose (\S+) visit (\d+)")
+_LOAD = re.compile(r"  # (?:now hang|load) (\S+)")
+_MOVE = re.compile(r"  movej\(\[([-\d., ]+)\], a=[\d.]+, v=([\d.]+)\)")
+_WAIT = re.compile(r"  (?:sleep\(([\d.]+)\)|(popup)\(\".*\", title=\"measure\", blocking=True\))")
+
+
+def parse_urscript(text: str) -> Parsed:
+    """Read a script that `write_urscript` wrote."""
+    robot = re.search(r"^  # robot (\S+)$", text, re.MULTILINE)
+    if not text.startswith("def ") or robot is None or not text.rstrip().endswith("\nend"):
+        raise wrong("is no script of `qsf export`")
+    stops: list[Stop] = []
+    visit: tuple[str, int] = ("", 0)
+    for line in text.splitlines():
+        if match := _LOAD.fullmatch(line):
+            stops[-1] = stops[-1].hanging(match[1])
+        elif match := _VISIT.fullmatch(line):
+            visit = (match[1], int(match[2]))
+        elif match := _MOVE.fullmatch(line):
+            angles = np.array([float(v) for v in match[1].split(",")])
+            stops.append(Stop(*visit, angles, round(100.0 * float(match[2]) / _FASTEST), 0.0))
+            visit = ("", 0)
+        elif match := _WAIT.fullmatch(line):
+            stops[-1] = stops[-1].waiting(None if match[2] else float(match[1]))
+    return Parsed(robot[1], tuple(stops))

@@ -1,0 +1,339 @@
+"""The fitted rigid kinematics in the terms of other programs and of the controller.
+
+Every file is read back and held to the fitted kinematics at random poses: what it differs by is part of the result. No
+such file can hold what bends, or what changes with the pose; its parameters are named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from qsframework.applications.compensate import check_fit
+from qsframework.errors import InputError, Problem
+from qsframework.experiment import Experiment
+from qsframework.files import read_yaml, sha256, write_text
+from qsframework.files.plain import is_list, is_mapping
+from qsframework.identify.io import StoredFit, constant_geometry, refuse_through_loops, write_urdf
+from qsframework.plugin import Array, Geometry
+from qsframework.plugin.facts import frozen
+from qsframework.robot.corrected import moves, read_placements
+from qsframework.robot.denavit import Denavit, Serial, denavit, turns
+
+CONVENTIONS = {"dh": "standard", "mdh": "modified (Craig)", "hayati": "standard with Hayati's beta"}
+_POSES = 200
+_STEP = 1e-3
+_FAR = 10.0
+"""m: a d beyond it comes from axes that are nearly parallel."""
+_UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+_UR_ALPHA = np.array([0.5, 0.0, 0.0, 0.5, -0.5]) * np.pi
+_UR_CLOSE = 1e-6
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Fitted:
+    """A robot with its nominal and its fitted rigid kinematics.
+
+    offsets (m,) rad: what is to be added to each angle on the pendant, their sds (m,), NaN where none is quoted; own
+    (n,) rad: the part of each placement that turns its joint about its own axis, which does the same as an offset
+    held: the estimated parameters in it; missing: the others, which bend the arm, change with the pose, or are of the
+    campaign; x (p,): all values of the model
+    """
+
+    experiment: Experiment
+    nominal: Serial
+    serial: Serial
+    offsets: Array
+    offset_sd: Array
+    own: Array
+    held: tuple[str, ...]
+    missing: tuple[str, ...]
+    x: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Written:
+    """A file, how far its kinematics are from the fitted ones at most, m and rad, and the joints with a far d."""
+
+    path: Path
+    away: float
+    turned: float
+    far: tuple[str, ...] = ()
+
+
+def fitted(experiment: Experiment, fit: StoredFit) -> Fitted:
+    """The kinematics that a fit found. InputError for the fit of another robot or model."""
+    check_fit(experiment, fit)
+    robot, model, x = experiment.robot, experiment.model(), fit.x(experiment.model())
+    found = constant_geometry(model, x)
+    names = {
+        e.name: model.names[p] for e, p in zip(model.effects, model.slices, strict=True) if isinstance(e, Geometry)
+    }
+    held = {n for name, own in names.items() if name not in found.left for n in own}
+    facts, rows = robot.facts, list(robot.controller.driven)
+    to_pendant = np.linalg.inv(robot.controller.matrix[rows])
+    slope = np.zeros((facts.n, len(fit.names)))
+    for k, name in enumerate(fit.names):
+        if name in held and np.isfinite(fit.sd[k]):
+            step = np.zeros(len(x))
+            step[model.index([name])[0]] = _STEP
+            slope[:, k] = (constant_geometry(model, x + step).angles - found.angles) / _STEP
+    slope = to_pendant @ slope[rows]
+    sd = np.sqrt(np.einsum("ik,kl,il->i", slope, fit.whole_covariance, slope))
+    tool = robot.flange.placement
+    placements = facts.placements @ moves(robot, found.twists, found.angles)
+    return Fitted(
+        experiment=experiment,
+        nominal=Serial(facts.placements, facts.axes, tool),
+        serial=Serial(frozen(placements), facts.axes, tool),
+        offsets=frozen(to_pendant @ found.angles[rows]),
+        offset_sd=frozen(np.where(slope.any(axis=1), sd, np.nan)),
+        own=frozen(np.einsum("kc,kc->k", found.twists[:, 3:], facts.axes)),
+        missing=tuple(n for n in fit.names if n not in held),
+        x=frozen(x),
+        held=tuple(n for n in fit.names if n in held),
+    )
+
+
+def _serial(one: Fitted) -> Serial:
+    """The fitted kinematics of the chain. InputError where an offset passes through a loop."""
+    model = one.experiment.model()
+    refuse_through_loops(model, one.x, constant_geometry(model, one.x).angles)
+    return one.serial
+
+
+def write_fitted_urdf(one: Fitted, path: Path) -> Written:
+    """The robot's URDF with corrected joint origins, read back by Pinocchio."""
+    robot = one.experiment.robot
+    write_urdf(robot, one.experiment.model(), one.x, path)
+    return _compared(one, Serial(read_placements(robot, path), robot.facts.axes, one.serial.tool), path)
+
+
+def write_table(one: Fitted, convention: str, path: Path) -> Written:
+    """The table of Denavit and Hartenberg in one of the CONVENTIONS, as YAML, mm and deg."""
+    table = denavit(_serial(one), convention == "hayati")
+    before = denavit(one.nominal, convention == "hayati")
+    joints = one.experiment.robot.facts.joints
+    lines = [
+        f"robot: {one.experiment.robot.name}",
+        f"convention: {convention}",
+        f"base: {_mapping(_pose(table.base))}",
+        "joints:",
+        *(f"  - {_mapping({'joint': joints[k], **_row(table, convention, k)})}" for k in range(len(joints))),
+        f"tool: {_mapping(_pose(table.tool))}",
+        "nominal:",
+        *(f"  - {_mapping({'joint': joints[k], **_row(before, convention, k)})}" for k in range(len(joints))),
+    ]
+    write_text(path, "\n".join([f"# {line}" for line in _head(convention)] + lines) + "\n")
+    far = tuple(joints[k] for k in np.flatnonzero(np.abs(table.d) > _FAR))
+    return _compared(one, read_table(path).serial(), path, far)
+
+
+def _head(convention: str) -> list[str]:
+    parts = {
+        "dh": "Rz(theta + q) Tz(d) Tx(a) Rx(alpha)",
+        "mdh": "Rx(alpha) Tx(a) Rz(theta + q) Tz(d)",
+        "hayati": "Rz(theta + q) Tz(d) Tx(a) Rx(alpha) Ry(beta)",
+    }
+    return [
+        f"base * product over the joints of [{parts[convention]}] * tool, q the URDF's joint angles",
+        "base and tool: a place, and the rotation as a quaternion; theta, alpha and beta turn right-handed",
+    ]
+
+
+def _row(table: Denavit, convention: str, k: int) -> dict[str, float]:
+    """The four or five numbers of a joint: those to the next axis, of the modified table those from the one before."""
+    n = len(table.theta)
+    i = k - 1 if convention == "mdh" else k
+    between = (table.a[i], table.alpha[i], table.beta[i]) if 0 <= i < n - 1 else (0.0, 0.0, 0.0)
+    row = {"theta_deg": np.rad2deg(table.theta[k]), "d_mm": 1e3 * table.d[k]}
+    row |= {"a_mm": 1e3 * between[0], "alpha_deg": np.rad2deg(between[1])}
+    return row | ({"beta_deg": np.rad2deg(between[2])} if convention == "hayati" else {})
+
+
+def _pose(matrix: Array) -> dict[str, float]:
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(matrix[:3, :3]).as_quat().tolist()
+    place = (1e3 * matrix[:3, 3]).tolist()
+    return dict(zip(_POSE, [*place, *(np.copysign(1.0, w) * np.array([w, x, y, z])).tolist()], strict=True))
+
+
+def _mapping(values: Mapping[str, Any]) -> str:
+    cells = (f"{k}: {v if isinstance(v, str) else repr(float(v) + 0.0)}" for k, v in values.items())
+    return "{" + ", ".join(cells) + "}"
+
+
+def read_table(path: Path) -> Denavit:
+    """Read back a table that `write_table` wrote. InputError with the line where it has been spoilt since."""
+    document = read_yaml(path)
+    data = document.data
+    convention, rows = data.get("convention"), data.get("joints")
+    if not isinstance(convention, str) or convention not in CONVENTIONS or not is_list(rows) or not rows:
+        raise InputError(Problem("is no table of Denavit and Hartenberg", str(path), document.line("convention")))
+    names = ["theta_deg", "d_mm", "a_mm", "alpha_deg", *(["beta_deg"] if convention == "hayati" else [])]
+    cells = np.array([_numbers(path, document.line("joints", k), row, names) for k, row in enumerate(rows)])
+    base, tool = (_matrix(path, document.line(key), data.get(key)) for key in ("base", "tool"))
+    between = cells[1:] if convention == "mdh" else cells[:-1]
+    beta = np.deg2rad(between[:, 4]) if convention == "hayati" else np.zeros(len(rows) - 1)
+    return Denavit(
+        theta=np.deg2rad(cells[:, 0]),
+        d=cells[:, 1] * 1e-3,
+        a=between[:, 2] * 1e-3,
+        alpha=np.deg2rad(between[:, 3]),
+        beta=beta,
+        base=base,
+        tool=tool,
+    )
+
+
+_POSE = ("x_mm", "y_mm", "z_mm", "quat_w", "quat_x", "quat_y", "quat_z")
+
+
+def _numbers(path: Path, line: int | None, row: Any, names: Sequence[str]) -> list[float]:
+    values = [row.get(name) if is_mapping(row) else None for name in names]
+    good = [isinstance(v, int | float) and not isinstance(v, bool) and np.isfinite(v) for v in values]
+    if not all(good):
+        lacking = ", ".join(n for n, fine in zip(names, good, strict=True) if not fine)
+        raise InputError(Problem(f"no finite number for {lacking}", str(path), line, allowed=", ".join(names)))
+    return [float(v) for v in values if v is not None]
+
+
+def _matrix(path: Path, line: int | None, row: Any) -> Array:
+    """The pose (4, 4) of a row of the file."""
+    from scipy.spatial.transform import Rotation
+
+    out = np.eye(4)
+    values = np.array(_numbers(path, line, row, _POSE))
+    if abs(float(np.linalg.norm(values[3:])) - 1.0) > 1e-6:
+        raise InputError(Problem("a quaternion of a rotation has length 1", str(path), line))
+    out[:3, :3] = Rotation.from_quat(values[[4, 5, 6, 3]]).as_matrix()
+    out[:3, 3] = 1e-3 * values[:3]
+    return out
+
+
+def write_ur(one: Fitted, path: Path) -> Written:
+    """The kinematics of a Universal Robots arm as its ROS driver reads them. InputError for an arm of another build."""
+    serial = _serial(one)
+    mounts, conventional = _ur_frames(one)
+    steps = [mounts, *conventional]
+    lines = ["kinematics:"]
+    for k, link in enumerate(_UR_LINKS):
+        origin = np.linalg.inv(steps[k]) @ serial.placements[k] @ steps[k + 1]
+        lines += [f"  {link}:", *(f"    {name}: {value!r}" for name, value in _ur_origin(origin).items())]
+    write_text(path, "\n".join([*lines, "  hash: calib_qsf"]) + "\n")
+    lines[-1:] = [lines[-1], f"  hash: calib_{sha256(path)[:20]}"]
+    write_text(path, "\n".join(lines) + "\n")
+    tool = np.linalg.inv(conventional[-1]) @ serial.tool
+    return _compared(one, read_ur(path, mounts, tool), path)
+
+
+def read_ur(path: Path, mount: Array, tool: Array) -> Serial:
+    """Read back a file that `write_ur` wrote, on a mount (4, 4) and with a tool (4, 4)."""
+    from scipy.spatial.transform import Rotation
+
+    document = read_yaml(path)
+    found = document.data.get("kinematics")
+    placements: list[Array] = []
+    for link in _UR_LINKS:
+        row = found.get(link) if is_mapping(found) else None
+        values = _numbers(path, document.line("kinematics", link), row, ("x", "y", "z", "roll", "pitch", "yaw"))
+        out = np.eye(4)
+        out[:3, :3] = Rotation.from_euler("xyz", np.array(values[3:])).as_matrix()
+        out[:3, 3] = values[:3]
+        placements.append(out)
+    placements[0] = mount @ placements[0]
+    return Serial(np.stack(placements), np.tile([0.0, 0.0, 1.0], (len(_UR_LINKS), 1)), tool)
+
+
+def _ur_frames(one: Fitted) -> tuple[Array, list[Array]]:
+    """Where the driver's base stands, and its frame of each link in the joint's own frame, by the nominal arm."""
+    table, n = denavit(one.nominal), len(one.nominal.placements)
+    alike = n == len(_UR_LINKS)
+    if alike:
+        zero = np.concatenate([table.theta, table.d[1:3], table.a[[0, 3, 4]], table.alpha - _UR_ALPHA])
+        alike = bool(np.abs(zero).max() < _UR_CLOSE)
+    if not alike:
+        hint = "The axes, and where the angles are zero, must be as the maker's Denavit-Hartenberg numbers have them."
+        raise InputError(Problem(f"{one.experiment.robot.name} is not built as a Universal Robots arm", hint=hint))
+    d, a, quarter = table.d, table.a, 0.5 * np.pi
+    steps = [(0, 0, d[0], 0), (0, 0, 0, quarter), (a[1], 0, 0, 0), (a[2], 0, d[3], 0)]
+    steps += [(0, -d[4], 0, quarter), (0, d[5], 0, -quarter)]
+    here, nominal, out = table.base, np.eye(4), list[Array]()
+    for k, (x, y, z, roll) in enumerate(steps):
+        step = turns(np.eye(3)[0], np.array([roll]))[0]
+        step[:3, 3] = x, y, z
+        here, nominal = here @ step, nominal @ one.nominal.placements[k]
+        own: Array = np.linalg.inv(nominal) @ here
+        out.append(own)
+    return table.base, out
+
+
+def _ur_origin(origin: Array) -> dict[str, float]:
+    from scipy.spatial.transform import Rotation
+
+    turned = Rotation.from_matrix(origin[:3, :3]).as_euler("xyz")
+    names = ("x", "y", "z", "roll", "pitch", "yaw")
+    return dict(zip(names, (float(v) + 0.0 for v in [*origin[:3, 3], *turned]), strict=True))
+
+
+def offset_rows(one: Fitted) -> list[dict[str, str]]:
+    """A row for each angle on the pendant: its offset in deg, and in turns and counts of the motor where stated."""
+    controller, joints = one.experiment.robot.controller, one.experiment.robot.facts.driven
+    rows: list[dict[str, str]] = []
+    for k, joint in enumerate(joints):
+        drive = controller.drives[k] if controller.drives else None
+        turned = float(one.offsets[k]) / (2.0 * np.pi)
+        ratio, counts = (None, None) if drive is None else (drive.ratio, drive.counts)
+        sd = one.offset_sd[k]
+        rows.append(
+            {
+                "joint": joint,
+                "angle": f"J{k + 1}",
+                "add_deg": f"{360.0 * turned + 0.0:.6f}",
+                "sd_deg": f"{np.rad2deg(sd):.6f}" if np.isfinite(sd) else "",
+                "motor_deg": "" if ratio is None else f"{360.0 * turned * ratio + 0.0:.4f}",
+                "counts": "" if ratio is None or counts is None else f"{turned * ratio * counts + 0.0:.1f}",
+                "in_placement_deg": f"{np.rad2deg(one.own[controller.driven[k]]) + 0.0:.6f}",
+            }
+        )
+    return rows
+
+
+def write_offsets(one: Fitted, path: Path) -> Path:
+    """`offset_rows` as a table."""
+    from qsframework.experiment.columns import write_table as write_columns
+
+    rows = offset_rows(one)
+    comments = [
+        f"robot: {one.experiment.robot.name}",
+        "add_deg: to the angle on the pendant, then it is where the joint stands; counts: encoder counts of the motor",
+        "in_placement_deg: a placement's turn about the joint's own axis, as an offset could do it too; not in add_deg",
+    ]
+    write_columns(path, list(rows[0]), [list(row.values()) for row in rows], comments)
+    return path
+
+
+def _compared(one: Fitted, read: Serial, path: Path, far: tuple[str, ...] = ()) -> Written:
+    """The file with how far its arm is from the fitted one at random poses."""
+    limits = one.experiment.robot.facts.limits
+    low, high = np.tile([[-np.pi], [np.pi]], len(one.serial.placements)) if limits is None else limits.T
+    q = np.random.default_rng(0).uniform(low, high, (_POSES, len(low)))
+    here, there = read.forward(q), one.serial.forward(q)
+    away = float(np.linalg.norm(here[:, :3, 3] - there[:, :3, 3], axis=1).max())
+    turned = float(np.abs(here[:, :3, :3] - there[:, :3, :3]).max())
+    return Written(path=path, away=away, turned=turned, far=far)
+
+
+WRITERS: dict[str, Callable[[Fitted, Path], Written]] = {
+    "urdf": write_fitted_urdf,
+    "dh": lambda one, path: write_table(one, "dh", path),
+    "mdh": lambda one, path: write_table(one, "mdh", path),
+    "hayati": lambda one, path: write_table(one, "hayati", path),
+    "ur": write_ur,
+}
+"""What writes each kind of file."""

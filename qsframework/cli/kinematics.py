@@ -1,0 +1,74 @@
+"""`qsf kinematics`: what it calls and prints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from qsframework.applications.kinematics import WRITERS, Fitted, Written, fitted, offset_rows, write_offsets
+from qsframework.cli.commands import distinct_outputs, write_json
+from qsframework.cli.progress import print_folded, print_table
+from qsframework.experiment import load_experiment
+from qsframework.identify.io import read_fit
+
+_NAMES = {
+    "urdf": "corrected URDF",
+    "dh": "Denavit-Hartenberg table",
+    "mdh": "modified Denavit-Hartenberg table",
+    "hayati": "table with Hayati's number",
+    "ur": "kinematics of the Universal Robots driver",
+}
+
+
+def run_kinematics(
+    file: Path, fit_file: Path, outputs: Mapping[str, Path], offsets: Path | None, json: Path | None
+) -> None:
+    """Print the joints' offsets, write the files that are asked for, and say what each differs by and lacks."""
+    distinct_outputs([*outputs.values(), offsets, json], [file, fit_file])
+    experiment, fit = load_experiment(file), read_fit(fit_file)
+    one = fitted(experiment, fit)
+    rows = offset_rows(one)
+    print_table(tuple(rows[0]), tuple(tuple(row.values()) for row in rows))
+    print_folded(_held(one))
+    files = {kind: WRITERS[kind](one, path) for kind, path in outputs.items()}
+    for kind, written in files.items():
+        print_folded(_said(_NAMES[kind], written))
+    if offsets is not None:
+        print(f"offsets of the joints: {write_offsets(one, offsets)}")
+    if json is not None:
+        content = {kind: _content(written) for kind, written in files.items()}
+        write_json(json, {"files": content, "offsets": rows, "held": list(one.held), "missing": list(one.missing)})
+
+
+def _held(one: Fitted) -> str:
+    """What the kinematics hold of the fit."""
+    text = f"The rigid kinematics hold {len(one.held)} of {len(one.held) + len(one.missing)} identified values."
+    if not one.held:
+        text = "No geometry was identified: the kinematics are the nominal ones."
+    if one.missing:
+        shown, more = ", ".join(one.missing[:12]), len(one.missing) - 12
+        text += (
+            " Not in them, for no table of an arm can hold what bends, changes with the pose or is of the campaign: "
+        )
+        text += shown
+        text += f" and {more} more." if more > 0 else "."
+    return text
+
+
+def _said(name: str, written: Written) -> str:
+    text = f"{name}, read back: {written.path}; at most {written.away:.1e} m and {written.turned:.1e} rad from the fit"
+    if written.far:
+        text += (
+            f". d of {', '.join(written.far)} is more than 10 m, for two axes are nearly parallel: rounded "
+            "to a few digits it is lost; use the corrected URDF, or --hayati"
+        )
+    return text
+
+
+def _content(written: Written) -> dict[str, object]:
+    return {
+        "file": str(written.path),
+        "away_m": written.away,
+        "turned_rad": written.turned,
+        "far": list(written.far),
+    }

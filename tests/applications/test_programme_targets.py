@@ -1,0 +1,361 @@
+"""A programme that exists already: its points corrected, everything else as it was, malformed ones refused."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from qsframework.applications.compensate import compensate
+from qsframework.applications.inverse import rigid_tip
+from qsframework.applications.programme_points import read_source, skeleton
+from qsframework.applications.programme_targets import ProgrammeWish, corrected_texts, read_programme
+from qsframework.applications.targets import joint_targets
+from qsframework.cli.main import app
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, load_experiment
+from qsframework.identify.io import StoredFit
+from qsframework.plugin import Array
+
+LS = """/PROG  DRILL
+/ATTR
+OWNER\t\t= MNEDITOR;
+COMMENT\t\t= "two holes";
+LINE_COUNT\t= 6;
+/APPL
+/MN
+   1:  UFRAME_NUM=2 ;
+   2:  UTOOL_NUM=3 ;
+   3:J P[1] 20%% FINE    ;
+   4:L P[2:"hole 1"] 250mm/sec FINE    ;
+   5:  DO[4]=ON ;
+   6:L P[3] 250mm/sec CNT100 Offset,PR[7]    ;
+/POS
+P[1]{
+   GP1:
+\tUF : 2, UT : 3,\t
+\tJ1=    20.000 deg,\tJ2=    30.000 deg,\tJ3=   -10.000 deg,
+\tJ4=     0.000 deg,\tJ5=    60.000 deg,\tJ6=     0.000 deg
+};
+P[2:"hole 1"]{
+   GP1:
+\tUF : 2, UT : 3,\t\tCONFIG : 'N U T, 0, 0, 0',
+\tX =%s  mm,\tY =%s  mm,\tZ =%s  mm,
+\tW =%s deg,\tP =%s deg,\tR =%s deg
+   GP2:
+\tUF : 2, UT : 3,\t
+\tJ1=    45.000 deg
+};
+P[3]{
+   GP1:
+\tUF : 2, UT : 3,\t
+\tJ1=   -25.500 deg,\tJ2=    20.000 deg,\tJ3=   -15.000 deg,
+\tJ4=    10.000 deg,\tJ5=    70.000 deg,\tJ6=     5.000 deg
+};
+/END
+"""
+SRC = """&ACCESS RVP
+DEF drill( )
+;FOLD PTP P1 Vel=20 % PDAT1 Tool[3] Base[2]
+BAS(#PTP_PARAMS,20)
+PTP XP1
+;ENDFOLD
+LIN XP2 C_VEL
+PTP {A1 -20.5, A2 -80, A3 100, A4 10, A5 40, A6 0}
+LIN_REL {Z -50}
+END
+"""
+DAT = """&ACCESS RVP
+DEFDAT drill
+;the points
+DECL E6AXIS XP1={A1 20.0,A2 -90.0,A3 110.0,A4 5.0,A5 30.0,A6 0.0,E1 0.0,E2 0.0,E3 0.0,E4 0.0,E5 0.0,E6 0.0}
+DECL E6POS XP2={X %s,Y %s,Z %s,A %s,B %s,C %s,S 2,T 10,E1 0.0,E2 0.0,E3 0.0,E4 0.0,E5 0.0,E6 0.0}
+DECL FDAT FP2={TOOL_NO 3,BASE_NO 2,IPO_FRAME #BASE}
+ENDDAT
+"""
+TOOL = np.array([50.0, -30.0, 250.0, 10.0, -20.0, 30.0])
+FRAME = np.array([900.0, -400.0, 120.0, 5.0, 3.0, -40.0])
+PULL = np.array([0.0, 500.0, -1500.0, 0.0, 0.0, 0.0])
+EULER = {"fanuc": "xyz", "kuka": "ZYX"}
+
+
+def matrix(values: Array, maker: str) -> Array:
+    """Written again here, from elementary turns."""
+    x, y, z = np.deg2rad(values[3:] if maker == "fanuc" else values[:2:-1])
+    rx = np.array([[1, 0, 0], [0, np.cos(x), -np.sin(x)], [0, np.sin(x), np.cos(x)]])
+    ry = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
+    rz = np.array([[np.cos(z), -np.sin(z), 0], [np.sin(z), np.cos(z), 0], [0, 0, 1]])
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = rz @ ry @ rx, values[:3] * 1e-3
+    return out
+
+
+def flange(experiment: Experiment, degrees: Array) -> Array:
+    """The flange in the base frame by Pinocchio."""
+    import pinocchio as pin
+
+    robot = experiment.robot
+    data = robot.model.createData()
+    q = robot.controller.to_joints(np.deg2rad(degrees)[None])[0]
+    pin.framesForwardKinematics(robot.model, data, q)
+    return np.asarray(data.oMi[robot.model.njoints - 1].homogeneous @ robot.flange.placement)
+
+
+def shown(place: Array, maker: str) -> Array:
+    """Six numbers of a pose, away from the singular one."""
+    r = place[:3, :3]
+    y = np.arcsin(-r[2, 0])
+    x, z = np.arctan2(r[2, 1], r[2, 2]), np.arctan2(r[1, 0], r[0, 0])
+    turns = np.rad2deg([x, y, z] if maker == "fanuc" else [z, y, x])
+    return np.concatenate([place[:3, 3] * 1e3, turns])
+
+
+def in_frame(experiment: Experiment, degrees: Array, maker: str) -> Array:
+    """What the controller shows of the tool in the user frame at these angles."""
+    place = np.linalg.inv(matrix(FRAME, maker)) @ flange(experiment, degrees) @ matrix(TOOL, maker)
+    return shown(place, maker)
+
+
+def exact_fit(experiment: Experiment) -> StoredFit:
+    model, nothing = experiment.model(), np.zeros(0)
+    return StoredFit(
+        method="exact",
+        names=(),
+        values=nothing,
+        sd=nothing,
+        covariance=np.zeros((0, 0)),
+        status=(),
+        sigma=3e-5,
+        sigma_source="stated",
+        chi2=0.0,
+        dof=0,
+        model=dict(zip(model.names, model.nominal.tolist(), strict=True)),
+        data_sha256="",
+        robot=experiment.robot.name,
+    )
+
+
+HOLE = {"fanuc": np.array([25.0, 28.0, -12.0, 3.0, 62.0, 4.0]), "kuka": np.array([10.0, -85.0, 105.0, 8.0, 35.0, 5.0])}
+
+
+@pytest.fixture(scope="module")
+def kuka(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
+    path = tmp_path_factory.mktemp("kuka") / "experiment.yaml"
+    lines = ["robot: kuka_kr270", "load: {point_mm: [20, 30, 200]}", "markers: {m1: {xyz_mm: [0, 0, 200]}}"]
+    path.write_text("\n".join([*lines, "noise: {sigma_mm: 0.03}"]) + "\n")
+    return load_experiment(path)
+
+
+def write_ls(folder: Path, experiment: Experiment, ends: str = "\n") -> Path:
+    cells = tuple(f"{v:11.4f}" for v in in_frame(experiment, HOLE["fanuc"], "fanuc"))
+    path = folder / "drill.ls"
+    path.write_bytes((LS % cells).replace("\n", ends).encode())
+    return path
+
+
+def write_krl(folder: Path, experiment: Experiment) -> Path:
+    (folder / "drill.src").write_text(SRC)
+    (folder / "drill.dat").write_text(DAT % tuple(f"{v:.5f}" for v in in_frame(experiment, HOLE["kuka"], "kuka")))
+    return folder / "drill.src"
+
+
+def wish(**more: object) -> ProgrammeWish:
+    stated = {"loads": {"": PULL}, "tools": {"3": TOOL}, "frames": {"2": FRAME}}
+    return ProgrammeWish(**{**stated, **more})
+
+
+@pytest.mark.parametrize("ends", ["\n", "\r\n"])
+def test_a_fanuc_programme(m900ib: Experiment, tmp_path: Path, ends: str) -> None:
+    path = write_ls(tmp_path, m900ib, ends)
+    asked = wish(start=np.deg2rad(HOLE["fanuc"] + 2.0))
+    made = read_programme(path, m900ib, asked)
+    assert [p.name for p in made.points] == ["P[1]", "P[2]", "P[3]"]
+    assert np.allclose(np.rad2deg(made.targets.pendant[1]), HOLE["fanuc"], atol=1e-3)
+    stands = rigid_tip(m900ib.robot, m900ib.load_site, m900ib.robot.controller.to_joints(made.targets.pendant))
+    assert np.abs(stands.position - made.targets.wanted.position).max() < 1e-6
+    result = compensate(m900ib, exact_fit(m900ib), made.targets)
+    again = joint_targets(m900ib, made.targets.pendant, made.targets.wrench)
+    assert np.allclose(compensate(m900ib, exact_fit(m900ib), again).pendant, result.pendant, atol=1e-7)
+    text = corrected_texts(made, result, m900ib)[path]
+    old, new = path.read_bytes().decode().split(ends), text.split(ends)
+    differ = [i for i, (a, b) in enumerate(zip(old, new, strict=True)) if a != b]
+    assert differ == [17, 18, 23, 24, 32, 33], "the numbers of the three points alone"
+    assert [len(a.expandtabs()) for a in new] == [len(a.expandtabs()) for a in old], "in their columns"
+    found = re.findall(r"J\d= *(-?[\d.]+) deg", ends.join(new[15:20]))
+    assert np.allclose([float(v) for v in found], np.rad2deg(result.pendant[0]), rtol=0.0, atol=1e-4)
+    (tmp_path / "drill.ls").write_bytes(text.encode())
+    back = read_programme(path, m900ib, asked)
+    assert np.abs(np.rad2deg(back.targets.pendant - result.pendant)).max() < 2e-4
+    place = (
+        matrix(FRAME, "fanuc") @ matrix(_numbers(back.points[1].cells), "fanuc") @ np.linalg.inv(matrix(TOOL, "fanuc"))
+    )
+    assert np.abs(place - flange(m900ib, np.rad2deg(result.pendant[1]))).max() < 2e-6
+    assert made.source.shifted == (13,)
+
+
+def _numbers(cells: object) -> Array:
+    return np.array([c.value for c in list(cells.values())[:6]])
+
+
+def test_a_kuka_module(kuka: Experiment, tmp_path: Path) -> None:
+    path = write_krl(tmp_path, kuka)
+    made = read_programme(path, kuka, wish(start=np.deg2rad(HOLE["kuka"])))
+    assert [(p.name, p.path.suffix, p.line) for p in made.points] == [
+        ("line 8", ".src", 8),
+        ("XP1", ".dat", 4),
+        ("XP2", ".dat", 5),
+    ]
+    assert np.allclose(np.rad2deg(made.targets.pendant[2]), HOLE["kuka"], atol=1e-3)
+    result = compensate(kuka, exact_fit(kuka), made.targets)
+    texts = corrected_texts(made, result, kuka)
+    for file, text in texts.items():
+        changed = [
+            i for i, (a, b) in enumerate(zip(file.read_text().split("\n"), text.split("\n"), strict=True)) if a != b
+        ]
+        assert changed == ([7] if file.suffix == ".src" else [3, 4])
+        file.write_text(text)
+    assert "S 2,T 10,E1 0.0,E2 0.0" in texts[tmp_path / "drill.dat"]
+    back = read_programme(tmp_path / "drill.dat", kuka, wish(start=np.deg2rad(HOLE["kuka"])))
+    assert np.abs(np.rad2deg(back.targets.pendant - result.pendant)).max() < 2e-4
+    assert made.source.shifted == (9,)
+
+
+def test_points_that_are_kept_and_loads_of_their_own(m900ib: Experiment, tmp_path: Path) -> None:
+    path = write_ls(tmp_path, m900ib)
+    made = read_programme(path, m900ib, wish(keep=("P[2]",), loads={"": PULL, "P[3]": 0.0 * PULL}, tools={}, frames={}))
+    assert made.targets.wrench[:, 1].tolist() == [500.0, 0.0]
+    result = compensate(m900ib, exact_fit(m900ib), made.targets)
+    text = corrected_texts(made, result, m900ib)[path]
+    assert path.read_text().split("P[2:")[2].split("P[3]")[0] in text
+    assert skeleton(read_source(path)) != {path: text}
+
+
+SPOILED = {
+    "no head": ("/PROG", "PROG", r"drill.ls, line 1: is no whole FANUC listing: /PROG is missing"),
+    "no end": ("/END\n", "", r"line 1: is no whole FANUC listing: /END is missing"),
+    "no positions": ("/POS\n", "", r"line 1: is no whole FANUC listing: /POS is missing"),
+    "not taught": (
+        "J2=    30.000 deg",
+        "J2= ******** deg",
+        r"line 18: P\[1\]: J2 is no number with its unit; found \*{8}",
+    ),
+    "no unit": ("J2=    30.000 deg", "J2=    30.000", r"line 18: P\[1\]: J2 is no number with its unit; found 30.000"),
+    "comma": ("J1=    20.000", "J1=    20,000", r"line 18: P\[1\]: J1 is no number with its unit; found 20"),
+    "an axis lacks": ("\tJ3=   -10.000 deg,", "", r"line 15: P\[1\] lacks J3; found J1, J2, J4, J5, J6"),
+    "beyond": (
+        "J2=    30.000",
+        "J2=   130.000",
+        r"line 15: P\[1\]: J2 is outside its limits; found 130 deg; allowed: -64",
+    ),
+    "not closed": ("deg\n};\nP[3]", "deg\nP[3]", r"line 21: P\[2\] does not end"),
+    "twice": ("P[3]{", "P[1]{", r"line 30: P\[1\] stands here a second time, first in line 15"),
+    "not there": ("L P[3]", "L P[9]", r"line 13: P\[9\] is moved to, but has no position under /POS"),
+    "no frame": ("UF : 2, UT : 3,\t\n\tJ1=    20", "\n\tJ1=    20", r"line 15: P\[1\] states no UF and UT"),
+    "other frame": (
+        "UF : 2, UT : 3,\t\tCON",
+        "UF : 4, UT : 3,\t\tCON",
+        r"line 21: P\[2\] is a pose, and nobody states frame 4",
+    ),
+    "one axis more": (
+        "J6=     0.000 deg",
+        "J6=     0.000 deg,\tE1=  10.000 mm",
+        r"line 15: P\[1\]: the robot has no axis E1",
+    ),
+}
+
+
+@pytest.mark.parametrize("spoiled", SPOILED)
+def test_spoiled_listings(m900ib: Experiment, tmp_path: Path, spoiled: str) -> None:
+    path = write_ls(tmp_path, m900ib)
+    old, new, words = SPOILED[spoiled]
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new, 1) if spoiled != "twice" else path.read_text().replace(old, new))
+    with pytest.raises(InputError, match=words):
+        read_programme(path, m900ib, wish())
+
+
+BROKEN = {
+    "no end": (".src", "\nEND\n", "\n", r"drill.src, line 9: is no whole .src of KRL: END is missing"),
+    "no head": (".dat", "DEFDAT", "DAT", r"drill.dat, line 1: is no whole .dat of KRL: DEFDAT is missing"),
+    "open": (".dat", "E6 0.0}\nDECL E6POS", "E6 0.0\nDECL E6POS", r"drill.dat, line 4: XP1 does not end"),
+    "word": (".dat", "A2 -90.0", "A2 down", r"drill.dat, line 4: XP1: A2 is no number of a point; found down"),
+    "axis": (".dat", "A3 110.0,", "", r"drill.dat, line 4: XP1 lacks A3"),
+    "rail": (
+        ".dat",
+        "S 2,T 10,E1 0.0",
+        "S 2,T 10,E1 900.0",
+        r"line 5: XP2: a pose beside external axes is not corrected",
+    ),
+    "inline": (".src", "A6 0}", "A6 0", r"drill.src, line 8: the point of this motion does not end"),
+    "beyond": (".src", "A1 -20.5", "A1 -220.5", r"drill.src, line 8: line 8: A1 is outside its limits"),
+}
+
+
+@pytest.mark.parametrize("broken", BROKEN)
+def test_broken_modules(kuka: Experiment, tmp_path: Path, broken: str) -> None:
+    path = write_krl(tmp_path, kuka)
+    ending, old, new, words = BROKEN[broken]
+    file = path.with_suffix(ending)
+    assert old in file.read_text()
+    file.write_text(file.read_text().replace(old, new, 1))
+    with pytest.raises(InputError, match=words):
+        read_programme(path, kuka, wish())
+
+
+def test_what_is_not_stated(m900ib: Experiment, kuka: Experiment, tmp_path: Path) -> None:
+    path = write_ls(tmp_path, m900ib)
+    for more, words in (
+        ({"loads": {}}, "does not say what pulls at its points. State the force for all of them"),
+        ({"loads": {"": PULL, "P[7]": PULL}}, r"no point 'P\[7\]'; allowed: P\[1\], P\[2\], P\[3\]"),
+        ({"tools": {}}, r"line 21: P\[2\] is a pose, and nobody states tool 3. As .* X, Y, Z, W, P, R in mm and deg"),
+        ({"loads": {"": 5.0 * PULL}}, r"line 15: P\[1\]: the force is more than the robot's payload; found 7906 N"),
+        ({"frames": {"2": 10.0 * FRAME}}, r"line 21: P\[2\]: no joint angles within the limits"),
+        ({"keep": ("P[1]", "P[2]", "P[3]")}, "every point is to be kept"),
+    ):
+        with pytest.raises(InputError, match=words):
+            read_programme(path, m900ib, wish(**more))
+    module = write_krl(tmp_path, kuka).with_suffix(".dat")
+    module.write_text(module.read_text().replace("DECL FDAT FP2", ";"))
+    assert read_programme(module, kuka, wish(start=np.deg2rad(HOLE["kuka"]))), "the only tool that is stated"
+    two = wish(tools={"3": TOOL, "4": TOOL})
+    with pytest.raises(
+        InputError, match=r"line 5: XP2 is a pose, and nobody states tool \(the point names no number\)"
+    ):
+        read_programme(module, kuka, two)
+
+
+def test_the_command(m900ib: Experiment, tmp_path: Path) -> None:
+    path, fit = write_ls(tmp_path, m900ib), tmp_path / "fit.json"
+    plan = Path(m900ib.path).parent / "table5.csv"
+    readings = tmp_path / "readings.csv"
+    for line in (
+        ["simulate", str(m900ib.path), str(plan), "-o", str(readings)],
+        ["identify", str(m900ib.path), str(readings), "--json", str(fit)],
+    ):
+        assert CliRunner().invoke(app, line, catch_exceptions=False).exit_code == 0
+    out = tmp_path / "corrected.ls"
+    arguments = ["compensate", str(m900ib.path), str(fit), str(path), "-o", str(out)]
+    stated = ["--load", "0,500,-1500", "--load", "P[1]=0,0,0", "--keep", "P[3]"]
+    frames = ["--tool", "3=" + ",".join(map(str, TOOL)), "--frame", "2=" + ",".join(map(str, FRAME))]
+    run = CliRunner().invoke(app, [*arguments, *stated, *frames, "--start", "25,28,-12,3,60,4"], catch_exceptions=False)
+    assert run.exit_code == 0
+    assert f"corrected programme, read back: {out}" in run.output
+    assert "--- drill.ls" in run.output
+    assert "-\tJ1=    20.000 deg,\tJ2=    30.000 deg," in run.output
+    assert "+\tJ1=   " in run.output
+    assert "motions in line 13 are relative or shifted" in run.output
+    assert "the configuration that the programme states was not read" in run.output
+    assert read_source(out).points[2].cells["J1"].value == -25.5
+    for more, words in (
+        ([*stated, *frames, "-o", str(tmp_path / "x.csv")], "a programme is written as what it is"),
+        (frames, "does not say what pulls"),
+        ([*stated, *frames, "-o", str(path)], "drill.ls"),
+    ):
+        wrong = CliRunner().invoke(app, [*arguments, *more])
+        assert isinstance(wrong.exception, InputError)
+        assert words in str(wrong.exception)
+    table = CliRunner().invoke(app, [*arguments[:3], "targets.csv", *stated])
+    assert "is no programme; allowed: .ls, .src, .dat" in str(table.exception)
