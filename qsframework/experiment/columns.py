@@ -61,8 +61,11 @@ class Table:
     problems: list[Problem]
 
 
-def read_table(path: str | Path, columns: Sequence[Column], robot: str) -> Table:
-    """Read a table. InputError at once where its header is wrong; problems in cells are collected."""
+def read_table(path: str | Path, columns: Sequence[Column], robot: str, foreign: str | None = None) -> Table:
+    """Read a table. InputError at once where its header is wrong; problems in cells are collected.
+
+    foreign: what to do with a table whose columns another sign separates
+    """
     path = Path(path)
     lines = [(i, line) for i, line in enumerate(table_lines(path), start=1) if line.strip()]
     _check_robot(path, lines, robot)
@@ -71,7 +74,7 @@ def read_table(path: str | Path, columns: Sequence[Column], robot: str) -> Table
         raise InputError(
             Problem("is empty", file=str(path), allowed=", ".join(c.spelling() for c in columns if c.required))
         )
-    parsed = _cells(path, lines)
+    parsed = _cells(path, lines, foreign)
     header = [cell.strip() for cell in parsed[0][1]]
     if len(header) > MOST_COLUMNS:
         raise InputError(Problem(f"holds more than {MOST_COLUMNS} columns", file=str(path), line=parsed[0][0]))
@@ -151,7 +154,7 @@ def _without_comments(path: Path, lines: list[tuple[int, str]]) -> tuple[list[tu
     return [(i, line) for i, line in lines[start:] if i not in left_out], problems[:MOST_PROBLEMS]
 
 
-def _cells(path: Path, lines: list[tuple[int, str]]) -> list[tuple[int, list[str]]]:
+def _cells(path: Path, lines: list[tuple[int, str]], foreign: str | None = None) -> list[tuple[int, list[str]]]:
     """Line number and cells of every line."""
     reader = csv.reader(io.StringIO("\n".join(line for _, line in lines)))
     out: list[tuple[int, list[str]]] = []
@@ -166,7 +169,8 @@ def _cells(path: Path, lines: list[tuple[int, str]]) -> list[tuple[int, list[str
     for sign, name in ((";", "';'"), ("\t", "a tab")):
         if len(header) == 1 and header[0].count(sign) > 1:
             message = f"the columns are separated by {name}"
-            raise InputError(Problem(message, str(path), number, allowed="a comma between columns, a point in numbers"))
+            allowed = "a comma between columns, a point in numbers"
+            raise InputError(Problem(message, str(path), number, allowed=allowed, hint=foreign))
     return out
 
 
