@@ -105,7 +105,12 @@ def check_ours(path: Path) -> None:
         raise InputError(Problem("is an Excel workbook, not a table of readings", str(path), hint=IMPORT))
     if start.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise InputError(Problem("is a text in UTF-16, not a table of readings", str(path), hint=IMPORT))
-    numbered = [(i, line) for i, line in enumerate(table_lines(path), start=1) if line.strip()]
+    try:
+        numbered = [(i, line) for i, line in enumerate(table_lines(path), start=1) if line.strip()]
+    except InputError as error:
+        if isinstance(error.__cause__, UnicodeDecodeError):  # as spreadsheets write it
+            raise InputError([replace(p, hint=IMPORT) for p in error.problems]) from error
+        raise
     number, line = next(((i, x) for i, x in numbered if not x.lstrip().startswith("#")), (1, ""))
     ours = [name for name in re.split(r"[;\t|,]", line.lower()) if _OURS.fullmatch(name.strip())]
     if line and len(ours) < 2:

@@ -17,6 +17,8 @@ from qsframework.plugin import Array
 
 _MOST_AGREE = 0.5
 """Share of the points that must agree with one frame before the others are called wrong one by one."""
+_FEWEST_AGREE = 4
+"""Any three points agree with some frame."""
 _NEAR = 1e-2
 """m: a point that another marker, pose or unit brings so near is probably that."""
 
@@ -81,7 +83,7 @@ def check_places(
         if fit is None:
             out.append(Placed(series, 0, 0.0, 0.0))
             continue
-        if fit.agrees.mean() < _MOST_AGREE:
+        if fit.agrees.mean() < _MOST_AGREE or fit.agrees.sum() < _FEWEST_AGREE:
             problems.append(_few_agree(own, fit, within))
             continue
         for k in np.flatnonzero(~fit.agrees).tolist():

@@ -22,6 +22,10 @@ _PLANNED = np.deg2rad(1.0)
 """An arm that stands farther from a planned angle does not stand at that pose."""
 
 
+_CLOCK = 0.25
+"""Share of the points above which the clocks are blamed, and not the points."""
+
+
 @dataclass(frozen=True, eq=False)
 class Stop:
     """A stretch of a log in which the arm stood still: rows, their first and last time (s), mean angles (n,)."""
@@ -189,6 +193,10 @@ def _clock_problems(
 ) -> list[Problem]:
     """What is wrong with each point, and first what the clocks have to do with it."""
     out = [point.problem(message, "time") for point, message in wrong]
+    if len(wrong) < _CLOCK * len(points):
+        return out
+    more = f"{len(wrong)} of {len(points)} points are like this one"
+    out = [replace(out[0], hint=more)] if len(wrong) > 1 else out
     windows = _windows(points, times, stops, campaign)
     where = log.sheet.where
     if not windows:

@@ -226,7 +226,7 @@ def _with(problem: Problem, option: str, value: str) -> Problem:
 def _no_pose(point: Point, campaign: Campaign) -> Problem:
     names = list(campaign.poses)
     said = point.said.pose or "_".join(point.said.unknown) or point.name
-    near = nearest(said, names)
+    near = nearest(said.lower(), names) or nearest(said, names)
     message = f"the name {point.name!r} says no pose of the plan"
     hint = near or "Say what its words mean, or which points to leave out."
     return _with(point.problem(message, allowed=_few(names), hint=hint), "word", "FOUND=POSE")

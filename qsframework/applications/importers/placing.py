@@ -12,7 +12,7 @@ from qsframework.elastostatics import make_model
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Frame
 from qsframework.experiment.frames import procrustes
-from qsframework.plugin import Array, Poses
+from qsframework.plugin import Array, Indices, Poses
 
 UNITS = {"mm": 1e-3, "m": 1.0, "inch": 0.0254, "cm": 1e-2, "um": 1e-6, "foot": 0.3048}
 """Units that trackers export, in m."""
@@ -127,26 +127,28 @@ def agreed_frame(there: Array, points: Array, within: float) -> Fit | None:
     if length < within or across < _FLAT * length:
         return None
     rng = np.random.default_rng(_SEED)
-    best = np.zeros(len(there), dtype=bool)
+    fit: Fit | None = None
     for _ in range(_DRAWS):
         three = rng.choice(len(there), 3, replace=False)
         own = _spread(there[three])
         if own[1] < 0.1 * own[0]:
             continue
-        frame = procrustes(there[three], points[three])
-        agrees = np.linalg.norm(points - frame.apply(there), axis=1) < within
-        best = agrees if agrees.sum() > best.sum() else best
-        if agrees.all():
+        found = _fit(there, points, three, within)
+        if fit is None or found.agrees.sum() > fit.agrees.sum():
+            fit = found
+        if found.agrees.all():
             break
-    fit = None
     for _ in range(3):
-        if best.sum() < 4:
-            return None
-        frame = procrustes(there[best], points[best])
-        off = np.linalg.norm(points - frame.apply(there), axis=1)
-        best = off < within
-        fit = Fit(frame, best, off)
+        if fit is not None and fit.agrees.sum() > 3:
+            fit = _fit(there, points, np.flatnonzero(fit.agrees), within)
     return fit
+
+
+def _fit(there: Array, points: Array, rows: Indices, within: float) -> Fit:
+    """The frame that suits these rows best, and how far all are off."""
+    frame = procrustes(there[rows], points[rows])
+    off = np.linalg.norm(points - frame.apply(there), axis=1)
+    return Fit(frame, off < within, off)
 
 
 def likely_unit(raw: Array, there: Array) -> str | None:
