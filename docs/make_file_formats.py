@@ -12,6 +12,7 @@ from typing import Any
 
 from qsframework import units
 from qsframework.applications import targets
+from qsframework.applications.importers.mapping import MappingSpec
 from qsframework.applications.task import CampaignSpec, MapSpec, PointSpec, TaskSpec
 from qsframework.experiment import example, load_experiment, plan, readings_table, spec as e
 from qsframework.experiment.columns import Column
@@ -37,6 +38,7 @@ MODELS: dict[str, type[FileModel]] = {
     "task.yaml, path": PointSpec,
     "task.yaml, map": MapSpec,
     "task.yaml, campaign": CampaignSpec,
+    "mapping.yaml": MappingSpec,
     "fit.json": FitSpec,
     "fit.json, estimates": EstimateSpec,
     "fit.json, masked": MaskedSpec,

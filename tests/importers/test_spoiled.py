@@ -361,7 +361,7 @@ def a_date_that_can_be_read_in_two_ways(c: Campaign) -> Made:
 @spoiled("points.csv, line 2, column time", "nothing says the unit of these times", "--unit s")
 def times_without_a_unit(c: Campaign) -> Made:
     rows = [[*row, str(i)] for i, row in enumerate(rows_of(c))]
-    return [c.write("points.csv", lines([[*HEAD, "time"], *rows]))]
+    return [c.write("points.csv", lines([[*HEAD, "time"], *rows])), "--map", "time=time"]
 
 
 @spoiled("the word 'ball' cannot mean this", "'m9'")

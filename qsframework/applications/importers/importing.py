@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -115,7 +116,7 @@ def import_readings(
     ours = [sheet for sheet in sheets if _is_ours(sheet, experiment)]
     if ours:
         return _rewritten(ours, sheets, experiment)
-    stated = Stated(wish.columns, units)
+    stated = Stated(wish.columns, units, wish.join == "time")
     joints = experiment.robot.facts.driven
     check_columns(sheets, wish.columns, len(joints))
     listings = _collected([partial(interpret, s, stated, joints) for s in sheets])
@@ -272,9 +273,7 @@ class _Import:
             return "columns"
         if self.log is None:
             if not campaign.poses:
-                where = ", ".join(li.sheet.where for li in self.lists)
-                message, hint = "nothing says at which angles the points were read", "Give a plan, or a joint log."
-                raise InputError(Problem(message, where, hint=hint, argument=("plan", "plan.csv")))
+                raise InputError(self._no_angles())
             return "plan"
         if self.wish.join:
             return self.wish.join
@@ -285,6 +284,17 @@ class _Import:
         raise InputError(
             Problem(message, self.log.sheet.where, self.log.sheet.header_line, hint=hint, argument=("join", "order"))
         )
+
+    def _no_angles(self) -> Problem:
+        """Nothing says the angles; where as many columns speak of joints as there are, these are proposed."""
+        where = ", ".join(li.sheet.where for li in self.lists)
+        message, hint = "nothing says at which angles the points were read", "Give a plan, or a joint log."
+        argument = ("plan", "plan.csv")
+        named = [name for name in self.lists[0].left if re.search("joint|wrist|elbow", name.lower())]
+        if len(named) == self.joints:
+            hint = "Give a plan, a joint log, or say which columns hold the angles."
+            argument = ("map", ",".join(f"q{k}={name}" for k, name in enumerate(named, start=1)))
+        return Problem(message, where, hint=hint, argument=argument)
 
     def _found_poses(self, lists: Sequence[Listing], naming: Naming, how: str) -> tuple[Campaign, list[Listing]]:
         """Poses out of the points' own angles, or of a log without names: called as the points say, else counted."""

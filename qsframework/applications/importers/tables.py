@@ -89,10 +89,14 @@ class Listing:
 
 @dataclass(frozen=True)
 class Stated:
-    """What the user says of the columns: a column's name or number by role; units by what they measure."""
+    """What the user says of the columns: a column's name or number by role; units by what they measure.
+
+    times: whether times are needed, and a column of them without a unit must not be left aside
+    """
 
     columns: Mapping[str, str]
     units: Mapping[str, str]
+    times: bool = False
 
 
 def stated_units(texts: Sequence[str]) -> dict[str, str]:
@@ -140,6 +144,9 @@ def interpret(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> Listing:
         elif role == "time":
             dates = [row.cells[roles["date"][0]] for row in sheet.rows] if "date" in roles else [""] * len(cells)
             unit, by = _unit("s", told, above, stated)
+            if not unit and NUMBER.fullmatch(cells[0]) and not stated.times and "time" not in stated.columns:
+                left.append(sheet.column(k))
+                continue
             numbers[role], clock = _times(sheet, k, cells, dates, unit, problems)
             taken.append(Taken(role, sheet.column(k), unit, by if unit else "format"))
         else:

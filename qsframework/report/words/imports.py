@@ -32,6 +32,7 @@ _SAID_BY = {
     "only": "there is only this",
     "order": "by the order",
     "place": "by its place",
+    "row": "by its row",
 }
 _ANGLES = {
     "plan": "as planned",
@@ -70,6 +71,8 @@ def point_table(found: Imported) -> Table:
 def _how(point: Point) -> str:
     """How pose, marker and state are known, each way once."""
     told = dict(point.by)
+    if told.get("pose") == "column" and point.listing.column("pose") is None:
+        told["pose"] = "name" if point.name else "row"
     parts = [f"{kind if kind != 'loaded' else 'state'} {_SAID_BY[by]}" for kind, by in told.items() if by in _SAID_BY]
     ways = {by for by in told.values()}
     return f"all {_SAID_BY[next(iter(ways))]}" if len(ways) == 1 and len(told) == 3 else ", ".join(parts)
