@@ -58,6 +58,7 @@ def run_import(files: ImportFiles, wish: ImportWish) -> None:
         frame_yaml,
         import_json,
         import_words,
+        missed_table,
         point_table,
         taken_table,
     )
@@ -83,6 +84,9 @@ def run_import(files: ImportFiles, wish: ImportWish) -> None:
     for said in import_words(found):
         print_folded(f"- {said}")
     for aligned in found.aligned:
+        if aligned.kind != UNLOADED:
+            missed = missed_table(aligned)
+            print_table(missed.header, missed.rows)
         for said in aligned_words(aligned):
             print_folded(f"- {said}")
         print("to state it in the experiment, where the series of the readings (--series) has that name:")

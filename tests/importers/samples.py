@@ -250,6 +250,24 @@ def fanuc_log(c: Campaign) -> Path:
     return c.write("fanuc_log.csv", lines([head, *rows]))
 
 
+def fanuc_positions(c: Campaign) -> Path:
+    """The positions of a FANUC listing, with the names that were given to them."""
+    out = ["/PROG  CAMPAIGN", "/POS"]
+    for i, (pose, angles) in enumerate(zip(c.plan.pose, DEGREES, strict=True), start=1):
+        axes = ", ".join(f"J{k}= {v:9.3f} deg" for k, v in enumerate(angles, start=1))
+        out += [f'P[{i}:"{pose}"]{{', "   GP1:", "  UF : 0, UT : 1,", f"  {axes}", "};"]
+    return c.write("campaign.ls", "\n".join([*out, "/END"]) + "\n")
+
+
+def kuka_positions(c: Campaign) -> Path:
+    """The points of a KUKA programme."""
+    rows = [
+        f"DECL E6AXIS X{pose.upper()}={{{','.join(f'A{k} {v:.3f}' for k, v in enumerate(angles, start=1))},E1 0.0}}"
+        for pose, angles in zip(c.plan.pose, DEGREES, strict=True)
+    ]
+    return c.write("campaign.dat", "\n".join(["&ACCESS RVO", "DEFDAT CAMPAIGN", *rows, "ENDDAT"]) + "\n")
+
+
 def kuka_log(c: Campaign) -> Path:
     """A trace as text: times of the day and $AXIS_ACT, separated by tabs."""
     head = ["Time", *(f"$AXIS_ACT.A{k}" for k in range(1, 7))]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,7 @@ from test_formats import equal, run, the_same
 from qsframework.applications.importers import ImportWish, import_readings
 from qsframework.applications.protocol import ProtocolWish, make_protocol, write_reading_file
 from qsframework.errors import InputError
-from qsframework.experiment import read_readings
+from qsframework.experiment import Frame, read_readings
 
 
 @pytest.fixture
@@ -110,6 +112,14 @@ def test_a_log_is_joined_by_its_names_without_a_plan(campaign: Campaign) -> None
     assert np.abs(np.rad2deg(found.poses.pendant) - DEGREES).max() < 1e-11
 
 
+@pytest.mark.parametrize("make", [samples.fanuc_positions, samples.kuka_positions])
+def test_taught_positions_are_a_log(make: Callable[[Campaign], Path], campaign: Campaign) -> None:
+    points = samples.polyworks(campaign)
+    printed = run(campaign, str(points), str(make(campaign)), "-p", str(campaign.folder / "plan.csv"))
+    assert "6 positions of a controller's programme" in printed
+    the_same(campaign)
+
+
 def test_a_log_is_joined_by_order(campaign: Campaign) -> None:
     rows = [[str(v) for v in d] for d in DEGREES]
     log = campaign.write("log.csv", samples.lines([["A1", "A2", "A3", "A4", "A5", "A6"], *rows]))
@@ -176,3 +186,78 @@ def test_the_frame_of_the_unloaded_readings_is_as_sure_as_it_says(campaign: Camp
         pulls.append(shift / found.sd[:3])
     spread = float(np.sqrt(np.mean(np.square(np.array(pulls) - np.mean(pulls, axis=0)))))
     assert 0.5 < spread < 1.1, "the noise of the samples themselves is drawn once, that added here every time"
+
+
+def test_what_was_taken_is_shown_before_anything_is_written(campaign: Campaign) -> None:
+    out = campaign.folder / "found.json"
+    plan = str(campaign.folder / "plan.csv")
+    printed = run(campaign, str(samples.polyworks(campaign)), "-p", plan, "--look", "--json", str(out))
+    assert not (campaign.folder / "imported.csv").exists()
+    for words in (
+        "Measured X",
+        "Nominal X",
+        "not used",
+        "P01_m1_unloaded",
+        "as the text above says",
+        "angles as planned",
+    ):
+        assert words in printed
+    told = json.loads(out.read_text())
+    assert told["files"][0]["not_used"] == ["Nominal X", "Nominal Y", "Nominal Z", "Dev 3D"]
+    assert len(told["points"]) == 24
+    assert told["points"][0]["line"] == 4
+    assert told["placed"][0]["rms"] < 2e-3
+
+
+def test_what_has_no_point_or_is_left_out_is_said(campaign: Campaign) -> None:
+    points = samples.half_named(campaign, "unloaded")
+    rows = [[r.name, *map(str, r.mm)] for r in campaign.readings[:22]] + [["Floor1", "1", "2", "3"]]
+    points.write_text(samples.lines([["name", "x_mm", "y_mm", "z_mm"], *rows]))
+    printed = run(campaign, str(points), "-p", str(campaign.folder / "plan.csv"), "--ignore", "Floor*")
+    assert "2 readings of the plan have no point: pose p06, marker m1, loaded; pose p06, marker m2, loaded" in printed
+    assert "left out as told: Floor1" in printed
+
+
+def test_a_mapping_is_kept_in_a_file(campaign: Campaign) -> None:
+    mapping = campaign.write(
+        "mapping.yaml", "columns: {name: Label1, x: Ost, y: Nord, z: Up}\nunits: [mm]\nnames: {WITH: loaded}\n"
+    )
+    rows = [[f"{r.pose} {r.marker} {'with' if r.loaded else 'free'}", *map(str, r.mm)] for r in campaign.readings]
+    points = campaign.write("points.csv", samples.lines([["Label1", "Ost", "Nord", "Up"], *rows]))
+    run(campaign, str(points), "-p", str(campaign.folder / "plan.csv"), "--mapping", str(mapping))
+    the_same(campaign)
+
+
+def test_a_workbook_without_openpyxl_says_what_to_install(campaign: Campaign, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = samples.workbook(campaign)
+    monkeypatch.setitem(sys.modules, "openpyxl", None)
+    with pytest.raises(InputError, match=r"qsframework\[excel\]"):
+        import_readings(campaign.experiment, [path], campaign.folder / "plan.csv")
+
+
+def test_what_somebody_changed_is_not_replaced(campaign: Campaign) -> None:
+    points, plan = str(samples.polyworks(campaign)), str(campaign.folder / "plan.csv")
+    run(campaign, points, "-p", plan)
+    run(campaign, points, "-p", plan)
+    written = campaign.folder / "imported.csv"
+    written.write_text(written.read_text().replace("m2", "m1", 1))
+    with pytest.raises(AssertionError, match="holds readings"):
+        run(campaign, points, "-p", plan)
+
+
+def test_two_stations_have_two_frames(campaign: Campaign) -> None:
+    """A column of stations makes series; each is held against the arm by itself."""
+    moved = Frame("B", FRAME.rotation @ FRAME.rotation, FRAME.origin + 1.0)
+    rows = []
+    for r in campaign.readings:
+        first = r.pose in ("p01", "p02", "p03")
+        base = (np.array(r.mm) / 1e3 - FRAME.origin) @ FRAME.rotation
+        mm = r.mm if first else tuple((1e3 * moved.apply(base)).tolist())
+        rows.append([r.name, "A" if first else "B", *map(repr, mm)])
+    points = campaign.write("points.csv", samples.lines([["name", "Station", "x_mm", "y_mm", "z_mm"], *rows]))
+    wish = ImportWish(columns={}, names={}, align="unloaded")
+    found = import_readings(campaign.experiment, [points], campaign.folder / "plan.csv", wish)
+    assert found.readings.frames == ("A", "B")
+    assert [p.count for p in found.placed] == [12, 12]
+    assert [a.frame.series for a in found.aligned] == ["A", "B"]
+    assert np.abs(found.aligned[1].frame.origin - moved.origin).max() < 5e-4

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +44,11 @@ class Campaign:
     exact: bool = False
     drive: Mapping[Slot, str] | None = None
     source: Path | None = None
+
+    @cached_property
+    def slots(self) -> frozenset[Slot]:
+        """What is to be measured, in no order."""
+        return frozenset(self.order)
 
     def with_poses(self, poses: Mapping[str, Array]) -> Campaign:
         """The same with the poses of a joint log, in its order."""

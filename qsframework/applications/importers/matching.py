@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from fnmatch import fnmatchcase
@@ -163,12 +164,13 @@ def match_names(points: Sequence[Point], campaign: Campaign, experiment: Experim
 def _gathered(problems: Sequence[Problem], points: Sequence[Point]) -> list[Problem]:
     """Where the names of a whole file lack the same thing, one problem in place of one for every point."""
     every: dict[tuple[str | None, str], list[Problem]] = {}
+    counts = Counter(p.listing.sheet.where for p in points)
     for problem in problems:
         kind = problem.message.replace(repr(_name_in(problem)), "...")
         every.setdefault((problem.file, kind), []).append(problem)
     out: list[Problem] = []
     for (file, _), own in every.items():
-        if len(own) > 1 and len(own) == sum(p.listing.sheet.where == file for p in points):
+        if len(own) > 1 and len(own) == counts[file or ""]:
             many = f"the same of all {len(own)} points of this file"
             hint = f"{own[0].hint} It is {many}." if own[0].hint else f"It is {many}."
             out.append(replace(own[0], hint=hint))
@@ -213,7 +215,7 @@ def _named(point: Point, campaign: Campaign, experiment: Experiment, problems: l
         return None
     load = _load(point, said.pose, said.load, campaign, problems) if loaded else ""
     slot = Slot(said.pose, marker, loaded, load, said.repeat or 1, said.cycle or 1)
-    if campaign.exact and len(problems) == before and slot not in campaign.order:
+    if campaign.exact and len(problems) == before and slot not in campaign.slots:
         hint = "Name repeats r2, r3 and cycles c2, c3, as the table to fill in counts them."
         problems.append(point.problem(f"the table to fill in has no {label(slot)}", hint=hint))
     return None if len(problems) > before else replace(point, slot=slot, by=tuple(by.items()))

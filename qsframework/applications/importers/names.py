@@ -10,7 +10,7 @@ from qsframework.applications.importers.campaign import Campaign
 from qsframework.applications.importers.vocabulary import LOADED, UNLOADED
 
 _TOKEN = re.compile(r"[^\W\d_]+\d*|\d+")
-_COUNT = re.compile(r"(r|rep|repeat|c|cycle)0*([1-9]\d?)")
+_COUNT = re.compile(r"(r|rep|repeat|c|cycle)0*([1-9]\d{0,4})")
 HALF = "half"
 """What says in a name that half of the load hung."""
 

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 
+from qsframework.applications.importers.positions import positions
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.columns import LARGEST, MOST_COLUMNS, MOST_LINES
 
@@ -46,7 +47,8 @@ class Row:
 class Sheet:
     """One table. header: its names, () where there is none; above: lines of text over it; decimal "" in a workbook.
 
-    separator: a key of SEPARATORS, "" in a workbook; encoding: of a text
+    separator: a key of SEPARATORS, "" in a workbook, "programme" of positions in a controller's programme
+    encoding: of a text
     """
 
     path: Path
@@ -99,6 +101,11 @@ def read_sheet(path: Path, sheet: str = "", separator: str = "", decimal: str = 
         hint = "Leave the sheet out."
         raise InputError(Problem("is a text, which has no sheets", str(path), found=repr(sheet), hint=hint))
     text, encoding = _decoded(path, content)
+    taught = positions(text)
+    if taught is not None:
+        header, found = taught
+        rows = tuple(Row(line, cells) for line, cells in found)
+        return Sheet(path, "", header, rows, separator="programme", decimal=".", encoding=encoding)
     return _text_sheet(path, text, encoding, separator, decimal)
 
 

@@ -109,6 +109,8 @@ def _few(names: Sequence[str]) -> str:
 
 
 def _sheet_words(sheet: Sheet) -> str:
+    if sheet.separator == "programme":
+        return f"{sheet.where}: {len(sheet.rows)} positions of a controller's programme, {sheet.encoding}, "
     if not sheet.separator:
         return f"{sheet.where}: {len(sheet.rows)} rows, "
     sign = "decimal comma" if sheet.decimal == "," else "decimal point"
@@ -148,6 +150,12 @@ def aligned_words(found: Aligned) -> tuple[str, ...]:
     if found.kind == "unloaded":
         said.append("what the nominal arm gets wrong is part of what they miss; a fit finds the frame with the rest")
     return tuple(said)
+
+
+def missed_table(found: Aligned) -> Table:
+    """What each known point misses."""
+    rows = tuple((n, f"{1e3 * m:.4f}") for n, m in zip(found.names, found.missed.tolist(), strict=True))
+    return Table(("known point", "misses, mm"), rows)
 
 
 def frame_yaml(found: Aligned) -> str:
