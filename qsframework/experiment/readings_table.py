@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,9 +12,11 @@ import numpy.typing as npt
 from qsframework.elastostatics import make_model
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.columns import (
+    IMPORT,
     MOST_PROBLEMS,
     Column,
     Table,
+    check_ours,
     degrees,
     number,
     read_table,
@@ -89,37 +90,6 @@ def holds_states(path: str | Path) -> bool:
     return "state" in names or any(name.startswith(("x_", "y_", "z_")) for name in names)
 
 
-IMPORT = "`qsf import EXPERIMENT FILE` makes readings of it."
-"""What to do with the file of another program."""
-_OURS = re.compile(r"pose|marker|state|(?:d?[xyz]|q\d+|f[xyz]|gauge)_\w+")
-"""Columns of which every table of readings has some."""
-
-
-def check_ours(path: Path) -> None:
-    """InputError, one for the file, where a table is of another program or saved by a spreadsheet in its own way."""
-    if not path.is_file():
-        return
-    with path.open("rb") as stream:
-        start = stream.read(8)
-    if start.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
-        raise InputError(Problem("is an Excel workbook, not a table of readings", str(path), hint=IMPORT))
-    if start.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise InputError(Problem("is a text in UTF-16, not a table of readings", str(path), hint=IMPORT))
-    try:
-        numbered = [(i, line) for i, line in enumerate(table_lines(path), start=1) if line.strip()]
-    except InputError as error:
-        if isinstance(error.__cause__, UnicodeDecodeError):  # as spreadsheets write it
-            raise InputError([replace(p, hint=IMPORT) for p in error.problems]) from error
-        raise
-    number, line = next(((i, x) for i, x in numbered if not x.lstrip().startswith("#")), (1, ""))
-    ours = [name for name in re.split(r"[;\t|,]", line.lower()) if _OURS.fullmatch(name.strip())]
-    if line and len(ours) < 2:
-        found = repr(line if len(line) <= 60 else line[:57] + "...")
-        message = "is no table of readings: its first line names none of the columns"
-        allowed = "pose, q1_deg, ..., marker, ..."
-        raise InputError(Problem(message, str(path), number, found=found, allowed=allowed, hint=IMPORT))
-
-
 def _header(path: Path) -> list[str]:
     lines = (line.strip() for line in table_lines(path))
     header = next((line for line in lines if line and not line.startswith("#")), "")
@@ -153,7 +123,7 @@ def read_readings(
 
 
 def _read(path: Path, experiment: Experiment, states: str | None) -> Part:
-    check_ours(path)
+    check_ours(path, "pose, q1_deg, ..., marker, ...")
     header = _header(path)
     of_states = holds_states(path)
     gauge = any(name.startswith("gauge_") for name in header)

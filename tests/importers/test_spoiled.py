@@ -408,13 +408,15 @@ def test_a_proposed_difference_of_the_clocks_is_right(tmp_path: Path) -> None:
 
 
 def test_tracker_files_in_place_of_readings_name_the_import(tmp_path: Path) -> None:
-    """`qsf check` and `qsf identify` say one thing of each such file, not one of each column."""
+    """Every command that reads tables says one thing of such a file, not one of each column."""
     c = samples.make_campaign(tmp_path)
     for name, (make, *_) in samples.FORMATS.items():
         experiment = tmp_path / "experiment.yaml"
         path = make(c)
         experiment.write_text(samples.EXPERIMENT + f"data: {path.name}\n")
-        for command in (["check", str(experiment)], ["identify", str(experiment)]):
+        plan = ["simulate", str(experiment), str(path), "-o", str(tmp_path / "simulated.csv")]
+        taken = ["design", str(experiment), "--taken", str(path), "-o", str(tmp_path / "other.csv")]
+        for command in (["check", str(experiment)], ["identify", str(experiment)], plan, taken):
             done = CliRunner().invoke(app, command)
             assert isinstance(done.exception, InputError), name
             (problem,) = done.exception.problems
