@@ -147,6 +147,25 @@ def a_workbook_that_defines_entities(c: Campaign) -> Made:
     return [path]
 
 
+@spoiled("points.xlsx", "unpacks to more than 200 MB")
+def a_workbook_that_swells(c: Campaign) -> Made:
+    path = samples.workbook(c)
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("xl/media/image1.xml", bytes(210_000_000))
+    return [path]
+
+
+@spoiled("points.xlsx, line", "a sheet is larger", "Split it")
+def a_workbook_with_a_cell_far_away(c: Campaign) -> Made:
+    import openpyxl
+
+    path = samples.workbook(c)
+    book = openpyxl.load_workbook(path)
+    book["Points"].cell(row=900_000, column=2, value=1.0)
+    book.save(path)
+    return [path]
+
+
 @spoiled("points.xls", "old Excel format", "Save it as .xlsx")
 def an_old_workbook(c: Campaign) -> Made:
     path = c.folder / "points.xls"

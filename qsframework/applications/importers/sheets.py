@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
+from typing import Any, cast
 
 from qsframework.applications.importers.positions import positions
 from qsframework.errors import InputError, Problem, nearest
@@ -31,8 +32,8 @@ _FEWEST = 3
 _TRIED = 2000
 """Lines from which the separator is told."""
 _OLD_EXCEL, _ZIP = b"\xd0\xcf\x11\xe0", b"PK\x03\x04"
-_UNPACKED = 400_000_000
-"""Bytes that a workbook may unpack to."""
+_UNPACKED, _MOST_CELLS = 200_000_000, 5_000_000
+"""Bytes that a workbook may unpack to, and cells of a sheet."""
 
 
 @dataclass(frozen=True)
@@ -294,8 +295,11 @@ def _sheets(path: Path) -> dict[str, list[Row]]:
         raise InputError(Problem("reading Excel workbooks needs openpyxl", str(path), hint=hint)) from error
     _check_archive(path)
     try:
-        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
-        out = {str(s.title): _rows(s.iter_rows(values_only=True, max_col=MOST_COLUMNS)) for s in book.worksheets}
+        book = cast("Any", openpyxl).load_workbook(path, read_only=True, data_only=True)
+        out: dict[str, list[Row]] = {}
+        for sheet in book.worksheets:
+            sheet.reset_dimensions()  # what the file says of its size need not be true
+            out[str(sheet.title)] = _rows(path, sheet.iter_rows(values_only=True))
         book.close()
     except InputError:
         raise
@@ -326,11 +330,15 @@ def _check_archive(path: Path) -> None:
         raise InputError(Problem("cannot be read as an Excel workbook", str(path), hint=hint)) from error
 
 
-def _rows(values: Iterable[Sequence[object]]) -> list[Row]:
+def _rows(path: Path, values: Iterable[Sequence[object]]) -> list[Row]:
     out: list[Row] = []
+    cells_read = 0
     for number, row in enumerate(values, start=1):
-        if number > MOST_LINES:
-            raise InputError(f"the workbook holds more than {MOST_LINES} rows; split it")
+        cells_read += len(row)
+        if number > MOST_LINES or len(row) > MOST_COLUMNS or cells_read > _MOST_CELLS:
+            allowed = f"{MOST_LINES} rows, {MOST_COLUMNS} columns, {_MOST_CELLS} cells"
+            hint = "Split it, or export the points as CSV."
+            raise InputError(Problem("a sheet is larger than that", str(path), number, allowed=allowed, hint=hint))
         cells = [_cell(v) for v in row]
         while cells and not cells[-1]:
             cells.pop()
