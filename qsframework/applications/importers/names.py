@@ -72,7 +72,7 @@ def vocabulary(campaign: Campaign, markers: Sequence[str], words: Mapping[str, s
             found[plain(word)] = list(target)
     longest = max((len(_TOKEN.findall(t)) for t in (*campaign.poses, *markers, *words)), default=1)
     loads_long = max((len(_TOKEN.findall(name)) for _, name in loads), default=1)
-    return Vocabulary({k: tuple(v) for k, v in found.items() if k}, max(longest, loads_long))
+    return Vocabulary({k: tuple(v) for k, v in found.items() if k}, max(longest, loads_long, 2))
 
 
 def decode(text: str, known: Vocabulary) -> Said:

@@ -16,8 +16,9 @@ PLAIN = ("group", "collection", *FOUND_BY, "series", "date")
 """Roles of words."""
 MEASURED = {"x": "m", "y": "m", "z": "m", "time": "s", "temperature": "K", "sigma": "m"}
 """Roles of numbers, with their SI unit; angles q1, q2, ... are beside them."""
-LOADED = ("loaded", "load", "l", "on", "weight", "belastet", "last")
-UNLOADED = ("unloaded", "noload", "u", "off", "free", "empty", "unbelastet", "ohne", "leer")
+LOADED = ("loaded", "belastet")
+UNLOADED = ("unloaded", "noload", "free", "empty", "unbelastet", "leer")
+"""Words that can mean nothing else: single letters, and words such as load and last, must be stated."""
 
 _FILLERS = """coord coordinate coordinates koordinate pos position point punkt value wert actual act measured meas
 measurement ist istwert mess messwert cartesian cart center centre tracker location"""
