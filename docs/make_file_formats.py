@@ -13,6 +13,7 @@ from typing import Any
 from qsframework import units
 from qsframework.applications import targets
 from qsframework.applications.certificate import DeviceSpec, MetaSpec, PartySpec
+from qsframework.applications.importers.mapping import MappingSpec
 from qsframework.applications.task import CampaignSpec, MapSpec, PointSpec, TaskSpec
 from qsframework.experiment import example, load_experiment, plan, readings_table, spec as e
 from qsframework.experiment.columns import Column
@@ -41,6 +42,7 @@ MODELS: dict[str, type[FileModel]] = {
     "meta.yaml": MetaSpec,
     "meta.yaml, calibration": PartySpec,
     "meta.yaml, robot and instrument": DeviceSpec,
+    "mapping.yaml": MappingSpec,
     "fit.json": FitSpec,
     "fit.json, estimates": EstimateSpec,
     "fit.json, masked": MaskedSpec,

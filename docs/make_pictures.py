@@ -71,7 +71,7 @@ def picture_of(robot: str, at: str, images: Path) -> None:
 
 
 def main(images: Path = HERE / "images") -> None:
-    """Design twelve poses for the M-900iB; picture the report, the plan in 3D, the sheet of the day, and other robots."""
+    """Design twelve poses for the M-900iB; picture report, plan in 3D and the sheet of the day; and other robots."""
     for robot, at in ROBOTS.items():
         picture_of(robot, at, images)
     with tempfile.TemporaryDirectory() as name:

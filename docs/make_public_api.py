@@ -47,6 +47,7 @@ PACKAGES: dict[str, tuple[str, ...]] = {
     "qsframework.discriminate": (),
     "qsframework.forecast": (),
     "qsframework.applications": (),
+    "qsframework.applications.importers": (),
     "qsframework.work": (),
     "qsframework.viz": ("Scene", "plan_scene", "residual_scene", "show_scene"),
 }

@@ -184,6 +184,82 @@ def protocol(
     run_protocol(experiment, plan, output, readings, wish)
 
 
+def import_files(
+    experiment: ExperimentFile,
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Point lists, and a joint log: CSV, text or Excel, as they were exported.", show_default=False
+        ),
+    ],
+    plan: Annotated[
+        Path | None, typer.Option("--plan", "-p", help="plan.csv, or the table to fill in of qsf protocol.")
+    ] = None,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The readings.")] = Path("readings.csv"),
+    columns: Annotated[
+        list[str] | None,
+        typer.Option("--map", help="ROLE=COLUMN, such as x=Xcoord, or x=3 where columns have no names (repeat)."),
+    ] = None,
+    mapping: Annotated[Path | None, typer.Option(help="YAML with columns, units and names.")] = None,
+    unit: Annotated[
+        list[str] | None, typer.Option(help="Unit of what the files do not say: mm, in, deg, ms (repeat).")
+    ] = None,
+    word: Annotated[
+        list[str] | None, typer.Option(help="FOUND=MEANT in names, such as WITH=loaded or ball1=m1 (repeat).")
+    ] = None,
+    match: Annotated[str, typer.Option(help="Points by their names, in the order of the plan, or nearest.")] = "names",
+    join: Annotated[
+        str | None, typer.Option(help="A joint log by its names, in the points' order, or by time.")
+    ] = None,
+    state: Annotated[str | None, typer.Option(help="Of points that do not say it: unloaded or loaded.")] = None,
+    series: Annotated[str, typer.Option(help="Name of the tracker's station.")] = "",
+    ignore: Annotated[
+        list[str] | None, typer.Option(help="Leave out points of this name, such as 'B*' (repeat).")
+    ] = None,
+    sheet: Annotated[str, typer.Option(help="Which sheet of a workbook.")] = "",
+    separator: Annotated[str, typer.Option(help="Between columns: ',', ';', '|', tab or space; else told.")] = "",
+    decimal: Annotated[str, typer.Option(help="Decimal sign: '.' or ','; else told from the numbers.")] = "",
+    clock: Annotated[float, typer.Option(help="Seconds by which the log's clock is ahead of the tracker's.")] = 0.0,
+    align: Annotated[
+        str, typer.Option(help="Tracker to base: from the 'unloaded' readings, or a file of known points, base frame.")
+    ] = "",
+    within: Annotated[float, typer.Option(help="mm that a point may lie from where its pose puts the marker.")] = 50.0,
+    look: Annotated[bool, typer.Option("--look", help="Show what is taken for what, and write nothing.")] = False,
+    json: Json = None,
+    trust: Trust = False,
+) -> None:
+    """Make readings of a tracker's export: show what was taken for what, then write the table."""
+    from qsframework.applications.importers import ImportWish
+    from qsframework.cli.importing import ImportFiles, columns_of, run_import, words_of
+
+    wish = ImportWish(
+        columns=columns_of(columns or ()),
+        units=tuple(unit or ()),
+        names=words_of(word or ()),
+        match=match,
+        join=join or "",
+        state=state or "",
+        series=series,
+        ignore=tuple(ignore or ()),
+        sheet=sheet,
+        separator=separator,
+        decimal=decimal,
+        clock=clock,
+        align=align,
+        within=1e-3 * within,
+    )
+    paths = ImportFiles(
+        experiment=experiment,
+        files=tuple(files),
+        plan=plan,
+        mapping=mapping,
+        output=output,
+        json=json,
+        look=look,
+    )
+    run_import(paths, wish)
+
+
 def compare(
     robots: Annotated[list[str], typer.Argument(help="Two or more robots, by name or folder.", show_default=False)],
     task: Annotated[Path, typer.Option(help="task.yaml: path, map and campaign.", show_default=False)],
@@ -220,5 +296,8 @@ def new(
 
 def add_commands(app: typer.Typer) -> None:
     """Register the commands."""
-    for command in (compensate, kinematics, certificate, export, protocol, compare, new):
+    for command in (compensate, kinematics, certificate, export, protocol):
+        app.command()(command)
+    app.command("import")(import_files)
+    for command in (compare, new):
         app.command()(command)

@@ -7,7 +7,7 @@ import io
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +30,12 @@ _GREATEST = 1e15
 _TRUE, _FALSE = ("1", "true", "yes"), ("0", "false", "no")
 _MEASURED = ("dx", "dy", "dz", "x", "y", "z", "gauge", "ux", "uy", "uz", "sigma")
 """Columns that may hold anything in a row that is masked (use = 0): that is why it is masked."""
+
+
+IMPORT = "`qsf import EXPERIMENT FILE` makes readings of it."
+"""What to do with the file of another program."""
+_OURS = re.compile(r"pose|target|marker|state|reflector|load|(?:d?[xyz]|q\d+|f[xyz]|gauge)_\w+")
+"""Columns of which every table of ours has some."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +67,38 @@ class Table:
     problems: list[Problem]
 
 
-def read_table(path: str | Path, columns: Sequence[Column], robot: str) -> Table:
-    """Read a table. InputError at once where its header is wrong; problems in cells are collected."""
+def check_ours(path: Path, allowed: str) -> None:
+    """InputError, one for the file, where a table is of another program or saved by a spreadsheet in its own way."""
+    if not path.is_file():
+        return
+    with path.open("rb") as stream:
+        start = stream.read(8)
+    if start.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
+        raise InputError(Problem("is an Excel workbook, not a table in CSV", str(path), hint=IMPORT))
+    if start.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise InputError(Problem("is a text in UTF-16, not in UTF-8", str(path), hint=IMPORT))
+    try:
+        numbered = [(i, line) for i, line in enumerate(table_lines(path), start=1) if line.strip()]
+    except InputError as error:
+        if isinstance(error.__cause__, UnicodeDecodeError):  # as spreadsheets write it
+            raise InputError([replace(p, hint=IMPORT) for p in error.problems]) from error
+        raise
+    number, line = next(((i, x) for i, x in numbered if not x.lstrip().startswith("#")), (1, ""))
+    ours = [name for name in re.split(r"[;\t|,]", line.lower()) if _OURS.fullmatch(name.strip())]
+    if line and len(ours) < 2:
+        found = repr(line if len(line) <= 60 else line[:57] + "...")
+        message = "is no table of ours: its first line names none of the columns"
+        raise InputError(Problem(message, str(path), number, found=found, allowed=allowed, hint=IMPORT))
+
+
+def read_table(path: str | Path, columns: Sequence[Column], robot: str, foreign: str | None = None) -> Table:
+    """Read a table. InputError at once where its header is wrong; problems in cells are collected.
+
+    foreign: what to do with a table whose columns another sign separates, of a file that `check_ours` has passed
+    """
     path = Path(path)
+    if foreign is None:
+        check_ours(path, ", ".join(c.stem for c in columns if c.required) or columns[0].stem)
     lines = [(i, line) for i, line in enumerate(table_lines(path), start=1) if line.strip()]
     _check_robot(path, lines, robot)
     lines, problems = _without_comments(path, lines)
@@ -71,7 +106,7 @@ def read_table(path: str | Path, columns: Sequence[Column], robot: str) -> Table
         raise InputError(
             Problem("is empty", file=str(path), allowed=", ".join(c.spelling() for c in columns if c.required))
         )
-    parsed = _cells(path, lines)
+    parsed = _cells(path, lines, foreign)
     header = [cell.strip() for cell in parsed[0][1]]
     if len(header) > MOST_COLUMNS:
         raise InputError(Problem(f"holds more than {MOST_COLUMNS} columns", file=str(path), line=parsed[0][0]))
@@ -151,7 +186,7 @@ def _without_comments(path: Path, lines: list[tuple[int, str]]) -> tuple[list[tu
     return [(i, line) for i, line in lines[start:] if i not in left_out], problems[:MOST_PROBLEMS]
 
 
-def _cells(path: Path, lines: list[tuple[int, str]]) -> list[tuple[int, list[str]]]:
+def _cells(path: Path, lines: list[tuple[int, str]], foreign: str | None = None) -> list[tuple[int, list[str]]]:
     """Line number and cells of every line."""
     reader = csv.reader(io.StringIO("\n".join(line for _, line in lines)))
     out: list[tuple[int, list[str]]] = []
@@ -166,7 +201,8 @@ def _cells(path: Path, lines: list[tuple[int, str]]) -> list[tuple[int, list[str
     for sign, name in ((";", "';'"), ("\t", "a tab")):
         if len(header) == 1 and header[0].count(sign) > 1:
             message = f"the columns are separated by {name}"
-            raise InputError(Problem(message, str(path), number, allowed="a comma between columns, a point in numbers"))
+            allowed = "a comma between columns, a point in numbers"
+            raise InputError(Problem(message, str(path), number, allowed=allowed, hint=foreign))
     return out
 
 

@@ -6,6 +6,7 @@ import csv
 import hashlib
 import json
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from qsframework.experiment.setup import Experiment
 from qsframework.files import read_text, sha256, write_text
 from qsframework.files.formats import FORMAT
 
-_MARK = "simulated: "
+_MARK, _IMPORTED = "simulated: ", "imported: "
 _TYPED = re.compile(r"(d?[xyz]|time|time_unloaded|temperature|temperature_unloaded)_.*")
 """Columns that are filled in on the measuring day."""
 
@@ -37,6 +38,11 @@ def write_simulated(path: str | Path, readings: Readings, experiment: Experiment
     return beside
 
 
+def write_imported(path: str | Path, header: Sequence[str], rows: Sequence[Sequence[str]], robot: str) -> None:
+    """Write a table that was made of other files; a comment says so with its hash, as long as nobody changes it."""
+    write_table(path, header, rows, [f"robot: {robot}", f"{_IMPORTED}{_hash(table_text(header, rows))}"])
+
+
 def _hash(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -44,11 +50,12 @@ def _hash(text: str) -> str:
 def measured_rows(path: Path) -> int:
     """Rows of a table in which a position, a displacement, a time or a temperature stands, whatever separates them.
 
-    0 where there is no file, or an untouched one of `qsf simulate`. InputError where the file is no text.
+    0 where there is no file, or an untouched one of `qsf simulate` or `qsf import`.
+    InputError where the file is no text.
     """
     if not path.is_file():
         return 0
-    marked = re.search(rf"^# {_MARK}(\w+)\n", text := read_text(path, LARGEST), re.MULTILINE)
+    marked = re.search(rf"^# (?:{_MARK}|{_IMPORTED})(\w+)\n", text := read_text(path, LARGEST), re.MULTILINE)
     if marked and marked[1] == _hash(text[marked.end() :]):
         return 0
     lines = [line for line in table_lines(path) if line.strip() and not line.startswith("#")]

@@ -12,9 +12,11 @@ import numpy.typing as npt
 from qsframework.elastostatics import make_model
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.columns import (
+    IMPORT,
     MOST_PROBLEMS,
     Column,
     Table,
+    check_ours,
     degrees,
     number,
     read_table,
@@ -72,6 +74,16 @@ def _columns(experiment: Experiment, states: bool, gauge: bool) -> list[Column]:
     ]
 
 
+def state_columns(experiment: Experiment) -> list[Column]:
+    """What a file of states may hold."""
+    return _columns(experiment, True, False)
+
+
+def displacement_columns(experiment: Experiment) -> list[Column]:
+    """What a file of displacements may hold."""
+    return _columns(experiment, False, False)
+
+
 def holds_states(path: str | Path) -> bool:
     """Whether a file is one of states: its header has a column `state` or a position."""
     names = _header(Path(path))
@@ -111,10 +123,11 @@ def read_readings(
 
 
 def _read(path: Path, experiment: Experiment, states: str | None) -> Part:
+    check_ours(path, "pose, q1_deg, ..., marker, ...")
     header = _header(path)
     of_states = holds_states(path)
     gauge = any(name.startswith("gauge_") for name in header)
-    table = read_table(path, _columns(experiment, of_states, gauge), experiment.robot.name)
+    table = read_table(path, _columns(experiment, of_states, gauge), experiment.robot.name, IMPORT)
     found = _Rows.of(table, experiment, of_states)
     made = found.of_states(experiment) if of_states else found.of_displacements(experiment)
     made = replace(made, made=_made(path))

@@ -1,0 +1,127 @@
+"""What was to be measured: poses with their angles, loads and their order, from a plan or a table to fill in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from qsframework.errors import InputError, Problem
+from qsframework.experiment import Experiment, Plan, read_plan
+from qsframework.experiment.columns import read_table, table_lines
+from qsframework.experiment.plan import limit_problems
+from qsframework.experiment.readings_table import STATES, counts, state_columns
+from qsframework.plugin import Array
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One reading of one marker at one state; load_id "" where unloaded or where a pose has one load."""
+
+    pose: str
+    marker: str
+    loaded: bool
+    load_id: str = ""
+    repeat: int = 1
+    cycle: int = 1
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Campaign:
+    """poses: pendant angles (n,) rad by name; loads: wrenches (6,) by pose and load; order: what is read after what.
+
+    names: what the load of a pose is called, by pose and load_id; drive: of each slot, where the table says it;
+    exact: whether `order` is what is to be measured to the last reading, and not only once for each repeat
+    """
+
+    poses: Mapping[str, Array]
+    loads: Mapping[str, Mapping[str, Array]]
+    order: tuple[Slot, ...]
+    names: Mapping[str, Mapping[str, str]]
+    exact: bool = False
+    drive: Mapping[Slot, str] | None = None
+    source: Path | None = None
+
+    @cached_property
+    def slots(self) -> frozenset[Slot]:
+        """What is to be measured, in no order."""
+        return frozenset(self.order)
+
+    def with_poses(self, poses: Mapping[str, Array]) -> Campaign:
+        """The same with the poses of a joint log, in its order."""
+        return replace(self, poses=poses)
+
+
+EMPTY = Campaign(poses={}, loads={}, order=(), names={})
+
+
+def read_campaign(path: Path, experiment: Experiment) -> Campaign:
+    """A plan.csv, or the table of states that `qsf protocol` writes."""
+    header = next((line for line in table_lines(path) if line.strip() and not line.lstrip().startswith("#")), "")
+    if "state" in [name.strip() for name in header.split(",")]:
+        return _of_table(path, experiment)
+    return of_plan(read_plan(path, experiment), experiment, path)
+
+
+def of_plan(plan: Plan, experiment: Experiment, path: Path | None = None) -> Campaign:
+    """Every pose unloaded and then loaded, all markers each time, as often as the plan repeats it."""
+    markers = [m.name for m in experiment.markers]
+    order = tuple(
+        Slot(pose, marker, loaded, repeat=repeat)
+        for pose, repeats, wrench in zip(plan.pose, plan.repeats, plan.wrench, strict=True)
+        for repeat in range(1, repeats + 1)
+        for loaded in ((False, True) if np.any(wrench) else (False,))
+        for marker in markers
+    )
+    return Campaign(
+        poses=dict(zip(plan.pose, plan.pendant, strict=True)),
+        loads={p: {"": w} for p, w in zip(plan.pose, plan.wrench, strict=True) if np.any(w)},
+        order=order,
+        names={p: {"": name} for p, name in zip(plan.pose, plan.load, strict=True)},
+        source=path,
+    )
+
+
+def _of_table(path: Path, experiment: Experiment) -> Campaign:
+    table = read_table(path, state_columns(experiment), experiment.robot.name)
+    n = experiment.robot.controller.axes
+    pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(n)], axis=1)
+    unfilled = {table.names.get(a) for a in ("x", "y", "z")}
+    problems = [p for p in table.problems if p.column not in unfilled]
+    problems += limit_problems(table, pendant, experiment)
+    zero = np.zeros(len(table.rows))
+    wrench = np.nan_to_num(np.stack([table.numbers.get(c, zero) for c in ("fx", "fy", "fz", "mx", "my", "mz")], axis=1))
+    if "state" not in table.texts or any(s not in STATES for s in table.texts["state"]):
+        problems.append(Problem("a state is neither unloaded nor loaded", str(path), column="state"))
+    if problems:
+        raise InputError(problems)
+    loads = table.texts.get("load_id", [""] * len(table.rows))
+    slots = [
+        Slot(pose, marker, state == "loaded", load, repeat, cycle)
+        for pose, marker, state, load, repeat, cycle in zip(
+            table.texts["pose"],
+            table.texts["marker"],
+            table.texts["state"],
+            loads,
+            counts(table, "repeat"),
+            counts(table, "cycle"),
+            strict=True,
+        )
+    ]
+    wrenches: dict[str, dict[str, Array]] = {}
+    for slot, force in zip(slots, wrench, strict=True):
+        if slot.loaded:
+            wrenches.setdefault(slot.pose, {}).setdefault(slot.load_id, force)
+    drives = table.texts.get("drive_state")
+    return Campaign(
+        poses=dict(zip(reversed([s.pose for s in slots]), reversed(list(pendant)), strict=True)),
+        loads=wrenches,
+        order=tuple(slots),
+        names={pose: {load: load for load in own} for pose, own in wrenches.items()},
+        exact=True,
+        drive=None if drives is None else dict(zip(slots, drives, strict=True)),
+        source=path,
+    )

@@ -1,0 +1,461 @@
+"""`import_readings`: other programs' files to the readings of a campaign, with all that was taken for what."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from qsframework.applications.importers.campaign import EMPTY, Campaign, Slot, read_campaign
+from qsframework.applications.importers.checking import Placed, check_places, check_units
+from qsframework.applications.importers.joining import (
+    JOINS,
+    check_planned,
+    join_order,
+    join_time,
+    names_of,
+    poses_of,
+)
+from qsframework.applications.importers.matching import (
+    MATCHES,
+    Naming,
+    Point,
+    check_twice,
+    match_names,
+    match_nearest,
+    match_order,
+    read_points,
+)
+from qsframework.applications.importers.names import plain
+from qsframework.applications.importers.placing import Aligned, align, marker_places
+from qsframework.applications.importers.sheets import Sheet, read_sheet
+from qsframework.applications.importers.tables import Listing, Stated, check_columns, interpret, stated_units
+from qsframework.applications.importers.vocabulary import own_columns
+from qsframework.applications.importers.writing import readings_rows, rewritten_rows
+from qsframework.errors import InputError, Problem, nearest
+from qsframework.experiment import Experiment, Frame, Readings, read_readings
+from qsframework.experiment.columns import table_text
+from qsframework.experiment.readings_table import displacement_columns, state_columns
+from qsframework.files import write_text
+from qsframework.plugin import Array
+
+T = TypeVar("T")
+UNLOADED = "unloaded"
+"""Alignment by the campaign's own unloaded readings."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportWish:
+    """What the user says. columns: a column's name or number by role; units: of what nobody else says; names:
+    found=meant in names; match: how points find their readings; join: how a joint log is joined, "" by its names if it
+    has any; state: of points that do not say it; ignore: patterns of points' names; sheet, separator, decimal: of the
+    files; clock: s, the log's clock minus the tracker's; align: "", "unloaded" or a file of known points, base frame;
+    within: m, how far a point may lie from where its pose puts its marker
+    """
+
+    columns: Mapping[str, str]
+    units: tuple[str, ...] = ()
+    names: Mapping[str, str]
+    match: str = "names"
+    join: str = ""
+    state: str = ""
+    series: str = ""
+    ignore: tuple[str, ...] = ()
+    sheet: str = ""
+    separator: str = ""
+    decimal: str = ""
+    clock: float = 0.0
+    align: str = ""
+    within: float = 0.05
+
+
+PLAIN_WISH = ImportWish(columns={}, names={})
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Imported:
+    """What was taken for what. files: point lists, logs and known points; points: with their slots, in the order of the
+    table; angles: where they are from, "plan", "columns", "names", "order" or "time"
+
+    missing: readings of the plan that no point is of; ignored: points left out; placed: by series how the points lie to
+    the arm; aligned: frames; header and rows: the table; readings: the table, read back
+    """
+
+    files: tuple[Listing, ...]
+    points: tuple[Point, ...]
+    match: str
+    angles: str
+    campaign: Campaign
+    missing: tuple[Slot, ...]
+    ignored: tuple[Point, ...]
+    known: tuple[Point, ...]
+    placed: tuple[Placed, ...]
+    aligned: tuple[Aligned, ...]
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    readings: Readings
+    sheets: tuple[Sheet, ...] = ()
+
+
+def import_readings(
+    experiment: Experiment, files: Sequence[Path], plan: Path | None = None, wish: ImportWish = PLAIN_WISH
+) -> Imported:
+    """Readings from point lists and joint logs; plan: a plan.csv or the table of states to fill in.
+
+    InputError with file, row, what was found and what to state, wherever two readings of the files are possible.
+    """
+    _check_wish(wish)
+    units = stated_units(wish.units)
+    sheets = _collected([partial(read_sheet, p, wish.sheet, wish.separator, wish.decimal) for p in files])
+    ours = [sheet for sheet in sheets if _is_ours(sheet, experiment)]
+    if ours:
+        return _rewritten(ours, sheets, experiment)
+    stated = Stated(wish.columns, units, wish.join == "time")
+    joints = experiment.robot.facts.driven
+    check_columns(sheets, wish.columns, len(joints))
+    listings = _collected([partial(interpret, s, stated, joints) for s in sheets])
+    lists, logs = [li for li in listings if li.is_points], [li for li in listings if not li.is_points]
+    if not lists:
+        where = ", ".join(s.where for s in sheets)
+        raise InputError(Problem("no file holds points", where, hint="Name the tracker's export beside the joint log."))
+    if len(logs) > 1:
+        where = ", ".join(li.sheet.where for li in logs)
+        raise InputError(Problem("several joint logs", where, hint="Join them into one file, or import day by day."))
+    known = None if wish.align in ("", UNLOADED) else _known(Path(wish.align), wish, stated, joints)
+    return _Import(experiment, lists, logs[0] if logs else None, known, plan, wish).run()
+
+
+def _collected(calls: Sequence[Callable[[], T]]) -> list[T]:
+    """What each call gives; InputError with the problems of all."""
+    out: list[T] = []
+    problems: list[Problem] = []
+    for call in calls:
+        try:
+            out.append(call())
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    return out
+
+
+def _check_wish(wish: ImportWish) -> None:
+    problems = [
+        Problem(f"unknown way to {what}", found=repr(value), allowed=", ".join(allowed), hint=nearest(value, allowed))
+        for what, value, allowed in (("match points", wish.match, MATCHES), ("join a log", wish.join, JOINS))
+        if value and value not in allowed
+    ]
+    if not 0.0 < wish.within < 100.0:
+        problems.append(
+            Problem("the distance within which a point fits", found=f"{wish.within:g} m", allowed="0 to 100 m")
+        )
+    if problems:
+        raise InputError(problems)
+
+
+def _is_ours(sheet: Sheet, experiment: Experiment) -> bool:
+    columns = (state_columns(experiment), displacement_columns(experiment))
+    return any(own_columns(sheet.header, own) for own in columns)
+
+
+def _known(path: Path, wish: ImportWish, stated: Stated, joints: Sequence[str]) -> Listing:
+    """A file of known points in the base frame."""
+    listing = interpret(read_sheet(path, "", wish.separator, wish.decimal), stated, joints)
+    if not listing.is_points or "name" not in listing.texts:
+        raise InputError(Problem("known points have a name and x, y, z in the base frame", str(path)))
+    if not listing.unit:
+        hint = "Write it into the heading, as x_mm."
+        raise InputError(Problem("nothing says the unit of the known points", str(path), hint=hint))
+    names = [plain(n) for n in listing.texts["name"]]
+    twice = [i for i, n in enumerate(names) if n in names[:i]]
+    if twice:
+        raise InputError([listing.problem(i, "name", "this name stands here twice") for i in twice])
+    return listing
+
+
+def _rewritten(ours: Sequence[Sheet], sheets: Sequence[Sheet], experiment: Experiment) -> Imported:
+    """One of our own tables that a spreadsheet saved with its separator and decimal sign."""
+    if len(sheets) > 1:
+        where = ", ".join(s.where for s in ours)
+        raise InputError(Problem("is a table of readings already; import it by itself", where))
+    sheet = ours[0]
+    of_states = "state" in sheet.header
+    columns = state_columns(experiment) if of_states else displacement_columns(experiment)
+    rows = rewritten_rows(sheet, columns)
+    readings = _read_back(sheet.header, rows, experiment, [(sheet.where, r.line) for r in sheet.rows], {})
+    return Imported(
+        files=(),
+        points=(),
+        match="columns",
+        angles="columns",
+        campaign=EMPTY,
+        missing=(),
+        ignored=(),
+        known=(),
+        placed=(),
+        aligned=(),
+        header=sheet.header,
+        rows=tuple(tuple(row) for row in rows),
+        readings=readings,
+        sheets=(sheet,),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Import:
+    """The steps of one import."""
+
+    experiment: Experiment
+    lists: list[Listing]
+    log: Listing | None
+    known: Listing | None
+    plan: Path | None
+    wish: ImportWish
+
+    @property
+    def joints(self) -> int:
+        return self.experiment.robot.controller.axes
+
+    def run(self) -> Imported:
+        wish, experiment = self.wish, self.experiment
+        campaign = EMPTY if self.plan is None else read_campaign(self.plan, experiment)
+        naming = Naming(wish.names, wish.state, wish.series, wish.ignore)
+        lists = self.lists
+        how = self._join(campaign, naming)
+        logged: list[str] = []
+        if self.log is not None and how == "names":
+            logged = names_of(self.log, campaign, dict(wish.names))
+            if not campaign.poses:
+                campaign = campaign.with_poses(poses_of(self.log, logged, self.joints))
+        if not campaign.poses:
+            campaign, lists = self._found_poses(lists, naming, how)
+        points, ignored = read_points(lists, campaign, experiment, naming)
+        points, seen = self._parted(points)
+        if not points:
+            raise InputError(Problem("no point is left to take", ", ".join(li.sheet.where for li in lists)))
+        aligned = self._known_frame(seen)
+        points = self._matched(points, campaign, aligned)
+        pendant = self._angles(points, campaign, how, logged)
+        check_units(points, pendant, experiment)
+        placed = check_places(points, pendant, campaign, experiment, wish.within)
+        if wish.align == UNLOADED:
+            aligned = self._unloaded_frames(points, pendant)
+        header, rows = readings_rows(points, pendant, campaign)
+        origins = [(p.listing.sheet.where, p.line) for p in points]
+        readings = _read_back(header, rows, experiment, origins, _sources(points))
+        files = (*lists, *(x for x in (self.log, self.known) if x is not None))
+        slots = {p.slot for p in points}
+        return Imported(
+            files=files,
+            points=tuple(points),
+            match=wish.match,
+            angles=how,
+            campaign=campaign,
+            missing=tuple(s for s in campaign.order if s not in slots),
+            ignored=tuple(ignored),
+            known=tuple(seen),
+            placed=placed,
+            aligned=aligned,
+            header=tuple(header),
+            rows=tuple(tuple(r) for r in rows),
+            readings=readings,
+        )
+
+    def _join(self, campaign: Campaign, naming: Naming) -> str:
+        """Where the angles are from."""
+        if all("q1" in li.numbers for li in self.lists):
+            return "columns"
+        if self.log is None:
+            if not campaign.poses:
+                raise InputError(self._no_angles())
+            return "plan"
+        if self.wish.join:
+            return self.wish.join
+        if any(names_of(self.log, campaign, dict(naming.names))):
+            return "names"
+        message = "nothing says how the rows of this joint log belong to the points: it names no pose"
+        hint = "State it: in their order, or by the time of every point."
+        raise InputError(
+            Problem(message, self.log.sheet.where, self.log.sheet.header_line, hint=hint, argument=("join", "order"))
+        )
+
+    def _no_angles(self) -> Problem:
+        """Nothing says the angles; where as many columns speak of joints as there are, these are proposed."""
+        where = ", ".join(li.sheet.where for li in self.lists)
+        message, hint = "nothing says at which angles the points were read", "Give a plan, or a joint log."
+        argument = ("plan", "plan.csv")
+        named = [name for name in self.lists[0].left if re.search("joint|wrist|elbow", name.lower())]
+        if len(named) == self.joints:
+            hint = "Give a plan, a joint log, or say which columns hold the angles."
+            argument = ("map", ",".join(f"q{k}={name}" for k, name in enumerate(named, start=1)))
+        return Problem(message, where, hint=hint, argument=argument)
+
+    def _found_poses(self, lists: Sequence[Listing], naming: Naming, how: str) -> tuple[Campaign, list[Listing]]:
+        """Poses out of the points' own angles, or of a log without names: called as the points say, else counted."""
+        points, _ = read_points(lists, EMPTY, self.experiment, naming)
+        stops: list[int] = []
+        if how == "columns":
+            angles = np.vstack([a for li in lists if (a := li.angles(self.joints)) is not None])
+            every, _ = read_points(lists, EMPTY, self.experiment, replace(naming, ignore=()))
+            points = every
+        elif self.log is not None and how == "order":
+            angles = join_order(points, self.log, self.joints)
+        else:
+            assert self.log is not None
+            angles, stops = join_time(points, self.log, self.joints, self.wish.clock, EMPTY)
+        poses: dict[str, Array] = {}
+        named: dict[tuple[int, int], str] = {}
+        problems: list[Problem] = []
+        for i, (point, own) in enumerate(zip(points, angles, strict=True)):
+            counted = f"s{stops[i]:02d}" if stops else str(i + 1)
+            name = point.said.pose or "_".join(point.said.unknown) or counted
+            if name in poses and np.abs(poses[name] - own).max() > 1e-3:
+                hint = "Let the names, or a column, tell the poses apart."
+                problems.append(point.problem(f"pose {name!r} has other angles than above", "name", hint=hint))
+            poses.setdefault(name, own)
+            named[id(point.listing), point.row] = name
+        if problems:
+            raise InputError(problems)
+        out = [
+            replace(li, texts={**li.texts, "pose": tuple(named.get((id(li), i), "") for i in range(len(li)))})
+            for li in lists
+        ]
+        return EMPTY.with_poses(poses), out
+
+    def _parted(self, points: Sequence[Point]) -> tuple[list[Point], list[Point]]:
+        """Points of the campaign, and those that are known points."""
+        names = set[str]() if self.known is None else {plain(n) for n in self.known.texts["name"]}
+        is_known = [bool({plain(p.name), plain(p.name.rpartition("::")[2])} & names) for p in points]
+        return (
+            [p for p, k in zip(points, is_known, strict=True) if not k],
+            [p for p, k in zip(points, is_known, strict=True) if k],
+        )
+
+    def _known_frame(self, seen: Sequence[Point]) -> tuple[Aligned, ...]:
+        """The frame of every series from the known points in it."""
+        if self.known is None:
+            return ()
+        places = dict(zip(map(plain, self.known.texts["name"]), self.known.xyz(), strict=True))
+        out: list[Aligned] = []
+        for series in dict.fromkeys(p.series for p in seen) or ("",):
+            own = [p for p in seen if p.series == series]
+            _need_unit(own)
+            keys = [plain(p.name) if plain(p.name) in places else plain(p.name.rpartition("::")[2]) for p in own]
+            there = np.array([places[k] for k in keys]).reshape(-1, 3)
+            points = np.array([p.listing.xyz()[p.row] for p in own]).reshape(-1, 3)
+            names = tuple(p.name for p in own)
+            found = align("known", there, points, names, series, self.known.sheet.where)
+            worst = int(np.argmax(found.missed))
+            if found.missed[worst] > self.wish.within:
+                message = f"the known point {names[worst]!r} does not lie where it should beside the others"
+                size, most = f"{1e3 * found.missed[worst]:.1f} mm off", f"up to {1e3 * self.wish.within:g} mm"
+                hint = "Look at its name, the units of both files and the order of x, y, z."
+                raise InputError(own[worst].problem(message, found=size, allowed=most, hint=hint))
+            out.append(found)
+        return tuple(out)
+
+    def _matched(self, points: list[Point], campaign: Campaign, aligned: Sequence[Aligned]) -> list[Point]:
+        if self.wish.match == "order":
+            found = match_order(points, campaign)
+            check_twice(found)
+            return found
+        if self.wish.match == "names":
+            return match_names(points, campaign, self.experiment)
+        out: list[Point] = []
+        for series in dict.fromkeys(p.series for p in points):
+            own = [p for p in points if p.series == series]
+            _need_unit(own)
+            frame = self._frame(series, aligned)
+            out += match_nearest(own, campaign, self.experiment, frame, self.wish.within)
+        return out
+
+    def _frame(self, series: str, aligned: Sequence[Aligned]) -> Frame:
+        for found in (*(a.frame for a in aligned), *self.experiment.frames):
+            if found.series == series:
+                return found
+        message = f"the nearest prediction needs the tracker's frame{f' of series {series!r}' if series else ''}"
+        hint = "Give known points in the base frame, or state frames: in the experiment and name the series."
+        raise InputError(Problem(message, str(self.experiment.path), hint=hint, argument=("align", "known.csv")))
+
+    def _angles(self, points: Sequence[Point], campaign: Campaign, how: str, logged: Sequence[str]) -> Array:
+        """Pendant angles (N, n) rad of every point."""
+        planned = np.stack([campaign.poses[p.slot.pose] for p in points if p.slot is not None])
+        if self.log is None or how in ("plan", "columns"):
+            return planned
+        if how == "names":
+            own = poses_of(self.log, logged, self.joints)
+            lost = [p for p in points if p.slot is not None and p.slot.pose not in own]
+            if lost:
+                message = "the joint log has no row of this pose"
+                raise InputError([p.problem(message, found=p.slot.pose if p.slot else None) for p in lost])
+            found = np.stack([own[p.slot.pose] for p in points if p.slot is not None])
+        elif how == "order":
+            found = join_order(points, self.log, self.joints)
+        else:
+            found, _ = join_time(points, self.log, self.joints, self.wish.clock, campaign)
+        check_planned(points, found, campaign, self.log)
+        return found
+
+    def _unloaded_frames(self, points: Sequence[Point], pendant: Array) -> tuple[Aligned, ...]:
+        """The frame of every series from its unloaded markers."""
+        places = marker_places(self.experiment, pendant)
+        markers = [m.name for m in self.experiment.markers]
+        out: list[Aligned] = []
+        for series in dict.fromkeys(p.series for p in points):
+            rows = [(i, p, p.slot) for i, p in enumerate(points) if p.series == series and p.slot is not None]
+            rows = [(i, p, s) for i, p, s in rows if not s.loaded]
+            there = np.array([places[i, markers.index(s.marker)] for i, _, s in rows]).reshape(-1, 3)
+            seen = np.array([p.listing.xyz()[p.row] for _, p, _ in rows]).reshape(-1, 3)
+            where = ", ".join(dict.fromkeys(p.listing.sheet.where for p in points))
+            names = tuple(p.name or str(p.line) for _, p, _ in rows)
+            out.append(align(UNLOADED, there, seen, names, series, where))
+        return tuple(out)
+
+
+def _need_unit(points: Sequence[Point]) -> None:
+    for point in points:
+        if not point.listing.unit:
+            sheet = point.listing.sheet
+            message, hint = "nothing says the unit of the coordinates", "State it."
+            column = point.listing.column("x")
+            raise InputError(
+                Problem(message, sheet.where, sheet.header_line, column, hint=hint, argument=("unit", "mm"))
+            )
+
+
+def _sources(points: Sequence[Point]) -> dict[str, str]:
+    """What a column of the written table is called in the first point list."""
+    listing = points[0].listing
+    own = {t.role: t.column for t in listing.taken}
+    pairs = {f"{a}_mm": own.get(a) for a in "xyz"} | {"pose": own.get("name"), "marker": own.get("name")}
+    return {k: v for k, v in pairs.items() if v is not None}
+
+
+def _read_back(
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    experiment: Experiment,
+    origins: Sequence[tuple[str, int]],
+    columns: Mapping[str, str],
+) -> Readings:
+    """The table as our own reader reads it; its problems told at the rows from which they come."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "readings.csv"
+        write_text(path, table_text(header, rows))
+        try:
+            return read_readings(path, experiment, "positions" if "state" in header else None)
+        except InputError as error:
+            raise InputError([_at_origin(p, str(path), origins, columns) for p in error.problems]) from None
+
+
+def _at_origin(problem: Problem, path: str, origins: Sequence[tuple[str, int]], columns: Mapping[str, str]) -> Problem:
+    row = None if problem.line is None else problem.line - 2
+    file, line = origins[row] if row is not None and 0 <= row < len(origins) else (origins[0][0], None)
+    column = None if problem.column is None else columns.get(problem.column, problem.column)
+    return replace(problem, message=problem.message.replace(path, file), file=file, line=line, column=column)

@@ -1,0 +1,250 @@
+"""Angles from a joint log: by the names of its rows, by the order, or by the time of every point."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from qsframework.applications.importers.campaign import Campaign, Slot
+from qsframework.applications.importers.matching import Point, label
+from qsframework.applications.importers.names import decode, plain, vocabulary
+from qsframework.applications.importers.tables import Listing
+from qsframework.errors import InputError, Problem
+from qsframework.experiment.columns import MOST_PROBLEMS
+from qsframework.plugin import Array
+
+JOINS = ("names", "order", "time")
+_STILL = np.deg2rad(0.02)
+"""An arm whose angles change by less stands still; controllers show hundredths."""
+_PLANNED = np.deg2rad(1.0)
+"""An arm that stands farther from a planned angle does not stand at that pose."""
+
+
+_CLOCK = 0.25
+"""Share of the points above which the clocks are blamed, and not the points."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stop:
+    """A stretch of a log in which the arm stood still: rows, their first and last time (s), mean angles (n,)."""
+
+    first: int
+    last: int
+    start: float
+    end: float
+    pendant: Array
+
+
+def names_of(log: Listing, campaign: Campaign, words: dict[str, str]) -> list[str]:
+    """The pose that each row of a log names, as the plan calls it where there is one; "" where it names none."""
+    role = next((r for r in ("pose", "name") if r in log.texts), None)
+    if role is None:
+        return [""] * len(log)
+    known = vocabulary(campaign, (), words)
+    out: list[str] = []
+    for cell in log.texts[role]:
+        own = [value for kind, value in known.meanings.get(plain(cell), ()) if kind == "pose"]
+        out.append(own[0] if own else (decode(cell, known).pose or ("" if campaign.poses else cell)))
+    return out
+
+
+def poses_of(log: Listing, names: Sequence[str], joints: int) -> dict[str, Array]:
+    """The poses of a log that names them. InputError where one name stands for different angles."""
+    angles = log.angles(joints)
+    assert angles is not None
+    out: dict[str, Array] = {}
+    lines: dict[str, int] = {}
+    problems: list[Problem] = []
+    for i, name in enumerate(names):
+        if not name:
+            continue
+        if name in out and np.abs(out[name] - angles[i]).max() > _STILL:
+            turned = np.rad2deg(np.abs(out[name] - angles[i]).max())
+            message = f"pose {name!r} stands here with other angles than in line {lines[name]}"
+            hint = "Name the second pose differently, or join the log by time or by order."
+            problem = log.problem(i, "q1", message, found=f"up to {turned:.3g} deg", hint=hint)
+            problems.append(replace(problem, argument=("join", "order")))
+        out.setdefault(name, angles[i])
+        lines.setdefault(name, log.sheet.rows[i].line)
+    if problems:
+        raise InputError(problems[:MOST_PROBLEMS])
+    return out
+
+
+def join_order(points: Sequence[Point], log: Listing, joints: int) -> Array:
+    """Angles (N, joints): the k-th row is of the k-th point, or of the k-th visit (points one after the other at a
+    pose and repeat). InputError where the rows are as many as neither."""
+    angles = log.angles(joints)
+    assert angles is not None
+    visit: list[int] = []
+    last: object = None
+    for point in points:
+        key = (point.slot.pose, point.slot.repeat) if point.slot is not None else point.said.pose
+        visit.append((visit[-1] if visit else -1) + (key != last or not visit or key is None))
+        last = key
+    count = visit[-1] + 1 if visit else 0
+    if len(log) == len(points):
+        return angles
+    if len(log) == count:
+        return angles[visit]
+    found, allowed = f"{len(log)} rows", f"{len(points)}, one for each point, or {count}, one for each visit"
+    hint = "Cut the log to the readings, or join it by time or by names."
+    problem = Problem("the log has another number of rows than there are points", log.sheet.where, found=found)
+    raise InputError(replace(problem, allowed=allowed, hint=hint, argument=("join", "time")))
+
+
+def stops_of(log: Listing, joints: int) -> list[Stop]:
+    """Where the arm stood still, in the order of time. InputError where times are missing or run backwards."""
+    angles, times = log.angles(joints), log.numbers.get("time")
+    assert angles is not None
+    if times is None:
+        hint = "Join it by order or by names, or say which column holds the time."
+        message = "the log has no column of times"
+        raise InputError(
+            Problem(message, log.sheet.where, log.sheet.header_line, hint=hint, argument=("join", "order"))
+        )
+    back = np.flatnonzero(np.diff(times) < 0.0)
+    if len(back):
+        i = int(back[0]) + 1
+        message, hint = "the log's clock runs backwards here", "Cut the log there: two runs are two logs."
+        raise InputError(log.problem(i, "time", message, hint=hint))
+    out: list[Stop] = []
+    first = 0
+    for i in range(1, len(log) + 1):
+        if i == len(log) or np.abs(angles[i] - angles[first]).max() > _STILL:
+            if i - first > 1:
+                own = angles[first:i]
+                mean = own[0] + (own - own[0]).mean(axis=0)
+                out.append(Stop(first, i - 1, float(times[first]), float(times[i - 1]), mean))
+            first = i
+    return out
+
+
+def join_time(
+    points: Sequence[Point], log: Listing, joints: int, clock: float, campaign: Campaign
+) -> tuple[Array, list[int]]:
+    """Angles (N, joints) of the stop in which each point was read, and the stop's number.
+
+    clock: s, the log's clock minus the tracker's. InputError where a point has no time, where the arm moved or the log
+    says nothing then, or stood elsewhere than the plan has it; proposes a difference of the clocks that puts all right,
+    and says where none does.
+    """
+    stops = stops_of(log, joints)
+    times = _times(points, log)
+    if not stops:
+        message = "nowhere in this log does the arm stand still for two rows"
+        hint = "A log that is joined by time is written all the time; join one row for each pose by order or names."
+        raise InputError(Problem(message, log.sheet.where, hint=hint, argument=("join", "order")))
+    starts = np.array([s.start for s in stops])
+    place: list[int] = (np.searchsorted(starts, times + clock, side="right") - 1).tolist()
+    wrong: list[tuple[Point, str]] = []
+    for point, k, t in zip(points, place, (times + clock).tolist(), strict=True):
+        at = f"{t:.3f} s by the log's clock"
+        stop = stops[k] if k >= 0 else None
+        if stop is None or t > stop.end:
+            outside = stop is None or k == len(stops) - 1
+            wrong.append((point, f"the log says nothing at {at}" if outside else f"the arm moves at {at}"))
+        elif _elsewhere(point, stop, campaign):
+            wrong.append((point, f"the arm does not stand at pose {_pose(point)} at {at}"))
+    if wrong:
+        raise InputError(_clock_problems(wrong, points, times, stops, log, campaign))
+    return np.stack([stops[k].pendant for k in place]), [k + 1 for k in place]
+
+
+def _pose(point: Point) -> str | None:
+    return point.slot.pose if point.slot is not None else point.said.pose
+
+
+def _elsewhere(point: Point, stop: Stop, campaign: Campaign) -> bool:
+    planned = campaign.poses.get(_pose(point) or "")
+    return planned is not None and bool(np.abs(stop.pendant - planned).max() > _PLANNED)
+
+
+def _times(points: Sequence[Point], log: Listing) -> Array:
+    """Times (N,) s of the points, counted from what the log's are."""
+    problems: list[Problem] = []
+    for listing in dict.fromkeys(p.listing for p in points):
+        where, line = listing.sheet.where, listing.sheet.header_line
+        if "time" not in listing.numbers:
+            hint = "Join by order or by names, or say which column holds the time."
+            problems.append(
+                Problem("the points have no column of times", where, line, hint=hint, argument=("join", "order"))
+            )
+        elif listing.clock != log.clock and "count" not in (listing.clock, log.clock):
+            hint = "Export both with the date, or join by order or by names."
+            message = "the points' times and the log's are of different kinds: one has the date, the other not"
+            problems.append(
+                Problem(message, where, line, listing.column("time"), hint=hint, argument=("join", "order"))
+            )
+    if problems:
+        raise InputError(problems)
+    return np.array([p.listing.numbers["time"][p.row] for p in points])
+
+
+def _clock_problems(
+    wrong: Sequence[tuple[Point, str]],
+    points: Sequence[Point],
+    times: Array,
+    stops: Sequence[Stop],
+    log: Listing,
+    campaign: Campaign,
+) -> list[Problem]:
+    """What is wrong with each point, and first what the clocks have to do with it."""
+    out = [point.problem(message, "time") for point, message in wrong]
+    if len(wrong) < _CLOCK * len(points):
+        return out
+    more = f"{len(wrong)} of {len(points)} points are like this one"
+    out = [replace(out[0], hint=more)] if len(wrong) > 1 else out
+    windows = _windows(points, times, stops, campaign)
+    where = log.sheet.where
+    if not windows:
+        message = "the clocks of tracker and controller do not fit"
+        found = f"points from {times.min():.3f} to {times.max():.3f} s, "
+        found += f"log from {stops[0].start:.3f} to {stops[-1].end:.3f} s"
+        hint = "State their difference, the log's minus the tracker's."
+        return [Problem(message, where, found=found, hint=hint, argument=("clock", "SECONDS")), *out]
+    low, high = max(w[1] for w in windows), min(w[2] for w in windows)
+    if low <= high:
+        message = f"the log's clock seems to be {0.5 * (low + high):.3f} s ahead of the tracker's"
+        hint = f"From {low:.3f} to {high:.3f} s every point falls into a stop at its pose."
+        return [Problem(message, where, hint=hint, argument=("clock", f"{0.5 * (low + high):.3f}")), *out]
+    first, last = min(windows, key=lambda w: w[0]), max(windows, key=lambda w: w[0])
+    told = f"{first[1]:.3f} to {first[2]:.3f} s at the first point, {last[1]:.3f} to {last[2]:.3f} s at the last"
+    message = "the clocks of tracker and controller run apart: no one difference suits all points"
+    hint = "Join by order or by names, or import the stretches between two settings of the clocks one by one."
+    return [Problem(message, where, found=told, hint=hint, argument=("join", "order")), *out]
+
+
+def _windows(
+    points: Sequence[Point], times: Array, stops: Sequence[Stop], campaign: Campaign
+) -> list[tuple[float, float, float]]:
+    """Time of each point whose planned pose the log holds once, and the least and largest difference of the clocks
+    that puts the point there."""
+    out: list[tuple[float, float, float]] = []
+    for point, t in zip(points, times.tolist(), strict=True):
+        if _pose(point) not in campaign.poses:
+            continue
+        own = [s for s in stops if not _elsewhere(point, s, campaign)]
+        if len(own) == 1:
+            out.append((t, own[0].start - t, own[0].end - t))
+    return out
+
+
+def check_planned(points: Sequence[Point], pendant: Array, campaign: Campaign, log: Listing) -> None:
+    """InputError where the log's angles are not those of the planned pose."""
+    problems: list[Problem] = []
+    for point, angles in zip(points, pendant, strict=True):
+        planned = campaign.poses.get(_pose(point) or "")
+        if planned is None:
+            continue
+        off = np.rad2deg(np.abs(angles - planned))
+        if off.max() > np.rad2deg(_PLANNED):
+            k = int(np.argmax(off))
+            what = label(point.slot) if isinstance(point.slot, Slot) else point.name
+            message = f"{what}: the log has joint {k + 1} {off[k]:.3g} deg from where the plan puts it"
+            hint = f"Is {log.sheet.path.name} of this campaign, in this order, in this unit?"
+            problems.append(point.problem(message, hint=hint))
+    if problems:
+        raise InputError(problems[:MOST_PROBLEMS])

@@ -1,0 +1,368 @@
+"""Which reading of which state every point is: by its name, by the order, or by what it lies nearest to."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, replace
+from fnmatch import fnmatchcase
+
+import numpy as np
+
+from qsframework.applications.importers.campaign import Campaign, Slot
+from qsframework.applications.importers.names import HALF, Said, Vocabulary, decode, plain, vocabulary
+from qsframework.applications.importers.placing import marker_places
+from qsframework.applications.importers.tables import Listing
+from qsframework.applications.protocol import HALF as HALF_LOAD
+from qsframework.errors import InputError, Problem, nearest
+from qsframework.experiment import Experiment, Frame
+from qsframework.experiment.columns import MOST_PROBLEMS
+
+MATCHES = ("names", "order", "nearest")
+_APART = 3.0
+"""The second nearest marker is this many times as far away as the nearest, or nothing is taken."""
+
+
+@dataclass(frozen=True)
+class Naming:
+    """What the user says of names. names: found=meant; state: of every point, or ""; ignore: patterns of names."""
+
+    names: Mapping[str, str]
+    state: str = ""
+    series: str = ""
+    ignore: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Point:
+    """A row of a point list: its name, and what that says; series "" where none is named; slot: what it was taken as.
+
+    by: for pose, marker and state, what said it: "name", "column", "file", "stated", "only", "order",
+    "place", "log"
+    """
+
+    listing: Listing
+    row: int
+    name: str
+    said: Said
+    _: KW_ONLY
+    series: str = ""
+    slot: Slot | None = None
+    by: tuple[tuple[str, str], ...] = ()
+
+    def problem(self, message: str, role: str = "name", **more: str | None) -> Problem:
+        """A problem of this point."""
+        return self.listing.problem(self.row, role, message, **more)
+
+    @property
+    def line(self) -> int:
+        """Line in the file."""
+        return self.listing.sheet.rows[self.row].line
+
+
+def read_points(
+    listings: Sequence[Listing], campaign: Campaign, experiment: Experiment, naming: Naming
+) -> tuple[list[Point], list[Point]]:
+    """The points of the files in their order, and those that were to be ignored."""
+    markers = [m.name for m in experiment.markers]
+    known = vocabulary(campaign, markers, naming.names)
+    _check_words(naming, known, campaign, markers)
+    points: list[Point] = []
+    ignored: list[Point] = []
+    for listing in listings:
+        sheet = listing.sheet
+        around = decode(f"{sheet.path.stem} {sheet.name}", known)
+        for i in range(len(listing)):
+            parts = [listing.texts[r][i] for r in ("collection", "group", "name") if r in listing.texts]
+            name = "::".join(p for p in parts if p)
+            point = _point(listing, i, name, around, known, naming)
+            label = parts[-1] if parts else ""
+            skip = any(fnmatchcase(text, pattern) for pattern in naming.ignore for text in (name, label))
+            (ignored if skip else points).append(point)
+    return points, ignored
+
+
+def _check_words(naming: Naming, known: Vocabulary, campaign: Campaign, markers: Sequence[str]) -> None:
+    allowed = [*campaign.poses, *markers, "loaded", "unloaded"]
+    wrong = [
+        Problem(
+            f"the word {word!r} cannot mean this",
+            found=repr(meant),
+            allowed=_few(allowed),
+            hint=nearest(meant, allowed),
+        )
+        for word, meant in naming.names.items()
+        if plain(meant) not in known.meanings
+    ]
+    if naming.state not in ("", "loaded", "unloaded"):
+        hint = nearest(naming.state, ("loaded", "unloaded"))
+        wrong.append(Problem("no such state", found=repr(naming.state), allowed="unloaded, loaded", hint=hint))
+    if wrong:
+        raise InputError(wrong)
+
+
+def _few(names: Sequence[str]) -> str:
+    """A list that fits on a line or two."""
+    return ", ".join(names) if len(names) <= 16 else ", ".join([*names[:14], f"... and {len(names) - 14} more"])
+
+
+def _point(listing: Listing, i: int, name: str, around: Said, known: Vocabulary, naming: Naming) -> Point:
+    """What the columns, then the name, then the file and the sheet, then the user say of a row."""
+    said = decode(name, known)
+    by = {kind: "name" for kind in ("pose", "marker", "loaded") if getattr(said, kind) is not None}
+    for role, cells in listing.texts.items():
+        if role in ("pose", "marker", "state", "load_id", "repeat", "cycle") and cells[i]:
+            told = decode(cells[i], known)
+            said, kind = _of_column(said, role, cells[i], told, known)
+            by[kind] = "column"
+    if said.loaded is None and around.loaded is not None:
+        said = replace(said, loaded=around.loaded, load=said.load or around.load)
+        by["loaded"] = "file"
+    if said.repeat is None and around.repeat is not None:
+        said = replace(said, repeat=around.repeat)
+    if said.loaded is None and naming.state:
+        said = replace(said, loaded=naming.state == "loaded")
+        by["loaded"] = "stated"
+    series = listing.texts["series"][i] if "series" in listing.texts else naming.series
+    return Point(listing, i, name, said, series=series, by=tuple(by.items()))
+
+
+def _of_column(said: Said, role: str, cell: str, told: Said, known: Vocabulary) -> tuple[Said, str]:
+    """What a column of its own says."""
+    several = tuple(s for s in said.several if not s.startswith(("pose" if role == "pose" else role,)))
+    said = replace(said, several=several)
+    if role in ("pose", "marker"):
+        meant = [value for kind, value in known.meanings.get(plain(cell), ()) if kind == role]
+        return replace(said, **{role: meant[0] if len(meant) == 1 else cell}), role
+    if role == "state":
+        return replace(said, loaded=told.loaded, load=said.load or told.load), "loaded"
+    if role == "load_id":
+        return replace(said, load=told.load or cell), "load"
+    count = int(cell) if cell.isdecimal() else None
+    return replace(said, **{role: count}), role
+
+
+def match_names(points: Sequence[Point], campaign: Campaign, experiment: Experiment) -> list[Point]:
+    """Each point as what its name says. InputError where names say too little, too much or what there is not."""
+    bare = [p for p in points if not p.name and "pose" not in p.listing.texts]
+    if bare:
+        hint = "Match the points by order or by what they are nearest to, or say which column holds the names."
+        problem = bare[0].problem(f"{len(bare)} points have no names, of which this is the first", "x", hint=hint)
+        raise InputError(_with(problem, "match", "order"))
+    problems: list[Problem] = []
+    out: list[Point] = []
+    for point in points:
+        found = _named(point, campaign, experiment, problems)
+        if found is not None:
+            out.append(found)
+    if problems:
+        raise InputError(_gathered(problems, points)[:MOST_PROBLEMS])
+    check_twice(out)
+    return out
+
+
+def _gathered(problems: Sequence[Problem], points: Sequence[Point]) -> list[Problem]:
+    """Where the names of a whole file lack the same thing, one problem in place of one for every point."""
+    every: dict[tuple[str | None, str], list[Problem]] = {}
+    counts = Counter(p.listing.sheet.where for p in points)
+    for problem in problems:
+        kind = problem.message.replace(repr(_name_in(problem)), "...")
+        every.setdefault((problem.file, kind), []).append(problem)
+    out: list[Problem] = []
+    for (file, _), own in every.items():
+        if len(own) > 1 and len(own) == counts[file or ""]:
+            many = f"the same of all {len(own)} points of this file"
+            hint = f"{own[0].hint} It is {many}." if own[0].hint else f"It is {many}."
+            out.append(replace(own[0], hint=hint))
+        else:
+            out += own
+    return sorted(out, key=lambda p: (p.file or "", p.line or 0))
+
+
+def _name_in(problem: Problem) -> str:
+    """The point's name that a message quotes."""
+    parts = problem.message.split("'")
+    return parts[1] if len(parts) > 2 else ""
+
+
+def _named(point: Point, campaign: Campaign, experiment: Experiment, problems: list[Problem]) -> Point | None:
+    said, by = point.said, dict(point.by)
+    markers = [m.name for m in experiment.markers]
+    before = len(problems)
+    if said.several:
+        hint = "Let columns say pose and marker, or rename the point."
+        problems.append(
+            point.problem(f"the name {point.name!r} says more than one thing", found="; ".join(said.several), hint=hint)
+        )
+    if said.pose is None or said.pose not in campaign.poses:
+        problems.append(_no_pose(point, campaign))
+    marker = said.marker
+    if marker is None and len(markers) == 1:
+        marker, by["marker"] = markers[0], "only"
+    if marker is None or marker not in markers:
+        what = "says no marker" if marker is None else f"says a marker that the experiment has not, {marker!r}"
+        hint = nearest(marker or (said.unknown or ("",))[0], markers)
+        message = f"the name {point.name!r} {what}"
+        problems.append(_with(point.problem(message, allowed=_few(markers), hint=hint), "word", "FOUND=MARKER"))
+    loaded = said.loaded
+    if loaded is None and not campaign.loads and not experiment.has_load:
+        loaded, by["loaded"] = False, "only"
+    if loaded is None:
+        message = f"nothing says whether {point.name!r} was read loaded or unloaded"
+        hint = "Say it of all points, or say which word means it."
+        problems.append(_with(point.problem(message, allowed="unloaded, loaded", hint=hint), "state", "unloaded"))
+    if len(problems) > before or said.pose is None or marker is None or loaded is None:
+        return None
+    load = _load(point, said.pose, said.load, campaign, problems) if loaded else ""
+    slot = Slot(said.pose, marker, loaded, load, said.repeat or 1, said.cycle or 1)
+    if campaign.exact and len(problems) == before and slot not in campaign.slots:
+        hint = "Name repeats r2, r3 and cycles c2, c3, as the table to fill in counts them."
+        problems.append(point.problem(f"the table to fill in has no {label(slot)}", hint=hint))
+    return None if len(problems) > before else replace(point, slot=slot, by=tuple(by.items()))
+
+
+def _with(problem: Problem, option: str, value: str) -> Problem:
+    return replace(problem, argument=(option, value))
+
+
+def _no_pose(point: Point, campaign: Campaign) -> Problem:
+    names = list(campaign.poses)
+    said = point.said.pose or "_".join(point.said.unknown) or point.name
+    near = nearest(said.lower(), names) or nearest(said, names)
+    message = f"the name {point.name!r} says no pose of the plan"
+    hint = near or "Say what its words mean, or which points to leave out."
+    return _with(point.problem(message, allowed=_few(names), hint=hint), "word", "FOUND=POSE")
+
+
+def _load(point: Point, pose: str, said: str, campaign: Campaign, problems: list[Problem]) -> str:
+    """The load_id at a pose that a name means."""
+    own = list(campaign.loads.get(pose, {}))
+    names = campaign.names.get(pose, {})
+    fits = own
+    if said == HALF:
+        fits = [i for i in own if i.startswith(HALF_LOAD)]
+    elif said:
+        fits = [i for i in own if said in (i, names.get(i))]
+    if len(fits) == 1:
+        return fits[0]
+    told = ", ".join(names.get(i) or i for i in own)
+    if not own:
+        message, hint = f"no load is known at pose {pose!r}", "Give the plan or the table that says it."
+        problems.append(_with(point.problem(message, hint=hint), "plan", "plan.csv"))
+    elif not fits:
+        problems.append(point.problem(f"pose {pose!r} has no load {said!r}", allowed=told))
+    else:
+        hint = "Let the name say which one."
+        problems.append(point.problem(f"several loads hung at pose {pose!r}", found=told, hint=hint))
+    return ""
+
+
+def label(slot: Slot) -> str:
+    """A slot in words."""
+    more = f", load {slot.load_id}" if slot.load_id else ""
+    more += f", repeat {slot.repeat}" if slot.repeat > 1 else ""
+    more += f", cycle {slot.cycle}" if slot.cycle > 1 else ""
+    return f"pose {slot.pose}, marker {slot.marker}, {'loaded' if slot.loaded else 'unloaded'}{more}"
+
+
+def check_twice(points: Sequence[Point]) -> None:
+    """InputError where two points were taken for one reading of one marker."""
+    first: dict[tuple[str, Slot | None], Point] = {}
+    problems: list[Problem] = []
+    for point in points:
+        other = first.setdefault((point.series, point.slot), point)
+        if other is point or point.slot is None:
+            continue
+        apart = float(np.linalg.norm(point.listing.xyz()[point.row] - other.listing.xyz()[other.row]))
+        size = f"{apart * 1e3:.3g} mm apart" if point.listing.unit else f"{apart:.4g} apart"
+        where = (
+            f"line {other.line}"
+            if other.listing is point.listing
+            else f"{other.listing.sheet.where}, line {other.line}"
+        )
+        message = f"two points for one marker: {label(point.slot)} stands in {where} too, {size}"
+        hint = f"Delete or ignore one, or end the name of the second reading with r{point.slot.repeat + 1}."
+        problems.append(point.problem(message, found=repr(point.name), hint=hint))
+    if problems:
+        raise InputError(problems[:MOST_PROBLEMS])
+
+
+def match_order(points: Sequence[Point], campaign: Campaign) -> list[Point]:
+    """The k-th point as the k-th reading of the plan. InputError where they are not as many, or names contradict."""
+    files = ", ".join(dict.fromkeys(p.listing.sheet.where for p in points))
+    if not campaign.order:
+        message, hint = "an order needs a plan, or the table that qsf protocol writes", "Give it."
+        raise InputError(Problem(message, files, hint=hint, argument=("plan", "plan.csv")))
+    if len(points) != len(campaign.order):
+        told = f"{len(points)} points"
+        allowed = f"{len(campaign.order)} readings, as in {campaign.source}"
+        hint = "Name the points, or export exactly those of the campaign; points on the floor can be ignored."
+        problem = Problem("the points are not as many as the readings of the plan", files, found=told, allowed=allowed)
+        raise InputError(_with(replace(problem, hint=hint), "ignore", "PATTERN"))
+    problems: list[Problem] = []
+    out: list[Point] = []
+    for point, slot in zip(points, campaign.order, strict=True):
+        said = point.said
+        pairs = ((said.pose, slot.pose), (said.marker, slot.marker), (said.loaded, slot.loaded))
+        if any(told is not None and told != meant for told, meant in pairs):
+            message = f"by the order this is {label(slot)}, but it is named {point.name!r}"
+            hint = "Put the points in the order of the plan, or match them by their names."
+            problems.append(_with(point.problem(message, hint=hint), "match", "names"))
+        out.append(replace(point, slot=slot, by=(("pose", "order"), ("marker", "order"), ("loaded", "order"))))
+    if problems:
+        raise InputError(problems[:MOST_PROBLEMS])
+    return out
+
+
+def match_nearest(
+    points: Sequence[Point], campaign: Campaign, experiment: Experiment, frame: Frame, within: float
+) -> list[Point]:
+    """Each point as the marker and pose that it lies nearest to, in a frame that is known.
+
+    The state cannot be told from a place: a load moves a marker less than the arm errs. InputError where it is not
+    said, where nothing is near (m), or where two are about as near.
+    """
+    poses = list(campaign.poses)
+    markers = [m.name for m in experiment.markers]
+    if not poses:
+        hint = "Give a plan, or a joint log with the names of the poses."
+        raise InputError(Problem("the nearest pose needs poses", hint=hint, argument=("plan", "plan.csv")))
+    pendant = np.stack([campaign.poses[p] for p in poses])
+    there = frame.apply(marker_places(experiment, pendant)).reshape(-1, 3)
+    problems: list[Problem] = []
+    out: list[Point] = []
+    for point in points:
+        at = point.listing.xyz()[point.row]
+        off = np.linalg.norm(there - at, axis=1)
+        allowed = np.array([_may_be(point, pose, marker) for pose in poses for marker in markers])
+        off = np.where(allowed, off, np.inf)
+        first, second = (int(k) for k in np.argsort(off)[:2]) if len(off) > 1 else (0, 0)
+        pose, marker = poses[first // len(markers)], markers[first % len(markers)]
+        if not off[first] < within:
+            message = f"{point.name!r} lies near no marker of the plan"
+            near = f"{1e3 * off[first]:.0f} mm from {marker} at {pose}" if np.isfinite(off[first]) else "nothing"
+            hint = "Leave it out, or look at frame, unit and plan."
+            problem = point.problem(message, "x", found=near, allowed=f"up to {1e3 * within:.0f} mm", hint=hint)
+            problems.append(_with(problem, "ignore", "PATTERN"))
+            continue
+        if first != second and off[second] < _APART * max(off[first], 1e-3):
+            other = f"{markers[second % len(markers)]} at {poses[second // len(markers)]}"
+            found = f"{1e3 * off[first]:.1f} mm to {marker} at {pose}, {1e3 * off[second]:.1f} mm to {other}"
+            hint = "Let the names say which is which."
+            problems.append(point.problem(f"{point.name!r} lies as near to two markers", "x", found=found, hint=hint))
+            continue
+        said = replace(point.said, pose=pose, marker=marker)
+        by = {**dict(point.by), "pose": "place", "marker": "place"}
+        found_slot = _named(replace(point, said=said, by=tuple(by.items())), campaign, experiment, problems)
+        if found_slot is not None:
+            out.append(found_slot)
+    if problems:
+        raise InputError(problems[:MOST_PROBLEMS])
+    check_twice(out)
+    return out
+
+
+def _may_be(point: Point, pose: str, marker: str) -> bool:
+    """Whether the name leaves this pose and marker possible."""
+    said = point.said
+    return said.pose in (None, pose) and said.marker in (None, marker)

@@ -1,0 +1,365 @@
+"""Tables as other programs write them: any separator, decimal comma, lines of text above, Excel workbooks.
+
+What is found out of the text itself - the separator, the decimal sign, the encoding - is kept with the table, so that
+it can be shown. Numbers stay text here, with their row.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import KW_ONLY, dataclass
+from pathlib import Path
+from typing import Any, cast
+
+from qsframework.applications.importers.positions import positions
+from qsframework.errors import InputError, Problem, nearest
+from qsframework.experiment.columns import LARGEST, MOST_COLUMNS, MOST_LINES
+
+SEPARATORS = {"tab": "\t", ";": ";", "|": "|", ",": ",", "space": " "}
+"""What may stand between two cells, by the name that a user gives it; tried in this order."""
+DECIMALS = (".", ",")
+WORKBOOKS = (".xlsx", ".xlsm")
+NUMBER = re.compile(r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][-+]?\d+)?")
+"""A number with either decimal sign, and no sign between thousands."""
+_NUMBERISH = re.compile(r"[-+]?\d[\d.,']*(?:[eE][-+]?\d+)?(?:\s*[^\d\s]{1,4})?|[-+]?[.,]\d+")
+"""What somebody meant as a number, with a unit or a sign between thousands."""
+_COMMENT = re.compile(r"\s*(?://|#|!|%\s)")
+_CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
+_FEWEST = 3
+"""Numbers of a row of points, or of joints."""
+_TRIED = 2000
+"""Lines from which the separator is told."""
+_OLD_EXCEL, _ZIP = b"\xd0\xcf\x11\xe0", b"PK\x03\x04"
+_UNPACKED, _MOST_CELLS = 200_000_000, 5_000_000
+"""Bytes that a workbook may unpack to, and cells of a sheet."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row: its line (of a workbook its row), and its cells without the blanks around them."""
+
+    line: int
+    cells: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """One table. header: its names, () where there is none; above: lines of text over it; decimal "" in a workbook.
+
+    separator: a key of SEPARATORS, "" in a workbook, "programme" of positions in a controller's programme
+    encoding: of a text
+    """
+
+    path: Path
+    name: str
+    header: tuple[str, ...]
+    rows: tuple[Row, ...]
+    _: KW_ONLY
+    header_line: int = 1
+    above: tuple[str, ...] = ()
+    separator: str = ""
+    decimal: str = ""
+    encoding: str = ""
+
+    def problem(self, row: Row | None, message: str, column: int | None = None, **more: str | None) -> Problem:
+        """A problem at a row (None: the header) and a column, counted from 0."""
+        name = None if column is None else self.column(column)
+        line = self.header_line if row is None else row.line
+        found, allowed, hint = (more.get(k) for k in ("found", "allowed", "hint"))
+        return Problem(message, self.where, line, name, found=found, allowed=allowed, hint=hint)
+
+    @property
+    def where(self) -> str:
+        """The file, and the sheet of a workbook."""
+        return f"{self.path}, sheet {self.name}" if self.name else str(self.path)
+
+    @property
+    def width(self) -> int:
+        """Columns."""
+        return len(self.header) or max((len(r.cells) for r in self.rows), default=0)
+
+    def column(self, k: int) -> str:
+        """Name of a column, or its number from 1."""
+        return (self.header[k] if k < len(self.header) else "") or str(k + 1)
+
+
+def read_sheet(path: Path, sheet: str = "", separator: str = "", decimal: str = "") -> Sheet:
+    """Read the table of a file; sheet: which one of a workbook; separator, decimal: stated, else told from the text.
+
+    InputError where it is no table, or where more than one reading of it is possible.
+    """
+    content = _content(path)
+    if content.startswith(_OLD_EXCEL):
+        hint = "Save it as .xlsx or as CSV."
+        raise InputError(Problem("is a workbook of the old Excel format", str(path), hint=hint))
+    if content.startswith(_ZIP):
+        return _workbook(path, sheet)
+    if path.suffix.lower() in WORKBOOKS:
+        raise InputError(Problem("is no Excel workbook, though its name says so", str(path), hint="Export it again."))
+    if sheet:
+        hint = "Leave the sheet out."
+        raise InputError(Problem("is a text, which has no sheets", str(path), found=repr(sheet), hint=hint))
+    text, encoding = _decoded(path, content)
+    taught = positions(text)
+    if taught is not None:
+        header, found = taught
+        rows = tuple(Row(line, cells) for line, cells in found)
+        return Sheet(path, "", header, rows, separator="programme", decimal=".", encoding=encoding)
+    return _text_sheet(path, text, encoding, separator, decimal)
+
+
+def _content(path: Path) -> bytes:
+    try:
+        if not path.is_file():
+            raise InputError(Problem("no such file", str(path)))
+        if path.stat().st_size > LARGEST:
+            hint = "Split it into several files."
+            raise InputError(Problem(f"is larger than {LARGEST // 1_000_000} MB", str(path), hint=hint))
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(Problem(f"cannot be read: {error.strerror}", str(path))) from error
+
+
+def _decoded(path: Path, content: bytes) -> tuple[str, str]:
+    """The text and its encoding."""
+    encodings = ("utf-16",) if content[:2] in (b"\xff\xfe", b"\xfe\xff") else ("utf-8-sig", "cp1252")
+    for encoding in encodings:
+        try:
+            text = content.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if control := _CONTROL.search(text):
+            line = text.count("\n", 0, control.start()) + 1
+            raise InputError(Problem("is no text table: it holds a control character", str(path), line))
+        return text, encoding.removesuffix("-sig")
+    hint = "Export it as CSV in UTF-8, or as an Excel workbook."
+    raise InputError(Problem("is no text that can be read", str(path), hint=hint))
+
+
+def _text_sheet(path: Path, text: str, encoding: str, separator: str, decimal: str) -> Sheet:
+    every = text.splitlines()
+    if len(every) > MOST_LINES:
+        hint = "Split it into several files."
+        raise InputError(Problem(f"holds more than {MOST_LINES} lines", str(path), hint=hint))
+    lines = [(i, line) for i, line in enumerate(every, start=1) if line.strip()]
+    comments = [line.strip() for _, line in lines if _COMMENT.match(line)]
+    lines = [(i, line) for i, line in lines if not _COMMENT.match(line)]
+    if not lines:
+        raise InputError(Problem("is empty", str(path)))
+    name = _separator(path, lines, separator)
+    rows = [Row(i, _split(line, name)) for i, line in lines]
+    header, line, above, data = _parts(rows)
+    if not data:
+        hint = "A point list has at least three numbers in every row; is it an export of points, and not of a report?"
+        raise InputError(Problem("holds no rows of numbers", str(path), hint=hint))
+    sheet = Sheet(path, "", header, tuple(data), header_line=line, separator=name, encoding=encoding)
+    _check_widths(sheet)
+    told = tuple([*comments, *above])
+    sign = _decimal(sheet, decimal)
+    return Sheet(
+        path, "", header, sheet.rows, header_line=line, above=told, separator=name, decimal=sign, encoding=encoding
+    )
+
+
+def _split(line: str, name: str) -> tuple[str, ...]:
+    """The cells of a line."""
+    if name == "space":
+        return tuple(line.split())
+    try:
+        cells = next(csv.reader([line], delimiter=SEPARATORS[name], skipinitialspace=True), list[str]())
+    except csv.Error:
+        cells = line.split(SEPARATORS[name])
+    return tuple(cell.strip() for cell in cells)
+
+
+def _is_data(cells: Sequence[str]) -> bool:
+    return sum(_NUMBERISH.fullmatch(c) is not None for c in cells) >= _FEWEST
+
+
+def _separator(path: Path, lines: Sequence[tuple[int, str]], stated: str) -> str:
+    """The separator by which most lines become rows of numbers."""
+    if stated:
+        if stated not in SEPARATORS:
+            hint = nearest(stated, SEPARATORS)
+            allowed = ", ".join(SEPARATORS)
+            raise InputError(Problem(f"{path.name}: no such separator", found=repr(stated), allowed=allowed, hint=hint))
+        return stated
+    scores = {name: sum(_is_data(_split(line, name)) for _, line in lines[:_TRIED]) for name in SEPARATORS}
+    return max(scores, key=lambda name: scores[name])
+
+
+def _parts(rows: Sequence[Row]) -> tuple[tuple[str, ...], int, list[str], list[Row]]:
+    """Header, its line, what stands above, and the rows of the table from the first one with numbers on."""
+    first = next((k for k, row in enumerate(rows) if _is_data(row.cells)), len(rows))
+    data = list(rows[first:])
+    before = list(rows[:first])
+    units: list[str] = []
+    while len(before) > 1 and before[-1].cells and all(_bracketed(c) for c in before[-1].cells):
+        units = list(before.pop().cells)  # a second line of the header that holds the units alone
+    header: tuple[str, ...] = ()
+    line = data[0].line if data else 1
+    if before and data and (len(before[-1].cells) > 1 or len(data[0].cells) == 1):
+        line = before[-1].line
+        header = before.pop().cells
+        if len(units) == len(header):
+            header = tuple(
+                f"{n} [{u.strip('[]()')}]" if u.strip("[]()") else n for n, u in zip(header, units, strict=True)
+            )
+    return header, line, [" ".join(r.cells) for r in before], data
+
+
+def _bracketed(cell: str) -> bool:
+    return not cell or re.fullmatch(r"[\[(].{0,12}[\])]", cell) is not None
+
+
+def _check_widths(sheet: Sheet) -> None:
+    """InputError for rows with another number of cells than the header, or than the first row."""
+    width = len(sheet.header) or len(sheet.rows[0].cells)
+    if width > MOST_COLUMNS:
+        raise InputError(sheet.problem(None, f"holds more than {MOST_COLUMNS} columns"))
+    wrong = [row for row in sheet.rows if len(row.cells) != width]
+    if not wrong:
+        return
+    hint = None
+    if sheet.separator == "," and all(len(r.cells) > width for r in sheet.rows):
+        hint = "A comma seems to separate the columns and the decimals: export with ';' or a tab between columns."
+    problems = [
+        sheet.problem(row, "wrong number of columns", found=str(len(row.cells)), allowed=str(width), hint=hint)
+        for row in wrong
+    ]
+    raise InputError(problems)
+
+
+def _decimal(sheet: Sheet, stated: str) -> str:
+    """The decimal sign; InputError where a file has both, as it would read 1,234 in two ways."""
+    if stated:
+        if stated not in DECIMALS:
+            allowed = " ".join(DECIMALS)
+            raise InputError(Problem(f"{sheet.path.name}: no such decimal sign", found=repr(stated), allowed=allowed))
+        return stated
+    by_sign: dict[str, tuple[Row, int]] = {}
+    for row in sheet.rows:
+        for k, cell in enumerate(row.cells):
+            sign = next((s for s in DECIMALS if s in cell), None)
+            if sign is not None and NUMBER.fullmatch(cell):
+                by_sign.setdefault(sign, (row, k))
+    if len(by_sign) == 2:
+        row, k = max(by_sign.values(), key=lambda at: at[0].line)
+        other = min(by_sign.values(), key=lambda at: at[0].line)[0].line
+        message = f"another decimal sign than in line {other}"
+        hint = "Write all numbers alike; a sign between thousands is not read."
+        raise InputError(sheet.problem(row, message, k, found=repr(row.cells[k]), hint=hint))
+    return next(iter(by_sign), ".")
+
+
+def _workbook(path: Path, sheet: str) -> Sheet:
+    """A sheet of an Excel workbook: the stated one, or the only one that holds anything."""
+    found = _sheets(path)
+    filled = {name: rows for name, rows in found.items() if rows}
+    if sheet and sheet not in filled:
+        allowed = ", ".join(filled) or "none that holds anything"
+        raise InputError(
+            Problem("has no such sheet", str(path), found=repr(sheet), allowed=allowed, hint=nearest(sheet, filled))
+        )
+    if not filled:
+        raise InputError(Problem("is an empty workbook", str(path)))
+    if not sheet and len(filled) > 1:
+        names = ", ".join(filled)
+        problem = Problem(
+            "holds several sheets, and nothing says which one is meant",
+            str(path),
+            found=names,
+            hint="State one of them.",
+            argument=("sheet", f"'{next(iter(filled))}'"),
+        )
+        raise InputError(problem)
+    name = sheet or next(iter(filled))
+    header, line, above, data = _parts(filled[name])
+    if not data:
+        raise InputError(Problem("holds no rows of numbers", f"{path}, sheet {name}"))
+    width = len(header) or max(len(r.cells) for r in data)
+    rows = tuple(Row(r.line, (*r.cells, *[""] * (width - len(r.cells)))) for r in data)
+    out = Sheet(path, name, header, rows, header_line=line, above=tuple(above))
+    _check_widths(out)
+    return Sheet(path, name, header, rows, header_line=line, above=tuple(above), decimal=_decimal(out, ""))
+
+
+def _sheets(path: Path) -> dict[str, list[Row]]:
+    """The rows of every sheet that hold anything, trailing empty cells left out."""
+    try:
+        import openpyxl
+    except ImportError as error:
+        hint = "Install qsframework[excel], or export the points as CSV."
+        raise InputError(Problem("reading Excel workbooks needs openpyxl", str(path), hint=hint)) from error
+    _check_archive(path)
+    try:
+        book = cast("Any", openpyxl).load_workbook(path, read_only=True, data_only=True)
+        out: dict[str, list[Row]] = {}
+        for sheet in book.worksheets:
+            sheet.reset_dimensions()  # what the file says of its size need not be true
+            out[str(sheet.title)] = _rows(path, sheet.iter_rows(values_only=True))
+        book.close()
+    except InputError:
+        raise
+    except Exception as error:  # it raises many kinds on what is no workbook
+        hint = "Open it in Excel and save it again, or export the points as CSV."
+        raise InputError(Problem("cannot be read as an Excel workbook", str(path), hint=hint)) from error
+    return out
+
+
+def _check_archive(path: Path) -> None:
+    """InputError for what would grow without end, or for XML that defines entities."""
+    import zipfile
+
+    try:
+        with zipfile.ZipFile(path) as archive:
+            parts = archive.infolist()
+            if sum(p.file_size for p in parts) > _UNPACKED or len(parts) > 10_000:
+                raise InputError(Problem(f"unpacks to more than {_UNPACKED // 1_000_000} MB", str(path)))
+            for part in parts:
+                if part.filename.endswith((".xml", ".rels")):
+                    start = archive.read(part)[:4096]
+                    if b"<!DOCTYPE" in start or b"<!ENTITY" in start:
+                        raise InputError(Problem("holds XML that no workbook holds", str(path)))
+    except InputError:
+        raise
+    except Exception as error:  # a packed file that is cut or made by hand fails in many ways
+        hint = "Open it in Excel and save it again, or export the points as CSV."
+        raise InputError(Problem("cannot be read as an Excel workbook", str(path), hint=hint)) from error
+
+
+def _rows(path: Path, values: Iterable[Sequence[object]]) -> list[Row]:
+    out: list[Row] = []
+    cells_read = 0
+    for number, row in enumerate(values, start=1):
+        cells_read += len(row)
+        if number > MOST_LINES or len(row) > MOST_COLUMNS or cells_read > _MOST_CELLS:
+            allowed = f"{MOST_LINES} rows, {MOST_COLUMNS} columns, {_MOST_CELLS} cells"
+            hint = "Split it, or export the points as CSV."
+            raise InputError(Problem("a sheet is larger than that", str(path), number, allowed=allowed, hint=hint))
+        cells = [_cell(v) for v in row]
+        while cells and not cells[-1]:
+            cells.pop()
+        if cells and not _COMMENT.match(cells[0]):
+            out.append(Row(number, tuple(cells)))
+    return out
+
+
+def _cell(value: object) -> str:
+    """The text of a workbook's cell: numbers with all their digits, dates as ISO has them."""
+    import datetime
+
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return str(value)
+    if isinstance(value, float):
+        return repr(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
+    if isinstance(value, datetime.datetime | datetime.time):
+        return value.isoformat()
+    text = str(value).strip()
+    if _CONTROL.search(text):
+        raise InputError("a control character in a cell of the workbook")
+    return text

@@ -1,0 +1,396 @@
+"""What the columns of a table are: a point list, a joint log, or one of our own tables written by a spreadsheet."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework import units
+from qsframework.applications.importers.sheets import NUMBER, Sheet
+from qsframework.applications.importers.times import moment
+from qsframework.applications.importers.vocabulary import (
+    MEASURED,
+    PLAIN,
+    XYZ,
+    Meaning,
+    meaning,
+    unit_kind,
+    unit_of,
+    units_above,
+)
+from qsframework.errors import InputError, Problem, nearest
+from qsframework.experiment.columns import MOST_PROBLEMS
+from qsframework.plugin import Array
+
+_WITH_UNIT = re.compile(rf"({NUMBER.pattern})\s*([^\d\s.,+-]\S{{0,12}})")
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A column that was taken: as what, in which unit ("" for words), and how that is known.
+
+    by: "header", "above", "stated", "cells", "ros", "kuka", "format" of a time that says it itself, or ""
+    """
+
+    role: str
+    column: str
+    unit: str
+    by: str
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Listing:
+    """The rows of a sheet by role: words, and numbers in SI. (N,) each; NaN where a cell is empty.
+
+    unit: of the coordinates, "" where nobody says it (they are then as the file has them)
+    clock: what times are counted from; left: columns of which nothing was taken
+    """
+
+    sheet: Sheet
+    taken: tuple[Taken, ...]
+    left: tuple[str, ...]
+    texts: Mapping[str, tuple[str, ...]]
+    numbers: Mapping[str, Array]
+    unit: str = ""
+    clock: str = ""
+
+    def __len__(self) -> int:
+        return len(self.sheet.rows)
+
+    @property
+    def is_points(self) -> bool:
+        """Whether it holds coordinates."""
+        return "x" in self.numbers
+
+    def xyz(self) -> Array:
+        """Coordinates (N, 3)."""
+        return np.stack([self.numbers[a] for a in XYZ], axis=1)
+
+    def angles(self, joints: int) -> Array | None:
+        """Pendant angles (N, joints) rad, where the table holds them."""
+        stems = [f"q{k + 1}" for k in range(joints)]
+        return np.stack([self.numbers[s] for s in stems], axis=1) if stems[0] in self.numbers else None
+
+    def column(self, role: str) -> str | None:
+        """The file's name of what was taken as a role."""
+        return next((t.column for t in self.taken if t.role == role), None)
+
+    def problem(self, i: int, role: str, message: str, **more: str | None) -> Problem:
+        """A problem of row i."""
+        found, allowed, hint = (more.get(k) for k in ("found", "allowed", "hint"))
+        line = self.sheet.rows[i].line
+        return Problem(message, self.sheet.where, line, self.column(role), found=found, allowed=allowed, hint=hint)
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What the user says of the columns: a column's name or number by role; units by what they measure.
+
+    times: whether times are needed, and a column of them without a unit must not be left aside
+    """
+
+    columns: Mapping[str, str]
+    units: Mapping[str, str]
+    times: bool = False
+
+
+def stated_units(texts: Sequence[str]) -> dict[str, str]:
+    """Stated units by what they measure. InputError for what is no unit, or two of one kind."""
+    out: dict[str, str] = {}
+    for text in texts:
+        unit = unit_of(text) or text
+        kind = unit_kind(unit) if units.known(unit) else None
+        if kind is None:
+            allowed = "mm, m, in, deg, rad, s, ms, degC, ..."
+            raise InputError(
+                Problem("no unit of length, angle, time or temperature", found=repr(text), allowed=allowed)
+            )
+        if kind in out and out[kind] != unit:
+            raise InputError(Problem("two units of one kind are stated", found=f"{out[kind]} and {unit}"))
+        out[kind] = unit
+    return out
+
+
+def known_roles(joints: int) -> tuple[str, ...]:
+    """Everything that a column can be taken as."""
+    return (*PLAIN, *MEASURED, *(f"q{k + 1}" for k in range(joints)))
+
+
+def interpret(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> Listing:
+    """What the columns of a sheet are, by their names and by what is stated; joints: the robot's names of its joints.
+
+    InputError where it is neither a point list nor a joint log, where a column could be several things or several
+    columns one thing, where a cell is no number; with a proposal what to state.
+    """
+    roles = _roles(sheet, stated, joints)
+    _check_complete(sheet, roles, len(joints))
+    above = units_above(sheet.above)
+    problems: list[Problem] = []
+    taken: list[Taken] = []
+    texts: dict[str, tuple[str, ...]] = {}
+    numbers: dict[str, Array] = {}
+    left = [sheet.column(k) for k in range(sheet.width) if k not in {c for c, _ in roles.values()}]
+    clock = ""
+    for role, (k, told) in roles.items():
+        cells = [row.cells[k] for row in sheet.rows]
+        if role in PLAIN:
+            texts[role] = tuple(cells)
+            taken.append(Taken(role, sheet.column(k), "", "stated" if role in stated.columns else "header"))
+        elif role == "time":
+            dates = [row.cells[roles["date"][0]] for row in sheet.rows] if "date" in roles else [""] * len(cells)
+            unit, by = _unit("s", told, above, stated)
+            if not unit and NUMBER.fullmatch(cells[0]) and not stated.times and "time" not in stated.columns:
+                left.append(sheet.column(k))
+                continue
+            numbers[role], clock = _times(sheet, k, cells, dates, unit, problems)
+            taken.append(Taken(role, sheet.column(k), unit, by if unit else "format"))
+        else:
+            si = MEASURED.get(role, "rad")
+            unit, by = _unit(si, told, above, stated)
+            values, own = _numbers(sheet, k, cells, role, problems)
+            if own and unit and own != unit:
+                problems.append(sheet.problem(sheet.rows[0], "the cells say another unit", k, found=own, allowed=unit))
+            unit, by = (own, "cells") if own else (unit, by)
+            if not unit and role in ("temperature", "sigma"):
+                left.append(sheet.column(k))
+                continue
+            if unit and unit_kind(unit) != si:
+                problems.append(sheet.problem(None, f"{unit!r} is no unit of this kind", k, allowed=f"a unit of {si}"))
+                continue
+            numbers[role] = units.to_si(values, unit) if unit else values
+            taken.append(Taken(role, sheet.column(k), unit, by))
+    problems += _unit_problems(sheet, taken)
+    if problems:
+        raise InputError(problems[:MOST_PROBLEMS])
+    length = next((t.unit for t in taken if t.role == "x"), "")
+    return Listing(
+        sheet=sheet,
+        taken=tuple(taken),
+        left=tuple(left),
+        texts=texts,
+        numbers=numbers,
+        unit=length,
+        clock=clock,
+    )
+
+
+def _roles(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> dict[str, tuple[int, Meaning]]:
+    """The column of each role: the stated one, else the only one whose name says it."""
+    every: dict[str, list[tuple[int, Meaning]]] = {}
+    for k, name in enumerate(sheet.header):
+        found = meaning(name, joints)
+        if found is not None:
+            every.setdefault(found.role, []).append((k, found))
+    out: dict[str, tuple[int, Meaning]] = {}
+    for role, name in stated.columns.items():
+        k = _place(sheet, name)
+        if k is not None:
+            told = meaning(sheet.header[k], joints) if k < len(sheet.header) else None
+            unit, by = (told.unit, told.by) if told is not None else ("", "")
+            out[role] = (k, Meaning(role, unit, by))
+    problems: list[Problem] = []
+    used = {k for k, _ in out.values()}
+    for role, places in every.items():
+        free = [at for at in places if at[0] not in used]
+        if role in out or not free:
+            continue
+        if len(free) > 1:
+            names = ", ".join(repr(sheet.column(k)) for k, _ in free)
+            message, hint = f"several columns could be {role}", "State which one is meant."
+            argument = ("map", f"{role}={sheet.column(free[0][0])!r}")
+            problems.append(Problem(message, sheet.where, sheet.header_line, found=names, hint=hint, argument=argument))
+        else:
+            out[role] = free[0]
+    if problems:
+        raise InputError(problems)
+    return out
+
+
+def _place(sheet: Sheet, name: str) -> int | None:
+    """The column that a stated name or number means in this sheet."""
+    if name in sheet.header:
+        return sheet.header.index(name)
+    lowered = [h.lower() for h in sheet.header]
+    if name.lower() in lowered:
+        return lowered.index(name.lower())
+    return int(name) - 1 if not sheet.header and name.isdecimal() and 1 <= int(name) <= sheet.width else None
+
+
+def check_columns(sheets: Sequence[Sheet], stated: Mapping[str, str], joints: int) -> None:
+    """InputError for roles that there are not, and for stated columns that no file has."""
+    allowed = known_roles(joints)
+    problems: list[Problem] = []
+    for role, name in stated.items():
+        if role not in allowed:
+            message = "no column can be taken as this"
+            problems.append(Problem(message, found=repr(role), allowed=", ".join(allowed), hint=nearest(role, allowed)))
+        elif all(_place(sheet, name) is None for sheet in sheets):
+            names = [sheet.column(k) for sheet in sheets for k in range(sheet.width)]
+            files = ", ".join(str(s.path) for s in sheets)
+            message, hint = f"no column is called {name!r}", nearest(name, names)
+            problems.append(Problem(message, files, found=f"{role}={name}", allowed=", ".join(names), hint=hint))
+    if problems:
+        raise InputError(problems)
+
+
+def _check_complete(sheet: Sheet, roles: Mapping[str, tuple[int, Meaning]], joints: int) -> None:
+    """InputError where the columns are neither three coordinates nor all angles; proposes what the cells suggest."""
+    stems = [f"q{k + 1}" for k in range(joints)]
+    axes = [a for a in XYZ if a in roles]
+    angles = [s for s in stems if s in roles]
+    if len(axes) == len(XYZ) and len(angles) in (0, joints):
+        return
+    if not axes and len(angles) == joints:
+        return
+    missing = [s for s in stems if s not in roles] if angles and not axes else [a for a in XYZ if a not in roles]
+    if axes and angles:
+        missing += [s for s in stems if s not in roles]
+    names = ", ".join(repr(sheet.column(k)) for k in range(sheet.width))
+    proposal = _proposal(sheet, roles, missing)
+    message = f"no column says that it is {', '.join(missing)}"
+    if not sheet.header:
+        message = f"the columns have no names, so none is {', '.join(missing)}"
+    hint = "Say which column is which." if proposal else "Export points with a name and x, y, z, one point a row."
+    argument = ("map", proposal) if proposal else None
+    raise InputError(Problem(message, sheet.where, sheet.header_line, found=names, hint=hint, argument=argument))
+
+
+def _proposal(sheet: Sheet, roles: Mapping[str, tuple[int, Meaning]], missing: Sequence[str]) -> str:
+    """Columns for the missing roles, told from the cells: for each the first numbers that nothing else has taken."""
+    used = {k for k, _ in roles.values()}
+    first = sheet.rows[0].cells
+    free = [k for k in range(sheet.width) if k not in used and k < len(first)]
+    numeric = [k for k in free if NUMBER.fullmatch(first[k]) and not _counts(sheet, k)]
+    named = [k for k in free if not NUMBER.fullmatch(first[k]) and re.search(r"\w", first[k])]
+    if len(numeric) < len(missing):
+        return ""
+    wanted = [(role, numeric[i]) for i, role in enumerate(missing)]
+    texts = [r for r in ("collection", "group", "name") if r not in roles]
+    if "name" in texts and named:
+        wanted = [*zip(texts[-min(len(named), 3) :], named, strict=False), *wanted]
+    pairs = ",".join(f"{role}={sheet.column(k)}" for role, k in wanted)
+    return f"'{pairs}'" if re.search(r"[^\w=.,]", pairs) else pairs
+
+
+def _counts(sheet: Sheet, k: int) -> bool:
+    """Whether a column only counts the rows."""
+    cells = [row.cells[k] for row in sheet.rows]
+    if len(cells) < 2 or not all(c.isdecimal() for c in cells):
+        return False
+    return all(int(b) == int(a) + 1 for a, b in itertools.pairwise(cells))
+
+
+def _unit(si: str, told: Meaning, above: Mapping[str, str], stated: Stated) -> tuple[str, str]:
+    """The unit of a column and how it is known: by its name, by the user, by the text above, by what wrote it."""
+    if told.unit and told.by == "header":
+        return told.unit, told.by
+    if si in stated.units:
+        return stated.units[si], "stated"
+    if si in above:
+        return above[si], "above"
+    return told.unit, told.by
+
+
+def _numbers(sheet: Sheet, k: int, cells: Sequence[str], role: str, problems: list[Problem]) -> tuple[Array, str]:
+    """Numbers (N,) of a column, and the unit where the cells themselves say it."""
+    values = np.full(len(cells), math.nan)
+    said: dict[str, int] = {}
+    for i, cell in enumerate(cells):
+        if not cell:
+            if role not in ("temperature", "sigma"):
+                problems.append(sheet.problem(sheet.rows[i], "this cell is empty", k, allowed="a number"))
+            continue
+        text = cell
+        found = _WITH_UNIT.fullmatch(cell)
+        unit = unit_of(found[2]) if found is not None else None
+        if found is not None and unit is not None:
+            text = found[1]
+            said.setdefault(unit, i)
+        if NUMBER.fullmatch(text) is None or (sheet.decimal == "," and "." in text and _grouped(text)):
+            problems.append(sheet.problem(sheet.rows[i], "is no number", k, found=repr(cell), hint=_number_hint(cell)))
+            continue
+        values[i] = float(text.replace(",", "."))
+        if not math.isfinite(values[i]) or abs(values[i]) > 1e20:
+            problems.append(sheet.problem(sheet.rows[i], "is beyond what any column holds", k, found=repr(cell)))
+    if len(said) > 1:
+        (one, _), (other, i) = list(said.items())[:2]
+        hint = "Export all points in one unit."
+        problems.append(sheet.problem(sheet.rows[i], f"two units in one column: {one}, and here {other}", k, hint=hint))
+    whole = len(said) == 1 and all(_WITH_UNIT.fullmatch(c) for c in cells if c)
+    if said and not whole and len(said) == 1:
+        i = next(i for i, c in enumerate(cells) if c and not _WITH_UNIT.fullmatch(c))
+        hint = "Export all points in one unit."
+        problems.append(sheet.problem(sheet.rows[i], "says no unit, other rows do", k, found=repr(cells[i]), hint=hint))
+    return values, next(iter(said), "") if whole else ""
+
+
+def _grouped(text: str) -> bool:
+    return re.fullmatch(r"[-+]?\d{1,3}(\.\d{3})+", text) is not None
+
+
+def _number_hint(cell: str) -> str | None:
+    both = "," in cell and "." in cell
+    return "Write no sign between thousands." if both or "'" in cell else None
+
+
+def _times(
+    sheet: Sheet, k: int, cells: Sequence[str], dates: Sequence[str], unit: str, problems: list[Problem]
+) -> tuple[Array, str]:
+    """Times (N,) s, and what they are counted from."""
+    values = np.full(len(cells), math.nan)
+    clocks: dict[str, int] = {}
+    for i, (cell, date) in enumerate(zip(cells, dates, strict=True)):
+        found = moment(cell, unit, date)
+        if found is not None:
+            values[i] = found[0]
+            clocks.setdefault(found[1], i)
+        elif NUMBER.fullmatch(cell):
+            message, hint = "nothing says the unit of these times", "State it."
+            problem = Problem(
+                message, sheet.where, sheet.rows[i].line, sheet.column(k), hint=hint, argument=("unit", "s")
+            )
+            problems.append(problem)
+            break
+        else:
+            allowed = "seconds, 13:45:01.5, or 2026-03-09 13:45:01.5"
+            problems.append(
+                sheet.problem(
+                    sheet.rows[i], "is no time that can be read in one way", k, found=repr(cell), allowed=allowed
+                )
+            )
+    if len(clocks) > 1:
+        i = list(clocks.values())[1]
+        problems.append(sheet.problem(sheet.rows[i], "times of two kinds in one column", k, found=repr(cells[i])))
+    return values, next(iter(clocks), "")
+
+
+def _unit_problems(sheet: Sheet, taken: Sequence[Taken]) -> list[Problem]:
+    """Coordinates in different units, and angles in different units or in none that anybody says."""
+    out: list[Problem] = []
+    for what, wanted in (("coordinates", XYZ), ("angles", tuple(f"q{k}" for k in range(1, 13)))):
+        own = [t for t in taken if t.role in wanted]
+        found = list(dict.fromkeys(t.unit for t in own))
+        if len(found) > 1:
+            names = ", ".join(f"{t.column} in {t.unit or 'no stated unit'}" for t in own)
+            hint = "Export them in one unit."
+            out.append(
+                Problem(f"the {what} are in several units", sheet.where, sheet.header_line, found=names, hint=hint)
+            )
+        elif found == [""] and what == "angles":
+            hint = "State it."
+            out.append(
+                Problem(
+                    "nothing says the unit of the angles",
+                    sheet.where,
+                    sheet.header_line,
+                    own[0].column,
+                    hint=hint,
+                    argument=("unit", "deg"),
+                )
+            )
+    return out

@@ -1,0 +1,184 @@
+"""The words of other programs: what a column is called, which unit is meant, which state a word says."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from qsframework import units
+from qsframework.experiment.columns import Column
+
+XYZ = ("x", "y", "z")
+FOUND_BY = ("name", "pose", "marker", "state", "load_id", "repeat", "cycle")
+"""Roles that say which reading of which state a row is."""
+PLAIN = ("group", "collection", *FOUND_BY, "series", "date")
+"""Roles of words."""
+MEASURED = {"x": "m", "y": "m", "z": "m", "time": "s", "temperature": "K", "sigma": "m"}
+"""Roles of numbers, with their SI unit; angles q1, q2, ... are beside them."""
+LOADED = ("loaded", "belastet")
+UNLOADED = ("unloaded", "noload", "free", "empty", "unbelastet", "leer")
+"""Words that can mean nothing else: single letters, and words such as load and last, must be stated."""
+
+_FILLERS = """coord coordinate coordinates koordinate pos position point punkt value wert actual act measured meas
+measurement ist istwert mess messwert cartesian cart center centre tracker location"""
+_AXIS_FILLERS = frozenset(_FILLERS.split())
+"""Words that may stand beside x, y or z and leave it a measured coordinate; nominal, deviation and sd are none."""
+_OF_ITS_OWN = {
+    "name": "name|point|pointname|point name|point id|pointid|target|target name|targetname|id|label|feature|"
+    "feature name|object|object name|objectname|punkt|punktname|bezeichnung|ptid|measurement name|point label",
+    "group": "group|group name|point group|groupname|gruppe",
+    "collection": "collection|collection name",
+    "pose": "pose|pose name|stellung",
+    "marker": "marker|reflector|smr|reflektor",
+    "state": "state|zustand",
+    "series": "series|station|instrument|serie",
+    "repeat": "repeat|wiederholung",
+    "cycle": "cycle|zyklus",
+    "load_id": "load id|load_id",
+    "time": "time|timestamp|time stamp|stamp|zeit|zeitstempel|uhrzeit|measurement time|meas time|date time|datetime|"
+    "field header stamp|header stamp",
+    "date": "date|datum",
+    "temperature": "temperature|temp|temperatur|measurement temperature|meas temperature|air temperature",
+}
+_ROLE_OF = {w.strip(): role for role, text in _OF_ITS_OWN.items() for w in text.split("|")}
+_NOT_AN_ANGLE = re.compile(r"velocit|effort|speed|torque|current|accel|desired|target|error|temp|soll|goal")
+_JOINT = (
+    (
+        re.compile(
+            r"(?:axis act |axis act meas |act |actual |ist )?[ajq](?:oint|xis|chse)? ?(\d)(?: act| actual| ist)?"
+        ),
+        0,
+    ),
+    (re.compile(r"(?:theta|joint angle|gelenk|joint position|joint pos) ?(\d)"), 0),
+    (re.compile(r".*\bjoint[ _]?(\d)\b.*\bposition"), 0),
+    (re.compile(r"(?:.* )?(?:position|actual q) ?(\d)"), 1),
+)
+"""What a joint's column is called, and 1 where it is counted from 0, as ROS does."""
+_SPELLINGS = {
+    "mm": "mm millimeter millimeters millimetre millimetres",
+    "m": "m meter meters metre metres",
+    "cm": "cm",
+    "um": "um \u00b5m \u03bcm micron microns",
+    "inch": 'in inch inches zoll "',
+    "foot": "ft foot feet",
+    "deg": "deg degree degrees \u00b0 grad",
+    "rad": "rad radian radians",
+    "s": "s sec second seconds",
+    "ms": "ms",
+    "us": "us",
+    "ns": "ns",
+    "min": "min",
+    "h": "h",
+    "degC": "\u00b0c degc c celsius",
+    "K": "k kelvin",
+    "degF": "\u00b0f degf f fahrenheit",
+}
+_UNITS = {word: unit for unit, words in _SPELLINGS.items() for word in words.split()}
+"""What a unit is called, and how pint calls it."""
+_IN_HEADER = re.compile(r"\s*[\[(/]\s*([^\[\]()/]{1,12}?)\s*[\])]?\s*$")
+_SAID_ABOVE = re.compile(r"units?\b\s*(?:of\s+\w+\s*)?[:=]?\s*([A-Za-z°µμ\"]+)", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a column is: its role, and its unit, "" where it has none or says none; `by`: how the unit is known."""
+
+    role: str
+    unit: str = ""
+    by: str = ""
+
+
+def unit_of(text: str) -> str | None:
+    """The unit that a text names, as pint spells it; None where it is none."""
+    return _UNITS.get(text.strip().lower())
+
+
+def unit_kind(unit: str) -> str | None:
+    """SI unit of what a unit measures: "m", "rad", "s" or "K"; None of anything else."""
+    for si in ("m", "rad", "s", "K"):
+        if units.known(unit) and units.same_dimension(unit, si):
+            return si
+    return None
+
+
+def units_above(lines: Sequence[str]) -> dict[str, str]:
+    """Units that the text above a table states, by SI unit; of two that differ neither."""
+    found: dict[str, set[str]] = {}
+    for line in lines:
+        for text in _SAID_ABOVE.findall(line):
+            unit = unit_of(text)
+            kind = None if unit is None else unit_kind(unit)
+            if unit is not None and kind is not None:
+                found.setdefault(kind, set()).add(unit)
+    return {kind: next(iter(own)) for kind, own in found.items() if len(own) == 1}
+
+
+def meaning(header: str, joints: Sequence[str]) -> Meaning | None:
+    """What the name of a column says; joints: the robot's own names of its joints. None where it says nothing known."""
+    name, unit = _parted(header)
+    key = _plain(name)
+    if not key:
+        return None
+    words = key.split()
+    axes = [w for w in words if w in XYZ]
+    if len(axes) == 1 and all(w in _AXIS_FILLERS for w in words if w not in XYZ):
+        return Meaning(axes[0], unit, "header" if unit else "")
+    squeezed = re.fullmatch(r"(?:coord|pos)?([xyz])(?:coord|pos|coordinate|koordinate)?", key.replace(" ", ""))
+    if squeezed is not None:
+        return Meaning(squeezed[1], unit, "header" if unit else "")
+    if key in _ROLE_OF or key.replace(" ", "") in _ROLE_OF:
+        role = _ROLE_OF.get(key) or _ROLE_OF[key.replace(" ", "")]
+        if role == "time" and not unit and (header.lstrip().startswith("%") or key.endswith("header stamp")):
+            return Meaning(role, "ns", "ros")
+        return Meaning(role, unit, "header" if unit else "")
+    return _joint(header, key, unit, joints)
+
+
+def _joint(header: str, key: str, unit: str, joints: Sequence[str]) -> Meaning | None:
+    own = {_plain(name): k for k, name in enumerate(joints, start=1)}
+    place = own.get(key)
+    ros = False
+    if place is None:
+        if _NOT_AN_ANGLE.search(key):
+            return None
+        for pattern, first in _JOINT:
+            found = pattern.fullmatch(key)
+            if found is not None:
+                place, ros = int(found[1]) + first, "position" in key
+                break
+    if place is None or not 1 <= place <= len(joints):
+        return None
+    if unit:
+        return Meaning(f"q{place}", unit, "header")
+    if ros:
+        return Meaning(f"q{place}", "rad", "ros")
+    if header.lstrip().upper().startswith("$AXIS_ACT"):
+        return Meaning(f"q{place}", "deg", "kuka")
+    return Meaning(f"q{place}")
+
+
+def _parted(header: str) -> tuple[str, str]:
+    """Name and unit of a header such as `X [mm]`, `X (in)`, `x_mm` or `Time/s`."""
+    found = _IN_HEADER.search(header)
+    unit = unit_of(found[1]) if found is not None else None
+    if found is not None and unit is not None:
+        return header[: found.start()], unit
+    stem, _, last = header.rpartition("_")
+    unit = unit_of(last) if stem else None
+    if unit is None and " " in header.strip():
+        stem, _, last = header.strip().rpartition(" ")
+        unit = unit_of(last) if len(last) > 1 else None
+    return (stem, unit) if unit is not None else (header, "")
+
+
+def _plain(name: str) -> str:
+    """Words in small letters, joined by one blank."""
+    return " ".join(re.findall(r"[^\W_]+", name.lower()))
+
+
+def own_columns(header: Sequence[str], columns: Sequence[Column]) -> bool:
+    """Whether a header is that of one of our own tables."""
+    plain = {c.stem for c in columns if not c.unit}
+    measured = [c.stem for c in columns if c.unit]
+    return {"pose", "marker"} <= set(header) and all(n in plain or units.split(n, measured) for n in header)

@@ -1,0 +1,90 @@
+"""The rows of a table of readings, as our own reader takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from qsframework.applications.importers.campaign import Campaign
+from qsframework.applications.importers.matching import Point
+from qsframework.applications.importers.sheets import NUMBER, Sheet
+from qsframework.experiment.columns import Column, degrees, number, recorded
+from qsframework.plugin import Array
+
+_ZERO_CELSIUS = 273.15
+
+
+def readings_rows(points: Sequence[Point], pendant: Array, campaign: Campaign) -> tuple[list[str], list[list[str]]]:
+    """Header and rows: positions in the tracker's frame, one row for each point, in the order of the files."""
+    slots = [p.slot for p in points if p.slot is not None]
+    loaded = any(s.loaded for s in slots)
+    forces = ["fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"] if loaded else []
+    header = ["pose", *(f"q{k + 1}_deg" for k in range(pendant.shape[1])), *forces, "marker", "state"]
+    header += ["x_mm", "y_mm", "z_mm"]
+    more = _more(points, campaign)
+    header += list(more)
+    rows: list[list[str]] = []
+    for i, (point, slot) in enumerate(zip(points, slots, strict=True)):
+        wrench = campaign.loads[slot.pose][slot.load_id] if slot.loaded else None
+        at = point.listing.xyz()[point.row]
+        row = [slot.pose, *degrees(pendant[i])]
+        row += [] if not forces else [""] * 6 if wrench is None else [*map(number, wrench.tolist())]
+        row += [slot.marker, "loaded" if slot.loaded else "unloaded", *(number(1e3 * v) for v in at.tolist())]
+        rows.append(row + [cells[i] for cells in more.values()])
+    return header, rows
+
+
+def _more(points: Sequence[Point], campaign: Campaign) -> dict[str, list[str]]:
+    """Columns that not every import has: those that say something."""
+    slots = [p.slot for p in points if p.slot is not None]
+    columns = {
+        "load_id": [s.load_id for s in slots],
+        "series": [p.series for p in points],
+        "repeat": [str(s.repeat) for s in slots],
+        "cycle": [str(s.cycle) for s in slots],
+        "time_s": _measured(points, "time", _seconds(points)),
+        "temperature_degC": _measured(points, "temperature", lambda v: number(v - _ZERO_CELSIUS)),
+        "sigma_mm": _measured(points, "sigma", lambda v: number(1e3 * v)),
+        "drive_state": [(campaign.drive or {}).get(s, "") for s in slots],
+    }
+    idle = {"repeat": "1", "cycle": "1"}
+    return {name: cells for name, cells in columns.items() if any(c != idle.get(name, "") for c in cells)}
+
+
+def _seconds(points: Sequence[Point]) -> Callable[[float], str]:
+    """Times of a clock with a date are counted from the first point."""
+    dated = [p.listing.numbers["time"][p.row] for p in points if p.listing.clock == "date"]
+    first = float(min(dated)) if dated else 0.0
+    return lambda v: recorded(round(v - first, 6))
+
+
+def _measured(points: Sequence[Point], role: str, cell: Callable[[float], str]) -> list[str]:
+    """Cells of a role; empty for all where a file does not have it, or where a number is missing.
+
+    A state has one time and one temperature, the mean of those of its markers, which are read one after the other.
+    """
+    values = [float(p.listing.numbers[role][p.row]) if role in p.listing.numbers else np.nan for p in points]
+    if not np.isfinite(values).all():
+        return [""] * len(points)
+    if role == "sigma":
+        return [cell(v) for v in values]
+    of_state: dict[object, list[float]] = {}
+    keys = [(p.series, None if p.slot is None else replace(p.slot, marker="")) for p in points]
+    for key, value in zip(keys, values, strict=True):
+        of_state.setdefault(key, []).append(value)
+    return [cell(own[0] + float(np.mean(np.subtract(own, own[0])))) for own in (of_state[key] for key in keys)]
+
+
+def rewritten_rows(sheet: Sheet, columns: Sequence[Column]) -> list[list[str]]:
+    """The rows of one of our own tables with decimal points; words stay as they are."""
+    stems = {c.stem: c for c in columns}
+    text = [name in stems and stems[name].kind in ("text", "flag") for name in sheet.header]
+    return [
+        [
+            cell.replace(",", ".") if not words and sheet.decimal == "," and NUMBER.fullmatch(cell) else cell
+            for cell, words in zip(row.cells, text, strict=True)
+        ]
+        for row in sheet.rows
+    ]
