@@ -425,11 +425,14 @@ def rows(results: Sequence[Result]) -> list[Row]:
         chosen = [r for r in effects if r["wanted"] == s]
         out.append(rate(f"library effects, s = {s:g}: named, or in the set", right, chosen, named))
         out.append(rate(f"library effects, s = {s:g}: confidently wrong", bad, chosen, wrong))
+    nulls = [r for r in done if r["group"] == "second_nulls"]
+    out.append(rate("nothing hidden: said something", "<= 5 %", nulls, alarmed))
+    for poses in POSES:
+        chosen = [r for r in nulls if r["poses"] == poses]
+        out.append(rate(f"nothing hidden, {poses} poses: said something", "<= 5 %", chosen, alarmed))
     for noise in NOISES:
-        for poses in POSES:
-            chosen = [r for r in done if r["id"].startswith(f"second_nulls/{noise}/{poses}/")]
-            words = f"nothing hidden, {noise.replace('_', ' ')}, {poses} poses: said something"
-            out.append(rate(words, "<= 5 %", chosen, alarmed))
+        chosen = [r for r in nulls if r["noise"] == noise]
+        out.append(rate(f"nothing hidden, {noise.replace('_', ' ')}: said something", "<= 5 %", chosen, alarmed))
     out.append(
         rate("another structure: named", ">= 95 %", [r for r in done if r["group"] == "second_structures"], named)
     )
@@ -479,6 +482,16 @@ def _called(r: Result) -> str:
     return name + more + (" + unexplained" if r["verdict"] == "partly_explained" else "")
 
 
+def false_alarms(results: Sequence[Result]) -> str:
+    """Campaigns with nothing hidden on which something was said, of how many, by noise and number of poses."""
+    nulls = [r for r in results if r["group"] == "second_nulls" and r["outcome"] == "done"]
+    body: list[tuple[str, ...]] = []
+    for noise in NOISES:
+        cells = [[r for r in nulls if r["noise"] == noise and r["poses"] == poses] for poses in POSES]
+        body.append((noise.replace("_", " "), *(f"{sum(map(alarmed, c))} of {len(c)}" for c in cells)))
+    return table(("noise", *(f"{poses} poses" for poses in POSES)), body)
+
+
 def report(results: Sequence[Result]) -> str:
     """All tables as Markdown; empty where no case of this generator was run."""
     own = [r for r in results if r["group"] in (*GROUPS, *ASKED)]
@@ -492,6 +505,8 @@ def report(results: Sequence[Result]) -> str:
     return "\n\n".join(
         [
             table(head, rows(own)),
+            "#### Nothing hidden: how often something was said",
+            false_alarms(own),
             "#### By campaign",
             parts(own),
             "#### What each effect was called by the second generator",

@@ -268,8 +268,7 @@ def _ur_frames(one: Fitted) -> tuple[Array, list[Array]]:
         step = turns(np.eye(3)[0], np.array([roll]))[0]
         step[:3, 3] = x, y, z
         here, nominal = here @ step, nominal @ one.nominal.placements[k]
-        own: Array = np.linalg.inv(nominal) @ here
-        out.append(own)
+        out.append(np.asarray(np.linalg.solve(nominal, here), dtype=np.float64))
     return table.base, out
 
 
