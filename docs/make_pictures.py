@@ -1,4 +1,4 @@
-"""Make pictures in headless Chromium: report, `qsf show` and sheet for the README, a palletizer.
+"""Make pictures in headless Chromium: report, `qsf show`, sheet and certificate for the pages, a palletizer.
 
 Run: python docs/make_pictures.py
 """
@@ -44,7 +44,6 @@ def screenshot(page: Path, picture: Path, size: str, at: str = "") -> None:
 
 def qsf(*arguments: str) -> None:
     """Run a command of qsf."""
-    """Run a command of qsf."""
     command = str(Path(sys.executable).with_name("qsf"))  # of this environment, on the path or not
     subprocess.run([command, *arguments], check=True, capture_output=True)
 
@@ -70,8 +69,28 @@ def picture_of(robot: str, at: str, images: Path) -> None:
         screenshot(page, images / f"{robot}.png", "800,560", at)
 
 
+META = """calibration: {number: "2026-014", date: 2026-11-20, place: Hall 3, operator: A. Surveyor}
+robot: {maker: Universal Robots, type: UR10, serial_number: "2015301234"}
+instrument: {type: laser tracker with a 6D target, uncertainty_mm: 0.06}
+tolerance_mm: 0.75
+"""
+"""Made up, but for the type of the instrument; the readings are real."""
+
+
+def certificate(images: Path) -> None:
+    """The first page of a certificate of the UR10."""
+    with tempfile.TemporaryDirectory() as name:
+        meta, fit, page = (Path(name) / file for file in ("meta.yaml", "fit.json", "certificate.html"))
+        experiment = str(HERE.parent / "examples" / "ur10" / "experiment.yaml")
+        meta.write_text(META)
+        qsf("identify", experiment, "--json", str(fit))
+        qsf("certificate", experiment, str(fit), "--meta", str(meta), "-o", str(page))
+        screenshot(page, images / "certificate.png", "760,1100")
+
+
 def main(images: Path = HERE / "images") -> None:
-    """Design twelve poses for the M-900iB; picture report, plan in 3D and the sheet of the day; and other robots."""
+    """Design twelve poses for the M-900iB; picture report, plan in 3D, sheet; a certificate; and other robots."""
+    certificate(images)
     for robot, at in ROBOTS.items():
         picture_of(robot, at, images)
     with tempfile.TemporaryDirectory() as name:
