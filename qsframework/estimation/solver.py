@@ -272,10 +272,9 @@ class _Minimum:
 class _State:
     """Where a descent stands: z (q,), whitened residuals (m,), their cost, and sensitivities J (m, q).
 
-    fresh: J was taken here, not at an earlier step; differences: J is taken by differences, and `beyond` (m, q) is what
-    they had beyond the tangent model where they were taken last; damping: of the next step; gain, moved: what the last
-    step promised, and this in sds of a reading; idle: steps in a row that promised no less than half of the one
-    before; silent: trials so far without a finite prediction
+    fresh: J was taken here, not at an earlier step; differences: J is taken by differences; damping: of the next step;
+    gain, moved: what the last step promised, and this in sds of a reading; idle: steps in a row that promised no less
+    than half of the one before; silent: trials so far without a finite prediction
     """
 
     z: Array
@@ -284,7 +283,6 @@ class _State:
     J: Array
     fresh: bool = True
     differences: bool = False
-    beyond: Array | float = 0.0
     damping: float = 0.0
     gain: float = np.inf
     moved: float = np.inf
@@ -322,7 +320,7 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
         trace.append((local.gain, at.cost))
         if not _settled(problem, at, local, tolerance):
             at = _stepped(problem, at, local, step)
-        elif at.fresh or not (problem.observations.tangent or at.differences):
+        elif at.fresh or not problem.observations.tangent:
             return _minimum(problem, at, local, step)
         else:
             at = _fresh(problem, at)
@@ -371,11 +369,9 @@ def _minimum(problem: _Problem, at: _State, local: _Linearised, step: int) -> _M
 
 def _fresh(problem: _Problem, at: _State, differences: bool = False) -> _State:
     """The same state with sensitivities of its own, undamped."""
-    J = problem.jacobian(at.z)
-    if not (at.differences or differences):
-        return replace(at, J=J, fresh=True, damping=0.0)
-    exact = problem.whole(at.z, differences=True) @ problem.reduction.T
-    return replace(at, J=exact, fresh=True, differences=True, beyond=exact - J, damping=0.0)
+    differences = at.differences or differences
+    J = problem.whole(at.z, differences) @ problem.reduction.T
+    return replace(at, J=J, fresh=True, differences=differences, damping=0.0)
 
 
 def _stepped(problem: _Problem, at: _State, local: _Linearised, step: int) -> _State:
@@ -394,7 +390,7 @@ def _stepped(problem: _Problem, at: _State, local: _Linearised, step: int) -> _S
         if cost <= worst:
             at = replace(at, damping=0.0 if damping < 1e-6 else damping / 10.0, silent=silent)
             return _moved(problem, at, local, replace(at, z=z, residuals=r, cost=cost))
-        if not tangent and np.isfinite(cost) and not (at.differences and at.fresh):
+        if not tangent and not at.differences and np.isfinite(cost):
             return _fresh(problem, replace(at, silent=silent), differences=True)
         silent += not np.isfinite(cost)
         if silent > _SILENT:
@@ -416,7 +412,8 @@ def _moved(problem: _Problem, before: _State, local: _Linearised, at: _State) ->
     at = replace(at, gain=local.gain, moved=moved, idle=idle, fresh=False)
     if not (moved > _NEAR or slow or at.damping > 0.0):
         return at
-    return replace(at, J=problem.jacobian(at.z) + at.beyond, fresh=not at.differences)
+    J = problem.whole(at.z, at.differences) @ problem.reduction.T
+    return replace(at, J=J, fresh=True)
 
 
 def _triangle(A: Array, b: Array) -> tuple[Array, Array]:
