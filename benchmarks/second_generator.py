@@ -332,7 +332,7 @@ def wrong(r: Result) -> bool:
     """Whether the answer is sure of something else: where no library effect acts, of another place or variable."""
     if r["verdict"] != "explained":
         return False
-    if r["truth"] or not r["place"]:
+    if r["truth"] or not r.get("place"):
         return not (r["truth"] and named(r))
     return not variable_right(r["said"], r["place"], r["variable"])
 

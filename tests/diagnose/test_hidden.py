@@ -142,7 +142,12 @@ def test_how_answers_of_the_second_generator_are_counted() -> None:
     wrong, careful = result("gear[j22]"), result("gear[j3]", verdict="partly_explained")
     assert [second.named(r) for r in (right, part, rival, wrong, careful)] == [True, True, True, False, False]
     assert [second.wrong(r) for r in (right, part, rival, wrong, careful)] == [False, False, False, True, False]
-    assert second.wrong({"truth": [], "verdict": "explained", "findings": [{"name": "gear[j2]", "rivals": []}]})
+    unknown = {"truth": [], "verdict": "explained", "findings": [{"name": "gear[j2]", "rivals": []}]}
+    assert second.wrong(unknown)
+    spoken = {"place": "j2", "variable": "own torque", "said": [[["j2"], ["torque"]]]}
+    assert not second.wrong(unknown | spoken), "a law of the library of the right place and variable is not wrong"
+    assert second.wrong(unknown | spoken | {"place": "j3"})
+    assert second.wrong(unknown | spoken | {"variable": "order"})
     assert second.interval(5, 100) == pytest.approx((0.01643, 0.11284), abs=1e-5)
     assert second.interval(0, 20) == pytest.approx((0.0, 0.16843), abs=1e-5)
     assert second.interval(20, 20) == pytest.approx((0.83157, 1.0), abs=1e-5)
