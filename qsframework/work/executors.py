@@ -13,9 +13,11 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Future
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, islice
+from queue import Empty
 from typing import Any, Protocol, TypeVar
 
 from qsframework.errors import InputError, QsfError
@@ -114,6 +116,9 @@ class Local:
                 waiting.future.cancelled()
             ):  # loky tells each that it is not to be done, which one called back cannot hear
                 waiting.future = Future()
+        with suppress(Empty):  # and its thread would look for what it has let go of
+            while True:
+                workers._work_ids.get_nowait()
         workers.shutdown(wait=True, kill_workers=True)
 
 
