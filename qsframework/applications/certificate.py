@@ -13,19 +13,17 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from qsframework.elastostatics import Model
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, Frame, Readings, make_rows
+from qsframework.experiment import Experiment, Readings, make_rows
 from qsframework.experiment.observations import Rows
 from qsframework.files import FileModel, Unit, read_yaml, validate as checked
 from qsframework.identify import StoredFit, validate, validate_halves
-from qsframework.identify.validate import Validation
+from qsframework.identify.validate import Validation, fitted_frames
 from qsframework.plugin import Array
 
 COVERAGE = 2.0
 """k: expanded uncertainties are so many standard ones."""
 HALVES = 10
-ROTATIONAL = ("rad/(N m)", "rad")
 _COMPLIANCES = ("rad/(N m)", "m/N")
 
 
@@ -226,9 +224,10 @@ def _budget(experiment: Experiment, fit: StoredFit, meta: MetaSpec, rows: Rows, 
     frames included, and what the held-out error has beyond them."""
     model = experiment.model()
     names = fit.model_names(experiment)
-    frames, known = _frames(model, fit, rows, fit.x(model))
-    _, J = rows.rates(model, fit.x(model), frames, names)
-    at = [n for f in known for n in _motions(fit, f)] + [fit.names.index(n) for n in names]
+    x = fit.x(model)
+    _, J = rows.rates(model, x, fitted_frames(fit, rows, model, x), names)
+    series = [rows.readings.frames[f] for f in rows.estimated]
+    at = [n for f in series for n in _motions(fit, f)] + [fit.names.index(n) for n in names]
     J = np.where(rows.mask[..., None], J, 0.0)
 
     def seen(C: Array) -> float:
@@ -259,14 +258,6 @@ def _instrument(meta: MetaSpec, rows: Rows) -> float | None:
     return float(np.sqrt((np.where(rows.mask, rows.sigma, 0.0) ** 2).sum(axis=1).mean()))
 
 
-def _frames(model: Model, fit: StoredFit, rows: Rows, x: Array) -> tuple[list[Frame], list[str]]:
-    """The frames of the rows, those of the fit where it found them, and their series."""
-    known = {f.series: f for f in fit.frames}
-    names = [rows.readings.frames[f] for f in rows.estimated]
-    start = [known[n] for n in names] if set(names) <= set(known) else rows.start(model, x)
-    return [known.get(n, s) for n, s in zip(names, start, strict=True)], names
-
-
 def _motions(fit: StoredFit, series: str) -> list[int]:
     """Places of the six motions of a frame among the fit's names, -1 for those of a frame that it does not know."""
     own = [f"frame[{series}].{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")]
@@ -281,16 +272,17 @@ def _arrivals(experiment: Experiment, fit: StoredFit, rows: Rows) -> tuple[Arriv
     poses = readings.poses
     key = np.column_stack([poses.q[rows.plus], poses.wrench[rows.plus], rows.marker, rows.frame])
     _, group = np.unique(np.round(key, 9), axis=0, return_inverse=True)
+    again = [g for g, count in enumerate(np.bincount(group[position])) if count > 1]
+    if not again:
+        return ()
     model = experiment.model()
     errors: list[Array] = []
     for x, own in ((model.nominal, False), (fit.x(model), True)):
-        frames = _frames(model, fit, rows, x)[0] if own else rows.start(model, x)
+        frames = fitted_frames(fit, rows, model, x) if own else rows.start(model, x)
         errors.append(rows.measured - rows.predict(model, x, frames, fit.linear))
     out: list[Arrivals] = []
-    for g in np.unique(group[position]).tolist():
+    for g in again:
         at = np.flatnonzero(position & (group == g))
-        if len(at) < 2:
-            continue
         spread = np.linalg.norm(rows.measured[at] - rows.measured[at].mean(axis=0), axis=1)
         before, after = (float(np.linalg.norm(e[at].mean(axis=0))) for e in errors)
         repeated = float(spread.mean() + 3.0 * spread.std(ddof=1))

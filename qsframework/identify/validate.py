@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import FitOptions, rms
-from qsframework.experiment import Experiment, Readings, make_rows
+from qsframework.experiment import Experiment, Frame, Readings, make_rows
 from qsframework.experiment.observations import Rows
 from qsframework.identify.identify import identify
 from qsframework.identify.io import StoredFit
@@ -107,14 +108,18 @@ def validate(experiment: Experiment, readings: Readings, fit: StoredFit) -> Vali
         raise InputError(f"{fit.file}: the fit is of robot {fit.robot}, not of {experiment.robot.name}")
     model, rows = experiment.model(), make_rows(readings)
     x = fit.x(model)
-    known = {f.series: f for f in fit.frames}
-    names = [readings.frames[f] for f in rows.estimated]
-    found = dict(zip(names, rows.start(model, x), strict=True)) if set(names) - set(known) else {}
-    frames = [known.get(n) or found[n] for n in names]
-    errors = rows.measured - rows.predict(model, x, frames, fit.linear)
+    errors = rows.measured - rows.predict(model, x, fitted_frames(fit, rows, model, x), fit.linear)
     seen = bool(set(fit.data_sha256.split("+")) & set(_hashes(readings)))
     found = _validation(experiment, rows, errors, _nominal(experiment, rows, fit.linear), seen=seen)
     return replace(found, notes=rows.range_notes(model, x))
+
+
+def fitted_frames(fit: StoredFit, rows: Rows, model: Model, x: Array) -> list[Frame]:
+    """The frames of rows whose frame nobody states: as the fit found them, else as they suit its predictions best."""
+    known = {f.series: f for f in fit.frames}
+    names = [rows.readings.frames[f] for f in rows.estimated]
+    found = dict(zip(names, rows.start(model, x), strict=True)) if set(names) - set(known) else {}
+    return [known.get(n) or found[n] for n in names]
 
 
 def validate_halves(

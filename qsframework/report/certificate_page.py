@@ -131,10 +131,9 @@ def parameter_row(q: Quantity) -> tuple[str, str, str, str]:
     value = pair(q.value * factor, q.expanded * factor, unit)
     stiffness = ""
     if q.stiffness is not None:
-        turns = q.unit.startswith("rad")
-        scale, name = (1e-6, "MN m/rad") if turns else (1e-6, "N/um")
-        stiffness = pair(q.stiffness[0] * scale, q.stiffness[1] * scale, name)
-    return q.name, value, stiffness, q.status or ""
+        name = "MN m/rad" if q.unit.startswith("rad") else "N/um"
+        stiffness = pair(1e-6 * q.stiffness[0], 1e-6 * q.stiffness[1], name)
+    return q.name, value, stiffness, q.status
 
 
 def pair(value: float, expanded: float, unit: str) -> str:

@@ -112,9 +112,8 @@ class Local:
         """End the processes."""
         workers = self._workers()
         for waiting in list(workers._pending_work_items.values()):
-            if (
-                waiting.future.cancelled()
-            ):  # loky tells each that it is not to be done, which one called back cannot hear
+            # loky tells each that it is not to be done, which one called back cannot hear
+            if waiting.future.cancelled():
                 waiting.future = Future()
         with suppress(Empty):  # and its thread would look for what it has let go of
             while True:

@@ -17,8 +17,8 @@ from qsframework.applications.targets import joint_targets
 from qsframework.cli.main import app
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, load_experiment
-from qsframework.identify.io import StoredFit
 from qsframework.plugin import Array
+from tests.applications.test_compensate import exact_fit
 
 LS = """/PROG  DRILL
 /ATTR
@@ -117,25 +117,6 @@ def in_frame(experiment: Experiment, degrees: Array, maker: str) -> Array:
     """What the controller shows of the tool in the user frame at these angles."""
     place = np.linalg.inv(matrix(FRAME, maker)) @ flange(experiment, degrees) @ matrix(TOOL, maker)
     return shown(place, maker)
-
-
-def exact_fit(experiment: Experiment) -> StoredFit:
-    model, nothing = experiment.model(), np.zeros(0)
-    return StoredFit(
-        method="exact",
-        names=(),
-        values=nothing,
-        sd=nothing,
-        covariance=np.zeros((0, 0)),
-        status=(),
-        sigma=3e-5,
-        sigma_source="stated",
-        chi2=0.0,
-        dof=0,
-        model=dict(zip(model.names, model.nominal.tolist(), strict=True)),
-        data_sha256="",
-        robot=experiment.robot.name,
-    )
 
 
 HOLE = {"fanuc": np.array([25.0, 28.0, -12.0, 3.0, 62.0, 4.0]), "kuka": np.array([10.0, -85.0, 105.0, 8.0, 35.0, 5.0])}
