@@ -20,7 +20,7 @@ README = """# Simulated readings with a hidden effect
 
 60 poses of a FANUC M-900iB/700 with three reflectors, under a weight of 4 kN, every second pose with a side pull
 of 1.5 kN as well; 0.03 mm noise on each coordinate. `experiment.yaml` describes the robot as `robots/fanuc_m900ib`
-does: six joint springs, the parallelogram and the balancers. The readings hold something more:
+does: six joint springs, the parallelogram, the balancers and the mass compensators. The readings hold something more:
 
 ```sh
 qsf diagnose examples/hidden_effect/experiment.yaml --report r.html --json r.json --extend out/

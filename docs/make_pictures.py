@@ -1,4 +1,4 @@
-"""Make pictures in headless Chromium: report, `qsf show`, sheet and certificate for the pages.
+"""Make pictures in headless Chromium: report, `qsf show`, sheet and certificate for the pages, a palletizer.
 
 Run: python docs/make_pictures.py
 """
@@ -48,6 +48,27 @@ def qsf(*arguments: str) -> None:
     subprocess.run([command, *arguments], check=True, capture_output=True)
 
 
+CAMPAIGN = """robot: {robot}
+load: {{point_mm: [300, 0, 200]}}
+markers: {{m1: {{xyz_mm: [200, 200, 100]}}, m2: {{xyz_mm: [-200, 100, 100]}}}}
+noise: {{sigma_mm: 0.03}}
+loads: [{{name: weight, fz_N: -4000, fy_N: 800}}]
+constraints: {{of: flange, z_min_m: 0.3}}
+"""
+ROBOTS = {"abb_irb760": "#4"}
+"""Robots with a picture on their page, and the pose of a plan that it shows."""
+
+
+def picture_of(robot: str, at: str, images: Path) -> None:
+    """One pose of a small plan for a robot, in 3D."""
+    with tempfile.TemporaryDirectory() as name:
+        experiment, plan, page = (Path(name) / file for file in ("experiment.yaml", "plan.csv", "show.html"))
+        experiment.write_text(CAMPAIGN.format(robot=robot))
+        qsf("design", str(experiment), "-n", "6", "--candidates", "200", "--output", str(plan))
+        qsf("show", str(experiment), str(plan), "--html", str(page))
+        screenshot(page, images / f"{robot}.png", "800,560", at)
+
+
 META = """calibration: {number: "2026-014", date: 2026-11-20, place: Hall 3, operator: A. Surveyor}
 robot: {maker: Universal Robots, type: UR10, serial_number: "2015301234"}
 instrument: {type: laser tracker with a 6D target, uncertainty_mm: 0.06}
@@ -68,8 +89,10 @@ def certificate(images: Path) -> None:
 
 
 def main(images: Path = HERE / "images") -> None:
-    """Design twelve poses for the M-900iB; picture report, plan in 3D, sheet; and a certificate."""
+    """Design twelve poses for the M-900iB; picture report, plan in 3D, sheet; a certificate; and other robots."""
     certificate(images)
+    for robot, at in ROBOTS.items():
+        picture_of(robot, at, images)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         plan = str(folder / "plan.csv")

@@ -24,6 +24,8 @@ that states the source of every number. What no source states is assumed and mar
 FANUC's and KUKA's links. A plan made with assumed values is still good, for the optimal poses hardly depend on them; a
 prediction made with them is no better than they are. [Add yours](add-a-robot.md).
 
+![A palletizer, its two parallelograms, and what it gives under a weight](images/abb_irb760.png)
+
 """
 MIDDLE = """
 "Assumed" counts parameters of these effects whose `source` in `nominal.yaml` begins so; what is published was published

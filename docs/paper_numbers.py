@@ -8,15 +8,10 @@ from functools import cache
 from itertools import combinations
 
 import numpy as np
+from paper_steps import loss_range, planar_rows, step_one_covariance, stiffness_rows
 
 from qsframework.design import CRITERIA
-from qsframework.information.two_step import (
-    loss_range,
-    planar_rows,
-    step_one_covariance,
-    step_two_information,
-    stiffness_rows,
-)
+from qsframework.information.two_step import step_two_information
 from qsframework.plugin import Array
 
 CRITERIA_NAMES = ("A", "D", "O3")
@@ -35,12 +30,18 @@ FOREARM = (-30.0, 30.0)
 MIDDLE = np.arange(1.0, 119.01, 0.1)
 """Middle angles of all curves, deg."""
 
-BEST_VALUE = {"A": 14.27, "D": 2.11, "O3": 8.19}
+COUNTS = (3, 4, 5)
+"""Numbers of measurements in Table 1."""
+TABLE_1 = {"A": (14.27, 9.85, 7.86), "D": (2.11, 1.68, 1.33), "O3": (8.19, 5.77, 4.59)}
+"""Table 1: the criterion with three, four and five measurements."""
+PER_CONFIGURATION = {"A": ("42.81", "39.4", "39.3"), "D": ("6.33", "6.72", "6.65"), "O3": ("24.57", "23.08", "22.95")}
+"""Table 1: the criterion times the number of measurements, with the printed digits."""
+BEST_VALUE = {name: values[0] for name, values in TABLE_1.items()}
 """Table 1, three measurements."""
 RATIO = {"A": (1.0, 0.690, 0.551), "D": (1.0, 0.796, 0.630)}
 """Table 1, value with three, four and five measurements over that with three."""
 BEST_MIDDLE = {"A": 47.1, "D": 50.0}
-"""Table 1, deg."""
+"""Section 5.2, deg: the ends of the range from 47.1 to 50.0."""
 RANGES = {
     ("A", 0.1): (37.0, 57.0),
     ("A", 0.2): (35.0, 60.0),
@@ -50,12 +51,37 @@ RANGES = {
     ("D", 0.5): (17.0, 87.0),
 }
 """Table 2, deg, the columns exchanged back."""
+O3_RANGES = {0.1: (38.0, 57.0), 0.2: (34.0, 61.0), 0.5: (23.0, 75.0)}
+"""Table 2, O3, deg."""
+TABLE_2_BEST = {"A": ("47", "14.3"), "D": ("50", "2.11"), "O3": ("47", "8.2")}
+"""Table 2, row min: the middle angle, deg, and the criterion, the columns exchanged back."""
+TABLE_2_VALUE = {"A": ("15.7", "17.1", "21.4"), "D": ("2.32", "2.53", "3.16"), "O3": ("9.0", "9.8", "16.3")}
+"""Table 2: the criterion at a loss of 10, 20 and 50 %."""
 O3_LAST_ROW = 16.3
 """Table 2, O3 at a loss of 50 %."""
-K2_AT_88 = 2.00
+TABLE_3 = (
+    (88.0, (0.66, 1.22, 2.00, 0.48, 0.45)),
+    (67.0, (0.66, 1.22, 1.54, 0.47, 0.47)),
+    (2.0, (0.71, 1.25, 0.71, 0.55, 0.50)),
+    (67.0, (0.66, 1.22, 1.54, 0.47, 0.47)),
+    (112.0, (0.67, 1.23, 1.62, 0.50, 0.44)),
+)
+"""Table 3: middle angle, deg, and the columns q2 = 0, q2 = 120, q2 = vary, q3 = -30, q3 = 30."""
+K2_AT_88 = TABLE_3[0][1][2]
 """Table 3, sd of k2(88)."""
-TABLE_4_RANGE = {0.2: (0.0, 40.0)}
-"""Table 4: middle angles at which k2(middle) is at most so much worse than at its best, deg."""
+TABLE_4_BEST = ((88.0, 0.66), (67.0, 1.22), (2.0, 0.71), (67.0, 0.47), (112.0, 0.44))
+"""Table 4, row min, in Table 3's columns: middle angle, deg, and value."""
+_ALL = (0.0, 120.0)
+TABLE_4 = {
+    0.1: ((_ALL, 0.73), (_ALL, 1.34), ((0.0, 32.0), 0.78), ((20.0, 120.0), 0.52), ((53.0, 120.0), 0.48)),
+    0.2: ((_ALL, 0.79), (_ALL, 1.46), ((0.0, 40.0), 0.85), (_ALL, 0.56), (_ALL, 0.53)),
+    0.5: ((_ALL, 0.99), (_ALL, 1.83), ((0.0, 54.0), 1.06), (_ALL, 0.71), (_ALL, 0.66)),
+}
+"""Table 4: middle angles, deg, at which a column is at most so much above its least, and the value there."""
+TABLE_4_LAST = {0.0: (47.0, 50.0), 0.1: (38.0, 57.0), 0.2: (35.0, 60.0), 0.5: (29.0, 67.0)}
+"""Table 4, last column, deg: the parameters' range, from Table 2."""
+COLUMN_ORDER = (0, 2, 1, 3, 4)
+"""Of Table 3's columns in the order of `table_3`."""
 CHOSEN = 35.0
 """The middle angle that the paper takes in the end, deg."""
 
@@ -127,8 +153,8 @@ def best_angles(criterion: str, count: int, starts: int = 8) -> tuple[float, ...
         for _ in range(50):
             for k in range(count):
                 rest = each[np.delete(chosen, k)].sum(axis=0)
-                chosen[k] = CRITERIA[criterion].value(rest + each).argmin()
-            now = float(CRITERIA[criterion].value(each[chosen].sum(axis=0)))
+                chosen[k] = scaled(criterion, rest + each).argmin()
+            now = float(scaled(criterion, each[chosen].sum(axis=0)))
             if now >= value * (1.0 - 1e-12):
                 break
             value = now
@@ -136,19 +162,48 @@ def best_angles(criterion: str, count: int, starts: int = 8) -> tuple[float, ...
     return min(found)[1]
 
 
+@cache
+def paper_unit(criterion: str) -> float:
+    """What the paper's A or D is of ours: by its three measurements, for it does not print its units."""
+    return BEST_VALUE[criterion] / float(curve(criterion).min())
+
+
+def scaled(criterion: str, M: Array) -> Array:
+    """A criterion of information (..., 3, 3) in the paper's units; O3 is half the sum of A and D in these."""
+    if criterion == "O3":
+        return 0.5 * (scaled("A", M) + scaled("D", M))
+    return paper_unit(criterion) * CRITERIA[criterion].value(M)
+
+
+@cache
+def paper_curve(criterion: str) -> Array:
+    """`curve` in the paper's units."""
+    rows = [stiffness_rows(np.deg2rad([ENDS[0], middle, ENDS[1]]), *FITTED) for middle in MIDDLE]
+    return scaled(criterion, np.array([step_two_information(r) for r in rows]))
+
+
 @dataclass(frozen=True)
 class Table1:
-    """For three, four and five measurements: the best angles, deg, and the criterion over that of three."""
+    """For three, four and five measurements: the best angles, deg, the criterion in the paper's units, and over that of
+    three."""
 
     angles: dict[str, tuple[tuple[float, ...], ...]]
+    value: dict[str, tuple[float, ...]]
     ratio: dict[str, tuple[float, ...]]
 
 
+@cache
 def table_1() -> Table1:
-    """Table 1 computed, for A and D."""
-    angles = {name: tuple(best_angles(name, count) for count in (3, 4, 5)) for name in ("A", "D")}
-    value = {name: [step_two_value(name, a) for a in angles[name]] for name in angles}
-    return Table1(angles, {name: tuple(v / value[name][0] for v in value[name]) for name in angles})
+    """Table 1 computed."""
+    angles = {name: tuple(best_angles(name, count) for count in COUNTS) for name in CRITERIA_NAMES}
+    value = {
+        name: tuple(
+            float(scaled(name, step_two_information(stiffness_rows(np.deg2rad(np.array(a)), *FITTED))))
+            for a in angles[name]
+        )
+        for name in angles
+    }
+    return Table1(angles, value, {name: tuple(v / value[name][0] for v in value[name]) for name in angles})
 
 
 def table_2(values: Array, loss: float) -> tuple[float, float]:
@@ -166,11 +221,26 @@ def _sds(angles: Sequence[float]) -> Array:
     return 1e6 * np.sqrt(np.diag(step_one_covariance(planar_rows(q2, q3, *LINKS)[0])))
 
 
-def table_4(loss: float) -> tuple[float, float]:
-    """Middle angles at which sd k2(middle) is at most `loss` above its best, deg."""
-    angle = np.arange(0.1, 88.0, 0.1)
-    low, high = loss_range(angle, np.array([table_3(a)[1] for a in angle]), loss)
-    return (0.0 if low <= angle[0] else low), high
+TABLE_4_ANGLES = np.concatenate([np.arange(0.1, 89.0, 0.1), np.arange(91.0, 119.95, 0.1)])
+"""Middle angles of Table 4 and Figure 8, deg: at an upright link 2 its own compliance is not seen."""
+
+
+@cache
+def table_3_curves() -> Array:
+    """Table 3's columns (n, 5) over the angles of Table 4, urad/(N m)."""
+    return np.array([table_3(middle)[list(COLUMN_ORDER)] for middle in TABLE_4_ANGLES])
+
+
+def table_4(loss: float, column: int = 2) -> tuple[float, float]:
+    """Middle angles at which a column of Table 3 is at most `loss` above its least, deg: around the best one."""
+    low, high = loss_range(TABLE_4_ANGLES, table_3_curves()[:, column], loss)
+    return (ENDS[0] if low <= 0.1 else low), (ENDS[1] if high >= TABLE_4_ANGLES[-1] - 1e-9 else high)
+
+
+def table_4_best(column: int) -> tuple[float, float]:
+    """The middle angle, deg, at which a column of Table 3 is least, and its value there."""
+    values = table_3_curves()[:, column]
+    return float(TABLE_4_ANGLES[values.argmin()]), float(values.min())
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from paper_steps import planar_rows, step_one_covariance, stiffness_rows
 
-from qsframework.information.two_step import (
-    planar_rows,
-    step_one_covariance,
-    step_two,
-    stiffness_covariance,
-    stiffness_rows,
-)
+from qsframework.information.two_step import step_two, stiffness_covariance
 from qsframework.plugin import Array
 
 LC, L2, L3 = 0.4722, 0.8609, 1.0

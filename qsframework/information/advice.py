@@ -8,10 +8,23 @@ from qsframework.elastostatics import Model
 from qsframework.elastostatics.evaluation import evaluate_stages
 from qsframework.elastostatics.structure import chunks
 from qsframework.estimation import RankTest
-from qsframework.plugin import Actuator, Array, Context, Effect, Geometry, Load, ParallelSpring, Poses, Sensor, Spring
+from qsframework.plugin import (
+    Actuator,
+    Array,
+    Context,
+    Effect,
+    Geometry,
+    Load,
+    ParallelSpring,
+    Poses,
+    Sensor,
+    Spring,
+    laws,
+)
 
 _LITTLE = 0.05
 """Share of the largest possible torque below which a spring counts as not loaded."""
+_FACES = (laws.torque, laws.stiffness)
 
 
 def what_would_help(model: Model, name: str, poses: Poses) -> str:
@@ -20,7 +33,7 @@ def what_would_help(model: Model, name: str, poses: Poses) -> str:
     if isinstance(effect, Spring) and model.index([name])[0] in model.compliance_rows:
         return _spring(model, effect, name, poses)
     if isinstance(effect, ParallelSpring):
-        return _balancer(model, effect, poses)
+        return _balancer(model, effect, name, poses)
     if isinstance(effect, Geometry):
         return "it moves the unloaded and the loaded arm alike: measure absolute positions (x_mm, y_mm, z_mm)"
     if isinstance(effect, Load):
@@ -62,7 +75,13 @@ def _pull_words(axis: int) -> str:
     return "a vertical load" if axis == 2 else f"a side pull along the base's {'xy'[axis]}"
 
 
-def _balancer(model: Model, effect: ParallelSpring, poses: Poses) -> str:
+def _balancer(model: Model, effect: ParallelSpring, name: str, poses: Poses) -> str:
+    silenced = _silenced_by(model, effect, name, poses)
+    if silenced:
+        return (
+            f"it changes nothing while the nominal {' and '.join(silenced)} is 0: state a value other than 0, the "
+            "experiment's own nominal file will do"
+        )
     joints = effect.joints(model.facts)
     who = " and ".join(joints) or effect.name
     if _has_torque(model, effect, poses):
@@ -72,6 +91,26 @@ def _balancer(model: Model, effect: ParallelSpring, poses: Poses) -> str:
         )
     count = len(np.unique(np.round(poses.q[:, [model.facts.joint_index(j) for j in joints]], 3), axis=0))
     return f"the readings have {count} angles of {who}: measure at three or more, far apart, under a large load"
+
+
+def _silenced_by(model: Model, effect: ParallelSpring, name: str, poses: Poses) -> list[str]:
+    """The effect's parameters whose nominal value of 0 leaves this one, such as a free length, without effect."""
+    parameters = effect.parameters(model.facts)
+    places = [model.facts.joint_index(j) for j in effect.joints(model.facts)]
+    if not places or effect.ends(model.facts) is not None:
+        return []
+    q, context = poses.q[:, places], Context(model.facts, poses)
+    x = model.nominal[model.index([p.name for p in parameters])]
+    step = np.array([p.typical * (p.name == name) for p in parameters])
+
+    def silent(at: Array) -> bool:
+        terms = [(law(effect, q, at, context), law(effect, q, at + step, context)) for law in _FACES]
+        return all(a is None or b is None or np.array_equal(a.value, b.value) for a, b in terms)
+
+    if not silent(x):
+        return []
+    woken = (np.where(np.arange(len(x)) == i, p.typical, x) for i, p in enumerate(parameters))
+    return [p.name for p, v, at in zip(parameters, x, woken, strict=True) if v == 0.0 and not silent(at)]
 
 
 def _has_torque(model: Model, effect: ParallelSpring, poses: Poses) -> bool:

@@ -14,7 +14,7 @@ from tests.cli.test_commands import M900IB, R2000IC, run
 from tests.diagnose.cases import poses
 
 HIDDEN = str(example("hidden_effect") / "experiment.yaml")
-TRUTH = -1.21e-16
+TRUTH = -1.94e-16
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ import numpy as np
 import paper_numbers as numbers
 import paper_table5 as table5
 import pytest
+from paper_steps import stiffness_rows
 
 from qsf_plugins.spring_triangle import SpringTriangle, spring
 from qsframework.design import check_poses
@@ -16,8 +17,9 @@ from qsframework.design.candidates import reference_point
 from qsframework.elastostatics import Site, make_model
 from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.state import place as place_chain
-from qsframework.experiment import Experiment, Plan, example, read_plan
-from qsframework.information.two_step import stiffness_rows
+from qsframework.estimation import FitOptions
+from qsframework.experiment import Experiment, Plan, example, read_plan, simulate
+from qsframework.identify import identify
 from qsframework.plugin import Actuator, Array, Context, Parameter, Poses, RobotFacts, Spring, find as find_effect
 
 TRIANGLE = SpringTriangle(*numbers.FITTED)
@@ -39,6 +41,43 @@ def test_equation_12_holds_for_the_absolute_angle_of_the_forearm(q2: float, q3: 
     serial = right @ np.array([[1.0, 0.0], [1.0, 1.0]])
     assert np.allclose(np.linalg.solve(serial, right), [[1, 0], [-1, 1]], atol=1e-12)
     assert np.abs(np.linalg.solve(serial, planar(q2, q3)) - [[1, 0], [-1, 1]]).max() > 0.3
+
+
+@pytest.mark.parametrize(("q2", "q3"), [(0.4, -0.9), (1.3, 0.6), (2.0, -1.7)])
+def test_equations_14_and_15_lead_to_16_corrected(q2: float, q3: float) -> None:
+    """One Cartesian stiffness of both chains; solved for ks it is [[k2, -k2], [-k2, k2 + k3]], not what (16) prints."""
+    k2, k3 = 0.14e-6, 0.2e-6
+    Jp = planar(q2, q2 + q3)
+    Js = Jp @ np.array([[1.0, 0.0], [1.0, 1.0]])
+    whole = np.linalg.inv(Js) @ Jp
+    ks = whole @ np.diag([k2, k3]) @ whole.T
+    assert np.allclose(ks, [[k2, -k2], [-k2, k2 + k3]], rtol=1e-9, atol=0)
+    stiffness = np.linalg.inv(Jp @ np.diag([k2, k3]) @ Jp.T)
+    assert np.allclose(np.linalg.inv(Js @ ks @ Js.T), stiffness, rtol=1e-8)
+    printed_16 = np.array([[k2, -k3], [-k3, k3]])
+    assert np.abs(np.linalg.inv(Js @ printed_16 @ Js.T) / stiffness - 1.0).max() > 0.1
+
+
+def test_equations_2_and_6_are_least_at_the_fit(m900ib: Experiment) -> None:
+    """The sum of squares of (6), the readings' errors in it, written out with plain predictions: no step lowers it."""
+    experiment = m900ib.with_(fit=table5.JOINTS[1:])
+    plan = read_plan(example("m900ib") / "table5.csv", experiment)
+    simulation = simulate(experiment, plan, seed=3, linear=True)
+    fit = identify(experiment, simulation.readings, options=FitOptions(linear=True, keep_all=True))
+    model = experiment.model()
+    index = model.index(table5.JOINTS[1:])
+
+    def squares(x: Array) -> float:
+        predicted = model.predict(plan.poses, x).reshape(-1, 3)
+        return float(((simulation.readings.value - predicted) ** 2).sum())
+
+    least = squares(fit.x)
+    assert least < squares(model.nominal)
+    for i in index:
+        for step in (1e-3, -1e-3):
+            other = fit.x.copy()
+            other[i] *= 1.0 + step
+            assert squares(other) > least
 
 
 def test_the_forearms_column_depends_on_its_elevation_alone(m900ib: Experiment) -> None:

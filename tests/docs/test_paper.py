@@ -13,7 +13,7 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "paper.md"
 
 
 def paths(text: str) -> list[str]:
-    return re.findall(r"`(qsf\w+(?:\.\w+)+)`", text)
+    return re.findall(r"`((?:qsf|paper_)\w+(?:\.\w+)+)`", text)
 
 
 def held_by(text: str) -> list[str]:

@@ -10,9 +10,16 @@ from qsframework.elastostatics import flip_margin
 from qsframework.experiment import Constraints, Experiment
 from qsframework.plugin import Poses
 
+M2 = (60.0, np.array([-0.36, 0.0, 0.28]))
+"""Mass, kg, and place on link 3 of the motors of the wrist."""
+BAR = (40.0, np.array([-0.75, 0.0, 0.0]))
+"""The bar turns with link 2, so joint 3 moves it as its upper pivot moves, m."""
 
-def driven_torque(experiment: Experiment, q: np.ndarray, wrench: np.ndarray) -> tuple[float, float]:
-    """Torque on the lever (= on joint 3, since G[:, lever] = e3), unloaded and loaded, one pose."""
+
+def driven_torque(
+    experiment: Experiment, q: np.ndarray, wrench: np.ndarray, hung: tuple[tuple[float, np.ndarray], ...]
+) -> tuple[float, float]:
+    """Torque on the driven joint, unloaded and loaded, of one pose: the arm's and that of masses hung on link 3."""
     robot = experiment.robot
     data = robot.model.createData()
     gravity = -pin.computeGeneralizedGravity(robot.model, data, q)
@@ -21,11 +28,14 @@ def driven_torque(experiment: Experiment, q: np.ndarray, wrench: np.ndarray) -> 
     arm = data.oMi[6].rotation @ experiment.load_point
     moment = wrench[3:] + np.cross(arm, wrench[:3])
     load = J.T @ np.concatenate([wrench[:3], moment])
-    return float(gravity[2]), float(gravity[2] + load[2])
+    axis = data.oMi[3].rotation @ np.array([0.0, -1.0, 0.0])
+    held = gravity[2] + sum(-9.81 * kg * np.cross(axis, data.oMi[3].rotation @ at)[2] for kg, at in hung)
+    return float(held), float(held + load[2])
 
 
 def test_the_margin_is_the_torque_that_holds_the_side(m900ib: Experiment) -> None:
-    """On the M-900iB the balancer acts on joint 2 alone, so the lever carries gravity and load only."""
+    """The balancer acts on joint 2 alone. The elbow's joint passes on the weight of the arm with m2 and
+    the load, the lever's end the bar's weight too; lever and m1 hang on the actuator itself."""
     rng = np.random.default_rng(0)
     controller = m900ib.robot.controller
     pendant = rng.uniform(controller.lower, controller.upper, (200, 6))
@@ -34,10 +44,12 @@ def test_the_margin_is_the_torque_that_holds_the_side(m900ib: Experiment) -> Non
     margin = flip_margin(m900ib.model(), Poses(pendant, q, wrench))
     flipped = 0
     for i in range(200):
-        unloaded, loaded = driven_torque(m900ib, q[i], wrench[i])
-        assert np.isclose(margin[i], min(abs(unloaded), np.sign(unloaded) * loaded), rtol=1e-9, atol=1e-6)
-        flipped += unloaded * loaded < 0
-        assert (margin[i] < 0) == (unloaded * loaded < 0)
+        pairs = [driven_torque(m900ib, q[i], wrench[i], hung) for hung in ((M2,), (M2, BAR))]
+        held = [min(abs(unloaded), np.sign(unloaded) * loaded) for unloaded, loaded in pairs]
+        assert np.isclose(margin[i], min(held), rtol=1e-9, atol=1e-6)
+        flips = any(unloaded * loaded < 0 for unloaded, loaded in pairs)
+        flipped += flips
+        assert (margin[i] < 0) == flips
     assert 20 < flipped < 180
 
 

@@ -87,9 +87,9 @@ def test_a_coordinate_that_the_arm_has_not(
         wide(m900ib, Strange(what))
 
 
-@pytest.mark.parametrize("x", [np.zeros(3), np.full(14, np.nan)])
+@pytest.mark.parametrize("x", [np.zeros(3), np.full(16, np.nan)])
 def test_parameters_are_one_finite_number_each(m900ib: Experiment, x: Array) -> None:
-    with pytest.raises(InputError, match="x must hold 14 finite numbers"):
+    with pytest.raises(InputError, match="x must hold 16 finite numbers"):
         m900ib.model().predict(batch(m900ib), x)
 
 

@@ -5,16 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from make_statistics import CASES, Case, campaigns, condition, setting
+from paper_steps import planar_rows, step_one_covariance, stiffness_rows
 from statistics_methods import L2, L3, LC, NOISE, PLANS, TRUTH, Plan, squares
 
 from qsframework.experiment import example, load_experiment
-from qsframework.information.two_step import (
-    planar_rows,
-    step_one_covariance,
-    step_two_information,
-    stiffness_covariance,
-    stiffness_rows,
-)
+from qsframework.information.two_step import step_two_information, stiffness_covariance
 
 COUNT = 400
 HOLDS = [c for c in CASES if c.covariance and c.modelled and c.nominal == 1.0]

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from qsframework.design import design
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, load_experiment, make_plan, simulate
@@ -140,3 +141,18 @@ def test_a_plan_that_tells_nothing_promises_nothing(m900ib: Experiment) -> None:
     at = poses(m900ib, 1)
     with pytest.raises(InputError, match="a promise needs the noise"):
         promised_sd(m900ib.with_(noise=Noise(None)), make_plan(at, ["pull"] * len(at)))
+
+
+def test_a_free_length_without_a_stiffness_is_told_why(m900ib: Experiment) -> None:
+    """The angles were blamed, which are many. With a nominal stiffness, as the paper's example has it, it is told."""
+    stiffness, length = (f"compensator_stiffness[joint_2].{what}" for what in ("stiffness", "free_length"))
+    experiment = m900ib.with_(fit=("joint_compliance[joint_2]", stiffness, length))
+    at = poses(experiment, 0)
+    said = what_would_help(experiment.model(), length, at)
+    assert f"it changes nothing while the nominal {stiffness} is 0" in said
+    assert "angles of joint_2" in what_would_help(experiment.model(), stiffness, at)
+    with pytest.raises(NotIdentifiable, match="changes nothing while the nominal"):
+        design(experiment, 6, candidates=60)
+    stated = load_experiment(example("m900ib") / "paper_balancer.yaml")
+    assert "changes nothing" not in what_would_help(stated.model(), length, at)
+    assert np.isfinite(promised_sd(stated, design(stated, 6, candidates=60))).all()

@@ -6,20 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from paper_steps import balancer_length, link_deflection, loss_range, planar_rows, step_one_covariance, stiffness_rows
 
 from qsf_plugins.spring_triangle import SpringTriangle, spring
 from qsframework.information.two_step import (
-    balancer_length,
     distinct_angles,
-    link_deflection,
-    loss_range,
-    planar_rows,
-    step_one_covariance,
     step_two,
     step_two_covariance,
     step_two_information,
     stiffness_covariance,
-    stiffness_rows,
 )
 from qsframework.plugin import Array
 

@@ -140,7 +140,7 @@ def test_a_coupled_wrist_spreads_its_gears() -> None:
 
 def test_loops_that_build_on_each_other_bend_as_differences_say() -> None:
     """A four-bar drives joint 3, joint 4 follows it and joint 5 follows joint 4: slopes and curvature of the whole."""
-    robot = load_robot("fanuc_m900ib")
+    robot = load_robot("fanuc_m900ia_260l")
     loops = effects_of(
         robot,
         {"effect": "coupling", "joint": "joint_5", "follows": {"joint_4": 0.5, "joint_1": 0.1}},

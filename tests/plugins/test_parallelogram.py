@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from qsframework.elastostatics import Site, make_model
-from qsframework.plugin import Poses
+from qsframework.plugin import Loop, LoopTerm, Poses
 from qsframework.plugin.check import sample_context
+from qsframework.plugin.loops import follow
 from qsframework.robot import Robot, load_robot
 
 
@@ -16,16 +17,23 @@ def robot() -> Robot:
     return load_robot("fanuc_m900ib")
 
 
+def loop_of(robot: Robot) -> Loop:
+    return next(e for e in robot.effects if isinstance(e, Loop))
+
+
 def test_the_forearm_keeps_its_attitude_when_the_shoulder_turns(robot: Robot) -> None:
     import pinocchio as pin
 
-    loop = next(e for e in robot.effects if e.effect_name() == "parallelogram")
+    loop = loop_of(robot)
     data = robot.model.createData()
     lever = 0.3
     rotations = []
     for shoulder in (-0.4, 0.0, 0.9):
         q = np.zeros(6)
-        q[[1, 2]] = loop.closure(np.array([[shoulder, lever]]), np.zeros((1, 1)), sample_context(robot.facts)).q[0]
+        actuators = np.array([[shoulder, lever, 0.0, 0.0]])  # the last two are lever and bar, which no motor turns
+        term = loop.closure(actuators, np.zeros((1, 1)), sample_context(robot.facts))
+        assert isinstance(term, LoopTerm)
+        q[[1, 2]] = term.q[0, :2]
         pin.forwardKinematics(robot.model, data, q)
         rotations.append(data.oMi[3].rotation.copy())
     assert np.allclose(rotations[0], rotations[1], atol=1e-15)
@@ -34,17 +42,20 @@ def test_the_forearm_keeps_its_attitude_when_the_shoulder_turns(robot: Robot) ->
 
 def test_the_actuator_of_joint_3_is_what_the_pendant_shows(robot: Robot) -> None:
     """FANUC shows J3 absolute, which is the lever's angle: the two maps cancel."""
-    loop = next(e for e in robot.effects if e.effect_name() == "parallelogram")
     pendant = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 6))
     q = robot.controller.to_joints(pendant)
-    assert np.allclose(loop.actuators(q[:, 1:3], robot.facts), pendant[:, 1:3])
+    loop = loop_of(robot)
+    tied = follow([loop], q, robot.facts)[:, [robot.facts.turning_index(joint) for joint in loop.joints(robot.facts)]]
+    actuators = loop.actuators(tied, robot.facts)
+    assert np.allclose(actuators[:, :2], pendant[:, 1:3])
+    assert np.allclose(actuators[:, 2:], 0.0)
 
 
 def test_transmission_angle_is_the_angle_between_link_2_and_the_lever(robot: Robot) -> None:
     """From positions: link 2 runs from axis 2 to axis 3, the lever's copy from axis 3 to the bar's pivot."""
     import pinocchio as pin
 
-    loop = next(e for e in robot.effects if e.effect_name() == "parallelogram")
+    loop = loop_of(robot)
     data = robot.model.createData()
     for pendant in np.deg2rad([[0, 0, 0, 0, 0, 0], [0, 55, 30, 0, 0, 0], [0, 40, -60, 0, 0, 0], [0, 90, -30, 0, 0, 0]]):
         q = robot.controller.to_joints(pendant[None])[0]

@@ -25,6 +25,11 @@ def robot() -> Robot:
     return load_robot("fanuc_m900ib")
 
 
+ROD, M1, TIE = 60.0, 200.0, mj.Rod(40.0, (0.0, 0.0, 0.56))
+LOADED_LEVER = mj.Rod(ROD + M1, ((-ROD * 0.375 - M1 * 0.95) / (ROD + M1), 0.0, 0.0))
+"""Lever with m1, and bar, as the shipped robot has them; m2 is in link 3's mass there as here."""
+
+
 def model(robot: Robot, bar_compliance: float = 0.0) -> Model:
     effects = list(robot.effects)
     parameters = list(robot.parameters)
@@ -60,7 +65,7 @@ def test_a_really_closed_loop_gives_the_same_displacement(robot: Robot) -> None:
         p = pair(robot, rng)
         if m.transmission_margin(p)[0] < 0:
             continue
-        truth = mj.displacement(p.q[0], p.wrench[0, :3], POINT)
+        truth = mj.displacement(p.q[0], p.wrench[0, :3], POINT, lever=LOADED_LEVER, bar=TIE)
         full.append(np.linalg.norm(full_displacement(m, p)[0, 0] - truth))
         linear.append(np.linalg.norm(m.predict(p)[0, 0] - truth))
     assert max(full) < 1e-6
@@ -80,7 +85,7 @@ def test_close_to_flat_the_bar_takes_over_and_the_model_follows(robot: Robot, de
     stiff, soft = model(robot), model(robot, 1 / stiffness)
     for _ in range(4):
         p = pair(robot, rng, np.deg2rad(degrees))
-        truth = mj.displacement(p.q[0], p.wrench[0, :3], POINT, bar_stiffness=stiffness)
+        truth = mj.displacement(p.q[0], p.wrench[0, :3], POINT, stiffness, LOADED_LEVER, TIE)
         size = np.linalg.norm(truth)
         followed = np.linalg.norm(full_displacement(soft, p)[0, 0] - truth)
         ignored = np.linalg.norm(full_displacement(stiff, p)[0, 0] - truth)

@@ -172,3 +172,24 @@ def test_the_ratio_to_cvxpy_is_that_of_the_benchmark(root: Path) -> None:
     measured = [float(ratio) for ratio in re.findall(r"^\| cvxpy, .*\| (\d+) \|$", page, re.M)]
     (told,) = re.findall(r"Column generation is (\d+) to (\d+) times as\s+fast", (root / "README.md").read_text())
     assert [float(t) for t in told] == [float(f"{r:.1g}") for r in (min(measured), max(measured))]
+
+
+def test_the_papers_way_runs_and_prints_what_is_said(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """examples/m900ib/paper.md: from the base over the parallelogram to the wrist, two steps beside one."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "examples").symlink_to(root / "examples")
+    page = root / "examples" / "m900ib" / "paper.md"
+    printed = ""
+    for command in lines(page, "sh"):
+        printed += printed_by(command)
+        for report in re.findall(r"--report (\S+)", command):
+            assert (tmp_path / report).stat().st_size > 10_000
+    printed += (tmp_path / "base.csv").read_text()
+    for line in lines(page, "text"):
+        assert plain(line) in plain(printed), line
+    angles = np.loadtxt(tmp_path / "balancer.csv", delimiter=",", skiprows=2, usecols=2)
+    assert sorted(set(np.round(angles))) == [-27, 27, 64, 90]
+    for link in re.findall(r"\]\(([^)#:]+)", page.read_text()):
+        assert (page.parent / link).is_file(), link

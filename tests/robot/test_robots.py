@@ -102,7 +102,11 @@ def test_m900ib_nominal_values():
     assert values["gravity_compensator[joint_2].free_length"].nominal == 0.7
     assert values["compensator_stiffness[joint_2].stiffness"].nominal == 0
     assert [e.stage for e in robot.effects] == sorted(e.stage for e in robot.effects)
-    assert robot.facts.masses.sum() == pytest.approx(2800)
+    compensators = [values[f"counterweight[{link}]"].nominal for link in ("joint_3_lever", "link_3")]
+    assert compensators == [200, 60]
+    branches = {branch.link: branch.mass for branch in robot.facts.branches}
+    assert branches == {"joint_3_lever": 60, "joint_3_bar": 40}
+    assert robot.facts.masses.sum() + sum(branches.values()) + sum(compensators) == pytest.approx(2800)
 
 
 # modified Denavit-Hartenberg rows of the readings: alpha, a, theta offset, d

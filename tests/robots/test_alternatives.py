@@ -69,7 +69,9 @@ def test_the_alternatives_of_the_papers_robot() -> None:
     ]
     serial, bare, relative = (a.robot for a in alternatives(robot))
     assert not any(p.name.startswith("parallelogram") for p in serial.parameters)
-    assert {e.effect_name() for e in bare.effects} == {"parallelogram", "joint_compliance"}
+    assert {e.effect_name() for e in bare.effects} == {"parallelogram", "joint_compliance", "counterweight"}
+    assert not serial.facts.branches
+    assert [e.name for e in serial.effects if e.effect_name() == "counterweight"] == ["counterweight[link_3]"]
     shown = np.deg2rad([[10.0, 20.0, -30.0, 40.0, 50.0, 60.0]])
     np.testing.assert_allclose(robot.controller.to_joints(shown)[0, 2], np.deg2rad(-10.0))
     np.testing.assert_allclose(relative.controller.to_joints(shown), shown)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,9 +17,11 @@ from qsframework.identify import identify
 from qsframework.plugin import Poses
 from qsframework.report.result_json import diagnosis_json
 from qsframework.report.words.diagnosis import statements
+from qsframework.robot import load_robot
 from qsframework.screening.conventions import Convention, check_conventions, compelling
 
 SIGMA = 3e-5
+PINNED = Path(__file__).parents[1] / "proof" / "pinned" / "robots" / "fanuc_m900ib"
 
 
 def plan_of(experiment: Experiment, seed: int, count: int = 40, load: str = "side") -> Plan:
@@ -227,7 +230,12 @@ def test_right_conventions_are_left_alone(m900ib: Experiment, r2000ic: Experimen
 
 @pytest.mark.parametrize("s", [8.0, 40.0])
 def test_hidden_physics_is_not_taken_for_a_wrong_convention(m900ib: Experiment, s: float) -> None:
-    """All effects of the library but the conventions themselves, a third of them in each protocol, at 40 another."""
+    """All effects of the library but the conventions themselves, a third of them in each protocol, at 40 another.
+
+    On the arm of the pins, which is not changed: at 40 some causes stand near the threshold, load_direction under cable
+    pulls beyond it, and which are asked, in which noise, hangs on how many parameters the arm has.
+    """
+    m900ib = m900ib.with_(robot=load_robot(PINNED))
     tested = 0
     for seed, (count, load) in enumerate(PROTOCOLS):
         readings = campaign(m900ib, seed, count, load)
