@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -31,7 +33,7 @@ def test_the_parallelograms_bars_keep_their_lengths_and_directions(m900ib: Exper
     lever, bar, rocker = (ends[:, b, 1] - ends[:, b, 0] for b in range(3))
     assert np.allclose(lever, rocker)
     # Angles against the commands of the joints: the lever turns with the actuator alone, the bar with link 2.
-    turn = loop.actuators(Q, facts)[:, 1]
+    turn = replace(loop, lever_mass=0.0, bar_mass=0.0).actuators(Q, facts)[:, 1]  # no joints but the two
     angle = np.arctan2(lever[:, 0], lever[:, 2])  # about +y from z
     assert np.allclose(angle - angle[0], -(turn - turn[0]))
     assert np.allclose(np.arctan2(bar[:, 0], bar[:, 2]), Q[:, 0])
