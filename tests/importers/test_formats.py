@@ -22,7 +22,9 @@ def campaign(tmp_path: Path) -> Campaign:
 def run(c: Campaign, *arguments: str) -> str:
     """What qsf import prints."""
     out = str(c.folder / "imported.csv")
-    done = CliRunner().invoke(app, ["import", str(c.folder / "experiment.yaml"), *arguments, "-o", out])
+    done = CliRunner().invoke(
+        app, ["import", str(c.folder / "experiment.yaml"), *arguments, "-o", out], env={"COLUMNS": "400"}
+    )
     assert done.exit_code == 0, f"{done.output}\n{done.exception}"
     return done.output
 
