@@ -320,7 +320,7 @@ def _check_corrected(experiment: Experiment, targets: Targets, pendant: Array, d
             unit = robot.controller.units[k]
             message = f"the target is at the limit of {robot.facts.driven[k]} and its correction goes beyond it"
             found = f"{pendant[i, k] * unit.per:.4f} {unit.shown}"
-            allowed = unit.between(robot.controller.lower[k], robot.controller.upper[k])
+            allowed = unit.between(*robot.controller.range_of(k))
             hint = f"Move the target by {moved[i, k] * unit.per:.3f} {unit.shown} or more from the limit."
             problems.append(targets.problem(i, message, found=found, allowed=allowed, hint=hint))
     if problems:

@@ -134,8 +134,8 @@ def check_plan(experiment: Experiment, plan: Plan, file: str = "") -> None:
             Problem(
                 f"pose {plan.pose[i]!r}: {robot.facts.driven[k]} is outside its limits",
                 where,
-                found=robot.controller.units[k].text(plan.pendant[i, k]),
-                allowed=robot.controller.units[k].between(robot.controller.lower[k], robot.controller.upper[k]),
+                found=robot.controller.units[k].text(float(plan.pendant[i, k])),
+                allowed=robot.controller.units[k].between(*robot.controller.range_of(k)),
             )
         )
     force = np.linalg.norm(plan.wrench[:, :3], axis=1)

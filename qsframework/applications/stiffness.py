@@ -89,7 +89,7 @@ def _one_pose(robot: Robot, pendant: Array, wrench: Array) -> Poses:
     outside = np.flatnonzero(robot.controller.outside(pendant))
     if len(outside):
         k = int(outside[0])
-        unit, (low, high) = robot.controller.units[k], (robot.controller.lower[k], robot.controller.upper[k])
+        unit, (low, high) = robot.controller.units[k], robot.controller.range_of(k)
         message = f"{robot.facts.driven[k]} is outside its limits"
         raise InputError(f"{message}: found {unit.text(pendant[k])}, allowed {unit.between(low, high)}")
     if not np.any(wrench):

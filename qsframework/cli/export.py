@@ -81,7 +81,7 @@ def home_pose(experiment: Experiment, text: str, option: str = "--home") -> Arra
     outside = np.flatnonzero(robot.controller.outside(pendant[None])[0])
     if len(outside):
         k = int(outside[0])
-        allowed = units[k].between(robot.controller.lower[k], robot.controller.upper[k])
+        allowed = units[k].between(*robot.controller.range_of(k))
         message = f"{option}: {robot.facts.driven[k]} is outside its limits"
         raise InputError(Problem(message, found=units[k].text(pendant[k]), allowed=allowed))
     return pendant

@@ -281,8 +281,8 @@ def limit_problems(table: Table, pendant: Array, experiment: Experiment) -> list
             str(table.path),
             table.rows[int(i)],
             table.names[f"q{k + 1}"],
-            found=controller.units[k].text(pendant[i, k], 4),
-            allowed=controller.units[k].between(controller.lower[k], controller.upper[k]),
+            found=controller.units[k].text(float(pendant[i, k]), 4),
+            allowed=controller.units[k].between(*controller.range_of(k)),
             hint=_units_hint(table.names[f"q{k + 1}"], bool(degrees[i, k])),
         )
         for i, k in np.argwhere(outside)[:MOST_PROBLEMS].tolist()

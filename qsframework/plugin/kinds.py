@@ -50,7 +50,8 @@ def _fields(effect: Any) -> tuple[dataclasses.Field[Any], ...]:
 
 def _flat(value: Any) -> Iterator[str]:
     """The texts in nested tuples."""
-    for one in value if isinstance(value, tuple) else ():
+    listed: tuple[Any, ...] = value if isinstance(value, tuple) else ()
+    for one in listed:
         yield from (one,) if isinstance(one, str) else _flat(one)
 
 

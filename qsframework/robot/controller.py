@@ -91,11 +91,15 @@ class Controller:
                 raise InputError(
                     Problem(
                         f"joint {k + 1} follows other joints and cannot stand alone at pose {i + 1}",
-                        found=unit.text(q[i, k]),
-                        allowed=unit.text(self.to_joints(pendant)[i, k]),
+                        found=unit.text(float(q[i, k])),
+                        allowed=unit.text(float(self.to_joints(pendant)[i, k])),
                     )
                 )
         return pendant
+
+    def range_of(self, k: int) -> tuple[float, float]:
+        """The limits, rad or m, of one value of the pendant."""
+        return float(self.lower[k]), float(self.upper[k])
 
     def once_around(self) -> tuple[Array, Array]:
         """Between which values (m,) a search begins: the limits, of a joint that turns one turn about zero at most."""

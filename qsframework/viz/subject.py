@@ -55,7 +55,7 @@ def one_pose(experiment: Experiment, pendant: Array | None, load: Array | None) 
                 Problem(
                     f"{facts.driven[k]} is outside its limits",
                     found=controller.units[k].text(pendant[k]),
-                    allowed=controller.units[k].between(controller.lower[k], controller.upper[k]),
+                    allowed=controller.units[k].between(*controller.range_of(k)),
                 )
                 for k in outside.tolist()
             ]

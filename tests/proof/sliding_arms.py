@@ -9,7 +9,7 @@ _LIMITS = {"prismatic": (-0.6, 1.4), "revolute": (-2.0, 2.2)}
 
 def link(name: str, mass: float = 40.0, centre: str = "0.1 0.05 0.2") -> str:
     inertia = '<inertia ixx="2" iyy="2" izz="2" ixy="0.1" ixz="0.05" iyz="-0.08"/>'
-    solid = '<visual><geometry><box size="0.2 0.2 0.2"/></geometry></visual>'
+    solid = '<visual><geometry><box size="0.08 0.08 0.08"/></geometry></visual>'
     inertial = f'<inertial><origin xyz="{centre}"/><mass value="{mass}"/>{inertia}</inertial>'
     return f'<link name="{name}">{inertial}{solid}</link>'
 

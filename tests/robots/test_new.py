@@ -185,7 +185,7 @@ def test_branches_are_asked_for(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("joints", "words"),
     [
-        ((joint("a", "base", "l1", k="fixed", more=""),), "no joint turns"),
+        ((joint("a", "base", "l1", k="fixed", more=""),), "no joint of an arm moves"),
         (
             (
                 *ARM,
