@@ -291,8 +291,8 @@ def _check_torques(experiment: Experiment, model: Model, x: Array, targets: Targ
         targets.problem(
             int(i),
             f"{robot.facts.joints[k]} cannot hold the load",
-            found=f"{torque[i, k]:.0f} N m",
-            allowed=f"up to {robot.torque_limits[k]:.0f} N m",
+            found=f"{torque[i, k]:.0f} {robot.facts.units[k].load}",
+            allowed=f"up to {robot.torque_limits[k]:.0f} {robot.facts.units[k].load}",
         )
         for i, k in zip(*np.nonzero(torque > robot.torque_limits), strict=True)
     ]

@@ -158,8 +158,8 @@ def check_plan(experiment: Experiment, plan: Plan, file: str = "") -> None:
                 Problem(
                     f"pose {plan.pose[i]!r}: {robot.facts.joints[k]} cannot hold the load",
                     where,
-                    found=f"{torque[i, k]:.0f} N m",
-                    allowed=f"up to {robot.torque_limits[k]:.0f} N m",
+                    found=f"{torque[i, k]:.0f} {robot.facts.units[k].load}",
+                    allowed=f"up to {robot.torque_limits[k]:.0f} {robot.facts.units[k].load}",
                 )
             )
     if problems:

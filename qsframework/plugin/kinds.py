@@ -12,7 +12,7 @@ import dataclasses
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
@@ -50,8 +50,7 @@ def _fields(effect: Any) -> tuple[dataclasses.Field[Any], ...]:
 
 def _flat(value: Any) -> Iterator[str]:
     """The texts in nested tuples."""
-    listed: tuple[Any, ...] = value if isinstance(value, tuple) else ()
-    for one in listed:
+    for one in cast("tuple[Any, ...]", value) if isinstance(value, tuple) else ():
         yield from (one,) if isinstance(one, str) else _flat(one)
 
 
