@@ -59,7 +59,7 @@ def tables() -> dict[str, list[Column]]:
         "plan.csv": plan._columns(experiment),
         "readings.csv": readings_table._columns(experiment, False, False),
         "readings.csv of states": readings_table._columns(experiment, True, False),
-        "targets.csv": targets._columns(6),
+        "targets.csv": targets._columns(experiment.robot.controller.units),
     }
 
 
@@ -75,7 +75,8 @@ def _model(title: str, model: type[FileModel]) -> list[tuple[str, str, bool]]:
     measured = {} if title.startswith(SI_FILES) else model.measured()
     out = []
     for name, info in model.model_fields.items():
-        spelled = units.allowed_names(name, measured[name]) if name in measured else name
+        mark = measured.get(name)
+        spelled = units.allowed_names(mark.stem, mark.si) if mark else name
         out.append((name, spelled, info.is_required()))
     return out
 

@@ -1,4 +1,4 @@
-"""Make pictures in headless Chromium: report, `qsf show`, sheet and certificate for the pages, a palletizer.
+"""Make pictures in headless Chromium: report, `qsf show`, sheet and certificate for the pages, two robots.
 
 Run: python docs/make_pictures.py
 """
@@ -55,7 +55,7 @@ noise: {{sigma_mm: 0.03}}
 loads: [{{name: weight, fz_N: -4000, fy_N: 800}}]
 constraints: {{of: flange, z_min_m: 0.3}}
 """
-ROBOTS = {"abb_irb760": "#4"}
+ROBOTS = {"abb_irb760": "#4", "kuka_kr500_on_kl4000": "#2"}
 """Robots with a picture on their page, and the pose of a plan that it shows."""
 
 

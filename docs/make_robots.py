@@ -26,6 +26,8 @@ prediction made with them is no better than they are. [Add yours](add-a-robot.md
 
 ![A palletizer, its two parallelograms, and what it gives under a weight](images/abb_irb760.png)
 
+![A robot on a linear track, and what it gives under a weight with a side pull](images/kuka_kr500_on_kl4000.png)
+
 """
 MIDDLE = """
 "Assumed" counts parameters of these effects whose `source` in `nominal.yaml` begins so; what is published was published

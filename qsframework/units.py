@@ -9,8 +9,12 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
 
 _ALIASES = {"Nm": "N*m", "kNm": "kN*m", "percent": "percent", "": "dimensionless"}
 _LONGEST = 40
@@ -102,3 +106,75 @@ def split(name: str, stems: tuple[str, ...] | list[str]) -> tuple[str, str] | No
 def allowed_names(stem: str, si: str) -> str:
     """The spellings to offer for a quantity: `lever_mm, lever_m, lever_um`."""
     return ", ".join(f"{stem}_{unit}" for unit in ALLOWED.get(si, (si,)))
+
+
+@dataclass(frozen=True)
+class JointUnit:
+    """The units of one joint, as text: si and shown of its value, load of what acts on it, give of its compliance.
+
+    factor: one shown unit in SI; per: shown units in one of SI
+    """
+
+    si: str
+    shown: str
+    load: str
+    give: str
+    factor: float
+    per: float
+
+    def text(self, value: float, digits: int = 6) -> str:
+        """A value, SI, as people read it: `-12.5 deg`, `1200 mm`."""
+        return f"{value * self.per + 0.0:.{digits}g} {self.shown}"
+
+    def between(self, low: float, high: float) -> str:
+        """A range, SI, as people read it: `-185 to 185 deg`."""
+        return f"{low * self.per + 0.0:g} to {high * self.per + 0.0:g} {self.shown}"
+
+
+TURNS = JointUnit("rad", "deg", "N m", "rad/(N m)", math.pi / 180.0, 180.0 / math.pi)
+SLIDES = JointUnit("m", "mm", "N", "m/N", 1e-3, 1e3)
+
+
+@dataclass(frozen=True)
+class JointUnits:
+    """The units of a row of joint values: mm where a joint slides, deg where it turns; the one place that knows.
+
+    sliding (n,): which of them slide
+    """
+
+    sliding: tuple[bool, ...]
+
+    def __getitem__(self, k: int) -> JointUnit:
+        return SLIDES if self.sliding[k] else TURNS
+
+    def __len__(self) -> int:
+        return len(self.sliding)
+
+    def names(self, stem: str = "q") -> tuple[str, ...]:
+        """The columns (n,) of a file: `q1_mm`, `q2_deg`, ..."""
+        return tuple(f"{stem}{k + 1}_{self[k].shown}" for k in range(len(self)))
+
+    def labels(self, stem: str = "J") -> tuple[str, ...]:
+        """The heads (n,) of a table: `J1 mm`, `J2 deg`, ..."""
+        return tuple(f"{stem}{k + 1} {self[k].shown}" for k in range(len(self)))
+
+    @property
+    def one(self) -> str:
+        """The unit of all where they are alike, else each in turn: `deg`, or `mm, deg, deg, ...`."""
+        found = [self[k].shown for k in range(len(self))]
+        return found[0] if len(set(found)) == 1 else ", ".join(found)
+
+    def fields(self, stem: str, values: npt.NDArray[np.float64]) -> dict[str, Any]:
+        """A row of values (n,) as JSON has it: one list `q_deg`, or `q1_mm`, `q2_deg`, ... where units differ."""
+        row = self.shown(values).tolist()
+        if len({*self.sliding}) == 1:
+            return {f"{stem}_{self[0].shown}": row}
+        return dict(zip(self.names(stem), row, strict=True))
+
+    def shown(self, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Values (..., n) in mm and deg of values in SI."""
+        return np.asarray(values, dtype=np.float64) * [self[k].per for k in range(len(self))]
+
+    def si(self, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Values (..., n) in SI of values in mm and deg."""
+        return np.asarray(values, dtype=np.float64) * [self[k].factor for k in range(len(self))]

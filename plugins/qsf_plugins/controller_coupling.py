@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,6 +19,7 @@ class ControllerCoupling(Geometry):
     """
 
     joint: str = place()
+    slides = True
     role = "shown angle"
     equation = "q_j = pendant_j + k pendant_(j-1)"
     source = "FANUC operator's manual B-83444EN/01: J3 is shown as the forearm's elevation"
@@ -29,6 +31,9 @@ class ControllerCoupling(Geometry):
     def validate(self, robot: RobotFacts) -> None:
         if robot.joint_index(self.joint) == 0 or self.joint in robot.passive:
             raise InputError(f"{self.name}: the joint must have an angle on the pendant, and one before it")
+        before = robot.driven[robot.driven.index(self.joint) - 1]
+        if robot.slides(self.joint) != robot.slides(before):
+            raise InputError(f"{self.name}: of {before} and {self.joint} one slides and the other turns")
 
     def errors(self, x: Array, context: Context) -> GeometryTerm:
         robot, poses = context.robot, context.poses
@@ -38,4 +43,5 @@ class ControllerCoupling(Geometry):
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[ControllerCoupling, ...]:
-        return tuple(cls(joint) for joint in robot.driven[1:])
+        pairs = pairwise(robot.driven)
+        return tuple(cls(joint) for before, joint in pairs if robot.slides(joint) == robot.slides(before))

@@ -20,13 +20,16 @@ class GearFlank(SpringLaw):
 
     joint: str = place()
     width: float = setting("N m", 0.0)
-    """Torque over which the flanks change; 0: 0.5 % of the payload's at full reach."""
+    """Torque over which the flanks change; 0: 0.5 % of the payload's at full reach, where it slides of its weight."""
+    slides = True
     equation = "eps = c T + c+ (T + sqrt(T^2 + w^2) - w) / 2"
     source = "gears and worm drives: stiffness differs by the side that carries by 5 to 30 %"
     check = "Wear of the teeth; push the joint to both sides with the drive held."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        return (Parameter(self.name, "rad/(N m)", typical=robot.sizes.rotation(4e-3) / robot.torque_at(self.joint)),)
+        unit = robot.unit_of(self.joint)
+        size = robot.sizes.motion_of(unit, 0.2e-3 if robot.slides(self.joint) else 4e-3)
+        return (Parameter(self.name, unit.give, typical=size / robot.load_at(self.joint)),)
 
     def springs(self, robot: RobotFacts) -> tuple[At, ...]:
         return (("gear", self.joint),)
@@ -37,7 +40,8 @@ class GearFlank(SpringLaw):
             raise InputError(Problem(f"{self.name}: width must not be negative", found=f"{self.width:g} N m"))
 
     def extra(self, torque: Array, x: Array, context: Context) -> Array:
-        width = self.width or 5e-3 * context.robot.sizes.torque
+        robot = context.robot
+        width = self.width or 5e-3 * robot.sizes.load_of(robot.unit_of(self.joint))
         return 0.5 * x[0] * (torque + np.sqrt(torque**2 + width**2) - width)
 
     @classmethod

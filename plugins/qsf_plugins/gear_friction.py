@@ -21,7 +21,8 @@ class GearFriction(SpringLaw):
 
     joint: str = place()
     slip: float = setting("N m", 0.0)
-    """Torque that slips it; 0: a tenth of the payload's at full reach."""
+    """Torque that slips it; 0: a tenth of the payload's at full reach, where the joint slides of its weight."""
+    slides = True
     needs = ("approach",)
     equation = (
         "eps = c T - h ((1 - r) a + r sign(T)), a the side of approach, r = T^2 / (T^2 + T_s^2) under load, else 0"
@@ -30,7 +31,8 @@ class GearFriction(SpringLaw):
     check = "Approach the poses from both sides; lubrication and preload of the gear."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        return (Parameter(self.name, "rad", typical=robot.sizes.rotation(0.2e-3), lower=0.0),)
+        unit = robot.unit_of(self.joint)
+        return (Parameter(self.name, unit.si, typical=robot.sizes.motion_of(unit, 0.2e-3), lower=0.0),)
 
     def springs(self, robot: RobotFacts) -> tuple[At, ...]:
         return (("gear", self.joint),)
@@ -44,7 +46,8 @@ class GearFriction(SpringLaw):
         side = context.side[:, None]
         if not context.loaded:
             return -x[0] * side + 0.0 * torque
-        square = torque**2 + (self.slip or 0.1 * context.robot.sizes.torque) ** 2
+        robot = context.robot
+        square = torque**2 + (self.slip or 0.1 * robot.sizes.load_of(robot.unit_of(self.joint))) ** 2
         slipped = torque**2 / square
         return -x[0] * ((1.0 - slipped) * side + slipped * torque / np.sqrt(square))
 

@@ -12,9 +12,10 @@ from qsframework.plugin import Array, Context, Geometry, GeometryTerm, Parameter
 
 @dataclass(frozen=True)
 class GearRatio(Geometry):
-    """A joint turns by a share more than the controller thinks, from its zero on."""
+    """A joint turns, or slides, by a share more than the controller thinks, from its zero on."""
 
     joint: str = place()
+    slides = True
     equation = "q = (1 + k) q_0"
     source = "belts and friction drives: parts in a thousand; a wrong entry for a gear: much more"
     check = "Ratio of this joint in the controller; slip and stretch of its belt."

@@ -22,7 +22,7 @@ class GearWaves(SpringLaw):
     check = "Gear and bearing of this joint at the angles where it gives most."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        size = robot.sizes.rotation(4e-3) / robot.torque_at(self.joint)
+        size = robot.sizes.rotation(4e-3) / robot.load_at(self.joint)
         return tuple(Parameter(f"{self.name}.{wave}", "rad/(N m)", typical=size) for wave in ("sin", "cos"))
 
     def springs(self, robot: RobotFacts) -> tuple[At, ...]:

@@ -26,6 +26,8 @@ class GravitySag(Geometry):
     the whole of what is identifiable: 2 (n - j + 1) parameters of joint j. P_k is how far the joint sags
     where that moment lies level, at right angles to the joint's axis.
 
+    Of a joint that slides it says nothing, nor where one slides beyond it: that changes the moments.
+
     Use it for absolute positions. It adds to what the URDF's masses and `joint_compliance` already
     give. Behind a parallelogram it is the actuator that sags, and the same parameters describe it exactly.
     """
@@ -70,7 +72,8 @@ class GravitySag(Geometry):
             rotation = rotation @ robot.placements[k, :3, :3]
             if k == j:
                 lever = np.cross(down, rotation @ robot.axes[k])
-            rotation = rotation @ turns(robot.axes[k], poses.q[:, k])
+            if not robot.sliding[k]:
+                rotation = rotation @ turns(robot.axes[k], poses.q[:, k])
             if k >= j:
                 local = np.einsum("nij,ni->nj", rotation, lever)
                 slope[:, j, 2 * (k - j) : 2 * (k - j) + 2] = local @ _across(robot.axes[k])[1].T
@@ -82,14 +85,18 @@ class GravitySag(Geometry):
 
 
 def _is_loaded(robot: RobotFacts, joint: int) -> bool:
-    """Whether gravity can turn a joint: its axis or one before it is not vertical."""
+    """Whether gravity can turn a joint: its axis, or one before it that turns, is not vertical, and nothing slides
+    from it on."""
     size = np.linalg.norm(robot.gravity)
-    if size == 0.0:
+    if size == 0.0 or any(robot.sliding[joint:]):
         return False
     rotation = np.eye(3)
     for k in range(joint + 1):
         rotation = rotation @ robot.placements[k, :3, :3]
-        if np.linalg.norm(np.cross(robot.gravity / size, rotation @ robot.axes[k])) > _VERTICAL:
+        if (
+            not robot.sliding[k]
+            and np.linalg.norm(np.cross(robot.gravity / size, rotation @ robot.axes[k])) > _VERTICAL
+        ):
             return True
     return False
 

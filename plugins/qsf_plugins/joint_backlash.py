@@ -32,13 +32,15 @@ class JointBacklash(SpringLaw):
 
     joint: str = place()
     width: float = setting("N m", 0.0)
-    """Torque over which the gear crosses its gap; 0: 0.2 % of the payload's at full reach."""
+    """Torque over which the gear crosses its gap; 0: 0.2 % of the payload's at full reach, on a slide of its weight."""
+    slides = True
     equation = "eps = c T + (b / 2) T / sqrt(T^2 + w^2)"
     source = "gear catalogues: 1 to 3 arcmin, below 1 arcmin for reduced backlash; (b / 2) sign(T)"
     check = "Gear play: push the joint to both sides with the drive held."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        return (Parameter(self.name, "rad", typical=2.9e-4, lower=0.0),)
+        size = 1e-4 if robot.slides(self.joint) else 2.9e-4
+        return (Parameter(self.name, robot.unit_of(self.joint).si, typical=size, lower=0.0),)
 
     def springs(self, robot: RobotFacts) -> tuple[At, ...]:
         return (("gear", self.joint),)
@@ -49,7 +51,8 @@ class JointBacklash(SpringLaw):
             raise InputError(Problem(f"{self.name}: width must not be negative", found=f"{self.width:g} N m"))
 
     def extra(self, torque: Array, x: Array, context: Context) -> LawTerm:
-        width = self.width or 2e-3 * context.robot.sizes.torque
+        robot = context.robot
+        width = self.width or 2e-3 * robot.sizes.load_of(robot.unit_of(self.joint))
         root = np.sqrt(torque**2 + width**2)
         side = 0.5 * torque / root
         return LawTerm(x[0] * side, 0.5 * x[0] * width**2 / root**3, side[..., None])

@@ -1,4 +1,4 @@
-"""The spring of a gear train."""
+"""The spring of a gear train, or of what drives a slide."""
 
 from __future__ import annotations
 
@@ -10,16 +10,19 @@ from qsframework.plugin import Actuator, Parameter, RobotFacts, Spring, place
 
 @dataclass(frozen=True)
 class JointCompliance(Spring):
-    """A gear twists in proportion to the torque that it carries."""
+    """A gear twists in proportion to the torque that it carries, a slide's drive gives in proportion to the force."""
 
     joint: str = place()
+    slides = True
     role = "gear"
     equation = "eps = c tau, tau = J' w  (1)-(4)"
     source = "Klimchik et al., virtual joint modelling, equations (1)-(4)"
     check = "Gear wear, belt tension, motor mounting of this joint."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        return (Parameter(self.name, "rad/(N m)", nominal=0.0, typical=robot.sizes.compliance(20e-3), lower=0.0),)
+        unit = robot.unit_of(self.joint)
+        size = robot.sizes.compliance_of(unit, 1e-3 if robot.slides(self.joint) else 20e-3)
+        return (Parameter(self.name, unit.give, nominal=0.0, typical=size, lower=0.0),)
 
     def virtual_joints(self, robot: RobotFacts) -> tuple[Actuator, ...]:
         return (Actuator(self.joint),)

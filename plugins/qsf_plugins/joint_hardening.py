@@ -17,23 +17,26 @@ _ROUND = 0.05
 class JointHardening(SpringLaw):
     """A gear gives eps = c T + f(T): cubic, f = c3 T^3, or a further compliance beyond a knee torque.
 
-    Without `knee` the parameter is c3, rad/(N m)^3. With `knee_Nm` it is the change of compliance,
-    rad/(N m), where |T| exceeds the knee; the corner is a hyperbola over 5 % of the knee, once
+    Without `knee` the parameter is c3, rad/(N m)^3, or m/N^3 where the joint slides. With `knee_Nm` it is the change of
+    compliance, rad/(N m), where |T| exceeds the knee; the corner is a hyperbola over 5 % of the knee, once
     continuously differentiable. Negative values harden. T holds the preload of gravity and compensators.
     """
 
     joint: str = place()
     knee: float = setting("N m", 0.0)
     """Torque beyond which the compliance changes; 0 for the cubic law."""
+    slides = True
     equation = "eps = c T + c3 T^3; with a knee: a further compliance where |T| exceeds it"
     source = "gear catalogues: piecewise-linear stiffness; a change of 10 to 20 % of the sag is common"
     check = "Gear type and wear; compare small and large loads at this joint alone."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        turn, full = robot.sizes.rotation(1e-3), robot.torque_at(self.joint)
+        unit, full = robot.unit_of(self.joint), robot.load_at(self.joint)
+        motion = robot.sizes.motion_of(unit, 0.1e-3 if robot.slides(self.joint) else 1e-3)
         if self.knee:
-            return (Parameter(self.name, "rad/(N m)", typical=2.0 * turn / full),)
-        return (Parameter(self.name, "rad/(N m)^3", typical=12.0 * turn / full**3),)
+            return (Parameter(self.name, unit.give, typical=2.0 * motion / full),)
+        cubic = "m/N^3" if robot.slides(self.joint) else "rad/(N m)^3"
+        return (Parameter(self.name, cubic, typical=12.0 * motion / full**3),)
 
     def springs(self, robot: RobotFacts) -> tuple[At, ...]:
         return (("gear", self.joint),)

@@ -12,16 +12,17 @@ from qsframework.plugin import Array, Context, Geometry, GeometryTerm, Parameter
 
 @dataclass(frozen=True)
 class JointOffset(Geometry):
-    """An actuator stands at a constant angle from what the controller thinks."""
+    """An actuator stands at a constant angle, or travel, from what the controller thinks."""
 
     joint: str = place()
+    slides = True
     role = "joint zero"
     equation = "q = q_0 + offset"
     source = "encoder zero after mastering: 10 to 50 urad; after a collision more"
     check = "Mastering marks of this joint."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        return (Parameter(self.name, "rad", typical=1e-3),)
+        return (Parameter(self.name, robot.unit_of(self.joint).si, typical=1e-3),)
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)

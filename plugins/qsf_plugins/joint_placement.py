@@ -15,6 +15,7 @@ class JointPlacement(Geometry):
     """A joint's frame is shifted (x, y, z) and turned (rx, ry, rz) against the previous link."""
 
     joint: str = place()
+    slides = True
     role = "joint placement"
     moves_placements = True
     equation = "frame = nominal frame moved by (x, y, z), turned by the rotation vector (rx, ry, rz)"

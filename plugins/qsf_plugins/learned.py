@@ -109,7 +109,8 @@ class Learned(SpringLaw):
                 problems.append(Problem(f"{self.name}: first must lie below last"))
         else:
             for joint in self.by.split("+"):
-                robot.joint_index(joint)
+                if robot.slides(joint):
+                    problems.append(Problem(f"{self.name}: {joint} slides and has no angle"))
             if not self.angle_from < self.angle_to:
                 problems.append(Problem(f"{self.name}: angle_from must lie below angle_to"))
             if self.signs and (len(self.signs) != len(self.by.split("+")) or not set(self.signs) <= set("+-")):

@@ -63,6 +63,7 @@ class LinkBending(Spring):
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[LinkBending, ...]:
-        long = np.linalg.norm(robot.placements[1:, :3, 3], axis=1) > _SHORTEST
+        """Links of a length; not those along which the next one slides, for it loads them anywhere."""
+        long = (np.linalg.norm(robot.placements[1:, :3, 3], axis=1) > _SHORTEST) & ~np.array(robot.sliding[1:])
         links = [link for link, bends in zip(robot.links[1:-1], long, strict=True) if bends]
         return tuple(cls(link, across) for link in links for across in ("u", "v"))

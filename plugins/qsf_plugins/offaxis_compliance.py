@@ -15,11 +15,13 @@ from qsframework.plugin import Parameter, RobotFacts, Spring, VirtualJoint, plac
 class OffaxisCompliance(Spring):
     """A joint's bearing and the link that carries it give about an axis that no motor turns.
 
-    The axis is fixed in the previous link: x, y or z of the joint's frame at zero angle.
+    The axis is fixed in the previous link: x, y or z of the joint's frame at zero angle. Where the joint slides, its
+    carriage gives, and the axis travels with it.
     """
 
     joint: str = place()
     axis: str = place(axis=True)
+    slides = True
     role = "bearing"
     equation = "eps = c tau, tau = the moment about the axis"
     source = "Klimchik et al., off-axis terms of the virtual joint model"
@@ -30,17 +32,18 @@ class OffaxisCompliance(Spring):
 
     def virtual_joints(self, robot: RobotFacts) -> tuple[VirtualJoint, ...]:
         axis = cast("Literal['x', 'y', 'z']", self.axis)  # `build_effects` lets no other through
-        return (VirtualJoint(robot.link_of(self.joint), axis, "rotation", "before"),)
+        side = "after" if robot.slides(self.joint) else "before"
+        return (VirtualJoint(robot.link_of(self.joint), axis, "rotation", side),)
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[OffaxisCompliance, ...]:
-        """Every joint about the two coordinate axes that are not its own."""
+        """Every joint about the two coordinate axes that are not its own; one that slides about all three."""
         return tuple(
             cls(joint, name)
             for k, joint in enumerate(robot.joints)
             for i, name in enumerate("xyz")
-            if abs(robot.axes[k] @ np.eye(3)[i]) < 0.5
+            if robot.sliding[k] or abs(robot.axes[k] @ np.eye(3)[i]) < 0.5
         )

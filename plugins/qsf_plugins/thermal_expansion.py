@@ -12,7 +12,7 @@ from qsframework.plugin import Array, Context, Geometry, GeometryTerm, Parameter
 
 @dataclass(frozen=True)
 class ThermalExpansion(Geometry):
-    """Every joint's placement is stretched by alpha (T - T0).
+    """Every joint's placement, and the travel of one that slides, is stretched by alpha (T - T0).
 
     T is the temperature of each state: what warms up between two of them grows between them.
     """
@@ -33,7 +33,8 @@ class ThermalExpansion(Geometry):
         reach = np.einsum("kij,ki->kj", robot.placements[:, :3, :3], robot.placements[:, :3, 3])
         twists = np.zeros((batch, n, 6, 1))
         twists[:, :, :3, 0] = warmth[:, None, None] * reach
-        return GeometryTerm(twists=twists @ x, twists_dx=twists)
+        travels = np.where(robot.sliding, warmth[:, None] * context.poses.q, 0.0)[..., None]
+        return GeometryTerm(travels @ x, travels, twists @ x, twists)
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[ThermalExpansion, ...]:

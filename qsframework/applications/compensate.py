@@ -23,6 +23,7 @@ from qsframework.experiment import Experiment
 from qsframework.identify.io import StoredFit
 from qsframework.plugin import Array, Indices, Load, Poses
 from qsframework.plugin.facts import frozen
+from qsframework.units import JointUnits
 
 REFERENCES = ("commanded", "unloaded")
 _STEPS = 15
@@ -41,7 +42,8 @@ Tell = Callable[[str, int, int], None]
 class Compensation:
     """N corrected targets, and what is left where.
 
-    pendant (N, n) rad: the corrected angles; command: the pose that a controller with Cartesian targets is to be told
+    pendant (N, n) rad, m: the corrected angles and travels, units theirs
+    command: the pose that a controller with Cartesian targets is to be told
     deflection (N, 6): from the wanted pose to where the arm would stand uncorrected, m and rad
     left (N, 6): the same after the correction, by the same parameters: what the solver left
     covariance (N, 6, 6): of the tip's error after the correction, from the fit's covariance and the uncertainty that
@@ -49,6 +51,7 @@ class Compensation:
     """
 
     targets: Targets
+    units: JointUnits
     pendant: Array
     command: TipPose
     deflection: Array
@@ -88,8 +91,8 @@ class Compensation:
         rows = [
             {
                 "target": name,
-                "q_deg": np.rad2deg(self.pendant[i]).tolist(),
-                "correction_deg": np.rad2deg(self.pendant[i] - self.targets.pendant[i]).tolist(),
+                **self.units.fields("q", self.pendant[i]),
+                **self.units.fields("correction", self.pendant[i] - self.targets.pendant[i]),
                 "deflection_mm": (self.deflection[i, :3] * 1e3).tolist(),
                 "rotation_mrad": (self.deflection[i, 3:] * 1e3).tolist(),
                 "solver_left_mm": float(np.linalg.norm(self.left[i, :3]) * 1e3),
@@ -137,6 +140,7 @@ def compensate(
     notes = (*fit_notes(experiment, fit), *range_notes(model, stood, targets.name, x))
     return Compensation(
         targets=targets,
+        units=experiment.robot.controller.units,
         pendant=frozen(pendant),
         command=command,
         deflection=deflection,
@@ -287,8 +291,8 @@ def _check_torques(experiment: Experiment, model: Model, x: Array, targets: Targ
         targets.problem(
             int(i),
             f"{robot.facts.joints[k]} cannot hold the load",
-            found=f"{torque[i, k]:.0f} N m",
-            allowed=f"up to {robot.torque_limits[k]:.0f} N m",
+            found=f"{torque[i, k]:.0f} {robot.facts.units[k].load}",
+            allowed=f"up to {robot.torque_limits[k]:.0f} {robot.facts.units[k].load}",
         )
         for i, k in zip(*np.nonzero(torque > robot.torque_limits), strict=True)
     ]
@@ -312,11 +316,12 @@ def _check_corrected(experiment: Experiment, targets: Targets, pendant: Array, d
             message = "no small correction brings the tool to the wanted pose: the arm is at or near a singular pose"
             problems.append(targets.problem(i, message, hint="Move the target away from it, or turn the tool."))
             continue
-        for k in np.flatnonzero(outside[i]):
-            low, high = np.rad2deg([robot.controller.lower[k], robot.controller.upper[k]])
+        for k in np.flatnonzero(outside[i]).tolist():
+            unit = robot.controller.units[k]
             message = f"the target is at the limit of {robot.facts.driven[k]} and its correction goes beyond it"
-            found, allowed = f"{np.rad2deg(pendant[i, k]):.4f} deg", f"{low:g} to {high:g} deg"
-            hint = f"Move the target by {np.rad2deg(moved[i, k]):.3f} deg or more from the limit."
+            found = f"{pendant[i, k] * unit.per:.4f} {unit.shown}"
+            allowed = unit.between(*robot.controller.range_of(k))
+            hint = f"Move the target by {moved[i, k] * unit.per:.3f} {unit.shown} or more from the limit."
             problems.append(targets.problem(i, message, found=found, allowed=allowed, hint=hint))
     if problems:
         raise InputError(problems)

@@ -19,6 +19,7 @@ from qsframework.applications.programme import Programme
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment import Plan
 from qsframework.files import read_text, write_text
+from qsframework.units import JointUnits
 
 FORMATS = ("fanuc-ls", "krl", "rapid", "urscript", "csv")
 ENDINGS = {"fanuc-ls": (".ls",), "krl": (".src", ".dat"), "rapid": (".mod",), "urscript": (".script",), "csv": ()}
@@ -114,6 +115,10 @@ def check_format(programme: Programme, to: str) -> None:
     """InputError for an unknown format, or the format of another maker's controller."""
     if to not in FORMATS:
         raise InputError(Problem(f"unknown format {to!r}", allowed=", ".join(FORMATS), hint=nearest(to, FORMATS)))
+    if to != "csv" and any(programme.units.sliding):
+        axes = ", ".join(f"J{k + 1}" for k, slides in enumerate(programme.units.sliding) if slides)
+        message = f"{to} holds turning axes only so far, and {axes} of this arm slides"
+        raise InputError(Problem(message, hint="Use csv.", argument=("to", "csv")))
     maker = next((m for m in _KNOWN if m in programme.title.upper()), None)
     if to in _MAKERS and maker not in (None, _MAKERS[to]):
         own = next((f for f, m in _MAKERS.items() if m == maker), "csv")
@@ -149,17 +154,16 @@ def _proof(parsed: Parsed, programme: Programme, plan: Plan) -> None:
 
 def write_csv(programme: Programme) -> str:
     """One row per stop, in the order of the way."""
-    n = len(programme.moves[0].pendant)
     stream = io.StringIO()
     payload = "not stated" if programme.payload is None else f"{programme.payload:g} kg"
     stream.write(f"# robot: {programme.robot}\n# payload: {payload}\n")
     stream.write("# load: hang it after the arm has stopped, take it off again before the arm starts\n")
     writer = csv.writer(stream, lineterminator="\n")
-    angles = [f"q{k + 1}_deg" for k in range(n)]
+    angles = programme.units.names()
     writer.writerow(["stop", "pose", "visit", *angles, "speed_percent", "pause_s", "load", "fx_N", "fy_N", "fz_N"])
     for i, move in enumerate(programme.moves, start=1):
         pause = "0" if not move.measured else "hold" if programme.pause is None else repr(programme.pause)
-        degrees = [f"{v:.4f}" for v in np.rad2deg(move.pendant) + 0.0]
+        degrees = [f"{v:.4f}" for v in programme.units.shown(move.pendant) + 0.0]
         force = [f"{f:g}" for f in move.force]
         writer.writerow([i, move.pose, move.repeat, *degrees, programme.speed, pause, move.load, *force])
     return stream.getvalue()
@@ -170,16 +174,17 @@ def parse_csv(text: str) -> Parsed:
     robot = re.match(r"# robot: (\S+)\n", text)
     lines = [line for line in text.splitlines() if not line.startswith("#")]
     rows = list(csv.DictReader(lines))
-    if robot is None or not rows or not {"stop", "pose", "visit", "q1_deg", "pause_s"} <= rows[0].keys():
+    if robot is None or not rows or not {"stop", "pose", "visit", "pause_s"} <= rows[0].keys():
         raise wrong("is no table of `qsf export`")
-    angles = [name for name in rows[0] if re.fullmatch(r"q\d+_deg", name)]
+    angles = [name for name in rows[0] if re.fullmatch(r"q\d+_(deg|mm)", name)]
+    joints = JointUnits(tuple(name.endswith("mm") for name in angles))
     return Parsed(
         robot[1],
         tuple(
             Stop(
                 r["pose"],
                 int(r["visit"]),
-                np.deg2rad([float(r[a]) for a in angles]),
+                joints.si([float(r[a]) for a in angles]),
                 int(r["speed_percent"]),
                 None if r["pause_s"] == "hold" else float(r["pause_s"]),
                 r.get("load") or "",

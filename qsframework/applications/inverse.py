@@ -18,7 +18,7 @@ from qsframework.robot.kinematics import joint_frames, twists
 
 _STEPS = 60
 _LARGEST_STEP = 0.3
-"""rad of any joint in one step."""
+"""rad, or m, of any joint in one step: a metre of travel counts as a radian."""
 _DAMPING = 1e-6
 _CLOSE = 1e-10
 """Error left, translations per length of the arm."""
@@ -96,7 +96,7 @@ def find_joints(robot: Robot, site: Site, wanted: TipPose, start: Array, rng: np
     if found[0].reached:
         return found[0]
     controller = robot.controller
-    lower, upper = np.maximum(controller.lower, -np.pi), np.minimum(controller.upper, np.pi)
+    lower, upper = controller.once_around()
     found += _newton(robot, site, wanted, rng.uniform(lower, np.maximum(lower, upper), (_TRIES, controller.axes)))
     reached = [f for f in found if f.reached]
     if reached:

@@ -66,8 +66,12 @@ class Written:
 
 
 def fitted(experiment: Experiment, fit: StoredFit) -> Fitted:
-    """The kinematics that a fit found. InputError for the fit of another robot or model."""
+    """The kinematics that a fit found. InputError for the fit of another robot or model, or of an arm that slides."""
     check_fit(experiment, fit)
+    sliding = [joint for joint in experiment.robot.facts.joints if experiment.robot.facts.slides(joint)]
+    if sliding:
+        message = f"{', '.join(sliding)} slides: corrected kinematics are written of joints that turn only so far"
+        raise InputError(Problem(message, file=str(experiment.path)))
     robot, model, x = experiment.robot, experiment.model(), fit.x(experiment.model())
     found = constant_geometry(model, x)
     names = {

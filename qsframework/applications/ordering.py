@@ -1,8 +1,9 @@
 """In which order the poses of a plan are visited: a short way, or a random order; repeats apart.
 
 The way from one pose to the next takes as long as its slowest joint: with all joints equally fast, the largest change
-of any pendant angle. The order is that of a travelling salesman on an open path: nearest neighbour, then 2-opt
-(turn a stretch around) and or-opt (move up to three visits elsewhere) until neither shortens it.
+of any pendant angle. A metre of a joint that slides counts as a radian, for tracks go some 1.5 m/s and axes 1.5 rad/s.
+The order is that of a travelling salesman on an open path: nearest neighbour, then 2-opt (turn a stretch around) and
+or-opt (move up to three visits elsewhere) until neither shortens it.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.design.constraints import check_poses, reference_point
+from qsframework.design.constraints import axis1_distance, check_poses, reference_point
 from qsframework.experiment import Constraints, Experiment
 from qsframework.plugin import Array, Poses
 from qsframework.plugin.facts import frozen
@@ -58,7 +58,7 @@ class Surroundings:
                 if bound is not None:
                     out[f"{axis}_{side}"] = sign * (point[:, k] - bound) < 0.0
         if limits.axis1_distance_min is not None:
-            out["axis1_distance_min"] = np.hypot(point[:, 0], point[:, 1]) < limits.axis1_distance_min
+            out["axis1_distance_min"] = axis1_distance(robot, placed, point.T) < limits.axis1_distance_min
         return out
 
     def free(self, pendant: Array) -> Flags:

@@ -16,6 +16,7 @@ from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Plan
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
+from qsframework.units import JointUnits
 
 _ROUNDS = 4
 _DETOUR = 2.0
@@ -29,7 +30,9 @@ Tell = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """A joint move to pendant angles (n,) rad. `pose` is the plan's name, "" for a pose in between or home.
+    """A joint move to what the pendant is to show (n,), rad or m.
+
+    pose: the plan's name, "" for a pose in between or home.
 
     repeat: 1, 2, ... counts the visits of the pose; load: the name of what is hung once the arm has stopped there
     """
@@ -58,6 +61,7 @@ class Programme:
     title: str
     payload: float | None
     moves: tuple[Move, ...]
+    units: JointUnits
     speed: int
     pause: float | None
     length: float = 0.0
@@ -108,6 +112,7 @@ def make_programme(
         title=robot.title,
         payload=robot.payload,
         moves=moves,
+        units=robot.controller.units,
         speed=speed,
         pause=pause,
         length=length,
@@ -125,13 +130,12 @@ def check_plan(experiment: Experiment, plan: Plan, file: str = "") -> None:
     where = file or None
     outside = robot.controller.outside(plan.pendant)
     for i, k in zip(*np.nonzero(outside), strict=True):
-        low, high = np.rad2deg([robot.controller.lower[k], robot.controller.upper[k]])
         problems.append(
             Problem(
                 f"pose {plan.pose[i]!r}: {robot.facts.driven[k]} is outside its limits",
                 where,
-                found=f"{np.rad2deg(plan.pendant[i, k]):g} deg",
-                allowed=f"{low:g} to {high:g} deg",
+                found=robot.controller.units[k].text(float(plan.pendant[i, k])),
+                allowed=robot.controller.units[k].between(*robot.controller.range_of(k)),
             )
         )
     force = np.linalg.norm(plan.wrench[:, :3], axis=1)
@@ -154,8 +158,8 @@ def check_plan(experiment: Experiment, plan: Plan, file: str = "") -> None:
                 Problem(
                     f"pose {plan.pose[i]!r}: {robot.facts.joints[k]} cannot hold the load",
                     where,
-                    found=f"{torque[i, k]:.0f} N m",
-                    allowed=f"up to {robot.torque_limits[k]:.0f} N m",
+                    found=f"{torque[i, k]:.0f} {robot.facts.units[k].load}",
+                    allowed=f"up to {robot.torque_limits[k]:.0f} {robot.facts.units[k].load}",
                 )
             )
     if problems:

@@ -77,6 +77,11 @@ def read_programme(
     if not points:
         raise InputError(Problem("every point is to be kept: nothing is left to correct", str(path)))
     names = _names(experiment, source)
+    if any(experiment.robot.facts.sliding):
+        message = "programmes are corrected of arms whose joints all turn only so far"
+        raise InputError(
+            Problem(message, file=str(path), hint="Give the targets as a table, q1_mm of a joint that slides.")
+        )
     for point in points:
         problems += _point_problems(point, source, names, experiment, wish)
     if problems:
@@ -217,7 +222,7 @@ def _stand(
 ) -> tuple[Array, TipPose]:
     """Pendant angles (N, m) of the points, and where the controller's kinematics put the load point there."""
     robot, site, rng = experiment.robot, experiment.load_site, np.random.default_rng(_SEED)
-    lower, upper = np.maximum(robot.controller.lower, -np.pi), np.minimum(robot.controller.upper, np.pi)
+    lower, upper = robot.controller.once_around()
     last = 0.5 * (lower + upper) if wish.start is None else wish.start
     pendant, places, turns = list[Array](), list[Array](), list[Array]()
     for i, point in enumerate(points):

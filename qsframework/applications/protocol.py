@@ -16,8 +16,9 @@ from qsframework.applications.ordering import visits, with_repeats
 from qsframework.applications.programme import check_plan, load_name, payload_notes
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Plan
-from qsframework.experiment.columns import degrees, number, write_table
+from qsframework.experiment.columns import joint_cells, number, write_table
 from qsframework.plugin import Array
+from qsframework.units import JointUnits
 
 DRIVES = ("servo", "brake")
 HALF = "half of "
@@ -71,12 +72,13 @@ class Visit:
     states: tuple[State, ...]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Protocol:
     """The visits of a campaign."""
 
     robot: str
     title: str
+    units: JointUnits
     visits: tuple[Visit, ...]
     wish: ProtocolWish
     markers: tuple[str, ...]
@@ -129,7 +131,16 @@ def make_protocol(experiment: Experiment, plan: Plan, wish: ProtocolWish | None 
             )
         )
     names = tuple(m.name for m in experiment.markers)
-    return Protocol(experiment.robot.name, experiment.robot.title, tuple(out), wish, names, payload_notes(experiment))
+    robot, joints = experiment.robot, experiment.robot.controller.units
+    return Protocol(
+        robot=robot.name,
+        title=robot.title,
+        units=joints,
+        visits=tuple(out),
+        wish=wish,
+        markers=names,
+        notes=payload_notes(experiment),
+    )
 
 
 def _check(wish: ProtocolWish) -> None:
@@ -160,13 +171,12 @@ def _states(load: str, wrench: Array, cycles: int, half: bool) -> tuple[State, .
 
 def write_reading_file(path: Path, protocol: Protocol) -> None:
     """The table to fill in: one row per state and marker in the order of reading; no position, time or temperature."""
-    n = len(protocol.visits[0].pendant)
-    header = ["pose", *(f"q{k + 1}_deg" for k in range(n)), "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"]
+    header = ["pose", *protocol.units.names(), "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"]
     header += ["marker", "state", "x_mm", "y_mm", "z_mm", "load_id", "repeat", "cycle", "use"]
     header += ["time_s", "temperature_degC", "drive_state"]
     rows: list[list[str]] = []
     for visit in protocol.visits:
-        angles = degrees(visit.pendant)
+        angles = joint_cells(visit.pendant, protocol.units)
         for state in visit.states:
             wrench = [*map(number, state.wrench.tolist())] if state.loaded else [""] * 6
             for marker in protocol.markers:

@@ -60,7 +60,7 @@ def reach(
     it goes; elsewhere from random poses.
     """
     count, controller = len(points), robot.controller
-    lower, upper = np.maximum(controller.lower, -np.pi), np.minimum(controller.upper, np.pi)
+    lower, upper = controller.once_around()
     rng = np.random.default_rng(seed)
     pendant, reached = np.zeros((count, controller.axes)), np.zeros(count, dtype=bool)
     blocked = np.zeros(count, dtype=bool)

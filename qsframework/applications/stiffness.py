@@ -89,11 +89,9 @@ def _one_pose(robot: Robot, pendant: Array, wrench: Array) -> Poses:
     outside = np.flatnonzero(robot.controller.outside(pendant))
     if len(outside):
         k = int(outside[0])
-        low, high = np.rad2deg([robot.controller.lower[k], robot.controller.upper[k]])
-        raise InputError(
-            f"{robot.facts.driven[k]} is outside its limits: found {np.rad2deg(pendant[k]):g} deg, "
-            f"allowed {low:g} to {high:g} deg"
-        )
+        unit, (low, high) = robot.controller.units[k], robot.controller.range_of(k)
+        message = f"{robot.facts.driven[k]} is outside its limits"
+        raise InputError(f"{message}: found {unit.text(pendant[k])}, allowed {unit.between(low, high)}")
     if not np.any(wrench):
         raise InputError("the load is zero; give a force such as 0,0,-4000")
     return Poses(pendant[None], robot.controller.to_joints(pendant[None]), wrench[None])

@@ -1,6 +1,7 @@
 """targets.csv: where the loaded tool is wanted, as joint angles or as poses of the load point, and the wrench there.
 
-Joint targets: q1_deg, q2_deg, ... as the pendant shows them. Cartesian targets: x_mm, y_mm, z_mm of the load point in
+Joint targets: q1_deg, q2_deg, ... as the pendant shows them (q1_mm
+of a joint that slides). Cartesian targets: x_mm, y_mm, z_mm of the load point in
 the base frame and the flange's rotation, as rx_deg, ry_deg, rz_deg (turns about the fixed base axes x, then y, then z:
 what FANUC calls W, P, R and KUKA C, B, A) or as a quaternion quat_w, quat_x, quat_y, quat_z. Joint angles in a
 Cartesian file are where the search for the joint angles starts.
@@ -18,11 +19,12 @@ import numpy as np
 from qsframework.applications.inverse import TipPose, find_joints, rigid_tip
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
-from qsframework.experiment.columns import Column, Table, read_table
+from qsframework.experiment.columns import Column, Table, joint_columns, read_table
 from qsframework.experiment.plan import limit_problems
 from qsframework.experiment.readings_table import no_load
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
+from qsframework.units import JointUnits
 
 _XYZ, _TURNS = ("x", "y", "z"), ("rx", "ry", "rz")
 _QUATERNION = ("quat_w", "quat_x", "quat_y", "quat_z")
@@ -80,7 +82,7 @@ def read_targets(path: str | Path, experiment: Experiment, tell: Tell | None = N
     InputError with all its problems, each with row and column.
     """
     path, robot = Path(path), experiment.robot
-    table = read_table(path, _columns(robot.controller.axes), robot.name)
+    table = read_table(path, _columns(robot.controller.units), robot.name)
     no_load(table, experiment)
     problems = list(table.problems)
     cartesian = any(stem in table.numbers for stem in (*_XYZ, *_TURNS, *_QUATERNION))
@@ -112,10 +114,10 @@ def read_targets(path: str | Path, experiment: Experiment, tell: Tell | None = N
     )
 
 
-def _columns(n: int) -> list[Column]:
+def _columns(joints: JointUnits) -> list[Column]:
     return [
         Column("target", "text"),
-        *(Column(f"q{k + 1}", "number", "rad") for k in range(n)),
+        *joint_columns(joints, required=False),
         *(Column(c, "number", "m") for c in _XYZ),
         *(Column(c, "number", "rad") for c in _TURNS),
         *(Column(c, "number") for c in _QUATERNION),
@@ -193,7 +195,7 @@ def _joints(
 ) -> Array:
     """Pendant angles (N, n) of Cartesian targets, each search begun at its own start or at the row before."""
     robot, rng = experiment.robot, np.random.default_rng(_SEED)
-    lower, upper = np.maximum(robot.controller.lower, -np.pi), np.minimum(robot.controller.upper, np.pi)
+    lower, upper = robot.controller.once_around()
     last = 0.5 * (lower + upper)
     out: list[Array] = []
     problems: list[Problem] = []

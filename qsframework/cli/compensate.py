@@ -187,14 +187,14 @@ def words(result: Compensation) -> str:
 def write_corrected(path: Path, result: Compensation, experiment: Experiment) -> None:
     """Corrected joint angles, and the pose that a controller with Cartesian targets is told instead."""
     place, turn = flange_pose(experiment, result.command)
-    n = result.pendant.shape[1]
-    header = ["target", *(f"q{k + 1}_deg" for k in range(n)), "x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg"]
+    joints = experiment.robot.controller.units
+    header = ["target", *joints.names(), "x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg"]
     header += ["fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm", "uncorrected_mm", "expected_error_mm"]
-    columns = [np.rad2deg(result.pendant), place * 1e3, np.rad2deg(turn), result.targets.wrench]
+    columns = [joints.shown(result.pendant), place * 1e3, np.rad2deg(turn), result.targets.wrench]
     numbers = np.column_stack([*columns, result.size * 1e3, result.sd * 1e3]).tolist()
     rows = [[name, *(f"{v:.6f}" for v in row)] for name, row in zip(result.targets.name, numbers, strict=True)]
     comments = [
         f"robot: {experiment.robot.name}",
-        "corrected targets: give the controller either q1_deg ... or x_mm ... rz_deg of a row, not both",
+        "corrected targets: give the controller either q1, q2, ... or x_mm ... rz_deg of a row, not both",
     ]
     write_table(path, header, rows, comments)

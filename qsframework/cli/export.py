@@ -76,13 +76,14 @@ def home_pose(experiment: Experiment, text: str, option: str = "--home") -> Arra
     from qsframework.cli.stiffness import numbers
 
     robot = experiment.robot
-    pendant = np.deg2rad(numbers(option, text, (robot.controller.axes,)))
+    units = robot.controller.units
+    pendant = units.si(numbers(option, text, (robot.controller.axes,)))
     outside = np.flatnonzero(robot.controller.outside(pendant[None])[0])
     if len(outside):
         k = int(outside[0])
-        low, high = np.rad2deg([robot.controller.lower[k], robot.controller.upper[k]])
+        allowed = units[k].between(*robot.controller.range_of(k))
         message = f"{option}: {robot.facts.driven[k]} is outside its limits"
-        raise InputError(Problem(message, found=f"{np.rad2deg(pendant[k]):g} deg", allowed=f"{low:g} to {high:g} deg"))
+        raise InputError(Problem(message, found=units[k].text(pendant[k]), allowed=allowed))
     return pendant
 
 
@@ -110,7 +111,7 @@ def as_json(programme: Programme, wish: ExportWish, files: tuple[Path, ...]) -> 
             {
                 "pose": m.pose,
                 "visit": m.repeat,
-                "q_deg": np.rad2deg(m.pendant).tolist(),
+                **programme.units.fields("q", m.pendant),
                 "load": m.load,
             }
             for m in programme.moves

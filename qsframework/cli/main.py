@@ -103,7 +103,7 @@ def check(
 @app.command()
 def stiffness(
     robot: Annotated[str, typer.Argument(help="A robot's name or folder.", show_default=False)],
-    pose: Annotated[str, typer.Option(help="Pendant angles, deg: J1,J2,...", show_default=False)],
+    pose: Annotated[str, typer.Option(help="Pendant angles, deg, or mm: J1,J2,...", show_default=False)],
     load: Annotated[str, typer.Option(help="Force, N, base frame: fx,fy,fz[,mx,my,mz with moments in Nm].")],
     point: Annotated[str, typer.Option(help="Where the load acts, mm, flange frame.")] = "0,0,0",
     json: Json = None,
@@ -122,7 +122,7 @@ def show(
     plan: Annotated[Path | None, typer.Argument(help="plan.csv", show_default=False)] = None,
     fit: Annotated[Path | None, typer.Option(help="fit.json: its values, and the residuals of its readings.")] = None,
     data: Annotated[Path | None, typer.Option(help="Readings of --fit; the experiment's own if left out.")] = None,
-    pose: Annotated[str | None, typer.Option(help="Pendant angles, deg: J1,J2,... instead of a plan.")] = None,
+    pose: Annotated[str | None, typer.Option(help="Pendant angles, deg, or mm: J1,J2,... instead of a plan.")] = None,
     load: Annotated[str | None, typer.Option(help="Force, N, base frame: fx,fy,fz[,mx,my,mz in Nm].")] = None,
     point: Annotated[str | None, typer.Option(help="Where the load acts on a robot, mm, flange frame.")] = None,
     scale: Annotated[

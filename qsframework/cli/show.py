@@ -74,7 +74,9 @@ def make_scene(shown: Shown, say: Callable[[str], object] = lambda note: None) -
         raise InputError(f"--scale {shown.scale:g}: allowed: a number above 0; 1 shows deflections as they are")
     experiment = _experiment(shown)
     pose = (
-        None if shown.pose is None else np.deg2rad(numbers("--pose", shown.pose, (experiment.robot.controller.axes,)))
+        None
+        if shown.pose is None
+        else experiment.robot.controller.units.si(numbers("--pose", shown.pose, (experiment.robot.controller.axes,)))
     )
     if shown.plan is not None and (pose is not None or shown.load is not None):
         raise InputError("a plan has its own poses and loads; leave out --pose and --load, or the plan")

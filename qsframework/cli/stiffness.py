@@ -25,12 +25,15 @@ def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | Non
     wrench = numbers("--load", load, (3, 6))
     result = stiffness_at(
         arm,
-        np.deg2rad(numbers("--pose", pose, (arm.controller.axes,))),
+        arm.controller.units.si(numbers("--pose", pose, (arm.controller.axes,))),
         np.concatenate([wrench, np.zeros(6 - len(wrench))]),
         numbers("--point", point, (3,)) * 1e-3,
     )
     notes = [Text(f"Note: {note}.") for note in result.notes]
-    section = Section(f"{arm.title} at {pose} deg under {load} N", (*_tables(result), Text(_words(result)), *notes))
+    section = Section(
+        f"{arm.title} at {pose} {arm.controller.units.one} under {load} N",
+        (*_tables(result), Text(_words(result)), *notes),
+    )
     for block in section.blocks:
         if isinstance(block, Table):
             print_table(block.header, block.rows)

@@ -116,7 +116,7 @@ def export(
     pause: Annotated[float, typer.Option(help="Seconds to wait at each pose.")] = 10.0,
     hold: Annotated[bool, typer.Option("--hold", help="Wait for the start button instead.")] = False,
     home: Annotated[
-        str | None, typer.Option(help="Pendant angles where the way begins and ends, deg: J1,J2,...")
+        str | None, typer.Option(help="Pendant angles where the way begins and ends, deg, or mm: J1,J2,...")
     ] = None,
     repeat_share: Annotated[
         float, typer.Option(help="Share of the poses visited twice, as qsf protocol draws them.", min=0, max=1)

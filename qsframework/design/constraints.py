@@ -15,7 +15,7 @@ from qsframework.experiment import Experiment, Plan
 from qsframework.plugin import Array, Poses
 from qsframework.robot import Robot, Shape
 from qsframework.robot.collision import Collider, above_floor, make_collider
-from qsframework.robot.kinematics import Frames, joint_frames, twists
+from qsframework.robot.kinematics import Frames, cross, joint_frames, twists
 from qsframework.robot.sight import incidence, visible
 
 _BLOCK = 4096
@@ -162,7 +162,7 @@ def _check_placed(experiment: Experiment, placed: Frames) -> dict[str, Flags]:
         if high is not None:
             allowed[f"{axis}_max"] = point[k] <= high
     if limits.axis1_distance_min is not None:
-        allowed["axis1_distance_min"] = np.hypot(point[0], point[1]) >= limits.axis1_distance_min
+        allowed["axis1_distance_min"] = axis1_distance(experiment.robot, placed, point) >= limits.axis1_distance_min
     if limits.singularity_margin is not None:
         allowed["singularity_margin"] = singularity_margin(experiment.robot, placed) >= limits.singularity_margin
     if limits.floor is not None:
@@ -173,6 +173,17 @@ def _check_placed(experiment: Experiment, placed: Frames) -> dict[str, Flags]:
     if limits.collision:
         allowed["collision"] = ~collider_of(experiment).collides(placed)
     return allowed
+
+
+def axis1_distance(robot: Robot, placed: Frames, point: Array) -> Array:
+    """Distance (N,) m of a point from the base's z axis, of an arm that slides from the first axis that turns."""
+    facts = robot.facts
+    if not facts.sliding[0] or all(facts.sliding):
+        return np.hypot(point[0], point[1])
+    first = facts.sliding.index(False)
+    return np.asarray(
+        np.linalg.norm(cross(placed.axes[first], point - placed.origins[first]), axis=0), dtype=np.float64
+    )
 
 
 def _check_sight(experiment: Experiment, placed: Frames) -> Flags:

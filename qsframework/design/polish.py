@@ -21,7 +21,7 @@ Progress = Callable[[int, int], None]
 
 
 def polish(problem: Problem, rule: Robust, chosen: Indices, counts: Indices, progress: Progress | None = None) -> Array:
-    """Pendant angles (m, n) of m poses, measured `counts` times, rounded to 0.01 deg, no worse than they came.
+    """What the pendant shows (m, n) at m poses, measured `counts` times, rounded to 0.01 deg or mm, not worse.
 
     Every pose climbs along its own slope of the criterion; the longest step that helps and keeps the
     constraints is taken.
@@ -45,20 +45,23 @@ def polish(problem: Problem, rule: Robust, chosen: Indices, counts: Indices, pro
 
 
 def _rounded(problem: Problem, pendant: Array) -> Array:
-    """Angles in hundredths of a degree, in finer steps for a pose that would leave the constraints."""
+    """Hundredths of a degree or a millimetre, in finer steps for a pose that would leave the constraints."""
     lower, upper = joint_range(problem.experiment)
+    units = problem.experiment.robot.controller.units
     out = pendant.copy()
     open_ = np.ones(len(out), dtype=bool)
     for digits in _DIGITS:
-        trial = np.clip(np.deg2rad(np.round(np.rad2deg(pendant), digits)), lower, upper)
+        trial = np.clip(units.si(np.round(units.shown(pendant), digits)), lower, upper)
         good = open_ & _kept(problem, trial)
         out[good] = trial[good]
         open_ &= ~good
     return out
 
 
-def _hundredths(pendant: Array) -> Array:
-    return np.deg2rad(np.round(np.rad2deg(pendant), _DIGITS[0]))
+def _scales(problem: Problem) -> Array:
+    """What (n,) counts as one step of a joint: 1 rad, and of a travel its range in place of half a turn."""
+    lower, upper = joint_range(problem.experiment)
+    return np.where(problem.experiment.robot.controller.units.sliding, (upper - lower) / np.pi, 1.0)
 
 
 def _batch(problem: Problem, pendant: Array, wrench: Array) -> Poses:
@@ -85,14 +88,16 @@ def _moved(
     M_each = moments_of(problem.rows_of(_batch(problem, pendant, wrench)))
     M = problem.prior + np.tensordot(counts, M_each, 1)
     roots = [root(G) for G in rule.expansion(M, 1e-3).slope]
-    shifted = pendant[:, None, None] + _STEP * np.stack([np.eye(n), -np.eye(n)], axis=1)[None]
+    scales, units = _scales(problem), problem.experiment.robot.controller.units
+    shifted = pendant[:, None, None] + _STEP * scales * np.stack([np.eye(n), -np.eye(n)], axis=1)[None]
     rows = problem.rows_of(_batch(problem, shifted.reshape(-1, n), np.repeat(wrench, 2 * n, axis=0)))
     ends = block_scores(rows, roots).reshape(count, n, 2)
     slope = (ends[..., 0] - ends[..., 1]) / (2.0 * _STEP)
     fixed = [problem.experiment.robot.facts.joint_index(j) for j in problem.experiment.constraints.joint_values]
     slope[:, fixed] = 0.0
     slope /= np.maximum(np.abs(slope).max(axis=1, keepdims=True), 1e-300)
-    trials = np.clip(_hundredths(pendant[:, None] + _SIZES[:, None] * slope[:, None]), lower, upper)
+    moved = pendant[:, None] + _SIZES[:, None] * scales * slope[:, None]
+    trials = np.clip(units.si(np.round(units.shown(moved), _DIGITS[0])), lower, upper)
     flat = trials.reshape(-1, n)
     kept = _kept(problem, flat).reshape(count, -1)
     moments = moments_of(problem.rows_of(_batch(problem, flat, np.repeat(wrench, len(_SIZES), axis=0))))

@@ -93,18 +93,19 @@ def symmetry_name(experiment: Experiment, one: Array, other: Array) -> str:
     q, p = controller.to_joints(np.stack([one, other]))
     if np.allclose(q, p, atol=_SAME):
         return "same pose"
-    turns = _whole_turns(p - q)
+    turns = _whole_turns(facts, p - q)
     if turns.all():
         moved = [str(k + 1) for k in range(facts.n) if abs(p[k] - q[k]) > _SAME]
         return f"turn of joint{'s' if len(moved) > 1 else ''} {', '.join(moved)}"
-    if flips_wrist(facts) and _whole_turns(p - wrist_flip(q[None])[0]).all():
+    if flips_wrist(facts) and _whole_turns(facts, p - wrist_flip(q[None])[0]).all():
         return "wrist flip"
     if _same_flange(facts, np.stack([q, p]))[0]:
         return "another way to the same flange pose"
-    if turns[1:].all():
-        return "axis 1"
-    flipped = flips_wrist(facts) and _whole_turns(p - wrist_flip(q[None])[0])[1:].all()
-    return "axis 1 and wrist flip" if flipped else "equal information"
+    first = 1 + next((k for k in range(facts.n) if not facts.sliding[k]), 0)
+    if turns[first:].all():
+        return f"axis {first}"
+    flipped = flips_wrist(facts) and _whole_turns(facts, p - wrist_flip(q[None])[0])[first:].all()
+    return f"axis {first} and wrist flip" if flipped else "equal information"
 
 
 def wrist_flip(q: Array) -> Array:
@@ -118,7 +119,7 @@ def wrist_flip(q: Array) -> Array:
 
 def flips_wrist(facts: RobotFacts) -> bool:
     """Whether the flip leaves the flange where it is: asked of the kinematics at a fixed sample of poses."""
-    if facts.n < 4 or facts.passive:
+    if facts.n < 4 or facts.passive or any(facts.sliding[-3:]):
         return False
     q = np.random.default_rng(0).uniform(-3.0, 3.0, (8, facts.n))
     return bool(_same_flange(facts, np.concatenate([q, wrist_flip(q)])).all())
@@ -141,11 +142,12 @@ def canonical(experiment: Experiment, pendant: Array) -> Array:
 
 
 def _unwound(experiment: Experiment, pendant: Array) -> Array:
-    """Each angle less its whole turns, where the limits allow it and no other joint depends on it."""
+    """Each angle less its whole turns, where the limits allow it and no other joint depends on it; no travel."""
     matrix = experiment.robot.controller.matrix
     whole = np.isclose(np.abs(matrix), 1.0) & (np.count_nonzero(matrix, axis=1) == 1)[:, None]
     alone = (np.count_nonzero(matrix, axis=0) == 1) & whole.any(axis=0)
     near = pendant - _TURN * np.ceil((pendant - np.pi - _SAME) / _TURN)
+    alone &= ~np.array(experiment.robot.controller.units.sliding)
     return np.where(alone & _inside(experiment, near), near, pendant)
 
 
@@ -156,8 +158,9 @@ def _inside(experiment: Experiment, pendant: Array) -> Flags:
     return (pendant >= lower - tolerance) & (pendant <= upper + tolerance)
 
 
-def _whole_turns(angle: Array) -> Flags:
-    return np.abs(angle - _TURN * np.round(angle / _TURN)) < _SAME
+def _whole_turns(facts: RobotFacts, moved: Array) -> Flags:
+    """Which joints (n,) stand alike after they moved: by whole turns, one that slides by nothing."""
+    return np.abs(moved - np.where(facts.sliding, 0.0, _TURN * np.round(moved / _TURN))) < _SAME
 
 
 def _same_flange(facts: RobotFacts, q: Array) -> Flags:

@@ -139,7 +139,7 @@ def _effects(model: Model, law: Law, rows: Rows, moved: Motions) -> tuple[Effect
         return ()
     try:
         effect = _effect(law, rows, moved)
-        effect.validate(model.facts)
+        effect.require_fit(model.facts)
     except InputError:
         return ()
     springs: list[Effect] = []

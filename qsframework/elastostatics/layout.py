@@ -186,7 +186,7 @@ class _Builder:
             mine = [v for v in virtual if self.facts.link_index(v.link) == k + 1]
             for v in (v for v in mine if v.side == "before"):
                 here = self._add_virtual(v, here)
-            self.joint_elements.append(self._add(here, self.facts.axes[k], True))
+            self.joint_elements.append(self._add(here, self.facts.axes[k], not self.facts.sliding[k]))
             here = np.eye(4)
             for v in (v for v in mine if v.side == "after"):
                 here = self._add_virtual(v, here)

@@ -314,9 +314,14 @@ def number(value: float, digits: int = 10) -> str:
     return f"{value + 0.0:.{digits}g}"
 
 
-def degrees(angles: Array) -> list[str]:
-    """Angles (n,) rad as a table holds them, in degrees: twelve digits keep 1e-9 deg."""
-    return [number(v, 12) for v in np.rad2deg(angles).tolist()]
+def joint_cells(values: Array, joints: units.JointUnits) -> list[str]:
+    """Joint values (n,), rad or m, as a table holds them, in deg or mm: twelve digits keep 1e-9 of either."""
+    return [number(v, 12) for v in joints.shown(values).tolist()]
+
+
+def joint_columns(joints: units.JointUnits, required: bool = True) -> list[Column]:
+    """The columns q1, q2, ... of what the pendant shows."""
+    return [Column(f"q{k + 1}", "number", joints[k].si, required=required) for k in range(len(joints))]
 
 
 def recorded(value: float) -> str:

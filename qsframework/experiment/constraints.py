@@ -12,6 +12,7 @@ from qsframework.files import Document
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
 from qsframework.robot import Robot
+from qsframework.units import allowed_names
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,14 +31,14 @@ class Sight:
 
 @dataclass(frozen=True, kw_only=True)
 class Constraints:
-    """What a planned pose must keep: positions and distances in m, pendant ranges in rad.
+    """What a planned pose must keep: positions and distances in m, pendant ranges in rad, in m where a joint slides.
 
     x_min .. z_max and axis1_distance_min speak of the point `of`;
     flip_margin, N m: torque that must keep the passive joints of every loop pressed on one side;
     collision, with clearance and a sphere of tool_radius at the load point; floor: its height;
     singularity_margin: smallest singular value of the Jacobian, translations per length of the arm;
     load_capacity: whether the robot's stated torques are kept;
-    joint_values, rad: the only angles at which a joint is planned, as the two-step method wants for joint 2
+    joint_values, rad or m: the only values at which a joint is planned, as the two-step method wants for joint 2
     """
 
     z_min: float | None = None
@@ -63,8 +64,9 @@ class Constraints:
 def make_constraints(spec: ConstraintsSpec) -> Constraints:
     """The constraints of a file's `constraints:`."""
     values = {name: getattr(spec, name) for name in type(spec).model_fields}
-    values["joint_limits"] = {joint: (ends[0], ends[1]) for joint, ends in spec.joint_limits.items()}
-    values["joint_values"] = {joint: tuple(angles) for joint, angles in spec.joint_values.items()}
+    limits, stated = spec.joint_limits | values.pop("joint_travel"), spec.joint_values | values.pop("joint_places")
+    values["joint_limits"] = {joint: (ends[0], ends[1]) for joint, ends in limits.items()}
+    values["joint_values"] = {joint: tuple(own) for joint, own in stated.items()}
     values["sight"] = None if spec.sight is None else _sight(spec.sight)
     return Constraints(**values)
 
@@ -91,8 +93,9 @@ def constraint_problems(document: Document, spec: ExperimentSpec, robot: Robot) 
             )
         )
     problems += _value_problems(document, spec, robot)
-    for joint, ends in limits.joint_limits.items():
-        problems += _joint_problems(document, robot, joint, ends)
+    for slides, stated in ((False, limits.joint_limits), (True, limits.joint_travel)):
+        for joint, ends in stated.items():
+            problems += _joint_problems(document, robot, joint, ends, slides)
     if (limits.collision or limits.floor is not None or limits.sight is not None) and not robot.shapes:
         hint = "Give its links boxes, cylinders or spheres as visuals."
         line = document.line("constraints")
@@ -111,44 +114,56 @@ def constraint_problems(document: Document, spec: ExperimentSpec, robot: Robot) 
     return problems
 
 
-def _joint_problems(document: Document, robot: Robot, joint: str, ends: list[float]) -> list[Problem]:
-    here: Place = {"file": str(document.path), "line": document.line("constraints", "joint_limits_deg", joint)}
+def _line(document: Document, stem: str, joint: str) -> int | None:
+    """Of a joint under `joint_limits_deg`, or another spelling of the stem."""
+    found = [keys for keys in document.lines if keys[:1] == ("constraints",) and keys[2:] == (joint,)]
+    key = next((str(keys[1]) for keys in found if str(keys[1]).startswith(stem + "_")), stem)
+    return document.line("constraints", key, joint)
+
+
+def _unit_problems(stem: str, robot: Robot, joint: str, slides: bool, here: Place) -> list[Problem]:
+    """What is wrong with the name of a joint, or with the unit of its values. slides: whether they are lengths"""
     if joint not in robot.facts.driven:
-        return [
-            Problem(f"joint_limits: no joint {joint!r} on the pendant", **here, allowed=", ".join(robot.facts.driven))
-        ]
+        return [Problem(f"{stem}: no joint {joint!r} on the pendant", **here, allowed=", ".join(robot.facts.driven))]
+    if robot.facts.slides(joint) != slides:
+        moves, unit = "turns" if slides else "slides", robot.facts.unit_of(joint)
+        return [Problem(f"{stem}: {joint} {moves}", **here, allowed=allowed_names(stem, unit.si))]
+    return []
+
+
+def _joint_problems(document: Document, robot: Robot, joint: str, ends: list[float], slides: bool) -> list[Problem]:
+    here: Place = {"file": str(document.path), "line": _line(document, "joint_limits", joint)}
+    wrong = _unit_problems("joint_limits", robot, joint, slides, here)
+    if wrong:
+        return wrong
     if len(ends) != 2 or ends[0] >= ends[1]:
         return [Problem(f"joint_limits of {joint} must be [lower, upper]", **here)]
     k = robot.facts.driven.index(joint)
     lower, upper = float(robot.controller.lower[k]), float(robot.controller.upper[k])
     if ends[1] < lower or ends[0] > upper:
-        allowed = f"{np.rad2deg(lower):g} to {np.rad2deg(upper):g} deg"
+        allowed = robot.controller.units[k].between(lower, upper)
         return [Problem(f"joint_limits of {joint} leave nothing of its range", **here, allowed=allowed)]
     return []
 
 
 def _value_problems(document: Document, spec: ExperimentSpec, robot: Robot) -> list[Problem]:
     problems: list[Problem] = []
-    for joint, angles in spec.constraints.joint_values.items():
-        file, line = str(document.path), document.line("constraints", "joint_values_deg", joint)
-        if joint not in robot.facts.driven:
-            problems.append(
-                Problem(
-                    f"joint_values: no joint {joint!r} on the pendant",
-                    file,
-                    line,
-                    allowed=", ".join(robot.facts.driven),
-                )
-            )
+    limits = spec.constraints.joint_limits | spec.constraints.joint_travel
+    turns, slides = spec.constraints.joint_values, spec.constraints.joint_places
+    for joint, angles in (*turns.items(), *slides.items()):
+        here: Place = {"file": str(document.path), "line": _line(document, "joint_values", joint)}
+        wrong = _unit_problems("joint_values", robot, joint, joint in slides, here)
+        problems += wrong
+        if wrong:
             continue
         k = robot.facts.driven.index(joint)
-        low, high = spec.constraints.joint_limits.get(joint, [-np.inf, np.inf])[:2]
+        unit = robot.controller.units[k]
+        low, high = limits.get(joint, [-np.inf, np.inf])[:2]
         low, high = max(low, float(robot.controller.lower[k])), min(high, float(robot.controller.upper[k]))
-        outside = [f"{np.rad2deg(a):g}" for a in angles if not low <= a <= high]
+        outside = [f"{a * unit.per:g}" for a in angles if not low <= a <= high]
         if not angles or outside:
-            allowed = f"{np.rad2deg(low):g} to {np.rad2deg(high):g} deg"
-            found = ", ".join(outside) + " deg" if outside else "no angle"
-            problems.append(Problem(f"joint_values of {joint}", file, line, found=found, allowed=allowed))
+            found = f"{', '.join(outside)} {unit.shown}" if outside else "no value"
+            problems.append(Problem(f"joint_values of {joint}", **here, found=found, allowed=unit.between(low, high)))
     return problems
 
 

@@ -13,7 +13,16 @@ import numpy as np
 import pydantic
 
 from qsframework.errors import InputError, Problem
-from qsframework.experiment.columns import MOST_PROBLEMS, Column, Table, degrees, number, read_table, write_table
+from qsframework.experiment.columns import (
+    MOST_PROBLEMS,
+    Column,
+    Table,
+    joint_cells,
+    joint_columns,
+    number,
+    read_table,
+    write_table,
+)
 from qsframework.experiment.setup import Experiment
 from qsframework.files import FileModel, read_yaml, sha256, validate, write_text
 from qsframework.files.formats import FORMAT, check_format
@@ -131,7 +140,7 @@ def make_plan(
 def _columns(experiment: Experiment) -> list[Column]:
     return [
         Column("pose", "text", required=True),
-        *(Column(f"q{k + 1}", "number", "rad", required=True) for k in range(experiment.robot.controller.axes)),
+        *joint_columns(experiment.robot.controller.units),
         *(Column(f, "number", "N", required=True) for f in ("fx", "fy", "fz")),
         *(Column(m, "number", "N m") for m in ("mx", "my", "mz")),
         Column("load", "text"),
@@ -144,10 +153,10 @@ def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
     path = Path(path)
     if path.suffix == ".json":
         raise InputError(Problem("a plan is a table with its proof beside it in .json; name it .csv", file=str(path)))
-    n = plan.pendant.shape[1]
+    joints = experiment.robot.controller.units
     header = [
         "pose",
-        *(f"q{k + 1}_deg" for k in range(n)),
+        *joints.names(),
         "fx_N",
         "fy_N",
         "fz_N",
@@ -160,7 +169,7 @@ def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
     rows = [
         [
             plan.pose[i],
-            *degrees(plan.pendant[i]),
+            *joint_cells(plan.pendant[i], joints),
             *map(number, plan.wrench[i].tolist()),
             plan.load[i],
             str(plan.repeats[i]),
@@ -253,9 +262,11 @@ def _proof(path: Path) -> tuple[Certificate | None, str, int | None]:
     return Certificate(**values), proof.criterion, proof.seed
 
 
-def _degrees_hint(name: str, fits: bool) -> str | None:
+def _units_hint(name: str, fits: bool) -> str | None:
+    """fits: whether the number would be allowed in deg, or mm"""
     stem, _, unit = name.partition("_")
-    return f"The number looks like degrees: call the column {stem}_deg." if unit == "rad" and fits else None
+    words = {"rad": ("degrees", "deg"), "m": ("millimetres", "mm")}.get(unit)
+    return f"The number looks like {words[0]}: call the column {stem}_{words[1]}." if words and fits else None
 
 
 def limit_problems(table: Table, pendant: Array, experiment: Experiment) -> list[Problem]:
@@ -263,16 +274,16 @@ def limit_problems(table: Table, pendant: Array, experiment: Experiment) -> list
     controller = experiment.robot.controller
     known = np.isfinite(pendant)
     outside = controller.outside(np.where(known, pendant, 0.0)) & known
-    degrees = ~controller.outside(np.deg2rad(pendant)) & (np.abs(pendant) > 2.0 * np.pi)
+    degrees = ~controller.outside(controller.units.si(pendant)) & (np.abs(pendant) > 2.0 * np.pi)
     return [
         Problem(
             f"{experiment.robot.facts.driven[int(k)]} is outside its limits",
             str(table.path),
             table.rows[int(i)],
             table.names[f"q{k + 1}"],
-            found=f"{np.rad2deg(pendant[i, k]):.4g} deg",
-            allowed=f"{np.rad2deg(controller.lower[k]):g} to {np.rad2deg(controller.upper[k]):g} deg",
-            hint=_degrees_hint(table.names[f"q{k + 1}"], bool(degrees[i, k])),
+            found=controller.units[k].text(float(pendant[i, k]), 4),
+            allowed=controller.units[k].between(*controller.range_of(k)),
+            hint=_units_hint(table.names[f"q{k + 1}"], bool(degrees[i, k])),
         )
-        for i, k in np.argwhere(outside)[:MOST_PROBLEMS]
+        for i, k in np.argwhere(outside)[:MOST_PROBLEMS].tolist()
     ]

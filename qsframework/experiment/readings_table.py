@@ -17,7 +17,8 @@ from qsframework.experiment.columns import (
     Column,
     Table,
     check_ours,
-    degrees,
+    joint_cells,
+    joint_columns,
     number,
     read_table,
     recorded,
@@ -49,7 +50,7 @@ def _columns(experiment: Experiment, states: bool, gauge: bool) -> list[Column]:
     """What a file may hold; `states`: of states, else of displacements; gauge: whether it has a gauge's column."""
     return [
         Column("pose", "text", required=True),
-        *(Column(f"q{k + 1}", "number", "rad", required=True) for k in range(experiment.robot.controller.axes)),
+        *joint_columns(experiment.robot.controller.units),
         *(Column(f, "number", "N", required=not states, blank=states) for f in _FORCE),
         *(Column(m, "number", "N m", blank=states) for m in _MOMENT),
         Column("marker", "text", required=True),
@@ -123,7 +124,7 @@ def read_readings(
 
 
 def _read(path: Path, experiment: Experiment, states: str | None) -> Part:
-    check_ours(path, "pose, q1_deg, ..., marker, ...")
+    check_ours(path, f"pose, {experiment.robot.controller.units.names()[0]}, ..., marker, ...")
     header = _header(path)
     of_states = holds_states(path)
     gauge = any(name.startswith("gauge_") for name in header)
@@ -687,10 +688,10 @@ def readings_table(readings: Readings, experiment: Experiment) -> tuple[list[str
     if position.any() and not position.all():
         raise InputError("positions and displacements are two files; write them one by one")
     of_states = bool(position.any())
-    states, poses, n = readings.states, readings.poses, readings.poses.q.shape[1]
+    states, poses, joints = readings.states, readings.poses, experiment.robot.controller.units
     forces = ["fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"] if states.loaded.any() or not of_states else []
     stems = _XYZ if of_states else _MOVED
-    header = ["pose", *(f"q{k + 1}_deg" for k in range(n)), *forces, "marker", *(["state"] if of_states else [])]
+    header = ["pose", *joints.names(), *forces, "marker", *(["state"] if of_states else [])]
     gauge = readings.is_gauge
     measured = [] if gauge.all() else [f"{s}_mm" for s in stems]
     header += [*measured, *(["gauge_mm", *_ALONG, "to_marker"] if gauge.any() else [])]
@@ -706,7 +707,7 @@ def readings_table(readings: Readings, experiment: Experiment) -> tuple[list[str
     header += [*named, "repeat", "cycle", "use", *recorded_of, *(["sigma_mm"] if given else [])]
     header += ["drive_state"] if drive else []
     names = [m.name for m in experiment.markers]
-    angles, wrenches = [degrees(q) for q in poses.pendant], poses.wrench[:, : len(forces)].tolist()
+    angles, wrenches = [joint_cells(q, joints) for q in poses.pendant], poses.wrench[:, : len(forces)].tolist()
     rows: list[list[str]] = []
     for i, s in enumerate(map(int, readings.plus)):
         row = [states.pose[s], *angles[s], *map(number, wrenches[s]), names[int(readings.marker[i])]]

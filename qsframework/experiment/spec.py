@@ -169,6 +169,7 @@ class ConstraintsSpec(FileModel):
     flip_margin: Annotated[float | None, Unit("N m")] = None
     of: str = "wrist_centre"
     joint_limits: Annotated[dict[str, list[float]], Unit("rad")] = pydantic.Field(default_factory=dict)
+    joint_travel: Annotated[dict[str, list[float]], Unit("m", "joint_limits")] = pydantic.Field(default_factory=dict)
     collision: bool = False
     clearance: Annotated[float, Unit("m")] = 0.0
     tool_radius: Annotated[float | None, Unit("m")] = None
@@ -177,6 +178,7 @@ class ConstraintsSpec(FileModel):
     singularity_margin: float | None = None
     load_capacity: bool = True
     joint_values: Annotated[dict[str, list[float]], Unit("rad")] = pydantic.Field(default_factory=dict)
+    joint_places: Annotated[dict[str, list[float]], Unit("m", "joint_values")] = pydantic.Field(default_factory=dict)
 
     @pydantic.field_validator("axis1_distance_min", "clearance", "tool_radius", "singularity_margin")
     @classmethod

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, TypeVar, get_args
 
@@ -18,9 +18,13 @@ from qsframework.files.plain import is_list, is_mapping
 
 @dataclass(frozen=True)
 class Unit:
-    """Mark of a field in SI whose key in the file ends in a unit: `lever: Annotated[float, Unit("m")]`."""
+    """Mark of a field in SI whose key in the file ends in a unit: `lever: Annotated[float, Unit("m")]`.
+
+    stem: the key's name where it is not the field's: `limits_deg` and `limits_mm` are two fields
+    """
 
     si: str
+    stem: str = ""
 
 
 class FileModel(pydantic.BaseModel):
@@ -29,16 +33,16 @@ class FileModel(pydantic.BaseModel):
     model_config = pydantic.ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     @classmethod
-    def measured(cls) -> dict[str, str]:
-        """SI unit of each field whose key in the file ends in a unit."""
-        out: dict[str, str] = {}
+    def measured(cls) -> dict[str, Unit]:
+        """The unit, with the key's stem, of each field whose key in the file ends in a unit."""
+        out: dict[str, Unit] = {}
         for name, info in cls.model_fields.items():
             for mark in (
                 *info.metadata,
                 *(m for a in get_args(info.annotation) for m in getattr(a, "__metadata__", ())),
             ):
                 if isinstance(mark, Unit):
-                    out[name] = mark.si
+                    out[name] = Unit(mark.si, mark.stem or name)
         return out
 
 
@@ -103,9 +107,10 @@ def _to_si(document: Document, model: type[FileModel], data: Any, at: tuple[Key,
     if not is_mapping(data):
         return data
     measured = model.measured()
+    stems = {mark.stem: _of_stem(model, mark.stem) for mark in measured.values()}
     out: dict[str, Any] = {}
     for key, value in data.items():
-        parts = units.split(key, list(measured))
+        parts = units.split(key, list(stems))
         if key in model.model_fields and key not in measured:
             inner, in_list, in_map = _nested(model.model_fields[key])
             here = (*at, key)
@@ -116,13 +121,15 @@ def _to_si(document: Document, model: type[FileModel], data: Any, at: tuple[Key,
             elif inner is not None:
                 value = _to_si(document, inner, value, here, problems)
             out[key] = value
-        elif key in measured:
-            allowed = units.allowed_names(key, measured[key])
+        elif key in stems:
+            allowed = _names(stems[key].values(), key)
             problems.append(_at(document, (*at, key), f"key {key!r} does not say its unit", allowed=allowed))
         elif parts is not None:
-            name, unit = parts
-            if not units.known(unit) or not units.same_dimension(unit, measured[name]):
-                allowed = units.allowed_names(name, measured[name])
+            stem, unit = parts
+            fits = [f for f, si in stems[stem].items() if units.known(unit) and units.same_dimension(unit, si)]
+            name = fits[0] if fits else stem
+            if not fits:
+                allowed = _names(stems[stem].values(), stem)
                 problems.append(_at(document, (*at, key), f"key {key!r} ends in no unit of this kind", allowed=allowed))
             elif name in out:
                 problems.append(_at(document, (*at, key), f"{name} is given twice"))
@@ -130,10 +137,20 @@ def _to_si(document: Document, model: type[FileModel], data: Any, at: tuple[Key,
                 out[name] = _converted(document, value, unit, (*at, key), problems)
         else:
             out[key] = value
-    for name in measured:
-        if name not in out and any(units.split(k, [name]) or k == name for k in data):
-            out[name] = _placeholder(model, name)
+    for stem, fields in stems.items():
+        if not fields.keys() & out.keys() and any(units.split(k, [stem]) or k == stem for k in data):
+            out[next(iter(fields))] = _placeholder(model, next(iter(fields)))
     return out
+
+
+def _of_stem(model: type[FileModel], stem: str) -> dict[str, str]:
+    """SI unit of each field that the file calls by this stem."""
+    return {name: mark.si for name, mark in model.measured().items() if mark.stem == stem}
+
+
+def _names(kinds: Iterable[str], stem: str) -> str:
+    """The spellings to offer for a quantity of one or several dimensions."""
+    return ", ".join(units.allowed_names(stem, si) for si in kinds)
 
 
 def _placeholder(model: type[FileModel], name: str) -> Any:
@@ -160,7 +177,8 @@ def _at(document: Document, keys: tuple[Key, ...], message: str, **more: Any) ->
 def _spellings(model: type[FileModel]) -> Iterator[str]:
     measured = model.measured()
     for name in model.model_fields:
-        yield f"{name}_{units.ALLOWED.get(measured[name], (measured[name],))[0]}" if name in measured else name
+        mark = measured.get(name)
+        yield name if mark is None else f"{mark.stem}_{units.ALLOWED.get(mark.si, (mark.si,))[0]}"
 
 
 def _spoken(keys: tuple[Key, ...]) -> str:
@@ -211,8 +229,8 @@ def _problem(document: Document, model: type[FileModel], at: tuple[Key, ...], er
             document, keys, f"unknown key {loc[-1]!r}", allowed=", ".join(allowed), hint=nearest(str(loc[-1]), allowed)
         )
     if error["type"] == "missing":
-        si = owner.measured().get(str(loc[-1]))
-        name = units.allowed_names(str(loc[-1]), si) if si else str(loc[-1])
+        mark = owner.measured().get(str(loc[-1]))
+        name = units.allowed_names(mark.stem, mark.si) if mark else str(loc[-1])
         shown = owner.model_fields[str(loc[-1])].examples if str(loc[-1]) in owner.model_fields else None
         hint = f"Add for example {' or '.join(f'`{name}: {text}`' for text in shown)}." if shown else None
         return _at(document, (*at, *loc[:-1]), f"key {name!r} is missing", hint=hint)
@@ -271,10 +289,10 @@ def json_schema(model: type[FileModel]) -> dict[str, Any]:
                 models[inner.__name__] = (schema["$defs"][inner.__name__], inner)
                 queue.append(inner)
     for part, owner in models.values():
-        for name, si in owner.measured().items():
-            body = part["properties"].pop(name)
-            body["description"] = f"{name} in a unit of {si}: {units.allowed_names(name, si)}"
-            part.setdefault("patternProperties", {})[f"^{name}_[^_]+$"] = body
+        for name, mark in owner.measured().items():
+            body, kinds = part["properties"].pop(name), _of_stem(owner, mark.stem).values()
+            body["description"] = f"{mark.stem} in a unit of {' or '.join(kinds)}: {_names(kinds, mark.stem)}"
+            part.setdefault("patternProperties", {})[f"^{mark.stem}_[^_]+$"] = body
             if name in part.get("required", []):
                 part["required"].remove(name)
     return schema

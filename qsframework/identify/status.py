@@ -15,7 +15,7 @@ as soft, three payloads of unknown mass. The sizes and what they rest on stand w
 _FAR = 5.0
 """Prior standard deviations from the initial value beyond which an estimate deserves a second look."""
 _LIMIT = 1.96
-_SHOWN = {"rad/(N m)": (1e6, "urad/(N m)"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
+_SHOWN = {"rad/(N m)": (1e6, "urad/(N m)"), "m/N": (1e6, "um/N"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
 """The units in which the table of a fit shows values: a limit stands beside them."""
 
 

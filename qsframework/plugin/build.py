@@ -49,7 +49,7 @@ def build_effects(
         effect(**dict(zip(chosen, values, strict=True))) for values in itertools.product(*chosen.values())
     )
     for instance in instances:
-        instance.validate(robot)
+        instance.require_fit(robot)
     return instances
 
 

@@ -172,7 +172,7 @@ def _declaration(effect: Effect, robot: RobotFacts, report: Report) -> None:
     report.record("distinct names", len({p.name for p in parameters}) == len(parameters), "two parameters share a name")
     strange = [n for n in effect.needs if n not in _NEEDED]
     report.record("needs", not strange, f"unknown {', '.join(strange)}; allowed: {', '.join(_NEEDED)}")
-    if report.attempt("validate", lambda: effect.validate(robot) or True):
+    if report.attempt("validate", lambda: effect.require_fit(robot) or True):
         report.record("validate", True)
     for place in report.attempt("places", lambda: type(effect).places(robot, ("m1",))) or ():
         mine = isinstance(place, type(effect))

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsframework.errors import InputError, Problem, nearest
+from qsframework.units import SLIDES, TURNS, JointUnit, JointUnits
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
@@ -57,6 +58,18 @@ class NaturalSizes:
         """The compliance, m/N, by which the payload moves the tip by `tip` m."""
         return tip / self.weight
 
+    def motion_of(self, unit: JointUnit, tip: float) -> float:
+        """The turn, rad, or travel, m, of a joint that moves the tip by `tip` m at full reach."""
+        return tip if unit == SLIDES else self.rotation(tip)
+
+    def compliance_of(self, unit: JointUnit, tip: float) -> float:
+        """A joint's compliance, rad/(N m) or m/N, by which the payload at full reach moves the tip by `tip` m."""
+        return self.give(tip) if unit == SLIDES else self.compliance(tip)
+
+    def load_of(self, unit: JointUnit) -> float:
+        """What the payload at full reach puts on a joint: N m where it turns, N where it slides."""
+        return self.weight if unit == SLIDES else self.torque
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Branch:
@@ -80,13 +93,14 @@ class RobotFacts:
     """The constants of an arm of n joints, base to flange, in SI.
 
     joints      (n,) names in chain order
+    sliding     (n,) which of them slide (prismatic joints), the others turn; none where it is left out
     links       (n + 1,) names: the base link, then the link that each joint moves
     axes        (n, 3) joint axes in their joint frames
     placements  (n, 4, 4) joint frame in the previous link's frame at zero angle
     masses      (n + 1,) kg; `centres` (n + 1, 3) m in the link frames
     gravity     (3,) m/s^2 in the base frame
     payload     kg, None where nobody states it
-    limits      (n, 2) rad, all joint angles that the controller can command; None where nobody states them
+    limits      (n, 2) rad, m where a joint slides: all that the controller can command; None where nobody states them
     passive     names of joints that no actuator drives: they follow others by a loop
     branches    (b,) moving links beside the arm, parents first; loops determine their angles
     """
@@ -103,18 +117,39 @@ class RobotFacts:
     limits: Array | None = None
     passive: tuple[str, ...] = ()
     branches: tuple[Branch, ...] = ()
+    sliding: tuple[bool, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.sliding:
+            object.__setattr__(self, "sliding", (False,) * len(self.joints))
+
+    @cached_property
+    def units(self) -> JointUnits:
+        """Of the joints' values (n,)."""
+        return JointUnits(self.sliding)
+
+    def slides(self, joint: str) -> bool:
+        """Whether a joint of the arm slides; a branch's joint turns. An InputError names the nearest joint."""
+        return joint not in self.turning[self.n :] and self.sliding[self.joint_index(joint)]
+
+    def unit_of(self, joint: str) -> JointUnit:
+        """The units of a joint's value, load and compliance."""
+        return SLIDES if self.slides(joint) else TURNS
 
     @cached_property
     def sizes(self) -> NaturalSizes:
         """By which effects say how large they naturally are."""
         lengths: Array = np.linalg.norm(self.placements[1:, :3, 3], axis=1)
-        reach = max(float(lengths.sum()), 0.1)
+        travels = [] if self.limits is None else [np.ptp(self.limits[k]) for k in range(1, self.n) if self.sliding[k]]
+        reach = max(float(lengths.sum() + np.sum(travels)), 0.1)
         moving = 0.1 * float(self.masses[1:].sum())
         payload = self.payload or moving or 100.0 * (reach / 2.5) ** 3
         return NaturalSizes(reach, payload, float(np.linalg.norm(self.gravity)) or 9.81)
 
-    def torque_at(self, joint: str) -> float:
-        """Of the payload about a joint of the stretched arm, a tenth of that at full reach at least, N m."""
+    def load_at(self, joint: str) -> float:
+        """Of the payload on a joint of the stretched arm: N m, a tenth of that at full reach at least; N on a slide."""
+        if self.slides(joint):
+            return self.sizes.weight
         beyond = np.linalg.norm(self.placements[self.joint_index(joint) + 1 :, :3, 3], axis=1)
         return self.sizes.weight * max(float(beyond.sum()), 0.1 * self.sizes.reach)
 
@@ -216,8 +251,8 @@ class Conditions:
 class Poses:
     """A batch of N commanded poses and the wrench on each, SI.
 
-    pendant  (N, m) angles as the pendant shows them, rad; m < n where joints follow others
-    q        (N, n) URDF joint angles by the robot's controller map, rad
+    pendant  (N, m) what the pendant shows, rad, m where a joint slides; m < n where joints follow others
+    q        (N, n) URDF joint values by the robot's controller map, rad or m
     wrench   (N, 6) force (N) and moment (N m) at the load point, base frame
     """
 

@@ -8,13 +8,15 @@ its value alone, as an array, or a term with its derivatives too. It neither sto
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import ClassVar, Self
+from collections.abc import Iterator, Sequence
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
+from qsframework.errors import InputError, Problem
 from qsframework.plugin.editions import refuse_first_edition
 from qsframework.plugin.facts import Array, Branch, Context, RobotFacts
 from qsframework.plugin.parameter import Parameter
@@ -37,6 +39,19 @@ from qsframework.plugin.terms import (
 
 At = tuple[str, str]
 """Role and place of an effect."""
+_LINKS = ("link", "marker", "first", "second")
+"""Fields that name no joint, though a link or a marker may be called as one."""
+
+
+def _fields(effect: Any) -> tuple[dataclasses.Field[Any], ...]:
+    """The configuration of an effect, which is a dataclass; none where it has none."""
+    return dataclasses.fields(effect) if dataclasses.is_dataclass(effect) else ()
+
+
+def _flat(value: Any) -> Iterator[str]:
+    """The texts in nested tuples."""
+    for one in cast("tuple[Any, ...]", value) if isinstance(value, tuple) else ():
+        yield from (one,) if isinstance(one, str) else _flat(one)
 
 
 class Effect(ABC):
@@ -55,6 +70,8 @@ class Effect(ABC):
     """Columns that the readings must have: "time", "temperature", "approach"."""
     by_state: ClassVar[bool] = False
     """Whether the law itself, not only what it is asked at, differs between a pose's loaded and unloaded state."""
+    slides: ClassVar[bool] = False
+    """Whether the law also holds at a joint that slides, in its units; else it is refused and not offered there."""
     role: ClassVar[str] = ""
     """What the effect is to the rest of the arm, such as "gear": by it others refer to effects, never by a name."""
 
@@ -83,6 +100,26 @@ class Effect(ABC):
 
     def validate(self, robot: RobotFacts) -> None:  # noqa: B027 - most effects fit every robot
         """Raise InputError if the configuration does not fit the robot."""
+
+    def require_fit(self, robot: RobotFacts) -> None:
+        """Raise InputError if the effect does not fit the robot: by its joints that slide, or by `validate`."""
+        sliding = [joint for joint in self._joints(robot) if robot.slides(joint)]
+        if sliding and not self.slides:
+            turning = [joint for joint in robot.joints if not robot.slides(joint)]
+            message = f"{self.name}: {', '.join(dict.fromkeys(sliding))} slides, and this effect is of joints that turn"
+            raise InputError(Problem(message, allowed=", ".join(turning) or "none on this arm"))
+        turns = [f.name for f in _fields(self) if f.metadata.get("unit") in ("N m", "rad")]
+        given = [name for name in turns if sliding and getattr(self, name)]
+        if given:
+            text = f"{self.name}: {sliding[0]} slides, and {', '.join(given)} is a torque or an angle"
+            raise InputError(Problem(text, hint="Leave it out: what the payload makes of it is taken."))
+        self.validate(robot)
+
+    def _joints(self, robot: RobotFacts) -> list[str]:
+        """The robot's joints that the configuration names."""
+        values = [getattr(self, f.name) for f in _fields(self) if f.name not in _LINKS]
+        listed = [v for value in values for v in ((value,) if isinstance(value, str) else _flat(value))]
+        return [v for v in listed if v in robot.joints]
 
     def validate_values(self, x: Array, robot: RobotFacts) -> None:  # noqa: B027 - bounds say enough for most
         """Raise InputError if these nominal values (p,) of a file do not fit the robot or each other."""

@@ -17,8 +17,7 @@ _MOST = 24
 
 def target_table(result: Compensation) -> Table:
     """One row per target: its error uncorrected, the error to be expected after it, the correction."""
-    correction = np.rad2deg(result.pendant - result.targets.pendant)
-    n = correction.shape[1]
+    correction = result.units.shown(result.pendant - result.targets.pendant)
     rows = tuple(
         (
             name,
@@ -31,11 +30,11 @@ def target_table(result: Compensation) -> Table:
     )
     header = ("target", "uncorrected mm", "expected after mm", "expected after mrad")
     return Table(
-        (*header, *(f"dJ{k + 1} deg" for k in range(n))),
+        (*header, *result.units.labels("dJ")),
         rows,
         "Distance of the load point from its wanted place without the correction; the root mean square of the distance "
         "that is to be expected with it, from the covariance of the fit and the stated uncertainty of the load; and "
-        "what was added to each angle.",
+        "what was added to each joint.",
     )
 
 

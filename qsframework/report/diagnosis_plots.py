@@ -120,8 +120,9 @@ def joint_figure(diagnosis: Diagnosis) -> Figure:
 
     direction, before, after = main_direction(diagnosis)
     r = diagnosis.readings
-    q = np.rad2deg(r.poses.q[r.plus[diagnosis.kept]])
-    joints = diagnosis.experiment.robot.facts.joints
+    facts = diagnosis.experiment.robot.facts
+    q = facts.units.shown(r.poses.q[r.plus[diagnosis.kept]])
+    joints = [f"{joint}, {facts.units[k].shown}" for k, joint in enumerate(facts.joints)]
     lines = -(-len(joints) // _ACROSS)
     figure = make_subplots(rows=lines, cols=_ACROSS, shared_yaxes=True, subplot_titles=[html.escape(j) for j in joints])
     for k in range(len(joints)):
@@ -137,7 +138,7 @@ def joint_figure(diagnosis: Diagnosis) -> Figure:
                 marker={"color": colour, "size": 5},
                 **place,
             )
-    title = "Residuals against the joint angles, deg"
+    title = "Residuals against the joints"
     figure.update_layout(template="plotly_white", height=260 * lines, title={"text": title})
     figure.update_yaxes(title_text="residual, mm", col=1)
     return Figure(
@@ -146,7 +147,7 @@ def joint_figure(diagnosis: Diagnosis) -> Figure:
         "for red points that bend or slope: they say on which joint the missing effect depends; green points should be "
         "a level cloud.",
         row_table(
-            ("row", "pose", "marker", *(f"{j}, deg" for j in joints), "before, mm", "after, mm"),
+            ("row", "pose", "marker", *joints, "before, mm", "after, mm"),
             [*_named_rows(diagnosis), *q.T.tolist(), (1e3 * before).tolist(), (1e3 * after).tolist()],
         ),
     )

@@ -18,7 +18,7 @@ from qsframework.report.words.fit import alignment_words, first_words, verdict_w
 _AXES = ("x", "y", "z")
 _SAME = 1.005
 """A total sd that is larger than that of the noise by less than this is not worth a word."""
-_SHOWN = {"rad/(N m)": (1e6, "urad/(N m)"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
+_SHOWN = {"rad/(N m)": (1e6, "urad/(N m)"), "m/N": (1e6, "um/N"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
 
 
 def shown(value: float, unit: str) -> tuple[float, str]:

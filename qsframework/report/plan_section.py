@@ -11,6 +11,7 @@ from qsframework.information import Promise, promised_beyond
 from qsframework.plugin import Array, Parameter
 from qsframework.report.blocks import Section, Table, Text, View
 from qsframework.report.fit_section import shown
+from qsframework.units import JointUnits
 from qsframework.viz import plan_scene
 
 
@@ -90,20 +91,20 @@ def beyond_table(experiment: Experiment, sds: Mapping[str, float]) -> Table:
     )
 
 
-def pose_table(plan: Plan) -> Table:
-    """The plan's poses in pendant angles."""
-    header = ("pose", *(f"J{k + 1} deg" for k in range(plan.pendant.shape[1])), "load", "force N", "repeats")
+def pose_table(plan: Plan, joints: JointUnits) -> Table:
+    """The plan's poses as the pendant shows them."""
+    header = ("pose", *joints.labels(), "load", "force N", "repeats")
     rows = tuple(
         (
             plan.pose[i],
-            *(f"{a:.2f}" for a in np.rad2deg(plan.pendant[i])),
+            *(f"{a:.2f}" for a in joints.shown(plan.pendant[i])),
             plan.load[i],
             ", ".join(f"{f:.0f}" for f in plan.wrench[i, :3]),
             str(plan.repeats[i]),
         )
         for i in range(len(plan.pose))
     )
-    return Table(header, rows, "Angles as the pendant shows them.")
+    return Table(header, rows, "Joints as the pendant shows them.")
 
 
 def plan_section(experiment: Experiment, plan: Plan, sds: Table, title: str, notes: Sequence[str] = ()) -> Section:
@@ -121,5 +122,5 @@ def plan_view(experiment: Experiment, plan: Plan) -> View:
         "Drag to turn, scroll to zoom; the slider goes through the poses in their order, the others are ghosts. Red "
         "arrow: the load; blue: the markers; red arm: the deflection, 100 times exaggerated; orange: where the load "
         "point goes under the largest force in any direction. Look for poses that give in different directions.",
-        pose_table(plan),
+        pose_table(plan, experiment.robot.controller.units),
     )

@@ -11,6 +11,7 @@ import numpy as np
 
 from qsframework.applications.protocol import Protocol, Visit
 from qsframework.files import sha256, write_text
+from qsframework.units import JointUnits
 
 _BOX = "\u2610"
 _BLOCKS = 2
@@ -100,13 +101,13 @@ def _runs(protocol: Protocol, pictures: Sequence[str]) -> tuple[Run, ...]:
     out: list[Run] = []
     in_blocks = len(groups) <= _BLOCKS * len({v.load for v in protocol.visits})
     for k, group in enumerate(groups):
-        cards = tuple(_card(protocol.visits[i], pictures[i]) for i in group)
+        cards = tuple(_card(protocol.visits[i], protocol.units, pictures[i]) for i in group)
         title = f"Load: {protocol.visits[group[0]].load}"
         out.append(Run(title=title, visits=cards, new_page=k == 0 or in_blocks))
     return tuple(out)
 
 
-def _card(visit: Visit, picture: str) -> Card:
+def _card(visit: Visit, joints: JointUnits, picture: str) -> Card:
     name = visit.pose if visit.repeat == 1 else f"{visit.pose}, repeat {visit.repeat}"
     half = ", half of it first" if any(s.loaded and s.load_id != visit.load for s in visit.states) else ""
     force = ", ".join(f"{f:.0f}" for f in visit.wrench[:3])
@@ -115,7 +116,9 @@ def _card(visit: Visit, picture: str) -> Card:
     return Card(
         title=f"Visit {visit.number}: {name}",
         picture=picture,
-        angles=tuple((f"J{k} deg", f"{a:.2f}") for k, a in enumerate(np.rad2deg(visit.pendant), start=1)),
+        angles=tuple(
+            (label, f"{v:.2f}") for label, v in zip(joints.labels(), joints.shown(visit.pendant), strict=True)
+        ),
         hung=f"{visit.load}{half}: {force} N{turned}",
         states=tuple(_state(s.cycle, s.loaded, s.load_id == visit.load) for s in visit.states),
     )

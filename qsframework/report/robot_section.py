@@ -18,12 +18,18 @@ def joint_table(robot: Robot) -> Table:
     c, most = robot.controller, robot.torque_limits
     most = np.full(robot.facts.n, np.inf) if most is None else most
     torque = [f"{t:.4g}" if np.isfinite(t) else "-" for t in most]
-    limits = dict(zip(robot.facts.driven, np.rad2deg(np.stack([c.lower, c.upper], axis=1)), strict=True))
+    limits = dict(zip(robot.facts.driven, c.units.shown([c.lower, c.upper]).T, strict=True))
     ends = [[f"{v:.4g}" for v in limits[j]] if j in limits else ["follows", "-"] for j in robot.facts.joints]
+    rows = [(j, *own, t) for j, own, t in zip(robot.facts.joints, ends, torque, strict=True)]
+    head = ("joint", "from deg", "to deg", "torque limit N m")
+    if any(robot.facts.sliding):
+        units = [robot.facts.units[k] for k in range(robot.facts.n)]
+        rows = [(j, low, high, u.shown, t, u.load) for (j, low, high, t), u in zip(rows, units, strict=True)]
+        head = ("joint", "from", "to", "unit", "largest load", "its unit")
     carried = "no payload is stated" if robot.payload is None else f"payload {robot.payload:g} kg"
     return Table(
-        ("joint", "from deg", "to deg", "torque limit N m"),
-        tuple((j, *own, t) for j, own, t in zip(robot.facts.joints, ends, torque, strict=True)),
+        head,
+        tuple(rows),
         f"Limits of what the pendant shows; {carried}.",
     )
 

@@ -75,6 +75,8 @@ def _loops_present(robot: Robot) -> Iterator[Alternative]:
             turned = {joint for loop in loops for joint in own_joints(loop, robot.facts)}
             if not isinstance(effect, Loop) or turned & set(own_joints(effect, robot.facts)):
                 continue
+            if any(robot.facts.slides(joint) for joint in effect.joints(robot.facts)):
+                continue
             if not loop_problems((*loops, effect), robot.facts):
                 yield Alternative(StructuralChange.LOOP_PRESENT, (effect.name,), with_effect(robot, effect))
 
@@ -179,7 +181,7 @@ def _moved(shapes: tuple[S, ...], before: RobotFacts, after: RobotFacts) -> tupl
 def stands(effect: Effect, effects: Sequence[Effect], facts: RobotFacts) -> bool:
     """Whether an effect fits the robot's joints, links and loops."""
     try:
-        effect.validate(facts)
+        effect.require_fit(facts)
     except InputError:
         return False
     loops = [e.name for e in effects if isinstance(e, Loop)]

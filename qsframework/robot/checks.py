@@ -14,7 +14,7 @@ import numpy as np
 from qsframework.errors import Problem, nearest
 from qsframework.robot.urdf import JOINT_TYPES, Joint, Link, Urdf
 
-_SUPPORTED = ("revolute", "continuous", "fixed")
+_SUPPORTED = ("revolute", "continuous", "prismatic", "fixed")
 _FARTHEST = 20.0
 """Of a link's centre of mass from its frame, m: four times the reach of the largest arms."""
 
@@ -41,9 +41,14 @@ def check_chain(urdf: Urdf, base: str, flange: str) -> list[Problem]:
     problems: list[Problem] = []
     for joint in urdf.below(base):
         if joint.kind not in _SUPPORTED:
-            hint = "An arm's joints are revolute or continuous; fix the others."
+            hint = "An arm's joints are revolute, continuous or prismatic; fix the others."
             problems.append(
                 joint.place.problem(f"joint {joint.name!r}: a {joint.kind} joint is not supported yet", hint=hint)
+            )
+        elif joint.kind == "prismatic" and joint not in chain:
+            hint = 'Make it type="fixed", at the place where it stands in the campaign.'
+            problems.append(
+                joint.place.problem(f"joint {joint.name!r} slides beside the arm: only turns do", hint=hint)
             )
     if not any(joint.moves for joint in chain):
         problems.append(urdf.link(flange).place.problem(f"no joint moves between {base!r} and {flange!r}"))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -15,10 +15,11 @@ from qsframework.files import Document
 from qsframework.plugin import Array, Loop, RobotFacts
 from qsframework.plugin.facts import frozen
 from qsframework.plugin.loops import follow
-from qsframework.robot.spec import RobotSpec
+from qsframework.robot.spec import JointSpec, RobotSpec
+from qsframework.units import JointUnits, allowed_names
 
 _FOLLOWS = 1e-9
-"""rad; what float64 loses on the way."""
+"""rad or m; what float64 loses on the way."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +37,11 @@ class Drive:
 
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """Affine map from m pendant angles to n URDF joint angles; limits hold for what the pendant shows.
+    """Affine map from m values of the pendant to n URDF joint values; limits hold for what the pendant shows.
 
-    matrix (n, m), offset (n,), lower and upper (m,) rad, tolerance rad; driven (m,): the joints that have an
-    actuator, the others (m < n) follow them; drives (m,), or none where nothing is stated
+    Angles in rad, travels of joints that slide in m. matrix (n, m), offset (n,), lower and upper (m,), tolerance;
+    driven (m,): the joints that have an actuator, the others (m < n) follow them; drives (m,), or none where nothing
+    is stated; sliding (n,): which joints slide
     """
 
     matrix: Array
@@ -49,7 +51,13 @@ class Controller:
     upper: Array
     tolerance: float
     driven: tuple[int, ...]
+    sliding: tuple[bool, ...]
     drives: tuple[Drive, ...] = ()
+
+    @cached_property
+    def units(self) -> JointUnits:
+        """Of what the pendant shows (m,)."""
+        return JointUnits(tuple(self.sliding[k] for k in self.driven))
 
     @property
     def external(self) -> tuple[int, ...]:
@@ -78,15 +86,26 @@ class Controller:
         if len(rows) < len(self.matrix):
             off = np.abs(self.to_joints(pendant) - q)
             if (off > _FOLLOWS).any():
-                i, k = np.argwhere(off > _FOLLOWS)[0]
+                i, k = np.argwhere(off > _FOLLOWS)[0].tolist()
+                unit = JointUnits(self.sliding)[k]
                 raise InputError(
                     Problem(
                         f"joint {k + 1} follows other joints and cannot stand alone at pose {i + 1}",
-                        found=f"{np.rad2deg(q[i, k]):.6g} deg",
-                        allowed=f"{np.rad2deg(self.to_joints(pendant)[i, k]):.6g} deg",
+                        found=unit.text(float(q[i, k])),
+                        allowed=unit.text(float(self.to_joints(pendant)[i, k])),
                     )
                 )
         return pendant
+
+    def range_of(self, k: int) -> tuple[float, float]:
+        """The limits, rad or m, of one value of the pendant."""
+        return float(self.lower[k]), float(self.upper[k])
+
+    def once_around(self) -> tuple[Array, Array]:
+        """Between which values (m,) a search begins: the limits, of a joint that turns one turn about zero at most."""
+        turn = np.where(self.units.sliding, np.inf, np.pi)
+        lower, upper = np.maximum(self.lower, -turn), np.minimum(self.upper, turn)
+        return lower, np.maximum(lower, upper)
 
     def ranges(self) -> Array:
         """Lowest and highest URDF angle (n, 2) rad of each joint within the limits of what the pendant shows."""
@@ -110,16 +129,13 @@ def read_actuated(document: Document, spec: RobotSpec, facts: RobotFacts) -> Con
     for k, joint in enumerate(facts.driven):
         entry = spec.controller[joint]
         here: Place = {"file": str(document.path), "line": document.line("controller", joint)}
-        if len(entry.limits) != 2 or entry.limits[0] >= entry.limits[1]:
-            found = ", ".join(f"{math.degrees(v):g}" for v in entry.limits)
-            problems.append(Problem(f"{joint}: limits must be [lower, upper]", **here, found=f"[{found}] deg"))
-        else:
-            limits[k] = entry.limits
-        if entry.motor_ratio == 0.0:
-            problems.append(Problem(f"{joint}: motor_ratio must not be zero", **here, found="0"))
+        slides = facts.slides(joint)
+        problems += [replace(p, **here) for p in _joint_problems(joint, entry, slides)]
+        if not problems:
+            limits[k] = entry.travel if slides else entry.limits
         try:
             if entry.equals is not None:
-                matrix[k], offset[k] = parse_expression(entry.equals, m)
+                matrix[k], offset[k] = parse_expression(entry.equals, [facts.slides(j) for j in facts.driven], slides)
         except InputError as error:
             problems += [replace(p, message=f"{joint}: {p.message}", **here) for p in error.problems]
     if not problems and abs(np.linalg.det(matrix)) < 1e-9:
@@ -128,6 +144,7 @@ def read_actuated(document: Document, spec: RobotSpec, facts: RobotFacts) -> Con
     if problems:
         raise InputError(problems)
     lower, upper = frozen(limits[:, 0]), frozen(limits[:, 1])
+    sliding = tuple(facts.slides(joint) for joint in facts.driven)
     entries = [spec.controller[joint] for joint in facts.driven]
     drives = tuple(Drive(e.external, e.motor_ratio, e.counts_per_turn) for e in entries)
     return Controller(
@@ -137,12 +154,37 @@ def read_actuated(document: Document, spec: RobotSpec, facts: RobotFacts) -> Con
         upper=upper,
         tolerance=spec.limits_tolerance,
         driven=tuple(range(m)),
+        sliding=sliding,
         drives=drives,
     )
 
 
+def _joint_problems(joint: str, entry: JointSpec, slides: bool) -> Iterator[Problem]:
+    """What an entry of `controller:` says that is not of a joint that slides, or turns, and what it lacks."""
+    units, moves = JointUnits((slides,))[0], "slides" if slides else "turns"
+    limits = entry.travel if slides else entry.limits
+    other = entry.limits if slides else entry.travel
+    if other is not None or limits is None:
+        said = "limits in mm" if slides else "limits in deg"
+        message = f"{joint} {moves} and needs {said}"
+        yield Problem(message, allowed=allowed_names("limits", units.si))
+    elif len(limits) != 2 or limits[0] >= limits[1]:
+        found = ", ".join(f"{v * units.per:g}" for v in limits)
+        yield Problem(f"{joint}: limits must be [lower, upper]", found=f"[{found}] {units.shown}")
+    if (entry.torque_limit if slides else entry.force_limit) is not None:
+        allowed = allowed_names("force_limit" if slides else "torque_limit", units.load)
+        yield Problem(f"{joint} {moves}: what its actuator bears is in {units.load}", allowed=allowed)
+    if slides and (entry.motor_ratio is not None or entry.counts_per_turn is not None):
+        yield Problem(
+            f"{joint} slides: motor_ratio and counts_per_turn are of joints that turn", hint="Leave them out."
+        )
+    if entry.motor_ratio == 0.0:
+        yield Problem(f"{joint}: motor_ratio must not be zero", found="0")
+
+
 def joint_limits(actuated: Controller, facts: RobotFacts) -> Array:
-    """Lowest and highest URDF angle (n, 2) rad of each joint; a turn to each side of one that no actuator drives."""
+    """Lowest and highest URDF value (n, 2), rad or m, of each joint; a turn to each side of one that no actuator
+    drives."""
     limits = np.tile([-2.0 * np.pi, 2.0 * np.pi], (facts.n, 1))
     limits[[facts.joint_index(joint) for joint in facts.driven]] = actuated.ranges()
     return frozen(limits)
@@ -163,7 +205,8 @@ def read_controller(document: Document, actuated: Controller, facts: RobotFacts,
         text = f"controller: {facts.joints[int(np.argmax(bent))]} does not follow in proportion to the pendant's angles"
         hint = "A joint without an actuator needs a coupling, or a parallelogram."
         raise InputError(Problem(text, file=str(document.path), line=document.line("effects"), hint=hint))
-    return replace(actuated, matrix=frozen((q[:m] - q[m]).T), offset=frozen(q[m]), driven=tuple(driven))
+    matrix, sliding = frozen((q[:m] - q[m]).T), facts.sliding
+    return replace(actuated, matrix=matrix, offset=frozen(q[m]), driven=tuple(driven), sliding=sliding)
 
 
 def _tied(matrix: Array, joints: Sequence[str]) -> str:
@@ -177,17 +220,22 @@ def _tied(matrix: Array, joints: Sequence[str]) -> str:
 
 
 _TERM = re.compile(
-    r"\s*(?P<sign>[+-])?\s*(?:(?P<factor>\d+(?:\.\d*)?|\.\d+)\s*\*?\s*)?(?:(?P<joint>J\d+)|(?P<unit>deg|rad))\s*",
+    r"\s*(?P<sign>[+-])?\s*(?:(?P<factor>\d+(?:\.\d*)?|\.\d+)\s*\*?\s*)?(?:(?P<joint>J\d+)|(?P<unit>deg|rad|mm|m))\s*",
     re.ASCII,
 )
 _LONGEST = 200
 
 
-def parse_expression(text: str, n: int) -> tuple[Array, float]:
-    """Coefficients (n,) and constant (rad) of an expression such as `J3 + J2` or `-J4 + 90 deg`.
+_SI = {"deg": np.pi / 180.0, "rad": 1.0, "mm": 1e-3, "m": 1.0}
 
-    Raises InputError for anything but signed multiples of J1..Jn and angles.
+
+def parse_expression(text: str, sliding: Sequence[bool], slides: bool = False) -> tuple[Array, float]:
+    """Coefficients (n,) and constant (rad, m) of an expression such as `J3 + J2`, `-J4 + 90 deg` or `-J1 + 500 mm`.
+
+    sliding (n,): which of J1..Jn are travels; slides: whether the joint's own value is one. InputError for anything but
+    signed multiples of those that are as the joint is, and angles, or lengths.
     """
+    n = len(sliding)
     if len(text) > _LONGEST:
         raise InputError(f"the expression {text[:40]!r}... is too long; write terms such as J3 + J2, -J4, J2 + 90 deg")
     row, constant, position = np.zeros(n), 0.0, 0
@@ -202,11 +250,18 @@ def parse_expression(text: str, n: int) -> tuple[Array, float]:
             index = int(match["joint"][1:])
             if not 1 <= index <= n:
                 raise InputError(f"{text!r} names {match['joint']}, the robot has J1 to J{n}")
+            if sliding[index - 1] != slides:
+                one, other = ("slides", "turns") if slides else ("turns", "slides")
+                raise InputError(f"{text!r}: this joint {one}, and {match['joint']} {other}")
             row[index - 1] += value
         elif match["factor"] is None:
             raise InputError(f"{text!r}: an angle needs its number, such as 90 deg")
+        elif (match["unit"] in ("mm", "m")) != slides:
+            raise InputError(
+                f"{text!r}: {match['unit']} is no unit of this joint, which {'slides' if slides else 'turns'}"
+            )
         else:
-            constant += value * (np.pi / 180.0 if match["unit"] == "deg" else 1.0)
+            constant += value * _SI[match["unit"]]
         position = match.end()
     if not row.any():
         raise InputError(f"{text!r} names no joint; write for example J3 + J2")

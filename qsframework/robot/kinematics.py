@@ -60,13 +60,14 @@ class Chain:
 def joint_chain(facts: RobotFacts, whole: bool = False) -> Chain:
     """The chain of the joints alone, undeflected: one element per joint, if `whole` those of the branches too."""
     beside = facts.branches if whole else ()
-    elements = [Element(p, axis, True) for p, axis in zip(facts.placements, facts.axes, strict=True)]
+    own = zip(facts.placements, facts.axes, facts.sliding, strict=True)
+    elements = [Element(placement, axis, not slides) for placement, axis, slides in own]
     elements += [Element(branch.placement, branch.axis, True) for branch in beside]
     return Chain(tuple(elements), tuple(range(facts.n + 1)), tuple(facts.body_index(b.parent) for b in beside))
 
 
 def joint_frames(facts: RobotFacts, q: Array) -> Frames:
-    """The links at joint angles (N, n), undeflected; at (N, n + b), with those of the branches, all bodies."""
+    """The links at joint values (N, n), undeflected; at (N, n + b), with those of the branches, all bodies."""
     return frames(joint_chain(facts, q.shape[1] > facts.n), list(np.ascontiguousarray(q.T)), len(q))
 
 

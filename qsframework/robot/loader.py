@@ -140,7 +140,8 @@ def _read_facts(
 
 
 def _torque_limits(spec: RobotSpec, facts: RobotFacts) -> Array | None:
-    stated = [spec.controller[joint].torque_limit if joint in spec.controller else None for joint in facts.joints]
+    entries = [spec.controller.get(joint) for joint in facts.joints]
+    stated = [None if e is None else e.torque_limit or e.force_limit for e in entries]
     return None if all(t is None for t in stated) else frozen([inf if t is None else t for t in stated])
 
 
@@ -217,7 +218,8 @@ class _Reading:
                 self.problems.append(joint.place.problem(message, hint=hint))
             elif not driven and name not in turned and loops is not None:
                 other = next(j for j in facts.joints if j != name) if facts.n > 1 else "JOINT"
-                hint = f"Add {name}: {{limits_deg: [.., ..]}}; or, where no actuator drives it, to effects "
+                unit = facts.unit_of(name).shown
+                hint = f"Add {name}: {{limits_{unit}: [.., ..]}}; or, where no actuator drives it, to effects "
                 hint += f"{{effect: coupling, joint: {name}, follows: {{{other}: 1}}}} with the joints that it follows."
                 self.problem(f"controller: no limits for {name!r}", "controller", hint=hint)
         return len(self.problems) == before

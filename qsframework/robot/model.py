@@ -26,7 +26,7 @@ _NO_LIMIT = (-1e3, 1e3)
 
 
 def build_model(urdf: Urdf, base: str, gravity: Array) -> pin.Model:
-    """The `pin.Model` of what hangs on the base: one revolute joint per moving joint, fixed links merged.
+    """The `pin.Model` of what hangs on the base: one joint per moving joint, fixed links merged.
 
     Pinocchio reads plain numbers, so that a continuous joint has one angle and not a cosine and a sine.
     """
@@ -61,7 +61,8 @@ def read_facts(
         name=name,
         joints=joints,
         links=(base, *(joint.child for joint in chain)),
-        axes=frozen([_axis(model, k) for k in range(1, model.njoints)]),
+        axes=frozen([_axis(model, k)[0] for k in range(1, model.njoints)]),
+        sliding=tuple(_axis(model, k)[1] for k in range(1, model.njoints)),
         placements=frozen([placement.homogeneous for placement in model.jointPlacements][1:]),
         masses=frozen([inertia.mass for inertia in model.inertias]),
         centres=frozen([inertia.lever for inertia in model.inertias]),
@@ -88,7 +89,7 @@ def read_branches(
             link=links[names[k]],
             parent=base if tree.parents[k] == 0 else links[names[tree.parents[k]]],
             placement=frozen(tree.jointPlacements[k].homogeneous),
-            axis=_axis(tree, k),
+            axis=_axis(tree, k)[0],
             mass=float(tree.inertias[k].mass),
             centre=frozen(tree.inertias[k].lever),
         )
@@ -102,11 +103,13 @@ def read_branches(
     return branches, frames
 
 
-def _axis(model: pin.Model, k: int) -> Array:
-    """The axis (3,) of a joint in its frame."""
+def _axis(model: pin.Model, k: int) -> tuple[Array, bool]:
+    """The axis (3,) of a joint in its frame, and whether the joint slides along it."""
     data = model.joints[k].createData()
     model.joints[k].calc(data, np.zeros(model.nq))
-    return frozen(np.asarray(data.S, dtype=float).ravel()[3:])
+    twist = np.asarray(data.S, dtype=float).ravel()
+    slides = not twist[3:].any()
+    return frozen(twist[:3] if slides else twist[3:]), slides
 
 
 def read_frames(model: pin.Model) -> MappingProxyType[str, LinkFrame]:
@@ -178,7 +181,7 @@ def _inertial(inertial: Inertial) -> str:
 
 
 def _joint(joint: Joint) -> str:
-    kind = "revolute" if joint.moves else "fixed"
+    kind = "fixed" if not joint.moves else "prismatic" if joint.kind == "prismatic" else "revolute"
     lower, upper = joint.limits or _NO_LIMIT
     moving = (
         f'<axis xyz={_text(joint.axis)}/><limit lower={_text(lower)} upper={_text(upper)} effort="0" velocity="0"/>'

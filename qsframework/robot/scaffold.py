@@ -17,9 +17,11 @@ from qsframework.robot.scaffold_chain import choose_chain
 from qsframework.robot.scaffold_masses import mass_of, with_bodies, with_masses
 from qsframework.robot.scaffold_text import nominal_text, readme_text, robot_text
 from qsframework.robot.urdf import Joint, Link, Mimic, Urdf, Visual, read_urdf
+from qsframework.units import SLIDES, TURNS
 
 _TWIST_AT_EFFORT = 2.5e-3  # rad: the KUKA KR500 gives 2.1 to 3.6 mrad at its joints' largest torques
 _TWIST_AT_WEIGHT = 1.0e-3  # rad: the KUKA KR240/KR270 under its own weight and a tool
+_SLIDE, _WHY_SLIDE = 5e7, "assumed: 50 kN/mm, a rack and pinion with its gear"
 _TOLD = 6
 _TOOL_SHARE, _TOOL_REACH = 0.15, 0.1  # of the moving mass; of the reach, beyond the flange
 
@@ -34,11 +36,12 @@ class Proposal:
 
 @dataclass(frozen=True)
 class Stiffness:
-    """Assumed stiffness (N m/rad) of a joint, and why."""
+    """Assumed stiffness (N m/rad, N/m where it slides) of a joint, and why."""
 
     joint: str
     value: float
     why: str
+    slides: bool = False
 
 
 def propose(
@@ -80,10 +83,10 @@ def propose(
     files = {
         f"{name}.urdf": _urdf_text(arm, name, base, bool(guessed)),
         "robot.yaml": robot_text(
-            name, urdf.name, base, flange, [(j.name, _degrees(j)) for j in moving], payload, following
+            name, urdf.name, base, flange, [(j.name, _limits(j)) for j in moving], payload, following
         ),
-        "nominal.yaml": nominal_text([(s.joint, s.value, s.why) for s in stiffness]),
-        "README.md": readme_text(name, urdf.name, guessed, stiffness[0].why, notes),
+        "nominal.yaml": nominal_text([(s.joint, s.slides, s.value, s.why) for s in stiffness]),
+        "README.md": readme_text(name, urdf.name, guessed, stiffness[-1].why, notes),
     }
     return Proposal(files, notes)
 
@@ -153,13 +156,21 @@ def _stiffness(urdf: Urdf, moving: list[Joint], efforts: dict[str, float], paylo
     """From the largest torques if all are stated, else from what the links weigh."""
     if all(j.name in efforts for j in moving) and len({efforts[j.name] for j in moving}) > 1:
         why = "assumed: 2.5 mrad at the joint's largest torque in the URDF"
-        return [Stiffness(j.name, efforts[j.name] / _TWIST_AT_EFFORT, why) for j in moving]
+        return [
+            Stiffness(j.name, _SLIDE, _WHY_SLIDE, True)
+            if _slides(j)
+            else Stiffness(j.name, efforts[j.name] / _TWIST_AT_EFFORT, why)
+            for j in moving
+        ]
     lengths = [float(np.linalg.norm(j.origin.xyz)) for j in moving] + [0.0]
     masses = [mass_of(urdf, j.child) for j in moving]
     tool, reach = payload or _TOOL_SHARE * sum(masses), sum(lengths[1:])
     load = f"a tool of {100 * _TOOL_SHARE:g} % of it" if payload is None else "the payload"
     out: list[Stiffness] = []
     for k, joint in enumerate(moving):
+        if _slides(joint):
+            out.append(Stiffness(joint.name, _SLIDE, _WHY_SLIDE, True))
+            continue
         arms = np.cumsum([0.0, *lengths[k + 1 : -1]])
         moment = sum(m * (a + 0.5 * b) for m, a, b in zip(masses[k:], arms, lengths[k + 1 :], strict=True))
         moment += tool * (float(arms[-1]) + _TOOL_REACH * max(reach, 0.1))
@@ -168,9 +179,15 @@ def _stiffness(urdf: Urdf, moving: list[Joint], efforts: dict[str, float], paylo
     return out
 
 
-def _degrees(joint: Joint) -> tuple[float, float]:
-    lower, upper = joint.limits if joint.limits and joint.kind == "revolute" else (-2 * np.pi, 2 * np.pi)
-    return round(float(np.rad2deg(lower)), 3), round(float(np.rad2deg(upper)), 3)
+def _slides(joint: Joint) -> bool:
+    return joint.kind == "prismatic"
+
+
+def _limits(joint: Joint) -> tuple[str, float, float]:
+    """The unit in which people read a joint, and its limits in it."""
+    unit = SLIDES if _slides(joint) else TURNS
+    lower, upper = joint.limits if joint.limits and joint.kind != "continuous" else (-2 * np.pi, 2 * np.pi)
+    return unit.shown, round(lower * unit.per, 3), round(upper * unit.per, 3)
 
 
 def _checklist(moving: list[Joint], payload: float | None) -> tuple[str, ...]:

@@ -18,9 +18,9 @@ _TRUNK = 3
 def choose_chain(urdf: Urdf, base: str | None, flange: str | None) -> tuple[str, str, list[Joint]]:
     """Base, flange and all joints between them: those asked for, or the only ones there are.
 
-    What slides or follows beyond the last turning joint, or turns about that joint's own axis, is a gripper's and no
-    part of the arm. InputError where the
-    file holds no arm or several.
+    What slides across or follows beyond the last turning joint, or turns about that joint's own axis, is a gripper's
+    and no part of the arm; what slides before it, or along the axis of the joint before, as in a SCARA, is part of it.
+    InputError where the file holds no arm or several.
     """
     links, file = [link.name for link in urdf.links], str(urdf.path)
     for key, link in (("base", base), ("flange", flange)):
@@ -47,15 +47,21 @@ def _root(urdf: Urdf, links: list[str]) -> str:
 
 
 def _turns(joint: Joint) -> bool:
-    """A joint with a motor of its own that an arm can have."""
+    """A joint with a motor of its own that turns."""
     return joint.kind in ("revolute", "continuous") and joint.mimic is None
+
+
+def _slides(joint: Joint) -> bool:
+    """A joint with a motor of its own that slides."""
+    return joint.kind == "prismatic" and joint.mimic is None
 
 
 def _flange(urdf: Urdf, base: str) -> str:
     below, file = urdf.below(base), str(urdf.path)
-    ends = [j for j in below if _turns(j) and not any(_turns(o) for o in urdf.below(j.child))]
+    own = _turns if any(_turns(j) for j in below) else _slides
+    ends = [j for j in below if own(j) and not any(own(o) for o in urdf.below(j.child))]
     if not ends:
-        raise InputError(Problem(f"no joint turns beyond {base!r}", file=file, hint="An arm has revolute joints."))
+        raise InputError(Problem(f"no joint of an arm moves beyond {base!r}", file=file, hint="It turns or slides."))
     if len(ends) > 1:
         hint = "Name the flange (and the base if the arm does not start at the root)."
         raise InputError(
@@ -68,12 +74,24 @@ def _flange(urdf: Urdf, base: str) -> str:
             )
         )
     last = _before_a_spin(chain_joints(urdf, base, ends[0].child) or [], ends[0])
+    last = _quill(urdf, last) if last is ends[0] else last
     here = [last.child]
     fixed: list[str] = []
     while here:
         here = [j.child for j in below if j.parent in here and j.kind == "fixed"]
         fixed += here
     return next((name for name in _FLANGES if name in fixed), last.child)
+
+
+def _quill(urdf: Urdf, last: Joint) -> Joint:
+    """The one joint beyond the last that slides along its axis, as a SCARA's quill does; else the last itself."""
+    beyond = [j for j in urdf.below(last.child) if _slides(j)]
+    place = np.eye(4)
+    for joint in (chain_joints(urdf, last.child, beyond[0].child) or []) if len(beyond) == 1 else []:
+        place = place @ joint.origin.matrix()
+    along = place[:3, :3] @ beyond[0].axis if len(beyond) == 1 else np.zeros(3)
+    size = np.linalg.norm(along) * np.linalg.norm(last.axis)
+    return beyond[0] if size > 0.0 and np.linalg.norm(np.cross(last.axis, along)) < _SAME * size else last
 
 
 def _before_a_spin(chain: list[Joint], last: Joint) -> Joint:
@@ -113,9 +131,9 @@ def _offered(urdf: Urdf, base: str, ends: list[Joint]) -> str:
 
 
 def _check_kinds(chain: list[Joint]) -> None:
-    """InputError where a joint slides or floats before one that turns: the arm begins beyond it."""
+    """InputError where a joint floats, or slides as another does."""
     for joint in reversed(chain):
-        if joint.moves and joint.kind not in ("revolute", "continuous"):
+        if joint.moves and joint.kind not in ("revolute", "continuous") and not _slides(joint):
             turning = any(_turns(j) for j in chain[chain.index(joint) + 1 :])
             end = ("base", joint.child) if turning else ("flange", joint.parent)
             where = "Lock it and begin the arm beyond it" if turning else "End the arm before it"

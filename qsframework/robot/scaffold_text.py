@@ -26,14 +26,14 @@ def robot_text(
     source: str,
     base: str,
     flange: str,
-    limits: Sequence[tuple[str, tuple[float, float]]],
+    limits: Sequence[tuple[str, tuple[str, float, float]]],
     payload: float | None = None,
     following: Mapping[str, Mimic] | None = None,
 ) -> str:
-    """robot.yaml. following: the joints without an actuator"""
-    joints = [joint for joint, _ in limits]
+    """robot.yaml. limits: of each joint, its unit and from where to where; following: the joints without an actuator"""
+    joints = [joint for joint, (unit, _, _) in limits if unit == "deg"]
     second, third = (joints[1], joints[2]) if len(joints) > 2 else ("JOINT", "JOINT")
-    rows = "".join(f"  {json.dumps(j)}: {{limits_deg: [{lo:g}, {hi:g}]}}\n" for j, (lo, hi) in limits)
+    rows = "".join(f"  {json.dumps(j)}: {{limits_{unit}: [{lo:g}, {hi:g}]}}\n" for j, (unit, lo, hi) in limits)
     return (
         f"name: {json.dumps(name)}\ntitle: {json.dumps(name)}\nurdf: {json.dumps(name + '.urdf')}\n"
         f"base: {json.dumps(base)}\nflange: {json.dumps(flange)}\n"
@@ -58,12 +58,13 @@ def _key(name: str) -> str:
     return name if re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII) and name.lower() not in _WORDS else json.dumps(name)
 
 
-def nominal_text(values: Sequence[tuple[str, float, str]]) -> str:
-    """nominal.yaml: compliances from stiffnesses (N m/rad)."""
+def nominal_text(values: Sequence[tuple[str, bool, float, str]]) -> str:
+    """nominal.yaml: compliances of joints, of which some slide, from stiffnesses (N m/rad, N/m)."""
     out = "# All assumed, to plan with; none is measured.\n"
-    for joint, stiffness, why in values:
+    for joint, slides, stiffness, why in values:
         key = json.dumps(f"joint_compliance[{joint}]")
-        out += f"{key}:\n  value_urad/(N m): {1e6 / stiffness:.4g}   # K = {stiffness / 1e6:.3g} MN m/rad\n"
+        unit, per = ("um/N", "kN/mm") if slides else ("urad/(N m)", "MN m/rad")
+        out += f"{key}:\n  value_{unit}: {1e6 / stiffness:.4g}   # K = {stiffness / 1e6:.3g} {per}\n"
         out += f'  sd_percent: 60\n  source: "{why}"\n'
     return out
 

@@ -22,13 +22,16 @@ from qsframework.robot.named_files import entry_effects
 
 
 class JointSpec(FileModel):
-    """One joint of `controller:`: limits of what the pendant shows, the URDF angle in pendant angles, the largest
-    static torque of its actuator, whether the controller counts it among its external axes (E1, ...), turns of the
-    motor per turn of the joint, and counts of its encoder per turn of the motor, where the maker states them."""
+    """One joint of `controller:`: limits of what the pendant shows (`limits_mm` where the joint slides), the URDF's
+    value in what the pendant shows, the largest static torque of its actuator (`force_limit_N`), whether the controller
+    counts it among its external axes (E1, ...), turns of the motor per turn of the joint, and counts of its encoder per
+    turn of the motor, where the maker states them."""
 
-    limits: Annotated[list[float], Unit("rad")]
+    limits: Annotated[list[float] | None, Unit("rad")] = None
+    travel: Annotated[list[float] | None, Unit("m", "limits")] = None
     equals: str | None = None
     torque_limit: Annotated[float | None, Unit("N m")] = Field(default=None, gt=0)
+    force_limit: Annotated[float | None, Unit("N")] = Field(default=None, gt=0)
     external: bool = False
     motor_ratio: float | None = None
     counts_per_turn: float | None = Field(default=None, gt=0)

@@ -64,7 +64,8 @@ def joint_signs(experiment: Experiment, readings: Readings) -> Iterator[Change]:
         pendant[:, k] *= -1.0
         q = experiment.robot.controller.to_joints(pendant)
         poses = replace(readings.poses, pendant=pendant, q=q)
-        words = f"the angle of {joint} counts the other way round"
+        what = "travel" if experiment.robot.facts.slides(joint) else "angle"
+        words = f"the {what} of {joint} counts the other way round"
         yield Change(f"joint_sign[{joint}]", -1.0, words, experiment, readings=readings.with_poses(poses))
 
 
@@ -150,22 +151,24 @@ def force_axes(experiment: Experiment, readings: Readings) -> Iterator[Change]:
         )
 
 
-_FEW_DEGREES = 2.0 * np.pi
-"""Numbers of a column of angles that all stay below it, in the unit of the file, may be radians."""
+_FEW = {"rad": 2.0 * np.pi, "m": 20.0}
+"""Numbers of a column that all stay below it, in deg, or mm, as the file has them, may be radians, or metres."""
 _FORCE = ("fx", "fy", "fz")
 _MOVED = 1e-3
-"""rad: a joint whose angles differ by less in all poses tells nothing of its column."""
+"""rad or m: a joint whose angles differ by less in all poses tells nothing of its column."""
 
 
 def angle_units(experiment: Experiment, readings: Readings) -> Iterator[Change]:
-    """A column of angles in radians under a header of degrees, or the reverse."""
-    pendant = readings.poses.pendant
+    """A column of angles in radians under a header of degrees, of travels in m under one of mm, or the reverse."""
+    pendant, joints = readings.poses.pendant, experiment.robot.controller.units
     for k in range(pendant.shape[1]):
         largest = float(np.abs(pendant[:, k]).max())
-        few = np.rad2deg(largest) <= _FEW_DEGREES
-        if largest < _MOVED or not (few or largest > _FEW_DEGREES):
+        unit = joints[k]
+        few = largest * unit.per <= _FEW[unit.si]
+        if largest < _MOVED or not (few or largest > _FEW[unit.si]):
             continue
-        factor, said = (180.0 / np.pi, "rad, not in deg") if few else (np.pi / 180.0, "deg, not in rad")
+        there, here = (unit.si, unit.shown) if few else (unit.shown, unit.si)
+        factor, said = unit.per if few else unit.factor, f"{there}, not in {here}"
         angles = pendant.copy()
         angles[:, k] *= factor
         if not experiment.robot.controller.outside(angles).any():
@@ -175,9 +178,11 @@ def angle_units(experiment: Experiment, readings: Readings) -> Iterator[Change]:
 
 
 def joint_columns(experiment: Experiment, readings: Readings) -> Iterator[Change]:
-    """The angles of two joints exchanged."""
-    pendant = readings.poses.pendant
+    """The angles, or the travels, of two joints exchanged."""
+    pendant, sliding = readings.poses.pendant, experiment.robot.controller.units.sliding
     for a, b in combinations(range(pendant.shape[1]), 2):
+        if sliding[a] != sliding[b]:
+            continue
         angles = pendant.copy()
         angles[:, [a, b]] = pendant[:, [b, a]]
         if not experiment.robot.controller.outside(angles).any():

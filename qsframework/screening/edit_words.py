@@ -45,7 +45,7 @@ def _what(readings: Readings, e: Edit) -> str:
     why = "" if e.slip == OFF else f": {_SLIPS[e.slip]}"
     if not np.isfinite(e.found):
         return f"{e.column} of this {'pose' if e.touched is None else 'row'} do not stand as they were meant{why}"
-    unit, factor = unit_of(e.column)
+    unit, factor = _unit_of(e)
     return f"{e.column} is {factor * e.found:.6g} {unit}, {factor * e.meant:.6g} was probably meant{why}"
 
 
@@ -59,10 +59,10 @@ def _block(e: Edit) -> str:
     return "the readings have the other sign" if e.slip == SIGN else f"the unit differs by a factor of {e.meant:.4g}"
 
 
-def unit_of(column: str) -> tuple[str, float]:
-    """In which unit people read a column, and its factor from SI."""
-    if column.startswith("q"):
-        return "deg", 180.0 / float(np.pi)
-    if column.startswith("f"):
+def _unit_of(e: Edit) -> tuple[str, float]:
+    """In which unit people read the column, and its factor from SI."""
+    if e.column.startswith("q"):
+        return e.unit.shown, e.unit.per
+    if e.column.startswith("f"):
         return "N", 1.0
-    return ("N m", 1.0) if column.startswith("m") else ("mm", 1e3)
+    return ("N m", 1.0) if e.column.startswith("m") else ("mm", 1e3)

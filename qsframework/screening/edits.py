@@ -11,11 +11,12 @@ import numpy as np
 from qsframework.experiment import Experiment, Readings
 from qsframework.plugin import Array, Indices
 from qsframework.screening.standing_out import Flags, Standing
+from qsframework.units import TURNS, JointUnit
 
 KGF, LBF, INCH = 9.80665, 4.4482216, 25.4
 SIGN, DECIMAL, UNIT, MISSING, OTHER, OFF = "sign", "decimal", "unit", "missing", "another load", "off"
 """What leads from the number that was meant to the one in the file; OFF: nothing known."""
-_ANGLES = ((-1.0, SIGN), (10.0, DECIMAL), (0.1, DECIMAL), (180.0 / np.pi, UNIT), (np.pi / 180.0, UNIT))
+_JOINTS = ((-1.0, SIGN), (10.0, DECIMAL), (0.1, DECIMAL))
 _FORCES = (
     (-1.0, SIGN),
     *((10.0**k, DECIMAL) for k in (-1, 1, -2, 2, -3, 3)),
@@ -53,7 +54,8 @@ class Edit:
 
     rows (k,), states (s,): of the readings; pendant (s, m) rad, wrench (s, 6), value (k, 3) m: what they become;
     free: numbers that were fitted to the readings; masked: the rows tell nothing any more; column: its name in the
-    file without its unit; found, meant: SI, of the column, NaN where several are changed; single: rows of one marker
+    file without its unit, and unit of a joint's; found, meant: SI, of the column, NaN where several are changed;
+    single: rows of one marker
     """
 
     kind: str
@@ -67,6 +69,7 @@ class Edit:
     free: int = 0
     masked: bool = False
     column: str = ""
+    unit: JointUnit = TURNS
     found: float = float("nan")
     meant: float = float("nan")
     other: str = ""
@@ -120,22 +123,23 @@ def plain(readings: Readings, group: Group, kind: str, slip: str = OFF) -> Edit:
 
 
 def angle_edits(experiment: Experiment, readings: Readings, group: Group) -> Iterator[Edit]:
-    """One angle of the pose with another sign, decimal or unit, within what the controller can show."""
+    """One angle, or travel, of the pose with another sign, decimal or unit, within what the controller can show."""
     start = plain(readings, group, "angle")
     for k in range(start.pendant.shape[1]):
-        for factor, slip in _ANGLES:
-            edit = with_angle(start, k, start.pendant[0, k] * (factor - 1.0), slip)
+        unit = experiment.robot.controller.units[k]
+        for factor, slip in (*_JOINTS, (unit.per, UNIT), (unit.factor, UNIT)):
+            edit = with_angle(start, k, start.pendant[0, k] * (factor - 1.0), slip, unit)
             moved = abs(edit.meant - edit.found) > 1e-9
             if moved and not experiment.robot.controller.outside(edit.pendant).any():
                 yield edit
 
 
-def with_angle(start: Edit, k: int, shift: float, slip: str) -> Edit:
-    """Angle k of the pose moved by `shift` rad."""
+def with_angle(start: Edit, k: int, shift: float, slip: str, unit: JointUnit) -> Edit:
+    """Angle or travel k of the pose, of this unit, moved by `shift` rad or m."""
     pendant = start.pendant.copy()
     pendant[:, k] += shift
     found = float(start.pendant[0, k])
-    return replace(start, slip=slip, pendant=pendant, column=f"q{k + 1}", found=found, meant=found + shift)
+    return replace(start, slip=slip, pendant=pendant, column=f"q{k + 1}", unit=unit, found=found, meant=found + shift)
 
 
 def force_edits(readings: Readings, group: Group) -> Iterator[Edit]:

@@ -85,7 +85,8 @@ def _angle_errors(seen: Bridge, gross: npt.NDArray[np.bool_]) -> float | None:
     """
     rows = seen.rows
     bad = np.flatnonzero(gross & (rows.minus < 0) & rows.mask.all(axis=1) & _carried(seen))
-    offsets = [n for n in seen.model.of_role("joint zero") if n in seen.names]
+    turning = {p.name for p in seen.model.parameters if p.unit == "rad"}
+    offsets = [n for n in seen.model.of_role("joint zero") if n in seen.names and n in turning]
     if len(bad) < _SEVERAL or not offsets:
         return None
     good = rows.take(~gross)

@@ -198,10 +198,10 @@ def _fitted(standing: Standing, group: Group) -> list[Edit]:
     """Angles, and forces that are missing, as the readings tell them."""
     readings = standing.readings
     start = plain(readings, group, "angle")
-    axes = start.pendant.shape[1]
+    axes, joints = start.pendant.shape[1], standing.experiment.robot.controller.units
 
     def angle(k: int) -> Callable[[float], Edit]:
-        return lambda t: replace(with_angle(start, k, t, OFF), free=1)
+        return lambda t: replace(with_angle(start, k, t, OFF, joints[k]), free=1)
 
     makers = [(angle(k), first) for k in range(axes) for first in _STARTS]
     loaded = readings.states.loaded[group.states]

@@ -23,7 +23,7 @@ def draw_limits(scene: Scene, path: str, experiment: Experiment) -> None:
         place = placed_at(np.array([0.0, 0.0, limits.floor - 0.5 * _SHEET]))
         scene.box(f"{path}/floor", (2.0 * size, 2.0 * size, _SHEET), place, _FORBIDDEN)
         scene.notes.append(f"Floor: no solid of the moving links below {limits.floor:g} m.")
-    if limits.axis1_distance_min is not None:
+    if limits.axis1_distance_min is not None and not experiment.robot.facts.sliding[0]:
         radius = limits.axis1_distance_min
         scene.cylinder(f"{path}/axis_1", radius, 2.0 * size, placed_at(np.array([0.0, 0.0, size])), _FORBIDDEN)
         scene.notes.append(f"Cylinder: {_words(limits.of)} stays {radius:g} m or more from axis 1.")

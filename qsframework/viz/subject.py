@@ -50,23 +50,22 @@ def one_pose(experiment: Experiment, pendant: Array | None, load: Array | None) 
         raise InputError(f"a pose of {robot.name} has {controller.axes} angles, found {pendant.size}")
     outside = np.flatnonzero(controller.outside(pendant[None])[0])
     if len(outside):
-        degrees = np.rad2deg([pendant, controller.lower, controller.upper])
         raise InputError(
             [
                 Problem(
                     f"{facts.driven[k]} is outside its limits",
-                    found=f"{degrees[0, k]:g} deg",
-                    allowed=f"{degrees[1, k]:g} to {degrees[2, k]:g} deg",
+                    found=controller.units[k].text(pendant[k]),
+                    allowed=controller.units[k].between(*controller.range_of(k)),
                 )
-                for k in outside
+                for k in outside.tolist()
             ]
         )
     name = ""
     if load is None:
         load, name = (experiment.loads[0].wrench, experiment.loads[0].name) if experiment.loads else (np.zeros(6), "")
-    words = ", ".join(f"{angle:.4g}" for angle in np.rad2deg(pendant))
+    words = ", ".join(f"{value:.4g}" for value in controller.units.shown(pendant))
     poses = Poses(pendant[None], controller.to_joints(pendant[None]), np.asarray(load)[None])
-    return make_plan(poses, [name], names=[f"{words} deg"])
+    return make_plan(poses, [name], names=[f"{words} {controller.units.one}"])
 
 
 def measured(

@@ -19,9 +19,11 @@ from qsframework.experiment import (
     read_readings,
     write_plan,
 )
-from qsframework.experiment.columns import degrees, number, recorded
+from qsframework.experiment.columns import joint_cells, number, recorded
 from qsframework.plugin import Poses
+from qsframework.units import JointUnits
 
+TURNING = JointUnits((False,))
 SAME_FOLDER = settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
@@ -133,9 +135,9 @@ def test_numbers_for_people(value: float, text: str) -> None:
 
 @given(st.floats(-360.0, 360.0))
 def test_angles_keep_a_billionth_of_a_degree(angle: float) -> None:
-    (text,) = degrees(np.deg2rad([angle]))
+    (text,) = joint_cells(np.deg2rad([angle]), TURNING)
     assert abs(float(text) - angle) <= 1e-9
-    assert degrees(np.deg2rad([float(text)])) == [text]
+    assert joint_cells(np.deg2rad([float(text)]), TURNING) == [text]
     assert len(text.lstrip("-").split("e")[0].replace(".", "").lstrip("0")) <= 12
 
 

@@ -149,6 +149,7 @@ def test_schemas_describe_the_keys_of_the_file(model: type[FileModel]) -> None:
     schema = json_schema(model)
     measured = model.measured()
     assert all(name not in schema["properties"] for name in measured)
+    assert {f"^{mark.stem}_[^_]+$" for mark in measured.values()} == set(schema.get("patternProperties", ()))
     assert schema["additionalProperties"] is False
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from qsframework.applications.importers.placing import marker_places
 from qsframework.elastostatics.so3 import exponential
 from qsframework.experiment import Experiment, Frame, Plan, load_experiment, make_plan, write_plan
-from qsframework.experiment.columns import degrees, number, write_table
+from qsframework.experiment.columns import joint_cells, number, write_table
 from qsframework.plugin import Array, Poses
 
 EXPERIMENT = """robot: fanuc_m900ib
@@ -112,7 +112,7 @@ def make_campaign(folder: Path) -> Campaign:
                 place = there[i, k] + loaded * np.array([3e-4, 0.0, -2e-3 - 3e-4 * i]) + 3e-5 * rng.standard_normal(3)
                 mm = tuple(round(v, 4) for v in (1e3 * FRAME.apply(place)).tolist())
                 time = VISIT * i + READ * loaded + 2.0 * k + 5.0
-                angles = tuple(float(v) for v in degrees(pendant[i]))
+                angles = tuple(float(v) for v in joint_cells(pendant[i], experiment.robot.controller.units))
                 readings.append(Reading(pose, marker, loaded, mm, time, angles))
     return Campaign(folder, experiment, plan, tuple(readings))
 

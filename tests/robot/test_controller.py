@@ -24,7 +24,7 @@ EXPRESSIONS = {
 
 @pytest.mark.parametrize("text", EXPRESSIONS)
 def test_expressions(text):
-    row, constant = parse_expression(text, 4)
+    row, constant = parse_expression(text, [False] * 4)
     assert row.tolist() == EXPRESSIONS[text][0]
     assert constant == pytest.approx(EXPRESSIONS[text][1])
 
@@ -56,13 +56,13 @@ def test_expressions(text):
 )
 def test_wrong_expressions_say_what_is_allowed(text):
     with pytest.raises(InputError, match=r"J|its number"):
-        parse_expression(text, 4)
+        parse_expression(text, [False] * 4)
 
 
 @given(st.text(alphabet="J0123456789+-*. degrad", max_size=20))
 def test_any_text_gives_numbers_or_an_input_error(text):
     try:
-        row, constant = parse_expression(text, 3)
+        row, constant = parse_expression(text, [False] * 3)
     except InputError:
         return
     assert np.isfinite(row).all()

@@ -47,8 +47,8 @@ CASES = {
         'name="elbow"',
         ("unknown type", "Did you mean 'revolute'?"),
     ),
-    "prismatic": (
-        ('name="elbow" type="revolute"', 'name="elbow" type="prismatic"'),
+    "planar": (
+        ('name="elbow" type="revolute"', 'name="elbow" type="planar"'),
         'name="elbow"',
         ("not supported yet",),
     ),

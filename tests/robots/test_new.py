@@ -185,7 +185,7 @@ def test_branches_are_asked_for(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("joints", "words"),
     [
-        ((joint("a", "base", "l1", k="fixed", more=""),), "no joint turns"),
+        ((joint("a", "base", "l1", k="fixed", more=""),), "no joint of an arm moves"),
         (
             (
                 *ARM,
@@ -195,8 +195,8 @@ def test_branches_are_asked_for(tmp_path: Path) -> None:
             ),
             "no part of the arm",
         ),
-        ((joint("a", "base", "l1", k="prismatic"),), "no joint turns"),
-        ((joint("a", "base", "l1", k="prismatic"), joint("b", "l1", "l2")), "prismatic joint .* base l1"),
+        ((joint("a", "base", "l1", k="planar"),), "no joint of an arm moves"),
+        ((joint("a", "base", "l1", k="planar"), joint("b", "l1", "l2")), "planar joint .* base l1"),
         ((joint("a", "base", "l1", more=""),), "no limits"),
         ((joint("a", "base", "l1"), joint("b", "other", "l2")), "one root"),
     ],

@@ -413,7 +413,15 @@ def _programmes(folder: Path) -> list[Good]:
     plan = read_plan(example("m900ib") / "table5.csv", experiment)
     moves = tuple(Move(q, name, 1) for q, name in zip(plan.pendant, plan.pose, strict=True))
     programme = Programme(
-        robot="fanuc_m900ib", title="FANUC", payload=700.0, moves=moves, speed=10, pause=5.0, tool="1", frame="0"
+        robot="fanuc_m900ib",
+        title="FANUC",
+        payload=700.0,
+        moves=moves,
+        units=experiment.robot.controller.units,
+        speed=10,
+        pause=5.0,
+        tool="1",
+        frame="0",
     )
     src, dat = write_krl(programme, "plan")
     texts = {

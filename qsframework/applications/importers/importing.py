@@ -222,11 +222,21 @@ class _Import:
     def joints(self) -> int:
         return self.experiment.robot.controller.axes
 
+    def _check_travels(self) -> None:
+        """InputError where a file states joints of an arm on which one slides: they are read as angles."""
+        sliding = [f"q{k + 1}" for k, slides in enumerate(self.experiment.robot.controller.units.sliding) if slides]
+        for listing in (*self.lists, *(x for x in (self.log,) if x is not None)):
+            if sliding and any(role in listing.numbers for role in sliding):
+                message = f"states {', '.join(sliding)}, which slide on this arm; only angles are imported so far"
+                hint = "Give a plan, and leave the joints out of the file."
+                raise InputError(Problem(message, listing.sheet.where, hint=hint))
+
     def run(self) -> Imported:
         wish, experiment = self.wish, self.experiment
         campaign = EMPTY if self.plan is None else read_campaign(self.plan, experiment)
         naming = Naming(wish.names, wish.state, wish.series, wish.ignore)
         lists = self.lists
+        self._check_travels()
         how = self._join(campaign, naming)
         logged: list[str] = []
         if self.log is not None and how == "names":
@@ -246,7 +256,7 @@ class _Import:
         placed = check_places(points, pendant, campaign, experiment, wish.within)
         if wish.align == UNLOADED:
             aligned = self._unloaded_frames(points, pendant)
-        header, rows = readings_rows(points, pendant, campaign)
+        header, rows = readings_rows(points, pendant, experiment.robot.controller.units, campaign)
         origins = [(p.listing.sheet.where, p.line) for p in points]
         readings = _read_back(header, rows, experiment, origins, _sources(points))
         files = (*lists, *(x for x in (self.log, self.known) if x is not None))

@@ -10,18 +10,21 @@ import numpy as np
 from qsframework.applications.importers.campaign import Campaign
 from qsframework.applications.importers.matching import Point
 from qsframework.applications.importers.sheets import NUMBER, Sheet
-from qsframework.experiment.columns import Column, degrees, number, recorded
+from qsframework.experiment.columns import Column, joint_cells, number, recorded
 from qsframework.plugin import Array
+from qsframework.units import JointUnits
 
 _ZERO_CELSIUS = 273.15
 
 
-def readings_rows(points: Sequence[Point], pendant: Array, campaign: Campaign) -> tuple[list[str], list[list[str]]]:
+def readings_rows(
+    points: Sequence[Point], pendant: Array, joints: JointUnits, campaign: Campaign
+) -> tuple[list[str], list[list[str]]]:
     """Header and rows: positions in the tracker's frame, one row for each point, in the order of the files."""
     slots = [p.slot for p in points if p.slot is not None]
     loaded = any(s.loaded for s in slots)
     forces = ["fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"] if loaded else []
-    header = ["pose", *(f"q{k + 1}_deg" for k in range(pendant.shape[1])), *forces, "marker", "state"]
+    header = ["pose", *joints.names(), *forces, "marker", "state"]
     header += ["x_mm", "y_mm", "z_mm"]
     more = _more(points, campaign)
     header += list(more)
@@ -29,7 +32,7 @@ def readings_rows(points: Sequence[Point], pendant: Array, campaign: Campaign) -
     for i, (point, slot) in enumerate(zip(points, slots, strict=True)):
         wrench = campaign.loads[slot.pose][slot.load_id] if slot.loaded else None
         at = point.listing.xyz()[point.row]
-        row = [slot.pose, *degrees(pendant[i])]
+        row = [slot.pose, *joint_cells(pendant[i], joints)]
         row += [] if not forces else [""] * 6 if wrench is None else [*map(number, wrench.tolist())]
         row += [slot.marker, "loaded" if slot.loaded else "unloaded", *(number(1e3 * v) for v in at.tolist())]
         rows.append(row + [cells[i] for cells in more.values()])

@@ -174,7 +174,7 @@ def proposed(model: Model) -> list[Effect]:
         found = [*kind.places(model.facts, model.marker_names), *kind.beside(model.effects, model.parameters)]
         for effect in found:
             try:
-                effect.validate(model.facts)
+                effect.require_fit(model.facts)
             except InputError:
                 continue  # this place does not fit the robot
             out.append(effect)

@@ -98,6 +98,8 @@ class Motions:
     angles: tuple[tuple[tuple[str, ...], tuple[float, ...]], ...]
     """Angles that a law may depend on, by their joints: of each, and of what parallel joints turn together."""
     drives: int
+    sliding: tuple[bool, ...]
+    """Which drives slide."""
 
     def scale(self, at: Sequence[int]) -> float:
         """Largest torque on the coordinates of a place, 1 where there is none."""
@@ -140,6 +142,7 @@ def motions(model: Model, rows: Rows, x: Array, frames: Sequence[Frame]) -> Moti
         marker_names=model.marker_names,
         angles=_angles(model.facts),
         drives=model.facts.n,
+        sliding=model.facts.sliding,
     )
 
 
@@ -180,15 +183,18 @@ def _spread(value: Array) -> Array:
 
 
 def _angles(facts: RobotFacts) -> tuple[tuple[tuple[str, ...], tuple[float, ...]], ...]:
-    """Joints and coefficients (n,) of the angles: each joint's, and the sum of two neighbours with parallel axes."""
+    """Joints and coefficients (n,) of the angles: each joint's that turns, and the sum of two such neighbours with
+    parallel axes."""
     n = facts.n
     out: list[tuple[tuple[str, ...], tuple[float, ...]]] = [
-        ((joint,), tuple(float(i == k) for i in range(n))) for k, joint in enumerate(facts.joints)
+        ((joint,), tuple(float(i == k) for i in range(n)))
+        for k, joint in enumerate(facts.joints)
+        if not facts.sliding[k]
     ]
     for k in range(n - 1):
         turned = facts.placements[k + 1][:3, :3] @ facts.axes[k + 1]
         along = float(turned @ facts.axes[k])
-        if abs(abs(along) - 1.0) < _PARALLEL:
+        if abs(abs(along) - 1.0) < _PARALLEL and not any(facts.sliding[k : k + 2]):
             sign = 1.0 if along > 0.0 else -1.0
             both = tuple(1.0 if i == k else sign if i == k + 1 else 0.0 for i in range(n))
             out.append((facts.joints[k : k + 2], both))
@@ -226,7 +232,8 @@ def generic_blocks(moved: Motions) -> Iterator[Block]:
         yield _block(Law(place.part, place.name, "order"), ends, *_with_torque(moved.order, t, before))
         if place.joint is not None:
             came = moved.step[:, place.joint, None, None]
-            sides = np.concatenate([np.sign(came), np.sin(came), np.cos(came)], axis=2)
+            turned = [] if moved.sliding[place.joint] else [np.sin(came), np.cos(came)]
+            sides = np.concatenate([np.sign(came), *turned], axis=2)
             yield _block(Law(place.part, place.name, "step"), ends, sides)
         yield _block(Law(place.part, place.name, "constant"), ends, ones)
         for name, value in moved.recorded:

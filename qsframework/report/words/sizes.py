@@ -10,6 +10,7 @@ _SCALES: dict[str, tuple[tuple[float, str], ...]] = {
     "m": ((1e-3, "mm"), (1e-6, "um")),
     "rad/(N m)": ((1e-6, "urad/(N m)"), (1e-9, "nrad/(N m)")),
     "rad/(N m)^3": ((1e-15, "urad/(kN m)^3"),),
+    "m/N^3": ((1e-15, "um/kN^3"),),
     "m/N": ((1e-6, "mm/kN"), (1e-9, "um/kN")),
     "N/m": ((1e6, "kN/mm"), (1e3, "N/mm")),
     "m/s": ((1e-6 / 3600.0, "um/h"),),
@@ -23,7 +24,10 @@ _ANGLES = ((_DEGREE, "deg"), (_ARCMIN, "arcmin"), (1e-6, "urad"))
 _SEEN = 0.1
 _SEEN_ANGLE = 0.01
 """Play and offsets are said in arcmin even where they are small."""
-_STIFF = ((1e6, "MN m/rad"), (1e3, "kN m/rad"), (1.0, "N m/rad"))
+_STIFF = {
+    "rad/(N m)": ((1e6, "MN m/rad"), (1e3, "kN m/rad"), (1.0, "N m/rad")),
+    "m/N": ((1e6, "kN/mm"), (1e3, "N/mm"), (1.0, "N/m")),
+}
 
 
 def people_size(parameter: Parameter, value: float, stiffness: bool = True) -> str:
@@ -55,9 +59,10 @@ def shown_unit(parameter: Parameter, value: float) -> tuple[float, str]:
 def _stiffness(parameter: Parameter, value: float) -> str:
     """In brackets behind the compliance of a spring; nothing for what only changes a compliance, such as hardening."""
     spring = parameter.name.partition("[")[0].endswith("compliance")
-    if parameter.unit != "rad/(N m)" or not spring or value <= 0.0:
+    if parameter.unit not in _STIFF or not spring or value <= 0.0:
         return ""
-    size, unit = next((s for s in _STIFF if 1.0 / value >= _SEEN * s[0]), _STIFF[-1])
+    stiff = _STIFF[parameter.unit]
+    size, unit = next((s for s in stiff if 1.0 / value >= _SEEN * s[0]), stiff[-1])
     return f" ({three(1.0 / value / size)} {unit})"
 
 
