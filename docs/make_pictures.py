@@ -24,7 +24,7 @@ FLAGS = (
 )
 
 
-def screenshot(page: Path, picture: Path, size: str, at: str = "") -> None:
+def screenshot(page: Path | str, picture: Path, size: str, at: str = "") -> None:
     """Save what Chromium shows of a page, or of the place #at in it, in a window of a size such as 1060,1500."""
     picture.parent.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as profile:
@@ -35,7 +35,7 @@ def screenshot(page: Path, picture: Path, size: str, at: str = "") -> None:
                 f"--window-size={size}",
                 f"--user-data-dir={profile}",
                 f"--screenshot={picture}",
-                page.as_uri() + at,
+                (page if isinstance(page, str) else page.as_uri()) + at,
             ],
             check=True,
             capture_output=True,
@@ -88,9 +88,25 @@ def certificate(images: Path) -> None:
         screenshot(page, images / "certificate.png", "760,1100")
 
 
+def measuring_day(images: Path) -> None:
+    """The page of a day whose last state is to be looked at again."""
+    example = HERE.parent / "examples" / "day"
+    with tempfile.TemporaryDirectory() as name:
+        day = ["day", str(example / "experiment.yaml"), str(example / "plan.csv"), "-o", name]
+        day += ["--cycles", "1", "--no-half", "--repeat-share", "0"]
+        qsf(*day, "--watch", str(example / "exports"), "--once")
+        command = [str(Path(sys.executable).with_name("qsf")), *day, "--port", "0"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+            assert server.stdout is not None
+            address = next(line.split()[0] for line in server.stdout if line.startswith("http"))
+            screenshot(address, images / "day.png", "1200,1180")
+            server.terminate()
+
+
 def main(images: Path = HERE / "images") -> None:
     """Design twelve poses for the M-900iB; picture report, plan in 3D, sheet; a certificate; and other robots."""
     certificate(images)
+    measuring_day(images)
     for robot, at in ROBOTS.items():
         picture_of(robot, at, images)
     with tempfile.TemporaryDirectory() as name:

@@ -148,21 +148,27 @@ def export(
     run_export(plan, experiment, output, wish, json)
 
 
+Order = Annotated[str, typer.Option(help="random (what drift cannot imitate), shortest, or as in the plan.")]
+Cycles = Annotated[int, typer.Option(help="Times the load is put on at each visit.", min=1)]
+RepeatShare = Annotated[float, typer.Option(help="Share of the poses that are visited twice.", min=0, max=1)]
+Drive = Annotated[str, typer.Option(help="What holds the arm while it is read: servo or brake.")]
+Reflectors = Annotated[int, typer.Option(help="Reflectors fixed to the floor.", min=0)]
+Half = Annotated[bool, typer.Option(help="Half the load, too, at repeated poses: is the arm linear?")]
+
+
 def protocol(
     experiment: ExperimentFile,
     plan: Annotated[Path, typer.Argument(help="plan.csv", show_default=False)],
     output: Annotated[Path, typer.Option("-o", "--output", help="The sheet to print.")] = Path("sheet.html"),
     readings: Annotated[Path, typer.Option(help="The table to fill in.")] = Path("readings.csv"),
-    order: Annotated[
-        str, typer.Option(help="random (what drift cannot imitate), shortest, or as in the plan.")
-    ] = "random",
-    cycles: Annotated[int, typer.Option(help="Times the load is put on at each visit.", min=1)] = 2,
-    repeat_share: Annotated[float, typer.Option(help="Share of the poses that are visited twice.", min=0, max=1)] = 0.2,
+    order: Order = "random",
+    cycles: Cycles = 2,
+    repeat_share: RepeatShare = 0.2,
     settle: Annotated[float, typer.Option(help="Seconds to wait before a reading.", min=0)] = 30.0,
     warm_up: Annotated[float, typer.Option(help="Minutes.", min=0)] = 30.0,
-    drive: Annotated[str, typer.Option(help="What holds the arm while it is read: servo or brake.")] = "servo",
-    reflectors: Annotated[int, typer.Option(help="Reflectors fixed to the floor.", min=0)] = 3,
-    half: Annotated[bool, typer.Option(help="Half the load, too, at repeated poses: is the arm linear?")] = True,
+    drive: Drive = "servo",
+    reflectors: Reflectors = 3,
+    half: Half = True,
     seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
     trust: Trust = False,
 ) -> None:
@@ -182,6 +188,42 @@ def protocol(
         half=half,
     )
     run_protocol(experiment, plan, output, readings, wish)
+
+
+def day(
+    experiment: ExperimentFile,
+    plan: Annotated[Path, typer.Argument(help="plan.csv", show_default=False)],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The folder of the day, begun or continued.")] = Path(
+        "day"
+    ),
+    watch: Annotated[
+        Path | None, typer.Option(help="A folder into which the tracker exports, instead of the page.")
+    ] = None,
+    port: Annotated[int, typer.Option(help="Of the page; 0 takes any free one.", min=0)] = 8765,
+    once: Annotated[bool, typer.Option("--once", help="With --watch: take what lies there, and end.")] = False,
+    order: Order = "random",
+    cycles: Cycles = 2,
+    repeat_share: RepeatShare = 0.2,
+    drive: Drive = "servo",
+    reflectors: Reflectors = 3,
+    half: Half = True,
+    seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
+    trust: Trust = False,
+) -> None:
+    """Run the measuring day: what comes next, and mistakes named while the robot still stands there."""
+    from qsframework.applications.protocol import ProtocolWish
+    from qsframework.cli.day import DayFiles, run_day
+
+    wish = ProtocolWish(
+        order=order,
+        seed=seed,
+        cycles=cycles,
+        repeat_share=repeat_share,
+        drive=drive,
+        reflectors=reflectors,
+        half=half,
+    )
+    run_day(DayFiles(experiment=experiment, plan=plan, folder=output, watch=watch), wish, port, once)
 
 
 def import_files(
@@ -296,7 +338,7 @@ def new(
 
 def add_commands(app: typer.Typer) -> None:
     """Register the commands."""
-    for command in (compensate, kinematics, certificate, export, protocol):
+    for command in (compensate, kinematics, certificate, export, protocol, day):
         app.command()(command)
     app.command("import")(import_files)
     for command in (compare, new):

@@ -3,13 +3,14 @@
 from qsframework.files.documents import Document, read_text, read_yaml
 from qsframework.files.folders import write_folder
 from qsframework.files.models import FileModel, Unit, json_schema, validate
-from qsframework.files.output import sha256, write_bytes, write_text
+from qsframework.files.output import append_text, sha256, write_bytes, write_text
 from qsframework.files.yaml_text import yaml_text
 
 __all__ = [
     "Document",
     "FileModel",
     "Unit",
+    "append_text",
     "json_schema",
     "read_text",
     "read_yaml",

@@ -38,6 +38,7 @@ OWNERS = {
     "coal": "robot",
     "cvxpy": "design/relaxed.py",
     "meshcat": "viz",
+    "starlette": "report/day_server.py",
     "joblib": "work",
     "distributed": "work",
 }

@@ -1,0 +1,372 @@
+"""Is a reading as expected? Three questions to the markers of a state, each with its own yardstick.
+
+- Shape: markers of one link keep their distances.
+- Place: the first state of a visit is where the arm should be, in a frame that earlier visits give. The arm's own
+  errors of geometry are unknown; they move all markers of a visit together, and how far is learned from the visits.
+- Motion: a later state of a visit differs from the earlier ones by what the load should bend, within what is known of
+  the springs, which each accepted state tells better.
+
+Everything is linear and Gaussian about the nominal arm: a level of 1e-5 leaves clean readings alone, and a mistake of
+the table is many times larger.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+
+from qsframework.applications.day.expected import Expected
+from qsframework.applications.day.record import Slot
+from qsframework.experiment.frames import Frame, procrustes
+from qsframework.plugin import Array
+
+Flags = npt.NDArray[np.bool_]
+LEVEL = 1e-5
+"""Chance below which a reading is not as expected."""
+_TOOL = np.array([3e-3] * 3 + [5e-3] * 3)
+"""m, rad: how far the markers' carrier may sit from where the experiment says."""
+_ARM = np.array([2e-3] * 3 + [1.5e-3] * 3)
+"""m, rad: how far the arm may stand from where its nominal geometry puts it; learned from the visits."""
+_ARM_WEIGHT = 12.0
+"""Degrees of freedom of this first guess."""
+_STATED = 3e-3
+"""m: how well the experiment knows the markers' places on their carrier."""
+_KNOWN = np.array([1e-4] * 3 + [5e-5] * 3)
+"""m, rad: how well a stated frame is known."""
+_WANDER = 3e-5
+"""m: what a state may drift, or not come back, beside the noise."""
+_LAW = 0.08
+"""Share of a deflection by which a linear spring may be wrong about it."""
+_FEW = 0.25
+"""Share of a deflection below which it is asked whether that is too little."""
+_FLAT = 0.02
+"""m: markers nearer to a line than this hold no frame."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One question: kind "shape", "place" or "motion", the chance of so much, how far off (m), and markers by share."""
+
+    kind: str
+    p: float
+    off: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the questions say of a state."""
+
+    checks: tuple[Check, ...]
+
+    @property
+    def p(self) -> float:
+        """The least chance; 1 where nothing could be asked."""
+        return min((c.p for c in self.checks), default=1.0)
+
+    @property
+    def fine(self) -> bool:
+        return self.p >= LEVEL
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """An accepted state: readings (M, 3) m of the markers, NaN where not read, in the frame `series`."""
+
+    slot: Slot
+    xyz: Array
+    series: str
+
+    @property
+    def read(self) -> Flags:
+        return was_read(self.xyz)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Placed:
+    """The frame of a series from the visits, and how far a new visit may be from it.
+
+    mean (12,), cov (12, 12): motion of the frame and of the carrier; scale: of the arm's own errors, with its freedom
+    """
+
+    frame: Frame
+    mean: Array
+    cov: Array
+    scale: float
+    freedom: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Known:
+    """What the accepted states tell: the carrier's shape (M, 3), how many gave it, frames, and the springs."""
+
+    expected: Expected
+    seen: tuple[Seen, ...]
+    shape: Array
+    shapes: int
+    placed: dict[str, _Placed]
+    springs: Array
+    spring_cov: Array
+
+    def place(self, slot: Slot) -> Array:
+        """Where the markers should be (M, 3), base frame, their carrier's shape as it was seen."""
+        P = self.expected.place[self.expected.at[slot]]
+        return _laid(P, self.shape) if self.shapes else P
+
+    def visit(self, slot: Slot, series: str) -> list[Seen]:
+        """The accepted states of a visit in a series."""
+        return [s for s in self.seen if s.slot.visit == slot.visit and s.series == series and s.slot != slot]
+
+
+def was_read(xyz: Array) -> Flags:
+    """Which markers (M,) of readings (M, 3) were read."""
+    return np.asarray(np.isfinite(xyz).all(axis=1), dtype=np.bool_)
+
+
+def known(expected: Expected, seen: Sequence[Seen]) -> Known:
+    """What accepted states tell, in the order in which they were read."""
+    shape, shapes = _shape(expected.stated, seen)
+    p = len(expected.spread)
+    start = Known(
+        expected=expected,
+        seen=tuple(seen),
+        shape=shape,
+        shapes=shapes,
+        placed={},
+        springs=np.zeros(p),
+        spring_cov=np.diag(expected.spread**2),
+    )
+    placed = {series: _frame(start, series) for series in dict.fromkeys(s.series for s in seen)}
+    there = {name: frame for name, frame in placed.items() if frame is not None}
+    there |= {n: _stated_frame(f) for n, f in expected.frames.items() if n not in there}
+    return _springs(replace(start, placed=there))
+
+
+def judge(known: Known, slot: Slot, xyz: Array, series: str, share: float = 1.0, shift: Array | None = None) -> Verdict:
+    """The three questions to readings (M, 3) m of a state, NaN where a marker was not read.
+
+    share: of the load that hangs there; shift (M, 3) m, base frame: what else moved the markers
+    """
+    read = was_read(xyz)
+    checks = [_check_shape(known, xyz, read)]
+    before = known.visit(slot, series)
+    before = [s for s in before if (s.read & read).any()]
+    if before:
+        checks.append(_check_motion(known, slot, xyz, series, before, share, shift))
+    else:
+        checks.append(_check_place(known, slot, xyz, series, read, share, shift))
+    return Verdict(tuple(c for c in checks if c is not None))
+
+
+def _shape(stated: Array, seen: Sequence[Seen]) -> tuple[Array, int]:
+    """The mean shape (M, 3) of the states that were read whole, in the stated one's axes, and of how many."""
+    whole = [s.xyz for s in seen if s.read.all()]
+    if not whole or not _spread(stated):
+        return stated, 0
+    return np.mean([_laid(stated, xyz) for xyz in whole], axis=0), len(whole)
+
+
+def _laid(onto: Array, points: Array) -> Array:
+    """Points (M, 3) moved rigidly onto others; as they are where they are too few to say how."""
+    return procrustes(points, onto).apply(points) if _spread(points) else onto
+
+
+def _spread(points: Array) -> bool:
+    """Whether points (M, 3) hold a frame."""
+    return len(points) >= 3 and float(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1]) > _FLAT
+
+
+def _twist(points: Array, about: Array) -> Array:
+    """What a motion and a turn (6,) do to points (M, 3): (3 M, 6)."""
+    x, y, z = (points - about).T
+    zero = np.zeros_like(x)
+    turn = np.stack([[zero, z, -y], [-z, zero, x], [y, -x, zero]]).transpose(2, 0, 1)
+    return np.concatenate([np.tile(np.eye(3), (len(points), 1, 1)), turn], axis=2).reshape(-1, 6)
+
+
+def _rows(known: Known, slot: Slot, frame: Frame, read: Flags, place: Array) -> tuple[Array, Array]:
+    """Columns (3 m, 12) of frame and carrier, and of the visit's own motion (3 m, 6), of the markers that were read."""
+    e, i = known.expected, known.expected.at[slot]
+    there, centre = frame.apply(place), frame.apply(place.mean(axis=0)[None])[0]
+    own = _twist(there, centre)
+    turned = frame.rotation @ e.rotation[i]
+    carrier = np.concatenate([own[:, :3] @ turned, own[:, 3:] @ turned], axis=1)
+    rows = np.repeat(read, 3)
+    return np.concatenate([_twist(there, frame.origin), carrier], axis=1)[rows], own[rows]
+
+
+def _frame(known: Known, series: str) -> _Placed | None:
+    """The frame by the first accepted state of every visit, generalised least squares; None where it cannot be told."""
+    e = known.expected
+    first: dict[int, Seen] = {}
+    for s in known.seen:
+        if s.series == series and s.read.any():
+            first.setdefault(s.slot.visit, s)
+    places = [known.place(s.slot) for s in first.values()]
+    points = np.concatenate([p[s.read] for p, s in zip(places, first.values(), strict=True)])
+    readings = np.concatenate([s.xyz[s.read] for s in first.values()])
+    if not _spread(points) or not _spread(readings):
+        return None
+    stated = e.frames.get(series)
+    frame = stated or procrustes(points, readings, series)
+    weight = np.concatenate([np.zeros(6) if stated is None else 1.0 / _KNOWN**2, 1.0 / _TOOL**2])
+    blocks: list[tuple[Array, Array, Array]] = []
+    for s, place in zip(first.values(), places, strict=True):
+        H, own = _rows(known, s.slot, frame, s.read, place)
+        blocks.append((H, own, (s.xyz - frame.apply(place))[s.read].ravel()))
+    more = max(6.0 * len(blocks) - 12.0, 0.0)
+    mean, cov, square = _solved(e.sigma, known.shapes, blocks, weight, 1.0)
+    scale = float(np.sqrt((_ARM_WEIGHT + square) / (_ARM_WEIGHT + more)))
+    mean, cov, square = _solved(e.sigma, known.shapes, blocks, weight, scale)
+    scale = float(np.sqrt((_ARM_WEIGHT + square) / (_ARM_WEIGHT + more)))
+    return _Placed(frame=frame, mean=mean, cov=cov, scale=scale, freedom=_ARM_WEIGHT + more)
+
+
+def _solved(
+    sigma: float, shapes: int, blocks: Sequence[tuple[Array, Array, Array]], weight: Array, scale: float
+) -> tuple[Array, Array, float]:
+    """Motions of frame and carrier (12,) by generalised least squares over visits (columns, own motion, residual),
+    their covariance, and the squares that the visits' own motions are left with."""
+    M, b = np.diag(weight), np.zeros(12)
+    for H, own, r in blocks:
+        C = np.linalg.inv(_covariance(sigma, own, scale, shapes))
+        M, b = M + H.T @ C @ H, b + H.T @ C @ r
+    cov: Array = np.asarray(np.linalg.inv(M + 1e-9 * np.diag(np.diag(M))), dtype=np.float64)
+    mean, square = cov @ b, 0.0
+    for H, own, r in blocks:
+        Q = np.linalg.qr(own)[0]
+        left = Q.T @ (r - H @ mean)
+        square += float(left @ np.linalg.solve(Q.T @ _covariance(sigma, own, 1.0, shapes) @ Q, left))
+    return mean, cov, square
+
+
+def _stated_frame(frame: Frame) -> _Placed:
+    """A frame that the experiment states, before anything was read in it."""
+    cov = np.diag(np.concatenate([_KNOWN, _TOOL]) ** 2)
+    return _Placed(frame=frame, mean=np.zeros(12), cov=cov, scale=1.0, freedom=_ARM_WEIGHT)
+
+
+def _covariance(sigma: float, own: Array, scale: float, shapes: int) -> Array:
+    """Of the markers of a visit (3 m, 3 m): the arm's own motion, the carrier's shape, the noise."""
+    shape = sigma**2 / shapes if shapes else _STATED**2
+    return (own * (scale * _ARM) ** 2) @ own.T + (sigma**2 + shape) * np.eye(len(own))
+
+
+def _springs(known: Known) -> Known:
+    """The springs after every accepted state that differs from an earlier one of its visit: recursive least squares."""
+    x, cov = known.springs, known.spring_cov
+    out = known
+    for i, s in enumerate(known.seen):
+        before = [b for b in known.seen[:i] if b.slot.visit == s.slot.visit and b.series == s.series]
+        made = _difference(out, s.slot, s.xyz, s.series, before, 1.0, None)
+        if made is None or not len(x):
+            continue
+        r, J, C, _ = made
+        gain = cov @ J.T @ np.linalg.inv(J @ cov @ J.T + C)
+        x, cov = x + gain @ r, cov - gain @ J @ cov
+        out = replace(known, springs=x, spring_cov=0.5 * (cov + cov.T))
+    return out
+
+
+def _difference(
+    known: Known, slot: Slot, xyz: Array, series: str, before: Sequence[Seen], share: float, shift: Array | None
+) -> tuple[Array, Array, Array, Array] | None:
+    """Residual (3 m,) of what a state differs by from earlier ones, its rates by the springs, its covariance without
+    theirs, and what the springs as known would give; None where no frame is known."""
+    e, i, placed = known.expected, known.expected.at[slot], known.placed.get(series)
+    if not before or placed is None:
+        return None
+    still = [b for b in before if not e.moved[e.at[b.slot]].any()] or list(before)
+    start = np.array([b.xyz for b in still])
+    count = np.isfinite(start).all(axis=2).sum(axis=0)
+    rows = (count > 0) & was_read(xyz)
+    if not rows.any():
+        return None
+    was = np.nansum(np.nan_to_num(start), axis=0)[rows] / count[rows, None]
+    at = [e.at[b.slot] for b in still]
+    R = placed.frame.rotation
+    slope = share * e.slope[i] - e.slope[at].mean(axis=0)
+    moved = share * e.moved[i] - e.moved[at].mean(axis=0)
+    shift = np.zeros_like(moved) if shift is None else shift
+    J = np.einsum("ab,mbp->map", R, slope[rows]).reshape(3 * int(rows.sum()), -1)
+    D = (moved + shift)[rows] @ R.T
+    bent = J @ known.springs
+    r = (xyz[rows] - was - D).ravel() - bent
+    law = _LAW * float(np.linalg.norm(moved[rows], axis=1).max(initial=0.0))
+    common = np.tile(np.eye(3), (int(rows.sum()), 1))
+    own = np.repeat(e.sigma**2 * (1.0 + 1.0 / count[rows]), 3)
+    C = np.diag(own + 0.25 * law**2) + (_WANDER**2 + law**2) * common @ common.T
+    return r, J, C, D.ravel() + bent
+
+
+def _check_motion(
+    known: Known, slot: Slot, xyz: Array, series: str, before: Sequence[Seen], share: float, shift: Array | None
+) -> Check | None:
+    made = _difference(known, slot, xyz, series, before, share, shift)
+    if made is None:
+        return None
+    from scipy.stats import chi2
+
+    r, J, C, D = made
+    S = J @ known.spring_cov @ J.T + C
+    square = float(r @ np.linalg.solve(S, r))
+    p = min(float(chi2.sf(square, len(r))), _too_little(r, J, C, D, known.spring_cov))
+    return Check("motion", p, float(np.sqrt(3.0 * np.mean(r**2))))
+
+
+def _too_little(r: Array, J: Array, C: Array, D: Array, cov: Array) -> float:
+    """Chance of a share of the expected deflection D as small as was read; 1 where it is not small.
+
+    A spring that is known to 30 % may as well be stiffer by a third as softer; it is hardly ten times as stiff, as a
+    Gaussian would have it. So the share's logarithm is asked.
+    """
+    from scipy.stats import norm
+
+    weight = np.linalg.solve(C, D)
+    size = float(D @ weight)
+    if size < (1.0 / _FEW) ** 2:
+        return 1.0
+    share = 1.0 + float(weight @ r) / size
+    sd = float(np.sqrt(weight @ (J @ cov @ J.T) @ weight)) / size
+    if share > _FEW:
+        return 1.0
+    noise = 2.0 / float(np.sqrt(size))
+    least = -float(np.log(max(share, noise, 1e-3))) / float(np.hypot(sd, noise))
+    return float(norm.sf(least))
+
+
+def _check_place(
+    known: Known, slot: Slot, xyz: Array, series: str, read: Flags, share: float, shift: Array | None
+) -> Check | None:
+    e, i, placed = known.expected, known.expected.at[slot], known.placed.get(series)
+    if placed is None or not read.any():
+        return None
+    from scipy.stats import f
+
+    place = known.place(slot) + (share - 1.0) * e.moved[i] + (0.0 if shift is None else shift)
+    H, own = _rows(known, slot, placed.frame, read, place)
+    r = (xyz - placed.frame.apply(place))[read].ravel() - H @ placed.mean
+    Q, R = np.linalg.qr(own)
+    Q = Q[:, np.abs(np.diag(R)) > 1e-6]
+    S = _covariance(e.sigma, own, placed.scale, known.shapes) + H @ placed.cov @ H.T
+    left = Q.T @ r
+    square = float(left @ np.linalg.solve(Q.T @ S @ Q, left))
+    p = float(f.sf(square / len(left), len(left), placed.freedom))
+    return Check("place", p, float(np.sqrt(3.0 * np.mean(r**2))))
+
+
+def _check_shape(known: Known, xyz: Array, read: Flags) -> Check | None:
+    """The distances of the markers against those of the shape, the worst of them, counted as the best of many."""
+    pairs = list(combinations(np.flatnonzero(read).tolist(), 2))
+    if not pairs:
+        return None
+    from scipy.stats import norm
+
+    sigma = known.expected.sigma
+    sd = np.sqrt(2.0) * (np.hypot(sigma, sigma / np.sqrt(known.shapes)) if known.shapes else _STATED)
+    off = [np.linalg.norm(xyz[a] - xyz[b]) - np.linalg.norm(known.shape[a] - known.shape[b]) for a, b in pairs]
+    worst = float(np.abs(off).max())
+    return Check("shape", min(1.0, 2.0 * len(pairs) * float(norm.sf(worst / float(sd)))), worst)

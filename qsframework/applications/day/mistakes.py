@@ -1,0 +1,182 @@
+"""What a reading that is not as expected most likely is: the plainest mistake whose undoing makes it right.
+
+A mistake without a free number comes before one with some: readings that an exchange of two markers makes right are
+seldom of a tracker that was moved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations, product
+
+import numpy as np
+
+from qsframework.applications.day.judge import Known, Verdict, judge, was_read
+from qsframework.applications.day.record import Slot
+from qsframework.plugin import Array
+
+_RIGHT = 1e-3
+"""Chance from which a mended reading is as expected."""
+_UNITS = {"m": 1000.0, "cm": 10.0, "inch": 25.4, "um": 1e-3, "m, read as inch": 1000.0 / 25.4}
+"""What a number in another unit must be multiplied with to be mm."""
+_DECIMALS = (0.1, 10.0, 0.01, 100.0)
+_SHARES = {
+    0.0: "no load",
+    0.1: "a tenth of the load",
+    10.0: "ten times the load",
+    0.5: "half the load",
+    2.0: "twice the load",
+}
+_MOST_ORDERS = 4
+"""Markers up to which all orders are tried, above it exchanges of two."""
+_STEP = 1e-3
+_LEAST_ANGLE = float(np.deg2rad(0.02))
+_ROUNDS = 4
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Mistake:
+    """What the reading probably is. kind: one of the table in docs/day.md; what: its numbers or names for the words;
+    xyz: the readings (M, 3) m as they were meant, None where only another reading tells; p: chance of what it leaves;
+    or_: other mistakes of the same rank that make it right as well"""
+
+    kind: str
+    what: tuple[str, ...] = ()
+    p: float = 0.0
+    xyz: Array | None = None
+    or_: tuple[Mistake, ...] = ()
+
+
+def most_likely(known: Known, slot: Slot, xyz: Array, series: str) -> Mistake:
+    """The plainest mistake that makes readings (M, 3) m of a state right; kind "unknown" where none does."""
+    for rank in (_typed, _placed, _part, _angle, _moved):
+        found = [m for m in rank(known, slot, xyz, series) if m.p >= _RIGHT]
+        if found:
+            best, *others = sorted(found, key=lambda m: -m.p)
+            told = {(best.kind, best.what)}
+            rest = [m for m in others if (m.kind, m.what) not in told and m.p > 0.01 * best.p]
+            return Mistake(kind=best.kind, what=best.what, p=best.p, xyz=best.xyz, or_=tuple(rest[:2]))
+    return Mistake(kind="unknown")
+
+
+def _tried(known: Known, slot: Slot, xyz: Array, series: str, kind: str, what: tuple[str, ...]) -> Mistake:
+    return Mistake(kind=kind, what=what, p=judge(known, slot, xyz, series).p, xyz=xyz)
+
+
+def _typed(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Mistake]:
+    """Markers exchanged, a unit, a sign, two axes, a decimal."""
+    names, read = known.expected.names, np.flatnonzero(was_read(xyz))
+    for order in _orders(len(read)):
+        other = xyz.copy()
+        other[read] = xyz[read[list(order)]]
+        exchanged = tuple(names[int(read[i])] for i, j in enumerate(order) if i != j)
+        yield _tried(known, slot, other, series, "markers", exchanged)
+    for unit, factor in _UNITS.items():
+        yield _tried(known, slot, factor * xyz, series, "unit", (unit,))
+    for signs in product((1.0, -1.0), repeat=3):
+        if min(signs) < 0.0:
+            what = tuple(a for a, s in zip("xyz", signs, strict=True) if s < 0.0)
+            yield _tried(known, slot, xyz * signs, series, "sign", what)
+    for axes in permutations(range(3)):
+        if axes != (0, 1, 2):
+            yield _tried(known, slot, xyz[:, list(axes)], series, "axes", tuple("xyz"[i] for i in axes))
+    for m, k in product(map(int, read), range(3)):
+        for factor in (*_DECIMALS, -1.0):
+            other = xyz.copy()
+            other[m, k] *= factor
+            kind = "sign of one" if factor < 0.0 else "decimal"
+            yield _tried(known, slot, other, series, kind, (names[m], "xyz"[k], f"{1e3 * other[m, k]:.3f}"))
+
+
+def _orders(count: int) -> Iterator[tuple[int, ...]]:
+    """Orders of some markers other than their own."""
+    same = tuple(range(count))
+    if count <= _MOST_ORDERS:
+        yield from (order for order in permutations(same) if order != same)
+        return
+    for a, b in combinations(same, 2):
+        order = list(same)
+        order[a], order[b] = b, a
+        yield tuple(order)
+
+
+def _placed(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Mistake]:
+    """Another pose's readings, another load than the protocol's."""
+    protocol = known.expected.protocol
+    state = protocol.visits[slot.visit].states[slot.state]
+    if state.loaded:
+        for share, what in _SHARES.items():
+            p = judge(known, slot, xyz, series, share).p
+            yield Mistake(kind="no load" if share == 0.0 else "load", what=(what,), p=p)
+        yield Mistake(kind="exchanged", p=judge(known, slot, xyz, series, -1.0).p)
+    else:
+        for k, other in enumerate(protocol.visits[slot.visit].states):
+            if other.loaded:
+                p = judge(known, Slot(slot.visit, k), xyz, series).p
+                yield Mistake(kind="still loaded", what=(other.load_id,), p=p)
+    here = protocol.visits[slot.visit].pose
+    for v, visit in enumerate(protocol.visits):
+        if visit.pose == here:
+            continue
+        there = Slot(v, next((k for k, s in enumerate(visit.states) if s.loaded == state.loaded), 0))
+        alone = judge(_apart(known, v), there, xyz, series)
+        if any(c.kind == "place" for c in alone.checks):
+            yield Mistake(kind="pose", what=(visit.pose,), p=alone.p)
+
+
+def _apart(known: Known, visit: int) -> Known:
+    """What is known, without the states of a visit to compare with: the place alone is asked."""
+    seen = tuple(s for s in known.seen if s.slot.visit != visit)
+    return replace(known, seen=seen)
+
+
+def _part(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Mistake]:
+    """One marker that is off alone: a reflector that does not sit in its nest, a number typed wrongly."""
+    read = np.flatnonzero(was_read(xyz))
+    if len(read) < 3:
+        return
+    for m in map(int, read):
+        rest = xyz.copy()
+        rest[m] = np.nan
+        verdict: Verdict = judge(known, slot, rest, series)
+        yield Mistake(kind="marker", what=(known.expected.names[m],), p=verdict.p)
+
+
+def _angle(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Mistake]:
+    """One joint that stands elsewhere than the protocol says: Gauss-Newton on its angle, all joints at once."""
+    e, placed = known.expected, known.placed.get(series)
+    read = was_read(xyz)
+    if placed is None or not read.any():
+        return
+    visit = e.protocol.visits[slot.visit]
+    n = len(visit.pendant)
+    home = e.standing(visit.pendant[None])[0]
+    delta = np.zeros(n)
+    target = (xyz - placed.frame.origin) @ placed.frame.rotation  # as the base sees the readings
+    place = known.place(slot) - home  # what load and carrier add to the nominal markers
+    for _ in range(_ROUNDS):
+        ends = visit.pendant + np.concatenate([np.diag(delta), np.diag(delta + _STEP)])
+        there = e.standing(ends)
+        slope = (there[n:] - there[:n])[:, read].reshape(n, -1) / _STEP
+        left = (target - place - there[:n])[:, read].reshape(n, -1)
+        delta = delta + (slope * left).sum(axis=1) / np.maximum((slope**2).sum(axis=1), 1e-12)
+    shifts = e.standing(visit.pendant + np.diag(delta)) - home
+    controller = e.experiment.robot.controller
+    for k in range(n):
+        angle = float(visit.pendant[k] + delta[k])
+        if abs(delta[k]) < _LEAST_ANGLE or not controller.lower[k] - 1.0 <= angle <= controller.upper[k] + 1.0:
+            continue
+        p = judge(known, slot, xyz, series, shift=shifts[k]).p
+        if p >= _RIGHT:
+            joint = e.experiment.robot.facts.driven[k]
+            yield Mistake(kind="angle", what=(f"q{k + 1}", joint, f"{np.rad2deg(delta[k]):+.2f}"), p=p)
+
+
+def _moved(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Mistake]:
+    """All markers moved together: the tracker, its base, or the whole arm stands elsewhere."""
+    alone = judge(known, slot, xyz, "")
+    read = was_read(xyz)
+    if series in known.placed and int(read.sum()) >= 3:
+        own = [c.p for c in alone.checks if c.kind == "shape"]
+        yield Mistake(kind="tracker", p=min(own, default=0.0))

@@ -1,0 +1,138 @@
+"""What the readings tell so far: the parameters against what the plan promised, and which poses would help most.
+
+Too slow to stand between a reading and its answer: it is worked out beside the day, after every visit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from qsframework.applications.day.day import Day
+from qsframework.applications.day.record import TABLE, Row, written
+from qsframework.design import design
+from qsframework.design.problem import joint_sd
+from qsframework.diagnose import diagnose
+from qsframework.elastostatics import exact_positions
+from qsframework.errors import QsfError
+from qsframework.experiment import Plan, Readings, read_readings
+from qsframework.identify import Fit, identify
+
+if TYPE_CHECKING:
+    from qsframework.diagnose.result import Diagnosis
+
+_ENOUGH = 1.1
+"""An sd this many times the promised one is as good as it."""
+_CANDIDATES = 200
+_HELP = 3
+_DIAGNOSED, _EVERY = 8, 4
+"""Visits below which a diagnosis would only guess, and after how many more it looks again."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """One parameter, SI: its value and sd so far, and the sd that the whole plan promises."""
+
+    name: str
+    unit: str
+    value: float
+    sd: float
+    promised: float
+
+    @property
+    def enough(self) -> bool:
+        return self.sd <= _ENOUGH * self.promised
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SoFar:
+    """visits: that it is of; fit: None where the readings give none yet, and why; help: the poses that would help most
+    beside what was read; minutes: that the rest of the plan takes, and those that `help` would"""
+
+    visits: int
+    fit: Fit | None
+    why: str
+    told: tuple[Told, ...]
+    help: Plan | None
+    minutes: float
+    help_minutes: float
+
+    @property
+    def enough(self) -> bool:
+        """Whether every parameter is told as well as the plan promised."""
+        return bool(self.told) and all(t.enough for t in self.told)
+
+
+def so_far(day: Day) -> SoFar:
+    """The fit of what was accepted, beside what was promised."""
+    each = 60.0 * day.record.protocol.hours / max(len(day.record.protocol.visits), 1)
+    rest = each * (len(day.record.protocol.visits) - day.visits_done)
+    none = SoFar(visits=day.visits_done, fit=None, why="", told=(), help=None, minutes=rest, help_minutes=_HELP * each)
+    try:
+        readings = accepted(day)
+        fit = identify(day.experiment, readings)
+    except QsfError as error:
+        return replace(none, why=str(error))
+    promised = promised_sd(day)
+    told = tuple(
+        Told(e.name, e.unit, e.value, sd, promised.get(e.name, np.inf))
+        for e, sd in zip(fit.estimates, fit.sd_total, strict=True)
+        if e.name in promised
+    )
+    return replace(none, fit=fit, told=told, help=_help(day, readings))
+
+
+def promised_sd(day: Day) -> dict[str, float]:
+    """The sd that each fitted parameter has when the whole protocol was read as expected."""
+    e, protocol = day.expected, day.record.protocol
+    markers = list(protocol.markers)
+    place = exact_positions(e.model, e.poses, None, True)
+    rows = [
+        Row(
+            slot=s, marker=m, xyz=place[i, k], pendant=e.poses.pendant[i], wrench=e.poses.wrench[i], series="", time=0.0
+        )
+        for s, i in e.at.items()
+        for k, m in enumerate(markers)
+    ]
+    with TemporaryDirectory() as folder:
+        whole = written(Path(folder) / TABLE, protocol, rows)
+        sd = joint_sd(day.experiment, [read_readings(whole, day.experiment)])
+    return dict(zip(day.experiment.fit_names(), sd.tolist(), strict=True))
+
+
+def accepted(day: Day) -> Readings:
+    """The readings of the day without the states that wait for a decision, and the rows as they are read for a fit.
+
+    InputError where nothing was read yet, or the table cannot be read.
+    """
+    readings = read_readings(day.record.table, day.experiment)
+    states = readings.states
+    doubtful = {
+        (v.pose, v.repeat, s.cycle, s.load_id)
+        for v, s in ((day.record.visit(slot), day.record.state(slot)) for slot in day.record.doubtful)
+    }
+    names = zip(states.pose, states.repeat.tolist(), states.cycle.tolist(), states.load_id, strict=True)
+    odd = np.array([*(name in doubtful for name in names), False])
+    return readings.masked(odd[readings.plus] | odd[readings.minus])
+
+
+def diagnosis_so_far(day: Day) -> Diagnosis | None:
+    """What the diagnosis sees so far, every few visits; None where it does not look."""
+    if day.visits_done < _DIAGNOSED or (day.visits_done % _EVERY and day.next is not None):
+        return None
+    try:
+        return diagnose(day.experiment, accepted(day), repeats=1)
+    except QsfError:
+        return None
+
+
+def _help(day: Day, readings: Readings) -> Plan | None:
+    """The few poses that would help most beside what was read; None where the readings cannot be designed upon."""
+    try:
+        return design(day.experiment, _HELP, "D", _CANDIDATES, taken=[readings])
+    except QsfError:
+        return None

@@ -1,0 +1,307 @@
+"""The page of the measuring day, for this machine alone: one lock around one day, everything slow beside it.
+
+Whatever the page shows is made from the day's files: it may be closed, opened twice or killed, and nothing is lost.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, cast
+
+import numpy as np
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.middleware import Middleware
+from starlette.middleware.base import BaseHTTPMiddleware, RequestResponseEndpoint
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
+from starlette.routing import Route
+
+from qsframework.applications.day.day import Day, Judged, decide, reread
+from qsframework.applications.day.entry import enter_file, enter_text, read_positions
+from qsframework.applications.day.floor import enter_floor
+from qsframework.applications.day.record import Slot
+from qsframework.applications.day.so_far import SoFar, diagnosis_so_far, so_far
+from qsframework.errors import QsfError
+from qsframework.experiment import make_plan
+from qsframework.files import write_text
+from qsframework.plugin import Poses
+from qsframework.report.fit_section import shown
+from qsframework.report.words.day import (
+    can_correct,
+    floor_words,
+    judged_words,
+    load_words,
+    mistake_words,
+    slot_words,
+    so_far_words,
+)
+from qsframework.report.words.headline import headline
+from qsframework.viz import show_scene
+
+HOST = "127.0.0.1"
+_LARGEST = 6_000_000
+_SAID = 30
+"""Lines of what was said that the page shows."""
+_ONLY_OURS = "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; frame-ancestors 'self'"
+"""What the page may load: nothing from elsewhere."""
+_SECRET = "x-qsf-day"
+"""A header that a form of another site cannot send."""
+
+
+class DayPage:
+    """A day behind a page. end: writes the results of the day to its folder and says which."""
+
+    def __init__(self, day: Day, end: Callable[[Day], list[str]]) -> None:
+        self._day, self._end = day, end
+        self._lock, self._wake = threading.Lock(), threading.Event()
+        self._version, self._said = 1, list[dict[str, Any]]()
+        self._found: SoFar | None = None
+        self._diagnosis, self._ended, self._asked = "", list[str](), False
+        self._scene: tuple[int, str] = (-1, "")
+        self._worker = threading.Thread(target=self._work, daemon=True)
+        self._worker.start()
+        self._wake.set()
+
+    def app(self) -> Starlette:
+        """The pages: / the day, /state what it shows, /scene the next pose; the others take what the operator does."""
+        return Starlette(
+            routes=[
+                Route("/", self._page),
+                Route("/state", self._state),
+                Route("/scene", self._scene_page),
+                Route("/readings", self._post(self._readings), methods=["POST"]),
+                Route("/file", self._post(self._file), methods=["POST"]),
+                Route("/floor", self._post(self._floor), methods=["POST"]),
+                Route("/decide", self._post(self._decide), methods=["POST"]),
+                Route("/end", self._post(self._ask_end), methods=["POST"]),
+            ],
+            middleware=[Middleware(_OnlyHere)],
+        )
+
+    async def _page(self, request: Request) -> Response:
+        page = files("qsframework.report").joinpath("templates", "day.html").read_text(encoding="utf-8")
+        return HTMLResponse(page)
+
+    async def _state(self, request: Request) -> Response:
+        if request.query_params.get("since") == str(self._version):
+            return Response(status_code=204)
+        return JSONResponse(await run_in_threadpool(self._told))
+
+    async def _scene_page(self, request: Request) -> Response:
+        return HTMLResponse(await run_in_threadpool(self._draw))
+
+    def _post(self, do: Callable[[Mapping[str, Any]], None]) -> Callable[[Request], Any]:
+        async def answer(request: Request) -> Response:
+            content = await request.body()
+            if len(content) > _LARGEST:
+                return JSONResponse({"error": f"more than {_LARGEST} bytes"}, 413)
+            try:
+                asked = cast("Mapping[str, Any]", json.loads(content or b"{}"))
+                asked.get("")
+            except (AttributeError, ValueError):
+                return JSONResponse({"error": "no request of this page"}, 400)
+            try:
+                await run_in_threadpool(self._locked, do, asked)
+            except QsfError as error:
+                with self._lock:
+                    self._day = _now(self._day)
+                    self._version += 1
+                return JSONResponse({"error": str(error)}, 422)
+            except (KeyError, TypeError, ValueError):
+                return JSONResponse({"error": "no request of this page"}, 400)
+            return JSONResponse(await run_in_threadpool(self._told))
+
+        return answer
+
+    def _locked(self, do: Callable[[Mapping[str, Any]], None], asked: Mapping[str, Any]) -> None:
+        with self._lock:
+            before = self._day.visits_done
+            try:
+                do(asked)
+            finally:
+                self._version += 1
+            if self._day.visits_done != before or self._day.next is None:
+                self._wake.set()
+
+    def _readings(self, asked: Mapping[str, Any]) -> None:
+        self._check_slot(asked)
+        self._day, judged = enter_text(self._day, str(asked["text"]))
+        self._say(judged)
+
+    def _file(self, asked: Mapping[str, Any]) -> None:
+        name = Path(str(asked["name"])).name or "dropped"
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / name
+            write_text(path, str(asked["text"]))
+            self._day, judged = enter_file(self._day, path)
+        self._say(judged)
+
+    def _floor(self, asked: Mapping[str, Any]) -> None:
+        count = max(self._day.record.protocol.wish.reflectors, 1)
+        names = tuple(f"floor_{k + 1}" for k in range(count))
+        judged = enter_floor(self._day, read_positions(str(asked["text"]), names))
+        self._add(floor_words(judged), judged.kind in ("first", "still"))
+
+    def _decide(self, asked: Mapping[str, Any]) -> None:
+        slot, what = Slot(int(asked["visit"]), int(asked["state"])), str(asked["decision"])
+        if slot not in self._day.record.slots:
+            raise ValueError
+        self._day = decide(self._day, slot, what)
+        done = {"keep": "kept as it is", "correct": "corrected as proposed", "again": "to be read again"}[what]
+        self._add(f"{slot_words(self._day, slot)}: {done}.", True)
+
+    def _ask_end(self, asked: Mapping[str, Any]) -> None:
+        self._asked = True
+        self._wake.set()
+
+    def _check_slot(self, asked: Mapping[str, Any]) -> None:
+        """A page that is behind, because it was opened twice, does not fill the next state by mistake."""
+        from qsframework.errors import InputError
+
+        here = self._day.next
+        if here is not None and (asked.get("visit"), asked.get("state")) != (here.visit, here.state):
+            raise InputError(f"the day has moved on: next is {slot_words(self._day, here)}")
+
+    def _say(self, judged: list[Judged]) -> None:
+        for one in judged:
+            self._add(judged_words(self._day, one), one.mistake is None)
+
+    def _add(self, words: str, fine: bool) -> None:
+        self._said = [*self._said, {"at": time.strftime("%H:%M"), "words": words, "fine": fine}][-_SAID:]
+
+    def _told(self) -> dict[str, Any]:
+        """What the page shows."""
+        with self._lock:
+            day, record = self._day, self._day.record
+            slots, here = record.slots, day.next
+            done = len(slots) if here is None else slots.index(here)
+            each = 60.0 * record.protocol.hours / max(len(slots), 1)
+            return {
+                "version": self._version,
+                "title": f"{record.protocol.title}: {record.folder.name}",
+                "next": None if here is None else _next(day, here),
+                "after": slot_words(day, slots[done + 1]) if here is not None and done + 1 < len(slots) else "",
+                "done": done,
+                "states": len(slots),
+                "visits": [day.visits_done, len(record.protocol.visits)],
+                "minutes": round(each * (len(slots) - done)),
+                "waiting": [
+                    {
+                        "visit": s.visit,
+                        "state": s.state,
+                        "where": slot_words(day, s),
+                        "words": mistake_words(day.mistakes[s]),
+                        "correct": can_correct(day.mistakes[s]),
+                    }
+                    for s in record.doubtful
+                    if s in day.mistakes
+                ],
+                "said": self._said[::-1],
+                "reflectors": record.protocol.wish.reflectors,
+                "so_far": None if self._found is None else _so_far(self._found),
+                "diagnosis": self._diagnosis,
+                "ended": self._ended,
+                "ending": self._asked,
+                "table": str(record.table.name),
+            }
+
+    def _draw(self) -> str:
+        """The next pose in 3D, with its load."""
+        with self._lock:
+            day = self._day
+            visit = min(day.visits_done, len(day.record.protocol.visits) - 1)
+        if self._scene[0] != visit:
+            there = day.record.protocol.visits[visit]
+            pendant = there.pendant[None]
+            poses = Poses(pendant, day.experiment.robot.controller.to_joints(pendant), there.wrench[None])
+            plan = replace(make_plan(poses, [there.load]), pose=(there.pose,))
+            scene = show_scene(day.experiment, plan)
+            self._scene = (visit, scene.html())
+        return self._scene[1]
+
+    def _work(self) -> None:
+        """What is too slow for an answer, whenever a visit is done."""
+        while True:
+            self._wake.wait()
+            self._wake.clear()
+            with self._lock:
+                day, asked = self._day, self._asked
+            found = so_far(day) if day.record.rows else None
+            self._put(found=found)
+            if asked:
+                self._put(ended=_ended(self._end, day))
+                continue
+            diagnosis = diagnosis_so_far(day)
+            if diagnosis is not None:
+                self._put(diagnosis=f"The diagnosis after {day.visits_done} visits: {headline(diagnosis)}")
+
+    def _put(self, found: SoFar | None = None, diagnosis: str | None = None, ended: list[str] | None = None) -> None:
+        with self._lock:
+            self._found = found or self._found
+            self._diagnosis = self._diagnosis if diagnosis is None else diagnosis
+            if ended is not None:
+                self._ended, self._asked = ended, False
+            self._version += 1
+
+
+def _ended(end: Callable[[Day], list[str]], day: Day) -> list[str]:
+    try:
+        return end(day)
+    except QsfError as error:
+        return [str(error)]
+
+
+def _now(day: Day) -> Day:
+    """The day as its files say; as it was where they cannot be read."""
+    try:
+        return reread(day)
+    except QsfError:
+        return day
+
+
+def _next(day: Day, slot: Slot) -> dict[str, Any]:
+    visit, read = day.record.visit(slot), day.record.at(slot)
+    units = [f"J{k + 1}" for k in range(len(visit.pendant))]
+    return {
+        "visit": slot.visit,
+        "state": slot.state,
+        "pose": visit.pose,
+        "words": slot_words(day, slot),
+        "load": load_words(day, slot),
+        "angles": [[u, f"{v:.2f}"] for u, v in zip(units, np.rad2deg(visit.pendant).tolist(), strict=True)],
+        "markers": [[m, m in read] for m in day.record.protocol.markers],
+    }
+
+
+def _so_far(found: SoFar) -> dict[str, Any]:
+    rows: list[list[Any]] = []
+    for t in found.told:
+        value, unit = shown(t.value, t.unit)
+        sds = [f"{shown(sd, t.unit)[0]:.2g}" for sd in (t.sd, t.promised)]
+        rows.append([t.name, f"{value:.4g}", *sds, unit, t.enough])
+    return {"words": so_far_words(found), "rows": rows, "enough": found.enough}
+
+
+class _OnlyHere(BaseHTTPMiddleware):
+    """Refuses what another host's name, another origin or a form of another site asks."""
+
+    async def dispatch(self, request: Request, call_next: RequestResponseEndpoint) -> Response:
+        host = request.headers.get("host", "")
+        name = host.rpartition(":")[0] or host
+        origin = request.headers.get("origin")
+        foreign = origin is not None and origin != f"http://{host}"
+        if name not in (HOST, "localhost") or foreign or (request.method == "POST" and _SECRET not in request.headers):
+            return PlainTextResponse("only for this machine\n", 403)
+        response = await call_next(request)
+        response.headers["Cache-Control"] = "no-store"
+        response.headers["Content-Security-Policy"] = _ONLY_OURS
+        response.headers["X-Content-Type-Options"] = "nosniff"
+        return response

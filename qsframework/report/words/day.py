@@ -1,0 +1,141 @@
+"""The measuring day in words: what comes next, what a reading is, and what the readings tell so far."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qsframework.applications.day.day import Day, Judged
+from qsframework.applications.day.floor import FloorJudged
+from qsframework.applications.day.judge import Check
+from qsframework.applications.day.mistakes import Mistake
+from qsframework.applications.day.record import Slot
+from qsframework.applications.day.so_far import SoFar
+
+_ASKED = {
+    "shape": "the markers' distances are {} off",
+    "place": "the markers are {} from where this pose puts them",
+    "motion": "the markers moved {} otherwise than the load should move them",
+}
+_CORRECTABLE = ("markers", "unit", "sign", "axes", "decimal", "sign of one", "tracker")
+"""Kinds whose readings can be put right without another reading."""
+
+
+def slot_words(day: Day, slot: Slot) -> str:
+    """Which state: `pose p03, weight, cycle 1`."""
+    visit, state = day.record.visit(slot), day.record.state(slot)
+    again = f" (visit {visit.repeat} of it)" if visit.repeat > 1 else ""
+    return f"pose {visit.pose}{again}, {state.load_id or 'unloaded'}, cycle {state.cycle}"
+
+
+def load_words(day: Day, slot: Slot) -> str:
+    """What hangs at the load point at a state."""
+    state = day.record.state(slot)
+    if not state.loaded:
+        return "no load"
+    parts = [
+        f"{name} {value:.0f} {unit}"
+        for name, value, unit in zip(
+            ("fx", "fy", "fz", "mx", "my", "mz"), state.wrench.tolist(), ["N"] * 3 + ["N m"] * 3, strict=True
+        )
+        if abs(value) > 0.5
+    ]
+    return f"{state.load_id}: {', '.join(parts)}"
+
+
+def judged_words(day: Day, judged: Judged) -> str:
+    """What is said of a state whose reading came in, in one or two sentences."""
+    where = slot_words(day, judged.slot)
+    if judged.mistake is None:
+        missing = [m for m in day.record.protocol.markers if m not in day.record.at(judged.slot)]
+        more = f"; {', '.join(missing)} to come" if missing else ""
+        return f"{where}: as expected{more}."
+    reasons = [check_words(c) for c in judged.verdict.checks if c.p < 1e-5]
+    why = f" ({'; '.join(reasons)})" if reasons else ""
+    return f"{where}: look again{why}. {mistake_words(judged.mistake)}"
+
+
+def check_words(check: Check) -> str:
+    """How far off a state is."""
+    return _ASKED[check.kind].format(f"{1e3 * check.off:.2f} mm")
+
+
+def mistake_words(mistake: Mistake) -> str:
+    """What a reading most likely is, and what to do."""
+    said = _kind_words(mistake)
+    if mistake.or_:
+        said += " Or: " + " Or: ".join(_kind_words(m) for m in mistake.or_)
+    return said
+
+
+def can_correct(mistake: Mistake) -> bool:
+    """Whether the readings can be put right as they are."""
+    return mistake.kind in _CORRECTABLE
+
+
+def _kind_words(mistake: Mistake) -> str:
+    what = mistake.what
+    match mistake.kind:
+        case "markers":
+            return f"Markers {' and '.join(what)} are exchanged."
+        case "unit":
+            return f"The numbers are in {what[0]}, not in mm."
+        case "sign":
+            return f"The sign of {' and '.join(what)} is turned."
+        case "sign of one":
+            return f"The sign of {what[1]} of {what[0]} is turned: {what[2]} mm."
+        case "axes":
+            return f"The columns are {', '.join(what)}, not x, y, z."
+        case "decimal":
+            return f"The decimal point of {what[1]} of {what[0]} is shifted: {what[2]} mm."
+        case "no load":
+            return "The load was not put on: the markers did not move as it would move them."
+        case "load":
+            return f"The arm gave as under {what[0]}: look at what hangs there, and on which hook."
+        case "force":
+            return f"The row says {what[0]}, the plan {what[1]}: which one hung there?"
+        case "exchanged":
+            return "Loaded and unloaded are exchanged."
+        case "still loaded":
+            return f"The load is still on: {what[0]}."
+        case "pose":
+            return f"These are readings of pose {what[0]}: does the arm stand there, or is it another row?"
+        case "angle":
+            return f"{what[0]} is {what[2]} deg from the plan ({what[1]}): look at the pendant."
+        case "marker":
+            return f"Marker {what[0]} alone is off: does the reflector sit in its nest, was the right one taken?"
+        case "tracker":
+            return "All markers moved as one: the tracker was moved, or the arm's base. Read the floor reflectors."
+        case _:
+            return "No single mistake explains it: read the state again."
+
+
+def floor_words(judged: FloorJudged) -> str:
+    """What the floor reflectors say."""
+    off = f"{1e3 * judged.off:.2f} mm"
+    return {
+        "first": "Floor reflectors: stored, the first of this stand of the tracker.",
+        "still": f"Floor reflectors: where they were (within {off}): the tracker stands.",
+        "tracker": f"Look again: all floor reflectors moved, by up to {off}: the tracker was moved.",
+        "reflector": f"Look again: floor reflector {judged.reflector} alone moved {off}.",
+    }[judged.kind]
+
+
+def so_far_words(found: SoFar) -> str:
+    """What the readings tell so far, in one sentence, and what would help."""
+    if found.fit is None:
+        return f"After {found.visits} visits the readings give no fit yet: {found.why}"
+    known = sum(t.enough for t in found.told)
+    said = f"After {found.visits} visits {known} of {len(found.told)} parameters are known as well as the plan promised"
+    if found.enough:
+        return f"{said}: enough. The rest of the plan takes {found.minutes:.0f} minutes."
+    worst = max((t for t in found.told), key=lambda t: t.sd / t.promised if t.promised > 0 else 0.0)
+    said += f"; {worst.name} is furthest ({worst.sd / worst.promised:.1f} times its sd). "
+    said += f"The rest of the plan takes {found.minutes:.0f} minutes"
+    if found.help is not None:
+        said += f"; the three poses that would help most, {found.help_minutes:.0f} minutes, are: "
+        said += "; ".join(_angles(q) for q in found.help.pendant)
+    return said + "."
+
+
+def _angles(pendant: np.ndarray) -> str:
+    return ", ".join(f"J{k + 1} {np.rad2deg(v):.1f}" for k, v in enumerate(pendant.tolist()))

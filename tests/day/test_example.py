@@ -1,0 +1,30 @@
+"""The example of a day says what its README says, and is what its maker writes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+DAY = ["--cycles", "1", "--no-half", "--repeat-share", "0", "--once"]
+
+
+def test_the_fifth_visit_is_to_be_looked_at(root: Path, tmp_path: Path) -> None:
+    example = root / "examples" / "day"
+    files = [str(example / "experiment.yaml"), str(example / "plan.csv")]
+    command = [sys.executable, "-m", "qsframework", "day", *files, "-o", str(tmp_path), *DAY]
+    done = subprocess.run(
+        [*command, "--watch", str(example / "exports")], capture_output=True, text=True, timeout=120, check=True
+    )
+    assert done.stdout.count("as expected.") == 12
+    assert done.stdout.count("q3 is +2.0") == 3
+    assert len((tmp_path / "readings.csv").read_text().splitlines()) == 2 + 15 * 3
+
+
+def test_the_example_is_what_its_maker_writes(root: Path, tmp_path: Path) -> None:
+    maker = root / "benchmarks" / "make_day_example.py"
+    subprocess.run([sys.executable, str(maker), "--folder", str(tmp_path)], check=True, timeout=120)
+    for path in sorted((root / "examples" / "day").rglob("*.*")):
+        made = tmp_path / path.relative_to(root / "examples" / "day")
+        if path.name != "plan.json":  # it holds versions and hashes
+            assert made.read_text() == path.read_text(), path.name

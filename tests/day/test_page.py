@@ -1,0 +1,271 @@
+"""The page of the day: a whole day with mistakes in a browser, whatever is killed; nobody else is answered."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import arm as cell
+import numpy as np
+import pytest
+from headless import browser
+
+from qsframework.applications.day import Slot, begin
+from qsframework.applications.protocol import ProtocolWish
+from qsframework.experiment import Experiment, load_experiment, write_plan
+from qsframework.plugin import Array
+
+OPTIONS = ["--cycles", "1", "--no-half", "--repeat-share", "0"]
+
+
+class Server:
+    """`qsf day` in a process of its own, to be asked and to be killed."""
+
+    def __init__(self, folder: Path, port: int = 0) -> None:
+        command = [sys.executable, "-m", "qsframework", "day", "experiment.yaml", "plan.csv", "-o", "day"]
+        self.process = subprocess.Popen(
+            [*command, "--port", str(port), *OPTIONS], cwd=folder, stdout=subprocess.PIPE, text=True, env=os.environ
+        )
+        assert self.process.stdout is not None
+        self.port = 0
+        for line in self.process.stdout:
+            found = re.search(r"http://127\.0\.0\.1:(\d+)/", line)
+            if found:
+                self.port = int(found[1])
+                break
+        assert self.port, "the server did not start"
+        end = time.monotonic() + 60.0
+        while time.monotonic() < end:
+            try:
+                self.ask("GET", "/state")
+                return
+            except OSError:
+                time.sleep(0.1)
+
+    @property
+    def address(self) -> str:
+        return f"http://127.0.0.1:{self.port}/"
+
+    def ask(self, method: str, path: str, body: Any = None, **headers: str) -> tuple[int, Any]:
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
+        connection.request(method, path, None if body is None else json.dumps(body), headers)
+        answer = connection.getresponse()
+        content = answer.read().decode()
+        connection.close()
+        try:
+            return answer.status, json.loads(content or "null")
+        except json.JSONDecodeError:
+            return answer.status, content
+
+    def post(self, path: str, body: Any) -> tuple[int, Any]:
+        return self.ask("POST", path, body, **{"X-QSF-Day": "1"})
+
+    def kill(self) -> None:
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+
+@pytest.fixture
+def folder(tmp_path: Path, m900ib: Experiment) -> Path:
+    path = cell.write_experiment(tmp_path)
+    write_plan(tmp_path / "plan.csv", cell.make_day_plan(load_experiment(path)), load_experiment(path))
+    return tmp_path
+
+
+@pytest.fixture
+def server(folder: Path) -> Iterator[Server]:
+    made = Server(folder)
+    yield made
+    made.kill()
+
+
+def lines(xyz: Array) -> str:
+    return "\n".join(f"{m} " + " ".join(f"{1e3 * v:.4f}" for v in p) for m, p in zip(cell.MARKERS, xyz, strict=True))
+
+
+def test_nobody_else_is_answered(server: Server) -> None:
+    own = f"127.0.0.1:{server.port}"
+    assert server.ask("GET", "/state")[0] == 200
+    assert server.ask("GET", "/state", Host=f"localhost:{server.port}")[0] == 200
+    assert server.ask("GET", "/", Host="evil.example")[0] == 403
+    assert server.ask("GET", "/state", Host=f"evil.example:{server.port}")[0] == 403
+    assert server.ask("GET", "/state", Origin="http://evil.example")[0] == 403
+    reading = {"visit": 0, "state": 0, "text": "m1 1 2 3"}
+    assert server.ask("POST", "/readings", reading)[0] == 403  # as a form of another site would
+    assert server.ask("POST", "/readings", reading, **{"X-QSF-Day": "1", "Origin": "http://127.0.0.1:1"})[0] == 403
+    assert server.ask("POST", "/readings", reading, **{"X-QSF-Day": "1", "Origin": f"http://{own}"})[0] == 200
+    assert server.ask("GET", "/../experiment.yaml")[0] == 404
+
+
+def test_requests_that_no_page_makes_change_nothing(server: Server) -> None:
+    for path, body in (
+        ("/readings", {}),
+        ("/readings", []),
+        ("/readings", {"visit": 0, "state": 0, "text": "x" * 6_100_000}),
+        ("/readings", {"visit": 0, "state": 0, "text": "m1 1 2"}),
+        ("/readings", {"visit": 3, "state": 0, "text": "m1 1 2 3"}),
+        ("/decide", {"visit": 99, "state": 0, "decision": "keep"}),
+        ("/decide", {"visit": 0, "state": 0, "decision": "burn"}),
+        ("/decide", {"visit": 0, "state": 0, "decision": "again"}),
+        ("/file", {"name": "../../x", "text": ""}),
+        ("/floor", {"text": "floor_1 a b c"}),
+    ):
+        status, said = server.post(path, body)
+        assert 400 <= status < 500, path
+        assert said["error"], path
+    assert server.ask("GET", "/state")[1]["done"] == 0
+
+
+def test_a_page_that_is_behind_fills_no_other_state(server: Server) -> None:
+    """A page opened twice: the second one enters what the first one has entered already."""
+    text = "m1 100 200 300\nm2 400 200 300\nm3 400 600 300"
+    assert server.post("/readings", {"visit": 0, "state": 0, "text": text})[0] == 200
+    status, said = server.post("/readings", {"visit": 0, "state": 0, "text": text})
+    assert status == 422
+    assert "the day has moved on: next is pose" in said["error"]
+
+
+def test_a_port_that_is_taken_is_said(folder: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = str(taken.getsockname()[1])
+        command = [sys.executable, "-m", "qsframework", "day", "experiment.yaml", "plan.csv", "--port", port]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2
+    assert f"port {port} cannot be listened on" in done.stderr
+    assert "0 takes any free one" in done.stderr
+
+
+def test_a_watched_folder_says_a_line_for_every_state(folder: Path) -> None:
+    experiment = load_experiment(folder / "experiment.yaml")
+    wish = ProtocolWish(cycles=1, half=False, repeat_share=0.0)
+    day = begin(experiment, cell.make_day_plan(experiment), folder / "other", wish)
+    arm, rng = cell.draw_arm(experiment, 4)
+    exports = folder / "exports"
+    exports.mkdir()
+    command = [sys.executable, "-m", "qsframework", "day", "experiment.yaml", "plan.csv", "-o", "day", *OPTIONS]
+    said = ""
+    for k in range(3):
+        (exports / f"p{k}.txt").write_text(lines(arm.read(day, Slot(0, k), rng)))
+        done = subprocess.run(
+            [*command, "--watch", "exports", "--once"], cwd=folder, capture_output=True, text=True, timeout=120
+        )
+        assert done.returncode == 0, done.stderr
+        said += done.stdout
+    (exports / "letter.txt").write_text("Dear operator\n")
+    done = subprocess.run(
+        [*command, "--watch", "exports", "--once"], cwd=folder, capture_output=True, text=True, timeout=120
+    )
+    assert [f"p{k}.txt: pose" in said for k in range(3)] == [True] * 3
+    assert said.count("as expected.") == 3
+    assert "letter.txt: not taken" in done.stdout
+    assert "continued, 9 readings are there" in done.stdout
+
+
+PLANTED: dict[Slot, tuple[cell.Mistake, str, str]] = {
+    Slot(4, 0): (cell.exchanged, "Markers m1 and m2 are exchanged.", "correct"),
+    Slot(6, 0): (cell.sign, "The sign of x is turned.", "correct"),
+    Slot(8, 0): (cell.angle, "q3 is +2.0", "again"),
+    Slot(10, 1): (cell.ten_times, "The arm gave as under ten times the load", "again"),
+    Slot(12, 0): (cell.inches, "The numbers are in inch, not in mm.", "correct"),
+    Slot(16, 1): (cell.no_load, "The load was not put on", "again"),
+    Slot(18, 0): (cell.other_pose, "These are readings of pose", "again"),
+}
+MOVED = Slot(20, 0)
+"""Where the tracker is moved."""
+KILLED, CLOSED = (Slot(3, 1), Slot(9, 0), Slot(17, 2)), (Slot(5, 2), Slot(14, 0))
+
+
+@browser
+def test_a_whole_day_in_a_browser_with_eight_mistakes(tmp_path: Path) -> None:
+    """12 poses under 2 loads, 3 markers; the server is killed three times and the browser twice. All eight mistakes are
+    named when they are entered, nothing else is to be looked at, and no reading is lost."""
+    from chromium import Browser
+
+    path = cell.write_experiment(tmp_path)
+    experiment = load_experiment(path)
+    plan = cell.make_day_plan(experiment, loads=2)
+    write_plan(tmp_path / "plan.csv", plan, experiment)
+    wish = ProtocolWish(cycles=1, half=False, repeat_share=0.0)
+    day = begin(experiment, plan, tmp_path / "same", wish)  # the protocol of the day, to be measured
+    arm, rng = cell.draw_arm(experiment, 11)
+    server = Server(tmp_path)
+    page = Browser(tmp_path / "profile", server.address)
+    planted, killed, closed = dict(PLANTED), list(KILLED), list(CLOSED)
+    told: dict[Slot, str] = {}
+    errors, foreign = list[str](), list[str]()
+    try:
+        while True:
+            state = server.ask("GET", "/state")[1]
+            if state["next"] is None:
+                break
+            slot = Slot(state["next"]["visit"], state["next"]["state"])
+            if slot in killed:
+                killed.remove(slot)
+                server.kill()
+                server = Server(tmp_path, server.port)
+            if slot in closed:
+                closed.remove(slot)
+                errors, foreign = errors + page.errors, foreign + page.foreign
+                page.kill()
+                shutil.rmtree(tmp_path / "profile", ignore_errors=True)
+                page = Browser(tmp_path / "profile", server.address)
+            if slot == MOVED and MOVED not in told:
+                arm = arm.moved(np.array([0.05, -0.03, 0.04]))
+            xyz = arm.read(day, slot, rng)
+            wrong = planted.pop(slot, None)
+            xyz = wrong[0](xyz, arm, day, slot) if wrong else xyz
+            numbers = json.dumps([f"{1e3 * v:.4f}" for v in xyz.ravel()])
+            page.until(f"told && told.next && told.next.visit === {slot.visit} && told.next.state === {slot.state}")
+            page.run(f"[...document.querySelectorAll('#markers input')].forEach((f, i) => f.value = {numbers}[i])")
+            page.run("document.querySelector('#typed button').click()")
+            page.until(f"told.done > {state['done']} || told.waiting.length > 0")
+            waiting = page.run("told.waiting")
+            if waiting:
+                told[slot] = waiting[0]["words"]
+                what = PLANTED[slot][2] if slot in PLANTED else "correct"
+                button = {"correct": "Correct it so", "again": "Read it again"}[what]
+                page.run(
+                    f"[...document.querySelectorAll('#waiting button')].find(b => b.textContent === '{button}').click()"
+                )
+                page.until("told.waiting.length === 0")
+        errors, foreign = errors + page.errors, foreign + page.foreign
+        assert page.run("getComputedStyle(document.querySelector('#angles')).display") == "flex"
+        assert page.run("document.documentElement.scrollWidth <= window.innerWidth")
+        page.run("document.getElementById('end').click()")
+        page.until("told.ended.length > 0", 240.0)
+        ended = page.run("told.ended")
+    finally:
+        page.kill()
+        server.kill()
+    assert set(told) == {*PLANTED, MOVED}
+    for slot, (_, words, _) in PLANTED.items():
+        assert words in told[slot]
+    assert "the tracker was moved" in told[MOVED]
+    assert not killed
+    assert not closed
+    assert not foreign
+    lost = [e for e in errors if "ERR_CONNECTION" not in e and "Failed to load" not in e]  # while the server was dead
+    assert not lost
+    done = begin(experiment, plan, tmp_path / "day", wish)
+    assert done.next is None
+    assert len(done.record.rows) == 24 * 3 * 3
+    assert not done.mistakes
+    assert any(line.startswith("fit.json") for line in ended)
+    assert any(line.startswith("diagnosis.html") for line in ended)
+    for name in ("fit.json", "fit.html", "diagnosis.html"):
+        assert (tmp_path / "day" / name).is_file()
