@@ -169,6 +169,7 @@ class ConstraintsSpec(FileModel):
     flip_margin: Annotated[float | None, Unit("N m")] = None
     of: str = "wrist_centre"
     joint_limits: Annotated[dict[str, list[float]], Unit("rad")] = pydantic.Field(default_factory=dict)
+    joint_margin: Annotated[float | None, Unit("rad")] = None
     collision: bool = False
     clearance: Annotated[float, Unit("m")] = 0.0
     tool_radius: Annotated[float | None, Unit("m")] = None
@@ -178,7 +179,7 @@ class ConstraintsSpec(FileModel):
     load_capacity: bool = True
     joint_values: Annotated[dict[str, list[float]], Unit("rad")] = pydantic.Field(default_factory=dict)
 
-    @pydantic.field_validator("axis1_distance_min", "clearance", "tool_radius", "singularity_margin")
+    @pydantic.field_validator("axis1_distance_min", "clearance", "tool_radius", "singularity_margin", "joint_margin")
     @classmethod
     def _distance(cls, value: float | None) -> float | None:
         if value is not None and value < 0:
