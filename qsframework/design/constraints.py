@@ -22,8 +22,37 @@ _BLOCK = 4096
 Flags = npt.NDArray[np.bool_]
 
 
+_MARGIN = float(np.deg2rad(2.0))
+_MARGIN_SHARE = 0.02
+_MOST_SHARE = 0.1
+"""Margin to the controller's limits where the experiment states none: the larger of an angle and a share of the range,
+no more than another share of it; for a joint that slides the share alone."""
+
+
 def joint_range(experiment: Experiment) -> tuple[Array, Array]:
-    """Pendant angles (n,) between which poses are planned: the controller's limits and the experiment's."""
+    """Pendant angles (n,) between which poses are planned: the allowed ones less a margin to the controller's limits.
+
+    Joints whose limits or angles the experiment states itself are taken at its word.
+    """
+    lower, upper = allowed_range(experiment)
+    controller, constraints = experiment.robot.controller, experiment.constraints
+    ends = np.array(controller.lower), np.array(controller.upper)
+    wide = ends[1] - ends[0]
+    turns = ~np.array(controller.units.sliding)
+    usual = np.minimum(np.maximum(_MARGIN * turns, _MARGIN_SHARE * wide), _MOST_SHARE * wide)
+    margin = constraints.joint_margin
+    margins = usual if margin is None else np.where(turns, margin, usual)
+    own = {*constraints.joint_limits, *constraints.joint_values}
+    margins *= [joint not in own for joint in experiment.robot.facts.driven]
+    if np.any(2.0 * margins >= wide):
+        k = int(np.argmax(2.0 * margins - wide))
+        said = f"the margin of {controller.units[k].text(float(margins[k]))} to the limits of"
+        raise InputError(f"{said} {experiment.robot.facts.driven[k]} leaves no range")
+    return np.maximum(lower, ends[0] + margins), np.minimum(upper, ends[1] - margins)
+
+
+def allowed_range(experiment: Experiment) -> tuple[Array, Array]:
+    """Pendant angles (n,) that the controller's limits and the experiment's allow."""
     controller = experiment.robot.controller
     lower, upper = np.array(controller.lower), np.array(controller.upper)
     for joint, (low, high) in experiment.constraints.joint_limits.items():
@@ -41,10 +70,14 @@ def check_poses(experiment: Experiment, model: Model, pendant: Array) -> dict[st
     robot = experiment.robot
     q = robot.controller.to_joints(pendant)
     poses = Poses(pendant, q, np.zeros((len(q), 6)))
-    lower, upper = joint_range(experiment)
     tolerance = robot.controller.tolerance
+
+    def within(ends: tuple[Array, Array]) -> Flags:
+        return np.all((pendant >= ends[0] - tolerance) & (pendant <= ends[1] + tolerance), axis=1)
+
     allowed: dict[str, Flags] = {
-        "joint limits": np.all((pendant >= lower - tolerance) & (pendant <= upper + tolerance), axis=1),
+        "joint limits": within(allowed_range(experiment)),
+        "joint_margin": within(joint_range(experiment)),
         "transmission angle": model.transmission_margin(poses) >= 0.0,
     }
     allowed |= _check_places(experiment, q)

@@ -38,6 +38,7 @@ class Constraints:
     collision, with clearance and a sphere of tool_radius at the load point; floor: its height;
     singularity_margin: smallest singular value of the Jacobian, translations per length of the arm;
     load_capacity: whether the robot's stated torques are kept;
+    joint_margin, rad: distance of turning joints to the controller's limits, None for the usual one;
     joint_values, rad or m: the only values at which a joint is planned, as the two-step method wants for joint 2
     """
 
@@ -45,6 +46,7 @@ class Constraints:
     axis1_distance_min: float | None = None
     of: str = "wrist_centre"
     joint_limits: dict[str, tuple[float, float]] = field(default_factory=dict[str, tuple[float, float]])
+    joint_margin: float | None = None
     flip_margin: float | None = None
     x_min: float | None = None
     x_max: float | None = None

@@ -170,6 +170,7 @@ class ConstraintsSpec(FileModel):
     of: str = "wrist_centre"
     joint_limits: Annotated[dict[str, list[float]], Unit("rad")] = pydantic.Field(default_factory=dict)
     joint_travel: Annotated[dict[str, list[float]], Unit("m", "joint_limits")] = pydantic.Field(default_factory=dict)
+    joint_margin: Annotated[float | None, Unit("rad")] = None
     collision: bool = False
     clearance: Annotated[float, Unit("m")] = 0.0
     tool_radius: Annotated[float | None, Unit("m")] = None
@@ -180,7 +181,7 @@ class ConstraintsSpec(FileModel):
     joint_values: Annotated[dict[str, list[float]], Unit("rad")] = pydantic.Field(default_factory=dict)
     joint_places: Annotated[dict[str, list[float]], Unit("m", "joint_values")] = pydantic.Field(default_factory=dict)
 
-    @pydantic.field_validator("axis1_distance_min", "clearance", "tool_radius", "singularity_margin")
+    @pydantic.field_validator("axis1_distance_min", "clearance", "tool_radius", "singularity_margin", "joint_margin")
     @classmethod
     def _distance(cls, value: float | None) -> float | None:
         if value is not None and value < 0:

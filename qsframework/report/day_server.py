@@ -15,7 +15,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, cast
 
-import numpy as np
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
@@ -269,14 +268,15 @@ def _now(day: Day) -> Day:
 
 def _next(day: Day, slot: Slot) -> dict[str, Any]:
     visit, read = day.record.visit(slot), day.record.at(slot)
-    units = [f"J{k + 1}" for k in range(len(visit.pendant))]
+    units = day.record.protocol.units
+    values = units.shown(visit.pendant).tolist()
     return {
         "visit": slot.visit,
         "state": slot.state,
         "pose": visit.pose,
         "words": slot_words(day, slot),
         "load": load_words(day, slot),
-        "angles": [[u, f"{v:.2f}"] for u, v in zip(units, np.rad2deg(visit.pendant).tolist(), strict=True)],
+        "angles": [[f"J{k + 1}", f"{v:.2f}", units[k].shown] for k, v in enumerate(values)],
         "markers": [[m, m in read] for m in day.record.protocol.markers],
     }
 

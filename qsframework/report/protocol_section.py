@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from qsframework.applications.ordering import turning
 from qsframework.applications.protocol import Protocol, Visit
 from qsframework.files import sha256, write_text
 from qsframework.units import JointUnits
@@ -193,7 +194,18 @@ def _order(protocol: Protocol) -> Part:
         "Angles are those of the pendant. The number of a state is its cycle: unloaded c and loaded c make one "
         "displacement. In the pictures grey lines are the base's x (longer) and y, the red arrow is the force."
     )
-    return Part("Visits", (f"{order} {again}", cards))
+    return Part("Visits", (f"{order} {again} {_turning(protocol)}", cards))
+
+
+def _turning(protocol: Protocol) -> str:
+    """How far the joint that turns most does so: the cables follow."""
+    way = np.array([visit.pendant for visit in protocol.visits])
+    total, steps = turning(way, range(len(way))), np.abs(np.diff(way, axis=0))
+    if not len(steps):
+        return ""
+    most = int(np.argmax(np.where(protocol.units.sliding, 0.0, total)))
+    in_all, at_once = (protocol.units[most].text(float(v), 4) for v in (total[most], steps[:, most].max()))
+    return f"J{most + 1} turns most: {in_all} in all, at most {at_once} between two poses; look at its cables there."
 
 
 def _after(files: SheetFiles, commands: Commands) -> Part:

@@ -191,7 +191,8 @@ def _other_than_planned(day: Day, row: Row) -> Mistake:
     turned = np.abs(row.pendant - visit.pendant)
     if turned.max() > 1e-6:
         k = int(np.argmax(turned))
-        off = f"{np.rad2deg(row.pendant[k] - visit.pendant[k]):+.2f}"
+        unit = day.experiment.robot.controller.units[k]
+        off = f"{unit.per * (row.pendant[k] - visit.pendant[k]):+.2f} {unit.shown}"
         return Mistake(kind="angle", what=(f"q{k + 1}", day.experiment.robot.facts.driven[k], off))
     force, told = float(np.linalg.norm(row.wrench[:3])), float(np.linalg.norm(state.wrench[:3]))
     return Mistake(kind="force", what=(f"{force:.0f} N", f"{told:.0f} N"))

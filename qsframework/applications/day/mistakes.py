@@ -170,7 +170,8 @@ def _angle(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Mistak
         p = judge(known, slot, xyz, series, shift=shifts[k]).p
         if p >= _RIGHT:
             joint = e.experiment.robot.facts.driven[k]
-            yield Mistake(kind="angle", what=(f"q{k + 1}", joint, f"{np.rad2deg(delta[k]):+.2f}"), p=p)
+            unit = controller.units[k]
+            yield Mistake(kind="angle", what=(f"q{k + 1}", joint, f"{unit.per * delta[k]:+.2f} {unit.shown}"), p=p)
 
 
 def _moved(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Mistake]:

@@ -20,7 +20,7 @@ import numpy as np
 from qsframework.applications.protocol import Protocol, State, Visit
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
-from qsframework.experiment.columns import degrees, number, read_table, table_text
+from qsframework.experiment.columns import joint_cells, number, read_table, table_text
 from qsframework.experiment.readings_table import state_columns
 from qsframework.files import append_text, sha256, write_text
 from qsframework.plugin import Array
@@ -230,8 +230,7 @@ def _mend(table: Path, log: Path) -> None:
 
 
 def _header(protocol: Protocol) -> list[str]:
-    n = len(protocol.visits[0].pendant)
-    header = ["pose", *(f"q{k + 1}_deg" for k in range(n)), "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"]
+    header = ["pose", *protocol.units.names(), "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"]
     return [
         *header,
         "marker",
@@ -253,7 +252,7 @@ def _cells(protocol: Protocol, row: Row) -> list[str]:
     state = visit.states[row.slot.state]
     return [
         visit.pose,
-        *degrees(row.pendant),
+        *joint_cells(row.pendant, protocol.units),
         *([number(v) for v in row.wrench.tolist()] if state.loaded else [""] * 6),
         row.marker,
         "loaded" if state.loaded else "unloaded",

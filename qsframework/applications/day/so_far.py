@@ -21,6 +21,7 @@ from qsframework.elastostatics import exact_positions
 from qsframework.errors import QsfError
 from qsframework.experiment import Plan, Readings, read_readings
 from qsframework.identify import Fit, identify
+from qsframework.units import JointUnits
 
 if TYPE_CHECKING:
     from qsframework.diagnose.result import Diagnosis
@@ -60,6 +61,7 @@ class SoFar:
     help: Plan | None
     minutes: float
     help_minutes: float
+    units: JointUnits
 
     @property
     def enough(self) -> bool:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from qsframework.applications.day.day import Day, Judged
 from qsframework.applications.day.floor import FloorJudged
 from qsframework.applications.day.judge import Check
 from qsframework.applications.day.mistakes import Mistake
 from qsframework.applications.day.record import Slot
 from qsframework.applications.day.so_far import SoFar
+from qsframework.plugin import Array
+from qsframework.units import JointUnits
 
 _ASKED = {
     "shape": "the markers' distances are {} off",
@@ -100,7 +100,7 @@ def _kind_words(mistake: Mistake) -> str:
         case "pose":
             return f"These are readings of pose {what[0]}: does the arm stand there, or is it another row?"
         case "angle":
-            return f"{what[0]} is {what[2]} deg from the plan ({what[1]}): look at the pendant."
+            return f"{what[0]} is {what[2]} from the plan ({what[1]}): look at the pendant."
         case "marker":
             return f"Marker {what[0]} alone is off: does the reflector sit in its nest, was the right one taken?"
         case "tracker":
@@ -133,9 +133,9 @@ def so_far_words(found: SoFar) -> str:
     said += f"The rest of the plan takes {found.minutes:.0f} minutes"
     if found.help is not None:
         said += f"; the three poses that would help most, {found.help_minutes:.0f} minutes, are: "
-        said += "; ".join(_angles(q) for q in found.help.pendant)
+        said += "; ".join(_angles(q, found.units) for q in found.help.pendant)
     return said + "."
 
 
-def _angles(pendant: np.ndarray) -> str:
-    return ", ".join(f"J{k + 1} {np.rad2deg(v):.1f}" for k, v in enumerate(pendant.tolist()))
+def _angles(pendant: Array, units: JointUnits) -> str:
+    return ", ".join(f"J{k + 1} {v:.1f}" for k, v in enumerate(units.shown(pendant).tolist()))
