@@ -23,7 +23,7 @@ _DETOUR = 2.0
 """rad that a way which is not free counts longer when the order is sought again."""
 _BLOCKED = 1.0
 """rad that poses in between cost where the straight way is not free, about: 7 to 90 deg on the M-900iB."""
-_FOR_THE_READINGS = ("sight", "singularity_margin", "joint_values")
+_FOR_THE_READINGS = ("sight", "singularity_margin", "joint_margin", "joint_values")
 """Constraints whose breach harms the readings, not the robot."""
 Tell = Callable[[str, int, int], None]
 

@@ -73,7 +73,16 @@ def so_far(day: Day) -> SoFar:
     """The fit of what was accepted, beside what was promised."""
     each = 60.0 * day.record.protocol.hours / max(len(day.record.protocol.visits), 1)
     rest = each * (len(day.record.protocol.visits) - day.visits_done)
-    none = SoFar(visits=day.visits_done, fit=None, why="", told=(), help=None, minutes=rest, help_minutes=_HELP * each)
+    none = SoFar(
+        visits=day.visits_done,
+        fit=None,
+        why="",
+        told=(),
+        help=None,
+        minutes=rest,
+        help_minutes=_HELP * each,
+        units=day.record.protocol.units,
+    )
     try:
         readings = accepted(day)
         fit = identify(day.experiment, readings)
