@@ -6,25 +6,31 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from qsframework.cli.pairs import pairs
 from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem
 
+if TYPE_CHECKING:
+    from qsframework.robot.statics import Check
+
 
 def run_conformance(files: Sequence[Path]) -> None:
     """Try every robot with everything; InputError that lists what did not hold."""
-    failed = [f"{file}: {words}" for file in files for words in try_robot(file)]
+    from qsframework.applications.conformance import check_robot
+
+    failed: list[str] = []
+    for file in files:
+        with progress() as tell:
+            checks = check_robot(file, progress=tell)
+        failed += [f"{file}: {words}" for words in _print_checks(checks)]
     if failed:
         raise InputError([Problem(words) for words in failed])
 
 
-def try_robot(robot: Path) -> list[str]:
+def _print_checks(checks: Sequence[Check]) -> list[str]:
     """Print what was found of a robot; what did not hold."""
-    from qsframework.applications.conformance import check_robot
-
-    with progress() as tell:
-        checks = check_robot(robot, progress=tell)
     for check in checks:
         print(f"  {'ok' if check.good else 'NO'}  {check.name}: {check.words}")
     return [f"{check.name}: {check.words}" for check in checks if not check.good]
@@ -46,7 +52,9 @@ def run_new(name: str, urdf: Path, wish: NewWish) -> None:
     """Write the folder of a new robot, try it, and print what is still to be looked up."""
     from qsframework.files import write_folder
     from qsframework.robot.expand import Sources
+    from qsframework.robot.loader import load_robot
     from qsframework.robot.scaffold import propose
+    from qsframework.robot.statics import check_statics
 
     if not _NAME.fullmatch(name):
         raise InputError(Problem(f"name: use letters, digits, _ . and - only, found {name!r}"))
@@ -69,13 +77,13 @@ def run_new(name: str, urdf: Path, wish: NewWish) -> None:
     proposal = propose(name, urdf, wish.base, wish.flange, sources, wish.payload)
     write_folder(folder, proposal.files)
     print(f"{folder}: {', '.join(proposal.files)}")
-    failed = try_robot(folder)
+    failed = _print_checks(check_statics(load_robot(folder)))
     print("to look up, in README.md too:")
     for note in proposal.checklist:
         print(f"  - {note}")
     if failed:
         raise InputError([Problem(words, file=str(folder)) for words in failed])
-    print(f"next: qsf show {folder}, and name it in an experiment: robot: {folder}")
+    print(f"next: qsf check {folder} --conformance tries it with a small campaign; qsf show {folder} draws it")
 
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")

@@ -207,7 +207,18 @@ def test_ten_million_rows_are_refused_before_they_are_taken_apart(
         ("# x\n" * 150_000 + HEADER + ROW, None),
         (HEADER + "# x\n" * 150_000, ""),
     ],
-    ids=["header", "columns", "row", "name", "long name", "quote", "carriage returns", "separators", "comments", "hidden rows"],
+    ids=[
+        "header",
+        "columns",
+        "row",
+        "name",
+        "long name",
+        "quote",
+        "carriage returns",
+        "separators",
+        "comments",
+        "hidden rows",
+    ],
 )
 def test_strange_tables_take_little(m900ib_small: Experiment, tmp_path: Path, text: str, words: str | None) -> None:
     path = tmp_path / "readings.csv"
