@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from qsframework.files import read_yaml
-from qsframework.robot.expand import files_of, inside, read_tree
+from qsframework.robot.expand import files_of, read_tree
+from qsframework.robot.packages import inside
 from qsframework.robot.xml_tree import Node
 
 _PACKAGE = "package://"

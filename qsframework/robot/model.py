@@ -15,7 +15,7 @@ from qsframework.errors import InputError, Problem
 from qsframework.plugin import Array, Branch, RobotFacts
 from qsframework.plugin.facts import frozen
 from qsframework.robot.checks import chain_joints
-from qsframework.robot.expand import inside
+from qsframework.robot.packages import inside
 from qsframework.robot.robot import LinkFrame, MeshShape, Shape
 from qsframework.robot.urdf import Inertial, Joint, Link, Origin, Urdf
 

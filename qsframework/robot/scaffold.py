@@ -11,9 +11,9 @@ import numpy as np
 
 from qsframework.errors import InputError
 from qsframework.robot.checks import check_chain, check_structure
-from qsframework.robot.expand import Sources, read_tree
 from qsframework.robot.model import plain_urdf
-from qsframework.robot.scaffold_chain import choose_chain
+from qsframework.robot.packages import Sources
+from qsframework.robot.scaffold_chain import choose_chain, has_elbow
 from qsframework.robot.scaffold_masses import mass_of, with_bodies, with_masses
 from qsframework.robot.scaffold_text import nominal_text, readme_text, robot_text
 from qsframework.robot.urdf import Joint, Link, Mimic, Urdf, Visual, read_urdf
@@ -43,18 +43,17 @@ class Stiffness:
 
 def propose(
     name: str,
-    urdf: Path,
+    urdf: Path | Urdf,
     base: str | None = None,
     flange: str | None = None,
     sources: Sources | None = None,
     payload: float | None = None,
 ) -> Proposal:
-    """The files of a new robot from a URDF or xacro. InputError where the file is no arm, or holds several.
+    """The files of a new robot from a URDF or xacro, or what was read of one. InputError if it is no arm, or several.
 
     sources: where a xacro's packages are and what its arguments say; payload: kg, from the manual
     """
-    sources = sources or Sources(nearby=True)
-    source = read_urdf(urdf, urdf.parent, sources)
+    source = urdf if isinstance(urdf, Urdf) else read_urdf(urdf, urdf.parent, sources or Sources(nearby=True))
     if source.unreadable:
         raise InputError(source.unreadable)
     base, flange, chain = choose_chain(source, base, flange)
@@ -70,9 +69,10 @@ def propose(
     if problems:
         raise InputError(problems)
     moving = [joint for joint in every if joint.mimic is None]
-    stiffness = [s for s in _stiffness(arm, every, _efforts(urdf, sources), payload) if s.joint not in following]
+    stiffness = [s for s in _stiffness(arm, every, payload) if s.joint not in following]
+    elbow = has_elbow(moving, chain)
     notes = (
-        *_checklist(every, payload),
+        *_checklist(every, payload, elbow),
         *_told_following(following),
         *_found(arm, every, guessed, impossible),
         *_left_out(dropped, lost),
@@ -80,10 +80,10 @@ def propose(
     files = {
         f"{name}.urdf": _urdf_text(arm, name, base, bool(guessed)),
         "robot.yaml": robot_text(
-            name, urdf.name, base, flange, [(j.name, _degrees(j)) for j in moving], payload, following
+            name, source.path.name, base, flange, [(j.name, _degrees(j)) for j in moving], payload, following, elbow
         ),
         "nominal.yaml": nominal_text([(s.joint, s.value, s.why) for s in stiffness]),
-        "README.md": readme_text(name, urdf.name, guessed, stiffness[0].why, notes),
+        "README.md": readme_text(name, source.path.name, guessed, stiffness[0].why, notes),
     }
     return Proposal(files, notes)
 
@@ -135,25 +135,11 @@ def _told_following(following: dict[str, Mimic]) -> tuple[str, ...]:
     return (f"couplings: by mimic {told}; is it so on the machine, or has the joint a motor of its own?",)
 
 
-def _efforts(urdf: Path, sources: Sources) -> dict[str, float]:
-    """The largest torque of each joint of the file that states one."""
-    out: dict[str, float] = {}
-    for joint in read_tree(urdf, urdf.parent, sources).all("joint"):
-        limit = joint.first("limit")
-        try:
-            effort = float(limit.get("effort")) if limit is not None else 0.0
-        except (TypeError, ValueError):
-            effort = 0.0
-        if 0.0 < effort < 1e6:
-            out[joint.get("name")] = effort
-    return out
-
-
-def _stiffness(urdf: Urdf, moving: list[Joint], efforts: dict[str, float], payload: float | None) -> list[Stiffness]:
+def _stiffness(urdf: Urdf, moving: list[Joint], payload: float | None) -> list[Stiffness]:
     """From the largest torques if all are stated, else from what the links weigh."""
-    if all(j.name in efforts for j in moving) and len({efforts[j.name] for j in moving}) > 1:
+    if all(j.effort for j in moving) and len({j.effort for j in moving}) > 1:
         why = "assumed: 2.5 mrad at the joint's largest torque in the URDF"
-        return [Stiffness(j.name, efforts[j.name] / _TWIST_AT_EFFORT, why) for j in moving]
+        return [Stiffness(j.name, j.effort / _TWIST_AT_EFFORT, why) for j in moving]
     lengths = [float(np.linalg.norm(j.origin.xyz)) for j in moving] + [0.0]
     masses = [mass_of(urdf, j.child) for j in moving]
     tool, reach = payload or _TOOL_SHARE * sum(masses), sum(lengths[1:])
@@ -173,17 +159,20 @@ def _degrees(joint: Joint) -> tuple[float, float]:
     return round(float(np.rad2deg(lower)), 3), round(float(np.rad2deg(upper)), 3)
 
 
-def _checklist(moving: list[Joint], payload: float | None) -> tuple[str, ...]:
+def _checklist(moving: list[Joint], payload: float | None, elbow: bool) -> tuple[str, ...]:
     """What a URDF cannot tell."""
     span = sum(float(np.linalg.norm(j.origin.xyz)) for j in moving[1:])
     torques = "torque_limit_Nm per joint where the maker states them"
-    return (
-        "controller: does the pendant show J3 as the relative angle, or as the forearm's elevation (FANUC, ABB with a "
-        "parallelogram)? Then write equals: J3 + J2 or J3 - J2",
-        "limits: a maker's limits hold for what the pendant shows; compare them with the manual",
-        f"size: from the first axis to the last the joints are {span:.3g} m apart in all; does the manual agree?",
+    of_elbows = (
+        "controller: does the pendant show J3 as the relative angle, or as the forearm's elevation (FANUC, "
+        "ABB with a parallelogram)? Then write equals: J3 + J2 or J3 - J2",
         "loops: a parallelogram or other coupling bar? Lever length and margin: see the comment in robot.yaml",
         "springs: a balancer or counterweight? Pivots and spring: see the comment in robot.yaml",
+    )
+    return (
+        *(of_elbows if elbow else ()),
+        "limits: a maker's limits hold for what the pendant shows; compare them with the manual",
+        f"size: from the first axis to the last the joints are {span:.3g} m apart in all; does the manual agree?",
         "compliances: all are assumed; replace them where the maker or a paper states some",
         f"payload: add payload_kg, and {torques}" if payload is None else f"payload: add {torques}",
     )
@@ -194,7 +183,7 @@ def _found(urdf: Urdf, moving: list[Joint], guessed: tuple[str, ...], impossible
     total, notes = sum(mass_of(urdf, j.child) for j in moving), list[str]()
     if guessed:
         which = "all moving links have assumed ones" if len(guessed) == len(moving) else "there they are assumed"
-        notes.append(f"masses: the URDF has none for {', '.join(guessed)}; {which}")
+        notes.append(f"masses: {_file(urdf)} has none for {', '.join(guessed)}; {which}")
     else:
         notes.append(f"masses: all that moves weighs {total:.3g} kg in the URDF; can that be, by the manual?")
     if impossible:
@@ -204,7 +193,7 @@ def _found(urdf: Urdf, moving: list[Joint], guessed: tuple[str, ...], impossible
         )
     unlimited = [j.name for j in moving if j.kind == "continuous"]
     if unlimited:
-        notes.append(f"limits: -360..360 deg are assumed for {', '.join(unlimited)}, continuous in the URDF")
+        notes.append(f"limits: -360..360 deg are assumed for {', '.join(unlimited)}, without limits in {_file(urdf)}")
     bare = [j.child for j in moving if not any(urdf.link(name).visuals for name in _with_fixed(urdf, j.child))]
     if bare:
         notes.append(
@@ -212,6 +201,10 @@ def _found(urdf: Urdf, moving: list[Joint], guessed: tuple[str, ...], impossible
             "links are not checked for collisions and hide nothing from the tracker"
         )
     return tuple(notes)
+
+
+def _file(urdf: Urdf) -> str:
+    return "the table" if urdf.path.suffix == ".csv" else "the URDF"
 
 
 def _with_fixed(urdf: Urdf, link: str) -> list[str]:

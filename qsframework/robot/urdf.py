@@ -10,7 +10,8 @@ import numpy as np
 
 from qsframework.errors import Problem
 from qsframework.plugin import Array
-from qsframework.robot.expand import Sources, read_tree
+from qsframework.robot.expand import read_tree
+from qsframework.robot.packages import Sources
 from qsframework.robot.xml_tree import Node, Place
 
 MOVING = ("revolute", "continuous", "prismatic", "floating", "planar")
@@ -18,6 +19,8 @@ JOINT_TYPES = (*MOVING, "fixed")
 _MIMIC = (("multiplier", "1"), ("offset", "0"))
 """And what they are where the file does not say."""
 _GREY = (0.7, 0.7, 0.7, 1.0)
+_STRONGEST = 1e6
+"""N m: an effort beyond it stands for "no limit"."""
 _LARGEST = 1e9
 """No length, mass or inertia of an arm comes near; the square of a number beyond 1e154 is infinite."""
 
@@ -95,7 +98,8 @@ class Mimic:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Joint:
-    """limits are (lower, upper) rad or m, None where the file has none."""
+    """limits are (lower, upper) rad or m, None where the file has none; effort is the largest torque (N m) of the
+    actuator, 0 where the file states none that can be."""
 
     name: str
     kind: str
@@ -106,6 +110,7 @@ class Joint:
     limits: tuple[float, float] | None
     mimic: Mimic | None
     place: Place
+    effort: float = 0.0
 
     @property
     def moves(self) -> bool:
@@ -252,7 +257,17 @@ class _Reader:
             limits=self.limits(node, owner),
             mimic=None if mimic is None else self.mimic(mimic, owner),
             place=node.place,
+            effort=self.effort(node),
         )
+
+    @staticmethod
+    def effort(node: Node) -> float:
+        limit = node.first("limit")
+        try:
+            effort = float(limit.get("effort")) if limit is not None else 0.0
+        except ValueError:
+            return 0.0
+        return effort if 0.0 < effort < _STRONGEST else 0.0
 
     def mimic(self, node: Node, owner: str) -> Mimic:
         multiplier, offset = (float(self.numbers(node, k, 1, owner, d)[0]) for k, d in _MIMIC)

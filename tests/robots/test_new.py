@@ -84,7 +84,7 @@ def test_an_arm_without_masses_works(tmp_path: Path) -> None:
     folder = written(tmp_path, urdf(tmp_path, *ARM))
     readme = (folder / "README.md").read_text()
     assert "masses: the URDF has none" in readme
-    assert "continuous in the URDF" in readme
+    assert "without limits in the URDF" in readme
     robot = load_robot(folder)
     assert robot.facts.masses.sum() == pytest.approx(150 * (0.2 + 1 + 0.2 + 1 + 0.2) ** 2)
     assert all("assumed" in p.source for p in robot.parameters)

@@ -11,7 +11,7 @@ from qsframework.applications.conformance import check_robot
 from qsframework.cli.new import NewWish, run_new
 from qsframework.errors import InputError
 from qsframework.robot import load_robot
-from qsframework.robot.expand import Sources
+from qsframework.robot.packages import Sources
 from qsframework.robot.reference import reference_flange
 from qsframework.robot.scaffold import Proposal, propose
 
@@ -175,6 +175,9 @@ XACRO = ' xmlns:xacro="http://www.ros.org/wiki/xacro"'
 
 def workspace(tmp_path: Path) -> Path:
     """Two packages beside each other, as in a ROS workspace; the arm's length is an argument without a default."""
+    for package in ("maker_resources", "maker_arm", "secret"):
+        (tmp_path / "src" / package).mkdir(parents=True)
+        (tmp_path / "src" / package / "package.xml").write_text(f"<package><name>{package}</name></package>")
     lengths = '<xacro:property name="reach" value="0.8"/>'
     file_of(tmp_path / "src" / "maker_resources" / "urdf", lengths, "lengths.xacro", XACRO)
     macro = ARM.replace("0 0 0.8", "0 0 ${reach}").replace("0.5 0 0", "$(arg forearm) 0 0")
@@ -197,7 +200,9 @@ def test_packages_beside_each_other_are_found(tmp_path: Path) -> None:
 def test_a_package_elsewhere_and_an_argument_are_told(tmp_path: Path) -> None:
     file = workspace(tmp_path)
     (tmp_path / "src" / "maker_resources").rename(tmp_path / "elsewhere")
-    with pytest.raises(InputError, match=r"arm.xacro: \$\(find maker_resources\): no folder .*say where it is"):
+    with pytest.raises(
+        InputError, match=r"arm.xacro: \$\(find maker_resources\): no folder or package .*say where it is"
+    ):
         propose("arm", file)
     sources = Sources({"maker_resources": tmp_path / "elsewhere"}, {"forearm": "0.7"}, nearby=True)
     robot = load_robot(works(tmp_path, propose("arm", file, sources=sources)))
@@ -215,10 +220,33 @@ def test_a_package_opens_no_other_folder(tmp_path: Path) -> None:
     file = workspace(tmp_path)
     file_of(tmp_path / "src" / "secret", "", "secret.xacro", XACRO)
     text = file.read_text()
-    for target in ("../../secret/secret.xacro", "$(find maker_arm)/../secret/secret.xacro", "$(find ..)/x.xacro"):
+    for target in (
+        "../../secret/secret.xacro",
+        "$(find maker_arm)/../secret/secret.xacro",
+        "$(find ../..)/secret/secret.xacro",
+    ):
         file.write_text(text.replace("$(find maker_arm)/urdf/arm_macro.xacro", target))
         with pytest.raises(InputError, match="outside the robot's folder"):
             propose("arm", file)
+
+
+def test_packages_are_sought_in_the_workspace_and_not_above(tmp_path: Path) -> None:
+    """A package by its manifest's name in a folder of another; nothing above the packages, and no mere folder there."""
+    file = workspace(tmp_path)
+    (tmp_path / "src" / "maker_resources").rename(tmp_path / "src" / "checkout")
+    load_robot(works(tmp_path, propose("arm", file)))
+    manifest = tmp_path / "src" / "checkout" / "package.xml"
+    text = manifest.read_text()
+    manifest.unlink()
+    (tmp_path / "src" / "checkout").rename(tmp_path / "src" / "maker_resources")
+    with pytest.raises(InputError, match="no folder or package of this name"):
+        propose("arm", file)  # a folder beside the package that is none itself
+    (tmp_path / "src" / "maker_resources").rename(tmp_path / "maker_resources")
+    (tmp_path / "maker_resources" / "package.xml").write_text(text)
+    with pytest.raises(InputError, match="no folder or package of this name"):
+        propose("arm", file)  # above the workspace
+    (tmp_path / "maker_resources").rename(tmp_path / "src" / "maker_arm" / "maker_resources")
+    propose("arm", file)
 
 
 def test_a_payload_from_the_manual_sizes_the_springs(tmp_path: Path) -> None:
@@ -257,3 +285,28 @@ def test_wrong_payloads(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="--payload: no payload of a robot"):
             run_new("arm", file, NewWish(tmp_path / "new", payload=payload))
     assert not (tmp_path / "new").exists()
+
+
+def test_only_an_arm_with_an_elbow_is_asked_for_what_such_arms_have(tmp_path: Path) -> None:
+    """Not one of seven axes, nor one with three parallel axes, nor a SCARA; but a slanted axis is none."""
+    notes = propose("arm", file_of(tmp_path, ARM)).checklist
+    assert [note.split(":")[0] for note in notes[:3]] == ["controller", "loops", "springs"]
+    seven = ARM + link("tip", 1) + joint("hand", "tip", "0 1 0", "0.1 0 0")
+    three = ARM.replace(joint("fore", "roll", "1 0 0", "0.3 0 0.1"), joint("fore", "roll", "0 -1 0", "0.3 0 0.1"))
+    scara = link("foot") + link("a", 5) + link("b", 3) + link("c", 1)
+    scara += joint("foot", "a", "0 0 1") + joint("a", "b", "0 0 1", "0.4 0 0") + joint("b", "c", "0 0 -1", "0.3 0 0")
+    for text in (seven, three, scara):
+        proposal = propose("arm", file_of(tmp_path, text))
+        assert not any(note.startswith(("controller", "loops", "springs")) for note in proposal.checklist)
+        assert "parallelogram" not in proposal.files["robot.yaml"]
+
+
+def test_a_slide_between_turning_joints_is_to_be_fixed(tmp_path: Path) -> None:
+    """The arm of a SCARA beyond its slide would be one joint."""
+    scara = link("foot") + link("a", 5) + link("b", 3) + link("quill", 1) + link("tip", 0.5)
+    scara += joint("foot", "a", "0 0 1") + joint("a", "b", "0 0 1", "0.4 0 0")
+    text = scara + joint("b", "quill", "0 0 1", "0.3 0 0", "floating") + joint("quill", "tip", "0 0 1", "0 0 -0.1")
+    with pytest.raises(InputError, match=r'Make it type="fixed" where it stands in the campaign: 3 joints then turn'):
+        propose("arm", file_of(tmp_path, text))
+    fixed = propose("arm", file_of(tmp_path, text.replace('type="floating"', 'type="fixed"')))
+    assert fixed.files["robot.yaml"].count("limits_deg") == 3
