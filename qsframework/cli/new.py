@@ -38,7 +38,8 @@ def _print_checks(checks: Sequence[Check]) -> list[str]:
 
 @dataclass(frozen=True)
 class NewWish:
-    """Where the folder goes, which links the arm ends at, and what its xacro asks for: NAME=FOLDER and NAME=VALUE."""
+    """Where the folder goes, which links the arm ends at, what its xacro asks for: NAME=FOLDER and NAME=VALUE, and
+    whether a table of Denavit and Hartenberg is the modified one."""
 
     output: Path | None = None
     base: str | None = None
@@ -46,13 +47,15 @@ class NewWish:
     payload: float | None = None
     packages: Sequence[str] = ()
     arguments: Sequence[str] = ()
+    modified: bool = False
 
 
-def run_new(name: str, urdf: Path, wish: NewWish) -> None:
-    """Write the folder of a new robot, try it, and print what is still to be looked up."""
+def run_new(name: str, urdf: Path | None, wish: NewWish, table: Path | None = None) -> None:
+    """Write the folder of a new robot from a URDF or a table, try it, and print what is still to be looked up."""
     from qsframework.files import write_folder
-    from qsframework.robot.expand import Sources
+    from qsframework.robot.denavit_file import read_denavit
     from qsframework.robot.loader import load_robot
+    from qsframework.robot.packages import Sources
     from qsframework.robot.scaffold import propose
     from qsframework.robot.statics import check_statics
 
@@ -62,8 +65,14 @@ def run_new(name: str, urdf: Path, wish: NewWish) -> None:
         raise InputError(
             Problem("--payload: no payload of a robot", found=f"{wish.payload:g} kg", allowed="above 0 kg")
         )
-    if not urdf.is_file():
-        raise InputError(Problem("no such file", file=str(urdf), hint="Give a URDF or xacro with --urdf."))
+    file = urdf or table
+    if file is None or (urdf and table):
+        raise InputError(Problem("give --urdf FILE, or --dh TABLE of Denavit and Hartenberg"))
+    if wish.modified and table is None:
+        raise InputError(Problem("--modified: belongs to a table of Denavit and Hartenberg, --dh"))
+    if not file.is_file():
+        hint = "Give a URDF or xacro with --urdf, or a table with --dh."
+        raise InputError(Problem("no such file", file=str(file), hint=hint))
     folder = wish.output or Path(name)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(Problem("exists already, and nothing is overwritten", file=str(folder), hint="Choose -o."))
@@ -74,7 +83,9 @@ def run_new(name: str, urdf: Path, wish: NewWish) -> None:
     if missing:
         raise InputError(missing)
     sources = Sources(packages, pairs("--arg", wish.arguments, "NAME=VALUE"), nearby=True)
-    proposal = propose(name, urdf, wish.base, wish.flange, sources, wish.payload)
+    description = file if table is None else read_denavit(table, wish.modified)
+    flange = wish.flange or (None if table is None else "flange")
+    proposal = propose(name, description, wish.base, flange, sources, wish.payload)
     write_folder(folder, proposal.files)
     print(f"{folder}: {', '.join(proposal.files)}")
     failed = _print_checks(check_statics(load_robot(folder)))
