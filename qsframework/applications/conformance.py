@@ -25,6 +25,8 @@ from qsframework.robot.statics import Check, check_gravity, check_kinematics
 POSES = 8
 _TRIED = 20
 _SDS = 4.0
+_WEIGHT = 10.0
+"""kg, on an arm whose payload and masses are unknown."""
 Progress = Callable[[str, int, int], None]
 STEPS = ("kinematics", "gravity", "model", "derivatives", "design", "identify", "diagnose")
 
@@ -79,7 +81,8 @@ def check_robot(robot: Robot | str | Path, seed: int = 0, progress: Progress | N
 
 def small_campaign(robot: Robot, folder: Path) -> Experiment:
     """An experiment on the robot: a weight, the same with a side pull, three markers half as far apart as the wrist."""
-    force = 9.81 * (0.8 * robot.payload if robot.payload else 0.1 * float(robot.facts.masses[1:].sum()))
+    weight = 0.8 * robot.payload if robot.payload else 0.1 * float(robot.facts.masses[1:].sum())
+    force = 9.81 * (weight or _WEIGHT)
     size = 1e3 * _size(robot)
     flange = next(name for name, frame in robot.frames.items() if frame is robot.flange)
     data: dict[str, Any] = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,6 +42,7 @@ class NewWish:
     whether a table of Denavit and Hartenberg is the modified one."""
 
     output: Path | None = None
+    _: KW_ONLY
     base: str | None = None
     flange: str | None = None
     payload: float | None = None

@@ -293,7 +293,16 @@ def new(
     """Make a robot's folder from a URDF or a table, try it, and say what is still to be looked up."""
     from qsframework.cli.new import NewWish, run_new
 
-    run_new(name, urdf, NewWish(output, base, flange, payload, package or (), arg or (), modified), dh)
+    wish = NewWish(
+        output,
+        base=base,
+        flange=flange,
+        payload=payload,
+        packages=package or (),
+        arguments=arg or (),
+        modified=modified,
+    )
+    run_new(name, urdf, wish, dh)
 
 
 def add_commands(app: typer.Typer) -> None:

@@ -15,8 +15,9 @@ from qsframework.robot.model import plain_urdf
 from qsframework.robot.packages import Sources
 from qsframework.robot.scaffold_chain import choose_chain, has_elbow
 from qsframework.robot.scaffold_masses import mass_of, with_bodies, with_masses
+from qsframework.robot.scaffold_meshes import with_meshes
 from qsframework.robot.scaffold_text import nominal_text, readme_text, robot_text
-from qsframework.robot.urdf import Joint, Link, Mimic, Urdf, Visual, read_urdf
+from qsframework.robot.urdf import Joint, Link, MeshVisual, Mimic, Urdf, Visual, read_urdf
 
 _TWIST_AT_EFFORT = 2.5e-3  # rad: the KUKA KR500 gives 2.1 to 3.6 mrad at its joints' largest torques
 _TWIST_AT_WEIGHT = 1.0e-3  # rad: the KUKA KR240/KR270 under its own weight and a tool
@@ -53,7 +54,8 @@ def propose(
 
     sources: where a xacro's packages are and what its arguments say; payload: kg, from the manual
     """
-    source = urdf if isinstance(urdf, Urdf) else read_urdf(urdf, urdf.parent, sources or Sources(nearby=True))
+    sources = sources or Sources(nearby=True)
+    source = urdf if isinstance(urdf, Urdf) else read_urdf(urdf, urdf.parent, sources)
     if source.unreadable:
         raise InputError(source.unreadable)
     base, flange, chain = choose_chain(source, base, flange)
@@ -68,6 +70,7 @@ def propose(
     problems = problems or check_chain(arm, base, flange)
     if problems:
         raise InputError(problems)
+    arm, meshes, unread = with_meshes(arm, sources)
     moving = [joint for joint in every if joint.mimic is None]
     stiffness = [s for s in _stiffness(arm, every, payload) if s.joint not in following]
     elbow = has_elbow(moving, chain)
@@ -75,6 +78,7 @@ def propose(
         *_checklist(every, payload, elbow),
         *_told_following(following),
         *_found(arm, every, guessed, impossible),
+        *unread,
         *_left_out(dropped, lost),
     )
     files = {
@@ -84,6 +88,7 @@ def propose(
         ),
         "nominal.yaml": nominal_text([(s.joint, s.value, s.why) for s in stiffness]),
         "README.md": readme_text(name, source.path.name, guessed, stiffness[0].why, notes),
+        **meshes,
     }
     return Proposal(files, notes)
 
@@ -194,13 +199,17 @@ def _found(urdf: Urdf, moving: list[Joint], guessed: tuple[str, ...], impossible
     unlimited = [j.name for j in moving if j.kind == "continuous"]
     if unlimited:
         notes.append(f"limits: -360..360 deg are assumed for {', '.join(unlimited)}, without limits in {_file(urdf)}")
-    bare = [j.child for j in moving if not any(urdf.link(name).visuals for name in _with_fixed(urdf, j.child))]
+    bare = [j.child for j in moving if not any(_solids(urdf.link(name)) for name in _with_fixed(urdf, j.child))]
     if bare:
         notes.append(
-            f"solids: no box, cylinder or sphere in <visual> of {', '.join(bare)}, and meshes are not read: these "
-            "links are not checked for collisions and hide nothing from the tracker"
+            f"solids: no box, cylinder, sphere or mesh of {', '.join(bare)} in {_file(urdf)}: these links are not "
+            "checked for collisions and hide nothing from the tracker"
         )
     return tuple(notes)
+
+
+def _solids(link: Link) -> bool:
+    return bool(link.visuals or link.meshes or link.collisions)
 
 
 def _file(urdf: Urdf) -> str:
@@ -224,7 +233,7 @@ def _left_out(dropped: list[Joint], lost: float) -> tuple[str, ...]:
 
 
 def _urdf_text(urdf: Urdf, name: str, base: str, guessed: bool) -> str:
-    """One plain URDF: numbers in full, simple solids, no meshes."""
+    """One plain URDF: numbers in full, simple solids, and the meshes that the new robot keeps."""
     text = plain_urdf(urdf, base).replace('<robot name="robot">', f"<robot name={quoteattr(name)}>", 1)
     for link in urdf.links:
         text = text.replace(f"<link name={quoteattr(link.name)}>", _head(link), 1)
@@ -233,19 +242,24 @@ def _urdf_text(urdf: Urdf, name: str, base: str, guessed: bool) -> str:
 
 
 def _head(link: Link) -> str:
-    return f"<link name={quoteattr(link.name)}>" + "".join(_visual(v) for v in link.visuals)
+    drawn = "".join(_solid(solid, "visual") for solid in (*link.visuals, *link.meshes))
+    return f"<link name={quoteattr(link.name)}>{drawn}" + "".join(_solid(s, "collision") for s in link.collisions)
 
 
-def _visual(visual: Visual) -> str:
+def _solid(solid: Visual | MeshVisual, tag: str) -> str:
     def row(values: object) -> str:
         return " ".join(f"{float(v):.9g}" for v in np.atleast_1d(np.asarray(values, dtype=float)))
 
-    size = {
-        "box": f'<box size="{row(visual.size)}"/>',
-        "sphere": f'<sphere radius="{visual.size[0]:.9g}"/>',
-        "cylinder": f'<cylinder radius="{visual.size[0]:.9g}" length="{visual.size[-1]:.9g}"/>',
-    }[visual.kind]
+    if isinstance(solid, MeshVisual):
+        size = f"<mesh filename={quoteattr(solid.name)}/>"
+    else:
+        size = {
+            "box": f'<box size="{row(solid.size)}"/>',
+            "sphere": f'<sphere radius="{solid.size[0]:.9g}"/>',
+            "cylinder": f'<cylinder radius="{solid.size[0]:.9g}" length="{solid.size[-1]:.9g}"/>',
+        }[solid.kind]
+    colour = f'<material name=""><color rgba="{row(solid.rgba)}"/></material>' if tag == "visual" else ""
     return (
-        f'<visual><origin xyz="{row(visual.origin.xyz)}" rpy="{row(visual.origin.rpy)}"/><geometry>{size}</geometry>'
-        f'<material name=""><color rgba="{row(visual.rgba)}"/></material></visual>'
+        f'<{tag}><origin xyz="{row(solid.origin.xyz)}" rpy="{row(solid.origin.rpy)}"/>'
+        f"<geometry>{size}</geometry>{colour}</{tag}>"
     )

@@ -13,6 +13,7 @@ from qsframework.robot.robot import Robot
 
 _TRIED = 20
 _STEP = 1e-4
+WEIGHTLESS = "the URDF states no mass, so that nothing sags by its own weight: gravity terms are unavailable"
 
 
 @dataclass(frozen=True)
@@ -46,8 +47,10 @@ def check_gravity(robot: Robot, q: Array) -> tuple[bool, str]:
         slope[:, k] = (potential_energy(robot, q + step) - potential_energy(robot, q - step)) / (2 * _STEP)
     scale = float(np.abs(held).max())
     if not scale > 0.0:
-        if not (robot.facts.masses[1:].any() and robot.gravity.any()):
-            return False, "no joint carries any weight: the links have no mass, or gravity_m/s^2 is zero"
+        if not robot.gravity.any():
+            return False, "no joint carries any weight: gravity_m/s^2 is zero"
+        if not robot.facts.masses.any():
+            return True, WEIGHTLESS
         return not slope.any(), "no joint carries any weight: all axes are along gravity"
     error = float(np.abs(held - slope).max()) / scale
     return error < 1e-6, f"largest holding torque {scale:.0f} N m, slope of the energy within {error:.1g}"

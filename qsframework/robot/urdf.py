@@ -68,23 +68,25 @@ class Visual:
 
 @dataclass(frozen=True, eq=False)
 class MeshVisual:
-    """A mesh to draw: the name in the file, and a factor (3,) for its lengths."""
+    """A mesh: the name in the file, a factor (3,) for its lengths, and where the file names it."""
 
     name: str
     scale: Array
     origin: Origin
     rgba: tuple[float, float, float, float]
+    place: Place
 
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """A body: its mass, if it has one, and its solids and meshes to draw."""
+    """A body: its mass, if it has one, its solids and meshes to draw, and those for collisions where they differ."""
 
     name: str
     place: Place
     inertial: Inertial | None
     visuals: tuple[Visual, ...]
     meshes: tuple[MeshVisual, ...] = ()
+    collisions: tuple[Visual | MeshVisual, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -191,14 +193,19 @@ class _Reader:
         name = node.get("name")
         owner = f"link {name!r}"
         inertial = node.first("inertial")
-        visuals = (self.visual(visual, owner) for visual in node.all("visual"))
         return Link(
             name,
             node.place,
             None if inertial is None else self.inertial(inertial, owner),
-            tuple(visual for visual in visuals if visual is not None),
-            tuple(mesh for visual in node.all("visual") for mesh in self.meshes(visual, owner)),
+            *self.solids(node, "visual", owner),
+            tuple(solid for kind in self.solids(node, "collision", owner) for solid in kind),
         )
+
+    def solids(self, node: Node, tag: str, owner: str) -> tuple[tuple[Visual, ...], tuple[MeshVisual, ...]]:
+        """The simple solids of all <visual> or <collision>, and the meshes."""
+        simple = (self.visual(element, owner) for element in node.all(tag))
+        meshes = (mesh for element in node.all(tag) for mesh in self.meshes(element, owner))
+        return tuple(solid for solid in simple if solid is not None), tuple(meshes)
 
     def meshes(self, node: Node, owner: str) -> Iterator[MeshVisual]:
         """The mesh of a <visual>, if it is one."""
@@ -206,7 +213,7 @@ class _Reader:
         for mesh in () if geometry is None else geometry.all("mesh"):
             scale = self.numbers(mesh, "scale", 3, owner, "1 1 1")
             colour = self.colour(node.first("material"), owner)
-            yield MeshVisual(mesh.get("filename"), scale, self.origin(node, owner), colour)
+            yield MeshVisual(mesh.get("filename"), scale, self.origin(node, owner), colour, mesh.place)
 
     def inertial(self, node: Node, owner: str) -> Inertial:
         mass, inertia = node.first("mass"), node.first("inertia")

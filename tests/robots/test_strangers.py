@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -274,7 +275,7 @@ def test_the_checklist_says_what_looks_odd(tmp_path: Path) -> None:
     assert "masses: all that moves weighs 64 kg in the URDF; can that be, by the manual?" in notes
     assert any(n.startswith("size: from the first axis to the last the joints are 2 m apart") for n in notes)
     (solids,) = (n for n in notes if n.startswith("solids: "))
-    assert "<visual> of turret, upper, fore, roll, bend, hand, and meshes are not read" in solids
+    assert "no box, cylinder, sphere or mesh of turret, upper, fore, roll, bend, hand in the URDF" in solids
     box = ARM.replace('<mesh filename="package://gone/fore.stl"/>', '<box size="0.3 0.1 0.1"/>')
     assert not any("fore" in n for n in propose("arm", file_of(tmp_path, box)).checklist if n.startswith("solids"))
 
@@ -310,3 +311,74 @@ def test_a_slide_between_turning_joints_is_to_be_fixed(tmp_path: Path) -> None:
         propose("arm", file_of(tmp_path, text))
     fixed = propose("arm", file_of(tmp_path, text.replace('type="floating"', 'type="fixed"')))
     assert fixed.files["robot.yaml"].count("limits_deg") == 3
+
+
+def stl(extents: tuple[float, float, float], kind: str = "stl") -> bytes:
+    import trimesh
+
+    made = trimesh.creation.box(extents=extents).export(file_type=kind)
+    return made.encode() if isinstance(made, str) else made
+
+
+@pytest.mark.parametrize("kind", ["stl", "stl_ascii", "obj", "dae"])
+def test_meshes_of_a_package_become_solids(kind: str, tmp_path: Path) -> None:
+    """Boxes in mm, in a package beside the file's: hulls for collisions, sight and floor, and meshes to draw."""
+    suffix = kind.partition("_")[0]
+    meshes = tmp_path / "src" / "maker_meshes" / "meshes"
+    meshes.mkdir(parents=True)
+    for package in ("maker_arm", "maker_meshes"):
+        (tmp_path / "src" / package).mkdir(exist_ok=True)
+        (tmp_path / "src" / package / "package.xml").write_text(f"<package><name>{package}</name></package>")
+    (meshes / f"upper.{suffix}").write_bytes(stl((200, 100, 800), kind))
+    mesh = f'<mesh filename="package://maker_meshes/meshes/upper.{suffix}" scale="0.001 0.001 0.001"/>'
+    text = ARM.replace('<mesh filename="package://gone/upper.stl"/>', mesh)
+    proposal = propose("arm", file_of(tmp_path / "src" / "maker_arm" / "urdf", text))
+    assert [name for name in proposal.files if name.startswith("meshes/")] == [
+        "meshes/2_upper_0.obj",
+        "meshes/2_upper_hull_0.obj",
+    ]
+    told = next(note for note in proposal.checklist if note.startswith("meshes: not there"))
+    assert "package://gone/foot.stl" in told
+    folder = tmp_path / "arm"
+    (folder / "meshes").mkdir(parents=True)
+    for name, content in proposal.files.items():
+        (folder / name).write_text(content)
+    robot = load_robot(folder)
+    ((shape,), (drawn,)) = robot.shapes, robot.meshes
+    assert (shape.kind, shape.link, drawn.link) == ("hull", 2, 2)
+    assert shape.hull is not None
+    np.testing.assert_allclose(np.ptp(shape.hull.corners, axis=0), [0.2, 0.1, 0.8], atol=1e-6)
+    assert drawn.path is not None
+
+
+BAD = {
+    "a mesh of 100 MB": ("big.stl", "100 MB, more than 20"),
+    "a broken mesh": ("broken.stl", "it cannot be read"),
+    "a path to elsewhere": ("../../../secret.stl", "outside the robot's folder and packages, and is not read"),
+    "a link to elsewhere": ("linked.stl", "outside the robot's folder and packages, and is not read"),
+    "a package with a way out": ("package://maker/../../secret.stl", "outside the robot's folder and packages"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_meshes_are_named_with_file_and_line(case: str, tmp_path: Path) -> None:
+    name, words = BAD[case]
+    folder = tmp_path / "src" / "maker" / "urdf"
+    folder.mkdir(parents=True)
+    (folder / "big.stl").touch()
+    os.truncate(folder / "big.stl", 100_000_000)
+    (folder / "broken.stl").write_bytes(b"this is no mesh")
+    (folder.parent / "package.xml").write_text("<package><name>maker</name></package>")
+    for place in (tmp_path, tmp_path / "src"):
+        (place / "secret.stl").write_bytes(stl((1, 1, 1)))
+    (folder / "linked.stl").symlink_to(tmp_path / "secret.stl")
+    file = file_of(folder, ARM.replace("package://gone/upper.stl", name).replace("<link", "\n<link"))
+    line = next(k for k, text in enumerate(file.read_text().splitlines(), 1) if name in text)
+    with pytest.raises(InputError, match=words) as refused:
+        propose("arm", file)
+    assert (refused.value.problems[0].file, refused.value.problems[0].line) == (str(file), line)
+    (folder / "robot.yaml").write_text(propose("arm", file_of(tmp_path / "plain", ARM)).files["robot.yaml"])
+    (folder / "nominal.yaml").write_text(propose("arm", tmp_path / "plain" / "robot.urdf").files["nominal.yaml"])
+    file.rename(folder / "arm.urdf")
+    with pytest.raises(InputError, match=words):
+        load_robot(folder)
