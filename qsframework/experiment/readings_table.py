@@ -687,7 +687,7 @@ def readings_table(readings: Readings, experiment: Experiment) -> tuple[list[str
     if position.any() and not position.all():
         raise InputError("positions and displacements are two files; write them one by one")
     of_states = bool(position.any())
-    states, poses, n = readings.states, readings.poses, readings.poses.q.shape[1]
+    states, poses, n = readings.states, readings.poses, readings.poses.pendant.shape[1]
     forces = ["fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"] if states.loaded.any() or not of_states else []
     stems = _XYZ if of_states else _MOVED
     header = ["pose", *(f"q{k + 1}_deg" for k in range(n)), *forces, "marker", *(["state"] if of_states else [])]

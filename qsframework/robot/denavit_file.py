@@ -155,8 +155,9 @@ def _row(
 ) -> _Row:
     line, cells = at
 
-    def refuse(message: str, column: str | None = None, **more: str) -> None:
-        problems.append(Problem(message, file=str(path), line=line, column=column, **more))
+    def refuse(message: str, column: str | None = None, found: str | None = None, allowed: str | None = None) -> None:
+        place = Place(str(path), line)
+        problems.append(place.problem(message, column=column, found=found, allowed=allowed))
 
     if len(cells) != len(columns):
         refuse("has not as many cells as there are columns", found=f"{len(cells)}", allowed=f"{len(columns)}")

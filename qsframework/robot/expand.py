@@ -17,6 +17,7 @@ from typing import Any
 
 from qsframework.errors import InputError, Problem
 from qsframework.files import read_text, read_yaml
+from qsframework.files.plain import is_list, is_mapping
 from qsframework.robot import xml_tree
 from qsframework.robot.packages import Sources, inside
 from qsframework.robot.xacro_math import evaluate
@@ -142,7 +143,8 @@ class _Expansion:
 
     def _value(self, text: str, names: Mapping[str, Any], _: Any = None) -> Any:
         found = evaluate(text, names, lambda file: self._load_yaml(file, text))
-        self._grow(len(found) if isinstance(found, str) else len(str(found)) if isinstance(found, dict | list) else 0)
+        if is_mapping(found) or is_list(found) or isinstance(found, str):
+            self._grow(len(str(found)))
         return found
 
     def _load_yaml(self, name: str, expression: str) -> dict[str, Any]:
@@ -156,8 +158,8 @@ class _Expansion:
             problem = f"load_yaml: there is no file {name!r}"
         if problem:
             hint = "Put the file into the robot's folder, or say where its package is."
-            place = {"file": str(here), "line": self._line(here, expression)}
-            raise InputError(Problem(problem, **place, hint=hint, argument=("package", "NAME=FOLDER")))
+            line, argument = self._line(here, expression), ("package", "NAME=FOLDER")
+            raise InputError(Problem(problem, file=str(here), line=line, hint=hint, argument=argument))
         if path not in self.tables:
             self.files.append(str(path))
             self.tables[path] = read_yaml(path, _TAGS).data

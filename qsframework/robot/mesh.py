@@ -111,20 +111,22 @@ def _read(path: Path, changed: int) -> tuple[Array, Indices] | None:
 
 def convex_hull(points: Array) -> Hull:
     """The convex hull of points (N, 3) m; of very many, of those outermost in 400 directions."""
-    from scipy.spatial import ConvexHull, QhullError
+    from importlib import import_module
 
+    spatial: Any = import_module("scipy.spatial")
     try:
-        hull: Any = ConvexHull(points)
-    except (QhullError, ValueError):  # flat
+        hull: Any = spatial.ConvexHull(points)
+    except (spatial.QhullError, ValueError):  # flat
         points = np.concatenate([points + way for way in (*_THIN * np.eye(3), *-_THIN * np.eye(3))])
-        hull = ConvexHull(points)
+        hull = spatial.ConvexHull(points)
     if len(hull.vertices) > _CORNERS:
         corners = points[hull.vertices]
         points = corners[np.unique(np.argmax(corners @ _sphere(_DIRECTIONS).T, axis=0))]
-        hull = ConvexHull(points)
+        hull = spatial.ConvexHull(points)
     place = np.zeros(len(points), dtype=np.intp)
     place[hull.vertices] = np.arange(len(hull.vertices))
-    planes = np.unique(np.round(hull.equations, 9), axis=0)
+    equations: Array = np.asarray(hull.equations, dtype=np.float64)
+    planes = np.unique(np.round(equations, 9), axis=0)
     return Hull(
         corners=frozen(points[hull.vertices]),
         faces=place[_outward(points, hull)],

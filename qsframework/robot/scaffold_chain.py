@@ -130,7 +130,7 @@ def has_elbow(moving: list[Joint], chain: list[Joint]) -> bool:
         if joint.moves:
             axes[joint.name] = turn @ (joint.axis / np.linalg.norm(joint.axis))
     first, second, third, *rest = (axes[joint.name] for joint in moving)
-    across = abs(first @ second) < _ASKEW and abs(second @ third) > 1.0 - _ASKEW
+    across = bool(abs(first @ second) < _ASKEW and abs(second @ third) > 1.0 - _ASKEW)
     return across and not any(abs(third @ axis) > 1.0 - _ASKEW for axis in rest[:1])
 
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, cast
 
-from qsframework.files.plain import is_list
+from qsframework.files.plain import is_list, is_mapping
 
 _BIGGEST = 10**18
 _LONGEST = 10_000
@@ -180,7 +180,7 @@ def _is_function(value: object) -> bool:
 def _item(owner: Any, key: Any) -> Any:
     if is_list(owner) and isinstance(key, int) and -len(owner) <= key < len(owner):
         return owner[key]
-    if isinstance(owner, Mapping):
+    if is_mapping(owner):
         return _entry(owner, key)
     if isinstance(owner, str) and isinstance(key, int) and -len(owner) <= key < len(owner):
         return owner[key]
@@ -191,7 +191,7 @@ def _entry(owner: Mapping[str, Any], key: Any) -> Any:
     try:
         value = owner[key]
     except (KeyError, TypeError) as error:
-        allowed = f"; it has {', '.join(map(str, owner))[:_SHOWN]}" if type(owner) is dict else ""
+        allowed = f"; it has {', '.join(owner)[:_SHOWN]}" if _is_data(owner) else ""
         raise ValueError(f"there is no entry {key!r}{allowed}") from error
     if _is_function(value):
         raise ValueError(f"{key!r} is a function; call it")
@@ -199,10 +199,10 @@ def _entry(owner: Mapping[str, Any], key: Any) -> Any:
 
 
 def _attribute(node: ast.Attribute, scope: _Scope) -> Any:
-    owner = held = _value(node.value, scope)
-    if not isinstance(owner, Mapping):
+    owner = _value(node.value, scope)
+    if not is_mapping(owner):
         raise ValueError(f"{node.attr!r} is not the name of a value")
-    return _entry(held, node.attr) if type(held) is dict else _name(node.attr, held)
+    return _entry(owner, node.attr) if _is_data(owner) else _name(node.attr, owner)
 
 
 def _call(node: ast.Call, scope: _Scope) -> Any:
