@@ -85,12 +85,15 @@ def test_a_copy_needs_the_meshes_and_licences_of_its_folder(tmp_path: Path) -> N
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("solid x")
     mesh = '<link name="l{}"><visual><geometry><mesh filename="{}"/></geometry></visual></link>'
-    names = ("a.stl", "package://my_robot/inner/b.stl", "package://inner/b.stl", "missing.stl", "/etc/passwd")
+    names = ("a.stl", "package://my_robot/inner/b.stl", "package://inner/b.stl", "missing.stl")
     links = "".join(mesh.format(i, name) for i, name in enumerate(names))
     (tmp_path / "a.urdf").write_text(f'<robot name="a">{links}</robot>')
     (tmp_path / "robot.yaml").write_text("urdf: a.urdf\n")
     found = [str(path) for path in robot_files(tmp_path / "robot.yaml")]
     assert found == ["a.urdf", "a.stl", "inner/b.stl", "LICENSE-meshes"]
+    (tmp_path / "a.urdf").write_text(f'<robot name="a">{mesh.format(0, "/etc/passwd")}</robot>')
+    with pytest.raises(InputError, match="lies outside the robot's folder"):
+        robot_files(tmp_path / "robot.yaml")
 
 
 @pytest.mark.parametrize(

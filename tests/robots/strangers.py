@@ -106,7 +106,7 @@ def arm(
     weights = masses or [0.0] * len(names)
     out = [link(name, m, inside(k)) for k, (name, m) in enumerate(zip(names, weights, strict=True))]
     for k, (xyz, axis) in enumerate(steps):
-        out.append(joint(joint_name.format(k + 1), names[k], names[k + 1], xyz, axis))
+        out.append(joint(joint_name.format(k + 1), names[k], names[k + 1], xyz, axis, LIMITS[k]))
     out += [link("tool0"), joint(f"{names[-1]}-tool0", names[-1], "tool0", tool)]
     return "\n".join(out)
 
@@ -123,6 +123,7 @@ def elbow(d1: float, a1: float, a2: float, a3: float, d4: float, d6: float) -> l
     ]
 
 
+LIMITS = ((-2.8, 2.8), (-1.1, 1.3), (-1.5, 1.0), (-2.8, 2.8), (-1.9, 1.9), (-2.8, 2.8), (-2.8, 2.8))
 HEAVY = (300.0, 250.0, 180.0, 90.0, 60.0, 30.0, 8.0)
 LIGHT = (4.0, 3.7, 8.4, 2.3, 1.2, 1.2, 0.3)
 
@@ -526,7 +527,7 @@ def minus_axes(folder: Path) -> Path:
         for k, (xyz, axis) in enumerate(elbow(0.43, 0.1, 0.45, 0.1, 0.45, 0.09))
     ]
     solid = '<visual><geometry><mesh filename="package://gone/m{}.stl"/></geometry></visual><collision><geometry>'
-    solid += '<cylinder radius="0.06" length="0.3"/></geometry></collision>'
+    solid += '<cylinder radius="0.04" length="0.1"/></geometry></collision>'
     return put(folder, "rs.urdf", robot(arm(steps, [0.2 * m for m in HEAVY], inside=solid.format)))
 
 
