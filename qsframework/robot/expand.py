@@ -157,9 +157,9 @@ class _Expansion:
         elif not path.is_file():
             problem = f"load_yaml: there is no file {name!r}"
         if problem:
-            hint = "Put the file into the robot's folder, or say where its package is."
-            line, argument = self._line(here, expression), ("package", "NAME=FOLDER")
-            raise InputError(Problem(problem, file=str(here), line=line, hint=hint, argument=argument))
+            hint = "Put the file into the folder of the robot or of a package that it names."
+            line = self._line(here, expression)
+            raise InputError(Problem(problem, file=str(here), line=line, hint=hint, argument=self.sources.argument))
         if path not in self.tables:
             self.files.append(str(path))
             self.tables[path] = read_yaml(path, _TAGS).data
@@ -226,7 +226,7 @@ class _Expansion:
         found = self.sources.find(name, self.folder)
         if found is None:
             message = f"$(find {name}): no folder or package of this name in {self.folder}; say where it is"
-            raise InputError(Problem(message, file=self._current(), argument=("package", "NAME=FOLDER")))
+            raise InputError(Problem(message, file=self._current(), argument=self.sources.argument))
         if found != self.folder / name:  # a link in the robot's own folder leads to nowhere else
             self.roots.append(found)
         return str(found)

@@ -57,8 +57,8 @@ def mesh_file(mesh: MeshVisual, urdf: Path, folder: Path, sources: Sources | Non
     good = [path for path in there if any(inside(path, root) for root in roots)]
     if there and not good:
         message = f"mesh {name[:80]!r} lies outside the robot's folder and packages, and is not read"
-        hint = "Put the file into the robot's folder, or say where its package is."
-        raise InputError(mesh.place.problem(message, hint=hint, argument=("package", "NAME=FOLDER")))
+        hint = "Put the file into the folder of the robot or of a package that it names."
+        raise InputError(mesh.place.problem(message, hint=hint, argument=sources.argument))
     return good[0] if good else None
 
 

@@ -35,6 +35,11 @@ class Sources:
     arguments: Mapping[str, str] = field(default_factory=dict[str, str])
     nearby: bool = False
 
+    @property
+    def argument(self) -> tuple[str, str] | None:
+        """What says where a package is, for a problem; None for a robot of one's own, which has only its folder."""
+        return ("package", "NAME=FOLDER") if self.nearby else None
+
     def find(self, package: str, folder: Path) -> Path | None:
         """The folder of a package that is asked for by a file in `folder`; None where there is none, or no name."""
         if _NAME.fullmatch(package) is None:

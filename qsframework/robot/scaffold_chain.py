@@ -122,14 +122,15 @@ def has_elbow(moving: list[Joint], chain: list[Joint]) -> bool:
     an arm with a third parallel axis, or with more than six motors, has none.
     moving: the joints with a motor
     """
-    if not 3 <= len(moving) <= 6 or not all(map(_turns, moving)):
+    turning = [joint for joint in moving if _turns(joint)]
+    if not 3 <= len(turning) <= 6:
         return False
     turn, axes = np.eye(3), dict[str, Array]()
     for joint in chain:
         turn = turn @ joint.origin.matrix()[:3, :3]
         if joint.moves:
             axes[joint.name] = turn @ (joint.axis / np.linalg.norm(joint.axis))
-    first, second, third, *rest = (axes[joint.name] for joint in moving)
+    first, second, third, *rest = (axes[joint.name] for joint in turning)
     across = bool(abs(first @ second) < _ASKEW and abs(second @ third) > 1.0 - _ASKEW)
     return across and not any(abs(third @ axis) > 1.0 - _ASKEW for axis in rest[:1])
 

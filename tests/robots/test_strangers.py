@@ -382,3 +382,14 @@ def test_bad_meshes_are_named_with_file_and_line(case: str, tmp_path: Path) -> N
     file.rename(folder / "arm.urdf")
     with pytest.raises(InputError, match=words):
         load_robot(folder)
+
+
+def test_an_elbow_is_one_whatever_carries_it(tmp_path: Path) -> None:
+    """Turned on a wedge, and with a joint that follows in the wrist."""
+    wedge = '<link name="wedge"/>' + joint("wedge", "foot", "", "0 0 1", "fixed").replace(
+        "<origin ", '<origin rpy="0.3 0.2 0" '
+    )
+    follows = joint("bend", "hand", "1 0 0", "0.1 0 0", more=LIMIT + '<mimic joint="to_bend" multiplier="0.5"/>')
+    text = ARM.replace(joint("bend", "hand", "1 0 0", "0.1 0 0"), follows)
+    notes = propose("arm", file_of(tmp_path, wedge + text), flange="hand").checklist
+    assert notes[0].startswith("controller: does the pendant show J3")
