@@ -37,6 +37,24 @@ ALLOWED: dict[str, tuple[str, ...]] = {
 """For each SI unit, the suffixes to offer in messages; pint accepts any other of its dimension."""
 
 
+_LENGTH, _FORCE, _TIME = "[length]", "[mass] * [length] / [time] ** 2", "[time]"
+_MOMENT, _GIVE = "[mass] * [length] ** 2 / [time] ** 2", "[time] ** 2 / [mass] / [length] ** 2"
+_OFTEN: dict[str, tuple[float, float, str]] = {
+    unit: (factor, 0.0, f"{dimension}, angle^{angle}")
+    for dimension, angle, units in (
+        ("dimensionless", 1, {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3, "urad": 1e-6}),
+        ("dimensionless", 0, {"": 1.0, "percent": 0.01}),
+        (_LENGTH, 0, {"m": 1.0, "mm": 1e-3, "um": 1e-6}),
+        (f"{_LENGTH} / {_TIME} ** 2", 0, {"m/s^2": 1.0}),
+        ("[mass]", 0, {"kg": 1.0}),
+        (_FORCE, 0, {"N": 1.0, "kN": 1e3}),
+        (_MOMENT, 0, {"N m": 1.0, "Nm": 1.0, "kNm": 1e3}),
+        (_GIVE, 1, {"rad/(N m)": 1.0, "urad/(N m)": 1e-6}),
+    )
+    for unit, factor in units.items()
+}
+"""What pint says of the units of every robot: pint itself takes longer to import than such a robot to read."""
+
 _ANGLES = ("radian", "degree", "arcminute", "arcsecond", "turn", "gradian")
 
 
@@ -58,6 +76,12 @@ def conversion(unit: str) -> tuple[float, float, str]:
 
     Raises ValueError if pint does not know the unit, or if it is no straight line to SI, as decibels are not.
     """
+    if unit in _OFTEN:
+        return _OFTEN[unit]
+    return _ask_pint(unit)
+
+
+def _ask_pint(unit: str) -> tuple[float, float, str]:
     if len(unit) > _LONGEST or (unit and _SHAPE.fullmatch(_text(unit)) is None):
         raise ValueError(f"unknown unit {unit[:_LONGEST]!r}")
     registry = _registry()

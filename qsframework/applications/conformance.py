@@ -20,24 +20,15 @@ from qsframework.identify import identify
 from qsframework.plugin import Array, Poses
 from qsframework.plugin.registry import with_role
 from qsframework.robot import Robot, load_robot
-from qsframework.robot.kinematics import joint_frames
-from qsframework.robot.reference import reference_flange, reference_gravity
+from qsframework.robot.statics import Check, check_gravity, check_kinematics
 
 POSES = 8
 _TRIED = 20
 _SDS = 4.0
-_STEP = 1e-4
+_WEIGHT = 10.0
+"""kg, on an arm whose payload and masses are unknown."""
 Progress = Callable[[str, int, int], None]
 STEPS = ("kinematics", "gravity", "model", "derivatives", "design", "identify", "diagnose")
-
-
-@dataclass(frozen=True)
-class Check:
-    """One thing that was tried: whether it held, and what was found."""
-
-    name: str
-    good: bool
-    words: str
 
 
 @dataclass
@@ -90,7 +81,8 @@ def check_robot(robot: Robot | str | Path, seed: int = 0, progress: Progress | N
 
 def small_campaign(robot: Robot, folder: Path) -> Experiment:
     """An experiment on the robot: a weight, the same with a side pull, three markers half as far apart as the wrist."""
-    force = 9.81 * (0.8 * robot.payload if robot.payload else 0.1 * float(robot.facts.masses[1:].sum()))
+    weight = 0.8 * robot.payload if robot.payload else 0.1 * float(robot.facts.masses[1:].sum())
+    force = 9.81 * (weight or _WEIGHT)
     size = 1e3 * _size(robot)
     flange = next(name for name, frame in robot.frames.items() if frame is robot.flange)
     data: dict[str, Any] = {
@@ -115,48 +107,15 @@ def _size(robot: Robot) -> float:
     return 0.1 * float(np.linalg.norm(robot.facts.placements[:, :3, 3], axis=1).sum())
 
 
-def _flange(robot: Robot, q: Array) -> Array:
-    """Placements (N, 4, 4) of the flange by the batch kernel."""
-    placed = joint_frames(robot.facts, q)
-    out = np.tile(np.eye(4), (len(q), 1, 1))
-    out[:, :3, :3] = placed.matrix(robot.flange.link)
-    out[:, :3, 3] = placed.positions[robot.flange.link].T
-    return out @ robot.flange.placement
-
-
 def _kinematics(run: _Run) -> tuple[bool, str]:
     q = run.robot.controller.to_joints(run.angles(_TRIED))
     if not len(q):
         return False, "no pose inside the limits closes the loops: look at the limits, margin and zero of the loop"
-    error = float(np.abs(_flange(run.robot, q) - reference_flange(run.robot, q)).max())
-    back = float(np.abs(run.robot.controller.to_joints(run.robot.controller.to_pendant(q)) - q).max())
-    return max(error, back) < 1e-9, f"{len(q)} poses, {error:.1g} m from Pinocchio; pendant angles there and back"
-
-
-def potential_energy(robot: Robot, q: Array) -> Array:
-    """Energy (N,) J of the links' weight at joint angles (N, n)."""
-    placed = joint_frames(robot.facts, q)
-    centres = [placed.point(link, centre) for link, centre in enumerate(robot.facts.centres)]
-    return -sum(
-        (m * (robot.gravity @ centre) for m, centre in zip(robot.facts.masses, centres, strict=True)), np.zeros(len(q))
-    )
+    return check_kinematics(run.robot, q)
 
 
 def _gravity(run: _Run) -> tuple[bool, str]:
-    """The torque that holds a link up is the slope of the potential energy; joint by joint, sign included."""
-    robot, q = run.robot, run.robot.controller.to_joints(run.angles(_TRIED))
-    held, slope = reference_gravity(robot, q), np.empty_like(q)
-    for k in range(robot.facts.n):
-        step = _STEP * np.eye(robot.facts.n)[k]
-        slope[:, k] = (potential_energy(robot, q + step) - potential_energy(robot, q - step)) / (2 * _STEP)
-    scale = float(np.abs(held).max())
-    if not scale > 0.0:
-        if not (robot.facts.masses[1:].any() and robot.gravity.any()):
-            return False, "no joint carries any weight: the links have no mass, or gravity_m/s^2 is zero"
-        return not slope.any(), "no joint carries any weight: all axes are along gravity"
-    error = float(np.abs(held - slope).max()) / scale
-    words = f"largest holding torque {scale:.0f} N m, slope of the energy within {error:.1g}"
-    return error < 1e-6, words
+    return check_gravity(run.robot, run.robot.controller.to_joints(run.angles(_TRIED)))
 
 
 def _model(run: _Run) -> tuple[bool, str]:

@@ -18,6 +18,7 @@ from qsframework.experiment import (
     read_readings,
 )
 from qsframework.robot import Robot, load_robot, robot_names
+from qsframework.robot.statics import WEIGHTLESS
 
 if TYPE_CHECKING:
     from qsframework.report import Section
@@ -89,15 +90,20 @@ def _check(file: Path) -> Checked:
     if str(file) in robot_names() or file.name == "robot.yaml" or file.is_dir():
         robot = load_robot(file)
         words = f"robot {robot.name}, {robot.facts.n} joints, {len(robot.parameters)} parameters"
-        return Checked(file, words, robot)
+        return Checked(file, words, robot, lines=_weightless(robot))
     experiment = load_experiment(file)
     words = f"experiment with {experiment.robot.name}, {len(experiment.markers)} markers"
+    weightless = _weightless(experiment.robot)
     if not experiment.data:
-        return Checked(file, words, experiment.robot, experiment)
+        return Checked(file, words, experiment.robot, experiment, lines=weightless)
     readings = read_readings(experiment.data, experiment, "positions")
     words += f", {len(readings)} readings at {len(set(readings.pose))} poses"
-    lines = tuple(_lines(experiment, readings))
+    lines = (*weightless, *_lines(experiment, readings))
     return Checked(file, words, experiment.robot, experiment, readings, lines)
+
+
+def _weightless(robot: Robot) -> tuple[Line, ...]:
+    return () if robot.facts.masses.any() else ((False, "masses", WEIGHTLESS),)
 
 
 def _lines(experiment: Experiment, readings: Readings) -> list[Line]:

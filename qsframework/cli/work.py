@@ -322,18 +322,29 @@ def compare(
 
 def new(
     name: Annotated[str, typer.Argument(help="The robot's name.", show_default=False)],
-    urdf: Annotated[Path, typer.Option(help="Its URDF or xacro.", show_default=False)],
+    urdf: Annotated[Path | None, typer.Option(help="Its URDF or xacro.")] = None,
+    dh: Annotated[Path | None, typer.Option(help="In its place a table: a_mm, alpha_deg, d_mm, theta_deg.")] = None,
+    modified: Annotated[bool, typer.Option("--modified", help="The table is the modified one (Craig).")] = False,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder to make; the name if left out.")] = None,
     base: Annotated[str | None, typer.Option(help="Link that stands still; the root if left out.")] = None,
     flange: Annotated[str | None, typer.Option(help="Link that carries the tool.")] = None,
     payload: Annotated[float | None, typer.Option(help="Its payload, kg, from the manual.")] = None,
-    package: Annotated[list[str] | None, typer.Option(help="NAME=FOLDER for a xacro's $(find NAME).")] = None,
+    package: Annotated[list[str] | None, typer.Option(help="NAME=FOLDER of a package that it names.")] = None,
     arg: Annotated[list[str] | None, typer.Option(help="NAME=VALUE for a xacro's $(arg NAME).")] = None,
 ) -> None:
-    """Make a robot's folder from a URDF, try it, and say what is still to be looked up."""
+    """Make a robot's folder from a URDF or a table, try it, and say what is still to be looked up."""
     from qsframework.cli.new import NewWish, run_new
 
-    run_new(name, urdf, NewWish(output, base, flange, payload, package or (), arg or ()))
+    wish = NewWish(
+        output,
+        base=base,
+        flange=flange,
+        payload=payload,
+        packages=package or (),
+        arguments=arg or (),
+        modified=modified,
+    )
+    run_new(name, urdf, wish, dh)
 
 
 def add_commands(app: typer.Typer) -> None:

@@ -27,7 +27,7 @@ from qsframework.plugin.facts import frozen
 from qsframework.plugin.registry import with_role
 from qsframework.plugin.trusted import trusted
 from qsframework.robot import Robot, load_robot
-from qsframework.robot.expand import inside
+from qsframework.robot.packages import inside
 from qsframework.robot.spec import read_effects, read_nominal
 
 GEOMETRY = "geometry"

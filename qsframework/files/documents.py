@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -20,6 +20,8 @@ _OPEN = (yaml.MappingStartEvent, yaml.SequenceStartEvent)
 _SHUT = (yaml.MappingEndEvent, yaml.SequenceEndEvent)
 _LONGEST = 1000
 Key = str | int
+Tags = Mapping[str, Callable[[str], Any]]
+"""What makes a value of the text behind each tag that a file may use, such as `!degrees 90`."""
 DECIMAL = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 
 
@@ -62,20 +64,20 @@ def read_text(path: str | Path, largest: int = _LARGEST) -> str:
         raise InputError(Problem(f"cannot be read: {error.strerror}", file=shown)) from error
 
 
-def read_yaml(path: str | Path) -> Document:
-    """Read a YAML mapping safely: no tags, anchors or aliases, no tabs, no key twice."""
+def read_yaml(path: str | Path, tags: Tags | None = None) -> Document:
+    """Read a YAML mapping safely: no tags but those given, no anchors or aliases, no tabs, no key twice."""
     path = Path(path)
     text = read_text(path)
     for number, line in enumerate(text.splitlines(), start=1):
         if "\t" in line[: len(line) - len(line.lstrip())]:
             raise InputError(Problem("a tab in the indentation; YAML wants spaces", file=str(path), line=number))
     try:
-        _refuse_bombs(text, path)
+        _refuse_bombs(text, path, tags or {})
         node = yaml.compose(text, Loader=_LOADER)
         if not isinstance(node, yaml.MappingNode):
             raise InputError(Problem("must hold `key: value` lines; it is empty or a list", file=str(path)))
         lines: dict[tuple[Key, ...], int] = {(): 1}
-        data = _construct(node, (), lines, path)
+        data = _construct(node, (), lines, path, tags or {})
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = None if mark is None else mark.line + 1
@@ -90,13 +92,14 @@ _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 """The parser in C is twenty times as fast; where PyYAML comes without it, its own does the same."""
 
 
-def _refuse_bombs(text: str, path: Path) -> None:
+def _refuse_bombs(text: str, path: Path, tags: Tags) -> None:
     """InputError for what would grow or take for ever, at the event that shows it: nothing is built before."""
     depth = 0
     for count, event in enumerate(yaml.parse(text, Loader=_LOADER)):
         depth += isinstance(event, _OPEN) - isinstance(event, _SHUT)
         wrong = None
-        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) or getattr(event, "tag", None):
+        tagged = getattr(event, "tag", None) not in (None, "", *tags)
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) or tagged:
             wrong = "anchors, aliases and tags are not allowed"
         elif depth > _DEEPEST + 1:
             wrong = "is nested too deeply"
@@ -106,7 +109,7 @@ def _refuse_bombs(text: str, path: Path) -> None:
             raise InputError(Problem(wrong, file=str(path), line=event.start_mark.line + 1))
 
 
-def _construct(node: yaml.Node, at: tuple[Key, ...], lines: dict[tuple[Key, ...], int], path: Path) -> Any:
+def _construct(node: yaml.Node, at: tuple[Key, ...], lines: dict[tuple[Key, ...], int], path: Path, tags: Tags) -> Any:
     if len(at) > _DEEPEST:
         raise InputError(Problem("is nested too deeply", file=str(path), line=node.start_mark.line + 1))
     if isinstance(node, yaml.MappingNode):
@@ -119,13 +122,13 @@ def _construct(node: yaml.Node, at: tuple[Key, ...], lines: dict[tuple[Key, ...]
             if key in out:
                 raise InputError(Problem(f"key {key!r} stands here twice", file=str(path), line=line))
             lines[(*at, key)] = line
-            out[key] = _construct(value, (*at, key), lines, path)
+            out[key] = _construct(value, (*at, key), lines, path, tags)
         return out
     if isinstance(node, yaml.SequenceNode):
         for i, item in enumerate(node.value):
             lines[(*at, i)] = item.start_mark.line + 1
-        return [_construct(item, (*at, i), lines, path) for i, item in enumerate(node.value)]
-    return _scalar(node, path)
+        return [_construct(item, (*at, i), lines, path, tags) for i, item in enumerate(node.value)]
+    return _scalar(node, path, tags)
 
 
 @cache
@@ -133,8 +136,14 @@ def _scalars() -> yaml.SafeLoader:
     return yaml.SafeLoader("")
 
 
-def _scalar(node: yaml.Node, path: Path) -> Any:
+def _scalar(node: yaml.Node, path: Path, tags: Tags) -> Any:
     """Numbers are decimal: YAML 1.1 reads 1e5 as text, 010 as 8, 1:30 as 90 and 2026-01-01 as a date."""
+    if node.tag in tags:
+        try:
+            return tags[node.tag](node.value)
+        except ValueError as error:
+            line = node.start_mark.line + 1
+            raise InputError(Problem(f"{node.tag} {node.value[:80]!r}: {error}", file=str(path), line=line)) from error
     plain = not getattr(node, "style", None)  # None or, from the parser in C, ""
     if plain and DECIMAL.fullmatch(node.value):
         return float(node.value) if set(node.value) & set(".eE") or len(node.value) > 18 else int(node.value)

@@ -20,14 +20,19 @@ _FARTHEST = 20.0
 
 
 def check_structure(urdf: Urdf) -> list[Problem]:
-    """Everything wrong in a URDF, with file and line."""
-    moved = {joint.child: joint for joint in urdf.joints if joint.moves}
+    """Everything wrong in a URDF, with file and line. An arm of which no link has a mass may be without."""
+    moved = {joint.child: joint for joint in urdf.joints if joint.moves and not weightless(urdf)}
     problems = [*urdf.unreadable, *_names(urdf), *_ends(urdf), *_parents(urdf), *_roots(urdf)]
     for link in urdf.links:
         problems += _mass(urdf, link, link.name in moved)
     for joint in urdf.joints:
         problems += _joint(urdf, joint)
     return problems
+
+
+def weightless(urdf: Urdf) -> bool:
+    """Whether the file states no mass at all, not even a wrong one."""
+    return all(link.inertial is None or link.inertial.mass == 0.0 for link in urdf.links)
 
 
 def check_chain(urdf: Urdf, base: str, flange: str) -> list[Problem]:

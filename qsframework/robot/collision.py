@@ -1,4 +1,4 @@
-"""Do the arm's simple solids run into each other or into the floor? Many poses at once.
+"""Do the arm's solids run into each other or into the floor? Many poses at once.
 
 Most pairs of solids are far apart or deep inside each other, which capsules around and inside them
 tell in numpy; only the doubtful ones go to coal.
@@ -16,12 +16,15 @@ import numpy.typing as npt
 
 from qsframework.plugin.facts import Array, Indices
 from qsframework.robot.kinematics import Frames, joint_frames
+from qsframework.robot.mesh import Hull
 from qsframework.robot.robot import Robot, Shape
 
 Flags = npt.NDArray[np.bool_]
 _BLOCK = 4096
 _SAMPLES = 400
 _NEARLY_ALL = 0.95
+_ROOM = 0.7
+"""Radius of the capsule inside a hull over that of the ball there."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,12 @@ def _overlaps(robot: Robot, every: Collider) -> tuple[Array, Flags]:
 def lowest_point(shape: Shape, placed: Frames) -> Array:
     """Height (N,) m of a solid's lowest point, base frame."""
     height = placed.point(shape.link, shape.placement[:3, 3])[2]
+    if shape.hull is not None:
+        up = np.stack([_axis(shape, placed, k)[2] for k in range(3)])
+        lowest = np.full(len(height), np.inf)
+        for corner in shape.hull.corners:
+            lowest = np.minimum(lowest, corner @ up)
+        return height + lowest
     if shape.kind == "sphere":
         return height - shape.size[0]
     up = [_axis(shape, placed, k)[2] for k in range(3)]
@@ -149,12 +158,29 @@ def _capsule(shape: Shape, placed: Frames) -> _Capsule:
         radius, half = shape.size[0], shape.size[1] / 2.0
         inside = min(radius, half)
         return _Capsule(centre, _axis(shape, placed, 2), (half, radius), (half - inside, inside))
+    if shape.hull is not None:
+        return _around_hull(shape.hull, shape, placed)
     halves = np.array(shape.size) / 2.0
     main = int(np.argmax(halves))
     others = np.delete(halves, main)
     inside = float(others.min())
     around = (float(halves[main]), float(np.linalg.norm(others)))
     return _Capsule(centre, _axis(shape, placed, main), around, (float(halves[main]) - inside, inside))
+
+
+def _around_hull(hull: Hull, shape: Shape, placed: Frames) -> _Capsule:
+    """Along the direction in which the corners spread most, about their mean, which is inside."""
+    middle = hull.corners.mean(axis=0)
+    spread = hull.corners - middle
+    way = np.linalg.svd(spread, full_matrices=False)[2][0]
+    along = spread @ way
+    outer = float(np.abs(along).max()), float(np.linalg.norm(spread - np.outer(along, way), axis=1).max())
+    deep = hull.offsets - hull.normals @ middle
+    radius = _ROOM * max(0.0, float(deep.min()))
+    half = float(((deep - radius) / np.maximum(np.abs(hull.normals @ way), 1e-12)).min())
+    centre = placed.point(shape.link, shape.placement[:3, :3] @ middle + shape.placement[:3, 3])
+    axis = np.einsum("j,jcn->cn", shape.placement[:3, :3] @ way, placed.rotations[shape.link])
+    return _Capsule(centre, axis, outer, (max(0.0, half), radius))
 
 
 def _judge(a: _Capsule, b: _Capsule, clearance: float) -> tuple[Indices, Indices]:
@@ -216,6 +242,11 @@ def _by_pose(doubtful: Indices) -> Iterator[tuple[int, list[list[int]]]]:
 
 
 def _solid(coal: Any, shape: Shape) -> Any:
+    if shape.hull is not None:
+        corners = coal.StdVec_Vec3s()
+        for corner in shape.hull.corners:
+            corners.append(corner)
+        return coal.Convex.convexHull(corners, True, "Qt")
     kinds = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
     return kinds[shape.kind](*(float(v) for v in shape.size))
 

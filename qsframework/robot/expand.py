@@ -7,17 +7,19 @@ that calls the macro, where its name and numbers stand.
 
 from __future__ import annotations
 
+import math
 import re
 import threading
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from qsframework.errors import InputError, Problem
-from qsframework.files import read_text
+from qsframework.files import read_text, read_yaml
+from qsframework.files.plain import is_list, is_mapping
 from qsframework.robot import xml_tree
+from qsframework.robot.packages import Sources, inside
 from qsframework.robot.xacro_math import evaluate
 from qsframework.robot.xml_tree import Node, Place
 
@@ -27,39 +29,28 @@ _MOST_ELEMENTS = 20_000
 _MOST_TEXT = 20_000_000
 _LONGEST = 20_000
 """Of an attribute or text with expressions: xacro's time for one grows with the square of its length."""
-_LEVELS = 4
-_PACKAGE = re.compile(r"\w[\w.-]*")
 _ORIGIN = "qsf_origin"
+_LONGEST_NAME = 1000
+_UNITS = {
+    "radians": 1.0,
+    "degrees": math.pi / 180.0,
+    "meters": 1.0,
+    "millimeters": 1e-3,
+    "foot": 0.3048,
+    "inches": 0.0254,
+}
+
+
+def _in_si(factor: float) -> Callable[[str], float]:
+    return lambda text: float(evaluate(text, {"pi": math.pi})) * factor
+
+
+_TAGS = {f"!{unit}": _in_si(factor) for unit, factor in _UNITS.items()}
+"""Of values in a YAML file that a xacro loads: `!degrees 90`."""
 _BUILT_IN = frozenset(
     f"xacro:{name}" for name in ("include", "property", "macro", "if", "unless", "arg", "insert_block", "attribute")
 )
 _LOCK = threading.Lock()  # xacro keeps its state in its module
-
-
-@dataclass(frozen=True)
-class Sources:
-    """What a xacro of somebody else's asks for besides its own folder: $(find PACKAGE) and $(arg NAME).
-
-    nearby: a package is also sought by its name among the folders around the file, as in a ROS workspace. Files are
-    read from the robot's folder and from the packages that were asked for, and from nowhere else.
-    """
-
-    packages: Mapping[str, Path] = field(default_factory=dict[str, Path])
-    arguments: Mapping[str, str] = field(default_factory=dict[str, str])
-    nearby: bool = False
-
-    def find(self, package: str, folder: Path) -> Path | None:
-        """The folder of a package that is asked for by a file in `folder`."""
-        if package in self.packages:
-            return self.packages[package]
-        if (folder / package).is_dir():
-            return folder / package
-        around = [folder.resolve(), *folder.resolve().parents][:_LEVELS] if self.nearby else []
-        for here in around:
-            found = here if here.name == package else here / package
-            if found.is_dir():
-                return found
-        return None
 
 
 def read_tree(path: Path, folder: Path, sources: Sources | None = None) -> Node:
@@ -83,22 +74,15 @@ def files_of(path: Path, folder: Path) -> tuple[Path, ...]:
     return tuple(dict.fromkeys(Path(name) for name in expansion.files))
 
 
-def inside(path: Path, folder: Path) -> bool:
-    """Whether a path, links followed, stays in the folder."""
-    try:
-        return path.resolve().is_relative_to(folder.resolve())
-    except (OSError, ValueError, RuntimeError):  # no path at all, or links in a circle
-        return False
-
-
 class _Expansion:
     """One run of xacro: the files it read, the limits it keeps."""
 
     def __init__(self, folder: Path, sources: Sources | None = None):
         self.folder = folder
         self.sources = sources or Sources()
-        self.roots = [folder]
+        self.roots = [folder, self.sources.home(folder)]
         self.files: list[str] = []
+        self.tables: dict[Path, dict[str, Any]] = {}
         self.calls = self.elements = self.text = 0
 
     def run(self, path: Path) -> Node:
@@ -111,6 +95,7 @@ class _Expansion:
             except InputError:
                 raise
             except Exception as error:  # xacro raises many kinds on a wrong file
+                _raise_ours(error)
                 raise InputError(Problem(_reason(error), file=self._current() or str(path))) from error
         return root
 
@@ -157,9 +142,34 @@ class _Expansion:
                 setattr(xacro, name, their)
 
     def _value(self, text: str, names: Mapping[str, Any], _: Any = None) -> Any:
-        found = evaluate(text, names)
-        self._grow(len(found) if isinstance(found, str) else 0)
+        found = evaluate(text, names, lambda file: self._load_yaml(file, text))
+        if is_mapping(found) or is_list(found) or isinstance(found, str):
+            self._grow(len(str(found)))
         return found
+
+    def _load_yaml(self, name: str, expression: str) -> dict[str, Any]:
+        """The table of a YAML file, which may use xacro's tags for units; placed where the expression stands."""
+        here = Path(self._current() or self.folder / "robot")
+        path = here.parent / name.removeprefix("file://")
+        problem = None
+        if len(name) > _LONGEST_NAME or not any(inside(path, folder) for folder in self.roots):
+            problem = f"load_yaml: {name[:80]!r} is outside the robot's packages"
+        elif not path.is_file():
+            problem = f"load_yaml: there is no file {name!r}"
+        if problem:
+            hint = "Put the file into the folder of the robot or of a package that it names."
+            line = self._line(here, expression)
+            raise InputError(Problem(problem, file=str(here), line=line, hint=hint, argument=self.sources.argument))
+        if path not in self.tables:
+            self.files.append(str(path))
+            self.tables[path] = read_yaml(path, _TAGS).data
+        return self.tables[path]
+
+    @staticmethod
+    def _line(file: Path, expression: str) -> int | None:
+        """The line of a file where an expression stands, if it is there once."""
+        lines = [n for n, line in enumerate(read_text(file, _LARGEST).splitlines(), 1) if expression.strip() in line]
+        return lines[0] if len(lines) == 1 else None
 
     def _grow(self, characters: int) -> None:
         """Count what the file expands to: a few lines that double each other would fill the memory."""
@@ -211,12 +221,12 @@ class _Expansion:
         raise ValueError(f"{text} is not allowed; a robot file may use $(arg NAME) and $(find FOLDER)")
 
     def _package(self, name: str) -> str:
-        if not _PACKAGE.fullmatch(name):  # a path: refused where a file is read through it
+        if "/" in name or name.startswith("."):  # a path: refused where a file is read through it
             return str(self.folder / name)
         found = self.sources.find(name, self.folder)
         if found is None:
-            message = f"$(find {name}): no folder of this name in {self.folder}; say where it is"
-            raise InputError(Problem(message, file=self._current(), argument=("package", "NAME=FOLDER")))
+            message = f"$(find {name}): no folder or package of this name in {self.folder}; say where it is"
+            raise InputError(Problem(message, file=self._current(), argument=self.sources.argument))
         if found != self.folder / name:  # a link in the robot's own folder leads to nowhere else
             self.roots.append(found)
         return str(found)
@@ -238,6 +248,7 @@ class _Expansion:
         except InputError:
             raise
         except Exception as error:
+            _raise_ours(error)
             raise InputError(self._place(origin).problem(_reason(error))) from error
         for child in parent.childNodes:
             if id(child) not in before:
@@ -280,6 +291,14 @@ def _mark(node: Any, origin: str) -> None:
         node.setAttribute(_ORIGIN, origin)
         for child in node.childNodes:
             _mark(child, origin)
+
+
+def _raise_ours(error: BaseException | None) -> None:
+    """Raise the InputError that xacro has wrapped into one of its own, if there is one."""
+    while error is not None:
+        if isinstance(error, InputError):
+            raise error
+        error = getattr(error, "exc", None)
 
 
 def _reason(error: Exception) -> str:

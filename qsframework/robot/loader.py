@@ -22,8 +22,8 @@ from qsframework.plugin.trusted import trusted
 from qsframework.robot.agreement import check_agreement
 from qsframework.robot.checks import chain_joints, check_chain, check_structure, without_branches
 from qsframework.robot.controller import Controller, joint_limits, read_actuated, read_controller
-from qsframework.robot.expand import inside
 from qsframework.robot.model import build_model, read_branches, read_facts, read_frames, read_meshes, read_shapes
+from qsframework.robot.packages import inside
 from qsframework.robot.robot import LinkFrame, Robot
 from qsframework.robot.scaffold_text import coupling_text
 from qsframework.robot.spec import RobotSpec, read_effects, read_nominal
@@ -118,8 +118,8 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | No
         parameters=parameters,
         frames=frames,
         flange=frames[spec.flange],
-        shapes=read_shapes(arm, frames),
-        branch_shapes=read_shapes(urdf, on_branches),
+        shapes=read_shapes(arm, frames, document.path.parent),
+        branch_shapes=read_shapes(urdf, on_branches, document.path.parent),
         meshes=read_meshes(urdf, {**frames, **on_branches}, document.path.parent),
         gravity=frozen(spec.gravity),
         payload=spec.payload,

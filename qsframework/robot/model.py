@@ -15,9 +15,9 @@ from qsframework.errors import InputError, Problem
 from qsframework.plugin import Array, Branch, RobotFacts
 from qsframework.plugin.facts import frozen
 from qsframework.robot.checks import chain_joints
-from qsframework.robot.expand import inside
+from qsframework.robot.mesh import KINDS, convex_hull, mesh_file, read_mesh
 from qsframework.robot.robot import LinkFrame, MeshShape, Shape
-from qsframework.robot.urdf import Inertial, Joint, Link, Origin, Urdf
+from qsframework.robot.urdf import Inertial, Joint, Link, MeshVisual, Origin, Urdf, Visual
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -125,14 +125,34 @@ def read_frames(model: pin.Model) -> MappingProxyType[str, LinkFrame]:
     )
 
 
-def read_shapes(urdf: Urdf, frames: Mapping[str, LinkFrame]) -> tuple[Shape, ...]:
-    """The simple solids of the visuals, placed on the moving links."""
+def read_shapes(urdf: Urdf, frames: Mapping[str, LinkFrame], folder: Path) -> tuple[Shape, ...]:
+    """The solids for collisions, placed on the moving links: those of <collision>, or else of <visual>.
+
+    Of a mesh its convex hull; a mesh whose file is not there counts as none. InputError for one that cannot be read.
+    """
     return tuple(
-        Shape(frame.link, frozen(frame.placement @ visual.origin.matrix()), visual.kind, visual.size, visual.rgba)
+        shape
         for link in urdf.links
         if (frame := frames.get(link.name)) is not None
-        for visual in link.visuals
+        for shape in _shapes(link, frame, urdf.path, folder)
     )
+
+
+def _shapes(link: Link, frame: LinkFrame, urdf: Path, folder: Path) -> list[Shape]:
+    made = [_shape(solid, frame, urdf, folder) for solid in link.collisions]
+    made = made if any(made) else [_shape(solid, frame, urdf, folder) for solid in (*link.visuals, *link.meshes)]
+    return [shape for shape in made if shape is not None]
+
+
+def _shape(solid: Visual | MeshVisual, frame: LinkFrame, urdf: Path, folder: Path) -> Shape | None:
+    placement = frozen(frame.placement @ solid.origin.matrix())
+    if isinstance(solid, Visual):
+        return Shape(frame.link, placement, solid.kind, solid.size, solid.rgba)
+    path = mesh_file(solid, urdf, folder)
+    if path is None or path.suffix.lower() not in KINDS:
+        return None
+    hull = convex_hull(read_mesh(solid, path)[0])
+    return Shape(frame.link, placement, "hull", (), solid.rgba, hull=hull)
 
 
 def read_meshes(urdf: Urdf, frames: Mapping[str, LinkFrame], folder: Path) -> tuple[MeshShape, ...]:
@@ -142,7 +162,7 @@ def read_meshes(urdf: Urdf, frames: Mapping[str, LinkFrame], folder: Path) -> tu
             frame.link,
             frozen(frame.placement @ mesh.origin.matrix()),
             mesh.name,
-            mesh_file(mesh.name, urdf.path.parent, folder),
+            mesh_file(mesh, urdf.path, folder),
             frozen(mesh.scale),
             mesh.rgba,
         )
@@ -150,16 +170,6 @@ def read_meshes(urdf: Urdf, frames: Mapping[str, LinkFrame], folder: Path) -> tu
         if (frame := frames.get(link.name)) is not None
         for mesh in link.meshes
     )
-
-
-def mesh_file(name: str, beside: Path, folder: Path) -> Path | None:
-    """The file of a mesh: beside the URDF, or in a package of the robot's folder; None outside the folder."""
-    rest = name.removeprefix("file://")
-    tried = [beside / rest, folder / rest]
-    if name.startswith("package://"):
-        package, _, rest = name.removeprefix("package://").partition("/")
-        tried = [folder / package / rest, folder / rest, beside / rest]
-    return next((path for path in tried if inside(path, folder) and path.is_file()), None)
 
 
 def _text(values: npt.ArrayLike) -> str:

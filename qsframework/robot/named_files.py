@@ -10,7 +10,7 @@ from typing import Any
 from qsframework.errors import InputError, Problem
 from qsframework.plugin import Effect, RobotFacts, build_effects
 from qsframework.plugin.trusted import effect_of_file, refusal
-from qsframework.robot.expand import inside
+from qsframework.robot.packages import inside
 
 
 def entry_effects(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from qsframework.plugin import Array, Effect, Parameter, RobotFacts
 from qsframework.robot.controller import Controller
+from qsframework.robot.mesh import Hull
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -24,13 +25,17 @@ class LinkFrame:
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A simple solid to draw: kind "box" (x, y, z), "cylinder" (radius, length along z), "sphere" (radius), m."""
+    """A solid: kind "box" (x, y, z), "cylinder" (radius, length along z), "sphere" (radius), m; "hull", of a mesh.
+
+    It is drawn where no mesh of its link is.
+    """
 
     link: int
     placement: Array
     kind: str
     size: tuple[float, ...]
     rgba: tuple[float, float, float, float]
+    hull: Hull | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,5 +74,5 @@ class Robot:
     torque_limits: Array | None = None
     meshes: tuple[MeshShape, ...] = ()
     branch_shapes: tuple[Shape, ...] = ()
-    """Meshes and the solids of branches are to draw only: collisions count the arm's simple shapes. `Shape.link` of a
+    """Meshes and the solids of branches are to draw only: collisions count the arm's shapes. `Shape.link` of a
     branch is an index into `RobotFacts.bodies`."""

@@ -11,12 +11,13 @@ import numpy as np
 
 from qsframework.errors import InputError
 from qsframework.robot.checks import check_chain, check_structure
-from qsframework.robot.expand import Sources, read_tree
 from qsframework.robot.model import plain_urdf
-from qsframework.robot.scaffold_chain import choose_chain
+from qsframework.robot.packages import Sources
+from qsframework.robot.scaffold_chain import choose_chain, has_elbow
 from qsframework.robot.scaffold_masses import mass_of, with_bodies, with_masses
+from qsframework.robot.scaffold_meshes import with_meshes
 from qsframework.robot.scaffold_text import nominal_text, readme_text, robot_text
-from qsframework.robot.urdf import Joint, Link, Mimic, Urdf, Visual, read_urdf
+from qsframework.robot.urdf import Joint, Link, MeshVisual, Mimic, Urdf, Visual, read_urdf
 from qsframework.units import SLIDES, TURNS
 
 _TWIST_AT_EFFORT = 2.5e-3  # rad: the KUKA KR500 gives 2.1 to 3.6 mrad at its joints' largest torques
@@ -46,18 +47,18 @@ class Stiffness:
 
 def propose(
     name: str,
-    urdf: Path,
+    urdf: Path | Urdf,
     base: str | None = None,
     flange: str | None = None,
     sources: Sources | None = None,
     payload: float | None = None,
 ) -> Proposal:
-    """The files of a new robot from a URDF or xacro. InputError where the file is no arm, or holds several.
+    """The files of a new robot from a URDF or xacro, or what was read of one. InputError if it is no arm, or several.
 
     sources: where a xacro's packages are and what its arguments say; payload: kg, from the manual
     """
     sources = sources or Sources(nearby=True)
-    source = read_urdf(urdf, urdf.parent, sources)
+    source = urdf if isinstance(urdf, Urdf) else read_urdf(urdf, urdf.parent, sources)
     if source.unreadable:
         raise InputError(source.unreadable)
     base, flange, chain = choose_chain(source, base, flange)
@@ -72,21 +73,25 @@ def propose(
     problems = problems or check_chain(arm, base, flange)
     if problems:
         raise InputError(problems)
+    arm, meshes, unread = with_meshes(arm, sources)
     moving = [joint for joint in every if joint.mimic is None]
-    stiffness = [s for s in _stiffness(arm, every, _efforts(urdf, sources), payload) if s.joint not in following]
+    stiffness = [s for s in _stiffness(arm, every, payload) if s.joint not in following]
+    elbow = has_elbow(moving, chain)
     notes = (
-        *_checklist(every, payload),
+        *_checklist(every, payload, elbow),
         *_told_following(following),
         *_found(arm, every, guessed, impossible),
+        *unread,
         *_left_out(dropped, lost),
     )
     files = {
         f"{name}.urdf": _urdf_text(arm, name, base, bool(guessed)),
         "robot.yaml": robot_text(
-            name, urdf.name, base, flange, [(j.name, _limits(j)) for j in moving], payload, following
+            name, source.path.name, base, flange, [(j.name, _limits(j)) for j in moving], payload, following, elbow
         ),
         "nominal.yaml": nominal_text([(s.joint, s.slides, s.value, s.why) for s in stiffness]),
-        "README.md": readme_text(name, urdf.name, guessed, stiffness[-1].why, notes),
+        "README.md": readme_text(name, source.path.name, guessed, stiffness[-1].why, notes),
+        **meshes,
     }
     return Proposal(files, notes)
 
@@ -138,28 +143,14 @@ def _told_following(following: dict[str, Mimic]) -> tuple[str, ...]:
     return (f"couplings: by mimic {told}; is it so on the machine, or has the joint a motor of its own?",)
 
 
-def _efforts(urdf: Path, sources: Sources) -> dict[str, float]:
-    """The largest torque of each joint of the file that states one."""
-    out: dict[str, float] = {}
-    for joint in read_tree(urdf, urdf.parent, sources).all("joint"):
-        limit = joint.first("limit")
-        try:
-            effort = float(limit.get("effort")) if limit is not None else 0.0
-        except (TypeError, ValueError):
-            effort = 0.0
-        if 0.0 < effort < 1e6:
-            out[joint.get("name")] = effort
-    return out
-
-
-def _stiffness(urdf: Urdf, moving: list[Joint], efforts: dict[str, float], payload: float | None) -> list[Stiffness]:
+def _stiffness(urdf: Urdf, moving: list[Joint], payload: float | None) -> list[Stiffness]:
     """From the largest torques if all are stated, else from what the links weigh."""
-    if all(j.name in efforts for j in moving) and len({efforts[j.name] for j in moving}) > 1:
+    if all(j.effort for j in moving) and len({j.effort for j in moving}) > 1:
         why = "assumed: 2.5 mrad at the joint's largest torque in the URDF"
         return [
             Stiffness(j.name, _SLIDE, _WHY_SLIDE, True)
             if _slides(j)
-            else Stiffness(j.name, efforts[j.name] / _TWIST_AT_EFFORT, why)
+            else Stiffness(j.name, j.effort / _TWIST_AT_EFFORT, why)
             for j in moving
         ]
     lengths = [float(np.linalg.norm(j.origin.xyz)) for j in moving] + [0.0]
@@ -190,17 +181,20 @@ def _limits(joint: Joint) -> tuple[str, float, float]:
     return unit.shown, round(lower * unit.per, 3), round(upper * unit.per, 3)
 
 
-def _checklist(moving: list[Joint], payload: float | None) -> tuple[str, ...]:
+def _checklist(moving: list[Joint], payload: float | None, elbow: bool) -> tuple[str, ...]:
     """What a URDF cannot tell."""
     span = sum(float(np.linalg.norm(j.origin.xyz)) for j in moving[1:])
     torques = "torque_limit_Nm per joint where the maker states them"
-    return (
-        "controller: does the pendant show J3 as the relative angle, or as the forearm's elevation (FANUC, ABB with a "
-        "parallelogram)? Then write equals: J3 + J2 or J3 - J2",
-        "limits: a maker's limits hold for what the pendant shows; compare them with the manual",
-        f"size: from the first axis to the last the joints are {span:.3g} m apart in all; does the manual agree?",
+    of_elbows = (
+        "controller: does the pendant show J3 as the relative angle, or as the forearm's elevation (FANUC, "
+        "ABB with a parallelogram)? Then write equals: J3 + J2 or J3 - J2",
         "loops: a parallelogram or other coupling bar? Lever length and margin: see the comment in robot.yaml",
         "springs: a balancer or counterweight? Pivots and spring: see the comment in robot.yaml",
+    )
+    return (
+        *(of_elbows if elbow else ()),
+        "limits: a maker's limits hold for what the pendant shows; compare them with the manual",
+        f"size: from the first axis to the last the joints are {span:.3g} m apart in all; does the manual agree?",
         "compliances: all are assumed; replace them where the maker or a paper states some",
         f"payload: add payload_kg, and {torques}" if payload is None else f"payload: add {torques}",
     )
@@ -211,7 +205,7 @@ def _found(urdf: Urdf, moving: list[Joint], guessed: tuple[str, ...], impossible
     total, notes = sum(mass_of(urdf, j.child) for j in moving), list[str]()
     if guessed:
         which = "all moving links have assumed ones" if len(guessed) == len(moving) else "there they are assumed"
-        notes.append(f"masses: the URDF has none for {', '.join(guessed)}; {which}")
+        notes.append(f"masses: {_file(urdf)} has none for {', '.join(guessed)}; {which}")
     else:
         notes.append(f"masses: all that moves weighs {total:.3g} kg in the URDF; can that be, by the manual?")
     if impossible:
@@ -221,14 +215,22 @@ def _found(urdf: Urdf, moving: list[Joint], guessed: tuple[str, ...], impossible
         )
     unlimited = [j.name for j in moving if j.kind == "continuous"]
     if unlimited:
-        notes.append(f"limits: -360..360 deg are assumed for {', '.join(unlimited)}, continuous in the URDF")
-    bare = [j.child for j in moving if not any(urdf.link(name).visuals for name in _with_fixed(urdf, j.child))]
+        notes.append(f"limits: -360..360 deg are assumed for {', '.join(unlimited)}, without limits in {_file(urdf)}")
+    bare = [j.child for j in moving if not any(_solids(urdf.link(name)) for name in _with_fixed(urdf, j.child))]
     if bare:
         notes.append(
-            f"solids: no box, cylinder or sphere in <visual> of {', '.join(bare)}, and meshes are not read: these "
-            "links are not checked for collisions and hide nothing from the tracker"
+            f"solids: no box, cylinder, sphere or mesh of {', '.join(bare)} in {_file(urdf)}: these links are not "
+            "checked for collisions and hide nothing from the tracker"
         )
     return tuple(notes)
+
+
+def _solids(link: Link) -> bool:
+    return bool(link.visuals or link.meshes or link.collisions)
+
+
+def _file(urdf: Urdf) -> str:
+    return "the table" if urdf.path.suffix == ".csv" else "the URDF"
 
 
 def _with_fixed(urdf: Urdf, link: str) -> list[str]:
@@ -248,7 +250,7 @@ def _left_out(dropped: list[Joint], lost: float) -> tuple[str, ...]:
 
 
 def _urdf_text(urdf: Urdf, name: str, base: str, guessed: bool) -> str:
-    """One plain URDF: numbers in full, simple solids, no meshes."""
+    """One plain URDF: numbers in full, simple solids, and the meshes that the new robot keeps."""
     text = plain_urdf(urdf, base).replace('<robot name="robot">', f"<robot name={quoteattr(name)}>", 1)
     for link in urdf.links:
         text = text.replace(f"<link name={quoteattr(link.name)}>", _head(link), 1)
@@ -257,19 +259,24 @@ def _urdf_text(urdf: Urdf, name: str, base: str, guessed: bool) -> str:
 
 
 def _head(link: Link) -> str:
-    return f"<link name={quoteattr(link.name)}>" + "".join(_visual(v) for v in link.visuals)
+    drawn = "".join(_solid(solid, "visual") for solid in (*link.visuals, *link.meshes))
+    return f"<link name={quoteattr(link.name)}>{drawn}" + "".join(_solid(s, "collision") for s in link.collisions)
 
 
-def _visual(visual: Visual) -> str:
+def _solid(solid: Visual | MeshVisual, tag: str) -> str:
     def row(values: object) -> str:
         return " ".join(f"{float(v):.9g}" for v in np.atleast_1d(np.asarray(values, dtype=float)))
 
-    size = {
-        "box": f'<box size="{row(visual.size)}"/>',
-        "sphere": f'<sphere radius="{visual.size[0]:.9g}"/>',
-        "cylinder": f'<cylinder radius="{visual.size[0]:.9g}" length="{visual.size[-1]:.9g}"/>',
-    }[visual.kind]
+    if isinstance(solid, MeshVisual):
+        size = f"<mesh filename={quoteattr(solid.name)}/>"
+    else:
+        size = {
+            "box": f'<box size="{row(solid.size)}"/>',
+            "sphere": f'<sphere radius="{solid.size[0]:.9g}"/>',
+            "cylinder": f'<cylinder radius="{solid.size[0]:.9g}" length="{solid.size[-1]:.9g}"/>',
+        }[solid.kind]
+    colour = f'<material name=""><color rgba="{row(solid.rgba)}"/></material>' if tag == "visual" else ""
     return (
-        f'<visual><origin xyz="{row(visual.origin.xyz)}" rpy="{row(visual.origin.rpy)}"/><geometry>{size}</geometry>'
-        f'<material name=""><color rgba="{row(visual.rgba)}"/></material></visual>'
+        f'<{tag}><origin xyz="{row(solid.origin.xyz)}" rpy="{row(solid.origin.rpy)}"/>'
+        f"<geometry>{size}</geometry>{colour}</{tag}>"
     )

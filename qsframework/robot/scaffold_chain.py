@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from qsframework.errors import InputError, Problem
+from qsframework.plugin import Array
 from qsframework.robot.checks import chain_joints
 from qsframework.robot.urdf import Joint, Urdf
 
 _SAME = 1e-4
+_ASKEW = 0.05
+"""Of the cosine of two axes: within 18 degrees of parallel, 3 of square."""
 _FLANGES = ("flange", "tool0")
 _OFFERED = 8
 _TRUNK = 3
@@ -130,12 +133,36 @@ def _offered(urdf: Urdf, base: str, ends: list[Joint]) -> str:
     return ", ".join(listed[:_OFFERED]) + more
 
 
+def has_elbow(moving: list[Joint], chain: list[Joint]) -> bool:
+    """Whether it is built as the heavy arms are: a turret, two parallel axes across it, then a wrist of other axes.
+
+    Only such an arm can have a parallelogram or a balancer at link 2, or a pendant that shows the forearm's elevation;
+    an arm with a third parallel axis, or with more than six motors, has none.
+    moving: the joints with a motor
+    """
+    turning = [joint for joint in moving if _turns(joint)]
+    if not 3 <= len(turning) <= 6:
+        return False
+    turn, axes = np.eye(3), dict[str, Array]()
+    for joint in chain:
+        turn = turn @ joint.origin.matrix()[:3, :3]
+        if joint.moves:
+            axes[joint.name] = turn @ (joint.axis / np.linalg.norm(joint.axis))
+    first, second, third, *rest = (axes[joint.name] for joint in turning)
+    across = bool(abs(first @ second) < _ASKEW and abs(second @ third) > 1.0 - _ASKEW)
+    return across and not any(abs(third @ axis) > 1.0 - _ASKEW for axis in rest[:1])
+
+
 def _check_kinds(chain: list[Joint]) -> None:
     """InputError where a joint floats, or slides as another does."""
     for joint in reversed(chain):
         if joint.moves and joint.kind not in ("revolute", "continuous") and not _slides(joint):
-            turning = any(_turns(j) for j in chain[chain.index(joint) + 1 :])
-            end = ("base", joint.child) if turning else ("flange", joint.parent)
-            where = "Lock it and begin the arm beyond it" if turning else "End the arm before it"
+            at = chain.index(joint)
+            before, beyond = (sum(map(_turns, part)) for part in (chain[:at], chain[at + 1 :]))
             message = f"joint {joint.name!r}: a {joint.kind} joint cannot be part of the arm"
+            if before and beyond:
+                hint = f'Make it type="fixed" where it stands in the campaign: {before + beyond} joints then turn.'
+                raise InputError(joint.place.problem(message, hint=hint))
+            end = ("base", joint.child) if beyond else ("flange", joint.parent)
+            where = "Lock it and begin the arm beyond it" if beyond else "End the arm before it"
             raise InputError(joint.place.problem(message, hint=f"{where}: {end[0]} {end[1]}.", argument=end))

@@ -29,10 +29,11 @@ def robot_text(
     limits: Sequence[tuple[str, tuple[str, float, float]]],
     payload: float | None = None,
     following: Mapping[str, Mimic] | None = None,
+    elbow: bool = False,
 ) -> str:
-    """robot.yaml. limits: of each joint, its unit and from where to where; following: the joints without an actuator"""
+    """robot.yaml. limits: of each joint, its unit and from where to where; following: the joints without an actuator;
+    elbow: whether the arm may have loops and balancers"""
     joints = [joint for joint, (unit, _, _) in limits if unit == "deg"]
-    second, third = (joints[1], joints[2]) if len(joints) > 2 else ("JOINT", "JOINT")
     rows = "".join(f"  {json.dumps(j)}: {{limits_{unit}: [{lo:g}, {hi:g}]}}\n" for j, (unit, lo, hi) in limits)
     return (
         f"name: {json.dumps(name)}\ntitle: {json.dumps(name)}\nurdf: {json.dumps(name + '.urdf')}\n"
@@ -40,7 +41,7 @@ def robot_text(
         f"controller:                       # limits of {source}; assumed: the pendant shows the URDF's angles\n{rows}"
         "effects:\n  - {effect: joint_compliance, joints: all}\n"
         + "".join(f"  - {coupling_text(joint, mimic)}\n" for joint, mimic in (following or {}).items())
-        + _LOOPS.format(second=second, third=third)
+        + (_LOOPS.format(second=joints[1], third=joints[2]) if elbow else "")
         + "nominal: nominal.yaml\n"
         + ("# payload_kg: 100\n" if payload is None else f"payload_kg: {payload:g}\n")
     )

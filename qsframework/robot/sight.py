@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from qsframework.plugin.facts import Array
 from qsframework.robot.kinematics import Frames
+from qsframework.robot.mesh import Hull
 from qsframework.robot.robot import Shape
 
 Flags = npt.NDArray[np.bool_]
@@ -47,6 +48,8 @@ def incidence(placed: Frames, station: Array, link: int, xyz: Array, normal: Arr
 def depth(shape: Shape, xyz: Array) -> float:
     """How deep (m) a point of the solid's own link lies inside the solid; negative outside."""
     local = shape.placement[:3, :3].T @ (xyz - shape.placement[:3, 3])
+    if shape.hull is not None:
+        return float((shape.hull.offsets - shape.hull.normals @ local).min())
     if shape.kind == "sphere":
         return float(shape.size[0] - np.linalg.norm(local))
     if shape.kind == "box":
@@ -58,7 +61,9 @@ def depth(shape: Shape, xyz: Array) -> float:
 def crosses(shape: Shape, start: Array, end: Array) -> Flags:
     """Whether segments from start to end (3, N), in the solid's own frame, pass through the solid (N,)."""
     way = end - start
-    if shape.kind == "sphere":
+    if shape.hull is not None:
+        low, high = _between_planes(shape.hull, start, way)
+    elif shape.kind == "sphere":
         low, high = _ball(start, way, shape.size[0])
     elif shape.kind == "box":
         low, high = _slab(start[0], way[0], shape.size[0] / 2.0)
@@ -70,6 +75,19 @@ def crosses(shape: Shape, start: Array, end: Array) -> Flags:
         low, high = _ball(start[:2], way[:2], shape.size[0])
         low, high = np.maximum(low, a), np.minimum(high, b)
     return np.maximum(low, 0.0) < np.minimum(high, 1.0)
+
+
+def _between_planes(hull: Hull, start: Array, way: Array) -> tuple[Array, Array]:
+    """Where start + t way is on the inner side of every plane: an interval of t, empty where low >= high."""
+    count = max(start.shape[1], way.shape[1])
+    low, high = np.full(count, -np.inf), np.full(count, np.inf)
+    for normal, offset in zip(hull.normals, hull.offsets, strict=True):
+        room, rate = offset - normal @ start, normal @ way
+        flat = np.abs(rate) < _FLAT
+        t = room / np.where(flat, 1.0, rate)
+        high = np.where(flat, np.where(room > 0.0, high, -np.inf), np.where(rate > 0.0, np.minimum(high, t), high))
+        low = np.where(~flat & (rate < 0.0), np.maximum(low, t), low)
+    return low, high
 
 
 def _slab(start: Array, way: Array, half: float) -> tuple[Array, Array]:

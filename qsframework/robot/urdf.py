@@ -10,7 +10,8 @@ import numpy as np
 
 from qsframework.errors import Problem
 from qsframework.plugin import Array
-from qsframework.robot.expand import Sources, read_tree
+from qsframework.robot.expand import read_tree
+from qsframework.robot.packages import Sources
 from qsframework.robot.xml_tree import Node, Place
 
 MOVING = ("revolute", "continuous", "prismatic", "floating", "planar")
@@ -18,6 +19,8 @@ JOINT_TYPES = (*MOVING, "fixed")
 _MIMIC = (("multiplier", "1"), ("offset", "0"))
 """And what they are where the file does not say."""
 _GREY = (0.7, 0.7, 0.7, 1.0)
+_STRONGEST = 1e6
+"""N m: an effort beyond it stands for "no limit"."""
 _LARGEST = 1e9
 """No length, mass or inertia of an arm comes near; the square of a number beyond 1e154 is infinite."""
 
@@ -65,23 +68,25 @@ class Visual:
 
 @dataclass(frozen=True, eq=False)
 class MeshVisual:
-    """A mesh to draw: the name in the file, and a factor (3,) for its lengths."""
+    """A mesh: the name in the file, a factor (3,) for its lengths, and where the file names it."""
 
     name: str
     scale: Array
     origin: Origin
     rgba: tuple[float, float, float, float]
+    place: Place
 
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """A body: its mass, if it has one, and its solids and meshes to draw."""
+    """A body: its mass, if it has one, its solids and meshes to draw, and those for collisions where they differ."""
 
     name: str
     place: Place
     inertial: Inertial | None
     visuals: tuple[Visual, ...]
     meshes: tuple[MeshVisual, ...] = ()
+    collisions: tuple[Visual | MeshVisual, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -95,7 +100,8 @@ class Mimic:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Joint:
-    """limits are (lower, upper) rad or m, None where the file has none."""
+    """limits are (lower, upper) rad or m, None where the file has none; effort is the largest torque (N m) of the
+    actuator, 0 where the file states none that can be."""
 
     name: str
     kind: str
@@ -106,6 +112,7 @@ class Joint:
     limits: tuple[float, float] | None
     mimic: Mimic | None
     place: Place
+    effort: float = 0.0
 
     @property
     def moves(self) -> bool:
@@ -186,14 +193,19 @@ class _Reader:
         name = node.get("name")
         owner = f"link {name!r}"
         inertial = node.first("inertial")
-        visuals = (self.visual(visual, owner) for visual in node.all("visual"))
         return Link(
             name,
             node.place,
             None if inertial is None else self.inertial(inertial, owner),
-            tuple(visual for visual in visuals if visual is not None),
-            tuple(mesh for visual in node.all("visual") for mesh in self.meshes(visual, owner)),
+            *self.solids(node, "visual", owner),
+            tuple(solid for kind in self.solids(node, "collision", owner) for solid in kind),
         )
+
+    def solids(self, node: Node, tag: str, owner: str) -> tuple[tuple[Visual, ...], tuple[MeshVisual, ...]]:
+        """The simple solids of all <visual> or <collision>, and the meshes."""
+        simple = (self.visual(element, owner) for element in node.all(tag))
+        meshes = (mesh for element in node.all(tag) for mesh in self.meshes(element, owner))
+        return tuple(solid for solid in simple if solid is not None), tuple(meshes)
 
     def meshes(self, node: Node, owner: str) -> Iterator[MeshVisual]:
         """The mesh of a <visual>, if it is one."""
@@ -201,7 +213,7 @@ class _Reader:
         for mesh in () if geometry is None else geometry.all("mesh"):
             scale = self.numbers(mesh, "scale", 3, owner, "1 1 1")
             colour = self.colour(node.first("material"), owner)
-            yield MeshVisual(mesh.get("filename"), scale, self.origin(node, owner), colour)
+            yield MeshVisual(mesh.get("filename"), scale, self.origin(node, owner), colour, mesh.place)
 
     def inertial(self, node: Node, owner: str) -> Inertial:
         mass, inertia = node.first("mass"), node.first("inertia")
@@ -252,7 +264,17 @@ class _Reader:
             limits=self.limits(node, owner),
             mimic=None if mimic is None else self.mimic(mimic, owner),
             place=node.place,
+            effort=self.effort(node),
         )
+
+    @staticmethod
+    def effort(node: Node) -> float:
+        limit = node.first("limit")
+        try:
+            effort = float(limit.get("effort")) if limit is not None else 0.0
+        except ValueError:
+            return 0.0
+        return effort if 0.0 < effort < _STRONGEST else 0.0
 
     def mimic(self, node: Node, owner: str) -> Mimic:
         multiplier, offset = (float(self.numbers(node, k, 1, owner, d)[0]) for k, d in _MIMIC)

@@ -10,13 +10,15 @@ import ast
 import math
 import operator
 from collections.abc import Callable, Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, cast
 
-from qsframework.files.plain import is_list
+from qsframework.files.plain import is_list, is_mapping
 
 _BIGGEST = 10**18
 _LONGEST = 10_000
 _MOST_ITEMS = 1000
+_SHOWN = 200
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     name: getattr(math, name)
@@ -98,42 +100,63 @@ _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
 }
 
 
-def evaluate(expression: str, names: Mapping[str, Any]) -> Any:
-    """The value of an expression over the names. ValueError for everything that is not arithmetic."""
+def evaluate(expression: str, names: Mapping[str, Any], load_yaml: Callable[[str], Any] | None = None) -> Any:
+    """The value of an expression over the names. ValueError for everything that is not arithmetic.
+
+    load_yaml: what reads the file of `load_yaml('FILE')`
+    """
     if len(expression) > _LONGEST:
         raise ValueError("the expression is too long")
     try:
         body = ast.parse(expression.strip(), mode="eval").body
     except SyntaxError as error:
         raise ValueError(f"not an expression: {expression.strip()!r}") from error
-    return _value(body, names)
+    found = _value(body, _Scope(names, load_yaml))
+    if not _is_data(found):
+        raise ValueError(f"{expression.strip()!r} is no number, text, list or table of values")
+    return found
 
 
-def _value(node: ast.expr, names: Mapping[str, Any]) -> Any:
+@dataclass(frozen=True)
+class _Scope:
+    """The names of an expression, and what reads a YAML file; None: none may be read."""
+
+    names: Mapping[str, Any]
+    load_yaml: Callable[[str], Any] | None
+
+
+def _is_data(value: Any) -> bool:
+    """Whether a value is plain data: xacro's own tables of names and functions are not."""
+    if type(value) is dict:
+        return all(_is_data(v) for v in cast("dict[str, Any]", value).values())
+    return all(_is_data(v) for v in value) if is_list(value) else isinstance(value, bool | int | float | str | None)
+
+
+def _value(node: ast.expr, scope: _Scope) -> Any:
     match node:
         case ast.Constant(value=bool() | int() | float() | str() | None):
             return node.value
         case ast.Name():
-            return _name(node.id, names)
+            return _name(node.id, scope.names)
         case ast.UnaryOp() if type(node.op) in _OPERATORS:
-            return _OPERATORS[type(node.op)](_value(node.operand, names))
+            return _OPERATORS[type(node.op)](_value(node.operand, scope))
         case ast.BinOp():
-            return _binary(node.op, _value(node.left, names), _value(node.right, names))
+            return _binary(node.op, _value(node.left, scope), _value(node.right, scope))
         case ast.BoolOp():
-            values = [_value(v, names) for v in node.values]
+            values = [_value(v, scope) for v in node.values]
             return all(values) if isinstance(node.op, ast.And) else any(values)
         case ast.IfExp():
-            return _value(node.body if _value(node.test, names) else node.orelse, names)
+            return _value(node.body if _value(node.test, scope) else node.orelse, scope)
         case ast.Compare(ops=[op], comparators=[right]) if type(op) in _OPERATORS:
-            return _OPERATORS[type(op)](_value(node.left, names), _value(right, names))
+            return _OPERATORS[type(op)](_value(node.left, scope), _value(right, scope))
         case ast.List() | ast.Tuple():
-            return _list([_value(element, names) for element in node.elts])
+            return _list([_value(element, scope) for element in node.elts])
         case ast.Subscript():
-            return _value(node.value, names)[_value(node.slice, names)]
+            return _item(_value(node.value, scope), _value(node.slice, scope))
         case ast.Attribute():
-            return _attribute(node, names)
+            return _attribute(node, scope)
         case ast.Call(keywords=[]):
-            return _call(node, names)
+            return _call(node, scope)
         case _:
             raise ValueError("only arithmetic is allowed in an expression of a robot file")
 
@@ -154,22 +177,54 @@ def _is_function(value: object) -> bool:
     return callable(value) and not isinstance(value, Mapping)
 
 
-def _attribute(node: ast.Attribute, names: Mapping[str, Any]) -> Any:
-    owner = held = _value(node.value, names)
-    if not isinstance(owner, Mapping):
+def _item(owner: Any, key: Any) -> Any:
+    if is_list(owner) and isinstance(key, int) and -len(owner) <= key < len(owner):
+        return owner[key]
+    if is_mapping(owner):
+        return _entry(owner, key)
+    if isinstance(owner, str) and isinstance(key, int) and -len(owner) <= key < len(owner):
+        return owner[key]
+    raise ValueError(f"there is no entry {key!r} in a {'list' if is_list(owner) else 'value'}")
+
+
+def _entry(owner: Mapping[str, Any], key: Any) -> Any:
+    try:
+        value = owner[key]
+    except (KeyError, TypeError) as error:
+        allowed = f"; it has {', '.join(owner)[:_SHOWN]}" if _is_data(owner) else ""
+        raise ValueError(f"there is no entry {key!r}{allowed}") from error
+    if _is_function(value):
+        raise ValueError(f"{key!r} is a function; call it")
+    return value
+
+
+def _attribute(node: ast.Attribute, scope: _Scope) -> Any:
+    owner = _value(node.value, scope)
+    if not is_mapping(owner):
         raise ValueError(f"{node.attr!r} is not the name of a value")
-    return _name(node.attr, held)
+    return _entry(owner, node.attr) if _is_data(owner) else _name(node.attr, owner)
 
 
-def _call(node: ast.Call, names: Mapping[str, Any]) -> Any:
+def _call(node: ast.Call, scope: _Scope) -> Any:
     match node.func:
+        case ast.Name(id="load_yaml") | ast.Attribute(value=ast.Name(id="xacro"), attr="load_yaml") if scope.load_yaml:
+            (file,) = _arguments(node, scope)
+            return scope.load_yaml(str(file))
         case ast.Name(id=name) | ast.Attribute(value=ast.Name(id="math" | "python"), attr=name) if name in FUNCTIONS:
-            value = FUNCTIONS[name](*(_value(argument, names) for argument in node.args))
+            value = FUNCTIONS[name](*_arguments(node, scope))
             if isinstance(value, str) and len(value) > _LONGEST:
                 raise ValueError("the text is too long")
             return value
         case _:
             raise ValueError(f"the function {ast.unparse(node.func)!r} is not allowed in a robot file")
+
+
+def _arguments(node: ast.Call, scope: _Scope) -> list[Any]:
+    """The values between the brackets: data, for the text of what is no data tells where it lies in memory."""
+    found = [_value(argument, scope) for argument in node.args]
+    if not all(map(_is_data, found)):
+        raise ValueError(f"{ast.unparse(node)!r}: its argument is no number, text, list or table of values")
+    return found
 
 
 def _list(values: list[Any]) -> list[Any]:

@@ -8,7 +8,7 @@ from qsframework.plugin import Array, Loop, ParallelSpring, RobotFacts
 from qsframework.plugin.loops import follow
 from qsframework.robot import Robot
 from qsframework.robot.kinematics import Frames
-from qsframework.viz.meshes import Meshes, draw_meshes
+from qsframework.viz.meshes import Meshes, draw_meshes, triangles
 from qsframework.viz.scene import Colour, Scene, placed_at
 
 _BAR: Colour = (0.25, 0.3, 0.38, 1.0)
@@ -49,11 +49,13 @@ def draw_robot(
     for link, placement in enumerate(links):
         scene.transform(f"{path}/link_{link}", placement)
     for k, shape in enumerate((*robot.shapes, *robot.branch_shapes)):
-        if shape.link in without:
+        if shape.link in without or (meshes is not None and shape.link in meshes.links):
             continue
         colour = (*(tint or shape.rgba)[:3], shape.rgba[3] * opacity)
         where = f"{path}/link_{shape.link}/shape_{k}"
-        if shape.kind == "box":
+        if shape.hull is not None:
+            scene.mesh(where, triangles(shape.hull.corners, shape.hull.faces), shape.placement, colour)
+        elif shape.kind == "box":
             scene.box(where, shape.size, shape.placement, colour)
         elif shape.kind == "cylinder":
             scene.cylinder(where, shape.size[0], shape.size[1], shape.placement, colour)

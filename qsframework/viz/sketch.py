@@ -93,6 +93,8 @@ def _solid(shape: Shape, link: Array, view: Array) -> _Drawn:
 
 def _corners(shape: Shape) -> Array:
     """Points (N, 3) whose convex hull is the solid, in its own frame."""
+    if shape.hull is not None:
+        return shape.hull.corners
     if shape.kind == "box":
         signs = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
         return signs * np.array(shape.size)

@@ -105,7 +105,7 @@ def test_options_are_named_in_cli_only() -> None:
 
 SAYING = {
     "applications/closure.py: Check",
-    "applications/conformance.py: Check",
+    "robot/statics.py: Check",
     "design/candidates.py: Candidates",
     "estimation/rank.py: RankTest",
     "identify/fit.py: Masked",

@@ -11,9 +11,10 @@ from qsframework.errors import InputError
 from qsframework.experiment import Experiment
 from qsframework.robot.copied import robot_files
 from qsframework.robot.corrected import _tree, _turn  # pyright: ignore[reportPrivateUsage]
-from qsframework.robot.expand import Sources, read_tree
+from qsframework.robot.expand import read_tree
 from qsframework.robot.kinematics import joint_frames
 from qsframework.robot.named_files import entry_effects, named_file
+from qsframework.robot.packages import Sources
 from qsframework.robot.reference import reference_flange, reference_gravity
 from qsframework.robot.xacro_math import evaluate
 
@@ -43,7 +44,7 @@ def test_an_expression_has_limits(text: str, words: str) -> None:
     [
         ('<link name="$(env HOME)"/>', "is not allowed; a robot file may use"),
         ('<link name="$(arg size)"/>', "argument 'size' has no default"),
-        ('<xacro:include filename="$(find nothing)/a.xacro"/>', r"no folder of this name"),
+        ('<xacro:include filename="$(find nothing)/a.xacro"/>', r"no folder or package of this name"),
         ('<link name="${1}' + "x" * 200_000 + '"/>', "more than|too long"),
     ],
 )
@@ -63,13 +64,17 @@ def test_arguments_folders_and_packages_of_a_xacro(tmp_path: Path) -> None:
             '<xacro:arg name="n" default="x"/><xacro:include filename="$(find other)/b.xacro"/><link name="$(arg n)"/>'
         )
     )
-    with pytest.raises(InputError, match="no folder of this name"):
+    with pytest.raises(InputError, match="no folder or package of this name"):
         read_tree(robot / "a.urdf.xacro", robot)
     given = Sources(packages={"other": other}, arguments={"n": "mine"})
     assert [node.get("name") for node in read_tree(robot / "a.urdf.xacro", robot, given).all("link")] == [
         "from_b",
         "mine",
     ]
+    with pytest.raises(InputError, match="no folder or package of this name"):  # a folder beside one is no package
+        read_tree(robot / "a.urdf.xacro", robot, Sources(nearby=True))
+    for folder in (robot, other):
+        (folder / "package.xml").write_text("<package/>")
     found = read_tree(robot / "a.urdf.xacro", robot, Sources(nearby=True))
     assert [node.get("name") for node in found.all("link")] == ["from_b", "x"]
     assert Sources(nearby=True).find("nowhere_at_all", robot) is None
@@ -80,12 +85,15 @@ def test_a_copy_needs_the_meshes_and_licences_of_its_folder(tmp_path: Path) -> N
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("solid x")
     mesh = '<link name="l{}"><visual><geometry><mesh filename="{}"/></geometry></visual></link>'
-    names = ("a.stl", "package://my_robot/inner/b.stl", "package://inner/b.stl", "missing.stl", "/etc/passwd")
+    names = ("a.stl", "package://my_robot/inner/b.stl", "package://inner/b.stl", "missing.stl")
     links = "".join(mesh.format(i, name) for i, name in enumerate(names))
     (tmp_path / "a.urdf").write_text(f'<robot name="a">{links}</robot>')
     (tmp_path / "robot.yaml").write_text("urdf: a.urdf\n")
     found = [str(path) for path in robot_files(tmp_path / "robot.yaml")]
     assert found == ["a.urdf", "a.stl", "inner/b.stl", "LICENSE-meshes"]
+    (tmp_path / "a.urdf").write_text(f'<robot name="a">{mesh.format(0, "/etc/passwd")}</robot>')
+    with pytest.raises(InputError, match="lies outside the robot's folder"):
+        robot_files(tmp_path / "robot.yaml")
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 
@@ -94,7 +95,12 @@ REFUSED = {
     "dunder": ("${__import__('os')}", "not allowed"),
     "format": ("${'a'.format(1)}", "not allowed"),
     "comprehension": ("${[a for a in [1]]}", "only arithmetic"),
-    "load_yaml": ("${xacro.load_yaml('/etc/hostname')}", "not allowed"),
+    "load_yaml": ("${xacro.load_yaml('/etc/hostname')}", "outside the robot's packages"),
+    "text of a table": ("${str(xacro)}", "no number, text, list or table"),
+    "text of tables": ("${str([math])}", "no number, text, list or table"),
+    "table": ("${xacro}", "no number, text, list or table"),
+    "function by key": ("${xacro['load_yaml']}", "is a function"),
+    "length of a table": ("${len(python)}", "no number, text, list or table"),
     "unknown name": ("${reech}", "'reech' is not defined"),
     "division by zero": ("${1/0}", "division by zero"),
     "environment": ("$(env HOME)", "not allowed"),
@@ -195,3 +201,101 @@ def test_arithmetic(text, value):
 def test_what_is_no_arithmetic_is_a_value_error_in_words(text):
     with pytest.raises(ValueError, match=r"robot file|function|not allowed"):
         evaluate(text, {"a": 3})
+
+
+LIMITS = """joints:
+  upper: {reach: 0.8, span: [!degrees -180, !radians 2*pi], names: {tool: tip}}
+  off: !millimeters 250
+"""
+LOADED = """<xacro:property name="file" value="parts/limits.yaml"/>
+  <xacro:property name="limits" value="${xacro.load_yaml(file)['joints']}"/>
+  <xacro:property name="reach" value="${limits.upper['reach']}"/>"""
+REACH = '<xacro:property name="reach" value="${0.5 + 0.3}"/>'
+
+
+@pytest.fixture
+def loading(arm):
+    arm.write("parts/limits.yaml", LIMITS)
+    arm.edit("small.urdf.xacro", (REACH, LOADED))
+    return arm
+
+
+def test_a_yaml_file_is_loaded(loading):
+    assert loading.load().flange.placement[0, 3] == pytest.approx(0.8)
+    for expression, value in {
+        "load_yaml(file).joints.off": 0.25,
+        "limits['upper']['span'][0] + 4": 4 - math.pi,
+        "limits.upper.span[1]": 2 * math.pi,
+        "0.3 if 'upper' in limits and limits.upper.names.tool == 'tip' else 0.1": 0.3,
+    }.items():
+        loading.edit(
+            "small.urdf.xacro", (LOADED.splitlines()[-1], f'<xacro:property name="reach" value="${{{expression}}}"/>')
+        )
+        assert loading.load().flange.placement[0, 3] == pytest.approx(value), expression
+        loading.write("small.urdf.xacro", XACRO)
+        loading.edit("small.urdf.xacro", (REACH, LOADED))
+
+
+@pytest.mark.parametrize(
+    ("target", "words"),
+    [
+        ("/etc/hostname", "outside the robot's packages"),
+        ("../secret.yaml", "outside the robot's packages"),
+        ("file:///etc/hostname", "outside the robot's packages"),
+        ("parts/none.yaml", "there is no file"),
+    ],
+)
+def test_a_yaml_file_is_one_of_the_robots(loading, target, words):
+    (loading.folder.parent / "secret.yaml").write_text("a: 1")
+    loading.edit("small.urdf.xacro", ("parts/limits.yaml", target))
+    problem = loading.problem()
+    assert words in str(problem)
+    assert (Path(problem.file).name, problem.line) == (
+        "small.urdf.xacro",
+        loading.line("small.urdf.xacro", "load_yaml"),
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "words", "line"),
+    [
+        ("joints:\n  upper: {reach: !degrees x}", "'x' is not defined", 2),
+        ("joints: &a {b: 1}", "anchors", 1),
+        ("joints: !!python/object:os.system {}", "tags are not allowed", 1),
+        ("joints: {", "is not YAML", None),
+    ],
+)
+def test_a_wrong_yaml_file_is_named_with_its_line(loading, text, words, line):
+    loading.write("parts/limits.yaml", text)
+    problem = loading.problem()
+    assert words in str(problem)
+    assert problem.file.endswith("limits.yaml")
+    assert line in (None, problem.line)
+
+
+def test_a_missing_entry_says_what_is_there(loading):
+    loading.edit("small.urdf.xacro", ("limits.upper['reach']", "limits.upper['rich']"))
+    assert "there is no entry 'rich'; it has reach, span, names" in str(loading.problem())
+
+
+def test_parameters_are_forwarded_and_blocks_inserted(arm):
+    """`^` takes the caller's value and `|` what stands in for it; `*origin` is one element, `**more` what it holds."""
+    arm.edit(
+        "small.urdf.xacro",
+        (
+            '<xacro:end prefix=""/>',
+            """<xacro:macro name="mount" params="prefix:=^|none length:=^|0.1 *origin **more">
+    <xacro:property name="end" value="${prefix}tip" scope="parent"/>
+    <link name="${prefix}tip"/>
+    <joint name="${prefix}mount" type="fixed">
+      <xacro:insert_block name="origin"/><xacro:insert_block name="more"/>
+    </joint>
+  </xacro:macro>
+  <xacro:property name="prefix" value=""/>
+  <xacro:unless value="${False}">
+    <xacro:mount><origin xyz="${reach/2} 0 0"/><ends><parent link="fore"/><child link="tip"/></ends></xacro:mount>
+  </xacro:unless>
+  <xacro:if value="${end != 'tip'}"><link name="loose"/></xacro:if>""",
+        ),
+    )
+    assert arm.load().flange.placement[0, 3] == pytest.approx(0.4)

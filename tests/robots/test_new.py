@@ -12,8 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.applications.conformance import check_robot
+from qsframework.applications.conformance import check_robot, small_campaign
+from qsframework.cli.check import check_files
 from qsframework.cli.new import NewWish, run_new
+from qsframework.design import Wish, design
 from qsframework.errors import InputError
 from qsframework.robot import load_robot
 from qsframework.robot.reference import reference_flange
@@ -24,6 +26,9 @@ JOINT = (
     '<origin xyz="{x}"/><axis xyz="{a}"/>{more}</joint>'
 )
 LIMIT = '<limit lower="-2" upper="2" effort="0" velocity="0"/>'
+
+
+BODY = '<inertial><mass value="40"/><inertia ixx="1" iyy="1" izz="1"/></inertial>'
 
 
 def joint(n: str, p: str, c: str, x: str = "0 0 0.5", a: str = "0 1 0", k: str = "revolute", more: str = LIMIT) -> str:
@@ -84,7 +89,7 @@ def test_an_arm_without_masses_works(tmp_path: Path) -> None:
     folder = written(tmp_path, urdf(tmp_path, *ARM))
     readme = (folder / "README.md").read_text()
     assert "masses: the URDF has none" in readme
-    assert "continuous in the URDF" in readme
+    assert "without limits in the URDF" in readme
     robot = load_robot(folder)
     assert robot.facts.masses.sum() == pytest.approx(150 * (0.2 + 1 + 0.2 + 1 + 0.2) ** 2)
     assert all("assumed" in p.source for p in robot.parameters)
@@ -105,10 +110,9 @@ def test_a_heavy_bar_that_follows_the_arm_is_kept_as_a_branch(tmp_path: Path) ->
     bar = joint("bar", "crank", "rod", "-0.4 0 0", more=LIMIT + '<mimic joint="lever" multiplier="-1" offset="0.1"/>')
     loose = joint("loose", "l2", "flap", k="continuous", more='<mimic joint="c"/>')
     file = urdf(tmp_path, *ARM, lever, bar, loose)
-    body = '<inertial><mass value="40"/><inertia ixx="1" iyy="1" izz="1"/></inertial>'
     text = file.read_text()
     for name in ("crank", "rod"):
-        text = text.replace(f'<link name="{name}"/>', f'<link name="{name}">{body}</link>')
+        text = text.replace(f'<link name="{name}"/>', f'<link name="{name}">{BODY}</link>')
     file.write_text(text)
     folder = written(tmp_path, file)
     spec = (folder / "robot.yaml").read_text()
@@ -225,3 +229,29 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
         run_new("arm", tmp_path / "none.urdf", NewWish(tmp_path / "new"))
     with pytest.raises(InputError, match="letters"):
         run_new("../arm", tmp_path / "stranger.urdf", NewWish(tmp_path / "new"))
+
+
+def test_an_arm_whose_urdf_states_no_mass_works_without_weight(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its geometry and springs are found; of what would sag by its own weight it is said that nothing can be."""
+    folder = written(tmp_path, urdf(tmp_path, *ARM))
+    text = re.sub(r"<inertial>.*?</inertial>", "", (folder / "arm.urdf").read_text())
+    (folder / "arm.urdf").write_text(text)
+    robot = load_robot(folder)
+    assert not robot.facts.masses.any()
+    checks = {c.name: c for c in check_robot(robot)}
+    assert all(c.good for c in checks.values()), checks
+    assert "gravity terms are unavailable" in checks["gravity"].words
+    check_files([folder], None)
+    assert "masses: the URDF states no mass" in capsys.readouterr().out
+    spec = (folder / "robot.yaml").read_text()
+    sag = "effects:\n  - {effect: gravity_sag, joints: [b, c]}"
+    (folder / "robot.yaml").write_text(spec.replace("effects:", sag))
+    plan = design(
+        small_campaign(load_robot(folder), tmp_path), 8, candidates=100, wish=Wish(criterion="D", polish=False)
+    )
+    assert len(plan.pose) == 8
+    (folder / "arm.urdf").write_text(text.replace('<link name="l3">', f'<link name="l3">{BODY}'))
+    with pytest.raises(InputError, match="'l1' moves but has no <inertial>"):
+        load_robot(folder)

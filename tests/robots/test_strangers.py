@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from qsframework.applications.conformance import check_robot
 from qsframework.cli.new import NewWish, run_new
 from qsframework.errors import InputError
 from qsframework.robot import load_robot
-from qsframework.robot.expand import Sources
+from qsframework.robot.packages import Sources
 from qsframework.robot.reference import reference_flange
 from qsframework.robot.scaffold import Proposal, propose
 
@@ -172,6 +173,9 @@ XACRO = ' xmlns:xacro="http://www.ros.org/wiki/xacro"'
 
 def workspace(tmp_path: Path) -> Path:
     """Two packages beside each other, as in a ROS workspace; the arm's length is an argument without a default."""
+    for package in ("maker_resources", "maker_arm", "secret"):
+        (tmp_path / "src" / package).mkdir(parents=True)
+        (tmp_path / "src" / package / "package.xml").write_text(f"<package><name>{package}</name></package>")
     lengths = '<xacro:property name="reach" value="0.8"/>'
     file_of(tmp_path / "src" / "maker_resources" / "urdf", lengths, "lengths.xacro", XACRO)
     macro = ARM.replace("0 0 0.8", "0 0 ${reach}").replace("0.5 0 0", "$(arg forearm) 0 0")
@@ -194,7 +198,9 @@ def test_packages_beside_each_other_are_found(tmp_path: Path) -> None:
 def test_a_package_elsewhere_and_an_argument_are_told(tmp_path: Path) -> None:
     file = workspace(tmp_path)
     (tmp_path / "src" / "maker_resources").rename(tmp_path / "elsewhere")
-    with pytest.raises(InputError, match=r"arm.xacro: \$\(find maker_resources\): no folder .*say where it is"):
+    with pytest.raises(
+        InputError, match=r"arm.xacro: \$\(find maker_resources\): no folder or package .*say where it is"
+    ):
         propose("arm", file)
     sources = Sources({"maker_resources": tmp_path / "elsewhere"}, {"forearm": "0.7"}, nearby=True)
     robot = load_robot(works(tmp_path, propose("arm", file, sources=sources)))
@@ -212,10 +218,33 @@ def test_a_package_opens_no_other_folder(tmp_path: Path) -> None:
     file = workspace(tmp_path)
     file_of(tmp_path / "src" / "secret", "", "secret.xacro", XACRO)
     text = file.read_text()
-    for target in ("../../secret/secret.xacro", "$(find maker_arm)/../secret/secret.xacro", "$(find ..)/x.xacro"):
+    for target in (
+        "../../secret/secret.xacro",
+        "$(find maker_arm)/../secret/secret.xacro",
+        "$(find ../..)/secret/secret.xacro",
+    ):
         file.write_text(text.replace("$(find maker_arm)/urdf/arm_macro.xacro", target))
         with pytest.raises(InputError, match="outside the robot's folder"):
             propose("arm", file)
+
+
+def test_packages_are_sought_in_the_workspace_and_not_above(tmp_path: Path) -> None:
+    """A package by its manifest's name in a folder of another; nothing above the packages, and no mere folder there."""
+    file = workspace(tmp_path)
+    (tmp_path / "src" / "maker_resources").rename(tmp_path / "src" / "checkout")
+    load_robot(works(tmp_path, propose("arm", file)))
+    manifest = tmp_path / "src" / "checkout" / "package.xml"
+    text = manifest.read_text()
+    manifest.unlink()
+    (tmp_path / "src" / "checkout").rename(tmp_path / "src" / "maker_resources")
+    with pytest.raises(InputError, match="no folder or package of this name"):
+        propose("arm", file)  # a folder beside the package that is none itself
+    (tmp_path / "src" / "maker_resources").rename(tmp_path / "maker_resources")
+    (tmp_path / "maker_resources" / "package.xml").write_text(text)
+    with pytest.raises(InputError, match="no folder or package of this name"):
+        propose("arm", file)  # above the workspace
+    (tmp_path / "maker_resources").rename(tmp_path / "src" / "maker_arm" / "maker_resources")
+    propose("arm", file)
 
 
 def test_a_payload_from_the_manual_sizes_the_springs(tmp_path: Path) -> None:
@@ -243,7 +272,7 @@ def test_the_checklist_says_what_looks_odd(tmp_path: Path) -> None:
     assert "masses: all that moves weighs 64 kg in the URDF; can that be, by the manual?" in notes
     assert any(n.startswith("size: from the first axis to the last the joints are 2 m apart") for n in notes)
     (solids,) = (n for n in notes if n.startswith("solids: "))
-    assert "<visual> of turret, upper, fore, roll, bend, hand, and meshes are not read" in solids
+    assert "no box, cylinder, sphere or mesh of turret, upper, fore, roll, bend, hand in the URDF" in solids
     box = ARM.replace('<mesh filename="package://gone/fore.stl"/>', '<box size="0.3 0.1 0.1"/>')
     assert not any("fore" in n for n in propose("arm", file_of(tmp_path, box)).checklist if n.startswith("solids"))
 
@@ -254,3 +283,110 @@ def test_wrong_payloads(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="--payload: no payload of a robot"):
             run_new("arm", file, NewWish(tmp_path / "new", payload=payload))
     assert not (tmp_path / "new").exists()
+
+
+def test_only_an_arm_with_an_elbow_is_asked_for_what_such_arms_have(tmp_path: Path) -> None:
+    """Not one of seven axes, nor one with three parallel axes, nor a SCARA; but a slanted axis is none."""
+    notes = propose("arm", file_of(tmp_path, ARM)).checklist
+    assert [note.split(":")[0] for note in notes[:3]] == ["controller", "loops", "springs"]
+    seven = ARM + link("tip", 1) + joint("hand", "tip", "0 1 0", "0.1 0 0")
+    three = ARM.replace(joint("fore", "roll", "1 0 0", "0.3 0 0.1"), joint("fore", "roll", "0 -1 0", "0.3 0 0.1"))
+    scara = link("foot") + link("a", 5) + link("b", 3) + link("c", 1)
+    scara += joint("foot", "a", "0 0 1") + joint("a", "b", "0 0 1", "0.4 0 0") + joint("b", "c", "0 0 -1", "0.3 0 0")
+    for text in (seven, three, scara):
+        proposal = propose("arm", file_of(tmp_path, text))
+        assert not any(note.startswith(("controller", "loops", "springs")) for note in proposal.checklist)
+        assert "parallelogram" not in proposal.files["robot.yaml"]
+
+
+def test_a_slide_between_turning_joints_is_to_be_fixed(tmp_path: Path) -> None:
+    """The arm of a SCARA beyond its slide would be one joint."""
+    scara = link("foot") + link("a", 5) + link("b", 3) + link("quill", 1) + link("tip", 0.5)
+    scara += joint("foot", "a", "0 0 1") + joint("a", "b", "0 0 1", "0.4 0 0")
+    text = scara + joint("b", "quill", "0 0 1", "0.3 0 0", "floating") + joint("quill", "tip", "0 0 1", "0 0 -0.1")
+    with pytest.raises(InputError, match=r'Make it type="fixed" where it stands in the campaign: 3 joints then turn'):
+        propose("arm", file_of(tmp_path, text))
+    fixed = propose("arm", file_of(tmp_path, text.replace('type="floating"', 'type="fixed"')))
+    assert fixed.files["robot.yaml"].count("limits_deg") == 3
+
+
+def stl(extents: tuple[float, float, float], kind: str = "stl") -> bytes:
+    import trimesh
+
+    made = trimesh.creation.box(extents=extents).export(file_type=kind)
+    return made.encode() if isinstance(made, str) else made
+
+
+@pytest.mark.parametrize("kind", ["stl", "stl_ascii", "obj", "dae"])
+def test_meshes_of_a_package_become_solids(kind: str, tmp_path: Path) -> None:
+    """Boxes in mm, in a package beside the file's: hulls for collisions, sight and floor, and meshes to draw."""
+    suffix = kind.partition("_")[0]
+    meshes = tmp_path / "src" / "maker_meshes" / "meshes"
+    meshes.mkdir(parents=True)
+    for package in ("maker_arm", "maker_meshes"):
+        (tmp_path / "src" / package).mkdir(exist_ok=True)
+        (tmp_path / "src" / package / "package.xml").write_text(f"<package><name>{package}</name></package>")
+    (meshes / f"upper.{suffix}").write_bytes(stl((200, 100, 800), kind))
+    mesh = f'<mesh filename="package://maker_meshes/meshes/upper.{suffix}" scale="0.001 0.001 0.001"/>'
+    text = ARM.replace('<mesh filename="package://gone/upper.stl"/>', mesh)
+    proposal = propose("arm", file_of(tmp_path / "src" / "maker_arm" / "urdf", text))
+    assert [name for name in proposal.files if name.startswith("meshes/")] == [
+        "meshes/2_upper_0.obj",
+        "meshes/2_upper_hull_0.obj",
+    ]
+    told = next(note for note in proposal.checklist if note.startswith("meshes: not there"))
+    assert "package://gone/foot.stl" in told
+    folder = tmp_path / "arm"
+    (folder / "meshes").mkdir(parents=True)
+    for name, content in proposal.files.items():
+        (folder / name).write_text(content)
+    robot = load_robot(folder)
+    ((shape,), (drawn,)) = robot.shapes, robot.meshes
+    assert (shape.kind, shape.link, drawn.link) == ("hull", 2, 2)
+    assert shape.hull is not None
+    np.testing.assert_allclose(np.ptp(shape.hull.corners, axis=0), [0.2, 0.1, 0.8], atol=1e-6)
+    assert drawn.path is not None
+
+
+BAD = {
+    "a mesh of 100 MB": ("big.stl", "100 MB, more than 20"),
+    "a broken mesh": ("broken.stl", "it cannot be read"),
+    "a path to elsewhere": ("../../../secret.stl", "outside the robot's folder and packages, and is not read"),
+    "a link to elsewhere": ("linked.stl", "outside the robot's folder and packages, and is not read"),
+    "a package with a way out": ("package://maker/../../secret.stl", "outside the robot's folder and packages"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_meshes_are_named_with_file_and_line(case: str, tmp_path: Path) -> None:
+    name, words = BAD[case]
+    folder = tmp_path / "src" / "maker" / "urdf"
+    folder.mkdir(parents=True)
+    (folder / "big.stl").touch()
+    os.truncate(folder / "big.stl", 100_000_000)
+    (folder / "broken.stl").write_bytes(b"this is no mesh")
+    (folder.parent / "package.xml").write_text("<package><name>maker</name></package>")
+    for place in (tmp_path, tmp_path / "src"):
+        (place / "secret.stl").write_bytes(stl((1, 1, 1)))
+    (folder / "linked.stl").symlink_to(tmp_path / "secret.stl")
+    file = file_of(folder, ARM.replace("package://gone/upper.stl", name).replace("<link", "\n<link"))
+    line = next(k for k, text in enumerate(file.read_text().splitlines(), 1) if name in text)
+    with pytest.raises(InputError, match=words) as refused:
+        propose("arm", file)
+    assert (refused.value.problems[0].file, refused.value.problems[0].line) == (str(file), line)
+    (folder / "robot.yaml").write_text(propose("arm", file_of(tmp_path / "plain", ARM)).files["robot.yaml"])
+    (folder / "nominal.yaml").write_text(propose("arm", tmp_path / "plain" / "robot.urdf").files["nominal.yaml"])
+    file.rename(folder / "arm.urdf")
+    with pytest.raises(InputError, match=words):
+        load_robot(folder)
+
+
+def test_an_elbow_is_one_whatever_carries_it(tmp_path: Path) -> None:
+    """Turned on a wedge, and with a joint that follows in the wrist."""
+    wedge = '<link name="wedge"/>' + joint("wedge", "foot", "", "0 0 1", "fixed").replace(
+        "<origin ", '<origin rpy="0.3 0.2 0" '
+    )
+    follows = joint("bend", "hand", "1 0 0", "0.1 0 0", more=LIMIT + '<mimic joint="to_bend" multiplier="0.5"/>')
+    text = ARM.replace(joint("bend", "hand", "1 0 0", "0.1 0 0"), follows)
+    notes = propose("arm", file_of(tmp_path, wedge + text), flange="hand").checklist
+    assert notes[0].startswith("controller: does the pendant show J3")

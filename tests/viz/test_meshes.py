@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from headless import browser
 
-from qsframework.robot import load_robot
+from qsframework.errors import InputError
+from qsframework.robot import load_robot, mesh
 from qsframework.robot.loader import find_robot
 from qsframework.viz import Scene, meshes, show_scene
 from qsframework.viz.subject import one_pose, robot_alone
@@ -57,17 +58,17 @@ def drawn(scene: Scene) -> dict[str, dict[str, object]]:
 @pytest.mark.parametrize("kind", ["stl", "obj", "dae"])
 def test_a_mesh_of_the_robots_folder_is_drawn(kind: str, tmp_path: Path) -> None:
     robot = with_mesh(tmp_path, f"meshes/base.{kind}", box(kind))
-    (mesh,) = load_robot(robot).meshes
-    assert mesh.link == 0
-    assert np.allclose(mesh.placement[:3, 3], [0, 0, 0.1])
+    (shape,) = load_robot(robot).meshes
+    assert shape.link == 0
+    assert np.allclose(shape.placement[:3, 3], [0, 0, 0.1])
     scene = scene_of(robot)
     assert list(drawn(scene)) == ["/meshcat/poses/0/robot/link_0/mesh_0"]
     assert not [note for note in scene.notes if "esh" in note]
     found = meshes.Meshes(load_robot(robot), 1)
     ((_, (vertices, faces)),) = found.drawn
     assert len(faces) == 12
-    assert np.allclose(np.ptp(vertices * mesh.scale, axis=0), 1e-3 * SIZE)
-    assert mesh.rgba == (0.9, 0.1, 0.1, 1.0)
+    assert np.allclose(np.ptp(vertices * shape.scale, axis=0), 1e-3 * SIZE)
+    assert shape.rgba == (0.9, 0.1, 0.1, 1.0)
 
 
 def test_a_package_is_the_robots_own_folder(tmp_path: Path) -> None:
@@ -78,13 +79,27 @@ def test_a_package_is_the_robots_own_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "why"),
     [
-        ("../base.stl", b"solid", "not a file of the robot's folder"),
-        ("package://elsewhere/base.stl", None, "not a file of the robot's folder"),
-        ("/etc/hostname", None, "not a file of the robot's folder"),
-        ("base.ply", b"ply", "only .stl, .obj, .dae are read"),
+        ("../base.stl", b"solid", "outside the robot's folder"),
+        ("/etc/hostname", None, "outside the robot's folder"),
         ("base.stl", b"this is no mesh", "cannot be read"),
         ("base.dae", b'<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "b">]><COLLADA/>', "cannot be read"),
         ("base.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "cannot be read"),
+    ],
+)
+def test_bad_ones_are_refused_with_the_line(name: str, content: bytes | None, why: str, tmp_path: Path) -> None:
+    robot = with_mesh(tmp_path, name, content)
+    with pytest.raises(InputError, match=f"{name}.*{why}") as refused:
+        load_robot(robot)
+    (problem,) = refused.value.problems
+    assert problem.line is not None
+    assert name in (robot / "ur10.urdf.xacro").read_text().splitlines()[problem.line - 1]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "why"),
+    [
+        ("package://elsewhere/base.stl", None, "its file is not in the robot's folder"),
+        ("base.ply", b"ply", "only .stl, .obj, .dae are read"),
     ],
 )
 def test_others_are_said_and_done_without(name: str, content: bytes | None, why: str, tmp_path: Path) -> None:
@@ -96,10 +111,9 @@ def test_others_are_said_and_done_without(name: str, content: bytes | None, why:
 
 
 def test_a_large_file_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(meshes, "LARGEST", 100)
-    scene = scene_of(with_mesh(tmp_path, "base.stl", box("stl")))
-    assert drawn(scene) == {}
-    assert any("MB, more than" in note for note in scene.notes)
+    monkeypatch.setattr(mesh, "LARGEST", 100)
+    with pytest.raises(InputError, match="MB, more than"):
+        load_robot(with_mesh(tmp_path, "base.stl", box("stl")))
 
 
 def test_too_many_triangles_are_not_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -109,6 +123,18 @@ def test_too_many_triangles_are_not_drawn(tmp_path: Path, monkeypatch: pytest.Mo
     over = meshes.Meshes(robot, 3)
     assert over.drawn == []
     assert "36 triangles" in over.notes[0]
+
+
+def test_fine_meshes_are_drawn_coarser(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import trimesh
+
+    ball = trimesh.creation.icosphere(subdivisions=5, radius=200.0)
+    robot = load_robot(with_mesh(tmp_path, "base.stl", ball.export(file_type="stl")))
+    monkeypatch.setattr(meshes, "MOST", 4000)
+    ((_, (vertices, faces)),) = (few := meshes.Meshes(robot, 3)).drawn
+    assert 600 < len(faces) <= 4000 // 3
+    assert np.allclose(np.linalg.norm(vertices, axis=1), 200.0, rtol=0.1)
+    assert "61440 triangles" in few.notes[0]
 
 
 @browser

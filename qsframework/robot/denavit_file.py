@@ -1,0 +1,186 @@
+"""An arm from a table of Denavit and Hartenberg: a CSV file with a row for each joint.
+
+    standard:        T_k = Rz(theta_k + q_k) Tz(d_k) Tx(a_k) Rx(alpha_k)
+    modified, Craig: T_k = Rx(alpha_k) Tx(a_k) Rz(theta_k + q_k) Tz(d_k)
+
+The flange is at T_1 T_2 ... T_n of the base. In the modified table a row holds a and alpha from the axis before.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from qsframework import units
+from qsframework.errors import InputError, Problem, nearest
+from qsframework.files import read_text
+from qsframework.plugin import Array
+from qsframework.robot.denavit import turns
+from qsframework.robot.urdf import Joint, Link, Origin, Urdf
+from qsframework.robot.xml_tree import Place
+
+_KINDS = {"a": "m", "alpha": "rad", "d": "m", "theta": "rad", "min": "rad", "max": "rad"}
+_NEEDED = ("a", "alpha", "d", "theta")
+_MOST = 30
+"""Joints."""
+_FARTHEST = 100.0
+"""m, of a and d."""
+_SHOWN = ("a_mm", "alpha_deg", "d_mm", "theta_deg")
+_OPTIONAL = ("joint", "min_deg", "max_deg")
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A joint: its name, its numbers in SI by column, the line in the file."""
+
+    joint: str
+    values: dict[str, float]
+    line: int
+
+
+def read_denavit(path: Path, modified: bool = False) -> Urdf:
+    """The arm of a table: links `base`, `link_1` .. `link_n`, `flange`; every joint turns about its z.
+
+    Columns: a_mm, alpha_deg, d_mm, theta_deg, and if wished joint, min_deg, max_deg; other units of length and angle
+    are read too. InputError with every wrong cell.
+    """
+    rows = _read(path)
+    between = [_slide(0, row.values["a"]) @ _turn(0, row.values["alpha"]) for row in rows]
+    along = [_slide(2, row.values["d"]) @ _turn(2, row.values["theta"]) for row in rows]
+    steps = [b @ s for b, s in zip(between, along, strict=True)]
+    end = np.eye(4)
+    if not modified:
+        theta = [_turn(2, row.values["theta"]) for row in rows]
+        after = [_slide(2, row.values["d"]) @ b for row, b in zip(rows, between, strict=True)]
+        steps = [before @ t for before, t in zip([np.eye(4), *after[:-1]], theta, strict=True)]
+        end = after[-1]
+    names = ["base", *(f"link_{k + 1}" for k in range(len(rows))), "flange"]
+    links = tuple(Link(name, Place(str(path), None), None, ()) for name in names)
+    joints = [
+        _joint(path, row, names[k], names[k + 1], steps[k], "revolute" if "min" in row.values else "continuous")
+        for k, row in enumerate(rows)
+    ]
+    last = _joint(path, _Row("to_flange", {}, rows[-1].line), names[-2], names[-1], end, "fixed")
+    return Urdf(path, links, (*joints, last), ())
+
+
+def _joint(path: Path, row: _Row, parent: str, child: str, placement: Array, kind: str) -> Joint:
+    return Joint(
+        name=row.joint,
+        kind=kind,
+        parent=parent,
+        child=child,
+        origin=Origin(placement[:3, 3], _rpy(placement[:3, :3])),
+        axis=np.array([0.0, 0.0, 1.0]),
+        limits=(row.values["min"], row.values["max"]) if "min" in row.values else None,
+        mimic=None,
+        place=Place(str(path), row.line),
+    )
+
+
+def _slide(axis: int, way: float) -> Array:
+    out = np.eye(4)
+    out[axis, 3] = way
+    return out
+
+
+def _turn(axis: int, angle: float) -> Array:
+    return turns(np.eye(3)[axis], np.array([angle]))[0]
+
+
+def _rpy(rotation: Array) -> Array:
+    """Roll, pitch and yaw (3,) of Rz(yaw) Ry(pitch) Rx(roll), to rounding also where the pitch is a quarter turn."""
+    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
+    s, c = np.sin(yaw), np.cos(yaw)
+    pitch = np.arctan2(-rotation[2, 0], c * rotation[0, 0] + s * rotation[1, 0])
+    roll = np.arctan2(s * rotation[0, 2] - c * rotation[1, 2], c * rotation[1, 1] - s * rotation[0, 1])
+    return np.array([roll, pitch, yaw])
+
+
+def _read(path: Path) -> list[_Row]:
+    lines = [(n, text) for n, text in enumerate(read_text(path).splitlines(), 1) if text.strip(" ,;\t")]
+    lines = [(n, text) for n, text in lines if not text.lstrip().startswith("#")]
+    if len(lines) < 2:
+        hint = f"The first line is {','.join(_SHOWN)}, then a line follows for each joint."
+        raise InputError(Problem("holds no joint", file=str(path), hint=hint))
+    between = next((mark for mark in ";\t" if mark in lines[0][1]), ",")
+    cells = [(n, [cell.strip() for cell in next(csv.reader([text], delimiter=between))]) for n, text in lines]
+    problems: list[Problem] = []
+    columns = _columns(path, *cells[0], problems)
+    if problems:
+        raise InputError(problems)
+    if len(cells) - 1 > _MOST:
+        raise InputError(Problem(f"holds {len(cells) - 1} joints", file=str(path), allowed=f"up to {_MOST}"))
+    rows = [_row(path, k, (line, row), columns, problems) for k, (line, row) in enumerate(cells[1:], 1)]
+    for k, row in enumerate(rows):
+        if row.joint in [other.joint for other in rows[:k]]:
+            message = f"joint {row.joint!r} stands here a second time"
+            problems.append(Problem(message, file=str(path), line=row.line, column="joint"))
+    if problems:
+        raise InputError(problems)
+    return rows
+
+
+def _columns(path: Path, line: int, head: list[str], problems: list[Problem]) -> list[tuple[str, str]]:
+    """What each column holds, and its unit."""
+    allowed = ", ".join((*_SHOWN, *_OPTIONAL))
+    found: list[tuple[str, str]] = []
+    for name in head:
+        stem, unit = ("joint", "") if name == "joint" else units.split(name, list(_KINDS)) or (name, "")
+        wrong = None
+        if stem not in (*_KINDS, "joint"):
+            wrong = "unknown column"
+        elif stem in [other for other, _ in found]:
+            wrong = f"a second column for {stem}"
+        elif stem != "joint" and not (units.known(unit) and units.same_dimension(unit, _KINDS[stem])):
+            wrong = f"{name!r} does not end in a unit of {'length' if _KINDS[stem] == 'm' else 'angle'}"
+        if wrong:
+            hint = nearest(name, (*_SHOWN, *_OPTIONAL))
+            problems.append(Problem(wrong, file=str(path), line=line, column=name, allowed=allowed, hint=hint))
+        found.append((stem, unit))
+    stems = [stem for stem, _ in found]
+    missing = [name for name in _SHOWN if name.partition("_")[0] not in stems]
+    missing += [f"{a}_deg" for a, b in (("min", "max"), ("max", "min")) if b in stems and a not in stems]
+    if missing and not problems:
+        message = f"column{'s' * (len(missing) > 1)} missing: {', '.join(missing)}"
+        problems.append(Problem(message, file=str(path), line=line, found=", ".join(head), allowed=allowed))
+    return found
+
+
+def _row(
+    path: Path, number: int, at: tuple[int, list[str]], columns: list[tuple[str, str]], problems: list[Problem]
+) -> _Row:
+    line, cells = at
+
+    def refuse(message: str, column: str | None = None, found: str | None = None, allowed: str | None = None) -> None:
+        place = Place(str(path), line)
+        problems.append(place.problem(message, column=column, found=found, allowed=allowed))
+
+    if len(cells) != len(columns):
+        refuse("has not as many cells as there are columns", found=f"{len(cells)}", allowed=f"{len(columns)}")
+        return _Row(f"joint_{number}", {}, line)
+    joint, values = f"joint_{number}", dict[str, float]()
+    for (stem, unit), cell in zip(columns, cells, strict=True):
+        name = f"{stem}_{unit}"
+        if stem == "joint":
+            joint = cell or joint
+            continue
+        if not cell and stem in ("min", "max"):
+            continue
+        try:
+            value = float(units.to_si(float(cell), unit)) if cell.isascii() else np.nan
+        except ValueError:
+            value = np.nan
+        most = _FARTHEST if _KINDS[stem] == "m" else 100.0 * np.pi
+        if not abs(value) <= most:
+            shown = f"a number of up to {_FARTHEST:g} m" if _KINDS[stem] == "m" else "a number of up to 50 turns"
+            refuse(f"{name} must be a number, with a decimal point", name, found=repr(cell[:40]), allowed=shown)
+        values[stem] = value
+    if ("min" in values) != ("max" in values):
+        refuse("has one limit of two", "min" if "max" in values else "max")
+    elif "min" in values and values["min"] >= values["max"]:
+        refuse("the lower limit must be below the upper", found=f"{values['min']:g} .. {values['max']:g} rad")
+    return _Row(joint, values, line)

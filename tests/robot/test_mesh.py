@@ -1,0 +1,129 @@
+"""Convex hulls of meshes: the same solids as boxes are, for collisions, floor and sight; and coarser meshes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+from qsframework.plugin import Array, RobotFacts
+from qsframework.robot.collision import Collider, _capsule, lowest_point
+from qsframework.robot.kinematics import Frames, joint_frames
+from qsframework.robot.mesh import coarser, convex_hull
+from qsframework.robot.robot import Shape
+from qsframework.robot.sight import crosses, depth, visible
+
+RNG = np.random.default_rng(8)
+GREY = (0.5, 0.5, 0.5, 1.0)
+COUNT = 400
+
+
+def frames() -> Frames:
+    """Two links that lie anywhere within a metre."""
+    facts = RobotFacts(
+        name="two",
+        joints=("a", "b"),
+        links=("base", "one", "two"),
+        axes=np.array([[0.0, 0.6, 0.8], [1.0, 0.0, 0.0]]),
+        placements=np.stack([np.eye(4), np.eye(4)]),
+        masses=np.zeros(3),
+        centres=np.zeros((3, 3)),
+        gravity=np.array([0.0, 0.0, -9.81]),
+    )
+    return joint_frames(facts, RNG.uniform(-3, 3, (COUNT, 2)))
+
+
+def turned(shift: Array) -> Array:
+    q, _ = np.linalg.qr(RNG.normal(size=(3, 3)))
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = q * np.sign(np.linalg.det(q)), shift
+    return out
+
+
+def box(size: tuple[float, float, float], link: int, shift: Array) -> Shape:
+    return Shape(link, turned(shift), "box", size, GREY)
+
+
+def as_hull(shape: Shape) -> Shape:
+    """The box as a mesh with points inside it too, in a frame beside its middle."""
+    signs = np.array(list(product((-0.5, 0.5), repeat=3)))
+    points = np.concatenate([signs, RNG.uniform(-0.5, 0.5, (50, 3))]) * shape.size
+    aside = np.array([0.1, -0.2, 0.05])
+    placement = shape.placement.copy()
+    placement[:3, 3] -= placement[:3, :3] @ aside
+    return replace(shape, kind="hull", size=(), hull=convex_hull(points + aside), placement=placement)
+
+
+@pytest.fixture(scope="module")
+def pair() -> tuple[Shape, Shape]:
+    return box((0.4, 0.2, 0.9), 1, np.array([0.3, 0.1, 0.0])), box((0.3, 0.5, 0.2), 2, np.array([0.5, 0.0, 0.3]))
+
+
+@pytest.mark.parametrize("clearance", [0.0, 0.05])
+def test_hulls_collide_as_boxes_do(pair: tuple[Shape, Shape], clearance: float) -> None:
+    placed, pairs = frames(), np.array([[0, 1]])
+    wanted = Collider(pair, pairs, clearance, ()).collides(placed)
+    assert 0 < wanted.sum() < COUNT
+    for shapes in (tuple(map(as_hull, pair)), (pair[0], as_hull(pair[1]))):
+        np.testing.assert_array_equal(Collider(shapes, pairs, clearance, ()).collides(placed), wanted)
+
+
+def test_hulls_stand_on_the_floor_as_boxes_do(pair: tuple[Shape, Shape]) -> None:
+    placed = frames()
+    for shape in pair:
+        np.testing.assert_allclose(lowest_point(as_hull(shape), placed), lowest_point(shape, placed), atol=1e-9)
+
+
+def test_hulls_hide_as_boxes_do(pair: tuple[Shape, Shape]) -> None:
+    placed, station, point = frames(), np.array([2.0, 0.3, 0.4]), np.array([0.4, 0.1, 0.2])
+    start, end = RNG.normal(size=(3, COUNT)), RNG.normal(size=(3, COUNT))
+    aside = np.array([0.1, -0.2, 0.05])[:, None]
+    for shape in pair:
+        hull, wanted = as_hull(shape), visible([shape], placed, station, 2, point, 0.01)
+        np.testing.assert_array_equal(visible([hull], placed, station, 2, point, 0.01), wanted)
+        assert depth(hull, point) == pytest.approx(depth(shape, point))
+        crossed = crosses(shape, start, end)
+        assert 0 < crossed.sum() < COUNT
+        np.testing.assert_array_equal(crosses(hull, start + aside, end + aside), crossed)
+
+
+def test_the_capsules_hold_a_hull_and_lie_in_it() -> None:
+    placed = frames()
+    for _ in range(20):
+        hull = convex_hull(RNG.normal(size=(40, 3)) * RNG.uniform(0.05, 1.0, 3))
+        at = Shape(0, np.eye(4), "hull", (), GREY, hull=hull)
+        capsule = _capsule(at, placed)
+        middle, way = capsule.centre[:, 0], capsule.axis[:, 0]
+        along = np.clip((hull.corners - middle) @ way, -capsule.outer[0], capsule.outer[0])
+        aside = np.linalg.norm(hull.corners - middle - along[:, None] * way, axis=1)
+        assert aside.max() <= capsule.outer[1] + 1e-9
+        half, radius = capsule.inner
+        assert radius > 0.0
+        for end in (-half, half):
+            assert (hull.normals @ (middle + end * way) + radius <= hull.offsets + 1e-9).all()
+
+
+def test_a_fine_and_a_flat_mesh() -> None:
+    """A ball of many corners keeps its size to 1 %; a sheet is a solid of 0.2 mm."""
+    points = RNG.normal(size=(20_000, 3))
+    ball = convex_hull(points / np.linalg.norm(points, axis=1)[:, None])
+    assert len(ball.corners) <= 400
+    assert ball.offsets.min() > 0.985
+    centre = ball.corners[ball.faces].mean(axis=1)
+    normal = np.cross(*(ball.corners[ball.faces[:, k]] - ball.corners[ball.faces[:, 0]] for k in (1, 2)))
+    assert (np.einsum("fi,fi->f", normal, centre) > 0.0).all()  # seen from outside
+    sheet = convex_hull(np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]))
+    assert np.ptp(sheet.corners[:, 2]) == pytest.approx(2e-4)
+
+
+def test_a_coarser_mesh_keeps_its_place() -> None:
+    import trimesh
+
+    ball = trimesh.creation.icosphere(subdivisions=5)
+    vertices, faces = coarser(np.asarray(ball.vertices), np.asarray(ball.faces), 1000)
+    assert 400 < len(faces) <= 1000
+    assert len({*faces.ravel()}) == len(vertices)
+    np.testing.assert_allclose(np.linalg.norm(vertices, axis=1), 1.0, atol=0.05)
+    assert coarser(vertices, faces, 1000)[1] is faces
