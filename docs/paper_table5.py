@@ -24,8 +24,8 @@ SIDE_PULL = np.array([0.0, 1500.0, 0.0, 0.0, 0.0, 0.0])
 
 @cache
 def vertical() -> Experiment:
-    """The M-900iB's example with its weight alone and the compliances of joints 2 to 6, as Table 5 has it, which keeps no
-    margin to the joints' limits."""
+    """The M-900iB's example with its weight alone and the compliances of joints 2 to 6, as Table 5 has it; the table
+    keeps no margin to the joints' limits."""
     whole = load_experiment(example("m900ib") / "experiment.yaml")
     limits = replace(whole.constraints, joint_margin=0.0)
     return whole.with_(loads=(replace(whole.loads[0], poses=None),), fit=JOINTS[1:], constraints=limits)

@@ -23,8 +23,7 @@ class Stranger:
     """A robot as somebody brings it.
 
     write: puts its files into a folder and names the main one; options: of `qsf new` beside the file; refused:
-    what `qsf new` says instead, as a regular expression; slides: refused only as long as no joint may slide; axes:
-    angles on the pendant
+    what `qsf new` says instead, as a regular expression; axes: values on the pendant
     """
 
     name: str
@@ -33,7 +32,6 @@ class Stranger:
     axes: int = 6
     options: Sequence[str] = ()
     refused: str = ""
-    slides: bool = False
 
 
 def put(folder: Path, name: str, text: str | bytes) -> Path:
@@ -624,17 +622,13 @@ STRANGERS = (
         like="SCARA: a slide between turns",
         write=scara,
         axes=4,
-        refused=r"joint 'j3': a prismatic joint.*Make it type=\"fixed\"",
-        slides=True,
     ),
-    Stranger(name="scara_fixed", like="the same, its slide fixed as advised", write=scara_fixed, axes=3),
+    Stranger(name="scara_fixed", like="the same, its slide fixed", write=scara_fixed, axes=3),
     Stranger(
         name="gantry",
         like="gantry: three slides, two turns",
         write=gantry,
         axes=5,
-        refused=r"joint 'z': a prismatic joint.*base ram",
-        slides=True,
     ),
     Stranger(name="magician_like", like="Dobot Magician: helper links without size, mimic", write=helper_links, axes=4),
     Stranger(name="palletizer", like="palletizer: mimic with offset, a heavy rod", write=palletizer, axes=4),
