@@ -27,6 +27,7 @@ from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan, Readings, load_experiment, read_plan, read_readings, write_plan
 from qsframework.information import promised_sd
 from qsframework.report import certificate_text, plan_section, sd_table, write_report
+from qsframework.report.plan_section import margin_words
 from qsframework.report.provenance import AFTER, INFORMATION, LINEAR, computed
 from qsframework.work import Work, job_of
 
@@ -82,7 +83,8 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, where: Whe
     print(found.words())
     print_table(table.header, table.rows)
     beyond = [f"Note: {n}." for n in range_notes(experiment.model(), plan.poses, plan.pose)]
-    for line in (certificate_text(plan), *tip_words(plan), *twin_words(experiment, plan), *beyond):
+    margin = margin_words(experiment)
+    for line in (certificate_text(plan), margin, *tip_words(plan), *twin_words(experiment, plan), *beyond):
         print(line)
     print(f"plan: {files.output}")
     print(f"next: measure each pose unloaded, then loaded, or try it: qsf simulate {files.experiment} {files.output}")
@@ -90,7 +92,7 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, where: Whe
         certificate = plan.certificate.as_json() if plan.certificate else None
         write_json(files.json, {"plan": str(files.output), "certificate": certificate, "candidates": found.words()})
     if files.report is not None:
-        notes = (found.words(), *tip_words(plan), *twin_words(experiment, plan), *beyond)
+        notes = (found.words(), margin, *tip_words(plan), *twin_words(experiment, plan), *beyond)
         sections = (
             plan_section(experiment, plan, table, "Plan", notes),
             computed(experiment, files.inputs(), seed, (LINEAR, INFORMATION, AFTER)),

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from qsframework.design.constraints import joint_range
 from qsframework.experiment import Experiment, Plan
 from qsframework.information import Promise, promised_beyond
 from qsframework.plugin import Array, Parameter
@@ -30,6 +31,19 @@ def certificate_text(plan: Plan) -> str:
     if c.polished_from is not None:
         words += f" Angles then moved off the candidates, inside the constraints: {c.efficiency:.4f}."
     return " ".join([words, *(f"Note: {note}." for note in c.notes)])
+
+
+def margin_words(experiment: Experiment) -> str:
+    """How far the poses keep from the joints' limits, and what sets it."""
+    margins = joint_range(experiment)[0] - np.array(experiment.robot.controller.lower)
+    units, driven = experiment.robot.controller.units, experiment.robot.facts.driven
+    constraints = experiment.constraints
+    own = {*constraints.joint_limits, *constraints.joint_values}
+    kept = [(k, m) for k, m in enumerate(margins.tolist()) if driven[k] not in own]
+    if not any(m > 0.0 for _, m in kept):
+        return "The poses may go up to the joints' limits."
+    said = ", ".join(f"J{k + 1} {units[k].text(m, 3)}" for k, m in kept)
+    return f"Kept from the controller's limits: {said} (joint_margin_deg in the constraints states another margin)."
 
 
 def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> Table:

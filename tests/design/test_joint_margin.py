@@ -72,7 +72,7 @@ def test_a_pose_within_the_margin_is_named_so(m900ib: Experiment) -> None:
 
 
 def test_of_ways_as_long_the_one_that_spares_the_cables() -> None:
-    """Five poses that are 100 deg apart each: all orders take as long; a sixth joint is not turned to and fro for it."""
+    """Five poses that are 100 deg apart each: all orders take as long; a sixth joint is not turned to and fro."""
     rng = np.random.default_rng(1)
     for _ in range(5):
         wrist = np.deg2rad(rng.permutation([0.0, 20.0, 40.0, 60.0, 80.0]))
