@@ -50,8 +50,12 @@ loads:
 README = """# A measuring day
 
 ```sh
-qsf day examples/day/experiment.yaml examples/day/plan.csv --watch examples/day/exports --once --cycles 1 --no-half \\
-  --repeat-share 0 -o day
+qsf day examples/day/experiment.yaml examples/day/plan.csv --watch examples/day/exports --once --cycles 1 --no-half --repeat-share 0 -o day
+```
+
+```text
+visit_4.csv: pose p07, weight_and_side_pull, cycle 1: as expected.
+visit_5.csv: pose p06, unloaded, cycle 1: look again (the markers are 56.57 mm from where this pose puts them). q3 is +2.04 deg from the plan (joint_3): look at the pendant.
 ```
 
 `plan.csv` holds eight poses of a FANUC M-900iB; `exports/` what a tracker exported on the first five visits, a file for

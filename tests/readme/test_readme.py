@@ -129,7 +129,7 @@ def test_the_commands_run_and_print_what_is_said(
     (tmp_path / "examples").symlink_to(root / "examples")
     page = root / "examples" / name / "README.md"
     commands = lines(page, "sh")
-    assert any(c.startswith(("qsf identify ", "qsf diagnose ")) for c in commands)
+    assert any(c.startswith(("qsf identify ", "qsf diagnose ", "qsf day ")) for c in commands)
     assert all("--report" in c for c in commands if c.startswith(("qsf identify ", "qsf design ")))
     printed = ""
     for command in commands:
