@@ -21,7 +21,7 @@ from qsframework.experiment.measured import keep_measured
 
 def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish: ProtocolWish) -> None:
     """Write the sheet and the files to fill in."""
-    from qsframework.report.protocol_section import Commands, SheetFiles, write_sheet
+    from qsframework.report.protocol_section import Commands, SheetFiles, turning_words, write_sheet
     from qsframework.viz.sketch import sketches
 
     floor = floor_file(readings) if readings.name else readings
@@ -42,6 +42,7 @@ def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish:
     write_sheet(sheet, protocol, pictures, files, commands)
     write_reading_file(readings, protocol)
     print(f"{len(protocol.visits)} visits, {protocol.readings} readings, about {protocol.hours:.1f} hours: {sheet}")
+    print(turning_words(protocol))
     for note in protocol.notes:
         print(f"note: {note}")
     print(f"to fill in: {readings}")

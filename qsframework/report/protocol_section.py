@@ -194,10 +194,10 @@ def _order(protocol: Protocol) -> Part:
         "Angles are those of the pendant. The number of a state is its cycle: unloaded c and loaded c make one "
         "displacement. In the pictures grey lines are the base's x (longer) and y, the red arrow is the force."
     )
-    return Part("Visits", (f"{order} {again} {_turning(protocol)}", cards))
+    return Part("Visits", (f"{order} {again}", cards))
 
 
-def _turning(protocol: Protocol) -> str:
+def turning_words(protocol: Protocol) -> str:
     """How far the joint that turns most does so: the cables follow."""
     way = np.array([visit.pendant for visit in protocol.visits])
     total, steps = turning(way, range(len(way))), np.abs(np.diff(way, axis=0))
@@ -205,7 +205,8 @@ def _turning(protocol: Protocol) -> str:
         return ""
     most = int(np.argmax(np.where(protocol.units.sliding, 0.0, total)))
     in_all, at_once = (protocol.units[most].text(float(v), 4) for v in (total[most], steps[:, most].max()))
-    return f"J{most + 1} turns most: {in_all} in all, at most {at_once} between two poses; look at its cables there."
+    said = f"J{most + 1} turns most, {in_all} in all and {at_once} at most between two poses"
+    return f"{said}: look at the cables there."
 
 
 def _after(files: SheetFiles, commands: Commands) -> Part:
