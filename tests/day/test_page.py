@@ -150,6 +150,16 @@ def test_a_port_that_is_taken_is_said(folder: Path) -> None:
     assert "0 takes any free one" in done.stderr
 
 
+def test_a_plan_of_another_robot_is_refused(folder: Path) -> None:
+    plan = folder / "plan.csv"
+    plan.write_text(plan.read_text().replace("# robot: fanuc_m900ib", "# robot: fanuc_r2000ic"))
+    command = [sys.executable, "-m", "qsframework", "day", "experiment.yaml", "plan.csv", "--watch", ".", "--once"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2
+    assert "fanuc_r2000ic" in done.stderr
+    assert not (folder / "day").exists()
+
+
 def test_a_watched_folder_says_a_line_for_every_state(folder: Path) -> None:
     experiment = load_experiment(folder / "experiment.yaml")
     wish = ProtocolWish(cycles=1, half=False, repeat_share=0.0)
