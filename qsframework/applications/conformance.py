@@ -85,6 +85,7 @@ def small_campaign(robot: Robot, folder: Path) -> Experiment:
     force = 9.81 * (weight or _WEIGHT)
     size = 1e3 * _size(robot)
     flange = next(name for name, frame in robot.frames.items() if frame is robot.flange)
+    along = {"fx_N": 0.3 * force} if sum(robot.facts.sliding) > 1 else {}  # a gantry gives along both its beams
     data: dict[str, Any] = {
         "robot": str(robot.folder),
         "load": {"point_mm": [size, 0.3 * size, 0.5 * size]},
@@ -96,7 +97,7 @@ def small_campaign(robot: Robot, folder: Path) -> Experiment:
         "noise": {"sigma_mm": 0.03},
         "loads": [
             {"name": "weight", "fz_N": -force},
-            {"name": "side_pull", "fz_N": -0.8 * force, "fy_N": 0.5 * force},
+            {"name": "side_pull", "fz_N": -0.8 * force, "fy_N": 0.5 * force} | along,
         ],
     }
     return load_experiment(write_text(folder / "experiment.yaml", yaml_text(data)))
