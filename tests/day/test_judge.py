@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import arm as cell
@@ -92,6 +93,26 @@ def test_a_tracker_that_was_moved_begins_a_new_series(m900ib: Experiment, tmp_pa
     assert kinds == ["tracker"]
     series = [row.series for row in day.record.rows]
     assert series == ["S1"] * 45 + ["S2"] * 63
+
+
+def test_a_pose_visited_again_reads_what_it_read(m900ib: Experiment, tmp_path: Path) -> None:
+    """A tracker that crept by a millimetre is seen where a pose comes again, long before the place alone would tell."""
+    plan = cell.make_day_plan(m900ib, 6)
+    again = replace(plan, repeats=(2,) * 6)
+    for shift in (0.0, 1e-3):
+        day = begin(m900ib, again, tmp_path / str(shift), replace(cell.SHORT, order="plan"))
+        arm, rng = cell.draw_arm(m900ib, 8)
+        odd: list[Slot] = []
+        while day.next is not None:
+            slot = day.next
+            if slot == Slot(8, 0):
+                arm = arm.moved(np.array([shift, 0.0, -shift]))
+            day, judged = enter(day, dict(zip(cell.MARKERS, arm.read(day, slot, rng), strict=True)))
+            if judged.mistake is not None:
+                odd.append(slot)
+                assert "from where they were at this pose before" in judged_words(day, judged)
+                day = decide(day, slot, "keep")
+        assert odd[:1] == ([Slot(8, 0)] if shift else [])
 
 
 def test_marker_by_marker(m900ib: Experiment, tmp_path: Path) -> None:

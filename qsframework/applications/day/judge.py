@@ -1,8 +1,9 @@
-"""Is a reading as expected? Three questions to the markers of a state, each with its own yardstick.
+"""Is a reading as expected? Four questions to the markers of a state, each with its own yardstick.
 
 - Shape: markers of one link keep their distances.
 - Place: the first state of a visit is where the arm should be, in a frame that earlier visits give. The arm's own
   errors of geometry are unknown; they move all markers of a visit together, and how far is learned from the visits.
+- Repeat: at a pose that was visited before, the markers are where they were, within what an arm repeats.
 - Motion: a later state of a visit differs from the earlier ones by what the load should bend, within what is known of
   the springs, which each accepted state tells better.
 
@@ -39,6 +40,8 @@ _KNOWN = np.array([1e-4] * 3 + [5e-5] * 3)
 """m, rad: how well a stated frame is known."""
 _WANDER = 3e-5
 """m: what a state may drift, or not come back, beside the noise."""
+_AGAIN = np.array([1.5e-4] * 3 + [1e-4] * 3)
+"""m, rad: how far a heavy arm may stand from where it stood at the same pose before, warmer than it was."""
 _LAW = 0.08
 """Share of a deflection by which a linear spring may be wrong about it."""
 _FEW = 0.25
@@ -49,7 +52,7 @@ _FLAT = 0.02
 
 @dataclass(frozen=True)
 class Check:
-    """One question: kind "shape", "place" or "motion", the chance of so much, how far off (m), and markers by share."""
+    """One question: kind "shape", "place", "repeat" or "motion", the chance of so much, and how far off (m)."""
 
     kind: str
     p: float
@@ -146,7 +149,7 @@ def known(expected: Expected, seen: Sequence[Seen]) -> Known:
 
 
 def judge(known: Known, slot: Slot, xyz: Array, series: str, share: float = 1.0, shift: Array | None = None) -> Verdict:
-    """The three questions to readings (M, 3) m of a state, NaN where a marker was not read.
+    """The questions to readings (M, 3) m of a state, NaN where a marker was not read.
 
     share: of the load that hangs there; shift (M, 3) m, base frame: what else moved the markers
     """
@@ -158,6 +161,7 @@ def judge(known: Known, slot: Slot, xyz: Array, series: str, share: float = 1.0,
         checks.append(_check_motion(known, slot, xyz, series, before, share, shift))
     else:
         checks.append(_check_place(known, slot, xyz, series, read, share, shift))
+        checks.append(_check_repeat(known, slot, xyz, series, shift))
     return Verdict(tuple(c for c in checks if c is not None))
 
 
@@ -356,6 +360,28 @@ def _check_place(
     square = float(left @ np.linalg.solve(Q.T @ S @ Q, left))
     p = float(f.sf(square / len(left), len(left), placed.freedom))
     return Check("place", p, float(np.sqrt(3.0 * np.mean(r**2))))
+
+
+def _check_repeat(known: Known, slot: Slot, xyz: Array, series: str, shift: Array | None) -> Check | None:
+    """A state against those of earlier visits of its pose under the same load."""
+    e, visits = known.expected, known.expected.protocol.visits
+    here, wrench = visits[slot.visit].pose, e.poses.wrench[e.at[slot]]
+    alike = [s for s in known.seen if s.series == series and visits[s.slot.visit].pose == here]
+    before = [s.xyz for s in alike if np.array_equal(e.poses.wrench[e.at[s.slot]], wrench)]
+    rows = was_read(xyz)
+    rows &= np.asarray(sum((was_read(b).astype(int) for b in before), np.zeros(len(xyz))) > 0)
+    if not rows.any():
+        return None
+    from scipy.stats import chi2
+
+    there = xyz[rows]
+    r: Array = there - np.asarray(np.nanmean(np.array(before)[:, rows], axis=0), dtype=np.float64)
+    if shift is not None and series in known.placed:
+        r = r - shift[rows] @ known.placed[series].frame.rotation.T
+    own = _twist(there, there.mean(axis=0)) * _AGAIN
+    S = own @ own.T + 2.0 * e.sigma**2 * np.eye(3 * len(there))
+    square = float(r.ravel() @ np.linalg.solve(S, r.ravel()))
+    return Check("repeat", float(chi2.sf(square, r.size)), float(np.sqrt(3.0 * np.mean(r**2))))
 
 
 def _check_shape(known: Known, xyz: Array, read: Flags) -> Check | None:

@@ -14,6 +14,7 @@ from qsframework.units import JointUnits
 _ASKED = {
     "shape": "the markers' distances are {} off",
     "place": "the markers are {} from where this pose puts them",
+    "repeat": "the markers are {} from where they were at this pose before",
     "motion": "the markers moved {} otherwise than the load should move them",
 }
 _CORRECTABLE = ("markers", "unit", "sign", "axes", "decimal", "sign of one", "tracker")
