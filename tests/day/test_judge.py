@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import arm as cell
+import day_cell as cell
 import numpy as np
 import pytest
 

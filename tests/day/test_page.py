@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import arm as cell
+import day_cell as cell
 import numpy as np
 import pytest
 from headless import browser

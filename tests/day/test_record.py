@@ -6,7 +6,7 @@ import errno
 import os
 from pathlib import Path
 
-import arm as cell
+import day_cell as cell
 import numpy as np
 import pytest
 
