@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -286,7 +287,14 @@ def test_what_the_robot_is_made_of_comes_along(tmp_path: Path) -> None:
         '<joint name="standing" type="fixed"><parent link="base_link"/><child link="stand"/></joint></robot>'
     )
     main.write_text(text[:end] + '<xacro:include filename="$(find parts)/more.xacro"/>' + text[end:])
-    (folder / "stand.stl").write_bytes(b"solid")
+    corners = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))
+    facets = "".join(
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join(f"vertex {x} {y} {z}\n" for x, y, z in three)
+        + "endloop\nendfacet\n"
+        for three in combinations(corners, 3)
+    )
+    (folder / "stand.stl").write_text(f"solid stand\n{facets}endsolid stand\n")
     (folder / "LICENSE").write_text("free")
     (folder / "huge.bin").write_bytes(b"x")
     experiment_file = tmp_path / "experiment.yaml"
@@ -299,7 +307,7 @@ def test_what_the_robot_is_made_of_comes_along(tmp_path: Path) -> None:
     write_extension(Extension(experiment=experiment, model=model, values=values, sds={}, evidence={}), tmp_path / "out")
     robot = tmp_path / "out" / "robot"
     assert (robot / "parts" / "more.xacro").is_file()
-    assert (robot / "stand.stl").read_bytes() == b"solid"
+    assert (robot / "stand.stl").read_bytes() == (folder / "stand.stl").read_bytes()
     assert (robot / "LICENSE").is_file()
     assert not (robot / "huge.bin").exists()
     assert "stand" in load_experiment(tmp_path / "out" / "experiment.yaml").robot.frames
