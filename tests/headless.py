@@ -12,26 +12,26 @@ browser = pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromi
 NO_HOST = "--host-resolver-rules=MAP * ~NOTFOUND"
 """Every name resolves to nothing, so that a request to any host would be an error on the console."""
 SMALL = "--window-size=800,600"
-_FLAGS = (
+FLAGS = (
     "--headless",
     "--no-sandbox",
     "--disable-gpu",
     "--use-gl=angle",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
-    "--virtual-time-budget=8000",
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
     "--no-first-run",
-    "--enable-logging=stderr",
 )
+"""Of a browser that draws without a screen and asks nobody."""
+_LOOK = ("--virtual-time-budget=8000", "--enable-logging=stderr")
 
 
 def open_page(page: Path | str, folder: Path, *more: str, timeout: float = 120) -> subprocess.CompletedProcess[str]:
     """Open a page, its profile in the folder; stderr holds what the browser logged."""
     address = page.as_uri() if isinstance(page, Path) else page
-    command = ["chromium", *_FLAGS, f"--user-data-dir={folder / 'profile'}", *more, address]
+    command = ["chromium", *FLAGS, *_LOOK, f"--user-data-dir={folder / 'profile'}", *more, address]
     return subprocess.run(command, capture_output=True, text=True, timeout=timeout)
 
 

@@ -12,23 +12,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
 
+from headless import FLAGS
 from websockets.sync.client import ClientConnection, connect
 
-_FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--disable-quic",
-    "--no-first-run",
-    "--remote-debugging-port=0",
-    "--window-size=1000,1400",
-)
+_DRIVEN = ("--disable-quic", "--remote-debugging-port=0", "--window-size=1000,1400")
 _ONLY_HERE = "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"
 """Every name but this machine's address resolves to nothing."""
 
@@ -37,7 +24,7 @@ class Browser:
     """One page of one browser; what it logged as an error, and what it asked of other hosts."""
 
     def __init__(self, folder: Path, address: str) -> None:
-        command = ["chromium", *_FLAGS, _ONLY_HERE, f"--user-data-dir={folder}", "about:blank"]
+        command = ["chromium", *FLAGS, *_DRIVEN, _ONLY_HERE, f"--user-data-dir={folder}", "about:blank"]
         quiet = subprocess.DEVNULL
         self._process = subprocess.Popen(command, stdout=quiet, stderr=quiet, start_new_session=True)
         told, end = folder / "DevToolsActivePort", time.monotonic() + 60.0

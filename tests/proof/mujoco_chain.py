@@ -10,8 +10,7 @@ from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
-
-STEP, SECONDS = 5e-4, 3.0
+from mujoco_m900ib import STEP, settle as relaxed
 
 
 @dataclass(frozen=True)
@@ -102,14 +101,4 @@ def settle(
 ) -> np.ndarray:
     """Position (3,) m of the point after relaxation under gravity and a force fixed in the world."""
     model = mujoco.MjModel.from_xml_string(mjcf(chain, q, stiffness, point))
-    data = mujoco.MjData(model)
-    site, link = model.site("tip").id, model.body(f"l{len(chain) - 1}").id
-    for _ in range(round(SECONDS / STEP)):
-        mujoco.mj_step1(model, data)
-        data.qfrc_applied[:] = 0.0
-        mujoco.mj_applyFT(model, data, force, np.zeros(3), data.site_xpos[site], link, data.qfrc_applied)
-        mujoco.mj_step2(model, data)
-    mujoco.mj_forward(model, data)
-    if np.abs(data.qvel).max() > 1e-7:
-        raise RuntimeError(f"not settled: {np.abs(data.qvel).max():.1e}")
-    return data.site_xpos[site].copy()
+    return relaxed(model, force, f"l{len(chain) - 1}")

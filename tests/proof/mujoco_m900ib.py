@@ -110,11 +110,11 @@ def mjcf(
     )
 
 
-def settle(model: mujoco.MjModel, force: np.ndarray) -> np.ndarray:
-    """Position (3,) of the load point after relaxation under gravity and a force fixed in the world."""
+def settle(model: mujoco.MjModel, force: np.ndarray, carrier: str = "link6") -> np.ndarray:
+    """Position (3,) of the load point, on a carrier, after relaxation under gravity and a force fixed in the world."""
     data = mujoco.MjData(model)
     site = model.site("tip").id
-    link = model.body("link6").id
+    link = model.body(carrier).id
     for _ in range(round(SECONDS / STEP)):
         mujoco.mj_step1(model, data)
         data.qfrc_applied[:] = 0.0
@@ -122,7 +122,7 @@ def settle(model: mujoco.MjModel, force: np.ndarray) -> np.ndarray:
         mujoco.mj_step2(model, data)
     mujoco.mj_forward(model, data)
     if np.abs(data.qvel).max() > 1e-7:
-        raise RuntimeError(f"not settled: {np.abs(data.qvel).max():.1e} rad/s")
+        raise RuntimeError(f"not settled: {np.abs(data.qvel).max():.1e} rad/s or m/s")
     return data.site_xpos[site].copy()
 
 
