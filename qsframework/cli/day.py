@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,9 +14,13 @@ from qsframework.cli.export import plan_of
 from qsframework.cli.progress import print_folded
 from qsframework.errors import InputError, QsfError
 from qsframework.experiment import load_experiment
+from qsframework.files import sha256
 
 _POLL = 0.5
 """Seconds between two looks into the watched folder; a file that has not changed meanwhile is whole."""
+
+
+_State = tuple[int, int, str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,20 +54,17 @@ def _serve(day: Day, files: DayFiles, port: int) -> None:
     try:
         import uvicorn
 
-        from qsframework.report.day_server import HOST, DayPage
+        from qsframework.report.day_server import DayPage
     except ImportError as error:
         raise InputError(f"the page of the day needs {error.name}: pip install 'qsframework[day]'") from error
     import socket
 
-    if not 0 <= port <= 65535:
-        raise InputError(f"port {port}: allowed: 0 (any free one) to 65535")
+    from qsframework.viz.server import HOST, taking
+
     listening = socket.socket()
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
+    with taking(port):
         listening.bind((HOST, port))
-    except OSError as error:
-        hint = "Stop what listens there, or give another one; 0 takes any free one"
-        raise InputError(f"port {port} cannot be listened on: {error.strerror}. {hint}") from None
     page = DayPage(day, lambda now: finish(now, files))
     print(
         f"http://{HOST}:{listening.getsockname()[1]}/  (Ctrl-C ends it; the day goes on with the same command)",
@@ -81,10 +81,14 @@ def _watch(day: Day, files: DayFiles, folder: Path, once: bool) -> None:
     if not folder.is_dir():
         raise InputError(f"--watch: no folder {folder}")
     print(f"watching {folder}: Ctrl-C ends it; the day goes on with the same command", flush=True)
+    looked: set[_State] = set()
     refused: set[str] = set()
     while day.next is not None:
-        for path in _whole(folder):
-            hash = hashlib.sha256(path.read_bytes()).hexdigest()
+        for path, state in _whole(folder):
+            if state in looked:
+                continue
+            looked.add(state)
+            hash = sha256(path)
             if hash in refused or hash in day.record.files:
                 continue
             try:
@@ -102,17 +106,17 @@ def _watch(day: Day, files: DayFiles, folder: Path, once: bool) -> None:
         print_folded(line)
 
 
-def _whole(folder: Path) -> Iterator[Path]:
-    """Files that nobody is writing, the oldest first."""
+def _whole(folder: Path) -> Iterator[tuple[Path, _State]]:
+    """Files that nobody is writing, the oldest first, with a state that a change would change."""
 
-    def sizes() -> dict[Path, tuple[int, int]]:
+    def states() -> dict[Path, _State]:
         found = (p for p in folder.iterdir() if p.is_file() and not p.name.startswith("."))
-        return {p: (p.stat().st_mtime_ns, p.stat().st_size) for p in found}
+        return {p: (p.stat().st_mtime_ns, p.stat().st_size, p.name) for p in found}
 
-    before = sizes()
+    before = states()
     time.sleep(_POLL)
-    after = sizes()
-    yield from sorted((p for p, state in after.items() if before.get(p) == state), key=lambda p: after[p])
+    after = states()
+    yield from sorted(((p, state) for p, state in after.items() if before.get(p) == state), key=lambda f: f[1])
 
 
 def finish(day: Day, files: DayFiles) -> list[str]:

@@ -28,7 +28,7 @@ from qsframework.applications.day.entry import enter_file, enter_text, read_posi
 from qsframework.applications.day.floor import enter_floor
 from qsframework.applications.day.record import Slot
 from qsframework.applications.day.so_far import SoFar, diagnosis_so_far, so_far
-from qsframework.errors import QsfError
+from qsframework.errors import InputError, QsfError
 from qsframework.experiment import make_plan
 from qsframework.files import write_text
 from qsframework.plugin import Poses
@@ -44,8 +44,8 @@ from qsframework.report.words.day import (
 )
 from qsframework.report.words.headline import headline
 from qsframework.viz import show_scene
+from qsframework.viz.server import HOST
 
-HOST = "127.0.0.1"
 _LARGEST = 6_000_000
 _SAID = 30
 """Lines of what was said that the page shows."""
@@ -163,8 +163,6 @@ class DayPage:
 
     def _check_slot(self, asked: Mapping[str, Any]) -> None:
         """A page that is behind, because it was opened twice, does not fill the next state by mistake."""
-        from qsframework.errors import InputError
-
         here = self._day.next
         if here is not None and (asked.get("visit"), asked.get("state")) != (here.visit, here.state):
             raise InputError(f"the day has moved on: next is {slot_words(self._day, here)}")

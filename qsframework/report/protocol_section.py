@@ -200,9 +200,9 @@ def _order(protocol: Protocol) -> Part:
 def turning_words(protocol: Protocol) -> str:
     """How far the joint that turns most does so: the cables follow."""
     way = np.array([visit.pendant for visit in protocol.visits])
-    total, steps = turning(way, range(len(way))), np.abs(np.diff(way, axis=0))
-    if not len(steps):
+    if len(way) < 2:
         return ""
+    total, steps = turning(way, range(len(way))), np.abs(np.diff(way, axis=0))
     most = int(np.argmax(np.where(protocol.units.sliding, 0.0, total)))
     in_all, at_once = (protocol.units[most].text(float(v), 4) for v in (total[most], steps[:, most].max()))
     said = f"J{most + 1} turns most, {in_all} in all and {at_once} at most between two poses"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Lock
@@ -45,10 +46,17 @@ class Site:
 
 def serve(site: Site, port: int) -> ThreadingHTTPServer:
     """A server on 127.0.0.1, ready to `serve_forever`. InputError where the port is taken; port 0 takes a free one."""
+    with taking(port):
+        return _Server((HOST, port), _handler(site))
+
+
+@contextmanager
+def taking(port: int) -> Generator[None]:
+    """Within, a port is listened on; InputError where it is no port, or taken."""
     if not 0 <= port <= 65535:
         raise InputError(f"port {port}: allowed: 0 (any free one) to 65535")
     try:
-        return _Server((HOST, port), _handler(site))
+        yield
     except OSError as error:
         hint = "Stop what listens there, or give another one; 0 takes any free one"
         raise InputError(f"port {port} cannot be listened on: {error.strerror}. {hint}") from None

@@ -176,8 +176,6 @@ def _angle(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Mistak
 
 def _moved(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Mistake]:
     """All markers moved together: the tracker, its base, or the whole arm stands elsewhere."""
-    alone = judge(known, slot, xyz, "")
-    read = was_read(xyz)
-    if series in known.placed and int(read.sum()) >= 3:
-        own = [c.p for c in alone.checks if c.kind == "shape"]
+    if series in known.placed and int(was_read(xyz).sum()) >= 3:
+        own = [c.p for c in judge(known, slot, xyz, "").checks if c.kind == "shape"]
         yield Mistake(kind="tracker", p=min(own, default=0.0))

@@ -6,6 +6,7 @@ Too slow to stand between a reading and its answer: it is worked out beside the 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qsframework.applications.day.day import Day
+from qsframework.applications.day.expected import Expected
 from qsframework.applications.day.record import TABLE, Row, written
 from qsframework.design import design
 from qsframework.design.problem import joint_sd
@@ -99,7 +101,13 @@ def so_far(day: Day) -> SoFar:
 
 def promised_sd(day: Day) -> dict[str, float]:
     """The sd that each fitted parameter has when the whole protocol was read as expected."""
-    e, protocol = day.expected, day.record.protocol
+    return _promised(day.expected)
+
+
+@lru_cache(maxsize=1)
+def _promised(e: Expected) -> dict[str, float]:
+    """The same, worked out once a day: what is expected does not change."""
+    protocol = e.protocol
     markers = list(protocol.markers)
     place = exact_positions(e.model, e.poses, None, True)
     rows = [
@@ -111,8 +119,8 @@ def promised_sd(day: Day) -> dict[str, float]:
     ]
     with TemporaryDirectory() as folder:
         whole = written(Path(folder) / TABLE, protocol, rows)
-        sd = joint_sd(day.experiment, [read_readings(whole, day.experiment)])
-    return dict(zip(day.experiment.fit_names(), sd.tolist(), strict=True))
+        sd = joint_sd(e.experiment, [read_readings(whole, e.experiment)])
+    return dict(zip(e.experiment.fit_names(), sd.tolist(), strict=True))
 
 
 def accepted(day: Day) -> Readings:
