@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,6 +19,11 @@ from qsframework.files import sha256
 
 _POLL = 0.5
 """Seconds between two looks into the watched folder; a file that has not changed meanwhile is whole."""
+
+_TOGETHER = 2_000_000_000
+"""Nanoseconds: files nearer in time than that were copied together, and time does not order them."""
+
+_DIGITS = re.compile(r"(\d+)")
 
 
 _State = tuple[int, int, str]
@@ -107,7 +113,10 @@ def _watch(day: Day, files: DayFiles, folder: Path, once: bool) -> None:
 
 
 def _whole(folder: Path) -> Iterator[tuple[Path, _State]]:
-    """Files that nobody is writing, the oldest first, with a state that a change would change."""
+    """Files that nobody is writing, the oldest first, with a state that a change would change.
+
+    Files written within two seconds of each other, as a copied folder's are, come in the order of their names.
+    """
 
     def states() -> dict[Path, _State]:
         found = (p for p in folder.iterdir() if p.is_file() and not p.name.startswith("."))
@@ -116,7 +125,20 @@ def _whole(folder: Path) -> Iterator[tuple[Path, _State]]:
     before = states()
     time.sleep(_POLL)
     after = states()
-    yield from sorted(((p, state) for p, state in after.items() if before.get(p) == state), key=lambda f: f[1])
+    settled = sorted(((p, state) for p, state in after.items() if before.get(p) == state), key=lambda f: f[1])
+    together: list[list[tuple[Path, _State]]] = []
+    for one in settled:
+        if together and one[1][0] - together[-1][-1][1][0] <= _TOGETHER:
+            together[-1].append(one)
+        else:
+            together.append([one])
+    for group in together:
+        yield from sorted(group, key=lambda f: _by_number(f[0].name))
+
+
+def _by_number(name: str) -> list[tuple[int, str]]:
+    """visit_9 before visit_10."""
+    return [(int(part) + 1 if part.isdecimal() else 0, part) for part in _DIGITS.split(name)]
 
 
 def finish(day: Day, files: DayFiles) -> list[str]:

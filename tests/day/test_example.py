@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,9 +15,12 @@ def test_the_fifth_visit_is_to_be_looked_at(root: Path, tmp_path: Path) -> None:
     example = root / "examples" / "day"
     files = [str(example / "experiment.yaml"), str(example / "plan.csv")]
     command = [sys.executable, "-m", "qsframework", "day", *files, "-o", str(tmp_path), *DAY]
-    done = subprocess.run(
-        [*command, "--watch", str(example / "exports")], capture_output=True, text=True, timeout=120, check=True
-    )
+    exports = shutil.copytree(example / "exports", tmp_path / "exports")
+    for k, path in enumerate(sorted(exports.iterdir(), reverse=True)):  # a copy's times say nothing
+        os.utime(path, ns=(0, 1_700_000_000_900_000_000 + 100_000_000 * k))
+    done = subprocess.run([*command, "--watch", str(exports)], capture_output=True, text=True, timeout=120, check=True)
+    lines = [line for line in done.stdout.splitlines() if line.startswith("visit_")]
+    assert lines == sorted(lines, key=lambda line: line[:7])
     assert done.stdout.count("as expected.") == 12
     assert done.stdout.count("q3 is +2.0") == 3
     assert len((tmp_path / "readings.csv").read_text().splitlines()) == 2 + 15 * 3

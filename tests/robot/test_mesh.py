@@ -15,9 +15,13 @@ from qsframework.robot.mesh import coarser, convex_hull
 from qsframework.robot.robot import Shape
 from qsframework.robot.sight import crosses, depth, visible
 
-RNG = np.random.default_rng(8)
 GREY = (0.5, 0.5, 0.5, 1.0)
 COUNT = 400
+
+
+def rng(seed: int) -> np.random.Generator:
+    """Numbers of a test's own, whatever tests ran before it."""
+    return np.random.default_rng([8, seed])
 
 
 def frames() -> Frames:
@@ -32,24 +36,24 @@ def frames() -> Frames:
         centres=np.zeros((3, 3)),
         gravity=np.array([0.0, 0.0, -9.81]),
     )
-    return joint_frames(facts, RNG.uniform(-3, 3, (COUNT, 2)))
+    return joint_frames(facts, rng(1).uniform(-3, 3, (COUNT, 2)))
 
 
-def turned(shift: Array) -> Array:
-    q, _ = np.linalg.qr(RNG.normal(size=(3, 3)))
+def turned(shift: Array, seed: int) -> Array:
+    q, _ = np.linalg.qr(rng(seed).normal(size=(3, 3)))
     out = np.eye(4)
     out[:3, :3], out[:3, 3] = q * np.sign(np.linalg.det(q)), shift
     return out
 
 
 def box(size: tuple[float, float, float], link: int, shift: Array) -> Shape:
-    return Shape(link, turned(shift), "box", size, GREY)
+    return Shape(link, turned(shift, 10 + link), "box", size, GREY)
 
 
 def as_hull(shape: Shape) -> Shape:
     """The box as a mesh with points inside it too, in a frame beside its middle."""
     signs = np.array(list(product((-0.5, 0.5), repeat=3)))
-    points = np.concatenate([signs, RNG.uniform(-0.5, 0.5, (50, 3))]) * shape.size
+    points = np.concatenate([signs, rng(2).uniform(-0.5, 0.5, (50, 3))]) * shape.size
     aside = np.array([0.1, -0.2, 0.05])
     placement = shape.placement.copy()
     placement[:3, 3] -= placement[:3, :3] @ aside
@@ -78,7 +82,7 @@ def test_hulls_stand_on_the_floor_as_boxes_do(pair: tuple[Shape, Shape]) -> None
 
 def test_hulls_hide_as_boxes_do(pair: tuple[Shape, Shape]) -> None:
     placed, station, point = frames(), np.array([2.0, 0.3, 0.4]), np.array([0.4, 0.1, 0.2])
-    start, end = RNG.normal(size=(3, COUNT)), RNG.normal(size=(3, COUNT))
+    start, end = rng(3).normal(size=(2, 3, COUNT))
     aside = np.array([0.1, -0.2, 0.05])[:, None]
     for shape in pair:
         hull, wanted = as_hull(shape), visible([shape], placed, station, 2, point, 0.01)
@@ -90,9 +94,9 @@ def test_hulls_hide_as_boxes_do(pair: tuple[Shape, Shape]) -> None:
 
 
 def test_the_capsules_hold_a_hull_and_lie_in_it() -> None:
-    placed = frames()
+    placed, draws = frames(), rng(4)
     for _ in range(20):
-        hull = convex_hull(RNG.normal(size=(40, 3)) * RNG.uniform(0.05, 1.0, 3))
+        hull = convex_hull(draws.normal(size=(40, 3)) * draws.uniform(0.05, 1.0, 3))
         at = Shape(0, np.eye(4), "hull", (), GREY, hull=hull)
         capsule = _capsule(at, placed)
         middle, way = capsule.centre[:, 0], capsule.axis[:, 0]
@@ -107,7 +111,7 @@ def test_the_capsules_hold_a_hull_and_lie_in_it() -> None:
 
 def test_a_fine_and_a_flat_mesh() -> None:
     """A ball of many corners keeps its size to 1 %; a sheet is a solid of 0.2 mm."""
-    points = RNG.normal(size=(20_000, 3))
+    points = rng(5).normal(size=(20_000, 3))
     ball = convex_hull(points / np.linalg.norm(points, axis=1)[:, None])
     assert len(ball.corners) <= 400
     assert ball.offsets.min() > 0.985
