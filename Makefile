@@ -18,7 +18,8 @@ DOTS := awk '/^ *(Collecting|Obtaining)/ {printf "."; fflush()} /^Installing col
 # One thread per worker: two workers with threaded linear algebra only get in each other's way.
 # Each worker has files as a whole, so that what the tests of a file share is made once; who is done first helps the other.
 TWO := -n 2 --dist worksteal
-ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
+# Tests start hundreds of commands: where the environment keeps Python from storing what it compiled, each compiles all again.
+ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)

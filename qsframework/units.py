@@ -50,6 +50,11 @@ _OFTEN: dict[str, tuple[float, float, str]] = {
         (_FORCE, 0, {"N": 1.0, "kN": 1e3}),
         (_MOMENT, 0, {"N m": 1.0, "Nm": 1.0, "kNm": 1e3}),
         (_GIVE, 1, {"rad/(N m)": 1.0, "urad/(N m)": 1e-6}),
+        ("[mass] / [time] ** 2", 0, {"N/m": 1.0}),
+        ("[time] ** 2 / [mass]", 0, {"m/N": 1.0, "um/N": 1e-6}),
+        (f"[mass] / {_LENGTH} / [time] ** 2", 0, {"Pa": 1.0, "MPa": 1e6, "bar": 1e5}),
+        (f"{_LENGTH} ** 2", 0, {"m^2": 1.0, "cm^2": 1e-4}),
+        (f"{_LENGTH} ** 3", 0, {"m^3": 1.0, "l": 1e-3}),
     )
     for unit, factor in units.items()
 }
