@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -372,8 +373,14 @@ def diagnose(
 add_commands(app)
 
 
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Matrices of a few hundred rows make threads wait for each other: on two cores a diagnosis took twice as long."""
+
+
 def main() -> None:
     """Run `qsf`; bad input ends with exit code 2 and a message that says what to do, Ctrl-C with 130 and one line."""
+    for name in _THREADS:  # read when numpy is loaded, which comes later
+        os.environ.setdefault(name, "1")
     try:
         with listening():
             # app() would put a hook of its own where `listening` hears what compiled code loses

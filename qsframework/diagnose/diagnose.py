@@ -61,6 +61,7 @@ from qsframework.screening.conventions import (
     check_structures,
     fits_better,
 )
+from qsframework.work.threads import on_one_thread
 
 LEVEL = 0.02
 _LIBRARY_SHARE = 0.6
@@ -125,6 +126,7 @@ class _Baseline:
         return self.rows.padded_noise.colour(self.case.residuals)
 
 
+@on_one_thread
 def diagnose(
     experiment: Experiment,
     readings: Readings,

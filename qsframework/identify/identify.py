@@ -40,6 +40,7 @@ from qsframework.identify.two_step import two_step
 from qsframework.information import what_would_help
 from qsframework.plugin import Array, Geometry
 from qsframework.screening import SHARE, Finding, find_outliers, told_outliers
+from qsframework.work.threads import on_one_thread
 
 _ENOUGH = 30
 """Degrees of freedom below which no reading is called gross: a few cannot say what is usual."""
@@ -49,6 +50,7 @@ _FELL = 0.9
 """Share of the noise above which weaker holds change it no more."""
 
 
+@on_one_thread
 def identify(
     experiment: Experiment, readings: Readings, fit: Sequence[str] | None = None, options: FitOptions = PLAIN
 ) -> Fit:

@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
+import functools
 import sys
+from collections.abc import Callable
 from contextlib import AbstractContextManager
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def on_one_thread(verb: Callable[P, T]) -> Callable[P, T]:
+    """The verb, with linear algebra on one thread while it runs."""
+
+    @functools.wraps(verb)
+    def run(*args: P.args, **kwargs: P.kwargs) -> T:
+        with single_thread():
+            return verb(*args, **kwargs)
+
+    return run
 
 
 def single_thread() -> AbstractContextManager[Any]:
@@ -16,7 +32,7 @@ def single_thread() -> AbstractContextManager[Any]:
     return _controller(len(sys.modules)).limit(limits=1, user_api="blas")
 
 
-@lru_cache(maxsize=1)
+@functools.lru_cache(maxsize=1)
 def _controller(modules: int) -> ThreadpoolController:
     """The loaded linear algebra, looked up again (5 ms) whenever a module has been imported since."""
     from threadpoolctl import ThreadpoolController

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -61,3 +63,15 @@ def test_a_new_robot_is_tried_without_a_campaign(root: Path, tmp_path: Path) -> 
     loaded, _ = run(NEW.format(urdf=str(urdf), output=str(tmp_path / "arm")))
     assert (tmp_path / "arm" / "robot.yaml").is_file()
     assert set(loaded.split(",")) == {"pinocchio", "xacro", "pydantic", "numpy"}
+
+
+@pytest.mark.parametrize(("stated", "threads"), [(None, 1), ("2", 2)])
+def test_commands_keep_linear_algebra_to_one_thread_unless_told(stated: str | None, threads: int) -> None:
+    environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    if stated is not None:
+        environment["OPENBLAS_NUM_THREADS"] = stated
+    code = f"import sys{HELP}import numpy, threadpoolctl\nprint('THREADS', threadpoolctl.threadpool_info())"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
+    found = [pool["num_threads"] for pool in ast.literal_eval(out.stdout.split("THREADS ")[1])]
+    assert found
+    assert set(found) == {min(threads, os.cpu_count() or 1)}
