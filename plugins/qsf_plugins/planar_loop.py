@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,7 @@ FLAT = 1e-6
 """Sine of the transmission angle under which a loop counts as flat."""
 
 
+@lru_cache(maxsize=256)
 def parallel_sign(robot: RobotFacts, driver: str, driven: str) -> float:
     """+1 where the axes of two joints point alike, -1 where opposed. InputError if they are not parallel."""
     first, second = robot.joint_index(driver), robot.joint_index(driven)
@@ -28,6 +30,7 @@ def parallel_sign(robot: RobotFacts, driver: str, driven: str) -> float:
     return float(np.sign(cosine))
 
 
+@lru_cache(maxsize=256)
 def link_length(robot: RobotFacts, driver: str, driven: str) -> float:
     """Distance (m) of two parallel axes at zero angles."""
     first, second = robot.joint_index(driver), robot.joint_index(driven)
@@ -122,7 +125,8 @@ def with_branches(term: LoopTerm, turned: Sequence[Turned], own: Array) -> LoopT
     return LoopTerm(np.concatenate([term.q, np.stack([t.value for t in turned], axis=1) + own], axis=1), q_u, q_uu)
 
 
-def branch_stands(robot: RobotFacts, driver: str, joints: Sequence[str]) -> tuple[float, Array]:
+@lru_cache(maxsize=256)
+def branch_stands(robot: RobotFacts, driver: str, joints: tuple[str, ...]) -> tuple[float, Array]:
     """Sense of a branch's axis against the driver's, and where it stands across that axis (3,) m at zero angles.
 
     joints: the way to the branch from the link that carries the driver; the driver's frame. InputError where the

@@ -9,7 +9,7 @@ import numpy as np
 
 from qsframework.elastostatics import loads, pulls, springs
 from qsframework.elastostatics.layout import mixed
-from qsframework.elastostatics.motion import Motion, combine, move, nominal_actuators
+from qsframework.elastostatics.motion import Motion, combine, commanded_actuators, move
 from qsframework.elastostatics.sensors import Sensed, sense
 from qsframework.elastostatics.state import State, place
 from qsframework.elastostatics.structure import Structure, chunks
@@ -114,7 +114,7 @@ def move_commanded(
     context = Context(model.facts, poses, loaded)
     geometry = tuple(laws.geometry(e, xs, context) for e, xs in model.of_kind(Geometry, x))
     layout = mixed(model.layout, model.of_kind(Spring, x), context)
-    phi = nominal_actuators(layout, np.ascontiguousarray(poses.q.T))
+    phi = commanded_actuators(model.layout, poses).copy()
     placements = None
     for term in geometry:
         phi[: model.facts.n] += term.angles.T

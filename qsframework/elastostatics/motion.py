@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from qsframework.elastostatics.layout import Layout, LoopPlace, shared
-from qsframework.plugin import Array, Context, LoopTerm, laws
+from qsframework.plugin import Array, Context, LoopTerm, Poses, laws
+from qsframework.plugin.facts import frozen
 from qsframework.plugin.loops import follow
 
 Coefficients = tuple[tuple[tuple[int, Array | float], ...], ...]
@@ -62,6 +64,17 @@ def nominal_actuators(layout: Layout, q: Array) -> Array:
             for own in (o for o in member.own if place.joints[o] < facts.n):
                 phi[place.joints[own]] = actuators[:, member.joints.index(own)]
     return phi
+
+
+_COMMANDED: WeakKeyDictionary[Poses, WeakKeyDictionary[Layout, Array]] = WeakKeyDictionary()
+
+
+def commanded_actuators(layout: Layout, poses: Poses) -> Array:
+    """`nominal_actuators` of a batch, read-only: no parameter moves them, and every step of a fit asks for them."""
+    known = _COMMANDED.setdefault(poses, WeakKeyDictionary())
+    if layout not in known:
+        known[layout] = frozen(nominal_actuators(layout, np.ascontiguousarray(poses.q.T)))
+    return known[layout]
 
 
 def move(layout: Layout, context: Context, phi: Array, bars: Array, placements: Array | None = None) -> Motion:

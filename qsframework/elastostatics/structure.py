@@ -91,6 +91,9 @@ class Structure:
 
 def chunks(poses: Poses) -> Iterator[tuple[slice, Poses]]:
     """The poses, CHUNK at a time."""
+    if len(poses) <= CHUNK:  # the batch itself, which `commanded_actuators` knows again
+        yield slice(0, len(poses)), poses
+        return
     for start in range(0, len(poses), CHUNK):
         part = slice(start, min(start + CHUNK, len(poses)))
         yield part, poses.take(part)
