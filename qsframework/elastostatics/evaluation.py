@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from qsframework.plugin import (
     SpringLaw,
     laws,
 )
+from qsframework.robot.kinematics import Twists
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -58,6 +60,11 @@ class Stages:
     def touched(self) -> tuple[int, ...]:
         """The joints that parallel springs act on."""
         return tuple(sorted({j for f in self.faces for j in f.joints}))
+
+    @cached_property
+    def masses(self) -> tuple[Twists, ...]:
+        """The masses' Jacobians, for the parameters that move the arm."""
+        return loads.mass_columns(self.state, self.applied.moments)
 
     def respond(self, torque: Array) -> springs.Response:
         """How the springs answer to a torque (ne, N)."""

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from qsframework.elastostatics.loads import Applied, weighted_columns
+from qsframework.elastostatics.loads import Applied, mass_columns
 from qsframework.elastostatics.motion import Motion
 from qsframework.elastostatics.pulls import Pull, on_coordinates
 from qsframework.elastostatics.springs import Torques
@@ -35,8 +35,7 @@ def load_hessian(
         torque[:u] += np.einsum("ecn,cn->en", state.tip.elements.linear, wrench[:3])
         torque[:u] += np.einsum("ecn,cn->en", state.tip.elements.angular, wrench[3:])
     pull = np.broadcast_to(gravity[:, None], (3, batch))
-    for link in np.flatnonzero(np.any(applied.moments, axis=1)):
-        columns = weighted_columns(state, int(link), applied.moments[link])
+    for columns in mass_columns(state, applied.moments):
         _add_force(elements, columns, pull)
         torque[: columns.upstream] += np.einsum("ecn,cn->en", columns.linear, pull)
     for joints, term in torques:

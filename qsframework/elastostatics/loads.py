@@ -67,11 +67,21 @@ def wrench_torque(column: Column | ColumnRate, wrench: Array) -> Array:
     return np.einsum("ecn,cn->en", column.linear, wrench[:3]) + np.einsum("ecn,cn->en", column.angular, wrench[3:])
 
 
-def weighted_columns(state: State, link: int, moments: Array) -> Twists:
-    """Jacobian of mass times position of a link's centre, element by element."""
-    mass, r = moments[0], state.placed.rotations[link]
-    weight = mass * state.placed.positions[link] + moments[1] * r[0] + moments[2] * r[1] + moments[3] * r[2]
-    return twists(state.placed, link, weight, mass)
+def mass_columns(state: State, moments: Array) -> tuple[Twists, ...]:
+    """Jacobians of the sums of mass times position: of all links of the arm together, and of each branch's."""
+    arm: Twists | None = None
+    alone: list[Twists] = []
+    for link in sorted(np.flatnonzero(np.any(moments, axis=1)), reverse=True):
+        mass, r = moments[link][0], state.placed.rotations[link]
+        weight = mass * state.placed.positions[link] + sum(m * r[i] for i, m in enumerate(moments[link][1:]))
+        columns = twists(state.placed, int(link), weight, mass)
+        if link >= len(state.placed.chain.stops):
+            alone.append(columns)
+        elif arm is None:  # the last link that weighs: its elements are those of all before it
+            arm = columns
+        else:
+            arm.linear[: columns.upstream] += columns.linear
+    return (*alone, *(() if arm is None else (arm,)))
 
 
 def gravity_torque(state: State, moments: Array, gravity: Array) -> Array:
@@ -79,14 +89,11 @@ def gravity_torque(state: State, moments: Array, gravity: Array) -> Array:
     return combine(state.motion.coefficients, element_gravity(state.placed, moments, gravity))
 
 
-def gravity_torque_along(state: State, moments: Array, gravity: Array, rate: MotionRate) -> Array:
-    """Derivative of `gravity_torque` along element rates."""
+def gravity_torque_along(state: State, masses: Sequence[Twists], gravity: Array, rate: MotionRate) -> Array:
+    """Derivative of `gravity_torque` along element rates; masses: the state's `mass_columns`."""
     total = np.zeros((state.coordinates, state.motion.q.shape[-1]))
-    if not state.coordinates:
-        return total  # a rigid arm asks for the geometry alone, and often
-    for link in np.flatnonzero(np.any(moments, axis=1)):
-        columns = weighted_columns(state, int(link), moments[link])
-        slope = twists_along(columns, rate.elements[: columns.upstream])
+    for columns in masses if state.coordinates else ():  # a rigid arm asks for the geometry alone, and often
+        slope = twists_along(columns, rate.elements[: columns.upstream], state.motion.used)
         total += combine(state.motion.coefficients, np.einsum("ecn,c->en", slope.linear, gravity))
         total += combine(rate.coefficients, np.einsum("ecn,c->en", columns.linear, gravity))
     return total

@@ -39,6 +39,11 @@ class Motion:
     coefficients: Coefficients
     placements: Array | None
 
+    @property
+    def used(self) -> tuple[int, ...]:
+        """The elements that elastic coordinates move."""
+        return tuple(sorted({e for terms in self.coefficients for e, _ in terms}))
+
     def element_values(self, virtual: dict[int, Array] | None = None) -> list[Array | None]:
         """The coordinate (N,) of every element of the chain, None where it is zero."""
         values: list[Array | None] = [None] * len(self.layout.chain)

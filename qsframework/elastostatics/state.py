@@ -95,12 +95,13 @@ class ColumnRate:
 def column_along(motion: Motion, site: Column, rate: MotionRate) -> ColumnRate:
     """Derivative of a site's position and Jacobian along element rates."""
     rates = rate.elements[: site.elements.upstream]
-    slope = twists_along(site.elements, rates)
+    slope = twists_along(site.elements, rates, motion.used)
     linear = combine(motion.coefficients, slope.linear) + combine(rate.coefficients, site.elements.linear)
     angular = combine(motion.coefficients, slope.angular) + combine(rate.coefficients, site.elements.angular)
+    moved = np.flatnonzero(np.any(rates, axis=1))
     return ColumnRate(
-        np.einsum("ecn,en->cn", site.elements.linear, rates),
-        np.einsum("ecn,en->cn", site.elements.angular, rates),
+        np.einsum("ecn,en->cn", site.elements.linear[moved], rates[moved]),
+        np.einsum("ecn,en->cn", site.elements.angular[moved], rates[moved]),
         linear,
         angular,
     )

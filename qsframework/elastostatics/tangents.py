@@ -206,7 +206,7 @@ def _stiffness_along(ev: Stages, rate: MotionRate, dE: Array) -> Array:
 def _preload_along(ev: Stages, rate: MotionRate, dE: Array) -> Array | None:
     if ev.preload is None:
         return None
-    total = loads.gravity_torque_along(ev.state, ev.applied.moments, ev.model.gravity, rate)
+    total = loads.gravity_torque_along(ev.state, ev.masses, ev.model.gravity, rate)
     slope = np.zeros((len(ev.touched), len(ev.poses)))
     for f in ev.faces:
         if f.torque is not None:

@@ -221,14 +221,22 @@ def twists(placed: Frames, link: int, point: Array, mass: float = 1.0) -> Twists
     return Twists(linear, angular)
 
 
-def twists_along(columns: Twists, rates: Array) -> Twists:
+def twists_along(columns: Twists, rates: Array, rows: Sequence[int] | None = None) -> Twists:
     """Derivative of the Jacobian along element rates (u, N): the kinematic Hessian times a direction.
 
     For a pair of elements a <= b in chain order d linear is angular_a x linear_b; a column turns
-    with all elements before it and its point moves with all elements after it.
+    with all elements before it and its point moves with all elements after it. rows: the elements whose
+    columns are asked for, the others stay zero; a direction mostly has few elements and few are asked for.
     """
-    turning = np.cumsum(columns.angular * rates[:, None, :], axis=0)
-    moving = columns.linear * rates[:, None, :]
-    after = np.cumsum(moving[::-1], axis=0)[::-1] - moving
-    linear = cross(turning, columns.linear) + cross(columns.angular, after)
-    return Twists(linear, cross(turning, columns.angular))
+    asked = np.arange(columns.upstream) if rows is None else np.array([r for r in rows if r < columns.upstream], int)
+    linear, angular = np.zeros_like(columns.linear), np.zeros_like(columns.angular)
+    moved = np.flatnonzero(np.any(rates, axis=1))
+    if not len(moved) or not len(asked):
+        return Twists(linear, angular)
+    before = (moved <= asked[:, None]).astype(np.float64)
+    turning = np.tensordot(before, columns.angular[moved] * rates[moved, None, :], axes=1)
+    after = np.tensordot(1.0 - before, columns.linear[moved] * rates[moved, None, :], axes=1)
+    own = columns.angular[asked]
+    linear[asked] = cross(turning, columns.linear[asked]) + cross(own, after)
+    angular[asked] = cross(turning, own)
+    return Twists(linear, angular)
