@@ -173,26 +173,31 @@ class _Problem:
         """Whitened (m, q): d predicted / d z."""
         return self.whole(z) @ self.reduction.T
 
-    def whole(self, z: Array, differences: bool = False) -> Array:
-        """Whitened (m, p): d predicted / d x of all parameters; by differences where the tangent model is not enough.
+    def whole(self, z: Array, correction: Array | None = None) -> Array:
+        """Whitened (m, p): d predicted / d x of all parameters, of the tangent model with what it lacks."""
+        o = self.observations
+        tangent = o.noise.whiten(o.jacobian(self.reduction.x(z)))
+        return tangent if correction is None else tangent + correction
+
+    def lacking(self, z: Array) -> Array:
+        """Whitened (m, p): what differences of the predictions say beside the tangent model's sensitivities.
 
         A parameter keeps its tangent column where the model has no answer a step away.
         """
         o = self.observations
         x = self.reduction.x(z)
-        whole = o.noise.whiten(o.jacobian(x))
-        if differences:
-            here = o.predict(x)
-            for i in np.flatnonzero(self.reduction.moved):
-                away = x.copy()
-                away[i] += _AWAY * float(np.abs(self.reduction.T[i]).max())
-                try:
-                    column = (o.predict(away) - here) / (away[i] - x[i])
-                except (NotConverged, InputError):
-                    continue
-                if np.all(np.isfinite(column)):
-                    whole[:, i] = o.noise.whiten(column)
-        return whole
+        tangent, here = o.noise.whiten(o.jacobian(x)), o.predict(x)
+        lacks = np.zeros_like(tangent)
+        for i in np.flatnonzero(self.reduction.moved):
+            away = x.copy()
+            away[i] += _AWAY * float(np.abs(self.reduction.T[i]).max())
+            try:
+                column = (o.predict(away) - here) / (away[i] - x[i])
+            except (NotConverged, InputError):
+                continue
+            if np.all(np.isfinite(column)):
+                lacks[:, i] = o.noise.whiten(column) - tangent[:, i]
+        return lacks
 
     def prior(self, z: Array) -> tuple[Array, Array]:
         """Residuals and rows of the priors and of weak holds."""
@@ -264,15 +269,16 @@ class _Minimum:
     z: Array
     residuals: Array
     steps: int
-    differences: bool
-    """Whether the tangent model was not enough on the way."""
+    correction: Array | None
+    """What the tangent model's sensitivities lacked on the way, where they were not enough."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _State:
     """Where a descent stands: z (q,), whitened residuals (m,), their cost, and sensitivities J (m, q).
 
-    fresh: J was taken here, not at an earlier step; differences: J is taken by differences; damping: of the next step;
+    fresh: J was taken here, not at an earlier step; correction: what J has beside the tangent model's, None where that
+    is enough; exact: that was taken here, too; damping: of the next step;
     gain, moved: what the last step promised, and this in sds of a reading; idle: steps in a row that promised no less
     than half of the one before; silent: trials so far without a finite prediction
     """
@@ -282,7 +288,8 @@ class _State:
     cost: float
     J: Array
     fresh: bool = True
-    differences: bool = False
+    correction: Array | None = None
+    exact: bool = False
     damping: float = 0.0
     gain: float = np.inf
     moved: float = np.inf
@@ -308,7 +315,7 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
     """Levenberg-Marquardt from z.
 
     A tangent model may be far wrong in directions that readings hardly show: where a step does not hold what it
-    promised, sensitivities are taken by differences from there on.
+    promised, differences say there what its sensitivities lack, and that is added from there on.
     """
     r = problem.residuals(z)
     if not np.all(np.isfinite(r)):
@@ -364,20 +371,20 @@ def _minimum(problem: _Problem, at: _State, local: _Linearised, step: int) -> _M
     final = np.clip(at.z + local.step, problem.reduction.lower, problem.reduction.upper)
     linear = at.residuals - at.J @ (final - at.z)  # a step so short is linear
     r = problem.residuals(final) if problem.observations.tangent else linear
-    return _Minimum(problem.cost(final, r), final, r, step, at.differences)
+    return _Minimum(problem.cost(final, r), final, r, step, at.correction)
 
 
 def _fresh(problem: _Problem, at: _State, differences: bool = False) -> _State:
     """The same state with sensitivities of its own, undamped."""
-    differences = at.differences or differences
-    J = problem.whole(at.z, differences) @ problem.reduction.T
-    return replace(at, J=J, fresh=True, differences=differences, damping=0.0)
+    correction = problem.lacking(at.z) if differences else at.correction
+    J = problem.whole(at.z, correction) @ problem.reduction.T
+    return replace(at, J=J, fresh=True, correction=correction, exact=differences, damping=0.0)
 
 
 def _stepped(problem: _Problem, at: _State, local: _Linearised, step: int) -> _State:
     """The state after one step, as damped as it must be, or with better sensitivities where none is any good."""
     tangent, reduction, slack = problem.observations.tangent, problem.reduction, 0.0
-    if (not tangent and not at.differences) or not at.fresh:
+    if (not tangent and at.correction is None) or not at.fresh:
         slack = _TANGENT * float(np.linalg.norm(local.b)) * min(local.gain, local.unit)
     worst = at.cost * (1.0 + 1e-13) + problem.digits() + slack
     size = np.maximum(np.linalg.norm(local.A, axis=0), 1e-12)
@@ -390,7 +397,7 @@ def _stepped(problem: _Problem, at: _State, local: _Linearised, step: int) -> _S
         if cost <= worst:
             at = replace(at, damping=0.0 if damping < 1e-6 else damping / 10.0, silent=silent)
             return _moved(problem, at, local, replace(at, z=z, residuals=r, cost=cost))
-        if not tangent and not at.differences and np.isfinite(cost):
+        if not tangent and not at.exact and np.isfinite(cost):
             return _fresh(problem, replace(at, silent=silent), differences=True)
         silent += not np.isfinite(cost)
         if silent > _SILENT:
@@ -409,10 +416,10 @@ def _moved(problem: _Problem, before: _State, local: _Linearised, at: _State) ->
     moved = local.gain / max(local.unit, 1e-300)
     slow = problem.observations.tangent and moved > _SLOW * before.moved
     idle = before.idle + 1 if local.gain > 0.5 * before.gain else 0
-    at = replace(at, gain=local.gain, moved=moved, idle=idle, fresh=False)
+    at = replace(at, gain=local.gain, moved=moved, idle=idle, fresh=False, exact=False)
     if not (moved > _NEAR or slow or at.damping > 0.0):
         return at
-    J = problem.whole(at.z, at.differences) @ problem.reduction.T
+    J = problem.whole(at.z, at.correction) @ problem.reduction.T
     return replace(at, J=J, fresh=True)
 
 
@@ -457,7 +464,7 @@ def _solution(problem: _Problem, best: _Minimum) -> Solution:
     z, r = best.z, best.residuals
     reduction = problem.reduction
     x = reduction.x(z)
-    whole = problem.whole(z, best.differences)
+    whole = problem.whole(z, best.correction)
     rows = np.vstack([whole @ reduction.T, problem.prior(z)[1]])
     R = np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
     bound = (z <= reduction.lower) | (z >= reduction.upper)

@@ -12,6 +12,7 @@ import dataclasses
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from functools import cache
 from typing import Any, ClassVar, Self, cast
 
 import numpy as np
@@ -48,6 +49,11 @@ def _fields(effect: Any) -> tuple[dataclasses.Field[Any], ...]:
     return dataclasses.fields(effect) if dataclasses.is_dataclass(effect) else ()
 
 
+@cache
+def _in_files(name: str) -> str:
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
+
+
 def _flat(value: Any) -> Iterator[str]:
     """The texts in nested tuples."""
     for one in cast("tuple[Any, ...]", value) if isinstance(value, tuple) else ():
@@ -82,7 +88,7 @@ class Effect(ABC):
     @classmethod
     def effect_name(cls) -> str:
         """The name in files: `BaseCompliance` -> `base_compliance`."""
-        return re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+        return _in_files(cls.__name__)
 
     @property
     def where(self) -> str:

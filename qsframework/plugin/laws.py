@@ -143,7 +143,7 @@ def left_out(value: object) -> bool:
 
 def geometry(effect: Geometry, x: Array, context: Context) -> GeometryTerm:
     """`errors` with all derivatives."""
-    (batch, n), size = context.poses.q.shape, sizes(effect, x, context)
+    batch, n = context.poses.q.shape
 
     def errors(v: Array) -> GeometryTerm:
         term = as_term(GeometryTerm, effect.errors(v, context))
@@ -159,29 +159,31 @@ def geometry(effect: Geometry, x: Array, context: Context) -> GeometryTerm:
 
     term = errors(x)
     if left_out(term.angles_dx):
-        term = replace(term, angles_dx=derivative(lambda v: errors(v).angles, x, size))
+        term = replace(term, angles_dx=derivative(lambda v: errors(v).angles, x, sizes(effect, x, context)))
     if term.twists is not None and left_out(term.twists_dx):
-        term = replace(term, twists_dx=derivative(lambda v: errors(v).twists, x, size))
+        term = replace(term, twists_dx=derivative(lambda v: errors(v).twists, x, sizes(effect, x, context)))
     return term
 
 
 def closure(effect: Loop, actuators: Array, bars: Array, context: Context) -> LoopTerm:
     """`closure` with all derivatives."""
     (batch, k), u = actuators.shape, np.concatenate([actuators, bars], axis=1)
-    size = np.array([1.0] * k + [p.typical for p in effect.parameters(context.robot)])
+
+    def size() -> Array:
+        return np.array([1.0] * k + [p.typical for p in effect.parameters(context.robot)])
 
     def at(v: Array) -> LoopTerm:
         return as_term(LoopTerm, effect.closure(v[:, :k], v[:, k:], context))
 
     def slope(v: Array) -> Array:
         term = at(v)
-        return derivative(lambda w: at(w).q, v, size) if left_out(term.q_u) else term.q_u
+        return derivative(lambda w: at(w).q, v, size()) if left_out(term.q_u) else term.q_u
 
     term = at(u)
     _checked(effect, "closure", term.q, (batch, k), u)
     if left_out(term.q_u):
         term = replace(term, q_u=slope(u))
-    return term if not left_out(term.q_uu) else replace(term, q_uu=difference(slope, u, size))
+    return term if not left_out(term.q_uu) else replace(term, q_uu=difference(slope, u, size()))
 
 
 def mixing(effect: Spring, x: Array, context: Context) -> Array:
@@ -272,7 +274,7 @@ def loaded(effect: Load, loads: Loads, x: Array, context: Context) -> LoadTerm:
 
 def apply(effect: Load, loads: Loads, x: Array, context: Context) -> LoadTerm:
     """`apply` with all derivatives."""
-    batch, size = len(loads.wrench), sizes(effect, x, context)
+    batch = len(loads.wrench)
 
     def at(v: Array, w: Array = loads.wrench, rotation: Array = loads.rotation) -> LoadTerm:
         return loaded(effect, replace(loads, wrench=w, rotation=rotation), v, context)
@@ -286,12 +288,12 @@ def apply(effect: Load, loads: Loads, x: Array, context: Context) -> LoadTerm:
         turning = derivative(lambda v: at(x, rotation=turn(loads.rotation, v)).wrench, none, np.ones(3))
         term = replace(term, d_wrench=derivative(lambda w: at(x, w).wrench, loads.wrench, most), d_rotation=turning)
     if left_out(term.dx):
-        term = replace(term, dx=derivative(lambda v: at(v).wrench, x, size))
+        term = replace(term, dx=derivative(lambda v: at(v).wrench, x, sizes(effect, x, context)))
     if term.moments is not None:
         shape = loads.moments.shape
         _checked(effect, "apply", term.moments, shape, what="moments")
         if left_out(term.moments_dx):
-            term = replace(term, moments_dx=derivative(lambda v: at(v).moments, x, size))
+            term = replace(term, moments_dx=derivative(lambda v: at(v).moments, x, sizes(effect, x, context)))
     return term
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 from typing import Any
 
 AXES = ("x", "y", "z")
@@ -24,11 +25,13 @@ def place(default: Any = dataclasses.MISSING, *, axis: bool = False) -> Any:
     return dataclasses.field(default=default, metadata={"place": True, "axis": axis})
 
 
+@cache
 def place_fields(effect: type) -> tuple[str, ...]:
     """Names of the fields that say where an effect acts."""
     return tuple(f.name for f in dataclasses.fields(effect) if f.metadata.get("place"))
 
 
+@cache
 def axis_fields(effect: type) -> tuple[str, ...]:
     """Names of the place fields that are one of several axes of a place."""
     return tuple(f.name for f in dataclasses.fields(effect) if f.metadata.get("axis"))
