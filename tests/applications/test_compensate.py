@@ -135,7 +135,7 @@ def stored(experiment: Experiment, readings: Readings, folder: Path, linear: boo
 
 
 def test_the_expected_error_is_the_one_found_in_simulation(m900ib: Experiment) -> None:
-    """Forty campaigns of the same plan: the RMS error of the true arm against the promised one, per target.
+    """Campaigns of the same plan: the RMS error of the true arm against the promised one, per target.
 
     Readings and fits of the linear model, which is quick; the arm at work settles in its equilibrium.
     """
@@ -143,7 +143,7 @@ def test_the_expected_error_is_the_one_found_in_simulation(m900ib: Experiment) -
     work = joint_targets(m900ib, angles(2, 5), np.tile(WORK, (2, 1)))
     x = m900ib.model().nominal
     squared, promised = [], []
-    for seed in range(40):
+    for seed in range(24):
         readings = simulate(m900ib, plan, seed=seed, linear=True).readings
         result = compensate(m900ib, stored(m900ib, readings, Path(), linear=True), work)
         error = stands(m900ib, result, x).position - work.wanted.position
@@ -184,7 +184,7 @@ def test_the_uncertainty_of_the_load_counts(m900ib: Experiment, tmp_path: Path) 
     days: list[Readings] = []
     results: list[Compensation] = []
     told = simulate(stated, make_plan(poses, ["pull"] * 12), linear=True).readings
-    for seed in range(60):
+    for seed in range(30):
         turn = np.eye(3) + np.cross(np.eye(3), np.deg2rad(0.5) * rng.standard_normal(3))
         wrong = (1.0 + 0.02 * rng.standard_normal()) * np.kron(np.eye(2), turn)
         acting = make_plan(replace(poses, wrench=poses.wrench @ wrong.T), ["pull"] * 12)

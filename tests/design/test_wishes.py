@@ -75,7 +75,7 @@ def test_each_criterion_is_best_at_what_it_says(m900ib: Experiment) -> None:
 
 
 def test_the_tips_error_is_what_simulation_shows(m900ib: Experiment) -> None:
-    """sqrt of the I criterion against the spread of the predicted tip over 200 simulated campaigns.
+    """sqrt of the I criterion against the spread of the predicted tip over 100 simulated campaigns.
 
     Of the linear model, in readings and fits: it is quick, and what a design counts. Nothing is gross, and one start
     is enough where the minimum is the only one.
@@ -86,7 +86,7 @@ def test_the_tips_error_is_what_simulation_shows(m900ib: Experiment) -> None:
     rows = tip_rows(m900ib, None, test.pendant, m900ib.fit_names())
     promised = np.sqrt(np.mean([np.trace(A @ fit_covariance(m900ib, plan) @ A.T) for A in rows]))
     errors = []
-    for seed in range(200):
+    for seed in range(100):
         fit = identify(m900ib, simulate(m900ib, plan, seed=seed, linear=True).readings, options=options)
         step = np.array([e.value - e.initial for e in fit.estimates]) / scales(m900ib.fit_parameters())
         errors.append(np.mean([((A @ step) ** 2).sum() for A in rows]))
