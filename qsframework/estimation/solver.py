@@ -28,6 +28,8 @@ _LAPS = 20
 goes to and fro over a kink of the model, or runs away, and 200 steps end no better."""
 _FALL = 1e-2
 _DAMPINGS = 40
+_TRIALS = 5
+"""Dampings that are tried before differences are taken again."""
 _SILENT = 25
 """Trials without a finite prediction after which a fit is given up."""
 _BLUR = 1e-15
@@ -389,7 +391,7 @@ def _stepped(problem: _Problem, at: _State, local: _Linearised, step: int) -> _S
     worst = at.cost * (1.0 + 1e-13) + problem.digits() + slack
     size = np.maximum(np.linalg.norm(local.A, axis=0), 1e-12)
     damping, silent = at.damping, at.silent
-    for _ in range(_DAMPINGS):
+    for trial in range(_DAMPINGS):
         d = local.step if damping == 0.0 else _bounded(local.A, local.b, at.z, reduction, damping, size)
         z = np.clip(at.z + d, reduction.lower, reduction.upper)
         r = problem.residuals(z)
@@ -397,7 +399,8 @@ def _stepped(problem: _Problem, at: _State, local: _Linearised, step: int) -> _S
         if cost <= worst:
             at = replace(at, damping=0.0 if damping < 1e-6 else damping / 10.0, silent=silent)
             return _moved(problem, at, local, replace(at, z=z, residuals=r, cost=cost))
-        if not tangent and not at.exact and np.isfinite(cost):
+        wrong = at.correction is None or trial >= _TRIALS  # differences cost as much as many trials
+        if not tangent and not at.exact and np.isfinite(cost) and wrong:
             return _fresh(problem, replace(at, silent=silent), differences=True)
         silent += not np.isfinite(cost)
         if silent > _SILENT:
