@@ -102,8 +102,9 @@ def with_sd(value: float, sd: float) -> str:
     if not (math.isfinite(sd) and sd > 0.0):
         return f"{value:.4g}"
     digits = 1 - int(f"{sd:.1e}".partition("e")[2])
-    if not -4 <= digits <= 9:
-        return f"{value:.4g} ± {sd:.1e}"
+    if not -2 <= digits <= 9:
+        power = math.floor(math.log10(abs(value))) if value else -digits
+        return f"{value:.{max(power + digits, 0)}e} ± {sd:.1e}"
     return f"{round(value, digits):.{max(digits, 0)}f} ± {round(sd, digits):.{max(digits, 0)}f}"
 
 
