@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import shutil
 import subprocess
 from pathlib import Path
@@ -33,6 +35,11 @@ def open_page(page: Path | str, folder: Path, *more: str, timeout: float = 120) 
     address = page.as_uri() if isinstance(page, Path) else page
     command = ["chromium", *FLAGS, *_LOOK, f"--user-data-dir={folder / 'profile'}", *more, address]
     return subprocess.run(command, capture_output=True, text=True, timeout=timeout)
+
+
+def unpacked(frame: str) -> str:
+    """The page that a report holds, packed, for a frame."""
+    return gzip.decompress(base64.b64decode(frame)).decode()
 
 
 def console(log: str) -> list[str]:

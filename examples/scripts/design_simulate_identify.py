@@ -23,4 +23,4 @@ fit = identify(experiment, measured.readings)
 truth = dict(zip(experiment.model().names, measured.x, strict=True))
 for e in fit.estimates:
     off = (e.value - truth[e.name]) / e.sd
-    print(f"{e.name}: {1e6 * e.value:.3f} +- {1e6 * e.sd:.3f} urad/(N m), {off:+.1f} sd from the truth")
+    print(f"{e.name}: {1e6 * e.value:.3f} ± {1e6 * e.sd:.3f} urad/(N m), {off:+.1f} sd from the truth")

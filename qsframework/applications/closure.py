@@ -210,7 +210,7 @@ def _stays(table: _Table, name: str, chosen: Callable[[int], bool]) -> Check | N
     stated = 0.0 if table.sigma is None else 2.0 * table.sigma**2
     sd = float(np.sqrt(max(spread, stated) / (d @ d)))
     good = not (abs(share) > 3.3 * sd and abs(share) > _WORTH)
-    words = f"{name}: {100 * share:.2f} +- {100 * sd:.2f} % of the deflection stays after unloading"
+    words = f"{name}: {100 * share:.2f} ± {100 * sd:.2f} % of the deflection stays after unloading"
     if not good:
         words += ". Preload once more before reading; friction or play that stays is a cause for qsf diagnose"
     return Check("hysteresis", good, words, {"share": share, "sd": sd})
@@ -252,7 +252,7 @@ def _linearity(table: _Table) -> Check:
     ratio = float(np.mean(ratios))
     side = "more" if share > 0 else "less"
     words = (
-        f"{100 * ratio:.0f} % of a load gives {abs(100 * share):.2f} +- {100 * sd:.2f} % {side} than "
+        f"{100 * ratio:.0f} % of a load gives {abs(100 * share):.2f} ± {100 * sd:.2f} % {side} than "
         f"{100 * ratio:.0f} % of the deflection ({count} pairs)"
     )
     if not good:

@@ -30,6 +30,7 @@ def run_compare(
     from qsframework.report import write_report
     from qsframework.report.compare_section import compare_sections, summary_table
     from qsframework.report.provenance import AFTER, EQUILIBRIUM, INFORMATION, STIFFNESS, provenance_section
+    from qsframework.report.words.comparison import comparison_verdict
 
     fit_files = pairs("--fit", fits, "ROBOT=fit.json")
     distinct_outputs([json, report, where.checkpoint], [task_file, *map(Path, fit_files.values())])
@@ -54,7 +55,8 @@ def run_compare(
         parameters = [replace(p, name=f"{r.name}: {p.name}") for r in robots for p in r.parameters]
         laws = (EQUILIBRIUM, STIFFNESS, INFORMATION, AFTER)
         sections = (*compare_sections(result), provenance_section(effects, inputs, seed, laws, parameters, robots))
-        print(f"report: {write_report(report, f'Comparison: {task.title}', sections)}")
+        verdict = comparison_verdict(result)
+        print(f"report: {write_report(report, f'Comparison: {task.title}', sections, verdict)}")
 
 
 def identified(robots: list[Robot], fits: Mapping[str, str]) -> tuple[list[Robot], dict[str, tuple[str, ...]]]:

@@ -106,13 +106,15 @@ def _more(
     from qsframework.report import write_report
     from qsframework.report.compensation_section import compensation_section, target_view
     from qsframework.report.provenance import AFTER, EQUILIBRIUM, computed
+    from qsframework.report.words.compensation import compensation_verdict
 
     if files.json is not None:
         write_json(files.json, result.as_json())
     if files.report is not None:
         seen = target_view(experiment, result, fit.x(experiment.model()))
         sections = (compensation_section(result), seen, computed(experiment, inputs, None, (EQUILIBRIUM, AFTER)))
-        print(f"report: {write_report(files.report, f'Compensation: {experiment.robot.title}', sections)}")
+        title = f"Compensation: {experiment.robot.title}"
+        print(f"report: {write_report(files.report, title, sections, compensation_verdict(result))}")
 
 
 def programme_files(path: Path) -> list[Path]:

@@ -148,21 +148,20 @@ def finish(day: Day, files: DayFiles) -> list[str]:
     from qsframework.cli.commands import write_json
     from qsframework.diagnose import diagnose
     from qsframework.identify import identify, read_fit
-    from qsframework.report import fit_section, write_report
+    from qsframework.report import fit_sections, write_report
     from qsframework.report.certificate_page import write_certificate
     from qsframework.report.diagnosis_section import diagnosis_sections
-    from qsframework.report.fit_section import residual_view
     from qsframework.report.words.certificate import conformity_words
-    from qsframework.report.words.fit import verdict_words
-    from qsframework.report.words.headline import headline
+    from qsframework.report.words.fit import fit_verdict, verdict_words
+    from qsframework.report.words.headline import diagnosis_verdict, headline
 
     out, folder = list[str](), files.folder
     experiment = day.experiment
     readings = accepted(day)
     fit = identify(experiment, readings)
     write_json(folder / "fit.json", fit.as_json())
-    sections = (fit_section(fit, "Fit"), residual_view(fit, experiment, readings))
-    write_report(folder / "fit.html", f"Identification: {experiment.robot.title}", sections)
+    title, verdict = f"Identification: {experiment.robot.title}", fit_verdict(fit, readings.poses)
+    write_report(folder / "fit.html", title, fit_sections(fit, experiment, readings), verdict)
     out.append(f"fit.json, fit.html: {verdict_words(fit)}")
     if day.record.doubtful:
         out.append(f"{len(day.record.doubtful)} states wait for a decision and are left out")
@@ -172,6 +171,7 @@ def finish(day: Day, files: DayFiles) -> list[str]:
             folder / "diagnosis.html",
             f"Diagnosis: {experiment.robot.title}",
             diagnosis_sections(found, [files.experiment, day.record.table]),
+            diagnosis_verdict(found),
         )
         out.append(f"diagnosis.html: {headline(found)}")
     except QsfError as error:

@@ -7,8 +7,6 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from qsframework.cli.commands import beside, distinct_outputs, write_json
 from qsframework.cli.progress import print_table, progress
 from qsframework.cli.where import Where, at_work
@@ -26,9 +24,10 @@ from qsframework.elastostatics import range_notes
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan, Readings, load_experiment, read_plan, read_readings, write_plan
 from qsframework.information import promised_sd
-from qsframework.report import certificate_text, plan_section, sd_table, write_report
-from qsframework.report.plan_section import margin_words
+from qsframework.report import certificate_text, sd_table, write_report
+from qsframework.report.plan_section import margin_words, plan_sections
 from qsframework.report.provenance import AFTER, INFORMATION, LINEAR, computed
+from qsframework.report.words.plan import plan_verdict, tip_words
 from qsframework.work import Work, job_of
 
 Tell = Callable[[str, int, int], None]
@@ -94,10 +93,11 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, where: Whe
     if files.report is not None:
         notes = (found.words(), margin, *tip_words(plan), *twin_words(experiment, plan), *beyond)
         sections = (
-            plan_section(experiment, plan, table, "Plan", notes),
+            *plan_sections(experiment, plan, table, notes),
             computed(experiment, files.inputs(), seed, (LINEAR, INFORMATION, AFTER)),
         )
-        print(f"report: {write_report(files.report, f'Measurement plan: {experiment.robot.title}', sections)}")
+        verdict = plan_verdict(experiment, plan, sds["this plan"])
+        print(f"report: {write_report(files.report, f'Measurement plan: {experiment.robot.title}', sections, verdict)}")
 
 
 def find_candidates(words: str, experiment: Experiment, seed: int, tell: Tell, work: Work) -> Candidates:
@@ -120,18 +120,6 @@ def read_taken(path: Path, experiment: Experiment) -> Plan | Readings:
     lines = [line for line in read_text(path).splitlines() if line.strip() and not line.startswith("#")]
     header = lines[0].split(",") if lines else []
     return read_readings(path, experiment) if "marker" in [h.strip() for h in header] else read_plan(path, experiment)
-
-
-def tip_words(plan: Plan) -> list[str]:
-    """What the criterion I or G says in millimetres."""
-    c = plan.certificate
-    if c is None or c.criterion not in ("I", "G"):
-        return []
-    size = 1e3 * float(np.sqrt(c.value))
-    which = "root mean square" if c.criterion == "I" else "largest"
-    return [
-        f"After compensation with a fit of this plan the tip is known to {size:.4f} mm ({which} over the test poses)"
-    ]
 
 
 def twin_words(experiment: Experiment, plan: Plan) -> list[str]:

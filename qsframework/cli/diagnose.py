@@ -118,9 +118,11 @@ def _write(
     if files.report is not None:
         from qsframework.report.diagnosis_section import diagnosis_sections
         from qsframework.report.page import write_report
+        from qsframework.report.words.headline import diagnosis_verdict
 
         sections = diagnosis_sections(found, inputs, pairs, day)
-        print(f"report: {write_report(files.report, f'Diagnosis: {found.experiment.robot.title}', sections)}")
+        title, verdict = f"Diagnosis: {found.experiment.robot.title}", diagnosis_verdict(found)
+        print(f"report: {write_report(files.report, title, sections, verdict)}")
     if files.extend is not None:
         from qsframework.report.extended import write_extended
 

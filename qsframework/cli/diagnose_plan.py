@@ -30,7 +30,7 @@ def run_foresight(
     from qsframework.report.plan_section import promise_table
     from qsframework.report.power_section import pair_table, power_section, size_table
     from qsframework.report.result_json import foresight_json
-    from qsframework.report.words.forecast import foresight_words
+    from qsframework.report.words.forecast import foresight_verdict, foresight_words
 
     campaign = load_experiment(experiment)
     distinct_outputs([json, report, where.checkpoint], [experiment, plan, plan.with_suffix(".json")])
@@ -62,7 +62,8 @@ def run_foresight(
             Section("The plan", (plan_view(campaign, planned),)),
             computed(campaign, [experiment, plan], seed, (LINEAR, INFORMATION)),
         )
-        print(f"report: {write_report(report, f'Before measuring: {campaign.robot.title}', sections)}")
+        title, verdict = f"Before measuring: {campaign.robot.title}", foresight_verdict(found)
+        print(f"report: {write_report(report, title, sections, verdict)}")
 
 
 def run_separate(

@@ -111,20 +111,20 @@ def _tell(result: Fit) -> None:
 
 
 def _report(report: Path, experiment: Experiment, readings: Readings, fit: Fit, inputs: list[Path]) -> None:
-    from qsframework.report import fit_section, write_report
-    from qsframework.report.fit_section import residual_view
+    from qsframework.report import fit_sections, write_report
     from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, LINEAR, computed
+    from qsframework.report.words.fit import fit_verdict
 
     own = computed(experiment, inputs, None, (LINEAR if fit.linear else EQUILIBRIUM, LEAST_SQUARES))
-    sections = (fit_section(fit, "Fit"), residual_view(fit, experiment, readings), own)
-    print(f"report: {write_report(report, f'Identification: {experiment.robot.title}', sections)}")
+    sections, verdict = (*fit_sections(fit, experiment, readings), own), fit_verdict(fit, readings.poses)
+    print(f"report: {write_report(report, f'Identification: {experiment.robot.title}', sections, verdict)}")
 
 
 def run_validate(files: FitFiles, fit: Path, halves: int, seed: int) -> None:
     """Tell how far readings that a fit has not seen are from it, or random halves of its own."""
     from qsframework.identify import read_fit, validate, validate_halves
     from qsframework.report.validation_section import validation_section, validation_tables
-    from qsframework.report.words.validation import validation_words
+    from qsframework.report.words.validation import validation_verdict, validation_words
 
     experiment = load_experiment(files.experiment)
     stored = read_fit(fit)
@@ -149,5 +149,5 @@ def run_validate(files: FitFiles, fit: Path, halves: int, seed: int) -> None:
         from qsframework.report.provenance import EQUILIBRIUM, LINEAR, computed
 
         own = computed(experiment, [files.experiment, fit, *sources], seed, (LINEAR if stored.linear else EQUILIBRIUM,))
-        sections = (validation_section(found), own)
-        print(f"report: {write_report(files.report, f'Validation: {experiment.robot.title}', sections)}")
+        sections, verdict = (validation_section(found), own), validation_verdict(found)
+        print(f"report: {write_report(files.report, f'Validation: {experiment.robot.title}', sections, verdict)}")

@@ -1,23 +1,28 @@
 """Reports: one HTML file each, readable without a network."""
 
-from qsframework.report.blocks import Block, Figure, Lines, Section, Table, Text, View
-from qsframework.report.fit_section import error_tables, fit_section, fit_table, interval_tables, shown
+from qsframework.report.blocks import Block, Figure, Lines, Mark, Section, Table, Text, Verdict, View
+from qsframework.report.fit_section import error_tables, fit_section, fit_sections, fit_table, interval_tables
 from qsframework.report.page import write_report
-from qsframework.report.plan_section import certificate_text, plan_section, pose_table, sd_table
+from qsframework.report.plan_section import plan_section, pose_table, sd_table
 from qsframework.report.provenance import PROVENANCE, provenance_section
+from qsframework.report.words.plan import certificate_text
+from qsframework.report.words.sizes import shown
 
 __all__ = [
     "PROVENANCE",
     "Block",
     "Figure",
     "Lines",
+    "Mark",
     "Section",
     "Table",
     "Text",
+    "Verdict",
     "View",
     "certificate_text",
     "error_tables",
     "fit_section",
+    "fit_sections",
     "fit_table",
     "interval_tables",
     "plan_section",

@@ -3,7 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any
+
+
+class Mark(Enum):
+    """Whether the reader may go on; each has a shape of its own on the page, and the verdict its word."""
+
+    GOOD = "good"
+    LOOK = "look"
+    BAD = "bad"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer to the reader's first question: a word with its mark, one sentence, and three or four numbers, each
+    with what it is."""
+
+    mark: Mark
+    word: str
+    said: str
+    numbers: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)
@@ -23,7 +43,7 @@ class Lines:
 @dataclass(frozen=True)
 class Table:
     """Rows of cells under a header; `caption` says what to look for; folded: what stands in its place until it is
-    opened, "" for a table that is always open."""
+    opened, "" for a table that is always open. A column `pose` ties its rows to the poses of a view."""
 
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -33,20 +53,26 @@ class Table:
 
 @dataclass(frozen=True)
 class Figure:
-    """A plotly figure; `caption` says what to look for, `table` its numbers, read off its traces unless given."""
+    """A plotly figure; `caption` says what to look for, `table` its numbers, read off its traces unless given.
+
+    wide: takes the whole width of the page. Points whose `customdata` are names of poses lead to the pose in a view.
+    """
 
     figure: Any
     caption: str
     table: Table | None = None
+    wide: bool = False
 
 
 @dataclass(frozen=True)
 class View:
-    """A 3D scene as a page of its own inside the report; `caption` says what to look for, `table` its numbers."""
+    """A 3D scene as a page of its own inside the report; `caption` says what to look for, `table` its numbers; poses:
+    the name of the pose that each step of the scene's slider shows, where it shows poses."""
 
     page: str
     caption: str
     table: Table
+    poses: tuple[str, ...] = ()
 
 
 Block = Text | Lines | Table | Figure | View
@@ -54,7 +80,8 @@ Block = Text | Lines | Table | Figure | View
 
 @dataclass(frozen=True)
 class Section:
-    """A titled part of a report."""
+    """A titled part of a report; folded: evidence that stands closed until somebody wants it, or prints."""
 
     title: str
     blocks: tuple[Block, ...]
+    folded: bool = False

@@ -10,9 +10,9 @@ import numpy as np
 
 from qsframework.applications.certificate import COVERAGE, Certificate, Quantity
 from qsframework.files import sha256, write_text
-from qsframework.report.fit_section import shown
 from qsframework.report.provenance import robot_files
 from qsframework.report.words.certificate import RULES, SOURCES, assumed_words, conformity_words, held_out_words
+from qsframework.report.words.sizes import shown
 
 MISSING = "not stated"
 _WIDTH, _HEIGHT, _LEFT, _BELOW = 640, 190, 44, 34

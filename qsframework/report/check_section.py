@@ -12,6 +12,7 @@ from qsframework.experiment import Experiment, Readings
 from qsframework.plugin import Array
 from qsframework.report.blocks import Figure, Section, Table
 from qsframework.report.numbers import row_table
+from qsframework.report.plots import blank
 
 _STATE = {True: "as it should be", False: "look at it", None: "not measured"}
 Found = tuple[str, str, Sequence[tuple[bool | None, str, str]]]
@@ -77,17 +78,7 @@ def _apart(readings: Readings) -> Array:
 
 
 def _sizes(rows: list[int], size: list[float], marker: list[str], used: list[str], what: str) -> Any:
-    import plotly.graph_objects as go
-
-    figure = go.Figure(
-        layout={
-            "title": {"text": "Readings by row"},
-            "template": "plotly_white",
-            "height": 380,
-            "xaxis": {"title": {"text": "row of the readings file"}},
-            "yaxis": {"title": {"text": what}},
-        }
-    )
+    figure = blank("Readings by row", "row of the readings file", what)
     for name in dict.fromkeys(marker):
         at = [i for i, m in enumerate(marker) if m == name]
         symbols = ["circle" if used[i] == "yes" else "x" for i in at]

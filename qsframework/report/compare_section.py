@@ -10,8 +10,9 @@ import numpy as np
 from qsframework.applications.compare import Compared, Comparison
 from qsframework.plugin import Array
 from qsframework.report.blocks import Figure, Section, Table, Text, View
-from qsframework.report.fit_section import shown
 from qsframework.report.numbers import row_table
+from qsframework.report.plots import COLOURS, SYMBOLS, blank, panels
+from qsframework.report.words.sizes import shown
 from qsframework.robot.collision import Flags
 from qsframework.viz import task_scene
 
@@ -83,12 +84,14 @@ def compare_sections(result: Comparison) -> tuple[Section, ...]:
             "tool pointing that way. Look for robots that are dark where the work (crosses) is, and for jumps, where "
             "the arm changes its posture.",
             map_table(result, [r.deflection * 1e3 for r in result.robots], "mm"),
+            wide=True,
         ),
         Figure(
             heat_maps(result, [r.softest * 1e-6 for r in result.robots], "N/um", "Stiffness in the softest direction"),
             "The force per micrometre in the direction that gives most, in powers of ten. Darker is stiffer. Look at "
             "the smallest value in the part of the workspace that the task needs.",
             map_table(result, [r.softest * 1e-6 for r in result.robots], "N/um"),
+            wide=True,
         ),
     )
     told = Text(
@@ -96,10 +99,10 @@ def compare_sections(result: Comparison) -> tuple[Section, ...]:
         "along this path. What a fit of it would leave along the path is 'after compensation'."
     )
     return (
+        Section("Along the path", (Figure(path_figure(result), _PATH), path_view(result))),
         Section("Summary", (summary_table(result), *notes)),
         Section("Workspace", maps),
-        Section("Along the path", (Figure(path_figure(result), _PATH), path_view(result))),
-        Section("Identifiability", (told, *sd_tables(result))),
+        Section("Identifiability", (told, *sd_tables(result)), folded=True),
     )
 
 
@@ -126,11 +129,9 @@ def path_view(result: Comparison) -> View:
 
 def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) -> Any:
     """One heat map for each robot over x and z, all on one logarithmic scale; grey where it does not reach."""
-    from plotly.subplots import make_subplots
-
     task, count = result.task, len(result.robots)
     names = [html.escape(r.robot.title.split(",")[0]) for r in result.robots]
-    figure = make_subplots(rows=1, cols=count, subplot_titles=names, shared_yaxes=True)
+    figure = panels(f"{title}, {unit}, at y = {task.map_y:g} m", 1, count, names, 420)
     for k, cells in enumerate(values, start=1):
         grid = cells.reshape(len(task.map_z), len(task.map_x))
         z = [[float(np.log10(v)) if np.isfinite(v) else None for v in row] for row in grid]
@@ -160,10 +161,8 @@ def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) ->
     ticks = _ticks(np.concatenate(values))
     bar = {"title": unit, "tickvals": np.log10(ticks).tolist(), "ticktext": [f"{v:g}" for v in ticks]}
     figure.update_layout(
-        title=f"{title}, {unit}, at y = {task.map_y:g} m",
-        height=420,
         plot_bgcolor="#ddd",
-        coloraxis={"colorscale": "Blues", "colorbar": bar},
+        coloraxis={"colorscale": "Cividis", "reversescale": True, "colorbar": bar},
     )
     figure.update_xaxes(showgrid=False, zeroline=False)
     figure.update_yaxes(showgrid=False, zeroline=False)
@@ -190,18 +189,12 @@ def _ticks(values: Array) -> list[float]:
 
 def path_figure(result: Comparison) -> Any:
     """Deflection along the path, uncorrected and after compensation."""
-    import plotly.graph_objects as go
-
-    colours = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#8c564b", "#e377c2", "#17becf")
-    figure, points = go.Figure(), list(range(1, len(result.task.points) + 1))
+    figure = blank("Along the path", "point of the path", "distance from the wanted place, mm", 420)
+    points = list(range(1, len(result.task.points) + 1))
     for k, r in enumerate(result.robots):
         for values, dash, name in ((r.task, "solid", r.robot.name), (r.after, "dash", f"{r.robot.name}, compensated")):
             y = [float(v * 1e3) if np.isfinite(v) else None for v in values]
-            line = {"dash": dash, "color": colours[k % len(colours)]}
-            figure.add_scatter(x=points, y=y, mode="lines+markers", line=line, name=name)
-    figure.update_layout(
-        xaxis_title="point of the path",
-        yaxis={"type": "log", "title": "distance from the wanted place, mm"},
-        height=420,
-    )
-    return figure
+            mark = {"symbol": SYMBOLS[k % len(SYMBOLS)]}
+            line = {"dash": dash, "color": COLOURS[k % len(COLOURS)]}
+            figure.add_scatter(x=points, y=y, mode="lines+markers", line=line, marker=mark, name=name)
+    return figure.update_layout(yaxis_type="log")

@@ -10,6 +10,7 @@ from qsframework.applications.compensate import Compensation
 from qsframework.experiment import Experiment, make_plan
 from qsframework.plugin import Array, Poses
 from qsframework.report.blocks import Figure, Section, Table, Text, View
+from qsframework.report.plots import BARS, blank
 
 _MOST = 24
 """Targets in the scene."""
@@ -51,19 +52,13 @@ def _of_noise(result: Compensation) -> str:
 
 def compensation_section(result: Compensation) -> Section:
     """Words, notes, the figure and the table."""
-    import plotly.graph_objects as go
-
-    figure = go.Figure()
+    figure = blank("Distance from the wanted place", "target", "mm")
     names = [html.escape(name) for name in result.targets.name]
-    figure.add_bar(x=names, y=(result.size * 1e3).tolist(), name="uncorrected")
-    figure.add_bar(x=names, y=(result.sd * 1e3).tolist(), name="expected after the correction")
-    figure.update_layout(
-        yaxis={"type": "log", "title": "distance from the wanted place, mm"},
-        barmode="group",
-        height=380,
-        template="plotly_white",
-        xaxis={"type": "category"},
+    figure.add_bar(x=names, y=(result.size * 1e3).tolist(), name="uncorrected", marker=BARS[0], customdata=names)
+    figure.add_bar(
+        x=names, y=(result.sd * 1e3).tolist(), name="expected after the correction", marker=BARS[1], customdata=names
     )
+    figure.update_layout(yaxis_type="log", barmode="group", xaxis_type="category")
     caption = (
         "Each pair of bars is a target, on a logarithmic scale. Look for targets whose second bar is not much lower "
         "than the first: there the fit knows too little, and more readings near that pose would help."
@@ -76,7 +71,7 @@ def compensation_section(result: Compensation) -> Section:
         f"{_of_noise(result)}Effects that the model does not hold, and the robot's repeatability, come on top."
     )
     notes = tuple(Text(f"Note: {note}.") for note in result.notes)
-    return Section("Corrected targets", (Text(text), *notes, Figure(figure, caption, target_table(result))))
+    return Section("Corrected targets", (*notes, Figure(figure, caption, target_table(result)), Text(text)))
 
 
 def target_view(experiment: Experiment, result: Compensation, x: Array) -> Section:
@@ -95,6 +90,7 @@ def target_view(experiment: Experiment, result: Compensation, x: Array) -> Secti
         f"The targets{'' if len(worst) == len(targets.name) else f' that are farthest off, {_MOST} of them'}; red: the "
         "arm under its load, 100 times exaggerated, at the identified parameters. Look whether the correction acts "
         "against what you see: the arm is told to stand as far on the other side.",
-        Table(("target", "off x mm", "off y mm", "off z mm"), rows, "Where the uncorrected tool stands, base frame."),
+        Table(("pose", "off x mm", "off y mm", "off z mm"), rows, "Where the uncorrected tool stands, base frame."),
+        tuple(names),
     )
     return Section("In 3D", (view,))

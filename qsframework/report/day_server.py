@@ -32,7 +32,6 @@ from qsframework.errors import InputError, QsfError
 from qsframework.experiment import make_plan
 from qsframework.files import write_text
 from qsframework.plugin import Poses
-from qsframework.report.fit_section import shown
 from qsframework.report.words.day import (
     can_correct,
     floor_words,
@@ -43,6 +42,7 @@ from qsframework.report.words.day import (
     so_far_words,
 )
 from qsframework.report.words.headline import headline
+from qsframework.report.words.sizes import shown
 from qsframework.viz import show_scene
 from qsframework.viz.server import HOST
 

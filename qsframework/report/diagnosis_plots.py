@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterator, Sequence
-from typing import Any
+from itertools import pairwise
 
 import numpy as np
 
@@ -20,23 +20,12 @@ from qsframework.plugin import Array
 from qsframework.report import power_section
 from qsframework.report.blocks import Figure, Table
 from qsframework.report.numbers import row_table
+from qsframework.report.plots import AFTER, BARS, BEFORE, BLACK, BLUE, COLOURS, GREY, ORANGE, SKY, blank, panels
 from qsframework.report.words.law import place_words, variable_words
 
-_BEFORE, _AFTER = "rgba(200, 70, 40, 0.55)", "rgba(30, 130, 60, 0.75)"
-_NOISE = "#888"
-_LINES = ("#0072B2", "#D55E00", "#009E73")
 _ACROSS = 3
 _MOST = 80
 """Causes in the heat map, most visible first."""
-
-
-def _blank(title: str, x: str, y: str, height: int = 380) -> Any:
-    import plotly.graph_objects as go
-
-    axes = {"xaxis": {"title": {"text": x}}, "yaxis": {"title": {"text": y}}}
-    return go.Figure(
-        layout={"title": {"text": html.escape(title)}, **axes, "template": "plotly_white", "height": height}
-    )
 
 
 def learned_figure(diagnosis: Diagnosis, taught: Taught) -> Iterator[Figure]:
@@ -48,17 +37,17 @@ def learned_figure(diagnosis: Diagnosis, taught: Taught) -> Iterator[Figure]:
     x = np.rad2deg(found.x) if degrees else found.x
     over = f"{variable_words(law)}, {'deg' if degrees else 'N m'}"
     under = f" under {found.torque:.3g} N m" if degrees else ""
-    figure = _blank(f"Learned: {taught.name}", over, f"extra motion{under}, urad")
+    figure = blank(f"Learned: {taught.name}", over, f"extra motion{under}, urad")
     rows = make_rows(diagnosis.readings)
     at, said = dots(taught, rows.take(np.isin(rows.keep, diagnosis.kept)), found)
     names = ("rx", "ry", "rz") if found.motion.shape[1] > 1 else (place_words(law),)
     for i, name in enumerate(names):
         y, band = 1e6 * found.motion[:, i], 2e6 * found.sd[:, i]
-        figure.add_scatter(x=x, y=y, name=html.escape(name), line={"color": _LINES[i]})
+        figure.add_scatter(x=x, y=y, name=html.escape(name), line={"color": COLOURS[i]})
         around = np.concatenate([x, x[::-1]]), np.concatenate([y + band, (y - band)[::-1]])
-        look = {"fill": "toself", "fillcolor": _LINES[i], "opacity": 0.15, "line": {"width": 0}}
+        look = {"fill": "toself", "fillcolor": COLOURS[i], "opacity": 0.15, "line": {"width": 0}}
         figure.add_scatter(x=around[0], y=around[1], name="2 sd", hoverinfo="skip", showlegend=False, **look)
-        dot = {"color": _LINES[i], "size": 5, "symbol": "circle-open"}
+        dot = {"color": COLOURS[i], "size": 5, "symbol": "circle-open"}
         where = np.rad2deg(at[:, i]) if degrees else at[:, i]
         figure.add_scatter(
             x=where, y=1e6 * said[:, i], mode="markers", name=f"readings, {html.escape(name)}", marker=dot
@@ -73,35 +62,40 @@ def learned_figure(diagnosis: Diagnosis, taught: Taught) -> Iterator[Figure]:
 
 def budget_figure(diagnosis: Diagnosis) -> Figure:
     """How the held-out error falls, cause by cause, down to the noise."""
-    import plotly.graph_objects as go
-
     steps = error_budget(diagnosis)
     body, noise = steps[:-1], steps[-1]
     labels = [html.escape(s.label) for s in body]
     held = [1e3 * s.heldout for s in body]
-    figure = _blank("Error budget", "", "RMS per axis, mm")
-    figure.add_trace(
-        go.Waterfall(
-            x=[*labels, "extended"],
-            y=[held[0], *np.diff(held), 0.0],
-            name="held out",
-            measure=["absolute", *["relative"] * (len(body) - 1), "total"],
-            decreasing={"marker": {"color": _AFTER}},
-            increasing={"marker": {"color": _BEFORE}},
-            totals={"marker": {"color": "#8aa0b8"}},
-            text=[f"{v:.3f}" for v in [*held, held[-1]]],
-            textposition="outside",
-        )
-    )
+    figure = blank("Error budget", "", "RMS per axis, mm")
+    ends = np.array([*held, held[-1]])
+    foot = np.array([0.0, *np.minimum(held[1:], held[:-1]), 0.0])
+    top = np.array([ends[0], *np.maximum(held[1:], held[:-1]), ends[-1]])
+    falls = [False, *(after <= before for before, after in pairwise(held)), False]
+    names = [*labels, "extended"]
+    for said, look, at in (
+        ("held out", {"color": SKY}, [0, len(held)]),
+        ("falls by", {"color": BLUE}, [i for i in range(1, len(held)) if falls[i]]),
+        ("rises by", BARS[0], [i for i in range(1, len(held)) if not falls[i]]),
+    ):
+        if at:
+            figure.add_bar(
+                x=[names[i] for i in at],
+                y=(top - foot)[at],
+                base=foot[at],
+                name=said,
+                marker=look,
+            )
+    left = {"tickvals": names, "ticktext": [f"{n}<br>{v:.3f} mm" for n, v in zip(names, ends, strict=True)]}
+    figure.update_layout(barmode="overlay", xaxis={"categoryorder": "array", "categoryarray": names, **left})
     on = [1e3 * s.readings for s in body]
     figure.add_scatter(
         x=[*labels, "extended"],
         y=[*on, on[-1]],
         mode="markers",
         name="on the readings",
-        marker={"symbol": "diamond", "size": 9, "color": "#225"},
+        marker={"symbol": "diamond", "size": 9, "color": BLACK},
     )
-    figure.add_hline(y=1e3 * noise.heldout, line={"color": _NOISE, "dash": "dot"}, annotation_text="noise")
+    figure.add_hline(y=1e3 * noise.heldout, line={"color": GREY, "dash": "dot"}, annotation_text="noise")
     return Figure(
         figure,
         "Bars: the error at poses left out, from the nominal to the extended model; the number is what is left after "
@@ -116,18 +110,18 @@ def budget_figure(diagnosis: Diagnosis) -> Figure:
 
 def joint_figure(diagnosis: Diagnosis) -> Figure:
     """Residuals along their main direction against every joint angle."""
-    from plotly.subplots import make_subplots
-
     direction, before, after = main_direction(diagnosis)
     r = diagnosis.readings
     facts = diagnosis.experiment.robot.facts
+    poses = _poses(diagnosis)
     q = facts.units.shown(r.poses.q[r.plus[diagnosis.kept]])
     joints = [f"{joint}, {facts.units[k].shown}" for k, joint in enumerate(facts.joints)]
     lines = -(-len(joints) // _ACROSS)
-    figure = make_subplots(rows=lines, cols=_ACROSS, shared_yaxes=True, subplot_titles=[html.escape(j) for j in joints])
+    title = "Residuals against the joints"
+    figure = panels(title, lines, _ACROSS, [html.escape(j) for j in joints], 230 * lines + 60)
     for k in range(len(joints)):
         place = {"row": k // _ACROSS + 1, "col": k % _ACROSS + 1}
-        for values, colour, name in ((before, _BEFORE, "before"), (after, _AFTER, "after")):
+        for values, look, name in ((before, BEFORE, "before"), (after, AFTER, "after")):
             figure.add_scatter(
                 x=q[:, k],
                 y=1e3 * values,
@@ -135,34 +129,34 @@ def joint_figure(diagnosis: Diagnosis) -> Figure:
                 name=name,
                 legendgroup=name,
                 showlegend=k == 0,
-                marker={"color": colour, "size": 5},
+                marker={**look, "size": 5},
+                customdata=poses,
                 **place,
             )
-    title = "Residuals against the joints"
-    figure.update_layout(template="plotly_white", height=260 * lines, title={"text": title})
     figure.update_yaxes(title_text="residual, mm", col=1)
     return Figure(
         figure,
         f"Measured minus predicted, along the residuals' main direction ({_vector(direction)}, base frame). Look "
-        "for red points that bend or slope: they say on which joint the missing effect depends; green points should be "
+        "for diamonds that bend or slope: they say on which joint the missing effect depends; full circles should be "
         "a level cloud.",
         row_table(
             ("row", "pose", "marker", *joints, "before, mm", "after, mm"),
             [*_named_rows(diagnosis), *q.T.tolist(), (1e3 * before).tolist(), (1e3 * after).tolist()],
         ),
+        wide=True,
     )
 
 
 def load_figure(diagnosis: Diagnosis) -> Figure:
     """Residuals along their main direction against the load and against the order of the rows."""
-    from plotly.subplots import make_subplots
-
     _, before, after = main_direction(diagnosis)
     r = diagnosis.readings
     force = np.linalg.norm(r.poses.wrench[r.plus[diagnosis.kept], :3], axis=1)
-    figure = make_subplots(rows=1, cols=2, shared_yaxes=True, subplot_titles=["force, N", "row of the readings file"])
+    title = "Residuals against load and order"
+    figure = panels(title, 1, 2, ["force, N", "row of the readings file"], 380)
+    poses = _poses(diagnosis)
     for col, x in ((1, force), (2, r.line[diagnosis.kept])):
-        for values, colour, name in ((before, _BEFORE, "before"), (after, _AFTER, "after")):
+        for values, look, name in ((before, BEFORE, "before"), (after, AFTER, "after")):
             figure.add_scatter(
                 x=x,
                 y=1e3 * values,
@@ -170,12 +164,12 @@ def load_figure(diagnosis: Diagnosis) -> Figure:
                 name=name,
                 legendgroup=name,
                 showlegend=col == 1,
-                marker={"color": colour, "size": 5},
+                marker={**look, "size": 5},
+                customdata=poses,
                 text=_labels(diagnosis),
                 row=1,
                 col=col,
             )
-    figure.update_layout(template="plotly_white", height=360, title={"text": "Residuals against load and order"})
     figure.update_yaxes(title_text="residual, mm", col=1)
     return Figure(
         figure,
@@ -185,6 +179,7 @@ def load_figure(diagnosis: Diagnosis) -> Figure:
             ("row", "pose", "marker", "force, N", "before, mm", "after, mm"),
             [*_named_rows(diagnosis), force.tolist(), (1e3 * before).tolist(), (1e3 * after).tolist()],
         ),
+        wide=True,
     )
 
 
@@ -193,14 +188,16 @@ def marker_figure(diagnosis: Diagnosis) -> Figure:
     r = diagnosis.readings
     marker = r.marker[diagnosis.kept]
     names = np.array([html.escape(m.name) for m in diagnosis.experiment.markers])
-    figure = _blank("Residuals at each marker", "", "length of the residual, mm")
-    pairs = zip(diagnosis.residuals(), (_BEFORE, _AFTER), ("before", "after"), strict=True)
-    for residuals, colour, name in pairs:
+    poses = _poses(diagnosis)
+    figure = blank("Residuals at each marker", "", "length of the residual, mm")
+    pairs = zip(diagnosis.residuals(), (BEFORE, AFTER), ("before", "after"), strict=True)
+    for residuals, look, name in pairs:
         figure.add_box(
             x=names[marker],
             y=1e3 * np.linalg.norm(residuals, axis=1),
             name=name,
-            marker={"color": colour},
+            marker={**look, "size": 4},
+            customdata=poses,
             boxpoints="all",
             pointpos=0.0,
             jitter=0.5,
@@ -248,6 +245,7 @@ def angle_figure(diagnosis: Diagnosis) -> Figure | None:
         f"The {len(shown)} visible causes that these readings show best, alike ones side by side; of causes that do "
         "the same (within 1 deg) one stands for all. Look for dark squares: causes that these poses cannot tell apart, "
         "whatever their size: other poses, loads or markers would.",
+        wide=True,
     )
 
 
@@ -258,7 +256,7 @@ def power_figure(diagnosis: Diagnosis) -> Figure:
     of = {s.cause.name: (s.Q.shape[1], s.one_sided) for s in diagnosis.case.subspaces() if s.visible}
     top = max([12.0, *(1.15 * f.s for f in diagnosis.findings)])
     s = np.linspace(0.0, top, 200)
-    figure = _blank("Power of the test on these readings", "s, visible size in units of noise", "chance of detection")
+    figure = blank("Power of the test on these readings", "s, visible size in units of noise", "chance of detection")
     for dof, sided in sorted(set(of.values())):
         rate = detection_rate(s, dof, sided, threshold(dof, sided, limit))
         name = f"{dof} direction{'s' if dof > 1 else ''}{', can only grow' if sided else ''}"
@@ -274,14 +272,20 @@ def power_figure(diagnosis: Diagnosis) -> Figure:
                 text=[html.escape(f.name)],
                 showlegend=False,
                 textposition="bottom left",
-                marker={"size": 11, "color": "#c22"},
+                marker={"size": 11, "color": ORANGE, "symbol": "star"},
             )
     return Figure(
         figure,
         f"One line for each number of directions that a cause has; where nothing acts something is named in "
-        f"{100 * diagnosis.level:g} % of data sets. Look where the lines rise, and for the causes named here (red): "
+        f"{100 * diagnosis.level:g} % of data sets. Look where the lines rise, and for the causes named here (stars): "
         "a cause to the left of the rise can be there without being seen; its bound says how large.",
     )
+
+
+def _poses(diagnosis: Diagnosis) -> list[str]:
+    """The pose of every residual, as plots carry it."""
+    r = diagnosis.readings
+    return [html.escape(r.states.pose[int(r.plus[i])]) for i in diagnosis.kept]
 
 
 def main_direction(diagnosis: Diagnosis) -> tuple[Array, Array, Array]:

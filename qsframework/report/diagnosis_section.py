@@ -11,9 +11,9 @@ from qsframework.discriminate.pair import Discrimination
 from qsframework.report import diagnosis_plots as plots, diagnosis_tables as tables
 from qsframework.report.blocks import Block, Section, Text, View
 from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, LINEAR, provenance_section
+from qsframework.report.scenes import poses_of
 from qsframework.report.words.diagnosis import method_words
 from qsframework.report.words.discrimination import discrimination_words, left_open_words
-from qsframework.report.words.headline import headline
 from qsframework.report.words.noise import audit_words, misfit_words
 from qsframework.viz import residual_scene
 from qsframework.viz.residual_scene import MOST
@@ -46,12 +46,12 @@ def diagnosis_sections(
     settings = Text(f"Level {100 * diagnosis.level:g} %, {len(diagnosis.table)} causes tried, {_sizes(diagnosis)}.")
     return (
         Section("Verdict", tuple(_verdict(diagnosis, pairs))),
-        Section("Causes", tuple(_causes(diagnosis, pairs))),
+        Section("Causes", tuple(_causes(diagnosis, pairs)), folded=True),
         *([] if day is None else [Section("A second day", tuple(_day(day)))]),
-        Section("Residuals before and after", tuple(_residuals(diagnosis))),
-        Section("What these readings can tell", tuple(_tell(diagnosis))),
-        Section("Noise and data", tuple(_noise(diagnosis))),
-        Section(computed.title, (Text(_HOW), settings, *computed.blocks)),
+        Section("Residuals before and after", tuple(_residuals(diagnosis)), folded=True),
+        Section("What these readings can tell", tuple(_tell(diagnosis)), folded=True),
+        Section("Noise and data", tuple(_noise(diagnosis)), folded=True),
+        Section(computed.title, (Text(_HOW), settings, *computed.blocks), folded=True),
     )
 
 
@@ -61,12 +61,30 @@ def _sizes(diagnosis: Diagnosis) -> str:
 
 
 def _verdict(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[Block]:
-    yield Text(headline(diagnosis))
     for title, rows in tables.verdict_groups(diagnosis, pairs):
         yield Text(f"{title}:")
         yield rows
-    yield tables.error_rows(diagnosis)
     yield plots.budget_figure(diagnosis)
+    yield _on_the_robot(diagnosis)
+    yield tables.error_rows(diagnosis)
+
+
+def _on_the_robot(diagnosis: Diagnosis) -> View:
+    """What the model misses at every marker, in 3D."""
+    before, after = diagnosis.residuals()
+    scene, factor = residual_scene(diagnosis.experiment, diagnosis.readings, diagnosis.kept, before, after)
+    shown = (
+        f"the {MOST} poses with the largest residuals"
+        if len(set(diagnosis.readings.plus.tolist())) > MOST
+        else "all poses"
+    )
+    return View(
+        scene.html(),
+        f"Measured minus predicted at the markers, {factor:.0f} times enlarged: red before, green after the extension; "
+        f"{shown}, the slider shows one at a time. Look for red arrows that turn together with a link.",
+        tables.pose_table(diagnosis),
+        poses_of(scene),
+    )
 
 
 def _causes(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[Block]:
@@ -101,19 +119,6 @@ def _day(day: SecondDay) -> Iterator[Block]:
 
 
 def _residuals(diagnosis: Diagnosis) -> Iterator[Block]:
-    before, after = diagnosis.residuals()
-    scene, factor = residual_scene(diagnosis.experiment, diagnosis.readings, diagnosis.kept, before, after)
-    shown = (
-        f"the {MOST} poses with the largest residuals"
-        if len(set(diagnosis.readings.plus.tolist())) > MOST
-        else "all poses"
-    )
-    yield View(
-        scene.html(),
-        f"Measured minus predicted at the markers, {factor:.0f} times enlarged: red before, green after the extension; "
-        f"{shown}, the slider shows one at a time. Look for red arrows that turn together with a link.",
-        tables.pose_table(diagnosis),
-    )
     yield plots.joint_figure(diagnosis)
     yield plots.load_figure(diagnosis)
     yield plots.marker_figure(diagnosis)

@@ -2,39 +2,40 @@
 
 from __future__ import annotations
 
-import html
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings
 from qsframework.identify import Estimate, Fit, Masked
-from qsframework.plugin import Array, Indices
 from qsframework.report.blocks import Block, Figure, Section, Table, Text, View
+from qsframework.report.fit_plots import fit_figures, residual_figures, workspace_figure
+from qsframework.report.scenes import poses_of
 from qsframework.report.words.fit import alignment_words, first_words, verdict_words
+from qsframework.report.words.sizes import shown, stiffness_words, with_sd
 
-_AXES = ("x", "y", "z")
 _SAME = 1.005
 """A total sd that is larger than that of the noise by less than this is not worth a word."""
-_SHOWN = {"rad/(N m)": (1e6, "urad/(N m)"), "m/N": (1e6, "um/N"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
 
 
-def shown(value: float, unit: str) -> tuple[float, str]:
-    """A value in the unit that people read: compliances in urad/(N m)."""
-    factor, name = _SHOWN.get(unit, (1.0, unit))
-    return value * factor, name
-
-
-def fit_table(fit: Fit, truth: dict[str, float] | None = None) -> Table:
-    """Value +- sd, initial, status of each estimate; with the truth where a simulation knows it."""
+def fit_table(fit: Fit, truth: dict[str, float] | None = None, stiffness: bool = False) -> Table:
+    """Value ± sd, initial, status of each estimate; with the truth where a simulation knows it, and with the stiffness
+    beside a compliance where there is room for it."""
     rows: list[tuple[str, ...]] = []
+    stiff = stiffness and any(stiffness_words(e.unit, e.value) for e in fit.estimates)
     for e in fit.estimates:
-        value, unit = shown(e.value, e.unit)
+        unit = shown(e.value, e.unit)[1]
         initial = shown(e.initial, e.unit)[0]
         percent = f"{100 * e.sd / abs(e.initial):.1f} %" if e.initial and _quoted(e) else "-"
-        row = [e.name, f"{value:.4g}{_spread(e)}", unit, percent, f"{initial:.4g}"]
+        row = [
+            e.name,
+            _value(e),
+            unit,
+            *([stiffness_words(e.unit, e.value) or "-"] if stiff else []),
+            percent,
+            f"{initial:.4g}",
+        ]
         if truth is not None:
             true = truth[e.name]
             error = f"{(e.value - true) / e.sd:+.2f}" if _quoted(e) else "-"
@@ -42,7 +43,16 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None) -> Table:
         rows.append((*row, e.status or "ok"))
     extra = () if truth is None else ("truth", "error / sd")
     return Table(
-        ("parameter", "value ± sd", "unit", "sd, % of initial", "initial", *extra, "status"),
+        (
+            "parameter",
+            "value ± sd",
+            "unit",
+            *(("stiffness",) if stiff else ()),
+            "sd, % of initial",
+            "initial",
+            *extra,
+            "status",
+        ),
         tuple(rows),
         f"Method: {fit.method}, {'linear model' if fit.linear else 'full equilibrium'}. {_total(fit)}"
         f"Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, "
@@ -97,10 +107,11 @@ def _quoted(e: Estimate) -> bool:
     return bool(e.sd > 0.0)
 
 
-def _spread(e: Estimate) -> str:
+def _value(e: Estimate) -> str:
+    """The value with its sd, in its table's unit."""
     if _quoted(e):
-        return f" ± {shown(e.sd, e.unit)[0]:.2g}"
-    return " (at bound)" if np.isnan(e.sd) else " (fixed)"
+        return with_sd(*(shown(v, e.unit)[0] for v in (e.value, e.sd)))
+    return f"{shown(e.value, e.unit)[0]:.4g} ({'at bound' if np.isnan(e.sd) else 'fixed'})"
 
 
 def _shared(fit: Fit) -> str:
@@ -192,149 +203,47 @@ def left_aside_table(fit: Fit) -> Table:
 
 
 def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> Section:
-    """Tables and figures of one fit."""
-    pairs = fit.high_correlations()
-    pairs.sort(key=lambda pair: -abs(pair[2]))
+    """Tables and figures of one fit in one section."""
+    return Section(title, (*_answer(fit), *fit_figures(fit), fit_table(fit, truth), *_evidence(fit)))
+
+
+def fit_sections(fit: Fit, experiment: Experiment, readings: Readings) -> tuple[Section, ...]:
+    """A report's sections: the pictures, the residuals on the robot, and the evidence, folded."""
+    from qsframework.viz import residuals
+
+    rows, missed = residuals(experiment, readings, fit.x, fit.frames, fit.linear)
+    seen = np.isfinite(fit.residuals).all(axis=1).any()
+    where = (workspace_figure(fit, readings, rows.plus, rows.marker, missed),) if seen else ()
+    return (
+        Section("Parameters and errors", (*_answer(fit), *fit_figures(fit), fit_table(fit, stiffness=True))),
+        residual_view(fit, experiment, readings, where),
+        Section("Evidence", tuple(_evidence(fit)), folded=True),
+        Section("Residuals", residual_figures(fit), folded=True),
+    )
+
+
+def _answer(fit: Fit) -> tuple[Block, ...]:
+    """How the readings were taken, and whether what is left fits the noise."""
+    return (*(Text(line) for line in first_words(fit)), Text(verdict_words(fit)))
+
+
+def _evidence(fit: Fit) -> Iterator[Block]:
+    """Tables and notes behind the pictures."""
+    if fit.left_aside:
+        yield left_aside_table(fit)
+    yield from error_tables(fit)
+    yield from masked_blocks(fit)
+    yield from interval_tables(fit)
+    yield from (Text(note) for note in (*alignment_words(fit.alignments), *fit.notes))
+    pairs = sorted(fit.high_correlations(), key=lambda pair: -abs(pair[2]))
     said = "; ".join(f"{a} and {b}: {c:+.3f}" for a, b, c in pairs) or "none"
-    return Section(
-        title,
-        (
-            *(Text(line) for line in first_words(fit)),
-            Text(verdict_words(fit)),
-            *((left_aside_table(fit),) if fit.left_aside else ()),
-            *error_tables(fit),
-            *masked_blocks(fit),
-            fit_table(fit, truth),
-            *interval_tables(fit),
-            *(Text(note) for note in (*alignment_words(fit.alignments), *fit.notes)),
-            Text(f"Correlations above 0.9: {said}."),
-            *((frame_table(fit),) if fit.frames else ()),
-            *_figures(fit),
-            Figure(
-                residual_figure(fit),
-                "Studentised residuals by row of the file. Beyond ±3 a reading deserves a look; a run of one sign "
-                "says that the model misses something.",
-                residual_table(fit.rows, fit.poses, fit.residuals, fit.studentised),
-            ),
-        ),
-    )
+    yield Text(f"Correlations above 0.9: {said}.")
+    if fit.frames:
+        yield frame_table(fit)
 
 
-def _figures(fit: Fit) -> tuple[Figure, ...]:
-    out: list[Figure] = []
-    if not fit.position.all():
-        out.append(
-            Figure(
-                _measured_predicted(fit),
-                "Look for a slope: points should lie on the line; one says that the stiffness is off.",
-                _reading_table(fit),
-            )
-        )
-    if fit.position.any():
-        out.append(
-            Figure(
-                _distances(fit),
-                "Distances between predicted and measured positions by row of the file. Look for rows that stay far "
-                "off when all others fall: a gross error, or a pose that the model does not describe.",
-            )
-        )
-    return tuple(out)
-
-
-def _reading_table(fit: Fit) -> Table:
-    """Predicted and measured displacement by row of the file."""
-    header = ("row", "pose", *(f"{what} d{a} mm" for what in ("predicted", "measured") for a in _AXES))
-    values = np.column_stack([fit.predicted, fit.measured]) * 1e3
-    return Table(
-        header,
-        tuple(
-            (str(r), p, *(_number(v, 4) for v in row))
-            for r, p, row, at in zip(fit.rows, fit.poses, values, fit.position, strict=True)
-            if not at
-        ),
-    )
-
-
-def _number(value: float, digits: int) -> str:
-    """A number, a dash where nothing was measured."""
-    return f"{value:.{digits}f}" if np.isfinite(value) else "-"
-
-
-def residual_table(rows: Sequence[int] | Indices, poses: Sequence[str], left: Array, student: Array) -> Table:
-    """Residuals (R, 3) m and in units of their sd, by row of the file."""
-    header = ("row", "pose", *(f"{a}, mm" for a in _AXES), *(f"{a} / its sd" for a in _AXES))
-    lines = zip(rows, poses, left * 1e3, student, strict=True)
-    return Table(
-        header,
-        tuple((str(r), str(p), *(_number(v, 4) for v in a), *(_number(v, 2) for v in b)) for r, p, a, b in lines),
-        "Measured minus predicted.",
-    )
-
-
-def _figure(title: str, x: str, y: str) -> Any:
-    import plotly.graph_objects as go
-
-    return go.Figure(
-        layout={
-            "title": {"text": html.escape(title)},
-            "xaxis": {"title": {"text": x}},
-            "yaxis": {"title": {"text": y}},
-            "template": "plotly_white",
-            "height": 380,
-        }
-    )
-
-
-def _measured_predicted(fit: Fit) -> Any:
-    figure = _figure("Measured against predicted displacement", "predicted, mm", "measured, mm")
-    at = np.flatnonzero(~fit.position)
-    for i, axis in enumerate(_AXES):
-        figure.add_scatter(
-            x=_plotted(fit.predicted[at, i] * 1e3),
-            y=_plotted(fit.measured[at, i] * 1e3),
-            mode="markers",
-            name=f"d{axis}",
-            text=[f"row {fit.rows[r]}, pose {html.escape(fit.poses[r])}" for r in at],
-        )
-    ends = np.array([np.nanmin(fit.measured[at]), np.nanmax(fit.measured[at])]) * 1e3
-    figure.add_scatter(x=ends, y=ends, mode="lines", name="equal", line={"color": "#999", "width": 1})
-    return figure
-
-
-def _plotted(values: Array) -> list[float | None]:
-    """Numbers for a figure; what was not measured is left out."""
-    return [v if np.isfinite(v) else None for v in values.tolist()]
-
-
-def _distances(fit: Fit) -> Any:
-    figure = _figure("Error of the position", "row of the readings file", "distance, mm")
-    at = np.flatnonzero(fit.position)
-    text = [f"pose {html.escape(fit.poses[i])}" for i in at]
-    for name, errors in (("nominal", fit.measured - fit.nominal), ("identified", fit.residuals)):
-        size = np.linalg.norm(errors[at], axis=1) * 1e3
-        figure.add_scatter(x=fit.rows[at], y=_plotted(size), mode="markers", name=name, text=text, marker={"size": 4})
-    return figure
-
-
-def residual_figure(fit: Fit) -> Any:
-    """Studentised residuals by row of the file."""
-    names = _AXES if fit.position.all() else ("dx", "dy", "dz")
-    figure = _figure("Studentised residuals", "row of the readings file", "residual / its sd")
-    for i, axis in enumerate(names):
-        figure.add_scatter(
-            x=fit.rows,
-            y=_plotted(fit.studentised[:, i]),
-            mode="markers",
-            name=axis,
-            text=[f"{v * 1e3:.3f} mm" for v in fit.residuals[:, i]],
-        )
-    for level in (-3.0, 3.0):
-        figure.add_hline(y=level, line={"color": "#c33", "width": 1, "dash": "dot"})
-    return figure
-
-
-def residual_view(fit: Fit, experiment: Experiment, readings: Readings) -> Section:
-    """The poses with the largest residuals, with arrows at their markers."""
+def residual_view(fit: Fit, experiment: Experiment, readings: Readings, more: tuple[Figure, ...] = ()) -> Section:
+    """The poses with the largest residuals, with arrows at their markers; more: figures that go with them."""
     from qsframework.viz import residual_scene, residuals
     from qsframework.viz.residual_scene import MOST
 
@@ -357,5 +266,6 @@ def residual_view(fit: Fit, experiment: Experiment, readings: Readings) -> Secti
             rows_shown,
             "Lengths of the vectors, worst first.",
         ),
+        poses_of(scene),
     )
-    return Section("Residuals on the robot", (view,))
+    return Section("Residuals on the robot", (view, *more))

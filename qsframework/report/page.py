@@ -1,38 +1,73 @@
-"""One HTML file, offline and printable, from sections of text, tables, figures and scenes."""
+"""One HTML file, offline and printable: the verdict, then pictures, then the evidence, folded."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import base64
+import gzip
+import html
+import re
+from collections.abc import Iterator, Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from qsframework.files import write_text
-from qsframework.report.blocks import Block, Figure, Lines, Section, Table, Text, View
+from qsframework.report.blocks import Block, Figure, Lines, Section, Table, Text, Verdict, View
 from qsframework.report.numbers import figure_table
 
-__all__ = ["Block", "Figure", "Lines", "Section", "Table", "Text", "View", "write_report"]
+__all__ = ["Block", "Figure", "Lines", "Section", "Table", "Text", "Verdict", "View", "write_report"]
 _WORDS = 18
 """A column with a longer cell than this holds words, which are set from the left."""
-_OPEN = 14
-"""Numbers of a figure with no more rows than this stand open below it."""
 _PRINTED = 60
 """Numbers with no more rows than this are printed, also if they are folded on the screen."""
+_POWER = re.compile(r"\d(?:\.\d+)?e-\d+")
 
 
-def write_report(path: str | Path, title: str, sections: Sequence[Section]) -> Path:
+def write_report(path: str | Path, title: str, sections: Sequence[Section], verdict: Verdict | None = None) -> Path:
     """Write the report, all or nothing, and return its path."""
     import jinja2
-    from plotly.offline import get_plotlyjs
 
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("qsframework.report"), autoescape=True, undefined=jinja2.StrictUndefined
     )
-    drawn = [(s.title, [_block(b, f"figure-{i}-{j}") for j, b in enumerate(s.blocks)]) for i, s in enumerate(sections)]
+    environment.filters["whole"] = _whole
+    drawn = [
+        (s.title, s.folded, list(_grouped([_block(b, f"figure-{i}-{j}") for j, b in enumerate(s.blocks)])))
+        for i, s in enumerate(sections)
+    ]
     plots = any(isinstance(b, Figure) for s in sections for b in s.blocks)
     page = environment.get_template("report.html.j2").render(
-        title=title, sections=drawn, plotly=get_plotlyjs().replace("</script", "<\\/script") if plots else ""
+        title=title, sections=drawn, verdict=verdict, plotly=_plotly() if plots else ""
     )
     return write_text(path, page)
+
+
+def _plotly() -> str:
+    """Plotly's bundle of plots in a plane, a third of the whole; it comes with its licence and origin."""
+    text = (files("qsframework.report") / "plotly" / "plotly-cartesian.min.js").read_text(encoding="utf-8")
+    return text.replace("</script", "<\\/script")
+
+
+def _whole(text: str) -> Any:
+    """The text, escaped, in which no power of ten breaks at its hyphen."""
+    from markupsafe import Markup
+
+    return Markup(_POWER.sub(lambda m: f'<span class="whole">{m.group()}</span>', html.escape(text)))
+
+
+def _grouped(blocks: Sequence[dict[str, Any]]) -> Iterator[list[dict[str, Any]]]:
+    """Pictures that follow each other stand side by side; everything else stands alone."""
+    row: list[dict[str, Any]] = []
+    for block in blocks:
+        if block["kind"] in ("figure", "view") and not block["wide"]:
+            row.append(block)
+            continue
+        if row:
+            yield row
+        row = []
+        yield [block]
+    if row:
+        yield row
 
 
 def _block(block: Block, name: str) -> dict[str, Any]:
@@ -44,20 +79,34 @@ def _block(block: Block, name: str) -> dict[str, Any]:
     if isinstance(block, Table):
         return {"kind": "table", "table": _table(block)}
     if isinstance(block, View):
-        numbers, inside = block.table, {"kind": "view", "page": block.page}
+        numbers = block.table
+        inside = {"kind": "view", "page": _packed(block.page), "poses": block.poses, "wide": False}
     else:
         numbers = figure_table(block.figure) if block.table is None else block.table
-        drawn = block.figure.to_html(
-            full_html=False, include_plotlyjs=False, div_id=name, config={"displaylogo": False, "responsive": True}
-        )
-        inside = {"kind": "figure", "html": drawn}
+        inside = {"kind": "figure", "name": name, "wide": block.wide, **_drawn(block.figure)}
     rows = len(numbers.rows)
-    folded = {"rows": rows, "open": rows <= _OPEN, "printed": rows <= _PRINTED}
-    return {**inside, **folded, "caption": block.caption, "table": _table(numbers)}
+    return {**inside, "rows": rows, "printed": rows <= _PRINTED, "caption": block.caption, "table": _table(numbers)}
+
+
+def _drawn(figure: Any) -> dict[str, str]:
+    """A figure as JSON that may stand inside a script; its title, which the page sets, so that it breaks and is read
+    aloud like others; and its height, so that nothing jumps when it is drawn."""
+    import plotly.graph_objects as go
+
+    title = figure.layout.title.text or ""
+    bare = go.Figure(figure).update_layout(title=None)
+    json = bare.to_json(validate=False).replace("<", "\\u003c")
+    return {"title": html.unescape(title), "json": json, "height": str(figure.layout.height or 360)}
+
+
+def _packed(page: str) -> str:
+    """A page that the report unpacks into a frame: compressed, because a scene and its viewer are large."""
+    return base64.b64encode(gzip.compress(page.encode(), mtime=0)).decode()
 
 
 def _table(table: Table) -> dict[str, Any]:
-    """A table, and which of its columns hold words."""
+    """A table, which of its columns hold words, and which holds names of poses."""
     words = [any(len(row[i]) > _WORDS for row in table.rows) for i in range(len(table.header))]
-    drawn = {"header": table.header, "rows": table.rows, "caption": table.caption, "words": words}
+    pose = table.header.index("pose") if "pose" in table.header else None
+    drawn = {"header": table.header, "rows": table.rows, "caption": table.caption, "words": words, "pose": pose}
     return {**drawn, "folded": table.folded}

@@ -11,26 +11,10 @@ from qsframework.experiment import Experiment, Plan
 from qsframework.information import Promise, promised_beyond
 from qsframework.plugin import Array, Parameter
 from qsframework.report.blocks import Section, Table, Text, View
-from qsframework.report.fit_section import shown
+from qsframework.report.words.plan import certificate_text
+from qsframework.report.words.sizes import shown
 from qsframework.units import JointUnits
 from qsframework.viz import plan_scene
-
-
-def certificate_text(plan: Plan) -> str:
-    """The proof of a plan in words."""
-    c = plan.certificate
-    if c is None:
-        return "This plan carries no certificate: it was not designed here."
-    chosen = c.efficiency if c.polished_from is None else c.polished_from
-    certified = np.floor(1e7 * c.relaxed_efficiency) / 1e7  # never rounded up
-    words = (
-        f"{c.criterion}-optimal over {c.candidates} candidates, each a pose under one load. The relaxed design "
-        f"({c.solver}) is certified to an efficiency of {certified:.7f} by the equivalence theorem; the plan of "
-        f"{c.poses} of these poses reaches at least {chosen:.4f} of the best that any plan over them could."
-    )
-    if c.polished_from is not None:
-        words += f" Angles then moved off the candidates, inside the constraints: {c.efficiency:.4f}."
-    return " ".join([words, *(f"Note: {note}." for note in c.notes)])
 
 
 def margin_words(experiment: Experiment) -> str:
@@ -121,12 +105,20 @@ def pose_table(plan: Plan, joints: JointUnits) -> Table:
     return Table(header, rows, "Joints as the pendant shows them.")
 
 
-def plan_section(experiment: Experiment, plan: Plan, sds: Table, title: str, notes: Sequence[str] = ()) -> Section:
-    """Certificate, what else is to be known, promised sds, poses and the 3D view."""
+def plan_sections(experiment: Experiment, plan: Plan, sds: Table, notes: Sequence[str] = ()) -> tuple[Section, ...]:
+    """The 3D view, what the plan promises, and how it is proved, folded."""
     beyond = promised_beyond(experiment, plan)
     more = (beyond_table(experiment, beyond),) if beyond else ()
-    text = (Text(certificate_text(plan)), *map(Text, notes))
-    return Section(title, (*text, sds, *more, plan_view(experiment, plan)))
+    return (
+        Section("Poses", (plan_view(experiment, plan),)),
+        Section("What it promises", (sds, *more)),
+        Section("Proof and notes", (Text(certificate_text(plan)), *map(Text, notes)), folded=True),
+    )
+
+
+def plan_section(experiment: Experiment, plan: Plan, sds: Table, title: str) -> Section:
+    """The same in one section, the proof first."""
+    return Section(title, tuple(b for s in reversed(plan_sections(experiment, plan, sds)) for b in s.blocks))
 
 
 def plan_view(experiment: Experiment, plan: Plan) -> View:
@@ -137,4 +129,5 @@ def plan_view(experiment: Experiment, plan: Plan) -> View:
         "arrow: the load; blue: the markers; red arm: the deflection, 100 times exaggerated; orange: where the load "
         "point goes under the largest force in any direction. Look for poses that give in different directions.",
         pose_table(plan, experiment.robot.controller.units),
+        plan.pose,
     )

@@ -11,6 +11,7 @@ import numpy as np
 from qsframework.forecast.forecast import Foresight, Outlook, Prospect, Why
 from qsframework.plugin import Array, Indices
 from qsframework.report.blocks import Figure, Section, Table, Text
+from qsframework.report.plots import DASHES, GREY, blank
 from qsframework.report.words.forecast import curve_words, foresight_words, kind_words, smallest_words, why_words
 
 _LABELS = 120
@@ -72,29 +73,24 @@ def _rival(prospect: Prospect) -> str:
 
 def angle_figure(names: Sequence[str], angles: Array) -> Any:
     """Heat map of the angles (G, G) rad between causes; those alike stand side by side."""
-    import plotly.graph_objects as go
-
     seen = np.flatnonzero(np.isfinite(angles).any(axis=0))
     order = seen[_seriated(angles[np.ix_(seen, seen)])]
     shown = np.minimum(np.rad2deg(angles[np.ix_(order, order)]), 90.0)
     labels = [html.escape(names[int(i)]) for i in order]
-    figure = go.Figure(
-        go.Heatmap(
-            z=shown,
-            x=labels,
-            y=labels,
-            zmin=0.0,
-            zmax=90.0,
-            colorscale="Inferno",
-            colorbar={"title": {"text": "angle, deg"}},
-            hovertemplate="%{x}<br>%{y}<br>%{z:.1f} deg<extra></extra>",
-        )
+    figure = blank("Angles between causes", "", "")
+    figure.add_heatmap(
+        z=shown,
+        x=labels,
+        y=labels,
+        zmin=0.0,
+        zmax=90.0,
+        colorscale="Cividis",
+        colorbar={"title": {"text": "angle, deg"}},
+        hovertemplate="%{x}<br>%{y}<br>%{z:.1f} deg<extra></extra>",
     )
     size = max(420, 200 + 11 * len(order)) if len(order) <= _LABELS else 1100
     every = {"tickfont": {"size": 8}, "showticklabels": len(order) <= _LABELS, "automargin": True}
     figure.update_layout(
-        title={"text": "Angles between causes"},
-        template="plotly_white",
         height=size,
         xaxis={**every, "tickangle": 90, "dtick": 1},
         yaxis={**every, "autorange": "reversed", "dtick": 1},
@@ -117,21 +113,13 @@ def _seriated(angles: Array) -> Indices:
 
 def power_figure(foresight: Foresight, marked: Sequence[tuple[str, float]] = ()) -> Any:
     """Detection rate against s; marked: names with their s, as lines."""
-    import plotly.graph_objects as go
-
-    figure = go.Figure()
-    for curve in foresight.curves:
-        figure.add_scatter(x=curve.s, y=100.0 * curve.rate, mode="lines", name=html.escape(curve_words(curve)))
-    figure.add_hline(y=100.0 * foresight.power, line={"color": "#999", "width": 1, "dash": "dot"})
+    figure = blank("Chance of detection", "s: visible size in units of noise", "detected, %")
+    for i, curve in enumerate(foresight.curves):
+        line, name = {"dash": DASHES[i % len(DASHES)]}, html.escape(curve_words(curve))
+        figure.add_scatter(x=curve.s, y=100.0 * curve.rate, mode="lines", line=line, name=name)
+    figure.add_hline(y=100.0 * foresight.power, line={"color": GREY, "width": 1, "dash": "dot"})
     for name, s in marked:
-        figure.add_vline(x=s, line={"color": "#666", "width": 1}, annotation_text=html.escape(name))
-    figure.update_layout(
-        title={"text": "Chance of detection"},
-        template="plotly_white",
-        height=380,
-        xaxis={"title": {"text": "s: visible size in units of noise"}},
-        yaxis={"title": {"text": "detected, %"}},
-    )
+        figure.add_vline(x=s, line={"color": GREY, "width": 1}, annotation_text=html.escape(name))
     return figure
 
 
@@ -145,7 +133,7 @@ def power_section(foresight: Foresight, title: str = "What this plan would show"
             "Look for dark squares off the diagonal: causes that do the same to these readings, whatever their size. "
             "Bright ones are told apart with ease."
         )
-        blocks.append(Figure(angle_figure(names, foresight.angles), caption))
+        blocks.append(Figure(angle_figure(names, foresight.angles), caption, wide=True))
     if foresight.pairs:
         blocks.append(pair_table(foresight))
     caption = (

@@ -11,7 +11,7 @@ from qsframework.experiment import Experiment
 from qsframework.files import sha256
 from qsframework.plugin import Effect, Parameter
 from qsframework.report.blocks import Section, Table, Text
-from qsframework.report.fit_section import shown
+from qsframework.report.words.sizes import shown
 from qsframework.robot import Robot
 
 PROVENANCE = "How this was computed"
@@ -84,6 +84,7 @@ def provenance_section(
             Table(("input file", "SHA-256"), hashes, "Other numbers come from other files."),
             Table(("software", "version"), versions),
         ),
+        folded=True,
     )
 
 

@@ -12,7 +12,8 @@ from qsframework.elastostatics.exact import exact_readings
 from qsframework.experiment import Experiment, Plan, Simulation
 from qsframework.plugin import Array
 from qsframework.report.blocks import Figure, Section, Table, Text, View
-from qsframework.report.fit_section import shown
+from qsframework.report.plots import GREY, blank
+from qsframework.report.words.sizes import shown
 from qsframework.viz import show_scene
 from qsframework.viz.deflection import deflection
 
@@ -84,21 +85,11 @@ def truth_table(result: Simulation) -> Table:
 
 
 def _bars(experiment: Experiment, plan: Plan, moved: Array, sigma: float) -> Any:
-    import plotly.graph_objects as go
-
-    figure = go.Figure(
-        layout={
-            "title": {"text": "Displacement of the markers"},
-            "template": "plotly_white",
-            "height": 380,
-            "barmode": "group",
-            "xaxis": {"type": "category"},
-            "yaxis": {"title": {"text": "length, mm"}},
-        }
-    )
+    figure = blank("Displacement of the markers", "pose", "length, mm")
+    figure.update_layout(barmode="group", xaxis_type="category")
     sizes = 1e3 * np.linalg.norm(moved, axis=2)
     poses = [html.escape(p) for p in plan.pose]
     for k, marker in enumerate(experiment.markers):
         figure.add_bar(x=poses, y=sizes[:, k].tolist(), name=html.escape(marker.name))
-    figure.add_hline(y=sigma, line={"color": "#888", "dash": "dot"}, annotation_text="noise")
+    figure.add_hline(y=sigma, line={"color": GREY, "dash": "dot"}, annotation_text="noise")
     return figure

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from qsframework.identify.validate import Errors, Validation
-from qsframework.plugin import Array
 from qsframework.report.blocks import Figure, Section, Table, Text
+from qsframework.report.fit_plots import distribution_figure
+from qsframework.report.plots import AFTER, blank
 from qsframework.report.words.validation import validation_words
 
 
@@ -56,45 +57,29 @@ def validation_section(found: Validation) -> Section:
             Text(validation_words(found)),
             *(Text(f"Note: {note}.") for note in found.notes),
             *validation_tables(found),
-            Figure(
-                _distribution(found.whole),
-                "Readings whose 3D error is below a value, before and after. "
-                "Look at where a curve ends: the largest errors are what a part is scrapped for.",
-            ),
+            *_distribution(found.whole),
             Figure(_by_row(found), "3D error by row of the file. Look for rows that belong together."),
         ),
     )
 
 
-def _figure(title: str, x: str, y: str) -> Any:
-    import plotly.graph_objects as go
-
-    return go.Figure(
-        layout={
-            "title": {"text": title},
-            "template": "plotly_white",
-            "height": 380,
-            "xaxis": {"title": {"text": x}},
-            "yaxis": {"title": {"text": y}},
-        }
-    )
-
-
-def _distribution(part: Errors) -> Any:
-    figure = _figure("Distribution of the 3D error", "3D error, mm", "share of readings, %")
-    for name, before in (("nominal", True), ("identified", False)):
-        size: Array = np.sort(part.distances(before)) * 1e3
-        share = 100.0 * np.arange(1, len(size) + 1) / max(len(size), 1)
-        figure.add_scatter(x=size.tolist(), y=share.tolist(), mode="lines", name=name)
-    return figure
+def _distribution(part: Errors) -> tuple[Figure, ...]:
+    sizes = {"nominal": part.distances(before=True), "identified": part.distances()}
+    return (distribution_figure(sizes),) if len(sizes["identified"]) else ()
 
 
 def _by_row(found: Validation) -> Any:
-    figure = _figure("3D error by row", "row of the readings file", "3D error, mm")
+    figure = blank("3D error by row", "row of the readings file", "3D error, mm")
     whole = np.flatnonzero(np.isfinite(found.whole.errors).all(axis=1))
     size = np.linalg.norm(found.whole.errors[whole], axis=1) * 1e3
-    text = [f"pose {html.escape(found.poses[int(i)])}" for i in whole]
+    poses = [html.escape(found.poses[int(i)]) for i in whole]
     figure.add_scatter(
-        x=found.lines[whole].tolist(), y=size.tolist(), mode="markers", marker={"size": 4}, text=text, name="identified"
+        x=found.lines[whole].tolist(),
+        y=size.tolist(),
+        mode="markers",
+        marker={**AFTER, "size": 5},
+        text=[f"pose {pose}" for pose in poses],
+        customdata=poses,
+        name="identified",
     )
     return figure

@@ -32,7 +32,7 @@ from qsframework.report.diagnosis_tables import (
 from qsframework.report.page import write_report
 from qsframework.report.result_json import diagnosis_json
 from qsframework.report.words.diagnosis import diagnosis_words, method_words
-from qsframework.report.words.headline import headline
+from qsframework.report.words.headline import diagnosis_verdict, headline
 from qsframework.report.words.next_steps import next_steps
 from tests.diagnose.cases import as_built, campaign, candidates, day_of_positions, diagnosed, measured, quiet
 
@@ -64,7 +64,7 @@ def test_the_verdict_is_one_sentence_with_all_that_matters(real: Diagnosis) -> N
     assert re.findall(r"\.(?= |$)", said) == ["."], "one sentence"
     assert diagnosis_words(real).startswith(said)
     assert diagnosis_json(real)["headline"] == said
-    assert diagnosis_sections(real, [])[0].blocks[0].text == said  # type: ignore[union-attr]
+    assert diagnosis_verdict(real).said == said
     assert headline(diagnosed("hidden_effect")).endswith("compare small and large loads at joint_3 alone.")
     assert headline(quiet(0)).startswith("Nothing to name: the model fits within the noise")
 
@@ -123,7 +123,9 @@ def test_long_lists_are_counted_and_folded(real: Diagnosis, tmp_path, capsys) ->
     assert "`--verbose` lists them all." in short
     assert "`--verbose`" not in long
     assert len(long.splitlines()) > len(short.splitlines()) + 10
-    page = write_report(tmp_path / "r.html", "Diagnosis", diagnosis_sections(real, [])).read_text()
+    page = write_report(
+        tmp_path / "r.html", "Diagnosis", diagnosis_sections(real, []), diagnosis_verdict(real)
+    ).read_text()
     assert page.count('<details class="folded printed">') >= 2
     first = page.index("Partly explained by")
     assert first < page.index("<details")

@@ -7,20 +7,22 @@ import importlib.metadata
 import json
 import re
 import shutil
+import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
-from headless import NO_HOST, browser, console, open_page
+from chromium import Browser
+from headless import browser, unpacked
 from typer.testing import CliRunner
 
 from qsframework.cli.main import app
 from qsframework.experiment import example, load_experiment
 from qsframework.plugin.registry import registry
 from qsframework.robot.loader import find_robot
-from qsframework.viz import Scene
 
 EXPERIMENT = example("m900ib") / "experiment.yaml"
 COMMANDS = (
@@ -40,6 +42,8 @@ COMMANDS = (
     "compare",
 )
 SEEDED = {"demo", "design", "simulate", "diagnose", "foresee", "compare", "validate"}
+JUDGED = {"design", "identify", "identify_positions", "validate", "diagnose", "foresee", "compensate", "compare"}
+"""Reports whose first question has an answer."""
 PLAIN = {"validate"}
 """Reports without a pose to be seen in 3D."""
 
@@ -125,7 +129,7 @@ class Page(HTMLParser):
         if tag in ("script", "img", "link", "iframe", "source", "object"):
             self.loads += [found[k] or "" for k in ("src", "href", "data") if k in found]
         if tag == "iframe":
-            self.frames.append(found.get("srcdoc") or "")
+            self.frames.append(unpacked(found.get("data-page") or ""))
         if tag == "figure":
             self.figures.append({"caption": "", "rows": 0, "drawn": 0})
         if self.figures and (tag == "iframe" or "plotly-graph-div" in (found.get("class") or "")):
@@ -216,54 +220,124 @@ def test_the_demo_as_json(reports: Reports) -> None:
     assert len(found["real_readings"]) == 3
 
 
-_PROBE = """<script>addEventListener("load", () => setTimeout(async () => {
-  dispatchEvent(new Event("beforeprint"));
-  await new Promise(done => setTimeout(done, 1500));
-  const plots = [...document.querySelectorAll(".js-plotly-plot")];
-  document.title = JSON.stringify({
-    widths: plots.map(p => p.querySelector(".main-svg").getBoundingClientRect().width),
-    closed: document.querySelectorAll("details.printed:not([open])").length,
-    asked: performance.getEntriesByType("resource").filter(r => !/^(data|blob|about):/.test(r.name)).map(r => r.name),
-  });
-}, 1500))</script></body>"""
+@pytest.fixture(scope="module")
+def chromium(reports: Reports) -> Iterator[Browser]:
+    """One browser for all pages; every host but this machine's address is unknown to it."""
+    with Browser(reports.folder / "profile", "about:blank", own="file://") as driven:
+        yield driven
+
+
+_DRAWN = """document.readyState === "complete"
+  && [...document.querySelectorAll(".plotly-graph-div:not(:has(.main-svg))")].every(d => !d.checkVisibility())
+  && [...document.querySelectorAll("iframe")].every(f => f.contentDocument.querySelector("canvas"))"""
+_PALE = """(() => {
+  const rgb = text => (text.match(/[\\d.]+/g) || []).map(Number);
+  const linear = x => x <= 10.3 ? x / 3295 : ((x / 255 + .055) / 1.055) ** 2.4;
+  const light = ([r, g, b]) => .2126 * linear(r) + .7152 * linear(g) + .0722 * linear(b);
+  const behind = e => { for (; e; e = e.parentElement) { const c = rgb(getComputedStyle(e).backgroundColor);
+    if (c.length === 3 || c[3] > .5) return c; } return [255, 255, 255]; };
+  const out = [];
+  const texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (texts.nextNode()) {
+    const e = texts.currentNode.parentElement, look = getComputedStyle(e);
+    if (!texts.currentNode.data.trim() || !e.getClientRects().length || e.closest("script, .heatmaplayer")) continue;
+    const [a, b] = [light(rgb(e instanceof SVGElement ? look.fill : look.color)), light(behind(e))];
+    if ((Math.max(a, b) + .05) / (Math.min(a, b) + .05) < 4.5) out.push(e.textContent.slice(0, 40));
+  }
+  return out; })()"""
+_WIDE = """[...document.querySelectorAll("body *")].filter(e => e.checkVisibility()
+  && e.getBoundingClientRect().right > innerWidth + 1
+  && !e.parentElement.closest(".scroll, svg")).map(e => e.tagName + "." + e.className)"""
+_FITTED = """[...document.querySelectorAll(".main-svg")].every(
+  s => !s.checkVisibility() || s.clientWidth === s.closest(".plotly-graph-div").clientWidth)"""
+_STOPS = """[...document.querySelectorAll("a[href], button, input, select, summary, iframe, [tabindex]")]
+  .filter(e => e.tabIndex >= 0 && (e.getClientRects().length || e.closest(".modebar"))).length"""
 
 
 @browser
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_browser_has_no_complaint(reports: Reports, name: str, tmp_path: Path) -> None:
-    """No error on the console, no request to anywhere (every name resolves to nothing), and it prints uncut."""
-    page = tmp_path / "report.html"
-    page.write_text(reports.text(name).rpartition("</body>")[0] + _PROBE)
-    run = open_page(page, tmp_path, NO_HOST, "--dump-dom", "--window-size=1000,800", timeout=240)
-    said = console(run.stderr)
-    assert not said, said
-    found = json.loads(run.stdout.split("<title>")[1].split("</title>")[0])
-    assert found["asked"] == []
-    assert found["closed"] == 0
-    assert len(found["widths"]) == len(re.findall(r'class="plotly-graph-div"', reports.text(name)))
-    assert all(width <= 700 for width in found["widths"])  # the text of an A4 page is about 718 wide
+def test_a_browser_shows_the_answer_first(reports: Reports, chromium: Browser, name: str) -> None:
+    """No error, no request to anywhere; the verdict on the first screen; contrast; at 400 px nothing is wider than the
+    page; few stops of the tab key."""
+    page = reports.folder / f"{name}.html"
+    assert page.stat().st_size < 3_500_000
+    chromium.size(1400, 900)
+    chromium.go(page.as_uri(), _DRAWN)
+    seen = chromium.run(f"""({{
+      band: [...document.querySelectorAll(".verdict")].map(b => b.getBoundingClientRect().bottom),
+      shapes: document.querySelectorAll(".verdict svg").length,
+      word: document.querySelector(".verdict .state")?.textContent.trim(),
+      numbers: document.querySelectorAll(".verdict dd").length,
+      pale: {_PALE}, stops: {_STOPS}, high: document.documentElement.scrollHeight}})""")
+    assert len(seen["band"]) == (name in JUDGED)
+    if name in JUDGED:
+        assert seen["band"][0] < 900
+        assert seen["shapes"] == 1
+        assert seen["word"]
+        assert 3 <= seen["numbers"] <= 4 or name == "compare"
+    assert seen["pale"] == []
+    assert 0 < seen["stops"] < 60
+    assert seen["high"] < 5 * 900 or not name.startswith("diagnose")
+    chromium.size(400, 900)
+    chromium.until(f"innerWidth === 400 && {_FITTED}")
+    narrow = chromium.run(f"({{page: document.documentElement.scrollWidth, wide: {_WIDE}}})")
+    assert narrow["wide"] == []
+    assert narrow["page"] <= 400
+    assert chromium.errors == []
+    assert chromium.foreign == []
 
 
 @browser
-def test_the_robot_is_to_be_seen_in_a_report(reports: Reports, tmp_path: Path) -> None:
-    """The scene inside the report against the same report with an empty scene inside."""
-    import html
+def test_a_row_a_point_and_the_slider_show_one_pose(reports: Reports, chromium: Browser) -> None:
+    chromium.size(1400, 900)
+    chromium.go((reports.folder / "identify.html").as_uri(), _DRAWN)
+    slider = "document.querySelector('iframe').contentDocument.getElementById('step')"
+    poses = chromium.run("JSON.parse(document.querySelector('iframe').dataset.poses)")
+    chromium.run(f"document.querySelector('tr[data-pose=\"{poses[3]}\"]').click()")
+    assert chromium.run(f"Number({slider}.value)") == 4
+    marked = "[...new Set([...document.querySelectorAll('tr.chosen')].map(r => r.dataset.pose))]"
+    assert chromium.run(marked) == [poses[3]]
+    plots = "[...document.querySelectorAll('.js-plotly-plot')].filter(d => d.data.some(t => t.selectedpoints))"
+    assert chromium.run(f"{plots}.length") >= 2
+    point = "{points: [{customdata: " + json.dumps(poses[1]) + "}]}"
+    chromium.run(f"{plots}[0].emit('plotly_click', {point})")
+    assert chromium.run(f"Number({slider}.value)") == 2
+    chromium.run(f"{slider}.focus()")
+    chromium.key("ArrowRight")
+    assert chromium.run(marked) == [poses[2]]
 
-    from PIL import Image
 
-    text = reports.text("stiffness")
-    (frame,) = re.findall(r'srcdoc="([^"]*)"', text)
-    scene = html.escape(Scene(title="empty").html(), quote=True)
-    pixels = []
-    for name, page in (("robot", text), ("empty", text.replace(frame, scene))):
-        file = tmp_path / f"{name}.html"
-        file.write_text(page)
-        picture = f"--screenshot={tmp_path / name}.png"
-        open_page(file, tmp_path, NO_HOST, picture, "--window-size=1000,2600", "--hide-scrollbars", timeout=240)
-        pixels.append(np.asarray(Image.open(tmp_path / f"{name}.png").convert("RGB")).astype(int))
-    yellow = [int((p[..., 0] - p[..., 2] > 80).sum()) for p in pixels]
-    assert yellow[0] > yellow[1] + 3000
-    assert int((np.abs(pixels[0] - pixels[1]).max(axis=2) > 40).sum()) > 8000
+@browser
+@pytest.mark.parametrize("name", ["identify", "compare"])
+def test_paper_shows_what_the_screen_shows(reports: Reports, chromium: Browser, name: str) -> None:
+    """All that is folded stands open; the scene's picture in the PDF is no plain field; every plot has its marks."""
+    chromium.size(1400, 900)
+    chromium.go((reports.folder / f"{name}.html").as_uri(), _DRAWN)
+    chromium.run("dispatchEvent(new Event('beforeprint'))")
+    opened = chromium.run("""({closed: document.querySelectorAll("details.printed:not([open])").length,
+      widths: [...document.querySelectorAll(".plotly-graph-div .main-svg")].map(s => s.clientWidth),
+      plots: document.querySelectorAll(".plotly-graph-div").length,
+      drawn: document.querySelectorAll(".plotly-graph-div:has(.mlayer :is(path, image))").length})""")
+    assert opened["closed"] == 0
+    assert opened["drawn"] == opened["plots"] >= 3
+    assert all(width <= 700 for width in opened["widths"])  # the text of an A4 page is about 718 wide
+    chromium.run("dispatchEvent(new Event('afterprint'))")
+    pictures = [p for p in images_of(chromium.pdf()) if p.shape[1] > 300]
+    assert pictures
+    grey = pictures[0].reshape(-1, 3).astype(int)
+    yellow = int((grey[:, 0] - grey[:, 2] > 80).sum())
+    assert yellow > 1000, "no arm in the picture on paper"
+
+
+def images_of(pdf: bytes) -> list[np.ndarray]:
+    """The coloured pictures (rows, columns, 3) in a PDF, as Chromium writes them."""
+    out = []
+    for head, data in re.findall(rb"(<<[^>]*?/Subtype /Image.*?>>)\s*stream\r?\n(.*?)endstream", pdf, re.S):
+        width, height = (int(re.search(rb"/%s (\d+)" % key, head)[1]) for key in (b"Width", b"Height"))
+        raw = zlib.decompress(data) if b"/FlateDecode" in head else b""
+        if len(raw) == width * height * 3:
+            out.append(np.frombuffer(raw, np.uint8).reshape(height, width, 3))
+    return out
 
 
 def test_the_numbers_of_a_figure_are_those_of_its_traces() -> None:

@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from headless import SMALL, browser, console, open_page
+from headless import SMALL, browser, console, open_page, unpacked
 
 from qsframework.cli.demo import WRITTEN, run_demo
 from qsframework.experiment import Experiment, make_plan
@@ -38,7 +38,7 @@ class Page(HTMLParser):
         if tag in ("script", "img", "link", "iframe"):
             self.loads += [found[k] or "" for k in ("src", "href") if k in found]
         if tag == "iframe":
-            self.frames.append(found.get("srcdoc") or "")
+            self.frames.append(unpacked(found.get("data-page") or ""))
 
 
 def parse(path: Path) -> Page:

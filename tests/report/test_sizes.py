@@ -5,7 +5,7 @@ import math
 import pytest
 
 from qsframework.plugin import Parameter
-from qsframework.report.words.sizes import people_estimate, people_size, shown_unit
+from qsframework.report.words.sizes import people_estimate, people_size, shown_unit, with_sd
 from qsframework.units import conversion
 
 
@@ -36,11 +36,28 @@ def test_a_size_is_read_in_the_usual_unit(name: str, unit: str, value: float, te
 
 def test_estimate_and_sd_share_one_unit() -> None:
     arcmin = math.pi / 180.0 / 60.0
-    assert (
-        people_estimate(Parameter("joint_backlash[a]", "rad"), 1.02 * arcmin, 0.031 * arcmin) == "1.02 +- 0.031 arcmin"
-    )
+    backlash = Parameter("joint_backlash[a]", "rad")
+    assert people_estimate(backlash, 1.02 * arcmin, 0.031 * arcmin) == "1.020 ± 0.031 arcmin"
     text = people_estimate(Parameter("joint_compliance[a]", "rad/(N m)"), 5e-7, 1e-8)
-    assert text == "0.500 +- 0.010 urad/(N m) (2.00 MN m/rad)"
+    assert text == "0.500 ± 0.010 urad/(N m) (2.00 MN m/rad)"
+
+
+@pytest.mark.parametrize(
+    ("value", "sd", "text"),
+    [
+        (2.3554, 0.4, "2.36 ± 0.40"),
+        (0.16098, 0.000623, "0.16098 ± 0.00062"),
+        (1234.5, 17.2, "1234 ± 17"),
+        (123456.0, 1234.0, "123500 ± 1200"),
+        (0.5, 0.0996, "0.50 ± 0.10"),
+        (3e-14, 2e-15, "3.00e-14 ± 2.0e-15"),
+        (1.0342e7, 2.9e6, "1.03e+07 ± 2.9e+06"),
+        (-6.22e5, 6.7e5, "-6.2e+05 ± 6.7e+05"),
+        (7.0, math.nan, "7"),
+    ],
+)
+def test_value_and_sd_end_at_one_digit(value: float, sd: float, text: str) -> None:
+    assert with_sd(value, sd) == text
 
 
 SHOWN = {  # unit shown -> the same in pint's words

@@ -15,11 +15,11 @@ from qsframework.discriminate.pair import Discrimination
 from qsframework.plugin import Parameter
 from qsframework.report.words.discrimination import outlook_words
 from qsframework.report.words.fit import alignment_words
-from qsframework.report.words.headline import headline, mm, names_words, poses_words, worst_poses
+from qsframework.report.words.headline import headline, names_words, poses_words, worst_poses
 from qsframework.report.words.law import place_words, unlearned_words, variable_words
 from qsframework.report.words.next_steps import next_steps, unrepeatable
 from qsframework.report.words.noise import audit_words
-from qsframework.report.words.sizes import people_estimate, people_size
+from qsframework.report.words.sizes import mm, people_estimate, people_size
 from qsframework.screening.conventions import SUSPECTED, Convention
 
 _SHOWN = 3

@@ -7,8 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
+from qsframework.estimation import rms
 from qsframework.experiment.readings import Alignment
 from qsframework.identify import Fit
+from qsframework.identify.fit import State
+from qsframework.information import what_would_help
+from qsframework.plugin import Poses
+from qsframework.report.blocks import Mark, Verdict
+from qsframework.report.words.sizes import mm
+
+_NAMED = 3
 
 
 def first_words(fit: Fit) -> tuple[str, ...]:
@@ -73,3 +81,61 @@ def alignment_words(alignments: Sequence[Alignment]) -> tuple[str, ...]:
             f"{1e3 * a.largest:.3f} mm at most."
         )
     return tuple(out)
+
+
+def fit_verdict(fit: Fit, poses: Poses) -> Verdict:
+    """What the fit is worth at poses that it has not seen, and which parameters the readings tell; poses: those of the
+    readings, which say what would tell the others."""
+    before, after, largest = unseen_errors(fit)
+    asked = [e for e in fit.estimates if e.state is not State.FIXED]
+    known = [e for e in asked if e.state is State.FINE]
+    unknown = [*(e.name for e in asked if e.state is not State.FINE), *(entry.name for entry in fit.left_aside)]
+    total = len(known) + len(unknown)
+    p = fit.p_value
+    size = f"{mm(before)} \u2192 {mm(after)} mm at unseen poses"
+    if not np.isfinite(after):
+        size = "no pose can be left out, so nothing says how large the error is at others"
+    told = f"{_all(total)} known" if not unknown else f"{len(known)} of {total} parameters known"
+    mark, word = Mark.GOOD, "Identified"
+    if unknown:
+        mark, word = Mark.LOOK, "Identified in part"
+        told += f", not {_listed(unknown)}"
+        advised = next((n for n in unknown if n in fit.model.names), "")
+        told += f". {advised}: {what_would_help(fit.model, advised, poses)}" if len(unknown) <= _NAMED else ""
+    if not np.isfinite(after) or (p is not None and p > 1.0 - fit.significance):
+        mark = Mark.LOOK
+    if p is not None and p < fit.significance:
+        mark, word = Mark.BAD, "Residuals do not fit the noise"
+    if after >= before:
+        mark, word = Mark.BAD, "No better than the nominal model"
+    return Verdict(
+        mark,
+        word,
+        f"{size}; {told}.",
+        (
+            (f"{mm(after)} mm", "error at unseen poses, RMS"),
+            (f"{mm(before)} mm", "the same by the nominal model"),
+            (f"{mm(largest)} mm", "largest distance at unseen poses"),
+            (f"{len(known)} of {total}", "parameters known"),
+        ),
+    )
+
+
+def unseen_errors(fit: Fit) -> tuple[float, float, float]:
+    """Error of the nominal model and at poses left out, m, and the largest distance at these: of positions RMS of the
+    distance, else RMS per axis; NaN where no pose can be left out."""
+    kind = next(k for k in ("position", "displacement", "gauge") if (fit.kind == k).any())
+    at = fit.kind == kind
+    size = fit.error_of if kind == "position" else rms
+    out = np.concatenate([fit.left_out[at], fit.missed[fit.missed_kind == kind]])
+    far = np.sqrt(np.nansum(out**2, axis=1))
+    return size((fit.measured - fit.nominal)[at]), size(out), float(far.max()) if len(far) else float("nan")
+
+
+def _all(total: int) -> str:
+    return "its one parameter is" if total == 1 else f"all {total} parameters are"
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:_NAMED])
+    return shown if len(names) <= _NAMED else f"{shown} and {len(names) - _NAMED} more"

@@ -6,6 +6,7 @@ import numpy as np
 
 from qsframework.diagnose.linearization.candidates import REACH
 from qsframework.forecast.forecast import Curve, Foresight, Outlook, Prospect, Size, Why
+from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.sizes import people_size
 
 
@@ -67,3 +68,21 @@ def curve_words(curve: Curve) -> str:
     if curve.one_sided:
         return "1 direction that can only grow"
     return f"{curve.dof} direction{'s' if curve.dof > 1 else ''}"
+
+
+def foresight_verdict(found: Foresight) -> Verdict:
+    """How many causes the plan would detect and name."""
+    seen = [p for p in found.prospects if p.status is not Outlook.INVISIBLE]
+    named = [p for p in seen if p.status is Outlook.NAMED]
+    plain = len(named) == len(found.prospects)
+    return Verdict(
+        Mark.GOOD if plain else Mark.LOOK,
+        "Every cause would be named" if plain else "Not every cause would be named",
+        foresight_words(found)[0],
+        (
+            (f"{len(named)} of {len(found.prospects)}", "causes named"),
+            (f"{len(seen)} of {len(found.prospects)}", "causes detected"),
+            (f"{len(found.groups)}", "groups that stay together"),
+            (f"{found.poses}", "poses"),
+        ),
+    )

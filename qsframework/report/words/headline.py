@@ -8,7 +8,9 @@ import numpy as np
 
 from qsframework.diagnose.result import Diagnosis, Finding
 from qsframework.diagnose.verdict import MANY, misfits
+from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.law import moving_words
+from qsframework.report.words.sizes import mm
 
 _NAMED = 3
 _WORST = 3
@@ -120,6 +122,27 @@ def poses_words(names: Sequence[str]) -> str:
     return f"poses {', '.join(names[:-1])} and {names[-1]}"
 
 
-def mm(value: float) -> str:
-    """A length, m, in mm to the micrometre."""
-    return f"{1e3 * value:.3f}"
+_MARKS: dict[str, tuple[Mark, str]] = {
+    "none": (Mark.GOOD, "The model holds"),
+    "explained": (Mark.GOOD, "Cause found"),
+    "partly_explained": (Mark.LOOK, "Found in part"),
+    "unexplained": (Mark.BAD, "Cause not known"),
+}
+
+
+def diagnosis_verdict(found: Diagnosis) -> Verdict:
+    """The headline with the error at poses left out, before and after, and the noise."""
+    e = found.rms
+    mark, word = _MARKS[found.verdict]
+    named = f"{len(found.sure)}" + (f" + {len(found.doubtful)} doubtful" if found.doubtful else "")
+    return Verdict(
+        mark,
+        word,
+        headline(found),
+        (
+            (f"{mm(e.heldout_extended)} mm", "error at poses left out, with the causes"),
+            (f"{mm(e.heldout_identified)} mm", "without them"),
+            (f"{mm(e.noise)} mm", "noise alone"),
+            (named, f"named of {len(found.table)} causes tried"),
+        ),
+    )

@@ -39,9 +39,9 @@ def people_size(parameter: Parameter, value: float, stiffness: bool = True) -> s
 
 
 def people_estimate(parameter: Parameter, value: float, sd: float) -> str:
-    """A value and its standard deviation in one unit: `1.02 +- 0.03 arcmin`; a stiffness beside a compliance."""
+    """A value and its standard deviation in one unit: `1.020 ± 0.030 arcmin`; a stiffness beside a compliance."""
     size, unit = shown_unit(parameter, value)
-    return f"{three(value / size)} +- {two(sd / size)} {unit}".strip() + _stiffness(parameter, value)
+    return f"{with_sd(value / size, sd / size)} {unit}".strip() + _stiffness(parameter, value)
 
 
 def shown_unit(parameter: Parameter, value: float) -> tuple[float, str]:
@@ -59,11 +59,8 @@ def shown_unit(parameter: Parameter, value: float) -> tuple[float, str]:
 def _stiffness(parameter: Parameter, value: float) -> str:
     """In brackets behind the compliance of a spring; nothing for what only changes a compliance, such as hardening."""
     spring = parameter.name.partition("[")[0].endswith("compliance")
-    if parameter.unit not in _STIFF or not spring or value <= 0.0:
-        return ""
-    stiff = _STIFF[parameter.unit]
-    size, unit = next((s for s in stiff if 1.0 / value >= _SEEN * s[0]), stiff[-1])
-    return f" ({three(1.0 / value / size)} {unit})"
+    said = stiffness_words(parameter.unit, value) if spring else ""
+    return f" ({said})" if said else ""
 
 
 def three(value: float) -> str:
@@ -84,3 +81,45 @@ def _digits(value: float, digits: int) -> str:
         return f"{value:.{digits - 1}e}"
     rounded = round(value, digits - 1 - power)
     return f"{rounded:.{max(digits - 1 - power, 0)}f}"
+
+
+def mm(value: float) -> str:
+    """A length, m, in mm to the micrometre."""
+    return f"{1e3 * value:.3f}" if math.isfinite(value) else "-"
+
+
+_SHOWN = {"rad/(N m)": (1e6, "urad/(N m)"), "m/N": (1e6, "um/N"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
+
+
+def shown(value: float, unit: str) -> tuple[float, str]:
+    """A value in the one unit that tables show for its SI unit: compliances in urad/(N m)."""
+    factor, name = _SHOWN.get(unit, (1.0, unit))
+    return value * factor, name
+
+
+def with_sd(value: float, sd: float) -> str:
+    """`0.1610 ± 0.0062`: the sd to two digits, the value to the same place."""
+    if not (math.isfinite(sd) and sd > 0.0):
+        return f"{value:.4g}"
+    digits = 1 - int(f"{sd:.1e}".partition("e")[2])
+    if not -2 <= digits <= 9:
+        power = math.floor(math.log10(abs(value))) if value else -digits
+        return f"{value:.{max(power + digits, 0)}e} ± {sd:.1e}"
+    return f"{round(value, digits):.{max(digits, 0)}f} ± {round(sd, digits):.{max(digits, 0)}f}"
+
+
+def value_words(value: float, sd: float, unit: str) -> str:
+    """A value with its sd in the unit that tables show; fixed and bound ones say so instead."""
+    if sd > 0.0:
+        return f"{with_sd(*(shown(v, unit)[0] for v in (value, sd)))} {shown(1.0, unit)[1]}".strip()
+    why = "at bound" if math.isnan(sd) else "fixed"
+    return f"{shown(value, unit)[0]:.4g} {shown(1.0, unit)[1]} ({why})"
+
+
+def stiffness_words(unit: str, value: float) -> str:
+    """The stiffness of a compliance, `5.96 MN m/rad`; "" for what is no compliance or not above zero."""
+    if unit not in _STIFF or value <= 0.0:
+        return ""
+    stiff = _STIFF[unit]
+    size, name = next((s for s in stiff if 1.0 / value >= _SEEN * s[0]), stiff[-1])
+    return f"{three(1.0 / value / size)} {name}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import signal
@@ -23,7 +24,8 @@ _ONLY_HERE = "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"
 class Browser:
     """One page of one browser; what it logged as an error, and what it asked of other hosts."""
 
-    def __init__(self, folder: Path, address: str) -> None:
+    def __init__(self, folder: Path, address: str, own: str = "") -> None:
+        """own: how addresses begin that may be asked for; the page's own where nothing is said."""
         command = ["chromium", *FLAGS, *_DRIVEN, _ONLY_HERE, f"--user-data-dir={folder}", "about:blank"]
         quiet = subprocess.DEVNULL
         self._process = subprocess.Popen(command, stdout=quiet, stderr=quiet, start_new_session=True)
@@ -38,7 +40,7 @@ class Browser:
         address_of_page = pages[0]["webSocketDebuggerUrl"]
         self._socket: ClientConnection = self._open.enter_context(connect(address_of_page, max_size=None))
         self._number, self.errors, self.foreign = 0, list[str](), list[str]()
-        self._own = address
+        self._own = own or address
         for domain in ("Runtime", "Log", "Network", "Page"):
             self._ask(f"{domain}.enable")
         self._ask("Page.navigate", url=address)
@@ -69,6 +71,26 @@ class Browser:
             assert time.monotonic() < end, f"never came true: {condition}"
             time.sleep(0.05)
 
+    def go(self, address: str, ready: str) -> None:
+        """Open another page and wait for a condition in it."""
+        self._ask("Page.navigate", url=address)
+        self.until(f"location.href === {json.dumps(address)} && ({ready})")
+
+    def size(self, width: int, height: int) -> None:
+        """Give the page the size of another screen."""
+        self._ask("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+
+    def key(self, name: str) -> None:
+        """Press a key."""
+        codes = {"ArrowRight": 39}
+        for kind in ("rawKeyDown", "keyUp"):
+            self._ask("Input.dispatchKeyEvent", type=kind, key=name, code=name, windowsVirtualKeyCode=codes[name])
+
+    def pdf(self) -> bytes:
+        """The page as it is printed on A4."""
+        printed = self._ask("Page.printToPDF", printBackground=True, paperWidth=8.27, paperHeight=11.69)
+        return base64.b64decode(printed["data"])
+
     def _ask(self, method: str, **params: Any) -> dict[str, Any]:
         self._number += 1
         self._socket.send(json.dumps({"id": self._number, "method": method, "params": params}))
@@ -83,6 +105,8 @@ class Browser:
         params = said.get("params", {})
         if said.get("method") == "Runtime.exceptionThrown":
             self.errors.append(str(params["exceptionDetails"]))
+        if said.get("method") == "Runtime.consoleAPICalled" and params["type"] == "error":
+            self.errors.append(str(params["args"]))
         if said.get("method") == "Log.entryAdded" and params["entry"]["level"] == "error":
             self.errors.append(str(params["entry"]))
         if said.get("method") == "Network.requestWillBeSent":

@@ -1,0 +1,343 @@
+"""Figures of a fit: its parameters, how they go together, its errors, and where in the workspace they are."""
+
+from __future__ import annotations
+
+import html
+from typing import Any
+
+import numpy as np
+
+from qsframework.experiment import Readings
+from qsframework.identify import Estimate, Fit
+from qsframework.plugin import Array, Indices
+from qsframework.report.blocks import Figure, Table
+from qsframework.report.numbers import row_table
+from qsframework.report.plots import AFTER, AMBER, BEFORE, BLACK, BLUE, DASHES, GREY, blank, panels, plotted
+from qsframework.report.words.sizes import value_words
+
+AXES = ("x", "y", "z")
+_NUMBERS = 9
+"""Parameters up to which every cell of the correlation matrix carries its number."""
+_LABELS = 60
+"""Parameters up to which its axes carry all names."""
+_BINS = 25
+_QUANTILE = 95
+
+
+def fit_figures(fit: Fit) -> tuple[Figure, ...]:
+    """What the fit says of the parameters, and how well it describes the readings."""
+    one = _parameters(fit)
+    pair = (_correlation(fit),) if len(fit.estimates) > 1 else ()
+    scatter = () if fit.position.all() else (_measured_predicted(fit),)
+    out = fit.left_out[np.isfinite(fit.left_out).all(axis=1)]
+    sizes = {
+        "nominal": np.linalg.norm(_whole(fit.measured - fit.nominal), axis=1),
+        "identified": np.linalg.norm(_whole(fit.residuals), axis=1),
+        "poses left out": np.linalg.norm(out, axis=1),
+    }
+    spread = (distribution_figure(sizes),) if len(sizes["identified"]) else ()
+    return (one, *pair, *scatter, *spread)
+
+
+def residual_figures(fit: Fit) -> tuple[Figure, ...]:
+    """The residuals one by one, and against the normal law."""
+    return (*_by_row(fit), *_normal(fit))
+
+
+def _whole(values: Array) -> Array:
+    """Rows (k, 3) of which every axis was measured."""
+    return values[np.isfinite(values).all(axis=1)]
+
+
+def _parameters(fit: Fit) -> Figure:
+    """Each estimate with its sd on one axis: its change from the initial value in its own natural size."""
+    every = [e for e in fit.estimates if np.isfinite(e.value)]
+    names = [html.escape(e.name) for e in every]
+    title = "Parameters with their standard deviations"
+    figure = blank(title, "change from initial, % of natural size", "")
+    figure.update_layout(height=150 + 24 * max(len(every), 2))
+    prior = [e for e in every if e.prior_sd is not None]
+    if prior:
+        figure.add_bar(
+            orientation="h",
+            y=[html.escape(e.name) for e in prior],
+            x=[_percent(e, 2.0 * (e.prior_sd or 0.0)) for e in prior],
+            base=[-_percent(e, e.prior_sd or 0.0) for e in prior],
+            name="prior, 1 sd to each side",
+            marker={"color": "#e3e3e3", "line": {"color": GREY, "width": 1}},
+        )
+    figure.add_scatter(x=[0.0] * len(every), y=names, mode="markers", name="initial", marker={**BEFORE, "size": 9})
+    figure.add_scatter(
+        x=[_percent(e, e.value - e.initial) for e in every],
+        y=names,
+        mode="markers",
+        name="identified",
+        error_x={"type": "data", "array": [_percent(e, e.sd) for e in every], "thickness": 2, "color": BLUE},
+        marker={**AFTER, "size": 8},
+        text=[html.escape(value_words(e.value, e.sd, e.unit)) for e in every],
+        hovertemplate="%{y}<br>%{text}<extra></extra>",
+    )
+    figure.update_layout(barmode="overlay", yaxis={"autorange": "reversed", "type": "category", "dtick": 1})
+    rows = tuple((e.name, value_words(e.value, e.sd, e.unit), *(f"{v:.4g}" for v in _shares(e))) for e in every)
+    return Figure(
+        figure,
+        "Circles: identified, bars one standard deviation; diamonds: initial; grey: the stated prior. Look for circles "
+        "whose bar reaches the diamond: these readings hardly tell such a parameter from its initial value.",
+        Table(("parameter", "value ± sd", "change, % of size", "sd, % of size"), rows),
+    )
+
+
+def _percent(e: Estimate, value: float) -> float:
+    return 100.0 * value / e.size if np.isfinite(value) else 0.0
+
+
+def _shares(e: Estimate) -> tuple[float, float]:
+    return _percent(e, e.value - e.initial), _percent(e, e.sd)
+
+
+def _correlation(fit: Fit) -> Figure:
+    """Correlation of every pair of estimates."""
+    names, c = [html.escape(n) for n in fit.names], fit.correlation
+    figure = blank("Correlation of the parameters", "", "")
+    few = len(names) <= _NUMBERS
+    figure.add_heatmap(
+        x=names,
+        y=names,
+        z=c,
+        zmin=-1.0,
+        zmax=1.0,
+        colorscale=[[0.0, BLUE], [0.5, "#ffffff"], [1.0, AMBER]],
+        texttemplate="%{z:.2f}" if few else "",
+        textfont={"color": BLACK},
+        colorbar={"title": {"text": "r"}, "thickness": 12},
+        hovertemplate="%{x}<br>%{y}<br>%{z:.3f}<extra></extra>",
+    )
+    labels = {"showticklabels": len(names) <= _LABELS, "dtick": 1, "tickfont": {"size": 11 if few else 9}}
+    figure.update_layout(
+        height=max(360, 200 + 22 * min(len(names), _LABELS)),
+        xaxis={**labels, "tickangle": 60},
+        yaxis={**labels, "autorange": "reversed"},
+    )
+    rows = tuple((name, *(f"{v:+.3f}" for v in line)) for name, line in zip(fit.names, c, strict=True))
+    return Figure(
+        figure,
+        "Look for full colour off the diagonal: the readings tell the two parameters only together, and poses or loads "
+        "of another kind would part them.",
+        Table(("", *fit.names), rows),
+    )
+
+
+def _measured_predicted(fit: Fit) -> Figure:
+    figure = blank("Measured against predicted displacement", "predicted, mm", "measured, mm", 400)
+    at = np.flatnonzero(~fit.position)
+    for i, axis in enumerate(AXES):
+        figure.add_scatter(
+            x=plotted(fit.predicted[at, i] * 1e3),
+            y=plotted(fit.measured[at, i] * 1e3),
+            mode="markers",
+            name=f"d{axis}",
+            customdata=_poses(fit, at),
+            text=_labels(fit, at),
+        )
+    both = np.concatenate([fit.measured[at], fit.predicted[at]]) * 1e3
+    low, high = float(np.nanmin(both)), float(np.nanmax(both))
+    figure.add_scatter(x=[low, high], y=[low, high], mode="lines", name="equal", line={"color": GREY, "width": 1})
+    margin = 0.05 * (high - low)
+    ends = [low - margin, high + margin]
+    figure.update_layout(
+        xaxis={"range": ends, "constrain": "domain"},
+        yaxis={"range": ends, "scaleanchor": "x", "constrain": "domain"},
+    )
+    header = ("row", "pose", *(f"{what} d{a} mm" for what in ("predicted", "measured") for a in AXES))
+    values = np.column_stack([fit.predicted, fit.measured]) * 1e3
+    rows = tuple((str(fit.rows[r]), fit.poses[r], *(_number(v, 4) for v in values[r])) for r in at)
+    return Figure(
+        figure,
+        "Both axes have one scale. Look for a slope: points should lie on the line; another slope says that the "
+        "stiffness is off.",
+        Table(header, rows),
+    )
+
+
+def distribution_figure(sizes: dict[str, Array]) -> Figure:
+    """Shares of readings whose 3D error is below a value; sizes (k,) m by name, the first of them before the fit."""
+    figure = blank("Distribution of the 3D error", "3D error, mm", "share of readings, %")
+    colours = (BEFORE["color"], BLUE, BLACK)
+    rows: list[tuple[str, ...]] = []
+    for i, (name, values) in enumerate((n, v) for n, v in sizes.items() if len(v)):
+        size: Array = np.sort(values) * 1e3
+        share = 100.0 * np.arange(1, len(size) + 1) / len(size)
+        most = float(np.quantile(size, _QUANTILE / 100))
+        line = {"color": colours[i % 3], "dash": DASHES[(1, 0, 2)[i % 3]], "shape": "hv"}
+        said = f"{name}: 95 % {most:.3f}, max {size[-1]:.3f} mm"
+        figure.add_scatter(x=size, y=share, mode="lines", name=said, line=line)
+        figure.add_scatter(
+            x=[most, float(size[-1])],
+            y=[_QUANTILE, 100.0],
+            mode="markers",
+            marker={"color": colours[i % 3], "symbol": ["square", "star"], "size": 9},
+            showlegend=False,
+            cliponaxis=False,
+        )
+        numbers = (size.mean(), np.sqrt(np.mean(size**2)), most, size[-1])
+        rows.append((name, str(len(size)), *(f"{v:.4f}" for v in numbers)))
+    return Figure(
+        figure,
+        "How many readings have an error below a value. Look at where a curve ends (star) and at 95 % (square): the "
+        "largest errors are what a part is scrapped for.",
+        Table(("3D error, mm", "readings", "mean", "RMS", "95 %", "max"), tuple(rows)),
+    )
+
+
+def _by_row(fit: Fit) -> tuple[Figure, ...]:
+    """Studentised residuals by row of the file; of positions their length too."""
+    every = np.arange(len(fit.rows))
+    figure = blank("Studentised residuals", "row of the readings file", "residual / its sd")
+    for i, axis in enumerate(AXES):
+        figure.add_scatter(
+            x=fit.rows,
+            y=plotted(fit.studentised[:, i]),
+            mode="markers",
+            name=axis if fit.position.all() else f"d{axis}",
+            customdata=_poses(fit, every),
+            text=[f"{v * 1e3:.3f} mm" for v in fit.residuals[:, i]],
+        )
+    for level in (-3.0, 3.0):
+        figure.add_hline(y=level, line={"color": GREY, "width": 1, "dash": "dot"})
+    student = Figure(
+        figure,
+        "Look beyond the dotted lines at ±3: such a reading deserves a look; a run of one sign says that the model "
+        "misses something.",
+        residual_table(fit.rows, fit.poses, fit.residuals, fit.studentised),
+    )
+    if not fit.position.any():
+        return (student,)
+    at = np.flatnonzero(fit.position)
+    figure = blank("Error of the position", "row of the readings file", "distance, mm")
+    for name, errors, look in (("nominal", fit.measured - fit.nominal, BEFORE), ("identified", fit.residuals, AFTER)):
+        figure.add_scatter(
+            x=fit.rows[at],
+            y=plotted(np.linalg.norm(errors[at], axis=1) * 1e3),
+            mode="markers",
+            name=name,
+            customdata=_poses(fit, at),
+            text=_labels(fit, at),
+            marker={**look, "size": 5},
+        )
+    far = Figure(
+        figure,
+        "Distances between predicted and measured positions by row of the file. Look for rows that stay far off when "
+        "all others fall: a gross error, or a pose that the model does not describe.",
+    )
+    return student, far
+
+
+def _normal(fit: Fit) -> tuple[Figure, ...]:
+    """Histogram and quantiles of the studentised residuals against the normal law."""
+    from scipy.stats import norm
+
+    z: Array = np.sort(fit.studentised[np.isfinite(fit.studentised)])
+    if len(z) < 3:
+        return ()
+    edges = np.linspace(min(-4.0, z[0]), max(4.0, z[-1]), min(_BINS, max(9, int(np.sqrt(len(z)) * 2))) + 1)
+    count, _ = np.histogram(z, edges)
+    middle, width = 0.5 * (edges[1:] + edges[:-1]), float(edges[1] - edges[0])
+    bars = blank("Histogram of the residuals", "residual / its sd", "coordinates")
+    bars.add_bar(x=middle, y=count, name="residuals", marker={"color": BLUE}, width=0.95 * width)
+    bars.add_scatter(
+        x=middle,
+        y=len(z) * np.diff(norm.cdf(edges)),
+        mode="lines",
+        name="normal law",
+        line={"color": BLACK, "dash": "dash", "shape": "spline"},
+    )
+    wanted = norm.ppf((np.arange(1, len(z) + 1) - 0.5) / len(z))
+    quantiles = blank("Residuals against the normal law", "quantile of the normal law", "residual / its sd")
+    quantiles.add_scatter(x=wanted, y=z, mode="markers", name="residuals", marker={**AFTER, "size": 5})
+    ends = [float(wanted[0]), float(wanted[-1])]
+    quantiles.add_scatter(x=ends, y=ends, mode="lines", name="normal law", line={"color": BLACK, "dash": "dash"})
+    return (
+        Figure(
+            bars,
+            "Look for bars far outside the dashed curve: gross errors; and for a curve that is too wide or too narrow: "
+            "the noise is not what was stated.",
+            row_table(("from", "to", "coordinates"), [edges[:-1].tolist(), edges[1:].tolist(), count.tolist()]),
+        ),
+        Figure(
+            quantiles,
+            "Look at the ends: points that leave the dashed line there are tails heavier than those of normal noise.",
+            row_table(("normal law", "residual / its sd"), [wanted.tolist(), z.tolist()]),
+        ),
+    )
+
+
+def workspace_figure(fit: Fit, readings: Readings, pose: Indices, marker: Indices, errors: Array) -> Figure:
+    """Errors (R, 3) m over the places in the workspace where they were read.
+
+    pose, marker (R,): state and marker of each row of the readings
+    """
+    used, place = np.unique(pose, return_inverse=True)
+    points = fit.model.positions(readings.poses.take(used))[place, marker]
+    size = 1e3 * np.linalg.norm(errors, axis=1)
+    names = [readings.states.pose[m] for m in map(int, pose)]
+    around = np.hypot(points[:, 0], points[:, 1])
+    figure = panels("Errors over the workspace", 1, 2, ["from above", "from the side"], 420, 0.14, shared=False)
+    views = ((points[:, 0], points[:, 1], "x, m", "y, m"), (around, points[:, 2], "from the base's axis, m", "z, m"))
+    largest = max(float(size.max()), 1e-9)
+    for col, (x, y, along, up) in enumerate(views, start=1):
+        figure.add_scatter(
+            x=x,
+            y=y,
+            mode="markers",
+            showlegend=False,
+            customdata=[html.escape(n) for n in names],
+            text=[f"pose {html.escape(n)}: {s:.3f} mm" for n, s in zip(names, size, strict=True)],
+            hovertemplate="%{text}<extra></extra>",
+            marker={
+                "size": 6.0 + 14.0 * size / largest,
+                "symbol": "circle",
+                "color": size,
+                "coloraxis": "coloraxis",
+                "line": {"width": 1, "color": "#444"},
+                "opacity": 0.85,
+            },
+            row=1,
+            col=col,
+        )
+        anchor = "x" if col == 1 else "x2"
+        figure.update_xaxes(title_text=along, row=1, col=col)
+        figure.update_yaxes(title_text=up, scaleanchor=anchor, row=1, col=col)
+    scale = {"colorscale": "Cividis", "reversescale": True, "colorbar": {"title": {"text": "mm"}, "thickness": 12}}
+    figure.update_layout(coloraxis=scale)
+    columns = [names, *points.T.tolist(), around.tolist(), size.tolist()]
+    return Figure(
+        figure,
+        "Large and dark: far off after the fit. Look for a corner of the workspace in which all are: there the model "
+        "misses something, or the poses were too few.",
+        row_table(("pose", "x, m", "y, m", "z, m", "from the axis, m", "error, mm"), columns),
+        wide=True,
+    )
+
+
+def residual_table(rows: Any, poses: Any, left: Array, student: Array) -> Table:
+    """Residuals (R, 3) m and in units of their sd, by row of the file."""
+    header = ("row", "pose", *(f"{a}, mm" for a in AXES), *(f"{a} / its sd" for a in AXES))
+    lines = zip(rows, poses, left * 1e3, student, strict=True)
+    return Table(
+        header,
+        tuple((str(r), str(p), *(_number(v, 4) for v in a), *(_number(v, 2) for v in b)) for r, p, a, b in lines),
+        "Measured minus predicted.",
+    )
+
+
+def _number(value: float, digits: int) -> str:
+    """A number, a dash where nothing was measured."""
+    return f"{value:.{digits}f}" if np.isfinite(value) else "-"
+
+
+def _poses(fit: Fit, at: Indices) -> list[str]:
+    return [html.escape(fit.poses[r]) for r in at]
+
+
+def _labels(fit: Fit, at: Indices) -> list[str]:
+    return [f"row {fit.rows[r]}, pose {html.escape(fit.poses[r])}" for r in at]

@@ -1,0 +1,91 @@
+"""How every plot of a report looks: Okabe and Ito's colours, each with a symbol, and one template."""
+
+from __future__ import annotations
+
+import html
+from typing import Any
+
+from qsframework.plugin import Array
+
+BLUE, ORANGE, GREEN, PURPLE, SKY, AMBER, BLACK = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#56B4E9",
+    "#E69F00",
+    "#000000",
+)
+"""Okabe, Ito 2008: told apart by everybody."""
+COLOURS = (BLUE, ORANGE, GREEN, PURPLE, AMBER, SKY, BLACK)
+SYMBOLS = ("circle", "diamond", "square", "triangle-up", "x", "cross", "star")
+DASHES = ("solid", "dash", "dot", "dashdot")
+BEFORE: dict[str, Any] = {"color": ORANGE, "symbol": "diamond-open"}
+AFTER: dict[str, Any] = {"color": BLUE, "symbol": "circle"}
+"""Markers of what was before, and after."""
+BARS: tuple[dict[str, Any], ...] = (
+    {"color": ORANGE, "pattern": {"shape": "/", "fgcolor": "white", "size": 6}},
+    {"color": BLUE},
+)
+"""The same of bars: hatched before, full after."""
+GREY = "#707070"
+_AXIS = {
+    "gridcolor": "#e4e4e4",
+    "zerolinecolor": "#c8c8c8",
+    "linecolor": "#888",
+    "ticks": "outside",
+    "tickcolor": "#888",
+    "automargin": True,
+}
+TEMPLATE: dict[str, Any] = {
+    "layout": {
+        "font": {"family": "system-ui, sans-serif", "size": 13, "color": "#222"},
+        "colorway": list(COLOURS),
+        "paper_bgcolor": "white",
+        "plot_bgcolor": "white",
+        "margin": {"l": 64, "r": 16, "t": 40, "b": 56},
+        "xaxis": _AXIS,
+        "yaxis": _AXIS,
+        "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"},
+        "hovermode": "closest",
+    },
+    "data": {"scatter": [{"type": "scatter", "marker": {"symbol": s, "size": 6}} for s in SYMBOLS]},
+}
+
+
+def blank(title: str, x: str, y: str, height: int = 360) -> Any:
+    """An empty figure with its title and those of its axes."""
+    import plotly.graph_objects as go
+
+    axes = {"xaxis": {"title": {"text": x}}, "yaxis": {"title": {"text": y}}}
+    return go.Figure(layout={"title": {"text": html.escape(title)}, **axes, "template": TEMPLATE, "height": height})
+
+
+def panels(
+    title: str,
+    rows: int,
+    columns: int,
+    titles: list[str],
+    height: int,
+    spacing: float | None = None,
+    shared: bool = True,
+) -> Any:
+    """Empty plots in rows and columns under one title; shared: all of a row have one y axis."""
+    from plotly.subplots import make_subplots
+
+    figure = make_subplots(
+        rows=rows, cols=columns, shared_yaxes=shared, subplot_titles=titles, horizontal_spacing=spacing
+    )
+    legend = {"orientation": "h", "x": 0, "y": 1.0 + 30.0 / height, "yanchor": "bottom"}
+    return figure.update_layout(
+        title={"text": html.escape(title)},
+        template=TEMPLATE,
+        height=height,
+        margin={"t": 76},
+        legend=legend,
+    )
+
+
+def plotted(values: Array) -> list[float | None]:
+    """Numbers for a figure; what was not measured is left out."""
+    return [v if v == v and abs(v) != float("inf") else None for v in values.tolist()]

@@ -1,0 +1,39 @@
+"""Corrected targets in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qsframework.applications.compensate import Compensation
+from qsframework.report.blocks import Mark, Verdict
+from qsframework.report.words.sizes import mm
+
+_HARDLY = 0.5
+"""Share of the uncorrected distance above which what is left says that the fit knows too little there."""
+
+
+def compensation_verdict(result: Compensation) -> Verdict:
+    """The largest distance without the correction and the one to be expected with it."""
+    worst, names = result.worst, result.targets.name
+    weak = [n for n, size, sd in zip(names, result.size, result.sd, strict=True) if sd > _HARDLY * size]
+    mark, word = Mark.GOOD, "Corrected"
+    if result.notes:
+        mark, word = Mark.LOOK, "Corrected, with notes"
+    said = (
+        f"{len(names)} target{'s' if len(names) > 1 else ''} moved: uncorrected up to {mm(result.size.max())} mm off, "
+        f"then {mm(result.sd[worst])} mm to be expected at the worst, target {names[worst]}"
+    )
+    if weak:
+        mark, word = Mark.LOOK, "Corrected, but the fit knows too little for some"
+        said += f"; at {', '.join(weak[:3])} the correction gains less than half"
+    return Verdict(
+        mark,
+        word,
+        f"{said}.",
+        (
+            (f"{mm(result.size.max())} mm", "uncorrected, largest"),
+            (f"{mm(result.sd[worst])} mm", "expected after, largest"),
+            (f"{mm(float(np.sqrt(np.mean(result.sd**2))))} mm", "expected after, RMS"),
+            (str(len(names)), "targets"),
+        ),
+    )

@@ -1,0 +1,79 @@
+"""A plan in words: its proof, and what it promises."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qsframework.experiment import Experiment, Plan
+from qsframework.experiment.plan import Certificate
+from qsframework.plugin import Array
+from qsframework.report.blocks import Mark, Verdict
+
+
+def certificate_text(plan: Plan) -> str:
+    """The proof of a plan in words."""
+    c = plan.certificate
+    if c is None:
+        return "This plan carries no certificate: it was not designed here."
+    certified = np.floor(1e7 * c.relaxed_efficiency) / 1e7  # never rounded up
+    words = (
+        f"{c.criterion}-optimal over {c.candidates} candidates, each a pose under one load. The relaxed design "
+        f"({c.solver}) is certified to an efficiency of {certified:.7f} by the equivalence theorem; the plan of "
+        f"{c.poses} of these poses reaches at least {_chosen(c):.4f} of the best that any plan over them could."
+    )
+    if c.polished_from is not None:
+        words += f" Angles then moved off the candidates, inside the constraints: {c.efficiency:.4f}."
+    return " ".join([words, *(f"Note: {note}." for note in c.notes)])
+
+
+def _chosen(c: Certificate) -> float:
+    """Efficiency of the chosen candidates, before their angles were moved."""
+    return c.efficiency if c.polished_from is None else c.polished_from
+
+
+def tip_size(plan: Plan) -> float | None:
+    """How well the criterion says that the tip is known after compensation, m; None of other criteria."""
+    c = plan.certificate
+    return None if c is None or c.criterion not in ("I", "G") else float(np.sqrt(c.value))
+
+
+def tip_words(plan: Plan) -> list[str]:
+    """What the criterion I or G says in millimetres."""
+    size = tip_size(plan)
+    if size is None:
+        return []
+    which = "root mean square" if plan.criterion == "I" else "largest"
+    return [
+        f"After compensation with a fit of this plan the tip is known to {1e3 * size:.4f} mm ({which} over the test "
+        "poses)"
+    ]
+
+
+def plan_verdict(experiment: Experiment, plan: Plan, sds: Array) -> Verdict:
+    """How many poses, what they tell, how well the tip is known then, and how near the plan is to the best.
+
+    sds (p,): promised for the fitted parameters
+    """
+    parameters, c, tip = experiment.fit_parameters(), plan.certificate, tip_size(plan)
+    lost = [p.name for p, sd in zip(parameters, sds, strict=True) if not np.isfinite(sd)]
+    shares = [sd / abs(p.nominal) for p, sd in zip(parameters, sds, strict=True) if p.nominal and np.isfinite(sd)]
+    faint = sum(1 for share in shares if share > 1.0)
+    mark, word, told = Mark.GOOD, "Plan ready", f"tell all {len(sds)} parameters"
+    if lost:
+        mark, word = Mark.BAD, "Plan tells too little"
+        told = f"tell {len(sds) - len(lost)} of {len(sds)} parameters, not {', '.join(lost[:3])}"
+    elif faint:
+        mark, word = Mark.LOOK, "Plan is weak"
+        told += f", {faint} of them to no better than their own size"
+    said = [f"{len(plan.pose)} poses {told}"]
+    numbers = [(str(len(plan.pose)), "poses")]
+    if tip is not None:
+        said.append(f"with a fit of them the tip is known to {1e3 * tip:.3f} mm")
+        numbers.append((f"{1e3 * tip:.3f} mm", "tip after compensation"))
+    if c is not None:
+        percent = f"{np.floor(1e3 * _chosen(c)) / 10:.1f} %"  # never rounded up
+        said.append(f"at least {percent} of the best possible over {c.candidates} candidates")
+        numbers.append((f"\u2265 {percent}", "of the best possible"))
+    if shares:
+        numbers.append((f"{100 * max(shares):.2g} %", "sd of the weakest parameter"))
+    return Verdict(mark, word, "; ".join(said) + ".", tuple(numbers))
