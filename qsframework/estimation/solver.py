@@ -201,6 +201,18 @@ class _Problem:
                 lacks[:, i] = o.noise.whiten(column) - tangent[:, i]
         return lacks
 
+    def holds(self, z: Array, whole: Array) -> bool:
+        """Whether sensitivities say what the predictions do where all parameters move at once, each by as much as the
+        readings show."""
+        o, x = self.observations, self.reduction.x(z)
+        size = np.maximum(np.linalg.norm(whole @ self.reduction.T, axis=0), 1e-300)
+        away = self.reduction.x(z + np.random.default_rng(0).choice([-1.0, 1.0], len(z)) / size)
+        try:
+            change = o.noise.whiten(o.predict(away) - o.predict(x))
+        except (NotConverged, InputError):
+            return False
+        return bool(np.linalg.norm(change - whole @ (away - x)) <= _TANGENT * np.linalg.norm(change))
+
     def prior(self, z: Array) -> tuple[Array, Array]:
         """Residuals and rows of the priors and of weak holds."""
         o = self.observations
@@ -468,6 +480,8 @@ def _solution(problem: _Problem, best: _Minimum) -> Solution:
     reduction = problem.reduction
     x = reduction.x(z)
     whole = problem.whole(z, best.correction)
+    if best.correction is not None and not problem.holds(z, whole):  # it was taken too far from here
+        whole = problem.whole(z, problem.lacking(z))
     rows = np.vstack([whole @ reduction.T, problem.prior(z)[1]])
     R = np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
     bound = (z <= reduction.lower) | (z >= reduction.upper)
