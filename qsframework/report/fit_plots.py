@@ -336,8 +336,8 @@ def _number(value: float, digits: int) -> str:
 
 
 def _poses(fit: Fit, at: Indices) -> list[str]:
-    return [html.escape(fit.poses[r]) for r in at]
+    return [html.escape(fit.poses[int(r)]) for r in at]
 
 
 def _labels(fit: Fit, at: Indices) -> list[str]:
-    return [f"row {fit.rows[r]}, pose {html.escape(fit.poses[r])}" for r in at]
+    return [f"row {fit.rows[r]}, pose {html.escape(fit.poses[int(r)])}" for r in at]
