@@ -42,6 +42,8 @@ _SLOW = 0.05
 """How much of the last step the next one may be before they are, all the same."""
 _TANGENT = 0.05
 """Share of a step's promise by which a tangent model may be wrong about it."""
+_HELD = 0.01
+"""Share of a change by which sensitivities that were taken elsewhere may be wrong about it at the minimum."""
 _STILL = 1e-5
 """Change of the prediction, in sds of a reading, at which a fit with tangent sensitivities has settled."""
 _IDLE = 4
@@ -211,7 +213,7 @@ class _Problem:
             change = o.noise.whiten(o.predict(away) - o.predict(x))
         except (NotConverged, InputError):
             return False
-        return bool(np.linalg.norm(change - whole @ (away - x)) <= _TANGENT * np.linalg.norm(change))
+        return bool(np.linalg.norm(change - whole @ (away - x)) <= _HELD * np.linalg.norm(change))
 
     def prior(self, z: Array) -> tuple[Array, Array]:
         """Residuals and rows of the priors and of weak holds."""
