@@ -8,7 +8,8 @@ from functools import partial
 from pathlib import Path
 
 from qsframework.cli.commands import beside, distinct_outputs, write_json
-from qsframework.cli.progress import print_table, progress
+from qsframework.cli.printing import print_folded, print_table
+from qsframework.cli.progress import progress
 from qsframework.cli.where import Where, at_work
 from qsframework.design import (
     Wish,
@@ -79,12 +80,12 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, where: Whe
     if taken:
         sds["with what was taken"] = joint_sd(experiment, [plan, *taken])
     table = sd_table(experiment.fit_parameters(), sds)
-    print(found.words())
+    print_folded(found.words())
     print_table(table.header, table.rows)
     beyond = [f"Note: {n}." for n in range_notes(experiment.model(), plan.poses, plan.pose)]
     margin = margin_words(experiment)
     for line in (certificate_text(plan), margin, *tip_words(plan), *twin_words(experiment, plan), *beyond):
-        print(line)
+        print_folded(line)
     print(f"plan: {files.output}")
     print(f"next: measure each pose unloaded, then loaded, or try it: qsf simulate {files.experiment} {files.output}")
     if files.json is not None:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.design import read_taken
-from qsframework.cli.progress import print_table, progress
+from qsframework.cli.printing import print_folded, print_table
+from qsframework.cli.progress import progress
 from qsframework.cli.where import ALONE, Where, at_work
 from qsframework.diagnose.result import Diagnosis
 from qsframework.discriminate.follow_up import SecondDay, second_day
@@ -45,9 +46,9 @@ def run_foresight(
         if table.rows:
             print_table(table.header, table.rows)
     for line in foresight_words(found):
-        print(line)
+        print_folded(line)
     for note in range_notes(campaign.model(), planned.poses, planned.pose):
-        print(f"note: {note}")
+        print_folded(f"note: {note}")
     print(f"next: measure the plan, then qsf diagnose {experiment} readings.csv")
     if json is not None:
         write_json(json, {"fitted": [p.as_json() for p in told], **foresight_json(found)})
@@ -87,7 +88,7 @@ def run_separate(
     with progress() as tell:
         found = discriminate(campaign, before, pair[0], pair[1], count, sigma=sigma, seed=seed, progress=tell)
     for line in discrimination_words(found):
-        print(line)
+        print_folded(line)
     if found.useful:
         write_plan(output, found.plan, campaign)
         print(f"plan: {output}")
@@ -102,7 +103,9 @@ def _left_over(experiment: Experiment, taken: Sequence[Plan | Readings]) -> floa
     for one in taken:
         if isinstance(one, Readings):
             sigma = identify(experiment, one).sigma
-            print(f"Nobody states the noise; what the fitted model leaves counts as noise: {1e3 * sigma:.3g} mm.")
+            print_folded(
+                f"Nobody states the noise; what the fitted model leaves counts as noise: {1e3 * sigma:.3g} mm."
+            )
             return sigma
     return None
 
@@ -115,7 +118,7 @@ def run_second_day(diagnosis: Diagnosis, count: int, output: Path, seed: int = 0
         found = second_day(diagnosis, count, seed=seed, progress=tell)
     write_plan(output, found.plan, diagnosis.experiment)
     for line in second_day_words(found):
-        print(line)
+        print_folded(line)
     for first, second in found.hopeless:
         print(f"`--separate {first} {second}` says what would separate them")
     print(f"plan: {output}")

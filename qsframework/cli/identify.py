@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qsframework.cli.commands import distinct_outputs, readings_files, write_json
-from qsframework.cli.progress import print_table
+from qsframework.cli.printing import print_folded, print_table
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class FitFiles:
 
 def note(text: str) -> None:
     """An old spelling was read as the new one."""
-    print(f"note: {text}")
+    print_folded(f"note: {text}")
 
 
 def print_findings(found: Sequence[Finding]) -> None:
@@ -43,7 +43,7 @@ def print_findings(found: Sequence[Finding]) -> None:
     if not found:
         print("the readings were looked through: no row is masked")
     for one in found:
-        print(f"{'masked, ' if one.mask.any() else ''}{one.kind}: {one.words}")
+        print_folded(f"{'masked, ' if one.mask.any() else ''}{one.kind}: {one.words}")
 
 
 def cleaned(experiment: Experiment, readings: Readings, fit: list[str] | None) -> tuple[Readings, tuple[Masked, ...]]:
@@ -72,7 +72,7 @@ def run_identify(files: FitFiles, fit: list[str] | None, options: FitOptions, cl
     result = replace(identify(experiment, readings, fit, options), cleaned=masks)
     _tell(result)
     for said in result_files(result, experiment.robot, files.nominal, files.urdf):
-        print(said)
+        print_folded(said)
     if files.json is not None:
         write_json(files.json, result.as_json())
         print(f"fit: {files.json}")
@@ -96,16 +96,16 @@ def _tell(result: Fit) -> None:
     from qsframework.report.words.fit import alignment_words, first_words, verdict_words
 
     for line in first_words(result):
-        print(line)
-    print(verdict_words(result))
+        print_folded(line)
+    print_folded(verdict_words(result))
     aside = (left_aside_table(result),) if result.left_aside else ()
     for table in (*aside, fit_table(result), *interval_tables(result), *error_tables(result)):
         print_table(table.header, table.rows)
-        print(table.caption)
+        print_folded(table.caption)
     for line in (*alignment_words(result.alignments), *result.notes):
-        print(line)
+        print_folded(line)
     for one in result.gross:
-        print(f"{'masked by the fit, ' if one.kind == 'gross' else ''}{one.kind}: {one.words}")
+        print_folded(f"{'masked by the fit, ' if one.kind == 'gross' else ''}{one.kind}: {one.words}")
     if any(one.kind == "block" for one in result.gross):
         print("nothing was masked; --clean masks them, --keep-all says that they are right")
 
@@ -135,12 +135,12 @@ def run_validate(files: FitFiles, fit: Path, halves: int, seed: int) -> None:
         found = validate_halves(experiment, readings, stored, halves, seed)
     else:
         found = validate(experiment, readings, stored)
-    print(validation_words(found))
+    print_folded(validation_words(found))
     for note in found.notes:
-        print(f"note: {note}")
+        print_folded(f"note: {note}")
     for table in validation_tables(found):
         print_table(table.header, table.rows)
-        print(table.caption)
+        print_folded(table.caption)
     if files.json is not None:
         write_json(files.json, found.as_json())
         print(f"validation: {files.json}")

@@ -134,6 +134,8 @@ def show(
     trust: Trust = False,
 ) -> None:
     """See the robot in 3D: poses, loads, limits, deflection, stiffness, residuals."""
+    if html is None:
+        print("Ctrl-C ends qsf show; the scene is being drawn", flush=True)  # before the libraries are loaded
     from qsframework.cli.show import Shown, run_show
 
     run_show(

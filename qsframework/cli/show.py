@@ -61,7 +61,7 @@ def run_show(shown: Shown, html: Path | None, port: int) -> None:
     pages = [first]
     site = Site(lambda watch: (pages.pop() if pages else make_scene(shown).html)(watch), shown.files())
     with serve(site, port) as server:
-        print(f"http://127.0.0.1:{server.server_address[1]}/ shows the scene, on this machine only; Ctrl-C ends it")
+        print(f"http://127.0.0.1:{server.server_address[1]}/ shows it, on this machine only", flush=True)
         try:
             server.serve_forever()
         except (KeyboardInterrupt, Stopped):

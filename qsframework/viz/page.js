@@ -126,9 +126,14 @@ function frame() {
   const tall = Math.tan(wide * Math.PI / 360), share = 0.9;
   const [across, upwards] = [tall * share * (width - left) / height, tall * share * (height - low) / height];
   let far = 0.1;
-  for (const point of points) {
-    const from = point.clone().sub(middle), near = from.dot(towards);
-    far = Math.max(far, near + Math.abs(from.dot(right)) / across, near + Math.abs(from.dot(high)) / upwards);
+  for (let round = 0; round < 5; round += 1) {  // what is near looks larger: the middle of the picture is not the box's
+    far = 0.1;
+    const from = points.map(p => p.clone().sub(middle)).map(d => [d.dot(right), d.dot(high), d.dot(towards)]);
+    for (const [x, y, near] of from) far = Math.max(far, near + Math.abs(x) / across, near + Math.abs(y) / upwards);
+    for (const [k, axis] of [right, high].entries()) {
+      const seen = from.map(d => d[k] / (far - d[2]));
+      middle.addScaledVector(axis, 0.5 * far * (Math.min(...seen) + Math.max(...seen)));
+    }
   }
   eye.fov = wide;
   eye.far = 20 * far;
