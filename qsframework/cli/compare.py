@@ -10,7 +10,7 @@ from qsframework.applications.compare import compare
 from qsframework.applications.task import load_task
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.pairs import pairs
-from qsframework.cli.printing import print_folded, print_table
+from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import progress
 from qsframework.cli.where import ALONE, Where, at_work
 from qsframework.errors import InputError, Problem
@@ -42,6 +42,8 @@ def run_compare(
     with at_work(where, lambda: job_of("compare", {"seed": seed}, values)) as work, progress() as tell:
         result = compare(robots, task, seed, tell, notes, work)
     table = summary_table(result)
+    verdict = comparison_verdict(result)
+    print_verdict(verdict)
     print_table(table.header, table.rows, task.title)
     print_folded(table.caption)
     for r in result.robots:
@@ -56,7 +58,6 @@ def run_compare(
         parameters = [replace(p, name=f"{r.name}: {p.name}") for r in robots for p in r.parameters]
         laws = (EQUILIBRIUM, STIFFNESS, INFORMATION, AFTER)
         sections = (*compare_sections(result), provenance_section(effects, inputs, seed, laws, parameters, robots))
-        verdict = comparison_verdict(result)
         print(f"report: {write_report(report, f'Comparison: {task.title}', sections, verdict)}")
 
 

@@ -18,7 +18,7 @@ from qsframework.applications.programme_targets import (
 )
 from qsframework.applications.targets import flange_pose, read_targets
 from qsframework.cli.commands import distinct_outputs, write_json
-from qsframework.cli.printing import print_folded, print_table
+from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, load_experiment
@@ -91,7 +91,9 @@ def run_compensate(files: CompensateFiles, reference: str, options: ProgrammeOpt
 
 def _print(result: Compensation, output: Path) -> None:
     from qsframework.report.compensation_section import target_table
+    from qsframework.report.words.compensation import compensation_verdict
 
+    print_verdict(compensation_verdict(result))
     table = target_table(result)
     print_table(table.header, table.rows[:_SHOWN])
     if len(table.rows) > _SHOWN:

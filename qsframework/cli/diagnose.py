@@ -132,8 +132,7 @@ def _write(
         print(f"extended robot: {files.extend / 'robot'}")
         told = bool(load_experiment(extended).data)
         print(
-            f"next: {'' if told else 'correct the readings, then '}qsf identify {extended}"
-            f"{'' if told else ' --data FILE'}"
+            f"next: {'' if told else 'correct the readings, then '}qsf identify {extended}{'' if told else ' READINGS'}"
         )
 
 

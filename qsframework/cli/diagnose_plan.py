@@ -7,7 +7,7 @@ from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.design import read_taken
-from qsframework.cli.printing import print_folded, print_table
+from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import progress
 from qsframework.cli.where import ALONE, Where, at_work
 from qsframework.diagnose.result import Diagnosis
@@ -38,10 +38,12 @@ def run_foresight(
     planned = read_plan(plan, campaign)
     told = promises(campaign, planned)
     known = promise_table(told)
-    print_table(known.header, known.rows)
     values = {"experiment": campaign, "plan": planned}
     with at_work(where, lambda: job_of("diagnose --plan", {"seed": seed}, values)) as work, progress() as tell:
         found = foresee(campaign, planned, seed=seed, progress=tell, work=work)
+    verdict = foresight_verdict(found)
+    print_verdict(verdict)
+    print_table(known.header, known.rows)
     for table in (size_table(found), pair_table(found)):
         if table.rows:
             print_table(table.header, table.rows)
@@ -63,7 +65,7 @@ def run_foresight(
             Section("The plan", (plan_view(campaign, planned),)),
             computed(campaign, [experiment, plan], seed, (LINEAR, INFORMATION)),
         )
-        title, verdict = f"Before measuring: {campaign.robot.title}", foresight_verdict(found)
+        title = f"Before measuring: {campaign.robot.title}"
         print(f"report: {write_report(report, title, sections, verdict)}")
 
 

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import textwrap
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from qsframework.report.blocks import Verdict
 
 PIPE = 100
 """Columns of what goes to a file or a pipe."""
@@ -12,6 +17,9 @@ _WHOLE = 20
 """Characters up to which a cell is never broken: numbers with their unit and sd."""
 _WORDY = 24
 """A column with a longer cell holds words, and may stand below its row instead."""
+_UNIT = re.compile(r"(?<=\d) (?=(?:%|(?:mm|m|deg|mrad|rad|N|kN|Nm|N m|kg|s|h)\b))")
+_TIED = "\N{NO-BREAK SPACE}"
+"""Between a number and its unit while lines are broken."""
 _GAP = 2
 _SILENT = ("", "-", "ok")
 """Cells that are not worth a line of their own."""
@@ -29,6 +37,12 @@ def print_folded(said: str) -> None:
     for line in said.splitlines():
         edge = len(line) - len(line.lstrip())
         print(folded(line, width(), " " * (edge + 2 if edge or line.startswith("- ") else 0)))
+
+
+def print_verdict(verdict: Verdict) -> None:
+    """What the reader came for, first: the word and the sentence."""
+    print_folded(f"{verdict.word}: {verdict.said}")
+    print()
 
 
 def print_line(lead: str, said: str) -> None:
@@ -95,8 +109,14 @@ def _lines(header: Row, rows: Sequence[Row], columns: Sequence[int], below: Sequ
 def folded(said: str, room: int, indent: str) -> str:
     """A line folded at so many columns; what follows its first is indented."""
     kept = len(said) - len(said.lstrip())
-    start = {"initial_indent": said[:kept], "subsequent_indent": indent}
-    return "\n".join(textwrap.wrap(said.lstrip(), room, break_on_hyphens=False, break_long_words=False, **start))
+    return "\n".join(_broken(said.lstrip(), room, said[:kept], indent))
+
+
+def _broken(said: str, room: int, first: str = "", rest: str = "") -> list[str]:
+    """Lines of so many columns; a word is never broken, and a number stays with its unit."""
+    start = {"initial_indent": first, "subsequent_indent": rest}
+    lines = textwrap.wrap(_UNIT.sub(_TIED, said), room, break_on_hyphens=False, break_long_words=False, **start)
+    return [line.replace(_TIED, " ") for line in lines]
 
 
 def _row(cells: Row, widths: Sequence[int], left: Sequence[bool], bottom: bool = False) -> list[str]:
@@ -116,7 +136,7 @@ def _row(cells: Row, widths: Sequence[int], left: Sequence[bool], bottom: bool =
 def _wrapped(cell: str, size: int) -> list[str]:
     if len(cell) <= size:
         return [cell]
-    return textwrap.wrap(cell, size, break_on_hyphens=False, break_long_words=False) or [""]
+    return _broken(cell, size) or [""]
 
 
 def _numbers(cells: Row) -> bool:
@@ -126,7 +146,7 @@ def _numbers(cells: Row) -> bool:
 
 
 def _word(text: str) -> int:
-    return max((len(word) for word in text.split()), default=0)
+    return max((len(word) for word in re.split(r"[ \n]+", _UNIT.sub(_TIED, text))), default=0)
 
 
 def _smallest(header: Row, rows: Sequence[Row], k: int) -> int:
