@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from qsframework.cli.printing import folded, print_folded, width
 from qsframework.cli.stop import Stopped, listening
 from qsframework.cli.trust import Trust
 from qsframework.cli.where import DaskAddress, Jobs, Kept, Where
@@ -39,8 +40,6 @@ Seed = Annotated[int, typer.Option(help="All randomness comes from this number."
 
 def note(text: str) -> None:
     """An old spelling was read as the new one."""
-    from qsframework.cli.printing import print_folded
-
     print_folded(f"note: {text}")
 
 
@@ -460,7 +459,7 @@ def main() -> None:
         shown = lines[:_MOST]
         if len(lines) > _MOST:
             shown.append(f"... and {len(lines) - _MOST} more problems")
-        print("\n".join(f"error: {_shown(line)}" for line in shown), file=sys.stderr)
+        print("\n".join(folded(f"error: {_shown(line)}", width(), "  ") for line in shown), file=sys.stderr)
         sys.exit(2)
 
 

@@ -69,10 +69,13 @@ def table_lines(header: Row, rows: Sequence[Row], room: int) -> list[str]:
     below: list[int] = []
     while _least(header, rows, columns) > room:
         wordy = [k for k in columns[1:] if max((len(r[k]) for r in rows), default=0) > _WORDY]
-        if not wordy:
+        words = wordy or [k for k in columns[1:] if not _numbers([r[k] for r in rows])]
+        silent = [k for k in columns[1:] if all(r[k].strip() in _SILENT for r in rows)]
+        if not words and not silent:
             break
-        below.insert(0, wordy[-1])
-        columns.remove(wordy[-1])
+        last = (silent or words)[-1]
+        below.insert(0, last)
+        columns.remove(last)
     out: list[str] = []
     for part in _parts(header, rows, columns, room):
         out += [""] if out else []
