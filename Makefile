@@ -3,7 +3,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test coverage docs bench lock clean
+.PHONY: help install demo test coverage docs pictures bench lock clean
 
 PYTHON ?= $(shell command -v python3.11 || echo python3)
 VENV := .venv
@@ -53,6 +53,9 @@ coverage: $(DONE)  ## branch coverage of the library, package by package; 95 % o
 docs: $(DONE)  ## build the site into build/site, with no warning
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	@echo "build/site/index.html"
+
+pictures: $(DONE)  ## remake the pages' pictures; the terminal at 80 and 120 columns into build/pictures
+	@$(BIN)/python docs/make_pictures.py
 
 bench: $(BENCHED)  ## measure against Pinocchio, cvxpy, FIGAROH and the memory: docs/performance.md, half an hour
 	@for script in $(BENCHMARKS); do echo "benchmarks/$$script.py"; $(BIN)/python benchmarks/$$script.py --write; done

@@ -1,10 +1,12 @@
-"""Make pictures in headless Chromium: report, `qsf show`, sheet and certificate for the pages, two robots.
+"""Make pictures in headless Chromium: report, `qsf show`, sheet, certificate and two robots for the pages; terminals.
 
-Run: python docs/make_pictures.py
+Run: make pictures
 """
 
 from __future__ import annotations
 
+import html
+import os
 import subprocess
 import sys
 import tempfile
@@ -26,7 +28,7 @@ FLAGS = (
 
 def screenshot(page: Path | str, picture: Path, size: str, at: str = "") -> None:
     """Save what Chromium shows of a page, or of the place #at in it, in a window of a size such as 1060,1500."""
-    picture.parent.mkdir(exist_ok=True)
+    picture.parent.mkdir(exist_ok=True, parents=True)
     with tempfile.TemporaryDirectory() as profile:
         subprocess.run(
             [
@@ -103,6 +105,49 @@ def measuring_day(images: Path) -> None:
             server.terminate()
 
 
+SESSION = """qsf robots
+qsf check gp18
+qsf check fanuc_m900ib {experiment}
+qsf design {experiment} -n 12 --candidates 400 -o plan.csv
+qsf simulate {experiment} plan.csv --truth drawn --seed 1 -o readings.csv
+qsf identify {experiment} readings.csv --json fit.json
+qsf identify {real}
+qsf validate {experiment} readings.csv fit.json
+qsf stiffness fanuc_m900ib --pose 0,20,-10,30,40,0 --load 0,0,-4000 --point 150,0,200
+qsf compensate {experiment} fit.json {targets} -o corrected.csv
+qsf export {experiment} plan.csv --to fanuc-ls --hold -o campaign.ls
+qsf diagnose {hidden}
+"""
+"""What a user types in a campaign, and what then stands in the terminal."""
+
+
+def terminal(pictures: Path, columns: int) -> None:
+    """The session in a terminal of so many columns, as a picture; a line that is wider runs over the edge, in red."""
+    examples = HERE.parent / "examples"
+    files = {
+        "experiment": EXPERIMENT,
+        "real": examples / "r2000ic" / "experiment.yaml",
+        "targets": examples / "m900ib" / "targets.csv",
+        "hidden": examples / "hidden_effect" / "experiment.yaml",
+    }
+    lines: list[str] = []
+    with tempfile.TemporaryDirectory() as name:
+        for command in SESSION.splitlines():
+            words = [str(Path(sys.executable).with_name("qsf")), *command.format(**files).split()[1:]]
+            environment = {**os.environ, "COLUMNS": str(columns)}
+            run = subprocess.run(words, cwd=name, env=environment, capture_output=True, text=True)
+            lines += [f"$ {command.format(**{k: path.name for k, path in files.items()})}"]
+            lines += [*(run.stdout + run.stderr).splitlines(), ""]
+        shown = "\n".join(
+            f"<b>{html.escape(line)}</b>" if len(line) > columns and not line.startswith("$") else html.escape(line)
+            for line in lines
+        )
+        page = Path(name) / "terminal.html"
+        style = f"pre {{ font: 14px/18px monospace; width: {columns}ch; background: #fafafa; }} b {{ color: #b00; }}"
+        page.write_text(f'<!DOCTYPE html><meta charset="utf-8"><style>{style}</style><pre>{shown}</pre>')
+        screenshot(page, pictures / f"terminal_{columns}.png", f"{9 * columns + 40},{18 * len(lines) + 60}")
+
+
 def main(images: Path = HERE / "images") -> None:
     """Design twelve poses for the M-900iB; picture report, plan in 3D, sheet; a certificate; and other robots."""
     certificate(images)
@@ -124,4 +169,6 @@ def main(images: Path = HERE / "images") -> None:
 
 
 if __name__ == "__main__":
+    for width in (80, 120):
+        terminal(HERE.parent / "build" / "pictures", width)
     main()

@@ -120,8 +120,9 @@ class PluginError(QsfError):
 
 def nearest(name: str, allowed: Iterable[str]) -> str | None:
     """A sentence with the nearest allowed name, or None if nothing is near."""
-    close = difflib.get_close_matches(name, list(allowed), n=1, cutoff=0.5)
-    return f"Did you mean {close[0]!r}?" if close else None
+    known = {word.lower(): word for word in allowed}
+    close = difflib.get_close_matches(name.lower(), list(known), n=1, cutoff=0.5)
+    return f"Did you mean {known[close[0]]!r}?" if close else None
 
 
 class QsfDeprecation(FutureWarning):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -15,9 +16,17 @@ for folder in ("elastostatics", "proof"):
 # whichever test comes first in a random order pays for what is loaded once: no deadlines
 settings.register_profile("qsf", deadline=None)
 settings.load_profile("qsf")
+os.environ["COLUMNS"] = "1000"  # sentences stand on one line; tests of the terminal set their own width
 ROOT = Path(__file__).resolve().parents[1]
 for folder in ("docs", "benchmarks"):
     sys.path.insert(0, str(ROOT / folder))
+
+
+@pytest.hookimpl(trylast=True)  # once there is a reporter
+def pytest_configure(config: pytest.Config) -> None:
+    """Pytest's own lines are not that wide."""
+    if config.pluginmanager.has_plugin("terminalreporter"):
+        config.get_terminal_writer().fullwidth = 100
 
 
 @pytest.fixture(scope="session")

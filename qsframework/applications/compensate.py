@@ -59,6 +59,7 @@ class Compensation:
     covariance: Array
     noise_covariance: Array
     notes: tuple[str, ...] = ()
+    reference: str = "commanded"
 
     @property
     def size(self) -> Array:
@@ -148,6 +149,7 @@ def compensate(
         covariance=covariance,
         noise_covariance=noise,
         notes=notes,
+        reference=reference,
     )
 
 

@@ -73,7 +73,7 @@ def stiffness_at(robot: Robot, pendant: Array, wrench: Array, point: Array) -> S
     rotation = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     return Stiffness(
         names=spring_names(model),
-        shares=_shares(model, poses),
+        shares=spring_shares(model, poses)[0],
         linear=model.predict(poses)[0, 0],
         full=(loaded.tip - unloaded.tip)[0],
         rotation=rotation,
@@ -104,7 +104,7 @@ def spring_names(model: Model) -> tuple[str, ...]:
     return tuple(p.name for e in model.effects if isinstance(e, Spring) for p in e.parameters(model.facts))
 
 
-def _shares(model: Model, poses: Poses) -> Array:
-    """Translation (ne, 3) of the tip that each spring's deflection makes, linear model."""
-    ev = evaluate(model, poses, model.nominal)
-    return (ev.state.tip.linear * ev.deflection[:, None, :])[:, :, 0]
+def spring_shares(model: Model, poses: Poses, x: Array | None = None) -> Array:
+    """Translation (N, ne, 3) m of the tip that each spring's deflection makes at N poses, linear model."""
+    ev = evaluate(model, poses, model.nominal if x is None else x)
+    return np.asarray((ev.state.tip.linear * ev.deflection[:, None, :]).transpose(2, 0, 1))

@@ -7,6 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, readings_files
+from qsframework.cli.printing import print_folded
 from qsframework.experiment import load_experiment, read_readings
 
 
@@ -26,11 +27,13 @@ def run_certificate(
     distinct_outputs([output], [experiment_file, fit, *sources, *([meta] if meta else [])])
     told = read_meta(meta)
     found = certify(experiment, stored, read_readings(sources, experiment), told, halves=halves, seed=seed)
-    print(conformity_words(found.conformity))
-    print(validation_words(found.validation))
+    print_folded(conformity_words(found.conformity))
+    print_folded(validation_words(found.validation))
     left = [f"{title.lower()}: {name}" for title, part in heads(found) for name, value in part if value == MISSING]
     if left:
-        print(f"note: printed as not stated: {', '.join(left)}. --meta states them; --template writes such a file")
+        print_folded(
+            f"note: printed as not stated: {', '.join(left)}. --meta states them; --template writes such a file"
+        )
     print(f"certificate: {write_certificate(output, found)}")
 
 

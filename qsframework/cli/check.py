@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qsframework.cli.commands import distinct_outputs, write_json
-from qsframework.cli.progress import print_table
+from qsframework.cli.printing import print_folded, print_table
 from qsframework.errors import InputError, Problem, QsfError
 from qsframework.experiment import (
     Experiment,
@@ -79,7 +79,7 @@ def check_files(files: Sequence[Path], json: Path | None, report: Path | None = 
     if problems:
         raise InputError(problems)
     for one in checked:
-        print(f"{one.file}: {one.said()}")
+        print_folded(f"{one.file}: {one.said()}")
     if json is not None:
         write_json(json, {str(one.file): one.said() for one in checked}, names=True)
     if report is not None:
@@ -87,7 +87,8 @@ def check_files(files: Sequence[Path], json: Path | None, report: Path | None = 
 
 
 def _check(file: Path) -> Checked:
-    if str(file) in robot_names() or file.name == "robot.yaml" or file.is_dir():
+    named = not file.suffix and not file.exists()  # a robot that nobody knows is told with the names that there are
+    if named or str(file) in robot_names() or file.name == "robot.yaml" or file.is_dir():
         robot = load_robot(file)
         words = f"robot {robot.name}, {robot.facts.n} joints, {len(robot.parameters)} parameters"
         return Checked(file, words, robot, lines=_weightless(robot))

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from qsframework.cli.printing import print_folded
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import (
     Experiment,
@@ -41,11 +42,11 @@ def run_simulate(
     experiment = load_experiment(file)
     plan = read_plan(plan_file, experiment)
     for constraint, poses in broken_constraints(experiment, plan).items():
-        print(f"note: {', '.join(poses)} break the constraint {constraint!r}")
+        print_folded(f"note: {', '.join(poses)} break the constraint {constraint!r}")
     result = simulate(experiment, plan, truth=truth, seed=seed, linear=linear)
     notes = range_notes(result.model, plan.poses, plan.pose, result.x)
     for note in notes:
-        print(f"note: {note}")
+        print_folded(f"note: {note}")
     made = write_simulated(output, result.readings, experiment)
     if json is not None:
         told = {"readings": str(output), "seed": seed, "truth": result.truth_by_name()}
@@ -60,7 +61,7 @@ def run_simulate(
         sections = (*simulation_sections(experiment, plan, result, linear, notes), own)
         print(f"report: {write_report(report, f'Simulation: {experiment.robot.title}', sections)}")
     print(f"{len(result.readings)} readings at {len(set(result.readings.pose))} poses: {output}")
-    print(f"next: qsf identify {file} --data {output}")
+    print(f"next: qsf identify {file} {output}")
 
 
 def readings_files(experiment: Experiment, data: Sequence[Path], option: str = "FILE...") -> tuple[Path, ...]:

@@ -10,7 +10,8 @@ from qsframework.applications.compare import compare
 from qsframework.applications.task import load_task
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.pairs import pairs
-from qsframework.cli.progress import print_table, progress
+from qsframework.cli.printing import print_folded, print_table, print_verdict
+from qsframework.cli.progress import progress
 from qsframework.cli.where import ALONE, Where, at_work
 from qsframework.errors import InputError, Problem
 from qsframework.robot import Robot, load_robot
@@ -41,12 +42,14 @@ def run_compare(
     with at_work(where, lambda: job_of("compare", {"seed": seed}, values)) as work, progress() as tell:
         result = compare(robots, task, seed, tell, notes, work)
     table = summary_table(result)
+    verdict = comparison_verdict(result)
+    print_verdict(verdict)
     print_table(table.header, table.rows, task.title)
-    print(table.caption)
+    print_folded(table.caption)
     for r in result.robots:
-        print(f"{r.robot.name}: {r.campaign}")
+        print_folded(f"{r.robot.name}: {r.campaign}")
         for note in r.notes:
-            print(f"  note: {note}")
+            print_folded(f"  note: {note}")
     if json is not None:
         write_json(json, result.as_json())
     if report is not None:
@@ -55,7 +58,6 @@ def run_compare(
         parameters = [replace(p, name=f"{r.name}: {p.name}") for r in robots for p in r.parameters]
         laws = (EQUILIBRIUM, STIFFNESS, INFORMATION, AFTER)
         sections = (*compare_sections(result), provenance_section(effects, inputs, seed, laws, parameters, robots))
-        verdict = comparison_verdict(result)
         print(f"report: {write_report(report, f'Comparison: {task.title}', sections, verdict)}")
 
 

@@ -18,7 +18,8 @@ from qsframework.applications.programme_targets import (
 )
 from qsframework.applications.targets import flange_pose, read_targets
 from qsframework.cli.commands import distinct_outputs, write_json
-from qsframework.cli.progress import print_table, progress
+from qsframework.cli.printing import print_folded, print_table, print_verdict
+from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, load_experiment
 from qsframework.experiment.columns import write_table
@@ -90,14 +91,16 @@ def run_compensate(files: CompensateFiles, reference: str, options: ProgrammeOpt
 
 def _print(result: Compensation, output: Path) -> None:
     from qsframework.report.compensation_section import target_table
+    from qsframework.report.words.compensation import compensation_verdict
 
+    print_verdict(compensation_verdict(result))
     table = target_table(result)
     print_table(table.header, table.rows[:_SHOWN])
     if len(table.rows) > _SHOWN:
         print(f"... and {len(table.rows) - _SHOWN} more targets, in {output}")
-    print(words(result))
+    print_folded(words(result))
     for note in result.notes:
-        print(f"note: {note}")
+        print_folded(f"note: {note}")
 
 
 def _more(
@@ -158,13 +161,15 @@ def _programme(made: ProgrammeTargets, texts: dict[Path, str], outputs: list[Pat
     """Write the corrected files, and show what differs."""
     searched = [p for p in made.points if p.cartesian]
     if searched:
-        print(
+        print_folded(
             f"note: the joint angles of {len(searched)} poses, from {searched[0].name} in line {searched[0].line} on, "
             "were searched from the point before; the configuration that the programme states was not read"
         )
     if made.source.shifted:
         lines = ", ".join(map(str, made.source.shifted[:10]))
-        print(f"note: motions in line {lines} are relative or shifted when they run: what they add is not corrected")
+        print_folded(
+            f"note: motions in line {lines} are relative or shifted when they run: what they add is not corrected"
+        )
     for (path, text), output in zip(texts.items(), outputs, strict=True):
         old, new = (t.replace("\r\n", "\n").splitlines() for t in (made.source.texts[path], text))
         diff = list(difflib.unified_diff(old, new, path.name, output.name, lineterm="", n=0))

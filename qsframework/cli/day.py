@@ -12,7 +12,7 @@ from qsframework.applications.day.day import Day, begin
 from qsframework.applications.day.entry import enter_file
 from qsframework.applications.protocol import ProtocolWish
 from qsframework.cli.export import plan_of
-from qsframework.cli.progress import print_folded
+from qsframework.cli.printing import print_folded
 from qsframework.errors import InputError, QsfError
 from qsframework.experiment import load_experiment
 from qsframework.files import sha256

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from qsframework.cli.commands import distinct_outputs, write_json
-from qsframework.cli.progress import Tell, print_table, progress
+from qsframework.cli.printing import print_folded, print_table
+from qsframework.cli.progress import Tell, progress
 from qsframework.experiment import (
     Experiment,
     Plan,
@@ -70,7 +71,7 @@ def _print_section(section: Section) -> None:
         if isinstance(block, Table) and block.header[0] != "pose":
             print_table(block.header, block.rows)
         elif isinstance(block, Text):
-            print(block.text)
+            print_folded(block.text)
 
 
 def real_readings(tell: Tell) -> tuple[list[Section], dict[str, Any]]:

@@ -8,7 +8,8 @@ from functools import partial
 from pathlib import Path
 
 from qsframework.cli.commands import beside, distinct_outputs, write_json
-from qsframework.cli.progress import print_table, progress
+from qsframework.cli.printing import print_folded, print_table, print_verdict
+from qsframework.cli.progress import progress
 from qsframework.cli.where import Where, at_work
 from qsframework.design import (
     Wish,
@@ -50,7 +51,7 @@ class DesignFiles:
         return [self.experiment, *self.taken, *named, *([self.test_poses] if self.test_poses else [])]
 
 
-def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, where: Where) -> None:
+def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, where: Where, verbose: bool = False) -> None:
     """Design, write plan.csv and plan.json, print the promise of the plan."""
     experiment = load_experiment(files.experiment)
     outputs = [files.output, beside(files.output, ".json"), files.json, files.report, where.checkpoint]
@@ -79,12 +80,16 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, where: Whe
     if taken:
         sds["with what was taken"] = joint_sd(experiment, [plan, *taken])
     table = sd_table(experiment.fit_parameters(), sds)
-    print(found.words())
+    verdict = plan_verdict(experiment, plan, sds["this plan"])
+    print_verdict(verdict)
     print_table(table.header, table.rows)
+    print_folded(f"{found.words() if verbose else found.summary}.")
+    if not verbose and any(found.alone.values()):
+        print("`--verbose` says which constraint excludes how many.")
     beyond = [f"Note: {n}." for n in range_notes(experiment.model(), plan.poses, plan.pose)]
     margin = margin_words(experiment)
-    for line in (certificate_text(plan), margin, *tip_words(plan), *twin_words(experiment, plan), *beyond):
-        print(line)
+    for line in (certificate_text(plan), margin, *twin_words(experiment, plan), *beyond):
+        print_folded(line)
     print(f"plan: {files.output}")
     print(f"next: measure each pose unloaded, then loaded, or try it: qsf simulate {files.experiment} {files.output}")
     if files.json is not None:
@@ -96,7 +101,6 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, where: Whe
             *plan_sections(experiment, plan, table, notes),
             computed(experiment, files.inputs(), seed, (LINEAR, INFORMATION, AFTER)),
         )
-        verdict = plan_verdict(experiment, plan, sds["this plan"])
         print(f"report: {write_report(files.report, f'Measurement plan: {experiment.robot.title}', sections, verdict)}")
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, readings_files, write_json
-from qsframework.cli.progress import Tell, print_folded, print_line, print_table, progress
+from qsframework.cli.printing import print_folded, print_line, print_table
+from qsframework.cli.progress import Tell, progress
 from qsframework.cli.where import ALONE, Where
 from qsframework.diagnose import LEVEL, STEPS, Diagnosis, diagnose
 from qsframework.diagnose.extend import check_folder
@@ -131,8 +132,7 @@ def _write(
         print(f"extended robot: {files.extend / 'robot'}")
         told = bool(load_experiment(extended).data)
         print(
-            f"next: {'' if told else 'correct the readings, then '}qsf identify {extended}"
-            f"{'' if told else ' --data FILE'}"
+            f"next: {'' if told else 'correct the readings, then '}qsf identify {extended}{'' if told else ' READINGS'}"
         )
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.design import read_taken
-from qsframework.cli.progress import print_table, progress
+from qsframework.cli.printing import print_folded, print_table, print_verdict
+from qsframework.cli.progress import progress
 from qsframework.cli.where import ALONE, Where, at_work
 from qsframework.diagnose.result import Diagnosis
 from qsframework.discriminate.follow_up import SecondDay, second_day
@@ -37,17 +38,19 @@ def run_foresight(
     planned = read_plan(plan, campaign)
     told = promises(campaign, planned)
     known = promise_table(told)
-    print_table(known.header, known.rows)
     values = {"experiment": campaign, "plan": planned}
     with at_work(where, lambda: job_of("diagnose --plan", {"seed": seed}, values)) as work, progress() as tell:
         found = foresee(campaign, planned, seed=seed, progress=tell, work=work)
+    verdict = foresight_verdict(found)
+    print_verdict(verdict)
+    print_table(known.header, known.rows)
     for table in (size_table(found), pair_table(found)):
         if table.rows:
             print_table(table.header, table.rows)
     for line in foresight_words(found):
-        print(line)
+        print_folded(line)
     for note in range_notes(campaign.model(), planned.poses, planned.pose):
-        print(f"note: {note}")
+        print_folded(f"note: {note}")
     print(f"next: measure the plan, then qsf diagnose {experiment} readings.csv")
     if json is not None:
         write_json(json, {"fitted": [p.as_json() for p in told], **foresight_json(found)})
@@ -62,7 +65,7 @@ def run_foresight(
             Section("The plan", (plan_view(campaign, planned),)),
             computed(campaign, [experiment, plan], seed, (LINEAR, INFORMATION)),
         )
-        title, verdict = f"Before measuring: {campaign.robot.title}", foresight_verdict(found)
+        title = f"Before measuring: {campaign.robot.title}"
         print(f"report: {write_report(report, title, sections, verdict)}")
 
 
@@ -87,7 +90,7 @@ def run_separate(
     with progress() as tell:
         found = discriminate(campaign, before, pair[0], pair[1], count, sigma=sigma, seed=seed, progress=tell)
     for line in discrimination_words(found):
-        print(line)
+        print_folded(line)
     if found.useful:
         write_plan(output, found.plan, campaign)
         print(f"plan: {output}")
@@ -102,7 +105,9 @@ def _left_over(experiment: Experiment, taken: Sequence[Plan | Readings]) -> floa
     for one in taken:
         if isinstance(one, Readings):
             sigma = identify(experiment, one).sigma
-            print(f"Nobody states the noise; what the fitted model leaves counts as noise: {1e3 * sigma:.3g} mm.")
+            print_folded(
+                f"Nobody states the noise; what the fitted model leaves counts as noise: {1e3 * sigma:.3g} mm."
+            )
             return sigma
     return None
 
@@ -115,7 +120,7 @@ def run_second_day(diagnosis: Diagnosis, count: int, output: Path, seed: int = 0
         found = second_day(diagnosis, count, seed=seed, progress=tell)
     write_plan(output, found.plan, diagnosis.experiment)
     for line in second_day_words(found):
-        print(line)
+        print_folded(line)
     for first, second in found.hopeless:
         print(f"`--separate {first} {second}` says what would separate them")
     print(f"plan: {output}")

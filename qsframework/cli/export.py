@@ -12,6 +12,7 @@ from qsframework.applications.export import ENDINGS, FORMATS, export
 from qsframework.applications.ordering import with_repeats
 from qsframework.applications.programme import Programme, make_programme
 from qsframework.cli.commands import beside, distinct_outputs, write_json
+from qsframework.cli.printing import print_folded
 from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment import Experiment, Plan, load_experiment, read_plan
@@ -50,9 +51,9 @@ def run_export(plan_file: Path, file: Path, output: Path, wish: ExportWish, json
             experiment, plan, wish.order, wish.seed, wish.speed, wish.pause, home, tell, str(plan_file)
         )
     files = export(replace(programme, tool=wish.tool, frame=wish.frame), plan, wish.to, output)
-    print(words(programme))
+    print_folded(words(programme))
     for note in programme.notes:
-        print(f"note: {note}")
+        print_folded(f"note: {note}")
     print("written and read back: " + ", ".join(map(str, files)))
     if json is not None:
         write_json(json, as_json(programme, wish, files))

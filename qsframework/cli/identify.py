@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qsframework.cli.commands import distinct_outputs, readings_files, write_json
-from qsframework.cli.progress import print_table
+from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
 
 if TYPE_CHECKING:
@@ -33,17 +33,12 @@ class FitFiles:
         return (self.json, self.report, self.nominal, self.urdf)
 
 
-def note(text: str) -> None:
-    """An old spelling was read as the new one."""
-    print(f"note: {text}")
-
-
 def print_findings(found: Sequence[Finding]) -> None:
     """What was masked of the readings, a line each."""
     if not found:
         print("the readings were looked through: no row is masked")
     for one in found:
-        print(f"{'masked, ' if one.mask.any() else ''}{one.kind}: {one.words}")
+        print_folded(f"{'masked, ' if one.mask.any() else ''}{one.kind}: {one.words}")
 
 
 def cleaned(experiment: Experiment, readings: Readings, fit: list[str] | None) -> tuple[Readings, tuple[Masked, ...]]:
@@ -70,9 +65,9 @@ def run_identify(files: FitFiles, fit: list[str] | None, options: FitOptions, cl
     if clean:
         readings, masks = cleaned(experiment, readings, fit)
     result = replace(identify(experiment, readings, fit, options), cleaned=masks)
-    _tell(result)
+    _tell(result, readings)
     for said in result_files(result, experiment.robot, files.nominal, files.urdf):
-        print(said)
+        print_folded(said)
     if files.json is not None:
         write_json(files.json, result.as_json())
         print(f"fit: {files.json}")
@@ -85,7 +80,7 @@ def _asked(experiment: Experiment, fit: list[str] | None) -> Experiment:
     return experiment if fit is None else experiment.with_(fit=tuple(fit))
 
 
-def _tell(result: Fit) -> None:
+def _tell(result: Fit, readings: Readings) -> None:
     """What comes first, the verdict, the tables and the notes."""
     from qsframework.report.fit_section import (
         error_tables,
@@ -93,19 +88,21 @@ def _tell(result: Fit) -> None:
         interval_tables,
         left_aside_table,
     )
-    from qsframework.report.words.fit import alignment_words, first_words, verdict_words
+    from qsframework.report.words.fit import alignment_words, first_words, fit_verdict, verdict_words
 
     for line in first_words(result):
-        print(line)
-    print(verdict_words(result))
+        print_folded(line)
+    print_verdict(fit_verdict(result, readings.poses))
+    print_folded(verdict_words(result))
+    print()
     aside = (left_aside_table(result),) if result.left_aside else ()
     for table in (*aside, fit_table(result), *interval_tables(result), *error_tables(result)):
         print_table(table.header, table.rows)
-        print(table.caption)
+        print_folded(table.caption)
     for line in (*alignment_words(result.alignments), *result.notes):
-        print(line)
+        print_folded(line)
     for one in result.gross:
-        print(f"{'masked by the fit, ' if one.kind == 'gross' else ''}{one.kind}: {one.words}")
+        print_folded(f"{'masked by the fit, ' if one.kind == 'gross' else ''}{one.kind}: {one.words}")
     if any(one.kind == "block" for one in result.gross):
         print("nothing was masked; --clean masks them, --keep-all says that they are right")
 
@@ -124,7 +121,7 @@ def run_validate(files: FitFiles, fit: Path, halves: int, seed: int) -> None:
     """Tell how far readings that a fit has not seen are from it, or random halves of its own."""
     from qsframework.identify import read_fit, validate, validate_halves
     from qsframework.report.validation_section import validation_section, validation_tables
-    from qsframework.report.words.validation import validation_verdict, validation_words
+    from qsframework.report.words.validation import validation_verdict
 
     experiment = load_experiment(files.experiment)
     stored = read_fit(fit)
@@ -135,12 +132,12 @@ def run_validate(files: FitFiles, fit: Path, halves: int, seed: int) -> None:
         found = validate_halves(experiment, readings, stored, halves, seed)
     else:
         found = validate(experiment, readings, stored)
-    print(validation_words(found))
+    print_verdict(validation_verdict(found))
     for note in found.notes:
-        print(f"note: {note}")
+        print_folded(f"note: {note}")
     for table in validation_tables(found):
         print_table(table.header, table.rows)
-        print(table.caption)
+        print_folded(table.caption)
     if files.json is not None:
         write_json(files.json, found.as_json())
         print(f"validation: {files.json}")

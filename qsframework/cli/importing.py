@@ -11,7 +11,7 @@ from qsframework.applications.importers.importing import UNLOADED
 from qsframework.applications.importers.mapping import read_mapping
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.pairs import pairs
-from qsframework.cli.progress import print_folded, print_table
+from qsframework.cli.printing import print_folded, print_table
 from qsframework.experiment import load_experiment
 from qsframework.experiment.measured import keep_measured, write_imported
 

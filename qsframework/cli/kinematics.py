@@ -7,7 +7,7 @@ from pathlib import Path
 
 from qsframework.applications.kinematics import WRITERS, Fitted, Written, fitted, offset_rows, write_offsets
 from qsframework.cli.commands import distinct_outputs, write_json
-from qsframework.cli.progress import print_folded, print_table
+from qsframework.cli.printing import print_folded, print_table
 from qsframework.experiment import load_experiment
 from qsframework.identify.io import read_fit
 

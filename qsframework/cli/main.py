@@ -5,20 +5,21 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from qsframework.cli.printing import folded, print_folded, width
 from qsframework.cli.stop import Stopped, listening
 from qsframework.cli.trust import Trust
 from qsframework.cli.where import DaskAddress, Jobs, Kept, Where
 from qsframework.cli.work import add_commands
-from qsframework.errors import InputError, QsfError
+from qsframework.errors import InputError, Problem, QsfError, nearest
 
 app = typer.Typer(
     name="qsf",
     no_args_is_help=True,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
 )
 
@@ -28,7 +29,7 @@ Report = Annotated[Path | None, typer.Option("--report", help="Write an HTML rep
 Files = Annotated[
     list[Path] | None, typer.Argument(metavar="[READINGS]...", help="Files; the experiment's own if left out.")
 ]
-Data = Annotated[list[Path] | None, typer.Option(help="The same as an option (repeat).")]
+Data = Annotated[list[Path] | None, typer.Option("--data", hidden=True)]
 Linear = Annotated[bool, typer.Option("--linear", help="Balance the load at the undeflected pose, as the paper does.")]
 Exact = Annotated[bool, typer.Option("--exact", hidden=True)]
 States = Annotated[
@@ -37,28 +38,60 @@ States = Annotated[
 Seed = Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)]
 
 
+def note(text: str) -> None:
+    """An old spelling was read as the new one."""
+    print_folded(f"note: {text}")
+
+
 def _old_exact(asked: bool) -> None:
     """--exact was an option while the linear model was the default."""
     if asked:
-        print("note: the full equilibrium is the default; --exact does nothing, --linear is the other model")
+        note("the full equilibrium is the default; --exact does nothing, --linear is the other model")
 
 
 def _version(asked: bool) -> None:
     if asked:
-        from importlib.metadata import version
-
-        print(f"qsframework {version('qsframework')}")
+        version()
         raise typer.Exit
 
 
 @app.callback()
 def whole(
-    version: Annotated[
+    told: Annotated[
         bool, typer.Option("--version", help="Print the version and end.", callback=_version, is_eager=True)
     ] = False,
     trust: Trust = False,
 ) -> None:
     """Elastostatic calibration of heavy, quasi-serial industrial robots."""
+
+
+@app.command()
+def version() -> None:
+    """Print the version."""
+    from importlib.metadata import version as installed
+
+    print(f"qsframework {installed('qsframework')}")
+
+
+@app.command("help")
+def help_(
+    context: typer.Context, command: Annotated[str | None, typer.Argument(help="A command.", show_default=False)] = None
+) -> None:
+    """Say what qsf does, or what one command does."""
+    whole = context.parent
+    assert whole is not None
+    group: Any = whole.command
+    if command is None:
+        print(whole.get_help())
+        return
+    found = group.get_command(whole, command)
+    if found is None:
+        raise InputError(
+            Problem(
+                f"unknown command {command!r}", allowed=", ".join(group.commands), hint=nearest(command, group.commands)
+            )
+        )
+    print(found.get_help(typer.Context(found, info_name=command, parent=whole)))
 
 
 @app.command()
@@ -120,9 +153,17 @@ def stiffness(
 @app.command()
 def show(
     subject: Annotated[str, typer.Argument(metavar="ROBOT|EXPERIMENT", help="A robot's name, or experiment.yaml.")],
-    plan: Annotated[Path | None, typer.Argument(help="plan.csv", show_default=False)] = None,
-    fit: Annotated[Path | None, typer.Option(help="fit.json: its values, and the residuals of its readings.")] = None,
-    data: Annotated[Path | None, typer.Option(help="Readings of --fit; the experiment's own if left out.")] = None,
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[FILES]...",
+            help="plan.csv; fit.json: its values, and the residuals of its readings; other readings than the "
+            "experiment's.",
+            show_default=False,
+        ),
+    ] = None,
+    fit: Annotated[Path | None, typer.Option(hidden=True)] = None,
+    data: Annotated[Path | None, typer.Option(hidden=True)] = None,
     pose: Annotated[str | None, typer.Option(help="Pendant angles, deg, or mm: J1,J2,... instead of a plan.")] = None,
     load: Annotated[str | None, typer.Option(help="Force, N, base frame: fx,fy,fz[,mx,my,mz in Nm].")] = None,
     point: Annotated[str | None, typer.Option(help="Where the load acts on a robot, mm, flange frame.")] = None,
@@ -134,8 +175,18 @@ def show(
     trust: Trust = False,
 ) -> None:
     """See the robot in 3D: poses, loads, limits, deflection, stiffness, residuals."""
+    if html is None:
+        print("Ctrl-C ends qsf show; the scene is being drawn", flush=True)  # before the libraries are loaded
+    from qsframework.cli.kinds import sorted_out
     from qsframework.cli.show import Shown, run_show
 
+    for option, old in (("--fit", fit), ("--data", data)):
+        if old is not None:
+            note(f"{option} {old.name}: name the file without {option}")
+    given = sorted_out(files or (), ("fit", "readings"), "plan")
+    if len(given["plan"]) > 1:
+        raise InputError(Problem("one plan is shown", found=", ".join(map(str, given["plan"]))))
+    plan, fit, data = (next(iter(given[k]), old) for k, old in (("plan", None), ("fit", fit), ("readings", data)))
     run_show(
         Shown(subject=subject, plan=plan, fit=fit, data=data, pose=pose, load=load, point=point, scale=scale),
         html,
@@ -169,6 +220,7 @@ def design(
     solver: Annotated[str, typer.Option(help="'columns', or 'cvxpy' as the reference.")] = "columns",
     polish: Annotated[bool, typer.Option(help="Move the angles off the candidates where that helps.")] = True,
     output: Annotated[Path, typer.Option("-o", "--output", help="The plan.")] = Path("plan.csv"),
+    verbose: Annotated[bool, typer.Option("--verbose", help="Say which constraint excludes how many poses.")] = False,
     jobs: Jobs = 1,
     dask: DaskAddress = None,
     checkpoint: Kept = None,
@@ -207,6 +259,7 @@ def design(
         wish,
         seed,
         Where(jobs, dask, checkpoint),
+        verbose,
     )
 
 
@@ -266,11 +319,13 @@ def identify(
     differences: Annotated[bool, typer.Option("--differences", hidden=True)] = False,
 ) -> None:
     """Estimate the parameters from readings of any kind."""
-    from qsframework.cli.identify import FitFiles, note, run_identify
+    from qsframework.cli.identify import FitFiles, run_identify
     from qsframework.estimation import FitOptions
 
     _old_exact(exact)
     readings = [*(files or ()), *(data or ())]
+    if data:
+        note("--data: name the readings after the experiment, without --data")
     if positions is not None:
         from qsframework.experiment import load_experiment
 
@@ -306,8 +361,14 @@ def identify(
 @app.command()
 def validate(
     experiment: ExperimentFile,
-    fit: Annotated[Path, typer.Argument(help="fit.json", show_default=False)],
-    files: Files = None,
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FIT [READINGS]...",
+            help="fit.json, and readings; the experiment's own if left out.",
+            show_default=False,
+        ),
+    ],
     halves: Annotated[int, typer.Option(help="Fit N random halves of the poses, judge the others.", min=0)] = 0,
     states: States = None,
     seed: Seed = 0,
@@ -317,9 +378,11 @@ def validate(
 ) -> None:
     """Errors of a fit at readings that it has not seen."""
     from qsframework.cli.identify import FitFiles, run_validate
+    from qsframework.cli.kinds import sorted_out, the_fit
 
-    paths = FitFiles(experiment=experiment, data=tuple(files or ()), json=json, report=report, states=states)
-    run_validate(paths, fit, halves, seed)
+    given = sorted_out(files, ("fit",), "readings")
+    paths = FitFiles(experiment=experiment, data=tuple(given["readings"]), json=json, report=report, states=states)
+    run_validate(paths, the_fit(given, "validate EXPERIMENT fit.json [READINGS...]"), halves, seed)
 
 
 @app.command()
@@ -355,10 +418,13 @@ def diagnose(
 ) -> None:
     """Name what the model gets wrong, extend it, and measure the gain."""
     from qsframework.cli.diagnose import Asked, DiagnoseFiles, run_diagnose
+    from qsframework.cli.kinds import sorted_out
 
+    given = sorted_out(data or (), ("plan",) if plan is None and separate is None else (), "readings")
+    plan = plan or next(iter(given.get("plan", ())), None)
     files = DiagnoseFiles(
         experiment=experiment,
-        data=tuple(data or ()),
+        data=tuple(given["readings"]),
         json=json,
         report=report,
         extend=extend,
@@ -393,7 +459,7 @@ def main() -> None:
         shown = lines[:_MOST]
         if len(lines) > _MOST:
             shown.append(f"... and {len(lines) - _MOST} more problems")
-        print("\n".join(f"error: {_shown(line)}" for line in shown), file=sys.stderr)
+        print("\n".join(folded(f"error: {_shown(line)}", width(), "  ") for line in shown), file=sys.stderr)
         sys.exit(2)
 
 

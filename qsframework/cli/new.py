@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qsframework.cli.pairs import pairs
+from qsframework.cli.printing import print_folded, print_line
 from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem
 
@@ -32,7 +33,7 @@ def run_conformance(files: Sequence[Path]) -> None:
 def _print_checks(checks: Sequence[Check]) -> list[str]:
     """Print what was found of a robot; what did not hold."""
     for check in checks:
-        print(f"  {'ok' if check.good else 'NO'}  {check.name}: {check.words}")
+        print_folded(f"  {'ok' if check.good else 'NO'}  {check.name}: {check.words}")
     return [f"{check.name}: {check.words}" for check in checks if not check.good]
 
 
@@ -92,7 +93,7 @@ def run_new(name: str, urdf: Path | None, wish: NewWish, table: Path | None = No
     failed = _print_checks(check_statics(load_robot(folder)))
     print("to look up, in README.md too:")
     for note in proposal.checklist:
-        print(f"  - {note}")
+        print_line("", note)
     if failed:
         raise InputError([Problem(words, file=str(folder)) for words in failed])
     print(f"next: qsf check {folder} --conformance tries it with a small campaign; qsf show {folder} draws it")

@@ -15,6 +15,7 @@ from qsframework.applications.protocol import (
 )
 from qsframework.cli.commands import distinct_outputs
 from qsframework.cli.export import plan_of
+from qsframework.cli.printing import print_folded
 from qsframework.experiment import load_experiment
 from qsframework.experiment.measured import keep_measured
 
@@ -42,9 +43,9 @@ def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish:
     write_sheet(sheet, protocol, pictures, files, commands)
     write_reading_file(readings, protocol)
     print(f"{len(protocol.visits)} visits, {protocol.readings} readings, about {protocol.hours:.1f} hours: {sheet}")
-    print(turning_words(protocol))
+    print_folded(turning_words(protocol))
     for note in protocol.notes:
-        print(f"note: {note}")
+        print_folded(f"note: {note}")
     print(f"to fill in: {readings}")
     if wish.reflectors:
         write_floor_file(floor, protocol)

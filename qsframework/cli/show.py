@@ -61,7 +61,7 @@ def run_show(shown: Shown, html: Path | None, port: int) -> None:
     pages = [first]
     site = Site(lambda watch: (pages.pop() if pages else make_scene(shown).html)(watch), shown.files())
     with serve(site, port) as server:
-        print(f"http://127.0.0.1:{server.server_address[1]}/ shows the scene, on this machine only; Ctrl-C ends it")
+        print(f"http://127.0.0.1:{server.server_address[1]}/ shows it, on this machine only", flush=True)
         try:
             server.serve_forever()
         except (KeyboardInterrupt, Stopped):
@@ -82,7 +82,7 @@ def make_scene(shown: Shown, say: Callable[[str], object] = lambda note: None) -
         raise InputError("a plan has its own poses and loads; leave out --pose and --load, or the plan")
     x, readings, note, frames = None, None, None, ()
     if shown.data is not None and shown.fit is None:
-        raise InputError("--data is for the residuals of a fit: give --fit too")
+        raise InputError("readings are shown with a fit: name a fit.json too")
     if shown.fit is not None:
         fit = _fit(shown.fit, experiment)
         x, frames = fit.x(experiment.model()), fit.frames
@@ -106,7 +106,7 @@ def make_scene(shown: Shown, say: Callable[[str], object] = lambda note: None) -
 def _readings(data: Sequence[Path], experiment: Experiment, fit: StoredFit) -> tuple[Readings | None, str | None]:
     """The readings whose residuals are drawn, and what to know about them."""
     if not data:
-        return None, "No residual vectors: the experiment names no readings; give them with --data."
+        return None, "No residual vectors: the experiment names no readings; name a file of them too."
     other = [path.name for path in data if not fit.is_of(path)]
     note = f"The fit is not of the readings in {', '.join(other)}, which are shown." if other else None
     wanted = experiment.with_(fit=fit.model_names(experiment) or None)

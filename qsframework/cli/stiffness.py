@@ -8,7 +8,7 @@ import numpy as np
 
 from qsframework.applications import Stiffness, stiffness_at
 from qsframework.cli.commands import distinct_outputs, write_json
-from qsframework.cli.progress import print_table
+from qsframework.cli.printing import print_folded, print_table
 from qsframework.errors import InputError
 from qsframework.plugin import Array
 from qsframework.report import Section, Table, Text, View, provenance_section, write_report
@@ -37,9 +37,9 @@ def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | Non
     for block in section.blocks:
         if isinstance(block, Table):
             print_table(block.header, block.rows)
-    print(_words(result))
+    print_folded(_words(result))
     for note in result.notes:
-        print(f"note: {note}")
+        print_folded(f"note: {note}")
     if json is not None:
         write_json(json, result.as_json())
     if report is not None:

@@ -17,12 +17,12 @@ Report = Annotated[Path | None, typer.Option("--report", help="Write an HTML rep
 
 def compensate(
     experiment: ExperimentFile,
-    fit: Annotated[Path, typer.Argument(help="fit.json, from qsf identify --json", show_default=False)],
-    targets: Annotated[
-        Path,
+    files: Annotated[
+        list[Path],
         typer.Argument(
-            help="CSV: q1_deg, ... or x_mm, y_mm, z_mm, rx_deg, ry_deg, rz_deg; and fx_N, fy_N, fz_N. Or a programme: "
-            ".ls of FANUC, .src or .dat of KUKA.",
+            metavar="FIT TARGETS",
+            help="fit.json, from qsf identify --json. Targets, CSV: q1_deg, ... or x_mm, y_mm, z_mm, rx_deg, ry_deg, "
+            "rz_deg; and fx_N, fy_N, fz_N. Or a programme: .ls of FANUC, .src or .dat of KUKA.",
             show_default=False,
         ),
     ],
@@ -50,7 +50,16 @@ def compensate(
 ) -> None:
     """Correct targets so that the loaded tool stands where it is wanted, and say what error is left."""
     from qsframework.cli.compensate import CompensateFiles, ProgrammeOptions, run_compensate
+    from qsframework.cli.kinds import sorted_out, the_fit
+    from qsframework.errors import InputError, Problem
 
+    given = sorted_out(files, ("fit",), "targets")
+    fit = the_fit(given, "compensate EXPERIMENT fit.json TARGETS")
+    if len(given["targets"]) != 1:
+        raise InputError(
+            Problem("one file of targets is corrected", found=", ".join(map(str, given["targets"])) or "none")
+        )
+    (targets,) = given["targets"]
     options = ProgrammeOptions(tuple(load or ()), tuple(keep or ()), tuple(tool or ()), tuple(frame or ()), start)
     run_compensate(CompensateFiles(experiment, fit, targets, output, json, report), reference, options)
 
@@ -80,10 +89,13 @@ def kinematics(
 
 def certificate(
     experiment: Annotated[Path | None, typer.Argument(help="experiment.yaml", show_default=False)] = None,
-    fit: Annotated[Path | None, typer.Argument(help="fit.json", show_default=False)] = None,
-    data: Annotated[
+    files: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="[READINGS]...", help="Readings that the fit has not seen; else halves of its own."),
+        typer.Argument(
+            metavar="FIT [READINGS]...",
+            help="fit.json, and readings that the fit has not seen; else halves of its own.",
+            show_default=False,
+        ),
     ] = None,
     output: Annotated[Path, typer.Option("-o", "--output", help="The page, HTML for A4.")] = Path("certificate.html"),
     meta: Annotated[Path | None, typer.Option(help="meta.yaml: who, when, serial numbers, tolerance.")] = None,
@@ -98,15 +110,20 @@ def certificate(
 
     if template is not None:
         write_template(template)
-    elif experiment is None or fit is None:
+    elif experiment is None:
         raise InputError("qsf certificate EXPERIMENT fit.json [READINGS...], or --template meta.yaml")
     else:
-        run_certificate(experiment, fit, data or (), output, meta, halves, seed)
+        from qsframework.cli.kinds import sorted_out, the_fit
+
+        given = sorted_out(files or (), ("fit",), "readings")
+        fit = the_fit(given, "certificate EXPERIMENT fit.json [READINGS...], or --template meta.yaml")
+        run_certificate(experiment, fit, given["readings"], output, meta, halves, seed)
 
 
 def export(
-    plan: Annotated[Path, typer.Argument(help="plan.csv", show_default=False)],
-    experiment: Annotated[Path, typer.Option("--experiment", "-e", help="experiment.yaml", show_default=False)],
+    files: Annotated[
+        list[Path], typer.Argument(metavar="EXPERIMENT PLAN", help="experiment.yaml and plan.csv.", show_default=False)
+    ],
     to: Annotated[str, typer.Option(help="fanuc-ls, krl, rapid, urscript or csv.", show_default=False)],
     output: Annotated[Path, typer.Option("-o", "--output", help="The file; krl makes .src and .dat.")],
     order: Annotated[
@@ -114,6 +131,7 @@ def export(
     ] = "shortest",
     speed: Annotated[int, typer.Option(help="Percent of every joint's largest.", min=1, max=100)] = 10,
     pause: Annotated[float, typer.Option(help="Seconds to wait at each pose.")] = 10.0,
+    experiment: Annotated[Path | None, typer.Option("--experiment", "-e", hidden=True)] = None,
     hold: Annotated[bool, typer.Option("--hold", help="Wait for the start button instead.")] = False,
     home: Annotated[
         str | None, typer.Option(help="Pendant angles where the way begins and ends, deg, or mm: J1,J2,...")
@@ -133,7 +151,18 @@ def export(
 ) -> None:
     """Put a plan on the robot: order it, check the way for collisions, write the controller's file."""
     from qsframework.cli.export import ExportWish, run_export
+    from qsframework.cli.kinds import sorted_out
+    from qsframework.cli.main import note
+    from qsframework.errors import InputError, Problem
 
+    if experiment is not None:
+        note("-e: name the experiment first, then the plan, without -e")
+        given = {"experiment": [experiment], "plan": files}
+    else:
+        given = sorted_out(files, ("experiment",), "plan")
+    if [len(found) for found in given.values()] != [1, 1]:
+        raise InputError(Problem("an experiment and a plan are needed", found=" ".join(map(str, files))))
+    ((experiment,), (plan,)) = given.values()
     wish = ExportWish(
         to=to,
         order=order,

@@ -58,14 +58,19 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.pendant)
 
+    @property
+    def summary(self) -> str:
+        """How many poses were tried, and how many keep the constraints."""
+        return f"{self.tried} poses tried, {len(self)} allowed"
+
     def words(self) -> str:
-        """Which constraint removed how many, in one sentence."""
+        """The summary, and which constraint excludes how many poses."""
         parts = [
-            f"{name} removed {count} ({self.alone[name]} by itself, {self.only[name]} that break nothing else)"
-            for name, count in self.removed.items()
+            f"{name} excludes {self.alone[name]}, {self.only[name]} of which keep all others"
+            for name in self.removed
             if self.alone[name]
         ]
-        return f"{self.tried} poses tried, {len(self)} allowed" + (": " + ", ".join(parts) if parts else "")
+        return "; ".join([self.summary, *parts])
 
 
 def generate_candidates(

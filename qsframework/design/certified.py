@@ -7,15 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from qsframework import errors
 from qsframework.design.column_generation import Relaxed, solve_columns
 from qsframework.design.minimax import Robust
 from qsframework.design.problem import Problem, allowed_designs
 from qsframework.design.relaxed import relax
 from qsframework.design.task import make_task
-from qsframework.errors import InputError, NotCertified
+from qsframework.errors import InputError, NotCertified, nearest
 from qsframework.information import Allowed, bound_of, scores
 from qsframework.information.rows import Rows, ScaledRows, gathered_information
 from qsframework.plugin import Array
+
+SOLVERS = ("columns", "cvxpy")
 
 STARTS = 30
 MOST_FOR_CVXPY = 5000
@@ -129,7 +132,8 @@ def _solve(
             raise InputError("a budget with costs needs the solver columns")
         return _by_cvxpy(problem, rule, allowed, prior)
     if wish.solver != "columns":
-        raise InputError(f"unknown solver {wish.solver!r}; known are columns, cvxpy")
+        hint = nearest(wish.solver, SOLVERS)
+        raise InputError(errors.Problem(f"unknown solver {wish.solver!r}", allowed=", ".join(SOLVERS), hint=hint))
     task = make_task(_priced(problem, wish), rule, allowed, prior if prior.any() else None)
     rng = np.random.default_rng(seed)
     try:

@@ -6,18 +6,21 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from qsframework.errors import InputError, Problem
+from qsframework.errors import InputError, Problem, nearest
 
 _LARGEST = 5_000_000
 _DEEPEST = 30
 _MOST = 200_000
 _OPEN = (yaml.MappingStartEvent, yaml.SequenceStartEvent)
 _SHUT = (yaml.MappingEndEvent, yaml.SequenceEndEvent)
+_LOOKED_AT = 1000
+"""Files of a folder among which a near name is sought."""
 _LONGEST = 1000
 Key = str | int
 Tags = Mapping[str, Callable[[str], Any]]
@@ -47,7 +50,7 @@ def read_text(path: str | Path, largest: int = _LARGEST) -> str:
     shown = str(path) if len(str(path)) <= _LONGEST else str(path)[:_LONGEST] + "..."
     try:
         if not path.exists():
-            raise InputError(Problem("no such file", file=shown))
+            raise InputError(Problem("no such file", file=shown, hint=nearest_file(path)))
         if not path.is_file():
             raise InputError(Problem("is not a file", file=shown))
         too_large = InputError(Problem(f"is larger than {largest // 1_000_000} MB", file=shown))
@@ -62,6 +65,15 @@ def read_text(path: str | Path, largest: int = _LARGEST) -> str:
         raise InputError(Problem(f"is not UTF-8 text (byte {error.start})", file=shown)) from error
     except OSError as error:
         raise InputError(Problem(f"cannot be read: {error.strerror}", file=shown)) from error
+
+
+def nearest_file(path: Path) -> str | None:
+    """A sentence with the file of the same folder whose name is nearest, or None."""
+    try:
+        beside = [p.name for p in islice(path.parent.iterdir(), _LOOKED_AT)]
+    except OSError:
+        return None
+    return nearest(path.name, beside)
 
 
 def read_yaml(path: str | Path, tags: Tags | None = None) -> Document:

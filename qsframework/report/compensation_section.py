@@ -86,7 +86,7 @@ def target_view(experiment: Experiment, result: Compensation, x: Array) -> Secti
     plan = make_plan(poses, [""] * len(worst), names=names)
     rows = tuple((n, *(f"{1e3 * v:+.4f}" for v in result.deflection[i, :3])) for n, i in zip(names, worst, strict=True))
     view = View(
-        show_scene(experiment, plan, x).html(),
+        show_scene(experiment, plan, x, commanded=result.reference == "commanded").html(),
         f"The targets{'' if len(worst) == len(targets.name) else f' that are farthest off, {_MOST} of them'}; red: the "
         "arm under its load, 100 times exaggerated, at the identified parameters. Look whether the correction acts "
         "against what you see: the arm is told to stand as far on the other side.",

@@ -72,7 +72,9 @@ def _verdict(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[
 def _on_the_robot(diagnosis: Diagnosis) -> View:
     """What the model misses at every marker, in 3D."""
     before, after = diagnosis.residuals()
-    scene, factor = residual_scene(diagnosis.experiment, diagnosis.readings, diagnosis.kept, before, after)
+    scene, factor = residual_scene(
+        diagnosis.experiment, diagnosis.readings, diagnosis.kept, before, after, [f.name for f in diagnosis.findings]
+    )
     shown = (
         f"the {MOST} poses with the largest residuals"
         if len(set(diagnosis.readings.plus.tolist())) > MOST

@@ -57,7 +57,7 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None, stiffness: bool =
         f"Method: {fit.method}, {'linear model' if fit.linear else 'full equilibrium'}. {_total(fit)}"
         f"Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, "
         f"{fit.sigma_source}{_shared(fit)}. A parameter whose sd is above 100 % of its initial value "
-        "is not told by these readings; one at a bound has no sd.",
+        "cannot be identified from these readings; one at a bound has no sd.",
     )
 
 

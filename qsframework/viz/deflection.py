@@ -1,4 +1,4 @@
-"""The deflected robot, exaggerated: loaded minus unloaded equilibrium times a factor, on the commanded pose."""
+"""The deflected robot, exaggerated: where the loaded arm stands less where it was wanted, on the commanded pose."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ import numpy as np
 
 from qsframework.elastostatics import Model
 from qsframework.elastostatics.equilibrium import settle
-from qsframework.plugin import Array, Poses
+from qsframework.elastostatics.motion import move, nominal_actuators
+from qsframework.elastostatics.state import State, place
+from qsframework.plugin import Array, Context, Poses
 from qsframework.viz.robot_shapes import link_frames
 
 _SETTLED = 256
@@ -17,8 +19,9 @@ _SETTLED = 256
 
 @dataclass(frozen=True, eq=False)
 class Deflection:
-    """Loaded minus unloaded at N poses: move (N, links, 3) m and turn (N, links, 3) rad of the links, base axes.
+    """Loaded minus unloaded, or minus commanded, at N poses, base axes.
 
+    move (N, links, 3) m and turn (N, links, 3) rad of the links
     angles (N, n + b) rad of the joints and branches, markers (N, K, 3) m, tip (N, 3) m
     """
 
@@ -41,16 +44,23 @@ class Deflection:
         return out
 
 
-def deflection(model: Model, poses: Poses, x: Array | None = None) -> Deflection:
-    """The full equilibrium of every pose, unloaded and loaded. NotConverged where a pose does not settle."""
-    parts = [_deflection(model, poses.take(slice(i, i + _SETTLED)), x) for i in range(0, len(poses), _SETTLED)]
+def deflection(model: Model, poses: Poses, x: Array | None = None, commanded: bool = False) -> Deflection:
+    """The full equilibrium of every pose, loaded less unloaded. NotConverged where a pose does not settle.
+
+    commanded: less where the angles would put a rigid arm of nominal geometry instead, so that gravity and what a fit
+    knows of the geometry count too
+    """
+    starts = range(0, len(poses), _SETTLED)
+    parts = [_deflection(model, poses.take(slice(i, i + _SETTLED)), x, commanded) for i in starts]
     return Deflection(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
-def _deflection(model: Model, poses: Poses, x: Array | None) -> tuple[Array, Array, Array, Array, Array]:
-    unloaded = settle(model, poses, x, False)
+def _deflection(
+    model: Model, poses: Poses, x: Array | None, commanded: bool
+) -> tuple[Array, Array, Array, Array, Array]:
+    unloaded, count = settle(model, poses, x, False), len(poses)
     loaded = settle(model, poses, x, True, start=unloaded).at.state
-    state, count = unloaded.at.state, len(poses)
+    state = rigid(model, poses.q) if commanded else unloaded.at.state
     before, after = (np.stack([link_frames(s.placed, i) for i in range(count)]) for s in (state, loaded))
     turn = np.array(
         [
@@ -67,6 +77,15 @@ def _deflection(model: Model, poses: Poses, x: Array | None) -> tuple[Array, Arr
         markers,
         (loaded.tip.position - state.tip.position).T,
     )
+
+
+def rigid(model: Model, q: Array) -> State:
+    """Forward kinematics of the model at joint angles (N, n), undeflected."""
+    layout = model.layout
+    context = Context(model.facts, Poses(q, q, np.zeros((len(q), 6))), loaded=False)
+    phi = nominal_actuators(layout, np.ascontiguousarray(q.T))
+    motion = move(layout, context, phi, np.zeros((layout.bars, len(q))))
+    return place(motion, model.tip, model.markers)
 
 
 def rotation(v: Array) -> Array:

@@ -11,16 +11,16 @@ from qsframework.robot.mesh import coarser, mesh_of
 from qsframework.robot.robot import MeshShape
 from qsframework.viz.scene import Colour, Scene
 
-MOST = 1_500_000
-"""Triangles of one page: every drawn robot holds its own."""
+MOST = 200_000
+"""Triangles of one page, which holds each mesh once: some 4 MB."""
 FEWEST = 60
 """Triangles of a mesh that still look like it."""
 
 
 class Meshes:
-    """What can be drawn of a robot's meshes `copies` times on one page, and what has to be said of the others."""
+    """What can be drawn of a robot's meshes, and what has to be said of the others."""
 
-    def __init__(self, robot: Robot, copies: int) -> None:
+    def __init__(self, robot: Robot) -> None:
         self.drawn: list[tuple[MeshShape, tuple[Array, Indices]]] = []
         self.notes: list[str] = []
         for shape in robot.meshes:
@@ -31,10 +31,10 @@ class Meshes:
                     self.drawn.append((shape, mesh_of(shape.path)))
             except InputError as error:
                 self.notes.append(_not_drawn(shape, error.problems[0].message))
-        count = copies * sum(len(faces) for _, (_, faces) in self.drawn)
+        count = sum(len(faces) for _, (_, faces) in self.drawn)
         if count <= MOST:
             return
-        said = f"{count} triangles for {copies} drawings of {robot.name}, more than {MOST}"
+        said = f"{robot.name} has {count} triangles, more than {MOST}"
         reduced = [(shape, coarser(*mesh, len(mesh[1]) * MOST // count)) for shape, mesh in self.drawn]
         if any(len(faces) < FEWEST for _, (_, faces) in reduced):
             self.notes.append(f"Meshes are not drawn: {said}; simple shapes stand for them.")

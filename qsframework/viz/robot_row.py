@@ -21,7 +21,7 @@ def robot_row(robots: Sequence[Robot]) -> Scene:
         experiment = robot_alone(robot, np.zeros(3))
         q = one_pose(experiment, None, None).q
         links = link_frames(place_poses(experiment, q).placed, 0)
-        meshes = Meshes(robot, 1)
+        meshes = Meshes(robot)
         scene.notes += meshes.notes
         draw_robot(scene, f"robots/{i}", robot, links, q[0], meshes=meshes)
         scene.axes(f"robots/{i}/flange", links[robot.flange.link] @ robot.flange.placement, 0.2)

@@ -11,7 +11,23 @@ from qsframework.plugin import Array
 from qsframework.viz.page import render
 
 Colour = tuple[float, float, float, float]
+Text = tuple[str, str, tuple[float, ...], str, int]
+Glow = tuple[str, tuple[float, ...], float, str, float, bool]
 _AXES: tuple[Colour, ...] = ((0.85, 0.1, 0.1, 1.0), (0.1, 0.6, 0.1, 1.0), (0.1, 0.2, 0.85, 1.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Facts:
+    """What the page says of a step, and how it plays.
+
+    name: by which a link leads to it; angles: joint and angle, as people read them; shares: spring, and its part of
+    what the load point moves; plays: paths of the arm and of the bent arm, between which it swings
+    """
+
+    name: str = ""
+    angles: tuple[tuple[str, str], ...] = ()
+    shares: tuple[tuple[str, float], ...] = ()
+    plays: tuple[str, str] | None = None
 
 
 @dataclass(kw_only=True)
@@ -28,10 +44,20 @@ class Scene:
     """The step that is shown at first, counted from 1; 0 shows all."""
     layers: dict[str, list[str]] = field(default_factory=dict[str, list[str]])
     """Paths that a box on the page shows or hides together."""
+    off: set[str] = field(default_factory=set[str])
+    """Layers that are hidden at first."""
+    facts: dict[str, Facts] = field(default_factory=dict[str, Facts])
+    """Path of a step -> what the page says of it."""
+    texts: list[Text] = field(default_factory=list[Text])
+    glows: list[Glow] = field(default_factory=list[Glow])
+    moves: list[tuple[str, Array, Array]] = field(default_factory=list[tuple[str, Array, Array]])
+    """Path -> where it stands without and with the load, while the page plays it."""
+    factor: str = ""
+    """By how much what plays is exaggerated, as the page says it."""
     notes: list[str] = field(default_factory=list[str])
     """Sentences on the page: what is seen, at what scale."""
     size: float = 3.0
-    """How large the scene is, m: the camera stands so far off that this fills the view."""
+    """How large the scene is, m, where nothing in it says so."""
 
     def transform(self, path: str, placement: Array) -> None:
         """Move a path and everything below it by a placement (4, 4)."""
@@ -100,15 +126,28 @@ class Scene:
         for name, vector, colour in zip("xyz", np.eye(3), _AXES, strict=True):
             self.rod(f"{path}/{name}", np.zeros(3), size * vector, 0.06 * size, colour)
 
-    def step(self, path: str, label: str, ghost: str | None = None) -> None:
+    def text(self, path: str, text: str, point: Array, ink: str = "#222", step: int = 0) -> None:
+        """Words at a point (3,) of a path that is drawn; step: a number on which a click chooses that step."""
+        self.texts.append((path, text, _short(point), ink, step))
+
+    def glow(
+        self, path: str, point: Array, radius: float, colour: str, strength: float = 1.0, pulse: bool = False
+    ) -> None:
+        """A light at a point (3,) of a path, strength 0 to 1; it comes and goes with the load, or pulses by itself."""
+        self.glows.append((path, _short(point), radius, colour, strength, pulse))
+
+    def step(self, path: str, label: str, ghost: str | None = None, facts: Facts | None = None) -> None:
         """Make a path one of the slider's steps; its ghost is seen while another step is chosen."""
         self.steps.append((path, label))
+        self.facts[path] = facts or Facts(name=label)
         if ghost is not None:
             self.ghosts[path] = ghost
 
-    def layer(self, name: str, path: str) -> None:
+    def layer(self, name: str, path: str, shown: bool = True) -> None:
         """Put a path into a layer that a box shows or hides."""
         self.layers.setdefault(name, []).append(path)
+        if not shown:
+            self.off.add(name)
 
     def _add(self, path: str, geometry: Any, placement: Array, colour: Colour) -> None:
         from meshcat.commands import SetObject
@@ -123,9 +162,11 @@ class Scene:
 
     def html(self, watch: str | None = None) -> str:
         """The page: no request leaves it, but to `watch` on the same server, if it is given."""
-        return render(
-            self.title, self.commands, self.steps, self.ghosts, self.first, self.layers, self.notes, self.size, watch
-        )
+        return render(self, watch)
+
+
+def _short(point: Array) -> tuple[float, ...]:
+    return tuple(round(float(v), 5) for v in point)
 
 
 def placed_at(position: Array) -> Array:

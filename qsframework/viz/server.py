@@ -9,7 +9,7 @@ from pathlib import Path
 from threading import Lock
 
 from qsframework.errors import InputError, QsfError
-from qsframework.viz.page import render
+from qsframework.viz.scene import Scene
 
 HOST = "127.0.0.1"
 """The only address that is listened on: nobody else's machine can ask."""
@@ -39,7 +39,7 @@ class Site:
                 try:
                     self._page = self._make(_WATCH)
                 except QsfError as error:
-                    self._page = render("error", [], [], {}, 0, {}, str(error).splitlines(), 3.0, _WATCH)
+                    self._page = Scene(title="error", notes=str(error).splitlines()).html(_WATCH)
                 self._state = state
             return self._page
 

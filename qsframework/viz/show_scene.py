@@ -6,23 +6,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.elastostatics.motion import move, nominal_actuators
-from qsframework.elastostatics.state import State, place
+from qsframework.elastostatics.state import State
 from qsframework.errors import InputError, NotConverged
 from qsframework.experiment import Experiment, Plan
-from qsframework.plugin import Array, Context, Indices, Poses
+from qsframework.plugin import Array, Indices
 from qsframework.viz.arrows import draw_loads, largest_loads
-from qsframework.viz.deflection import Deflection, deflection
+from qsframework.viz.deflection import Deflection, deflection, rigid
 from qsframework.viz.ellipsoids import draw_ellipsoid, half_axes
 from qsframework.viz.ghosts import MOST, draw_ghost, draw_way
+from qsframework.viz.glow import Shares, draw_shares, shares, spots
 from qsframework.viz.limits import draw_limits, draw_sight
 from qsframework.viz.meshes import Meshes
 from qsframework.viz.residual_arrows import draw_residuals
 from qsframework.viz.robot_shapes import draw_robot, link_frames, reach
-from qsframework.viz.scene import Colour, Scene, placed_at
+from qsframework.viz.scene import Colour, Facts, Scene, placed_at
 
 _MARKER: Colour = (0.1, 0.3, 0.9, 1.0)
 _DEFLECTED: Colour = (0.9, 0.35, 0.3, 1.0)
+_DEFLECTED_INK = "#a01010"
+_NUMBER = "#1d4f8c"
 _OPACITY = 0.45
 _STILL = 2e-3
 """Links that move less, m or rad, are not drawn twice: their solids would lie in each other."""
@@ -42,21 +44,27 @@ class Residuals:
 
 
 def show_scene(
-    experiment: Experiment, plan: Plan, x: Array | None = None, scale: float = 100.0, missed: Residuals | None = None
+    experiment: Experiment,
+    plan: Plan,
+    x: Array | None = None,
+    scale: float = 100.0,
+    missed: Residuals | None = None,
+    commanded: bool = False,
 ) -> Scene:
     """Every pose of the plan as a step of the slider, at parameters x (nominal unless said).
 
     scale: factor of the deflection, the ellipsoids and the residuals. InputError unless it is above 0.
+    commanded: the deflection is from where a rigid arm would stand, as a compensation counts it, not from the unloaded
     """
     if not (np.isfinite(scale) and scale > 0.0):
         raise InputError(f"scale must be above 0, found {scale:g}")
-    drawing = _Drawing(experiment, plan, scale, x)
+    drawing = _Drawing(experiment, plan, scale, x, commanded)
     scene = drawing.scene
     for i in range(len(plan.pose)):
         drawing.pose(i)
     drawing.order()
     draw_limits(scene, "limits", experiment)
-    scene.layer("limits", "limits")
+    scene.layer("limits", "limits", shown=False)
     if missed is not None:
         drawing.residuals(missed)
     scene.first = 1
@@ -65,18 +73,15 @@ def show_scene(
 
 def place_poses(experiment: Experiment, q: Array) -> State:
     """Forward kinematics of the model at joint angles (N, n), undeflected."""
-    model = experiment.model()
-    layout = model.layout
-    context = Context(model.facts, Poses(q, q, np.zeros((len(q), 6))), loaded=False)
-    phi = nominal_actuators(layout, np.ascontiguousarray(q.T))
-    motion = move(layout, context, phi, np.zeros((layout.bars, len(q))))
-    return place(motion, model.tip, model.markers)
+    return rigid(experiment.model(), q)
 
 
 class _Drawing:
     """One scene in the making: what its parts share."""
 
-    def __init__(self, experiment: Experiment, plan: Plan, scale: float, x: Array | None) -> None:
+    def __init__(
+        self, experiment: Experiment, plan: Plan, scale: float, x: Array | None, commanded: bool = False
+    ) -> None:
         model = experiment.model()
         self.scene = Scene(title=f"{experiment.robot.title}: {len(plan.pose)} poses", size=reach(model.facts))
         self.experiment, self.plan, self.scale = experiment, plan, scale
@@ -85,21 +90,26 @@ class _Drawing:
         self.largest = largest_loads(plan.wrench)
         self.force = float(self.largest[0]) or _PLAIN_FORCE
         self.given: Deflection | None = None
+        self.shares: Shares | None = None
         self.axes: Array | None = None
-        self.meshes = Meshes(experiment.robot, 2 * len(plan.pose))
+        self.meshes = Meshes(experiment.robot)
         notes = self.scene.notes
         notes += self.meshes.notes
         try:
             self.axes = half_axes(model, plan.poses, x, self.force)
             while not self.largest[0] and scale * np.linalg.norm(self.axes, axis=1).max() > _WIDE * self.scene.size:
                 self.force, self.axes = 0.1 * self.force, 0.1 * self.axes
-            self.given = deflection(model, plan.poses, x) if plan.wrench.any() else None
+            if plan.wrench.any() or commanded:
+                self.given = deflection(model, plan.poses, x, commanded)
+                self.shares = shares(model, plan.poses, x)
         except NotConverged as error:
             notes.append(f"No deflection is drawn: {error}.")
         if self.given is not None:
-            notes.append(
-                f"Red robot: the loaded arm, its deflection (full equilibrium, loaded minus unloaded) x {scale:g}."
-            )
+            start = "minus where a rigid arm would stand" if commanded else "minus unloaded"
+            notes.append(f"Red robot: the loaded arm, its deflection (full equilibrium, loaded {start}) x {scale:g}.")
+            self.scene.factor = f", x {scale:g}"
+        if self.shares is not None and self.shares.share.any():
+            notes.append("Blue lights: the springs, as bright as their share of what the load point moves.")
         if self.axes is not None and self.axes.any():
             notes.append(
                 f"Orange ellipsoid: where the tool goes under {self.force:.4g} N in any direction, x {scale:g}; "
@@ -107,7 +117,7 @@ class _Drawing:
             )
 
     def pose(self, i: int) -> None:
-        """Robot, markers, load, deflection and ellipsoid of pose i, and its ghost."""
+        """Robot, markers, load, deflection, springs and ellipsoid of pose i, its number and its ghost."""
         scene, robot, path = self.scene, self.experiment.robot, f"poses/{i}"
         links, tip = self.frames[i], self.state.tip.position[:, i]
         draw_robot(scene, f"{path}/robot", robot, links, self.plan.q[i], meshes=self.meshes)
@@ -121,16 +131,32 @@ class _Drawing:
         scene.layer("load", f"{path}/load")
         if self.axes is not None:
             draw_ellipsoid(scene, f"{path}/ellipsoid", tip, self.axes[i], self.scale)
-            scene.layer("ellipsoid", f"{path}/ellipsoid")
+            scene.layer("ellipsoid", f"{path}/ellipsoid", shown=False)
         label = f"{self.plan.pose[i]} ({self.plan.load[i]})" if self.plan.load[i] else self.plan.pose[i]
         if self.given is not None:
             self._deflected(path, i, self.given)
             label += f", the load point moves {1e3 * np.linalg.norm(self.given.tip[i]):.3f} mm"
+        if self.shares is not None:
+            draw_shares(scene, f"{path}/springs", self.shares, i, spots(robot.facts, links, {}), scene.size)
+            scene.layer("springs", f"{path}/springs")
         many = len(self.plan.pose)
+        if many > 1:
+            scene.text(f"numbers/{i}", str(i + 1), tip, _NUMBER, i + 1)
         ghost = f"ghosts/{i}" if 1 < many <= MOST else None
         if ghost is not None:
             draw_ghost(scene, ghost, robot, links, self.plan.q[i])
-        scene.step(path, label, ghost)
+        scene.step(path, label, ghost, self._facts(path, i))
+
+    def _facts(self, path: str, i: int) -> Facts:
+        """The name of pose i, its angles, the springs that give, and the two arms between which it plays."""
+        units = self.experiment.robot.controller.units
+        angles = tuple((f"J{k + 1}", units[k].text(v, 4)) for k, v in enumerate(self.plan.pendant[i]))
+        return Facts(
+            name=self.plan.pose[i],
+            angles=angles,
+            shares=() if self.shares is None else self.shares.largest(i),
+            plays=None if self.given is None else (f"{path}/robot", f"{path}/deflected"),
+        )
 
     def _deflected(self, path: str, i: int, given: Deflection) -> None:
         scene, where = self.scene, f"{path}/deflected"
@@ -144,6 +170,11 @@ class _Drawing:
             end = start + self.scale * moved
             scene.sphere(f"{where}/{name}", 0.025, placed_at(end), _DEFLECTED)
             scene.rod(f"{where}/{name}_way", start, end, 0.006, _DEFLECTED)
+            scene.moves.append((f"{where}/{name}", placed_at(start), placed_at(end)))
+        moved = self.scale * given.tip[i]
+        scene.moves.append((f"{path}/load", np.eye(4), placed_at(moved)))
+        size = 1e3 * float(np.linalg.norm(given.tip[i]))
+        scene.text(f"{where}/moved", f"{size:.3f} mm", self.state.tip.position[:, i] + moved, _DEFLECTED_INK)
         scene.layer("deflected", where)
 
     def _sight(self, path: str, i: int) -> None:
@@ -158,9 +189,10 @@ class _Drawing:
         """The way through the load points, and the layer of the ghosts."""
         if len(self.plan.pose) > 1:
             draw_way(self.scene, "way", self.state.tip.position.T)
-            self.scene.layer("order", "way")
+            self.scene.layer("order", "way", shown=False)
+            self.scene.layer("numbers", "numbers")
         if self.scene.ghosts:
-            self.scene.layer("ghosts", "ghosts")
+            self.scene.layer("ghosts", "ghosts", shown=False)
 
     def residuals(self, missed: Residuals) -> None:
         """Residual vectors, at their pose where it is a step."""

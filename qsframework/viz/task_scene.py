@@ -35,7 +35,7 @@ def task_scene(robots: Sequence[Robot], pendant: Sequence[Array], moved: Sequenc
             label = f"{robot.title}: point {worst + 1}, moves {1e3 * way[worst]:.3f} mm"
         q = robot.controller.to_joints(pose[None])
         links = link_frames(place_poses(robot_alone(robot, np.zeros(3)), q).placed, 0)
-        draw_robot(scene, path, robot, links, q[0], meshes=Meshes(robot, 1))
+        draw_robot(scene, path, robot, links, q[0], meshes=Meshes(robot))
         if held is not None:  # the tool, of which only the point is known
             scene.rod(f"{path}/tool", (links[robot.flange.link] @ robot.flange.placement)[:3, 3], held, 0.02, _TOOL)
         scene.step(path, label)

@@ -134,6 +134,18 @@ def stored(experiment: Experiment, readings: Readings, folder: Path, linear: boo
     )
 
 
+@pytest.mark.parametrize("reference", ["commanded", "unloaded"])
+def test_the_view_bends_the_arm_by_what_the_table_says(m900ib: Experiment, targets: Targets, reference: str) -> None:
+    from qsframework.report.blocks import View
+    from qsframework.report.compensation_section import target_view
+
+    result = compensate(m900ib, exact_fit(m900ib), targets, reference)
+    ((view,),) = (target_view(m900ib, result, m900ib.model().nominal).blocks,)
+    assert isinstance(view, View)
+    for size in result.size:
+        assert f'"{1e3 * size:.3f} mm"' in view.page
+
+
 def test_the_expected_error_is_the_one_found_in_simulation(m900ib: Experiment) -> None:
     """Campaigns of the same plan: the RMS error of the true arm against the promised one, per target.
 

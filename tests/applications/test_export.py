@@ -465,7 +465,7 @@ def test_both_lengths_are_of_the_same_way(m900ib: Experiment, tmp_path: Path, ho
     pendant = np.deg2rad([[0, 20, -10, 0, 60, 0], [90, 20, -10, 0, 60, 0], [10, 20, -10, 10, 60, 0]])
     write_plan(tmp_path / "plan.csv", plan_of(m900ib, pendant), m900ib)
     told = tmp_path / "way.json"
-    arguments = ["export", str(tmp_path / "plan.csv"), "-e", str(m900ib.path), "--to", "csv", "-o"]
+    arguments = ["export", str(m900ib.path), str(tmp_path / "plan.csv"), "--to", "csv", "-o"]
     arguments += [str(tmp_path / "w.csv"), "--json", str(told), *(["--home", home] if home else [])]
     lengths: dict[str, float] = {}
     for order in ("plan", "shortest"):

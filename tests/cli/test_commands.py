@@ -79,7 +79,7 @@ def test_design_simulate_identify(tmp_path: Path) -> None:
     assert "certified to an efficiency of 0.9999" in output
     assert json.loads((tmp_path / "p.json").read_text())["certificate"]["relaxed_efficiency"] >= 0.9999
     run("simulate", M900IB, plan, "-o", readings, "--truth", "drawn", "--seed", "3", "--json", str(tmp_path / "s.json"))
-    output = run("identify", M900IB, "--data", readings, "--json", fit, "--report", report)
+    output = run("identify", M900IB, readings, "--json", fit, "--report", report)
     assert "leave-one-pose-out" in output
     result = json.loads(Path(fit).read_text())
     truth = json.loads((tmp_path / "s.json").read_text())["truth"]
@@ -115,7 +115,7 @@ def test_the_same_seed_gives_the_same_readings(tmp_path: Path) -> None:
         (["design", M900IB, "--criterion", "Z"], "unknown criterion 'Z'"),
         (["simulate", M900IB, "nothing.csv"], "no such file"),
         (["simulate", M900IB, str(example("m900ib") / "table5.csv"), "--truth", "secret"], "unknown truth 'secret'"),
-        (["check", "fanuc_m9000"], "no such file"),
+        (["check", "fanuc_m9000"], "Did you mean 'fanuc_m900ib'?"),
     ],
 )
 def test_bad_input_ends_with_code_2(

@@ -186,7 +186,7 @@ def test_every_constraint_is_counted_and_kept(m900ib: Experiment) -> None:
     for name, allowed in check_poses(tight, tight.model(), found.pendant).items():
         assert allowed.all(), name
     nowhere = m900ib.with_(constraints=Constraints(floor=3.0))
-    with pytest.raises(InputError, match=r"floor removed \d+"):
+    with pytest.raises(InputError, match=r"floor excludes \d+"):
         generate_candidates(nowhere, 10)
 
 

@@ -45,7 +45,7 @@ def test_a_criterion_of_the_tip_needs_test_poses(rows: Array | None) -> None:
         (Wish(criterion="Ds"), 8, "needs the parameters of interest"),
         (Wish(criterion="D", interest=("nothing",)), 8, "no parameter 'nothing'"),
         (Wish(criterion="Ds", interest=("compensator_stiffness[joint_2].stiffness",)), 8, "that are not fitted"),
-        (Wish(criterion="D", solver="simplex"), 8, "unknown solver 'simplex'; known are columns, cvxpy"),
+        (Wish(criterion="D", solver="simplex"), 8, "unknown solver 'simplex'; allowed: columns, cvxpy"),
         (Wish(criterion="D"), 2, "the loads ask for 3 poses in all, the plan has 2"),
         (Wish(criterion="D"), 60, "too few candidates"),
         (Wish(criterion="D", budget=9.0), 8, "with a budget the loads say poses_min"),

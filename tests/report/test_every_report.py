@@ -84,7 +84,7 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> Reports:
     out.run("stiffness", "stiffness", "fanuc_m900ib", *pose, reads=robot)
     out.run("design", "design", EXPERIMENT, "-n", "8", "--candidates", "120", "-o", plan, reads=campaign)
     out.run("simulate", "simulate", EXPERIMENT, plan, "-o", readings, "--truth", "drawn", reads=[*campaign, plan])
-    out.run("identify", "identify", EXPERIMENT, "--data", readings, "--json", fit, reads=[*campaign, readings])
+    out.run("identify", "identify", EXPERIMENT, readings, "--json", fit, reads=[*campaign, readings])
     unseen = folder / "unseen.csv"
     CliRunner().invoke(app, ["simulate", str(EXPERIMENT), str(plan), "--seed", "5", "-o", str(unseen)])
     out.run("validate", "validate", EXPERIMENT, fit, unseen, reads=[*campaign, fit, unseen])

@@ -21,9 +21,9 @@ COMMANDS = {
     "check": "check arm --conformance",
     "design": "design experiment.yaml --poses 10 --candidates 200 --output plan.csv",
     "simulate": "simulate experiment.yaml plan.csv --output readings.csv",
-    "identify": "identify experiment.yaml --data readings.csv --json fit.json",
+    "identify": "identify experiment.yaml readings.csv --json fit.json",
     "diagnose": "diagnose experiment.yaml readings.csv",
-    "export": "export plan.csv --experiment experiment.yaml --to csv --output path.csv",
+    "export": "export experiment.yaml plan.csv --to csv --output path.csv",
 }
 FILES = ("arm", "experiment.yaml", "plan.csv", "readings.csv", "fit.json", "path.csv")
 

@@ -35,7 +35,7 @@ def with_mesh(robot: Path, name: str, content: bytes | None = None) -> Callable[
     (robot / "small.urdf").write_text(urdf.replace('<link name="tip"/>', f'<link name="tip">{visual}</link>'))
     if content is not None:
         (robot / name).write_bytes(content)
-    return lambda: Meshes(load_robot(robot), 1)
+    return lambda: Meshes(load_robot(robot))
 
 
 def dae(doctype: str, text: str, code: str) -> bytes:

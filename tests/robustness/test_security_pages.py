@@ -13,6 +13,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.request import Request, urlopen
 
+import numpy as np
 import pytest
 import yaml
 from headless import unpacked
@@ -21,7 +22,7 @@ from typer.testing import CliRunner
 from qsframework.cli.main import app
 from qsframework.experiment import example
 from qsframework.robot.loader import find_robot
-from qsframework.viz.page import render
+from qsframework.viz.scene import Facts, Scene
 from qsframework.viz.server import Site, serve
 
 EVIL = """"'></script></style></title></textarea></iframe><qsf-evil onerror="qsf_evil()"><script>qsf_evil()</script>"""
@@ -232,7 +233,11 @@ def test_these_are_all_commands_that_write_pages() -> None:
 
 
 def test_a_page_of_an_error_escapes_it() -> None:
-    page = render(EVIL, [], [("a/" + EVIL, EVIL)], {}, 0, {EVIL: [EVIL]}, [EVIL], 3.0, "/" + EVIL)
+    scene = Scene(title=EVIL, notes=[EVIL], factor=EVIL)
+    scene.step("a/" + EVIL, EVIL, facts=Facts(name=EVIL, angles=((EVIL, EVIL),), shares=((EVIL, 1.0),)))
+    scene.layer(EVIL, EVIL)
+    scene.text("a/" + EVIL, EVIL, np.zeros(3))
+    page = scene.html("/" + EVIL)
     assert not problems(page), problems(page)
 
 

@@ -110,7 +110,7 @@ def test_residuals_of_a_day_of_positions(
     assert not any("not of the readings" in note for note in scene.notes)
     capsys.readouterr()
     run_show(Shown(subject=str(M900IB), fit=fit), tmp_path / "d.html", 7000)
-    assert "No residual vectors: the experiment names no readings; give them with --data." in capsys.readouterr().out
+    assert "No residual vectors: the experiment names no readings; name a file of them too." in capsys.readouterr().out
 
 
 def test_positions_of_an_unloaded_arm_have_residual_vectors(m900ib: Experiment, tmp_path: Path) -> None:
@@ -143,7 +143,7 @@ def test_positions_of_an_unloaded_arm_have_residual_vectors(m900ib: Experiment, 
         (Shown(subject="fanuc_m900ib", load="0,0"), "--load: found 2 numbers"),
         (Shown(subject="fanuc_m900ib", load="a,b,c"), "--load: found 'a,b,c'"),
         (Shown(subject=str(M900IB), point="0,0,0"), "--point is for a robot by itself"),
-        (Shown(subject=str(M900IB), data=Path("readings.csv")), "give --fit too"),
+        (Shown(subject=str(M900IB), data=Path("readings.csv")), "name a fit.json too"),
         (Shown(subject=str(M900IB), plan=Path("nowhere.csv")), "nowhere.csv"),
         (Shown(subject=str(M900IB), fit=Path("nowhere.json")), "nowhere.json"),
     ],
@@ -226,12 +226,13 @@ def test_it_serves_until_it_is_stopped() -> None:
     run = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
     try:
         assert run.stdout is not None
+        assert run.stdout.readline().startswith("Ctrl-C ends qsf show")
         address = run.stdout.readline().split()[0]
         assert address.startswith("http://127.0.0.1:")
         with urllib.request.urlopen(address, timeout=60) as answer:
             page = answer.read().decode()
         assert "Universal Robots UR10" in page
-        assert 'watch = "/changed"' in page
+        assert '"watch":"/changed"' in page
     finally:
         run.send_signal(signal.SIGINT)
         assert run.wait(timeout=30) == 0

@@ -14,7 +14,7 @@ from qsframework.experiment import Constraints, Experiment, Plan, Readings, make
 from qsframework.plugin import Array, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.robot import load_robot
-from qsframework.viz import Scene, plan_scene, show_scene
+from qsframework.viz import Scene, plan_scene, residual_scene, show_scene
 from qsframework.viz.subject import MOST, floating, measured, one_pose, robot_alone
 
 ANGLES = [
@@ -185,7 +185,7 @@ def test_steps_keep_the_plans_order_and_have_ghosts(m900ib: Experiment) -> None:
 
 def test_every_layer_names_paths_that_are_drawn(m900ib: Experiment) -> None:
     scene = show_scene(m900ib, a_plan(m900ib))
-    paths = objects(scene)
+    paths = {*objects(scene), *(path for path, *_ in (*scene.texts, *scene.glows))}
     for name, members in scene.layers.items():
         for member in members:
             assert any(path.startswith(member + "/") or path == member for path in paths), name
@@ -219,6 +219,41 @@ def test_residuals_beside_another_plan_float_at_their_own_poses(r2000ic: Experim
     scene = show_scene(r2000ic, one_pose(r2000ic, None, np.array([0.0, 0, -1000, 0, 0, 0])), x, 10.0, missed)
     assert scene.layers["residuals"] == ["residuals"]
     assert len([p for p in world(scene) if p.startswith("residuals/") and p.endswith("/head")]) == len(real.use)
+
+
+def test_springs_glow_by_their_share_and_the_panel_lists_them(m900ib: Experiment) -> None:
+    """Shares are those of `qsf stiffness`; each light stands at its joint, and they come and go with the load."""
+    from qsframework.applications import stiffness_at
+
+    plan = a_plan(m900ib)
+    scene = show_scene(m900ib, plan)
+    point = np.array([0.15, 0.0, 0.2])
+    told = stiffness_at(m900ib.robot, plan.pendant[1], plan.wrench[1], point)
+    share = told.shares @ told.linear / (told.linear @ told.linear)
+    listed = dict(scene.facts["poses/1"].shares)
+    assert listed == {f"joint_{k + 1}": pytest.approx(s) for k, s in enumerate(share) if s > 0.005}
+    lights = [glow for glow in scene.glows if glow[0] == "poses/1/springs"]
+    assert len(lights) == len(listed)
+    found = world(scene)
+    joint = next(iter(listed))
+    where = found[f"poses/1/robot/link_{joint[-1]}"][:3, 3]
+    strongest = max(lights, key=lambda glow: glow[4])
+    assert np.allclose(strongest[1], where, atol=1e-5)
+    assert not any(pulse for *_, pulse in scene.glows)
+
+
+def test_a_named_cause_glows_where_it_acts(r2000ic: Experiment, real: Readings) -> None:
+    kept = np.arange(6)
+    missed = np.full((6, 3), 1e-4)
+    causes = ["joint_hardening[joint_3]", "load_scale", "link_bending[link_2]"]
+    scene, _ = residual_scene(r2000ic, real, kept, missed, 0.5 * missed, causes)
+    found = world(scene)
+    first = {words: point for path, words, point, *_ in scene.texts if path.startswith("poses/0/")}
+    assert set(first) == {causes[0], causes[2]}  # the scale of the load is no place of the arm
+    for cause, link in ((causes[0], 3), (causes[2], 2)):
+        assert np.allclose(first[cause], found[f"poses/0/link_{link}"][:3, 3], atol=1e-5)
+    assert all(pulse for *_, pulse in scene.glows)
+    assert scene.facts["poses/0"].name in real.pose
 
 
 def test_a_robot_alone_carries_its_payload(m900ib: Experiment) -> None:

@@ -16,6 +16,7 @@ from typing import Any, cast
 from qsframework.applications.importers.positions import positions
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.columns import LARGEST, MOST_COLUMNS, MOST_LINES
+from qsframework.files.documents import nearest_file
 
 SEPARATORS = {"tab": "\t", ";": ";", "|": "|", ",": ",", "space": " "}
 """What may stand between two cells, by the name that a user gives it; tried in this order."""
@@ -113,7 +114,7 @@ def read_sheet(path: Path, sheet: str = "", separator: str = "", decimal: str = 
 def _content(path: Path) -> bytes:
     try:
         if not path.is_file():
-            raise InputError(Problem("no such file", str(path)))
+            raise InputError(Problem("no such file", str(path), hint=nearest_file(path)))
         if path.stat().st_size > LARGEST:
             hint = "Split it into several files."
             raise InputError(Problem(f"is larger than {LARGEST // 1_000_000} MB", str(path), hint=hint))

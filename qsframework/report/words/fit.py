@@ -17,6 +17,8 @@ from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.sizes import mm
 
 _NAMED = 3
+_KNOWN = (State.FINE, State.OUTSIDE_PRIOR)
+"""Of parameters whose value the readings tell, also where it surprises."""
 
 
 def first_words(fit: Fit) -> tuple[str, ...]:
@@ -88,8 +90,9 @@ def fit_verdict(fit: Fit, poses: Poses) -> Verdict:
     readings, which say what would tell the others."""
     before, after, largest = unseen_errors(fit)
     asked = [e for e in fit.estimates if e.state is not State.FIXED]
-    known = [e for e in asked if e.state is State.FINE]
-    unknown = [*(e.name for e in asked if e.state is not State.FINE), *(entry.name for entry in fit.left_aside)]
+    known = [e for e in asked if e.state in _KNOWN]
+    far = [e.name for e in asked if e.state is State.OUTSIDE_PRIOR]
+    unknown = [*(e.name for e in asked if e.state not in _KNOWN), *(entry.name for entry in fit.left_aside)]
     total = len(known) + len(unknown)
     p = fit.p_value
     size = f"{mm(before)} \u2192 {mm(after)} mm at unseen poses"
@@ -101,7 +104,12 @@ def fit_verdict(fit: Fit, poses: Poses) -> Verdict:
         mark, word = Mark.LOOK, "Identified in part"
         told += f", not {_listed(unknown)}"
         advised = next((n for n in unknown if n in fit.model.names), "")
-        told += f". {advised}: {what_would_help(fit.model, advised, poses)}" if len(unknown) <= _NAMED else ""
+        told += (
+            f". {advised}: {what_would_help(fit.model, advised, poses)}" if advised and len(unknown) <= _NAMED else ""
+        )
+    if far:
+        mark = Mark.LOOK
+        told += f"{'' if told.endswith('.') else '.'} Far from what was stated: {_listed(far)}"
     if not np.isfinite(after) or (p is not None and p > 1.0 - fit.significance):
         mark = Mark.LOOK
     if p is not None and p < fit.significance:

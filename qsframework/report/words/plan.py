@@ -22,7 +22,7 @@ def certificate_text(plan: Plan) -> str:
         f"{c.poses} of these poses reaches at least {_chosen(c):.4f} of the best that any plan over them could."
     )
     if c.polished_from is not None:
-        words += f" Angles then moved off the candidates, inside the constraints: {c.efficiency:.4f}."
+        words += f" With its angles moved off the candidates, within the constraints, it reaches {c.efficiency:.4f}."
     return " ".join([words, *(f"Note: {note}." for note in c.notes)])
 
 

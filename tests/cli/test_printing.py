@@ -1,0 +1,75 @@
+"""Tables and sentences at every width: nothing is wider than the terminal, nothing breaks inside a word or a number."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from qsframework.cli.printing import PIPE, print_folded, print_table, table_lines, width
+
+HEADER = ("parameter", "value ± sd", "unit", "sd, % of initial", "initial", "status")
+ROWS = (
+    (
+        "joint_compliance[joint_1]",
+        "1.161 ± 0.041",
+        "urad/(N m)",
+        "15.8 %",
+        "0.26",
+        "7 prior sds from its initial value",
+    ),
+    ("joint_compliance[joint_2]", "0.368 ± 0.06", "urad/(N m)", "39.8 %", "0.15", "ok"),
+    (
+        "base_compliance",
+        "4.865 ± 2.3",
+        "urad/(N m)",
+        "111.1 %",
+        "2.1",
+        "not identifiable from these readings: sd 111 %",
+    ),
+)
+WIDE = (("target", *(f"dJ{k} deg" for k in range(1, 13))), (("hole_1", *(f"{k:+.4f}" for k in range(12))),))
+
+
+@pytest.mark.parametrize("room", [60, 80, 100, 160])
+@pytest.mark.parametrize(("header", "rows"), [(HEADER, ROWS), WIDE])
+def test_a_table_keeps_its_words_whole_and_to_the_width(
+    header: tuple[str, ...], rows: tuple[tuple[str, ...], ...], room: int
+) -> None:
+    lines = "\n".join(table_lines(header, rows, room)).splitlines()
+    assert max(map(len, lines)) <= room
+    text = " ".join(lines)
+    for word in " ".join((*header, *(cell for row in rows for cell in row))).split():
+        assert {word, f"{word}:"} & set(text.split()) or word == "ok", word
+    for cell in (cell for row in rows for cell in row if len(cell) < 20):  # a value and its sd stand together
+        assert cell in text or cell == "ok", cell
+
+
+def test_words_that_do_not_fit_stand_below_their_row() -> None:
+    narrow = "\n".join(table_lines(HEADER, ROWS, 80))
+    assert "\n    status: 7 prior sds from its initial value\njoint_compliance[joint_2]" in narrow
+    assert "status: ok" not in narrow
+    wide = table_lines(HEADER, ROWS, 160)
+    assert wide[0].split() == " ".join(HEADER).split()
+    assert len(wide) == 2 + len(ROWS)
+
+
+def test_numbers_end_and_words_begin_in_one_column() -> None:
+    lines = table_lines(HEADER, ROWS, 160)
+    ends = {line.index("%", 60) for line in lines[2:]}
+    assert len(ends) == 1
+    begins = {re.search(r"(7 prior|ok|not ident)", line).start() for line in lines[2:]}  # type: ignore[union-attr]
+    assert begins == {lines[0].index("status")}
+
+
+def test_a_pipe_is_a_hundred_wide(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.delenv("COLUMNS")
+    monkeypatch.setattr("sys.__stdout__", None)  # no terminal
+    assert width() == PIPE == 100
+    said = "- the way was not checked against joint_compliance[joint_1] " * 6
+    print_folded(said)
+    print_table(HEADER, ROWS, "Title")
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 100
+    assert lines[1].startswith("  ")
+    assert " ".join(" ".join(lines[:4]).split()).startswith(said.strip()[:300])
