@@ -117,8 +117,10 @@ def folded(said: str, room: int, indent: str) -> str:
 
 def _broken(said: str, room: int, first: str = "", rest: str = "") -> list[str]:
     """Lines of so many columns; a word is never broken, and a number stays with its unit."""
-    start = {"initial_indent": first, "subsequent_indent": rest}
-    lines = textwrap.wrap(_UNIT.sub(_TIED, said), room, break_on_hyphens=False, break_long_words=False, **start)
+    wrapper = textwrap.TextWrapper(
+        room, initial_indent=first, subsequent_indent=rest, break_on_hyphens=False, break_long_words=False
+    )
+    lines = wrapper.wrap(_UNIT.sub(_TIED, said))
     return [line.replace(_TIED, " ") for line in lines]
 
 

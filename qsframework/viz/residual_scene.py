@@ -61,6 +61,6 @@ def residual_scene(
         known = spots(experiment.robot.facts, links, seen)
         for cause in causes:
             draw_cause(scene, f"{path}/cause/{cause.replace('/', ' ')}", cause, known, reach(experiment.robot.facts))
-        name = readings.states.pose[m]
+        name = str(readings.states.pose[m])
         scene.step(path, f"{readings.states.pose[m]}: up to {1e3 * worst[m]:.3f} mm", facts=Facts(name=name))
     return scene, factor
