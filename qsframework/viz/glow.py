@@ -33,7 +33,7 @@ class Shares:
 
     def largest(self, i: int) -> tuple[tuple[str, float], ...]:
         """Of pose i, the springs that give most, largest first."""
-        order = np.argsort(-self.share[i], kind="stable")[:_MOST].tolist()
+        order: list[int] = np.argsort(-self.share[i], kind="stable")[:_MOST].tolist()
         return tuple((self.names[k], float(self.share[i, k])) for k in order if self.share[i, k] >= _SMALL)
 
 

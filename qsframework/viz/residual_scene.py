@@ -46,7 +46,8 @@ def residual_scene(
     state = place_poses(experiment, readings.poses.q[chosen])
     meshes = Meshes(experiment.robot)
     scene.notes += meshes.notes
-    for i, m in enumerate(chosen.tolist()):
+    order: list[int] = chosen.tolist()
+    for i, m in enumerate(order):
         path = f"poses/{i}"
         links, q = link_frames(state.placed, i), readings.poses.q[m]
         draw_robot(scene, path, experiment.robot, links, q, 0.5, meshes=meshes)
@@ -61,6 +62,6 @@ def residual_scene(
         known = spots(experiment.robot.facts, links, seen)
         for cause in causes:
             draw_cause(scene, f"{path}/cause/{cause.replace('/', ' ')}", cause, known, reach(experiment.robot.facts))
-        name = str(readings.states.pose[m])
+        name = readings.states.pose[m]
         scene.step(path, f"{readings.states.pose[m]}: up to {1e3 * worst[m]:.3f} mm", facts=Facts(name=name))
     return scene, factor

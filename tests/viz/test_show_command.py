@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from headless import unpacked
 
 from qsframework.applications import stiffness_at
 from qsframework.cli.identify import FitFiles, run_identify
@@ -191,7 +192,7 @@ def test_the_stiffness_report_holds_the_scene_of_its_load(tmp_path: Path) -> Non
 
         def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
             if tag == "iframe":
-                self.pages.append(dict(attrs)["srcdoc"] or "")
+                self.pages.append(unpacked(dict(attrs)["data-page"] or ""))
 
     report = tmp_path / "stiffness.html"
     run_stiffness("fanuc_m900ib", "0,20,-10,30,40,0", "0,0,-4000", "150,0,200", None, report)
