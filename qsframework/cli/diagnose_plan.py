@@ -12,6 +12,7 @@ from qsframework.cli.progress import progress
 from qsframework.cli.where import ALONE, Where, at_work
 from qsframework.diagnose.result import Diagnosis
 from qsframework.discriminate.follow_up import SecondDay, second_day
+from qsframework.errors import NotIdentifiable
 from qsframework.experiment import Experiment, Plan, Readings, load_experiment, read_plan, write_plan
 from qsframework.work import job_of
 
@@ -40,7 +41,11 @@ def run_foresight(
     known = promise_table(told)
     values = {"experiment": campaign, "plan": planned}
     with at_work(where, lambda: job_of("diagnose --plan", {"seed": seed}, values)) as work, progress() as tell:
-        found = foresee(campaign, planned, seed=seed, progress=tell, work=work)
+        try:
+            found = foresee(campaign, planned, seed=seed, progress=tell, work=work)
+        except NotIdentifiable:
+            print_table(known.header, known.rows)  # it shows what the plan does tell
+            raise
     verdict = foresight_verdict(found)
     print_verdict(verdict)
     print_table(known.header, known.rows)
