@@ -117,13 +117,11 @@ def find_candidates(words: str, experiment: Experiment, seed: int, tell: Tell, w
 
 def read_taken(path: Path, experiment: Experiment) -> Plan | Readings:
     """Readings or a plan: readings have a column `marker`."""
+    from qsframework.cli.kinds import kind
     from qsframework.experiment.columns import check_ours
-    from qsframework.files import read_text
 
     check_ours(path, "the columns of a plan or of readings")
-    lines = [line for line in read_text(path).splitlines() if line.strip() and not line.startswith("#")]
-    header = lines[0].split(",") if lines else []
-    return read_readings(path, experiment) if "marker" in [h.strip() for h in header] else read_plan(path, experiment)
+    return read_readings(path, experiment) if kind(path) == "readings" else read_plan(path, experiment)
 
 
 def twin_words(experiment: Experiment, plan: Plan) -> list[str]:

@@ -13,6 +13,7 @@ from qsframework.experiment import Experiment, Readings, load_experiment, read_r
 
 if TYPE_CHECKING:
     from qsframework.identify import Fit, FitOptions, Masked
+    from qsframework.report.blocks import Verdict
     from qsframework.screening import Finding
 
 
@@ -56,6 +57,7 @@ def run_identify(files: FitFiles, fit: list[str] | None, options: FitOptions, cl
     """Identify, print the fit, write the files and the report."""
     from qsframework.identify import identify
     from qsframework.identify.io import result_files
+    from qsframework.report.words.fit import fit_verdict
 
     experiment = load_experiment(files.experiment)
     sources = readings_files(experiment, files.data)
@@ -65,14 +67,15 @@ def run_identify(files: FitFiles, fit: list[str] | None, options: FitOptions, cl
     if clean:
         readings, masks = cleaned(experiment, readings, fit)
     result = replace(identify(experiment, readings, fit, options), cleaned=masks)
-    _tell(result, readings)
+    verdict = fit_verdict(result, readings.poses)
+    _tell(result, verdict)
     for said in result_files(result, experiment.robot, files.nominal, files.urdf):
         print_folded(said)
     if files.json is not None:
         write_json(files.json, result.as_json())
         print(f"fit: {files.json}")
     if files.report is not None:
-        _report(files.report, experiment, readings, result, [files.experiment, *sources])
+        _report(files.report, experiment, readings, result, verdict, [files.experiment, *sources])
 
 
 def _asked(experiment: Experiment, fit: list[str] | None) -> Experiment:
@@ -80,7 +83,7 @@ def _asked(experiment: Experiment, fit: list[str] | None) -> Experiment:
     return experiment if fit is None else experiment.with_(fit=tuple(fit))
 
 
-def _tell(result: Fit, readings: Readings) -> None:
+def _tell(result: Fit, verdict: Verdict) -> None:
     """What comes first, the verdict, the tables and the notes."""
     from qsframework.report.fit_section import (
         error_tables,
@@ -88,11 +91,11 @@ def _tell(result: Fit, readings: Readings) -> None:
         interval_tables,
         left_aside_table,
     )
-    from qsframework.report.words.fit import alignment_words, first_words, fit_verdict, verdict_words
+    from qsframework.report.words.fit import alignment_words, first_words, verdict_words
 
     for line in first_words(result):
         print_folded(line)
-    print_verdict(fit_verdict(result, readings.poses))
+    print_verdict(verdict)
     print_folded(verdict_words(result))
     print()
     aside = (left_aside_table(result),) if result.left_aside else ()
@@ -107,13 +110,14 @@ def _tell(result: Fit, readings: Readings) -> None:
         print("nothing was masked; --clean masks them, --keep-all says that they are right")
 
 
-def _report(report: Path, experiment: Experiment, readings: Readings, fit: Fit, inputs: list[Path]) -> None:
+def _report(
+    report: Path, experiment: Experiment, readings: Readings, fit: Fit, verdict: Verdict, inputs: list[Path]
+) -> None:
     from qsframework.report import fit_sections, write_report
     from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, LINEAR, computed
-    from qsframework.report.words.fit import fit_verdict
 
     own = computed(experiment, inputs, None, (LINEAR if fit.linear else EQUILIBRIUM, LEAST_SQUARES))
-    sections, verdict = (*fit_sections(fit, experiment, readings), own), fit_verdict(fit, readings.poses)
+    sections = (*fit_sections(fit, experiment, readings), own)
     print(f"report: {write_report(report, f'Identification: {experiment.robot.title}', sections, verdict)}")
 
 
@@ -132,7 +136,8 @@ def run_validate(files: FitFiles, fit: Path, halves: int, seed: int) -> None:
         found = validate_halves(experiment, readings, stored, halves, seed)
     else:
         found = validate(experiment, readings, stored)
-    print_verdict(validation_verdict(found))
+    verdict = validation_verdict(found)
+    print_verdict(verdict)
     for note in found.notes:
         print_folded(f"note: {note}")
     for table in validation_tables(found):
@@ -146,5 +151,5 @@ def run_validate(files: FitFiles, fit: Path, halves: int, seed: int) -> None:
         from qsframework.report.provenance import EQUILIBRIUM, LINEAR, computed
 
         own = computed(experiment, [files.experiment, fit, *sources], seed, (LINEAR if stored.linear else EQUILIBRIUM,))
-        sections, verdict = (validation_section(found), own), validation_verdict(found)
+        sections = (validation_section(found), own)
         print(f"report: {write_report(files.report, f'Validation: {experiment.robot.title}', sections, verdict)}")

@@ -183,14 +183,14 @@ class _Problem:
         tangent = o.noise.whiten(o.jacobian(self.reduction.x(z)))
         return tangent if correction is None else tangent + correction
 
-    def lacking(self, z: Array) -> Array:
-        """Whitened (m, p): what differences of the predictions say beside the tangent model's sensitivities.
+    def lacking(self, z: Array, tangent: Array) -> Array:
+        """Whitened (m, p): what differences of the predictions say beside the tangent model's sensitivities there.
 
         A parameter keeps its tangent column where the model has no answer a step away.
         """
         o = self.observations
         x = self.reduction.x(z)
-        tangent, here = o.noise.whiten(o.jacobian(x)), o.predict(x)
+        here = o.predict(x)
         lacks = np.zeros_like(tangent)
         for i in np.flatnonzero(self.reduction.moved):
             away = x.copy()
@@ -392,8 +392,9 @@ def _minimum(problem: _Problem, at: _State, local: _Linearised, step: int) -> _M
 
 def _fresh(problem: _Problem, at: _State, differences: bool = False) -> _State:
     """The same state with sensitivities of its own, undamped."""
-    correction = problem.lacking(at.z) if differences else at.correction
-    J = problem.whole(at.z, correction) @ problem.reduction.T
+    tangent = problem.whole(at.z)
+    correction = problem.lacking(at.z, tangent) if differences else at.correction
+    J = (tangent if correction is None else tangent + correction) @ problem.reduction.T
     return replace(at, J=J, fresh=True, correction=correction, exact=differences, damping=0.0)
 
 
@@ -481,9 +482,11 @@ def _solution(problem: _Problem, best: _Minimum) -> Solution:
     z, r = best.z, best.residuals
     reduction = problem.reduction
     x = reduction.x(z)
-    whole = problem.whole(z, best.correction)
-    if best.correction is not None and not problem.holds(z, whole):  # it was taken too far from here
-        whole = problem.whole(z, problem.lacking(z))
+    tangent = whole = problem.whole(z)
+    if best.correction is not None:
+        whole = tangent + best.correction
+        if not problem.holds(z, whole):  # it was taken too far from here
+            whole = tangent + problem.lacking(z, tangent)
     rows = np.vstack([whole @ reduction.T, problem.prior(z)[1]])
     R = np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
     bound = (z <= reduction.lower) | (z >= reduction.upper)

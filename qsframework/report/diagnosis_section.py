@@ -11,7 +11,6 @@ from qsframework.discriminate.pair import Discrimination
 from qsframework.report import diagnosis_plots as plots, diagnosis_tables as tables
 from qsframework.report.blocks import Block, Section, Text, View
 from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, LINEAR, provenance_section
-from qsframework.report.scenes import poses_of
 from qsframework.report.words.diagnosis import method_words
 from qsframework.report.words.discrimination import discrimination_words, left_open_words
 from qsframework.report.words.noise import audit_words, misfit_words
@@ -85,7 +84,7 @@ def _on_the_robot(diagnosis: Diagnosis) -> View:
         f"Measured minus predicted at the markers, {factor:.0f} times enlarged: red before, green after the extension; "
         f"{shown}, the slider shows one at a time. Look for red arrows that turn together with a link.",
         tables.pose_table(diagnosis),
-        poses_of(scene),
+        scene.poses,
     )
 
 

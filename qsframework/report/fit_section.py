@@ -11,7 +11,6 @@ from qsframework.experiment import Experiment, Readings
 from qsframework.identify import Estimate, Fit, Masked
 from qsframework.report.blocks import Block, Figure, Section, Table, Text, View
 from qsframework.report.fit_plots import fit_figures, residual_figures, workspace_figure
-from qsframework.report.scenes import poses_of
 from qsframework.report.words.fit import alignment_words, first_words, verdict_words
 from qsframework.report.words.sizes import shown, stiffness_words, with_sd
 
@@ -266,6 +265,6 @@ def residual_view(fit: Fit, experiment: Experiment, readings: Readings, more: tu
             rows_shown,
             "Lengths of the vectors, worst first.",
         ),
-        poses_of(scene),
+        scene.poses,
     )
     return Section("Residuals on the robot", (view, *more))

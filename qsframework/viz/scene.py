@@ -59,6 +59,11 @@ class Scene:
     size: float = 3.0
     """How large the scene is, m, where nothing in it says so."""
 
+    @property
+    def poses(self) -> tuple[str, ...]:
+        """The pose that each step shows."""
+        return tuple(self.facts[path].name for path, _ in self.steps)
+
     def transform(self, path: str, placement: Array) -> None:
         """Move a path and everything below it by a placement (4, 4)."""
         from meshcat.commands import SetTransform

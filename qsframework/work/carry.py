@@ -17,7 +17,7 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.work.threads import single_thread
+from qsframework.work.threads import on_one_thread
 
 _HELD = 4
 """Unpacked values that a worker keeps: a command has few stages, and each has one."""
@@ -122,12 +122,6 @@ def unpack(packed: Packed) -> Any:
     return _unpacked[packed.digest]
 
 
-def one_thread(function: Callable[[Any, Any], Any], shared: Any, task: Any) -> Any:
-    """function(shared, task) with linear algebra on one thread."""
-    with single_thread():
-        return function(shared, task)
-
-
 def settled(result: Any) -> Any:
     """A result of tuples, lists, dictionaries and arrays, these without gaps: as it comes from elsewhere."""
     if isinstance(result, np.ndarray):
@@ -144,4 +138,4 @@ def settled(result: Any) -> Any:
 
 def at_worker(function: Callable[[Any, Any], Any], packed: Packed, task: Any) -> Any:
     """What runs in another process."""
-    return one_thread(function, unpack(packed), task)
+    return on_one_thread(function)(unpack(packed), task)

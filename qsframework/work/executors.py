@@ -21,7 +21,8 @@ from queue import Empty
 from typing import Any, Protocol, TypeVar
 
 from qsframework.errors import InputError, QsfError
-from qsframework.work.carry import at_worker, one_thread, pack
+from qsframework.work.carry import at_worker, pack
+from qsframework.work.threads import on_one_thread
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -68,7 +69,7 @@ class InProcess:
     def map(self, function: Callable[[S, T], R], shared: S, tasks: Iterable[T]) -> Iterator[R]:
         """function(shared, task) of each task."""
         for task in tasks:
-            yield one_thread(function, shared, task)
+            yield on_one_thread(function)(shared, task)
 
     def close(self) -> None:
         """Nothing to let go of."""
