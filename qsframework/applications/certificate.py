@@ -13,11 +13,12 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from qsframework.errors import InputError
+from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Readings, make_rows
 from qsframework.experiment.observations import Rows
 from qsframework.files import FileModel, Unit, read_yaml, validate as checked
 from qsframework.identify import StoredFit, validate, validate_halves
+from qsframework.identify.soundness import check_robot, doubts
 from qsframework.identify.validate import Validation, fitted_frames
 from qsframework.plugin import Array
 
@@ -149,10 +150,12 @@ def certify(
 ) -> Certificate:
     """The certificate of a fit by readings: those that it has not seen, else by random halves of its own.
 
-    Raises InputError where the fit is not one that may be certified: of another robot or model, with a compliance
-    below zero, with a covariance that is none, or no better than the nominal arm at the readings held out.
+    Raises InputError where the fit is not one that may be certified: of another robot or model, not to be trusted
+    (`soundness.doubts`; a certificate knows no exception), or no better than the nominal arm at the readings held out.
     """
-    _refuse(experiment, fit)
+    check_robot(fit, experiment.robot)
+    if wrong := doubts(fit, experiment.robot, experiment.model().parameters):
+        raise InputError([Problem(f"no certificate: {why}", fit.file or None) for why in wrong])
     found = validate(experiment, readings, fit)
     if found.seen:
         found = validate_halves(experiment, readings, fit, halves, seed)
@@ -184,24 +187,6 @@ def certify(
         poses=len(np.unique(rows.pose)),
         files=(experiment.path, Path(fit.file), *readings.sources),
     )
-
-
-def _refuse(experiment: Experiment, fit: StoredFit) -> None:
-    """InputError, with every reason, where a fit cannot be certified by itself."""
-    known = {p.name: p for p in experiment.model().parameters}
-    wrong: list[str] = []
-    for name, value in zip(fit.names, fit.values.tolist(), strict=True):
-        p = known.get(name)
-        if p is not None and p.unit in _COMPLIANCES and value < 0.0:
-            wrong.append(f"{name} is {value:.3g} {p.unit}, and no spring gives against its load")
-        if name in fit.model and not np.isclose(fit.model[name], value, rtol=1e-9, atol=0.0):
-            wrong.append(f"{name} is {value:g} among the estimates and {fit.model[name]:g} in the model")
-    C = fit.whole_covariance
-    values = np.linalg.eigvalsh(C) if len(C) and np.isfinite(C).all() else np.zeros(0)
-    if len(values) and (not np.allclose(C, C.T, rtol=1e-6) or values[0] < -1e-9 * values[-1]):
-        wrong.append("its covariance is none: a variance would be below zero")
-    if wrong:
-        raise InputError(f"{fit.file}: no certificate: " + "; ".join(wrong))
 
 
 def _quantities(experiment: Experiment, fit: StoredFit) -> tuple[Quantity, ...]:

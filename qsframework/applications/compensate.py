@@ -20,7 +20,9 @@ from qsframework.applications.targets import Targets
 from qsframework.elastostatics import Model, actuator_torques, equilibrium, range_notes
 from qsframework.errors import InputError, NotConverged, Problem
 from qsframework.experiment import Experiment
-from qsframework.identify.io import StoredFit
+from qsframework.identify.fit import Fit
+from qsframework.identify.io import StoredFit, stored
+from qsframework.identify.soundness import check_robot, obeyed
 from qsframework.plugin import Array, Indices, Load, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.units import JointUnits
@@ -31,7 +33,6 @@ _CLOSE = 1e-10
 _LARGEST_CORRECTION = np.deg2rad(10.0)
 _SHARE = 1e-3
 _STEP = 1e-2
-_SIGNIFICANT = 1e-3
 _BLOCK = 64
 _NOTHING = 1e-12
 """m or rad that the tip of a rigid model moves by rounding."""
@@ -109,7 +110,13 @@ class Compensation:
 
 
 def compensate(
-    experiment: Experiment, fit: StoredFit, targets: Targets, reference: str = "commanded", tell: Tell | None = None
+    experiment: Experiment,
+    fit: Fit | StoredFit,
+    targets: Targets,
+    reference: str = "commanded",
+    tell: Tell | None = None,
+    *,
+    anyway: bool = False,
 ) -> Compensation:
     """Correct targets by an identified model.
 
@@ -117,10 +124,15 @@ def compensate(
     errors of geometry that the fit knows are corrected too; "unloaded": where the arm stands without the wrench, as for
     targets that were taught with an empty hand (joint targets only).
 
-    Raises InputError where the fit is of another robot, an actuator is overloaded, nothing in the model gives under the
-    wrenches, a target cannot be corrected within the limits, or the arm does not carry the wrench there.
+    The covariance is that of the fit, widened where its residuals do not fit their noise (`StoredFit.widening`).
+    anyway: use a fit that is not to be trusted, and note why it is not (`soundness.doubts`).
+
+    Raises InputError where the fit is of another robot or not to be trusted, an actuator is overloaded, nothing in the
+    model gives under the wrenches, a target cannot be corrected within the limits, or the arm does not carry the
+    wrench there.
     """
-    check_fit(experiment, fit)
+    fit = stored(fit)
+    doubted = check_fit(experiment, fit, anyway)
     if reference not in REFERENCES:
         raise InputError(Problem(f"unknown reference {reference!r}", allowed=", ".join(REFERENCES)))
     if reference == "unloaded" and targets.cartesian:
@@ -138,7 +150,7 @@ def compensate(
     _check_corrected(experiment, targets, pendant, deflection, left)
     command = rigid_tip(experiment.robot, experiment.load_site, experiment.robot.controller.to_joints(pendant))
     stood = Poses(pendant, experiment.robot.controller.to_joints(pendant), targets.wrench)
-    notes = (*fit_notes(experiment, fit), *range_notes(model, stood, targets.name, x))
+    notes = (*doubted, *fit_notes(experiment, fit), *range_notes(model, stood, targets.name, x))
     return Compensation(
         targets=targets,
         units=experiment.robot.controller.units,
@@ -153,20 +165,17 @@ def compensate(
     )
 
 
-def check_fit(experiment: Experiment, fit: StoredFit) -> None:
-    """InputError where a fit is of another robot or another model."""
-    name, model = experiment.robot.name, experiment.model()
-    if fit.robot and fit.robot != name:
-        hint = "Give the experiment of that robot, or identify this one."
-        raise InputError(
-            Problem("the fit is of another robot", fit.file or None, found=fit.robot, allowed=name, hint=hint)
-        )
+def check_fit(experiment: Experiment, fit: StoredFit, anyway: bool = False) -> tuple[str, ...]:
+    """What to note of a fit. InputError where it is of another robot or another model, or not to be trusted."""
+    check_robot(fit, experiment.robot)
+    model = experiment.model()
     optional = {p.name for p in model.parameters if p.by_name}
     other = sorted((set(fit.model) ^ set(model.names)) - (optional - set(fit.model)))
     if other:
         hint = "Give the experiment that the fit was made with, with the same effects."
         message = f"the fit is of another model than {experiment.path.name}: only one has {', '.join(other[:6])}"
         raise InputError(Problem(message, fit.file or None, hint=hint))
+    return obeyed(fit, experiment.robot, model.parameters, anyway)
 
 
 def arm_values(experiment: Experiment, fit: StoredFit) -> Array:
@@ -196,12 +205,12 @@ def fit_notes(experiment: Experiment, fit: StoredFit) -> tuple[str, ...]:
         notes.append(
             "the fit states no uncertainty of its load (load_uncertainty in experiment.yaml): counted as exact"
         )
-    if fit.sigma_source != "estimated" and fit.dof > 0:
-        from scipy.stats import chi2
-
-        if chi2.sf(fit.chi2, fit.dof) < _SIGNIFICANT:
-            ratio = np.sqrt(fit.chi2 / fit.dof)
-            notes.append(f"the fit's residuals are {ratio:.1f} times the stated noise: expect errors larger than said")
+    if fit.widening > 1.0:
+        ratio = f"{np.sqrt(fit.widening):.1f}"
+        notes.append(
+            f"the fit's residuals are {ratio} times the stated noise: the expected errors are widened by that factor, "
+            "and what the model lacks may add more"
+        )
     return tuple(notes)
 
 
@@ -230,8 +239,11 @@ def _block(
     slope = tip_slope(model, fit, x, lambda v: stand(pendant, v))
     if reference == "unloaded":
         slope = slope - tip_slope(model, fit, x, lambda v: stand(start, v, False))
-    whole, noise = (slope @ C @ slope.transpose(0, 2, 1) for C in (fit.whole_covariance, fit.covariance))
-    return pendant, deflection, error, whole, noise
+    noise, load = (
+        slope @ C @ slope.transpose(0, 2, 1)
+        for C in (fit.widening * fit.covariance, fit.whole_covariance - fit.covariance)
+    )
+    return pendant, deflection, error, noise + load, noise
 
 
 def tip_slope(model: Model, fit: StoredFit, x: Array, stand: Callable[[Array], TipPose]) -> Array:

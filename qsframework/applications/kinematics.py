@@ -18,7 +18,8 @@ from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
 from qsframework.files import read_yaml, sha256, write_text
 from qsframework.files.plain import is_list, is_mapping
-from qsframework.identify.io import StoredFit, constant_geometry, refuse_through_loops, write_urdf
+from qsframework.identify.fit import Fit
+from qsframework.identify.io import StoredFit, constant_geometry, refuse_through_loops, stored, write_urdf
 from qsframework.plugin import Array, Geometry
 from qsframework.plugin.facts import frozen
 from qsframework.robot.corrected import moves, read_placements
@@ -53,6 +54,7 @@ class Fitted:
     held: tuple[str, ...]
     missing: tuple[str, ...]
     x: Array
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,9 +67,11 @@ class Written:
     far: tuple[str, ...] = ()
 
 
-def fitted(experiment: Experiment, fit: StoredFit) -> Fitted:
-    """The kinematics that a fit found. InputError for the fit of another robot or model, or of an arm that slides."""
-    check_fit(experiment, fit)
+def fitted(experiment: Experiment, fit: Fit | StoredFit, *, anyway: bool = False) -> Fitted:
+    """The kinematics that a fit found. InputError for the fit of another robot or model, one that is not to be trusted
+    unless `anyway`, or of an arm that slides."""
+    fit = stored(fit)
+    notes = check_fit(experiment, fit, anyway)
     sliding = [joint for joint in experiment.robot.facts.joints if experiment.robot.facts.slides(joint)]
     if sliding:
         message = f"{', '.join(sliding)} slides: corrected kinematics are written of joints that turn only so far"
@@ -100,6 +104,7 @@ def fitted(experiment: Experiment, fit: StoredFit) -> Fitted:
         missing=tuple(n for n in fit.names if n not in held),
         x=frozen(x),
         held=tuple(n for n in fit.names if n in held),
+        notes=notes,
     )
 
 

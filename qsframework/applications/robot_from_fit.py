@@ -7,16 +7,22 @@ from dataclasses import replace
 import numpy as np
 
 from qsframework.errors import InputError, Problem
-from qsframework.identify.io import StoredFit
+from qsframework.identify.fit import Fit
+from qsframework.identify.io import StoredFit, stored
+from qsframework.identify.soundness import check_robot, obeyed
 from qsframework.robot import Robot
 
 
-def with_fit(robot: Robot, fit: StoredFit) -> tuple[Robot, tuple[str, ...]]:
-    """The robot with the values of a fit, and the names of its estimates that are no parameters of this robot, such as
-    the tracker's frame or effects of the experiment alone. InputError for a fit of another robot."""
+def with_fit(robot: Robot, fit: Fit | StoredFit, *, anyway: bool = False) -> tuple[Robot, tuple[str, ...]]:
+    """The robot with the values of a fit, and what to note of it, such as estimates that are no parameters of this
+    robot: of the tracker's frame, or of effects of the experiment alone.
+
+    sds are widened where the residuals do not fit their noise. InputError for a fit of another robot, one that is not
+    to be trusted unless `anyway`, and, always, for values beyond their bounds.
+    """
+    fit = stored(fit)
     file, own = fit.file or None, {p.name for p in robot.parameters}
-    if fit.robot and fit.robot != robot.name:
-        raise InputError(Problem("the fit is of another robot", file, found=fit.robot, allowed=robot.name))
+    check_robot(fit, robot)
     if not own & set(fit.names):
         raise InputError(
             Problem(f"the fit estimates no parameter of {robot.name}", file, found=", ".join(fit.names[:6]))
@@ -35,7 +41,8 @@ def with_fit(robot: Robot, fit: StoredFit) -> tuple[Robot, tuple[str, ...]]:
     ]
     if beyond:
         raise InputError(beyond)
-    sd = {name: float(s) for name, s in zip(fit.names, fit.sd, strict=True)}
+    notes = obeyed(fit, robot, robot.parameters, anyway)
+    sd = {name: float(s) for name, s in zip(fit.names, np.sqrt(fit.widening) * fit.sd, strict=True)}
     parameters = tuple(
         replace(
             p,
@@ -47,4 +54,7 @@ def with_fit(robot: Robot, fit: StoredFit) -> tuple[Robot, tuple[str, ...]]:
         else p
         for p in robot.parameters
     )
-    return replace(robot, parameters=parameters), tuple(n for n in fit.names if n not in own)
+    others = [n for n in fit.names if n not in own]
+    if others:
+        notes = (*notes, f"estimates that are no effects of its robot.yaml are left out: {', '.join(others)}")
+    return replace(robot, parameters=parameters), notes

@@ -26,6 +26,7 @@ def run_compare(
     report: Path | None,
     fits: Sequence[str] = (),
     where: Where = ALONE,
+    anyway: bool = False,
 ) -> None:
     """Compare, print the summary, write the JSON and the report."""
     from qsframework.report import write_report
@@ -37,7 +38,7 @@ def run_compare(
     distinct_outputs([json, report, where.checkpoint], [task_file, *map(Path, fit_files.values())])
     task = load_task(task_file)
     robots = [load_robot(name, beside=task_file.parent) for name in names]
-    robots, notes = identified(robots, fit_files)
+    robots, notes = identified(robots, fit_files, anyway)
     values = {"task": task, **{f"robot {r.name}": r for r in robots}}
     with at_work(where, lambda: job_of("compare", {"seed": seed}, values)) as work, progress() as tell:
         result = compare(robots, task, seed, tell, notes, work)
@@ -61,7 +62,9 @@ def run_compare(
         print(f"report: {write_report(report, f'Comparison: {task.title}', sections, verdict)}")
 
 
-def identified(robots: list[Robot], fits: Mapping[str, str]) -> tuple[list[Robot], dict[str, tuple[str, ...]]]:
+def identified(
+    robots: list[Robot], fits: Mapping[str, str], anyway: bool = False
+) -> tuple[list[Robot], dict[str, tuple[str, ...]]]:
     """The robots with the values of their fits, and what to note of each."""
     from qsframework.applications.robot_from_fit import with_fit
     from qsframework.identify.io import read_fit
@@ -74,10 +77,6 @@ def identified(robots: list[Robot], fits: Mapping[str, str]) -> tuple[list[Robot
     notes: dict[str, tuple[str, ...]] = {}
     for robot in robots:
         if robot.name in fits:
-            robot, others = with_fit(robot, read_fit(fits[robot.name]))
-            if others:
-                notes[robot.name] = (
-                    f"estimates that are no effects of its robot.yaml are left out: {', '.join(others)}",
-                )
+            robot, notes[robot.name] = with_fit(robot, read_fit(fits[robot.name]), anyway=anyway)
         out.append(robot)
     return out, notes

@@ -60,7 +60,9 @@ class ProgrammeOptions:
         return bool(self.load or self.keep or self.tool or self.frame or self.start)
 
 
-def run_compensate(files: CompensateFiles, reference: str, options: ProgrammeOptions | None = None) -> None:
+def run_compensate(
+    files: CompensateFiles, reference: str, options: ProgrammeOptions | None = None, anyway: bool = False
+) -> None:
     """Correct the targets, print what is gained, write corrected targets or the programme, the JSON and the report."""
     options = options or ProgrammeOptions()
     programme = files.targets.suffix.lower() in ENDINGS
@@ -78,7 +80,7 @@ def run_compensate(files: CompensateFiles, reference: str, options: ProgrammeOpt
         if programme:
             made = read_programme(files.targets, experiment, programme_wish(options, experiment), tell)
         targets = read_targets(files.targets, experiment, tell) if made is None else made.targets
-        result = compensate(experiment, fit, targets, reference, tell)
+        result = compensate(experiment, fit, targets, reference, tell, anyway=anyway)
     texts = {} if made is None else corrected_texts(made, result, experiment)
     _print(result, files.output)
     if made is None:

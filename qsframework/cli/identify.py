@@ -28,6 +28,7 @@ class FitFiles:
     nominal: Path | None = None
     urdf: Path | None = None
     states: str | None = None
+    anyway: bool = False
 
     @property
     def outputs(self) -> tuple[Path | None, ...]:
@@ -68,11 +69,12 @@ def run_identify(files: FitFiles, fit: list[str] | None, options: FitOptions, cl
         readings, masks = cleaned(experiment, readings, fit)
     result = replace(identify(experiment, readings, fit, options), cleaned=masks)
     verdict = fit_verdict(result, readings.poses)
-    _tell(result, verdict)
-    for said in result_files(result, experiment.robot, files.nominal, files.urdf):
-        print_folded(said)
     if files.json is not None:
         write_json(files.json, result.as_json())
+    _tell(result, verdict)
+    for said in result_files(result, experiment.robot, files.nominal, files.urdf, files.anyway):
+        print_folded(said)
+    if files.json is not None:
         print(f"fit: {files.json}")
     if files.report is not None:
         _report(files.report, experiment, readings, result, verdict, [files.experiment, *sources])

@@ -21,15 +21,17 @@ _NAMES = {
 
 
 def run_kinematics(
-    file: Path, fit_file: Path, outputs: Mapping[str, Path], offsets: Path | None, json: Path | None
+    file: Path, fit_file: Path, outputs: Mapping[str, Path], offsets: Path | None, json: Path | None, anyway: bool
 ) -> None:
     """Print the joints' offsets, write the files that are asked for, and say what each differs by and lacks."""
     distinct_outputs([*outputs.values(), offsets, json], [file, fit_file])
     experiment, fit = load_experiment(file), read_fit(fit_file)
-    one = fitted(experiment, fit)
+    one = fitted(experiment, fit, anyway=anyway)
     rows = offset_rows(one)
     print_table(tuple(rows[0]), tuple(tuple(row.values()) for row in rows))
     print_folded(_held(one))
+    for note in one.notes:
+        print_folded(f"note: {note}")
     files = {kind: WRITERS[kind](one, path) for kind, path in outputs.items()}
     for kind, written in files.items():
         print_folded(_said(_NAMES[kind], written))

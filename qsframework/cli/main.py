@@ -11,7 +11,7 @@ import typer
 
 from qsframework.cli.printing import folded, print_folded, width
 from qsframework.cli.stop import Stopped, listening
-from qsframework.cli.trust import Trust
+from qsframework.cli.trust import Anyway, Trust
 from qsframework.cli.where import DaskAddress, Jobs, Kept, Where
 from qsframework.cli.work import add_commands
 from qsframework.errors import InputError, Problem, QsfError, nearest
@@ -313,6 +313,7 @@ def identify(
     urdf: Annotated[Path | None, typer.Option(help="Write the robot's URDF with corrected joint origins.")] = None,
     json: Json = None,
     report: Report = None,
+    anyway: Anyway = False,
     trust: Trust = False,
     exact: Exact = False,
     positions: Annotated[Path | None, typer.Option(hidden=True)] = None,
@@ -353,7 +354,14 @@ def identify(
         keep_all=keep_all,
     )
     paths = FitFiles(
-        experiment=experiment, data=tuple(readings), json=json, report=report, nominal=nominal, urdf=urdf, states=states
+        experiment=experiment,
+        data=tuple(readings),
+        json=json,
+        report=report,
+        nominal=nominal,
+        urdf=urdf,
+        states=states,
+        anyway=anyway,
     )
     run_identify(paths, fit, options, clean)
 

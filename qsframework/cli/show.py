@@ -15,6 +15,7 @@ from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings, load_experiment, read_plan, read_readings
 from qsframework.files import write_text
 from qsframework.identify.io import StoredFit, read_fit
+from qsframework.identify.soundness import check_robot, doubts
 from qsframework.plugin import Array
 from qsframework.robot import load_robot, robot_names
 from qsframework.robot.loader import find_robot
@@ -80,13 +81,18 @@ def make_scene(shown: Shown, say: Callable[[str], object] = lambda note: None) -
     )
     if shown.plan is not None and (pose is not None or shown.load is not None):
         raise InputError("a plan has its own poses and loads; leave out --pose and --load, or the plan")
-    x, readings, note, frames = None, None, None, ()
+    x, readings, frames = None, None, ()
+    notes: list[str] = []
     if shown.data is not None and shown.fit is None:
         raise InputError("readings are shown with a fit: name a fit.json too")
     if shown.fit is not None:
-        fit = _fit(shown.fit, experiment)
+        fit = read_fit(shown.fit)
+        check_robot(fit, experiment.robot)
         x, frames = fit.x(experiment.model()), fit.frames
+        if wrong := doubts(fit, experiment.robot, experiment.model().parameters):
+            notes.append(f"This fit is not to be trusted: {'; '.join(wrong)}.")
         readings, note = _readings((shown.data,) if shown.data else experiment.data, experiment, fit)
+        notes += [note] if note else []
     missed = None
     if shown.plan is not None:
         plan = read_plan(shown.plan, experiment)
@@ -97,8 +103,8 @@ def make_scene(shown: Shown, say: Callable[[str], object] = lambda note: None) -
     if readings is not None and x is not None and missed is None:
         missed = floating(experiment, readings, x, frames)
     scene = show_scene(experiment, plan, x, shown.scale, missed)
-    if note:
-        scene.notes.append(note)
+    scene.notes.extend(notes)
+    for note in notes:
         say(note)
     return scene
 
@@ -127,10 +133,3 @@ def _load(text: str | None) -> Array | None:
         return None
     wrench = numbers("--load", text, (3, 6))
     return np.concatenate([wrench, np.zeros(6 - len(wrench))])
-
-
-def _fit(path: Path, experiment: Experiment) -> StoredFit:
-    fit = read_fit(path)
-    if fit.robot and fit.robot != experiment.robot.name:
-        raise InputError(f"{path}: the fit is of robot {fit.robot}, not of {experiment.robot.name}")
-    return fit

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from qsframework.cli.trust import Trust
+from qsframework.cli.trust import Anyway, Trust
 from qsframework.cli.where import DaskAddress, Jobs, Kept, Where
 
 ExperimentFile = Annotated[Path, typer.Argument(help="experiment.yaml", show_default=False)]
@@ -46,6 +46,7 @@ def compensate(
     ] = None,
     json: Json = None,
     report: Report = None,
+    anyway: Anyway = False,
     trust: Trust = False,
 ) -> None:
     """Correct targets so that the loaded tool stands where it is wanted, and say what error is left."""
@@ -61,7 +62,7 @@ def compensate(
         )
     (targets,) = given["targets"]
     options = ProgrammeOptions(tuple(load or ()), tuple(keep or ()), tuple(tool or ()), tuple(frame or ()), start)
-    run_compensate(CompensateFiles(experiment, fit, targets, output, json, report), reference, options)
+    run_compensate(CompensateFiles(experiment, fit, targets, output, json, report), reference, options, anyway)
 
 
 def kinematics(
@@ -78,13 +79,14 @@ def kinematics(
         Path | None, typer.Option(help="Write the joints' offsets, CSV; in motor counts where robot.yaml states them.")
     ] = None,
     json: Json = None,
+    anyway: Anyway = False,
     trust: Trust = False,
 ) -> None:
     """Write the fitted rigid kinematics for other programs and for the controller, and say what they lack."""
     from qsframework.cli.kinematics import run_kinematics
 
     asked = {"urdf": urdf, "dh": dh, "mdh": mdh, "hayati": hayati, "ur": ur}
-    run_kinematics(experiment, fit, {k: path for k, path in asked.items() if path is not None}, offsets, json)
+    run_kinematics(experiment, fit, {k: path for k, path in asked.items() if path is not None}, offsets, json, anyway)
 
 
 def certificate(
@@ -341,12 +343,13 @@ def compare(
     seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
     json: Json = None,
     report: Report = None,
+    anyway: Anyway = False,
     trust: Trust = False,
 ) -> None:
     """Compare robots: deflection over the workspace and along a path, and what equally many poses would tell."""
     from qsframework.cli.compare import run_compare
 
-    run_compare(robots, task, seed, json, report, fit or (), Where(jobs, dask, checkpoint))
+    run_compare(robots, task, seed, json, report, fit or (), Where(jobs, dask, checkpoint), anyway)
 
 
 def new(

@@ -15,10 +15,12 @@ from qsframework.experiment import Frame, Readings, make_rows
 from qsframework.experiment.readings import Alignment, Made
 from qsframework.files.formats import FORMAT
 from qsframework.identify.selection import LeftAside
+from qsframework.identify.soundness import robot_hash
 from qsframework.plugin import Array, Indices
 
 HIGH_CORRELATION = 0.9
-_SIGNIFICANT = 1e-3
+SIGNIFICANT = 1e-3
+"""p-value below which residuals do not fit their stated noise."""
 
 
 class State(Enum):
@@ -213,6 +215,17 @@ class Fit:
 
         return None if self.sigma_source == "estimated" else float(chi2.sf(self.chi2, self.dof))
 
+    @property
+    def unseen(self) -> tuple[float, float, float]:
+        """Error of the nominal model and at poses left out, m, and the largest distance at these: of positions RMS of
+        the distance, else RMS per axis; NaN where no pose can be left out."""
+        kind = next(k for k in ("position", "displacement", "gauge") if (self.kind == k).any())
+        at = self.kind == kind
+        size = self.error_of if kind == "position" else rms
+        out = np.concatenate([self.left_out[at], self.missed[self.missed_kind == kind]])
+        far = np.sqrt(np.nansum(out**2, axis=1))
+        return size((self.measured - self.nominal)[at]), size(out), float(far.max()) if len(far) else float("nan")
+
     def error_of(self, residuals: Array) -> float:
         """RMS of the norms of errors (R, 3) that are whole, m; NaN where there are none."""
         whole = residuals[np.isfinite(residuals).all(axis=1)]
@@ -235,7 +248,7 @@ class Fit:
     @property
     def significance(self) -> float:
         """p-value below which residuals do not fit their stated noise."""
-        return _SIGNIFICANT
+        return SIGNIFICANT
 
     @property
     def correlation(self) -> Array:
@@ -255,9 +268,11 @@ class Fit:
 
     def as_json(self) -> dict[str, Any]:
         """What `fit.json` holds (SI units)."""
+        before, after, _ = self.unseen
         content = {
             "format": FORMAT,
             "robot": self.model.facts.name,
+            "robot_sha256": robot_hash(self.model.facts),
             "method": self.method,
             "linear": self.linear,
             "parameters": list(self.names),
@@ -274,6 +289,7 @@ class Fit:
             "chi2": self.chi2,
             "dof": self.dof,
             "p_value": self.p_value,
+            "unseen_mm": [1e3 * before, 1e3 * after] if np.isfinite([before, after]).all() else None,
             "poses_that_cannot_be_left_out": list(self.carriers),
             "model": {name: float(v) for name, v in zip(self.model.names, self.x, strict=True)},
             "notes": list(self.notes),

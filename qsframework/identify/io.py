@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import pydantic
@@ -16,7 +16,8 @@ from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Frame
 from qsframework.files import Document, FileModel, Unit, read_yaml, sha256, validate, write_text
 from qsframework.files.formats import check_format
-from qsframework.identify.fit import Fit, Masked
+from qsframework.identify.fit import SIGNIFICANT, Fit, Masked
+from qsframework.identify.soundness import obeyed, robot_hash
 from qsframework.plugin import Array, Context, Geometry, Loop, Parameter, Poses, laws
 from qsframework.robot import Robot
 from qsframework.robot.corrected import write_corrected_urdf
@@ -57,6 +58,7 @@ class FitSpec(FileModel):
     model_config = pydantic.ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
     format: int = 1
     robot: str = ""
+    robot_sha256: str = ""
     method: str
     parameters: list[str]
     estimates: dict[str, EstimateSpec]
@@ -72,13 +74,16 @@ class FitSpec(FileModel):
     frames: dict[str, StoredFrameSpec] = pydantic.Field(default_factory=dict[str, "StoredFrameSpec"])
     masked: list[MaskedSpec] | None = None
     masked_rows: list[int] = pydantic.Field(default_factory=list[int])
+    unseen: Annotated[list[float] | None, Unit("m")] = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StoredFit:
     """A fit as its file holds it: values (p,), sd (p,) NaN where none is quoted, covariance (p, p), SI.
 
-    model: the values of all parameters of the model, estimated or not; robot: "" in files that do not say it
+    model: the values of all parameters of the model, estimated or not; robot, robot_sha256: "" in files that do not
+    say it, see `soundness.robot_hash`; unseen: error, m, of the nominal values and of the fit at poses left out, None
+    where no pose could be left out
     """
 
     method: str
@@ -94,6 +99,8 @@ class StoredFit:
     model: dict[str, float]
     data_sha256: str
     robot: str = ""
+    robot_sha256: str = ""
+    unseen: tuple[float, float] | None = None
     file: str = ""
     total_covariance: Array | None = None
     """With the stated uncertainty of the campaign's load; None where none was stated."""
@@ -116,6 +123,15 @@ class StoredFit:
         """Covariance (p, p) of the noise and, where it was stated, of the load."""
         return self.covariance if self.total_covariance is None else self.total_covariance
 
+    @property
+    def widening(self) -> float:
+        """What the variances that the fit promises are multiplied by: chi-square per degree of freedom where the
+        residuals do not fit their stated noise, else 1."""
+        from scipy.stats import chi2
+
+        stated = self.sigma_source != "estimated" and self.dof > 0
+        return self.chi2 / self.dof if stated and chi2.sf(self.chi2, self.dof) < SIGNIFICANT else 1.0
+
     def x(self, model: Model) -> Array:
         """Values of all parameters of a model (p,). InputError where the fit is of another model.
 
@@ -129,6 +145,35 @@ class StoredFit:
     def is_of(self, data: Path) -> bool:
         """Whether the readings in a file are those of the fit, by their hash."""
         return sha256(data) in self.data_sha256.split("+")
+
+
+def stored(fit: Fit | StoredFit) -> StoredFit:
+    """A fit as its file would hold it; a stored one as it is."""
+    if isinstance(fit, StoredFit):
+        return fit
+    before, after, _ = fit.unseen
+    return StoredFit(
+        method=fit.method,
+        names=fit.names,
+        values=np.array([e.value for e in fit.estimates]),
+        sd=np.array([e.sd for e in fit.estimates]),
+        covariance=fit.covariance,
+        status=tuple(e.status for e in fit.estimates),
+        sigma=fit.sigma,
+        sigma_source=fit.sigma_source,
+        chi2=fit.chi2,
+        dof=fit.dof,
+        model=dict(zip(fit.model.names, fit.x.tolist(), strict=True)),
+        data_sha256=fit.data_sha256,
+        robot=fit.model.facts.name,
+        robot_sha256=robot_hash(fit.model.facts),
+        unseen=(before, after) if np.isfinite([before, after]).all() else None,
+        total_covariance=fit.total_covariance,
+        cleaned=fit.cleaned,
+        masked_rows=fit.masked_rows,
+        linear=fit.linear,
+        frames=fit.frames,
+    )
 
 
 def write_fit(fit: Fit, path: str | Path) -> Path:
@@ -161,6 +206,9 @@ def read_fit(path: str | Path) -> StoredFit:
             )
         elif not np.allclose(given, np.transpose(given), rtol=1e-6, atol=0.0):
             wrong.append(Problem(f"{key} is not symmetric", str(path), document.line(key)))
+    if spec.unseen is not None and len(spec.unseen) != 2:
+        found, allowed = f"{len(spec.unseen)} numbers", "2: of the nominal values and of the fit"
+        wrong.append(Problem("unseen_mm", str(path), document.line("unseen_mm"), found=found, allowed=allowed))
     if wrong:
         raise InputError(wrong)
     estimates = [spec.estimates[name] for name in spec.parameters]
@@ -178,6 +226,8 @@ def read_fit(path: str | Path) -> StoredFit:
         model=dict(spec.model),
         data_sha256=spec.data_sha256,
         robot=spec.robot,
+        robot_sha256=spec.robot_sha256,
+        unseen=None if spec.unseen is None else (spec.unseen[0], spec.unseen[1]),
         file=str(path),
         total_covariance=None if spec.covariance_total is None else np.array(spec.covariance_total).reshape(p, p),
         cleaned=None
@@ -347,9 +397,14 @@ def _add(twists: Array, more: Array, name: str) -> None:
     twists += more
 
 
-def result_files(fit: Any, robot: Robot, nominal: Path | None, urdf: Path | None) -> Sequence[str]:
-    """Write the files that are asked for; what to tell about them."""
+def result_files(
+    fit: Fit, robot: Robot, nominal: Path | None, urdf: Path | None, anyway: bool = False
+) -> Sequence[str]:
+    """Write the files that are asked for; what to tell about them. InputError for a fit that is not to be trusted,
+    unless `anyway`."""
     said: list[str] = []
+    if nominal is not None or urdf is not None:
+        said += (f"note: {note}" for note in obeyed(stored(fit), robot, fit.model.parameters, anyway))
     if nominal is not None:
         beside = nominal.with_name(f"{nominal.stem}_campaign{nominal.suffix}")
         others = write_campaign(fit, beside, robot)

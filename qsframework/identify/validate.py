@@ -15,6 +15,7 @@ from qsframework.experiment import Experiment, Frame, Readings, make_rows
 from qsframework.experiment.observations import Rows
 from qsframework.identify.identify import identify
 from qsframework.identify.io import StoredFit
+from qsframework.identify.soundness import check_robot
 from qsframework.plugin import Array, Indices
 
 _AXES = ("x", "y", "z")
@@ -104,8 +105,7 @@ def validate(experiment: Experiment, readings: Readings, fit: StoredFit) -> Vali
     A series that the fit does not know is laid on its predictions by a rigid motion first, and the error is what this
     leaves. InputError where the fit is of another robot or model.
     """
-    if fit.robot and fit.robot != experiment.robot.name:
-        raise InputError(f"{fit.file}: the fit is of robot {fit.robot}, not of {experiment.robot.name}")
+    check_robot(fit, experiment.robot)
     model, rows = experiment.model(), make_rows(readings)
     x = fit.x(model)
     errors = rows.measured - rows.predict(model, x, fitted_frames(fit, rows, model, x), fit.linear)

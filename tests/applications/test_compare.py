@@ -275,8 +275,8 @@ def test_wrong_fits(root: Path, tmp_path: Path) -> None:
     bad = replace(fit, model={**fit.model, fit.names[2]: -1e-7})
     with pytest.raises(InputError, match=r"joint_compliance\[joint_3\] is beyond its bounds.*within bounds"):
         with_fit(robot, bad)
-    extra = replace(fit, names=(*fit.names, "frame[s].x"), sd=np.append(fit.sd, 1.0))
-    assert with_fit(robot, extra)[1] == ("frame[s].x",)
+    extra = replace(fit, names=(*fit.names, "frame[s].x"), sd=np.append(fit.sd, 1.0), values=np.append(fit.values, 0.0))
+    assert with_fit(robot, extra)[1] == ("estimates that are no effects of its robot.yaml are left out: frame[s].x",)
 
 
 def test_the_command_takes_fits(root: Path, tmp_path: Path) -> None:

@@ -313,7 +313,7 @@ def test_the_command(m900ib: Experiment, tmp_path: Path) -> None:
     plan = Path(m900ib.path).parent / "table5.csv"
     readings = tmp_path / "readings.csv"
     for line in (
-        ["simulate", str(m900ib.path), str(plan), "-o", str(readings)],
+        ["simulate", str(m900ib.path), str(plan), "-o", str(readings), "--truth", "drawn"],
         ["identify", str(m900ib.path), str(readings), "--json", str(fit)],
     ):
         assert CliRunner().invoke(app, line, catch_exceptions=False).exit_code == 0

@@ -55,7 +55,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
     experiment.write_text(EXPERIMENT)
     qsf("check", experiment)
     qsf("design", experiment, "--poses", 8, "--candidates", 100, "-o", plan, "--report", folder / "plan.html")
-    qsf("simulate", experiment, plan, "-o", readings)
+    qsf("simulate", experiment, plan, "-o", readings, "--truth", "drawn", "--json", folder / "truth.json")
     qsf("identify", experiment, "--data", readings, "--json", folder / "fit.json", "--report", folder / "fit.html")
     return folder
 
@@ -73,7 +73,8 @@ def test_tables_have_the_track_in_millimetres_inside_the_experiments_limits(cell
 def test_the_fit_has_the_track_in_micrometres_per_newton(cell: Path) -> None:
     estimate = json.loads((cell / "fit.json").read_text())["estimates"]["joint_compliance[j1]"]
     assert estimate["unit"] == "m/N"
-    assert abs(estimate["value"] - 3e-8) < 4.0 * estimate["sd"]
+    truth = json.loads((cell / "truth.json").read_text())["truth"]["joint_compliance[j1]"]
+    assert abs(estimate["value"] - truth) < 4.0 * estimate["sd"]
     assert "um/N" in (cell / "fit.html").read_text()
 
 
@@ -99,7 +100,7 @@ def test_targets_are_corrected_in_millimetres_and_degrees(cell: Path) -> None:
         out = cell / f"{name}_corrected.csv"
         qsf("compensate", cell / "experiment.yaml", cell / "fit.json", cell / f"{name}.csv", "-o", out)
         (row,) = rows(out)
-        assert 0.01 < float(row["uncorrected_mm"]) < 5.0
+        assert 0.01 < float(row["uncorrected_mm"]) < 20.0
         assert float(row["expected_error_mm"]) < 0.5 * float(row["uncorrected_mm"])
     beyond = TARGETS.replace("t01,600", "t01,6000")
     (cell / "beyond.csv").write_text(beyond)

@@ -160,7 +160,7 @@ def test_a_plan_of_another_robot_is_refused(plan: Path) -> None:
 
 
 def test_a_fit_of_another_robot_is_refused(fit: Path) -> None:
-    with pytest.raises(InputError, match="the fit is of robot fanuc_r2000ic, not of fanuc_m900ib"):
+    with pytest.raises(InputError, match="the fit is of another robot; found fanuc_r2000ic; allowed: fanuc_m900ib"):
         make_scene(Shown(subject=str(M900IB), fit=fit))
 
 

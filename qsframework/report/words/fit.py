@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.estimation import rms
 from qsframework.experiment.readings import Alignment
 from qsframework.identify import Fit
 from qsframework.identify.fit import State
@@ -42,6 +41,12 @@ def first_words(fit: Fit) -> tuple[str, ...]:
 def verdict_words(fit: Fit) -> str:
     """Whether the residuals fit the noise, and what to do if they do not."""
     p = fit.p_value
+    if wrong := impossible(fit):
+        agree = "" if p is None or p < fit.significance else ", though the residuals agree with the stated noise"
+        return (
+            f"No arm has {_listed(wrong)} as the table says{agree}: a sign, a unit or a convention of the readings "
+            "or of the robot is wrong. A fit within bounds only hides it: look for the cause, `qsf diagnose`."
+        )
     if p is None:
         return "The noise is estimated from the residuals, so they cannot say whether the model is right."
     ratio = float(np.sqrt(fit.chi2 / fit.dof))
@@ -61,6 +66,11 @@ def verdict_words(fit: Fit) -> str:
         f"standard deviations are too small by that factor. Largest residuals: rows {rows}. Check the unit of the "
         "load, the load point, the markers' names and places, and the noise."
     )
+
+
+def impossible(fit: Fit) -> list[str]:
+    """The estimates that no arm can have: beyond a declared bound by more than twice their sd."""
+    return [e.name for e in fit.estimates if max(e.lower - e.value, e.value - e.upper) > 2.0 * np.nan_to_num(e.sd)]
 
 
 def alignment_words(alignments: Sequence[Alignment]) -> tuple[str, ...]:
@@ -88,7 +98,7 @@ def alignment_words(alignments: Sequence[Alignment]) -> tuple[str, ...]:
 def fit_verdict(fit: Fit, poses: Poses) -> Verdict:
     """What the fit is worth at poses that it has not seen, and which parameters the readings tell; poses: those of the
     readings, which say what would tell the others."""
-    before, after, largest = unseen_errors(fit)
+    before, after, largest = fit.unseen
     asked = [e for e in fit.estimates if e.state is not State.FIXED]
     known = [e for e in asked if e.state in _KNOWN]
     far = [e.name for e in asked if e.state is State.OUTSIDE_PRIOR]
@@ -114,6 +124,8 @@ def fit_verdict(fit: Fit, poses: Poses) -> Verdict:
         mark = Mark.LOOK
     if p is not None and p < fit.significance:
         mark, word = Mark.BAD, "Residuals do not fit the noise"
+    if impossible(fit):
+        mark, word = Mark.BAD, "Not possible"
     if after >= before:
         mark, word = Mark.BAD, "No better than the nominal model"
     return Verdict(
@@ -127,17 +139,6 @@ def fit_verdict(fit: Fit, poses: Poses) -> Verdict:
             (f"{len(known)} of {total}", "parameters known"),
         ),
     )
-
-
-def unseen_errors(fit: Fit) -> tuple[float, float, float]:
-    """Error of the nominal model and at poses left out, m, and the largest distance at these: of positions RMS of the
-    distance, else RMS per axis; NaN where no pose can be left out."""
-    kind = next(k for k in ("position", "displacement", "gauge") if (fit.kind == k).any())
-    at = fit.kind == kind
-    size = fit.error_of if kind == "position" else rms
-    out = np.concatenate([fit.left_out[at], fit.missed[fit.missed_kind == kind]])
-    far = np.sqrt(np.nansum(out**2, axis=1))
-    return size((fit.measured - fit.nominal)[at]), size(out), float(far.max()) if len(far) else float("nan")
 
 
 def _all(total: int) -> str:

@@ -1,0 +1,197 @@
+"""No verb obeys a fit that another verb calls wrong, and each says why."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from qsframework.applications.compensate import compensate
+from qsframework.applications.robot_from_fit import with_fit
+from qsframework.applications.targets import read_targets
+from qsframework.cli.main import app
+from qsframework.cli.show import Shown, make_scene
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, Readings
+from qsframework.identify import identify, read_fit, write_fit
+from qsframework.identify.io import StoredFit, stored
+from qsframework.identify.soundness import doubts, obeyed, robot_hash
+from qsframework.report.words.fit import fit_verdict, verdict_words
+
+TARGETS = "target,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N\na,10,20,-10,5,60,0,0,0,-1500\n"
+TURNED = ["dx_mm", "dy_mm", "dz_mm"]
+
+
+@pytest.fixture(scope="module")
+def fit_file(r2000ic: Experiment, real: Readings, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_fit(identify(r2000ic, real), tmp_path_factory.mktemp("sound") / "fit.json")
+
+
+@pytest.fixture(scope="module")
+def fit(fit_file: Path) -> StoredFit:
+    return read_fit(fit_file)
+
+
+def of(r2000ic: Experiment, fit: StoredFit) -> tuple[str, ...]:
+    return doubts(fit, r2000ic.robot, r2000ic.model().parameters)
+
+
+def test_a_fit_is_the_same_from_its_file(r2000ic: Experiment, real: Readings, fit: StoredFit) -> None:
+    own = stored(identify(r2000ic, real))
+    for name in StoredFit.__dataclass_fields__:
+        one, other = getattr(own, name), getattr(fit, name)
+        if name != "file":
+            assert np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other, name
+    assert not of(r2000ic, fit)
+    assert not obeyed(fit, r2000ic.robot, r2000ic.model().parameters)
+
+
+def negative(f: StoredFit) -> StoredFit:
+    return replace(
+        f, values=-f.values, model={**f.model, **{n: -v for n, v in zip(f.names, f.values.tolist(), strict=True)}}
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (negative, "rad/(N m), and no arm has it below 0"),
+        (lambda f: replace(f, covariance=-f.covariance), "its covariance is none"),
+        (lambda f: replace(f, total_covariance=-f.covariance), "its covariance with the load's is none"),
+        (lambda f: replace(f, model={**f.model, f.names[1]: 1e-9}), "among the estimates and 1e-09 in the model"),
+        (lambda f: replace(f, unseen=(1e-4, 1e-4)), "0.100 mm, is not below that of the nominal values, 0.100 mm"),
+        (lambda f: replace(f, robot_sha256="0" * 64), "has other geometry or masses now"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_refused_and_said_where_it_is_used_anyway(
+    r2000ic: Experiment, fit: StoredFit, change: Callable[[StoredFit], StoredFit], words: str, tmp_path: Path
+) -> None:
+    bad = change(fit)
+    found = of(r2000ic, bad)
+    assert any(words in one for one in found)
+    (tmp_path / "t.csv").write_text(TARGETS)
+    targets = read_targets(tmp_path / "t.csv", r2000ic)
+    with pytest.raises(InputError) as error:
+        compensate(r2000ic, bad, targets)
+    assert len(error.value.problems) == len(found)
+    assert error.value.problems[-1].argument == ("anyway", "")
+    assert words in str(error.value)
+    if "none" not in words:
+        result = compensate(r2000ic, bad, targets, anyway=True)
+        assert any(words in note and note.startswith("the fit is used although") for note in result.notes)
+
+
+def test_one_small_entry_of_a_covariance_is_seen(r2000ic: Experiment, fit: StoredFit) -> None:
+    """Parameters are of many sizes: a negative variance of a stiff joint beside one of a millimetre."""
+    sizes = np.diag([1e-18, *np.ones(len(fit.names) - 1)])
+    sizes[0, 0] = -1e-18
+    assert any("a variance would be below zero" in one for one in of(r2000ic, replace(fit, covariance=sizes)))
+    impossible = np.outer(np.diag(fit.covariance), np.diag(fit.covariance)) ** 0.5 * 1.5
+    np.fill_diagonal(impossible, np.diag(fit.covariance))
+    assert any("a variance would be below zero" in one for one in of(r2000ic, replace(fit, covariance=impossible)))
+
+
+def test_a_compliance_below_zero_by_its_sd_is_not_refused(r2000ic: Experiment, fit: StoredFit) -> None:
+    """The readings do not tell it from zero; nobody calls such a fit wrong."""
+    values = fit.values.copy()
+    values[0] = -fit.sd[0]
+    near = replace(fit, values=values, model={**fit.model, fit.names[0]: float(values[0])})
+    assert not of(r2000ic, near)
+    with pytest.raises(InputError, match="beyond its bounds"):
+        with_fit(r2000ic.robot, near, anyway=True)
+
+
+def test_a_file_of_an_older_edition_is_compared_by_name(r2000ic: Experiment, fit_file: Path, tmp_path: Path) -> None:
+    content = json.loads(fit_file.read_text())
+    assert content["robot_sha256"] == robot_hash(r2000ic.robot.facts)
+    del content["robot_sha256"], content["unseen_mm"]
+    (tmp_path / "old.json").write_text(json.dumps(content))
+    notes = obeyed(read_fit(tmp_path / "old.json"), r2000ic.robot, r2000ic.model().parameters)
+    assert notes == ("the fit does not say of which geometry and masses it is: only the robot's name was compared",)
+    content["unseen_mm"] = [1.0]
+    (tmp_path / "old.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"old\.json, line \d+: unseen_mm; found 1 numbers; allowed: 2"):
+        read_fit(tmp_path / "old.json")
+
+
+def test_the_hash_is_of_what_a_fit_rests_on(r2000ic: Experiment) -> None:
+    facts = r2000ic.robot.facts
+    assert robot_hash(replace(facts, limits=None, payload=1.0)) == robot_hash(facts)
+    for changed in (
+        replace(facts, masses=facts.masses + 1e-3),
+        replace(facts, placements=facts.placements + 1e-6),
+        replace(facts, gravity=-facts.gravity),
+    ):
+        assert robot_hash(changed) != robot_hash(facts)
+
+
+def test_lack_of_fit_widens_what_is_promised(r2000ic: Experiment, fit: StoredFit, tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text(TARGETS)
+    targets = read_targets(tmp_path / "t.csv", r2000ic)
+    dof = fit.dof
+    clean = replace(fit, sigma_source="stated", chi2=float(dof), total_covariance=2.0 * fit.covariance)
+    lacking = replace(clean, chi2=4.0 * dof)
+    assert (clean.widening, lacking.widening) == (1.0, 4.0)
+    assert replace(lacking, sigma_source="estimated").widening == 1.0
+    one, other = (compensate(r2000ic, f, targets) for f in (clean, lacking))
+    np.testing.assert_allclose(other.noise_covariance, 4.0 * one.noise_covariance)
+    load = one.covariance - one.noise_covariance
+    np.testing.assert_allclose(other.covariance, 4.0 * one.noise_covariance + load, rtol=1e-9)
+    assert any("widened by that factor" in note for note in other.notes)
+
+
+def run(arguments: Sequence[object]) -> tuple[int, str]:
+    done = CliRunner().invoke(app, [str(a) for a in arguments])
+    return done.exit_code, done.output + str(done.exception or "")
+
+
+@pytest.fixture(scope="module")
+def turned_fit(r2000ic: Experiment, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A fit of the real readings with their sign turned, all files in its folder."""
+    folder = tmp_path_factory.mktemp("turned")
+    lines = [line for line in r2000ic.data[0].read_text().splitlines() if not line.startswith("#")]
+    at = [lines[0].split(",").index(name) for name in TURNED]
+    rows = [line.split(",") for line in lines[1:]]
+    rows = [[str(-float(c)) if i in at else c for i, c in enumerate(row)] for row in rows]
+    (folder / "readings.csv").write_text("\n".join([lines[0], *(",".join(row) for row in rows)]) + "\n")
+    (folder / "targets.csv").write_text(TARGETS)
+    code, said = run(["identify", r2000ic.path, folder / "readings.csv", "--json", folder / "fit.json"])
+    assert code == 0, said
+    assert "No arm has" in said
+    return folder
+
+
+def test_commands_refuse_and_show_labels(r2000ic: Experiment, turned_fit: Path) -> None:
+    fit, out = turned_fit / "fit.json", turned_fit / "out"
+    identifies = ["identify", r2000ic.path, turned_fit / "readings.csv", "--json", turned_fit / "again.json"]
+    for asked in (
+        ["compensate", r2000ic.path, fit, turned_fit / "targets.csv", "-o", out],
+        ["kinematics", r2000ic.path, fit, "--urdf", out],
+        ["certificate", r2000ic.path, fit, "-o", out],
+        [*identifies, "--nominal", out],
+        [*identifies, "--urdf", out],
+    ):
+        code, said = run(asked)
+        assert code != 0, asked
+        assert "and no arm has it below 0" in said, asked
+        assert not out.exists(), asked
+    assert (turned_fit / "again.json").is_file(), "the fit itself is written"
+    code, said = run(["compensate", r2000ic.path, fit, turned_fit / "targets.csv", "-o", out, "--anyway"])
+    assert code == 0, said
+    assert "note: the fit is used although joint_compliance[joint_" in said
+    scene = make_scene(Shown(subject=str(r2000ic.path), fit=fit))
+    assert any(note.startswith("This fit is not to be trusted: ") for note in scene.notes)
+
+
+def test_identify_says_what_is_impossible_before_that_it_agrees(r2000ic: Experiment, real: Readings) -> None:
+    wide = replace(real, stated=real.stated, value=-real.value)
+    fit = replace(identify(r2000ic, wide), sigma_source="stated", chi2=1.0, dof=1)
+    words = verdict_words(fit)
+    assert words.startswith("No arm has joint_compliance[joint_")
+    assert "though the residuals agree with the stated noise" in words
+    assert fit_verdict(fit, real.poses).word in ("Not possible", "No better than the nominal model")
