@@ -55,6 +55,9 @@ _OFTEN: dict[str, tuple[float, float, str]] = {
         (f"[mass] / {_LENGTH} / [time] ** 2", 0, {"Pa": 1.0, "MPa": 1e6, "bar": 1e5}),
         (f"{_LENGTH} ** 2", 0, {"m^2": 1.0, "cm^2": 1e-4}),
         (f"{_LENGTH} ** 3", 0, {"m^3": 1.0, "l": 1e-3}),
+        (f"[mass] * {_LENGTH} ** 2", 0, {"kg m^2": 1.0}),
+        ("[temperature]", 0, {"K": 1.0}),
+        (_TIME, 0, {"s": 1.0}),
     )
     for unit, factor in units.items()
 }

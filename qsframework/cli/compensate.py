@@ -143,13 +143,12 @@ def programme_outputs(files: CompensateFiles) -> list[Path]:
 def programme_wish(options: ProgrammeOptions, experiment: Experiment) -> ProgrammeWish:
     """What was typed, as numbers. InputError where it is none."""
     from qsframework.cli.export import home_pose
-    from qsframework.cli.stiffness import numbers
+    from qsframework.cli.numbers import numbers, wrench_of
 
     loads: dict[str, Array] = {}
     for text in options.load:
         name, _, values = text.rpartition("=")
-        given = numbers("--load", values, (3, 6))
-        loads[name] = np.concatenate([given, np.zeros(6 - len(given))])
+        loads[name] = wrench_of("--load", values, experiment.robot)
     tools, frames = dict[str, Array](), dict[str, Array]()
     for option, texts, into in (("--tool", options.tool, tools), ("--frame", options.frame, frames)):
         for text in texts:

@@ -74,7 +74,7 @@ def plan_of(file: Path, experiment: Experiment) -> Plan:
 
 def home_pose(experiment: Experiment, text: str, option: str = "--home") -> Array:
     """Pendant angles (n,) rad of an option."""
-    from qsframework.cli.stiffness import numbers
+    from qsframework.cli.numbers import numbers
 
     robot = experiment.robot
     units = robot.controller.units

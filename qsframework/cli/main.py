@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from pathlib import Path
@@ -469,6 +470,15 @@ def main() -> None:
             shown.append(f"... and {len(lines) - _MOST} more problems")
         print("\n".join(folded(f"error: {_shown(line)}", width(), "  ") for line in shown), file=sys.stderr)
         sys.exit(2)
+    except MemoryError:
+        print("error: the memory ran out; fewer candidates, poses or jobs need less", file=sys.stderr)
+        sys.exit(2)
+    except OSError as error:
+        if error.filename is not None or error.errno not in (errno.ENOSPC, errno.EIO):
+            raise
+        # the device behind standard output is full: Python would try it again at its end, and say so in its own words
+        print(f"error: the output cannot be printed: {error.strerror}", file=sys.stderr, flush=True)
+        os._exit(1)
 
 
 def _told(error: QsfError) -> list[str]:

@@ -9,18 +9,20 @@ from pathlib import Path
 import numpy as np
 
 from qsframework.cli.commands import distinct_outputs
-from qsframework.cli.stiffness import numbers
+from qsframework.cli.numbers import numbers, point_of, wrench_of
 from qsframework.cli.stop import Stopped
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings, load_experiment, read_plan, read_readings
 from qsframework.files import write_text
 from qsframework.identify.io import StoredFit, read_fit
 from qsframework.identify.soundness import check_robot, doubts
-from qsframework.plugin import Array
 from qsframework.robot import load_robot, robot_names
 from qsframework.robot.loader import find_robot
 from qsframework.viz import Scene, Site, serve, show_scene
 from qsframework.viz.subject import floating, measured, one_pose, robot_alone
+
+_LARGEST_SCALE = 1e6
+"""A micrometre as long as an arm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,14 +73,16 @@ def run_show(shown: Shown, html: Path | None, port: int) -> None:
 
 def make_scene(shown: Shown, say: Callable[[str], object] = lambda note: None) -> Scene:
     """Read everything and draw it; `say` is told what could not be drawn."""
-    if not (np.isfinite(shown.scale) and shown.scale > 0.0):
-        raise InputError(f"--scale {shown.scale:g}: allowed: a number above 0; 1 shows deflections as they are")
+    if not 0.0 < shown.scale <= _LARGEST_SCALE:
+        allowed = f"a number above 0, up to {_LARGEST_SCALE:g}; 1 shows deflections as they are"
+        raise InputError(f"--scale {shown.scale:g}: allowed: {allowed}")
     experiment = _experiment(shown)
     pose = (
         None
         if shown.pose is None
         else experiment.robot.controller.units.si(numbers("--pose", shown.pose, (experiment.robot.controller.axes,)))
     )
+    load = None if shown.load is None else wrench_of("--load", shown.load, experiment.robot)
     if shown.plan is not None and (pose is not None or shown.load is not None):
         raise InputError("a plan has its own poses and loads; leave out --pose and --load, or the plan")
     x, readings, frames = None, None, ()
@@ -99,7 +103,7 @@ def make_scene(shown: Shown, say: Callable[[str], object] = lambda note: None) -
     elif readings is not None and x is not None and pose is None:
         plan, missed = measured(experiment, readings, x, frames)
     else:
-        plan = one_pose(experiment, pose, _load(shown.load))
+        plan = one_pose(experiment, pose, load)
     if readings is not None and x is not None and missed is None:
         missed = floating(experiment, readings, x, frames)
     scene = show_scene(experiment, plan, x, shown.scale, missed)
@@ -120,16 +124,9 @@ def _readings(data: Sequence[Path], experiment: Experiment, fit: StoredFit) -> t
 
 
 def _experiment(shown: Shown) -> Experiment:
-    point = None if shown.point is None else numbers("--point", shown.point, (3,)) * 1e-3
+    point = None if shown.point is None else point_of("--point", shown.point)
     if not shown.is_experiment:
         return robot_alone(load_robot(shown.subject), np.zeros(3) if point is None else point)
     if point is not None:
         raise InputError("--point is for a robot by itself; an experiment says where its load acts")
     return load_experiment(shown.subject)
-
-
-def _load(text: str | None) -> Array | None:
-    if text is None:
-        return None
-    wrench = numbers("--load", text, (3, 6))
-    return np.concatenate([wrench, np.zeros(6 - len(wrench))])

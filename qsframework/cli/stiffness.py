@@ -8,9 +8,8 @@ import numpy as np
 
 from qsframework.applications import Stiffness, stiffness_at
 from qsframework.cli.commands import distinct_outputs, write_json
+from qsframework.cli.numbers import numbers, point_of, wrench_of
 from qsframework.cli.printing import print_folded, print_table
-from qsframework.errors import InputError
-from qsframework.plugin import Array
 from qsframework.report import Section, Table, Text, View, provenance_section, write_report
 from qsframework.report.provenance import EQUILIBRIUM, LINEAR, STIFFNESS
 from qsframework.robot import load_robot
@@ -22,12 +21,11 @@ def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | Non
     """Compute, print, write."""
     distinct_outputs([json, report], [])
     arm = load_robot(robot)
-    wrench = numbers("--load", load, (3, 6))
     result = stiffness_at(
         arm,
         arm.controller.units.si(numbers("--pose", pose, (arm.controller.axes,))),
-        np.concatenate([wrench, np.zeros(6 - len(wrench))]),
-        numbers("--point", point, (3,)) * 1e-3,
+        wrench_of("--load", load, arm),
+        point_of("--point", point),
     )
     notes = [Text(f"Note: {note}.") for note in result.notes]
     section = Section(
@@ -60,18 +58,6 @@ def _view(robot: str, pose: str, load: str, point: str, shares: Table) -> View:
         "in any direction; look for the long axis, in which the arm is soft. Drag to turn, scroll to zoom.",
         shares,
     )
-
-
-def numbers(option: str, text: str, counts: tuple[int, ...]) -> Array:
-    """The numbers of an option, with commas between them; InputError unless there are as many as asked."""
-    try:
-        values = np.array([float(part) for part in text.split(",")])
-    except ValueError as error:
-        raise InputError(f"{option}: found {text!r}, allowed: numbers with commas between them") from error
-    if len(values) not in counts or not np.isfinite(values).all():
-        allowed = " or ".join(map(str, counts))
-        raise InputError(f"{option}: found {len(values)} numbers in {text!r}, allowed: {allowed} finite numbers")
-    return values
 
 
 def _tables(result: Stiffness) -> list[Table]:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework import units
+from qsframework import plausible, units
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.files import read_text, write_text
 from qsframework.plugin import Array
@@ -274,6 +274,10 @@ def _read_column(table: Table, column: Column, unit: str, cells: list[str], mask
         if not cell and column.blank:
             continue
         value, allowed = _value(column, cell)
+        judged = value is not None and unit and column.stem not in _MEASURED  # what is measured has words of its own
+        far = plausible.beyond(float(units.to_si(value, unit)), column.unit) if judged else None
+        if far is not None:
+            value, allowed = None, plausible.allowed(far, column.unit, unit)
         if value is None and column.stem in _MEASURED and (i in masked or not cell):
             continue  # a cell that nobody filled in is told once for the table
         if value is None:
@@ -288,7 +292,7 @@ def _value(column: Column, cell: str) -> tuple[float | None, str]:
         lowered = cell.lower()
         return (1.0 if lowered in _TRUE else 0.0 if lowered in _FALSE else None), "1 or 0"
     try:
-        value = float(cell) if "_" not in cell else math.nan
+        value = float(cell) if "_" not in cell and cell.isascii() else math.nan
     except ValueError:
         value = math.nan
     if column.kind == "count":
@@ -304,6 +308,20 @@ def _wrong(table: Table, i: int, column: Column, message: str, found: str, allow
     table.problems.append(
         Problem(message, str(table.path), table.rows[i], table.names[column.stem], found=repr(found), allowed=allowed)
     )
+
+
+def strength_problems(table: Table, wrench: Array, payload: float | None, gravity: Array) -> list[Problem]:
+    """Rows whose force (R, 6) no test of an arm of this payload (kg) applies."""
+    g = float(np.linalg.norm(gravity))
+    out: list[Problem] = []
+    for i, force in enumerate(np.nan_to_num(wrench[:, :3])):
+        far = plausible.too_strong(force.tolist(), payload, g)
+        if far is not None and len(out) < MOST_PROBLEMS:
+            allowed = f"up to {far[1]:.0f} N, {plausible.LOADS:g} times the robot's payload"
+            message = "no test of an arm applies this force; is the column's unit right?"
+            name = next((table.names[c] for c in ("fz", "fx", "fy") if c in table.names), None)
+            out.append(Problem(message, str(table.path), table.rows[i], name, found=f"{far[0]:.0f} N", allowed=allowed))
+    return out
 
 
 def number(value: float, digits: int = 10) -> str:

@@ -21,6 +21,7 @@ from qsframework.experiment.columns import (
     joint_columns,
     number,
     read_table,
+    strength_problems,
     write_table,
 )
 from qsframework.experiment.setup import Experiment
@@ -199,6 +200,7 @@ def read_plan(path: str | Path, experiment: Experiment) -> Plan:
     problems = [*table.problems, *limit_problems(table, pendant, experiment)]
     zero = np.zeros(len(names))
     wrench = np.stack([table.numbers.get(c, zero) for c in ("fx", "fy", "fz", "mx", "my", "mz")], axis=1)
+    problems += strength_problems(table, wrench, experiment.robot.payload, experiment.robot.gravity)
     problems += _repeated_poses(table, np.hstack([pendant, wrench]))
     if not problems and not np.any(wrench):
         problems.append(Problem("every force is zero; nothing bends the arm", str(path)))

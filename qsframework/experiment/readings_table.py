@@ -22,6 +22,7 @@ from qsframework.experiment.columns import (
     number,
     read_table,
     recorded,
+    strength_problems,
     table_lines,
     write_table,
 )
@@ -31,6 +32,7 @@ from qsframework.experiment.plan import limit_problems
 from qsframework.experiment.readings import UNSTATED, Made, Readings, States, joined
 from qsframework.experiment.setup import GEOMETRY, Experiment
 from qsframework.files import read_yaml, sha256
+from qsframework.plausible import RANGES
 from qsframework.plugin import Array, Conditions, Geometry, Indices, Poses, Sensor
 from qsframework.plugin.facts import frozen
 
@@ -40,7 +42,7 @@ _FORCE, _MOMENT = ("fx", "fy", "fz"), ("mx", "my", "mz")
 _XYZ, _MOVED, _ALONG = ("x", "y", "z"), ("dx", "dy", "dz"), ("ux", "uy", "uz")
 _RECORDED = ("time", "temperature", "approach")
 _LARGEST_DISPLACEMENT = 0.1
-_FARTHEST = 100.0
+_FARTHEST = RANGES["m"].most
 """m from the tracker's origin."""
 _UNIT_SLIP = 100.0
 """Measured positions spread this many times wider or narrower than the arm's own are in a wrong unit."""
@@ -189,7 +191,9 @@ class _Rows:
         zero = np.zeros(count)
         wrench = np.stack([table.numbers.get(c, zero) for c in (*_FORCE, *_MOMENT)], axis=1)
         use = table.numbers.get("use", np.ones(count)) != 0
+        robot = experiment.robot
         problems = [*table.problems, *limit_problems(table, pendant, experiment)]
+        problems += strength_problems(table, wrench, robot.payload, robot.gravity)
         stems = _XYZ if of_states else _MOVED
         value = np.stack([table.numbers.get(c, np.full(count, np.nan)) for c in stems], axis=1)
         marker = _markers(table, "marker", experiment, problems)
@@ -229,6 +233,8 @@ class _Rows:
         first, measurement = _group(table, keys, labels, self._who(), constant, problems)
         if not problems and not np.any(self.wrench):
             problems.append(Problem("every force is zero; a displacement under no load tells nothing", str(table.path)))
+        if not problems and self.use.any() and not np.any(np.nan_to_num(self.value[self.use])):
+            problems.append(Problem("every displacement is zero; nothing was measured", str(table.path)))
         problems += _unloaded_problems(table, self.wrench, self.use) if not problems else []
         if problems:
             raise InputError(problems)

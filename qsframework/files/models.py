@@ -10,7 +10,7 @@ from typing import Any, TypeVar, get_args
 
 import pydantic
 
-from qsframework import units
+from qsframework import plausible, units
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.files.documents import Document, Key
 from qsframework.files.plain import is_list, is_mapping
@@ -134,7 +134,7 @@ def _to_si(document: Document, model: type[FileModel], data: Any, at: tuple[Key,
             elif name in out:
                 problems.append(_at(document, (*at, key), f"{name} is given twice"))
             else:
-                out[name] = _converted(document, value, unit, (*at, key), problems)
+                out[name] = _converted(document, value, unit, stems[stem][name], (*at, key), problems)
         else:
             out[key] = value
     for stem, fields in stems.items():
@@ -159,15 +159,19 @@ def _placeholder(model: type[FileModel], name: str) -> Any:
     return [0.0, 0.0, 0.0] if "list" in kind else {} if "dict" in kind else 1.0
 
 
-def _converted(document: Document, value: Any, unit: str, at: tuple[Key, ...], problems: list[Problem]) -> Any:
+def _converted(document: Document, value: Any, unit: str, si: str, at: tuple[Key, ...], problems: list[Problem]) -> Any:
     if is_list(value):
-        return [_converted(document, v, unit, (*at, i), problems) for i, v in enumerate(value)]
+        return [_converted(document, v, unit, si, (*at, i), problems) for i, v in enumerate(value)]
     if is_mapping(value):
-        return {k: _converted(document, v, unit, (*at, k), problems) for k, v in value.items()}
+        return {k: _converted(document, v, unit, si, (*at, k), problems) for k, v in value.items()}
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         problems.append(_at(document, at, f"{_spoken(at)} must be a finite number", found=repr(value)))
         return 1.0
-    return float(units.to_si(float(value), unit))
+    converted = float(units.to_si(float(value), unit))
+    if (known := plausible.beyond(converted, si)) is not None:
+        allowed = plausible.allowed(known, si, unit)
+        problems.append(_at(document, at, f"{_spoken(at)} is no {known.quantity}", found=repr(value), allowed=allowed))
+    return converted
 
 
 def _at(document: Document, keys: tuple[Key, ...], message: str, **more: Any) -> Problem:

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
-from qsframework import units
+from qsframework import plausible, units
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.files.plain import is_list
 from qsframework.plugin.facts import RobotFacts
@@ -131,4 +131,8 @@ def _quantity(effect: type[Effect], key: str, unit: str, si: str, value: Any, pr
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         problems.append(Problem(f"{where}: {key} must be a finite number", found=repr(value)))
         return math.nan
-    return float(units.to_si(float(value), unit))
+    converted = float(units.to_si(float(value), unit))
+    if (far := plausible.beyond(converted, si)) is not None:
+        allowed = plausible.allowed(far, si, unit)
+        problems.append(Problem(f"{where}: {key} is no {far.quantity}", found=repr(value), allowed=allowed))
+    return converted

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework import units
+from qsframework import plausible, units
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.files import read_text
 from qsframework.plugin import Array
@@ -26,8 +26,6 @@ _KINDS = {"a": "m", "alpha": "rad", "d": "m", "theta": "rad", "min": "rad", "max
 _NEEDED = ("a", "alpha", "d", "theta")
 _MOST = 30
 """Joints."""
-_FARTHEST = 100.0
-"""m, of a and d."""
 _SHOWN = ("a_mm", "alpha_deg", "d_mm", "theta_deg")
 _OPTIONAL = ("joint", "min_deg", "max_deg")
 
@@ -174,9 +172,8 @@ def _row(
             value = float(units.to_si(float(cell), unit)) if cell.isascii() else np.nan
         except ValueError:
             value = np.nan
-        most = _FARTHEST if _KINDS[stem] == "m" else 100.0 * np.pi
-        if not abs(value) <= most:
-            shown = f"a number of up to {_FARTHEST:g} m" if _KINDS[stem] == "m" else "a number of up to 50 turns"
+        if not abs(value) <= plausible.RANGES[_KINDS[stem]].most:
+            shown = plausible.allowed(plausible.RANGES[_KINDS[stem]], _KINDS[stem])
             refuse(f"{name} must be a number, with a decimal point", name, found=repr(cell[:40]), allowed=shown)
         values[stem] = value
     if ("min" in values) != ("max" in values):

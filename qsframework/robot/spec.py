@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from qsframework import units
+from qsframework import plausible, units
 from qsframework.errors import InputError, Place, Problem, nearest
 from qsframework.files import Document, FileModel, Unit
 from qsframework.files.models import GREATEST
@@ -183,6 +183,9 @@ class _Entry:
         else:
             scale = {"percent": 0.01, "sd": units.conversion(suffix)[0]}
             found[name] = value * scale[name] if name in scale else units.to_si(float(value), suffix)
+            if name == "value" and (far := plausible.beyond(found[name], unit)) is not None:
+                allowed = plausible.allowed(far, unit, suffix)
+                self.problem(f"{key} is no {far.quantity}", key, found=repr(value), allowed=allowed)
 
     def _bounds(self, value: float, sd: float | None) -> None:
         p = self.parameter

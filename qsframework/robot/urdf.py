@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from qsframework import plausible
 from qsframework.errors import Problem
 from qsframework.plugin import Array
 from qsframework.robot.expand import read_tree
@@ -165,13 +166,14 @@ class _Reader:
     problems: list[Problem] = field(default_factory=list[Problem])
     materials: dict[str, Node] = field(default_factory=dict[str, Node])
 
-    def numbers(self, node: Node, key: str, count: int, owner: str, default: str | None = None) -> Array:
+    def numbers(self, node: Node, key: str, count: int, owner: str, default: str | None = None, si: str = "") -> Array:
+        """The numbers of an attribute, of this SI unit where they have one."""
         text = node.attributes.get(key, default)
         if text is None:
             self.problems.append(node.place.problem(f"{owner}: <{node.tag}> has no {key}"))
             return np.full(count, np.nan)
         try:
-            values = np.array([float(part) for part in text.split()])
+            values = np.array([float(part) for part in text.split()]) if text.isascii() else np.empty(0)
         except ValueError:
             values = np.empty(0)
         if len(values) != count or not (np.abs(values) <= _LARGEST).all():
@@ -181,18 +183,26 @@ class _Reader:
                 node.place.problem(f"{owner}: {key} of <{node.tag}> must be {wanted}", found=repr(text[:60]))
             )
             return np.full(count, np.nan)
+        for far in filter(None, (plausible.beyond(v, si) for v in values.tolist())):
+            message = f"{owner}: {key} of <{node.tag}> is no {far.quantity} of an arm"
+            hint, limit = "A URDF is in metres, kilograms and radians.", plausible.allowed(far, si)
+            self.problems.append(node.place.problem(message, found=repr(text[:60]), allowed=limit, hint=hint))
+            return np.full(count, np.nan)
         return values
 
     def origin(self, node: Node, owner: str) -> Origin:
         element = node.first("origin")
         if element is None:
             return Origin(np.zeros(3), np.zeros(3))
-        return Origin(*(self.numbers(element, key, 3, owner, "0 0 0") for key in ("xyz", "rpy")))
+        sizes = (("xyz", "m"), ("rpy", "rad"))
+        return Origin(*(self.numbers(element, key, 3, owner, "0 0 0", si) for key, si in sizes))
 
     def link(self, node: Node) -> Link:
         name = node.get("name")
         owner = f"link {name!r}"
         inertial = node.first("inertial")
+        for second in list(node.all("inertial"))[1:]:
+            self.problems.append(second.place.problem(f"{owner} has two <inertial>; one of them is not its mass"))
         return Link(
             name,
             node.place,
@@ -220,11 +230,11 @@ class _Reader:
         for tag, element in (("mass", mass), ("inertia", inertia)):
             if element is None:
                 self.problems.append(node.place.problem(f"{owner}: <inertial> has no <{tag}>"))
-        value = np.nan if mass is None else float(self.numbers(mass, "value", 1, owner)[0])
+        value = np.nan if mass is None else float(self.numbers(mass, "value", 1, owner, si="kg")[0])
         matrix = np.full((3, 3), np.nan)
         if inertia is not None:
             for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
-                entry = self.numbers(inertia, f"i{'xyz'[i]}{'xyz'[j]}", 1, owner, None if i == j else "0")
+                entry = self.numbers(inertia, f"i{'xyz'[i]}{'xyz'[j]}", 1, owner, None if i == j else "0", "kg m^2")
                 matrix[i, j] = matrix[j, i] = entry[0]
         return Inertial(value, self.origin(node, owner), matrix, (mass or node).place, (inertia or node).place)
 
@@ -235,7 +245,7 @@ class _Reader:
         keys = {"box": (("size", 3),), "cylinder": (("radius", 1), ("length", 1)), "sphere": (("radius", 1),)}
         if solid is None or solid.tag not in keys:
             return None
-        size = [float(v) for key, count in keys[solid.tag] for v in self.numbers(solid, key, count, owner)]
+        size = [float(v) for key, count in keys[solid.tag] for v in self.numbers(solid, key, count, owner, si="m")]
         if any(v <= 0 for v in size):
             self.problems.append(solid.place.problem(f"{owner}: a <{solid.tag}> needs positive sizes"))
         return Visual(solid.tag, tuple(size), self.origin(node, owner), self.colour(node.first("material"), owner))
@@ -284,5 +294,6 @@ class _Reader:
         limit = node.first("limit")
         if limit is None or not {"lower", "upper"} <= limit.attributes.keys():
             return None
+        # not bounded as angles are: a limit of 1e16 is how many files say that there is none
         lower, upper = (float(self.numbers(limit, key, 1, owner)[0]) for key in ("lower", "upper"))
         return lower, upper

@@ -14,6 +14,7 @@ from sources import LIBRARY, PLUGINS, ROOT, complaints, tree
 LAYERS = (
     ("errors",),
     ("units",),
+    ("plausible",),
     ("files",),
     ("work",),
     ("plugin",),

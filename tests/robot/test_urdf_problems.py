@@ -9,7 +9,14 @@ CASES = {
     "zero mass": (('value="5"', 'value="0"'), '<mass value="0"', ("'fore'", "positive mass")),
     "mass is text": (('value="5"', 'value="heavy"'), "heavy", ("'fore'", "value of <mass>", "'heavy'")),
     "mass is nan": (('value="5"', 'value="nan"'), "nan", ("finite number",)),
-    "centre of mass in mm": (('xyz="0.4 0 0"', 'xyz="400 0 0"'), '<mass value="5"', ("'fore'", "400 m", "in metres")),
+    "centre of mass in cm": (('xyz="0.4 0 0"', 'xyz="40 0 0"'), '<mass value="5"', ("'fore'", "40 m", "in metres")),
+    "centre of mass in mm": (('xyz="0.4 0 0"', 'xyz="400 0 0"'), 'xyz="400', ("'fore'", "up to 100 m", "in metres")),
+    "mass in g": (('<mass value="5"', '<mass value="5000000"'), '<mass value="5000000"', ("no mass", "up to 50000 kg")),
+    "mass in digits of another script": (
+        ('<mass value="5"', '<mass value="\N{ARABIC-INDIC DIGIT FIVE}"'),
+        '<mass value="\N{ARABIC-INDIC DIGIT FIVE}"',
+        ("must be a finite number",),
+    ),
     "inertia not positive": (('ixx="0.2"', 'ixx="-0.2"'), 'ixx="-0.2"', ("'fore'", "not positive definite")),
     "inertia by products": (
         ('ixx="0.2" iyy="0.6" izz="0.6" ixy="0"', 'ixx="0.2" iyy="0.6" izz="0.6" ixy="0.5"'),
