@@ -124,13 +124,18 @@ class StoredFit:
         return self.covariance if self.total_covariance is None else self.total_covariance
 
     @property
-    def widening(self) -> float:
-        """What the variances that the fit promises are multiplied by: chi-square per degree of freedom where the
-        residuals do not fit their stated noise, else 1."""
+    def agrees(self) -> bool | None:
+        """Whether the residuals agree with their stated noise; None where none was stated."""
         from scipy.stats import chi2
 
         stated = self.sigma_source != "estimated" and self.dof > 0
-        return self.chi2 / self.dof if stated and chi2.sf(self.chi2, self.dof) < SIGNIFICANT else 1.0
+        return bool(chi2.sf(self.chi2, self.dof) >= SIGNIFICANT) if stated else None
+
+    @property
+    def widening(self) -> float:
+        """What the variances that the fit promises are multiplied by: chi-square per degree of freedom where the
+        residuals do not fit their stated noise, else 1."""
+        return self.chi2 / self.dof if self.agrees is False else 1.0
 
     def x(self, model: Model) -> Array:
         """Values of all parameters of a model (p,). InputError where the fit is of another model.

@@ -49,6 +49,8 @@ def doubts(fit: StoredFit, robot: Robot, parameters: Sequence[Parameter]) -> tup
     """Why this fit is not to be obeyed, a sentence each; none where it may be.
 
     A value beyond its declared bound by no more than twice its sd is one that the readings do not tell from the bound.
+    Where the residuals agree with a stated noise, an error at poses left out that is not below the nominal values' says
+    no more than that these were right already.
     """
     known = {p.name: p for p in parameters}
     out: list[str] = []
@@ -63,7 +65,7 @@ def doubts(fit: StoredFit, robot: Robot, parameters: Sequence[Parameter]) -> tup
     for what, C in (("covariance", fit.covariance), ("covariance with the load's", fit.total_covariance)):
         if C is not None and not _is_covariance(C):
             out.append(f"its {what} is none: a variance would be below zero")
-    if fit.unseen is not None and fit.unseen[1] >= fit.unseen[0]:
+    if fit.unseen is not None and fit.unseen[1] >= fit.unseen[0] and not fit.agrees:
         before, after = (f"{1e3 * v:.3f} mm" for v in fit.unseen)
         out.append(f"its error at poses left out, {after}, is not below that of the nominal values, {before}")
     if fit.robot_sha256 and fit.robot_sha256 != robot_hash(robot.facts):

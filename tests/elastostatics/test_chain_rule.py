@@ -42,7 +42,7 @@ GAS = build_effects(
         "lc_m": 0.235,
         "l2_m": 1.12,
         "length_m": 0.9,
-        "pressure_bar": 2e4,
+        "pressure_bar": 1e4,
         "volume_l": 12,
         "piston_area_cm^2": 60,
         "rod_area_cm^2": 12,

@@ -106,6 +106,15 @@ def test_a_compliance_below_zero_by_its_sd_is_not_refused(r2000ic: Experiment, f
         with_fit(r2000ic.robot, near, anyway=True)
 
 
+def test_nominal_values_that_were_right_already_make_no_fit_wrong(r2000ic: Experiment, fit: StoredFit) -> None:
+    """Readings at their noise with either; only where the noise is not known is the fit worth nothing."""
+    equal = replace(fit, unseen=(1e-4, 1.01e-4), sigma_source="stated", chi2=float(fit.dof))
+    assert equal.agrees
+    assert not of(r2000ic, equal)
+    assert of(r2000ic, replace(equal, chi2=4.0 * fit.dof))
+    assert of(r2000ic, replace(equal, sigma_source="estimated"))
+
+
 def test_a_file_of_an_older_edition_is_compared_by_name(r2000ic: Experiment, fit_file: Path, tmp_path: Path) -> None:
     content = json.loads(fit_file.read_text())
     assert content["robot_sha256"] == robot_hash(r2000ic.robot.facts)

@@ -95,9 +95,9 @@ def alignment_words(alignments: Sequence[Alignment]) -> tuple[str, ...]:
     return tuple(out)
 
 
-def fit_verdict(fit: Fit, poses: Poses) -> Verdict:
+def fit_verdict(fit: Fit, poses: Poses | None = None) -> Verdict:
     """What the fit is worth at poses that it has not seen, and which parameters the readings tell; poses: those of the
-    readings, which say what would tell the others."""
+    readings, which say what would tell the others; left out, nothing says it."""
     before, after, largest = fit.unseen
     asked = [e for e in fit.estimates if e.state is not State.FIXED]
     known = [e for e in asked if e.state in _KNOWN]
@@ -114,9 +114,8 @@ def fit_verdict(fit: Fit, poses: Poses) -> Verdict:
         mark, word = Mark.LOOK, "Identified in part"
         told += f", not {_listed(unknown)}"
         advised = next((n for n in unknown if n in fit.model.names), "")
-        told += (
-            f". {advised}: {what_would_help(fit.model, advised, poses)}" if advised and len(unknown) <= _NAMED else ""
-        )
+        if advised and poses is not None and len(unknown) <= _NAMED:
+            told += f". {advised}: {what_would_help(fit.model, advised, poses)}"
     if far:
         mark = Mark.LOOK
         told += f"{'' if told.endswith('.') else '.'} Far from what was stated: {_listed(far)}"
@@ -126,8 +125,10 @@ def fit_verdict(fit: Fit, poses: Poses) -> Verdict:
         mark, word = Mark.BAD, "Residuals do not fit the noise"
     if impossible(fit):
         mark, word = Mark.BAD, "Not possible"
-    if after >= before:
+    if after >= before and (p is None or p < fit.significance):
         mark, word = Mark.BAD, "No better than the nominal model"
+    elif after >= before and mark is not Mark.BAD:
+        mark, word = Mark.LOOK, "The nominal values do as well"
     return Verdict(
         mark,
         word,
