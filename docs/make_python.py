@@ -8,10 +8,12 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "python.md"
 HEAD = """# From Python
 
-Design, simulation, identification, diagnosis, compensation and stiffness are functions that their commands call;
-exports, protocols, comparisons and new robots are commands only. The three scripts below lie in `examples/scripts` and
-write into a folder of their own; the tests run them.
-Quantities are SI, angles radians; the [API page](api.md) lists the functions.
+Every command calls a function of `qsframework`, which scripts and notebooks call too. A fit, a plan, readings, a
+diagnosis and a validation print their verdict and table, show them in a notebook, and have `.to_frame()` (pandas) and
+`.plot()` (plotly). Quantities are SI, angles radians; `qsf.units.to_si(90.0, "deg")` and
+`qsf.units.from_si(x, "mm")` go to and from other units. The [API page](api.md) lists the functions. The notebook
+`examples/notebook/calibration.ipynb` goes from the plan to corrected targets. The three scripts below lie in
+`examples/scripts` and write into a folder of their own; the tests run them all.
 """
 SCRIPTS = {
     "design_simulate_identify": "A plan, its simulation, and the fit",

@@ -16,8 +16,14 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from qsframework import units as units
     from qsframework.applications.compare import compare as compare
     from qsframework.applications.compensate import compensate as compensate
+    from qsframework.applications.export import export as export
+    from qsframework.applications.importers import import_readings as import_readings
+    from qsframework.applications.programme import make_programme as make_programme
+    from qsframework.applications.protocol import make_protocol as protocol
+    from qsframework.applications.targets import joint_targets as joint_targets, read_targets as read_targets
     from qsframework.design import design as design
     from qsframework.diagnose import diagnose as diagnose
     from qsframework.discriminate.follow_up import second_day as second_day
@@ -52,6 +58,7 @@ if TYPE_CHECKING:
     from qsframework.report.extended import write_extended as write_extended
     from qsframework.report.words.diagnosis import diagnosis_words as diagnosis_words
     from qsframework.robot import Robot as Robot, load_robot as load_robot
+    from qsframework.robot.new import new as new
     from qsframework.screening import screen as screen
 
     __version__: str
@@ -60,6 +67,13 @@ _HOME = {
     "diagnosis_words": "report.words.diagnosis",
     "compare": "applications.compare",
     "compensate": "applications.compensate",
+    "export": "applications.export",
+    "import_readings": "applications.importers",
+    "joint_targets": "applications.targets",
+    "make_programme": "applications.programme",
+    "new": "robot.new",
+    "protocol": "applications.protocol:make_protocol",
+    "read_targets": "applications.targets",
     "design": "design",
     "diagnose": "diagnose",
     "write_extended": "report.extended",
@@ -90,7 +104,7 @@ _HOME = {
     "load_robot": "robot",
     "screen": "screening",
 }
-"""Where each name of the front door lives."""
+"""Where each name of the front door lives, and after a colon what it is called there."""
 __all__ = [
     "Experiment",
     "Fit",
@@ -110,16 +124,24 @@ __all__ = [
     "design",
     "diagnose",
     "diagnosis_words",
+    "export",
     "foresee",
     "identify",
+    "import_readings",
+    "joint_targets",
     "load_experiment",
     "load_robot",
+    "make_programme",
+    "new",
+    "protocol",
     "read_fit",
     "read_plan",
     "read_readings",
+    "read_targets",
     "screen",
     "second_day",
     "simulate",
+    "units",
     "validate",
     "write_extended",
     "write_fit",
@@ -134,9 +156,12 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("qsframework")
+    if name == "units":
+        return import_module("qsframework.units")
     if name not in _HOME:
         raise AttributeError(f"module 'qsframework' has no attribute {name!r}")
-    return getattr(import_module(f"qsframework.{_HOME[name]}"), name)
+    home, _, own = _HOME[name].partition(":")
+    return getattr(import_module(f"qsframework.{home}"), own or name)
 
 
 def __dir__() -> list[str]:

@@ -127,6 +127,12 @@ def to_si(value: Any, unit: str) -> Any:
     return value * factor + offset
 
 
+def from_si(value: Any, unit: str) -> Any:
+    """An SI number or array in the unit. ValueError as `conversion` has it."""
+    factor, offset, _ = conversion(unit)
+    return (value - offset) / factor
+
+
 def split(name: str, stems: tuple[str, ...] | list[str]) -> tuple[str, str] | None:
     """`(stem, unit)` of a name `stem_unit` whose stem is among `stems`, else None."""
     for stem in sorted(stems, key=len, reverse=True):

@@ -10,12 +10,13 @@ from typing import Annotated, Any
 
 import typer
 
-from qsframework.cli.printing import folded, print_folded, width
+from qsframework.cli.printing import print_folded
 from qsframework.cli.stop import Stopped, listening
 from qsframework.cli.trust import Anyway, Trust
 from qsframework.cli.where import DaskAddress, Jobs, Kept, Where
 from qsframework.cli.work import add_commands
 from qsframework.errors import InputError, Problem, QsfError, nearest
+from qsframework.terminal import folded, width
 
 app = typer.Typer(
     name="qsf",

@@ -365,18 +365,19 @@ def new(
     arg: Annotated[list[str] | None, typer.Option(help="NAME=VALUE for a xacro's $(arg NAME).")] = None,
 ) -> None:
     """Make a robot's folder from a URDF or a table, try it, and say what is still to be looked up."""
-    from qsframework.cli.new import NewWish, run_new
+    from qsframework.cli.new import run_new
+    from qsframework.cli.pairs import pairs
+    from qsframework.robot.new import Arm
 
-    wish = NewWish(
-        output,
+    arm = Arm(
         base=base,
         flange=flange,
         payload=payload,
-        packages=package or (),
-        arguments=arg or (),
+        packages={key: Path(value) for key, value in pairs("--package", package or (), "NAME=FOLDER").items()},
+        arguments=pairs("--arg", arg or (), "NAME=VALUE"),
         modified=modified,
     )
-    run_new(name, urdf, wish, dh)
+    run_new(name, urdf, dh, output, arm)
 
 
 def add_commands(app: typer.Typer) -> None:

@@ -229,7 +229,15 @@ def _plan(
     load = problem.load(chosen)
     order = np.lexsort((*poses.pendant.T[::-1], load))
     names = tuple(problem.loads[int(g)].name for g in load[order])
-    return make_plan(poses.take(order), names, counts[order].tolist(), rule.name, certificate, seed)
+    return make_plan(
+        poses.take(order),
+        names,
+        counts[order].tolist(),
+        rule.name,
+        certificate,
+        seed,
+        units=problem.experiment.robot.controller.units,
+    )
 
 
 def _notes(problem: Problem, rule: Robust, M: Array) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Literal
 
 from qsframework.diagnose.law import Law
+from qsframework.display import Displayed
 from qsframework.plugin import Array, Indices, Parameter
 
 if TYPE_CHECKING:
@@ -196,8 +197,8 @@ class Method:
     lone: bool
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Diagnosis:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Diagnosis(Displayed):
     """What the model gets wrong.
 
     baseline and extended: the exact fits without and with the named causes, certain: with those that are not doubtful,

@@ -112,7 +112,7 @@ def second_day(
         seed,
         progress=lambda i, n: tell("poses", i, n),
     )
-    plan = plan_of(poses, loads, chosen, experiment.fit_names(), len(poses), seed)
+    plan = plan_of(experiment, poses, loads, chosen, experiment.fit_names(), seed)
     contests = tuple(s.contest(chosen) for s in open_)
     return SecondDay(plan, contests, chosen.bound, hopeless, tuple(crowded), tuple(waiting))
 

@@ -127,7 +127,7 @@ def discriminate(
     rows = _flat(question, poses)
     tell("poses", 0, 1)
     chosen = choose([rows], [there], count, place, seed, effort.starts, lambda i, n: tell("poses", i, n))
-    plan = plan_of(poses, loads, chosen, question.known, len(rows), seed)
+    plan = plan_of(experiment, poses, loads, chosen, question.known, seed)
     start, end = told(there, question.width), told(_with(there, rows, chosen), question.width)
     limit = limit_angle(rows, question.width, seed)
     found = Discrimination(
@@ -208,7 +208,7 @@ def known_causes(experiment: Experiment, poses: Poses, names: Sequence[str]) -> 
 
 
 def plan_of(
-    poses: Poses, loads: tuple[str, ...], chosen: Chosen, known: Sequence[str], candidates: int, seed: int
+    experiment: Experiment, poses: Poses, loads: tuple[str, ...], chosen: Chosen, known: Sequence[str], seed: int
 ) -> Plan:
     """The chosen poses as a plan, with their certificate: 1 / s^2 against the bound."""
     index = chosen.index[np.lexsort((*poses.pendant[chosen.index].T[::-1], [loads[int(i)] for i in chosen.index]))]
@@ -219,14 +219,15 @@ def plan_of(
         relaxed_value=best,
         relaxed_efficiency=1.0,
         efficiency=min(best / value, 1.0),
-        candidates=candidates,
+        candidates=len(poses),
         poses=len(index),
         parameters=tuple(known),
         solver="column generation",
         notes=("T: s^2 of one cause beside what the fitted parameters and another cause absorb",),
     )
     names = [f"t{i + 1:02d}" for i in range(len(index))]
-    return make_plan(poses.take(index), [loads[int(i)] for i in index], None, "T", certificate, seed, names)
+    units = experiment.robot.controller.units
+    return make_plan(poses.take(index), [loads[int(i)] for i in index], None, "T", certificate, seed, names, units)
 
 
 def _flat(question: Question, poses: Poses) -> Array:

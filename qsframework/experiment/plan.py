@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pydantic
 
+from qsframework.display import Displayed
 from qsframework.errors import InputError, Problem
 from qsframework.experiment.columns import (
     MOST_PROBLEMS,
@@ -29,6 +30,7 @@ from qsframework.files import FileModel, read_yaml, sha256, validate, write_text
 from qsframework.files.formats import FORMAT, check_format
 from qsframework.plugin import Array, Conditions, Poses
 from qsframework.plugin.facts import frozen
+from qsframework.units import JointUnits
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,8 +90,8 @@ class ProofSpec(_ReadModel):
     plan_sha256: str
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Plan:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Plan(Displayed):
     """n poses to measure: pendant and URDF angles (n, joints) rad, wrenches (n, 6), repeats (n,)."""
 
     pose: tuple[str, ...]
@@ -101,6 +103,8 @@ class Plan:
     criterion: str
     certificate: Certificate | None
     seed: int | None
+    units: JointUnits | None = None
+    """Of the joints; None: all of them turn."""
 
     @property
     def poses(self) -> Poses:
@@ -122,6 +126,7 @@ def make_plan(
     certificate: Certificate | None = None,
     seed: int | None = None,
     names: Sequence[str] | None = None,
+    units: JointUnits | None = None,
 ) -> Plan:
     """A plan from poses, named p01, p02, ... unless said."""
     count = len(poses)
@@ -135,6 +140,7 @@ def make_plan(
         criterion=criterion,
         certificate=certificate,
         seed=seed,
+        units=units,
     )
 
 
@@ -210,7 +216,9 @@ def read_plan(path: str | Path, experiment: Experiment) -> Plan:
     repeats = table.numbers.get("repeats", np.ones(len(names))).astype(int)
     poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench)
     load = table.texts.get("load", [""] * len(names))
-    return make_plan(poses, load, repeats.tolist(), criterion, certificate, seed, names)
+    return make_plan(
+        poses, load, repeats.tolist(), criterion, certificate, seed, names, experiment.robot.controller.units
+    )
 
 
 def read_poses(path: str | Path, experiment: Experiment) -> Poses:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from qsframework.display import Displayed
 from qsframework.experiment.frames import Frame
 from qsframework.plugin import Array, Conditions, Indices, Poses
 from qsframework.plugin.facts import frozen
@@ -63,8 +64,8 @@ class Made:
     seed: int | None
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Readings:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Readings(Displayed):
     """R rows over N states: each h(plus) - h(minus) of a marker, in a frame.
 
     plus, minus (R,): states, minus -1 where nothing is taken off; marker (R,); frame (R,): place in `frames`, -1 for

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from qsframework.display import Displayed
 from qsframework.elastostatics import Model
 from qsframework.estimation import Interval, RankTest, rms
 from qsframework.experiment import Frame, Readings, make_rows
@@ -89,8 +90,8 @@ class Masked:
     readings: str
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Fit:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Fit(Displayed):
     """Estimates with covariance (p, p) and the residuals of R used rows.
 
     x holds all parameters of the model, estimated or not; frames: the base in the frames that were estimated;

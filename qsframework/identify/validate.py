@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from qsframework.display import Displayed
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import FitOptions, rms
 from qsframework.experiment import Experiment, Frame, Readings, make_rows
 from qsframework.experiment.observations import Rows
+from qsframework.identify.fit import Fit
 from qsframework.identify.identify import identify
-from qsframework.identify.io import StoredFit
+from qsframework.identify.io import StoredFit, stored
 from qsframework.identify.soundness import check_robot
 from qsframework.plugin import Array, Indices
 
@@ -50,8 +52,8 @@ class Errors:
         return float(d.mean()), float(np.quantile(d, 0.95)), float(d.max())
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Validation:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Validation(Displayed):
     """Errors of all readings and of each series or kind; halves: how many random halves they are of, 0 for none.
 
     seen: whether the fit was made of these readings; spread (halves,): RMS of the 3D error of each half, m
@@ -99,12 +101,13 @@ def _json(part: Errors) -> Mapping[str, Any]:
     }
 
 
-def validate(experiment: Experiment, readings: Readings, fit: StoredFit) -> Validation:
+def validate(experiment: Experiment, readings: Readings, fit: Fit | StoredFit) -> Validation:
     """Errors of a stored fit at other readings, in the frames that it found.
 
     A series that the fit does not know is laid on its predictions by a rigid motion first, and the error is what this
     leaves. InputError where the fit is of another robot or model.
     """
+    fit = stored(fit)
     check_robot(fit, experiment.robot)
     model, rows = experiment.model(), make_rows(readings)
     x = fit.x(model)

@@ -222,11 +222,13 @@ def _parts(name: str) -> tuple[str, str]:
 
 def error_rows(diagnosis: Diagnosis) -> Table:
     """RMS per axis on the readings and held out."""
-    e = diagnosis.rms
+    e, taught = diagnosis.rms, diagnosis.taught
+    law = [("extended with the learned law", "-", _mm(taught.heldout))] if taught is not None and taught.holds else []
     rows = (
         ("nominal model", _mm(e.nominal), "-"),
         ("identified", _mm(e.identified), _mm(e.heldout_identified)),
         ("extended with the named causes", _mm(e.extended), _mm(e.heldout_extended)),
+        *law,
         ("noise alone", _mm(e.noise), _mm(e.noise)),
     )
     return Table(

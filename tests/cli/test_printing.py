@@ -6,7 +6,8 @@ import re
 
 import pytest
 
-from qsframework.cli.printing import PIPE, print_folded, print_table, table_lines, width
+from qsframework.cli.printing import print_folded, print_table
+from qsframework.terminal import PIPE, table_lines, width
 
 HEADER = ("parameter", "value ± sd", "unit", "sd, % of initial", "initial", "status")
 ROWS = (

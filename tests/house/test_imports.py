@@ -14,7 +14,7 @@ from sources import LIBRARY, PLUGINS, ROOT, complaints, tree
 LAYERS = (
     ("errors",),
     ("units",),
-    ("plausible",),
+    ("plausible", "terminal", "display"),
     ("files",),
     ("work",),
     ("plugin",),

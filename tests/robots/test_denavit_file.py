@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.cli.new import NewWish, run_new
+from qsframework.cli.new import run_new
 from qsframework.errors import InputError
 from qsframework.robot import load_robot
 from qsframework.robot.denavit_file import read_denavit
+from qsframework.robot.new import Arm, new as new_robot
 from qsframework.robot.reference import reference_flange
 
 HEAD = "joint,a_mm,alpha_deg,d_mm,theta_deg,min_deg,max_deg\n"
@@ -55,7 +56,7 @@ def test_the_arm_stands_where_its_table_says(modified: bool, kind: str, tmp_path
         rows = rng.integers(-2, 3, (6, 4)) * 90.0
     lines = "".join(",".join(repr(float(v)) for v in row) + "\n" for row in rows)
     file = table(tmp_path, "a_mm,alpha_deg,d_mm,theta_deg\n" + lines)
-    run_new("arm", None, NewWish(tmp_path / "arm", modified=modified), file)
+    new_robot("arm", dh=file, folder=tmp_path / "arm", arm=Arm(modified=modified))
     robot = load_robot(tmp_path / "arm")
     q = rng.uniform(-np.pi, np.pi, (50, len(rows)))
     wanted = np.stack([product(rows, angles, modified) for angles in q])
@@ -63,7 +64,7 @@ def test_the_arm_stands_where_its_table_says(modified: bool, kind: str, tmp_path
 
 
 def test_limits_names_and_other_units(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run_new("arm", None, NewWish(tmp_path / "arm"), table(tmp_path, "# of the manual\n" + HEAD + TABLE))
+    run_new("arm", None, table(tmp_path, "# of the manual\n" + HEAD + TABLE), tmp_path / "arm", Arm())
     robot = load_robot(tmp_path / "arm")
     assert robot.facts.joints == ("a1", "a2", "a3", "a4", "a5", "a6")
     assert np.rad2deg(robot.controller.lower[1]) == pytest.approx(-130)
@@ -103,17 +104,17 @@ def test_wrong_tables(old: str, new: str, words: str, tmp_path: Path) -> None:
     text = HEAD + TABLE
     assert old in text
     with pytest.raises(InputError, match=words):
-        run_new("arm", None, NewWish(tmp_path / "arm"), table(tmp_path, text.replace(old, new, 1)))
+        new_robot("arm", dh=table(tmp_path, text.replace(old, new, 1)), folder=tmp_path / "arm")
     assert not (tmp_path / "arm").exists()
 
 
 def test_one_description_is_asked_for(tmp_path: Path) -> None:
     file = table(tmp_path, HEAD + TABLE)
-    for urdf, given, wish, words in (
-        (None, None, NewWish(), "give --urdf FILE, or --dh"),
-        (file, file, NewWish(), "give --urdf FILE, or --dh"),
-        (file, None, NewWish(modified=True), "--modified: belongs to"),
-        (None, tmp_path / "none.csv", NewWish(), "no such file"),
+    for urdf, given, arm, words in (
+        (None, None, Arm(), "give a URDF or a table"),
+        (file, file, Arm(), "give a URDF or a table"),
+        (file, None, Arm(modified=True), "can be a modified one"),
+        (None, tmp_path / "none.csv", Arm(), "no such file"),
     ):
         with pytest.raises(InputError, match=re.escape(words)):
-            run_new("arm", urdf, wish, given)
+            new_robot("arm", urdf, given, arm=arm)

@@ -14,10 +14,10 @@ import pytest
 
 from qsframework.applications.conformance import check_robot, small_campaign
 from qsframework.cli.check import check_files
-from qsframework.cli.new import NewWish, run_new
 from qsframework.design import Wish, design
 from qsframework.errors import InputError
 from qsframework.robot import load_robot
+from qsframework.robot.new import new
 from qsframework.robot.reference import reference_flange
 from qsframework.robot.scaffold import propose
 
@@ -207,7 +207,7 @@ def test_branches_are_asked_for(tmp_path: Path) -> None:
 )
 def test_what_is_no_arm_is_refused(joints: tuple[str, ...], words: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=words):
-        run_new("arm", urdf(tmp_path, *joints), NewWish(tmp_path / "new"))
+        new("arm", urdf(tmp_path, *joints), folder=tmp_path / "new")
     assert not (tmp_path / "new").exists()
 
 
@@ -215,7 +215,7 @@ def test_what_is_no_arm_is_refused(joints: tuple[str, ...], words: str, tmp_path
 def test_what_is_no_urdf_is_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / "x.urdf").write_text(text)
     with pytest.raises(InputError):
-        run_new("arm", tmp_path / "x.urdf", NewWish(tmp_path / "new"))
+        new("arm", tmp_path / "x.urdf", folder=tmp_path / "new")
     assert not (tmp_path / "new").exists()
 
 
@@ -223,12 +223,12 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes.txt").write_text("keep")
     with pytest.raises(InputError, match="nothing is overwritten"):
-        run_new("arm", urdf(tmp_path, *ARM), NewWish(tmp_path / "mine"))
+        new("arm", urdf(tmp_path, *ARM), folder=tmp_path / "mine")
     assert [f.name for f in (tmp_path / "mine").iterdir()] == ["notes.txt"]
     with pytest.raises(InputError, match="no such file"):
-        run_new("arm", tmp_path / "none.urdf", NewWish(tmp_path / "new"))
+        new("arm", tmp_path / "none.urdf", folder=tmp_path / "new")
     with pytest.raises(InputError, match="letters"):
-        run_new("../arm", tmp_path / "stranger.urdf", NewWish(tmp_path / "new"))
+        new("../arm", tmp_path / "stranger.urdf", folder=tmp_path / "new")
 
 
 def test_an_arm_whose_urdf_states_no_mass_works_without_weight(

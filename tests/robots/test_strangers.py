@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from qsframework.applications.conformance import check_robot
-from qsframework.cli.new import NewWish, run_new
+from qsframework.cli.main import app
 from qsframework.errors import InputError
 from qsframework.robot import load_robot
+from qsframework.robot.new import Arm, new
 from qsframework.robot.packages import Sources
 from qsframework.robot.reference import reference_flange
 from qsframework.robot.scaffold import Proposal, propose
@@ -205,10 +207,11 @@ def test_a_package_elsewhere_and_an_argument_are_told(tmp_path: Path) -> None:
     sources = Sources({"maker_resources": tmp_path / "elsewhere"}, {"forearm": "0.7"}, nearby=True)
     robot = load_robot(works(tmp_path, propose("arm", file, sources=sources)))
     assert reference_flange(robot, np.zeros((1, 6)))[0, 0, 3] == pytest.approx(1.3)
-    wishes = (["maker_resources"], "not understood"), ([f"maker_resources={tmp_path / 'none'}"], "no such folder")
-    for packages, words in wishes:
-        with pytest.raises(InputError, match=words):
-            run_new("arm", file, NewWish(tmp_path / "new", packages=packages))
+    for package, words in (("maker_resources", "not understood"), (f"maker_resources={tmp_path / 'none'}", "no such")):
+        done = CliRunner().invoke(
+            app, ["new", "arm", "--urdf", str(file), "-o", str(tmp_path / "new"), "--package", package]
+        )
+        assert words in str(done.exception)
     file.write_text(file.read_text().replace('<xacro:arg name="forearm" default="0.5"/>', ""))
     with pytest.raises(InputError, match=r"argument 'forearm' has no default; give it a value"):
         propose("arm", file, sources=Sources(sources.packages, nearby=True))
@@ -280,8 +283,8 @@ def test_the_checklist_says_what_looks_odd(tmp_path: Path) -> None:
 def test_wrong_payloads(tmp_path: Path) -> None:
     file = file_of(tmp_path, ARM)
     for payload in (0.0, -3.0, float("nan"), 1e9):
-        with pytest.raises(InputError, match="--payload: no payload of a robot"):
-            run_new("arm", file, NewWish(tmp_path / "new", payload=payload))
+        with pytest.raises(InputError, match="no payload of a robot"):
+            new("arm", file, folder=tmp_path / "new", arm=Arm(payload=payload))
     assert not (tmp_path / "new").exists()
 
 

@@ -42,6 +42,10 @@ def _unexplained(found: Diagnosis) -> str:
         what = f"{moving_words(found.leftovers[0].law)}, as no cause of the library does"
     else:
         what = f"more is left than the noise allows, most of it at {poses_words(worst_poses(found, _WORST))}"
+    t = found.taught
+    if t is not None and t.holds:
+        left = f"its law was learned, and the error at poses left out falls from {mm(t.before)} to {mm(t.heldout)} mm"
+        return f"Unexplained: {what}; {left} (noise {mm(e.noise)})."
     return (
         f"Unexplained: {what}; the error at poses left out stays at {mm(e.heldout_identified)} mm, noise {mm(e.noise)}."
     )

@@ -1,0 +1,87 @@
+"""A new robot's folder from a URDF, a xacro or a table of Denavit and Hartenberg, and what is still to be looked up."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from qsframework.errors import InputError, Problem
+from qsframework.files import write_folder
+from qsframework.robot.denavit_file import read_denavit
+from qsframework.robot.loader import load_robot
+from qsframework.robot.packages import Sources
+from qsframework.robot.scaffold import propose
+from qsframework.robot.statics import Check, check_statics
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arm:
+    """Which arm of a description: base and flange, links that it ends at, found where left out; payload kg, from the
+    manual; packages: folders by name, arguments: texts by name, that a xacro asks for; modified: the table is the
+    modified one (Craig)."""
+
+    base: str | None = None
+    flange: str | None = None
+    payload: float | None = None
+    packages: Mapping[str, Path] = field(default_factory=dict[str, Path])
+    arguments: Mapping[str, str] = field(default_factory=dict[str, str])
+    modified: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewRobot:
+    """A folder that was written: its files, what is to be looked up, and how its kinematics and gravity were tried."""
+
+    folder: Path
+    files: tuple[str, ...]
+    checklist: tuple[str, ...]
+    checks: tuple[Check, ...]
+
+
+def new(
+    name: str,
+    urdf: str | Path | None = None,
+    dh: str | Path | None = None,
+    folder: str | Path | None = None,
+    arm: Arm | None = None,
+) -> NewRobot:
+    """Write the folder of a new robot, from a URDF or xacro or from a table `dh`, and try it.
+
+    folder: to make, the name if left out; an empty one may be there. InputError with every problem where the name is
+    none, the file is missing, the folder holds something, or the description is no arm.
+    """
+    arm, folder = arm or Arm(), Path(folder or name)
+    if not _NAME.fullmatch(name):
+        raise InputError(Problem(f"name: use letters, digits, _ . and - only, found {name!r}"))
+    if arm.payload is not None and not 0.0 < arm.payload < 1e5:
+        found, argument = f"{arm.payload:g} kg", ("payload", "KG")
+        raise InputError(Problem("no payload of a robot", found=found, allowed="above 0 kg", argument=argument))
+    file = Path(urdf or dh or "")
+    if (urdf is None) == (dh is None):
+        raise InputError(Problem("give a URDF or a table of Denavit and Hartenberg", argument=("urdf", "FILE")))
+    if arm.modified and dh is None:
+        message = "only a table of Denavit and Hartenberg can be a modified one"
+        raise InputError(Problem(message, argument=("dh", "TABLE")))
+    if not file.is_file():
+        raise InputError(Problem("no such file", file=str(file), hint="A URDF, a xacro or a table is needed."))
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        message = "exists already, and nothing is overwritten"
+        raise InputError(Problem(message, file=str(folder), argument=("output", "FOLDER")))
+    missing = [
+        Problem("no such folder", str(path), argument=("package", f"{key}=FOLDER"))
+        for key, path in arm.packages.items()
+        if not path.is_dir()
+    ]
+    if missing:
+        raise InputError(missing)
+    sources = Sources(arm.packages, arm.arguments, nearby=True)
+    description = file if dh is None else read_denavit(file, arm.modified)
+    flange = arm.flange or (None if dh is None else "flange")
+    proposal = propose(name, description, arm.base, flange, sources, arm.payload)
+    write_folder(folder, proposal.files)
+    checks = tuple(check_statics(load_robot(folder)))
+    return NewRobot(folder=folder, files=tuple(proposal.files), checklist=proposal.checklist, checks=checks)
