@@ -3,7 +3,8 @@
     python benchmarks/startup.py [--quick] [--write]
 
 Start-up and imports stand beside an empty Python and the libraries that they need in any case; the whole commands are
-those of the README and the examples, reports included. Medians; all commands take turns.
+those of the README and the examples, reports included, in units: the CPU of a fresh Python that imports numpy and
+scipy.optimize. Medians; all commands take turns.
 """
 
 from __future__ import annotations
@@ -50,23 +51,31 @@ def starts(runs: int) -> str:
     return table(["what", "CPU s", "times an empty Python", "peak memory, MB"], rows)
 
 
-def commands(folder: Path) -> dict[str, tuple[Sequence[str], str]]:
-    """The commands with their goals."""
+def commands(folder: Path) -> dict[str, tuple[Sequence[str], float]]:
+    """The commands with their goals in units, NaN where none was set."""
     hidden, r2000ic = EXAMPLES / "hidden_effect" / "experiment.yaml", EXAMPLES / "r2000ic" / "experiment.yaml"
     m900ib, ur10 = EXAMPLES / "m900ib" / "experiment.yaml", EXAMPLES / "ur10" / "experiment.yaml"
     plan = str(folder / "made.csv")
     report = ["--report", str(folder / "report.html")]
+    none = float("nan")
     return {
-        "demo: fit 43 poses, design 12, report": ([QSF, "demo", "--output", str(folder / "demo")], ""),
+        "robots": ([QSF, "robots"], 1.0),
+        "check, 60 poses x 3 markers": ([QSF, "check", str(hidden)], 1.5),
+        "stiffness": ([QSF, "stiffness", "fanuc_m900ib", "--pose=0,20,-10,0,60,0", "--load=0,0,-1000"], 1.5),
+        "identify the R-2000iC, 43 poses, report": ([QSF, "identify", str(r2000ic), *report], 3.0),
         "design: 12 poses of the M-900iB, report": (
             [QSF, "design", str(m900ib), "--output", str(folder / "d.csv"), *report],
-            "",
+            4.0,
         ),
-        "simulate that plan": ([QSF, "simulate", str(m900ib), plan, "--output", str(folder / "s.csv")], ""),
-        "identify the R-2000iC, report": ([QSF, "identify", str(r2000ic), *report], ""),
-        "identify the UR10's geometry, report": ([QSF, "identify", str(ur10), *report], ""),
-        "diagnose 60 poses x 3 markers, report": ([QSF, "diagnose", str(hidden), *report], "20 s by the clock"),
+        "diagnose 60 poses x 3 markers, report": ([QSF, "diagnose", str(hidden), *report], 10.0),
+        "demo: fit 43 poses, design 12, report": ([QSF, "demo", "--output", str(folder / "demo")], none),
+        "simulate that plan": ([QSF, "simulate", str(m900ib), plan, "--output", str(folder / "s.csv")], none),
+        "identify the UR10's geometry, report": ([QSF, "identify", str(ur10), *report], none),
     }
+
+
+UNIT = python("import numpy, scipy.optimize")
+"""What a unit is the CPU of."""
 
 
 def whole(runs: int) -> str:
@@ -75,9 +84,21 @@ def whole(runs: int) -> str:
         folder = Path(name)
         ran([QSF, "design", str(EXAMPLES / "m900ib" / "experiment.yaml"), "--output", str(folder / "made.csv")])
         asked = commands(folder)
-        found: Mapping[str, Ran] = medians({name: command for name, (command, _) in asked.items()}, folder, runs)
-    rows = [[n, f"{r.cpu:.1f}", f"{r.wall:.1f}", f"{r.memory:.0f}", asked[n][1]] for n, r in found.items()]
-    return table(["command", "CPU s", "clock s", "peak memory, MB", "goal"], rows)
+        found: Mapping[str, Ran] = medians({"": UNIT} | {n: command for n, (command, _) in asked.items()}, folder, runs)
+    unit = found[""].cpu
+    rows = [
+        [
+            n,
+            f"{r.cpu:.2f}",
+            f"{r.cpu / unit:.1f}",
+            f"{goal:g}" if goal == goal else "",
+            f"{r.wall:.1f}",
+            f"{r.memory:.0f}",
+        ]
+        for n, (_, goal) in asked.items()
+        if (r := found[n])
+    ]
+    return table(["command", "CPU s", "units", "goal, units", "clock s", "peak memory, MB"], rows)
 
 
 STEPS = """
@@ -100,7 +121,7 @@ print(json.dumps(spent))
 
 def steps(runs: int) -> str:
     """What each step of a diagnosis costs; a unit is the CPU of a fresh Python with numpy and scipy.optimize."""
-    unit = medians({"unit": python("import numpy, scipy.optimize")}, ROOT, runs)["unit"].cpu
+    unit = medians({"unit": UNIT}, ROOT, runs)["unit"].cpu
     program = python(STEPS.format(path=str(EXAMPLES / "hidden_effect" / "experiment.yaml")))
     env = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
     seen = [json.loads(subprocess.run(program, check=True, capture_output=True, env=env).stdout) for _ in range(runs)]
