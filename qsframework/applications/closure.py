@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from qsframework.errors import InputError
+from qsframework.estimation.tails import chi2_sf
 from qsframework.experiment import Experiment, Readings, differences
 from qsframework.experiment.columns import Column, read_table
 from qsframework.plugin import Array
@@ -96,9 +97,7 @@ def _mm(value: float) -> str:
 
 def _larger(squares: float, count: int, variance: float | None) -> bool:
     """Whether a sum of squares is larger than chance allows, with `count` degrees of freedom."""
-    from scipy.stats import chi2
-
-    return variance is not None and count > 0 and float(chi2.sf(squares / variance, count)) < LEVEL
+    return variance is not None and count > 0 and float(chi2_sf(squares / variance, count)) < LEVEL
 
 
 def _spread(values: dict[Any, list[Array]]) -> tuple[float, int]:

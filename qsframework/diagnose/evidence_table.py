@@ -16,6 +16,7 @@ from qsframework.diagnose.selection.model_selection import Answer, Library, p_va
 from qsframework.diagnose.selection.principal_angles import angle_matrix, smallest_angles
 from qsframework.diagnose.selection.rivals import rival_set
 from qsframework.diagnose.selection.search import Subset
+from qsframework.estimation.tails import chi2_isf
 from qsframework.plugin import Array, Parameter
 
 _SIDES = 1.96
@@ -131,8 +132,6 @@ def _hanging(
     library: Library, best: Subset, i: int, rivals: Sequence[int], threshold: float, pose_names: Sequence[str]
 ) -> tuple[tuple[str, ...], ...]:
     """Poses that the name of cause i hangs on; that a rival takes over is no news."""
-    from scipy.stats import chi2
-
     gram = library.gram
     given = tuple(j for j in best.members if j != i)
     allowed = {i, *rivals, *library.aliases(i)}
@@ -140,7 +139,7 @@ def _hanging(
     allowed |= {j for j, c in enumerate(library.case.causes) if c.shares(own) or (c.group and not own.group)}
     others = _alternatives(library, given, allowed)
     dof = len(gram.at[i])
-    needed = float(chi2.isf(float(np.exp(threshold)), max(dof, 1))) * library.unit(best.members)
+    needed = float(chi2_isf(float(np.exp(threshold)), max(dof, 1))) * library.unit(best.members)
     without = Subset(given, 0.0, best.dof - dof, 0.0)
     found = hangs_on(library.case, library.subspaces, best, without, others, needed)
     return tuple(tuple(pose_names[p] for p in poses) for poses in found[:_MOST_SETS])

@@ -12,6 +12,7 @@ from qsframework.diagnose.linearization.candidates import Cause, find_causes, gr
 from qsframework.discriminate.alternatives import SEEN, Draw, Offer, batch, offers
 from qsframework.discriminate.t_optimal import STARTS, Chosen, Question, Taken, ask, choose, limit_angle, told
 from qsframework.errors import InputError, Problem, nearest
+from qsframework.estimation.tails import normal_sf
 from qsframework.experiment import Certificate, Experiment, LoadCase, Plan, Readings, make_plan
 from qsframework.plugin import Array, Parameter, Poses
 from qsframework.plugin.facts import frozen
@@ -76,9 +77,7 @@ class Discrimination:
 
 def mistaken(s: float) -> float:
     """Chance that of two causes fitted to readings the wrong one fits better, s of the true one beside the other."""
-    from scipy.stats import norm
-
-    return float(norm.sf(s / 2.0))
+    return float(normal_sf(s / 2.0))
 
 
 def discriminate(

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from qsframework.errors import InputError
+from qsframework.estimation.tails import chi2_sf
 from qsframework.plugin import Array, Indices
 
 Group = tuple[Indices, Array]
@@ -215,7 +216,6 @@ def shared_error(
     ratio on its boundary, where half of the cases without a shared error give an estimate of zero.
     """
     from scipy.optimize import minimize_scalar
-    from scipy.stats import chi2
 
     typical = float(np.sqrt(np.mean(sigma**2)))
     size = np.linalg.norm(jacobian / sigma[:, None], axis=0)
@@ -246,5 +246,5 @@ def shared_error(
         ratio, gain = 0.0, 0.0
     unit = float(np.sqrt(deviance(ratio)[1]))
     return SharedError(
-        ratio * typical * unit, unit, 1.0 if gain == 0.0 else 0.5 * float(chi2.sf(gain, 1)), noise(ratio)
+        ratio * typical * unit, unit, 1.0 if gain == 0.0 else 0.5 * float(chi2_sf(gain, 1)), noise(ratio)
     )

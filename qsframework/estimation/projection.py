@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
+from qsframework.estimation.tails import chi2_sf, f_sf
 from qsframework.plugin import Array, Indices
 
 Flags = npt.NDArray[np.bool_]
@@ -104,10 +105,8 @@ def chi_square(fall: Array | float, size: Indices | int, total: float, dof: int,
 
     stated: the noise has unit variance, chi-square; else an F test against what is left, `total` on `dof` before
     """
-    from scipy.stats import chi2, f
-
     size = np.maximum(size, 1)
     if stated:
-        return chi2.sf(fall, size)
+        return chi2_sf(fall, size)
     free = np.maximum(dof - size, 1)
-    return f.sf(fall / size / np.maximum((total - fall) / free, 1e-300), size, free)
+    return f_sf(fall / size / np.maximum((total - fall) / free, 1e-300), size, free)

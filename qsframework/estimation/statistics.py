@@ -13,6 +13,7 @@ from qsframework.estimation.observations import Observations
 from qsframework.estimation.options import FitOptions
 from qsframework.estimation.robust import Loss
 from qsframework.estimation.solver import Solution, solve
+from qsframework.estimation.tails import chi2_isf, f_isf
 from qsframework.plugin import Array
 
 _STEPS = 60
@@ -120,13 +121,11 @@ def profile_interval(
 
 def _allowed(observations: Observations, solution: Solution, level: float) -> tuple[float, float]:
     """How much the sum of squares may grow, and by how many sds (of the stated noise) that is in a linear model."""
-    from scipy.stats import chi2, f
-
     if observations.stated:
-        rise = float(chi2.ppf(level, 1))
+        rise = float(chi2_isf(1.0 - level, 1))
     else:
         dof = len(solution.residuals) - solution.free
-        rise = float(f.ppf(level, 1, dof)) * 2.0 * solution.cost / dof
+        rise = float(f_isf(1.0 - level, 1, dof)) * 2.0 * solution.cost / dof
     return rise, float(np.sqrt(rise))
 
 

@@ -20,6 +20,7 @@ from qsframework.diagnose.selection.family_test import Block, chance
 from qsframework.diagnose.selection.principal_angles import alias_classes, angle_matrix, named_from
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import rank_test
+from qsframework.estimation.tails import chi2_isf
 from qsframework.experiment import Experiment, Plan
 from qsframework.forecast.effect_size import Bench
 from qsframework.forecast.forecast import Curve, Foresight, Outlook, Pair, Prospect, Size, Why
@@ -146,9 +147,7 @@ def _make_test(subspaces: tuple[Subspace, ...], readings: int, level: float, pow
 
 def threshold(dof: int, sided: bool, log_p: float) -> float:
     """The statistic with this log p."""
-    from scipy.stats import chi2
-
-    return float(chi2.isf(min(float(np.exp(log_p)) * (2.0 if sided else 1.0), 1.0), dof))
+    return float(chi2_isf(min(float(np.exp(log_p)) * (2.0 if sided else 1.0), 1.0), dof))
 
 
 def detection_rate(s: Array | float, dof: int, sided: bool, limit: float) -> Array:

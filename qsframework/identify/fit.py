@@ -12,6 +12,7 @@ import numpy.typing as npt
 from qsframework.display import Displayed
 from qsframework.elastostatics import Model
 from qsframework.estimation import Interval, RankTest, rms
+from qsframework.estimation.tails import chi2_sf
 from qsframework.experiment import Frame, Readings, make_rows
 from qsframework.experiment.readings import Alignment, Made
 from qsframework.files.formats import FORMAT
@@ -212,9 +213,7 @@ class Fit(Displayed):
     @property
     def p_value(self) -> float | None:
         """Probability of residuals this large under the stated noise; None if the noise is estimated."""
-        from scipy.stats import chi2
-
-        return None if self.sigma_source == "estimated" else float(chi2.sf(self.chi2, self.dof))
+        return None if self.sigma_source == "estimated" else float(chi2_sf(self.chi2, self.dof))
 
     @property
     def unseen(self) -> tuple[float, float, float]:

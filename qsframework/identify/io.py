@@ -13,6 +13,7 @@ import pydantic
 
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem
+from qsframework.estimation.tails import chi2_sf
 from qsframework.experiment import Experiment, Frame
 from qsframework.files import Document, FileModel, Unit, read_yaml, sha256, validate, write_text
 from qsframework.files.formats import check_format
@@ -126,10 +127,8 @@ class StoredFit:
     @property
     def agrees(self) -> bool | None:
         """Whether the residuals agree with their stated noise; None where none was stated."""
-        from scipy.stats import chi2
-
         stated = self.sigma_source != "estimated" and self.dof > 0
-        return bool(chi2.sf(self.chi2, self.dof) >= SIGNIFICANT) if stated else None
+        return bool(chi2_sf(self.chi2, self.dof) >= SIGNIFICANT) if stated else None
 
     @property
     def widening(self) -> float:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from qsframework.estimation.tails import normal_isf, normal_sf
 from qsframework.experiment import Readings
 from qsframework.identify import Estimate, Fit
 from qsframework.plugin import Array, Indices
@@ -234,8 +235,6 @@ def _by_row(fit: Fit) -> tuple[Figure, ...]:
 
 def _normal(fit: Fit) -> tuple[Figure, ...]:
     """Histogram and quantiles of the studentised residuals against the normal law."""
-    from scipy.stats import norm
-
     z: Array = np.sort(fit.studentised[np.isfinite(fit.studentised)])
     if len(z) < 3:
         return ()
@@ -246,12 +245,12 @@ def _normal(fit: Fit) -> tuple[Figure, ...]:
     bars.add_bar(x=middle, y=count, name="residuals", marker={"color": BLUE}, width=0.95 * width)
     bars.add_scatter(
         x=middle,
-        y=len(z) * np.diff(norm.cdf(edges)),
+        y=len(z) * np.diff(normal_sf(-edges)),
         mode="lines",
         name="normal law",
         line={"color": BLACK, "dash": "dash", "shape": "spline"},
     )
-    wanted = norm.ppf((np.arange(1, len(z) + 1) - 0.5) / len(z))
+    wanted = -normal_isf((np.arange(1, len(z) + 1) - 0.5) / len(z))
     quantiles = blank("Residuals against the normal law", "quantile of the normal law", "residual / its sd")
     quantiles.add_scatter(x=wanted, y=z, mode="markers", name="residuals", marker={**AFTER, "size": 5})
     ends = [float(wanted[0]), float(wanted[-1])]

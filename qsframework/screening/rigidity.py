@@ -12,6 +12,7 @@ from itertools import combinations, permutations
 import numpy as np
 import numpy.typing as npt
 
+from qsframework.estimation.tails import chi2_isf, chi2_sf, f_sf
 from qsframework.experiment import Experiment, Readings
 from qsframework.plugin import Array, Indices
 from qsframework.screening.rows import LEVEL, Finding, finding, lines, masked
@@ -138,19 +139,17 @@ class Shape:
 
         inside: whether the states are among those that the shape was made of; `free` inf means a stated noise
         """
-        from scipy.stats import chi2, f
-
         n = float(self.count)
         square = misfits(tool, self.points) * (n / (n - 1.0) if inside else n / (n + 1.0))
         dof = self.dof(tool)
         safe = np.maximum(dof, 1)
         if np.isinf(self.free):
-            p = chi2.sf(square / self.unit, safe)
+            p = chi2_sf(square / self.unit, safe)
         else:
             rest = np.maximum(self.free - safe, 1.0) if inside else np.full(len(dof), self.free)
             total = self.unit * self.free
             other = (total - square) / rest if inside else np.full(len(dof), self.unit)
-            p = f.sf(square / safe / np.maximum(other, 1e-300), safe, rest)
+            p = f_sf(square / safe / np.maximum(other, 1e-300), safe, rest)
         return np.where(dof > 0, p, 1.0)
 
     def dof(self, tool: Tool) -> Indices:
@@ -170,11 +169,9 @@ class Shape:
 
 def judged(tool: Tool, level: float) -> tuple[Shape, Mask]:
     """The shape, and the states (S,) that do not have it; `level` is that of all of them together."""
-    from scipy.stats import chi2
-
     shape = Shape(first_shape(tool), len(tool.rows), 1.0, np.inf)
     dof = np.maximum(shape.dof(tool), 1)
-    ratio = misfits(tool, shape.points) / np.maximum(chi2.median(dof), 1e-300)
+    ratio = misfits(tool, shape.points) / np.maximum(chi2_isf(0.5, dof), 1e-300)
     typical = float(np.median(ratio))
     robust = not tool.stated or typical > _LOOSE**2
     shape = replace(shape, unit=max(typical, 1e-300) if robust else 1.0)

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from qsframework.estimation import left, scales
 from qsframework.estimation.projection import blocks_of, falls
+from qsframework.estimation.tails import chi2_isf
 from qsframework.experiment import Bridge, Experiment, Frame, Readings, Rows, bridge
 from qsframework.plugin import Array, Indices
 from qsframework.screening.logging_faults import Visits, visits_of
@@ -65,11 +66,9 @@ class Standing:
 
     def usual(self, count: int) -> float:
         """The largest misfit of so many coordinates at visits that agree, at least what chance allows."""
-        from scipy.stats import chi2
-
         good = ~self.wrong & (self.count > 0)
         scaled = self.misfit[good] / self.count[good]
-        return max(float(chi2.isf(1e-3, count)), float(scaled.max(initial=0.0)) * count)
+        return max(float(chi2_isf(1e-3, count)), float(scaled.max(initial=0.0)) * count)
 
     def foretold(self, readings: Readings, keep: Indices) -> tuple[Array, Array]:
         """Errors (R, 3) of rows of other readings in units of the noise that is seen, and P (R, 3, f): I + P P' is
@@ -161,9 +160,7 @@ def _linear(seen: Bridge, frames: Sequence[Frame]) -> tuple[_Columns, Array]:
 
 def _beyond(misfit: Array, count: Indices) -> Flags:
     """The visits (V,) whose misfit no chance makes, at most a share of them."""
-    from scipy.stats import chi2
-
-    out = misfit > _BEYOND * chi2.isf(_CHANCE / len(misfit), np.maximum(count, 1))
+    out = misfit > _BEYOND * chi2_isf(_CHANCE / len(misfit), np.maximum(count, 1))
     most = max(2, int(_SHARE * len(misfit)))
     if out.sum() > most:
         out &= misfit >= np.sort(misfit)[-most]
@@ -227,12 +224,10 @@ def _least_absolute(A: _Columns, target: Array, label: Indices, count: Indices) 
 
 def _unit(square: Array, count: Indices, wrong: Flags) -> float:
     """The noise that the usual good visit shows, in sds as stated."""
-    from scipy.stats import chi2
-
     use = ~wrong & (count > 0) & (square > 0.0)
     if not use.any():
         return 1.0
-    return float(np.sqrt(max(np.median(square[use] / chi2.median(count[use])), 1e-12)))
+    return float(np.sqrt(max(np.median(square[use] / chi2_isf(0.5, count[use])), 1e-12)))
 
 
 def _solved(A: _Columns, target: Array, weight: Array) -> tuple[Array, Array]:

@@ -16,6 +16,7 @@ from qsframework.applications.day.day import Day
 from qsframework.applications.day.judge import LEVEL
 from qsframework.applications.protocol import floor_file
 from qsframework.errors import InputError, Problem
+from qsframework.estimation.tails import chi2_isf
 from qsframework.experiment.frames import procrustes
 from qsframework.files import append_text
 from qsframework.plugin import Array
@@ -64,9 +65,7 @@ def enter_floor(day: Day, readings: Mapping[str, Array]) -> FloorJudged:
 
 def _quantile(count: int) -> float:
     """sds that the worst of some vectors exceeds with the chance LEVEL."""
-    from scipy.stats import chi2
-
-    return float(np.sqrt(chi2.isf(LEVEL / count, 3)))
+    return float(np.sqrt(chi2_isf(LEVEL / count, 3)))
 
 
 def _first(path: Path, series: str) -> dict[str, Array]:

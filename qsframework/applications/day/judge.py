@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from qsframework.applications.day.expected import Expected
 from qsframework.applications.day.record import Slot
+from qsframework.estimation.tails import chi2_sf, f_sf, normal_sf
 from qsframework.experiment.frames import Frame, procrustes
 from qsframework.plugin import Array
 
@@ -312,12 +313,10 @@ def _check_motion(
     made = _difference(known, slot, xyz, series, before, share, shift)
     if made is None:
         return None
-    from scipy.stats import chi2
-
     r, J, C, D = made
     S = J @ known.spring_cov @ J.T + C
     square = float(r @ np.linalg.solve(S, r))
-    p = min(float(chi2.sf(square, len(r))), _too_little(r, J, C, D, known.spring_cov))
+    p = min(float(chi2_sf(square, len(r))), _too_little(r, J, C, D, known.spring_cov))
     return Check("motion", p, float(np.sqrt(3.0 * np.mean(r**2))))
 
 
@@ -327,8 +326,6 @@ def _too_little(r: Array, J: Array, C: Array, D: Array, cov: Array) -> float:
     A spring that is known to 30 % may as well be stiffer by a third as softer; it is hardly ten times as stiff, as a
     Gaussian would have it. So the share's logarithm is asked.
     """
-    from scipy.stats import norm
-
     weight = np.linalg.solve(C, D)
     size = float(D @ weight)
     if size < (1.0 / _FEW) ** 2:
@@ -339,7 +336,7 @@ def _too_little(r: Array, J: Array, C: Array, D: Array, cov: Array) -> float:
         return 1.0
     noise = 2.0 / float(np.sqrt(size))
     least = -float(np.log(max(share, noise, 1e-3))) / float(np.hypot(sd, noise))
-    return float(norm.sf(least))
+    return float(normal_sf(least))
 
 
 def _check_place(
@@ -348,8 +345,6 @@ def _check_place(
     e, i, placed = known.expected, known.expected.at[slot], known.placed.get(series)
     if placed is None or not read.any():
         return None
-    from scipy.stats import f
-
     place = known.place(slot) + (share - 1.0) * e.moved[i] + (0.0 if shift is None else shift)
     H, own = _rows(known, slot, placed.frame, read, place)
     r = (xyz - placed.frame.apply(place))[read].ravel() - H @ placed.mean
@@ -358,7 +353,7 @@ def _check_place(
     S = _covariance(e.sigma, own, placed.scale, known.shapes) + H @ placed.cov @ H.T
     left = Q.T @ r
     square = float(left @ np.linalg.solve(Q.T @ S @ Q, left))
-    p = float(f.sf(square / len(left), len(left), placed.freedom))
+    p = float(f_sf(square / len(left), len(left), placed.freedom))
     return Check("place", p, float(np.sqrt(3.0 * np.mean(r**2))))
 
 
@@ -372,8 +367,6 @@ def _check_repeat(known: Known, slot: Slot, xyz: Array, series: str, shift: Arra
     rows &= np.asarray(sum((was_read(b).astype(int) for b in before), np.zeros(len(xyz))) > 0)
     if not rows.any():
         return None
-    from scipy.stats import chi2
-
     there = xyz[rows]
     r: Array = there - np.asarray(np.nanmean(np.array(before)[:, rows], axis=0), dtype=np.float64)
     if shift is not None and series in known.placed:
@@ -381,7 +374,7 @@ def _check_repeat(known: Known, slot: Slot, xyz: Array, series: str, shift: Arra
     own = _twist(there, there.mean(axis=0)) * _AGAIN
     S = own @ own.T + 2.0 * e.sigma**2 * np.eye(3 * len(there))
     square = float(r.ravel() @ np.linalg.solve(S, r.ravel()))
-    return Check("repeat", float(chi2.sf(square, r.size)), float(np.sqrt(3.0 * np.mean(r**2))))
+    return Check("repeat", float(chi2_sf(square, r.size)), float(np.sqrt(3.0 * np.mean(r**2))))
 
 
 def _check_shape(known: Known, xyz: Array, read: Flags) -> Check | None:
@@ -389,10 +382,8 @@ def _check_shape(known: Known, xyz: Array, read: Flags) -> Check | None:
     pairs = list(combinations(np.flatnonzero(read).tolist(), 2))
     if not pairs:
         return None
-    from scipy.stats import norm
-
     sigma = known.expected.sigma
     sd = np.sqrt(2.0) * (np.hypot(sigma, sigma / np.sqrt(known.shapes)) if known.shapes else _STATED)
     off = [np.linalg.norm(xyz[a] - xyz[b]) - np.linalg.norm(known.shape[a] - known.shape[b]) for a, b in pairs]
     worst = float(np.abs(off).max())
-    return Check("shape", min(1.0, 2.0 * len(pairs) * float(norm.sf(worst / float(sd)))), worst)
+    return Check("shape", min(1.0, 2.0 * len(pairs) * float(normal_sf(worst / float(sd)))), worst)

@@ -12,6 +12,7 @@ from qsframework.diagnose.residuals.noise_components import FEWEST, make_basis, 
 from qsframework.diagnose.selection.exact_refit import Settled
 from qsframework.errors import NotIdentifiable
 from qsframework.estimation import left
+from qsframework.estimation.tails import f_sf
 from qsframework.estimation.visit_noise import RHOS, VisitNoise
 from qsframework.experiment import Bridge, Experiment, Readings
 from qsframework.experiment.observations import Rows
@@ -127,8 +128,6 @@ def far_from_linear(case: Case, fit: Settled) -> bool:
 
     Where both leave noise, what the fit leaves more, per parameter that it has less, follows an F distribution.
     """
-    from scipy.stats import f
-
     Q = library_basis(case)
     rest = left(Q, case.residuals)
     square, dof = float(rest @ rest), case.count - int(Q.shape[1])
@@ -136,7 +135,7 @@ def far_from_linear(case: Case, fit: Settled) -> bool:
     if dof < 1 or more < 1:
         return False
     ratio = float((fit.chi2 - square) / more * dof / square)
-    return 1.0 - float(f.sf(ratio, more, dof)) < _FAR
+    return 1.0 - float(f_sf(ratio, more, dof)) < _FAR
 
 
 def misfit(experiment: Experiment, readings: Readings, rows: Rows, fit: Settled) -> LackOfFit:

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from qsframework.estimation.tails import chi2_isf, f_sf
 from qsframework.plugin import Array, Indices
 
 Flags = npt.NDArray[np.bool_]
@@ -83,8 +84,6 @@ def find_outliers(white: Array, basis: Basis, level: float) -> Indices:
 
 def _row_p_values(white: Array, basis: Basis, out: Indices) -> Array:
     """p (R,) of each row against the fit of all rows that are neither in `out` nor itself; 1 where that is not told."""
-    from scipy.stats import f
-
     keep = np.setdiff1d(np.arange(len(white)), out)
     q = basis.Q.reshape(len(white), 3, -1)
     gone = q[out].reshape(-1, q.shape[2])
@@ -105,14 +104,12 @@ def _row_p_values(white: Array, basis: Basis, out: Indices) -> Array:
     total, free = float(np.square(left[keep]).sum()), int(axes[keep].sum()) - columns
     inside = np.isin(np.arange(len(white)), keep)
     rest = np.where(inside, total - square, total) / np.where(inside, free - axes, free)
-    p = f.sf(square / axes / np.maximum(rest, 1e-300), axes, np.where(inside, free - axes, free))
+    p = f_sf(square / axes / np.maximum(rest, 1e-300), axes, np.where(inside, free - axes, free))
     return np.where(told, p, 1.0)
 
 
 def _suspects(white: Array, basis: Basis) -> list[int]:
     """Rows without weight in a robust fit (Tukey's biweight of a row's length, started from Huber's)."""
-    from scipy.stats import chi2
-
     flat, Q = white.ravel(), basis.Q
     if basis.dof < len(flat) // 3 or basis.dof < 6:
         return []
@@ -134,7 +131,7 @@ def _suspects(white: Array, basis: Basis) -> list[int]:
         if step > _STEPS // 2 and np.allclose(z, z_new, rtol=0, atol=1e-3 * np.sqrt(scale)):
             break
         z = z_new
-    suspects = np.flatnonzero(length**2 > chi2.isf(_START, 3))
+    suspects = np.flatnonzero(length**2 > chi2_isf(_START, 3))
     return [int(r) for r in suspects[np.argsort(-length[suspects])][: len(white) // 4]]
 
 

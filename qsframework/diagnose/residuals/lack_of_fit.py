@@ -9,6 +9,7 @@ import numpy as np
 
 from qsframework.diagnose.residuals.gross_rows import Basis, Flags
 from qsframework.diagnose.residuals.noise_components import pure_dof, replicate_basis
+from qsframework.estimation.tails import chi2_sf, f_sf
 from qsframework.experiment import Experiment
 from qsframework.experiment.observations import Rows
 from qsframework.plugin import Array, Indices
@@ -90,22 +91,18 @@ def _span(columns: Array, mask: Flags | None = None) -> Basis:
 
 
 def _chi2(square: float, dof: int) -> float:
-    from scipy.stats import chi2
-
-    return float(chi2.sf(square, dof)) if dof > 0 else np.nan
+    return float(chi2_sf(square, dof)) if dof > 0 else np.nan
 
 
 def _replicates(left: Array, fit: Basis, replicate: Indices) -> tuple[float, int]:
     """p-value of the fit against pure error, and the degrees of freedom of the latter."""
-    from scipy.stats import f
-
     free = pure_dof(replicate, fit.mask)
     if free <= 0 or fit.dof <= free:
         return np.nan, free
     pure = replicate_basis(replicate, fit.mask)
     error = float(np.sum(pure.left(left) ** 2))
     lack, dof = float(np.sum(left**2)) - error, fit.dof - pure.dof
-    return float(f.sf(max(lack, 0.0) / dof / (error / pure.dof), dof, pure.dof)), pure.dof
+    return float(f_sf(max(lack, 0.0) / dof / (error / pure.dof), dof, pure.dof)), pure.dof
 
 
 def _trends(left: Array, fit: Basis, variables: Mapping[str, Array], shapes: Array, known: bool) -> tuple[Trend, ...]:
@@ -135,12 +132,10 @@ def _trends(left: Array, fit: Basis, variables: Mapping[str, Array], shapes: Arr
 
 
 def _p_value(square: float, dof: int, total: float, free: int, known: bool) -> float:
-    from scipy.stats import f
-
     if known:
         return _chi2(square, dof)
     rest = max(total - square, 1e-300) / (free - dof)
-    return float(f.sf(square / dof / rest, dof, free - dof))
+    return float(f_sf(square / dof / rest, dof, free - dof))
 
 
 def _trend_columns(values: Array, shapes: Array, around: Basis) -> Array:

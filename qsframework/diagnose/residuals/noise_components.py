@@ -12,6 +12,7 @@ import numpy as np
 
 from qsframework.diagnose.residuals.gross_rows import Basis, Flags, heavy_tails
 from qsframework.estimation import Noise, grouped
+from qsframework.estimation.tails import chi2_cdf, chi2_sf, f_sf
 from qsframework.plugin import Array, Indices
 
 REACH = 10.0
@@ -138,7 +139,6 @@ def estimate(white: Array, basis: Basis, sigma: Array, measurement: Indices, sou
     decomposition does for all sizes. The test is the likelihood ratio on its boundary.
     """
     from scipy.optimize import minimize_scalar
-    from scipy.stats import chi2
 
     left = basis.left(white)
     total = float(np.sum(left**2))
@@ -173,7 +173,7 @@ def estimate(white: Array, basis: Basis, sigma: Array, measurement: Indices, sou
         options={"xatol": 1e-6},
     )
     ratio, gain = float(np.exp(best.x)), deviance(0.0) - float(best.fun)
-    p = 0.5 * float(chi2.sf(gain, 1)) if gain > 0.0 else 1.0
+    p = 0.5 * float(chi2_sf(gain, 1)) if gain > 0.0 else 1.0
     own = rest + float((square / (1.0 + ratio**2 * lam)).sum())
     shared = ratio * typical * float(np.sqrt(own / basis.dof))
     if p >= level:
@@ -218,8 +218,6 @@ def _size(
 
 def lack_p_value(white: Array, basis: Basis, pure: Basis, noise: Noise, sigma: Array) -> float:
     """F test of what a basis leaves beyond replicates against what these leave; NaN where the basis spans all."""
-    from scipy.stats import f
-
     each = np.repeat(sigma, 3)
     y = noise.whiten(white.ravel() * each)
     squares: list[tuple[float, int]] = []
@@ -229,11 +227,9 @@ def lack_p_value(white: Array, basis: Basis, pure: Basis, noise: Noise, sigma: A
     (rest, dof), (error, free) = squares
     if dof <= free:
         return np.nan
-    return float(f.sf(max(rest - error, 0.0) / (dof - free) / (error / free), dof - free, free))
+    return float(f_sf(max(rest - error, 0.0) / (dof - free) / (error / free), dof - free, free))
 
 
 def _two_sided(size: Size) -> float:
-    from scipy.stats import chi2
-
-    low = float(chi2.cdf(size.square, size.dof))
-    return 2.0 * min(low, float(chi2.sf(size.square, size.dof)))
+    low = float(chi2_cdf(size.square, size.dof))
+    return 2.0 * min(low, float(chi2_sf(size.square, size.dof)))

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsframework.diagnose.selection.null_draws import null_draws
+from qsframework.estimation.tails import chi2_sf, f_sf
 from qsframework.estimation.visit_noise import Reml
 from qsframework.plugin import Array, Indices
 
@@ -145,10 +146,10 @@ def _scored(bank: _Bank, fits: Reml, k: int, values: Array) -> tuple[Array, Arra
 
 def log_p_values(statistic: Array, dof: Array | Indices, sided: Array | Flags, nu: float = np.inf) -> Array:
     """log p of each block alone, of k F: chi-square, or F(k, nu - k) where the unit of the noise is estimated."""
-    from scipy.stats import chi2, f
-
     k = np.maximum(dof, 1)
-    log_p = chi2.logsf(statistic, k) if np.isinf(nu) else f.logsf(statistic / k, k, np.maximum(nu - k, 1.0))
+    p = chi2_sf(statistic, k) if np.isinf(nu) else f_sf(statistic / k, k, np.maximum(nu - k, 1.0))
+    with np.errstate(divide="ignore"):
+        log_p = np.log(p)
     log_p = np.where(sided, np.where(statistic > 0.0, log_p - np.log(2.0), 0.0), log_p)
     return np.where(dof > 0, log_p, 0.0)
 

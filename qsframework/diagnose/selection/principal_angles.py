@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from qsframework.diagnose.linearization.columns import Subspace
+from qsframework.estimation.tails import normal_isf, normal_sf
 from qsframework.plugin import Array, Indices
 
 ALIKE = float(np.deg2rad(1.0))
@@ -105,14 +106,10 @@ def alias_classes(subspaces: Sequence[Subspace], angle: float = ALIKE) -> tuple[
 
 def mistaken(s: float, angle: float) -> float:
     """Probability that a cause of visible size s is mistaken for another one at this angle (rad)."""
-    from scipy.stats import norm
-
-    return float(norm.sf(s * float(np.sin(min(angle, np.pi) / 2.0))))
+    return float(normal_sf(s * float(np.sin(min(angle, np.pi) / 2.0))))
 
 
 def named_from(angle: float, share: float = 0.95) -> float:
     """The visible size s from which a cause is named right in this share, against one rival at an angle (rad)."""
-    from scipy.stats import norm
-
     sine = float(np.sin(min(angle, np.pi) / 2.0)) if np.isfinite(angle) else 1.0
-    return float(norm.ppf(share)) / sine if sine > 0.0 else float("inf")
+    return float(-normal_isf(share)) / sine if sine > 0.0 else float("inf")
