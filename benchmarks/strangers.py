@@ -2,7 +2,7 @@
 
     python benchmarks/strangers.py [--only NAME ...] [--write]
 
-About ten minutes. `--write` writes docs/strangers.md.
+About ten minutes. `--write` writes benchmarks/strangers.md.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ sys.path.insert(0, str(ROOT / "tests" / "robots"))
 from strangers import STRANGERS, Stranger  # noqa: E402
 from strangers_chain import COMMANDS, Step, chain  # noqa: E402
 
-PAGE = ROOT / "docs" / "strangers.md"
+PAGE = ROOT / "benchmarks" / "strangers.md"
 HEAD = """# Strangers' files
 
 Robot files as people bring them. Each is built as public descriptions of the maker named are, written anew with other
 numbers (`tests/robots/strangers.py`), and goes through what a user types: `qsf new`, `qsf check --conformance`,
 `qsf design`, `simulate`, `identify`, `diagnose`, `export --to csv`. What is refused is refused by `qsf new`, with what
-to do instead. [Add your robot](add-a-robot.md) says what happens to such files.
+to do instead. [Add your robot](../docs/add-a-robot.md) says what happens to such files.
 
 """
 
@@ -38,7 +38,7 @@ def main() -> None:
     """Print the table, or write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="*", default=[], help="names of strangers")
-    parser.add_argument("--write", action="store_true", help="write docs/strangers.md")
+    parser.add_argument("--write", action="store_true", help="write benchmarks/strangers.md")
     wish = parser.parse_args()
     lines = ["| file | angles | what happened | `qsf new`, CPU s | all, CPU s |", "|---|---|---|---|---|"]
     for stranger in STRANGERS:

@@ -1,4 +1,4 @@
-"""Make pictures in headless Chromium: report, `qsf show`, sheet, certificate and two robots for the pages; terminals.
+"""Make pictures in headless Chromium: report, `qsf show`, sheet, certificate and the robots for the pages; terminals.
 
 Run: make pictures
 """
@@ -11,6 +11,8 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+from qsframework.robot import load_robot
 
 HERE = Path(__file__).resolve().parent
 EXPERIMENT = HERE.parent / "examples" / "m900ib" / "experiment.yaml"
@@ -54,18 +56,19 @@ CAMPAIGN = """robot: {robot}
 load: {{point_mm: [300, 0, 200]}}
 markers: {{m1: {{xyz_mm: [200, 200, 100]}}, m2: {{xyz_mm: [-200, 100, 100]}}}}
 noise: {{sigma_mm: 0.03}}
-loads: [{{name: weight, fz_N: -4000, fy_N: 800}}]
+loads: [{{name: weight, fz_N: {down:.0f}, fy_N: {side:.0f}}}]
 constraints: {{of: flange, z_min_m: 0.3}}
 """
-ROBOTS = {"abb_irb760": "#4", "kuka_kr500_on_kl4000": "#2"}
-"""Robots with a picture on their page, and the pose of a plan that it shows."""
+AT = {"abb_irb760": "#4"}
+"""The pose of a robot's plan that its picture shows; the second of others."""
 
 
 def picture_of(robot: str, at: str, images: Path) -> None:
     """One pose of a small plan for a robot, in 3D."""
     with tempfile.TemporaryDirectory() as name:
         experiment, plan, page = (Path(name) / file for file in ("experiment.yaml", "plan.csv", "show.html"))
-        experiment.write_text(CAMPAIGN.format(robot=robot))
+        weight = 9.81 * (load_robot(robot).payload or 50.0)
+        experiment.write_text(CAMPAIGN.format(robot=robot, down=-0.8 * weight, side=0.2 * weight))
         qsf("design", str(experiment), "-n", "6", "--candidates", "200", "--output", str(plan))
         qsf("show", str(experiment), str(plan), "--html", str(page))
         screenshot(page, images / f"{robot}.png", "800,560", at)
@@ -149,11 +152,11 @@ def terminal(pictures: Path, columns: int) -> None:
 
 
 def main(images: Path = HERE / "images") -> None:
-    """Design twelve poses for the M-900iB; picture report, plan in 3D, sheet; a certificate; and other robots."""
+    """Design twelve poses for the M-900iB; picture report, plan in 3D, sheet; a certificate; and every robot."""
     certificate(images)
     measuring_day(images)
-    for robot, at in ROBOTS.items():
-        picture_of(robot, at, images)
+    for robot in sorted(path.parent.name for path in (HERE.parent / "robots").glob("*/robot.yaml")):
+        picture_of(robot, AT.get(robot, "#2"), images)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         plan = str(folder / "plan.csv")

@@ -23,10 +23,7 @@ Each is a folder under `robots/` with `robot.yaml`, a URDF written anew with sim
 that states the source of every number. What no source states is assumed and marked so: most stiffnesses, all masses of
 FANUC's and KUKA's links. A plan made with assumed values is still good, for the optimal poses hardly depend on them; a
 prediction made with them is no better than they are. [Add yours](add-a-robot.md).
-
-![A palletizer, its two parallelograms, and what it gives under a weight](images/abb_irb760.png)
-
-![A robot on a linear track, and what it gives under a weight with a side pull](images/kuka_kr500_on_kl4000.png)
+Each below holds a weight with a side pull; what it gives is drawn larger.
 
 """
 MIDDLE = """
@@ -60,6 +57,14 @@ def robots_table(loaded: list[Robot]) -> str:
         listed = ", ".join(f"`{x}`" for x in extras) or "none"
         lines.append(f"| `{r.name}` | {r.title} | {listed} | {payload} | {assumed} of {len(r.parameters)} |")
     return "\n".join(lines) + "\n"
+
+
+def pictures_table(loaded: list[Robot]) -> str:
+    """Each robot under a load, two in a row; `make pictures` draws them."""
+    cells = [f"![{r.title}](images/{r.name}.png) {r.title}" for r in loaded]
+    cells += [""] * (len(cells) % 2)
+    rows = [f"| {one} | {other} |" for one, other in zip(cells[::2], cells[1::2], strict=True)]
+    return "\n".join(["| | |", "|---|---|", *rows]) + "\n\n"
 
 
 def run_row(name: str, checks: tuple[Check, ...], seconds: float) -> str:
@@ -96,4 +101,4 @@ def runs_table(loaded: list[Robot]) -> str:
 
 if __name__ == "__main__":
     found = robots()
-    PAGE.write_text(HEAD + robots_table(found) + MIDDLE + runs_table(found))
+    PAGE.write_text(HEAD + pictures_table(found) + robots_table(found) + MIDDLE + runs_table(found))

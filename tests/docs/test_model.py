@@ -19,10 +19,11 @@ def text(root: Path) -> str:
 
 def numbered(text: str, n: int) -> str:
     """The right side of an equation as the page prints it, as Python."""
-    line = next(x for x in text.splitlines() if x.endswith(f"({n})") and "=" in x)
-    right = line.split("=", 1)[1].rsplit("(", 1)[0].strip()
-    right = right.replace("^", "**").replace("sin**2 b", "sin(b)**2")
-    right = re.sub(r"\b(sin|cos) b", r"\1(b)", right)
+    (block,) = (x for x in re.findall(r"```math\n(.*?)\n```", text, re.S) if x.endswith(rf"\tag{{{n}}}"))
+    right = block.split("=", 1)[1].rsplit(r"\tag", 1)[0].strip()
+    right = re.sub(r"\b([a-zK])_([a-z0-9])", r"\1\2", right)  # l_c is lc
+    right = re.sub(r"\\(sin|cos)(?:\^(\d))? b", lambda f: f"{f[1]}(b)" + (f"**{f[2]}" if f[2] else ""), right)
+    right = right.replace("^", "**").replace("\\", "")
     return re.sub(r"(?<=[\w)]) (?=[\w(])", " * ", right)
 
 
@@ -31,6 +32,7 @@ def test_every_equation_is_there(text: str) -> None:
     for first, last in re.findall(r"\((\d+)\) to \((\d+)\)", text.split("## The pipeline")[1]):
         named |= set(range(int(first), int(last) + 1))
     named |= {int(n) for n in re.findall(r"\((\d+)\)", text.split("## The pipeline")[1])}
+    named |= {int(n) for tag in re.findall(r"\\tag\{(.*?)\}", text) for n in tag.split(", ")}
     assert named >= set(range(1, 23))
 
 
@@ -48,7 +50,7 @@ def test_the_stages_are_those_of_the_plugin_layer(text: str) -> None:
 def test_the_printed_balancer_is_consistent(text: str) -> None:
     """Moment (9) is the slope of the spring's energy by (7) and (8), eta (11) that of (9)."""
     lc, l2, s0, K_c = 0.47, 0.86, 0.55, 2.0e5
-    names = {"sin": np.sin, "cos": np.cos, "lc": lc, "l2": l2, "L": lc * l2, "s0": s0, "K_c": K_c}
+    names = {"sin": np.sin, "cos": np.cos, "lc": lc, "l2": l2, "L": lc * l2, "s0": s0, "Kc": K_c}
 
     def value(n: int, b: float) -> float:
         s = float(np.sqrt(eval(numbered(text, 7), {}, {**names, "b": b})))

@@ -1,0 +1,159 @@
+"""Draw the pages' line drawings: python docs/make_drawings.py writes docs/images/drawing-*.svg
+
+A parallelogram and a balancer with the symbols of docs/model.md, and what stands where on the measuring day.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from math import atan2, cos, degrees, hypot, radians, sin
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+Point = tuple[float, float]
+STYLE = """text { font: 15px sans-serif; fill: #222 } .sym { font-style: italic }
+.link { stroke: #555; stroke-width: 12; stroke-linecap: round } .bar { stroke: #0072B2; stroke-width: 5 }
+.thin { stroke: #222; stroke-width: 1; fill: none } .dash { stroke: #777; stroke-width: 1.2; stroke-dasharray: 5 4 }
+.spring { stroke: #D55E00; stroke-width: 2.5; fill: none } .pivot { fill: #fff; stroke: #222; stroke-width: 2 }
+.ground { fill: #ddd; stroke: #222 } .load { stroke: #D55E00; stroke-width: 3; fill: none } .mark { fill: #009E73 }"""
+
+
+def along(a: Point, angle: float, length: float) -> Point:
+    """The point at a distance from another; angle in deg above the horizontal, y downwards as in SVG."""
+    return a[0] + length * cos(radians(angle)), a[1] - length * sin(radians(angle))
+
+
+def line(a: Point, b: Point, kind: str) -> str:
+    return f'<line class="{kind}" x1="{a[0]:.1f}" y1="{a[1]:.1f}" x2="{b[0]:.1f}" y2="{b[1]:.1f}"/>'
+
+
+def pivot(*points: Point) -> str:
+    return "".join(f'<circle class="pivot" cx="{x:.1f}" cy="{y:.1f}" r="7"/>' for x, y in points)
+
+
+def text(at: Point, words: str, kind: str = "") -> str:
+    """Words; what follows _ in a symbol stands lower, as long as it is letters and digits."""
+    name, _, low = words.partition("_") if kind == "sym" else (words, "", "")
+    shown = f'{name}<tspan dy="4" font-size="11">{low}</tspan>' if low else name
+    return f'<text class="{kind}" x="{at[0]:.1f}" y="{at[1]:.1f}">{shown}</text>'
+
+
+def spring(a: Point, b: Point, coils: int = 9, width: float = 9.0) -> str:
+    """A coil between two points."""
+    n, turn = 2 * coils, atan2(b[1] - a[1], b[0] - a[0])
+    length = hypot(b[0] - a[0], b[1] - a[1])
+    path = [a]
+    for i in range(1, n):
+        u, v = length * (0.12 + 0.76 * i / n), width * (1 if i % 2 else -1)
+        path.append((a[0] + u * cos(turn) - v * sin(turn), a[1] + u * sin(turn) + v * cos(turn)))
+    points = " ".join(f"{x:.1f},{y:.1f}" for x, y in [*path, b])
+    return f'<polyline class="spring" points="{points}"/>'
+
+
+def arc(at: Point, radius: float, start: float, end: float) -> str:
+    """An angle's arc, deg."""
+    (x, y), (u, v) = along(at, start, radius), along(at, end, radius)
+    return f'<path class="thin" d="M{x:.1f} {y:.1f} A{radius} {radius} 0 0 {int(end < start)} {u:.1f} {v:.1f}"/>'
+
+
+def arrow(a: Point, b: Point, kind: str = "load") -> str:
+    """A line with a head at its end."""
+    back = degrees(atan2(b[1] - a[1], a[0] - b[0]))
+    return "".join([line(a, b, kind), *(line(b, along(b, back + side, 13), kind) for side in (-28, 28))])
+
+
+def parallelogram() -> list[str]:
+    """Lever, bar and link 2 of one length and attitude each: the forearm keeps its attitude when link 2 turns."""
+    shoulder, lever, q2, q3 = (150.0, 330.0), 70.0, 62.0, 14.0
+    elbow = along(shoulder, q2, 210)
+    heel, low = along(elbow, 180 + q3, lever), along(shoulder, 180 + q3, lever)
+    wrist = along(elbow, q3, 260)
+    return [
+        f'<rect class="ground" x="{shoulder[0] - 45}" y="{shoulder[1]}" width="90" height="50"/>',
+        line(shoulder, elbow, "link"),
+        line(heel, wrist, "link"),
+        line(low, shoulder, "bar"),
+        line(low, heel, "bar"),
+        line(shoulder, along(shoulder, 0, 110), "dash"),
+        line(elbow, along(elbow, 0, 110), "dash"),
+        arc(shoulder, 55, 0, q2),
+        arc(elbow, 85, 0, q3),
+        pivot(shoulder, elbow, heel, low, wrist),
+        text((215, 305), "q_2", "sym"),
+        text((340, 137), "q_3'", "sym"),
+        text((215, 245), "l_2", "sym"),
+        text((390, 90), "l_3", "sym"),
+        text((28, 398), "lever, turned by motor 3"),
+        text((82, 240), "bar"),
+        text((206, 372), "motor 2 turns link 2"),
+        text((420, 130), "forearm"),
+    ]
+
+
+def balancer() -> list[str]:
+    """A spring between a pivot on the base and one on link 2: lengths lc, l2, s and the angle b of the model page."""
+    joint, base, arm = (280.0, 330.0), 205.0, 75.0
+    low, high = along(joint, base, 130), along(joint, arm, 150)
+    return [
+        f'<rect class="ground" x="{joint[0] - 180}" y="{joint[1] + 75}" width="300" height="26"/>',
+        line(joint, along(joint, 270, 75), "link"),
+        line(low, (low[0], joint[1] + 75), "link"),
+        line(joint, along(joint, arm, 270), "link"),
+        line(joint, low, "dash"),
+        spring(low, high),
+        arc(joint, 42, base, arm),
+        pivot(joint, low, high),
+        text((212, 378), "l_c", "sym"),
+        text((312, 265), "l_2", "sym"),
+        text((195, 255), "s", "sym"),
+        text((268, 310), "b", "sym"),
+        text((375, 120), "link 2"),
+        text((300, 338), "joint 2"),
+        text((55, 215), "spring or gas cylinder,"),
+        text((55, 235), "force F = K_c (s - s_0)".replace("_c", "c").replace("_0", "0")),
+    ]
+
+
+def day() -> list[str]:
+    """The tracker, its beams to the reflectors on the tool, and the weight below the load point."""
+    base, tool = (150.0, 340.0), (420.0, 190.0)
+    joints: Sequence[Point] = (base, (150.0, 280.0), (215.0, 130.0), (380.0, 150.0), tool)
+    marks = ((400.0, 235.0), (452.0, 205.0), (448.0, 160.0))
+    tracker = (640.0, 300.0)
+    return [
+        f'<rect class="ground" x="60" y="{base[1]}" width="640" height="16"/>',
+        *(line(a, b, "link") for a, b in pairwise(joints)),
+        *(line(tracker, m, "dash") for m in marks),
+        pivot(*joints),
+        *(f'<circle class="mark" cx="{x}" cy="{y}" r="7"/>' for x, y in marks),
+        line(tracker, (tracker[0] - 30, base[1]), "thin"),
+        line(tracker, (tracker[0] + 30, base[1]), "thin"),
+        line(tracker, (tracker[0], base[1]), "thin"),
+        f'<rect class="pivot" x="{tracker[0] - 14}" y="{tracker[1] - 34}" width="28" height="36" rx="6"/>',
+        arrow(tool, (tool[0], 308)),
+        arrow((base[0], base[1]), (base[0] + 60, base[1]), "thin"),
+        arrow((base[0], base[1]), (base[0], base[1] - 52), "thin"),
+        text((598, 252), "laser tracker"),
+        text((468, 150), "reflectors, on the tool"),
+        text((290, 270), "load: a weight"),
+        text((290, 290), "at the load point"),
+        text((70, 382), "base frame: x ahead, z up"),
+        text((400, 382), "read every reflector unloaded, then loaded"),
+    ]
+
+
+DRAWINGS = {"parallelogram": (parallelogram, 540, 410), "balancer": (balancer, 480, 450), "day": (day, 740, 400)}
+
+
+def svg(name: str) -> str:
+    """One drawing."""
+    draw, width, height = DRAWINGS[name]
+    said = " ".join((draw.__doc__ or "").split())
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" role="img">'
+    return "\n".join([head, f"<title>{said}</title>", f"<style>{STYLE}</style>", *draw(), "</svg>", ""])
+
+
+if __name__ == "__main__":
+    for drawing in DRAWINGS:
+        (HERE / "images" / f"drawing-{drawing}.svg").write_text(svg(drawing))
