@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -36,6 +37,7 @@ from qsframework.diagnose.selection.family_test import family_test
 from qsframework.diagnose.selection.model_selection import (
     Answer,
     Library,
+    Refits,
     answer_of,
     blocks_of,
     explain,
@@ -471,18 +473,18 @@ def _searched(base: _Baseline, level: float, largest: int, seed: int) -> _Found:
     scores = family_test(blocks_of(base.case, subspaces), base.fits, base.values, seed, measured=measured)
     library = make_library(base.case, base.fit, base.nu, subspaces, scores)
     plain = _Found(base, library, ())
-    answers = _answers(library, base, level, largest)
+    answers, fitted = _answers(library, base, level, largest, {})
     for _ in range(_ROUNDS if answers else 0):
         best = answers[0]
         far = far_from_linear(base.case, best.fit)
         fits = _fits(base.start, base.rows.padded_noise.colour(best.fit.jacobian))
         again = replace(_told(base, fits, best.fit), far=far)
         there = make_library(again.case, again.fit, again.nu, again.case.subspaces(), scores)
-        found = _answers(there, again, level, largest)
+        found, fitted = _answers(there, again, level, largest, fitted)
         if far:  # the linear search adds causes for what is far from linear: all parts are weighed by exact fits
             tried = {part.members: part for a in (best, *found[:1]) for part in parts_of(a.subset, there.gram)}
-            parts = (answer_of(there, p, again.fit, again.rows) for p in tried.values())
-            found = sorted((a for a in parts if a is not None), key=lambda a: a.ebic)
+            parts = [answer_of(there, p, again.fit, again.rows, fitted) for p in tried.values()]
+            found = sorted(chain.from_iterable(parts), key=lambda a: a.ebic)
         if not found:
             break
         size, before = (np.hypot(b.rows.sigma[b.rows.mask].mean(), b.rows.shared) for b in (again, base))
@@ -506,21 +508,26 @@ def _closed(found: _Found, level: float, seed: int) -> tuple[_Found, _Closing]:
     return stands, _close(stands.base, stands.best, stands.extended, level, seed)
 
 
-def _answers(library: Library, base: _Baseline, level: float, largest: int) -> list[Answer]:
-    """Explanations where the library's test is significant, most plausible alias first; none otherwise."""
+def _answers(
+    library: Library, base: _Baseline, level: float, largest: int, before: Refits
+) -> tuple[list[Answer], Refits]:
+    """Explanations where the library's test is significant, most plausible alias first; none otherwise. And all exact
+    fits so far."""
     if library.scores.p_value > level * _LIBRARY_SHARE:
-        return []
-    answers = explain(library, base.fit, base.rows, level, largest)
+        return [], before
+    answers, fitted = explain(library, base.fit, base.rows, level, largest, before)
+    fitted = {**before, **fitted}
     if not answers:
-        return []
+        return [], fitted
     first = answers[0]
     members = tuple(most_plausible(library, i) for i in first.subset.members)
     if members != first.subset.members:
         causes = [base.case.causes[i] for i in members]
-        fit = refit(base.case, causes, base.fit, base.rows)
+        fit = refit(base.case, causes, base.fit, base.rows, fitted)
+        fitted = {**fitted, frozenset(c.name for c in causes): fit}
         if fit is not None and fit.chi2 <= first.fit.chi2 + 1.0:
             first = Answer(replace(first.subset, members=members), fit, first.ebic)
-    return [first, *answers[1:]]
+    return [first, *answers[1:]], fitted
 
 
 def _close(base: _Baseline, best: Answer | None, fit: Settled, level: float, seed: int) -> _Closing:

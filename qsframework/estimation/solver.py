@@ -23,9 +23,10 @@ from qsframework.estimation.robust import Loss
 from qsframework.plugin import Array
 
 _STEPS = 200
-_LAPS = 20
-"""Steps in which a descent must halve what a step promises, or lower the cost by _FALL of it: one that does neither
-goes to and fro over a kink of the model, or runs away, and 200 steps end no better."""
+_LAPS = 10
+"""Steps in which a descent must lower what a step promises to _LESS of it, or the cost by _FALL of it: one that does
+neither goes to and fro over a kink of the model, or runs away, and 200 steps end no better."""
+_LESS = 0.75
 _FALL = 1e-2
 _DAMPINGS = 40
 _TRIALS = 5
@@ -358,7 +359,7 @@ def _goes_nowhere(trace: Sequence[tuple[float, float]], digits: float) -> bool:
     if len(trace) < 2 * _LAPS:
         return False
     gains, costs = zip(*trace, strict=True)
-    slower = min(gains[-_LAPS:]) > 0.5 * min(gains[:-_LAPS])
+    slower = min(gains[-_LAPS:]) > _LESS * min(gains[:-_LAPS])
     return slower and costs[-_LAPS] - costs[-1] < _FALL * costs[-_LAPS] and gains[-1] ** 2 > digits
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import comb
 
@@ -94,39 +94,50 @@ def _bounds(case: Case, baseline: Settled) -> Bounds:
     return Bounds(baseline.x[index], sd, lower)
 
 
-def explain(library: Library, baseline: Settled, rows: Rows, level: float, largest: int = LARGEST) -> list[Answer]:
+Refits = Mapping[frozenset[str], Settled | None]
+"""Exact fits of the same readings in another noise, by the names of their causes; None where none was possible."""
+
+
+def explain(
+    library: Library, baseline: Settled, rows: Rows, level: float, largest: int = LARGEST, before: Refits | None = None
+) -> tuple[list[Answer], Refits]:
     """The best explanations with one or more causes, each fitted exactly, best first; of those as good, the one with
-    the fewest causes.
+    the fewest causes. And all that was fitted.
 
     Every cause of an answer is significant: alone at the level, beside others at a fortieth of it, because the best of
-    many pairs nearly always holds one cause that only fits the noise.
+    many pairs nearly always holds one cause that only fits the noise. before: where fits start, and what has none.
     """
     found = [s for s in search(library.gram, library.heads, largest) if significant(library, s, level)]
     answers: list[Answer] = []
+    fitted: dict[frozenset[str], Settled | None] = {}
     for subset in found:
-        answer = answer_of(library, subset, baseline, rows)
-        if answer is not None:
-            answers.append(answer)
+        causes = [library.case.causes[i] for i in subset.members]
+        fit = refit(library.case, causes, baseline, rows, before)
+        fitted[frozenset(c.name for c in causes)] = fit
+        answers += _answer(library, subset, fit, baseline)
         if len(answers) == REFITS:
             break
     if not answers:
-        return []
+        return [], fitted
     best = min(a.ebic for a in answers)
 
     def order(a: Answer) -> tuple[bool, int, float]:
         tied = a.ebic <= best + _TIE
         return not tied, len(a.subset.members) if tied else 0, a.ebic
 
-    return sorted(answers, key=order)
+    return sorted(answers, key=order), fitted
 
 
-def answer_of(library: Library, subset: Subset, baseline: Settled, rows: Rows) -> Answer | None:
-    """A subset fitted exactly; None where that leads nowhere, or to what is not physical."""
-    causes = [library.case.causes[i] for i in subset.members]
-    fit = refit(library.case, causes, baseline, rows)
+def answer_of(library: Library, subset: Subset, baseline: Settled, rows: Rows, before: Refits) -> list[Answer]:
+    """A subset fitted exactly; none where that leads nowhere, or to what is not physical."""
+    fit = refit(library.case, [library.case.causes[i] for i in subset.members], baseline, rows, before)
+    return _answer(library, subset, fit, baseline)
+
+
+def _answer(library: Library, subset: Subset, fit: Settled | None, baseline: Settled) -> list[Answer]:
     if fit is None or _beyond(fit):
-        return None
-    return Answer(subset, fit, _ebic(library, subset, fit.chi2, baseline.chi2))
+        return []
+    return [Answer(subset, fit, _ebic(library, subset, fit.chi2, baseline.chi2))]
 
 
 def _ebic(library: Library, subset: Subset, chi2: float, start: float) -> float:
@@ -136,20 +147,26 @@ def _ebic(library: Library, subset: Subset, chi2: float, start: float) -> float:
     return fall + subset.dof * float(np.log(m)) + 2.0 * float(np.log(many))
 
 
-def refit(case: Case, causes: Sequence[Cause], baseline: Settled, rows: Rows) -> Settled | None:
-    """The exact model with some causes, fitted from the baseline; None where that leads nowhere.
+def refit(
+    case: Case, causes: Sequence[Cause], baseline: Settled, rows: Rows, before: Refits | None = None
+) -> Settled | None:
+    """The exact model with some causes, fitted from the baseline, or from where it ended in another noise; None where
+    that leads nowhere.
 
     A cause with several parameters may do things that no reading shows: its parameters are held near zero by REACH
     times their typical sizes.
     """
     model = widened(case.experiment.model(), causes)
-    known = baseline.by_name()
+    near = (before or {}).get(frozenset(c.name for c in causes), baseline)
+    if near is None:
+        return None
+    known = near.by_name()
     start = np.array([known.get(p.name, p.nominal) for p in model.parameters])
     names = [*case.fitted, *(n for c in causes for n in c.names)]
     several = [c for c in causes if len(c.names) > 1]
     priors = [(n, c.prior or REACH * s) for c in several for n, s in zip(c.names, c.sizes, strict=True)]
     try:
-        return settle_fit(model, rows, names, start, priors, baseline.frames)
+        return settle_fit(model, rows, names, start, priors, near.frames)
     except (NotConverged, NotIdentifiable, InputError, np.linalg.LinAlgError):
         return None
 
