@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
+from qsframework.cli.options import ExperimentFile, Json, Report
 from qsframework.cli.printing import print_folded
 from qsframework.cli.stop import Stopped, listening
 from qsframework.cli.trust import Anyway, Trust
@@ -25,9 +26,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-ExperimentFile = Annotated[Path, typer.Argument(help="experiment.yaml", show_default=False)]
-Json = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON.")]
-Report = Annotated[Path | None, typer.Option("--report", help="Write an HTML report.")]
 Files = Annotated[
     list[Path] | None, typer.Argument(metavar="[READINGS]...", help="Files; the experiment's own if left out.")
 ]

@@ -7,12 +7,9 @@ from typing import Annotated
 
 import typer
 
+from qsframework.cli.options import ExperimentFile, Json, Report
 from qsframework.cli.trust import Anyway, Trust
 from qsframework.cli.where import DaskAddress, Jobs, Kept, Where
-
-ExperimentFile = Annotated[Path, typer.Argument(help="experiment.yaml", show_default=False)]
-Json = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON.")]
-Report = Annotated[Path | None, typer.Option("--report", help="Write an HTML report.")]
 
 
 def compensate(
@@ -99,7 +96,9 @@ def certificate(
             show_default=False,
         ),
     ] = None,
-    output: Annotated[Path, typer.Option("-o", "--output", help="The page, HTML for A4.")] = Path("certificate.html"),
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="The page, for A4: .html, or .pdf by Chromium.")
+    ] = Path("certificate.html"),
     meta: Annotated[Path | None, typer.Option(help="meta.yaml: who, when, serial numbers, tolerance.")] = None,
     template: Annotated[Path | None, typer.Option(help="Write a meta.yaml to fill in, and nothing else.")] = None,
     halves: Annotated[int, typer.Option(help="Random halves, where no other readings are given.", min=1)] = 10,
@@ -190,7 +189,9 @@ Half = Annotated[bool, typer.Option(help="Half the load, too, at repeated poses:
 def protocol(
     experiment: ExperimentFile,
     plan: Annotated[Path, typer.Argument(help="plan.csv", show_default=False)],
-    output: Annotated[Path, typer.Option("-o", "--output", help="The sheet to print.")] = Path("sheet.html"),
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="The sheet to print: .html, or .pdf by Chromium.")
+    ] = Path("sheet.html"),
     readings: Annotated[Path, typer.Option(help="The table to fill in.")] = Path("readings.csv"),
     order: Order = "random",
     cycles: Cycles = 2,

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from qsframework.applications.certificate import COVERAGE, Certificate, Quantity
-from qsframework.files import sha256, write_text
+from qsframework.files import sha256
+from qsframework.report.printed import write_page
 from qsframework.report.provenance import robot_files
 from qsframework.report.words.certificate import RULES, SOURCES, assumed_words, conformity_words, held_out_words
 from qsframework.report.words.sizes import shown
@@ -44,7 +45,7 @@ def write_certificate(path: str | Path, found: Certificate) -> Path:
         hashes=[(p.name, sha256(p)) for p in dict.fromkeys([*found.files, *robot_files(found.experiment.robot)])],
         software=f"qsframework {version('qsframework')}",
     )
-    return write_text(path, page)
+    return write_page(path, page)
 
 
 def heads(found: Certificate) -> list[tuple[str, list[tuple[str, str]]]]:

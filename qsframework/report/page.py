@@ -11,9 +11,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from qsframework.files import write_text
 from qsframework.report.blocks import Block, Figure, Lines, Section, Table, Text, Verdict, View
 from qsframework.report.numbers import figure_table
+from qsframework.report.printed import write_page
 
 __all__ = ["Block", "Figure", "Lines", "Section", "Table", "Text", "Verdict", "View", "write_report"]
 _WORDS = 18
@@ -39,7 +39,7 @@ def write_report(path: str | Path, title: str, sections: Sequence[Section], verd
     page = environment.get_template("report.html.j2").render(
         title=title, sections=drawn, verdict=verdict, plotly=_plotly() if plots else ""
     )
-    return write_text(path, page)
+    return write_page(path, page)
 
 
 def _plotly() -> str:

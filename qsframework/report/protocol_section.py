@@ -11,7 +11,8 @@ import numpy as np
 
 from qsframework.applications.ordering import turning
 from qsframework.applications.protocol import Protocol, Visit
-from qsframework.files import sha256, write_text
+from qsframework.files import sha256
+from qsframework.report.printed import write_page
 from qsframework.units import JointUnits
 
 _BOX = "\u2610"
@@ -89,7 +90,7 @@ def write_sheet(path: Path, protocol: Protocol, pictures: Sequence[str], files: 
         after=_after(files, commands),
         made=_made(protocol, files),
     )
-    return write_text(path, page)
+    return write_page(path, page)
 
 
 def _runs(protocol: Protocol, pictures: Sequence[str]) -> tuple[Run, ...]:
