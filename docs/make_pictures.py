@@ -1,4 +1,5 @@
-"""Make pictures in headless Chromium: report, `qsf show`, sheet, certificate and the robots for the pages; terminals.
+"""Make pictures in headless Chromium: report, `qsf show`, sheet, certificate and the robots for the pages; and, into
+build/pictures, every report 1400 and 400 pixels wide and in print, and a session in a terminal.
 
 Run: make pictures
 """
@@ -12,6 +13,9 @@ import sys
 import tempfile
 from pathlib import Path
 
+from every_report import COMMANDS, make_reports
+
+from qsframework.report.printed import write_page
 from qsframework.robot import load_robot
 
 HERE = Path(__file__).resolve().parent
@@ -101,7 +105,7 @@ def measuring_day(images: Path) -> None:
         day += ["--cycles", "1", "--no-half", "--repeat-share", "0"]
         qsf(*day, "--watch", str(example / "exports"), "--once")
         command = [str(Path(sys.executable).with_name("qsf")), *day, "--port", "0"]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
             assert server.stdout is not None
             address = next(line.split()[0] for line in server.stdout if line.startswith("http"))
             screenshot(address, images / "day.png", "1200,1180")
@@ -151,6 +155,19 @@ def terminal(pictures: Path, columns: int) -> None:
         screenshot(page, pictures / f"terminal_{columns}.png", f"{9 * columns + 40},{18 * len(lines) + 60}")
 
 
+def every_page(pictures: Path) -> None:
+    """Every report as a wide and a narrow window show it, and as it is printed."""
+    with tempfile.TemporaryDirectory() as name:
+        made = make_reports(Path(name))
+        for command in COMMANDS:
+            page = made.folder / f"{command}.html"
+            screenshot(page, pictures / f"{command}_1400.png", "1400,2400")
+            narrow = made.folder / "narrow.html"  # no window is narrower than 500 pixels; a frame is
+            narrow.write_text(f'<body style="margin: 0"><iframe src="{page.name}" width="400" height="3990"></iframe>')
+            screenshot(narrow, pictures / f"{command}_400.png", "500,4000")
+            write_page(pictures / f"{command}.pdf", page.read_text())
+
+
 def main(images: Path = HERE / "images") -> None:
     """Design twelve poses for the M-900iB; picture report, plan in 3D, sheet; a certificate; and every robot."""
     certificate(images)
@@ -174,4 +191,5 @@ def main(images: Path = HERE / "images") -> None:
 if __name__ == "__main__":
     for width in (80, 120):
         terminal(HERE.parent / "build" / "pictures", width)
+    every_page(HERE.parent / "build" / "pictures")
     main()

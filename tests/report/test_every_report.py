@@ -6,41 +6,19 @@ import hashlib
 import importlib.metadata
 import json
 import re
-import shutil
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from html.parser import HTMLParser
-from pathlib import Path
 
 import numpy as np
 import pytest
 from chromium import Browser
+from every_report import COMMANDS, Reports, make_reports
 from headless import browser, unpacked
-from typer.testing import CliRunner
 
 from qsframework.cli.main import app
-from qsframework.experiment import example, load_experiment
 from qsframework.plugin.registry import registry
-from qsframework.robot.loader import find_robot
 
-EXPERIMENT = example("m900ib") / "experiment.yaml"
-COMMANDS = (
-    "demo",
-    "robots",
-    "check",
-    "check_states",
-    "stiffness",
-    "design",
-    "simulate",
-    "identify",
-    "identify_positions",
-    "validate",
-    "diagnose",
-    "foresee",
-    "compensate",
-    "compare",
-)
 SEEDED = {"demo", "design", "simulate", "diagnose", "foresee", "compare", "validate"}
 JUDGED = {"design", "identify", "identify_positions", "validate", "diagnose", "foresee", "compensate", "compare"}
 """Reports whose first question has an answer."""
@@ -48,64 +26,9 @@ PLAIN = {"validate"}
 """Reports without a pose to be seen in 3D."""
 
 
-@dataclass
-class Reports:
-    """The folder of all reports; inputs: what each command read."""
-
-    folder: Path
-    inputs: dict[str, list[Path]] = field(default_factory=dict)
-
-    def run(self, name: str, *arguments: str | Path, reads: list[Path] | None = None, option: str = "--report") -> None:
-        where = [] if option == "" else [option, str(self.folder / f"{name}.html")]
-        result = CliRunner().invoke(app, [*map(str, arguments), *where])
-        assert result.exit_code == 0, (name, result.output, result.exception)
-        self.inputs[name] = reads or []
-
-    def text(self, name: str) -> str:
-        return (self.folder / f"{name}.html").read_text()
-
-
 @pytest.fixture(scope="module")
 def reports(tmp_path_factory: pytest.TempPathFactory) -> Reports:
-    """All commands with small inputs, each with a report."""
-    folder = tmp_path_factory.mktemp("reports")
-    out = Reports(folder)
-    robot = [find_robot("fanuc_m900ib"), find_robot("fanuc_m900ib").parent / "nominal.yaml"]
-    campaign = [EXPERIMENT, *robot]
-    plan, readings, fit = folder / "plan.csv", folder / "readings.csv", folder / "fit.json"
-    out.run("demo", "demo", "-o", folder, "--json", folder / "demo.json", option="")
-    shutil.move(folder / "report.html", folder / "demo.html")
-    out.inputs["demo"] = campaign
-    out.run("robots", "robots", reads=robot)
-    real, states = example("r2000ic") / "experiment.yaml", example("ur10") / "experiment.yaml"
-    out.run("check", "check", "fanuc_m900ib", real, reads=[*robot, real, real.parent / "readings.csv"])
-    out.run("check_states", "check", states, reads=[states])
-    pose = ["--pose", "0,20,-10,0,40,0", "--load", "0,0,-4000"]
-    out.run("stiffness", "stiffness", "fanuc_m900ib", *pose, reads=robot)
-    out.run("design", "design", EXPERIMENT, "-n", "8", "--candidates", "120", "-o", plan, reads=campaign)
-    out.run("simulate", "simulate", EXPERIMENT, plan, "-o", readings, "--truth", "drawn", reads=[*campaign, plan])
-    out.run("identify", "identify", EXPERIMENT, readings, "--json", fit, reads=[*campaign, readings])
-    unseen = folder / "unseen.csv"
-    CliRunner().invoke(app, ["simulate", str(EXPERIMENT), str(plan), "--seed", "5", "-o", str(unseen)])
-    out.run("validate", "validate", EXPERIMENT, fit, unseen, reads=[*campaign, fit, unseen])
-    out.run("identify_positions", "identify", states, reads=[states, *load_experiment(states).data])
-    out.run("diagnose", "diagnose", EXPERIMENT, readings, reads=[*campaign, readings])
-    out.run("foresee", "diagnose", EXPERIMENT, "--plan", plan, reads=[*campaign, plan])
-    targets = folder / "targets.csv"
-    targets.write_text("target,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N\na,0,20,-10,0,40,0,0,0,-4000\n")
-    out.run(
-        "compensate",
-        "compensate",
-        EXPERIMENT,
-        fit,
-        targets,
-        "-o",
-        folder / "corrected.csv",
-        reads=[*campaign, fit, targets],
-    )
-    task = EXPERIMENT.parents[1] / "compare" / "task.yaml"
-    out.run("compare", "compare", "fanuc_m900ib", "abb_irb2400", "--task", task, reads=[*robot, task])
-    return out
+    return make_reports(tmp_path_factory.mktemp("reports"))
 
 
 class Page(HTMLParser):
