@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from qsframework.cli.commands import distinct_outputs, readings_files, write_json
 from qsframework.cli.printing import print_folded, print_table, print_verdict
+from qsframework.cli.progress import steps
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
 
 if TYPE_CHECKING:
@@ -63,12 +64,16 @@ def run_identify(files: FitFiles, fit: list[str] | None, options: FitOptions, cl
     experiment = load_experiment(files.experiment)
     sources = readings_files(experiment, files.data)
     distinct_outputs(files.outputs, [files.experiment, *sources])
-    readings = read_readings(sources, _asked(experiment, fit), files.states)
     masks = None
-    if clean:
-        readings, masks = cleaned(experiment, readings, fit)
-    result = replace(identify(experiment, readings, fit, options), cleaned=masks)
-    verdict = fit_verdict(result, readings.poses)
+    with steps("identify", "readings", "fit", "verdict") as begins:
+        begins("readings")
+        readings = read_readings(sources, _asked(experiment, fit), files.states)
+        if clean:
+            readings, masks = cleaned(experiment, readings, fit)
+        begins("fit")
+        result = replace(identify(experiment, readings, fit, options), cleaned=masks)
+        begins("verdict")
+        verdict = fit_verdict(result, readings.poses)
     if files.json is not None:
         write_json(files.json, result.as_json())
     _tell(result, verdict)
@@ -134,10 +139,12 @@ def run_validate(files: FitFiles, fit: Path, halves: int, seed: int) -> None:
     sources = readings_files(experiment, files.data)
     distinct_outputs([files.json, files.report], [files.experiment, fit, *sources])
     readings = read_readings(sources, _asked(experiment, list(stored.model_names(experiment))), files.states)
-    if halves:
-        found = validate_halves(experiment, readings, stored, halves, seed)
-    else:
-        found = validate(experiment, readings, stored)
+    with steps("validate", "fits" if halves else "errors") as begins:
+        begins("fits" if halves else "errors")
+        if halves:
+            found = validate_halves(experiment, readings, stored, halves, seed)
+        else:
+            found = validate(experiment, readings, stored)
     verdict = validation_verdict(found)
     print_verdict(verdict)
     for note in found.notes:

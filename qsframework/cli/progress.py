@@ -26,3 +26,10 @@ def progress() -> Generator[Tell, None, None]:
             bars.update(tasks[label], completed=done, total=total)
 
         yield tell
+
+
+@contextmanager
+def steps(label: str, *names: str) -> Generator[Callable[[str], None], None, None]:
+    """A function (name) that says which of a command's steps begins, on one bar."""
+    with progress() as tell:
+        yield lambda name: tell(label, names.index(name), len(names))

@@ -9,6 +9,7 @@ import re
 import zlib
 from collections.abc import Iterator
 from html.parser import HTMLParser
+from importlib import resources
 
 import numpy as np
 import pytest
@@ -261,6 +262,17 @@ def images_of(pdf: bytes) -> list[np.ndarray]:
         if len(raw) == width * height * 3:
             out.append(np.frombuffer(raw, np.uint8).reshape(height, width, 3))
     return out
+
+
+def test_the_bundle_is_the_one_that_its_page_names() -> None:
+    """Unchanged, and of the version for which the Python package writes figures."""
+    from plotly.offline import get_plotlyjs_version
+
+    folder = resources.files("qsframework.report") / "plotly"
+    told = (folder / "README.md").read_text()
+    assert f"`{hashlib.sha256((folder / 'plotly-cartesian.min.js').read_bytes()).hexdigest()}`" in told
+    assert f"Plotly.js {get_plotlyjs_version()} " in told
+    assert "MIT" in (folder / "LICENSE").read_text()
 
 
 def test_the_numbers_of_a_figure_are_those_of_its_traces() -> None:
