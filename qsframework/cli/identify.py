@@ -14,6 +14,7 @@ from qsframework.experiment import Experiment, Readings, load_experiment, read_r
 
 if TYPE_CHECKING:
     from qsframework.identify import Fit, FitOptions, Masked
+    from qsframework.identify.io import StoredFit
     from qsframework.report.blocks import Verdict
     from qsframework.screening import Finding
 
@@ -30,6 +31,7 @@ class FitFiles:
     urdf: Path | None = None
     states: str | None = None
     anyway: bool = False
+    beside: Path | None = None
 
     @property
     def outputs(self) -> tuple[Path | None, ...]:
@@ -63,7 +65,9 @@ def run_identify(files: FitFiles, fit: list[str] | None, options: FitOptions, cl
 
     experiment = load_experiment(files.experiment)
     sources = readings_files(experiment, files.data)
-    distinct_outputs(files.outputs, [files.experiment, *sources])
+    other = _beside(files.beside, experiment)
+    inputs = [files.experiment, *sources, *([files.beside] if files.beside else [])]
+    distinct_outputs(files.outputs, inputs)
     masks = None
     with steps("identify", "readings", "fit", "verdict") as begins:
         begins("readings")
@@ -76,13 +80,13 @@ def run_identify(files: FitFiles, fit: list[str] | None, options: FitOptions, cl
         verdict = fit_verdict(result, readings.poses)
     if files.json is not None:
         write_json(files.json, result.as_json())
-    _tell(result, verdict)
+    _tell(result, verdict, other)
     for said in result_files(result, experiment.robot, files.nominal, files.urdf, files.anyway):
         print_folded(said)
     if files.json is not None:
         print(f"fit: {files.json}")
     if files.report is not None:
-        _report(files.report, experiment, readings, result, verdict, [files.experiment, *sources])
+        _report(files.report, (experiment, readings), result, verdict, inputs, other)
 
 
 def _asked(experiment: Experiment, fit: list[str] | None) -> Experiment:
@@ -90,9 +94,22 @@ def _asked(experiment: Experiment, fit: list[str] | None) -> Experiment:
     return experiment if fit is None else experiment.with_(fit=tuple(fit))
 
 
-def _tell(result: Fit, verdict: Verdict) -> None:
+def _beside(path: Path | None, experiment: Experiment) -> StoredFit | None:
+    """Another fit of the same robot."""
+    if path is None:
+        return None
+    from qsframework.identify import read_fit
+    from qsframework.identify.soundness import check_robot
+
+    other = read_fit(path)
+    check_robot(other, experiment.robot)
+    return other
+
+
+def _tell(result: Fit, verdict: Verdict, other: StoredFit | None) -> None:
     """What comes first, the verdict, the tables and the notes."""
     from qsframework.report.fit_section import (
+        beside_table,
         error_tables,
         fit_table,
         interval_tables,
@@ -106,7 +123,8 @@ def _tell(result: Fit, verdict: Verdict) -> None:
     print_folded(verdict_words(result))
     print()
     aside = (left_aside_table(result),) if result.left_aside else ()
-    for table in (*aside, fit_table(result), *interval_tables(result), *error_tables(result)):
+    pair = () if other is None else (beside_table(result, other),)
+    for table in (*aside, fit_table(result), *pair, *interval_tables(result), *error_tables(result)):
         print_table(table.header, table.rows)
         print_folded(table.caption)
     for line in (*alignment_words(result.alignments), *result.notes):
@@ -118,13 +136,19 @@ def _tell(result: Fit, verdict: Verdict) -> None:
 
 
 def _report(
-    report: Path, experiment: Experiment, readings: Readings, fit: Fit, verdict: Verdict, inputs: list[Path]
+    report: Path,
+    measured: tuple[Experiment, Readings],
+    fit: Fit,
+    verdict: Verdict,
+    inputs: list[Path],
+    other: StoredFit | None,
 ) -> None:
     from qsframework.report import fit_sections, write_report
     from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, LINEAR, computed
 
+    experiment, readings = measured
     own = computed(experiment, inputs, None, (LINEAR if fit.linear else EQUILIBRIUM, LEAST_SQUARES))
-    sections = (*fit_sections(fit, experiment, readings), own)
+    sections = (*fit_sections(fit, experiment, readings, other), own)
     print(f"report: {write_report(report, f'Identification: {experiment.robot.title}', sections, verdict)}")
 
 

@@ -311,6 +311,7 @@ def identify(
     ] = None,
     nominal: Annotated[Path | None, typer.Option(help="Write a nominal.yaml with the identified values.")] = None,
     urdf: Annotated[Path | None, typer.Option(help="Write the robot's URDF with corrected joint origins.")] = None,
+    beside: Annotated[Path | None, typer.Option(help="Another fit.json of this robot, shown beside this one.")] = None,
     json: Json = None,
     report: Report = None,
     anyway: Anyway = False,
@@ -362,6 +363,7 @@ def identify(
         urdf=urdf,
         states=states,
         anyway=anyway,
+        beside=beside,
     )
     run_identify(paths, fit, options, clean)
 

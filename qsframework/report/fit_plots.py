@@ -10,10 +10,11 @@ import numpy as np
 from qsframework.estimation.tails import normal_isf, normal_sf
 from qsframework.experiment import Readings
 from qsframework.identify import Estimate, Fit
+from qsframework.identify.io import StoredFit
 from qsframework.plugin import Array, Indices
 from qsframework.report.blocks import Figure, Table
 from qsframework.report.numbers import row_table
-from qsframework.report.plots import AFTER, AMBER, BEFORE, BLACK, BLUE, DASHES, GREY, blank, panels, plotted
+from qsframework.report.plots import AFTER, AMBER, BEFORE, BLACK, BLUE, DASHES, GREEN, GREY, blank, panels, plotted
 from qsframework.report.words.sizes import value_words
 
 AXES = ("x", "y", "z")
@@ -25,9 +26,9 @@ _BINS = 25
 _QUANTILE = 95
 
 
-def fit_figures(fit: Fit) -> tuple[Figure, ...]:
-    """What the fit says of the parameters, and how well it describes the readings."""
-    one = _parameters(fit)
+def fit_figures(fit: Fit, beside: StoredFit | None = None) -> tuple[Figure, ...]:
+    """What the fit says of the parameters, another one beside it, and how well it describes the readings."""
+    one = _parameters(fit, beside)
     pair = (_correlation(fit),) if len(fit.estimates) > 1 else ()
     scatter = () if fit.position.all() else (_measured_predicted(fit),)
     out = fit.left_out[np.isfinite(fit.left_out).all(axis=1)]
@@ -50,7 +51,7 @@ def _whole(values: Array) -> Array:
     return values[np.isfinite(values).all(axis=1)]
 
 
-def _parameters(fit: Fit) -> Figure:
+def _parameters(fit: Fit, beside: StoredFit | None) -> Figure:
     """Each estimate with its sd on one axis: its change from the initial value in its own natural size."""
     every = [e for e in fit.estimates if np.isfinite(e.value)]
     names = [html.escape(e.name) for e in every]
@@ -78,6 +79,22 @@ def _parameters(fit: Fit) -> Figure:
         text=[html.escape(value_words(e.value, e.sd, e.unit)) for e in every],
         hovertemplate="%{y}<br>%{text}<extra></extra>",
     )
+    if beside is not None:
+        other = dict(zip(beside.names, zip(beside.values.tolist(), beside.sd.tolist(), strict=True), strict=True))
+        both = [e for e in every if e.name in other]
+        figure.add_scatter(
+            x=[_percent(e, other[e.name][0] - e.initial) for e in both],
+            y=[html.escape(e.name) for e in both],
+            mode="markers",
+            name="the other fit",
+            error_x={
+                "type": "data",
+                "array": [_percent(e, other[e.name][1]) for e in both],
+                "thickness": 2,
+                "color": GREEN,
+            },
+            marker={"color": GREEN, "symbol": "triangle-up", "size": 9},
+        )
     figure.update_layout(barmode="overlay", yaxis={"autorange": "reversed", "type": "category", "dtick": 1})
     rows = tuple((e.name, value_words(e.value, e.sd, e.unit), *(f"{v:.4g}" for v in _shares(e))) for e in every)
     return Figure(

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings
 from qsframework.identify import Estimate, Fit, Masked
+from qsframework.identify.io import StoredFit
 from qsframework.report.blocks import Block, Figure, Section, Table, Text, View
 from qsframework.report.fit_plots import fit_figures, residual_figures, workspace_figure
 from qsframework.report.words.fit import alignment_words, first_words, verdict_words
-from qsframework.report.words.sizes import shown, stiffness_words, with_sd
+from qsframework.report.words.sizes import shown, stiffness_words, value_words, with_sd
 
 _SAME = 1.005
 """A total sd that is larger than that of the noise by less than this is not worth a word."""
@@ -57,6 +59,29 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None, stiffness: bool =
         f"Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, "
         f"{fit.sigma_source}{_shared(fit)}. A parameter whose sd is above 100 % of its initial value "
         "cannot be identified from these readings; one at a bound has no sd.",
+    )
+
+
+def beside_table(fit: Fit, other: StoredFit) -> Table:
+    """Two fits of one robot, parameter by parameter, and how far apart they are in the sd of their difference.
+
+    The two are taken as independent: of readings that share none.
+    """
+    theirs = dict(zip(other.names, zip(other.values.tolist(), other.sd.tolist(), strict=True), strict=True))
+    rows: list[tuple[str, ...]] = []
+    for e in (e for e in fit.estimates if e.name in theirs):
+        value, sd = theirs[e.name]
+        apart = np.hypot(e.sd, sd)
+        told = np.isfinite(apart) and apart > 0.0
+        pair = (value_words(e.value, e.sd, e.unit), value_words(value, sd, e.unit))
+        rows.append((e.name, *pair, f"{(e.value - value) / apart:+.1f}" if told else "-"))
+    only = [n for n in (*fit.names, *other.names) if (n in theirs) != (n in fit.names)]
+    said = f" In one of them only: {', '.join(only)}." if only else ""
+    name = Path(other.file).name or "the other fit"
+    return Table(
+        ("parameter", "this fit ± sd", f"{name} ± sd", "difference / its sd"),
+        tuple(rows),
+        f"Beyond 3 the arm, its load or a frame was another one between the two, or a model is wrong.{said}",
     )
 
 
@@ -206,15 +231,25 @@ def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> 
     return Section(title, (*_answer(fit), *fit_figures(fit), fit_table(fit, truth), *_evidence(fit)))
 
 
-def fit_sections(fit: Fit, experiment: Experiment, readings: Readings) -> tuple[Section, ...]:
-    """A report's sections: the pictures, the residuals on the robot, and the evidence, folded."""
+def fit_sections(
+    fit: Fit, experiment: Experiment, readings: Readings, beside: StoredFit | None = None
+) -> tuple[Section, ...]:
+    """A report's sections: the pictures, the residuals on the robot, and the evidence, folded; beside: another fit."""
     from qsframework.viz import residuals
 
     rows, missed = residuals(experiment, readings, fit.x, fit.frames, fit.linear)
     seen = np.isfinite(fit.residuals).all(axis=1).any()
     where = (workspace_figure(fit, readings, rows.plus, rows.marker, missed),) if seen else ()
     return (
-        Section("Parameters and errors", (*_answer(fit), *fit_figures(fit), fit_table(fit, stiffness=True))),
+        Section(
+            "Parameters and errors",
+            (
+                *_answer(fit),
+                *fit_figures(fit, beside),
+                *(() if beside is None else (beside_table(fit, beside),)),
+                fit_table(fit, stiffness=True),
+            ),
+        ),
         residual_view(fit, experiment, readings, where),
         Section("Evidence", tuple(_evidence(fit)), folded=True),
         Section("Residuals", residual_figures(fit), folded=True),
