@@ -6,9 +6,13 @@ link 2 through the balancer, and one of joint 3. Step one and step two are the l
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent / "paper"))
 from paper_steps import planar_rows, step_one_covariance, stiffness_rows
 
 from qsframework.information.two_step import step_two, stiffness_covariance

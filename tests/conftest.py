@@ -18,7 +18,7 @@ settings.register_profile("qsf", deadline=None)
 settings.load_profile("qsf")
 os.environ["COLUMNS"] = "1000"  # sentences stand on one line; tests of the terminal set their own width
 ROOT = Path(__file__).resolve().parents[1]
-for folder in ("docs", "benchmarks"):
+for folder in ("docs", "docs/paper", "benchmarks"):
     sys.path.insert(0, str(ROOT / folder))
 
 

@@ -246,7 +246,7 @@ def test_the_pages_plan_is_as_good_as_one_designed_now(designed: make_paper.Desi
     """Solvers may find other poses, not worse ones: D within 5 %."""
     new = design(table5.vertical(), make_paper.POSES, "D", candidates=make_paper.CANDIDATES, seed=make_paper.SEED)
     now = table5.criterion("D", np.rad2deg(new.repeated().pendant))
-    assert abs(table5.criterion("D", designed.plan) / now - 1.0) < 0.05, "run: python docs/make_paper.py"
+    assert abs(table5.criterion("D", designed.plan) / now - 1.0) < 0.05, "run: python docs/paper/make_paper.py"
 
 
 # Section 5.1
@@ -301,12 +301,14 @@ def test_the_largest_reach_is_that_of_a_stretched_arm() -> None:
 
 
 def test_the_page_is_what_the_script_writes(text: str, designed: make_paper.Designed) -> None:
-    assert make_paper.page(designed) == text, "run: python docs/make_paper.py --keep"
+    assert make_paper.page(designed) == text, "run: python docs/paper/make_paper.py --keep"
 
 
 def test_the_pictures_are_what_the_script_draws(root: Path) -> None:
     for name, drawn in make_paper.pictures().items():
-        assert (root / "docs" / "images" / name).read_text() == drawn, f"{name}: run python docs/make_paper.py --keep"
+        assert (root / "docs" / "images" / name).read_text() == drawn, (
+            f"{name}: run python docs/paper/make_paper.py --keep"
+        )
         ElementTree.fromstring(drawn)
 
 

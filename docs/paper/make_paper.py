@@ -1,4 +1,4 @@
-"""Write paper-tables.md: the source paper's tables, printed and computed side by side. Run: python docs/make_paper.py
+"""Write paper-tables.md, the source paper's tables, printed and computed: python docs/paper/make_paper.py
 
 The designed poses are the only thing here that takes a solver; they are read back from the page (`--keep`), so that
 everything else can be made anew in a second.
@@ -22,7 +22,7 @@ import paper_wrist as wrist
 from qsframework.design import design
 from qsframework.plugin import Array
 
-HERE = Path(__file__).resolve().parent
+HERE = Path(__file__).resolve().parents[1]
 PAGE = HERE / "paper-tables.md"
 IMAGES = HERE / "images"
 POSES, CANDIDATES, SEED = 12, 1000, 0
@@ -399,10 +399,10 @@ axis 6 more than 60 deg off the force.
 
 HEAD = """# The source paper's tables, printed and computed
 
-`python docs/make_paper.py` writes this page from the library; `tests/docs/test_paper_tables.py` holds its numbers.
-Every printed cell of Tables 1 to 5 stands beside the computed one, and Figures 6 to 8 are drawn anew. The equations
-and the errors in print are on [the paper's page](paper.md); the same way on the shipped robot, from base to wrist, is
-an example, `examples/m900ib/paper.md`.
+`python docs/paper/make_paper.py` writes this page from the library; `tests/docs/test_paper_tables.py` holds its
+numbers. Every printed cell of Tables 1 to 5 stands beside the computed one, and Figures 6 to 8 are drawn anew. The
+equations and the errors in print are on [the paper's page](paper.md); the same way on the shipped robot, from base to
+wrist, is an example, `examples/m900ib/paper.md`.
 
 Tables 1 and 2 are about step two of the two-step method: K2, Kc and s0 Kc from joint 2's aggregated stiffness at
 several q2, by the rows of (22), which
