@@ -89,4 +89,4 @@ def status_words(e: Estimate) -> str:
 def _zero(e: Estimate) -> str:
     limit = abs(e.value) + _LIMIT * e.sd if e.limit is None else e.limit
     factor, unit = _SHOWN.get(e.unit, (1.0, e.unit))
-    return f"not told from zero: at most {factor * limit:.3g} {unit}".rstrip()
+    return f"could be zero: at most {factor * limit:.3g} {unit}".rstrip()

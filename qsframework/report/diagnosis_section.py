@@ -100,7 +100,7 @@ def _causes(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[B
             yield Text(f"{f.name} cannot be told from {said}: any of them explains the readings as well.")
         if f.hangs_on:
             sets = ", ".join("+".join(s) for s in f.hangs_on)
-            yield Text(f"{f.name} hangs on poses {sets}: without them another answer, or none, fits as well.")
+            yield Text(f"{f.name} rests on poses {sets}: without them another answer, or none, fits as well.")
     for pair in pairs:
         for said in discrimination_words(pair):
             yield Text(said)

@@ -40,7 +40,7 @@ def extension_of(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = (), *, 
     evidence = {name: f"identified beside the named causes{told}" for name in settled.names}
     for f in (f for f in diagnosis.findings if doubtful or not f.doubtful):
         gain = f", held-out gain {100 * f.heldout_gain:.0f} %" if f.heldout_gain == f.heldout_gain else ""
-        rivals = f"; not told from {', '.join(r.name for r in f.rivals)}" if f.rivals else ""
+        rivals = f"; as likely {', '.join(r.name for r in f.rivals)}" if f.rivals else ""
         said = f"diagnosed: s = {f.s:.1f}, p = {f.p_value:.2g}{gain}{told}{rivals}"
         evidence.update({v.name: said for v in f.values})
     if taught is not None and taught.holds:

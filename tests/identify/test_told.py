@@ -35,7 +35,7 @@ KNOWN = Parameter("joint_compliance[joint_2]", "rad/(N m)", nominal=1e-7, sd=1e-
 @pytest.mark.parametrize(
     ("parameter", "value", "sd", "state", "words"),
     [
-        (PLACE, 1e-5, 4e-4, State.UPPER_LIMIT, "not told from zero: at most "),  # told to be small
+        (PLACE, 1e-5, 4e-4, State.UPPER_LIMIT, "could be zero: at most "),  # told to be small
         (PLACE, 8e-4, 7e-4, State.NOT_IDENTIFIABLE, "not identifiable from these readings"),  # one sd from zero
         (PLACE, 8e-3, 7e-4, State.FINE, ""),  # clear of zero: told, however large its sd is for such a parameter
         (PLACE, 1e-4, 6e-4, State.NOT_IDENTIFIABLE, "not identifiable from these readings: its sd is above its value"),
@@ -47,9 +47,9 @@ KNOWN = Parameter("joint_compliance[joint_2]", "rad/(N m)", nominal=1e-7, sd=1e-
             State.NOT_IDENTIFIABLE,
             "not identifiable from these readings: its sd is 140 % of its nominal value",
         ),
-        (SPRING, 3e-8, 5e-8, State.UPPER_LIMIT, "not told from zero: at most "),
+        (SPRING, 3e-8, 5e-8, State.UPPER_LIMIT, "could be zero: at most "),
         (SPRING, -5e-8, 1e-8, State.BEYOND_BOUND, "below its bound 0: the model or a convention is wrong"),
-        (SPRING, -5e-9, 1e-8, State.BEYOND_BOUND, "below its bound 0, by less than its sd: not told from zero"),
+        (SPRING, -5e-9, 1e-8, State.BEYOND_BOUND, "below its bound 0, by less than its sd: could be zero"),
         (SPRING, 2e-7, 0.0, State.FIXED, "fixed"),
         (KNOWN, 2e-7, 1e-9, State.OUTSIDE_PRIOR, "10 prior sds from its initial value"),
         (SPRING, 0.0, np.nan, State.AT_BOUND, "at its lower bound 0: it errs to one side only"),

@@ -180,7 +180,7 @@ def tied_words(f: Finding, outlook: str = "") -> str:
 def _hanging(f: Finding) -> str:
     sets = ["+".join(s) for s in f.hangs_on[:_SHOWN]]
     more = f" and {len(f.hangs_on) - _SHOWN} more" if len(f.hangs_on) > _SHOWN else ""
-    return f"{f.name} hangs on poses {', '.join(sets)}{more}: without them another answer, or none, fits as well."
+    return f"{f.name} rests on poses {', '.join(sets)}{more}: without them another answer, or none, fits as well."
 
 
 def leftover_words(x: Leftover) -> str:
