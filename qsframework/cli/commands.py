@@ -72,6 +72,11 @@ def readings_files(experiment: Experiment, data: Sequence[Path], option: str = "
     return paths
 
 
+_DESCRIBES = {".yaml", ".yml", ".urdf", ".xacro", ".stl", ".dae", ".obj"}
+_DEEP = 3
+"""Folders above a file of a robot in which its robot.yaml may lie: meshes have folders of their own."""
+
+
 def distinct_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path], folder: Path | None = None) -> None:
     """InputError, before anything is computed, for an output that cannot be written or is another or an input, too.
 
@@ -81,11 +86,23 @@ def distinct_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path], fol
     problems = [p for path in named for p in _unwritable(path) if path is not folder or not path.is_dir()]
     if problems:
         raise InputError(problems)
-    seen = {path.resolve(): "an input" for path in inputs}
+    seen = {path.resolve(): "an input of this command" for path in inputs}
     for path in named:
         if path.resolve() in seen:
-            raise InputError(f"{path} would overwrite {seen[path.resolve()]} of this command; choose another name")
-        seen[path.resolve()] = "another output"
+            raise InputError(f"{path} would overwrite {seen[path.resolve()]}; choose another name")
+        if robot := _robot_of(path):
+            raise InputError(f"{path} would overwrite a file of the robot in {robot}; choose another name")
+        owner = path.with_suffix(".csv")
+        own = path.suffix == ".json" and owner.resolve() in seen
+        seen[path.resolve()] = f"what is written beside {owner}" if own else "another output of this command"
+
+
+def _robot_of(path: Path) -> Path | None:
+    """The folder of the robot that an existing file describes; None of others."""
+    if not path.is_file() or path.suffix.lower() not in _DESCRIBES:
+        return None
+    own = path.suffix.lower() not in (".yaml", ".yml") or path.name in ("robot.yaml", "nominal.yaml")
+    return next((p for p in path.absolute().parents[:_DEEP] if own and (p / "robot.yaml").is_file()), None)
 
 
 def beside(path: Path, ending: str) -> Path:

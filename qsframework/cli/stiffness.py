@@ -30,16 +30,16 @@ def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | Non
     notes = [Text(f"Note: {note}.") for note in result.notes]
     section = Section(
         f"{arm.title} at {pose} {arm.controller.units.one} under {load} N",
-        (*_tables(result), Text(_words(result)), *notes),
+        (Text(_words(result)), *notes, *_tables(result)),
     )
-    for block in section.blocks:
-        if isinstance(block, Table):
-            print_table(block.header, block.rows)
+    if json is not None:
+        write_json(json, result.as_json())
     print_folded(_words(result))
     for note in result.notes:
         print_folded(f"note: {note}")
-    if json is not None:
-        write_json(json, result.as_json())
+    for block in section.blocks:
+        if isinstance(block, Table):
+            print_table(block.header, block.rows)
     if report is not None:
         seen = Section("In 3D", (_view(robot, pose, load, point, _tables(result)[0]),))
         laws = (LINEAR, EQUILIBRIUM, STIFFNESS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -137,7 +138,7 @@ def test_bad_input_ends_with_code_2(
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["-o", "p.csv", "--json", "p.json"], "would overwrite another output"),
+        (["-o", "p.csv", "--json", "p.json"], "would overwrite what is written beside p.csv"),
         (["-o", "p.csv", "--report", "p.csv"], "would overwrite another output"),
         (["-o", M900IB], "would overwrite an input"),
     ],
@@ -149,6 +150,21 @@ def test_outputs_do_not_overwrite_each_other(
     with pytest.raises(InputError, match=words):
         run("design", M900IB, *options)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["robot.yaml", "nominal.yaml", "abb_irb2400.urdf.xacro", "meshes/link.stl"])
+def test_no_output_overwrites_a_file_of_a_robot(root: Path, name: str, tmp_path: Path) -> None:
+    shutil.copytree(root / "robots" / "abb_irb2400", tmp_path / "arm")
+    (tmp_path / "arm" / "meshes").mkdir(exist_ok=True)
+    (tmp_path / "arm" / "meshes" / "link.stl").write_text("solid")
+    before = (tmp_path / "arm" / name).read_bytes()
+    pose = ["stiffness", "fanuc_m900ib", "--pose=0,20,-10,0,40,0", "--load=0,0,-4000", "--json"]
+    with pytest.raises(InputError, match=r"would overwrite a file of the robot in .*arm; choose another name"):
+        run(*pose, str(tmp_path / "arm" / name))
+    assert (tmp_path / "arm" / name).read_bytes() == before
+    for _ in range(2):
+        run(*pose, str(tmp_path / "arm" / "s.json"))  # what is no robot's file may stand there
+    assert (tmp_path / "arm" / "s.json").is_file()
 
 
 def test_an_unwritable_output_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
