@@ -15,6 +15,8 @@ import make_drawings
 import pytest
 from headless import NO_HOST, browser, open_page
 
+import qsframework as qsf
+
 MISSING = [m for m in ("mkdocs", "material", "mkdocstrings_handlers") if importlib.util.find_spec(m) is None]
 pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"the docs extra is not installed: no {', '.join(MISSING)}")
 
@@ -137,3 +139,5 @@ def test_the_api_shows_the_verbs_with_their_docstrings(site: Path, pages: dict[P
     for name in ("design.design", "identify.identify", "diagnose.diagnose", "applications.compensate", "plugin.Spring"):
         assert f"qsframework.{name}" in pages[page].ids
     assert "certified against the best relaxed design" in page.read_text()
+    missing = [n for n in qsf.__all__ if not any(i.endswith((f".{n}", f".make_{n}")) for i in pages[page].ids)]
+    assert missing == ["__version__"]
