@@ -402,7 +402,8 @@ def diagnose(
     level: Annotated[float, typer.Option(help="Chance of naming anything where nothing acts.")] = 0.02,
     extend: Annotated[Path | None, typer.Option(help="Folder for the extended robot and an experiment on it.")] = None,
     extend_doubtful: Annotated[
-        bool, typer.Option("--extend-doubtful", help="Extend by names too without which poses left out fit as well.")
+        bool,
+        typer.Option("--extend-doubtful", help="Extend by doubtful names too, whose held-out error does not fall."),
     ] = False,
     second_day: Annotated[
         Path | None, typer.Option("--second-day", help="Write a plan of poses that separate what is left open.")

@@ -25,7 +25,7 @@ def figure_table(figure: Any) -> Table:
         return _matrix(maps[0])
     series = [_Series(t, i) for i, t in enumerate(traces)]
     x, y = _title(figure.layout.xaxis) or "x", _title(figure.layout.yaxis) or "y"
-    note = "" if not any(s.thinned for s in series) else "Smooth curves are told at some of their points."
+    note = "" if not any(s.thinned for s in series) else "Of smooth curves some points are listed."
     if all(a.x == b.x for a, b in pairwise(series)):
         rows = zip(series[0].x, *(s.y for s in series), strict=True)
         names = (

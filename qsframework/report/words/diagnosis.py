@@ -253,7 +253,7 @@ def method_words(found: Diagnosis) -> tuple[str, ...]:
     nested = f"the search chose the same causes in {100 * held.same:.0f} % of the folds"
     said.append(f"Held-out errors: {folds}; {'the causes are given' if how.far else nested}.")
     if how.far:
-        said.append("A named cause is so large that it is far from linear: the noise was told again at its size.")
+        said.append("A named cause is so large that it is far from linear: the noise was estimated again at its size.")
     if how.untold:
         said.append(f"These readings do not tell {', '.join(how.untold)}: kept at the nominal value.")
     if unrepeatable(found):

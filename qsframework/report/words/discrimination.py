@@ -93,7 +93,7 @@ def second_day_words(day: SecondDay) -> tuple[str, ...]:
         sure = 100.0 * (1.0 - mistaken(c.s_after))
         said.append(
             f"- {c.first} against {c.second}: s {c.s_before:.1f} -> {c.s_after:.1f}, angle "
-            f"{degrees(c.angle_before)} -> {degrees(c.angle_after)} deg, told right in {sure:.3g} %"
+            f"{degrees(c.angle_before)} -> {degrees(c.angle_after)} deg, named correctly in {sure:.3g} %"
         )
     return (*said, *left_open_words(day))
 

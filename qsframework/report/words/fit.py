@@ -81,7 +81,7 @@ def alignment_words(alignments: Sequence[Alignment]) -> tuple[str, ...]:
         if not a.count:
             out.append(
                 f"Whether {name} has the axes of the base cannot be told from its unloaded markers; it is taken "
-                "so. State its frame under frames: otherwise."
+                "to have them. State its frame under frames: otherwise."
             )
             continue
         angle = f"{np.rad2deg(a.angle):.2f} deg"

@@ -100,7 +100,7 @@ def _trial(law: Law, loaded: bool) -> tuple[str, str]:
         "torque": (load, f"how {of} follows the load"),
         "others": ("Add a side pull at 6 poses", f"which torque causes {of}"),
         "order": ("Measure the first poses again at the end", f"a drift from {of} by the load"),
-        "step": ("Come to some poses from both sides", f"friction or play from {of} by the load"),
+        "step": ("Approach some poses from both sides", f"friction or play from {of} by the load"),
         "constant": ("Take some unloaded readings twice", f"an offset of these readings from {of}"),
     }
     more = f"Measure 6 more poses that differ in {variable_words(law)}"
@@ -113,8 +113,8 @@ def _unsure(found: Diagnosis) -> Iterator[Step]:
         yield Step(f"Measure {_MORE} more poses", f"tells whether {names_words(found.doubtful)} acts at all")
     for f in found.sure:
         if f.hangs_on:
-            hanging = f"{f.name} hangs on {'them' if len(f.hangs_on[0]) > 1 else 'it'}"
-            yield Step(f"Measure {poses_words(f.hangs_on[0])} again", hanging)
+            resting = f"{f.name} rests on {'them' if len(f.hangs_on[0]) > 1 else 'it'}"
+            yield Step(f"Measure {poses_words(f.hangs_on[0])} again", resting)
 
 
 def _recorded(found: Diagnosis) -> Iterator[Step]:
