@@ -27,7 +27,7 @@ def margin_words(experiment: Experiment) -> str:
     if not any(m > 0.0 for _, m in kept):
         return "The poses may go up to the joints' limits."
     said = ", ".join(f"J{k + 1} {units[k].text(m, 3)}" for k, m in kept)
-    return f"Distance kept from the controller's limits: {said} (joint_margin_deg in the constraints states another margin)."
+    return f"Distance kept from the controller's limits: {said} (another: joint_margin_deg in the constraints)."
 
 
 def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> Table:

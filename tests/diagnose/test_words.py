@@ -144,7 +144,7 @@ def test_few_names_are_not_folded(real: Diagnosis) -> None:
             "something moves link_2 with the torque there",
             "Measure some poses under half the load",
         ),
-        (Law("drive", "joint_1", "step"), "with the side that the joint came from", "Come to some"),
+        (Law("drive", "joint_1", "step"), "with the side that the joint came from", "Approach some"),
         (
             Law("readings", "", "angle", ("joint_2",)),
             "all readings move with the angle of joint_2",

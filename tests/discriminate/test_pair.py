@@ -237,7 +237,7 @@ def test_a_second_day_confirms_what_the_first_one_named(tmp_path):
     write_plan(tmp_path / "day2.csv", found.plan, experiment)
     assert len(read_plan(tmp_path / "day2.csv", experiment).pose) == 6
     json.dumps(second_day_json(found), allow_nan=False)
-    assert "told right in" in " ".join(second_day_words(found))
+    assert "named correctly in" in " ".join(second_day_words(found))
 
 
 def test_a_trace_that_nothing_else_touches_wants_the_poses_that_show_it_most(experiment, pendant):

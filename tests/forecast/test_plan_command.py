@@ -99,7 +99,7 @@ def test_separating_poses_are_a_plan(experiment, plan_file, tmp_path, capsys):
 def test_a_second_day_is_a_plan(tmp_path, capsys):
     found = diagnosed("hidden_effect")
     run_second_day(found, 5, tmp_path / "day2.csv")
-    assert "told right in" in capsys.readouterr().out
+    assert "named correctly in" in capsys.readouterr().out
     assert len(read_plan(tmp_path / "day2.csv", found.experiment).pose) == 5
 
 
