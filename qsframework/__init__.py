@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from qsframework.applications.importers import import_readings as import_readings
     from qsframework.applications.programme import make_programme as make_programme
     from qsframework.applications.protocol import make_protocol as protocol
+    from qsframework.applications.stiffness import stiffness_at as stiffness
     from qsframework.applications.targets import joint_targets as joint_targets, read_targets as read_targets
     from qsframework.design import design as design
     from qsframework.diagnose import diagnose as diagnose
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
         write_plan as write_plan,
         write_readings as write_readings,
     )
-    from qsframework.forecast.power import foresee as foresee
+    from qsframework.forecast.power import foresee as forecast
     from qsframework.identify import (
         Fit as Fit,
         FitOptions as FitOptions,
@@ -55,11 +56,13 @@ if TYPE_CHECKING:
         write_fit as write_fit,
     )
     from qsframework.plugin import check_effect as check_effect
-    from qsframework.report.extended import write_extended as write_extended
+    from qsframework.report.extended import write_extended as extend
+    from qsframework.report.results import report as report
     from qsframework.report.words.diagnosis import diagnosis_words as diagnosis_words
     from qsframework.robot import Robot as Robot, load_robot as load_robot
     from qsframework.robot.new import new as new
     from qsframework.screening import screen as screen
+    from qsframework.viz.show_scene import show_scene as show
 
     __version__: str
 
@@ -76,8 +79,11 @@ _HOME = {
     "read_targets": "applications.targets",
     "design": "design",
     "diagnose": "diagnose",
-    "write_extended": "report.extended",
-    "foresee": "forecast",
+    "extend": "report.extended:write_extended",
+    "report": "report.results",
+    "show": "viz.show_scene:show_scene",
+    "stiffness": "applications.stiffness:stiffness_at",
+    "forecast": "forecast:foresee",
     "second_day": "discriminate",
     "InputError": "errors",
     "NotCertified": "errors",
@@ -125,7 +131,8 @@ __all__ = [
     "diagnose",
     "diagnosis_words",
     "export",
-    "foresee",
+    "extend",
+    "forecast",
     "identify",
     "import_readings",
     "joint_targets",
@@ -138,12 +145,14 @@ __all__ = [
     "read_plan",
     "read_readings",
     "read_targets",
+    "report",
     "screen",
     "second_day",
+    "show",
     "simulate",
+    "stiffness",
     "units",
     "validate",
-    "write_extended",
     "write_fit",
     "write_plan",
     "write_readings",
@@ -169,28 +178,14 @@ def __dir__() -> list[str]:
 
 
 class _Door(ModuleType):
-    """Three verbs have the names of their packages: `qsframework.design` is the verb, whatever has been imported."""
+    """Five verbs have the names of their packages: `qsframework.design` is the verb, whatever has been imported."""
 
-    @property
-    def design(self) -> Any:
-        return __getattr__("design")
 
-    @design.setter
-    def design(self, _: object) -> None: ...
+def _verb(name: str) -> property:
+    return property(lambda _: __getattr__(name), lambda _, __: None)
 
-    @property
-    def identify(self) -> Any:
-        return __getattr__("identify")
 
-    @identify.setter
-    def identify(self, _: object) -> None: ...
-
-    @property
-    def diagnose(self) -> Any:
-        return __getattr__("diagnose")
-
-    @diagnose.setter
-    def diagnose(self, _: object) -> None: ...
-
+for _name in ("design", "identify", "diagnose", "forecast", "report"):
+    setattr(_Door, _name, _verb(_name))
 
 sys.modules[__name__].__class__ = _Door

@@ -86,7 +86,9 @@ def run_identify(files: FitFiles, fit: list[str] | None, options: FitOptions, cl
     if files.json is not None:
         print(f"fit: {files.json}")
     if files.report is not None:
-        _report(files.report, (experiment, readings), result, verdict, inputs, other)
+        from qsframework.report.results import report
+
+        print(f"report: {report(result, files.report, experiment, readings, files=inputs, beside=other)}")
 
 
 def _asked(experiment: Experiment, fit: list[str] | None) -> Experiment:
@@ -133,23 +135,6 @@ def _tell(result: Fit, verdict: Verdict, other: StoredFit | None) -> None:
         print_folded(f"{'masked by the fit, ' if one.kind == 'gross' else ''}{one.kind}: {one.words}")
     if any(one.kind == "block" for one in result.gross):
         print("nothing was masked; --clean masks them, --keep-all says that they are right")
-
-
-def _report(
-    report: Path,
-    measured: tuple[Experiment, Readings],
-    fit: Fit,
-    verdict: Verdict,
-    inputs: list[Path],
-    other: StoredFit | None,
-) -> None:
-    from qsframework.report import fit_sections, write_report
-    from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, LINEAR, computed
-
-    experiment, readings = measured
-    own = computed(experiment, inputs, None, (LINEAR if fit.linear else EQUILIBRIUM, LEAST_SQUARES))
-    sections = (*fit_sections(fit, experiment, readings, other), own)
-    print(f"report: {write_report(report, f'Identification: {experiment.robot.title}', sections, verdict)}")
 
 
 def run_validate(files: FitFiles, fit: Path, halves: int, seed: int) -> None:

@@ -1,0 +1,74 @@
+"""The report of a result in one call, from Python."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TypeVar
+
+from qsframework.diagnose import Diagnosis
+from qsframework.errors import InputError, Problem
+from qsframework.experiment import Experiment, Plan, Readings
+from qsframework.identify import Fit
+from qsframework.identify.io import StoredFit
+from qsframework.identify.validate import Validation
+from qsframework.information import promised_sd
+from qsframework.report.blocks import Section, Verdict
+from qsframework.report.diagnosis_section import diagnosis_sections
+from qsframework.report.fit_section import fit_sections
+from qsframework.report.page import write_report
+from qsframework.report.plan_section import plan_sections, sd_table
+from qsframework.report.provenance import AFTER, EQUILIBRIUM, INFORMATION, LEAST_SQUARES, LINEAR, computed
+from qsframework.report.validation_section import validation_section
+from qsframework.report.words.fit import fit_verdict
+from qsframework.report.words.headline import diagnosis_verdict
+from qsframework.report.words.plan import plan_verdict
+from qsframework.report.words.validation import validation_verdict
+
+T = TypeVar("T")
+Result = Fit | Plan | Diagnosis | Validation
+
+
+def report(
+    result: Result,
+    path: str | Path,
+    experiment: Experiment | None = None,
+    readings: Readings | None = None,
+    *,
+    files: Sequence[Path] = (),
+    beside: StoredFit | None = None,
+) -> Path:
+    """Write the report of a fit, a plan, a diagnosis or a validation, all or nothing: HTML, or .pdf by Chromium.
+
+    experiment: of all but a diagnosis, which holds its own; readings: of a fit; files: what it was made of, for their
+    hashes; beside: another fit of the same robot. InputError where one of them is missing.
+    """
+    if isinstance(result, Diagnosis):
+        title, verdict = f"Diagnosis: {result.experiment.robot.title}", diagnosis_verdict(result)
+        return write_report(path, title, diagnosis_sections(result, list(files)), verdict)
+    given = _given(experiment, "the experiment")
+    if isinstance(result, Plan):
+        title = "Measurement plan"
+        sections, verdict = _plan(result, given, files)
+    elif isinstance(result, Fit):
+        rows = _given(readings, "the readings")
+        title, verdict = "Identification", fit_verdict(result, rows.poses)
+        laws = (LINEAR if result.linear else EQUILIBRIUM, LEAST_SQUARES)
+        sections = (*fit_sections(result, given, rows, beside), computed(given, files, None, laws))
+    else:
+        title, verdict = "Validation", validation_verdict(result)
+        sections = (validation_section(result), computed(given, files, None, (EQUILIBRIUM,)))
+    return write_report(path, f"{title}: {given.robot.title}", sections, verdict)
+
+
+def _plan(plan: Plan, experiment: Experiment, files: Sequence[Path]) -> tuple[tuple[Section, ...], Verdict]:
+    sds = promised_sd(experiment, plan)
+    table = sd_table(experiment.fit_parameters(), {"this plan": sds})
+    own = computed(experiment, files, None, (LINEAR, INFORMATION, AFTER))
+    return (*plan_sections(experiment, plan, table), own), plan_verdict(experiment, plan, sds)
+
+
+def _given(value: T | None, what: str) -> T:
+    if value is None:
+        raise InputError(Problem(f"this report needs {what}"))
+    return value
