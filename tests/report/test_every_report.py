@@ -291,7 +291,7 @@ def test_the_numbers_of_a_figure_are_those_of_its_traces() -> None:
     apart = figure_table(figure)
     assert apart.header == ("series", "x, m", "y, mm")
     assert 30 < len([r for r in apart.rows if r[0] == "curve"]) <= 60
-    assert "some of their points" in apart.caption
+    assert "some points" in apart.caption
     heat = figure_table(go.Figure(go.Heatmap(x=["p", "q"], y=["r"], z=[[1.5, np.nan]])))
     assert heat.header == ("", "p", "q")
     assert heat.rows == (("r", "1.5", "-"),)
