@@ -17,12 +17,13 @@ from qsframework.report.words.diagnosis import diagnosis_words
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 import independent_effects as effects
-from independent import Built, Campaign, Setting, noisy, write_campaign
+from independent import Built, Campaign, Setting, Unreachable, noisy, write_campaign
 from independent_arm import ARMS, GASSED, HEAVY, LOOP, SMALL, Arm, Array, Hidden, Spring, positions, rest, still_visits
+from touched import TOUCHED, Maker
 from untouched import UNTOUCHED
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-GENERATOR = ("independent", "independent_arm", "independent_effects", "untouched")
+GENERATOR = ("independent", "independent_arm", "independent_effects", "touched", "untouched")
 
 
 def answer(setting: Setting, hidden: Hidden, folder: Path) -> Diagnosis:
@@ -135,13 +136,32 @@ def test_what_the_fitted_springs_absorb_has_no_size() -> None:
         assert campaign.s(soft) < 0.1
 
 
-def test_unknown_kinds_are_seen_beside_the_fitted_springs() -> None:
-    """Every kind moves the readings by s = 10 within sizes that are real."""
-    assert len(UNTOUCHED) >= 12
-    for maker in UNTOUCHED:
-        unknown = maker(HEAVY, np.random.default_rng(0))
-        campaign = Campaign(Setting(HEAVY, poses=40, loads="many"))
-        assert 0.0 < campaign.sized(unknown.make, 10.0, unknown.first, unknown.most) <= unknown.most
+def test_unknown_kinds_are_many_and_each_has_its_own_name() -> None:
+    kinds = [maker.__name__ for maker in (*TOUCHED, *UNTOUCHED)]
+    assert len(TOUCHED) >= 12
+    assert len(UNTOUCHED) >= 16
+    assert len(set(kinds)) == len(kinds)
+
+
+@pytest.mark.parametrize("maker", [*TOUCHED, *UNTOUCHED])
+def test_an_unknown_kind_is_seen_beside_the_fitted_springs(maker: Maker) -> None:
+    """On one arm or another it moves the readings by s = 10 within sizes that are real, and not at all at size 0."""
+    for seed, arm in enumerate((HEAVY, SMALL, LOOP)):
+        unknown = maker(arm, np.random.default_rng(seed))
+        assert unknown.kind == maker.__name__
+        campaign = Campaign(Setting(arm, poses=40, loads="many"))
+        (clean,), (none,) = campaign.clean(Hidden()), campaign.clean(unknown.make(0.0))
+        assert np.abs(none - clean).max() < 1e-9
+        try:
+            size = campaign.sized(unknown.make, 10.0, unknown.first, unknown.most)
+        except Unreachable:
+            continue
+        (moved,) = campaign.clean(unknown.make(size))
+        assert 0.0 < size <= unknown.most
+        assert np.isfinite(moved).all()
+        assert np.abs(moved - clean).max() > 1e-5
+        return
+    pytest.fail(f"no arm shows {maker.__name__}")
 
 
 # ---------------------------------------------------------------- what the diagnosis says of it
