@@ -2,7 +2,8 @@
 
 Groups: `second_effects`, causes that the library holds; `second_nulls`, nothing hidden, for each noise and number of
 poses; `second_structures`, arms that are not those of their files; `untouched`, effects of `untouched.py`, which no
-threshold is ever tuned on: it runs only where it is asked for.
+threshold is ever tuned on, and `touched`, those of `touched.py`, on which learning was developed: they run only where
+they are asked for.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,17 +25,19 @@ from independent import NOISES, Campaign, Setting, Unreachable, noisy, write_cam
 from independent_arm import ARMS, Arm, Array, Hidden, NoRest
 from independent_effects import SHOWN, Places, campaign_for, hide, structures
 from scipy.stats import f
+from touched import TOUCHED
 from untouched import UNTOUCHED
 
 if TYPE_CHECKING:
     from qsframework.diagnose import Diagnosis
 
 GROUPS = ("second_effects", "second_nulls", "second_structures")
-ASKED = ("untouched",)
+ASKED = ("untouched", "touched")
 FILES = (
     "independent.py",
     "independent_arm.py",
     "independent_effects.py",
+    "touched.py",
     "untouched.py",
     "second_generator.py",
     "fresh_poses.py",
@@ -124,19 +127,23 @@ def _structures(seeds: int, base: int) -> Iterator[Case]:
             yield _case("second_structures", label, number, base, words=str(i), **more)
 
 
-def _untouched(seeds: int, base: int) -> Iterator[Case]:
+def _unknowns(group: str, seeds: int, base: int) -> Iterator[Case]:
     for number in range(max(1, seeds)):
-        for maker in UNTOUCHED:
+        for maker in _UNKNOWN[group]:
             for poses in UNKNOWN:
                 label = f"{maker.__name__}/{poses}"
-                yield _case("untouched", label, number, base, wanted=10.0, poses=poses)
+                yield _case(group, label, number, base, wanted=10.0, poses=poses)
+
+
+_UNKNOWN = {"untouched": UNTOUCHED, "touched": TOUCHED}
 
 
 _MAKERS: dict[str, Callable[[int, int], Iterator[Case]]] = {
     "second_effects": _effects,
     "second_nulls": _nulls,
     "second_structures": _structures,
-    "untouched": _untouched,
+    "untouched": partial(_unknowns, "untouched"),
+    "touched": partial(_unknowns, "touched"),
 }
 
 
@@ -179,7 +186,7 @@ def make(case: Case) -> Told:
 
 
 def _unknown(case: Case, arm: Arm, rng: np.random.Generator) -> Told:
-    maker = next(m for m in UNTOUCHED if m.__name__ == case.id.split("/")[1])
+    maker = next(m for m in _UNKNOWN[case.group] if m.__name__ == case.id.split("/")[1])
     for _ in range(20):
         campaign = Campaign(Setting(arm, case.poses, case.seed, loads="many"))
         unknown = maker(arm, rng)
@@ -249,7 +256,7 @@ def run(case: Case, code: str) -> Result:
     out |= {"arm": setting.arm.name, "kind": setting.kind, "noise": setting.noise, "loads": setting.loads}
     out |= {"poses": setting.poses, "designed": setting.plan is not None, "truth": told.names, "s": round(told.s, 2)}
     out |= {"size": round(told.size, 3), "place": told.place, "variable": told.variable}
-    return out | answer(told, fresh=case.group in ("untouched", "second_nulls"))
+    return out | answer(told, fresh=case.group in (*ASKED, "second_nulls"))
 
 
 def answer(told: Told, fresh: bool = False) -> Result:
@@ -361,39 +368,64 @@ def learned(r: Result) -> bool:
     return r["learned"] is not None and bool(r["learned"][1])
 
 
-def share(r: Result) -> float:
-    """Of the oracle's gain at fresh poses."""
-    return Fresh(*r["fresh"]).share
+def _shares(results: Sequence[Result], share: Callable[[Fresh], float]) -> list[float]:
+    """Of the oracle's gain at fresh poses, where there is any."""
+    found = [share(Fresh(*r["fresh"])) for r in results if r["fresh"] is not None]
+    return [v for v in found if np.isfinite(v)]
 
 
 def learned_rows(results: Sequence[Result]) -> list[Row]:
-    """The goals of learned laws: on untouched kinds at each number of poses, and on nulls."""
+    """The goals of learned laws, on untouched kinds, on those that learning was developed on, and on nulls."""
     done = [r for r in results if r["outcome"] == "done"]
-    unknown = [r for r in done if r["group"] == "untouched"]
-    out = [rate("untouched kinds, s = 10: confidently wrong", "<= 5 %", unknown, wrong)]
-    out.append(rate("untouched kinds: explained by a law of the library", "<= 100 %", unknown, _explained))
-    placed = [r for r in unknown if r["place"]]
-    out.append(rate("untouched kinds: place right", ">= 95 %", placed, lambda r: place_right(r["said"], r["place"])))
-    out.append(
-        rate(
-            "untouched kinds: place and variable right",
-            ">= 85 %",
-            placed,
-            lambda r: variable_right(r["said"], r["place"], r["variable"]),
-        )
-    )
-    for poses, goal in ((40, 80.0), (14, 65.0)):
-        shares = [share(r) for r in unknown if r["poses"] == poses and r["fresh"] is not None]
-        words = f"untouched kinds, {poses} poses: share of the oracle's gain at fresh poses, median"
-        out.append(_median(words, goal, [v for v in shares if np.isfinite(v)]))
-        own = [r for r in unknown if r["poses"] == poses and r["fresh"] is not None]
-        out.append(rate(f"untouched kinds, {poses} poses: worse than the springs by 2 %", "<= 5 %", own, _worse))
+    out = [row for group in ASKED for row in _unknown_rows(group, [r for r in done if r["group"] == group])]
     nulls = [r for r in done if r["group"] == "second_nulls"]
     out.append(rate("nothing hidden: a law learned", "<= 2 %", nulls, learned))
     known = [r for r in nulls if r["fresh"] is not None]
     words = "nothing hidden: error at fresh poses more than 1.05 times that of the springs"
     out.append(rate(words, "<= 0 %", known, lambda r: Fresh(*r["fresh"]).harm > _HARM))
     return [row for row in out if row[4]]
+
+
+def _unknown_rows(group: str, unknown: Sequence[Result]) -> list[Row]:
+    out = [rate(f"{group} kinds, s = 10: confidently wrong", "<= 5 %", unknown, wrong)]
+    out.append(rate(f"{group} kinds: explained by a law of the library", "<= 100 %", unknown, _explained))
+    out.append(rate(f"{group} kinds: nothing said", "<= 100 %", unknown, lambda r: not alarmed(r)))
+    for poses in ("", *UNKNOWN):
+        own = [r for r in unknown if poses in ("", r["poses"])]
+        where = f"{group} kinds" + (f", {poses} poses" if poses else "")
+        goals = (">= 95 %", ">= 85 %") if not poses else (">= 0 %", ">= 0 %")
+        out.append(rate(f"{where}: place right", goals[0], own, lambda r: place_right(r["said"], r["place"])))
+        out.append(rate(f"{where}: place and variable right", goals[1], own, _variable_right))
+    for poses, goal in ((40, 80.0), (14, 65.0)):
+        own = [r for r in unknown if r["poses"] == poses and r["fresh"] is not None]
+        words = f"{group} kinds, {poses} poses: share of the oracle's gain at fresh poses, median"
+        out.append(_median(words, goal, _shares(own, lambda f: f.share)))
+        out.append(_median(f"{words}, in RMS", 0.0, _shares(own, lambda f: f.share_of_rms)))
+        out.append(rate(f"{group} kinds, {poses} poses: worse than the springs by 2 %", "<= 5 %", own, _worse))
+    return out
+
+
+def _variable_right(r: Result) -> bool:
+    return variable_right(r["said"], r["place"], r["variable"])
+
+
+def by_kind(results: Sequence[Result], group: str) -> str:
+    """What became of each kind of unknown effect."""
+    cells: list[tuple[object, ...]] = []
+    own = [r for r in results if r["group"] == group and r["outcome"] == "done"]
+    for kind in sorted({r["id"].split("/")[1] for r in own}):
+        for poses in UNKNOWN:
+            some = [r for r in own if r["id"].split("/")[1] == kind and r["poses"] == poses]
+            if not some:
+                continue
+            shares = _shares(some, lambda f: f.share)
+            right = [sum(place_right(r["said"], r["place"]) for r in some), sum(map(_variable_right, some))]
+            gain = f"{100 * float(np.median(shares)):.0f} %" if shares else "-"
+            cells.append(
+                (kind.replace("_", " "), some[0]["variable"], poses, len(some), *right, sum(map(wrong, some)), gain)
+            )
+    head = ("kind", "by", "poses", "cases", "place right", "variable too", "confidently wrong", "share of the gain")
+    return table(head, cells)
 
 
 def _explained(r: Result) -> bool:
@@ -511,6 +543,14 @@ def report(results: Sequence[Result]) -> str:
             parts(own),
             "#### What each effect was called by the second generator",
             called(own),
+            *(part for group in ASKED for part in _kinds(own, group)),
             tail,
         ]
     )
+
+
+def _kinds(results: Sequence[Result], group: str) -> list[str]:
+    """Heading and table of the unknown kinds, none where none were run."""
+    if not any(r["group"] == group for r in results):
+        return []
+    return [f"#### {group.capitalize()} kinds one by one", by_kind(results, group)]

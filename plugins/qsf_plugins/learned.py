@@ -8,63 +8,58 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from qsf_plugins.dependence import Dependence, down, within
 from qsframework.plugin import (
     KNOTS,
     Array,
     At,
     Context,
     InputError,
+    LawTerm,
     Parameter,
     Problem,
     Range,
     RobotFacts,
     SpringLaw,
+    bent,
     by_torque,
-    circular,
-    place,
+    magnitude,
     setting,
 )
 
-RECORDED = ("order", "time", "temperature", "approach")
-_UNITS = {"time": "s", "temperature": "K"}
+OWN = ("torque", "others", "moment")
+"""Factors that look at what the springs carry."""
 _FEWEST = 3
 """Knots: fewer make no curve."""
+_STEP = 1e-30
 
 
 @dataclass(frozen=True)
-class Learned(SpringLaw):
+class Learned(Dependence, SpringLaw):
     """A place turns more by a smooth law that was learned from readings; beyond what they saw it stays constant.
 
-    `by` is what it depends on: `torque`; angles, one joint or several with a plus between; `order`, `time`,
-    `temperature` or `approach`. The torques count in units of `scale`, that of the largest reading. `at`: a joint for
-    its drive; a link, base and flange among them, for its three rotations.
+    `at`: a joint for its drive; a link, base and flange among them, for its three rotations. Further factors of `by`:
+    `torque`, the one there; `others`, those about other axes, of the other drives or of the same place. Without any of
+    these, and where it is not `loaded` or `always`, the law grows with the torque there. Torques count in units of
+    `scale`, that of the largest reading.
     """
 
-    at: str = place()
-    by: str = place()
     _: KW_ONLY
     part: str = "drive"
     """drive, or link for the three rotations of a link, of the base or of the tool."""
     scale: float = setting("N m", 1.0)
     lowest: float = setting("N m", 0.0)
     highest: float = setting("N m", 0.0)
-    angle_from: float = setting("rad", 0.0)
-    angle_to: float = setting("rad", 0.0)
-    signs: str = ""
-    """Of the angles that are added up, `+-` where the second counts backwards."""
-    first: float = 0.0
-    last: float = 0.0
-    """Range of what was recorded, SI."""
     knots: tuple[float, ...] = ()
-    """Of a law by the torque: where its curve may bend, as shares of the scale, in order; none: KNOTS."""
+    """Of a law by the torque alone: where its curve may bend, as shares of the scale, in order; none: KNOTS."""
     prior: float = setting("rad", 0.0)
     """sd by which a fit holds each weight to zero, as the evidence chose it; 0: nothing holds them."""
-    equation = "eps = c T + sum w_i f_i(T), or T sum w_i f_i(angle), or (w_1 + w_2 T) v"
+    equation = "eps = c T + sum w_i f_i(T, angles, attitude, order, ...)"
     by_state = True
+    role = "learned"
     source = "learned from readings by qsf diagnose: Gaussian process of the law, weights by best linear prediction"
     check = "What at this place could follow this curve."
     parts: ClassVar[tuple[str, ...]] = ("drive", "link")
-    axes: ClassVar[tuple[str, ...]] = ("rx", "ry", "rz")
     unit: ClassVar[str] = "rad"
     felt: ClassVar[tuple[str, str, str]] = ("torque", "about", "N m")
     """What acts on a coordinate, how its axis is said, and the unit."""
@@ -74,48 +69,48 @@ class Learned(SpringLaw):
         if isinstance(given, Sequence) and not isinstance(given, str):
             object.__setattr__(self, "knots", tuple(self.knots) or KNOTS)
 
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        return ("",) if self.part == "drive" else self.axes
-
-    @property
-    def count(self) -> int:
-        """Weights of one coordinate."""
-        return len(self.knots) + 1 if self.by == "torque" else 2 if self.by in RECORDED else 5
+    def coordinates(self, robot: RobotFacts) -> tuple[str, ...]:
+        """Names of what moves: none where it is one."""
+        if self.part == "drive":
+            return ("",)
+        return ("rx", "ry", "rz")
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         size = robot.sizes.rotation(1e-4) if self.unit == "rad" else 1e-4
-        ends = [f"{c}.w{i}" if c else f"w{i}" for c in self.coordinates for i in range(1, self.count + 1)]
+        count = range(1, self._lead(robot) * self.width(OWN) + 1)
+        ends = [f"{c}.w{i}" if c else f"w{i}" for c in self.coordinates(robot) for i in count]
         names = [f"{self.name}.{end}" for end in ends]
         return tuple(Parameter(n, self.unit, typical=self.prior or size, pull=self.prior or None) for n in names)
 
     def springs(self, robot: RobotFacts) -> tuple[At, ...]:
+        return (*self.moving(robot), *(self._others(robot) if {"others", "moment"} & set(self.factors) else ()))
+
+    def moving(self, robot: RobotFacts) -> tuple[At, ...]:
+        """The springs whose coordinates give more, before those whose torques are only looked at."""
         if self.part == "drive":
             return (("gear", self.at),)
+        axes = self.coordinates(robot)
         if self.at in (robot.base, robot.flange):
-            return tuple(("base" if self.at == robot.base else "tool", axis) for axis in self.axes)
-        return tuple(("link", f"{self.at}/{axis}") for axis in self.axes)
+            return tuple(("base" if self.at == robot.base else "tool", axis) for axis in axes)
+        return tuple(("link", f"{self.at}/{axis}") for axis in axes)
+
+    def _others(self, robot: RobotFacts) -> tuple[At, ...]:
+        """Springs whose torques count beside the own ones: those of the other drives."""
+        return tuple(("gear", joint) for joint in robot.driven if joint != self.at) if self.part == "drive" else ()
 
     def validate(self, robot: RobotFacts) -> None:
         problems: list[Problem] = []
         if self.part not in self.parts:
             problems.append(Problem(f"{self.name}: unknown part", found=repr(self.part), allowed=", ".join(self.parts)))
         else:
-            (robot.joint_index if self.part == "drive" else robot.link_index)(self.at)
-        if self.by == "torque":
+            (robot.link_index if self.part in ("link", "shift") else robot.joint_index)(self.at)
+        problems += self.problems(robot, OWN)
+        other = "others" if self.part == "shift" else "moment"
+        if other in self.factors:
+            allowed = "moment" if self.part == "shift" else "others"
+            problems.append(Problem(f"{self.name}: no such factor of a {self.part}", found=other, allowed=allowed))
+        if self.factors == ("torque",):
             problems += self._torque_problems()
-        elif self.by in RECORDED:
-            if not self.first < self.last:
-                problems.append(Problem(f"{self.name}: first must lie below last"))
-        else:
-            for joint in self.by.split("+"):
-                if robot.slides(joint):
-                    problems.append(Problem(f"{self.name}: {joint} slides and has no angle"))
-            if not self.angle_from < self.angle_to:
-                problems.append(Problem(f"{self.name}: angle_from must lie below angle_to"))
-            if self.signs and (len(self.signs) != len(self.by.split("+")) or not set(self.signs) <= set("+-")):
-                allowed = "a + or - for each joint"
-                problems.append(Problem(f"{self.name}: wrong signs", found=repr(self.signs), allowed=allowed))
         if not self.scale > 0.0:
             problems.append(Problem(f"{self.name}: scale must be above 0", found=f"{self.scale:g} {self.felt[2]}"))
         if self.prior < 0.0:
@@ -143,60 +138,102 @@ class Learned(SpringLaw):
         return out
 
     def validate_values(self, x: Array, robot: RobotFacts) -> None:
-        names = [p.name for p, v in zip(self.parameters(robot), x, strict=True) if v == 0.0]
-        if names and len(names) < len(x):
-            raise InputError(
-                Problem(
-                    f"{self.name}: a value is missing for {', '.join(names)}",
-                    found=f"{len(x) - len(names)} weights",
-                    allowed=f"{len(x)}, as knots and part of the effect say",
-                    hint="All weights of a law belong together; take the file that was written with the effect.",
-                )
-            )
+        require_whole(self.name, self.parameters(robot), x)
 
-    def extra(self, torque: Array, x: Array, context: Context) -> Array:
-        shapes = self._shapes(torque, context)
-        return np.einsum("nkm,km->nk", shapes, x.reshape(shapes.shape[1], -1))
+    def extra(self, torque: Array, x: Array, context: Context) -> LawTerm:
+        """The law is linear in its weights; each coordinate's slope by its own torque is exact by complex step."""
+        count = len(self.coordinates(context.robot))
+        weights = x.reshape(count, -1)
+        shapes = self.shapes(torque, context)
+        value, slope = np.zeros_like(torque), np.zeros(torque.shape)
+        value[:, :count] = np.einsum("nkm,km->nk", shapes, weights)
+        for k in range(count) if not np.iscomplexobj(torque) else ():
+            turned = torque.astype(complex)
+            turned[:, k] += 1j * _STEP * self.scale
+            slope[:, k] = np.imag(self.shapes(turned, context)[:, k] @ weights[k]) / (_STEP * self.scale)
+        dx = np.zeros((*torque.shape, count, weights.shape[1]), dtype=shapes.dtype)
+        for k in range(count):
+            dx[:, k, k] = shapes[:, k]
+        return LawTerm(value, slope, dx.reshape(*torque.shape, -1))
+
+    def shapes(self, torque: Array, context: Context) -> Array:
+        """The functions (N, c, m) that the weights of the c moving coordinates multiply."""
+        count = len(self.coordinates(context.robot))
+        u = torque[:, :count] / self.scale
+        if self.factors == ("torque",):
+            return by_torque(within(u, self.lowest / self.scale, self.highest / self.scale), self.knots)
+        lead = np.ones((*u.shape, 1))
+        if {"others", "moment"} & set(self.factors):
+            lead = self._coupled(torque, u, context.robot)
+        elif "torque" in self.factors:
+            lead = bent(within(u, self.lowest / self.scale, self.highest / self.scale))
+        elif "attitude" in self.factors:
+            lead = np.stack([u, 0.5 * u / np.sqrt(u * u + 0.04)], axis=-1)
+        elif not {"loaded", "always"} & set(self.factors):
+            lead = u[..., None]
+        return self.product(lead, OWN, context, lambda: down(context, self._link(context.robot)))
+
+    def _lead(self, robot: RobotFacts) -> int:
+        """Functions of the torques."""
+        if self.factors == ("torque",):
+            return len(self.knots) + 3
+        if "others" in self.factors:
+            return 2 * (len(self.springs(robot)) - (self.part == "drive"))
+        if "torque" in self.factors:
+            return 3
+        return 2 if "attitude" in self.factors and not {"loaded", "always"} & set(self.factors) else 1
+
+    def _coupled(self, torque: Array, u: Array, robot: RobotFacts) -> Array:
+        """Torques about other axes, and these by how large the own one is."""
+        if self.part == "drive":
+            sizes = np.array([robot.load_at(joint) for _, joint in self._others(robot)])
+            others = (torque[:, 1:] / sizes)[:, None, :]
+        else:
+            others = np.repeat(u[:, None, :], u.shape[1], axis=1)
+        return np.concatenate([others, others * magnitude(u)[..., None]], axis=-1)
+
+    def _link(self, robot: RobotFacts) -> int:
+        """The link in whose frame the attitude counts."""
+        return robot.joint_index(self.at) + 1 if self.part == "drive" else robot.link_index(self.at)
 
     def ranges(self, torque: Array, context: Context) -> tuple[Range, ...]:
-        if self.by == "torque":
+        found = list(self.seen(OWN, context))
+        if "torque" in self.factors:
             what, along, unit = self.felt
-            names = [f" {along} {axis[-1]}" if axis else "" for axis in self.coordinates]
+            names = [f" {along} {axis[-1]}" if axis else "" for axis in self.coordinates(context.robot)]
             labels = [f"the {what} on {self.at}{name}" for name in names]
-            return tuple(Range(n, unit, torque[:, k], self.lowest, self.highest) for k, n in enumerate(labels))
-        if self.by in RECORDED:
-            return (Range(f"the {self.by}", _UNITS.get(self.by, ""), self._recorded(context), self.first, self.last),)
-        return (Range(f"the angle of {self.by}", "rad", self._angle(context), self.angle_from, self.angle_to),)
+            found += [Range(n, unit, torque[:, k], self.lowest, self.highest) for k, n in enumerate(labels)]
+        return tuple(found)
 
-    def _shapes(self, torque: Array, context: Context) -> Array:
-        """The functions (N, k, m) that the weights multiply."""
-        if self.by == "torque":
-            return by_torque(_within(torque, self.lowest, self.highest) / self.scale, self.knots)
-        u = torque / self.scale
-        if self.by in RECORDED:
-            middle, half = 0.5 * (self.last + self.first), 0.5 * (self.last - self.first)
-            v = ((_within(self._recorded(context), self.first, self.last) - middle) / half)[:, None]
-            return np.stack([float(context.loaded) * v * np.ones_like(u), v * u], axis=2)
-        angle = _within(self._angle(context), self.angle_from, self.angle_to)
-        return u[..., None] * circular(angle)[:, None]
 
-    def _recorded(self, context: Context) -> Array:
-        if self.by == "order":
-            return context.order
-        return context.side if self.by == "approach" else context.recorded(self.by, self.name)
+@dataclass(frozen=True)
+class LearnedBearing(Learned):
+    """A joint's bearing tilts by a smooth law learned from readings; beyond what they saw it stays constant.
 
-    def _angle(self, context: Context) -> Array:
-        signs = [-1.0 if s == "-" else 1.0 for s in self.signs] or [1.0]
-        joints = [context.robot.joint_index(joint) for joint in self.by.split("+")]
-        signs += [1.0] * (len(joints) - len(signs))
-        return context.poses.q[:, joints] @ np.array(signs)
+    As `learned`, about the axes that are not the joint's own, in the link that carries it.
+    """
+
+    _: KW_ONLY
+    part: str = "bearing"
+    parts: ClassVar[tuple[str, ...]] = ("bearing",)
+
+    def coordinates(self, robot: RobotFacts) -> tuple[str, ...]:
+        axis = robot.axes[robot.joint_index(self.at)]
+        return tuple(f"r{a}" for i, a in enumerate("xyz") if abs(axis[i]) < 0.5)
+
+    def moving(self, robot: RobotFacts) -> tuple[At, ...]:
+        return tuple(("bearing", f"{self.at}/{axis[1:]}") for axis in self.coordinates(robot))
+
+    def _link(self, robot: RobotFacts) -> int:
+        return robot.joint_index(self.at)
 
 
 @dataclass(frozen=True)
 class LearnedShift(Learned):
     """An end of the arm shifts more by a smooth law learned from readings; beyond what they saw it stays constant.
 
-    As `learned`, of the three shifts of the base or of the tool: forces take the place of torques.
+    As `learned`, of the three shifts of the base or of the tool: forces take the place of torques; a further factor is
+    `moment`, about all axes there.
     """
 
     _: KW_ONLY
@@ -206,9 +243,23 @@ class LearnedShift(Learned):
     highest: float = setting("N", 0.0)
     prior: float = setting("m", 0.0)
     parts: ClassVar[tuple[str, ...]] = ("shift",)
-    axes: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     unit: ClassVar[str] = "m"
     felt: ClassVar[tuple[str, str, str]] = ("force", "along", "N")
+
+    def coordinates(self, robot: RobotFacts) -> tuple[str, ...]:
+        return ("x", "y", "z")
+
+    def _others(self, robot: RobotFacts) -> tuple[At, ...]:
+        role = "base" if self.at == robot.base else "tool"
+        return tuple((role, axis) for axis in ("rx", "ry", "rz"))
+
+    def _lead(self, robot: RobotFacts) -> int:
+        return 3 * 3 if "moment" in self.factors else super()._lead(robot)
+
+    def _coupled(self, torque: Array, u: Array, robot: RobotFacts) -> Array:
+        """What every moment does to every shift."""
+        moments = bent(torque[:, 3:] / robot.sizes.torque).reshape(len(torque), 1, -1)
+        return np.repeat(moments, 3, axis=1)
 
     def validate(self, robot: RobotFacts) -> None:
         super().validate(robot)
@@ -217,6 +268,15 @@ class LearnedShift(Learned):
             raise InputError(Problem(f"{self.name}: only the ends of the arm shift", found=self.at, allowed=allowed))
 
 
-def _within(value: Array, low: float, high: float) -> Array:
-    """A value held between two bounds; complex steps pass where it is inside."""
-    return np.where(value.real < low, low, np.where(value.real > high, high, value))
+def require_whole(name: str, parameters: Sequence[Parameter], x: Array) -> None:
+    """InputError where a file holds some of the weights of a law and not the others."""
+    missing = [p.name for p, v in zip(parameters, x, strict=True) if v == 0.0]
+    if missing and len(missing) < len(x):
+        raise InputError(
+            Problem(
+                f"{name}: a value is missing for {', '.join(missing)}",
+                found=f"{len(x) - len(missing)} weights",
+                allowed=f"{len(x)}, as knots and part of the effect say",
+                hint="All weights of a law belong together; take the file that was written with the effect.",
+            )
+        )

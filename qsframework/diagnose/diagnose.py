@@ -80,6 +80,8 @@ _SURE = 1e-4
 """Odds against another structure below which it may stand."""
 _SETTLED = 0.8
 """Share of a noise that the next one has where the names stay: nothing more is hidden in it."""
+_PREDICTS = 0.98
+"""Share of the held-out error with some names below which a law stands in their place."""
 STEPS = ("conventions", "baseline", "causes", "search", "closing gate", "held-out gain", "table", "noise")
 Progress = Callable[[str, int, int], None]
 
@@ -165,7 +167,7 @@ def diagnose(
         found, structure = _structured(start, found, tell, level, largest, seed)
         conventions = (*structure, *conventions)
     tell("closing gate")
-    found, closing = _closed(found, level * (1.0 - _LIBRARY_SHARE), seed)
+    found, closing = _closed(found, level, largest, seed, repeats)
     base, library, answers = found.base, found.library, found.answers
     best, extended = found.best, found.extended
     tell("held-out gain")
@@ -494,9 +496,11 @@ def _searched(base: _Baseline, level: float, largest: int, seed: int) -> _Found:
     return _Found(base, library, answers, plain)
 
 
-def _closed(found: _Found, level: float, seed: int) -> tuple[_Found, _Closing]:
-    """The closing gate, and what stands after it: a name that a law is far ahead of drops out, and the law remains."""
-    closing = _close(found.base, found.best, found.extended, level, seed)
+def _closed(found: _Found, level: float, largest: int, seed: int, repeats: int) -> tuple[_Found, _Closing]:
+    """The closing gate, and what stands after it: names that a law is far ahead of drop out, and the law remains, where
+    it also predicts poses left out better than they do."""
+    rest = level * (1.0 - _LIBRARY_SHARE)
+    closing = _close(found.base, found.best, found.extended, rest, seed)
     if found.best is None or found.plain is None or not closing.beaten:
         return found, closing
     members = tuple(i for i in found.members if found.base.case.causes[i].name not in closing.beaten)
@@ -505,7 +509,10 @@ def _closed(found: _Found, level: float, seed: int) -> tuple[_Found, _Closing]:
     if members and fit is not None:
         answer = replace(found.best, subset=replace(found.best.subset, members=members), fit=fit)
         stands = replace(found, answers=(answer, *found.answers[1:]))
-    return stands, _close(stands.base, stands.best, stands.extended, level, seed)
+    after = _close(stands.base, stands.best, stands.extended, rest, seed)
+    law = _taught(stands.base, stands.best, stands.extended, after, level, seed, repeats)
+    named = _held(found.base, found.library, found.best, level, largest, seed, repeats).rms_extended
+    return (stands, after) if law is not None and law.heldout < _PREDICTS * named else (found, closing)
 
 
 def _answers(
@@ -548,7 +555,7 @@ def _close(base: _Baseline, best: Answer | None, fit: Settled, level: float, see
         if rival is not None:
             rivals[name.name] = rival[0]
             beaten |= {name.name} if rival[1] else set()
-    return _Closing(left, rivals, beaten, lessons(fit.model, base.rows, moved, blocks, left, fits, tame))
+    return _Closing(left, rivals, beaten, lessons(fit.model, blocks, left, fits, tame))
 
 
 def _causes(base: _Baseline, best: Answer | None) -> list[Cause]:

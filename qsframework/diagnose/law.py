@@ -1,27 +1,54 @@
-"""A law that nobody has written: an extra motion at a place, that depends on a variable."""
+"""A law that nobody has written: an extra motion at a place, that depends on a product of factors."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
 
-Part = Literal["drive", "link", "shift", "marker", "readings"]
-"""What moves: a drive, a link's three rotations, a shift of the base or the flange, one marker, or all readings."""
-Variable = Literal["torque", "angle", "others", "order", "step", "constant", "time", "temperature", "approach"]
-"""On what it depends: the torque there, that torque and an angle, the torque about other axes, the order of the
-readings, from where the joint came, nothing, or a column that was recorded."""
+Part = Literal["drive", "bearing", "link", "shift", "marker", "readings", "load"]
+"""What moves: a drive, the tilt of a joint's bearing, a link's three rotations, a shift of the base or the flange, one
+marker, or all readings; or the force of the load, which moves all."""
+FACTORS = (
+    "torque",
+    "others",
+    "moment",
+    "attitude",
+    "order",
+    "step",
+    "loaded",
+    "always",
+    "time",
+    "temperature",
+    "approach",
+    "force",
+    "direction",
+)
+"""On what it may depend beside angles: the torque there, torques about other axes, the moments
+where an end shifts, where gravity points, the order of
+the readings, from where the joint came, that a load hangs, nothing, a column that was recorded, the load's force."""
 
 
 @dataclass(frozen=True)
 class Law:
-    """place: name of the joint, link or marker, empty for all readings; joints: whose angles, added up, count."""
+    """place: name of the joint, link or marker, empty for all readings; by: the factors, angles by their joints with a
+    plus between; without a torque, `loaded` or `always` it grows with the torque there."""
 
     part: Part
     place: str
-    variable: Variable
-    joints: tuple[str, ...] = ()
+    by: tuple[str, ...]
+
+    @property
+    def angles(self) -> tuple[str, ...]:
+        """The factors that are angles."""
+        return tuple(f for f in self.by if f not in FACTORS)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints whose angles count."""
+        return tuple(joint for factor in self.angles for joint in factor.split("+"))
 
     @property
     def name(self) -> str:
-        """Such as `joint_3/torque` or `link_2/joint_2+joint_3`."""
-        return f"{self.place or self.part}/{'+'.join(self.joints) or self.variable}"
+        """Such as `joint_3/torque`, `joint_2/torque*joint_2+joint_3` or `bearing joint_4/attitude`."""
+        place = f"{self.part} {self.place}" if self.part in ("bearing", "shift") else self.place or self.part
+        return f"{place}/{'*'.join(self.by)}"

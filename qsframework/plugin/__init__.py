@@ -18,7 +18,7 @@ from qsframework.plugin.kinds import (
 from qsframework.plugin.parameter import Parameter
 from qsframework.plugin.registry import find, registry
 from qsframework.plugin.settings import place, setting
-from qsframework.plugin.shapes import KNOTS, by_torque, circular, smooth
+from qsframework.plugin.shapes import FINE, KNOTS, bent, by_attitude, by_torque, circular, magnitude, smooth
 from qsframework.plugin.terms import (
     Actuator,
     Bar,
@@ -39,6 +39,7 @@ from qsframework.plugin.terms import (
 )
 
 __all__ = [
+    "FINE",
     "KNOTS",
     "Actuator",
     "Array",
@@ -75,11 +76,14 @@ __all__ = [
     "TensionTerm",
     "TorqueTerm",
     "VirtualJoint",
+    "bent",
     "build_effects",
+    "by_attitude",
     "by_torque",
     "check_effect",
     "circular",
     "find",
+    "magnitude",
     "place",
     "registry",
     "setting",

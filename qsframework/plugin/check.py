@@ -295,9 +295,13 @@ def _law(t: Trial) -> None:
         return as_term(LawTerm, t.effect.extra(T, x, c)).value
 
     term = laws.extra(t.effect, torque, t.x, t.context)
-    slope = np.zeros((*torque.shape, torque.shape[1]))
-    slope[:, np.arange(torque.shape[1]), np.arange(torque.shape[1])] = term.dT
-    t.report.law("law by torque", lambda v: value(v, t.x), torque, slope)
+    for k in range(torque.shape[1]):  # a coordinate's slope is by its own torque, whatever else it looks at
+        one = np.eye(torque.shape[1])[k]
+
+        def own(v: Array, k: int = k, one: Array = one) -> Array:
+            return value(torque + (v - torque[:, [k]]) * one, t.x)[:, [k]]
+
+        t.report.law("law by torque", own, torque[:, [k]], term.dT[:, [k], None])
     t.report.law("law by x", lambda v: value(torque, v), t.x, term.dx, t.size)
     t.vanishes("law", lambda v, c: value(torque, v, c))
 

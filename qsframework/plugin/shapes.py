@@ -8,26 +8,35 @@ import numpy as np
 
 from qsframework.plugin.facts import Array
 
-_LENGTH = 0.45
-"""Over which a smooth function of a variable between -1 and 1 changes."""
 KNOTS: tuple[float, ...] = tuple(np.linspace(-1.0, 1.0, 9).tolist())
 """Where a smooth function of a variable between -1 and 1 may bend."""
+FINE: tuple[float, ...] = tuple(np.linspace(-1.0, 1.0, 21).tolist())
+"""The same where something may come and go."""
+_REACH = 1.8
+"""Knots over which a smooth function changes."""
 _SOFT = 0.01
 """Share of the variable's range over which its sign changes."""
+_BENDS = (0.1, 0.3)
+"""The same of shapes that stand for what saturates."""
 
 
 def smooth(u: Array, knots: tuple[float, ...] = KNOTS) -> Array:
     """Functions (..., k) of a variable between -1 and 1, each large at one of k knots; independent weights of equal
     size make a Gaussian process."""
     away = u[..., None] - np.array(knots)
-    return np.asarray(np.exp(-0.5 * np.square(away / _LENGTH)) @ _whitening(knots))
+    return np.asarray(np.exp(-0.5 * np.square(away / _length(knots))) @ _whitening(knots))
+
+
+@cache
+def _length(knots: tuple[float, ...]) -> float:
+    return _REACH * (knots[-1] - knots[0]) / max(len(knots) - 1, 1)
 
 
 @cache
 def _whitening(knots: tuple[float, ...]) -> Array:
     """(k, k): from the process at its knots to independent weights."""
     at = np.array(knots)
-    values, vectors = np.linalg.eigh(np.exp(-0.5 * np.square((at[:, None] - at) / _LENGTH)))
+    values, vectors = np.linalg.eigh(np.exp(-0.5 * np.square((at[:, None] - at) / _length(knots))))
     return np.asarray(vectors / np.sqrt(np.maximum(values, 1e-8 * values[-1])), dtype=np.float64)
 
 
@@ -38,5 +47,24 @@ def circular(angle: Array) -> Array:
 
 
 def by_torque(u: Array, knots: tuple[float, ...] = KNOTS) -> Array:
-    """Functions (..., k + 1) of a torque that vanish without it: u times smooth ones of k knots, and its sign."""
-    return np.concatenate([u[..., None] * smooth(u, knots), (u / np.sqrt(u * u + _SOFT**2))[..., None]], axis=-1)
+    """Functions (..., k + 3) of a torque that vanish without it: u times smooth ones of k knots, its sign, and what
+    saturates."""
+    sides = [u / np.sqrt(u * u + soft**2) for soft in (_SOFT, *_BENDS)]
+    return np.concatenate([u[..., None] * smooth(u, knots), np.stack(sides, axis=-1)], axis=-1)
+
+
+def bent(u: Array) -> Array:
+    """Functions (..., 3) of a torque that vanish without it: itself, what grows faster and what saturates."""
+    return np.stack([u, u * magnitude(u), 0.5 * u / np.sqrt(u * u + _BENDS[0] ** 2)], axis=-1)
+
+
+def magnitude(u: Array) -> Array:
+    """|u|, rounded off where it is small, so that it has derivatives."""
+    return np.asarray(np.sqrt(u * u + _SOFT**2))
+
+
+def by_attitude(down: Array) -> Array:
+    """Functions (..., 9) of a direction (..., 3) of length 1: a constant, its components, and what turns twice."""
+    x, y, z = (down[..., i] for i in range(3))
+    twice = [x * x - 1.0 / 3.0, y * y - 1.0 / 3.0, x * y, x * z, y * z]
+    return np.stack([np.ones_like(x), x, y, z, *twice], axis=-1)

@@ -33,14 +33,18 @@ def learned_figure(diagnosis: Diagnosis, taught: Taught) -> Iterator[Figure]:
     found = curve(taught, diagnosis.experiment.robot.facts)
     if found is None:
         return
-    law, degrees = taught.leftover.law, taught.leftover.law.variable == "angle"
+    law, shift = taught.leftover.law, taught.leftover.law.part == "shift"
+    degrees = found.over in law.angles
     x = np.rad2deg(found.x) if degrees else found.x
-    over = f"{variable_words(law)}, {'deg' if degrees else 'N m'}"
-    under = f" under {found.torque:.3g} N m" if degrees else ""
-    figure = blank(f"Learned: {taught.name}", over, f"extra motion{under}, urad")
+    felt = "N" if shift else "N m"
+    unit = "deg" if degrees else felt if found.over == "torque" else "share of the readings taken"
+    under = f" under {found.torque:.3g} {felt}" if found.torque > 0.0 else ""
+    moves = "um" if shift else "urad"
+    figure = blank(f"Learned: {taught.name}", f"{variable_words(law)}, {unit}", f"extra motion{under}, {moves}")
     rows = make_rows(diagnosis.readings)
     at, said = dots(taught, rows.take(np.isin(rows.keep, diagnosis.kept)), found)
-    names = ("rx", "ry", "rz") if found.motion.shape[1] > 1 else (place_words(law),)
+    several = found.motion.shape[1] > 1
+    names = _axes(taught) if several else (place_words(law),)
     for i, name in enumerate(names):
         y, band = 1e6 * found.motion[:, i], 2e6 * found.sd[:, i]
         figure.add_scatter(x=x, y=y, name=html.escape(name), line={"color": COLOURS[i]})
@@ -58,6 +62,12 @@ def learned_figure(diagnosis: Diagnosis, taught: Taught) -> Iterator[Figure]:
         "curve and the motion that its residuals ask for. Look for rings that leave the band together."
     )
     yield Figure(figure, note)
+
+
+def _axes(taught: Taught) -> tuple[str, ...]:
+    """Names of the coordinates that a law moves, as its weights have them."""
+    ends = [name.rpartition("]")[2].split(".")[1] for name in taught.cause.names]
+    return tuple(dict.fromkeys(ends))
 
 
 def budget_figure(diagnosis: Diagnosis) -> Figure:

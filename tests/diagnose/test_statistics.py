@@ -227,7 +227,7 @@ def test_generic_blocks_are_silent_on_noise_and_see_a_coupling_between_joints() 
     extra = coupled(case, moved)
     for _ in range(5):
         hits = leftovers(blocks, fits, SIGMA * (noise_left(case, rng) + extra), 0.05, 0, every)
-        assert hits[0].law == Law("drive", "joint_5", "others")
+        assert hits[0].law == Law("drive", "joint_5", ("others",))
         assert hits[0].p_value < 1e-4
 
 
@@ -280,7 +280,7 @@ def test_a_name_is_contested_by_the_law_that_made_the_readings_and_not_by_its_ow
     wrong = replace(right, effect=own / 8.0)  # what it can do of a coupling is little
     seen = contested(blocks, fits, SIGMA * (noise_left(case, rng) + coupled(case, moved)), wrong)
     assert seen is not None
-    assert seen[0].law == Law("drive", "joint_5", "others")
+    assert seen[0].law == Law("drive", "joint_5", ("others",))
 
 
 def test_the_sign_that_a_decomposition_happens_to_choose_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -340,7 +340,7 @@ def test_without_load_only_what_needs_none_is_a_block() -> None:
     seen = {}
     for name, given in (("loaded", loaded), ("still", still)):
         blocks = generic_blocks(moved_of(base, given))
-        seen[name] = {b.law.joints or b.law.variable for b in blocks if np.abs(b.columns).max() > 1e-9}
-    assert {"torque", "others", ("joint_2", "joint_3")} <= seen["loaded"]
-    assert {"order", "step", "constant"} <= seen["still"]
-    assert not {"torque", "others"} & seen["still"]
+        seen[name] = {b.law.by for b in blocks if np.abs(b.columns).max() > 1e-9}
+    assert {("torque",), ("others",), ("joint_2+joint_3",)} <= seen["loaded"]
+    assert {("loaded", "order"), ("step",), ("loaded",)} <= seen["still"]
+    assert not {("torque",), ("others",), ("force",)} & seen["still"]

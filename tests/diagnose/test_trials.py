@@ -38,7 +38,7 @@ def test_a_residual_that_follows_an_angle_is_no_noise(tmp_path: Path) -> None:
     """B.4: it passed for noise 2.2 times as stated."""
     found = answer(Hidden(readings=(swaying,)), tmp_path)
     assert found.leftovers, diagnosis_words(found)
-    assert found.leftovers[0].law == Law("readings", "", "angle", ("j5",))
+    assert found.leftovers[0].law == Law("readings", "", ("loaded", "j5"))
     assert found.verdict in ("unexplained", "partly_explained")
 
 

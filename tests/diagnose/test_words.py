@@ -140,18 +140,27 @@ def test_few_names_are_not_folded(real: Diagnosis) -> None:
     ("law", "moves", "do"),
     [
         (
-            Law("link", "link_2", "torque"),
+            Law("link", "link_2", ("torque",)),
             "something moves link_2 with the torque there",
             "Measure some poses under half the load",
         ),
-        (Law("drive", "joint_1", "step"), "with the side that the joint came from", "Approach some"),
+        (Law("drive", "joint_1", ("step",)), "with the side that the joint came from", "Approach some"),
         (
-            Law("readings", "", "angle", ("joint_2",)),
-            "all readings move with the angle of joint_2",
+            Law("readings", "", ("loaded", "joint_2")),
+            "all readings move with the angle of joint_2 (once a load hangs)",
             "Measure 6 more poses",
         ),
-        (Law("shift", "base", "order"), "something moves base in the course", "Measure the first"),
-        (Law("drive", "joint_1", "constant"), "by a constant amount", "Take some unloaded readings twice"),
+        (Law("shift", "base", ("order",)), "something moves base with the order", "Measure the first"),
+        (Law("drive", "joint_1", ("always",)), "by a constant amount", "Take some unloaded readings twice"),
+        (
+            Law("bearing", "joint_1", ("torque", "joint_1+joint_2")),
+            "moves the bearing of joint_1 with the torque there and the angle of joint_1 and joint_2 together",
+            "Measure 6 more poses",
+        ),
+        (Law("marker", "m1", ("loaded",)), "marker m1 by a constant amount once a load hangs", "Take some unloaded"),
+        (Law("load", "tool", ("force",)), "the load differs from what was said with the force", "Measure some poses"),
+        (Law("load", "tool", ("direction",)), "the load differs from what was said", "Pull in other directions"),
+        (Law("shift", "tool", ("moment",)), "something moves tool with the moments there", "Measure some poses"),
     ],
 )
 def test_what_nothing_explains_comes_with_a_place_and_a_step(real: Diagnosis, law: Law, moves: str, do: str) -> None:
@@ -187,7 +196,7 @@ def test_with_few_poses_it_is_said_which_repeats_would_tell() -> None:
 
 def test_many_rivals_are_said_in_the_sentence(real: Diagnosis) -> None:
     def crowded(f: Finding) -> Finding:
-        return replace(f, rivals=f.rivals * 10)
+        return replace(f, rivals=f.rivals * 10, instead=None)
 
     found = replace(real, leftovers=(), findings=tuple(crowded(f) for f in real.findings[:1]))
     assert "but offaxis_compliance[joint_4/z] could be any of 10 other causes" in headline(found)

@@ -194,7 +194,7 @@ def test_names_of_users_are_escaped(tmp_path: Path) -> None:
     states = replace(states, pose=tuple(EVIL for _ in states.pose))
     evil = replace(
         diagnosis,
-        leftovers=(Leftover(Law("link", EVIL, "order"), 1e-9, 20.0),),
+        leftovers=(Leftover(Law("link", EVIL, ("order",)), 1e-9, 20.0),),
         method=replace(diagnosis.method, untold=(EVIL,)),
         experiment=replace(diagnosis.experiment, markers=markers),
         readings=replace(diagnosis.readings, states=states),

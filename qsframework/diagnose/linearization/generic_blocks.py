@@ -1,9 +1,9 @@
-"""Generic blocks: what a law that nobody has written could do to the readings, by place and by variable.
+"""Generic blocks: what a law that nobody has written could do to the readings, by place and by what it depends on.
 
-At every drive and every link a small extra motion may be a smooth function of the torque there, or that torque times a
-smooth function of an angle, of the readings' order, of what was recorded; readings and markers may move by themselves.
-A law acts in both states of a displacement: what it does is f(loaded) - f(unloaded), with gravity and compensators in
-both torques.
+Each is an effect that the library learns with, at one place: a drive, a bearing, a link, an end of the arm, a marker,
+all readings, the load. Its functions say how the place moves in every state; what that does to the readings is taken
+from the arm at rest. A law acts in both states of a displacement: what it does is f(loaded) - f(unloaded), with gravity
+and compensators in both torques.
 """
 
 from __future__ import annotations
@@ -11,35 +11,42 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, cast
 
 import numpy as np
 
-from qsframework.diagnose.law import Law, Part, Variable
+from qsframework.diagnose.law import Law, Part
 from qsframework.elastostatics import Model, make_model
-from qsframework.elastostatics.evaluation import evaluate_stages
+from qsframework.elastostatics.evaluation import Stages, evaluate_stages
+from qsframework.elastostatics.loads import wrench_torque
 from qsframework.elastostatics.structure import chunks
+from qsframework.errors import InputError
 from qsframework.experiment import Frame
 from qsframework.experiment.observations import Rows
 from qsframework.plugin import (
     Actuator,
     Array,
+    Context,
     Coordinate,
+    Effect,
     Indices,
+    Loads,
     Parameter,
+    Reading,
     RobotFacts,
     Spring,
     VirtualJoint,
-    by_torque,
-    circular,
+    registry,
 )
 
 _AXES = ("x", "y", "z")
 _PARALLEL = 1e-6
+_RECORDED = ("time", "temperature", "approach")
 
 
 @dataclass(frozen=True)
 class Probe(Spring):
-    """Rigid coordinates at every drive and every link: they say how each place would move the markers."""
+    """Rigid coordinates at every drive, bearing and link: they say how each place would move the markers."""
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return tuple(Parameter(f"{self.name}[{i}]", "", lower=0.0) for i in range(len(self.virtual_joints(robot))))
@@ -47,70 +54,131 @@ class Probe(Spring):
     def virtual_joints(self, robot: RobotFacts) -> tuple[Coordinate, ...]:
         turns = [VirtualJoint(link, axis, "rotation") for link in robot.links for axis in _AXES]
         ends = [VirtualJoint(link, axis, "translation") for link in (robot.base, robot.flange) for axis in _AXES]
-        return (*(Actuator(joint) for joint in robot.joints), *turns, *ends)
+        tilts = [
+            VirtualJoint(robot.link_of(j), a, "rotation", "before") for j in robot.joints for a in _tilts(robot, j)
+        ]
+        return (*(Actuator(joint) for joint in robot.joints), *turns, *ends, *tilts)
+
+
+def _tilts(robot: RobotFacts, joint: str) -> list[Any]:
+    """The axes about which a bearing tilts; none of a joint that slides."""
+    if robot.slides(joint):
+        return []
+    axis = robot.axes[robot.joint_index(joint)]
+    return [a for i, a in enumerate(_AXES) if abs(axis[i]) < 0.5]
 
 
 @dataclass(frozen=True)
 class Place:
-    """Coordinates of the probe that move together: a drive, the three rotations of a link, or a shift of an end.
+    """Coordinates of the probe that move together, and after them those whose torques may count as the others.
 
-    joint: that of a drive, else None
+    joint: that of a drive, else None; own: the joint whose angle is the place's own
     """
 
     part: Part
     name: str
     coordinates: tuple[int, ...]
     joint: int | None = None
+    own: str | None = None
+    others: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Columns (3 R, k) m of what a law could do to the readings."""
+    """Columns (3 R, k) m of what a law could do to the readings; effect: what it would be, None where none can."""
 
     law: Law
     columns: Array
+    effect: Effect | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class _Ends:
-    """Of one end of R rows: columns (R, 3, ne) m per unit of each coordinate, torque (R, ne), angles q (R, n)."""
+class End:
+    """Of one end of R rows: columns (R, 3, ne) m per unit of each coordinate, torque (R, ne), angles q (R, n); state
+    (R,): its place among the states, -1 where the row has no such end."""
 
     columns: Array
     torque: Array
     q: Array
+    state: Indices
+
+
+@dataclass(frozen=True, eq=False)
+class Stand:
+    """Some of the states, all loaded or none: which (s,), how they stand, and what the instrument sees of the markers.
+
+    torque (s, ne); give (s, K, 3, 3) m/N: how the markers follow a force at the load point
+    """
+
+    which: Indices
+    context: Context
+    torque: Array
+    reading: Reading
+    give: Array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Motions:
-    """What an extra motion at each place does to rows, at both their ends, and what it may depend on, per row.
+    """What an extra motion at each place does to rows, at both their ends, and what it may depend on.
 
-    minus: of the state that is taken off, its columns zero where none is; order, step, recorded: of the other one
+    minus: of the state that is taken off, its columns zero where none is; stands: of all S states that rows need;
+    step (R, n): by how much the joints came from the visit before; angles: that a law may depend on, by their joints:
+    of each, and of what parallel joints turn together
     """
 
-    places: tuple[Place, ...]
-    plus: _Ends
-    minus: _Ends
-    order: Array
-    step: Array
-    recorded: tuple[tuple[Variable, Array], ...]
-    marker: Indices
+    rows: Rows
+    frames: tuple[Frame, ...]
+    facts: RobotFacts
     marker_names: tuple[str, ...]
+    places: tuple[Place, ...]
+    stands: tuple[Stand, ...]
+    plus: End
+    minus: End
+    step: Array
+    recorded: tuple[str, ...]
     angles: tuple[tuple[tuple[str, ...], tuple[float, ...]], ...]
-    """Angles that a law may depend on, by their joints: of each, and of what parallel joints turn together."""
-    drives: int
-    sliding: tuple[bool, ...]
-    """Which drives slide."""
+
+    @property
+    def count(self) -> int:
+        """Of the states."""
+        return sum(len(s.which) for s in self.stands)
+
+    @cached_property
+    def alone(self) -> bool:
+        """Whether some rows are of one state alone, so that what acts always is seen."""
+        return bool((self.minus.state < 0).any())
 
     def scale(self, at: Sequence[int]) -> float:
         """Largest torque on the coordinates of a place, 1 where there is none."""
-        both = np.abs(np.concatenate([self.plus.torque[:, at], self.minus.torque[:, at]])).max()
-        return float(both) or 1.0
+        return max(float(np.abs(s.torque[:, list(at)]).max(initial=0.0)) for s in self.stands) or 1.0
 
-    @cached_property
-    def size(self) -> Array:
-        """Largest torque (ne,) on each coordinate."""
-        both = np.abs(np.concatenate([self.plus.torque, self.minus.torque])).max(axis=0)
-        return np.where(both > 0.0, both, np.inf)
+    def spring_columns(self, place: Place, effect: Any) -> Array:
+        """Columns (3 R, c m) of a law of springs: of each coordinate's functions."""
+        at, every = list(place.coordinates), [*place.coordinates, *place.others]
+        used = len(effect.springs(self.facts))
+        found = [(s.which, effect.shapes(s.torque[:, every[:used]], s.context)) for s in self.stands]
+        f = np.zeros((self.count, *found[0][1].shape[1:]))
+        for which, values in found:
+            f[which] = values
+        out = self.plus.columns[..., at][..., None] * f[self.plus.state][:, None]
+        taken = np.flatnonzero(self.minus.state >= 0)
+        out[taken] -= self.minus.columns[taken][..., at][..., None] * f[self.minus.state[taken]][:, None]
+        return np.asarray(out.reshape(3 * len(out), -1))
+
+    def seen_columns(self, moved: Sequence[Array]) -> Array:
+        """Columns (3 R, p) of motions (s, K, 3, p) m of the markers in each of the stands."""
+        slope = np.zeros((self.count, *moved[0].shape[1:]))
+        positions = np.zeros(slope.shape[:3])
+        for stand, values in zip(self.stands, moved, strict=True):
+            slope[stand.which], positions[stand.which] = values, stand.reading.position
+        columns = self.rows.padded(self.rows.seen_along(positions, slope, self.frames))
+        return np.asarray(columns.reshape(3 * len(columns), -1))
+
+    def angle_range(self, factor: str) -> tuple[float, float]:
+        """Of an angle over all states, rad."""
+        weights = np.array(next(c for joints, c in self.angles if "+".join(joints) == factor))
+        angle = np.concatenate([s.context.poses.q for s in self.stands]) @ weights
+        return float(angle.min()), float(angle.max())
 
 
 def motions(model: Model, rows: Rows, x: Array, frames: Sequence[Frame]) -> Motions:
@@ -120,38 +188,31 @@ def motions(model: Model, rows: Rows, x: Array, frames: Sequence[Frame]) -> Moti
     probe = make_model(model.facts, effects, model.parameters, model.tip, markers, model.gravity)
     value = dict(zip(model.names, x, strict=True))
     values = np.array([value.get(p.name, 0.0) for p in probe.parameters])
-    readings, taken = rows.readings, np.flatnonzero(rows.minus >= 0)
-    nothing = np.full_like(readings.minus, -1)
-    plus = _end(probe, replace(rows, readings=replace(readings, minus=nothing)), values, frames)
-    minus = _Ends(*(np.zeros_like(v) for v in (plus.columns, plus.torque, plus.q)))
-    if len(taken):
-        before = replace(rows.take(taken), readings=replace(readings, plus=readings.minus, minus=nothing))
-        known = dict(zip(rows.estimated, frames, strict=True))
-        found = _end(probe, before, values, [known[f] for f in before.estimated])
-        minus.columns[taken], minus.torque[taken], minus.q[taken] = found.columns, found.torque, found.q
-    used, n = np.unique(rows.plus, return_inverse=True)
-    came = np.diff(readings.poses.q[used], axis=0, prepend=readings.poses.q[used[:1]])
+    own = [probe.compliance_rows.index(i) for i in probe.index([p.name for p in Probe().parameters(probe.facts)])]
+    stands, slope = _stands(probe, rows, values, own)
+    readings = rows.readings
+    visited, visit = np.unique(rows.plus, return_inverse=True)
+    came = np.diff(readings.poses.q[visited], axis=0, prepend=readings.poses.q[visited[:1]])
+    recorded = tuple(n for n in _RECORDED if _recorded(rows, n))
     return Motions(
-        places=_places(model.facts),
-        plus=plus,
-        minus=minus,
-        order=np.linspace(-1.0, 1.0, len(used))[n],
-        step=came[n],
-        recorded=tuple((name, _spread(value)) for name, value in _conditions(rows)),
-        marker=rows.marker,
+        rows=rows,
+        frames=tuple(frames),
+        facts=model.facts,
         marker_names=model.marker_names,
+        places=_places(model.facts),
+        stands=stands,
+        plus=_end(rows, rows.plus, stands, slope, frames),
+        minus=_end(rows, rows.minus, stands, slope, frames),
+        step=came[visit],
+        recorded=recorded,
         angles=_angles(model.facts),
-        drives=model.facts.n,
-        sliding=model.facts.sliding,
     )
 
 
-def _end(probe: Model, rows: Rows, values: Array, frames: Sequence[Frame]) -> _Ends:
-    """Of rows that are of one state each."""
-    own = [probe.compliance_rows.index(i) for i in probe.index([p.name for p in Probe().parameters(probe.facts)])]
-    count = len(np.unique(rows.plus))
-    slope = np.empty((count, len(probe.markers), 3, len(own)))
-    torque = np.empty((count, len(own)))
+def _stands(probe: Model, rows: Rows, values: Array, own: Sequence[int]) -> tuple[tuple[Stand, ...], Array]:
+    """The states that rows need, in parts, and how their markers follow the probe's coordinates (S, K, 3, ne)."""
+    out: list[Stand] = []
+    parts: list[tuple[Indices, Array]] = []
     for loaded, which, poses in rows.split():
         first = 0
         for _, part in chunks(poses):
@@ -159,27 +220,74 @@ def _end(probe: Model, rows: Rows, values: Array, frames: Sequence[Frame]) -> _E
             first += len(part)
             stages = evaluate_stages(probe, part, values, preload=True, loaded=loaded)
             assert stages.preload is not None
-            slope[at] = np.stack([m.linear[own] for m in stages.state.markers]).transpose(3, 0, 2, 1)
-            torque[at] = (stages.tau[own] + stages.preload[own]).T
+            markers = stages.state.markers
+            position = np.stack([m.position for m in markers]).transpose(2, 0, 1)
+            rotation = np.stack([stages.state.placed.matrix(m.link) for m in markers], axis=1)
+            torque = (stages.tau[own] + stages.preload[own]).T
+            reading = Reading(position, rotation, probe.marker_names)
+            out.append(Stand(at, Context(probe.facts, part, loaded), torque, reading, _give(stages)))
+            parts.append((at, np.stack([m.linear[own] for m in markers]).transpose(3, 0, 2, 1)))
+    slope = np.empty((sum(len(at) for at, _ in parts), *parts[0][1].shape[1:]))
+    for at, values_there in parts:
+        slope[at] = values_there
+    return tuple(out), slope
+
+
+def _give(stages: Stages) -> Array:
+    """How the markers follow a force at the load point (N, K, 3, 3) m/N, through the springs."""
+    batch = len(stages.poses)
+    columns: list[Array] = []
+    for axis in range(3):
+        wrench = np.zeros((6, batch))
+        wrench[axis] = 1.0
+        eps = stages.compliance[:, None] * wrench_torque(stages.state.tip, wrench)
+        columns.append(np.stack([np.einsum("ecn,en->nc", m.linear, eps) for m in stages.state.markers], axis=1))
+    return np.stack(columns, axis=-1)
+
+
+def _end(rows: Rows, of: Indices, stands: Sequence[Stand], slope: Array, frames: Sequence[Frame]) -> End:
+    """The end of each row at a state of the readings, -1: none."""
+    readings, taken = rows.readings, np.flatnonzero(of >= 0)
+    used = np.unique(np.concatenate([rows.plus, rows.minus[rows.minus >= 0]]))
+    place = np.full(len(of), -1, dtype=np.intp)
+    place[taken] = np.searchsorted(used, of[taken])
+    torque = np.zeros((len(used), slope.shape[-1]))
     positions = np.zeros(slope.shape[:3])
-    if (rows.readings.to[rows.keep] >= 0).any():
-        positions = rows.positions(probe, values, True)
-    _, state = np.unique(rows.plus, return_inverse=True)
-    columns = rows.padded(rows.seen_along(positions, slope, frames))
-    return _Ends(columns, torque[state], rows.readings.poses.q[rows.plus])
+    for stand in stands:
+        torque[stand.which], positions[stand.which] = stand.torque, stand.reading.position
+    columns = np.zeros((len(of), 3, slope.shape[-1]))
+    if len(taken):
+        some = rows.take(taken)
+        alone = replace(
+            some, readings=replace(readings, plus=_put(readings.plus, some.keep, of[taken]), minus=_none(rows))
+        )
+        here = np.unique(alone.plus, return_index=False)
+        at = np.searchsorted(used, here)
+        known = dict(zip(rows.estimated, frames, strict=True))
+        found = alone.seen_along(positions[at], slope[at], [known[f] for f in alone.estimated])
+        columns[taken] = alone.padded(found)
+    none = place[:, None] < 0
+    q = np.where(none, 0.0, readings.poses.q[np.maximum(of, 0)])
+    return End(columns, np.where(none, 0.0, torque[np.maximum(place, 0)]), q, place)
 
 
-def _conditions(rows: Rows) -> Iterator[tuple[Variable, Array]]:
-    names: tuple[Variable, ...] = ("time", "temperature", "approach")
-    for name in names:
-        value = getattr(rows.readings.poses.loaded, name)
-        if value is not None and np.isfinite(value[rows.plus]).all() and np.ptp(value[rows.plus]) > 0.0:
-            yield name, value[rows.plus]
+def _put(plus: Indices, keep: Indices, states: Indices) -> Indices:
+    out = plus.copy()
+    out[keep] = states
+    return out
 
 
-def _spread(value: Array) -> Array:
-    middle = 0.5 * (value.max() + value.min())
-    return (value - middle) / max(float(np.abs(value - middle).max()), 1e-300)
+def _none(rows: Rows) -> Indices:
+    return np.full_like(rows.readings.minus, -1)
+
+
+def _recorded(rows: Rows, name: str) -> bool:
+    """Whether a column was recorded of every state that rows need, and changes."""
+    for loaded, _, poses in rows.split():
+        if getattr(poses.loaded if loaded else poses.unloaded, name) is None:
+            return False
+    value = getattr(rows.readings.poses.loaded, name)
+    return value is not None and np.ptp(value[rows.plus]) > 0.0
 
 
 def _angles(facts: RobotFacts) -> tuple[tuple[tuple[str, ...], tuple[float, ...]], ...]:
@@ -202,75 +310,162 @@ def _angles(facts: RobotFacts) -> tuple[tuple[tuple[str, ...], tuple[float, ...]
 
 
 def _places(facts: RobotFacts) -> tuple[Place, ...]:
-    n = facts.n
-    drives = [Place("drive", joint, (k,), k) for k, joint in enumerate(facts.joints)]
-    links = [Place("link", link, tuple(n + 3 * i + a for a in range(3))) for i, link in enumerate(facts.links)]
-    last = n + 3 * len(facts.links)
-    ends = [
-        Place("shift", facts.base, tuple(range(last, last + 3))),
-        Place("shift", facts.flange, tuple(range(last + 3, last + 6))),
-    ]
-    return (*drives, *links, *ends)
+    n, out, at = facts.n, list[Place](), 0
+    for k, joint in enumerate(facts.joints):
+        others = tuple(facts.joint_index(j) for j in facts.driven if j != joint)
+        out.append(Place("drive", joint, (k,), k, joint, others))
+    for i, link in enumerate(facts.links):
+        at = n + 3 * i
+        out.append(Place("link", link, (at, at + 1, at + 2), own=facts.joints[i - 1] if i else None))
+    at += 3
+    for end, turns in ((facts.base, n), (facts.flange, n + 3 * n)):
+        moments = (turns, turns + 1, turns + 2)
+        own = facts.joints[-1] if end == facts.flange else None
+        out.append(Place("shift", end, (at, at + 1, at + 2), own=own, others=moments))
+        at += 3
+    for joint in facts.joints:
+        count = len(_tilts(facts, joint))
+        if count:
+            out.append(Place("bearing", joint, tuple(range(at, at + count)), own=joint))
+        at += count
+    return tuple(out)
+
+
+_ROLE = "learned"
+"""Of the effects that laws are; each says of which parts."""
 
 
 def generic_blocks(moved: Motions) -> Iterator[Block]:
     """Every block, place by place."""
-    plus, minus = moved.plus, moved.minus
     for place in moved.places:
-        at = list(place.coordinates)
-        ends = [(end.columns[..., at], end.torque[:, at] / moved.scale(at), end.q) for end in (plus, minus)]
-        (D, t, q), (_, before, q0) = ends
-        ones = np.ones((len(D), len(at), 1))
-        if np.any(t) or np.any(before):
-            yield _block(Law(place.part, place.name, "torque"), ends, by_torque(t), by_torque(before))
-            for joints, coefficients in moved.angles:
-                bends = [u[..., None] * circular(a @ coefficients)[:, None] for u, a in ((t, q), (before, q0))]
-                yield _block(Law(place.part, place.name, "angle", joints), ends, *bends)
-            others = [i for i in (range(moved.drives) if len(at) == 1 else at) if i not in at[: len(at) == 1]]
-            turned = [(end.torque[:, others] / moved.size[others])[:, None, :] * ones for end in (plus, minus)]
-            yield _block(Law(place.part, place.name, "others"), ends, *turned)
-        yield _block(Law(place.part, place.name, "order"), ends, *_with_torque(moved.order, t, before))
+        for by in _of_springs(moved, place):
+            law = Law(place.part, place.name, by)
+            effect = _learned(moved, law, place.name, scale=moved.scale(place.coordinates), place=place)
+            if effect is not None:
+                yield Block(law, moved.spring_columns(place, effect), effect)
         if place.joint is not None:
-            came = moved.step[:, place.joint, None, None]
-            turned = [] if moved.sliding[place.joint] else [np.sin(came), np.cos(came)]
-            sides = np.concatenate([np.sign(came), *turned], axis=2)
-            yield _block(Law(place.part, place.name, "step"), ends, sides)
-        yield _block(Law(place.part, place.name, "constant"), ends, ones)
-        for name, value in moved.recorded:
-            yield _block(Law(place.part, place.name, name), ends, *_with_torque(value, t, before))
-    yield from _readings(moved)
-    yield from _markers(moved)
+            yield _step(moved, place)
+    for law, at in _of_readings(moved):
+        effect = _learned(moved, law, at, scale=_largest_force(moved))
+        if effect is not None:
+            yield Block(law, moved.seen_columns([effect.shapes(s.reading, s.context) for s in moved.stands]), effect)
+    if _largest_force(moved) > 0.0:
+        for by in (("force",), ("direction",), ("order",)):
+            law = Law("load", "tool", by)
+            effect = _learned(moved, law, "tool", scale=_largest_force(moved))
+            if effect is not None:
+                yield Block(law, moved.seen_columns([_forced(effect, s) for s in moved.stands]), effect)
 
 
-def _block(law: Law, ends: Sequence[tuple[Array, Array, Array]], f: Array, before: Array | None = None) -> Block:
-    """Each coordinate's columns (R, 3, c) times functions f (R, c, k) of the state, less `before` of the other one."""
-    (D, _, _), (D0, _, _) = ends
-    columns = D[..., None] * f[:, None]
-    if before is not None:
-        columns = columns - D0[..., None] * before[:, None]
-    return Block(law, columns.reshape(3 * len(D), -1))
+def _forced(effect: Any, stand: Stand) -> Array:
+    """What the weights of a law of the load do to the markers (s, K, 3, p) m."""
+    context = stand.context
+    none = np.broadcast_to(np.eye(3), (len(context), 3, 3))
+    shapes = effect.shapes(Loads(context.poses.wrench * float(context.loaded), none, context.robot.moments), context)
+    return np.asarray(np.einsum("nkij,njp->nkip", stand.give, shapes))
 
 
-def _with_torque(value: Array, t: Array, before: Array) -> tuple[Array, Array]:
-    """A variable (R,) of the later state by itself, and times the torques (R, c) of both states."""
-    v = value[:, None]
-    return np.stack([v * np.ones_like(t), v * t], axis=2), np.stack([np.zeros_like(t), v * before], axis=2)
+def _of_springs(moved: Motions, place: Place) -> Iterator[tuple[str, ...]]:
+    """On what an extra motion at a place may depend."""
+    own = ["+".join(joints) for joints, _ in moved.angles if place.own in joints]
+    on = ["loaded", *(["always"] if moved.alone else [])]
+    if any(np.any(s.torque[:, list(place.coordinates)]) for s in moved.stands):
+        yield ("torque",)
+        for joints, _ in moved.angles:
+            yield ("+".join(joints),)
+        for angle in own:
+            yield ("torque", angle)
+        for angle in _beside(moved, place):
+            yield place.own or "", angle
+        yield ("moment",) if place.part == "shift" else ("others",)
+        if place.name != moved.facts.base:
+            yield ("attitude",)
+        yield ("order",)
+        for name in moved.recorded:
+            yield (name,)
+    for state in on:
+        yield (state,)
+        yield state, "order"
+        for name in moved.recorded:
+            yield state, name
+        for angle in own if place.part == "drive" else ():
+            yield state, angle
 
 
-def _readings(moved: Motions) -> Iterator[Block]:
-    """All readings move alike, along the axes of the base."""
-    seen = np.broadcast_to(np.eye(3), (len(moved.marker), 3, 3))
-    for joints, coefficients in moved.angles:
-        bends = circular(moved.plus.q @ coefficients)[:, None, None, 1:]
-        yield Block(Law("readings", "", "angle", joints), (seen[..., None] * bends).reshape(3 * len(seen), -1))
-    yield Block(Law("readings", "", "order"), (seen * moved.order[:, None, None]).reshape(-1, 3))
-
-
-def _markers(moved: Motions) -> Iterator[Block]:
-    """One marker moves in its mount while the others stay."""
-    if len(moved.marker_names) < 2:
+def _beside(moved: Motions, place: Place) -> Iterator[str]:
+    """The joints before and after a place's own."""
+    turning = [joints[0] for joints, _ in moved.angles if len(joints) == 1]
+    if place.own is None or place.part == "shift" or place.own not in turning:
         return
-    for k, name in enumerate(moved.marker_names):
-        own = (moved.marker == k).astype(float)[:, None, None] * np.eye(3)
-        drift = own * moved.order[:, None, None]
-        yield Block(Law("marker", name, "order"), np.concatenate([own, drift], axis=2).reshape(-1, 6))
+    k = moved.facts.joint_index(place.own)
+    for other in (k - 1, k + 1):
+        if 0 <= other < moved.facts.n and moved.facts.joints[other] in turning:
+            yield moved.facts.joints[other]
+
+
+def _of_readings(moved: Motions) -> Iterator[tuple[Law, str]]:
+    """Laws of all readings, and of one marker while the others stay; and where they act."""
+    on = ["loaded", *(["always"] if moved.alone else [])]
+    force = [("force",)] if _largest_force(moved) > 0.0 else []
+    for state in on:
+        for joints, _ in moved.angles:
+            yield Law("readings", "", (state, "+".join(joints))), "all"
+        yield Law("readings", "", (state, "order")), "all"
+    for by in force:
+        yield Law("readings", "", by), "all"
+    for marker in moved.marker_names if len(moved.marker_names) > 1 else ():
+        for state in on:
+            yield Law("marker", marker, (state, "order")), marker
+            yield Law("marker", marker, (state, "attitude")), marker
+        for by in (("loaded",), *force):
+            yield Law("marker", marker, by), marker
+
+
+def _largest_force(moved: Motions) -> float:
+    """N, of the load in any state."""
+    loaded = [s.context.poses.wrench[:, :3] for s in moved.stands if s.context.loaded]
+    return max((float(np.linalg.norm(f, axis=1).max(initial=0.0)) for f in loaded), default=0.0)
+
+
+def _learned(moved: Motions, law: Law, at: str, *, scale: float, place: Place | None = None) -> Any:
+    """The effect that a law is, with the range that the readings have of what it depends on; None where none can be."""
+    settings: dict[str, Any] = {} if scale <= 0.0 else {"scale": scale}
+    if law.part == "link":
+        settings |= {"part": "link"}
+    if place is not None and "torque" in law.by:
+        torque = np.concatenate([s.torque[:, list(place.coordinates)] for s in moved.stands])
+        settings |= {"lowest": float(torque.min()), "highest": float(torque.max())}
+    if law.part == "load" and "force" in law.by:
+        size = [np.linalg.norm(s.context.poses.wrench[:, :3], axis=1) for s in moved.stands if s.context.loaded]
+        settings |= {"lowest": float(np.concatenate(size).min()), "highest": scale}
+    for k, factor in enumerate(law.angles):
+        low, high = moved.angle_range(factor)
+        settings |= {f"{'other' if k else 'angle'}_from": low, f"{'other' if k else 'angle'}_to": high}
+        weights = next(c for joints, c in moved.angles if "+".join(joints) == factor)
+        if k == 0 and "+" in factor:
+            settings |= {"signs": "".join("+" if w > 0.0 else "-" for w in weights if w != 0.0)}
+    if "order" in law.by:
+        settings |= {"first": 0.0, "last": 1.0}
+    for name in _RECORDED:
+        if name in law.by:
+            value = np.asarray(getattr(moved.rows.readings.poses.loaded, name))[moved.rows.plus]
+            settings |= {"first": float(value.min()), "last": float(value.max())}
+    kind = next((k for k in registry().values() if k.role == _ROLE and law.part in getattr(k, "parts", ())), None)
+    if kind is None:
+        return None
+    effect: Any = cast("Any", kind)(at=at, by="*".join(law.by), **settings)
+    try:
+        effect.require_fit(moved.facts)
+    except InputError:
+        return None
+    return effect
+
+
+def _step(moved: Motions, place: Place) -> Block:
+    """A drive stands otherwise by the side from which, and how far, its joint came: no plan has the visit before."""
+    assert place.joint is not None
+    came = moved.step[:, place.joint, None, None]
+    turned = [] if moved.facts.sliding[place.joint] else [np.sin(came), np.cos(came)]
+    sides = np.concatenate([np.sign(came), *turned], axis=2)
+    columns = moved.plus.columns[..., list(place.coordinates)][..., None] * sides[:, None]
+    return Block(Law("drive", place.name, ("step",)), np.asarray(columns.reshape(3 * len(columns), -1)))

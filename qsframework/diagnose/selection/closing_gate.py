@@ -28,7 +28,7 @@ _LEAST = 6.2
 """Nats from which on something is left, whatever the draws of plain noise say: real noise has tails and grows."""
 _BEATS = 3.0
 """Nats by which a block that holds a name may be better."""
-_FAR_BETTER = 10.0
+_FAR_BETTER = 5.0
 """Nats by which a block must be better to stand alone in the place of a name."""
 
 

@@ -4,58 +4,64 @@ from __future__ import annotations
 
 from qsframework.diagnose.law import Law
 
-_VARIABLES = {
+_FACTORS = {
     "torque": "the torque there",
     "others": "the torque about other axes",
+    "moment": "the moments there",
+    "attitude": "where gravity points",
     "order": "the order of the readings",
     "step": "where the joint came from",
-    "constant": "nothing (a constant)",
     "time": "the time",
     "temperature": "the temperature",
     "approach": "the side of approach",
+    "force": "the force of the load",
+    "direction": "the direction of the load",
+    "always": "nothing (a constant)",
 }
-_HOW = {
-    "constant": "by a constant amount",
-    "order": "in the course of the readings",
-    "step": "with the side that the joint came from",
-    "torque": "with the torque there",
+_STATES = ("loaded", "always")
+_HOW: dict[tuple[str, ...], str] = {
+    ("loaded",): "by a constant amount once a load hangs",
+    ("always",): "by a constant amount",
+    ("step",): "with the side that the joint came from",
+    ("torque",): "with the torque there",
 }
-
 _UNLEARNED = {
     "step": "It needs the pose before, which no plan has: no law of it is learned. Record the side of approach.",
-    "constant": "A constant is a parameter of the geometry there: fit that.",
-    "others": "It couples axes: a law of one spring cannot hold it, only an effect that couples them.",
 }
 
 
 def place_words(law: Law) -> str:
-    """Where it is: `the drive of joint_1`, `link_2`, `marker m1`, `all readings`."""
-    if law.part == "drive":
-        return f"the drive of {law.place}"
+    """Where it is: `the drive of joint_1`, `the bearing of joint_4`, `link_2`, `marker m1`, `all readings`."""
+    if law.part in ("drive", "bearing"):
+        return f"the {law.part} of {law.place}"
     if law.part == "marker":
         return f"marker {law.place}"
     if law.part == "readings":
         return "all readings"
-    return law.place
+    return "the load" if law.part == "load" else law.place
 
 
 def variable_words(law: Law) -> str:
     """On what it depends."""
-    if law.joints:
-        return f"the angle of {' and '.join(law.joints)}{' together' if law.joints[1:] else ''}"
-    return _VARIABLES[law.variable]
+    said = [_angle_words(f) if f in law.angles else _FACTORS[f] for f in law.by if f not in _STATES]
+    if not said:
+        return "whether a load hangs" if law.by == ("loaded",) else _FACTORS["always"]
+    return " and ".join(said) + (" (once a load hangs)" if "loaded" in law.by else "")
+
+
+def _angle_words(factor: str) -> str:
+    joints = factor.split("+")
+    return f"the angle of {' and '.join(joints)}{' together' if joints[1:] else ''}"
 
 
 def moving_words(law: Law) -> str:
     """That something moves, and with what."""
-    how = _HOW.get(law.variable) or f"with {variable_words(law)}"
+    how = _HOW.get(law.by) or f"with {variable_words(law)}"
+    if law.part == "load":
+        return f"the load differs from what was said {how}"
     return f"all readings move {how}" if law.part == "readings" else f"something moves {place_words(law)} {how}"
 
 
 def unlearned_words(law: Law) -> str:
     """Why a law cannot be an effect of the arm; empty where it can."""
-    if law.part == "marker":
-        return "It belongs to the marker's mount and not to the arm: no law of it is learned or extended."
-    if law.part == "readings":
-        return "It belongs to the instrument or its place and not to the arm: no law of it is learned or extended."
-    return _UNLEARNED.get(law.variable, "")
+    return next((_UNLEARNED[f] for f in law.by if f in _UNLEARNED), "")

@@ -91,20 +91,25 @@ def _leftover(found: Diagnosis) -> Iterator[Step]:
 
 def _trial(law: Law, loaded: bool) -> tuple[str, str]:
     """What to vary, and what is told then, of a law that nobody has written; loaded: whether any load was hung on."""
-    of = "what all readings share" if law.part == "readings" else f"the motion of {place_words(law)}"
+    of = {"readings": "what all readings share", "load": "the load"}.get(law.part, f"the motion of {place_words(law)}")
     load = "Measure some poses under half the load and under the opposite one" if loaded else "Add a weight at 6 poses"
     if law.joints:
         alone = f"{' or '.join(law.joints)} alone turns"
         return f"Measure 6 more poses in which {alone}", f"how {of} follows it"
     known = {
         "torque": (load, f"how {of} follows the load"),
+        "force": (load, f"how {of} follows its size"),
+        "direction": ("Pull in other directions at 6 poses", f"how {of} follows the direction"),
+        "moment": (load, f"how {of} follows the load"),
         "others": ("Add a side pull at 6 poses", f"which torque causes {of}"),
         "order": ("Measure the first poses again at the end", f"a drift from {of} by the load"),
         "step": ("Approach some poses from both sides", f"friction or play from {of} by the load"),
-        "constant": ("Take some unloaded readings twice", f"an offset of these readings from {of}"),
+        "loaded": ("Take some unloaded readings twice", f"an offset of these readings from {of}"),
+        "always": ("Take some unloaded readings twice", f"an offset of these readings from {of}"),
     }
     more = f"Measure 6 more poses that differ in {variable_words(law)}"
-    return known.get(law.variable, (more, f"how {of} follows it"))
+    first = next((f for f in law.by if f not in ("loaded", "always")), law.by[0])
+    return known.get(first, (more, f"how {of} follows it"))
 
 
 def _unsure(found: Diagnosis) -> Iterator[Step]:

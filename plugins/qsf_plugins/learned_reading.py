@@ -1,0 +1,100 @@
+"""A marker, or all that the instrument reads, moves by a law that readings taught."""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from qsf_plugins.dependence import Dependence
+from qsf_plugins.learned import require_whole
+from qsframework.plugin import (
+    Array,
+    Context,
+    InputError,
+    Parameter,
+    Problem,
+    Range,
+    Reading,
+    RobotFacts,
+    Sensor,
+    SensorTerm,
+    setting,
+)
+
+OWN = ("force",)
+
+
+@dataclass(frozen=True)
+class LearnedReading(Dependence, Sensor):
+    """A marker shifts, or all readings do, by a smooth law learned from them; beyond what they saw it stays constant.
+
+    `at`: a marker, which shifts in its link's frame, or `all`, which shift along the axes of the base. A further
+    factor of `by` is `force`: the components of the load, in units of `scale`, along the same axes.
+    """
+
+    _: KW_ONLY
+    scale: float = setting("N", 1.0)
+    prior: float = setting("m", 0.0)
+    """sd by which a fit holds each weight to zero, as the evidence chose it; 0: nothing holds them."""
+    order = 0
+    by_state = True
+    role = "learned"
+    parts: ClassVar[tuple[str, ...]] = ("marker", "readings")
+    equation = "p = p_0 + A sum w_i f_i(angles, attitude, order, force)"
+    source = "learned from readings by qsf diagnose, as learned"
+    check = "What this reflector sits on, or what the instrument stands on."
+
+    def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        count = self.width(OWN) * (3 if "force" in self.factors else 1)
+        names = [f"{self.name}.{axis}.w{i}" for axis in "xyz" for i in range(1, count + 1)]
+        return tuple(Parameter(n, "m", typical=self.prior or 5e-4, pull=self.prior or None) for n in names)
+
+    def validate(self, robot: RobotFacts) -> None:
+        problems = list(self.problems(robot, OWN))
+        if self.prior < 0.0 or not self.scale > 0.0:
+            problems.append(Problem(f"{self.name}: scale must be above 0, prior not negative"))
+        if self.at == "all" and "attitude" in self.factors:
+            problems.append(Problem(f"{self.name}: the attitude is that of a marker's link", found="at: all"))
+        if problems:
+            raise InputError(problems)
+
+    def validate_values(self, x: Array, robot: RobotFacts) -> None:
+        require_whole(self.name, self.parameters(robot), x)
+
+    def read(self, reading: Reading, x: Array, context: Context) -> SensorTerm:
+        dx = self.shapes(reading, context)
+        position = reading.position + dx @ x
+        if {"attitude", "force"} & set(self.factors) or np.iscomplexobj(position):
+            return SensorTerm(position, dx=dx)
+        same = np.broadcast_to(np.eye(3), (*reading.position.shape, 3))
+        turned = None
+        if self.at != "all":
+            turned = -_cross(position - reading.position)
+        return SensorTerm(position, same, dx, turned)
+
+    def shapes(self, reading: Reading, context: Context) -> Array:
+        """What each weight adds (N, k, 3, p) to the k markers' positions, base frame."""
+        batch, count = reading.position.shape[:2]
+        first = 0 if self.at == "all" else reading.index(self.at, self.name)
+        own = np.array([float(self.at == "all" or i == first) for i in range(count)])
+        along = np.broadcast_to(np.eye(3), reading.rotation[:, first].shape)
+        axes = along if self.at == "all" else reading.rotation[:, first]
+        lead = np.ones((batch, 1))
+        if "force" in self.factors:
+            lead = np.einsum("nji,nj->ni", axes, context.poses.wrench[:, :3]) / self.scale * float(context.loaded)
+        gravity = context.robot.gravity / (np.linalg.norm(context.robot.gravity) or 1.0)
+        functions = self.product(lead, OWN, context, lambda: np.einsum("nji,j->ni", axes, gravity))
+        moved = (axes[:, :, :, None] * functions[:, None, None, :]).reshape(batch, 3, -1)
+        return np.asarray(own[:, None, None] * moved[:, None])
+
+    def ranges(self, torque: Array, context: Context) -> tuple[Range, ...]:
+        return tuple(self.seen(OWN, context))
+
+
+def _cross(v: Array) -> Array:
+    """Matrices (..., 3, 3) of v x."""
+    x, y, z = np.moveaxis(v, -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*v.shape, 3)

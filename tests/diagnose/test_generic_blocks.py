@@ -1,0 +1,58 @@
+"""What a generic block says of the readings is what the model says with the law's effect in it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qsframework.diagnose.learn import effects_of
+from qsframework.diagnose.linearization.candidates import Cause
+from qsframework.diagnose.linearization.columns import make_case
+from qsframework.diagnose.linearization.generic_blocks import Block, generic_blocks, motions
+from qsframework.diagnose.selection.exact_refit import Settled, settle_fit
+from qsframework.experiment import Experiment, Rows, load_experiment, make_rows, read_readings
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+from independent import Campaign, Setting, noisy, write_campaign
+from independent_arm import COILED, LOOP, SEVEN, Arm, Hidden
+
+_SAME = 2e-2
+"""Share of a column: the blocks stand at the commanded pose, markers and loads at the one that is reached."""
+
+
+def blocks(arm: Arm, kind: str, folder: Path) -> tuple[Experiment, Rows, Settled, list[Block]]:
+    day = Campaign(Setting(arm, poses=8, kind=kind, loads="many", recorded=True, fit="springs"))
+    experiment = load_experiment(write_campaign(day, noisy(day, day.clean(Hidden())), folder))
+    rows = make_rows(read_readings(experiment.data, experiment))
+    model = experiment.model()
+    fit = settle_fit(model, rows, experiment.fit_names(), model.nominal)
+    return experiment, rows, fit, list(generic_blocks(motions(model, rows, fit.x, fit.frames)))
+
+
+@pytest.mark.parametrize(("arm", "kind"), [(COILED, "displacements"), (LOOP, "displacements"), (SEVEN, "positions")])
+def test_every_block_is_what_its_effect_does(arm: Arm, kind: str, tmp_path: Path) -> None:
+    experiment, rows, fit, found = blocks(arm, kind, tmp_path)
+    parts = {b.law.part for b in found}
+    assert parts == {"drive", "bearing", "link", "shift", "marker", "readings", "load"}
+    assert {f for b in found for f in b.law.by if f not in b.law.angles} >= {"torque", "others", "moment", "attitude"}
+    tried = [b for b in found if b.effect is not None][:: 5 if kind == "displacements" else 9]
+    off: dict[str, float] = {}
+    for block in tried:
+        effects = effects_of(fit.model, block.effect)
+        cause = Cause(block.law.name, effects, effects[-1].parameters(fit.model.facts), False)
+        case = make_case(experiment, rows, fit.names, [cause], fit.by_name(), fit.residuals, fit.frames)
+        own = case.metres(0) / np.array(cause.sizes)
+        assert own.shape == block.columns.shape, block.law.name
+        off[block.law.name] = float(np.abs(own - block.columns).max()) / max(float(np.abs(own).max()), 1e-300)
+    assert len(tried) > 40
+    assert {n: v for n, v in off.items() if v > _SAME} == {}
+
+
+def test_what_a_law_needs_of_the_visit_before_is_no_effect(tmp_path: Path) -> None:
+    *_, found = blocks(COILED, "displacements", tmp_path)
+    alone = [b for b in found if b.effect is None]
+    assert {b.law.by for b in alone} == {("step",)}
+    assert len(alone) == len(COILED.links)
