@@ -25,7 +25,7 @@ from qsframework.design import Wish, design
 from qsframework.experiment import example, load_experiment
 from qsframework.forecast.power import foresee
 from qsframework.robot import load_robot
-from qsframework.work import InProcess, Local, Work, run
+from qsframework.work import Local, Work, run
 
 Array = np.ndarray
 
@@ -70,13 +70,13 @@ def main() -> None:
         found = set()
         for spread in [False, True] * (given.runs + 1):  # the first round loads libraries and is left out
             start = time.perf_counter()
-            found.add(hashlib.sha256(job(Work(local if spread else InProcess()))).hexdigest())
+            found.add(hashlib.sha256(job(Work(local if spread else None))).hexdigest())
             times[spread].append(time.perf_counter() - start)
         one, two = (statistics.median(times[spread][1:]) for spread in (False, True))
         print(
             f"| {name} | {one:.2f} | {two:.2f} | {one / two:.2f} | {'yes' if len(found) == 1 else 'NO'} |", flush=True
         )
-    local.close()
+    local.shutdown()
 
 
 if __name__ == "__main__":

@@ -37,7 +37,7 @@ class Where:
 @contextmanager
 def at_work(where: Where, job: Callable[[], dict[str, str]]) -> Generator[Work, None, None]:
     """The executor and the checkpoint, let go of in the end. job: what the results depend on."""
-    from qsframework.work import Checkpoint, Dask, InProcess, Local, Work
+    from qsframework.work import Checkpoint, Dask, Local, Work
 
     if where.dask is not None and where.jobs != 1:
         raise InputError("--jobs is for this machine, --dask for a cluster; give one of them")
@@ -47,10 +47,9 @@ def at_work(where: Where, job: Callable[[], dict[str, str]]) -> Generator[Work, 
             checkpoint = stack.enter_context(Checkpoint(where.checkpoint, job()))
             if checkpoint.loaded:
                 print(f"checkpoint: {where.checkpoint} holds {checkpoint.loaded} results", file=sys.stderr)
-        executor = InProcess() if where.jobs == 1 else Local(where.jobs)
-        if where.dask is not None:
-            executor = Dask(where.dask)
-        stack.callback(executor.close)
+        executor = None
+        if where.dask is not None or where.jobs != 1:
+            executor = stack.enter_context(Local(where.jobs) if where.dask is None else Dask(where.dask))
         yield Work(executor, checkpoint)
 
 

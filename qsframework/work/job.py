@@ -2,53 +2,83 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
+import io
+import pickle
 import sys
 from collections.abc import Iterable, Mapping
 from importlib.metadata import entry_points, version
 from importlib.util import find_spec
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PurePath
+from types import FunctionType, MappingProxyType
+from typing import Any, cast
+
+import numpy as np
 
 from qsframework.files import sha256
-from qsframework.work.carry import value_hash
-
-_LIBRARIES = ("numpy", "scipy", "pin")
 
 
 def job_of(
     command: str, options: Mapping[str, Any], values: Mapping[str, Any], files: Iterable[Path] = ()
 ) -> dict[str, str]:
-    """The parts of a job for the head of its checkpoint.
-
-    options: plain values, said as they are where two jobs differ; values: of anything loaded, by its hash
-    """
-    parts = {"command": command}
-    parts |= {name: str(value) for name, value in options.items()}
-    parts |= {name: value_hash(value) for name, value in values.items()}
-    parts |= {f"file {path.name}": sha256(path) for path in files}
-    return parts | versions()
+    """The parts of a job: options, said as they are where two jobs differ; anything loaded and files, by their hash."""
+    parts = {"command": command} | {name: str(value) for name, value in options.items()}
+    parts |= {name: _hash_of(value) for name, value in values.items()}
+    return parts | {f"file {path.name}": sha256(path) for path in files} | versions()
 
 
+@functools.cache
 def versions() -> dict[str, str]:
-    """What computes: Python, the libraries, this package's own code, and third parties' effects."""
-    here = {"python": ".".join(map(str, sys.version_info[:3]))} | {name: version(name) for name in _LIBRARIES}
-    here["qsframework"] = f"{version('qsframework')} {code_hash()[:16]}"
-    others = {e.dist.name: e.dist.version for e in entry_points(group="qsframework.effects") if e.dist is not None}
-    others.pop("qsframework", None)
-    return here | {name: others[name] for name in sorted(others)}
-
-
-def code_hash() -> str:
-    """Hash of the sources of the package and its physics."""
-    specs = [find_spec(name) for name in ("qsframework", "qsf_plugins")]
-    folders = [Path(place) for spec in specs if spec for place in (spec.submodule_search_locations or ())[:1]]
-    return hashlib.sha256("".join(folder_hash(f, "*.py") for f in folders).encode()).hexdigest()
-
-
-def folder_hash(folder: Path, pattern: str = "*") -> str:
-    """Hash of the names and contents of the files in a folder."""
+    """What computes: Python, the libraries, third parties' effects, and this package's own sources."""
+    found = {e.dist.name: e.dist.version for e in entry_points(group="qsframework.effects") if e.dist is not None}
+    found |= {name: version(name) for name in ("numpy", "scipy", "pin", "qsframework")}
     digest = hashlib.sha256()
-    for path in sorted(p for p in folder.rglob(pattern) if p.is_file() and "__pycache__" not in p.parts):
-        digest.update(f"{path.relative_to(folder).as_posix()} {sha256(path)}\n".encode())
-    return digest.hexdigest()
+    for spec in filter(None, map(find_spec, ("qsframework", "qsf_plugins"))):
+        folder = Path((spec.submodule_search_locations or ["."])[0])
+        for path in sorted(folder.rglob("*.py")):
+            digest.update(f"{path.relative_to(folder).as_posix()} {sha256(path)}\n".encode())
+    found["qsframework"] += f" {digest.hexdigest()[:16]}"
+    return {"python": ".".join(map(str, sys.version_info[:3]))} | dict(sorted(found.items()))
+
+
+def differences(there: Mapping[str, str], here: Mapping[str, str]) -> str:
+    """The parts in which two jobs differ, in words; empty where they are the same."""
+    both = ((n, there.get(n, "nothing"), here.get(n, "nothing")) for n in dict.fromkeys([*here, *there]))
+    short = ((n, *(t if len(t) <= 40 else f"{t[:12]}..." for t in pair)) for n, *pair in both if pair[0] != pair[1])
+    return "; ".join(f"{n}: {a} there, {b} here" for n, a, b in short)
+
+
+def _value(*content: Any) -> tuple[Any, ...]:
+    return content
+
+
+class _Hasher(pickle.Pickler):
+    """Bytes to hash: what a value says, not how it came about, nor the folder that its files lie in."""
+
+    def reducer_override(self, obj: Any) -> Any:
+        made = cast(Any, type(obj))
+        if made is np.ndarray:
+            says: Any = (obj.dtype.str, obj.shape, obj.tobytes())
+        elif isinstance(obj, PurePath):
+            says = obj.name
+        elif made is MappingProxyType:
+            says = dict(obj)
+        elif isinstance(obj, set | frozenset):
+            says = sorted(map(repr, cast(set[Any], obj)))
+        elif hasattr(obj, "__dict__") and not isinstance(obj, type | FunctionType):
+            cached = functools.cached_property  # what a value has worked out meanwhile is not what it says
+            held = cast(dict[str, Any], vars(obj))
+            says = [(k, v) for k, v in sorted(held.items()) if not isinstance(getattr(made, k, None), cached)]
+        else:
+            return NotImplemented
+        return _value, (f"{made.__module__}.{made.__qualname__}", says)
+
+
+def _hash_of(value: Any) -> str:
+    """Hash of all that a value holds, the same in every process and every folder."""
+    stream = io.BytesIO()
+    hasher = _Hasher(stream, protocol=5)
+    hasher.fast = True  # equal values in two places, or one value in both, are the same
+    hasher.dump(value)
+    return hashlib.sha256(stream.getvalue()).hexdigest()

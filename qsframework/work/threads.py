@@ -6,11 +6,7 @@ import functools
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
-
-if TYPE_CHECKING:
-    from threadpoolctl import ThreadpoolController
-
+from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -33,7 +29,7 @@ def single_thread() -> AbstractContextManager[Any]:
 
 
 @functools.lru_cache(maxsize=1)
-def _controller(modules: int) -> ThreadpoolController:
+def _controller(modules: int) -> Any:
     """The loaded linear algebra, looked up again (5 ms) whenever a module has been imported since."""
     from threadpoolctl import ThreadpoolController
 

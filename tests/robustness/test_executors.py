@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import itertools
 import os
+import shutil
 import signal
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,10 +22,11 @@ from long_tasks import bits, die, refuse, shared, spectrum, tasks, too_late, who
 from qsframework.design import Wish, design
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment
-from qsframework.work import Dask, InProcess, Local, Work, WorkerLost, run
+from qsframework.work import Dask, Local, Work, WorkerLost, run
 from qsframework.work.carry import pack, unpack
 
 HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
 COUNT = 12
 
 
@@ -36,7 +39,7 @@ def wanted() -> bytes:
 def local() -> Iterator[Local]:
     executor = Local(2)
     yield executor
-    executor.close()
+    executor.shutdown()
 
 
 def test_seeds_make_the_tasks_differ(wanted: bytes) -> None:
@@ -55,8 +58,6 @@ def test_arrays_with_gaps_lie_the_same_in_a_worker() -> None:
     for made, given in ((column, wide[:, 3]), (block, wide[::2, 1:6:2]), (turned, wide.T)):
         assert made.strides == given.strides
         assert np.array_equal(made, given)
-    (back,) = InProcess().map(lambda shared, task: shared[:, task], wide, [2])
-    assert not back.flags.forc
     assert next(run(lambda shared, task: shared[:, task], wide, [2])).flags.forc
 
 
@@ -78,11 +79,11 @@ def test_tasks_are_taken_only_as_they_are_needed(local: Local) -> None:
 def test_workers_with_tasks_that_were_called_back_end_without_a_word(wanted: bytes) -> None:
     """loky's thread once died of the first such task, with a traceback, and the processes lived on."""
     local = Local(2)
-    given = [local._workers().submit(whose, 0.2, task) for task in range(30)]
+    given = [local.submit(whose, 0.2, task) for task in range(30)]
     assert all(future.cancel() for future in given[15:])
-    local.close()
+    local.shutdown()
     assert bits(run(spectrum, shared(), tasks(COUNT), local)) == wanted
-    local.close()
+    local.shutdown()
 
 
 def test_a_task_s_error_arrives_as_it_was_raised(local: Local) -> None:
@@ -132,7 +133,7 @@ def test_one_thread_of_linear_algebra_inside_a_task() -> None:
         return [lib["num_threads"] for lib in threadpool_info() if lib["user_api"] == "blas"]
 
     with threadpool_limits(2):
-        inside = list(InProcess().map(threads, None, range(2)))[1]
+        inside = list(run(threads, None, range(2)))[1]
         outside = threads(None, 0)
     assert set(inside) == {1}
     assert max(outside) == min(2, os.cpu_count() or 1)
@@ -146,6 +147,7 @@ class Cluster:
     """A scheduler and its workers, in processes of their own."""
 
     address: str
+    scheduler: subprocess.Popen[bytes]
     workers: list[subprocess.Popen[bytes]]
 
 
@@ -155,39 +157,21 @@ def free_port() -> int:
         return int(s.getsockname()[1])
 
 
-def started(folder: Path, *command: str) -> subprocess.Popen[bytes]:
-    environment = os.environ | {"PYTHONPATH": str(HERE), "OPENBLAS_NUM_THREADS": "1"}
-    with open(os.devnull, "w") as nowhere:
-        return subprocess.Popen(
-            [sys.executable, "-m", "dask", *command], stdout=nowhere, stderr=nowhere, cwd=folder, env=environment
-        )
+def started(folder: Path, path: str, *command: str) -> subprocess.Popen[bytes]:
+    environment = os.environ | {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1"}
+    whole = [sys.executable, "-m", "dask", *command, "--host", "127.0.0.1", "--no-dashboard"]
+    return subprocess.Popen(whole, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=folder, env=environment)
 
 
-@pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[Cluster]:
-    """A scheduler and two workers on this machine, which end with the test whatever happens."""
+@contextmanager
+def clustered(folder: Path, workers: int = 2, path: str = str(HERE)) -> Iterator[Cluster]:
+    """A scheduler and workers on this machine, which end with the test whatever happens."""
     address = f"tcp://127.0.0.1:{free_port()}"
-    port = address.rsplit(":", 1)[1]
-    processes = [started(tmp_path, "scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard", "--no-show")]
-    worker = (
-        "worker",
-        address,
-        "--host",
-        "127.0.0.1",
-        "--nthreads",
-        "1",
-        "--no-nanny",
-        "--no-dashboard",
-        "--memory-limit",
-        "0",
-        "--death-timeout",
-        "90",
-        "--local-directory",
-        str(tmp_path),
-    )
+    end = f"--nthreads 1 --no-nanny --memory-limit 0 --death-timeout 90 --local-directory {folder}".split()
+    processes = [started(folder, str(HERE), "scheduler", "--port", address.rsplit(":", 1)[1], "--no-show")]
     try:
-        processes += [started(tmp_path, *worker, "--name", f"w{k}") for k in range(2)]
-        yield Cluster(address, processes[1:])
+        processes += [started(folder, path, "worker", address, *end, "--name", f"w{k}") for k in range(workers)]
+        yield Cluster(address, processes[0], processes[1:])
     finally:
         for process in processes:
             process.kill()
@@ -195,11 +179,26 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
             process.wait(timeout=10)
 
 
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    with clustered(tmp_path) as cluster:
+        yield cluster
+
+
 def wait_for_workers(dask: Dask, count: int, limit: float = 90.0) -> None:
     end = time.monotonic() + limit
     while len(dask.client.nthreads()) != count:
         assert time.monotonic() < end, f"{len(dask.client.nthreads())} workers, {count} expected"
         time.sleep(0.1)
+
+
+def wait_for_workers_at(address: str) -> None:
+    """The cluster is up, with both its workers."""
+    dask = Dask(address, answer=90.0)
+    try:
+        wait_for_workers(dask, 2)
+    finally:
+        dask.shutdown()
 
 
 def test_dask_gives_the_same_bits_though_a_worker_is_killed(
@@ -227,33 +226,120 @@ def test_dask_gives_the_same_bits_though_a_worker_is_killed(
         with pytest.raises(WorkerLost, match="no workers"):
             list(run(spectrum, shared(), tasks(2), dask))
     finally:
-        dask.close()
+        dask.shutdown()
 
 
-def test_a_result_that_is_slow_to_come_is_waited_for(
-    cluster: Cluster, wanted: bytes, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A task was done when its worker was killed: its result did not come in time, and once ended the whole run."""
-    from distributed import Future
-
+def test_a_worker_that_stops_answering_is_given_up(cluster: Cluster, wanted: bytes) -> None:
+    """A partition: its connections stay open, its tasks and what it holds never come."""
     dask = Dask(cluster.address, answer=60.0)
-    given, slow = Future.result, iter([True, True])
-
-    def result(future: Future, timeout: float | None = None) -> object:
-        if next(slow, False):
-            while not future.done():
-                time.sleep(0.01)
-            raise TimeoutError
-        return given(future, timeout)
-
+    frozen: subprocess.Popen[bytes] | None = None
     try:
-        monkeypatch.setattr(Future, "result", result)
-        assert bits(run(spectrum, shared(), tasks(COUNT), dask)) == wanted
-        assert next(slow, None) is None
+        wait_for_workers(dask, 2)
+        dask.alone, results = 2.0, []
+        for result in run(spectrum, shared(sleep=0.1), tasks(COUNT), dask):
+            results.append(result)
+            if frozen is None:  # the one that holds the value which all tasks share
+                holds = next(w for w, keys in dask.client.has_what().items() if any("_same" in str(k) for k in keys))
+                frozen = cluster.workers[int(dask.client.scheduler_info()["workers"][holds]["name"][1:])]
+                frozen.send_signal(signal.SIGSTOP)
+        assert bits(results) == wanted
         with pytest.raises(TimeoutError, match="the task's own"):
             list(run(too_late, None, range(2), dask))
     finally:
-        dask.close()
+        dask.shutdown()
+
+
+CLIENT = """
+import sys
+from long_tasks import shared, spectrum, tasks
+from qsframework.errors import QsfError
+from qsframework.work import Dask, run
+if __name__ == "__main__":
+    try:
+        with Dask(sys.argv[1], answer=2.0, alone=3.0) as dask:
+            for number, *_ in run(spectrum, shared(20, sleep=0.2), tasks(1000), dask):
+                print(number, flush=True)
+    except QsfError as error:
+        print("error:", error, file=sys.stderr)
+        sys.exit(2)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_scheduler_lost_at_work_is_one_sentence(cluster: Cluster, tmp_path: Path, number: signal.Signals) -> None:
+    """Nothing of distributed's own is printed, not even while Python ends."""
+    wait_for_workers_at(cluster.address)
+    (tmp_path / "client.py").write_text(CLIENT)
+    command = [sys.executable, str(tmp_path / "client.py"), cluster.address]
+    environment = os.environ | {"PYTHONPATH": str(HERE)}
+    with subprocess.Popen(command, stdout=-1, stderr=-1, text=True, env=environment) as client:
+        assert client.stdout is not None
+        assert client.stdout.readline() == "0\n"
+        cluster.scheduler.send_signal(number)
+        _, said = client.communicate(timeout=60)
+    assert client.returncode == 2, said
+    assert len(said.splitlines()) == 1, said
+    assert said.startswith(f"error: the Dask scheduler at {cluster.address} is gone")
+
+
+def test_a_scheduler_lost_in_the_handshake_is_one_sentence(cluster: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
+    from distributed import Client
+    from distributed.comm import CommClosedError
+
+    wait_for_workers_at(cluster.address)
+    given = Client.sync
+
+    def lost(client: Client, what: object, *args: object, **more: object) -> object:
+        if "callback_timeout" in more:
+            raise CommClosedError("in <TCP>: Stream is closed")
+        return given(client, what, *args, **more)
+
+    monkeypatch.setattr(Client, "sync", lost)
+    with pytest.raises(WorkerLost, match="is gone, or does not answer"):
+        Dask(cluster.address, answer=5.0)
+    monkeypatch.undo()
+    cluster.scheduler.send_signal(signal.SIGSTOP)
+    with pytest.raises(InputError, match="no Dask scheduler answers"):
+        Dask(cluster.address, answer=1.0)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        ("__version__ = 'another'\n", r"something else \(qsframework: .* there, .* here\)"),
+        ("raise ImportError('nothing here')\n", "another qsframework, or none"),
+    ],
+)
+def test_a_worker_with_another_qsframework_is_refused(tmp_path: Path, spoil: str, said: str) -> None:
+    other = tmp_path / "other"
+    shutil.copytree(ROOT / "qsframework", other / "qsframework", ignore=shutil.ignore_patterns("__pycache__"))
+    with (other / "qsframework" / "__init__.py").open("a") as file:
+        file.write(spoil)
+    with (
+        clustered(tmp_path, workers=1, path=f"{other}:{HERE}") as cluster,
+        pytest.raises(InputError, match=said),
+        Dask(cluster.address, answer=60.0) as dask,
+    ):
+        list(run(spectrum, shared(20), tasks(2), dask))
+
+
+@pytest.mark.parametrize("where", ["--jobs", "--dask"])
+def test_ctrl_c_ends_a_command_on_other_processes(cluster: Cluster, tmp_path: Path, where: str) -> None:
+    wait_for_workers_at(cluster.address)
+    experiment = str(ROOT / "examples" / "m900ib" / "experiment.yaml")
+    kept = tmp_path / "kept"
+    command = ["design", experiment, "--candidates", "300000", "-o", str(tmp_path / "p.csv"), "--checkpoint", str(kept)]
+    command += [where, cluster.address if where == "--dask" else "2"]
+    with subprocess.Popen([sys.executable, "-m", "qsframework", *command], stderr=-1, text=True) as process:
+        end = time.monotonic() + 60
+        while not kept.exists() or kept.read_text().count("\n") < 3:  # it works
+            assert time.monotonic() < end
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=30)
+    assert process.returncode == 130, said
+    assert said == "stopped: the files written so far are whole\n"
+    assert not (tmp_path / "p.csv").exists()
 
 
 def test_no_scheduler_is_said() -> None:

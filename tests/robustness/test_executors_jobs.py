@@ -25,7 +25,7 @@ Job = Callable[[Work], bytes]
 def local() -> Iterator[Work]:
     executor = Local(2)
     yield Work(executor)
-    executor.close()
+    executor.shutdown()
 
 
 @pytest.fixture(scope="module")
