@@ -3,15 +3,17 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test coverage docs pictures bench lock clean
+.PHONY: help install demo test coverage docs pictures bench lock audit licences sbom clean
 
 PYTHON ?= $(shell command -v python3.11 || echo python3)
 VENV := .venv
 BIN := $(VENV)/bin
 DONE := $(VENV)/installed
 BENCHED := $(VENV)/bench-installed
+AUDITED := $(VENV)/audit-installed
 BENCHMARKS := startup kinematics design scaling identify
 LOCK_VENV := build/lock-venv
+USER_VENV := build/user-venv
 
 # One dot for every package that pip looks at; its errors still show.
 DOTS := awk '/^ *(Collecting|Obtaining)/ {printf "."; fflush()} /^Installing collected/ {printf " installing\n"; fflush()} END {print ""}'
@@ -60,19 +62,37 @@ pictures: $(DONE)  ## remake the pages' pictures; the terminal at 80 and 120 col
 bench: $(BENCHED)  ## measure against Pinocchio, cvxpy, FIGAROH and the memory: docs/performance.md, half an hour
 	@for script in $(BENCHMARKS); do echo "benchmarks/$$script.py"; $(BIN)/python benchmarks/$$script.py --write; done
 
-$(BENCHED): $(DONE)
+$(BENCHED) $(AUDITED): $(VENV)/%-installed: $(DONE)
 	@PYTHONUNBUFFERED=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_CONSTRAINT=requirements.lock \
-		$(BIN)/python -m pip install --progress-bar off -e '.[bench]' | $(DOTS)
+		$(BIN)/python -m pip install --progress-bar off -e '.[$*]' | $(DOTS)
 	@touch $@
 
+# Every Python brings its own setuptools into a new environment: without it, the lock has the one that is asked for.
 lock:  ## choose the newest versions that resolve together, all extras included, and pin them
 	@rm -rf $(LOCK_VENV) && $(PYTHON) -m venv $(LOCK_VENV)
+	@$(LOCK_VENV)/bin/python -m pip uninstall --quiet --yes setuptools
 	@PYTHONUNBUFFERED=1 PIP_DISABLE_PIP_VERSION_CHECK=1 \
-		$(LOCK_VENV)/bin/python -m pip install --progress-bar off -e '.[test,bench,docs]' $(LOCK_ARGS) | $(DOTS)
+		$(LOCK_VENV)/bin/python -m pip install --progress-bar off -e '.[test,bench,docs,audit]' $(LOCK_ARGS) | $(DOTS)
 	@{ echo "# Every distribution that qsframework and its extras need, for Python 3.11 on Linux x86-64."; \
 	   echo "# Made by \`make lock\`; used as: pip install -c requirements.lock -e '.[test,docs]'"; \
 	   $(LOCK_VENV)/bin/python -m pip freeze --all --exclude pip --exclude-editable | grep -E '^[A-Za-z0-9._-]+==' | LC_ALL=C sort -f; } > requirements.lock
 	@rm -rf $(LOCK_VENV)
+
+# pip-audit ends well where it could ask nobody, unless it is strict.
+audit: $(BENCHED) $(AUDITED)  ## hold the lock against known vulnerabilities; where that cannot be, list what is newer
+	@$(BIN)/pip-audit --strict --no-deps --disable-pip -r requirements.lock \
+		|| { echo "Newer than what is locked:"; $(BIN)/python -m pip list --outdated --exclude pip --quiet; exit 1; }
+
+licences: $(BENCHED) $(AUDITED)  ## write docs/licences.md from what is locked
+	@$(BIN)/python docs/make_licences.py
+
+# Without pip: what is listed is what a user gets, and nothing that installed it.
+sbom: $(AUDITED)  ## the software bill of materials of a user's environment, CycloneDX: build/sbom.json
+	@rm -rf $(USER_VENV) && $(PYTHON) -m venv --without-pip $(USER_VENV)
+	@PYTHONUNBUFFERED=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_CONSTRAINT=requirements.lock \
+		$(BIN)/python -m pip --python $(USER_VENV) install --progress-bar off '.[cluster,day,excel]' | $(DOTS)
+	@$(BIN)/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible -o build/sbom.json $(USER_VENV)
+	@echo "build/sbom.json"
 
 clean:  ## remove the environment and everything that was built
 	@rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis qsf-demo qsf-script
