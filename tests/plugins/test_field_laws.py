@@ -56,21 +56,21 @@ class Law:
 
 
 LAWS = (
-    Law({"effect": "gear_flank", "joint": "joint_5"}, 8.0),
-    Law({"effect": "gear_waves", "joint": "joint_3"}),
-    Law({"effect": "gear_friction", "joint": "joint_3"}),
-    Law({"effect": "link_growth", "link": "link_2"}, 3.0, without=("drift",)),
-    Law({"effect": "link_bending", "link": "link_3", "across": "v"}, 6.0),
-    Law({"effect": "hose", "link": "link_6", "from_z_m": 4.5}, 10.0, "positions"),
-    Law({"effect": "base_lift", "direction": "ry"}, 3.0),
-    Law({"effect": "marker_slip", "marker": "m2"}),
-    Law({"effect": "gear_ratio", "joint": "joint_2"}, read="positions"),
-    Law({"effect": "marker_move", "marker": "m2", "percent": "50"}, read="positions"),
-    Law({"effect": "tracker_move", "percent": "50"}, read="positions"),
-    Law({"effect": "reading_drift"}, 5.0, read="positions"),
+    Law({"effect": "gear_flank", "joint": "joint_5"}, 1.0),
+    Law({"effect": "gear_waves", "joint": "joint_3"}, 0.3),
+    Law({"effect": "gear_friction", "joint": "joint_3"}, 1.0),
+    Law({"effect": "link_growth", "link": "link_2"}, 1.5, without=("drift",)),
+    Law({"effect": "link_bending", "link": "link_3", "across": "v"}, 18.0),
+    Law({"effect": "hose", "link": "link_6", "from_z_m": 4.5}, 5.0, "positions"),
+    Law({"effect": "base_lift", "direction": "ry"}, 1.5),
+    Law({"effect": "marker_slip", "marker": "m2"}, 1.0),
+    Law({"effect": "gear_ratio", "joint": "joint_2"}, 0.5, "positions"),
+    Law({"effect": "marker_move", "marker": "m2", "percent": "50"}, 0.5, "positions"),
+    Law({"effect": "tracker_move", "percent": "50"}, 0.3, "positions"),
+    Law({"effect": "reading_drift"}, 1.0, "positions"),
 )
 every_law = pytest.mark.parametrize("law", LAWS, ids=str)
-COUNT = 40
+COUNT = 24
 
 
 @cache
