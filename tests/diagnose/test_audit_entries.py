@@ -25,7 +25,7 @@ from qsframework.experiment import (
 from qsframework.experiment.setup import Noise
 from qsframework.identify import identify
 from qsframework.report.extended import extension_of, write_extended
-from tests.diagnose.cases import SIGMA, campaign, candidates, day_of_positions, measured
+from tests.diagnose.cases import SIGMA, campaign, candidates, day_of_positions, diagnosed, measured
 from tests.identify.arm import with_sigma
 
 REAL = example("r2000ic") / "experiment.yaml"
@@ -34,8 +34,7 @@ POSITION = 2e-5
 
 @pytest.fixture(scope="module")
 def real() -> Diagnosis:
-    experiment = load_experiment(REAL)
-    return diagnose(experiment, read_readings(experiment.data, experiment))
+    return diagnosed("r2000ic")
 
 
 def test_identify_on_the_extended_folder_agrees_with_the_diagnosis(real: Diagnosis, tmp_path: Path) -> None:

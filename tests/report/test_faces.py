@@ -16,6 +16,7 @@ from qsframework.diagnose import Diagnosis
 from qsframework.experiment import Experiment, Readings, example
 from qsframework.identify import Fit
 from qsframework.report.words.fit import fit_verdict
+from tests.diagnose.cases import diagnosed
 
 
 class Cells(HTMLParser):
@@ -44,8 +45,7 @@ def fit(r2000ic: Experiment, real: Readings) -> Fit:
 
 @pytest.fixture(scope="module")
 def found() -> Diagnosis:
-    experiment = qsf.load_experiment(example("hidden_effect") / "experiment.yaml")
-    return qsf.diagnose(experiment, qsf.read_readings(experiment.data, experiment), repeats=1)
+    return diagnosed("hidden_effect")
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 import qsframework as qsf
 from qsframework.cli.main import app
 from qsframework.experiment import Experiment, Readings, example
+from tests.diagnose.cases import diagnosed
 
 
 def headings(path: Path) -> list[str]:
@@ -33,8 +34,7 @@ def test_reports_of_a_plan_a_validation_and_a_diagnosis(r2000ic: Experiment, rea
     assert "What it promises" in headings(qsf.report(plan, tmp_path / "plan.html", day))
     found = qsf.validate(r2000ic, real, qsf.identify(r2000ic, real))
     assert "Validation: " in qsf.report(found, tmp_path / "v.html", r2000ic).read_text()
-    diagnosis = qsf.diagnose(r2000ic, real, repeats=1)
-    assert "Causes" in headings(qsf.report(diagnosis, tmp_path / "d.html"))
+    assert "Causes" in headings(qsf.report(diagnosed("r2000ic"), tmp_path / "d.html"))
 
 
 def test_what_is_missing_is_said(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
