@@ -20,13 +20,10 @@ from qsframework.report.words.diagnosis import diagnosis_words, method_words
 from tests.diagnose.cases import campaign, diagnosed, measured, quiet
 
 HIDDEN = [
-    ("joint_hardening", ("joint_3",), 0.4),
-    ("joint_backlash", ("joint_2",), 0.6),
-    ("offaxis_compliance", ("joint_3", "x"), 0.6),
     ("tool_compliance", ("y",), 0.2),
     ("base_compliance", ("ry",), 0.2),
-    ("load_direction", (), 1.0),
 ]
+"""Springs of joints, backlash, bearings and the load's direction: test_hidden.py, smaller, and named to the place."""
 
 
 @pytest.mark.parametrize(("effect", "place", "share"), HIDDEN, ids=[h[0] for h in HIDDEN])
@@ -55,11 +52,11 @@ def test_two_causes_are_both_named() -> None:
 
 def test_nothing_is_named_where_nothing_acts_and_bounds_are_given() -> None:
     verdicts = []
-    for seed in range(12):
+    for seed in range(8):
         found = quiet(seed)
         verdicts.append(found.verdict)
         assert found.rms.heldout_extended == pytest.approx(found.rms.noise, rel=0.15)
-    assert verdicts.count("none") >= 10, verdicts
+    assert verdicts.count("none") >= 7, verdicts
     assert "no " in diagnosis_words(quiet(0))
     assert " above " in diagnosis_words(quiet(0))
 
