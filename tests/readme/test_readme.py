@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-import os
 import re
 import shlex
 import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,22 +42,28 @@ def lines(readme: Path, language: str) -> list[str]:
     return [line for block in blocks(readme, language) for line in block.splitlines()]
 
 
+def printed_by(command: str) -> str:
+    """What a line of a README prints, run in this process."""
+    program, *arguments = shlex.split(command)
+    assert program == "qsf"
+    done = CliRunner().invoke(app, arguments, env={"COLUMNS": "1000", "TERMINAL_WIDTH": "1000"})
+    assert done.exit_code == 0, f"{command}: {done.output}"
+    return done.stdout
+
+
 @pytest.fixture(scope="module")
 def readme(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Ran:
-    """The README, run by a shell."""
+    """The README, run."""
     folder = tmp_path_factory.mktemp("readme")
     (folder / "examples").symlink_to(root / "examples")
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    environment = {**os.environ, "PATH": path, "COLUMNS": "1000", "TERMINAL_WIDTH": "1000"}
     printed: dict[str, str] = {}
-    for command in lines(root / "README.md", "sh"):
-        if command.startswith("make "):
-            where = ["make", "--dry-run", command.split()[1]]
-            subprocess.run(where, cwd=root, check=True, capture_output=True)
-            continue
-        run = subprocess.run(command, shell=True, cwd=folder, env=environment, capture_output=True, text=True)
-        assert run.returncode == 0, f"{command}: {run.stderr}"
-        printed[command] = run.stdout
+    with contextlib.chdir(folder):
+        for command in lines(root / "README.md", "sh"):
+            if command.startswith("make "):
+                where = ["make", "--dry-run", command.split()[1]]
+                subprocess.run(where, cwd=root, check=True, capture_output=True)
+            else:
+                printed[command] = printed_by(command)
     return Ran(printed, folder)
 
 
@@ -104,15 +109,6 @@ def test_the_waves_that_are_named_are_there_by_another_computation(readme: Ran, 
     for k, (size, height) in enumerate(zip(found.waves[:3], np.linalg.norm(found.waves[:3], axis=1), strict=True)):
         parts = ", ".join(f"{60 * np.rad2deg(v):.3f}" for v in size)
         assert f"| {k + 1} | {parts} | {1e3 * height:.2f} |" in page
-
-
-def printed_by(command: str) -> str:
-    """What a line of an example's README prints, run in this process."""
-    program, *arguments = shlex.split(command)
-    assert program == "qsf"
-    done = CliRunner().invoke(app, arguments, env={"COLUMNS": "1000", "TERMINAL_WIDTH": "1000"})
-    assert done.exit_code == 0, f"{command}: {done.output}"
-    return done.stdout
 
 
 def plain(text: str) -> str:
