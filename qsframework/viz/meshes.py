@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from qsframework.errors import InputError
 from qsframework.plugin import Array, Indices
 from qsframework.robot import Robot
@@ -57,16 +55,8 @@ def draw_meshes(
         if shape.link in without:
             continue
         colour = (*(tint or shape.rgba)[:3], shape.rgba[3] * opacity)
-        solid = triangles(vertices * shape.scale, faces)
-        scene.mesh(f"{path}/link_{shape.link}/mesh_{k}", solid, shape.placement, colour)
-
-
-def triangles(vertices: Array, faces: Indices) -> Any:
-    """meshcat's solid of vertices (V, 3) m and faces (F, 3)."""
-    from meshcat import geometry
-
-    make: Any = geometry.TriangularMeshGeometry
-    return make(vertices, faces)
+        where = f"{path}/link_{shape.link}/mesh_{k}"
+        scene.mesh(where, vertices * shape.scale, faces, shape.placement, colour)
 
 
 def _not_drawn(shape: MeshShape, why: str) -> str:

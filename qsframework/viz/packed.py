@@ -7,17 +7,37 @@ stand are one node, so a pose costs its links' placements and little more.
 from __future__ import annotations
 
 import base64
-import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
+
+from qsframework.plugin import Array, Indices
 
 _DIGITS = 5
 """Decimals of a placement: 0.01 mm in a scene where deflections are drawn 100 times as large."""
-_SIZES = {
-    "BoxGeometry": ("width", "height", "depth"),
-    "SphereGeometry": ("radius",),
-    "CylinderGeometry": ("radiusTop", "radiusBottom"),
-}
+_UNMOVED = (1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A solid: what three.js calls it with its sizes in m or the bytes of its corners; colour 0xrrggbb and opacity.
+
+    length: of a cylinder, apart from its radii, so that rods of one thickness are one solid
+    """
+
+    solid: tuple[str | float, ...]
+    colour: int
+    opacity: float
+    length: float = 0.0
+
+
+def corners(vertices: Array, faces: Indices) -> tuple[str, str]:
+    """Vertices (V, 3) m and faces (F, 3) of a mesh as the page reads them."""
+    parts = (np.asarray(vertices, dtype=np.float32), np.asarray(faces, dtype=np.uint32))
+    points, triangles = (base64.b64encode(part.tobytes()).decode() for part in parts)
+    return points, triangles
 
 
 class _Once:
@@ -25,25 +45,22 @@ class _Once:
 
     def __init__(self) -> None:
         self.values: list[Any] = []
-        self._known: dict[str, int] = {}
+        self._known: dict[Any, int] = {}
 
     def number(self, value: Any) -> int:
-        key = json.dumps(value)
-        if key not in self._known:
-            self._known[key] = len(self.values)
+        known = self._known.setdefault(value, len(self.values))
+        if known == len(self.values):
             self.values.append(value)
-        return self._known[key]
+        return known
 
 
-def packed(commands: Sequence[Mapping[str, Any]], paths: Sequence[str] = ()) -> dict[str, Any]:
-    """Solids, colours, matrices, nodes and the number of the root node, of meshcat's commands.
+def packed(placed: Mapping[str, Array], drawn: Mapping[str, Drawn], paths: Sequence[str] = ()) -> dict[str, Any]:
+    """Solids, colours, matrices, nodes and the number of the root node.
 
-    A node is [solid, colour, length, name, matrix, node, name, ...]: what stands there, -1 for nothing, how long it is
+    A node is (solid, colour, length, name, matrix, node, name, ...): what stands there, -1 for nothing, how long it is
     where it is a cylinder, and its children. paths: that are there even where nothing is drawn.
     """
     solids, colours, matrices, nodes = _Once(), _Once(), _Once(), _Once()
-    placed = {_own(c["path"]): c["matrix"] for c in commands if c["type"] == "set_transform"}
-    drawn = {_own(c["path"]): c["object"] for c in commands if c["type"] == "set_object"}
     children: dict[str, list[str]] = {"": []}
     for path in dict.fromkeys([*placed, *drawn, *paths]):
         parts = path.split("/")
@@ -55,14 +72,13 @@ def packed(commands: Sequence[Mapping[str, Any]], paths: Sequence[str] = ()) -> 
 
     def node(path: str) -> int:
         content: list[Any] = [-1, -1, 0]
-        if path in drawn:
-            solid, length = _solid(drawn[path]["geometries"][0])
-            material = drawn[path]["materials"][0]
-            colour = [material["color"], round(material["opacity"], 3)]
-            content = [solids.number(solid), colours.number(colour), length]
+        if (here := drawn.get(path)) is not None:
+            solid = tuple(part if isinstance(part, str) else _short(part) for part in here.solid)
+            colour = (here.colour, round(here.opacity, 3))
+            content = [solids.number(solid), colours.number(colour), _short(here.length)]
         for child in children[path]:
             content += [child.rpartition("/")[2], matrices.number(_matrix(placed.get(child))), node(child)]
-        return nodes.number(content)
+        return nodes.number(tuple(content))
 
     root = node("")
     return {
@@ -74,29 +90,14 @@ def packed(commands: Sequence[Mapping[str, Any]], paths: Sequence[str] = ()) -> 
     }
 
 
-def _own(path: str) -> str:
-    return path.removeprefix("/meshcat/")
-
-
-def _matrix(columns: Sequence[float] | None) -> list[float] | int:
-    """Three rows of four, of a matrix column by column; 0 for none."""
-    if columns is None:
+def _matrix(placement: Array | None) -> tuple[float, ...] | int:
+    """Three rows of four; 0 where nothing is moved."""
+    if placement is None:
         return 0
-    rows = [_short(columns[4 * k + i]) for i in range(3) for k in range(4)]
-    return 0 if rows == [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0] else rows
+    rows = tuple(map(_short, placement[:3].ravel().tolist()))
+    return 0 if rows == _UNMOVED else rows
 
 
 def _short(value: float) -> float | int:
     rounded = round(float(value), _DIGITS)
     return int(rounded) if rounded == int(rounded) else rounded
-
-
-def _solid(geometry: Mapping[str, Any]) -> tuple[list[Any], float]:
-    """A solid without its length, where it has one, so that rods of one thickness are one solid; and the length."""
-    kind = geometry["type"]
-    if kind in _SIZES:
-        sizes = [_short(geometry[key]) for key in _SIZES[kind]]
-        return [kind, *sizes], _short(geometry.get("height", 0)) if kind == "CylinderGeometry" else 0
-    data = geometry["data"]
-    points, faces = data["attributes"]["position"]["array"].data, data["index"]["array"].data
-    return [kind, *(base64.b64encode(part).decode() for part in (points, faces))], 0

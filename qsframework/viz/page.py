@@ -6,6 +6,7 @@ import html
 import json
 import re
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,7 @@ def render(scene: Scene, watch: str | None = None) -> str:
     steps = [{"path": path, "label": label, **_facts(scene, path)} for path, label in scene.steps]
     layers = {name: {"paths": paths, "shown": name not in scene.off} for name, paths in scene.layers.items()}
     content = {
-        **packed(scene.commands, [path for path, *_ in (*scene.texts, *scene.glows)]),
+        **packed(scene.placed, scene.drawn, [path for path, *_ in (*scene.texts, *scene.glows)]),
         "texts": [[*text] for text in scene.texts],
         "glows": [[*glow] for glow in scene.glows],
         "moves": [[path, *(_rows(p) for p in ends)] for path, *ends in scene.moves],
@@ -50,10 +51,11 @@ def render(scene: Scene, watch: str | None = None) -> str:
 
 
 def _meshcat() -> str:
-    """The viewer's own script, from the package."""
-    import meshcat
-
-    script = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
+    """The viewer's own script, from the package, of which nothing else is loaded."""
+    found = find_spec("meshcat")
+    assert found is not None
+    assert found.origin is not None
+    script = Path(found.origin).parent / "viewer" / "dist" / "main.min.js"
     return script.read_text(encoding="utf-8").replace("</script", "<\\/script")
 
 

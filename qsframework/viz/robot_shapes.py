@@ -8,7 +8,7 @@ from qsframework.plugin import Array, Loop, ParallelSpring, RobotFacts
 from qsframework.plugin.loops import follow
 from qsframework.robot import Robot
 from qsframework.robot.kinematics import Frames
-from qsframework.viz.meshes import Meshes, draw_meshes, triangles
+from qsframework.viz.meshes import Meshes, draw_meshes
 from qsframework.viz.scene import Colour, Scene, placed_at
 
 _BAR: Colour = (0.25, 0.3, 0.38, 1.0)
@@ -54,7 +54,7 @@ def draw_robot(
         colour = (*(tint or shape.rgba)[:3], shape.rgba[3] * opacity)
         where = f"{path}/link_{shape.link}/shape_{k}"
         if shape.hull is not None:
-            scene.mesh(where, triangles(shape.hull.corners, shape.hull.faces), shape.placement, colour)
+            scene.mesh(where, shape.hull.corners, shape.hull.faces, shape.placement, colour)
         elif shape.kind == "box":
             scene.box(where, shape.size, shape.placement, colour)
         elif shape.kind == "cylinder":

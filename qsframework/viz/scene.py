@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
-from qsframework.plugin import Array
+from qsframework.plugin import Array, Indices
+from qsframework.viz.packed import Drawn, corners
 from qsframework.viz.page import render
 
 Colour = tuple[float, float, float, float]
 Text = tuple[str, str, tuple[float, ...], str, int]
 Glow = tuple[str, tuple[float, ...], float, str, float, bool]
+_UPRIGHT = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+"""The viewer's cylinder lies along y."""
 _AXES: tuple[Colour, ...] = ((0.85, 0.1, 0.1, 1.0), (0.1, 0.6, 0.1, 1.0), (0.1, 0.2, 0.85, 1.0))
 
 
@@ -35,7 +37,10 @@ class Scene:
     """Objects to draw, in metres, z up. Built up, then written once with `html`."""
 
     title: str
-    commands: list[dict[str, Any]] = field(default_factory=list[dict[str, Any]])
+    placed: dict[str, Array] = field(default_factory=dict[str, Array])
+    """Path -> its placement (4, 4) in what is above it."""
+    drawn: dict[str, Drawn] = field(default_factory=dict[str, Drawn])
+    """Path -> the solid that stands there."""
     steps: list[tuple[str, str]] = field(default_factory=list[tuple[str, str]])
     """Paths that a slider shows one at a time, with the label of each."""
     ghosts: dict[str, str] = field(default_factory=dict[str, str])
@@ -66,44 +71,32 @@ class Scene:
 
     def transform(self, path: str, placement: Array) -> None:
         """Move a path and everything below it by a placement (4, 4)."""
-        from meshcat.commands import SetTransform
-
-        self.commands.append(SetTransform(np.asarray(placement, dtype=float), _where(path)).lower())
+        self.placed[path] = np.array(placement, dtype=float)
 
     def box(self, path: str, size: tuple[float, ...], placement: Array, colour: Colour) -> None:
         """A box of size x, y, z about its placement (4, 4)."""
-        from meshcat.geometry import Box
-
-        self._add(path, Box(list(size)), placement, colour)
+        self._add(path, ("BoxGeometry", *size), placement, colour)
 
     def sphere(self, path: str, radius: float, placement: Array, colour: Colour) -> None:
         """A sphere about its placement."""
-        from meshcat.geometry import Sphere
-
-        self._add(path, Sphere(radius), placement, colour)
+        self._add(path, ("SphereGeometry", radius), placement, colour)
 
     def ellipsoid(self, path: str, centre: Array, axes: Array, colour: Colour) -> None:
         """An ellipsoid about a point (3,) with its half axes (m) as the columns of axes (3, 3)."""
-        from meshcat.geometry import Sphere
-
         placement = placed_at(centre)
         placement[:3, :3] = axes if np.linalg.det(axes) > 0.0 else -axes
-        self._add(path, Sphere(1.0), placement, colour)
+        self._add(path, ("SphereGeometry", 1.0), placement, colour)
 
     def cylinder(
         self, path: str, radius: float, length: float, placement: Array, colour: Colour, top: float | None = None
     ) -> None:
         """A cylinder along the z axis of its placement; a cone where the radius at its `top` is another."""
-        from meshcat.geometry import Cylinder
+        ends = (radius if top is None else top, radius)
+        self._add(path, ("CylinderGeometry", *ends), placement @ _UPRIGHT, colour, length)
 
-        turned = np.eye(4)  # meshcat's cylinder lies along y
-        turned[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
-        solid = Cylinder(length, radius) if top is None else Cylinder(length, radius, top, radius)
-        self._add(path, solid, placement @ turned, colour)
-
-    def mesh(self, path: str, mesh: Any, placement: Array, colour: Colour) -> None:
-        """A geometry of meshcat, such as a mesh from a file."""
-        self._add(path, mesh, placement, colour)
+    def mesh(self, path: str, vertices: Array, faces: Indices, placement: Array, colour: Colour) -> None:
+        """Triangles between vertices (V, 3) m: faces (F, 3)."""
+        self._add(path, ("BufferGeometry", *corners(vertices, faces)), placement, colour)
 
     def rod(self, path: str, start: Array, end: Array, radius: float, colour: Colour) -> None:
         """A cylinder between two points (3,)."""
@@ -154,15 +147,11 @@ class Scene:
         if not shown:
             self.off.add(name)
 
-    def _add(self, path: str, geometry: Any, placement: Array, colour: Colour) -> None:
-        from meshcat.commands import SetObject
-        from meshcat.geometry import MeshPhongMaterial
-
+    def _add(
+        self, path: str, solid: tuple[str | float, ...], placement: Array, colour: Colour, length: float = 0.0
+    ) -> None:
         red, green, blue = (int(255 * c) for c in colour[:3])
-        material = MeshPhongMaterial(
-            color=(red << 16) + (green << 8) + blue, opacity=colour[3], transparent=colour[3] < 1
-        )
-        self.commands.append(SetObject(geometry, material, _where(path)).lower())
+        self.drawn[path] = Drawn(solid, (red << 16) + (green << 8) + blue, colour[3], length)
         self.transform(path, placement)
 
     def html(self, watch: str | None = None) -> str:
@@ -189,9 +178,3 @@ def along(start: Array, end: Array) -> Array:
     placement = placed_at(0.5 * (start + end))
     placement[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
     return placement
-
-
-def _where(path: str) -> Any:
-    from meshcat.path import Path
-
-    return Path(("meshcat", *path.split("/")))

@@ -161,7 +161,7 @@ def test_arrows_start_at_the_markers_and_are_the_residuals() -> None:
     diagnosis = found()
     before, after = diagnosis.residuals()
     scene, factor = residual_scene(diagnosis.experiment, diagnosis.readings, diagnosis.kept, before, after)
-    transforms = {c["path"]: np.reshape(c["matrix"], (4, 4)).T for c in scene.commands if c["type"] == "set_transform"}
+    transforms = scene.placed
     model = diagnosis.experiment.model()
     markers = list(zip(model.marker_names, model.markers, strict=True))
     loops = [e for e in model.effects if e.stage == 1]

@@ -183,16 +183,16 @@ def test_branches_are_drawn_where_they_stand(arm: Robot, tree: pin.Model, tmp_pa
     state = place_poses(small_campaign(arm, tmp_path), q[None])
     draw_robot(scene, "robot", arm, link_frames(state.placed, 0), q)
     pin.forwardKinematics(tree, data, imposed(tree, robot_q)[0])
-    moved = {c["path"]: np.array(c["matrix"]).reshape(4, 4).T for c in scene.commands if c["type"] == "set_transform"}
+    moved = scene.placed
     for k, branch in enumerate(arm.facts.branches):
         where = data.oMi[tree.getJointId(branch.joint)]
-        np.testing.assert_allclose(moved[f"/meshcat/robot/link_{7 + k}"], where.homogeneous, atol=1e-12)
-    drawn = [c["path"] for c in scene.commands if c["type"] == "set_object"]
+        np.testing.assert_allclose(moved[f"robot/link_{7 + k}"], where.homogeneous, atol=1e-12)
+    drawn = list(scene.drawn)
     names = [branch.link for branch in arm.facts.branches]
     solids = [names[int(path.split("/link_")[1][0]) - 7] for path in drawn if re.search(r"/link_[789]/shape", path)]
     assert sorted(solids) == ["bar", "housing", "lever", "lever"]
     bar = data.oMi[tree.getJointId("bar_joint")].translation
-    rod = moved["/meshcat/robot/loop_0"] @ moved["/meshcat/robot/loop_0/bar_0_pivot"]
+    rod = moved["robot/loop_0"] @ moved["robot/loop_0/bar_0_pivot"]
     np.testing.assert_allclose(np.cross(rod[:3, 3] - bar, data.oMi[2].rotation[:, 1]), 0.0, atol=1e-12)
 
 
@@ -200,9 +200,9 @@ def test_the_palletizer_is_drawn_with_its_lever_and_bar(tmp_path: Path) -> None:
     robot, scene = load_robot(MACHINES / "palletizer"), Scene(title="palletizer")
     q = some_poses(robot, 1, 6).q
     draw_robot(scene, "robot", robot, link_frames(place_poses(small_campaign(robot, tmp_path), q).placed, 0), q[0])
-    drawn = {c["path"] for c in scene.commands if c["type"] == "set_object"}
-    assert {f"/meshcat/robot/loop_0/bar_{k}" for k in range(3)} <= drawn
-    assert {f"/meshcat/robot/link_{k}/shape_{k - 1}" for k in range(1, 6)} <= drawn
+    drawn = scene.drawn.keys()
+    assert {f"robot/loop_0/bar_{k}" for k in range(3)} <= drawn
+    assert {f"robot/link_{k}/shape_{k - 1}" for k in range(1, 6)} <= drawn
 
 
 RODS = """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -143,13 +144,11 @@ def test_what_is_on_the_page_works(page: Path, m900ib: Experiment, plan: Plan, t
 
 def test_a_scene_is_small_beside_its_viewer(m900ib: Experiment) -> None:
     """Twelve poses, ghosts, deflections and all: at most 150 kB more than meshcat's own script, and no request."""
-    import meshcat
-
     pendant = np.deg2rad(np.random.default_rng(0).uniform(-20.0, 20.0, (12, 6)))
     wrench = np.tile([0.0, 500.0, -4000, 0, 0, 0], (12, 1))
     plan = make_plan(Poses(pendant, m900ib.robot.controller.to_joints(pendant), wrench), ["weight"] * 12)
     text = show_scene(m900ib, plan).html()
-    viewer = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
+    viewer = Path(find_spec("meshcat").origin).parent / "viewer" / "dist" / "main.min.js"
     assert 50_000 < len(text.encode()) - viewer.stat().st_size < 150_000
     own = text.replace(viewer.read_text(encoding="utf-8").replace("</script", "<\\/script"), "")
     assert len(own) < 150_000  # the viewer's code is meshcat's, and stands there once

@@ -51,8 +51,8 @@ def scene_of(folder: Path) -> Scene:
     return show_scene(experiment, one_pose(experiment, None, None))
 
 
-def drawn(scene: Scene) -> dict[str, dict[str, object]]:
-    return {c["path"]: c["object"] for c in scene.commands if c["type"] == "set_object" and "mesh_" in c["path"]}
+def drawn(scene: Scene) -> list[str]:
+    return [path for path in scene.drawn if "mesh_" in path]
 
 
 @pytest.mark.parametrize("kind", ["stl", "obj", "dae"])
@@ -62,7 +62,7 @@ def test_a_mesh_of_the_robots_folder_is_drawn(kind: str, tmp_path: Path) -> None
     assert shape.link == 0
     assert np.allclose(shape.placement[:3, 3], [0, 0, 0.1])
     scene = scene_of(robot)
-    assert list(drawn(scene)) == ["/meshcat/poses/0/robot/link_0/mesh_0"]
+    assert drawn(scene) == ["poses/0/robot/link_0/mesh_0"]
     assert not [note for note in scene.notes if "esh" in note]
     found = meshes.Meshes(load_robot(robot))
     ((_, (vertices, faces)),) = found.drawn
@@ -104,10 +104,9 @@ def test_bad_ones_are_refused_with_the_line(name: str, content: bytes | None, wh
 )
 def test_others_are_said_and_done_without(name: str, content: bytes | None, why: str, tmp_path: Path) -> None:
     scene = scene_of(with_mesh(tmp_path, name, content))
-    assert drawn(scene) == {}
+    assert drawn(scene) == []
     assert any(name in note and why in note for note in scene.notes), scene.notes
-    paths = {c["path"] for c in scene.commands if c["type"] == "set_object"}
-    assert "/meshcat/poses/0/robot/link_0/bone" in paths  # no link is invisible
+    assert "poses/0/robot/link_0/bone" in scene.drawn  # no link is invisible
 
 
 def test_a_large_file_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

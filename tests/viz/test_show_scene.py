@@ -26,19 +26,13 @@ ANGLES = [
 
 def world(scene: Scene) -> dict[str, Array]:
     """Every path of a scene with its placement in the world: transforms multiplied from the root down."""
-    own = {c["path"]: np.reshape(c["matrix"], (4, 4)).T for c in scene.commands if c["type"] == "set_transform"}
     out = {}
-    for path in own:
+    for path in scene.placed:
         parts, placement = path.split("/"), np.eye(4)
-        for k in range(2, len(parts) + 1):
-            placement = placement @ own.get("/".join(parts[:k]), np.eye(4))
-        out[path.removeprefix("/meshcat/")] = placement
+        for k in range(1, len(parts) + 1):
+            placement = placement @ scene.placed.get("/".join(parts[:k]), np.eye(4))
+        out[path] = placement
     return out
-
-
-def objects(scene: Scene) -> dict[str, dict]:
-    """Path -> what is drawn there."""
-    return {c["path"].removeprefix("/meshcat/"): c["object"] for c in scene.commands if c["type"] == "set_object"}
 
 
 def a_plan(experiment: Experiment, wrench: tuple[float, ...] = (0.0, 1500.0, -4000.0, 0.0, 0.0, 0.0)) -> Plan:
@@ -62,12 +56,12 @@ def test_links_and_flange_stand_where_pinocchio_puts_them(m900ib: Experiment) ->
 
 def test_every_solid_of_the_urdf_is_drawn_on_its_link(m900ib: Experiment) -> None:
     scene = show_scene(m900ib, a_plan(m900ib))
-    drawn = objects(scene)
+    drawn = scene.drawn
     for k, shape in enumerate(m900ib.robot.shapes):
-        geometry = drawn[f"poses/1/robot/link_{shape.link}/shape_{k}"]["geometries"][0]
-        assert geometry["type"] == {"box": "BoxGeometry", "cylinder": "CylinderGeometry"}[shape.kind]
+        found = drawn[f"poses/1/robot/link_{shape.link}/shape_{k}"]
+        assert found.solid[0] == {"box": "BoxGeometry", "cylinder": "CylinderGeometry"}[shape.kind]
         if shape.kind == "cylinder":
-            assert (geometry["radiusTop"], geometry["height"]) == shape.size
+            assert (found.solid[1], found.length) == shape.size
 
 
 def test_a_deflected_marker_is_the_equilibrium_exaggerated(m900ib: Experiment) -> None:
@@ -156,14 +150,14 @@ def test_limits_stand_where_the_experiment_says(m900ib: Experiment) -> None:
     limits = Constraints(floor=-0.1, axis1_distance_min=0.8, z_min=0.5, x_max=2.5, of="flange")
     experiment = m900ib.with_(constraints=limits)
     scene = show_scene(experiment, a_plan(experiment))
-    found, drawn = world(scene), objects(scene)
+    found, drawn = world(scene), scene.drawn
     walls = {p.split("/")[1] for p in found if p.startswith("limits/")}
     assert walls == {"floor", "axis_1", "z_min", "x_max"}
     assert found["limits/z_min"][2, 3] == pytest.approx(0.5)
     assert found["limits/x_max"][0, 3] == pytest.approx(2.5)
     assert np.allclose(found["limits/axis_1"][:2, 3], 0.0)
-    assert drawn["limits/axis_1"]["geometries"][0]["radiusTop"] == 0.8
-    thick = drawn["limits/floor"]["geometries"][0]["depth"]
+    assert drawn["limits/axis_1"].solid[1] == 0.8
+    thick = drawn["limits/floor"].solid[3]
     assert found["limits/floor"][2, 3] + 0.5 * thick == pytest.approx(-0.1)
     assert any("flange stays 0.8 m" in note for note in scene.notes)
     assert not [p for p in world(show_scene(m900ib.with_(constraints=Constraints()), a_plan(m900ib))) if "limits" in p]
@@ -185,7 +179,7 @@ def test_steps_keep_the_plans_order_and_have_ghosts(m900ib: Experiment) -> None:
 
 def test_every_layer_names_paths_that_are_drawn(m900ib: Experiment) -> None:
     scene = show_scene(m900ib, a_plan(m900ib))
-    paths = {*objects(scene), *(path for path, *_ in (*scene.texts, *scene.glows))}
+    paths = {*scene.drawn, *(path for path, *_ in (*scene.texts, *scene.glows))}
     for name, members in scene.layers.items():
         for member in members:
             assert any(path.startswith(member + "/") or path == member for path in paths), name
@@ -268,15 +262,14 @@ def test_a_robot_without_payload_or_load_shows_its_ellipsoid(r2000ic: Experiment
     experiment = robot_alone(dataclasses.replace(r2000ic.robot, payload=None), np.zeros(3))
     scene = show_scene(experiment, one_pose(experiment, None, None))
     assert "deflected" not in scene.layers
-    assert "poses/0/ellipsoid" in objects(scene)
+    assert "poses/0/ellipsoid" in scene.drawn
     assert any("1000 N" in note for note in scene.notes)
 
 
 def test_the_ellipsoid_of_a_soft_arm_does_not_fill_the_scene() -> None:
     experiment = robot_alone(dataclasses.replace(load_robot("ur10"), payload=None), np.zeros(3))
     scene = show_scene(experiment, one_pose(experiment, None, None))
-    (placed,) = [c for c in scene.commands if c["type"] == "set_transform" and c["path"].endswith("poses/0/ellipsoid")]
-    matrix = np.array(placed["matrix"]).reshape(4, 4).T
+    matrix = scene.placed["poses/0/ellipsoid"]
     assert 0.02 < np.linalg.norm(matrix[:3, :3], axis=0).max() <= 0.3 * scene.size
     assert any("under 100 N" in note or "under 10 N" in note for note in scene.notes)
 
@@ -284,7 +277,7 @@ def test_the_ellipsoid_of_a_soft_arm_does_not_fill_the_scene() -> None:
 def test_an_arm_without_solids_is_drawn_by_its_bones() -> None:
     robot = dataclasses.replace(load_robot("ur10"), shapes=(), payload=None)
     experiment = robot_alone(robot, frozen(np.zeros(3)))
-    drawn = objects(show_scene(experiment, one_pose(experiment, None, None)))
+    drawn = show_scene(experiment, one_pose(experiment, None, None)).drawn
     assert len([p for p in drawn if p.endswith("/joint")]) == robot.facts.n + 1
 
 
