@@ -719,13 +719,17 @@ def main() -> None:
         results = [done[c.id] for c in cases if c.id in done]
     else:
         results = run_all(cases, given.out, given.workers, given.any_code)
-    for mark, make in (("results", report), ("second generator", second.report)):
-        mine = [isinstance(c, Case) == (make is report) for c in cases]
-        own = [r for r in results if (r["group"] in GROUPS) == (make is report)]
+    for mark, make, groups in (
+        ("results", report, GROUPS),
+        ("second generator", second.report, second.GROUPS),
+        ("unknown kinds", second.unknown_report, second.ASKED),
+    ):
+        mine = sum(c.group in groups for c in cases)
+        own = [r for r in results if r["group"] in groups]
         text = make(own)
         print(text)
         if given.write and own:
-            some = "" if len(own) == sum(mine) else f", {len(own)} of its {sum(mine)} cases"
+            some = "" if len(own) == mine else f", {len(own)} of its {mine} cases"
             command = f"`python benchmarks/diagnosis.py --seeds {seeds} --seed {given.seed}`{some}"
             write_page(text, command, own, mark)
 

@@ -1,6 +1,7 @@
 """Laws that no effect of the library is, to try learning and its scores on. Thresholds may be chosen on these.
 
-They are not those of `untouched.py`, which nothing is tuned on. Run by `python benchmarks/trial_laws.py`.
+They are not those of `untouched.py`, which nothing is tuned on; `touched.py` holds more of them. Run by
+`python benchmarks/trial_laws.py`.
 """
 
 from __future__ import annotations
@@ -110,15 +111,14 @@ def trials(count: int, poses: int, s: float, first: int = 0) -> Iterator[tuple[s
 
 def main() -> None:
     """Answer the trials and print the scores of `second_generator.py`."""
-    from common import table
-    from second_generator import Told, answer, learned_rows
+    from second_generator import Result, Told, answer, unknown_report
 
     parser = argparse.ArgumentParser()
     parser.add_argument("--count", type=int, default=2)
     parser.add_argument("--poses", type=int, default=40)
     parser.add_argument("--s", type=float, default=10.0)
     given = parser.parse_args()
-    results = []
+    results: list[Result] = []
     for name, campaign, trial, size in trials(given.count, given.poses, given.s):
         told = Told(campaign, trial.make(size), (), given.s, size, trial.place, trial.variable)
         found = answer(told, fresh=True)
@@ -127,7 +127,7 @@ def main() -> None:
         results.append(found)
         print(name, campaign.setting.arm.name, trial.place, trial.variable, found.get("said"), found.get("fresh"))
         print("   ", found["verdict"], [f["name"] for f in found["findings"]], found["learned"], flush=True)
-    print(table(("metric", "goal", "measured", "95 %", "cases", "goal met"), learned_rows(results)))
+    print(unknown_report(results))
 
 
 if __name__ == "__main__":
