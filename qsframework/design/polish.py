@@ -28,21 +28,20 @@ def polish(problem: Problem, rule: Robust, chosen: Indices, counts: Indices, pro
     """
     poses = problem.batch(chosen)
     pendant, wrench = poses.pendant.copy(), poses.wrench
-    moments = moments_of(problem.rows_of(_batch(problem, pendant, wrench)))
-    value = start = _value(problem, rule, moments, counts)
+    start = _value(problem, rule, pendant, wrench, counts)
+    value = start
     for turn in range(_ROUNDS):
-        moved = _moved(problem, rule, pendant, wrench, counts, moments, value)
+        moved = _moved(problem, rule, pendant, wrench, counts, value)
         if progress is not None:
             progress(turn + 1, _ROUNDS)
         if moved is None:
             break
-        new = _value(problem, rule, moved[1], counts)
+        new = _value(problem, rule, moved, wrench, counts)
         if new > value * (1.0 - 1e-5):
             break
-        (pendant, moments), value = moved, new
+        pendant, value = moved, new
     rounded = _rounded(problem, pendant)
-    moments = moments_of(problem.rows_of(_batch(problem, rounded, wrench)))
-    return rounded if _value(problem, rule, moments, counts) <= start else pendant
+    return rounded if _value(problem, rule, rounded, wrench, counts) <= start else pendant
 
 
 def _rounded(problem: Problem, pendant: Array) -> Array:
@@ -69,8 +68,9 @@ def _batch(problem: Problem, pendant: Array, wrench: Array) -> Poses:
     return Poses(pendant, problem.experiment.robot.controller.to_joints(pendant), wrench)
 
 
-def _value(problem: Problem, rule: Robust, moments: Array, counts: Indices) -> float:
-    return float(rule.value(problem.prior + np.tensordot(counts, moments, 1)))
+def _value(problem: Problem, rule: Robust, pendant: Array, wrench: Array, counts: Indices) -> float:
+    M = moments_of(problem.rows_of(_batch(problem, pendant, wrench)))
+    return float(rule.value(problem.prior + np.tensordot(counts, M, 1)))
 
 
 def _kept(problem: Problem, pendant: Array) -> Array:
@@ -80,14 +80,12 @@ def _kept(problem: Problem, pendant: Array) -> Array:
 
 
 def _moved(
-    problem: Problem, rule: Robust, pendant: Array, wrench: Array, counts: Indices, M_each: Array, value: float
-) -> tuple[Array, Array] | None:
-    """One pose after the other a step along its slope, each step tried against the present plan.
-
-    The new angles with the information M_i (m, S, p, p) of each pose; M_each: that of the poses as they are.
-    """
+    problem: Problem, rule: Robust, pendant: Array, wrench: Array, counts: Indices, value: float
+) -> Array | None:
+    """One pose after the other a step along its slope, each step tried against the present plan."""
     lower, upper = joint_range(problem.experiment)
     count, n = pendant.shape
+    M_each = moments_of(problem.rows_of(_batch(problem, pendant, wrench)))
     M = problem.prior + np.tensordot(counts, M_each, 1)
     roots = [root(G) for G in rule.expansion(M, 1e-3).slope]
     scales, units = _scales(problem), problem.experiment.robot.controller.units
@@ -104,12 +102,12 @@ def _moved(
     kept = _kept(problem, flat).reshape(count, -1)
     moments = moments_of(problem.rows_of(_batch(problem, flat, np.repeat(wrench, len(_SIZES), axis=0))))
     moments = moments.reshape(count, len(_SIZES), *M.shape)
-    out, M_out, changed = pendant.copy(), M_each.copy(), False
+    out, changed = pendant.copy(), False
     for i in range(count):
         values = np.atleast_1d(rule.value(M + counts[i] * (moments[i] - M_each[i])))
         values = np.where(kept[i], values, np.inf)
         best = int(np.argmin(values))
         if values[best] < value * (1.0 - 1e-7):
             M = M + counts[i] * (moments[i, best] - M_each[i])
-            out[i], M_out[i], value, changed = trials[i, best], moments[i, best], float(values[best]), True
-    return (out, M_out) if changed else None
+            out[i], value, changed = trials[i, best], float(values[best]), True
+    return out if changed else None
