@@ -80,6 +80,8 @@ _SURE = 1e-4
 """Odds against another structure below which it may stand."""
 _SETTLED = 0.8
 """Share of a noise that the next one has where the names stay: nothing more is hidden in it."""
+_ROUNDED = 0.5
+"""Share of the noise below which what is left is rounding: the noise is never told below that."""
 _PREDICTS = 0.98
 """Share of the held-out error with some names below which a law stands in their place."""
 STEPS = ("conventions", "baseline", "causes", "search", "closing gate", "held-out gain", "table", "noise")
@@ -545,7 +547,8 @@ def _close(base: _Baseline, best: Answer | None, fit: Settled, level: float, see
     columns = noise.colour(fit.jacobian)
     tame = noise.colour(huber_pseudo_values(fit.white, orthonormal(fit.jacobian)))
     fits = _fits(base.rows, columns)
-    left = leftovers(blocks, fits, tame, level, seed + 1, base.rows.mask.ravel())
+    size = fits.unit(int(fits.choose(tame[:, None])[0]), tame)
+    left = leftovers(blocks, fits, tame, level, seed + 1, base.rows.mask.ravel()) if size > _ROUNDED else ()
     causes = {c.name: c.names for c in _causes(base, best)}
     rivals: dict[str, Leftover] = {}
     beaten: set[str] = set()
