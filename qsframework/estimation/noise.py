@@ -178,17 +178,18 @@ def _covariance(sigma: Array, groups: Sequence[Group], rows: Indices) -> Array:
 
 def connected(count: int, groups: Sequence[Group]) -> Indices:
     """Number (m,) of the block of each reading: readings that share an error, directly or through others."""
-    lowest, before = np.arange(count), None
-    while before is None or not np.array_equal(lowest, before):
-        before = lowest
-        for label, _ in groups:
-            shared = label >= 0
-            least = np.full(int(label.max(initial=-1)) + 1, count)
-            np.minimum.at(least, label[shared], lowest[shared])
-            lowest = lowest.copy()
-            lowest[shared] = least[label[shared]]
-        lowest = lowest[lowest]  # what its first one has found already: long chains halve
-    return np.unique(lowest, return_inverse=True)[1]
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    i, j = [np.zeros(0, dtype=np.intp)], [np.zeros(0, dtype=np.intp)]
+    for label, _ in groups:
+        order = np.argsort(label, kind="stable")
+        chain = (np.diff(label[order]) == 0) & (label[order][1:] >= 0)
+        i.append(order[:-1][chain])
+        j.append(order[1:][chain])
+    ends = np.concatenate(i), np.concatenate(j)
+    graph = coo_array((np.ones(len(ends[0])), ends), shape=(count, count))
+    return connected_components(graph, directed=False)[1].astype(np.intp)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
-from qsframework.estimation.bounded import bounded
 from qsframework.estimation.noise import Scaled
 from qsframework.estimation.observations import Observations
 from qsframework.estimation.options import PLAIN, FitOptions
@@ -472,9 +471,12 @@ def _bounded(A: Array, r: Array, z: Array, reduction: Reduction, damping: float,
     lower, upper = reduction.lower - z, reduction.upper - z
     if np.all(free >= lower) and np.all(free <= upper):
         return free
+    from scipy.optimize import lsq_linear
+
     tight = np.maximum(upper, lower + 1e-14)
-    scaled, at = bounded(A / scale, r, lower * scale, tight * scale, 1e-14, 500)
-    return np.where(at < 0, lower, np.where(at > 0, upper, scaled / scale))
+    found = lsq_linear(A / scale, r, (lower * scale, tight * scale), method="bvls", tol=1e-14, max_iter=500)
+    d = found.x / scale
+    return np.where(found.active_mask < 0, lower, np.where(found.active_mask > 0, upper, d))
 
 
 def _solution(problem: _Problem, best: _Minimum) -> Solution:

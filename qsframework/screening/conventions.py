@@ -12,7 +12,6 @@ import numpy as np
 
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import left, orthonormal, rms, scales
-from qsframework.estimation.bounded import bounded
 from qsframework.experiment import Experiment, Readings, bridge
 from qsframework.plugin import Array, Indices, Spring
 from qsframework.screening.blocks import FRAME, in_frame
@@ -483,10 +482,12 @@ def _fit(trial: LinearizedFit) -> _Fit:
 
 def _within(R: Array, z: Array, free: Array, low: Array, high: Array) -> Array:
     """Least squares |R d - z| with low <= d <= high; `free` is the solution without the bounds."""
+    from scipy.optimize import lsq_linear
+
     if np.all((free >= low) & (free <= high)):
         return free
     wide = np.where(high > low, high, low + 1e-12)
-    return bounded(R, z, low, wide, 1e-10, len(low))[0]
+    return np.asarray(lsq_linear(R, z, (low, wide), method="bvls").x)
 
 
 def _mistakes(given: _Fit) -> list[tuple[Change, _Fit, int, Indices]]:

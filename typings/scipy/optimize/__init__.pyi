@@ -5,6 +5,15 @@ import numpy.typing as npt
 
 _Array = npt.NDArray[np.float64]
 
+class _Bounded:
+    """What lsq_linear returns; active_mask is -1 at a lower bound, 1 at an upper one."""
+
+    x: _Array
+    cost: float
+    active_mask: npt.NDArray[np.intp]
+    status: int
+    success: bool
+
 class _Minimum:
     x: float
     fun: float
@@ -14,6 +23,15 @@ class _Root:
     root: float
     converged: bool
 
+def lsq_linear(
+    A: _Array,
+    b: _Array,
+    bounds: tuple[npt.ArrayLike, npt.ArrayLike] = ...,
+    method: str = ...,
+    tol: float = ...,
+    *,
+    max_iter: int | None = ...,
+) -> _Bounded: ...
 def minimize_scalar(
     fun: Callable[[float], float],
     *,
