@@ -29,12 +29,12 @@ class Browser:
         command = ["chromium", *FLAGS, *_DRIVEN, _ONLY_HERE, f"--user-data-dir={folder}", "about:blank"]
         quiet = subprocess.DEVNULL
         self._process = subprocess.Popen(command, stdout=quiet, stderr=quiet, start_new_session=True)
-        told, end = folder / "DevToolsActivePort", time.monotonic() + 60.0
+        told, end = folder / "DevToolsActivePort", time.monotonic() + 300.0
         while not (told.is_file() and told.read_text().strip()):
             assert time.monotonic() < end, "the browser did not start"
             time.sleep(0.1)
         port = told.read_text().splitlines()[0]
-        with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list", timeout=20) as answer:
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list", timeout=120) as answer:
             pages = [p for p in json.load(answer) if p["type"] == "page"]
         self._open = ExitStack()
         address_of_page = pages[0]["webSocketDebuggerUrl"]
@@ -64,7 +64,7 @@ class Browser:
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 
-    def until(self, condition: str, seconds: float = 60.0) -> None:
+    def until(self, condition: str, seconds: float = 300.0) -> None:
         """Wait for an expression to be true."""
         end = time.monotonic() + seconds
         while not self.run(condition):
@@ -95,7 +95,7 @@ class Browser:
         self._number += 1
         self._socket.send(json.dumps({"id": self._number, "method": method, "params": params}))
         while True:
-            said = json.loads(self._socket.recv(timeout=60))
+            said = json.loads(self._socket.recv(timeout=300))
             self._hear(said)
             if said.get("id") == self._number:
                 assert "error" not in said, said["error"]

@@ -30,7 +30,7 @@ FLAGS = (
 _LOOK = ("--virtual-time-budget=8000", "--enable-logging=stderr")
 
 
-def open_page(page: Path | str, folder: Path, *more: str, timeout: float = 120) -> subprocess.CompletedProcess[str]:
+def open_page(page: Path | str, folder: Path, *more: str, timeout: float = 600) -> subprocess.CompletedProcess[str]:
     """Open a page, its profile in the folder; stderr holds what the browser logged."""
     address = page.as_uri() if isinstance(page, Path) else page
     command = ["chromium", *FLAGS, *_LOOK, f"--user-data-dir={folder / 'profile'}", *more, address]

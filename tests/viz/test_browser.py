@@ -23,7 +23,7 @@ EVIL = "</script><script>document.title = 'taken'</script>"
 
 def browse(page: Path | str, folder: Path, *more: str) -> str:
     """Open a page in headless Chromium; what it logged, or with --dump-dom what the page became."""
-    run = open_page(page, folder, SMALL, *more, timeout=180)
+    run = open_page(page, folder, SMALL, *more, timeout=600)
     return run.stdout if "--dump-dom" in more else run.stderr
 
 
@@ -32,7 +32,7 @@ def answer(page: Path, script: str, folder: Path, at: str = "") -> Any:
     told = f"<script>const found = [];\n{script}\ndocument.title = JSON.stringify(found);</script></body>"
     probe = page.with_name("probe.html")
     probe.write_text(page.read_text().replace("</body>", told))
-    run = open_page(probe.as_uri() + at, folder, SMALL, "--dump-dom", NO_HOST, timeout=180)
+    run = open_page(probe.as_uri() + at, folder, SMALL, "--dump-dom", NO_HOST, timeout=600)
     said = console(run.stderr)
     assert not said, said
     return json.loads(run.stdout.split("<title>")[1].split("</title>")[0])

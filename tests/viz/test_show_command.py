@@ -230,12 +230,12 @@ def test_it_serves_until_it_is_stopped() -> None:
         assert run.stdout.readline().startswith("Ctrl-C ends qsf show")
         address = run.stdout.readline().split()[0]
         assert address.startswith("http://127.0.0.1:")
-        with urllib.request.urlopen(address, timeout=60) as answer:
+        with urllib.request.urlopen(address, timeout=300) as answer:
             page = answer.read().decode()
         assert "Universal Robots UR10" in page
         assert '"watch":"/changed"' in page
     finally:
         run.send_signal(signal.SIGINT)
-        assert run.wait(timeout=30) == 0
+        assert run.wait(timeout=300) == 0
         if run.stdout is not None:
             run.stdout.close()
