@@ -1,11 +1,14 @@
-"""The long run of spoiled files: at least 100,000 of them, from stated seeds, with a record in docs/robustness.md.
+"""The long runs of spoiled files, 100,000 of them, and of whole commands, 30,000: records in docs/robustness.md.
 
-    python benchmarks/fuzz.py                 # go on where the last run stopped, then write the record
-    python benchmarks/fuzz.py --share 0.01    # a hundredth of it, to see that it works
-    python benchmarks/fuzz.py --again URDF    # forget what was found of a format and try it anew
+    python benchmarks/fuzz.py                 # go on where the last run stopped, then write the records
+    python benchmarks/fuzz.py commands        # only the commands, or only the files
+    python benchmarks/fuzz.py --share 0.01    # a hundredth of it, to see that it works; no record
+    python benchmarks/fuzz.py --again URDF    # forget what was found of a format or a command, and try it anew
+    python benchmarks/fuzz.py commands --renew 0.4   # try the first 40 % again where another commit was tried
 
 Inputs are tried in chunks, each in a process of its own with 4 GB of memory at most; what a chunk found is kept in
-build/fuzz.jsonl. What is tried, and what counts as a fault, is in tests/robustness/fuzzing.py.
+build/fuzz.jsonl, so that a run that is stopped goes on. A chunk with a fault is tried again at another commit. What is
+tried, and what counts as a fault, is in tests/robustness/fuzzing.py and command_lines.py.
 """
 
 from __future__ import annotations
@@ -29,10 +32,11 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "robustness"))
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[name] = "1"
+import command_lines  # noqa: E402
 import fuzzing  # noqa: E402
 from common import replace_between  # noqa: E402
 
-COUNTS = {
+FILES = {
     "robot.yaml": 6000,
     "nominal.yaml": 5000,
     "URDF": 9000,
@@ -47,12 +51,38 @@ COUNTS = {
     "plan.json": 9000,
     "targets.csv": 4000,
 }
+COMMANDS = {
+    "qsf version": 100,
+    "qsf help": 300,
+    "qsf demo": 100,
+    "qsf robots": 300,
+    "qsf check": 2500,
+    "qsf stiffness": 2600,
+    "qsf show": 2500,
+    "qsf design": 2400,
+    "qsf simulate": 2600,
+    "qsf identify": 2500,
+    "qsf validate": 2200,
+    "qsf diagnose": 1000,
+    "qsf compensate": 2500,
+    "qsf kinematics": 1800,
+    "qsf certificate": 1700,
+    "qsf export": 1700,
+    "qsf protocol": 1200,
+    "qsf day": 600,
+    "qsf import": 1700,
+    "qsf compare": 900,
+    "qsf new": 1300,
+}
+COUNTS = FILES | COMMANDS
 FIRST_SEED = 1_000_000
 """Away from the seeds of the tests."""
-CHUNK = 250
+CHUNK = 100
 MEMORY = 4 * 1024**3
 STATE, PAGE = ROOT / "build" / "fuzz.jsonl", ROOT / "docs" / "robustness.md"
 START, STOP = "<!-- record of benchmarks/fuzz.py -->", "<!-- end of the record -->"
+START_COMMANDS, STOP_COMMANDS = "<!-- record of commands -->", "<!-- end of the record of commands -->"
+Goods = list[fuzzing.Good] | command_lines.Commands
 
 
 @dataclass
@@ -77,12 +107,12 @@ class Tally:
             self.slowest, self.slowest_seed = chunk["slowest"], chunk["slowest_seed"]
 
 
-def try_chunk(goods: list[fuzzing.Good], seeds: range) -> dict[str, Any]:
+def try_chunk(goods: Goods, seeds: range) -> dict[str, Any]:
     """All inputs of a chunk, in this process."""
     outcomes: Counter[str] = Counter()
     faults, slowest, slowest_seed = [], 0.0, 0
     for seed in seeds:
-        found = fuzzing.try_seed(goods, seed)
+        found = fuzzing.try_seed(goods, seed) if isinstance(goods, list) else goods.try_seed(seed)
         outcomes[found.outcome.value] += 1
         if found.seconds > slowest:
             slowest, slowest_seed = found.seconds, seed
@@ -91,7 +121,7 @@ def try_chunk(goods: list[fuzzing.Good], seeds: range) -> dict[str, Any]:
     return {"outcomes": outcomes, "faults": faults, "slowest": slowest, "slowest_seed": slowest_seed}
 
 
-def in_own_process(goods: list[fuzzing.Good], seeds: range) -> dict[str, Any]:
+def in_own_process(goods: Goods, seeds: range) -> dict[str, Any]:
     """What a chunk found; a process that dies is a fault of its chunk."""
     started = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
@@ -122,17 +152,23 @@ def read_state() -> dict[str, dict[int, dict[str, Any]]]:
     return done
 
 
-def run(share: float) -> dict[str, Tally]:
-    """Try what has not been tried yet."""
+def run(counts: dict[str, int], share: float, renew: float) -> dict[str, Tally]:
+    """Try what has not been tried yet; of a share of it, what has not been tried at this commit."""
     done, commit = read_state(), head()
     STATE.parent.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder, STATE.open("a") as state:
-        corpus = fuzzing.corpus(Path(folder))
-        for name, count in COUNTS.items():
+        corpus: dict[str, Goods] = {}
+        if FILES.keys() & counts.keys():
+            corpus |= fuzzing.corpus(Path(folder) / "files")
+        if COMMANDS.keys() & counts.keys():
+            corpus |= command_lines.benches(Path(folder) / "commands")
+        for name, count in counts.items():
             last = FIRST_SEED + max(1, round(count * share))
             for first in range(FIRST_SEED, last, CHUNK):
                 seeds = range(first, min(first + CHUNK, last))
-                if first in done[name] and sum(done[name][first]["outcomes"].values()) == len(seeds):
+                before = done[name].get(first, {"outcomes": {}, "commit": "", "faults": []})
+                other = before["commit"] != commit and (before["faults"] or first < FIRST_SEED + count * renew)
+                if not other and sum(before["outcomes"].values()) == len(seeds):
                     continue
                 chunk = in_own_process(corpus[name], seeds)
                 done[name][first] = chunk | {"format": name, "first": first, "commit": commit}
@@ -141,10 +177,10 @@ def run(share: float) -> dict[str, Tally]:
                 for fault in chunk["faults"]:
                     print(f"{name}, seed {fault['seed']}: {fault['words']}", flush=True)
             print(name, sum(sum(c["outcomes"].values()) for c in done[name].values()), flush=True)
-    tallies = {name: Tally() for name in COUNTS}
-    for name, chunks in done.items():
-        for chunk in chunks.values():
-            tallies[name].add(chunk)
+    tallies = {name: Tally() for name in counts}
+    for name, tally in tallies.items():
+        for chunk in done[name].values():
+            tally.add(chunk)
     return tallies
 
 
@@ -168,13 +204,17 @@ def record(tallies: dict[str, Tally]) -> str:
     inputs, seconds = sum(total.values()), sum(t.seconds for t in tallies.values())
     commits = sum((t.commits for t in tallies.values()), Counter[str]())
     at = ", ".join(f"{name} ({count:,} inputs)" for name, count in commits.items())
+    files = bool(FILES.keys() & tallies.keys())
+    kind = "spoiled files" if files else "command lines"
+    faults = "non-finite values, second reads that differ" if files else "wrong outputs, refusals without a place"
     lines = [
-        f"`python benchmarks/fuzz.py`, {date.today()}: **{inputs:,} spoiled files, "
-        f"{total['fault']} faults** (tracebacks, warnings, hangs, non-finite values, second reads that differ). "
+        f"`python benchmarks/fuzz.py {'files' if files else 'commands'}`, {date.today()}: **{inputs:,} {kind}, "
+        f"{total['fault']} faults** (tracebacks, warnings, hangs, {faults}). "
         f"{seconds / 60:.0f} minutes of one process on a shared {processor()}, Python {platform.python_version()}. "
         f"Commits: {at}.",
         "",
-        "| format | inputs | taken | refused | faults | seeds | ms for one | slowest, ms (seed) | memory, MB |",
+        f"| {'format' if files else 'command'} | inputs | taken | refused | faults | seeds | ms for one "
+        "| slowest, ms (seed) | memory, MB |",
         "|---|---:|---:|---:|---:|---|---:|---|---:|",
     ]
     for name, t in tallies.items():
@@ -197,17 +237,26 @@ def forget(name: str) -> None:
 def main() -> int:
     """Run, print, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("kind", nargs="?", choices=("files", "commands"), help="only these")
+    parser.add_argument("--renew", type=float, default=0.0, help="share to be tried at this commit")
     parser.add_argument("--share", type=float, default=1.0, help="of the inputs; the record is written for all only")
     parser.add_argument("--again", action="append", default=[], choices=list(COUNTS), help="a format to try anew")
     options = parser.parse_args()
     for name in options.again:
         forget(name)
-    tallies = run(options.share)
-    text = record(tallies)
-    print(text)
-    if options.share == 1.0:
-        replace_between(PAGE, START, STOP, f"\n{text}\n")
-    return 1 if any(t.faults for t in tallies.values()) else 0
+    faults = 0
+    for kind, counts, marks in (
+        ("files", FILES, (START, STOP)),
+        ("commands", COMMANDS, (START_COMMANDS, STOP_COMMANDS)),
+    ):
+        if options.kind in (None, kind):
+            tallies = run(counts, options.share, options.renew)
+            text = record(tallies)
+            print(text)
+            if options.share == 1.0:
+                replace_between(PAGE, *marks, f"\n{text}\n")
+            faults += sum(len(t.faults) for t in tallies.values())
+    return 1 if faults else 0
 
 
 if __name__ == "__main__":

@@ -33,7 +33,8 @@ def six_axes(count: int, external: Sequence[int], what: str) -> None:
     """InputError where an arm has not the six axes of its own that the format states at every point."""
     if count - len(external) < MOST:
         found = f"{count - len(external)} joints"
-        raise InputError(Problem(f"{what} states six axes of the arm at every point", found=found, allowed="6"))
+        words = f"{what} states six axes of the arm at every point"
+        raise InputError(Problem(words, found=found, allowed="6", argument=("to", "csv")))
 
 
 def axes_remark(names: Sequence[str], letter: str) -> str:

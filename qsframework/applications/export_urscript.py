@@ -27,7 +27,8 @@ def write_urscript(programme: Programme, name: str) -> str:
     count = len(programme.moves[0].pendant)
     if count != _JOINTS or programme.external:
         found = f"{count} joints, {len(programme.external)} of them external"
-        raise InputError(Problem("URScript states the six joints of the arm", found=found, allowed="6 joints"))
+        words = "URScript states the six joints of the arm"
+        raise InputError(Problem(words, found=found, allowed="6 joints", argument=("to", "csv")))
     payload = "not stated" if programme.payload is None else f"{programme.payload:g} kg"
     lines = [
         f"def {name}():",

@@ -268,7 +268,8 @@ def _ur_frames(one: Fitted) -> tuple[Array, list[Array]]:
         alike = bool(np.abs(zero).max() < _UR_CLOSE)
     if not alike:
         hint = "The axes, and where the angles are zero, must be as the maker's Denavit-Hartenberg numbers have them."
-        raise InputError(Problem(f"{one.experiment.robot.name} is not built as a Universal Robots arm", hint=hint))
+        words = f"{one.experiment.robot.name} is not built as a Universal Robots arm"
+        raise InputError(Problem(words, hint=hint, argument=("ur", "")))
     d, a, quarter = table.d, table.a, 0.5 * np.pi
     steps = [(0, 0, d[0], 0), (0, 0, 0, quarter), (a[1], 0, 0, 0), (a[2], 0, d[3], 0)]
     steps += [(0, -d[4], 0, quarter), (0, d[5], 0, -quarter)]

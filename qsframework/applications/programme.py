@@ -95,6 +95,7 @@ def make_programme(
     no free way was found between two poses; each names the poses.
     """
     _check_numbers(speed, pause)
+    pause = None if pause is None else round(pause, 2)  # controllers are told hundredths
     check_plan(experiment, plan, file)
     around = surroundings(experiment)
     _check_poses(around, plan, home, file)
@@ -180,8 +181,8 @@ def load_name(plan: Plan, i: int) -> str:
 def _check_numbers(speed: int, pause: float | None) -> None:
     if not 1 <= speed <= 100:
         raise InputError(Problem("the speed is a share of the robot's own", found=f"{speed} %", allowed="1 to 100 %"))
-    if pause is not None and not 0.0 < pause <= 3600.0:
-        raise InputError(Problem("the pause at a pose", found=f"{pause:g} s", allowed="above 0, up to 3600 s"))
+    if pause is not None and not 0.01 <= pause <= 3600.0:
+        raise InputError(Problem("the pause at a pose", found=f"{pause:g} s", allowed="0.01 to 3600 s"))
 
 
 def _check_poses(around: Surroundings, plan: Plan, home: Array | None, file: str) -> None:

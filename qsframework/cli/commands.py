@@ -37,7 +37,7 @@ def run_simulate(
 
     sidecar = beside(output, ".json")
     others = [path for path in (json, report) if path != sidecar]
-    distinct_outputs([output, sidecar, *others], [file, plan_file, plan_file.with_suffix(".json")])
+    distinct_outputs([output, sidecar, *others], [file, plan_file, beside(plan_file, ".json")])
     keep_measured([output], "-o")
     experiment = load_experiment(file)
     plan = read_plan(plan_file, experiment)

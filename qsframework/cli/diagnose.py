@@ -83,7 +83,7 @@ def run_diagnose(files: DiagnoseFiles, asked: Asked, where: Where = ALONE) -> No
         try:
             day = run_second_day(found, asked.count, files.second_day, asked.seed)
         except InputError as error:  # nothing is left to separate: the other files are written all the same
-            lost = error
+            lost = InputError(f"--second-day: {error}")
     _write(found, pairs, day, files, [files.experiment, *sources])
     if lost is not None:
         raise lost

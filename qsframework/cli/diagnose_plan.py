@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from qsframework.cli.commands import distinct_outputs, write_json
+from qsframework.cli.commands import beside, distinct_outputs, write_json
 from qsframework.cli.design import read_taken
 from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import progress
@@ -35,7 +35,7 @@ def run_foresight(
     from qsframework.report.words.forecast import foresight_verdict, foresight_words
 
     campaign = load_experiment(experiment)
-    distinct_outputs([json, report, where.checkpoint], [experiment, plan, plan.with_suffix(".json")])
+    distinct_outputs([json, report, where.checkpoint], [experiment, plan, beside(plan, ".json")])
     planned = read_plan(plan, campaign)
     told = promises(campaign, planned)
     known = promise_table(told)
@@ -89,7 +89,7 @@ def run_separate(
     from qsframework.report.words.discrimination import discrimination_words
 
     campaign = load_experiment(experiment)
-    distinct_outputs([output, output.with_suffix(".json"), json], [experiment, *taken])
+    distinct_outputs([output, beside(output, ".json"), json], [experiment, *taken])
     before = [read_taken(path, campaign) for path in taken]
     sigma = campaign.noise.sigma or _left_over(campaign, before)
     with progress() as tell:

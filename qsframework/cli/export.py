@@ -42,7 +42,7 @@ def run_export(plan_file: Path, file: Path, output: Path, wish: ExportWish, json
         raise InputError(Problem(f"unknown format {wish.to!r}", allowed=allowed, hint=hint))
     endings = ENDINGS[wish.to]
     outputs = [beside(output, s) for s in endings] if len(endings) > 1 else [output]
-    distinct_outputs([*outputs, json], [file, plan_file, plan_file.with_suffix(".json")])
+    distinct_outputs([*outputs, json], [file, plan_file, beside(plan_file, ".json")])
     experiment = load_experiment(file)
     plan = with_repeats(plan_of(plan_file, experiment), wish.repeat_share, wish.seed)
     home = None if wish.home is None else home_pose(experiment, wish.home)

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from qsframework.cli.options import ExperimentFile, Json, Report
-from qsframework.cli.printing import print_folded
+from qsframework.cli.printing import held_back, print_folded
 from qsframework.cli.stop import Stopped, listening
 from qsframework.cli.trust import Anyway, Trust
 from qsframework.cli.where import DaskAddress, Jobs, Kept, Where
@@ -197,7 +197,7 @@ def show(
 @app.command()
 def design(
     experiment: ExperimentFile,
-    poses: Annotated[int, typer.Option("-n", "--poses", help="Number of poses.", min=1)] = 12,
+    poses: Annotated[int, typer.Option("-n", "--poses", help="Number of poses.", min=1, max=10_000)] = 12,
     criterion: Annotated[
         str,
         typer.Option(
@@ -214,7 +214,7 @@ def design(
     prior: Annotated[bool, typer.Option(help="Count the stated sd of each parameter as a reading.")] = False,
     taken: Annotated[list[Path] | None, typer.Option(help="Readings or a plan already taken (repeat).")] = None,
     test_poses: Annotated[Path | None, typer.Option(help="Plan file: poses and loads of the work, for I, G.")] = None,
-    samples: Annotated[int, typer.Option(help="Draws of the parameters that the plan must suit.", min=1)] = 1,
+    samples: Annotated[int, typer.Option(help="Draws of the parameters that the plan must suit.", min=1, max=1000)] = 1,
     worst: Annotated[bool, typer.Option(help="Suit the worst of the samples, not their mean.")] = False,
     efficiency: Annotated[float, typer.Option(help="What must be certified.", min=0.0, max=1.0)] = 0.9999,
     solver: Annotated[str, typer.Option(help="'columns', or 'cvxpy' as the reference.")] = "columns",
@@ -379,7 +379,7 @@ def validate(
             show_default=False,
         ),
     ],
-    halves: Annotated[int, typer.Option(help="Fit N random halves of the poses, judge the others.", min=0)] = 0,
+    halves: Annotated[int, typer.Option(help="Fit N random halves of the poses, judge others.", min=0, max=1000)] = 0,
     states: States = None,
     seed: Seed = 0,
     json: Json = None,
@@ -411,7 +411,7 @@ def diagnose(
     separate: Annotated[
         tuple[str, str] | None, typer.Option(help="CAUSE CAUSE: only design poses that tell these two apart.")
     ] = None,
-    count: Annotated[int, typer.Option(help="Poses of --second-day and --separate.", min=1)] = 12,
+    count: Annotated[int, typer.Option(help="Poses of --second-day and --separate.", min=1, max=1000)] = 12,
     output: Annotated[Path, typer.Option("-o", "--output", help="The plan of --separate.")] = Path("separate.csv"),
     plan: Annotated[
         Path | None, typer.Option(help="Before measuring: what this plan would detect and name, and what not.")
@@ -459,7 +459,7 @@ def main() -> None:
     for name in _THREADS:  # read when numpy is loaded, which comes later
         os.environ.setdefault(name, "1")
     try:
-        with listening():
+        with listening(), held_back():
             # app() would put a hook of its own where `listening` hears what compiled code loses
             typer.main.get_command(app)()
     except Stopped as stopped:
@@ -475,8 +475,14 @@ def main() -> None:
     except MemoryError:
         print("error: the memory ran out; fewer candidates, poses or jobs need less", file=sys.stderr)
         sys.exit(2)
+    except BrokenPipeError:  # whoever read has seen enough, and the files are written
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        sys.exit(0)
     except OSError as error:
-        if error.filename is not None or error.errno not in (errno.ENOSPC, errno.EIO):
+        if error.filename is not None:  # a name that is too long, a folder that nobody may read
+            print(f"error: {_shown(str(error.filename))[:_LONGEST]}: {error.strerror}", file=sys.stderr)
+            sys.exit(2)
+        if error.errno not in (errno.ENOSPC, errno.EIO):
             raise
         # the device behind standard output is full: Python would try it again at its end, and say so in its own words
         print(f"error: the output cannot be printed: {error.strerror}", file=sys.stderr, flush=True)
@@ -498,4 +504,4 @@ def _shown(line: str) -> str:
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)
 
 
-_MOST = 20
+_MOST, _LONGEST = 20, 200

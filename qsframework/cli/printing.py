@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from io import BufferedWriter, FileIO, TextIOWrapper
 from typing import TYPE_CHECKING
 
 from qsframework.terminal import Row, folded, paragraphs, table_lines, width
 
 if TYPE_CHECKING:
     from qsframework.report.blocks import Verdict
+
+
+_HELD = 1 << 20
+"""Bytes that are printed at the end; no command prints as many."""
 
 
 def print_folded(said: str) -> None:
@@ -38,3 +45,25 @@ def print_table(header: Row, rows: Sequence[Row], title: str = "") -> None:
     if title:
         print(f"\n{title}")
     print("\n".join([*table_lines(header, rows, width()), ""]))
+
+
+@contextmanager
+def held_back() -> Generator[None, None, None]:
+    """Within, what goes into a pipe or a file waits until the end: the command's files are written before.
+
+    A reader such as `head` may leave early, and a disk may be full: neither is to cost a file. What is printed with
+    flush=True goes at once, and a terminal shows every line.
+    """
+    out = sys.stdout
+    if out is not sys.__stdout__ or out.isatty():  # sys.__stdout__ is None where there is none
+        yield
+        return
+    out.flush()
+    raw = FileIO(out.fileno(), "w", closefd=False)
+    held = TextIOWrapper(BufferedWriter(raw, _HELD), encoding=out.encoding, errors=out.errors)
+    sys.stdout = held
+    try:
+        yield
+    finally:
+        sys.stdout = out
+        held.close()  # what is held goes out; the descriptor stays open

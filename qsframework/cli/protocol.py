@@ -13,7 +13,7 @@ from qsframework.applications.protocol import (
     write_floor_file,
     write_reading_file,
 )
-from qsframework.cli.commands import distinct_outputs
+from qsframework.cli.commands import beside, distinct_outputs
 from qsframework.cli.export import plan_of
 from qsframework.cli.printing import print_folded
 from qsframework.experiment import load_experiment
@@ -26,7 +26,7 @@ def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish:
     from qsframework.viz.sketch import sketches
 
     floor = floor_file(readings) if readings.name else readings
-    distinct_outputs([sheet, readings, floor], [file, plan_file, plan_file.with_suffix(".json")])
+    distinct_outputs([sheet, readings, floor], [file, plan_file, beside(plan_file, ".json")])
     keep_measured([readings, floor], "--readings")
     experiment = load_experiment(file)
     plan = plan_of(plan_file, experiment)

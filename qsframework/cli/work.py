@@ -101,7 +101,7 @@ def certificate(
     ] = Path("certificate.html"),
     meta: Annotated[Path | None, typer.Option(help="meta.yaml: who, when, serial numbers, tolerance.")] = None,
     template: Annotated[Path | None, typer.Option(help="Write a meta.yaml to fill in, and nothing else.")] = None,
-    halves: Annotated[int, typer.Option(help="Random halves, where no other readings are given.", min=1)] = 10,
+    halves: Annotated[int, typer.Option(help="Random halves, where no readings are given.", min=1, max=1000)] = 10,
     seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
     trust: Trust = False,
 ) -> None:
@@ -179,10 +179,10 @@ def export(
 
 
 Order = Annotated[str, typer.Option(help="random (what drift cannot imitate), shortest, or as in the plan.")]
-Cycles = Annotated[int, typer.Option(help="Times the load is put on at each visit.", min=1)]
+Cycles = Annotated[int, typer.Option(help="Times the load is put on at each visit.", min=1, max=100)]
 RepeatShare = Annotated[float, typer.Option(help="Share of the poses that are visited twice.", min=0, max=1)]
 Drive = Annotated[str, typer.Option(help="What holds the arm while it is read: servo or brake.")]
-Reflectors = Annotated[int, typer.Option(help="Reflectors fixed to the floor.", min=0)]
+Reflectors = Annotated[int, typer.Option(help="Reflectors fixed to the floor.", min=0, max=100)]
 Half = Annotated[bool, typer.Option(help="Half the load, too, at repeated poses: is the arm linear?")]
 
 

@@ -48,6 +48,11 @@ class FitOptions:
             if value not in allowed:
                 told = ", ".join(a for a in allowed if a)
                 problems.append(Problem(f"unknown {what} {value!r}", allowed=told, hint=nearest(value, allowed)))
+        grouped = [name for group in self.tied for name in group]
+        twice = dict.fromkeys(n for n in grouped if n in self.fixed or grouped.count(n) > 1)
+        if twice:
+            hint = "A parameter is in one group at most, once, and what is tied is estimated."
+            problems.append(Problem(f"tied and fixed, or tied twice: {', '.join(twice)}", hint=hint))
         more = self.bounds or self.priors or self.loss != "linear" or self.tied or self.fixed or self.profile
         if self.method == "two-step" and more:
             problems.append(

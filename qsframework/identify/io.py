@@ -143,7 +143,8 @@ class StoredFit:
         """
         missing = [p.name for p in model.parameters if p.name not in self.model and not p.by_name]
         if missing:
-            raise InputError(f"the fit is of another model: it has no {', '.join(missing)}")
+            words = f"the fit is of another model: it has no {', '.join(missing)}"
+            raise InputError(Problem(words, file=self.file or None))
         return np.array([self.model.get(p.name, p.nominal) for p in model.parameters])
 
     def is_of(self, data: Path) -> bool:

@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -222,6 +223,99 @@ def resumed_job(job: dict[str, Any], place: Path, chance: random.Random) -> dict
         "cpu": sum(os.times()[2:4]) - before,
         "last": said.read_text()[-2000:],
     }
+
+
+WRITING = (
+    "design experiment.yaml -n 4 --candidates 40 -o out/plan.csv --json out/d.json --report out/d.html",
+    "simulate experiment.yaml plan.csv -o out/r.csv --json out/t.json --report out/t.html",
+    "identify experiment.yaml readings.csv --json out/fit.json --nominal out/n.yaml --urdf out/a.urdf",
+    "validate experiment.yaml fit.json other.csv --json out/v.json --report out/v.html",
+    "diagnose experiment.yaml readings.csv --json out/d.json --report out/d.html --extend out/new",
+    "diagnose experiment.yaml --plan plan.csv --json out/p.json --report out/p.html",
+    "stiffness small --pose 10,-20 --load 0,0,-100 --json out/s.json --report out/s.html",
+    "compensate experiment.yaml fit.json targets.csv -o out/c.csv --json out/c.json --report out/c.html --anyway",
+    "kinematics experiment.yaml fit.json --urdf out/k.urdf --dh out/dh.yaml --offsets out/o.csv --anyway",
+    "certificate experiment.yaml fit.json --halves 2 -o out/certificate.html",
+    "export ur10.yaml ur10_plan.csv --to urscript -o out/arm.script --json out/e.json",
+    "protocol experiment.yaml plan.csv -o out/sheet.html --readings out/r.csv",
+    "day experiment.yaml plan.csv --watch exports --once --cycles 1 --no-half --repeat-share 0 -o out/day",
+    "import experiment.yaml points.csv --plan plan.csv --unit mm -o out/i.csv --json out/i.json",
+    "compare small small2 --task task.yaml --json out/c.json --report out/c.html",
+    "new arm --urdf small/small.urdf -o out/arm",
+    "show small --html out/scene.html",
+    "check experiment.yaml --json out/check.json --report out/check.html",
+    "robots --json out/robots.json --report out/robots.html",
+    "demo -o out/demo --json out/demo.json",
+)
+"""Every command that writes, on the files of command_lines.prepared."""
+_NOT_TWICE, _GROWS = ("new",), ("day",)
+"""`new` overwrites no folder; a day's folder grows reading by reading, and goes on."""
+
+
+@dataclass(frozen=True)
+class First:
+    """What a run that nobody disturbs writes, and the seconds that it takes."""
+
+    files: Files
+    seconds: float
+
+
+def first_run(bench: Path, place: Path, line: str) -> First:
+    """The run against which killed ones are held; the one before it loads what later runs have loaded."""
+    seconds = 0.0
+    for _ in range(2):
+        laid(bench, place, {})
+        start = time.monotonic()
+        code = run(qsf(line.split()), place.parent / "said")
+        seconds = time.monotonic() - start
+        if code:
+            raise RuntimeError(f"qsf {line}: {(place.parent / 'said').read_text()}")
+    return First(files_in(place / "out"), seconds)
+
+
+def killed_once(bench: Path, place: Path, line: str, first: First, share: float) -> dict[str, Any]:
+    """A run over an earlier run's files, killed after a share of its time, and a second one over what is left."""
+    verb, said = line.split()[0], place.parent / "said"
+    folders = sorted({n.split("/")[0] for n in first.files if "/" in n} - {"demo", "day"})
+    old = {} if verb in (*_NOT_TWICE, *_GROWS) else old_of(first.files, folders)
+    laid(bench, place, old)
+    code = run(qsf(line.split()), said, signal.SIGKILL, share * first.seconds)
+    left = files_in(place / "out")
+    parts = [n for n in left if ".qsf-part" in n]
+    whole_files = {n: c for n, c in left.items() if n not in parts}
+    faults: list[str] = []
+    if code not in (0, -signal.SIGKILL):
+        faults.append(f"it ended with {code}: {said.read_text()[-500:]}")
+    if verb not in _GROWS:
+        faults += [f"{n} is neither the old one nor the new one" for n in half(whole_files, old, first.files, folders)]
+    new = len(_news(whole_files, first)) == len(first.files)
+    told = "done" if code == 0 else "old" if whole_files == old else "new" if new else "mixed"
+    if verb in _NOT_TWICE and whole_files:
+        clear(place / "out")
+    again = run(qsf(line.split()), said)
+    after = files_in(place / "out")
+    if again:
+        faults.append(f"the second run ended with {again}: {said.read_text()[-500:]}")
+    elif len(_news(after, first)) != len(first.files) or after.keys() != first.files.keys():
+        faults.append(f"the second run left other files: {sorted(after)}")
+    return {"left": told, "part": bool(parts), "faults": faults}
+
+
+def _news(left: Files, first: First) -> list[str]:
+    """Files that are the new ones; a day says when each reading came, which the first run cannot say."""
+    return [n for n, c in left.items() if n in first.files and (n.startswith("day/") or whole(n, c, first.files[n]))]
+
+
+def laid(bench: Path, place: Path, old: Files) -> None:
+    """The bench, anew, with an earlier run's files; it is the place to be."""
+    import shutil
+
+    os.chdir(bench)
+    shutil.rmtree(place, ignore_errors=True)
+    shutil.copytree(bench, place)
+    (place / "out").mkdir()
+    lay(place / "out", old)
+    os.chdir(place)
 
 
 def lines(path: Path) -> int:

@@ -1,0 +1,107 @@
+"""Kill -9 at 100 random moments, over all commands that write: the record in docs/robustness.md.
+
+    python benchmarks/kills.py                # go on where the last run stopped, then write the record
+    python benchmarks/kills.py --renew        # try again what another commit was tried with
+    python benchmarks/kills.py --kills 1      # one moment for each command, to see that it works; no record
+
+Each command runs on a small arm over files of an earlier run, is killed at a random moment, and runs again. What became
+of it is kept in build/kills.jsonl. What may be left, and what a second run has to do, is in tests/robustness/killed.py.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tests" / "robustness"))
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[name] = "1"
+import command_lines  # noqa: E402
+import killed  # noqa: E402
+from common import replace_between  # noqa: E402
+from fuzz import PAGE, head, processor  # noqa: E402
+
+STATE = ROOT / "build" / "kills.jsonl"
+START, STOP = "<!-- record of benchmarks/kills.py -->", "<!-- end of the record of kills -->"
+KILLS = 5
+"""Moments for each command."""
+
+
+def read_state() -> dict[tuple[str, int], dict[str, Any]]:
+    """What was tried, by command and number of the moment."""
+    lines = STATE.read_text().splitlines() if STATE.exists() else []
+    return {(r["line"], r["kill"]): r for r in map(json.loads, lines)}
+
+
+def run(kills: int, renew: bool) -> list[dict[str, Any]]:
+    """Try what has not been tried."""
+    done, commit = read_state(), head()
+    STATE.parent.mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder, STATE.open("a") as state:
+        bench = command_lines.prepared(Path(folder))
+        for line in killed.WRITING:
+            first: killed.First | None = None
+            for kill in range(kills):
+                old = done.get((line, kill))
+                if old is not None and (not renew or old["commit"] == commit) and not old["faults"]:
+                    continue
+                first = first or killed.first_run(bench, Path(folder) / "place", line)
+                share = random.Random(f"{line} {kill}").random()
+                found = killed.killed_once(bench, Path(folder) / "place", line, first, share)
+                done[line, kill] = found | {"line": line, "kill": kill, "commit": commit}
+                state.write(json.dumps(done[line, kill]) + "\n")
+                state.flush()
+                for fault in found["faults"]:
+                    print(f"{line}, at {share:.2f} of its time: {fault}", flush=True)
+            print(line, flush=True)
+    return [done[line, kill] for line in killed.WRITING for kill in range(kills)]
+
+
+def record(found: list[dict[str, Any]]) -> Iterator[str]:
+    """The record as Markdown."""
+    commits = ", ".join(f"{name} ({count})" for name, count in Counter(r["commit"] for r in found).items())
+    faults = sum(len(r["faults"]) for r in found)
+    yield (
+        f"`python benchmarks/kills.py`, {date.today()}: **{len(found)} kills, {faults} faults**; {processor()}. "
+        f"Commits: {commits}."
+    )
+    yield ""
+    yield "| command | kills | old files | new files | some of each | done before | hidden part left | faults |"
+    yield "|---|---:|---:|---:|---:|---:|---:|---:|"
+    for line in killed.WRITING:
+        own = [r for r in found if r["line"] == line]
+        counts = Counter(r["left"] for r in own)
+        verb, *words = line.split()
+        shown = " ".join([verb, *(w for w in words if w in ("--extend", "--plan") and verb == "diagnose")])
+        yield (
+            f"| `qsf {shown}` | {len(own)} | {counts['old']} | {counts['new']} | {counts['mixed']} | {counts['done']} "
+            f"| {sum(r['part'] for r in own)} | {sum(len(r['faults']) for r in own)} |"
+        )
+
+
+def main() -> int:
+    """Run, print, write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--kills", type=int, default=KILLS, help="moments for each command")
+    parser.add_argument("--renew", action="store_true", help="try again what another commit was tried with")
+    options = parser.parse_args()
+    found = run(options.kills, options.renew)
+    text = "\n".join(record(found))
+    print(text)
+    if options.kills == KILLS:
+        replace_between(PAGE, START, STOP, f"\n{text}\n")
+    return 1 if any(r["faults"] for r in found) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
