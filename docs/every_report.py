@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from qsframework.cli.main import app
 from qsframework.experiment import example, load_experiment
-from qsframework.robot.loader import find_robot
+from qsframework.robot.search import find_robot
 
 EXPERIMENT = example("m900ib") / "experiment.yaml"
 COMMANDS = (

@@ -10,10 +10,10 @@ Every name here is loaded when it is asked for.
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
+
+from qsframework.lazily import lazily
 
 if TYPE_CHECKING:
     from qsframework import units as units
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from qsframework.applications.targets import joint_targets as joint_targets, read_targets as read_targets
     from qsframework.design import design as design
     from qsframework.diagnose import diagnose as diagnose
-    from qsframework.discriminate.follow_up import second_day as second_day
+    from qsframework.discriminate import second_day as second_day
     from qsframework.errors import (
         InputError as InputError,
         NotCertified as NotCertified,
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
         write_plan as write_plan,
         write_readings as write_readings,
     )
-    from qsframework.forecast.power import foresee as forecast
+    from qsframework.forecast import foresee as forecast
     from qsframework.identify import (
         Fit as Fit,
         FitOptions as FitOptions,
@@ -66,51 +66,6 @@ if TYPE_CHECKING:
 
     __version__: str
 
-_HOME = {
-    "diagnosis_words": "report.words.diagnosis",
-    "compare": "applications.compare",
-    "compensate": "applications.compensate",
-    "export": "applications.export",
-    "import_readings": "applications.importers",
-    "joint_targets": "applications.targets",
-    "make_programme": "applications.programme",
-    "new": "robot.new",
-    "protocol": "applications.protocol:make_protocol",
-    "read_targets": "applications.targets",
-    "design": "design",
-    "diagnose": "diagnose",
-    "extend": "report.extended:write_extended",
-    "report": "report.results",
-    "show": "viz.show_scene:show_scene",
-    "stiffness": "applications.stiffness:stiffness_at",
-    "forecast": "forecast:foresee",
-    "second_day": "discriminate",
-    "InputError": "errors",
-    "NotCertified": "errors",
-    "NotConverged": "errors",
-    "NotIdentifiable": "errors",
-    "QsfError": "errors",
-    "Experiment": "experiment",
-    "Plan": "experiment",
-    "Readings": "experiment",
-    "load_experiment": "experiment",
-    "read_plan": "experiment",
-    "read_readings": "experiment",
-    "simulate": "experiment",
-    "write_plan": "experiment",
-    "write_readings": "experiment",
-    "Fit": "identify",
-    "FitOptions": "identify",
-    "identify": "identify",
-    "read_fit": "identify",
-    "validate": "identify",
-    "write_fit": "identify",
-    "check_effect": "plugin",
-    "Robot": "robot",
-    "load_robot": "robot",
-    "screen": "screening",
-}
-"""Where each name of the front door lives, and after a colon what it is called there."""
 __all__ = [
     "Experiment",
     "Fit",
@@ -159,6 +114,39 @@ __all__ = [
 ]
 
 
+_home = lazily(
+    __name__,
+    {
+        "report.words.diagnosis": "diagnosis_words",
+        "applications.compare": "compare",
+        "applications.compensate": "compensate",
+        "applications.export": "export",
+        "applications.importers": "import_readings",
+        "applications.targets": "joint_targets read_targets",
+        "applications.programme": "make_programme",
+        "robot.new": "new",
+        "applications.protocol": "protocol=make_protocol",
+        "design": "design",
+        "diagnose": "diagnose",
+        "report.extended": "extend=write_extended",
+        "report.results": "report",
+        "viz.show_scene": "show=show_scene",
+        "applications.stiffness": "stiffness=stiffness_at",
+        "forecast": "forecast=foresee",
+        "discriminate": "second_day",
+        "errors": "InputError NotCertified NotConverged NotIdentifiable QsfError",
+        "experiment": (
+            "Experiment Plan Readings load_experiment read_plan read_readings simulate write_plan write_readings"
+        ),
+        "identify": "Fit FitOptions identify read_fit validate write_fit",
+        "plugin": "check_effect",
+        "robot": "Robot load_robot",
+        "screening": "screen",
+    },
+)
+"""Verbs that have the names of their packages, as `design` and `identify`, stay verbs."""
+
+
 def __getattr__(name: str) -> Any:
     """A name of the front door, or the version, which stands in the package's metadata alone."""
     if name == "__version__":
@@ -167,25 +155,8 @@ def __getattr__(name: str) -> Any:
         return version("qsframework")
     if name == "units":
         return import_module("qsframework.units")
-    if name not in _HOME:
-        raise AttributeError(f"module 'qsframework' has no attribute {name!r}")
-    home, _, own = _HOME[name].partition(":")
-    return getattr(import_module(f"qsframework.{home}"), own or name)
+    return _home(name)
 
 
 def __dir__() -> list[str]:
     return __all__
-
-
-class _Door(ModuleType):
-    """Five verbs have the names of their packages: `qsframework.design` is the verb, whatever has been imported."""
-
-
-def _verb(name: str) -> property:
-    return property(lambda _: __getattr__(name), lambda _, __: None)
-
-
-for _name in ("design", "identify", "diagnose", "forecast", "report"):
-    setattr(_Door, _name, _verb(_name))
-
-sys.modules[__name__].__class__ = _Door

@@ -1,8 +1,13 @@
 """What the calibrated model is for."""
 
-from qsframework.applications.compensate import Compensation, compensate
-from qsframework.applications.stiffness import Stiffness, stiffness_at
-from qsframework.applications.targets import Targets, joint_targets, read_targets
+from typing import TYPE_CHECKING
+
+from qsframework.lazily import lazily
+
+if TYPE_CHECKING:
+    from qsframework.applications.compensate import Compensation, compensate
+    from qsframework.applications.stiffness import Stiffness, stiffness_at
+    from qsframework.applications.targets import Targets, joint_targets, read_targets
 
 __all__ = [
     "Compensation",
@@ -13,3 +18,11 @@ __all__ = [
     "read_targets",
     "stiffness_at",
 ]
+__getattr__ = lazily(
+    __name__,
+    {
+        "compensate": "Compensation compensate",
+        "stiffness": "Stiffness stiffness_at",
+        "targets": "Targets joint_targets read_targets",
+    },
+)

@@ -1,15 +1,15 @@
-"""`qsf check` and `qsf robots`: what they call, print and write."""
+"""`qsf check`: what it calls, prints and writes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qsframework.cli.commands import distinct_outputs, write_json
-from qsframework.cli.printing import print_folded, print_table
+from qsframework.cli.printing import print_folded
 from qsframework.errors import InputError, Problem, QsfError
 from qsframework.experiment import (
     Experiment,
@@ -21,7 +21,6 @@ from qsframework.robot import Robot, load_robot, robot_names
 from qsframework.robot.statics import WEIGHTLESS
 
 if TYPE_CHECKING:
-    from qsframework.report import Section
     from qsframework.screening.conventions import Convention
 
 Line = tuple[bool | None, str, str]
@@ -48,22 +47,6 @@ class Checked:
         bad = any(good is False for good, _, _ in self.lines)
         head = ", ok, but look at what is marked with !" if bad else ", ok"
         return self.words + head + "".join(f"\n  {_MARK[good]} {kind}: {said}" for good, kind, said in self.lines)
-
-
-def list_robots(json: Path | None, report: Path | None = None) -> None:
-    """Name and title of every robot on the search path."""
-    distinct_outputs([json, report], [])
-    robots = [load_robot(name) for name in robot_names()]
-    rows = tuple((name, robot.title) for name, robot in zip(robot_names(), robots, strict=True))
-    print_table(("robot", "title"), rows)
-    if json is not None:
-        write_json(json, dict(rows), names=True)
-    if report is not None:
-        from qsframework.report import write_report
-        from qsframework.report.robot_section import robots_section
-
-        sections = (robots_section(robots), _computed(robots, []))
-        print(f"report: {write_report(report, 'Robots', sections)}")
 
 
 def check_files(files: Sequence[Path], json: Path | None, report: Path | None = None) -> None:
@@ -135,6 +118,7 @@ _MARK = {True: " ", False: "!", None: "?"}
 def _report(checked: Sequence[Checked], report: Path) -> None:
     from qsframework.report import write_report
     from qsframework.report.check_section import found_section, readings_section
+    from qsframework.report.provenance import robots_computed
     from qsframework.report.robot_section import robot_section
 
     sections = [found_section([(str(c.file), c.words, c.lines) for c in checked])]
@@ -143,13 +127,5 @@ def _report(checked: Sequence[Checked], report: Path) -> None:
             sections.append(readings_section(c.experiment, c.readings, "/".join(c.file.parts[-2:])))
     sections += [robot_section(robot) for robot in {c.robot.folder: c.robot for c in checked}.values()]
     files = [path for c in checked if c.experiment is not None for path in (c.experiment.path, *c.experiment.data)]
-    own = _computed([c.robot for c in checked], files)
+    own = robots_computed([c.robot for c in checked], files)
     print(f"report: {write_report(report, 'Check', [*sections, own])}")
-
-
-def _computed(robots: Sequence[Robot], files: Sequence[Path]) -> Section:
-    from qsframework.report.provenance import READING, provenance_section
-
-    robots = list({r.folder: r for r in robots}.values())
-    parameters = [replace(p, name=f"{r.name}: {p.name}") for r in robots for p in r.parameters]
-    return provenance_section([e for r in robots for e in r.effects], files, None, (READING,), parameters, robots)

@@ -1,4 +1,4 @@
-"""What each command calls and prints."""
+"""What commands share: readings that they work on, outputs that are nobody else's, JSON."""
 
 from __future__ import annotations
 
@@ -6,62 +6,14 @@ import json as jsonlib
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from qsframework.cli.printing import print_folded
 from qsframework.errors import InputError, Problem
-from qsframework.experiment import (
-    Experiment,
-    load_experiment,
-    read_plan,
-)
 from qsframework.files import write_text
 from qsframework.files.formats import FORMAT
 
-
-def run_simulate(
-    file: Path,
-    plan_file: Path,
-    output: Path,
-    truth: str,
-    seed: int,
-    json: Path | None,
-    linear: bool = False,
-    report: Path | None = None,
-) -> None:
-    """Simulate a plan and write its readings."""
-    from qsframework.design import broken_constraints
-    from qsframework.elastostatics import range_notes
-    from qsframework.experiment import simulate
-    from qsframework.experiment.measured import keep_measured, write_simulated
-
-    sidecar = beside(output, ".json")
-    others = [path for path in (json, report) if path != sidecar]
-    distinct_outputs([output, sidecar, *others], [file, plan_file, beside(plan_file, ".json")])
-    keep_measured([output], "-o")
-    experiment = load_experiment(file)
-    plan = read_plan(plan_file, experiment)
-    for constraint, poses in broken_constraints(experiment, plan).items():
-        print_folded(f"note: {', '.join(poses)} break the constraint {constraint!r}")
-    result = simulate(experiment, plan, truth=truth, seed=seed, linear=linear)
-    notes = range_notes(result.model, plan.poses, plan.pose, result.x)
-    for note in notes:
-        print_folded(f"note: {note}")
-    made = write_simulated(output, result.readings, experiment)
-    if json is not None:
-        told = {"readings": str(output), "seed": seed, "truth": result.truth_by_name()}
-        told |= {"notes": list(notes)} if notes else {}
-        write_json(json, {**(made if json == sidecar else {}), **told})
-    if report is not None:
-        from qsframework.report import write_report
-        from qsframework.report.provenance import EQUILIBRIUM, LINEAR, computed
-        from qsframework.report.simulation_section import simulation_sections
-
-        own = computed(experiment, [file, plan_file], seed, (LINEAR, EQUILIBRIUM) if linear else (EQUILIBRIUM,))
-        sections = (*simulation_sections(experiment, plan, result, linear, notes), own)
-        print(f"report: {write_report(report, f'Simulation: {experiment.robot.title}', sections)}")
-    print(f"{len(result.readings)} readings at {len(set(result.readings.pose))} poses: {output}")
-    print(f"next: qsf identify {file} {output}")
+if TYPE_CHECKING:
+    from qsframework.experiment import Experiment
 
 
 def readings_files(experiment: Experiment, data: Sequence[Path], option: str = "FILE...") -> tuple[Path, ...]:

@@ -109,7 +109,7 @@ def demo(
 @app.command()
 def robots(json: Json = None, report: Report = None, trust: Trust = False) -> None:
     """List the robots that can be named in an experiment."""
-    from qsframework.cli.check import list_robots
+    from qsframework.cli.robots import list_robots
 
     list_robots(json, report)
 
@@ -277,7 +277,7 @@ def simulate(
     trust: Trust = False,
 ) -> None:
     """Make readings of a plan, with seeded noise."""
-    from qsframework.cli.commands import run_simulate
+    from qsframework.cli.simulate import run_simulate
 
     _old_exact(exact)
     run_simulate(experiment, plan, output, truth, seed, json, linear, report)
@@ -450,6 +450,8 @@ def diagnose(
 add_commands(app)
 
 
+_PLUGINS = "PYDANTIC_DISABLE_PLUGINS"
+"""Nobody's code is looked for to meddle with the models of our files: it would cost as much as they do."""
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Matrices of a few hundred rows make threads wait for each other: on two cores a diagnosis took twice as long."""
 
@@ -458,6 +460,7 @@ def main() -> None:
     """Run `qsf`; bad input ends with exit code 2 and a message that says what to do, Ctrl-C with 130 and one line."""
     for name in _THREADS:  # read when numpy is loaded, which comes later
         os.environ.setdefault(name, "1")
+    os.environ.setdefault(_PLUGINS, "__all__")
     try:
         with listening(), held_back():
             # app() would put a hook of its own where `listening` hears what compiled code loses

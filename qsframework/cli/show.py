@@ -17,7 +17,7 @@ from qsframework.files import write_text
 from qsframework.identify.io import StoredFit, read_fit
 from qsframework.identify.soundness import check_robot, doubts
 from qsframework.robot import load_robot, robot_names
-from qsframework.robot.loader import find_robot
+from qsframework.robot.search import find_robot
 from qsframework.viz import Scene, Site, serve, show_scene
 from qsframework.viz.subject import floating, measured, one_pose, robot_alone
 

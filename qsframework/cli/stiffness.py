@@ -10,8 +10,7 @@ from qsframework.applications import Stiffness, stiffness_at
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.numbers import numbers, point_of, wrench_of
 from qsframework.cli.printing import print_folded, print_table
-from qsframework.report import Section, Table, Text, View, provenance_section, write_report
-from qsframework.report.provenance import EQUILIBRIUM, LINEAR, STIFFNESS
+from qsframework.report.blocks import Section, Table, Text, View
 from qsframework.robot import load_robot
 
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -41,6 +40,9 @@ def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | Non
         if isinstance(block, Table):
             print_table(block.header, block.rows)
     if report is not None:
+        from qsframework.report import write_report
+        from qsframework.report.provenance import EQUILIBRIUM, LINEAR, STIFFNESS, provenance_section
+
         seen = Section("In 3D", (_view(robot, pose, load, point, _tables(result)[0]),))
         laws = (LINEAR, EQUILIBRIUM, STIFFNESS)
         own = provenance_section(arm.effects, [], None, laws, arm.parameters, [arm])

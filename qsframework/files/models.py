@@ -30,7 +30,13 @@ class Unit:
 class FileModel(pydantic.BaseModel):
     """A frozen model of a file's mapping; unknown keys are errors, measured keys end in their unit."""
 
-    model_config = pydantic.ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = pydantic.ConfigDict(
+        extra="forbid",
+        frozen=True,
+        strict=True,
+        allow_inf_nan=False,
+        defer_build=True,  # a command reads few of the kinds of files that there are
+    )
 
     @classmethod
     def measured(cls) -> dict[str, Unit]:

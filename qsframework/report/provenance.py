@@ -5,14 +5,18 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from qsframework.experiment import Experiment
 from qsframework.files import sha256
 from qsframework.plugin import Effect, Parameter
 from qsframework.report.blocks import Section, Table, Text
 from qsframework.report.words.sizes import shown
-from qsframework.robot import Robot
+
+if TYPE_CHECKING:
+    from qsframework.experiment import Experiment
+    from qsframework.robot import Robot
 
 PROVENANCE = "How this was computed"
 _PAPER = (
@@ -86,6 +90,13 @@ def provenance_section(
         ),
         folded=True,
     )
+
+
+def robots_computed(robots: Sequence[Robot], files: Sequence[Path]) -> Section:
+    """The provenance of what is told of robots, each named once, and of readings where files hold some."""
+    robots = list({r.folder: r for r in robots}.values())
+    parameters = [replace(p, name=f"{r.name}: {p.name}") for r in robots for p in r.parameters]
+    return provenance_section([e for r in robots for e in r.effects], files, None, (READING,), parameters, robots)
 
 
 def computed(

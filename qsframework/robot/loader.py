@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
@@ -26,6 +24,7 @@ from qsframework.robot.model import build_model, read_branches, read_facts, read
 from qsframework.robot.packages import inside
 from qsframework.robot.robot import LinkFrame, Robot
 from qsframework.robot.scaffold_text import coupling_text
+from qsframework.robot.search import ROBOT_NAME, find_robot, is_file
 from qsframework.robot.spec import RobotSpec, read_effects, read_nominal
 from qsframework.robot.urdf import Urdf, read_urdf
 
@@ -33,49 +32,6 @@ if TYPE_CHECKING:
     import pinocchio as pin
 
 T = TypeVar("T")
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
-_HOW_TO_ADD = (
-    "A robot is a folder with a robot.yaml and its URDF: give its path, or put it in a folder named by $QSF_ROBOTS."
-)
-
-
-def search_path() -> tuple[Path, ...]:
-    """Folders that hold robots: those of $QSF_ROBOTS, the repository's `robots`, the installed ones."""
-    package = Path(__file__).resolve().parents[1]
-    own = [Path(p) for p in os.environ.get("QSF_ROBOTS", "").split(os.pathsep) if p]
-    return (*own, package.parent / "robots", package / "_robots")
-
-
-def robot_names() -> tuple[str, ...]:
-    """Names of all robots on the search path."""
-    return tuple(sorted({f.parent.name for folder in search_path() for f in folder.glob("*/robot.yaml")}))
-
-
-def find_robot(name: str | Path, beside: Path | None = None) -> Path:
-    """The robot.yaml of a name on the search path, or of a path (also relative to the folder `beside`).
-
-    InputError offers the nearest name and says how to add a robot.
-    """
-    if _NAME.fullmatch(str(name)):
-        for folder in search_path():
-            if _is_file(folder / str(name) / "robot.yaml"):
-                return folder / str(name) / "robot.yaml"
-    for base in (beside, Path()):
-        path = None if base is None else base / name
-        if path is not None and _is_file(path / "robot.yaml"):
-            return path / "robot.yaml"
-        if path is not None and path.suffix in (".yaml", ".yml") and _is_file(path):
-            return path
-    names = robot_names()
-    hint = " ".join(part for part in (nearest(str(name), names), _HOW_TO_ADD) if part)
-    raise InputError(Problem(f"unknown robot {str(name)[:80]!r}", allowed=", ".join(names) or "none found", hint=hint))
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except OSError:  # a name that is too long
-        return False
 
 
 def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | None = None) -> Robot:
@@ -261,7 +217,7 @@ class _Reading:
         problem = None
         if len(name) > 200 or not inside(folder / name, folder):
             problem = "is outside the robot's folder"
-        elif not _is_file(folder / name):
+        elif not is_file(folder / name):
             problem = "does not exist in the robot's folder"
         if problem:
             line = self.document.line(key)
@@ -274,7 +230,7 @@ class _Reading:
 
     def _spec(self, spec: RobotSpec, urdf: Urdf) -> None:
         links, joints = [link.name for link in urdf.links], [joint.name for joint in urdf.joints]
-        if not _NAME.fullmatch(spec.name):
+        if not ROBOT_NAME.fullmatch(spec.name):
             self.problem("name: use letters, digits, _ . and - only", "name", found=repr(spec.name))
         for key, link in (("base", spec.base), ("flange", spec.flange)):
             if link not in links:

@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 
 from qsframework.cli.main import app
 from qsframework.experiment import example
-from qsframework.robot.loader import find_robot
+from qsframework.robot.search import find_robot
 from qsframework.viz.scene import Facts, Scene
 from qsframework.viz.server import Site, serve
 

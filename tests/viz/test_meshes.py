@@ -11,7 +11,7 @@ from headless import browser
 
 from qsframework.errors import InputError
 from qsframework.robot import load_robot, mesh
-from qsframework.robot.loader import find_robot
+from qsframework.robot.search import find_robot
 from qsframework.viz import Scene, meshes, show_scene
 from qsframework.viz.subject import one_pose, robot_alone
 
