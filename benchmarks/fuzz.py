@@ -22,6 +22,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import traceback
 from collections import Counter
 from dataclasses import dataclass, field
 from datetime import date
@@ -131,6 +132,8 @@ def in_own_process(goods: Goods, seeds: range) -> dict[str, Any]:
             resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
             try:
                 out.write_text(json.dumps(try_chunk(goods, seeds)))
+            except BaseException:
+                traceback.print_exc()
             finally:
                 os._exit(0)
         _, status, usage = os.wait4(child, 0)
