@@ -59,7 +59,7 @@ def reduce(
     names = [p.name for p in parameters]
     groups = [[_index(name, names) for name in group] for group in tied]
     kept = {_index(name, names) for name in fixed}
-    _check(groups, kept, parameters)
+    _check(groups, parameters)
     member = {i for group in groups for i in group}
     units = [[i] for i in range(len(names)) if i not in kept and i not in member] + groups
     units.sort(key=lambda g: g[0])
@@ -110,11 +110,7 @@ def _index(name: str, names: Sequence[str]) -> int:
     return list(names).index(name)
 
 
-def _check(groups: Sequence[Sequence[int]], fixed: set[int], parameters: Sequence[Parameter]) -> None:
-    used: list[int] = [i for group in groups for i in group]
-    for i in dict.fromkeys(used):
-        if used.count(i) > 1 or i in fixed:
-            raise InputError(f"{parameters[i].name} is tied twice, or tied and fixed")
+def _check(groups: Sequence[Sequence[int]], parameters: Sequence[Parameter]) -> None:
     for group in groups:
         zero = {parameters[i].nominal == 0.0 for i in group}
         if len({parameters[i].unit for i in group}) > 1 or len(zero) > 1:

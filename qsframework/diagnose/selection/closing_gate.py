@@ -14,7 +14,7 @@ import numpy as np
 
 from qsframework.diagnose.linearization.generic_blocks import Block
 from qsframework.diagnose.result import Leftover
-from qsframework.diagnose.selection.evidence import evidence
+from qsframework.diagnose.selection.evidence import DRAWS, evidence
 from qsframework.diagnose.selection.exact_refit import Settled
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.visit_noise import Reml
@@ -56,8 +56,14 @@ def named_in(fit: Settled, causes: Mapping[str, Sequence[str]], colour: Array) -
 def leftovers(
     blocks: Sequence[Block], fits: Reml, values: Array, level: float, seed: int, measured: Flags
 ) -> tuple[Leftover, ...]:
-    """Blocks that are significant in readings (m,) m beside all that a model fits, the strongest first."""
-    found = evidence([b.columns for b in blocks], fits, values, seed=seed, measured=measured)
+    """Blocks that are significant in readings (m,) m beside all that a model fits, the strongest first.
+
+    The noise is drawn where the strongest is neither too weak to count nor beyond what draws can tell.
+    """
+    columns = [b.columns for b in blocks]
+    found = evidence(columns, fits, values, draws=0)
+    if (found.e >= _LEAST).any() and found.p_values.min() > 1.0 / DRAWS:
+        found = evidence(columns, fits, values, seed=seed, measured=measured)
     p = found.p_values
     return tuple(
         Leftover(blocks[i].law, float(p[i]), float(found.e[i]))

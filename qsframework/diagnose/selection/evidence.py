@@ -34,8 +34,8 @@ _MOST = 14
 """Directions of a block at most."""
 _LARGE = 1_000_000
 """Readings times draws at once."""
-_HELD = 2_000_000
-"""Numbers of blocks that are whitened at once."""
+_HELD = 200_000
+"""Numbers of blocks that are whitened at once: few enough for the processor's own memory."""
 _EVERY = 2
 """Of the grid of rho, one place of so many is looked at."""
 
@@ -58,7 +58,7 @@ class Evidence:
 
     @property
     def p_values(self) -> Array:
-        """Family-wise (G,): beyond the draws' resolution by Markov's inequality of Bayes factors."""
+        """Family-wise (G,): beyond what draws can tell, and without them, by Markov's inequality of Bayes factors."""
         draws = len(self.chance)
         above = draws - np.searchsorted(self.chance, self.e, side="left")
         bound = np.minimum(len(TAUS) * len(self.e) * np.exp(-np.maximum(self.e, 0.0)), 1.0)
@@ -70,13 +70,12 @@ class Evidence:
 class _Seen:
     """Blocks of one number of columns, in one noise, beside the fitted columns.
 
-    of (b,): their places; at (b, k): of their columns; turn (b, k, d): from products with columns to those with E;
-    weight (b, d): lambda, 0 where a direction does not count
+    of (b,): their places; E (b, d, m): what counts of their directions, and of the fitted columns, which residuals have
+    nothing of; 0 elsewhere; weight (b, d): lambda, 0 likewise
     """
 
     of: Indices
-    at: Indices
-    turn: Array
+    E: Array
     weight: Array
 
 
@@ -110,16 +109,12 @@ def evidence(
         own = None if effects is None or k != found else fits.left(k, effects)
         for first, last in _batches(blocks):
             some = blocks[first:last]
-            columns = np.concatenate(some, axis=1)
-            whole: Array = np.linalg.norm(fits.noise.noises[k].whiten(columns), axis=0)
-            white = fits.left(k, columns)
-            c = white.T @ rest
-            for part in _parts(some, white, whole):
+            for part in _parts(some, fits, k):
                 of = first + part.of
-                beside[of] = np.minimum(beside[of], _deviance(part, c, total, fits.free) + fits.cost[k])
+                beside[of] = np.minimum(beside[of], _deviance(part, rest, total, fits.free) + fits.cost[k])
                 if own is not None:
                     square = np.maximum(np.square(own).sum(axis=0), 1e-300)
-                    held[of] = np.square(_along(part, white.T @ own)).sum(axis=1) / square
+                    held[of] = np.square(part.E @ own).sum(axis=1) / square
     e = np.where(np.isfinite(beside), 0.5 * (without - beside), 0.0)
     return Evidence(e[:, 0], np.sort(e[:, 1:].max(axis=0)), held)
 
@@ -129,13 +124,13 @@ def prior_of(block: Array, fits: Reml, values: Array) -> float:
     found = int(fits.choose(values[:, None])[0])
     best, sd = np.inf, 0.0
     for k in _places(fits, found, False):
-        white, rest = fits.left(k, block), fits.left(k, values)
-        total, whole = float(rest @ rest), np.asarray(np.linalg.norm(fits.noise.noises[k].whiten(block), axis=0))
-        for part in _parts([block], white, whole):
+        rest = fits.left(k, values)
+        total = float(rest @ rest)
+        for part in _parts([block], fits, k):
             for tau in TAUS:
-                dev = float(_deviance(part, (white.T @ rest)[:, None], np.array([total]), fits.free, (tau,))[0, 0])
+                dev = float(_deviance(part, rest[:, None], np.array([total]), fits.free, (tau,))[0, 0])
                 if dev + fits.cost[k] < best:
-                    largest = float(np.linalg.svd(white, compute_uv=False)[0])
+                    largest = float(np.linalg.svd(fits.left(k, block), compute_uv=False)[0])
                     best, sd = dev + fits.cost[k], float(tau) * float(np.sqrt(total / fits.free)) / largest
     return sd
 
@@ -155,42 +150,38 @@ def _batches(blocks: Sequence[Array]) -> list[tuple[int, int]]:
     return list(pairwise(edges))
 
 
-def _parts(blocks: Sequence[Array], white: Array, whole: Array) -> list[_Seen]:
-    """The directions of the blocks, of columns white (m, K) that the fit has left of some `whole` (K,) large."""
+def _parts(blocks: Sequence[Array], fits: Reml, k: int) -> list[_Seen]:
+    """The directions of the blocks that the fit in noise k leaves enough of."""
+    white = np.ascontiguousarray(fits.noise.noises[k].whiten(np.concatenate(blocks, axis=1)).T)
+    fitted = white @ fits.Q[k]
     sizes: Indices = np.array([b.shape[1] for b in blocks], dtype=np.intp)
     first: Indices = np.cumsum(sizes) - sizes
     out: list[_Seen] = []
-    for k in np.unique(sizes[sizes > 0]).tolist():
-        of = np.flatnonzero(sizes == k)
-        at: Indices = first[of][:, None] + np.arange(int(k))
-        X = white.T[at]
-        values, vectors = np.linalg.eigh(X @ X.transpose(0, 2, 1))
+    for count in np.unique(sizes[sizes > 0]).tolist():
+        of = np.flatnonzero(sizes == count)
+        at: Indices = first[of][:, None] + np.arange(int(count))
+        X, F = white[at], fitted[at]
+        products = X @ X.transpose(0, 2, 1)
+        largest = np.diagonal(products, axis1=1, axis2=2).max(axis=1)
+        values, vectors = np.linalg.eigh(products - F @ F.transpose(0, 2, 1))
         values, vectors = values[:, ::-1], vectors[:, :, ::-1]
-        largest = np.square(whole[at]).max(axis=1)
         seen = (values > _LEAST**2 * values[:, :1]) & (values > _LEFT**2 * largest[:, None]) & (values > 1e-300)
-        seen &= np.arange(int(k)) < _MOST
+        seen &= np.arange(int(count)) < _MOST
         some = seen.any(axis=1)
         weight = np.where(seen, values / np.where(values[:, :1] > 0.0, values[:, :1], 1.0), 0.0)
         turn = vectors / np.sqrt(np.where(seen, values, np.inf))[:, None, :]
         d = int(seen.sum(axis=1).max(initial=0))
         if some.any():
-            out.append(_Seen(of[some], at[some], turn[some][:, :, :d], weight[some][:, :d]))
+            E: Array = turn[some][:, :, :d].transpose(0, 2, 1) @ X[some]
+            out.append(_Seen(of[some], E, weight[some][:, :d]))
     return out
 
 
-def _along(part: _Seen, products: Array) -> Array:
-    """Products (b, d, n) with E of products (K, n) with the columns."""
-    return np.asarray(part.turn.transpose(0, 2, 1) @ products[part.at], dtype=np.float64)
-
-
-def _deviance(part: _Seen, c: Array, total: Array, free: int, taus: Sequence[float] = tuple(TAUS)) -> Array:
-    """The smallest dev (b, n) over tau, without what the noise costs."""
-    square = np.square(_along(part, c))
-    best = np.full((len(part.of), c.shape[1]), np.inf)
-    for tau in taus:
-        grown = tau**2 * part.weight
-        fall = ((grown / (1.0 + grown))[:, None, :] @ square)[:, 0]
-        price = np.log1p(grown).sum(axis=1)[:, None]
-        dev = free * np.log(np.maximum(total - fall, 1e-12 * total)) + price
-        best = np.minimum(best, dev)
-    return best
+def _deviance(part: _Seen, rest: Array, total: Array, free: int, taus: Sequence[float] = tuple(TAUS)) -> Array:
+    """The smallest dev (b, n) over tau of residuals (m, n), without what the noise costs."""
+    b, d, m = part.E.shape
+    square = np.square(part.E.reshape(b * d, m) @ rest).reshape(b, d, -1)
+    grown = np.square(taus)[:, None] * part.weight[:, None, :]
+    remaining = np.maximum(total - (grown / (1.0 + grown)) @ square, 1e-12 * total)
+    price = np.exp(np.log1p(grown).sum(axis=2) / free)  # as a factor: one logarithm for all tau
+    return free * np.log((remaining * price[:, :, None]).min(axis=1))

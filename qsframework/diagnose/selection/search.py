@@ -16,6 +16,7 @@ import numpy as np
 
 from qsframework.diagnose.linearization.columns import Subspace
 from qsframework.estimation import left
+from qsframework.estimation.projection import Flags
 from qsframework.plugin import Array, Indices
 
 LARGEST = 3
@@ -64,14 +65,27 @@ class Gram:
     bounds: Bounds | None
 
     @cached_property
+    def _sizes(self) -> Indices:
+        return np.array([len(at) for at in self.at], dtype=np.intp)
+
+    @cached_property
+    def _first(self) -> Indices:
+        """Of each cause's directions, which stand side by side."""
+        return np.cumsum(self._sizes) - self._sizes
+
+    @cached_property
     def visible(self) -> list[int]:
         """Positions of the causes that have directions."""
         return [i for i, at in enumerate(self.at) if len(at)]
 
     def ebic(self, rss: float, dof: int, size: int, classes: int) -> float:
         """EBIC less that of no cause."""
-        fall = self.count * float(np.log(max(rss, 1e-300) / self.total))
-        return fall + dof * float(np.log(self.count)) + 2.0 * float(np.log(comb(classes, size)))
+        return float(self.ebics(np.array([rss]), np.array([dof]), size, classes)[0])
+
+    def ebics(self, rss: Array, dof: Indices, size: int, classes: int) -> Array:
+        """EBIC (n,) of subsets of one size, less that of no cause."""
+        fall = self.count * np.log(np.maximum(rss, 1e-300) / self.total)
+        return fall + dof * np.log(self.count) + 2.0 * np.log(comb(classes, size))
 
     def solve(self, members: tuple[int, ...]) -> tuple[float, Array, bool]:
         """Squares left by a subset, its coefficients, and whether it is physical: signs and bounds kept."""
@@ -107,16 +121,24 @@ class Gram:
 
     def falls(self, members: Sequence[int], others: Sequence[int]) -> Array:
         """By how much each other cause lowers the squares beside a subset (len(others),)."""
-        G, c = self.beside(members)
         out = np.zeros(len(others))
-        for n, i in enumerate(others):
-            at = self.at[i]
-            if len(at) == 1:
-                d = G[at[0], at[0]]
-                out[n] = c[at[0]] ** 2 / d if d > _FLOOR else 0.0
+        if not len(others):
+            return out
+        index = np.concatenate([np.zeros(0, dtype=np.intp), *(self.at[i] for i in members)])
+        W = np.linalg.solve(self._own(index), np.column_stack([self.G[index], self.c[index]]))
+        chosen = np.asarray(others, dtype=np.intp)
+        for size in map(int, np.unique(self._sizes[chosen])):
+            of = np.flatnonzero(self._sizes[chosen] == size)
+            at: Indices = self._first[chosen[of]][:, None] + np.arange(size)
+            taken = self.G[at][:, :, index]
+            c = self.c[at] - taken @ W[:, -1]
+            part = self.G[at[:, :, None], at[:, None, :]] - taken @ W[:, at].transpose(1, 0, 2)
+            if size == 1:
+                d = part[:, 0, 0]
+                out[of] = np.where(d > _FLOOR, np.square(c[:, 0]) / np.maximum(d, _FLOOR), 0.0)
             else:
-                part = G[at[0] : at[-1] + 1, at[0] : at[-1] + 1] + _FLOOR * np.eye(len(at))
-                out[n] = float(c[at] @ np.linalg.solve(part, c[at]))
+                solved = np.linalg.solve(part + _FLOOR * np.eye(size), c[..., None])
+                out[of] = (c * solved[..., 0]).sum(axis=1)
         return out
 
 
@@ -147,27 +169,28 @@ def make_gram(
 
 def search(gram: Gram, classes: Sequence[int], largest: int = LARGEST) -> list[Subset]:
     """Physical subsets up to a size, best first. classes: positions to choose from, one for each set of aliases."""
-    choice = [i for i in classes if len(gram.at[i])]
+    choice: Indices = np.array([i for i in classes if len(gram.at[i])], dtype=np.intp)
+    own: Indices = np.array([len(at) for at in gram.at], dtype=np.intp)[choice]
     found: list[Subset] = []
     grown: list[Subset] = [Subset((), gram.total, 0, 0.0)]
     for size in range(1, min(largest, len(choice)) + 1):
-        level: dict[tuple[int, ...], Subset] = {}
-        for start in grown:
-            others = [i for i in choice if i not in start.members]
-            for i, fall in zip(others, gram.falls(start.members, others), strict=True):
-                members = tuple(sorted((*start.members, i)))
-                dof, rss = start.dof + len(gram.at[i]), start.rss - float(fall)
-                level[members] = Subset(members, rss, dof, gram.ebic(rss, dof, size, len(choice)))
-        best = sorted(level.values(), key=lambda s: s.ebic)
-        wanted = len(best) if size == 1 else _GROWN
-        kept: list[Subset] = []
-        for subset in best:
-            if len(kept) == wanted:
-                break
-            if gram.solve(subset.members)[2]:
-                kept.append(subset)
-        found += kept
-        grown = kept
+        others: list[Flags] = [~np.isin(choice, start.members) for start in grown]
+        rss = [s.rss - gram.falls(s.members, choice[o].tolist()) for s, o in zip(grown, others, strict=True)]
+        dof: list[Indices] = [s.dof + own[o] for s, o in zip(grown, others, strict=True)]
+        of = np.repeat(np.arange(len(grown), dtype=np.intp), [int(o.sum()) for o in others])
+        more: Indices = np.concatenate([choice[o] for o in others])
+        left_over, used = np.concatenate(rss), np.concatenate(dof)
+        ebic = gram.ebics(left_over, used, size, len(choice))
+        kept: dict[tuple[int, ...], Subset | None] = {}
+        for n in map(int, np.argsort(ebic, kind="stable")):
+            members: tuple[int, ...] = tuple(sorted((*grown[int(of[n])].members, int(more[n]))))
+            if members not in kept:
+                good = gram.solve(members)[2]
+                kept[members] = Subset(members, float(left_over[n]), int(used[n]), float(ebic[n])) if good else None
+                if size > 1 and sum(s is not None for s in kept.values()) == _GROWN:
+                    break
+        grown = [s for s in kept.values() if s is not None]
+        found += grown
     return sorted(found, key=lambda s: s.ebic)
 
 
