@@ -28,20 +28,18 @@ def polish(problem: Problem, rule: Robust, chosen: Indices, counts: Indices, pro
     """
     poses = problem.batch(chosen)
     pendant, wrench = poses.pendant.copy(), poses.wrench
-    start = _value(problem, rule, pendant, wrench, counts)
-    value = start
+    each = _moments(problem, pendant, wrench)
+    start = value = _value(problem, rule, each, counts)
     for turn in range(_ROUNDS):
-        moved = _moved(problem, rule, pendant, wrench, counts, value)
+        moved = _moved(problem, rule, pendant, each, wrench, counts, value)
         if progress is not None:
             progress(turn + 1, _ROUNDS)
-        if moved is None:
+        if moved is None or moved[2] > value * (1.0 - 1e-5):
             break
-        new = _value(problem, rule, moved, wrench, counts)
-        if new > value * (1.0 - 1e-5):
-            break
-        pendant, value = moved, new
+        pendant, each, value = moved
     rounded = _rounded(problem, pendant)
-    return rounded if _value(problem, rule, rounded, wrench, counts) <= start else pendant
+    better = _value(problem, rule, _moments(problem, rounded, wrench), counts) <= start
+    return rounded if better else pendant
 
 
 def _rounded(problem: Problem, pendant: Array) -> Array:
@@ -68,9 +66,13 @@ def _batch(problem: Problem, pendant: Array, wrench: Array) -> Poses:
     return Poses(pendant, problem.experiment.robot.controller.to_joints(pendant), wrench)
 
 
-def _value(problem: Problem, rule: Robust, pendant: Array, wrench: Array, counts: Indices) -> float:
-    M = moments_of(problem.rows_of(_batch(problem, pendant, wrench)))
-    return float(rule.value(problem.prior + np.tensordot(counts, M, 1)))
+def _moments(problem: Problem, pendant: Array, wrench: Array) -> Array:
+    """What each pose tells (m, S, p, p)."""
+    return moments_of(problem.rows_of(_batch(problem, pendant, wrench)))
+
+
+def _value(problem: Problem, rule: Robust, each: Array, counts: Indices) -> float:
+    return float(rule.value(problem.prior + np.tensordot(counts, each, 1)))
 
 
 def _kept(problem: Problem, pendant: Array) -> Array:
@@ -80,13 +82,13 @@ def _kept(problem: Problem, pendant: Array) -> Array:
 
 
 def _moved(
-    problem: Problem, rule: Robust, pendant: Array, wrench: Array, counts: Indices, value: float
-) -> Array | None:
-    """One pose after the other a step along its slope, each step tried against the present plan."""
+    problem: Problem, rule: Robust, pendant: Array, each: Array, wrench: Array, counts: Indices, value: float
+) -> tuple[Array, Array, float] | None:
+    """One pose after the other a step along its slope, each step tried against the present plan: the poses, what each
+    tells, and the criterion; None where no step helps."""
     lower, upper = joint_range(problem.experiment)
     count, n = pendant.shape
-    M_each = moments_of(problem.rows_of(_batch(problem, pendant, wrench)))
-    M = problem.prior + np.tensordot(counts, M_each, 1)
+    M = problem.prior + np.tensordot(counts, each, 1)
     roots = [root(G) for G in rule.expansion(M, 1e-3).slope]
     scales, units = _scales(problem), problem.experiment.robot.controller.units
     shifted = pendant[:, None, None] + _STEP * scales * np.stack([np.eye(n), -np.eye(n)], axis=1)[None]
@@ -100,14 +102,13 @@ def _moved(
     trials = np.clip(units.si(np.round(units.shown(moved), _DIGITS[0])), lower, upper)
     flat = trials.reshape(-1, n)
     kept = _kept(problem, flat).reshape(count, -1)
-    moments = moments_of(problem.rows_of(_batch(problem, flat, np.repeat(wrench, len(_SIZES), axis=0))))
-    moments = moments.reshape(count, len(_SIZES), *M.shape)
-    out, changed = pendant.copy(), False
+    tried = _moments(problem, flat, np.repeat(wrench, len(_SIZES), axis=0)).reshape(count, len(_SIZES), *M.shape)
+    out, told, changed = pendant.copy(), each.copy(), False
     for i in range(count):
-        values = np.atleast_1d(rule.value(M + counts[i] * (moments[i] - M_each[i])))
+        values = np.atleast_1d(rule.value(M + counts[i] * (tried[i] - each[i])))
         values = np.where(kept[i], values, np.inf)
         best = int(np.argmin(values))
         if values[best] < value * (1.0 - 1e-7):
-            M = M + counts[i] * (moments[i, best] - M_each[i])
-            out[i], value, changed = trials[i, best], float(values[best]), True
-    return out if changed else None
+            M = M + counts[i] * (tried[i, best] - each[i])
+            out[i], told[i], value, changed = trials[i, best], tried[i, best], float(values[best]), True
+    return (out, told, value) if changed else None

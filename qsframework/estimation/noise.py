@@ -178,6 +178,10 @@ def _covariance(sigma: Array, groups: Sequence[Group], rows: Indices) -> Array:
 
 def connected(count: int, groups: Sequence[Group]) -> Indices:
     """Number (m,) of the block of each reading: readings that share an error, directly or through others."""
+    sharing = [label for label, _ in groups if np.bincount(label[label >= 0]).max(initial=0) > 1]
+    if len(sharing) < 2:  # nothing to follow, and nothing to load for it
+        alone = np.arange(-count, 0, dtype=np.intp)
+        return np.unique(np.where(sharing[0] < 0, alone, sharing[0]) if sharing else alone, return_inverse=True)[1]
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
