@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from qsframework.design.criteria import Criterion
 from qsframework.design.interior import moments_of
@@ -144,7 +145,8 @@ def _random(quotas: Quotas, weights: Array | None, rng: np.random.Generator) -> 
 def _climb(board: _Board, chosen: Indices) -> tuple[Indices, float]:
     """Replace one pose after the other by a better candidate of its group until nothing helps.
 
-    Candidates are ranked by their scores and the best few are tried exactly; when that stops, all are tried.
+    Candidates are ranked by their scores and the best few are tried exactly; when that stops, all are tried. A slot
+    that has been tried since anything changed is left alone.
     """
     chosen = chosen.copy()
     # a singular start is climbed with a ridge that is too small to matter later
@@ -153,12 +155,17 @@ def _climb(board: _Board, chosen: Indices) -> tuple[Indices, float]:
     value = board.value(board.information(chosen) + ridge)
     small = len(board.rows) <= 4 * _TRIED
     thorough = small
+    tried: dict[int, bool] = {}  # the slots that nothing has changed for, and whether all candidates were tried there
     for _ in range(_PASSES):
         improved = False
         for slot, group in enumerate(board.slots):
+            if tried.get(slot, False) or (slot in tried and not thorough):
+                continue
             pick, trial = _best(board, chosen, slot, group, ridge, thorough)
             if trial < value * (1.0 - 1e-10):
                 chosen[slot], value, improved = pick, trial, True
+                tried.clear()
+            tried[slot] = thorough
         if not improved and thorough:
             break
         thorough = small or not improved
@@ -175,10 +182,12 @@ def _best(board: _Board, chosen: Indices, slot: int, group: int, ridge: Array, t
     base = board.information(others) + ridge
     if not quotas.repeats:
         members = members[~np.isin(quotas.place[members], quotas.place[others])]
-    if not thorough and len(members) > _TRIED:
+    if len(members) > _TRIED and not (thorough and board.rule.kinked):
         slope = board.rule.expansion(base, _KINK).slope
         rank = block_scores(board.rows, [root(G) for G in slope])[members]
-        members = members[np.argpartition(-rank, _TRIED)[:_TRIED]]
+        few = members[np.argpartition(-rank, _TRIED)[:_TRIED]]
+        # psi is convex: without a kink no candidate falls below the tangent, and few can be the best one
+        members = members[_may_win(board, base, few, rank)] if thorough else few
     best, best_value = -1, np.inf
     for start in range(0, len(members), 4096):
         part = members[start : start + 4096]
@@ -187,3 +196,9 @@ def _best(board: _Board, chosen: Indices, slot: int, group: int, ridge: Array, t
         if trial[i] < best_value:
             best, best_value = int(part[i]), float(trial[i])
     return best, best_value
+
+
+def _may_win(board: _Board, base: Array, few: Indices, rank: Array) -> npt.NDArray[np.bool_]:
+    """Which candidates, of these scores, can be as good as the best of a few: their tangents lie as low."""
+    reached = float(board.rule.with_one(base, board.rows[few]).min())
+    return board.value(base) * (1.0 - rank) <= reached + 1e-9 * abs(reached)

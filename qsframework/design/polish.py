@@ -28,18 +28,21 @@ def polish(problem: Problem, rule: Robust, chosen: Indices, counts: Indices, pro
     """
     poses = problem.batch(chosen)
     pendant, wrench = poses.pendant.copy(), poses.wrench
-    each = _moments(problem, pendant, wrench)
-    start = value = _value(problem, rule, each, counts)
+    moments = moments_of(problem.rows_of(_batch(problem, pendant, wrench)))
+    value = start = _value(problem, rule, moments, counts)
     for turn in range(_ROUNDS):
-        moved = _moved(problem, rule, pendant, each, wrench, counts, value)
+        moved = _moved(problem, rule, pendant, wrench, counts, moments, value)
         if progress is not None:
             progress(turn + 1, _ROUNDS)
-        if moved is None or moved[2] > value * (1.0 - 1e-5):
+        if moved is None:
             break
-        pendant, each, value = moved
+        new = _value(problem, rule, moved[1], counts)
+        if new > value * (1.0 - 1e-5):
+            break
+        (pendant, moments), value = moved, new
     rounded = _rounded(problem, pendant)
-    better = _value(problem, rule, _moments(problem, rounded, wrench), counts) <= start
-    return rounded if better else pendant
+    moments = moments_of(problem.rows_of(_batch(problem, rounded, wrench)))
+    return rounded if _value(problem, rule, moments, counts) <= start else pendant
 
 
 def _rounded(problem: Problem, pendant: Array) -> Array:
@@ -66,13 +69,8 @@ def _batch(problem: Problem, pendant: Array, wrench: Array) -> Poses:
     return Poses(pendant, problem.experiment.robot.controller.to_joints(pendant), wrench)
 
 
-def _moments(problem: Problem, pendant: Array, wrench: Array) -> Array:
-    """What each pose tells (m, S, p, p)."""
-    return moments_of(problem.rows_of(_batch(problem, pendant, wrench)))
-
-
-def _value(problem: Problem, rule: Robust, each: Array, counts: Indices) -> float:
-    return float(rule.value(problem.prior + np.tensordot(counts, each, 1)))
+def _value(problem: Problem, rule: Robust, moments: Array, counts: Indices) -> float:
+    return float(rule.value(problem.prior + np.tensordot(counts, moments, 1)))
 
 
 def _kept(problem: Problem, pendant: Array) -> Array:
@@ -82,13 +80,15 @@ def _kept(problem: Problem, pendant: Array) -> Array:
 
 
 def _moved(
-    problem: Problem, rule: Robust, pendant: Array, each: Array, wrench: Array, counts: Indices, value: float
-) -> tuple[Array, Array, float] | None:
-    """One pose after the other a step along its slope, each step tried against the present plan: the poses, what each
-    tells, and the criterion; None where no step helps."""
+    problem: Problem, rule: Robust, pendant: Array, wrench: Array, counts: Indices, M_each: Array, value: float
+) -> tuple[Array, Array] | None:
+    """One pose after the other a step along its slope, each step tried against the present plan.
+
+    The new angles with the information M_i (m, S, p, p) of each pose; M_each: that of the poses as they are.
+    """
     lower, upper = joint_range(problem.experiment)
     count, n = pendant.shape
-    M = problem.prior + np.tensordot(counts, each, 1)
+    M = problem.prior + np.tensordot(counts, M_each, 1)
     roots = [root(G) for G in rule.expansion(M, 1e-3).slope]
     scales, units = _scales(problem), problem.experiment.robot.controller.units
     shifted = pendant[:, None, None] + _STEP * scales * np.stack([np.eye(n), -np.eye(n)], axis=1)[None]
@@ -102,13 +102,14 @@ def _moved(
     trials = np.clip(units.si(np.round(units.shown(moved), _DIGITS[0])), lower, upper)
     flat = trials.reshape(-1, n)
     kept = _kept(problem, flat).reshape(count, -1)
-    tried = _moments(problem, flat, np.repeat(wrench, len(_SIZES), axis=0)).reshape(count, len(_SIZES), *M.shape)
-    out, told, changed = pendant.copy(), each.copy(), False
+    moments = moments_of(problem.rows_of(_batch(problem, flat, np.repeat(wrench, len(_SIZES), axis=0))))
+    moments = moments.reshape(count, len(_SIZES), *M.shape)
+    out, M_out, changed = pendant.copy(), M_each.copy(), False
     for i in range(count):
-        values = np.atleast_1d(rule.value(M + counts[i] * (tried[i] - each[i])))
+        values = np.atleast_1d(rule.value(M + counts[i] * (moments[i] - M_each[i])))
         values = np.where(kept[i], values, np.inf)
         best = int(np.argmin(values))
         if values[best] < value * (1.0 - 1e-7):
-            M = M + counts[i] * (tried[i, best] - each[i])
-            out[i], told[i], value, changed = trials[i, best], tried[i, best], float(values[best]), True
-    return (out, told, value) if changed else None
+            M = M + counts[i] * (moments[i, best] - M_each[i])
+            out[i], M_out[i], value, changed = trials[i, best], moments[i, best], float(values[best]), True
+    return (out, M_out) if changed else None
