@@ -133,8 +133,8 @@ class Blocks:
     def _each(self, values: Array, change: Callable[[Array, Array], Array]) -> Array:
         out = np.empty(values.shape)
         for rows, inverse in self.parts:
-            v = values[rows] if values.ndim == 2 else values[rows][..., None]
-            out[rows] = change(inverse, v).reshape(values[rows].shape)
+            v = values[rows]
+            out[rows] = change(inverse, v if values.ndim == 2 else v[..., None]).reshape(v.shape)
         return out
 
     def log_det(self) -> float:
