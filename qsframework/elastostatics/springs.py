@@ -127,8 +127,13 @@ class Stiffness:
 def sandwich(left: Array, middle: Array, right: Array) -> Array:
     """left' middle right over the batch: (j, a, N), (j, k, N), (k, b, N) -> (a, b, N)."""
     if left.shape[0] == right.shape[0] == 1:
-        return left[0][:, None] * middle[0] * right[0][None]
-    return np.einsum("jan,jkn,kbn->abn", left, middle, right)
+        return (left[0] * middle[0])[:, None] * right[0][None]
+    return np.einsum("jan,jbn->abn", left, np.einsum("jkn,kbn->jbn", middle, right))
+
+
+def sandwiched(left: Array, middle: Array, right: Array, values: Array) -> Array:
+    """`sandwich` times values (b, N), (a, N), without the matrix."""
+    return np.einsum("jan,jn->an", left, np.einsum("jkn,kn->jn", middle, np.einsum("kbn,bn->kn", right, values)))
 
 
 Laws = Sequence[tuple[SpringLaw, tuple[int, ...], Array, Context]]

@@ -10,7 +10,7 @@ import numpy as np
 
 from qsframework.elastostatics.motion import Motion, MotionRate, combine
 from qsframework.plugin import Array
-from qsframework.robot.kinematics import Frames, Twists, frames, twists, twists_along
+from qsframework.robot.kinematics import Frames, Twists, cross, frames, twists, twists_along
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,3 +105,20 @@ def column_along(motion: Motion, site: Column, rate: MotionRate) -> ColumnRate:
         linear,
         angular,
     )
+
+
+def columns_along(motion: Motion, sites: Sequence[Column], rate: MotionRate) -> list[ColumnRate]:
+    """`column_along` of sites, of which those on one link move as one body does, after the first."""
+    first: dict[int, tuple[Column, ColumnRate]] = {}
+    out: list[ColumnRate] = []
+    for site in sites:
+        if site.link not in first:
+            first[site.link] = site, column_along(motion, site, rate)
+            out.append(first[site.link][1])
+            continue
+        other, known = first[site.link]
+        arm = site.position - other.position
+        swing = cross(known.turn, arm)
+        linear = known.linear + cross(known.angular, arm) + cross(other.angular, swing)
+        out.append(ColumnRate(known.position + swing, known.turn, linear, known.angular))
+    return out

@@ -17,7 +17,7 @@ from qsframework.elastostatics import loads, pulls, springs
 from qsframework.elastostatics.evaluation import Stages, gather, joint_torque
 from qsframework.elastostatics.motion import MotionRate, combine, mixed_along, motion_along
 from qsframework.elastostatics.sensors import Sensed
-from qsframework.elastostatics.state import Column, ColumnRate, column_along
+from qsframework.elastostatics.state import Column, ColumnRate, columns_along
 from qsframework.plugin import Array, Effect, Geometry, Load, Loop, ParallelSpring, Sensor, Spring, SpringLaw, laws
 
 
@@ -25,13 +25,14 @@ from qsframework.plugin import Array, Effect, Geometry, Load, Loop, ParallelSpri
 class Change:
     """What one parameter changes before the springs answer, or in the reading; None stands for nothing.
 
-    tau, preload (ne, N); K (a, a, N); spring: the coordinates whose compliance it is; law and sensor:
+    tau, preload (ne, N); K: of the stiffness (a, a, N), as factors (j, a, N), (j, k, N), (k, a, N) whose products it is
+    the sum of, and as a matrix; spring: the coordinates whose compliance it is; law and sensor:
     which one it belongs to and its place there; markers: rates of the markers' columns
     """
 
     tau: Array | None = None
     preload: Array | None = None
-    K: Array | None = None
+    K: tuple[Sequence[tuple[Array, Array, Array]], Array | None] | None = None
     spring: tuple[int, ...] | None = None
     law: tuple[int, int] | None = None
     sensor: tuple[int, int] | None = None
@@ -63,7 +64,12 @@ def answer(ev: Stages, response: springs.Response, change: Change, loaded: bool)
     if loaded and change.tau is not None:
         drive += change.tau
     if change.K is not None:
-        drive -= springs.Stiffness(response.stiffness.active, change.K).times(response.eps)
+        rows = list(response.stiffness.active)
+        products, matrix = change.K
+        for product in products:
+            drive[rows] -= springs.sandwiched(*product, response.eps[rows])
+        if matrix is not None:
+            drive[rows] -= np.einsum("abn,bn->an", matrix, response.eps[rows])
     rhs = response.slope * drive
     if change.law is not None:
         rows, term = response.laws[change.law[0]]
@@ -131,7 +137,7 @@ def _parallel(ev: Stages, number: int, i: int) -> Change:
         rows = [ev.touched.index(j) for j in face.joints]
         preload = np.zeros_like(ev.preload)
         preload[list(ev.rates.active)] = np.einsum("jan,nj->an", ev.rates.E[rows], face.torque.dx[..., i])
-    return Change(K=springs.sandwich(ev.rates.E, K, ev.rates.E), preload=preload)
+    return Change(K=([(ev.rates.E, K, ev.rates.E)], None), preload=preload)
 
 
 def _pulled(ev: Stages, pull: pulls.Pull, i: int) -> Change:
@@ -139,7 +145,7 @@ def _pulled(ev: Stages, pull: pulls.Pull, i: int) -> Change:
     coefficients, active = ev.motion.coefficients, ev.rates.active
     K = pulls.on_coordinates(coefficients, pull.stiffness_by(i))[np.ix_(active, active)]
     preload = None if ev.preload is None else combine(coefficients, pull.torque_by(i))
-    return Change(K=K, preload=preload)
+    return Change(K=((), K), preload=preload)
 
 
 def _law(ev: Stages, number: int, i: int) -> Change:
@@ -176,31 +182,30 @@ def _loop(ev: Stages, number: int, i: int) -> Change:
 
 def _geometric(ev: Stages, rate: MotionRate) -> Change:
     """A change of the unloaded geometry reaches every stage after it."""
-    tip = column_along(ev.motion, ev.state.tip, rate)
+    tip, *markers = columns_along(ev.motion, (ev.state.tip, *ev.state.markers), rate)
     tau = loads.wrench_torque(tip, ev.applied.wrench.T)
     if ev.applied.terms:
         wrench = loads.wrench_along(ev.applied.terms, tip.turn, None)
         tau = tau + loads.wrench_torque(ev.state.tip, wrench.T)
-    markers = tuple(column_along(ev.motion, m, rate) for m in ev.state.markers)
     dE = springs.joint_rates(ev.motion, ev.touched, ev.rates.active, rate.coefficients).E
-    K, preload = _stiffness_along(ev, rate, dE), _preload_along(ev, rate, dE)
+    preload, matrix = _preload_along(ev, rate, dE), None
     if any(pull is not None and pull.acts for pull in ev.pulls):
         effects = ev.model.of_kind(ParallelSpring, ev.x)
         dK, dtorque = pulls.along(effects, ev.motion, rate)
-        K = K + dK[np.ix_(ev.rates.active, ev.rates.active)]
+        matrix = dK[np.ix_(ev.rates.active, ev.rates.active)]
         preload = None if preload is None else preload + dtorque
-    return Change(tau=tau, K=K, preload=preload, markers=markers)
+    return Change(tau=tau, K=(_stiffness_along(ev, rate, dE), matrix), preload=preload, markers=tuple(markers))
 
 
 def _joint_rate(ev: Stages, joints: Sequence[int], rate: MotionRate) -> Array:
     return rate.elements[[ev.model.layout.joint_elements[j] for j in joints]]
 
 
-def _stiffness_along(ev: Stages, rate: MotionRate, dE: Array) -> Array:
+def _stiffness_along(ev: Stages, rate: MotionRate, dE: Array) -> list[tuple[Array, Array, Array]]:
+    """d (E' k E), as products."""
     blocks = [(f.joints, np.einsum("nijk,kn->nij", f.stiffness.dq, _joint_rate(ev, f.joints, rate))) for f in ev.faces]
     E, K = ev.rates.E, ev.joint_stiffness
-    slope = springs.sandwich(E, gather(ev.touched, blocks, len(ev.poses)), E)
-    return slope + springs.sandwich(dE, K, E) + springs.sandwich(E, K, dE)
+    return [(E, gather(ev.touched, blocks, len(ev.poses)), E), (dE, K, E), (E, K, dE)]
 
 
 def _preload_along(ev: Stages, rate: MotionRate, dE: Array) -> Array | None:
