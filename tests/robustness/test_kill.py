@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from command_lines import prepared
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -32,71 +33,75 @@ campaign:
     - {name: weight, fz_N: -1000}
     - {name: side_pull, fz_N: -500, fy_N: 800, poses_min: 3}
 """
-TARGETS = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N\n10,10,-10,20,-60,30,0,300,-2000\n"
-PLAN, FIT, READINGS = "../job0/out/plan.csv", "../job2/out/fit.json", "../job1/out/readings.csv"
-SMALL = ["-n", "8", "--candidates", "60", "--no-polish"]
+BENCH = "../bench"
+SMALL, PLAN = f"{BENCH}/experiment.yaml", f"{BENCH}/plan.csv"
+FIT, READINGS = f"{BENCH}/fit.json", f"{BENCH}/readings.csv"
+"""Of an arm of two joints: what is killed is the writing, and that of a large arm is no other."""
 COMMANDS: list[dict[str, Any]] = [
     {
-        "arguments": ["design", EXPERIMENT, *SMALL, "-o", "out/plan.csv", "--json", "out/d.json"],
+        "arguments": [
+            *("design", SMALL, "-n", "4", "--candidates", "60", "--no-polish"),
+            *("-o", "out/plan.csv", "--json", "out/d.json"),
+        ],
         "kills": 4,
         "again": True,
     },
     {
-        "arguments": ["simulate", EXPERIMENT, PLAN, "-o", "out/readings.csv", "--json", "out/t.json"],
+        "arguments": ["simulate", SMALL, PLAN, "-o", "out/readings.csv", "--json", "out/t.json"],
         "kills": 4,
         "again": True,
     },
     {
-        "arguments": ["identify", EXPERIMENT, "--data", READINGS, "--json", "out/fit.json", "--nominal", "out/n.yaml"],
+        "arguments": ["identify", SMALL, "--data", READINGS, "--json", "out/fit.json", "--nominal", "out/n.yaml"],
         "kills": 4,
         "again": True,
     },
     {
         "arguments": [
-            "stiffness",
-            "fanuc_m900ib",
-            "--pose",
-            "0,20,-20,0,-60,0",
-            "--load",
-            "0,0,-2000",
-            "--json",
-            "out/s.json",
-            "--report",
-            "out/s.html",
+            *("stiffness", f"{BENCH}/small", "--pose", "10,-20", "--load", "0,0,-100"),
+            *("--json", "out/s.json", "--report", "out/s.html"),
         ],
         "kills": 4,
     },
     {
-        "arguments": ["compensate", EXPERIMENT, FIT, "../targets.csv", "-o", "out/c.csv", "--json", "out/c.json"],
+        "arguments": [
+            *("compensate", SMALL, FIT, f"{BENCH}/targets.csv", "--anyway"),
+            *("-o", "out/c.csv", "--json", "out/c.json"),
+        ],
         "kills": 4,
     },
-    {"arguments": ["export", PLAN, "-e", EXPERIMENT, "--to", "fanuc-ls", "-o", "out/arm.ls"], "kills": 4},
-    {"arguments": ["protocol", EXPERIMENT, PLAN, "-o", "out/sheet.html", "--readings", "out/r.csv"], "kills": 4},
-    {"arguments": ["show", EXPERIMENT, PLAN, "--html", "out/scene.html"], "kills": 4},
     {
-        "arguments": ["diagnose", EXPERIMENT, READINGS, "--json", "out/d.json", "--extend", "out/new"],
+        "arguments": [
+            *("export", f"{BENCH}/ur10.yaml", f"{BENCH}/ur10_plan.csv", "--to", "urscript", "-o", "out/arm.script")
+        ],
+        "kills": 4,
+    },
+    {"arguments": ["protocol", SMALL, PLAN, "-o", "out/sheet.html", "--readings", "out/r.csv"], "kills": 4},
+    {"arguments": ["show", SMALL, PLAN, "--html", "out/scene.html"], "kills": 4},
+    {
+        "arguments": ["diagnose", SMALL, READINGS, "--json", "out/d.json", "--extend", "out/new"],
         "folders": ["new"],
         "kills": 4,
         "again": True,
     },
     {
-        "arguments": ["new", "arm", "--urdf", "../arm.urdf", "-o", "out/arm"],
+        "arguments": ["new", "arm", "--urdf", f"{BENCH}/small/small.urdf", "-o", "out/arm"],
         "folders": ["arm"],
         "fresh": True,
         "kills": 4,
     },
     {"arguments": ["demo", "-o", "out"], "kills": 2},
     {"arguments": ["robots", "--json", "out/robots.json"], "kills": 2},
-    {"arguments": ["check", EXPERIMENT, "--json", "out/check.json"], "kills": 2},
+    {"arguments": ["check", SMALL, "--json", "out/check.json"], "kills": 2},
 ]
 LONG: list[dict[str, Any]] = [
     {"resumed": True, "arguments": ["monte carlo"], "kills": 6},
     {
         "resumed": True,
-        "arguments": ["design", EXPERIMENT, "-n", "9", "--candidates", "5000", "-o", "out/plan.csv"],
+        "arguments": ["design", SMALL, "-n", "9", "--candidates", "5000", "-o", "out/plan.csv"],
         "kills": 4,
     },
-    {"resumed": True, "arguments": ["diagnose", EXPERIMENT, "--plan", PLAN, "--json", "out/f.json"], "kills": 3},
+    {"resumed": True, "arguments": ["diagnose", SMALL, "--plan", PLAN, "--json", "out/f.json"], "kills": 3},
     {
         "resumed": True,
         "arguments": ["compare", "fanuc_m900ib", "fanuc_r2000ic", "--task", "../task.yaml", "--json", "out/c.json"],
@@ -126,8 +131,7 @@ def trials(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
     """All jobs, done in one process that forks, whose libraries are loaded once."""
     folder = tmp_path_factory.mktemp("kills")
     (folder / "task.yaml").write_text(TASK)
-    (folder / "targets.csv").write_text(TARGETS)
-    (folder / "arm.urdf").write_text(arm())
+    prepared(folder)
     before = [["check", EXPERIMENT]]
     given = {"imports": IMPORTS, "before": before, "folder": str(folder), "seed": 8, "jobs": [*COMMANDS, *LONG]}
     (folder / "jobs.json").write_text(json.dumps(given))
@@ -140,21 +144,6 @@ def trials(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
     )
     assert done.returncode == 0, done.stderr[-3000:]
     return json.loads(done.stdout)
-
-
-def arm() -> str:
-    """Two joints, with masses."""
-    links = "".join(
-        f'<link name="{name}"><inertial><origin xyz="0 0 0.2"/><mass value="40"/>'
-        '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
-        for name in ("base", "l1", "l2")
-    )
-    joints = "".join(
-        f'<joint name="joint_{k}" type="revolute"><parent link="{a}"/><child link="{b}"/><origin xyz="0 0 0.5"/>'
-        f'<axis xyz="{axis}"/><limit lower="-2" upper="2" effort="1000" velocity="1"/></joint>'
-        for k, a, b, axis in ((1, "base", "l1", "0 0 1"), (2, "l1", "l2", "0 1 0"))
-    )
-    return f'<robot name="arm">{links}{joints}</robot>'
 
 
 def named(job: dict[str, Any]) -> str:
