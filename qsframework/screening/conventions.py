@@ -191,7 +191,7 @@ def _whole(given: _Fit, standing: Standing) -> list[Convention]:
     changes = [] if _as_stated(others) else [c for make in _CHANGES for c in make(experiment, others.trial.readings)]
     judged = [_judge(change, others, len(changes)) for change in changes]
     judged += [_judge(*mistake) for mistake in _mistakes(given)]
-    found = [c for c in judged if c is not None and c.evidence > 0.0]
+    found = [c for c in judged if c is not None]
     whole = [replace(c, readings=replace(c.readings, use=c.readings.use | (aside & readings.use))) for c in found]
     whole.sort(key=lambda c: (not c.compelling, -c.evidence))
     while aside.any() and whole and whole[0].compelling and not _agrees(standing, whole[0]):
@@ -361,20 +361,18 @@ def _may_fit(change: Change, given: _Fit) -> bool:
 
 
 def _judge(change: Change, given: _Fit, tried: int, rows: Indices | None = None) -> Convention | None:
-    """Apply a change and compare; `rows` of the file are those that it touches, None for all. None where it cannot be
-    applied: angles beyond the arm's, readings that then hold no frame."""
+    """Apply a change and compare; `rows` of the file are those that it touches, None for all. None where nothing speaks
+    for it, and where it cannot be applied: angles beyond the arm's, readings that then hold no frame."""
     try:
         trial = _trial(change.experiment, change.readings, given.trial)
     except (InputError, NotIdentifiable):
         return None
-    if trial is None:
+    if trial is None or _speaks_for(change, given, _fit(trial, within=False), tried)[0] <= 0.0:
         return None
     fit = _fit(trial)
-    drop = np.log(max(given.square, 1e-300)) - np.log(max(fit.square, 1e-300))
-    drop -= np.log(given.dof / fit.dof)  # late angles leave a measurement out
-    evidence = 0.5 * min(fit.dof, given.dof) * float(drop) - float(np.log(tried))
-    evidence -= 0.5 * change.free * float(np.log(fit.dof))
-    evidence += change.shrunk * fit.dof
+    evidence, drop = _speaks_for(change, given, fit, tried)
+    if evidence <= 0.0:
+        return None
     enough = drop > -np.log(RATIO) and (rows is None or _local(given, fit, rows) < LOCAL)
     enough = enough and (change.name != "column_unit" or _right_unit(change, given, fit))
     compelling = evidence > -np.log(LEVEL) and enough and fit.below <= given.below
@@ -395,6 +393,14 @@ def _judge(change: Change, given: _Fit, tried: int, rows: Indices | None = None)
         column=change.column,
         moved=_changed(given, fit),
     )
+
+
+def _speaks_for(change: Change, given: _Fit, fit: _Fit, tried: int) -> tuple[float, float]:
+    """Evidence for a change, nats, and by how much the logarithm of what a measurement leaves falls."""
+    drop = float(np.log(max(given.square, 1e-300)) - np.log(max(fit.square, 1e-300)))
+    drop -= float(np.log(given.dof / fit.dof))  # late angles leave a measurement out
+    evidence = 0.5 * min(fit.dof, given.dof) * drop - float(np.log(tried))
+    return evidence - 0.5 * change.free * float(np.log(fit.dof)) + change.shrunk * fit.dof, drop
 
 
 def fits_better(change: Change, rms: float, given: float) -> str:
@@ -453,10 +459,11 @@ def _moved(given: LinearizedFit, readings: Readings) -> bool:
     return bool(np.isin(given.rows.frame[changed], given.rows.estimated).any())
 
 
-def _fit(trial: LinearizedFit) -> _Fit:
+def _fit(trial: LinearizedFit, within: bool = True) -> _Fit:
     """The fitted parameters by linear least squares about their nominal values; what is not told stays there.
 
-    Within their bounds: with the sign of all displacements reversed springs fit as well, but with negative compliances.
+    within: their bounds, since with the sign of all displacements reversed springs fit as well, but with negative
+    compliances; without them no fit leaves more.
     """
     model, names = trial.experiment.model(), trial.experiment.fit_names()
     chosen = [model.parameters[i] for i in model.index(names)]
@@ -471,7 +478,7 @@ def _fit(trial: LinearizedFit) -> _Fit:
     start = np.array([p.nominal for p in chosen]) / size
     low, high = (np.array([getattr(p, end) for p in chosen]) / size - start for end in ("lower", "upper"))
     free = V.T @ (z / values)
-    kept = _within(values[:, None] * V, z, free, low, high)
+    kept = _within(values[:, None] * V, z, free, low, high) if within else free
     rest = target - U @ (values * (V @ kept))
     square, dof = float(rest @ rest), len(target) - int(told.sum()) - frames.shape[1]
     sd = np.sqrt(np.square(V.T / values).sum(axis=1) * (target @ target - z @ z) / dof)
@@ -482,10 +489,10 @@ def _fit(trial: LinearizedFit) -> _Fit:
 
 def _within(R: Array, z: Array, free: Array, low: Array, high: Array) -> Array:
     """Least squares |R d - z| with low <= d <= high; `free` is the solution without the bounds."""
-    from scipy.optimize import lsq_linear
-
     if np.all((free >= low) & (free <= high)):
         return free
+    from scipy.optimize import lsq_linear
+
     wide = np.where(high > low, high, low + 1e-12)
     return np.asarray(lsq_linear(R, z, (low, wide), method="bvls").x)
 
