@@ -440,7 +440,8 @@ class Commands:
 
     def _spoiled(self, reads: list[str], rng: random.Random) -> Iterator[tuple[str, bytes]]:
         """One of the files on the line, or one that these name, spoiled."""
-        named = [n for n in reads if n and "\0" not in n and (self.bench / n[:200]).is_file() and not n.startswith("/")]
+        here = [n for n in reads if n and "\0" not in n and not n.startswith("/") and ".." not in Path(n).parts]
+        named = [n for n in here if (self.bench / n[:200]).is_file()]
         named += (
             ["small/robot.yaml", "small/nominal.yaml", "small/small.urdf"] if not named or rng.random() < 0.2 else []
         )
