@@ -456,6 +456,7 @@ class Commands:
         shutil.rmtree(place, ignore_errors=True)
         shutil.copytree(self.bench, place)
         for name, content in line.spoiled:
+            assert (place / name).resolve().is_relative_to(place.resolve()), name
             (place / name).write_bytes(content)
         before = {p.relative_to(place).as_posix(): p.read_bytes() for p in place.rglob("*") if p.is_file()}
         started = time.perf_counter()
