@@ -91,11 +91,12 @@ def _block(block: Block, name: str) -> dict[str, Any]:
 def _drawn(figure: Any) -> dict[str, str]:
     """A figure as JSON that may stand inside a script; its title, which the page sets, so that it breaks and is read
     aloud like others; and its height, so that nothing jumps when it is drawn."""
-    import plotly.graph_objects as go
+    from plotly.io import to_json
 
     title = figure.layout.title.text or ""
-    bare = go.Figure(figure).update_layout(title=None)
-    json = bare.to_json(validate=False).replace("<", "\\u003c")
+    drawn = figure.to_plotly_json()
+    layout = {name: value for name, value in drawn["layout"].items() if name != "title"}
+    json = to_json({**drawn, "layout": layout}, validate=False).replace("<", "\\u003c")
     return {"title": html.unescape(title), "json": json, "height": str(figure.layout.height or 360)}
 
 
