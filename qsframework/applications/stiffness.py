@@ -9,7 +9,7 @@ import numpy as np
 
 from qsframework.elastostatics import Model, Site, cartesian_compliance, equilibrium, make_model, range_notes
 from qsframework.elastostatics.displacements import evaluate
-from qsframework.errors import InputError
+from qsframework.errors import InputError, Problem
 from qsframework.plugin import Array, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.robot import Robot
@@ -36,8 +36,9 @@ class Stiffness:
 
     @property
     def linear_error(self) -> float:
-        """Error of the linear model, relative to the deflection."""
-        return float(np.linalg.norm(self.full - self.linear) / np.linalg.norm(self.full))
+        """Error of the linear model, relative to the deflection; 0 where nothing gives."""
+        whole = float(np.linalg.norm(self.full))
+        return float(np.linalg.norm(self.full - self.linear)) / whole if whole > 0.0 else 0.0
 
     def stiffness(self, with_load: bool = True) -> Array | None:
         """K_C (6, 6), None where a direction does not give at all."""
@@ -90,8 +91,9 @@ def _one_pose(robot: Robot, pendant: Array, wrench: Array) -> Poses:
     if len(outside):
         k = int(outside[0])
         unit, (low, high) = robot.controller.units[k], robot.controller.range_of(k)
-        message = f"{robot.facts.driven[k]} is outside its limits"
-        raise InputError(f"{message}: found {unit.text(pendant[k])}, allowed {unit.between(low, high)}")
+        found, allowed = unit.text(pendant[k]), unit.between(low, high)
+        words = f"{robot.facts.driven[k]} is outside its limits"
+        raise InputError(Problem(words, found=found, allowed=allowed, argument=("pose", "")))
     if not np.any(wrench):
         raise InputError("the load is zero; give a force such as 0,0,-4000")
     return Poses(pendant[None], robot.controller.to_joints(pendant[None]), wrench[None])

@@ -117,10 +117,10 @@ def _readings(data: Sequence[Path], experiment: Experiment, fit: StoredFit) -> t
     """The readings whose residuals are drawn, and what to know about them."""
     if not data:
         return None, "No residual vectors: the experiment names no readings; name a file of them too."
+    readings = read_readings(data, experiment.with_(fit=fit.model_names(experiment) or None))
     other = [path.name for path in data if not fit.is_of(path)]
     note = f"The fit is not of the readings in {', '.join(other)}, which are shown." if other else None
-    wanted = experiment.with_(fit=fit.model_names(experiment) or None)
-    return read_readings(data, wanted), note
+    return readings, note
 
 
 def _experiment(shown: Shown) -> Experiment:

@@ -63,9 +63,9 @@ def _view(robot: str, pose: str, load: str, point: str, shares: Table) -> View:
 
 
 def _tables(result: Stiffness) -> list[Table]:
-    total = float(np.linalg.norm(result.linear))
+    square = float(result.linear @ result.linear)
     shares = [
-        (name, *(f"{v * 1e3:.4f}" for v in share), f"{100 * share @ result.linear / total**2:.1f} %")
+        (name, *(f"{v * 1e3:.4f}" for v in share), f"{100 * share @ result.linear / square:.1f} %" if square else "-")
         for name, share in zip(result.names, result.shares, strict=True)
     ]
     sums = [

@@ -56,6 +56,7 @@ def one_pose(experiment: Experiment, pendant: Array | None, load: Array | None) 
                     f"{facts.driven[k]} is outside its limits",
                     found=controller.units[k].text(pendant[k]),
                     allowed=controller.units[k].between(*controller.range_of(k)),
+                    argument=("pose", ""),
                 )
                 for k in outside.tolist()
             ]

@@ -64,7 +64,7 @@ def test_the_command(tmp_path: Path) -> None:
         ("10,20,-10,30,40,0", "0,0,0", "the load is zero"),
         ("10,20,-10,30,40,x", "0,0,-1", "numbers with commas"),
         ("10,20,-10,30,nan,0", "0,0,-1", "finite numbers"),
-        ("10,200,-10,30,40,0", "0,0,-1", "joint_2 is outside its limits: found 200 deg, allowed -64 to 90 deg"),
+        ("10,200,-10,30,40,0", "0,0,-1", "joint_2 is outside its limits; found 200 deg; allowed: -64 to 90 deg"),
     ],
 )
 def test_wrong_input(pose: str, load: str, words: str) -> None:

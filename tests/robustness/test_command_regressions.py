@@ -19,6 +19,9 @@ REFUSED = {
     "validate experiment.yaml fit.json --halves 2147483648": "--halves",
     "design experiment.yaml -n 100000000000000000000": "--poses",
     f"check experiment.yaml --json {'x' * 300}": "File name too long",
+    "stiffness small --pose 0,500 --load 0,0,-100": "--pose",
+    "show experiment.yaml fit.json --html x.html --data gone.csv": "gone.csv: no such file",
+    "show small --html x.html --pose 0,500": "--pose",
 }
 
 
@@ -36,3 +39,12 @@ def test_a_pause_of_any_length_is_exported(bench: Path) -> None:
     code, _, error = command_lines.run(bench, tuple(line.split()))
     assert code == 0, error
     assert "sleep(26.40)" in (bench / "x.script").read_text()
+
+
+def test_an_arm_that_does_not_give_has_no_shares(bench: Path) -> None:
+    """A division by zero before: the compliances of its springs are zero."""
+    zero = "joint_compliance[{}]:\n  value_urad/(N m): 0\n  sd_urad/(N m): 0.1\n"
+    (bench / "small2" / "nominal.yaml").write_text(zero.format("shoulder") + zero.format("elbow"))
+    code, said, error = command_lines.run(bench, ("stiffness", "small2", "--pose", "10,-20", "--load", "0,0,-100"))
+    assert code == 0, error
+    assert "0.0000 mm" in said
