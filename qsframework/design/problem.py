@@ -226,7 +226,8 @@ def require_rank(problem: Problem) -> None:
     test = _tested(problem, everything, before)
     if not test.full:
         said = loss_words(problem.experiment.model(), test, problem.batch(everything[:_SAMPLE]))
-        raise NotIdentifiable(f"no plan with these loads can tell the parameters: {said}")
+        path = problem.experiment.path
+        raise NotIdentifiable(f"{path}: no plan with these loads can tell the parameters: {said}")
 
 
 def _root(M: Array) -> Array:
