@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
 from qsframework.experiment import Experiment, Readings, example, load_experiment, read_readings
+from qsframework.robot import loader
+from qsframework.robot.urdf import Urdf, read_urdf
 
 for folder in ("elastostatics", "proof"):
     sys.path.insert(0, str(Path(__file__).parent / folder))
@@ -27,6 +31,24 @@ def pytest_configure(config: pytest.Config) -> None:
     """Pytest's own lines are not that wide."""
     if config.pluginmanager.has_plugin("terminalreporter"):
         config.get_terminal_writer().fullwidth = 100
+
+
+@cache
+def _expanded(path: Path, folder: Path) -> Urdf:
+    return read_urdf(path, folder)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _expand_once() -> Iterator[None]:
+    """Robots of the repository are loaded thousands of times and no test writes into them: each xacro is expanded once
+    in a process, which is most of what loading takes."""
+
+    def read(path: Path, folder: Path) -> Urdf:
+        return (_expanded if path.is_relative_to(ROOT / "robots") else read_urdf)(path, folder)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(loader, "read_urdf", read)
+        yield
 
 
 @pytest.fixture(scope="session")
