@@ -12,9 +12,10 @@ from qsframework.design.column_generation import Relaxed, solve_columns
 from qsframework.design.minimax import Robust
 from qsframework.design.problem import Problem, allowed_designs
 from qsframework.design.relaxed import relax
+from qsframework.design.scoreboard import Scoreboard
 from qsframework.design.task import make_task
 from qsframework.errors import InputError, NotCertified, nearest
-from qsframework.information import Allowed, bound_of, scores
+from qsframework.information import Allowed, bound_of
 from qsframework.information.rows import Rows, ScaledRows, gathered_information
 from qsframework.plugin import Array
 
@@ -152,7 +153,8 @@ def _by_cvxpy(problem: Problem, rule: Robust, allowed: Allowed, prior: Array) ->
     best: Relaxed | None = None
     for mu in (1e-9, 1e-7, 1e-5, 1e-4, 1e-3) if rule.kinked else (1e-9,):  # the dual of a kinked criterion is found
         expansion = rule.expansion(M, mu)
-        values = scores(problem.rows, expansion.slope)
+        board = Scoreboard(problem.rows)
+        values = board.exact(expansion.slope)
         bound = bound_of(values, allowed, expansion.factor, float((prior * expansion.slope).sum()))
         if best is None or bound > best.efficiency:
             index = np.flatnonzero(weights)
@@ -162,7 +164,8 @@ def _by_cvxpy(problem: Problem, rule: Robust, allowed: Allowed, prior: Array) ->
                 information=M,
                 expansion=expansion,
                 efficiency=bound,
-                scores=values,
+                board=board,
+                slope=expansion.slope,
                 passes=1.0,
             )
     assert best is not None

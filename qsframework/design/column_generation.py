@@ -2,7 +2,8 @@
 
 Few candidates carry weight. So a small problem over some of them is solved by an interior point method,
 its slope scores the others in one pass, the worst violators join it, and candidates that carry next to
-nothing leave. Random subsets come first, then the best sixteenth of all, and a full pass certifies.
+nothing leave. Random subsets come first, then the best of all; what the first pass told bounds the scores under
+later slopes, so that few candidates are looked at again to certify.
 """
 
 from __future__ import annotations
@@ -15,15 +16,22 @@ import numpy.typing as npt
 
 from qsframework.design.criteria import Expansion
 from qsframework.design.interior import Small, Solved, moments_of, solve_small
+from qsframework.design.scoreboard import Scoreboard
 from qsframework.design.task import Task
 from qsframework.errors import NotCertified, NotIdentifiable
 from qsframework.information.certificate import Allowed, bound_of, deletable
-from qsframework.information.rows import HeldRows, scores
+from qsframework.information.rows import HeldRows
 from qsframework.plugin import Array, Indices
 from qsframework.work.threads import single_thread
 
 _FIRST = 4096
-_SHORTLIST = 16
+_SUBSET = 16
+_LARGEST = 65_536
+"""The largest subset holds one candidate in so many, and at most so many."""
+_SHORTLIST = 128
+_EACH = 256
+"""One candidate in so many is among the best after the first pass, and so many for each parameter; where slopes jump,
+one in _SUBSET."""
 _SINGULAR = 1e15
 """Condition of an information matrix, its parameters brought to one size, that float64 cannot tell from singular."""
 _UNTOLD = "the candidates cannot tell all parameters apart, or hardly"
@@ -39,7 +47,7 @@ Progress = Callable[[float], None]
 class Relaxed:
     """Weights of the candidates that carry any: indices and weights (m,), M (S, p, p), certified efficiency.
 
-    scores (N,) are <G, M_i> of all candidates at the last full pass; passes counts them, subsets as fractions
+    passes counts those over all candidates, subsets as fractions
     """
 
     index: Indices
@@ -47,8 +55,14 @@ class Relaxed:
     information: Array
     expansion: Expansion
     efficiency: float
-    scores: Array
+    board: Scoreboard
+    slope: Array
     passes: float
+
+    @property
+    def scores(self) -> Array:
+        """<G, M_i> (N,) of all candidates: a further pass, unless all were needed for the certificate."""
+        return self.board.exact(self.slope)
 
     def spread(self, count: int) -> Array:
         """The weights as (N,)."""
@@ -82,10 +96,9 @@ def _solve_columns(task: Task, rng: np.random.Generator, efficiency: float, prog
     goal = min(1.0 - efficiency, 0.1)
     state, passes = _from_subsets(task, rng, goal, tell)
     bound, best, before = 0.0, 0.0, -1.0
-    values = np.zeros(len(task.rows))
+    board = Scoreboard(task.rows, task.basis)
     for _ in range(20):
-        values = scores(task.rows, state.solved.expansion.slope, basis=task.basis)
-        passes += 1.0
+        values = board.bounds(state.solved.expansion.slope, _levels(state, task.label))
         bound = _bound(task, state, values, task.allowed)
         tell(bound)
         best = max(best, bound)
@@ -100,10 +113,10 @@ def _solve_columns(task: Task, rng: np.random.Generator, efficiency: float, prog
             f"the design is certified to within {1.0 - bound:.1e} of {task.criterion.name}-efficiency 1, asked for "
             f"{1.0 - efficiency:.1e}; ask for less, or leave out parameters that the candidates hardly tell"
         )
-    return _result(task, state, bound, values, passes)
+    return _result(task, state, bound, board, passes + board.passes)
 
 
-def _result(task: Task, state: Columns, bound: float, values: Array, passes: float) -> Relaxed:
+def _result(task: Task, state: Columns, bound: float, board: Scoreboard, passes: float) -> Relaxed:
     w = state.solved.weights
     M = task.prior + np.tensordot(w, moments_of(state.block), 1)
     size = np.sqrt(np.diagonal(M, axis1=-2, axis2=-1))
@@ -118,7 +131,8 @@ def _result(task: Task, state: Columns, bound: float, values: Array, passes: flo
         information=back.T @ M @ back,
         expansion=own,
         efficiency=bound,
-        scores=values,
+        board=board,
+        slope=expansion.slope,
         passes=passes,
     )
 
@@ -144,14 +158,14 @@ def _from_subsets(task: Task, rng: np.random.Generator, goal: float, tell: Progr
         tell(0.0)
         if last:
             return state, passes
-        size = min(size * _SHORTLIST, len(order))
+        size = min(size * _SUBSET, len(order))
 
 
 def _sample(task: Task, rng: np.random.Generator, count: int) -> Indices:
-    """A random order of a sixteenth of the candidates (all, where there are few), every group taking part."""
+    """A random order of some candidates (all, where there are few), every group taking part."""
     if count <= _FIRST:
         return np.arange(count)
-    wanted = max(_FIRST, count // _SHORTLIST)
+    wanted = min(max(_FIRST, count // _SUBSET), _LARGEST)
     parts: list[Indices] = []
     for g in range(len(task.allowed.shares)):
         members = task.allowed.groups[g]
@@ -200,15 +214,12 @@ def _solve(task: Task, index: Indices, block: Array, start: Array | None, gap: f
 
 def _improve(task: Task, pool: Indices, state: Columns, gap: float) -> tuple[Columns, float]:
     """Solve over a pool of candidates until its own bound leaves `gap`; passes over all that this cost."""
-    block = task.take(pool)
-    allowed = task.within(pool)
-    share = len(pool) / len(task.rows)
-    passes = share
+    block = task.rows.take(pool)
+    allowed, label = task.within(pool), task.label[pool]
+    board = Scoreboard(HeldRows(block), task.basis)
     inner = 0.3
     for _ in range(_ROUNDS):
-        slope = state.solved.expansion.slope
-        values = block_pass(block, slope)
-        passes += share
+        values = board.bounds(state.solved.expansion.slope, _levels(state, label))
         open_gap = 1.0 - _bound(task, state, values, allowed)
         if open_gap <= gap:
             break
@@ -217,21 +228,27 @@ def _improve(task: Task, pool: Indices, state: Columns, gap: float) -> tuple[Col
             break
         inner = min(inner, 0.1 * open_gap) if len(joining) else 0.1 * min(inner, open_gap)
         state = _renewed(task, pool, block, state, joining, max(inner, 0.1 * gap if gap > 0 else _GOAL * 0.01))
-    return state, passes
+    return state, (1.0 + board.passes) * len(pool) / len(task.rows)
 
 
-def block_pass(block: Array, slope: Array) -> Array:
-    """Scores (n,) of rows in memory."""
-    return scores(HeldRows(block), slope)
+def _levels(state: Columns, label: npt.NDArray[np.int16]) -> Array | float:
+    """The scores above which candidates of these groups join, or count in the bound, now."""
+    levels = np.minimum(state.solved.multipliers, state.solved.scores.max())
+    return float(levels[0]) if len(levels) == 1 else levels[label]
+
+
+def _merits(state: Columns, label: npt.NDArray[np.int16], values: Array) -> Array:
+    """Scores of candidates of these groups, per multiplier of the group."""
+    each = np.maximum(state.solved.multipliers, 1e-300)
+    return values / (each[0] if len(each) == 1 else each[label])
 
 
 def _violators(task: Task, pool: Indices, state: Columns, values: Array) -> Indices:
     """Positions in the pool of up to 4 p candidates, of all groups, that improve the design most."""
-    excess = values / np.maximum(state.solved.multipliers, 1e-300)[task.label[pool]] - 1.0
-    excess[task.shares[task.label[pool]] <= 0] = -1.0
-    excess[np.isin(pool, state.index)] = -1.0
+    excess = _merits(state, task.label[pool], values) - 1.0
+    excess[np.searchsorted(pool, state.index)] = -1.0
     wanted = min(4 * task.rows.parameters, len(pool))
-    top = np.argpartition(-excess, wanted - 1)[:wanted]
+    top = np.argpartition(excess, len(pool) - wanted)[-wanted:]
     return top[excess[top] > 1e-12]
 
 
@@ -248,11 +265,12 @@ def _renewed(task: Task, pool: Indices, block: Array, state: Columns, joining: I
             stays[mine[np.argmax(solved.weights[mine])]] = True
     if np.isfinite(task.allowed.cap):
         stays |= solved.weights > 1e-9 * task.allowed.cap
-    kept = np.concatenate([state.block[stays], block[joining]])
+    added = block[joining] @ task.basis
+    kept = np.concatenate([state.block[stays], added])
     if not _tells(kept, task.prior):  # early weights are rough: what is left must still tell every parameter
         stays[:] = True
     index = np.concatenate([state.index[stays], pool[joining]])
-    rows = np.concatenate([state.block[stays], block[joining]])
+    rows = np.concatenate([state.block[stays], added])
     start = np.concatenate([solved.weights[stays], np.zeros(len(joining))])
     for g, share in enumerate(task.allowed.shares):
         mine = task.label[index] == g
@@ -268,12 +286,14 @@ def _tells(block: Array, prior: Array) -> bool:
 
 
 def _shortlist(task: Task, state: Columns, values: Array) -> Indices:
-    """The best sixteenth of all candidates, less those that no optimal design uses, with the present ones."""
+    """The best of all candidates, less those that no optimal design uses, with the present ones."""
     count = len(values)
-    size = min(count, max(_FIRST, count // _SHORTLIST))
-    merit = values / np.maximum(state.solved.multipliers, 1e-300)[task.label] if len(task.shares) > 1 else values
-    top = np.argpartition(-merit, size - 1)[:size] if size < count else np.arange(count)
+    part = _SUBSET if task.criterion.kinked else _SHORTLIST
+    size = min(count, max(_FIRST, _EACH * task.rows.parameters, count // part))
+    top = (
+        np.argpartition(_merits(state, task.label, values), count - size)[-size:] if size < count else np.arange(count)
+    )
     plain = len(task.shares) == 1 and not np.isfinite(task.allowed.cap) and task.rows.scenarios == 1
     if plain and task.criterion.name == "D" and not task.prior.any():
-        top = top[~deletable(values, task.rows.parameters)[top]]
+        top = top[~deletable(values[top], task.rows.parameters)]
     return np.union1d(top, state.index)

@@ -30,7 +30,8 @@ class Task:
 
     def take(self, index: Indices) -> Array:
         """Rows of candidates in the basis."""
-        return self.rows.take(index) @ self.basis
+        block = self.rows.take(index)
+        return (block.reshape(-1, self.rows.parameters) @ self.basis).reshape(block.shape)  # one product, not many
 
     @property
     def shares(self) -> Array:

@@ -18,7 +18,7 @@ import numpy as np
 from qsframework.plugin import Array, Indices
 from qsframework.work.threads import single_thread
 
-_CHUNK_BYTES = 1 << 19
+_CHUNK_BYTES = 1 << 18
 _SPAN = 1 << 25
 _LARGE = 20_000
 """Candidates above which a pass is shared by threads."""
@@ -74,7 +74,7 @@ class HeldRows(Rows):
         return self.values[start:stop]
 
     def take(self, index: Indices) -> Array:
-        return self.values[index]
+        return np.take(self.values, index, axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,28 +163,38 @@ def block_scores(block: Array, roots: list[Array]) -> Array:
     """Sum over scenarios of |A_i B|_F^2 (n,) for a block (n, S, k, p)."""
     total = np.zeros(len(block))
     for s, B in enumerate(roots):
-        X = block[:, s].reshape(-1, block.shape[-1]) @ B
-        np.multiply(X, X, out=X)
-        total += (X @ np.ones(X.shape[1])).reshape(len(block), -1).sum(axis=1)
+        X = (block[:, s].reshape(-1, block.shape[-1]) @ B).reshape(len(block), -1)
+        total += np.einsum("nr,nr->n", X, X)
     return total
 
 
-def scores(rows: Array | Rows, gradient: Array, threads: int | None = None, basis: Array | None = None) -> Array:
+def scores(
+    rows: Array | Rows,
+    gradient: Array,
+    threads: int | None = None,
+    basis: Array | None = None,
+    index: Indices | None = None,
+) -> Array:
     """tr(G M_i) = |A_i B|_F^2 for every candidate (N,), with G = B B' (p, p) or (S, p, p): one full pass.
 
-    basis T (p, p): the gradient is that of T' M T, and G = T gradient T'
+    basis T (p, p): the gradient is that of T' M T, and G = T gradient T'; index (m,): these candidates only
     """
     source = as_rows(rows)
     roots = [root(G) for G in gradient.reshape(-1, *gradient.shape[-2:])]
     roots = roots if basis is None else [basis @ B for B in roots]
-    out = np.empty(len(source))
+    out = np.empty(len(source) if index is None else len(index))
 
     def share(start: int, stop: int) -> None:
         for first, last in source.chunks(start, stop):
             out[first:last] = block_scores(source.read(first, last), roots)
             source.release(first, last)
 
-    run_shared(share, len(source), threads)
+    def chosen(start: int, stop: int) -> None:
+        assert index is not None
+        for first, last in source.chunks(start, stop):
+            out[first:last] = block_scores(source.take(index[first:last]), roots)
+
+    run_shared(share if index is None else chosen, len(out), threads)
     return out
 
 
