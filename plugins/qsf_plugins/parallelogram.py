@@ -147,12 +147,16 @@ class Parallelogram(Loop):
         return parallel_sign(robot, self.driver, self.driven)
 
     def actuators(self, q: Array, robot: RobotFacts) -> Array:
-        own = np.zeros((len(q), len(self._branches)))
-        phi = np.stack([q[:, 0], q[:, 1] + self._sign(robot) * q[:, 0]], axis=1)
-        if self._branches:
-            perfect = self._closed(np.concatenate([phi, own], axis=1), np.zeros((len(q), 1)), robot).q
-            own = q[:, 2:] - perfect[:, 2:]
-        return np.concatenate([phi, own], axis=1)
+        sign = self._sign(robot)
+        driver, driven = q[:, 0], q[:, 1] + sign * q[:, 0]
+        # a perfect bar keeps along link 2: beta = 0
+        perfect = (sign * driven, driver - sign * driven)
+        own = [q[:, 2 + i] - sense * perfect[i] for i, sense in enumerate(self._senses(robot))]
+        return np.stack([driver, driven, *own], axis=1)
+
+    def _senses(self, robot: RobotFacts) -> list[float]:
+        """Senses of the axes of lever and bar against the driver's."""
+        return [branch_stands(robot, self.driver, self._branches[: i + 1])[0] for i in range(len(self._branches))]
 
     def closure(self, actuators: Array, bars: Array, context: Context) -> LoopTerm:
         return self._closed(actuators, bars, context.robot)
@@ -191,19 +195,23 @@ class Parallelogram(Loop):
         y_u = np.array([[-1.0, sign, 0.0], [0.0, 0.0, 1.0]])
         value = actuators[:, 0] + beta.value - sign * actuators[:, 1]
         turned += [Turned(value, beta.first @ y_u + np.array([1.0, -sign, 0.0]), y_u.T @ beta.second @ y_u)]
-        senses = [branch_stands(robot, self.driver, self._branches[: i + 1])[0] for i in range(len(self._branches))]
-        return with_branches(term, [t.times(s) for t, s in zip(turned, senses, strict=False)], actuators[:, 2:])
+        turned = [t.times(s) for t, s in zip(turned, self._senses(robot), strict=False)]
+        return with_branches(term, turned, actuators[:, 2:])
 
     def _bar_angle(self, psi: Array, swing: Array, slopes: Slopes, link: float) -> Turned:
         """beta, from link 2 to the bar, by y = (psi, bar): the bar is Z = L + a e^(i rho) - a e^(i psi)."""
         lever, rocker = self.lever * np.exp(1j * psi), self.lever * np.exp(1j * (psi + swing))
-        Z, by_psi = link + rocker - lever, np.array([1.0, 0.0])
-        r = slopes.first
-        first = 1j * (rocker[:, None] * r - lever[:, None] * by_psi) / Z[:, None]
-        second = rocker[:, None, None] * (1j * slopes.second - r[:, :, None] * r[:, None, :])
-        second = (second + lever[:, None, None] * np.outer(by_psi, by_psi)) / Z[:, None, None]
-        second = second - first[:, :, None] * first[:, None, :]
-        return Turned(*(np.asarray(part, dtype=np.float64) for part in (np.angle(Z), first.imag, second.imag)))
+        Z = link + rocker - lever
+        # one contiguous array for each entry: of complex matrices (N, 2, 2) numpy is several times slower
+        lever, rocker = lever / Z, rocker / Z
+        r, by_psi = slopes.first.T, (1.0, 0.0)
+        each = [1j * (rocker * r[i] - lever * by_psi[i]) for i in range(2)]
+        first, second = np.empty((len(psi), 2)), np.empty((len(psi), 2, 2))
+        for i, j in ((0, 0), (0, 1), (1, 1)):
+            bent = rocker * (1j * slopes.second[:, i, j] - r[i] * r[j]) + lever * by_psi[i] * by_psi[j]
+            second[:, i, j] = second[:, j, i] = (bent - each[i] * each[j]).imag
+        first[:, 0], first[:, 1] = each[0].imag, each[1].imag
+        return Turned(np.angle(Z), first, second)
 
     def carried(self, robot: RobotFacts) -> tuple[tuple[str, ...], ...]:
         return ((), self._branches[1:]) if self._branches[1:] else ((),)

@@ -115,12 +115,14 @@ class Turned:
 def with_branches(term: LoopTerm, turned: Sequence[Turned], own: Array) -> LoopTerm:
     """A loop over k joints and m bars that also turns b branches: by its own inputs, and by what theirs (N, b) add."""
     (batch, k, u), b = term.q_u.shape, own.shape[1]
-    old = np.array([*range(k), *range(k + b, u + b)])
+    kept = ((slice(0, k), slice(0, k)), (slice(k, u), slice(k + b, u + b)))  # the inputs, and where they stand now
     q_u, q_uu = np.zeros((batch, k + b, u + b)), np.zeros((batch, k + b, u + b, u + b))
     rows = [*zip(term.q_u.transpose(1, 0, 2), term.q_uu.transpose(1, 0, 2, 3), strict=True)]
     for i, (first, second) in enumerate([*rows, *((t.first, t.second) for t in turned)]):
-        q_u[:, i, old] = first
-        q_uu[:, i, old[:, None], old] = second
+        for here, there in kept:
+            q_u[:, i, there] = first[:, here]
+            for beside, other in kept:
+                q_uu[:, i, there, other] = second[:, here, beside]
     q_u[:, range(k, k + b), range(k, k + b)] = 1.0
     return LoopTerm(np.concatenate([term.q, np.stack([t.value for t in turned], axis=1) + own], axis=1), q_u, q_uu)
 
