@@ -19,17 +19,11 @@ from qsframework.report.result_json import diagnosis_json
 from qsframework.report.words.diagnosis import diagnosis_words, method_words
 from tests.diagnose.cases import campaign, diagnosed, measured, quiet
 
-HIDDEN = [
-    ("tool_compliance", ("y",), 0.2),
-    ("base_compliance", ("ry",), 0.2),
-]
-"""Springs of joints, backlash, bearings and the load's direction: test_hidden.py, smaller, and named to the place."""
 
-
-@pytest.mark.parametrize(("effect", "place", "share"), HIDDEN, ids=[h[0] for h in HIDDEN])
-def test_a_hidden_effect_is_named_sized_and_gains(effect: str, place: tuple[str, ...], share: float) -> None:
-    hidden = find(effect)(*place)
-    truth = {p.name: share * p.typical for p in hidden.parameters(campaign().robot.facts)}
+def test_a_hidden_effect_is_named_sized_and_gains() -> None:
+    """A tool that gives; other springs, backlash, the pedestal and the load: tests/proof/test_pinned.py."""
+    hidden = find("tool_compliance")("y")
+    truth = {p.name: 0.2 * p.typical for p in hidden.parameters(campaign().robot.facts)}
     found = diagnose(campaign(), measured((hidden,), truth, seed=5), seed=1)
     assert found.verdict == "explained", diagnosis_words(found)
     named = [f for f in found.findings if hidden.name in (f.name, *(r.name for r in f.rivals))]
@@ -51,12 +45,11 @@ def test_two_causes_are_both_named() -> None:
 
 
 def test_nothing_is_named_where_nothing_acts_and_bounds_are_given() -> None:
-    verdicts = []
-    for seed in range(8):
+    """How often something is named by chance: test_family_test.py, over hundreds of draws."""
+    for seed in range(4):
         found = quiet(seed)
-        verdicts.append(found.verdict)
+        assert found.verdict == "none", diagnosis_words(found)
         assert found.rms.heldout_extended == pytest.approx(found.rms.noise, rel=0.15)
-    assert verdicts.count("none") >= 7, verdicts
     assert "no " in diagnosis_words(quiet(0))
     assert " above " in diagnosis_words(quiet(0))
 
@@ -149,14 +142,16 @@ def test_a_strangers_effect_takes_part_without_further_work(monkeypatch: pytest.
 
     from qsframework.diagnose.linearization import candidates
 
-    known = dict(candidates.registry()) | {"worn_teeth": WornTeeth}
+    gears = ("joint_hardening", "joint_backlash", "gear_flank", "gear_waves", "offaxis_compliance", "link_compliance")
+    built_in = {name: candidates.registry()[name] for name in gears}
+    known = built_in | {"worn_teeth": WornTeeth}
     monkeypatch.setattr(candidates, "registry", lambda: known)
     hidden = WornTeeth("joint_4")
     found = diagnose(campaign(), measured((hidden,), {hidden.name: 1.2e-7}, seed=8))
     assert [f.name for f in found.findings] == ["worn_teeth[joint_4]"], diagnosis_words(found)
     (value,) = found.findings[0].values
     assert abs(value.value - 1.2e-7) < 4.0 * value.sd
-    monkeypatch.undo()
+    monkeypatch.setattr(candidates, "registry", lambda: built_in)
     without = diagnose(campaign(), measured((hidden,), {hidden.name: 1.2e-7}, seed=8))
     assert without.verdict != "none"
     assert "worn_teeth[joint_4]" not in [f.name for f in without.findings]

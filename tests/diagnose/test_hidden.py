@@ -29,15 +29,12 @@ def _diagnose(case: hidden.Case, folder: Path) -> tuple[hidden.Truth, Diagnosis]
 @pytest.mark.parametrize(
     ("place", "s"),
     [
-        ("joint_hardening[joint_3]", 12.0),
         ("offaxis_compliance[joint_3/x]", 12.0),
-        ("joint_backlash[joint_5]", 12.0),
-        ("bar_compliance[joint_3]", 12.0),
         ("tool_compliance[z]", 12.0),
-        ("load_direction", 12.0),
     ],
 )
 def test_a_hidden_effect_is_named_placed_sized_and_gains(place: str, s: float, tmp_path: Path) -> None:
+    """Others of the generator's kinds are hidden by the library itself, and named, in tests/proof/test_pinned.py."""
     case = Case("one", "one", 3, effects=((place.partition("[")[0], s),), at=(place,) if "[" in place else ())
     truth, d = _diagnose(case, tmp_path)
     assert truth.s[0] == pytest.approx(s, rel=0.005)

@@ -82,7 +82,7 @@ def knee(size: float) -> Hidden:
     return Hidden(gears=(law,))
 
 
-def test_a_law_that_looks_like_one_of_the_library_says_which(found: tuple[Diagnosis, str], tmp_path: Path) -> None:
+def test_a_law_that_looks_like_one_of_the_library_says_which(tmp_path: Path) -> None:
     path = write_campaign(FORTY, noisy(FORTY, FORTY.clean(knee(FORTY.sized(knee, 20.0, 0.01, 20.0)))), tmp_path)
     d = diagnose(load_experiment(path), read_readings(load_experiment(path).data, load_experiment(path)), repeats=1)
     assert d.taught is not None
@@ -91,6 +91,9 @@ def test_a_law_that_looks_like_one_of_the_library_says_which(found: tuple[Diagno
     assert first.share > 0.85
     assert "looks most like joint_backlash[j3]: with a sign that it cannot have" in diagnosis_words(d)
     assert diagnosis_json(d)["learned"]["looks_like"][0]["id"] == "joint_backlash[j3]"
+
+
+def test_a_law_that_is_like_none_at_its_place_says_so(found: tuple[Diagnosis, str]) -> None:
     other, name = found
     assert other.taught is not None
     assert not [a for a in other.taught.alike if a.share > 0.9], name
