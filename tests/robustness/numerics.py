@@ -11,6 +11,7 @@ import numpy as np
 from hypothesis import HealthCheck, Phase, settings
 
 from qsframework.design.candidates import generate_candidates
+from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.elastostatics import exact_readings, make_model
 from qsframework.experiment import Experiment, Readings, example, load_experiment, make_plan, simulate
 from qsframework.experiment.readings import UNSTATED
@@ -82,6 +83,16 @@ def hidden(entry: dict[str, Any], value: float, count: int = 24, seed: int = 0) 
     blank = readings(experiment, count, seed)
     settled = exact_readings(wide, poses(experiment, count, seed), x).reshape(-1, 3)
     return blank.with_values(settled + SIGMA * rng.standard_normal(settled.shape))
+
+
+OFFAXIS = {"effect": "offaxis_compliance", "joints": ["joint_3"], "axes": ["x"]}
+
+
+@cache
+def diagnosed() -> tuple[Readings, Diagnosis]:
+    """Readings with a hidden bearing, and what the whole library makes of them as they are."""
+    data = hidden(OFFAXIS, 2e-7)
+    return data, diagnose(campaign(), data, repeats=1)
 
 
 def scaled(parameter: Parameter, factor: float) -> Parameter:

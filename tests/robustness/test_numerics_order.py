@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from numerics import campaign, candidates, few, hidden, poses, readings
+from numerics import campaign, candidates, diagnosed, few, poses, readings
 
 from qsframework.design import Wish, design
 from qsframework.diagnose import diagnose
@@ -18,7 +18,6 @@ from qsframework.plugin import Indices
 from qsframework.plugin.facts import frozen
 
 SEEDS = st.integers(0, 10_000)
-OFFAXIS = {"effect": "offaxis_compliance", "joints": ["joint_3"], "axes": ["x"]}
 
 
 def with_effects_in_order(experiment: Experiment, seed: int) -> Experiment:
@@ -149,8 +148,7 @@ def test_the_best_plan_does_not_depend_on_the_order_of_the_candidates() -> None:
 
 @pytest.mark.parametrize("seed", [2])
 def test_diagnoses_do_not_depend_on_any_order(seed: int) -> None:
-    data = hidden(OFFAXIS, 2e-7)
-    wanted = diagnose(campaign(), data, repeats=1)
+    data, wanted = diagnosed()
     found = diagnose(*all_in_order(campaign(), data, seed), repeats=1)
     assert found.verdict == wanted.verdict
     assert [f.name for f in found.findings] == [f.name for f in wanted.findings]

@@ -13,9 +13,9 @@ from hypothesis import given, strategies as st
 from numerics import (
     campaign,
     candidates,
+    diagnosed,
     few,
     force_power,
-    hidden,
     in_force_unit,
     noisy,
     poses,
@@ -37,7 +37,6 @@ from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter,
 from qsframework.units import to_si
 
 POWERS = st.floats(-9.0, 9.0)
-OFFAXIS = {"effect": "offaxis_compliance", "joints": ["joint_3"], "axes": ["x"]}
 
 
 def same(found: Any, wanted: Any, rtol: float = 1e-9, rounding: float = 0.0) -> None:
@@ -130,8 +129,7 @@ def backlash_in_force_unit(monkeypatch: pytest.MonkeyPatch, k: float) -> None:
 
 @pytest.mark.parametrize("k", [1e9])
 def test_diagnoses_do_not_depend_on_the_unit_of_force(k: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    data = hidden(OFFAXIS, 2e-7)
-    wanted = diagnose(campaign(), data, repeats=1)
+    data, wanted = diagnosed()
     other = in_force_unit(campaign(), k)
     backlash_in_force_unit(monkeypatch, k)
     found = diagnose(other, with_forces(data, k), repeats=1)
