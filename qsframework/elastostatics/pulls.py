@@ -6,8 +6,9 @@ its torque is -F g and its stiffness F' g g' + F d2s/de2.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -22,15 +23,22 @@ _STEP = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Pull:
-    """One spring at a batch of poses: gradient g (m, N), second derivative of s (m, m, N), and its tension.
-
-    slope_dx (N, p): derivative of F' by the effect's parameters
-    """
+    """One spring at a batch of poses: gradient g (m, N) and its tension; what takes long where it is asked for."""
 
     gradient: Array
-    second: Array
     term: TensionTerm
-    slope_dx: Array
+    bend: Callable[[], Array]
+    rates: Callable[[], Array]
+
+    @cached_property
+    def second(self) -> Array:
+        """Second derivative of s (m, m, N)."""
+        return self.bend()
+
+    @cached_property
+    def slope_dx(self) -> Array:
+        """Derivative (N, p) of F' by the effect's parameters."""
+        return self.rates()
 
     @property
     def acts(self) -> bool:
@@ -84,8 +92,12 @@ def _pull(effect: ParallelSpring, x: Array, placed: Frames, context: Context) ->
     along = apart / length
     gradient = np.einsum("cn,ecn->en", along, speed)
     term, size = laws.tension(effect, length, x, context), laws.sizes(effect, x, context)
-    slope_dx = laws.difference(lambda v: laws.tension(effect, length, v, context).ds, x, size)
-    return Pull(gradient, _second(placed, speed, along, gradient, length), term, slope_dx)
+    return Pull(
+        gradient,
+        term,
+        bend=lambda: _second(placed, speed, along, gradient, length),
+        rates=lambda: laws.difference(lambda v: laws.tension(effect, length, v, context).ds, x, size),
+    )
 
 
 def _second(placed: Frames, speed: Array, along: Array, gradient: Array, length: Array) -> Array:
