@@ -19,6 +19,7 @@ from qsframework.files import Document, FileModel, Unit, read_yaml, sha256, vali
 from qsframework.files.formats import check_format
 from qsframework.identify.fit import SIGNIFICANT, Fit, Masked
 from qsframework.identify.soundness import obeyed, robot_hash
+from qsframework.plausible import allowed, beyond
 from qsframework.plugin import Array, Context, Geometry, Loop, Parameter, Poses, laws
 from qsframework.robot import Robot
 from qsframework.robot.corrected import write_corrected_urdf
@@ -145,7 +146,15 @@ class StoredFit:
         if missing:
             words = f"the fit is of another model: it has no {', '.join(missing)}"
             raise InputError(Problem(words, file=self.file or None))
-        return np.array([self.model.get(p.name, p.nominal) for p in model.parameters])
+        values = {p: self.model.get(p.name, p.nominal) for p in model.parameters}
+        far = [
+            Problem(p.name, self.file or None, found=f"{value:.6g} {p.unit}", allowed=allowed(known, p.unit))
+            for p, value in values.items()
+            if (known := beyond(value, p.unit)) is not None and abs(value) > known.most
+        ]
+        if far:
+            raise InputError(far)
+        return np.array(list(values.values()))
 
     def is_of(self, data: Path) -> bool:
         """Whether the readings in a file are those of the fit, by their hash."""

@@ -495,6 +495,7 @@ class Commands:
         known += [p.name.upper() for p in commands()[self.name].params]
         shown = ["".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in w) for w in line.words[1:]]
         known += [re.sub(r"\s+", "", w)[:90] for w in (*line.words[1:], *shown) if len(w.strip()) > 1]
+        known += [f"'{w}'" for w in line.words[1:] if len(w.strip()) == 1]
         known += [f"error:{w}:" if w.strip() else "error:'':" for w in shown]
         known += [f"error:{Path(w)}:" for w in line.words[1:]] + [p for w in line.words for p in w.split(",") if p[3:]]
         named = {p.name.replace("_", " ") for p in commands()[self.name].params if p.name[3:]}

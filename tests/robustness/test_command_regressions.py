@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import command_lines
@@ -48,3 +49,12 @@ def test_an_arm_that_does_not_give_has_no_shares(bench: Path) -> None:
     code, said, error = command_lines.run(bench, ("stiffness", "small2", "--pose", "10,-20", "--load", "0,0,-100"))
     assert code == 0, error
     assert "0.0000 mm" in said
+
+
+def test_a_fit_that_no_arm_has_is_refused_with_its_name(bench: Path) -> None:
+    fit = json.loads((bench / "fit.json").read_text())
+    fit["model"]["joint_compliance[elbow]"] = 1e17
+    (bench / "far.json").write_text(json.dumps(fit))
+    code, _, error = command_lines.run(bench, ("validate", "experiment.yaml", "far.json", "readings.csv"))
+    assert code == 2
+    assert "far.json: joint_compliance[elbow]; found 1e+17 rad/(N m); allowed: " in " ".join(error.split())
