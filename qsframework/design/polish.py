@@ -28,7 +28,7 @@ def polish(problem: Problem, rule: Robust, chosen: Indices, counts: Indices, pro
     """
     poses = problem.batch(chosen)
     pendant, wrench = poses.pendant.copy(), poses.wrench
-    moments = moments_of(problem.rows_of(_batch(problem, pendant, wrench)))
+    moments = _moments(problem, pendant, wrench)
     value = start = _value(problem, rule, moments, counts)
     for turn in range(_ROUNDS):
         moved = _moved(problem, rule, pendant, wrench, counts, moments, value)
@@ -41,8 +41,8 @@ def polish(problem: Problem, rule: Robust, chosen: Indices, counts: Indices, pro
             break
         (pendant, moments), value = moved, new
     rounded = _rounded(problem, pendant)
-    moments = moments_of(problem.rows_of(_batch(problem, rounded, wrench)))
-    return rounded if _value(problem, rule, moments, counts) <= start else pendant
+    better = _value(problem, rule, _moments(problem, rounded, wrench), counts) <= start
+    return rounded if better else pendant
 
 
 def _rounded(problem: Problem, pendant: Array) -> Array:
@@ -67,6 +67,11 @@ def _scales(problem: Problem) -> Array:
 
 def _batch(problem: Problem, pendant: Array, wrench: Array) -> Poses:
     return Poses(pendant, problem.experiment.robot.controller.to_joints(pendant), wrench)
+
+
+def _moments(problem: Problem, pendant: Array, wrench: Array) -> Array:
+    """Information M_i (m, S, p, p) of each pose."""
+    return moments_of(problem.rows_of(_batch(problem, pendant, wrench)))
 
 
 def _value(problem: Problem, rule: Robust, moments: Array, counts: Indices) -> float:
@@ -102,8 +107,7 @@ def _moved(
     trials = np.clip(units.si(np.round(units.shown(moved), _DIGITS[0])), lower, upper)
     flat = trials.reshape(-1, n)
     kept = _kept(problem, flat).reshape(count, -1)
-    moments = moments_of(problem.rows_of(_batch(problem, flat, np.repeat(wrench, len(_SIZES), axis=0))))
-    moments = moments.reshape(count, len(_SIZES), *M.shape)
+    moments = _moments(problem, flat, np.repeat(wrench, len(_SIZES), axis=0)).reshape(count, len(_SIZES), *M.shape)
     out, M_out, changed = pendant.copy(), M_each.copy(), False
     for i in range(count):
         values = np.atleast_1d(rule.value(M + counts[i] * (moments[i] - M_each[i])))

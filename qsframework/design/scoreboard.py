@@ -28,14 +28,10 @@ class Scoreboard:
         self._slope: Array | None = None
         self._values = np.zeros(len(rows))
 
-    def know(self, slope: Array, values: Array) -> None:
-        """Take scores that were computed elsewhere."""
-        self._slope, self._values = slope, values
-
     def exact(self, slope: Array) -> Array:
         """Scores (N,) under a slope: a full pass, unless it was made already."""
         if self._slope is not slope:
-            self.know(slope, scores(self.rows, slope, basis=self.basis))
+            self._slope, self._values = slope, scores(self.rows, slope, basis=self.basis)
             self.passes += 1.0
         return self._values
 

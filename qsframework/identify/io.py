@@ -146,15 +146,15 @@ class StoredFit:
         if missing:
             words = f"the fit is of another model: it has no {', '.join(missing)}"
             raise InputError(Problem(words, file=self.file or None))
-        values = {p: self.model.get(p.name, p.nominal) for p in model.parameters}
+        values = [self.model.get(p.name, p.nominal) for p in model.parameters]
         far = [
             Problem(p.name, self.file or None, found=f"{value:.6g} {p.unit}", allowed=allowed(known, p.unit))
-            for p, value in values.items()
+            for p, value in zip(model.parameters, values, strict=True)
             if (known := beyond(value, p.unit)) is not None and abs(value) > known.most
         ]
         if far:
             raise InputError(far)
-        return np.array(list(values.values()))
+        return np.array(values)
 
     def is_of(self, data: Path) -> bool:
         """Whether the readings in a file are those of the fit, by their hash."""

@@ -65,13 +65,14 @@ class Gram:
     bounds: Bounds | None
 
     @cached_property
-    def _sizes(self) -> Indices:
+    def sizes(self) -> Indices:
+        """How many directions each cause has."""
         return np.array([len(at) for at in self.at], dtype=np.intp)
 
     @cached_property
     def _first(self) -> Indices:
         """Of each cause's directions, which stand side by side."""
-        return np.cumsum(self._sizes) - self._sizes
+        return np.cumsum(self.sizes) - self.sizes
 
     @cached_property
     def visible(self) -> list[int]:
@@ -115,20 +116,24 @@ class Gram:
         """G and c of all directions after a subset has taken its part."""
         if not len(members):
             return self.G, self.c
-        index = np.concatenate([self.at[i] for i in members])
-        W = np.linalg.solve(self._own(index), np.column_stack([self.G[index], self.c[index]]))
+        index, W = self._taken(members)
         return self.G - self.G[:, index] @ W[:, :-1], self.c - self.G[:, index] @ W[:, -1]
+
+    def _taken(self, members: Sequence[int]) -> tuple[Indices, Array]:
+        """Directions (k,) of a subset, and what of all directions and the residuals they hold (k, K + 1)."""
+        index = np.concatenate([np.zeros(0, dtype=np.intp), *(self.at[i] for i in members)])
+        W = np.linalg.solve(self._own(index), np.column_stack([self.G[index], self.c[index]]))
+        return index, np.asarray(W, dtype=np.float64)
 
     def falls(self, members: Sequence[int], others: Sequence[int]) -> Array:
         """By how much each other cause lowers the squares beside a subset (len(others),)."""
         out = np.zeros(len(others))
         if not len(others):
             return out
-        index = np.concatenate([np.zeros(0, dtype=np.intp), *(self.at[i] for i in members)])
-        W = np.linalg.solve(self._own(index), np.column_stack([self.G[index], self.c[index]]))
+        index, W = self._taken(members)
         chosen = np.asarray(others, dtype=np.intp)
-        for size in map(int, np.unique(self._sizes[chosen])):
-            of = np.flatnonzero(self._sizes[chosen] == size)
+        for size in map(int, np.unique(self.sizes[chosen])):
+            of = np.flatnonzero(self.sizes[chosen] == size)
             at: Indices = self._first[chosen[of]][:, None] + np.arange(size)
             taken = self.G[at][:, :, index]
             c = self.c[at] - taken @ W[:, -1]
@@ -169,27 +174,27 @@ def make_gram(
 
 def search(gram: Gram, classes: Sequence[int], largest: int = LARGEST) -> list[Subset]:
     """Physical subsets up to a size, best first. classes: positions to choose from, one for each set of aliases."""
-    choice: Indices = np.array([i for i in classes if len(gram.at[i])], dtype=np.intp)
-    own: Indices = np.array([len(at) for at in gram.at], dtype=np.intp)[choice]
+    choice: Indices = np.array([i for i in classes if gram.sizes[i]], dtype=np.intp)
     found: list[Subset] = []
     grown: list[Subset] = [Subset((), gram.total, 0, 0.0)]
     for size in range(1, min(largest, len(choice)) + 1):
         others: list[Flags] = [~np.isin(choice, start.members) for start in grown]
         rss = [s.rss - gram.falls(s.members, choice[o].tolist()) for s, o in zip(grown, others, strict=True)]
-        dof: list[Indices] = [s.dof + own[o] for s, o in zip(grown, others, strict=True)]
+        dof: list[Indices] = [s.dof + gram.sizes[choice[o]] for s, o in zip(grown, others, strict=True)]
         of = np.repeat(np.arange(len(grown), dtype=np.intp), [int(o.sum()) for o in others])
         more: Indices = np.concatenate([choice[o] for o in others])
         left_over, used = np.concatenate(rss), np.concatenate(dof)
         ebic = gram.ebics(left_over, used, size, len(choice))
-        kept: dict[tuple[int, ...], Subset | None] = {}
+        seen: set[tuple[int, ...]] = set()
+        kept: list[Subset] = []
         for n in map(int, np.argsort(ebic, kind="stable")):
             members: tuple[int, ...] = tuple(sorted((*grown[int(of[n])].members, int(more[n]))))
-            if members not in kept:
-                good = gram.solve(members)[2]
-                kept[members] = Subset(members, float(left_over[n]), int(used[n]), float(ebic[n])) if good else None
-                if size > 1 and sum(s is not None for s in kept.values()) == _GROWN:
+            if members not in seen and gram.solve(members)[2]:
+                kept.append(Subset(members, float(left_over[n]), int(used[n]), float(ebic[n])))
+                if size > 1 and len(kept) == _GROWN:
                     break
-        grown = [s for s in kept.values() if s is not None]
+            seen.add(members)
+        grown = kept
         found += grown
     return sorted(found, key=lambda s: s.ebic)
 
