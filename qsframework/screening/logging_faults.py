@@ -23,8 +23,8 @@ _SLACK = 16.0
 """How much worse, in squares of the noise, an exchange may fit than leaving out the worst of its rows."""
 _FALL = 0.8
 """How far the sum of squares must fall at least where angles are late; what the model misses makes smaller ones."""
-_AT_ONCE = 500
-"""Exchanges tried in one product."""
+_AT_ONCE, _NUMBERS = 500, 20_000_000
+"""Exchanges tried in one product, and numbers in it: long files take fewer exchanges at once, and no more memory."""
 _RUNS = 64
 """Runs of late angles tried at once."""
 _HELD = 1e-10
@@ -101,9 +101,10 @@ def _change(fit: LinearizedFit, order: Indices) -> Array:
 def _changes(fit: LinearizedFit, orders: Sequence[Indices]) -> Array:
     """How much the sum of squares changes with each exchange."""
     r = fit.white
+    at_once = max(1, min(_AT_ONCE, _NUMBERS // r.size))
     out: list[Array] = []
-    for k in range(0, len(orders), _AT_ONCE):
-        d = fit.noise.whiten(np.stack([_change(fit, o) for o in orders[k : k + _AT_ONCE]], axis=1))
+    for k in range(0, len(orders), at_once):
+        d = fit.noise.whiten(np.stack([_change(fit, o) for o in orders[k : k + at_once]], axis=1))
         out.append(2.0 * r @ d + np.square(d).sum(axis=0) - np.square(fit.Q.T @ d).sum(axis=0))
     return np.concatenate(out)
 
