@@ -26,16 +26,10 @@ def _diagnose(case: hidden.Case, folder: Path) -> tuple[hidden.Truth, Diagnosis]
         return truth, diagnose(experiment, read_readings(experiment.data, experiment))
 
 
-@pytest.mark.parametrize(
-    ("place", "s"),
-    [
-        ("offaxis_compliance[joint_3/x]", 12.0),
-        ("tool_compliance[z]", 12.0),
-    ],
-)
-def test_a_hidden_effect_is_named_placed_sized_and_gains(place: str, s: float, tmp_path: Path) -> None:
+def test_a_hidden_effect_is_named_placed_sized_and_gains(tmp_path: Path) -> None:
     """Others of the generator's kinds are hidden by the library itself, and named, in tests/proof/test_pinned.py."""
-    case = Case("one", "one", 3, effects=((place.partition("[")[0], s),), at=(place,) if "[" in place else ())
+    place, s = "offaxis_compliance[joint_3/x]", 12.0
+    case = Case("one", "one", 3, effects=((place.partition("[")[0], s),), at=(place,))
     truth, d = _diagnose(case, tmp_path)
     assert truth.s[0] == pytest.approx(s, rel=0.005)
     assert d.verdict == "explained"
@@ -60,14 +54,7 @@ def test_noise_that_the_file_understates_is_named_and_nothing_else(tmp_path: Pat
     assert d.audit.unit == pytest.approx(1.5, rel=0.1)
 
 
-def test_two_hidden_effects_are_both_named(tmp_path: Path) -> None:
-    at = ("joint_hardening[joint_2]", "offaxis_compliance[joint_4/y]")
-    effects = tuple((place.partition("[")[0], 16.0) for place in at)
-    _, d = _diagnose(Case("two", "two", 5, effects=effects, at=at), tmp_path)
-    assert sorted(f.name for f in d.findings) == sorted(at)
-
-
-@pytest.mark.parametrize("kind", hidden.UNKNOWN)
+@pytest.mark.parametrize("kind", ["hose_torque", "cross_coupling"])
 def test_an_effect_outside_the_library_is_not_explained(kind: str, tmp_path: Path) -> None:
     _, d = _diagnose(Case("unknown", "unknown", 4, hidden.Setting(recorded=True), unknown=(kind, 14.0)), tmp_path)
     assert d.verdict in ("unexplained", "partly_explained")

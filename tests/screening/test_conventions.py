@@ -230,7 +230,7 @@ def test_right_conventions_are_left_alone(m900ib: Experiment, r2000ic: Experimen
 
 @pytest.mark.parametrize("s", [8.0, 40.0])
 def test_hidden_physics_is_not_taken_for_a_wrong_convention(m900ib: Experiment, s: float) -> None:
-    """All effects of the library but the conventions themselves, a third of them in each protocol, at 40 another.
+    """Effects of the library but the conventions themselves, a ninth of them in each protocol, at 40 another.
 
     On the arm of the pins, which is not changed: at 40 some causes stand near the threshold, load_direction under cable
     pulls beyond it, and which are asked, in which noise, hangs on how many parameters the arm has.
@@ -250,9 +250,9 @@ def test_hidden_physics_is_not_taken_for_a_wrong_convention(m900ib: Experiment, 
             part = columns[:, start : start + len(cause.names)] @ np.array(cause.sizes)
             start += len(cause.names)
             seen = float(np.linalg.norm(part - Q @ (Q.T @ part))) / SIGMA
-            if cause.name.startswith("controller_coupling") or seen < 1.0 or (i + int(s)) % 3 != seed:
+            if cause.name.startswith("controller_coupling") or seen < 1.0 or (i + int(s)) % 9 != seed:
                 continue
             hidden = readings.with_values(readings.value + (part * s / seen).reshape(-1, 3))
             assert compelling(check_conventions(m900ib, hidden)) is None, cause.name
             tested += 1
-    assert tested > 25
+    assert tested > 20
