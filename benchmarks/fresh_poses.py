@@ -51,11 +51,24 @@ _OF = {
     "compensator_friction": "step",
     "thermal_expansion": "temperature",
     "tracker_drift": "order",
+    "tracker_move": "order",
     "reading_drift": "order",
 }
 """What the laws of the library depend on that are more than a spring or a shift."""
-_ENDS = {"tool_compliance": "tool", "base_compliance": "base", "base_lift": "base", "load_scale": "load"}
-"""Places of causes that say only their axis."""
+_ENDS = {
+    "tool_compliance": "tool",
+    "base_compliance": "base",
+    "base_lift": "base",
+    "load_scale": "load",
+    "load_direction": "load",
+    "payload_centre": "load",
+    "reading_drift": "readings",
+    "tracker_drift": "readings",
+    "tracker_move": "readings",
+    "tracker_frame": "readings",
+    "tracker_scale": "readings",
+}
+"""Places of causes whose names say only their axis, or none."""
 _BEARINGS = ("offaxis_compliance",)
 """Causes at a joint's bearing."""
 
@@ -134,10 +147,11 @@ def spoken(found: Diagnosis) -> list[tuple[set[str], set[str]]]:
     facts = found.experiment.robot.facts
     if laws:
         return [_words(laws[0], facts)]
-    return [_named(f.name, facts) for f in found.findings]
+    return [named_words(f.name, facts) for f in found.findings]
 
 
-def _named(name: str, facts: Any) -> tuple[set[str], set[str]]:
+def named_words(name: str, facts: Any) -> tuple[set[str], set[str]]:
+    """Words for the place and the variable of a cause of the library."""
     kind, _, where = name.partition("[")
     place = where.rstrip("]").split("/")[0]
     if kind in _BEARINGS:

@@ -9,11 +9,13 @@ import hidden
 import numpy as np
 import pytest
 import second_generator as second
+from fresh_poses import named_words
 from threadpoolctl import threadpool_limits
 
 from qsframework.diagnose.diagnose import diagnose
 from qsframework.diagnose.result import Diagnosis
 from qsframework.experiment import load_experiment, read_readings
+from qsframework.plugin import registry
 from qsframework.report.result_json import diagnosis_json
 
 Case = hidden.Case
@@ -135,6 +137,16 @@ def test_how_answers_of_the_second_generator_are_counted() -> None:
     assert second.interval(5, 100) == pytest.approx((0.01643, 0.11284), abs=1e-5)
     assert second.interval(0, 20) == pytest.approx((0.0, 0.16843), abs=1e-5)
     assert second.interval(20, 20) == pytest.approx((0.83157, 1.0), abs=1e-5)
+
+
+def test_every_cause_of_the_library_speaks_of_a_place() -> None:
+    """A drift of all readings is of the readings, though its name says no place; warmth alone is nowhere."""
+    facts = hidden.experiment_of("fanuc_m900ib", 2).robot.facts
+    said = {e.name: named_words(e.name, facts) for k in registry().values() for e in k.places(facts, ("m1", "m2"))}
+    assert {name for name, (places, _) in said.items() if not places} == {"thermal_expansion"}
+    assert said["reading_drift"] == ({"readings"}, {"order"})
+    assert "base" in said["base_compliance[rx]"][0]
+    assert "joint_3" in said["gear_flank[joint_3]"][0]
 
 
 def test_cases_of_the_second_generator_come_again_alike() -> None:
