@@ -403,7 +403,9 @@ def diagnose(
     extend: Annotated[Path | None, typer.Option(help="Folder for the extended robot and an experiment on it.")] = None,
     extend_doubtful: Annotated[
         bool,
-        typer.Option("--extend-doubtful", help="Extend by doubtful names too, whose held-out error does not fall."),
+        typer.Option(
+            "--extend-doubtful", help="Extend by doubtful names too, whose held-out error does not clearly fall."
+        ),
     ] = False,
     second_day: Annotated[
         Path | None, typer.Option("--second-day", help="Write a plan of poses that separate what is left open.")

@@ -602,6 +602,7 @@ def _learned(
         before=held.rms_identified,
         heldout=held.rms_extended,
         gain=held.gain,
+        clear=held.clear,
         physical=all(bounds[n][0] <= v <= bounds[n][1] for n, v in fit.by_name().items()),
         alike=alike(base.case, kept, fit, lesson.leftover.law, lesson.cause),
     )

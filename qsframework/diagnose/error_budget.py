@@ -46,9 +46,9 @@ def error_budget(diagnosis: Diagnosis) -> tuple[Step, ...]:
     return (*steps, Step("noise", e.noise, e.noise))
 
 
-def linear_errors(case: Case, causes: Sequence[int], residuals: Array) -> tuple[float, float, float]:
+def linear_errors(case: Case, causes: Sequence[int], residuals: Array) -> tuple[float, float, Array]:
     """RMS per axis, m, on the readings and with one pose left out, of the baseline's columns with those of causes; and
-    the latter whitened, in units of noise.
+    the errors (m,) of the latter whitened, in units of noise.
 
     residuals (R, 3) m of the baseline
     """
@@ -78,9 +78,8 @@ def linear_errors(case: Case, causes: Sequence[int], residuals: Array) -> tuple[
             without = _solve(both[others], target[others])
         out[test] = left[test] - plain[test] @ without
     whole = left - plain @ x
-    sums = np.sum(whole**2), np.sum(out**2), np.sum(case.noise.whiten(out) ** 2)
-    here, unseen, white = (float(np.sqrt(s / case.count)) for s in sums)
-    return here, unseen, white
+    here, unseen = (float(np.sqrt(np.sum(e**2) / case.count)) for e in (whole, out))
+    return here, unseen, case.noise.whiten(out)
 
 
 def _solve(columns: Array, target: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from qsframework.diagnose.error_budget import linear_errors
 from qsframework.diagnose.linearization.candidates import REACH, Cause, Untested
 from qsframework.diagnose.result import Finding, Line, Rival, Status, Value
-from qsframework.diagnose.selection.cross_validation import HeldOut
+from qsframework.diagnose.selection.cross_validation import HeldOut, standard_errors
 from qsframework.diagnose.selection.exact_refit import Settled
 from qsframework.diagnose.selection.influence import hangs_on
 from qsframework.diagnose.selection.model_selection import Answer, Library, p_value_of, size_of
@@ -50,17 +50,24 @@ def findings_of(
     return tuple(sorted(out, key=lambda f: -f.s))
 
 
-def _gains(library: Library, members: Sequence[int], baseline: Settled, held: HeldOut) -> dict[int, float]:
-    """By what share the held-out error, whitened by the noise, falls with each cause beside the others.
+def _gains(
+    library: Library, members: Sequence[int], baseline: Settled, held: HeldOut
+) -> dict[int, tuple[float, float]]:
+    """By what share the held-out error, whitened by the noise, falls with each cause beside the others, and by how many
+    of its standard errors.
 
     One cause alone has the gain of the whole extension, its search nested; of several, one after the other is left out
     of the linearised model, the others given.
     """
     if len(members) == 1:
-        return {members[0]: held.gain}
-    every = linear_errors(library.case, members, baseline.residuals)[2]
-    others = {i: [j for j in members if j != i] for i in members}
-    return {i: 1.0 - every / linear_errors(library.case, others[i], baseline.residuals)[2] for i in members}
+        return {members[0]: (held.gain, held.clear)}
+    case, out = library.case, dict[int, tuple[float, float]]()
+    every = linear_errors(case, members, baseline.residuals)[2]
+    for i in members:
+        without = linear_errors(case, [j for j in members if j != i], baseline.residuals)[2]
+        gain = 1.0 - float(np.linalg.norm(every) / np.linalg.norm(without))
+        out[i] = gain, standard_errors(without, every, case.pose)
+    return out
 
 
 def _finding(
@@ -70,7 +77,7 @@ def _finding(
     i: int,
     rivals: Sequence[int],
     hanging: tuple[tuple[str, ...], ...],
-    gain: float,
+    gain: tuple[float, float],
 ) -> Finding:
     best = answers[0]
     cause = library.case.causes[i]
@@ -89,7 +96,8 @@ def _finding(
         hangs_on=hanging,
         physics=(cause.kind.__doc__ or cause.name).strip().splitlines()[0],
         check=cause.kind.check,
-        heldout_gain=gain,
+        heldout_gain=gain[0],
+        heldout_clear=gain[1],
     )
 
 

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from qsframework.experiment import Experiment, Readings
     from qsframework.screening.conventions import Convention
 
+_PLAIN = 9e-4
+"""p-value of a name above which it explains nothing yet; 1,000 draws that none reaches say 1/1001, and no less."""
+_CLEAR = 1.0
+"""Standard errors by which the held-out gain of a learned law, and of a name that is barely seen, must be positive."""
 Verdict = Literal["none", "explained", "partly_explained", "unexplained"]
 """none: nothing acts; explained: names that leave nothing; partly_explained: names that leave something, or that could
 as well be many others; unexplained: something is left, and nothing is named."""
@@ -72,7 +76,8 @@ class Finding:
     """A named cause with its evidence.
 
     s: visible size in units of noise; p_value: family-wise; ebic_gain: by how much the extended BIC falls with it;
-    heldout_gain: 1 - held-out RMS with all named causes / with all but this one, NaN for a convention; hangs_on: poses
+    heldout_gain: 1 - held-out RMS with all named causes / with all but this one, NaN for a convention; heldout_clear:
+    by how many of its standard errors over the poses that lies above nothing; hangs_on: poses
     without any one or two of which the name changes; physics, check: what its effect says of itself, and what to look
     at on the real robot; both empty for a convention; instead: a law that nobody has written, which explains the
     readings as well in its place
@@ -88,12 +93,19 @@ class Finding:
     physics: str = ""
     check: str = ""
     heldout_gain: float = float("nan")
+    heldout_clear: float = float("nan")
     instead: Leftover | None = None
 
     @property
     def doubtful(self) -> bool:
-        """Whether the error at poses left out does not fall with it, in the noise that was found."""
-        return self.heldout_gain <= 0.0
+        """Whether the error at poses left out does not clearly fall with it, in the noise that was found: not at all,
+        or, for a name that is barely seen, by no more than chance may do."""
+        return self.heldout_gain <= 0.0 or (self.faint and self.heldout_clear < _CLEAR)
+
+    @property
+    def faint(self) -> bool:
+        """Whether it is barely seen, and explains nothing yet: effects that nobody thought of look like that too."""
+        return bool(self.p_value > _PLAIN)
 
 
 @dataclass(frozen=True)
@@ -117,7 +129,7 @@ class Taught:
 
     cause: its effect and weights; leftover: by which evidence; s: visible size in units of noise; fit: exact, beside
     the certain names; before, heldout: RMS per axis, m, at poses left out without and with it; gain: 1 - the one / the
-    other, in the noise;
+    other, in the noise; clear: by how many of its standard errors over the poses that lies above nothing;
     physical: whether all values of the fit lie within their bounds; alike: causes of the library that it looks like,
     the likest first
     """
@@ -129,6 +141,7 @@ class Taught:
     before: float
     heldout: float
     gain: float
+    clear: float
     physical: bool
     alike: tuple[Alike, ...] = ()
 
@@ -138,8 +151,9 @@ class Taught:
 
     @property
     def holds(self) -> bool:
-        """Whether poses left out are predicted better with it, all values being possible: else it is not written."""
-        return self.gain > 0.0 and self.physical
+        """Whether poses left out are clearly predicted better with it, all values being possible: else it is not
+        written."""
+        return self.clear >= _CLEAR and self.physical
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,15 +12,13 @@ from qsframework.diagnose.selection.model_selection import Library
 
 _MISFIT = 1e-3
 """p-value of the lack of fit below which no name is final; the noise has been audited before."""
-_PLAIN = 1e-3
-"""p-value of a name above which it explains nothing yet: effects that nobody thought of look like that too."""
 MANY = 8
 """Kinds of rivals beyond which a name is no explanation: something acts, and the readings do not say what."""
 
 
 def ambiguous(library: Library, findings: Sequence[Finding]) -> bool:
     """Whether some cause is barely seen, or could be any of many that do different things to the readings."""
-    if any(f.p_value > _PLAIN for f in findings):
+    if any(f.faint for f in findings):
         return True
     at = {c.name: i for i, c in enumerate(library.case.causes)}
     kinds = [{library.aliases(at[r.name]) for r in f.rivals} for f in findings]

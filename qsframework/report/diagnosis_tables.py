@@ -82,8 +82,8 @@ def doubtful_table(diagnosis: Diagnosis) -> Table:
     return Table(
         _EVIDENCE,
         tuple(_with_rivals(diagnosis, diagnosis.doubtful)),
-        "Doubtful: significant in these readings, but the error at poses left out does not fall with them. An extended "
-        "robot is written without them.",
+        "Doubtful: significant in these readings, but the error at poses left out does not clearly fall with them. An "
+        "extended robot is written without them.",
     )
 
 

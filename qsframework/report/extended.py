@@ -21,7 +21,8 @@ def write_extended(
 ) -> tuple[Path, ...]:
     """Write the extended robot of a diagnosis and its experiment into a folder, all or nothing; the paths written.
 
-    pairs: what would separate rivals, where it was computed; doubtful: with names whose held-out error does not fall.
+    pairs: what would separate rivals, where it was computed; doubtful: with names whose held-out error does not clearly
+    fall.
     InputError as `write_extension` has them.
     """
     return write_extension(extension_of(diagnosis, pairs, doubtful=doubtful), folder)

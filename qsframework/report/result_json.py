@@ -98,6 +98,7 @@ def _learned(x: Taught) -> dict[str, Any]:
         "written": x.holds,
         "s": _number(x.s),
         "heldout_gain": _number(x.gain),
+        "heldout_clear": _number(x.clear),
         "heldout_mm": _number(1e3 * x.heldout),
         "weights": {name: _number(x.fit.value(name)) for name in x.cause.names},
         "looks_like": [
@@ -133,6 +134,7 @@ def _cause(f: Finding) -> dict[str, Any]:
         "delta_ebic": f.ebic_gain,
         "parameters": {v.name: {"value": v.value, "unit": v.unit, "sd": v.sd, "initial": v.initial} for v in f.values},
         "heldout_gain": _number(f.heldout_gain),
+        "heldout_clear": _number(f.heldout_clear),
         "doubtful": f.doubtful,
         "hangs_on": [list(h) for h in f.hangs_on],
         "instead": None if f.instead is None else _law_json(f.instead),

@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.stats
 
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.error_budget import linear_errors
 from qsframework.diagnose.linearization.columns import Case
+from qsframework.diagnose.selection.cross_validation import standard_errors
 from qsframework.plugin import Array
 from qsframework.report.diagnosis_tables import cause_table, verdict_groups
 from qsframework.report.result_json import diagnosis_json
@@ -53,6 +55,29 @@ def test_each_cause_has_the_gain_that_is_lost_without_it(real: Diagnosis) -> Non
     shown = [row[at] for row in table.rows[:3]]
     assert shown == [f"{100 * f.heldout_gain:.0f} %" for f in real.findings]
     assert [c["heldout_gain"] for c in diagnosis_json(real)["causes"]] == [f.heldout_gain for f in real.findings]
+
+
+def test_how_clear_a_gain_is_is_its_t_over_the_poses(real: Diagnosis) -> None:
+    rng = np.random.default_rng(1)
+    pose = np.repeat(np.arange(9), [3, 6, 3, 3, 6, 3, 3, 3, 6])
+    before, after = rng.standard_normal((2, 2, len(pose)))
+    falls = [np.sum(before[:, pose == k] ** 2 - after[:, pose == k] ** 2) / 2.0 for k in range(9)]
+    expected = scipy.stats.ttest_1samp(falls, 0.0).statistic
+    assert standard_errors(before, after, pose) == pytest.approx(expected, rel=1e-12)
+    assert standard_errors(before, before, pose) == 0.0
+    assert standard_errors(before[:, :3], after[:, :3], pose[:3]) == 0.0, "one pose tells no spread"
+    assert all(f.heldout_clear > 1.0 for f in real.findings)
+
+
+def test_a_name_that_is_barely_seen_needs_a_clear_gain(real: Diagnosis) -> None:
+    """What 1,000 draws never reached, p = 1/1001, is barely seen; a plain name only needs a gain."""
+    sure = replace(real.findings[0], p_value=1e-6, heldout_gain=0.01, heldout_clear=0.5)
+    assert not sure.doubtful
+    assert replace(sure, heldout_gain=-0.01).doubtful
+    faint = replace(sure, p_value=1.0 / 1001.0)
+    assert faint.faint
+    assert faint.doubtful
+    assert not replace(faint, heldout_clear=1.5).doubtful
 
 
 def test_json_holds_what_the_report_shows(real: Diagnosis) -> None:

@@ -24,7 +24,7 @@ _SHORT = 16
 class HeldOut:
     """Held-out errors per repeat of the folds and scalar reading (repeats, m): of the identified and of the extended
     model, in m, zero where nothing was measured; gain: 1 - extended / identified, both whitened by the noise, in which
-    an error that a visit's markers share counts once.
+    an error that a visit's markers share counts once; clear: by how many of its standard errors it lies above nothing.
 
     poses: how many there are; repeats: of the folds, 0 where each pose is left out by itself; same: share of the folds
     whose search chose the causes of the whole, or their aliases
@@ -33,6 +33,7 @@ class HeldOut:
     identified: Array
     extended: Array
     gain: float
+    clear: float
     poses: int
     repeats: int
     same: float
@@ -104,8 +105,17 @@ def held_out(
         same.append(again)
     gain = 1.0 - float(np.linalg.norm(extended) / max(np.linalg.norm(identified), 1e-300))
     poses, cut = len(np.unique(case.pose)), 0 if len(np.unique(case.pose)) <= LEAVE_ONE_OUT else repeats
+    clear = standard_errors(identified, extended, case.pose)
     plain = [case.noise.colour(white.T).T for white in (identified, extended)]
-    return HeldOut(plain[0], plain[1], gain, poses, cut, float(np.mean(same)))
+    return HeldOut(plain[0], plain[1], gain, clear, poses, cut, float(np.mean(same)))
+
+
+def standard_errors(before: Array, after: Array, pose: Indices) -> float:
+    """By how many of its standard errors, over the poses (m,), a sum of squares falls; whitened errors (..., m)."""
+    fall = np.atleast_2d(np.square(before) - np.square(after)).mean(axis=0)
+    each = np.bincount(np.unique(pose, return_inverse=True)[1], fall)
+    spread = float(np.sqrt(len(each)) * each.std(ddof=1)) if len(each) > 1 else 0.0
+    return float(each.sum()) / spread if spread > 0.0 else 0.0
 
 
 def _matches(chosen: Sequence[int], alike: Sequence[set[int]]) -> bool:

@@ -83,8 +83,8 @@ def statements(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> tuple[
 def _doubt(findings: Sequence[Finding]) -> str:
     names, they = names_words(findings), "it" if len(findings) == 1 else "them"
     return (
-        f"In the noise that was found, the error at poses left out does not fall with {they}: an extended robot is "
-        f"written without {names}."
+        f"In the noise that was found, the error at poses left out does not clearly fall with {they}: an extended "
+        f"robot is written without {names}."
     )
 
 
@@ -193,7 +193,7 @@ def learned_words(taught: Taught) -> str:
     law = taught.leftover.law
     what = f"As {taught.name} its law was learned from the readings, {variable_words(law)} at {place_words(law)}"
     if not taught.holds:
-        why = "a value leaves its bounds" if taught.gain > 0.0 else "the error at poses left out does not fall"
+        why = "the error at poses left out does not clearly fall" if taught.physical else "a value leaves its bounds"
         return f"{what}, but {why} with it: it is not written."
     return (
         f"{what} (s = {taught.s:.1f}): the error at poses left out, {mm(taught.before)} mm without it and "

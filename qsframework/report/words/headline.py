@@ -62,7 +62,8 @@ def _gain(found: Diagnosis, they: str = "") -> str:
         fall = f"falls by {100 * e.heldout_gain:.0f} %, from {mm(before)} to {mm(after)} mm"
         return f"the error at poses left out {fall} (noise {mm(e.noise)})"
     beside = f" with {they}" if they else ""
-    return f"the error at poses left out does not fall{beside} ({mm(before)} -> {mm(after)} mm, noise {mm(e.noise)})"
+    change = f"{mm(before)} -> {mm(after)} mm, noise {mm(e.noise)}"
+    return f"the error at poses left out does not clearly fall{beside} ({change})"
 
 
 def _reasons(found: Diagnosis) -> Iterator[str]:
