@@ -459,6 +459,10 @@ def rows(results: Sequence[Result]) -> list[Row]:
         chosen = [r for r in effects if r["wanted"] == s]
         out.append(rate(f"library effects, s = {s:g}: named, or in the set", right, chosen, named))
         out.append(rate(f"library effects, s = {s:g}: confidently wrong", bad, chosen, wrong))
+    right_ones = [r for r in effects if (r["wanted"], r["poses"]) == (10.0, 40) and named(r)]
+    out.append(
+        rate("library effects, s = 10, 40 poses: right names that stay explained", ">= 93 %", right_ones, _explained)
+    )
     nulls = [r for r in done if r["group"] == "second_nulls"]
     out.append(rate("nothing hidden: said something", "<= 5 %", nulls, alarmed))
     for poses in POSES:
