@@ -37,10 +37,10 @@ def run_certificate(
     print(f"certificate: {write_certificate(output, found)}")
 
 
-def write_template(output: Path) -> None:
-    """Write a meta.yaml to fill in."""
+def write_template(output: Path, inputs: Sequence[Path]) -> None:
+    """Write a meta.yaml to fill in, over no other file that the command names."""
     from qsframework.files import write_text
 
-    distinct_outputs([output], [])
+    distinct_outputs([output], inputs)
     text = files("qsframework.report").joinpath("templates", "meta.yaml").read_text(encoding="utf-8")
     print(f"fill in and give it as --meta: {write_text(output, text)}")

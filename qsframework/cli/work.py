@@ -52,11 +52,11 @@ def compensate(
     from qsframework.errors import InputError, Problem
 
     given = sorted_out(files, ("fit",), "targets")
-    fit = the_fit(given, "compensate EXPERIMENT fit.json TARGETS")
+    usage = "compensate EXPERIMENT fit.json TARGETS"
+    fit = the_fit(given, usage)
     if len(given["targets"]) != 1:
-        raise InputError(
-            Problem("one file of targets is corrected", found=", ".join(map(str, given["targets"])) or "none")
-        )
+        found = ", ".join(map(str, given["targets"])) or "none"
+        raise InputError(Problem(f"one file of targets is corrected: {usage}", found=found))
     (targets,) = given["targets"]
     options = ProgrammeOptions(tuple(load or ()), tuple(keep or ()), tuple(tool or ()), tuple(frame or ()), start)
     run_compensate(CompensateFiles(experiment, fit, targets, output, json, report), reference, options, anyway)
@@ -110,7 +110,7 @@ def certificate(
     from qsframework.errors import InputError
 
     if template is not None:
-        write_template(template)
+        write_template(template, [p for p in (experiment, *(files or ()), meta) if p is not None])
     elif experiment is None:
         raise InputError("qsf certificate EXPERIMENT fit.json [READINGS...], or --template meta.yaml")
     else:

@@ -58,7 +58,8 @@ def _tree(robot: Robot) -> Node:
 
 def _element(node: Node) -> ElementTree.Element:
     element = ElementTree.Element(node.tag, {k: v for k, v in node.attributes.items() if ":" not in k})
-    element.extend(_element(child) for child in node.children)
+    # a URDF's readers pass over what they do not know, and a prefix that nobody explains is no XML
+    element.extend(_element(child) for child in node.children if ":" not in child.tag)
     return element
 
 

@@ -23,6 +23,8 @@ REFUSED = {
     "stiffness small --pose 0,500 --load 0,0,-100": "--pose",
     "show experiment.yaml fit.json --html x.html --data gone.csv": "gone.csv: no such file",
     "show small --html x.html --pose 0,500": "--pose",
+    "certificate experiment.yaml fit.json --template experiment.yaml": "experiment.yaml would overwrite an input",
+    "compensate experiment.yaml fit.json a.csv b.csv -o x.csv": "compensate EXPERIMENT fit.json TARGETS",
 }
 
 
@@ -49,6 +51,17 @@ def test_an_arm_that_does_not_give_has_no_shares(bench: Path) -> None:
     code, said, error = command_lines.run(bench, ("stiffness", "small2", "--pose", "10,-20", "--load", "0,0,-100"))
     assert code == 0, error
     assert "0.0000 mm" in said
+
+
+def test_a_urdf_with_strange_tags_is_written_again(bench: Path) -> None:
+    """A tag with a prefix that nobody explains is passed over when it is read, and was a traceback when written."""
+    file = bench / "small" / "small.urdf"
+    text = file.read_text()
+    file.write_text(text.replace("</robot>", '<xacro:include filename="a"/></robot>'))
+    code, _, error = command_lines.run(bench, ("kinematics", "experiment.yaml", "fit.json", "--urdf", "out.urdf"))
+    file.write_text(text)
+    assert code == 0, error
+    assert "xacro" not in (bench / "out.urdf").read_text()
 
 
 def test_a_fit_that_no_arm_has_is_refused_with_its_name(bench: Path) -> None:
