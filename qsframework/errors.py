@@ -49,7 +49,7 @@ class Problem:
         place = ", ".join(
             part
             for part in (
-                self.file,
+                self.file if self.file is None or self.file.strip() else repr(self.file),
                 None if self.line is None else f"line {self.line}",
                 None if self.column is None else f"column {self.column}",
             )

@@ -57,9 +57,9 @@ def new(
     arm, folder = arm or Arm(), Path(folder or name)
     if not _NAME.fullmatch(name):
         raise InputError(Problem(f"name: use letters, digits, _ . and - only, found {name!r}"))
-    if arm.payload is not None and not 0.0 < arm.payload < 1e5:
+    if arm.payload is not None and not 0.01 <= arm.payload <= 50e3:
         found, argument = f"{arm.payload:g} kg", ("payload", "KG")
-        raise InputError(Problem("no payload of a robot", found=found, allowed="above 0 kg", argument=argument))
+        raise InputError(Problem("no payload of a robot", found=found, allowed="0.01 kg to 50 t", argument=argument))
     file = Path(urdf or dh or "")
     if (urdf is None) == (dh is None):
         raise InputError(Problem("give a URDF or a table of Denavit and Hartenberg", argument=("urdf", "FILE")))

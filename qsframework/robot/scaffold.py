@@ -62,6 +62,10 @@ def propose(
     if source.unreadable:
         raise InputError(source.unreadable)
     base, flange, chain = choose_chain(source, base, flange)
+    there = {link.name for link in source.links}
+    carried = {joint.child: joint for joint in (*chain, *source.below(base))}
+    if gone := [joint for child, joint in carried.items() if child not in there]:
+        raise InputError([j.place.problem(f"joint {j.name!r}: link {j.child!r} is not there") for j in gone])
     every = [joint for joint in chain if joint.moves]
     arm, dropped = _arm(source, base, chain)
     bars = [joint for joint in arm.joints if joint.moves and joint.name not in _names(every)]

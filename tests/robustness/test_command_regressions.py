@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import command_lines
@@ -24,13 +25,16 @@ REFUSED = {
     "show experiment.yaml fit.json --html x.html --data gone.csv": "gone.csv: no such file",
     "show small --html x.html --pose 0,500": "--pose",
     "certificate experiment.yaml fit.json --template experiment.yaml": "experiment.yaml would overwrite an input",
+    "import experiment.yaml BLANK log.csv --plan plan.csv --unit mm": "error: ' ': no such file",
+    "new arm --urdf small/small.urdf --payload 5e-324": "--payload",
     "compensate experiment.yaml fit.json a.csv b.csv -o x.csv": "compensate EXPERIMENT fit.json TARGETS",
 }
 
 
 @pytest.mark.parametrize("line", REFUSED)
 def test_it_is_refused_in_words(bench: Path, line: str) -> None:
-    words = tuple("" if word == "''" else word for word in line.replace("J", "joint_compliance[elbow]").split())
+    named = {"''": "", "BLANK": " "}
+    words = tuple(named.get(word, word) for word in line.replace("J", "joint_compliance[elbow]").split())
     code, _, error = command_lines.run(bench, words)
     assert code == 2, error
     assert REFUSED[line].replace("J", "joint_compliance[elbow]") in " ".join(error.split()), error
@@ -62,6 +66,16 @@ def test_a_urdf_with_strange_tags_is_written_again(bench: Path) -> None:
     file.write_text(text)
     assert code == 0, error
     assert "xacro" not in (bench / "out.urdf").read_text()
+
+
+def test_a_chain_whose_link_is_gone_makes_no_robot(bench: Path) -> None:
+    file = bench / "gone.urdf"
+    text = (bench / "small" / "small.urdf").read_text()
+    last = re.findall(r'<link name="(\w+)"', text)[-1]
+    file.write_text(text.replace(f'<link name="{last}"', '<link name="other"'))
+    code, _, error = command_lines.run(bench, ("new", "gone", "--urdf", "gone.urdf", "--base", "base"))
+    assert code == 2, error
+    assert "gone.urdf" in error
 
 
 def test_a_fit_that_no_arm_has_is_refused_with_its_name(bench: Path) -> None:
