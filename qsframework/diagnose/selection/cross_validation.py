@@ -20,7 +20,7 @@ _SHORT = 16
 """Causes that a fold's search looks at: those that explain most by themselves."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class HeldOut:
     """Held-out errors per repeat of the folds and scalar reading (repeats, m): of the identified and of the extended
     model, in m, zero where nothing was measured; gain: 1 - extended / identified, both whitened by the noise, in which
@@ -107,7 +107,15 @@ def held_out(
     poses, cut = len(np.unique(case.pose)), 0 if len(np.unique(case.pose)) <= LEAVE_ONE_OUT else repeats
     clear = standard_errors(identified, extended, case.pose)
     plain = [case.noise.colour(white.T).T for white in (identified, extended)]
-    return HeldOut(plain[0], plain[1], gain, clear, poses, cut, float(np.mean(same)))
+    return HeldOut(
+        identified=plain[0],
+        extended=plain[1],
+        gain=gain,
+        clear=clear,
+        poses=poses,
+        repeats=cut,
+        same=float(np.mean(same)),
+    )
 
 
 def standard_errors(before: Array, after: Array, pose: Indices) -> float:
