@@ -48,7 +48,6 @@ def read_text(path: str | Path, largest: int = _LARGEST) -> str:
     """The text of a file. InputError if it is missing, a directory, too large or not UTF-8."""
     path = Path(path)
     shown = str(path) if len(str(path)) <= _LONGEST else str(path)[:_LONGEST] + "..."
-    shown = shown if shown.strip() else repr(shown)
     try:
         if not path.exists():
             raise InputError(Problem("no such file", file=shown, hint=nearest_file(path)))

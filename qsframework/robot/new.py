@@ -9,6 +9,7 @@ from pathlib import Path
 
 from qsframework.errors import InputError, Problem
 from qsframework.files import write_folder
+from qsframework.plausible import RANGES
 from qsframework.robot.denavit_file import read_denavit
 from qsframework.robot.loader import load_robot
 from qsframework.robot.packages import Sources
@@ -57,9 +58,11 @@ def new(
     arm, folder = arm or Arm(), Path(folder or name)
     if not _NAME.fullmatch(name):
         raise InputError(Problem(f"name: use letters, digits, _ . and - only, found {name!r}"))
-    if arm.payload is not None and not 0.01 <= arm.payload <= 50e3:
-        found, argument = f"{arm.payload:g} kg", ("payload", "KG")
-        raise InputError(Problem("no payload of a robot", found=found, allowed="0.01 kg to 50 t", argument=argument))
+    if arm.payload is not None and not 0.01 <= arm.payload <= RANGES["kg"].most:
+        allowed, argument = f"0.01 to {RANGES['kg'].most:g} kg", ("payload", "KG")
+        raise InputError(
+            Problem("no payload of a robot", found=f"{arm.payload:g} kg", allowed=allowed, argument=argument)
+        )
     file = Path(urdf or dh or "")
     if (urdf is None) == (dh is None):
         raise InputError(Problem("give a URDF or a table of Denavit and Hartenberg", argument=("urdf", "FILE")))

@@ -503,7 +503,6 @@ class Commands:
             return True
         known += [Path(w).name for w in line.reads if len(w) > 2]
         known += [name for name, _ in line.spoiled]
-        known += [repr(w) for w in line.words if not w.strip()]
         files = re.search(r"\w\.(yaml|json|csv|urdf|ls|html|xacro)", text)
         return bool(files) or any(k and k in text for k in known)
 
