@@ -18,6 +18,7 @@ from qsframework.plugin import (
     Range,
     RobotFacts,
     by_attitude,
+    by_coming,
     circular,
     place,
     setting,
@@ -26,8 +27,11 @@ from qsframework.plugin import (
 
 RECORDED = ("order", "time", "temperature", "approach")
 _UNITS = {"time": "s", "temperature": "K"}
+_WIDTHS = {"attitude": 9, "came": 3}
+"""Functions of a factor."""
 _FIRST = 3
 """Functions of a second angle: once per turn."""
+_MOST_WAVES = 6
 
 
 @dataclass(frozen=True)
@@ -35,8 +39,9 @@ class Dependence:
     """Place, factors, and the range of each that the readings had.
 
     `by` names the factors, joined by `*`: the angle of a joint, or of two parallel ones with a plus between; `order`,
-    `time`, `temperature`, `approach`; `attitude` against gravity; `loaded`, where something happens once a load hangs;
-    `always`. What further factors there are says the effect.
+    `time`, `temperature`, `approach`; `came`, the way by which the joint came from the pose before; `attitude` against
+    gravity; `loaded`, where something happens once a load hangs; `always`. What further factors there are says the
+    effect.
     """
 
     at: str = place()
@@ -52,6 +57,8 @@ class Dependence:
     first: float = 0.0
     last: float = 0.0
     """Range of what was recorded, SI."""
+    waves: int = 2
+    """Of the first angle, per turn."""
 
     @property
     def factors(self) -> tuple[str, ...]:
@@ -59,7 +66,7 @@ class Dependence:
 
     def joints(self, own: Sequence[str]) -> tuple[str, ...]:
         """The factors that are angles, given those that the effect has of its own."""
-        known = {*RECORDED, "attitude", "loaded", "always", *own}
+        known = {*RECORDED, "came", "attitude", "loaded", "always", *own}
         return tuple(f for f in self.factors if f not in known)
 
     def problems(self, robot: RobotFacts, own: Sequence[str]) -> Iterator[Problem]:
@@ -76,6 +83,10 @@ class Dependence:
                 yield Problem(f"learned by {name}: {key}_from must lie below {key}_to")
         if set(self.factors) & set(RECORDED) and not self.first < self.last:
             yield Problem(f"learned by {name}: first must lie below last")
+        if "came" in self.factors and (self.at not in robot.joints or robot.slides(self.at)):
+            yield Problem(f"learned by {name}: only a joint that turns comes from somewhere", found=self.at)
+        if self.waves not in range(1, _MOST_WAVES + 1):
+            yield Problem(f"learned by {name}: waves", found=repr(self.waves), allowed=f"1 to {_MOST_WAVES}")
         count = len(angles[0].split("+")) if angles else 1
         if self.signs and (len(self.signs) != count or not set(self.signs) <= set("+-")):
             yield Problem(f"learned by {name}: wrong signs", found=repr(self.signs), allowed="a + or - for each joint")
@@ -111,19 +122,23 @@ class Dependence:
             return np.ones((len(context), 1))
         if factor == "attitude":
             return by_attitude(down())
+        if factor == "came":
+            return by_coming(context.came[:, context.robot.joint_index(self.at)])
         if factor in RECORDED:
             middle, half = 0.5 * (self.last + self.first), 0.5 * (self.last - self.first)
             v = (within(self._recorded(factor, context), self.first, self.last) - middle) / half
             return v[:, None] if factor == "approach" else smooth(v, self._knots)
         k = list(angles).index(factor)
         low, high = (self.angle_from, self.angle_to) if k == 0 else (self.other_from, self.other_to)
-        return circular(within(self._angle(factor, k, context), low, high))[:, : self._width(factor, angles)]
+        return circular(within(self._angle(factor, k, context), low, high), self.waves)[
+            :, : self._width(factor, angles)
+        ]
 
     def _width(self, factor: str, angles: Sequence[str]) -> int:
         if factor in angles:
-            return 5 if list(angles).index(factor) == 0 else _FIRST
-        if factor == "attitude":
-            return 9
+            return 1 + 2 * self.waves if list(angles).index(factor) == 0 else _FIRST
+        if factor in _WIDTHS:
+            return _WIDTHS[factor]
         return len(self._knots) if factor in ("order", "time", "temperature") else 1
 
     @property

@@ -39,14 +39,16 @@ class Learned(Dependence, SpringLaw):
     """A place turns more by a smooth law that was learned from readings; beyond what they saw it stays constant.
 
     `at`: a joint for its drive; a link, base and flange among them, for its three rotations. Further factors of `by`:
-    `torque`, the one there; `others`, those about other axes, of the other drives or of the same place. Without any of
-    these, and where it is not `loaded` or `always`, the law grows with the torque there. Torques count in units of
-    `scale`, that of the largest reading.
+    `torque`, the one there; `others`, those about other axes, of the other drives or of the same place, by which it
+    gives or, with `torque`, gives more. Without any of these, and where it is not `loaded` or `always`, the law grows
+    with the torque there. Torques count in units of `scale`, that of the largest reading.
     """
 
     _: KW_ONLY
     part: str = "drive"
     """drive, or link for the three rotations of a link, of the base or of the tool."""
+    axis: str = ""
+    """Of a place that moves about several: the one about which it does; none: all of them."""
     scale: float = setting("N m", 1.0)
     lowest: float = setting("N m", 0.0)
     highest: float = setting("N m", 0.0)
@@ -71,9 +73,11 @@ class Learned(Dependence, SpringLaw):
 
     def coordinates(self, robot: RobotFacts) -> tuple[str, ...]:
         """Names of what moves: none where it is one."""
-        if self.part == "drive":
-            return ("",)
-        return ("rx", "ry", "rz")
+        return (self.axis,) if self.axis else self.axes(robot)
+
+    def axes(self, robot: RobotFacts) -> tuple[str, ...]:
+        """Names of all that could move at this place."""
+        return ("",) if self.part == "drive" else ("rx", "ry", "rz")
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         size = robot.sizes.rotation(1e-4) if self.unit == "rad" else 1e-4
@@ -89,14 +93,19 @@ class Learned(Dependence, SpringLaw):
         """The springs whose coordinates give more, before those whose torques are only looked at."""
         if self.part == "drive":
             return (("gear", self.at),)
-        axes = self.coordinates(robot)
+        return tuple(self._spring(robot, axis) for axis in self.coordinates(robot))
+
+    def _spring(self, robot: RobotFacts, axis: str) -> At:
         if self.at in (robot.base, robot.flange):
-            return tuple(("base" if self.at == robot.base else "tool", axis) for axis in axes)
-        return tuple(("link", f"{self.at}/{axis}") for axis in axes)
+            return ("base" if self.at == robot.base else "tool", axis)
+        return ("link", f"{self.at}/{axis}")
 
     def _others(self, robot: RobotFacts) -> tuple[At, ...]:
-        """Springs whose torques count beside the own ones: those of the other drives."""
-        return tuple(("gear", joint) for joint in robot.driven if joint != self.at) if self.part == "drive" else ()
+        """Springs whose torques count beside the own ones: those of the other drives, or about the other axes."""
+        if self.part == "drive":
+            return tuple(("gear", joint) for joint in robot.driven if joint != self.at)
+        mine = self.coordinates(robot)
+        return tuple(self._spring(robot, axis) for axis in self.axes(robot) if axis not in mine)
 
     def validate(self, robot: RobotFacts) -> None:
         problems: list[Problem] = []
@@ -105,6 +114,9 @@ class Learned(Dependence, SpringLaw):
         else:
             (robot.link_index if self.part in ("link", "shift") else robot.joint_index)(self.at)
         problems += self.problems(robot, OWN)
+        if self.axis and self.part in self.parts and self.axis not in self.axes(robot):
+            allowed = ", ".join(filter(None, self.axes(robot))) or "none"
+            problems.append(Problem(f"{self.name}: unknown axis", found=repr(self.axis), allowed=allowed))
         other = "others" if self.part == "shift" else "moment"
         if other in self.factors:
             allowed = "moment" if self.part == "shift" else "others"
@@ -189,7 +201,10 @@ class Learned(Dependence, SpringLaw):
             sizes = np.array([robot.load_at(joint) for _, joint in self._others(robot)])
             others = (torque[:, 1:] / sizes)[:, None, :]
         else:
-            others = np.repeat(u[:, None, :], u.shape[1], axis=1)
+            others = np.repeat(torque[:, None, :] / self.scale, u.shape[1], axis=1)
+        if "torque" in self.factors:
+            own = within(u, self.lowest / self.scale, self.highest / self.scale)[..., None]
+            return np.concatenate([own * others, own * magnitude(others)], axis=-1)
         return np.concatenate([others, others * magnitude(u)[..., None]], axis=-1)
 
     def _link(self, robot: RobotFacts) -> int:
@@ -217,12 +232,12 @@ class LearnedBearing(Learned):
     part: str = "bearing"
     parts: ClassVar[tuple[str, ...]] = ("bearing",)
 
-    def coordinates(self, robot: RobotFacts) -> tuple[str, ...]:
+    def axes(self, robot: RobotFacts) -> tuple[str, ...]:
         axis = robot.axes[robot.joint_index(self.at)]
         return tuple(f"r{a}" for i, a in enumerate("xyz") if abs(axis[i]) < 0.5)
 
-    def moving(self, robot: RobotFacts) -> tuple[At, ...]:
-        return tuple(("bearing", f"{self.at}/{axis[1:]}") for axis in self.coordinates(robot))
+    def _spring(self, robot: RobotFacts, axis: str) -> At:
+        return ("bearing", f"{self.at}/{axis[1:]}")
 
     def _link(self, robot: RobotFacts) -> int:
         return robot.joint_index(self.at)
@@ -246,7 +261,7 @@ class LearnedShift(Learned):
     unit: ClassVar[str] = "m"
     felt: ClassVar[tuple[str, str, str]] = ("force", "along", "N")
 
-    def coordinates(self, robot: RobotFacts) -> tuple[str, ...]:
+    def axes(self, robot: RobotFacts) -> tuple[str, ...]:
         return ("x", "y", "z")
 
     def _others(self, robot: RobotFacts) -> tuple[At, ...]:
@@ -258,8 +273,9 @@ class LearnedShift(Learned):
 
     def _coupled(self, torque: Array, u: Array, robot: RobotFacts) -> Array:
         """What every moment does to every shift."""
-        moments = bent(torque[:, 3:] / robot.sizes.torque).reshape(len(torque), 1, -1)
-        return np.repeat(moments, 3, axis=1)
+        count = len(self.coordinates(robot))
+        moments = bent(torque[:, count:] / robot.sizes.torque).reshape(len(torque), 1, -1)
+        return np.repeat(moments, count, axis=1)
 
     def validate(self, robot: RobotFacts) -> None:
         super().validate(robot)

@@ -30,7 +30,7 @@ from qsframework.diagnose.residuals.gross_rows import Basis, find_outliers
 from qsframework.diagnose.residuals.huber_pseudo_values import huber_pseudo_values
 from qsframework.diagnose.residuals.noise_components import NoiseAudit, audit_noise, make_basis
 from qsframework.diagnose.result import Diagnosis, Errors, Finding, Leftover, Method, Taught, Value
-from qsframework.diagnose.selection.closing_gate import contested, leftovers, named_in
+from qsframework.diagnose.selection.closing_gate import contested, leftovers, named_in, on_one_axis
 from qsframework.diagnose.selection.cross_validation import HeldOut, Search, held_out
 from qsframework.diagnose.selection.exact_refit import Settled, predicted_or_linear, settle_fit
 from qsframework.diagnose.selection.family_test import family_test
@@ -549,6 +549,7 @@ def _close(base: _Baseline, best: Answer | None, fit: Settled, level: float, see
     fits = _fits(base.rows, columns)
     size = fits.unit(int(fits.choose(tame[:, None])[0]), tame)
     left = leftovers(blocks, fits, tame, level, seed + 1, base.rows.mask.ravel()) if size > _ROUNDED else ()
+    single, left = on_one_axis(blocks, left, fits, tame, fit.model.facts)
     causes = {c.name: c.names for c in _causes(base, best)}
     rivals: dict[str, Leftover] = {}
     beaten: set[str] = set()
@@ -558,7 +559,7 @@ def _close(base: _Baseline, best: Answer | None, fit: Settled, level: float, see
         if rival is not None:
             rivals[name.name] = rival[0]
             beaten |= {name.name} if rival[1] else set()
-    return _Closing(left, rivals, beaten, lessons(fit.model, blocks, left, fits, tame))
+    return _Closing(left, rivals, beaten, lessons(fit.model, [*blocks, *single], left, fits, tame))
 
 
 def _causes(base: _Baseline, best: Answer | None) -> list[Cause]:

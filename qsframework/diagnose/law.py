@@ -14,7 +14,7 @@ FACTORS = (
     "moment",
     "attitude",
     "order",
-    "step",
+    "came",
     "loaded",
     "always",
     "time",
@@ -31,11 +31,13 @@ the readings, from where the joint came, that a load hangs, nothing, a column th
 @dataclass(frozen=True)
 class Law:
     """place: name of the joint, link or marker, empty for all readings; by: the factors, angles by their joints with a
-    plus between; without a torque, `loaded` or `always` it grows with the torque there."""
+    plus between; without a torque, `loaded` or `always` it grows with the torque there; axis: of several about or along
+    which a place may move, the one that it does, empty: all."""
 
     part: Part
     place: str
     by: tuple[str, ...]
+    axis: str = ""
 
     @property
     def angles(self) -> tuple[str, ...]:
@@ -49,6 +51,6 @@ class Law:
 
     @property
     def name(self) -> str:
-        """Such as `joint_3/torque`, `joint_2/torque*joint_2+joint_3` or `bearing joint_4/attitude`."""
+        """Such as `joint_3/torque`, `joint_2/torque*joint_2+joint_3` or `bearing joint_4 rx/attitude`."""
         place = f"{self.part} {self.place}" if self.part in ("bearing", "shift") else self.place or self.part
-        return f"{place}/{'*'.join(self.by)}"
+        return f"{f'{place} {self.axis}'.strip()}/{'*'.join(self.by)}"

@@ -24,6 +24,8 @@ from qsframework.plugin import Array, Conditions, Context, Effect, Poses, RobotF
 _TRIED = 3
 _ODDS = 10.0
 """Of a law against nothing, which weighs as much as all blocks together, from which on it is learned."""
+_COMES = 1.0
+"""rad over which a curve shows the way by which a joint came: from far, it makes hardly a difference how far."""
 _TELLS = 0.2
 """Share of the largest torque under which a visit tells a law that grows with the torque."""
 
@@ -78,25 +80,28 @@ class Curve:
 
 
 def curve(taught: Taught, robot: RobotFacts, count: int = 61) -> Curve | None:
-    """The law over the range that the readings have: over its angle or the order where there is one, under the largest
-    torque, else over the torque; None for one that no single curve shows."""
+    """The law over the range that the readings have: over its angle, the order or the way by which the joint came where
+    there is one, under the largest torque, else over the torque; None for one that no single curve shows."""
     effect: Any = taught.cause.effects[-1]
     law = taught.leftover.law
-    over = next((f for f in (*law.angles, *law.by) if f in (*law.angles[:1], "order", "torque")), None)
-    if over is None or len(law.angles) > 1 or law.part in ("marker", "readings", "load"):
+    over = next((f for f in (*law.angles, *law.by) if f in (*law.angles[:1], "order", "came", "torque")), None)
+    if over is None or len(law.angles) > 1 or "others" in law.by or law.part in ("marker", "readings", "load"):
         return None
     q, torque = np.zeros((count, robot.n)), np.full((count, len(effect.springs(robot))), float(effect.scale))
-    order = np.zeros(count)
+    order, came = np.zeros(count), np.zeros((count, robot.n))
     x: Array
     if over == "torque":
         x = np.linspace(float(effect.lowest), float(effect.highest), count)
         torque = np.repeat(x[:, None], torque.shape[1], axis=1)
     elif over == "order":
         x = order = np.linspace(0.0, 1.0, count)
+    elif over == "came":
+        x = np.linspace(-_COMES, _COMES, count)
+        came[:, robot.joint_index(law.place)] = x
     else:
         x = np.linspace(float(effect.angle_from), float(effect.angle_to), count)
         q[:, robot.joint_index(law.joints[0])] = x
-    here = Poses(q, q, np.zeros((count, 6)), loaded=Conditions(order=order))
+    here = Poses(q, q, np.zeros((count, 6)), loaded=Conditions(order=order, came=came))
     shapes: Array = effect.shapes(torque, Context(robot, here))
     free = {"loaded", "always"} & set(law.by)
     straight = x if over == "torque" else np.ones(count)
@@ -126,9 +131,12 @@ def dots(taught: Taught, rows: Rows, found: Curve) -> tuple[Array, Array]:
     effect: Any = taught.cause.effects[-1]
     moved = motions(fit.model, rows, fit.x, fit.frames)
     at = next(list(p.coordinates) for p in moved.places if (p.part, p.name) == (law.part, law.place))
+    if law.axis:
+        only = list[str](effect.axes(fit.model.facts)).index(law.axis)
+        at = at[only : only + 1]
     used, visit = np.unique(rows.plus, return_inverse=True)
     x, y = np.full((len(used), len(at)), np.nan), np.full((len(used), len(at)), np.nan)
-    order = rows.readings.poses.loaded.order
+    order, came = rows.readings.poses.loaded.order, rows.readings.poses.loaded.came
     for v in range(len(used)):
         here = np.flatnonzero(visit == v)
         torque = moved.plus.torque[here[0], at]
@@ -138,6 +146,8 @@ def dots(taught: Taught, rows: Rows, found: Curve) -> tuple[Array, Array]:
             x[v] = torque
         elif found.over == "order":
             x[v] = 0.0 if order is None else order[used[v]]
+        elif found.over == "came":
+            x[v] = 0.0 if came is None else came[used[v], fit.model.facts.joint_index(law.place)]
         else:
             weights = np.array(next(c for joints, c in moved.angles if "+".join(joints) == found.over))
             x[v] = float(moved.plus.q[here[0]] @ weights)
@@ -147,10 +157,9 @@ def dots(taught: Taught, rows: Rows, found: Curve) -> tuple[Array, Array]:
     return x, y
 
 
-def effects_of(model: Model, effect: Effect | None) -> tuple[Effect, ...]:
-    """The effect that a law is, after the springs that it bends where the arm lacks them; none where no effect can."""
-    if effect is None:
-        return ()
+def effects_of(model: Model, effect: Effect) -> tuple[Effect, ...]:
+    """The effect that a law is, after the springs that it bends where the arm lacks them; none where it cannot have
+    these."""
     springs: list[Effect] = []
     have = {(e.role, e.where) for e in model.effects if isinstance(e, Spring)}
     for role, where in effect.springs(model.facts) if isinstance(effect, SpringLaw) else ():

@@ -29,7 +29,7 @@ from qsframework.experiment.setup import Experiment
 from qsframework.files import FileModel, read_yaml, sha256, validate, write_text
 from qsframework.files.formats import FORMAT, check_format
 from qsframework.plugin import Array, Conditions, Poses
-from qsframework.plugin.facts import frozen
+from qsframework.plugin.facts import came_from, frozen
 from qsframework.units import JointUnits
 
 
@@ -115,7 +115,8 @@ class Plan(Displayed):
         """Each planned pose as often as it is to be measured, in the plan's order."""
         poses = self.poses.take(np.repeat(np.arange(len(self.pose)), self.repeats))
         before, after = (frozen((2.0 * np.arange(len(poses)) + k) / (2 * len(poses))) for k in (0.0, 1.0))
-        return replace(poses, unloaded=Conditions(order=before), loaded=Conditions(order=after))
+        came = frozen(came_from(poses.q, before))
+        return replace(poses, unloaded=Conditions(order=before, came=came), loaded=Conditions(order=after, came=came))
 
 
 def make_plan(

@@ -217,7 +217,10 @@ def _joined_states(parts: list[States]) -> States:
             if key == "order":  # one file was read after the other
                 starts, total = np.cumsum([0, *sizes]), sum(sizes)
                 own = [v if v is None else (v * n + a) / total for v, n, a in zip(own, sizes, starts, strict=False)]
-            return np.concatenate([np.full(n, np.nan) if v is None else v for v, n in zip(own, sizes, strict=True)])
+            rest = next(v.shape[1:] for v in own if v is not None)
+            return np.concatenate(
+                [np.full((n, *rest), np.nan) if v is None else v for v, n in zip(own, sizes, strict=True)]
+            )
 
         return Conditions.each(both)
 

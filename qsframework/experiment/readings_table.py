@@ -34,7 +34,7 @@ from qsframework.experiment.setup import GEOMETRY, Experiment
 from qsframework.files import read_yaml, sha256
 from qsframework.plausible import RANGES
 from qsframework.plugin import Array, Conditions, Geometry, Indices, Poses, Sensor
-from qsframework.plugin.facts import frozen
+from qsframework.plugin.facts import came_from, frozen
 
 STATES = ("unloaded", "loaded")
 READ_AS = ("differences", "positions")
@@ -324,6 +324,7 @@ class _Rows:
         pendant = frozen(self.pendant[rows])
         wrench = frozen(np.where(loaded[:, None], self.wrench[rows], 0.0))
         joints = frozen(experiment.robot.controller.to_joints(pendant))
+        conditions = replace(conditions, came=frozen(came_from(joints, _order(self.table, rows))))
         return States(
             poses=Poses(pendant, joints, wrench, conditions, conditions),
             loaded=loaded,

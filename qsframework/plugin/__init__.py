@@ -18,7 +18,17 @@ from qsframework.plugin.kinds import (
 from qsframework.plugin.parameter import Parameter
 from qsframework.plugin.registry import find, registry
 from qsframework.plugin.settings import place, setting
-from qsframework.plugin.shapes import FINE, KNOTS, bent, by_attitude, by_torque, circular, magnitude, smooth
+from qsframework.plugin.shapes import (
+    FINE,
+    KNOTS,
+    bent,
+    by_attitude,
+    by_coming,
+    by_torque,
+    circular,
+    magnitude,
+    smooth,
+)
 from qsframework.plugin.terms import (
     Actuator,
     Bar,
@@ -79,6 +89,7 @@ __all__ = [
     "bent",
     "build_effects",
     "by_attitude",
+    "by_coming",
     "by_torque",
     "check_effect",
     "circular",

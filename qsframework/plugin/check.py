@@ -12,7 +12,7 @@ import numpy as np
 from qsframework import units
 from qsframework.errors import InputError, PluginError
 from qsframework.plugin import laws
-from qsframework.plugin.facts import Array, Conditions, Context, Poses, RobotFacts, frozen
+from qsframework.plugin.facts import Array, Conditions, Context, Poses, RobotFacts, came_from, frozen
 from qsframework.plugin.kinds import Effect, Geometry, Load, Loop, ParallelSpring, Sensor, Spring, SpringLaw
 from qsframework.plugin.laws import as_term, difference, turn
 from qsframework.plugin.loops import with_branches
@@ -190,15 +190,16 @@ def _sample_parameters(effect: Effect, robot: RobotFacts, rng: np.random.Generat
     return np.array([draw(p) for p in effect.parameters(robot)])
 
 
-def _conditions(rng: np.random.Generator, count: int) -> Conditions:
-    time, warm = rng.uniform(0, 1e4, count), rng.uniform(285, 305, count)
-    return Conditions(time, warm, rng.choice([-1.0, 1.0], count), rng.uniform(0, 1, count))
+def _conditions(rng: np.random.Generator, q: Array) -> Conditions:
+    count = len(q)
+    time, warm, order = rng.uniform(0, 1e4, count), rng.uniform(285, 305, count), rng.uniform(0, 1, count)
+    return Conditions(time, warm, rng.choice([-1.0, 1.0], count), order, came_from(q, order))
 
 
 def _poses(robot: RobotFacts, rng: np.random.Generator, count: int) -> Poses:
     q = rng.uniform(-1, 1, (count, robot.n))
     pendant = q[:, [robot.joint_index(joint) for joint in robot.driven]]
-    conditions = _conditions(rng, count), _conditions(rng, count)
+    conditions = _conditions(rng, q), _conditions(rng, q)
     return Poses(pendant, q, rng.normal(0, 1e3, (count, 6)), *conditions)
 
 

@@ -230,13 +230,15 @@ class Conditions:
     """What was recorded beside a state of N poses; None where it was not.
 
     time (N,) s, temperature (N,) K, approach (N,) -1 or +1: the side from which the pose was reached;
-    order (N,) 0 to 1: which share of the readings had been taken, by where they stand or in the pace of time_s
+    order (N,) 0 to 1: which share of the readings had been taken, by where they stand or in the pace of time_s;
+    came (N, n) rad, m: by how much each joint moved from the pose that was visited before
     """
 
     time: Array | None = None
     temperature: Array | None = None
     approach: Array | None = None
     order: Array | None = None
+    came: Array | None = None
 
     def take(self, index: Any) -> Conditions:
         return self.each(lambda name: None if (a := getattr(self, name)) is None else a[index])
@@ -274,6 +276,20 @@ class Poses:
             self.unloaded.take(index),
             self.loaded.take(index),
         )
+
+
+def came_from(q: Array, order: Array) -> Array:
+    """By how much (N, n) each joint moved to poses q (N, n) that were visited in this order (N,), 0 to the first.
+
+    An arm that stays, as between the two states of a pose, stands as it came.
+    """
+    rows = np.argsort(order, kind="stable")
+    moves = np.diff(q[rows], axis=0, prepend=q[rows[:1]])
+    new = np.any(moves != 0.0, axis=1)
+    last = np.maximum.accumulate(np.where(new, np.arange(len(rows)), 0))
+    came = np.empty_like(moves)
+    came[rows] = moves[last]
+    return came
 
 
 _COLUMNS = {"time": "time_s", "temperature": "temperature_degC", "approach": "approach (-1 or 1)", "order": "order"}
@@ -317,3 +333,9 @@ class Context:
         """Which share (N,) of the readings had been taken, 0 to 1; 0 in a plan whose order nobody has chosen yet."""
         found = self.conditions.order
         return np.zeros(len(self)) if found is None else found
+
+    @property
+    def came(self) -> Array:
+        """By how much (N, n) each joint moved to a pose, rad, m; 0 in a plan whose order nobody has chosen yet."""
+        found = self.conditions.came
+        return np.zeros((len(self), self.robot.n)) if found is None else found

@@ -18,6 +18,8 @@ _SOFT = 0.01
 """Share of the variable's range over which its sign changes."""
 _BENDS = (0.1, 0.3)
 """The same of shapes that stand for what saturates."""
+_NEAR, _FAR = 0.05, 0.5
+"""rad that a joint must turn to come from a side, and to come from far."""
 
 
 def smooth(u: Array, knots: tuple[float, ...] = KNOTS) -> Array:
@@ -40,10 +42,17 @@ def _whitening(knots: tuple[float, ...]) -> Array:
     return np.asarray(vectors / np.sqrt(np.maximum(values, 1e-8 * values[-1])), dtype=np.float64)
 
 
-def circular(angle: Array) -> Array:
-    """Functions (..., 5) of an angle, rad: a constant and two waves each per turn and per half turn."""
-    waves = [np.cos(angle), np.sin(angle), 0.5 * np.cos(2.0 * angle), 0.5 * np.sin(2.0 * angle)]
-    return np.stack([np.ones_like(angle), *waves], axis=-1)
+def circular(angle: Array, waves: int = 2) -> Array:
+    """Functions (..., 1 + 2 w) of an angle, rad: a constant, and a cosine and a sine for each of w waves per turn, the
+    faster the less."""
+    turns = [f(k * angle) / k for k in range(1, waves + 1) for f in (np.cos, np.sin)]
+    return np.stack([np.ones_like(angle), *turns], axis=-1)
+
+
+def by_coming(way: Array) -> Array:
+    """Functions (..., 3) of the way, rad, by which a joint came: its side, how far, and both; 0 without any."""
+    far = way * way / (way * way + _FAR**2)
+    return np.stack([way / np.sqrt(way * way + _NEAR**2), far, way / np.sqrt(way * way + _FAR**2)], axis=-1)
 
 
 def by_torque(u: Array, knots: tuple[float, ...] = KNOTS) -> Array:

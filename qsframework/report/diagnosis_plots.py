@@ -34,7 +34,7 @@ def learned_figure(diagnosis: Diagnosis, taught: Taught) -> Iterator[Figure]:
     if found is None:
         return
     law, shift = taught.leftover.law, taught.leftover.law.part == "shift"
-    degrees = found.over in law.angles
+    degrees = found.over in law.angles or found.over == "came"
     x = np.rad2deg(found.x) if degrees else found.x
     felt = "N" if shift else "N m"
     unit = "deg" if degrees else felt if found.over == "torque" else "share of the readings taken"

@@ -17,7 +17,7 @@ from qsframework.report.words.diagnosis import diagnosis_words, limit_words, met
 from qsframework.report.words.discrimination import discrimination_words, note_words, offer_words
 from qsframework.report.words.forecast import foresight_words, size_words, why_words
 from qsframework.report.words.headline import headline
-from qsframework.report.words.law import place_words, unlearned_words, variable_words
+from qsframework.report.words.law import place_words, variable_words
 from qsframework.report.words.next_steps import next_steps
 from qsframework.screening.conventions import SUSPECTED, Convention
 
@@ -121,7 +121,6 @@ def _law_json(x: Leftover) -> dict[str, Any]:
         "variable": variable_words(x.law),
         "p_value": _number(x.p_value),
         "evidence": _number(x.evidence),
-        "not_learned": unlearned_words(x.law),
     }
 
 

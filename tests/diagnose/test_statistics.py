@@ -333,7 +333,7 @@ def test_of_many_poses_each_is_deleted_but_no_two() -> None:
 
 
 def test_without_load_only_what_needs_none_is_a_block() -> None:
-    """An arm that nothing loads gives nothing more, whatever its weight does; order and approach can still act."""
+    """An arm that nothing loads gives nothing more, whatever its weight does; the order can still act."""
     base, _ = linear()
     loaded = poses(3)
     still = replace(loaded, wrench=frozen(np.zeros_like(loaded.wrench)))
@@ -342,5 +342,5 @@ def test_without_load_only_what_needs_none_is_a_block() -> None:
         blocks = generic_blocks(moved_of(base, given))
         seen[name] = {b.law.by for b in blocks if np.abs(b.columns).max() > 1e-9}
     assert {("torque",), ("others",), ("joint_2+joint_3",)} <= seen["loaded"]
-    assert {("loaded", "order"), ("step",), ("loaded",)} <= seen["still"]
+    assert {("loaded", "order"), ("loaded",)} <= seen["still"]
     assert not {("torque",), ("others",), ("force",)} & seen["still"]

@@ -144,7 +144,10 @@ def test_few_names_are_not_folded(real: Diagnosis) -> None:
             "something moves link_2 with the torque there",
             "Measure some poses under half the load",
         ),
-        (Law("drive", "joint_1", ("step",)), "with the side that the joint came from", "Approach some"),
+        (Law("drive", "joint_1", ("came",)), "with the way by which the joint came", "Approach some"),
+        (Law("drive", "joint_1", ("loaded", "came")), "joint came, once a load hangs", "Approach some"),
+        (Law("link", "link_2", ("order",), "ry"), "something moves link_2 about y with the order", "Measure the first"),
+        (Law("shift", "base", ("order",), "z"), "something moves base along z with the order", "Measure the first"),
         (
             Law("readings", "", ("loaded", "joint_2")),
             "all readings move with the angle of joint_2 (once a load hangs)",

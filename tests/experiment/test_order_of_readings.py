@@ -14,6 +14,7 @@ from qsframework.experiment import Experiment, make_plan, make_rows, read_readin
 from qsframework.experiment.readings import joined
 from qsframework.identify import identify
 from qsframework.plugin import Array, Conditions, Poses, build_effects
+from qsframework.plugin.facts import came_from
 from tests.identify.arm import random_poses
 
 COUNT = 8
@@ -61,6 +62,26 @@ def test_one_file_is_read_after_the_other(m900ib: Experiment, tmp_path: Path) ->
     order = joined(parts).states.poses.loaded.order
     assert order is not None
     assert order[: 2 * COUNT].max() < 0.5 <= order[2 * COUNT :].min()
+
+
+def test_each_joint_came_by_the_way_from_the_pose_before(m900ib: Experiment, tmp_path: Path) -> None:
+    """Both states of a pose came the same way; the clock decides which pose was before, where it is recorded."""
+    time = np.array([300.0, 60, 120, 180, 240, 0, 360, 420])
+    for given, visited in ((None, np.arange(COUNT)), (time, np.argsort(time))):
+        states = read_readings(table(m900ib, tmp_path / "r.csv", given), m900ib).states
+        came, q = states.poses.loaded.came, states.poses.q
+        assert came is not None
+        for state in (states.loaded, ~states.loaded):
+            here, stood = came[state][visited], q[state][visited]
+            assert np.abs(np.diff(stood, axis=0)).max() > 0.1
+            assert np.array_equal(here, np.diff(stood, axis=0, prepend=stood[:1]))
+
+
+def test_an_arm_that_stays_stands_as_it_came() -> None:
+    q = np.array([[0.0, 1.0], [0.5, 1.0], [0.5, 1.0], [0.2, 0.7]])
+    shuffled = np.array([2, 0, 3, 1])
+    want = np.array([[0.0, 0.0], [0.5, 0.0], [0.5, 0.0], [-0.3, -0.3]])
+    assert np.allclose(came_from(q[shuffled], np.array([0.2, 0.0, 0.3, 0.1])), want[shuffled])
 
 
 def test_a_drift_is_found_where_references_are_old(m900ib: Experiment) -> None:

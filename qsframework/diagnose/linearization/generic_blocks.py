@@ -85,11 +85,11 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Columns (3 R, k) m of what a law could do to the readings; effect: what it would be, None where none can."""
+    """Columns (3 R, k) m of what a law could do to the readings; effect: what it would be."""
 
     law: Law
     columns: Array
-    effect: Effect | None = None
+    effect: Effect
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +122,7 @@ class Motions:
     """What an extra motion at each place does to rows, at both their ends, and what it may depend on.
 
     minus: of the state that is taken off, its columns zero where none is; stands: of all S states that rows need;
-    step (R, n): by how much the joints came from the visit before; angles: that a law may depend on, by their joints:
-    of each, and of what parallel joints turn together
+    angles: that a law may depend on, by their joints: of each, and of what parallel joints turn together
     """
 
     rows: Rows
@@ -134,7 +133,6 @@ class Motions:
     stands: tuple[Stand, ...]
     plus: End
     minus: End
-    step: Array
     recorded: tuple[str, ...]
     angles: tuple[tuple[tuple[str, ...], tuple[float, ...]], ...]
 
@@ -190,9 +188,6 @@ def motions(model: Model, rows: Rows, x: Array, frames: Sequence[Frame]) -> Moti
     values = np.array([value.get(p.name, 0.0) for p in probe.parameters])
     own = [probe.compliance_rows.index(i) for i in probe.index([p.name for p in Probe().parameters(probe.facts)])]
     stands, slope = _stands(probe, rows, values, own)
-    readings = rows.readings
-    visited, visit = np.unique(rows.plus, return_inverse=True)
-    came = np.diff(readings.poses.q[visited], axis=0, prepend=readings.poses.q[visited[:1]])
     recorded = tuple(n for n in _RECORDED if _recorded(rows, n))
     return Motions(
         rows=rows,
@@ -203,7 +198,6 @@ def motions(model: Model, rows: Rows, x: Array, frames: Sequence[Frame]) -> Moti
         stands=stands,
         plus=_end(rows, rows.plus, stands, slope, frames),
         minus=_end(rows, rows.minus, stands, slope, frames),
-        step=came[visit],
         recorded=recorded,
         angles=_angles(model.facts),
     )
@@ -343,8 +337,6 @@ def generic_blocks(moved: Motions) -> Iterator[Block]:
             effect = _learned(moved, law, place.name, scale=moved.scale(place.coordinates), place=place)
             if effect is not None:
                 yield Block(law, moved.spring_columns(place, effect), effect)
-        if place.joint is not None:
-            yield _step(moved, place)
     for law, at in _of_readings(moved):
         effect = _learned(moved, law, at, scale=_largest_force(moved))
         if effect is not None:
@@ -355,6 +347,18 @@ def generic_blocks(moved: Motions) -> Iterator[Block]:
             effect = _learned(moved, law, "tool", scale=_largest_force(moved))
             if effect is not None:
                 yield Block(law, moved.seen_columns([_forced(effect, s) for s in moved.stands]), effect)
+
+
+def single_axes(block: Block, facts: RobotFacts) -> Iterator[Block]:
+    """A law of a place that moves about several axes, about each of them alone."""
+    effect: Any = block.effect
+    if block.law.part not in ("link", "bearing", "shift") or effect.axis:
+        return
+    names = effect.axes(facts)
+    width = block.columns.shape[1] // len(names)
+    for i, axis in enumerate(names if len(names) > 1 else ()):
+        columns = block.columns[:, i * width : (i + 1) * width]
+        yield Block(replace(block.law, axis=axis), columns, replace(effect, axis=axis))
 
 
 def _forced(effect: Any, stand: Stand) -> Array:
@@ -378,6 +382,10 @@ def _of_springs(moved: Motions, place: Place) -> Iterator[tuple[str, ...]]:
         for angle in _beside(moved, place):
             yield place.own or "", angle
         yield ("moment",) if place.part == "shift" else ("others",)
+        if place.part != "shift" and (place.others or place.part != "drive"):
+            yield "torque", "others"
+        if _comes(moved, place):
+            yield ("came",)
         if place.name != moved.facts.base:
             yield ("attitude",)
         yield ("order",)
@@ -390,6 +398,15 @@ def _of_springs(moved: Motions, place: Place) -> Iterator[tuple[str, ...]]:
             yield state, name
         for angle in own if place.part == "drive" else ():
             yield state, angle
+        if _comes(moved, place):
+            yield state, "came"
+
+
+def _comes(moved: Motions, place: Place) -> bool:
+    """Whether a place is a drive that came to its poses by turning."""
+    if place.joint is None or moved.facts.sliding[place.joint]:
+        return False
+    return any(np.any(s.context.came[:, place.joint]) for s in moved.stands)
 
 
 def _beside(moved: Motions, place: Place) -> Iterator[str]:
@@ -442,6 +459,8 @@ def _learned(moved: Motions, law: Law, at: str, *, scale: float, place: Place | 
         low, high = moved.angle_range(factor)
         settings |= {f"{'other' if k else 'angle'}_from": low, f"{'other' if k else 'angle'}_to": high}
         weights = next(c for joints, c in moved.angles if "+".join(joints) == factor)
+        if k == 0 and factor == law.place and law.part in ("drive", "bearing"):
+            settings |= {"waves": 3}
         if k == 0 and "+" in factor:
             settings |= {"signs": "".join("+" if w > 0.0 else "-" for w in weights if w != 0.0)}
     if "order" in law.by:
@@ -459,13 +478,3 @@ def _learned(moved: Motions, law: Law, at: str, *, scale: float, place: Place | 
     except InputError:
         return None
     return effect
-
-
-def _step(moved: Motions, place: Place) -> Block:
-    """A drive stands otherwise by the side from which, and how far, its joint came: no plan has the visit before."""
-    assert place.joint is not None
-    came = moved.step[:, place.joint, None, None]
-    turned = [] if moved.facts.sliding[place.joint] else [np.sin(came), np.cos(came)]
-    sides = np.concatenate([np.sign(came), *turned], axis=2)
-    columns = moved.plus.columns[..., list(place.coordinates)][..., None] * sides[:, None]
-    return Block(Law("drive", place.name, ("step",)), np.asarray(columns.reshape(3 * len(columns), -1)))

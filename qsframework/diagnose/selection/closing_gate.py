@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.diagnose.linearization.generic_blocks import Block
+from qsframework.diagnose.linearization.generic_blocks import Block, single_axes
 from qsframework.diagnose.result import Leftover
 from qsframework.diagnose.selection.evidence import DRAWS, evidence
 from qsframework.diagnose.selection.exact_refit import Settled
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.visit_noise import Reml
-from qsframework.plugin import Array
+from qsframework.plugin import Array, RobotFacts
 
 _HOLDS = 0.9
 """Share of a name's effect that a block must be able to do to count as one that holds it."""
@@ -30,6 +30,8 @@ _BEATS = 3.0
 """Nats by which a block that holds a name may be better."""
 _FAR_BETTER = 5.0
 """Nats by which a block must be better to stand alone in the place of a name."""
+_NEAR = 6.0
+"""Nats below the likeliest law within which one axis of a place may be likelier still."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +72,30 @@ def leftovers(
         for i in map(int, np.argsort(-found.e))
         if p[i] <= level and found.e[i] >= _LEAST
     )
+
+
+def on_one_axis(
+    blocks: Sequence[Block], left: Sequence[Leftover], fits: Reml, values: Array, facts: RobotFacts
+) -> tuple[list[Block], tuple[Leftover, ...]]:
+    """What is left, about one axis of its place alone where that is likelier, and the blocks that these are.
+
+    Most parts give about one axis, and a law of all three pays for those about which nothing moves. An axis is one of
+    several, which its evidence pays for.
+    """
+    known = {b.law: b for b in blocks}
+    near = [x for x in left if x.evidence > left[0].evidence - _NEAR]
+    single = {x.law: list(single_axes(known[x.law], facts)) for x in near}
+    every = [b for some in single.values() for b in some]
+    if not every:
+        return [], tuple(left)
+    e = dict(zip([b.law for b in every], evidence([b.columns for b in every], fits, values, draws=0).e, strict=True))
+    out: list[Leftover] = []
+    for x in left:
+        own = {b.law: float(e[b.law] - np.log(len(single[x.law]))) for b in single.get(x.law, [])}
+        best = max(own, key=own.__getitem__, default=x.law)
+        finer = own.get(best, -np.inf) > x.evidence
+        out.append(Leftover(best, x.p_value, own[best]) if finer else x)
+    return every, tuple(sorted(out, key=lambda x: -x.evidence))
 
 
 def contested(blocks: Sequence[Block], fits: Reml, values: Array, name: Named) -> tuple[Leftover, bool] | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from qsframework.diagnose.law import Law
 
 _FACTORS = {
@@ -10,7 +12,7 @@ _FACTORS = {
     "moment": "the moments there",
     "attitude": "where gravity points",
     "order": "the order of the readings",
-    "step": "where the joint came from",
+    "came": "the way by which the joint came",
     "time": "the time",
     "temperature": "the temperature",
     "approach": "the side of approach",
@@ -22,16 +24,15 @@ _STATES = ("loaded", "always")
 _HOW: dict[tuple[str, ...], str] = {
     ("loaded",): "by a constant amount once a load hangs",
     ("always",): "by a constant amount",
-    ("step",): "with the side that the joint came from",
+    ("loaded", "came"): "with the way by which the joint came, once a load hangs",
     ("torque",): "with the torque there",
-}
-_UNLEARNED = {
-    "step": "It needs the pose before, which no plan has: no law of it is learned. Record the side of approach.",
 }
 
 
 def place_words(law: Law) -> str:
     """Where it is: `the drive of joint_1`, `the bearing of joint_4`, `link_2`, `marker m1`, `all readings`."""
+    if law.axis:
+        return f"{place_words(replace(law, axis=''))} {'about' if law.axis[1:] else 'along'} {law.axis[-1]}"
     if law.part in ("drive", "bearing"):
         return f"the {law.part} of {law.place}"
     if law.part == "marker":
@@ -60,8 +61,3 @@ def moving_words(law: Law) -> str:
     if law.part == "load":
         return f"the load differs from what was said {how}"
     return f"all readings move {how}" if law.part == "readings" else f"something moves {place_words(law)} {how}"
-
-
-def unlearned_words(law: Law) -> str:
-    """Why a law cannot be an effect of the arm; empty where it can."""
-    return next((_UNLEARNED[f] for f in law.by if f in _UNLEARNED), "")

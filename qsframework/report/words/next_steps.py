@@ -103,7 +103,7 @@ def _trial(law: Law, loaded: bool) -> tuple[str, str]:
         "moment": (load, f"how {of} follows the load"),
         "others": ("Add a side pull at 6 poses", f"which torque causes {of}"),
         "order": ("Measure the first poses again at the end", f"a drift from {of} by the load"),
-        "step": ("Approach some poses from both sides", f"friction or play from {of} by the load"),
+        "came": ("Approach some poses from both sides", f"friction or play from {of} by the load"),
         "loaded": ("Take some unloaded readings twice", f"an offset of these readings from {of}"),
         "always": ("Take some unloaded readings twice", f"an offset of these readings from {of}"),
     }
