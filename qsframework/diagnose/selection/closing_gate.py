@@ -27,9 +27,7 @@ _ODDS = 0.1
 _LEAST = 6.2
 """Nats from which on something is left, whatever the draws of plain noise say: real noise has tails and grows."""
 _BEATS = 3.0
-"""Nats by which a block that holds a name may be better."""
-_FAR_BETTER = 5.0
-"""Nats by which a block must be better to stand alone in the place of a name."""
+"""Nats by which a block that holds a name may be better; beyond them any block may stand in its place."""
 _NEAR = 6.0
 """Nats below the likeliest law within which one axis of a place may be likelier still."""
 
@@ -111,4 +109,4 @@ def contested(blocks: Sequence[Block], fits: Reml, values: Array, name: Named) -
         return None
     margin: Array = ahead - np.where(holds, _BEATS, np.log(_ODDS))
     best = int(np.argmax(margin))
-    return Leftover(blocks[best].law, float("nan"), float(ahead[best])), bool(ahead[best] > _FAR_BETTER)
+    return Leftover(blocks[best].law, float("nan"), float(ahead[best])), bool(ahead[best] > _BEATS)
