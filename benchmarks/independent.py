@@ -1,6 +1,6 @@
 """A second generator of campaigns, by numpy alone: it imports nothing of qsframework.
 
-`independent_arm.py` holds the arms and where they come to rest, `independent_effects.py` and `untouched.py` what may be
+`independent_arm.py` holds the arms and where they come to rest, `independent_effects.py` and `unknown.py` what may be
 hidden in them. What is written here are the files that a user has: a URDF, a robot.yaml, nominal values, an experiment
 and tables of readings with the noise of real instruments.
 

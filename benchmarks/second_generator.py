@@ -37,6 +37,7 @@ FILES = (
     "independent.py",
     "independent_arm.py",
     "independent_effects.py",
+    "unknown.py",
     "touched.py",
     "untouched.py",
     "second_generator.py",

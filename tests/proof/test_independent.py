@@ -19,11 +19,12 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 import independent_effects as effects
 from independent import Built, Campaign, Setting, Unreachable, noisy, write_campaign
 from independent_arm import ARMS, GASSED, HEAVY, LOOP, SMALL, Arm, Array, Hidden, Spring, positions, rest, still_visits
-from touched import TOUCHED, Maker
+from touched import TOUCHED
+from unknown import Maker
 from untouched import UNTOUCHED
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-GENERATOR = ("independent", "independent_arm", "independent_effects", "touched", "untouched")
+GENERATOR = ("independent", "independent_arm", "independent_effects", "unknown", "touched", "untouched")
 
 
 def answer(setting: Setting, hidden: Hidden, folder: Path) -> Diagnosis:
