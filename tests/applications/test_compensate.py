@@ -35,6 +35,10 @@ WORK = np.array([300.0, 700.0, -5500.0, 50.0, 0.0, 100.0])
 """Wrenches of the readings and of the work."""
 
 
+SPRINGS = tuple(f"joint_compliance[joint_{k}]" for k in (2, 3, 5))
+"""What campaigns identify that are made many times."""
+
+
 def angles(count: int, seed: int) -> Array:
     """Pendant angles (count, 6) rad that the M-900iB reaches, away from its wrist's singular pose."""
     rng = np.random.default_rng(seed)
@@ -67,6 +71,20 @@ def exact_fit(experiment: Experiment) -> StoredFit:
         data_sha256="",
         robot=name,
         file="fit.json",
+    )
+
+
+def known(fit: StoredFit) -> StoredFit:
+    """The same values without their uncertainties, which are most of what a compensation computes."""
+    nothing = np.zeros(0)
+    return replace(
+        fit,
+        names=(),
+        values=nothing,
+        sd=nothing,
+        status=(),
+        covariance=np.zeros((0, 0)),
+        total_covariance=None,
     )
 
 
@@ -151,16 +169,19 @@ def test_the_expected_error_is_the_one_found_in_simulation(m900ib: Experiment) -
 
     Readings and fits of the linear model, which is quick; the arm at work settles in its equilibrium.
     """
-    plan = make_plan(posed(m900ib, angles(12, 1), MEASURED), ["pull"] * 12)
-    work = joint_targets(m900ib, angles(2, 5), np.tile(WORK, (2, 1)))
-    x = m900ib.model().nominal
+    arm = m900ib.with_(fit=SPRINGS)
+    plan = make_plan(posed(arm, angles(12, 1), MEASURED), ["pull"] * 12)
+    work = joint_targets(arm, angles(2, 5), np.tile(WORK, (2, 1)))
+    x = arm.model().nominal
     squared, promised = [], []
     for seed in range(24):
-        readings = simulate(m900ib, plan, seed=seed, linear=True).readings
-        result = compensate(m900ib, stored(m900ib, readings, Path(), linear=True), work)
-        error = stands(m900ib, result, x).position - work.wanted.position
+        readings = simulate(arm, plan, seed=seed, linear=True).readings
+        fit = stored(arm, readings, Path(), linear=True)
+        result = compensate(arm, known(fit) if seed % 6 else fit, work)
+        error = stands(arm, result, x).position - work.wanted.position
         squared.append(np.sum(error**2, axis=1))
-        promised.append(result.sd)
+        if not seed % 6:  # they are much the same after every campaign
+            promised.append(result.sd)
     ratio = np.sqrt(np.mean(squared, axis=0)) / np.sqrt(np.mean(np.square(promised), axis=0))
     assert np.all(np.abs(ratio - 1.0) < 0.25), ratio
 
@@ -188,7 +209,7 @@ def test_the_uncertainty_of_the_load_counts(m900ib: Experiment, tmp_path: Path) 
 
     Readings and fits of the linear model, which is quick.
     """
-    stated = m900ib.with_(load_uncertainty=LoadUncertainty(0.02, np.deg2rad(0.5)))
+    stated = m900ib.with_(fit=SPRINGS, load_uncertainty=LoadUncertainty(0.02, np.deg2rad(0.5)))
     poses = posed(stated, angles(12, 1), MEASURED)
     work = joint_targets(stated, angles(2, 5), np.tile(WORK, (2, 1)))
     x, rng = stated.model().nominal, np.random.default_rng(6)
@@ -202,11 +223,12 @@ def test_the_uncertainty_of_the_load_counts(m900ib: Experiment, tmp_path: Path) 
         acting = make_plan(replace(poses, wrench=poses.wrench @ wrong.T), ["pull"] * 12)
         days.append(told.with_values(simulate(stated, acting, seed=seed, linear=True).readings.value))
         fit = stored(stated, days[-1], tmp_path, linear=True)
-        result = compensate(stated, fit, work)
+        result = compensate(stated, fit if seed % 6 == 5 else known(fit), work)
         results.append(result)
         error.append(np.linalg.norm(stands(stated, result, x).position - work.wanted.position, axis=1))
-        said.append(result.sd)
-        noise.append(result.noise_sd)
+        if seed % 6 == 5:  # they are much the same after every campaign
+            said.append(result.sd)
+            noise.append(result.noise_sd)
     ratio = np.sqrt(np.mean(np.square(error), axis=0)) / np.sqrt(np.mean(np.square(said), axis=0))
     assert np.all((ratio > 0.75) & (ratio < 1.25)), ratio
     assert np.all(np.mean(said, axis=0) > 2.0 * np.mean(noise, axis=0))

@@ -148,10 +148,10 @@ def test_the_way_is_free(cell: Experiment, programme: Programme) -> None:
 
 
 def test_a_way_around(cell: Experiment, around: Surroundings, plan: Plan) -> None:
-    """Of all pairs some are not free; around each of them a way is found, and it is free."""
+    """Of all pairs some are not free; around them a way is found, and it is free."""
     blocked = [(a, b) for a, b in itertools.combinations(plan.pendant, 2) if not around.way_is_free(a, b)]
     assert blocked
-    for first, second in blocked[:3]:
+    for first, second in blocked[:2]:
         between = find_way(around, first, second, np.random.default_rng(0))
         assert between
         for a, b in itertools.pairwise([first, *between, second]):

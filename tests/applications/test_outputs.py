@@ -43,39 +43,51 @@ COMMANDS = {
 }
 """Arguments, options that name files, and where the work begins."""
 CASES = [(name, option) for name, (_, options, _) in COMMANDS.items() for option in options]
+BAD = [
+    ("adir", "adir: cannot be written: this is a folder. Name a file"),
+    ("afile/x.csv", "afile is a file, not a folder"),
+    (".", "this is a folder"),
+    ("afile/deeper/x.csv", "afile is a file, not a folder"),
+]
+"""Of every option the first two; of the first option of every command all."""
+FIRST = [(name, options[0]) for name, (_, options, _) in COMMANDS.items()]
 
 
-@pytest.mark.parametrize(("name", "option"), CASES)
-@pytest.mark.parametrize(
-    ("target", "words"),
-    [
-        ("adir", "adir: cannot be written: this is a folder. Name a file"),
-        (".", "this is a folder"),
-        ("afile/x.csv", "afile is a file, not a folder"),
-        ("afile/deeper/x.csv", "afile is a file, not a folder"),
-    ],
-)
-def test_before_the_work(
-    name: str, option: str, target: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def begun(name: str, option: str, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The arguments of a command whose work raises when it begins."""
     arguments, _, begins = COMMANDS[name]
-    if name == "export" and option != "-o":
-        arguments = [*arguments, "-o", "w.csv"]
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "adir").mkdir()
-    (tmp_path / "afile").write_text("mine")
 
     def work(*_: object, **__: object) -> None:
         raise AssertionError("the work has begun")
 
     monkeypatch.setattr(begins, work)
-    run = CliRunner().invoke(app, [*arguments, option, target])
+    return [*arguments, "-o", "w.csv"] if name == "export" and option != "-o" else arguments
+
+
+@pytest.mark.parametrize(
+    ("name", "option", "target", "words"),
+    [(*case, *bad) for case in CASES for bad in (BAD if case in FIRST else BAD[:2])],
+)
+def test_before_the_work(
+    name: str, option: str, target: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "adir").mkdir()
+    (tmp_path / "afile").write_text("mine")
+    run = CliRunner().invoke(app, [*begun(name, option, monkeypatch), option, target])
     assert isinstance(run.exception, InputError), run.exception
     assert words in str(run.exception)
     assert sorted(p.name for p in tmp_path.rglob("*")) == ["adir", "afile"]
     assert (tmp_path / "afile").read_text() == "mine"
-    good = CliRunner().invoke(app, [*arguments, option, "new/deep/x.csv"])
-    assert "the work has begun" in str(good.exception), "a folder that can be made is made"
+
+
+@pytest.mark.parametrize(("name", "option"), CASES)
+def test_a_folder_that_can_be_made_is_made(
+    name: str, option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    good = CliRunner().invoke(app, [*begun(name, option, monkeypatch), option, "new/deep/x.csv"])
+    assert "the work has begun" in str(good.exception)
 
 
 def test_a_place_without_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.day import Day, Slot
+from qsframework.applications.day import Day, Judged, Slot, begin, decide, enter
 from qsframework.applications.protocol import ProtocolWish
 from qsframework.elastostatics import exact_positions
 from qsframework.elastostatics.so3 import exponential
@@ -128,6 +128,25 @@ def loose_nest(xyz: Array, arm: Arm, day: Day, slot: Slot) -> Array:
     out, way = xyz.copy(), xyz[0] - xyz[2]
     out[2] += 1e-3 * way / np.linalg.norm(way)
     return out
+
+
+def play(
+    experiment: Experiment, folder: Path, seed: int, planted: dict[Slot, Mistake] | None = None, poses: int = 12
+) -> list[Judged]:
+    """A day with some mistakes; the operator reads again what is to be looked at."""
+    day = begin(experiment, make_day_plan(experiment, poses), folder, SHORT)
+    arm, rng = draw_arm(experiment, seed)
+    said: list[Judged] = []
+    planted = dict(planted or {})
+    while day.next is not None:
+        slot = day.next
+        xyz = arm.read(day, slot, rng)
+        wrong = planted.pop(slot, None)
+        day, judged = enter(day, dict(zip(MARKERS, wrong(xyz, arm, day, slot) if wrong else xyz, strict=True)))
+        said.append(judged)
+        if judged.mistake is not None:
+            day = decide(day, slot, "again" if wrong else "keep")
+    return said
 
 
 def write_experiment(folder: Path, noise: str = "{sigma_mm: 0.03}") -> Path:

@@ -188,27 +188,27 @@ def test_a_watched_folder_says_a_line_for_every_state(folder: Path) -> None:
 
 PLANTED: dict[Slot, tuple[cell.Mistake, str, str]] = {
     Slot(4, 0): (cell.exchanged, "Markers m1 and m2 are exchanged.", "correct"),
-    Slot(6, 0): (cell.sign, "The sign of x is turned.", "correct"),
-    Slot(8, 0): (cell.angle, "q3 is +2.0", "again"),
-    Slot(10, 1): (cell.ten_times, "The arm gave as under ten times the load", "again"),
-    Slot(12, 0): (cell.inches, "The numbers are in inch, not in mm.", "correct"),
-    Slot(16, 1): (cell.no_load, "The load was not put on", "again"),
-    Slot(18, 0): (cell.other_pose, "These are readings of pose", "again"),
+    Slot(4, 2): (cell.sign, "The sign of x is turned.", "correct"),
+    Slot(5, 0): (cell.angle, "q3 is +2.0", "again"),
+    Slot(5, 1): (cell.ten_times, "The arm gave as under ten times the load", "again"),
+    Slot(6, 0): (cell.inches, "The numbers are in inch, not in mm.", "correct"),
+    Slot(7, 1): (cell.no_load, "The load was not put on", "again"),
+    Slot(8, 0): (cell.other_pose, "These are readings of pose", "again"),
 }
-MOVED = Slot(20, 0)
+MOVED = Slot(9, 0)
 """Where the tracker is moved."""
-KILLED, CLOSED = (Slot(3, 1), Slot(9, 0), Slot(17, 2)), (Slot(5, 2), Slot(14, 0))
+KILLED, CLOSED = (Slot(3, 1), Slot(6, 1), Slot(8, 2)), (Slot(4, 1), Slot(7, 0))
 
 
 @browser
 def test_a_whole_day_in_a_browser_with_eight_mistakes(tmp_path: Path) -> None:
-    """12 poses under 2 loads, 3 markers; the server is killed three times and the browser twice. All eight mistakes are
+    """5 poses under 2 loads, 3 markers; the server is killed three times and the browser twice. All eight mistakes are
     named when they are entered, nothing else is to be looked at, and no reading is lost."""
     from chromium import Browser
 
     path = cell.write_experiment(tmp_path)
     experiment = load_experiment(path)
-    plan = cell.make_day_plan(experiment, loads=2)
+    plan = cell.make_day_plan(experiment, 5, loads=2)
     write_plan(tmp_path / "plan.csv", plan, experiment)
     wish = ProtocolWish(cycles=1, half=False, repeat_share=0.0)
     day = begin(experiment, plan, tmp_path / "same", wish)  # the protocol of the day, to be measured
@@ -273,7 +273,7 @@ def test_a_whole_day_in_a_browser_with_eight_mistakes(tmp_path: Path) -> None:
     assert not lost
     done = begin(experiment, plan, tmp_path / "day", wish)
     assert done.next is None
-    assert len(done.record.rows) == 24 * 3 * 3
+    assert len(done.record.rows) == 10 * 3 * 3
     assert not done.mistakes
     assert any(line.startswith("fit.json") for line in ended)
     assert any(line.startswith("diagnosis.html") for line in ended)
