@@ -41,7 +41,7 @@ def loads(experiment: Experiment, *changes: dict[str, object]) -> Experiment:
 @pytest.mark.parametrize("criterion", ["I", "G", "D", "A", "E", "O3"])
 def test_every_criterion_is_certified_and_kept_by_polish(m900ib: Experiment, criterion: str) -> None:
     wish = Wish(criterion=criterion, efficiency=0.999, starts=4)
-    plan = design(m900ib, 12, candidates=300, wish=wish)
+    plan = design(m900ib, 12, candidates=150, wish=wish)
     c = proof(plan)
     assert c.relaxed_efficiency >= 0.999
     assert c.polished_from is not None
@@ -58,7 +58,7 @@ def test_each_criterion_is_best_at_what_it_says(m900ib: Experiment) -> None:
     from qsframework.design.catalogue import find_criterion
     from qsframework.information import information, information_rows
 
-    candidates = generate_candidates(m900ib, 300)
+    candidates = generate_candidates(m900ib, 150)
     tip = tip_rows(m900ib, None, candidates.pendant, m900ib.fit_names())
     plans = {
         c: design(m900ib, 12, candidates=candidates, wish=Wish(criterion=c, polish=False)) for c in ("I", "D", "A", "E")
@@ -82,7 +82,7 @@ def test_the_tips_error_is_what_simulation_shows(m900ib: Experiment) -> None:
     """
     options = FitOptions(linear=True, keep_all=True, starts=0)
     test = generate_candidates(m900ib, 40, seed=9)
-    plan = design(m900ib, 12, "I", 300)
+    plan = design(m900ib, 12, "I", 150)
     rows = tip_rows(m900ib, None, test.pendant, m900ib.fit_names())
     promised = np.sqrt(np.mean([np.trace(A @ fit_covariance(m900ib, plan) @ A.T) for A in rows]))
     errors = []
@@ -100,10 +100,10 @@ def fit_covariance(experiment: Experiment, plan: Plan) -> np.ndarray:
 
 
 def test_loads_share_poses_freely_and_keep_their_minimum(m900ib: Experiment) -> None:
-    free = design(loads(m900ib, {"poses": None}, {"poses": None}), 12, "D", 300, wish=Wish(criterion="D", polish=False))
-    stated = design(m900ib, 12, "D", 300, wish=Wish(criterion="D", polish=False))
+    free = design(loads(m900ib, {"poses": None}, {"poses": None}), 12, "D", 150, wish=Wish(criterion="D", polish=False))
+    stated = design(m900ib, 12, "D", 150, wish=Wish(criterion="D", polish=False))
     least = loads(m900ib, {"poses": None, "poses_min": 8}, {"poses": None})
-    kept = design(least, 12, "D", 300, wish=Wish(criterion="D", polish=False))
+    kept = design(least, 12, "D", 150, wish=Wish(criterion="D", polish=False))
     assert list(kept.load).count("weight") >= 8
     assert proof(free).value <= proof(kept).value <= proof(stated).value
     assert proof(kept).relaxed_efficiency > 0.9999
@@ -113,7 +113,7 @@ def test_loads_share_poses_freely_and_keep_their_minimum(m900ib: Experiment) -> 
 
 def test_a_load_may_get_no_pose(m900ib: Experiment) -> None:
     """Three poses are all taken by the load that asks for three; the other's candidates stay out."""
-    plan = design(m900ib, 3, "D", 300, wish=Wish(criterion="D", polish=False))
+    plan = design(m900ib, 3, "D", 150, wish=Wish(criterion="D", polish=False))
     assert set(plan.load) == {"weight_and_side_pull"}
     assert proof(plan).relaxed_efficiency > 0.9999
 
@@ -121,7 +121,7 @@ def test_a_load_may_get_no_pose(m900ib: Experiment) -> None:
 def test_a_budget_buys_the_better_plan(m900ib: Experiment) -> None:
     """Dear side pulls: the plan costs at most the budget, and no split of it that we try does better."""
     priced = loads(m900ib, {"poses": None}, {"poses": None, "cost": 4.0})
-    plan = design(priced, 1, "D", 300, wish=Wish(criterion="D", budget=20.0, polish=False))
+    plan = design(priced, 1, "D", 150, wish=Wish(criterion="D", budget=20.0, polish=False))
     sides = list(plan.load).count("weight_and_side_pull")
     weights = sum(plan.repeats) - sides
     assert weights + 4 * sides <= 20.0
@@ -129,7 +129,7 @@ def test_a_budget_buys_the_better_plan(m900ib: Experiment) -> None:
     assert 0.8 < proof(plan).efficiency <= 1.0
     for count in range(1, 5):
         fixed = loads(m900ib, {"poses": 20 - 4 * count}, {"poses": count})
-        other = design(fixed, 20 - 3 * count, "D", 300, wish=Wish(criterion="D", polish=False))
+        other = design(fixed, 20 - 3 * count, "D", 150, wish=Wish(criterion="D", polish=False))
         assert proof(plan).value <= proof(other).value * 1.01
     with pytest.raises(InputError, match="with a budget the loads say poses_min"):
         design(loads(m900ib, {}, {"cost": 4.0}), 1, "D", 100, wish=Wish(criterion="D", budget=20.0))
@@ -164,9 +164,9 @@ def test_what_was_taken_counts(m900ib: Experiment) -> None:
 def test_interest_in_one_parameter(m900ib: Experiment) -> None:
     name = "joint_compliance[joint_6]"
     i = m900ib.fit_names().index(name)
-    of_it = design(m900ib, 12, candidates=300, wish=Wish(criterion="Ds", interest=(name,), polish=False))
-    linear = design(m900ib, 12, candidates=300, wish=Wish(criterion="L", interest=(name,), polish=False))
-    plain = design(m900ib, 12, candidates=300, wish=Wish(criterion="D", polish=False))
+    of_it = design(m900ib, 12, candidates=150, wish=Wish(criterion="Ds", interest=(name,), polish=False))
+    linear = design(m900ib, 12, candidates=150, wish=Wish(criterion="L", interest=(name,), polish=False))
+    plain = design(m900ib, 12, candidates=150, wish=Wish(criterion="D", polish=False))
     assert promised_sd(m900ib, of_it)[i] < promised_sd(m900ib, plain)[i]
     assert np.isclose(promised_sd(m900ib, of_it)[i], promised_sd(m900ib, linear)[i], rtol=0.02)
     with pytest.raises(InputError, match="needs the parameters of interest"):
@@ -186,7 +186,7 @@ def test_a_robust_plan_suits_its_worst_sample(m900ib: Experiment) -> None:
         for p in parameters
     )
     bent = m900ib.with_(fit=names, robot=replace(m900ib.robot, parameters=parameters))
-    candidates = generate_candidates(bent, 300)
+    candidates = generate_candidates(bent, 150)
     samples = draw_samples(bent.model(), 6, 0)
     worst = design(
         bent, 14, candidates=candidates, wish=Wish(criterion="D", samples=6, worst=True, polish=False, starts=4)
@@ -225,7 +225,7 @@ def test_the_two_step_method_gets_its_angles(m900ib: Experiment) -> None:
     """joint_values: the same angles of joint 2 several times, also after polish."""
     angles = tuple(np.deg2rad([-30.0, 20.0, 55.0]))
     stepped = m900ib.with_(constraints=replace(m900ib.constraints, joint_values={"joint_2": angles}))
-    plan = design(stepped, 12, "D", 300)
+    plan = design(stepped, 12, "D", 150)
     found = {round(float(a), 6) for a in np.rad2deg(plan.pendant[:, 1])}
     assert found <= {-30.0, 20.0, 55.0}
     assert len(found) >= 2

@@ -31,7 +31,7 @@ noise: {displacement_sigma_mm: 0.03, position_sigma_mm: 0.02, gauge_sigma_mm: 0.
 fit: [joint_compliance]
 """
 COUNT = 8
-CAMPAIGNS = 60
+CAMPAIGNS = 25
 LINEAR = FitOptions(linear=True, keep_all=True)
 TRACKER = Frame("", exponential(np.array([0.3, -1.2, 2.0])), np.array([1.0, -2.0, 0.5]))
 ALONG = np.array([[0.0, 0.0, 2.0], [1.0, 1.0, 0.0], [0.3, -2.0, 0.5]])
@@ -177,7 +177,10 @@ def test_derivatives_against_finite_differences(arm: Experiment, kinds: dict[str
 
 @pytest.mark.parametrize("kind", ["displacement", "position", "gauge", "mixed"])
 def test_intervals_cover_the_truth(arm: Experiment, kinds: dict[str, Readings], kind: str) -> None:
-    """95 % intervals of 60 campaigns of each kind hold the truth in 90 to 99 % of cases; chi-square is its own."""
+    """95 % intervals of 25 campaigns of each kind hold the truth in 90 to 99 % of cases; chi-square is its own.
+
+    Of 150 intervals that are all a third too short 81 % would, and fewer than 90 % in 997 of 1,000 such tests.
+    """
     truth, inside, squares, dof = arm.model().nominal, [], [], 0
     for seed in range(CAMPAIGNS):
         fit = identify(arm, campaign(arm, kinds[kind], seed), options=LINEAR)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import yaml
+from command_lines import CAMPAIGN, SMALL
 from test_kill import TASK
 
 from qsframework.applications.compare import compare
 from qsframework.applications.task import load_task
 from qsframework.cli import main
 from qsframework.design import Wish, design, generate_candidates
-from qsframework.experiment import Experiment, Plan
+from qsframework.experiment import Experiment, Plan, load_experiment
 from qsframework.forecast.power import foresee
 from qsframework.report.result_json import foresight_json
 from qsframework.robot import load_robot
@@ -29,12 +32,21 @@ def local() -> Iterator[Work]:
 
 
 @pytest.fixture(scope="module")
-def plan(m900ib: Experiment) -> Plan:
-    return design(m900ib, 10, candidates=100, wish=Wish(polish=False))
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
+    """Of two joints: a forecast goes cause by cause, and those of a large arm are only more."""
+    folder = tmp_path_factory.mktemp("arm")
+    shutil.copytree(SMALL, folder / "small")
+    (folder / "experiment.yaml").write_text(yaml.safe_dump(CAMPAIGN))
+    return load_experiment(folder / "experiment.yaml")
+
+
+@pytest.fixture(scope="module")
+def plan(arm: Experiment) -> Plan:
+    return design(arm, 6, candidates=60, wish=Wish(polish=False))
 
 
 @pytest.fixture(params=["candidates", "design", "forecast", "comparison"])
-def job(request: pytest.FixtureRequest, m900ib: Experiment, plan: Plan, tmp_path: Path) -> Job:
+def job(request: pytest.FixtureRequest, m900ib: Experiment, arm: Experiment, plan: Plan, tmp_path: Path) -> Job:
     (tmp_path / "task.yaml").write_text(TASK)
     task = load_task(tmp_path / "task.yaml")
     robots = [load_robot(name) for name in ("fanuc_m900ib", "ur10")]
@@ -42,7 +54,7 @@ def job(request: pytest.FixtureRequest, m900ib: Experiment, plan: Plan, tmp_path
     jobs: dict[str, Job] = {
         "candidates": lambda work: generate_candidates(m900ib, 9000, 3, work=work).pendant.tobytes(),
         "design": lambda work: bits_of(design(m900ib, 9, candidates=400, wish=quick, work=work)),
-        "forecast": lambda work: repr(foresight_json(foresee(m900ib, plan, work=work))).encode(),
+        "forecast": lambda work: repr(foresight_json(foresee(arm, plan, work=work))).encode(),
         "comparison": lambda work: repr(compare(robots, task, work=work).as_json()).encode(),
     }
     return jobs[request.param]

@@ -90,7 +90,7 @@ COMMANDS: list[dict[str, Any]] = [
         "fresh": True,
         "kills": 4,
     },
-    {"arguments": ["demo", "-o", "out"], "kills": 2},
+    {"arguments": ["demo", "-o", "out"], "kills": 1},
     {"arguments": ["robots", "--json", "out/robots.json"], "kills": 2},
     {"arguments": ["check", SMALL, "--json", "out/check.json"], "kills": 2},
 ]
@@ -104,7 +104,7 @@ LONG: list[dict[str, Any]] = [
     {"resumed": True, "arguments": ["diagnose", SMALL, "--plan", PLAN, "--json", "out/f.json"], "kills": 3},
     {
         "resumed": True,
-        "arguments": ["compare", "fanuc_m900ib", "fanuc_r2000ic", "--task", "../task.yaml", "--json", "out/c.json"],
+        "arguments": ["compare", f"{BENCH}/small", "fanuc_r2000ic", "--task", "../task.yaml", "--json", "out/c.json"],
         "kills": 2,
     },
 ]

@@ -274,7 +274,7 @@ def test_it_is_diagnosed_and_extended(campaign: Path, tmp_path: Path) -> None:
     campaign.write_text(yaml.safe_dump(document))
     experiment = load_experiment(campaign, trust=True)
     measured = read_readings(example("hidden_effect") / "readings.csv", experiment)
-    loaded = measured.poses.take(np.flatnonzero(measured.states.loaded))
+    loaded = measured.poses.take(np.flatnonzero(measured.states.loaded)[:12])
     plan = make_plan(loaded, [""] * len(loaded))
     (hidden,) = entry_effects(ENTRY, campaign.parent, experiment.robot.facts, trust=True)
     (parameter,) = hidden.parameters(experiment.robot.facts)
