@@ -100,10 +100,12 @@ def fit_covariance(experiment: Experiment, plan: Plan) -> np.ndarray:
 
 
 def test_loads_share_poses_freely_and_keep_their_minimum(m900ib: Experiment) -> None:
-    free = design(loads(m900ib, {"poses": None}, {"poses": None}), 12, "D", 150, wish=Wish(criterion="D", polish=False))
-    stated = design(m900ib, 12, "D", 150, wish=Wish(criterion="D", polish=False))
+    free = design(
+        loads(m900ib, {"poses": None}, {"poses": None}), 12, "D", 150, wish=Wish(criterion="D", polish=False, starts=4)
+    )
+    stated = design(m900ib, 12, "D", 150, wish=Wish(criterion="D", polish=False, starts=4))
     least = loads(m900ib, {"poses": None, "poses_min": 8}, {"poses": None})
-    kept = design(least, 12, "D", 150, wish=Wish(criterion="D", polish=False))
+    kept = design(least, 12, "D", 150, wish=Wish(criterion="D", polish=False, starts=4))
     assert list(kept.load).count("weight") >= 8
     assert proof(free).value <= proof(kept).value <= proof(stated).value
     assert proof(kept).relaxed_efficiency > 0.9999
@@ -113,7 +115,7 @@ def test_loads_share_poses_freely_and_keep_their_minimum(m900ib: Experiment) -> 
 
 def test_a_load_may_get_no_pose(m900ib: Experiment) -> None:
     """Three poses are all taken by the load that asks for three; the other's candidates stay out."""
-    plan = design(m900ib, 3, "D", 150, wish=Wish(criterion="D", polish=False))
+    plan = design(m900ib, 3, "D", 150, wish=Wish(criterion="D", polish=False, starts=4))
     assert set(plan.load) == {"weight_and_side_pull"}
     assert proof(plan).relaxed_efficiency > 0.9999
 
@@ -121,7 +123,7 @@ def test_a_load_may_get_no_pose(m900ib: Experiment) -> None:
 def test_a_budget_buys_the_better_plan(m900ib: Experiment) -> None:
     """Dear side pulls: the plan costs at most the budget, and no split of it that we try does better."""
     priced = loads(m900ib, {"poses": None}, {"poses": None, "cost": 4.0})
-    plan = design(priced, 1, "D", 150, wish=Wish(criterion="D", budget=20.0, polish=False))
+    plan = design(priced, 1, "D", 150, wish=Wish(criterion="D", budget=20.0, polish=False, starts=4))
     sides = list(plan.load).count("weight_and_side_pull")
     weights = sum(plan.repeats) - sides
     assert weights + 4 * sides <= 20.0
@@ -129,17 +131,17 @@ def test_a_budget_buys_the_better_plan(m900ib: Experiment) -> None:
     assert 0.8 < proof(plan).efficiency <= 1.0
     for count in range(1, 5):
         fixed = loads(m900ib, {"poses": 20 - 4 * count}, {"poses": count})
-        other = design(fixed, 20 - 3 * count, "D", 150, wish=Wish(criterion="D", polish=False))
+        other = design(fixed, 20 - 3 * count, "D", 150, wish=Wish(criterion="D", polish=False, starts=4))
         assert proof(plan).value <= proof(other).value * 1.01
     with pytest.raises(InputError, match="with a budget the loads say poses_min"):
         design(loads(m900ib, {}, {"cost": 4.0}), 1, "D", 100, wish=Wish(criterion="D", budget=20.0))
 
 
 def test_repeats_are_counted(m900ib: Experiment) -> None:
-    plan = design(m900ib, 18, "D", 200, wish=Wish(criterion="D", repeats=True, polish=False))
+    plan = design(m900ib, 18, "D", 200, wish=Wish(criterion="D", repeats=True, polish=False, starts=4))
     assert sum(plan.repeats) == 18
     assert max(plan.repeats) > 1
-    once = design(m900ib, 18, "D", 200, wish=Wish(criterion="D", polish=False))
+    once = design(m900ib, 18, "D", 200, wish=Wish(criterion="D", polish=False, starts=4))
     assert set(once.repeats) == {1}
     assert proof(plan).value <= proof(once).value * (1 + 1e-9)
     assert proof(once).relaxed_value >= proof(plan).relaxed_value, "weights up to 1/n only: a nearer bound"
@@ -164,9 +166,9 @@ def test_what_was_taken_counts(m900ib: Experiment) -> None:
 def test_interest_in_one_parameter(m900ib: Experiment) -> None:
     name = "joint_compliance[joint_6]"
     i = m900ib.fit_names().index(name)
-    of_it = design(m900ib, 12, candidates=150, wish=Wish(criterion="Ds", interest=(name,), polish=False))
-    linear = design(m900ib, 12, candidates=150, wish=Wish(criterion="L", interest=(name,), polish=False))
-    plain = design(m900ib, 12, candidates=150, wish=Wish(criterion="D", polish=False))
+    of_it = design(m900ib, 12, candidates=150, wish=Wish(criterion="Ds", interest=(name,), polish=False, starts=4))
+    linear = design(m900ib, 12, candidates=150, wish=Wish(criterion="L", interest=(name,), polish=False, starts=4))
+    plain = design(m900ib, 12, candidates=150, wish=Wish(criterion="D", polish=False, starts=4))
     assert promised_sd(m900ib, of_it)[i] < promised_sd(m900ib, plain)[i]
     assert np.isclose(promised_sd(m900ib, of_it)[i], promised_sd(m900ib, linear)[i], rtol=0.02)
     with pytest.raises(InputError, match="needs the parameters of interest"):
@@ -209,7 +211,7 @@ def test_candidates_from_a_grid_and_a_file(m900ib: Experiment, tmp_path: Path) -
     assert grid.tried == 3**6
     lower = np.rad2deg(grid.pendant).min(axis=0)
     assert np.isclose(lower[1], -64.0, atol=0.02) or lower[1] >= -64.0
-    plan = design(m900ib, 8, "D", grid, wish=Wish(criterion="D", polish=False))
+    plan = design(m900ib, 8, "D", grid, wish=Wish(criterion="D", polish=False, starts=4))
     assert all(np.abs(grid.pendant - q).max(axis=1).min() < 1e-12 for q in plan.pendant)
     write_plan(tmp_path / "poses.csv", plan, m900ib)
     again = read_candidates(m900ib, tmp_path / "poses.csv")
@@ -256,7 +258,7 @@ def test_given_candidates_are_checked(m900ib: Experiment) -> None:
 
 def test_cvxpy_is_the_reference(m900ib: Experiment) -> None:
     ours, theirs = (
-        proof(design(m900ib, 12, candidates=200, wish=Wish(criterion="D", solver=s, polish=False)))
+        proof(design(m900ib, 12, candidates=60, wish=Wish(criterion="D", solver=s, polish=False, starts=4)))
         for s in ("columns", "cvxpy")
     )
     assert np.isclose(ours.relaxed_value, theirs.relaxed_value, rtol=1e-5)
@@ -275,9 +277,10 @@ def test_a_lopsided_criterion_warns(m900ib: Experiment) -> None:
     scaled = tuple(replace(p, sd=p.nominal * (1e-4 if "joint_6" in p.name else 0.3) or None) for p in robot.parameters)
     odd = m900ib.with_(robot=replace(robot, parameters=scaled))
     assert (
-        "joint_compliance[joint_6]" in proof(design(odd, 12, "A", 200, wish=Wish(criterion="A", polish=False))).notes[0]
+        "joint_compliance[joint_6]"
+        in proof(design(odd, 12, "A", 200, wish=Wish(criterion="A", polish=False, starts=4))).notes[0]
     )
-    assert not proof(design(odd, 12, "D", 200, wish=Wish(criterion="D", polish=False))).notes
+    assert not proof(design(odd, 12, "D", 200, wish=Wish(criterion="D", polish=False, starts=4))).notes
 
 
 def test_minutes_of_a_plan_survive_its_file(m900ib: Experiment, tmp_path: Path) -> None:

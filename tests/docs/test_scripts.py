@@ -3,38 +3,48 @@
 from __future__ import annotations
 
 import re
-import subprocess
+import runpy
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import make_python
 import pytest
 
-
-def printed(root: Path, name: str, folder: Path) -> str:
-    script = root / "examples" / "scripts" / f"{name}.py"
-    done = subprocess.run([sys.executable, script, folder], cwd=folder, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+Run = Callable[[str], str]
 
 
-def test_the_fit_of_a_simulated_plan_finds_the_truth(root: Path, tmp_path: Path) -> None:
-    said = printed(root, "design_simulate_identify", tmp_path)
+@pytest.fixture
+def printed(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """What a script prints, run in this process as `python script folder` would."""
+
+    def run(name: str) -> str:
+        script = str(root / "examples" / "scripts" / f"{name}.py")
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", [script, str(tmp_path)])
+        runpy.run_path(script, run_name="__main__")
+        return capsys.readouterr().out
+
+    return run
+
+
+def test_the_fit_of_a_simulated_plan_finds_the_truth(printed: Run, tmp_path: Path) -> None:
+    said = printed("design_simulate_identify")
     off = [float(x) for x in re.findall(r"([+-]\d+\.\d) sd from", said)]
     assert len(off) == 6
     assert max(abs(x) for x in off) < 4.0
     assert (tmp_path / "plan.json").is_file()
 
 
-def test_the_hidden_effect_is_named(root: Path, tmp_path: Path) -> None:
-    said = printed(root, "find_a_hidden_effect", tmp_path)
+def test_the_hidden_effect_is_named(printed: Run) -> None:
+    said = printed("find_a_hidden_effect")
     assert "cause: joint_hardening[joint_3]" in said
     without, with_it = (float(x) for x in re.findall(r"(\d\.\d+) mm with", said))
     assert with_it < 0.9 * without
 
 
-def test_the_correction_leaves_less_than_it_takes_away(root: Path, tmp_path: Path) -> None:
-    said = printed(root, "compensate_targets", tmp_path)
+def test_the_correction_leaves_less_than_it_takes_away(printed: Run) -> None:
+    said = printed("compensate_targets")
     pairs = re.findall(r"(\S+) mm off uncorrected, (\S+) mm expected", said)
     assert len(pairs) == 2
     assert all(0.0 < float(after) < 0.5 * float(before) for before, after in pairs)

@@ -19,7 +19,7 @@ def blocks(root: Path, language: str) -> list[str]:
 
 
 def test_every_command_runs(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In this process: a shell runs the README's, which are much the same."""
+    """In this process. What is diagnosed is diagnosed by the README's command, which tests/readme runs."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "examples").symlink_to(root / "examples")
     (table,) = blocks(root, "csv")
@@ -34,13 +34,17 @@ def test_every_command_runs(root: Path, tmp_path: Path, monkeypatch: pytest.Monk
         "stiffness",
         "compensate",
     ]
+    (told,) = (c for c in commands if c.startswith("qsf diagnose "))
+    commands.remove(told)
+    (readme,) = re.findall(r"^qsf diagnose examples/hidden_effect/.*$", (root / "README.md").read_text(), re.M)
+    assert set(shlex.split(told)) < set(shlex.split(readme))
+    assert set(shlex.split(readme)) - set(shlex.split(told)) == {"--extend", "extended"}
     for command in commands:
         program, *arguments = shlex.split(command)
         assert program == "qsf"
         run = CliRunner().invoke(app, arguments)
         assert run.exit_code == 0, f"{command}: {run.output}"
         assert run.stdout.strip(), command
-    assert json.loads((tmp_path / "diagnosis.json").read_text())["causes"][0]["id"] == "joint_hardening[joint_3]"
     assert len(json.loads((tmp_path / "fit.json").read_text())["parameters"]) == 6
     assert (tmp_path / "corrected.csv").read_text().count("hole_") == 2
 

@@ -71,6 +71,7 @@ def test_every_command_runs(readme: Ran) -> None:
     assert sum(c.startswith("qsf ") for c in readme.printed) >= 6
     for command, printed in readme.printed.items():
         assert printed.strip(), command
+    assert readme.json("diagnosis.json")["causes"][0]["id"] == "joint_hardening[joint_3]"
     for name in ("plan.csv", "plan.json", "plan.html", "readings.csv", "fit.json", "fit.html"):
         assert (readme.folder / name).stat().st_size > 0
 

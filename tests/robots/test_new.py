@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import os
 import re
+import shlex
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from qsframework.applications.conformance import check_robot, small_campaign
 from qsframework.cli.check import check_files
+from qsframework.cli.main import app
 from qsframework.design import Wish, design
 from qsframework.errors import InputError
 from qsframework.robot import load_robot
@@ -61,20 +61,20 @@ def written(where: Path, file: Path, flange: str | None = None) -> Path:
     return where / "arm"
 
 
-def test_the_page_runs(root: Path, tmp_path: Path) -> None:
+def test_the_page_runs(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = (root / "docs" / "add-a-robot.md").read_text()
     source = root / "robots" / "kuka_kr500_r2800_2" / "kuka_kr500_r2800_2.urdf.xacro"
     shutil.copy(source, tmp_path / "arm.urdf.xacro")
     (experiment,) = re.findall(r"^```yaml\n(.*?)^```", page, re.M | re.S)
     (tmp_path / "experiment.yaml").write_text(experiment)
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     commands = [line for block in re.findall(r"^```sh\n(.*?)^```", page, re.M | re.S) for line in block.splitlines()]
     assert any(c.startswith("qsf design") for c in commands)
+    monkeypatch.chdir(tmp_path)
     for command in commands:
-        done = subprocess.run(
-            command, shell=True, cwd=tmp_path, env={**os.environ, "PATH": path}, capture_output=True, text=True
-        )
-        assert done.returncode == 0, f"{command}: {done.stderr}"
+        program, *arguments = shlex.split(command)
+        assert program == "qsf"
+        done = CliRunner().invoke(app, arguments)
+        assert done.exit_code == 0, f"{command}: {done.output} {done.exception}"
     assert (tmp_path / "plan.csv").is_file()
     one, two = load_robot("kuka_kr500_r2800_2"), load_robot(tmp_path / "my_arm")
     q = np.random.default_rng(0).uniform(-2, 2, (20, 6))

@@ -185,6 +185,13 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
         yield cluster
 
 
+@pytest.fixture
+def lone(tmp_path: Path) -> Iterator[Cluster]:
+    """A cluster of one worker."""
+    with clustered(tmp_path, workers=1) as cluster:
+        yield cluster
+
+
 def wait_for_workers(dask: Dask, count: int, limit: float = 90.0) -> None:
     end = time.monotonic() + limit
     while len(dask.client.nthreads()) != count:
@@ -192,11 +199,11 @@ def wait_for_workers(dask: Dask, count: int, limit: float = 90.0) -> None:
         time.sleep(0.1)
 
 
-def wait_for_workers_at(address: str) -> None:
-    """The cluster is up, with both its workers."""
-    dask = Dask(address, answer=90.0)
+def wait_for_the_cluster(cluster: Cluster) -> None:
+    """It is up, with all its workers."""
+    dask = Dask(cluster.address, answer=90.0)
     try:
-        wait_for_workers(dask, 2)
+        wait_for_workers(dask, len(cluster.workers))
     finally:
         dask.shutdown()
 
@@ -266,27 +273,27 @@ if __name__ == "__main__":
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_scheduler_lost_at_work_is_one_sentence(cluster: Cluster, tmp_path: Path, number: signal.Signals) -> None:
+def test_a_scheduler_lost_at_work_is_one_sentence(lone: Cluster, tmp_path: Path, number: signal.Signals) -> None:
     """Nothing of distributed's own is printed, not even while Python ends."""
-    wait_for_workers_at(cluster.address)
+    wait_for_the_cluster(lone)
     (tmp_path / "client.py").write_text(CLIENT)
-    command = [sys.executable, str(tmp_path / "client.py"), cluster.address]
+    command = [sys.executable, str(tmp_path / "client.py"), lone.address]
     environment = os.environ | {"PYTHONPATH": str(HERE)}
     with subprocess.Popen(command, stdout=-1, stderr=-1, text=True, env=environment) as client:
         assert client.stdout is not None
         assert client.stdout.readline() == "0\n"
-        cluster.scheduler.send_signal(number)
+        lone.scheduler.send_signal(number)
         _, said = client.communicate(timeout=60)
     assert client.returncode == 2, said
     assert len(said.splitlines()) == 1, said
-    assert said.startswith(f"error: the Dask scheduler at {cluster.address} is gone")
+    assert said.startswith(f"error: the Dask scheduler at {lone.address} is gone")
 
 
-def test_a_scheduler_lost_in_the_handshake_is_one_sentence(cluster: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheduler_lost_in_the_handshake_is_one_sentence(lone: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
     from distributed import Client
     from distributed.comm import CommClosedError
 
-    wait_for_workers_at(cluster.address)
+    wait_for_the_cluster(lone)
     given = Client.sync
 
     def lost(client: Client, what: object, *args: object, **more: object) -> object:
@@ -296,11 +303,11 @@ def test_a_scheduler_lost_in_the_handshake_is_one_sentence(cluster: Cluster, mon
 
     monkeypatch.setattr(Client, "sync", lost)
     with pytest.raises(WorkerLost, match="is gone, or does not answer"):
-        Dask(cluster.address, answer=5.0)
+        Dask(lone.address, answer=5.0)
     monkeypatch.undo()
-    cluster.scheduler.send_signal(signal.SIGSTOP)
+    lone.scheduler.send_signal(signal.SIGSTOP)
     with pytest.raises(InputError, match="no Dask scheduler answers"):
-        Dask(cluster.address, answer=1.0)
+        Dask(lone.address, answer=1.0)
 
 
 @pytest.mark.parametrize(
@@ -324,12 +331,16 @@ def test_a_worker_with_another_qsframework_is_refused(tmp_path: Path, spoil: str
 
 
 @pytest.mark.parametrize("where", ["--jobs", "--dask"])
-def test_ctrl_c_ends_a_command_on_other_processes(cluster: Cluster, tmp_path: Path, where: str) -> None:
-    wait_for_workers_at(cluster.address)
+def test_ctrl_c_ends_a_command_on_other_processes(tmp_path: Path, where: str, request: pytest.FixtureRequest) -> None:
+    number = "2"
+    if where == "--dask":
+        lone: Cluster = request.getfixturevalue("lone")
+        wait_for_the_cluster(lone)
+        number = lone.address
     experiment = str(ROOT / "examples" / "m900ib" / "experiment.yaml")
     kept = tmp_path / "kept"
     command = ["design", experiment, "--candidates", "300000", "-o", str(tmp_path / "p.csv"), "--checkpoint", str(kept)]
-    command += [where, cluster.address if where == "--dask" else "2"]
+    command += [where, number]
     with subprocess.Popen([sys.executable, "-m", "qsframework", *command], stderr=-1, text=True) as process:
         end = time.monotonic() + 60
         while not kept.exists() or kept.read_text().count("\n") < 3:  # it works

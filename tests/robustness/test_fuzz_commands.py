@@ -9,8 +9,8 @@ import command_lines
 import pytest
 from fuzzing import Outcome
 
-COUNT = 5
-SLOW = {"demo": 1, "robots": 2, "diagnose": 3}
+COUNT = 4
+SLOW = {"demo": 1, "robots": 2, "diagnose": 2}
 
 
 @pytest.fixture(scope="module")

@@ -196,10 +196,10 @@ def test_ten_million_rows_are_refused_before_they_are_taken_apart(
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("," * 10_000_000 + "\n" + ROW, "is no table of ours"),
-        (HEADER.strip() + "," * 10_000_000 + "\n" + ROW, "more than 1000 columns"),
-        (HEADER + "," * 20_000_000 + "\n", "wrong number of columns"),
-        ("pose," + "x" * 10_000_000 + "\n" + ROW, "is no table of ours"),
+        ("," * 2_500_000 + "\n" + ROW, "is no table of ours"),
+        (HEADER.strip() + "," * 2_500_000 + "\n" + ROW, "more than 1000 columns"),
+        (HEADER + "," * 5_000_000 + "\n", "wrong number of columns"),
+        ("pose," + "x" * 2_500_000 + "\n" + ROW, "is no table of ours"),
         (HEADER.strip() + ",marker" + "x" * 10_000_000 + "\n" + ROW, "larger than"),
         (HEADER + '"' + ROW * 5000, ""),
         (HEADER + "\r" * 40_000_000, "more than 200000 lines"),
@@ -223,7 +223,7 @@ def test_ten_million_rows_are_refused_before_they_are_taken_apart(
 def test_strange_tables_take_little(m900ib_small: Experiment, tmp_path: Path, text: str, words: str | None) -> None:
     path = tmp_path / "readings.csv"
     path.write_text(text, encoding="utf-8")
-    said = limited(lambda: read_readings(path, m900ib_small), megabytes=800)
+    said = limited(lambda: read_readings(path, m900ib_small), megabytes=300)
     assert words is None or (said and words.replace("larger than", "field larger than") in said), said[:300]
 
 
