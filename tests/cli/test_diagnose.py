@@ -74,14 +74,6 @@ def test_other_readings_than_the_experiments_own(tmp_path: Path) -> None:
     assert [c["id"] for c in json.loads(result.read_text())["causes"]] == ["joint_hardening[joint_3]"]
 
 
-def test_a_plan_is_judged_before_measuring(tmp_path: Path) -> None:
-    plan, result = tmp_path / "plan.csv", tmp_path / "p.json"
-    write_plan(plan, make_plan(poses(1, 15), ["weight"] * 15), load_experiment(M900IB))
-    output = run("diagnose", M900IB, "--plan", str(plan), "--json", str(result))
-    assert "arcmin" in output
-    assert result.exists()
-
-
 def test_options_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--plan goes without --extend"):
         run("diagnose", M900IB, "--plan", "p.csv", "--extend", str(tmp_path / "o"))

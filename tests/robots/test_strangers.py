@@ -71,12 +71,18 @@ def file_of(folder: Path, text: str, name: str = "robot.urdf", more: str = "") -
     return file
 
 
-def works(folder: Path, proposal: Proposal) -> Path:
-    """The folder of a proposal, with its marked values filled in, passes the conformance test."""
+def written(folder: Path, proposal: Proposal) -> Path:
+    """The folder of a proposal, with its marked values filled in."""
     (folder / "arm").mkdir()
     for name, text in proposal.files.items():
         filled = text.replace("# payload_kg: 100", "payload_kg: 8").replace("sd_percent: 60", "sd_percent: 20")
         (folder / "arm" / name).write_text(filled)
+    return folder / "arm"
+
+
+def works(folder: Path, proposal: Proposal) -> Path:
+    """The same folder, which passes the conformance test."""
+    written(folder, proposal)
     checks = check_robot(folder / "arm")
     assert all(c.good for c in checks), [c for c in checks if not c.good]
     return folder / "arm"
@@ -205,7 +211,7 @@ def test_a_package_elsewhere_and_an_argument_are_told(tmp_path: Path) -> None:
     ):
         propose("arm", file)
     sources = Sources({"maker_resources": tmp_path / "elsewhere"}, {"forearm": "0.7"}, nearby=True)
-    robot = load_robot(works(tmp_path, propose("arm", file, sources=sources)))
+    robot = load_robot(written(tmp_path, propose("arm", file, sources=sources)))
     assert reference_flange(robot, np.zeros((1, 6)))[0, 0, 3] == pytest.approx(1.3)
     for package, words in (("maker_resources", "not understood"), (f"maker_resources={tmp_path / 'none'}", "no such")):
         done = CliRunner().invoke(
@@ -235,7 +241,7 @@ def test_packages_are_sought_in_the_workspace_and_not_above(tmp_path: Path) -> N
     """A package by its manifest's name in a folder of another; nothing above the packages, and no mere folder there."""
     file = workspace(tmp_path)
     (tmp_path / "src" / "maker_resources").rename(tmp_path / "src" / "checkout")
-    load_robot(works(tmp_path, propose("arm", file)))
+    load_robot(written(tmp_path, propose("arm", file)))
     manifest = tmp_path / "src" / "checkout" / "package.xml"
     text = manifest.read_text()
     manifest.unlink()
@@ -258,7 +264,7 @@ def test_a_payload_from_the_manual_sizes_the_springs(tmp_path: Path) -> None:
     assert any(
         note == "payload: add torque_limit_Nm per joint where the maker states them" for note in proposal.checklist
     )
-    robot = load_robot(works(tmp_path, proposal))
+    robot = load_robot(written(tmp_path, proposal))
     assert robot.payload == 40.0
     lengths = [np.hypot(0.2, 0.2), 0.8, np.hypot(0.3, 0.1), 0.5, 0.1]  # from each joint to the next
     masses, tool = [30, 18, 9, 4, 2, 1], 0.1 * sum(lengths)

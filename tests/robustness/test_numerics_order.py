@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from numerics import campaign, candidates, diagnosed, few, poses, readings
+from numerics import campaign, candidates, few, poses, readings
 
 from qsframework.design import Wish, design
-from qsframework.diagnose import diagnose
 from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.readings import joined
 from qsframework.identify import Fit, FitOptions, identify
@@ -144,19 +143,6 @@ def test_the_best_plan_does_not_depend_on_the_order_of_the_candidates() -> None:
     assert found.certificate.relaxed_value == pytest.approx(wanted.certificate.relaxed_value, rel=2e-6)
     np.testing.assert_array_equal(found.pendant, wanted.pendant)
     np.testing.assert_array_equal(found.wrench, wanted.wrench)
-
-
-@pytest.mark.parametrize("seed", [2])
-def test_diagnoses_do_not_depend_on_any_order(seed: int) -> None:
-    data, wanted = diagnosed()
-    found = diagnose(*all_in_order(campaign(), data, seed), repeats=1)
-    assert found.verdict == wanted.verdict
-    assert [f.name for f in found.findings] == [f.name for f in wanted.findings]
-    for a, b in zip(found.findings, wanted.findings, strict=True):
-        assert {r.name for r in a.rivals} == {r.name for r in b.rivals}
-        assert a.s == pytest.approx(b.s, rel=1e-9)
-        assert [v.value for v in a.values] == pytest.approx([v.value for v in b.values], rel=1e-9)
-        assert [v.sd for v in a.values] == pytest.approx([v.sd for v in b.values], rel=1e-9)
 
 
 def test_repeated_rows_weigh_as_one_of_smaller_noise() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from hypothesis import given, strategies as st
 from numerics import (
     campaign,
     candidates,
-    diagnosed,
     few,
     force_power,
     in_force_unit,
@@ -26,9 +24,7 @@ from numerics import (
     with_forces,
 )
 
-from qsf_plugins.joint_backlash import JointBacklash
 from qsframework.design import Wish, design
-from qsframework.diagnose import diagnose
 from qsframework.elastostatics import full_displacement
 from qsframework.experiment import Experiment, load_experiment, make_plan, read_readings, simulate, write_readings
 from qsframework.experiment.observations import REACH
@@ -115,30 +111,6 @@ def test_plans_do_not_depend_on_the_unit_of_force(criterion: str, k: float) -> N
     assert wanted.certificate is not None
     same(found.certificate.value, wanted.certificate.value)
     same(found.wrench / k, wanted.wrench)
-
-
-def backlash_in_force_unit(monkeypatch: pytest.MonkeyPatch, k: float) -> None:
-    """The one size of the library that is stated in N m, in a force unit 1/k as large; others follow the payload."""
-    places = JointBacklash.places
-
-    def wider(robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[JointBacklash, ...]:
-        return tuple(replace(e, width=e.width * k) for e in places(robot, markers))
-
-    monkeypatch.setattr(JointBacklash, "places", staticmethod(wider))
-
-
-@pytest.mark.parametrize("k", [1e9])
-def test_diagnoses_do_not_depend_on_the_unit_of_force(k: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    data, wanted = diagnosed()
-    other = in_force_unit(campaign(), k)
-    backlash_in_force_unit(monkeypatch, k)
-    found = diagnose(other, with_forces(data, k), repeats=1)
-    assert found.verdict == wanted.verdict == "explained"
-    assert [f.name for f in found.findings] == [f.name for f in wanted.findings] == ["offaxis_compliance[joint_3/x]"]
-    assert [f.rivals for f in found.findings] == [f.rivals for f in wanted.findings]
-    same(found.findings[0].values[0].value * k, wanted.findings[0].values[0].value)
-    same(found.findings[0].values[0].sd * k, wanted.findings[0].values[0].sd)
-    same(found.findings[0].s, wanted.findings[0].s)
 
 
 @dataclass(frozen=True)
