@@ -44,7 +44,7 @@ def load_hessian(
         torque[rows] += term.value.T
     for pull in drawn:
         if pull is not None and pull.acts:
-            elements -= pull.stiffness()
+            elements[np.ix_(pull.between, pull.between)] -= pull.stiffness()
             torque += pull.torque()
     return (
         on_coordinates(state.motion.coefficients, elements)

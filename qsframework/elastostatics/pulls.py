@@ -1,7 +1,8 @@
 """Springs between two points of any two links: their torque and stiffness on the chain.
 
 A pull F(s) at the distance s between the points has the gradient g = ds/de over the elements e;
-its torque is -F g and its stiffness F' g g' + F d2s/de2.
+its torque is -F g and its stiffness F' g g' + F d2s/de2. Only elements between its two links change s: those
+before both turn the spring as a whole.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ import numpy as np
 
 from qsframework.elastostatics.motion import Coefficients, Motion, MotionRate, combine
 from qsframework.errors import InputError
-from qsframework.plugin import Array, Context, ParallelSpring, TensionTerm, laws
-from qsframework.robot.kinematics import Frames, cross, frames, twists
+from qsframework.plugin import Array, Context, Indices, ParallelSpring, TensionTerm, laws
+from qsframework.robot.kinematics import Chain, Frames, cross, frames, twists
 
 _SHORTEST = 1e-9
 _STEP = 1e-4
@@ -23,16 +24,20 @@ _STEP = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Pull:
-    """One spring at a batch of poses: gradient g (m, N) and its tension; what takes long where it is asked for."""
+    """One spring at a batch of poses: gradient g (m, N) and its tension; what takes long where it is asked for.
+
+    between (b,): the elements that change its length
+    """
 
     gradient: Array
+    between: Indices
     term: TensionTerm
     bend: Callable[[], Array]
     rates: Callable[[], Array]
 
     @cached_property
     def second(self) -> Array:
-        """Second derivative of s (m, m, N)."""
+        """Second derivative of s (b, b, N)."""
         return self.bend()
 
     @cached_property
@@ -50,7 +55,7 @@ class Pull:
         return -self.term.value * self.gradient
 
     def stiffness(self) -> Array:
-        """F' g g' + F d2s on the elements (m, m, N)."""
+        """F' g g' + F d2s on the elements between its links (b, b, N)."""
         return self._matrix(self.term.ds, self.term.value)
 
     def stiffness_by(self, i: int) -> Array:
@@ -61,8 +66,18 @@ class Pull:
         """The torque by parameter i."""
         return -self.term.dx[:, i] * self.gradient
 
+    def on(self, coefficients: Coefficients, matrix: Array) -> Array:
+        """A stiffness (b, b, N) of this spring on the coordinates (ne, ne, N)."""
+        place = {int(e): i for i, e in enumerate(self.between)}
+        inner = [tuple((place[e], rate) for e, rate in terms if e in place) for terms in coefficients]
+        moving = [c for c, terms in enumerate(inner) if terms]
+        out = np.zeros((len(coefficients), len(coefficients), matrix.shape[-1]))
+        out[np.ix_(moving, moving)] = on_coordinates(tuple(inner[c] for c in moving), matrix)
+        return out
+
     def _matrix(self, slope: Array, force: Array) -> Array:
-        return slope * self.gradient[:, None] * self.gradient[None] + force * self.second
+        g = self.gradient[self.between]
+        return slope * g[:, None] * g[None] + force * self.second
 
 
 Springs = Sequence[tuple[ParallelSpring, Array]]
@@ -77,33 +92,42 @@ def _pull(effect: ParallelSpring, x: Array, placed: Frames, context: Context) ->
     ends = effect.ends(context.robot)
     if ends is None:
         return None
-    count = len(placed.chain)
+    links = [context.robot.link_index(end.link) for end in ends]
+    between = _between(placed.chain, links)
     points: list[Array] = []
-    columns: list[Array] = []
-    for end in ends:
-        link = context.robot.link_index(end.link)
+    speed = np.zeros((len(between), 3, placed.axes.shape[-1]))
+    for link, end, sign in zip(links, ends, (-1.0, 1.0), strict=True):
         points.append(placed.point(link, np.array(end.xyz)))
         found = twists(placed, link, points[-1]).linear
-        columns.append(np.concatenate([found, np.zeros((count - len(found), *found.shape[1:]))]))
-    apart, speed = points[1] - points[0], columns[1] - columns[0]
+        upstream = between < len(found)
+        speed[upstream] += sign * found[between[upstream]]
+    apart = points[1] - points[0]
     length = np.sqrt(np.einsum("cn,cn->n", apart, apart))
     if np.any(length < _SHORTEST):
         raise InputError(f"{effect.name}: its two ends meet; a spring needs a length")
     along = apart / length
-    gradient = np.einsum("cn,ecn->en", along, speed)
+    gradient = np.zeros((len(placed.chain), placed.axes.shape[-1]))
+    gradient[between] = np.einsum("cn,ecn->en", along, speed)
     term, size = laws.tension(effect, length, x, context), laws.sizes(effect, x, context)
     return Pull(
         gradient,
+        between,
         term,
-        bend=lambda: _second(placed, speed, along, gradient, length),
+        bend=lambda: _second(placed, between, speed, along, gradient[between], length),
         rates=lambda: laws.difference(lambda v: laws.tension(effect, length, v, context).ds, x, size),
     )
 
 
-def _second(placed: Frames, speed: Array, along: Array, gradient: Array, length: Array) -> Array:
-    """d2s: u . (omega_a x v_b) for a <= b, and the turning of u itself."""
-    turning = np.array([e.rotation for e in placed.chain.elements])
-    lever = cross(along[None], np.where(turning[:, None, None], placed.axes, 0.0))
+def _between(chain: Chain, links: Sequence[int]) -> Indices:
+    """The elements, in order, that move one of two links and not the other."""
+    one, other = ({*range(end)} - {*idle} for end, idle in map(chain.reach, links))
+    return np.array(sorted(one ^ other), dtype=np.intp)
+
+
+def _second(placed: Frames, between: Indices, speed: Array, along: Array, gradient: Array, length: Array) -> Array:
+    """d2s (b, b, N): u . (omega_a x v_b) for a <= b, and the turning of u itself."""
+    turning = np.array([placed.chain.elements[int(e)].rotation for e in between], dtype=bool)
+    lever = cross(along[None], np.where(turning[:, None, None], placed.axes[between], 0.0))
     swing = np.einsum("acn,bcn->abn", lever, speed)
     upper = np.triu(np.ones(swing.shape[:2]))[:, :, None]
     symmetric = swing * upper + (swing * np.triu(np.ones(swing.shape[:2]), 1)[:, :, None]).transpose(1, 0, 2)
@@ -119,8 +143,8 @@ def on_coordinates(coefficients: Coefficients, elements: Array) -> Array:
 
 def stiffness(found: Sequence[Pull | None], coefficients: Coefficients) -> Array | None:
     """Stiffness (ne, ne, N) of all pulls on the coordinates, None if there is no pull."""
-    matrices = [p.stiffness() for p in found if p is not None]
-    return on_coordinates(coefficients, sum(matrices[1:], matrices[0])) if matrices else None
+    matrices = [p.on(coefficients, p.stiffness()) for p in found if p is not None]
+    return sum(matrices[1:], matrices[0]) if matrices else None
 
 
 def torque(found: Sequence[Pull | None], coefficients: Coefficients) -> Array | None:
@@ -129,17 +153,23 @@ def torque(found: Sequence[Pull | None], coefficients: Coefficients) -> Array | 
     return combine(coefficients, sum(vectors[1:], vectors[0])) if vectors else None
 
 
-def along(effects: Springs, motion: Motion, rate: MotionRate) -> tuple[Array, Array]:
-    """Derivatives of `stiffness` and `torque` along a change of the geometry.
+def along(
+    effects: Springs, motion: Motion, drawn: Sequence[Pull | None], rate: MotionRate
+) -> tuple[Array, Array] | None:
+    """Derivatives of `stiffness` and `torque` along a change of the geometry; None where no spring feels it.
 
     The third derivative of s has no short form: fourth-order differences of the analytic stiffness
     and torque, with a relative error of about 1e-10.
     """
 
+    moved = {*np.flatnonzero(np.any(rate.elements, axis=1)), *(e for terms in rate.coefficients for e, _ in terms)}
+    if not any(moved & {*pull.between} for pull in drawn if pull is not None):
+        return None
+
     def at(step: float) -> tuple[Array, Array]:
         values = motion.element_values()
-        moved = [step * r if v is None else v + step * r for v, r in zip(values, rate.elements, strict=True)]
-        placed = frames(motion.layout.chain, moved, motion.q.shape[-1])
+        there = [step * r if v is None else v + step * r for v, r in zip(values, rate.elements, strict=True)]
+        placed = frames(motion.layout.chain, there, motion.q.shape[-1])
         found = pulls(effects, placed, motion.context)
         bent = _bent(motion.coefficients, rate.coefficients, step)
         K, tau = stiffness(found, bent), torque(found, bent)

@@ -143,7 +143,7 @@ def _parallel(ev: Stages, number: int, i: int) -> Change:
 def _pulled(ev: Stages, pull: pulls.Pull, i: int) -> Change:
     """A parameter of a spring between two points."""
     coefficients, active = ev.motion.coefficients, ev.rates.active
-    K = pulls.on_coordinates(coefficients, pull.stiffness_by(i))[np.ix_(active, active)]
+    K = pull.on(coefficients, pull.stiffness_by(i))[np.ix_(active, active)]
     preload = None if ev.preload is None else combine(coefficients, pull.torque_by(i))
     return Change(K=((), K), preload=preload)
 
@@ -190,10 +190,11 @@ def _geometric(ev: Stages, rate: MotionRate) -> Change:
     dE = springs.joint_rates(ev.motion, ev.touched, ev.rates.active, rate.coefficients).E
     preload, matrix = _preload_along(ev, rate, dE), None
     if any(pull is not None and pull.acts for pull in ev.pulls):
-        effects = ev.model.of_kind(ParallelSpring, ev.x)
-        dK, dtorque = pulls.along(effects, ev.motion, rate)
-        matrix = dK[np.ix_(ev.rates.active, ev.rates.active)]
-        preload = None if preload is None else preload + dtorque
+        found = pulls.along(ev.model.of_kind(ParallelSpring, ev.x), ev.motion, ev.pulls, rate)
+        if found is not None:
+            dK, dtorque = found
+            matrix = dK[np.ix_(ev.rates.active, ev.rates.active)]
+            preload = None if preload is None else preload + dtorque
     return Change(tau=tau, K=(_stiffness_along(ev, rate, dE), matrix), preload=preload, markers=tuple(markers))
 
 
