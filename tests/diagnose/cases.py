@@ -25,7 +25,7 @@ from qsframework.experiment import (
     read_readings,
     simulate,
 )
-from qsframework.plugin import Array, Effect, Poses
+from qsframework.plugin import Array, Effect, Poses, find
 from tests.identify.arm import position_readings, settled
 
 SIGMA = 3e-5
@@ -48,7 +48,35 @@ def diagnosed(name: str) -> Diagnosis:
 @cache
 def quiet(seed: int) -> Diagnosis:
     """The diagnosis of an arm in which nothing acts."""
-    return diagnose(campaign(), measured(seed=seed), seed=seed)
+    return diagnose(campaign(), measured(seed=seed, count=30), seed=seed, repeats=1)
+
+
+def with_size(effect: Effect, size: float) -> tuple[tuple[Effect, ...], dict[str, float]]:
+    """The effect and its values, at so many times their typical sizes."""
+    return (effect,), {p.name: size * p.typical for p in effect.parameters(campaign().robot.facts)}
+
+
+HARDENING = with_size(find("joint_hardening")("joint_3"), 0.8)
+
+
+@cache
+def hardened() -> Diagnosis:
+    """The diagnosis of an arm whose third drive stiffens."""
+    return diagnose(campaign(), measured(*HARDENING, seed=5, count=30), repeats=1)
+
+
+@cache
+def twisted() -> Diagnosis:
+    """A bearing before the wrist that gives: to markers on the tool it is the forearm that twists."""
+    hidden = with_size(find("offaxis_compliance")("joint_4", "z"), 0.4)
+    return diagnose(campaign(), measured(*hidden, seed=1, count=30), repeats=1)
+
+
+@cache
+def reversed_sign() -> Diagnosis:
+    """The diagnosis of unloaded minus loaded."""
+    readings = measured(seed=1, count=20)
+    return diagnose(campaign(), readings.with_values(-readings.value), repeats=1)
 
 
 @cache
@@ -76,7 +104,7 @@ def measured(
     rng = np.random.default_rng([seed, 7])
     wide, x = as_built(effects, values or {}, rng)
     planned = poses(seed, count)
-    blank = simulate(campaign(), make_plan(planned, ["load"] * count), seed=seed).readings
+    blank = simulate(campaign(), make_plan(planned, ["load"] * count), seed=seed, linear=True).readings
     exact = exact_readings(wide, planned, x)
     return blank.with_values((exact + noise * SIGMA * rng.standard_normal(exact.shape)).reshape(-1, 3))
 

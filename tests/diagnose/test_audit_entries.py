@@ -14,7 +14,6 @@ from qsframework.diagnose.audit_entries import Audited, audited_of, audited_read
 from qsframework.errors import InputError
 from qsframework.experiment import (
     Experiment,
-    example,
     load_experiment,
     make_plan,
     make_rows,
@@ -25,10 +24,9 @@ from qsframework.experiment import (
 from qsframework.experiment.setup import Noise
 from qsframework.identify import identify
 from qsframework.report.extended import extension_of, write_extended
-from tests.diagnose.cases import SIGMA, campaign, candidates, day_of_positions, diagnosed, measured
+from tests.diagnose.cases import SIGMA, campaign, candidates, day_of_positions, diagnosed, hardened, measured, quiet
 from tests.identify.arm import with_sigma
 
-REAL = example("r2000ic") / "experiment.yaml"
 POSITION = 2e-5
 
 
@@ -65,7 +63,10 @@ def test_identify_on_the_extended_folder_agrees_with_the_diagnosis(real: Diagnos
 
 
 def test_what_is_said_to_come_next_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run_diagnose(DiagnoseFiles(experiment=REAL, extend=tmp_path / "out"), Wish())
+    readings = tmp_path / "readings.csv"
+    write_readings(readings, hardened().readings, campaign())
+    files = DiagnoseFiles(experiment=campaign().path, data=(readings,), extend=tmp_path / "out")
+    run_diagnose(files, Wish(count=1))
     told = [line for line in capsys.readouterr().out.splitlines() if line.startswith("next: ")]
     assert told == [f"next: qsf identify {tmp_path / 'out' / 'experiment.yaml'}"]
     again = load_experiment(tmp_path / "out" / "experiment.yaml")
@@ -87,7 +88,7 @@ def test_the_noise_of_states_is_that_of_one_position(m900ib: Experiment, tmp_pat
 
 
 def test_a_noise_that_is_stated_and_right_stays(tmp_path: Path) -> None:
-    found = diagnose(campaign(), measured(seed=1, count=30), repeats=1)
+    found = quiet(0)
     assert audited_of(found) == Audited(masked=tuple(int(r) for r in found.readings.line[found.outliers]))
     write_extended(found, tmp_path / "out")
     assert load_experiment(tmp_path / "out" / "experiment.yaml").noise.sigma == SIGMA
@@ -96,7 +97,7 @@ def test_a_noise_that_is_stated_and_right_stays(tmp_path: Path) -> None:
 @pytest.mark.parametrize("stated", [SIGMA / 3.0, None])
 def test_sigmas_of_rows_become_the_true_ones(stated: float | None, tmp_path: Path) -> None:
     """Rows that state a third of their noise, in an experiment that states as much, or that has it estimated."""
-    readings = measured(seed=2, count=40)
+    readings = measured(seed=2, count=24)
     path = tmp_path / "readings.csv"
     write_readings(path, with_sigma(readings, SIGMA / 3.0), campaign())
     experiment = campaign().with_(noise=Noise(stated))

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from qsframework.diagnose import Diagnosis, diagnose
+from qsframework.diagnose import Diagnosis
 from qsframework.diagnose.error_budget import linear_errors
 from qsframework.diagnose.linearization.columns import Case
 from qsframework.diagnose.selection.cross_validation import standard_errors
 from qsframework.plugin import Array
 from qsframework.report.diagnosis_tables import cause_table, verdict_groups
 from qsframework.report.result_json import diagnosis_json
-from tests.diagnose.cases import campaign, diagnosed, measured
+from tests.diagnose.cases import diagnosed, reversed_sign, twisted
 
 
 @pytest.fixture(scope="module")
@@ -103,13 +103,13 @@ def test_json_holds_what_the_report_shows(real: Diagnosis) -> None:
 
 
 def test_one_cause_has_the_gain_of_the_extension() -> None:
-    found = diagnosed("hidden_effect")
+    found = twisted()
+    assert len(found.findings) == 1
     assert [f.heldout_gain for f in found.findings] == [pytest.approx(found.rms.heldout_gain, rel=1e-12)]
 
 
 def test_a_convention_has_no_held_out_gain() -> None:
-    readings = measured(seed=1, count=20)
-    found = diagnose(campaign(), readings.with_values(-readings.value), repeats=1)
+    found = reversed_sign()
     assert found.findings[0].name == "displacement_sign"
     assert np.isnan(found.findings[0].heldout_gain)
     assert diagnosis_json(found)["causes"][0]["heldout_gain"] is None

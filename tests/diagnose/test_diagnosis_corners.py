@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from importlib import import_module
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from cases import SIGMA, campaign, measured, poses
 
-from qsframework.diagnose import diagnose
+from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.residuals.audited_rows import split_told
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, arm_axes, variables_of
 from qsframework.diagnose.residuals.noise_components import make_basis
@@ -38,6 +38,7 @@ from qsframework.report.words.next_steps import next_steps
 from qsframework.report.words.noise import misfit_words
 from qsframework.report.words.sizes import three, two
 from qsframework.screening.convention_changes import couplings
+from tests.diagnose.cases import SIGMA, campaign, measured, poses, quiet
 
 
 @pytest.mark.parametrize(
@@ -60,6 +61,17 @@ def test_three_digits_of_any_number(value: float, text: str) -> None:
 def test_two_digits_of_a_small_one() -> None:
     assert two(1.26e-8) == "1.3e-08"
     assert two(0.0126) == "0.013"
+
+
+@cache
+def still() -> tuple[Diagnosis, list[str]]:
+    """Few readings of an arm in which nothing acts, and what is told on the way."""
+    steps: list[str] = []
+
+    def tell(step: str, done: int, total: int) -> None:
+        steps.append(f"{step} {done}/{total}")
+
+    return diagnose(campaign(), measured(count=16), repeats=1, progress=tell), steps
 
 
 def test_a_level_is_a_small_probability() -> None:
@@ -174,9 +186,9 @@ def test_a_misfit_without_a_place_is_unexplained_and_said() -> None:
 
 
 def test_what_no_place_explains_is_said_with_where_it_is_and_what_would_tell() -> None:
-    quiet = diagnose(campaign(), measured(seed=3, count=12), repeats=1)
-    bad = replace(quiet.after, p_chi2=1e-9)
-    found = replace(quiet, verdict="unexplained", findings=(), leftovers=(), after=bad, outliers=np.array([0, 1]))
+    calm = quiet(3)
+    bad = replace(calm.after, p_chi2=1e-9)
+    found = replace(calm, verdict="unexplained", findings=(), leftovers=(), after=bad, outliers=np.array([0, 1]))
     said = diagnosis_words(found)
     worst = worst_poses(found, 3)
     left = {p: 0.0 for p in found.readings.states.pose}
@@ -208,11 +220,7 @@ def test_a_prospect_without_sizes_says_a_dash() -> None:
 
 def test_a_second_day_needs_something_to_separate() -> None:
     """A diagnosis that names nothing has no rivals; progress of every step is told on the way."""
-    steps: list[str] = []
-    data = measured(count=16)
-    found = diagnose(
-        campaign(), data, repeats=1, progress=lambda step, done, total: steps.append(f"{step} {done}/{total}")
-    )
+    found, steps = still()
     assert found.verdict == "none"
     assert steps[0].startswith("conventions 0/")
     assert len(steps) >= 6
@@ -281,12 +289,11 @@ def test_a_load_that_no_equilibrium_bears_shows_nothing() -> None:
 
 def test_nominal_values_far_off_do_not_keep_a_fit_from_its_diagnosis() -> None:
     """Compliances a thousand times too large bear no load; the fit is right all the same."""
-    data = measured(count=16)
+    right, _ = still()
     robot = campaign().robot
     names = campaign().fit_names()
     soft = tuple(replace(p, nominal=1e3 * p.nominal) if p.name in names else p for p in robot.parameters)
-    right = diagnose(campaign(), data, repeats=1)
-    found = diagnose(campaign().with_(robot=replace(robot, parameters=soft)), data, repeats=1)
+    found = diagnose(campaign().with_(robot=replace(robot, parameters=soft)), right.readings, repeats=1)
     assert found.verdict == right.verdict
     assert [found.values()[n] for n in names] == pytest.approx([right.values()[n] for n in names], rel=1e-4)
     assert found.rms.identified == pytest.approx(right.rms.identified, rel=1e-4)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import yaml
 
-from qsframework.diagnose import diagnose
+from qsframework.diagnose import Diagnosis
 from qsframework.diagnose.extend import Extension, of_arm, write_extension
 from qsframework.diagnose.linearization.candidates import Cause, proposed, widened
 from qsframework.errors import InputError
@@ -21,7 +21,7 @@ from qsframework.experiment import Experiment, load_experiment, make_rows, read_
 from qsframework.files import read_yaml
 from qsframework.plugin import Conditions, Effect, Poses, registry
 from qsframework.report.extended import extension_of
-from tests.diagnose.cases import campaign, measured
+from tests.diagnose.cases import quiet, reversed_sign
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 ROBOTS = {"m900ib": EXAMPLES / "m900ib" / "experiment.yaml", "r2000ic": EXAMPLES / "r2000ic" / "experiment.yaml"}
@@ -315,10 +315,12 @@ def test_what_the_robot_is_made_of_comes_along(tmp_path: Path) -> None:
 
 def test_readings_with_wrong_axes_are_not_named_as_data(tmp_path: Path) -> None:
     """What is wrong with the file has to be corrected there: the extended experiment says so."""
-    readings = measured(seed=1, count=20)
     source = EXAMPLES / "hidden_effect" / "readings.csv"
-    exchanged = replace(readings.with_values(readings.value[:, [1, 0, 2]]), sources=(source,))
-    found = diagnose(campaign(), exchanged)
+
+    def read_from_it(found: Diagnosis) -> Diagnosis:
+        return replace(found, readings=replace(found.readings, sources=(source,)))
+
+    found = read_from_it(reversed_sign())
     assert found.conventions[0].compelling
     assert found.conventions[0].name.startswith("displacement_")
     extension = extension_of(found)
@@ -328,7 +330,7 @@ def test_readings_with_wrong_axes_are_not_named_as_data(tmp_path: Path) -> None:
     assert "have to be corrected first" in head
     assert found.conventions[0].words in head
     assert load_experiment(tmp_path / "out" / "experiment.yaml").data == ()
-    right = extension_of(diagnose(campaign(), replace(readings, sources=(source,))))
+    right = extension_of(read_from_it(quiet(0)))
     assert right.data == source
 
 

@@ -18,7 +18,6 @@ from qsframework.diagnose.law import Law
 from qsframework.diagnose.result import Finding, Leftover, Status
 from qsframework.experiment import differences
 from qsframework.experiment.setup import Noise
-from qsframework.plugin import find
 from qsframework.report.diagnosis_section import diagnosis_sections
 from qsframework.report.diagnosis_tables import (
     FOLDED,
@@ -34,7 +33,17 @@ from qsframework.report.result_json import diagnosis_json
 from qsframework.report.words.diagnosis import diagnosis_words, method_words
 from qsframework.report.words.headline import diagnosis_verdict, headline
 from qsframework.report.words.next_steps import next_steps
-from tests.diagnose.cases import as_built, campaign, candidates, day_of_positions, diagnosed, measured, quiet
+from tests.diagnose.cases import (
+    HARDENING,
+    as_built,
+    campaign,
+    candidates,
+    day_of_positions,
+    diagnosed,
+    hardened,
+    measured,
+    quiet,
+)
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +74,7 @@ def test_the_verdict_is_one_sentence_with_all_that_matters(real: Diagnosis) -> N
     assert diagnosis_words(real).startswith(said)
     assert diagnosis_json(real)["headline"] == said
     assert diagnosis_verdict(real).said == said
-    assert headline(diagnosed("hidden_effect")).endswith("compare small and large loads at joint_3 alone.")
+    assert headline(hardened()).endswith("compare small and large loads at joint_3 alone.")
     assert headline(quiet(0)).startswith("Nothing to name: the model fits within the noise")
 
 
@@ -186,9 +195,7 @@ def test_one_marker_a_visit_is_said_with_what_it_hides(real: Diagnosis) -> None:
 
 
 def test_with_few_poses_it_is_said_which_repeats_would_tell() -> None:
-    hidden = find("joint_hardening")("joint_3")
-    truth = {p.name: 0.6 * p.typical for p in hidden.parameters(campaign().robot.facts)}
-    few = diagnose(campaign(), measured((hidden,), truth, seed=5, count=14), repeats=1)
+    few = diagnose(campaign(), measured(*HARDENING, seed=5, count=14), repeats=1)
     assert few.findings
     (step, *_) = next_steps(few)
     assert step.do.startswith("Repeat 6 poses, such as ")
@@ -207,18 +214,15 @@ def test_many_rivals_are_said_in_the_sentence(real: Diagnosis) -> None:
 
 def test_states_in_a_trackers_own_axes_are_diagnosed_as_in_those_of_the_base() -> None:
     """Loaded minus unloaded positions of a tracker that stands anywhere: the same cause, the same size."""
-    hidden = find("joint_hardening")("joint_3")
-    truth = {p.name: 0.8 * p.typical for p in hidden.parameters(campaign().robot.facts)}
+    (hidden,), truth = HARDENING
     model, x = as_built((hidden,), truth, np.random.default_rng([5, 7]))
-    told = []
-    for turned, origin in (((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), ((0.1, -0.2, 2.0), (3.0, 1.0, -0.5))):
-        states = day_of_positions(model, x, candidates()[40:60], 6, turned=turned, origin=origin)
-        found = diagnose(campaign(), differences(states, campaign()), repeats=1)
-        assert [f.name for f in found.findings] == [hidden.name], diagnosis_words(found)
-        told.append(found)
-    (one,), (other,) = (f.findings[0].values for f in told)
-    assert abs(one.value - other.value) < 3.0 * one.sd, "the noise lies otherwise, nothing else"
-    assert abs(other.value - truth[hidden.name]) < 4.0 * other.sd
-    said = diagnosis_words(told[1])
+    states = day_of_positions(model, x, candidates()[40:60], 6, turned=(0.1, -0.2, 2.0), origin=(3.0, 1.0, -0.5))
+    found = diagnose(campaign(), differences(states, campaign()), repeats=1)
+    same = hardened()
+    assert [f.name for f in found.findings] == [f.name for f in same.findings] == [hidden.name], diagnosis_words(found)
+    for (value,) in (found.findings[0].values, same.findings[0].values):
+        assert abs(value.value - truth[hidden.name]) < 4.0 * value.sd
+        assert value.sd < 0.2 * abs(truth[hidden.name])
+    said = diagnosis_words(found)
     assert re.search(r"the tracker is turned \d+\.\d\d deg to the base, and its displacements with it", said)
-    assert "is turned" not in diagnosis_words(told[0])
+    assert "is turned" not in diagnosis_words(same)

@@ -19,7 +19,7 @@ from qsframework.experiment import LoadCase, example, load_experiment, read_plan
 from qsframework.plugin import Poses
 from qsframework.report.result_json import discrimination_json, second_day_json
 from qsframework.report.words.discrimination import discrimination_words, second_day_words, size_words
-from tests.diagnose.cases import diagnosed
+from tests.diagnose.cases import hardened
 
 SIGMA = 3e-5
 BEARING = "offaxis_compliance[joint_1/x]"
@@ -227,7 +227,7 @@ def test_bad_questions_are_refused(experiment, first_day):
 
 
 def test_a_second_day_confirms_what_the_first_one_named(tmp_path):
-    diagnosis = diagnosed("hidden_effect")
+    diagnosis = hardened()
     experiment = diagnosis.experiment
     found = second_day(diagnosis, 6, candidates=100)
     assert {c.first for c in found.contests} == {f.name for f in diagnosis.findings}

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from qsf_plugins.offaxis_compliance import OffaxisCompliance
-from qsframework.diagnose import Diagnosis, diagnose
+from qsframework.diagnose import Diagnosis
 from qsframework.discriminate.alternatives import Offer
 from qsframework.discriminate.pair import Discrimination
 from qsframework.discriminate.separations import separations
@@ -21,15 +20,13 @@ from qsframework.report.words.discrimination import (
     offer_words,
     outlook_words,
 )
-from tests.diagnose.cases import campaign, measured, poses as campaign_poses
+from tests.diagnose.cases import poses as campaign_poses, twisted
 
 
 @pytest.fixture(scope="module")
 def tied() -> Diagnosis:
     """The bearing before the wrist gives, which to markers on the tool is the forearm that twists."""
-    hidden = OffaxisCompliance("joint_4", "z")
-    truth = {p.name: 0.4 * p.typical for p in hidden.parameters(campaign().robot.facts)}
-    return diagnose(campaign(), measured((hidden,), truth, seed=1, count=30), seed=0)
+    return twisted()
 
 
 def test_aliases_are_separated_by_a_marker_between_them_and_by_no_pose(tied: Diagnosis) -> None:

@@ -11,7 +11,7 @@ from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_plan, write_plan
 from qsframework.forecast.power import foresee
 from qsframework.report.power_section import angle_figure, pair_table, power_figure, power_section, size_table
-from tests.diagnose.cases import diagnosed
+from tests.diagnose.cases import hardened
 
 FILE = example("m900ib") / "experiment.yaml"
 
@@ -97,7 +97,7 @@ def test_separating_poses_are_a_plan(experiment, plan_file, tmp_path, capsys):
 
 
 def test_a_second_day_is_a_plan(tmp_path, capsys):
-    found = diagnosed("hidden_effect")
+    found = hardened()
     run_second_day(found, 5, tmp_path / "day2.csv")
     assert "named correctly in" in capsys.readouterr().out
     assert len(read_plan(tmp_path / "day2.csv", found.experiment).pose) == 5

@@ -16,7 +16,7 @@ from qsframework.diagnose import Diagnosis
 from qsframework.experiment import Experiment, Readings, example
 from qsframework.identify import Fit
 from qsframework.report.words.fit import fit_verdict
-from tests.diagnose.cases import diagnosed
+from tests.diagnose.cases import hardened
 
 
 class Cells(HTMLParser):
@@ -45,7 +45,7 @@ def fit(r2000ic: Experiment, real: Readings) -> Fit:
 
 @pytest.fixture(scope="module")
 def found() -> Diagnosis:
-    return diagnosed("hidden_effect")
+    return hardened()
 
 
 @pytest.fixture(scope="module")
