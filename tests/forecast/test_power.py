@@ -40,6 +40,12 @@ def foresight(experiment):
 
 
 @pytest.fixture(scope="module")
+def exact_foresight(experiment):
+    """With the exact laws, at full equilibria."""
+    return foresee(experiment, some_poses(experiment, 40), level=LEVEL, power=POWER)
+
+
+@pytest.fixture(scope="module")
 def laboratory(foresight):
     """Falls of chi-square of every cause (draws, G) in measurements with a whitened trace y (m,) added, and limits."""
     case = foresight.case
@@ -184,11 +190,11 @@ NAMES = [
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_promises_hold_for_the_exact_laws_and_the_full_equilibrium(experiment, laboratory, name):
+def test_promises_hold_for_the_exact_laws_and_the_full_equilibrium(experiment, exact_foresight, laboratory, name):
     """The effect acts at the promised size in the loaded equilibrium; the fitted parameters are fitted to it."""
     case, _, falls, limits = laboratory
     planned = some_poses(experiment, 40)
-    exact = foresee(experiment, planned, level=LEVEL, power=POWER).of(name).sizes[0]
+    exact = exact_foresight.of(name).sizes[0]
     model = case.model
     x = case.x.copy()
     x[model.index([exact.parameter.name])] += exact.detect
