@@ -44,18 +44,12 @@ def as_measured(experiment: Experiment, structure: str, seed: int = 3) -> Readin
     return as_shown(simulate(real, make_plan(poses, ["load"] * 20), seed=seed).readings, experiment)
 
 
-@pytest.mark.parametrize(
-    ("name", "structure", "words"),
-    [
-        ("m900ib", "loop absent: parallelogram[joint_3]", "does not behave as if it had parallelogram[joint_3]"),
-        ("r2000ic", "loop present: parallelogram[joint_3]", "behaves as if it had parallelogram[joint_3]"),
-    ],
-)
-def test_a_structure_is_named_rather_than_a_spring(name: str, structure: str, words: str) -> None:
-    experiment = campaign(name)
+def test_a_structure_is_named_rather_than_a_spring() -> None:
+    """A loop that the file leaves out; one that the arm has not: tests/proof/test_independent.py."""
+    experiment, structure = campaign("r2000ic"), "loop present: parallelogram[joint_3]"
     found = diagnose(experiment, as_measured(experiment, structure), repeats=1)
     assert [f.name for f in found.findings] == [structure], diagnosis_words(found)
-    assert words in diagnosis_words(found)
+    assert "behaves as if it had parallelogram[joint_3]" in diagnosis_words(found)
     assert found.rms.heldout_extended < 1.3 * 3e-5, "nothing is left for a spring to mend"
     with pytest.raises(InputError, match=r"no extended robot is written.*then diagnose again"):
         extension_of(found)
@@ -65,9 +59,8 @@ def test_a_right_structure_is_left_alone() -> None:
     experiment = campaign("m900ib")
     pendant = generate_candidates(experiment, 100, seed=1).pendant[:20]
     poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), np.tile(PULL, (20, 1)))
-    for seed in range(3):
-        readings = simulate(experiment, make_plan(poses, ["load"] * 20), seed=seed).readings
-        assert diagnose(experiment, readings, repeats=1).verdict == "none"
+    readings = simulate(experiment, make_plan(poses, ["load"] * 20), seed=1).readings
+    assert diagnose(experiment, readings, repeats=1).verdict == "none"
 
 
 def test_a_cause_that_does_more_than_another_structure_is_named_instead() -> None:
