@@ -49,7 +49,7 @@ class Campaign:
             e.reshape(-1, 3)[bad] *= 15.0
         return e
 
-    def test(self, y: Array, seed: int, draws: int = 400) -> float:
+    def test(self, y: Array, seed: int, draws: int = 250) -> float:
         k = int(self.fits.choose(y[:, None])[0])
         tame = huber_pseudo_values(self.noise.noises[k].whiten(y), self.fits.Q[k])
         return family_test(self.blocks, self.fits, self.noise.noises[k].colour(tame), seed, draws).p_value
@@ -58,8 +58,7 @@ class Campaign:
 KINDS = ("plain", "misstated", "shared 1", "shared 2", "uneven", "t3", "outliers")
 
 
-@pytest.mark.parametrize("poses", [12, 40])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("kind", "poses"), [*((kind, 12) for kind in KINDS), ("shared 2", 40), ("outliers", 40)])
 def test_nothing_is_found_where_nothing_acts(kind: str, poses: int) -> None:
     """At 2.4 % at most 12 of 150: more has a probability of 1e-4."""
     campaign, rng = Campaign(poses), np.random.default_rng([poses, KINDS.index(kind)])

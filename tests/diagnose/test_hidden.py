@@ -25,13 +25,13 @@ def _diagnose(case: hidden.Case, folder: Path) -> tuple[hidden.Truth, Diagnosis]
     with threadpool_limits(1):
         truth = hidden.hide(case)
         experiment = load_experiment(hidden.write_case(truth, folder))
-        return truth, diagnose(experiment, read_readings(experiment.data, experiment))
+        return truth, diagnose(experiment, read_readings(experiment.data, experiment), repeats=1)
 
 
 def test_a_hidden_effect_is_named_placed_sized_and_gains(tmp_path: Path) -> None:
     """Others of the generator's kinds are hidden by the library itself, and named, in tests/proof/test_pinned.py."""
     place, s = "offaxis_compliance[joint_3/x]", 12.0
-    case = Case("one", "one", 3, effects=((place.partition("[")[0], s),), at=(place,))
+    case = Case("one", "one", 3, hidden.Setting(poses=30), effects=((place.partition("[")[0], s),), at=(place,))
     truth, d = _diagnose(case, tmp_path)
     assert truth.s[0] == pytest.approx(s, rel=0.005)
     assert d.verdict == "explained"
@@ -45,7 +45,7 @@ def test_a_hidden_effect_is_named_placed_sized_and_gains(tmp_path: Path) -> None
 
 def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path) -> None:
     for seed, robot in ((1, "fanuc_m900ib"), (2, "fanuc_r2000ic")):
-        _, d = _diagnose(Case("null", "null", seed, hidden.Setting(robot)), tmp_path / robot)
+        _, d = _diagnose(Case("null", "null", seed, hidden.Setting(robot, poses=24)), tmp_path / robot)
         assert (d.verdict, d.findings, d.leftovers) == ("none", (), ())
 
 
@@ -58,7 +58,9 @@ def test_noise_that_the_file_understates_is_named_and_nothing_else(tmp_path: Pat
 
 @pytest.mark.parametrize("kind", ["hose_torque", "cross_coupling"])
 def test_an_effect_outside_the_library_is_not_explained(kind: str, tmp_path: Path) -> None:
-    _, d = _diagnose(Case("unknown", "unknown", 4, hidden.Setting(recorded=True), unknown=(kind, 14.0)), tmp_path)
+    _, d = _diagnose(
+        Case("unknown", "unknown", 4, hidden.Setting(poses=30, recorded=True), unknown=(kind, 14.0)), tmp_path
+    )
     assert d.verdict in ("unexplained", "partly_explained")
 
 

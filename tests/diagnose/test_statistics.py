@@ -165,7 +165,7 @@ def test_the_set_of_rivals_covers_the_truth_and_is_small() -> None:
     groups = [i for i, s in enumerate(subspaces) if s.cause.group]
     seen = [i for i, s in enumerate(subspaces) if s.visible and i not in groups]
     covered, sizes = [], []
-    for run in range(200):
+    for run in range(100):
         truth = int(rng.choice(seen))
         s = subspaces[truth]
         direction = s.Q[:, 0] if s.one_sided else s.Q @ _unit(rng, s.Q.shape[1])
