@@ -85,7 +85,8 @@ class Dependence:
             yield Problem(f"learned by {name}: first must lie below last")
         if "came" in self.factors and (self.at not in robot.joints or robot.slides(self.at)):
             yield Problem(f"learned by {name}: only a joint that turns comes from somewhere", found=self.at)
-        if self.waves not in range(1, _MOST_WAVES + 1):
+        given: Any = self.waves  # a file may hold anything
+        if type(given) is not int or not 1 <= given <= _MOST_WAVES:
             yield Problem(f"learned by {name}: waves", found=repr(self.waves), allowed=f"1 to {_MOST_WAVES}")
         count = len(angles[0].split("+")) if angles else 1
         if self.signs and (len(self.signs) != count or not set(self.signs) <= set("+-")):

@@ -47,8 +47,8 @@ class Learned(Dependence, SpringLaw):
     _: KW_ONLY
     part: str = "drive"
     """drive, or link for the three rotations of a link, of the base or of the tool."""
-    axis: str = ""
-    """Of a place that moves about several: the one about which it does; none: all of them."""
+    moves: str = ""
+    """Of a place that could move about several axes: the one about which it does, such as rx; none: all of them."""
     scale: float = setting("N m", 1.0)
     lowest: float = setting("N m", 0.0)
     highest: float = setting("N m", 0.0)
@@ -73,7 +73,7 @@ class Learned(Dependence, SpringLaw):
 
     def coordinates(self, robot: RobotFacts) -> tuple[str, ...]:
         """Names of what moves: none where it is one."""
-        return (self.axis,) if self.axis else self.axes(robot)
+        return (self.moves,) if self.moves else self.axes(robot)
 
     def axes(self, robot: RobotFacts) -> tuple[str, ...]:
         """Names of all that could move at this place."""
@@ -114,9 +114,11 @@ class Learned(Dependence, SpringLaw):
         else:
             (robot.link_index if self.part in ("link", "shift") else robot.joint_index)(self.at)
         problems += self.problems(robot, OWN)
-        if self.axis and self.part in self.parts and self.axis not in self.axes(robot):
+        if self.moves and self.part in self.parts and self.moves not in self.axes(robot):
             allowed = ", ".join(filter(None, self.axes(robot))) or "none"
-            problems.append(Problem(f"{self.name}: unknown axis", found=repr(self.axis), allowed=allowed))
+            problems.append(
+                Problem(f"{self.name}: no such motion of this place", found=repr(self.moves), allowed=allowed)
+            )
         other = "others" if self.part == "shift" else "moment"
         if other in self.factors:
             allowed = "moment" if self.part == "shift" else "others"

@@ -15,6 +15,8 @@ from qsframework.diagnose.linearization.columns import make_case
 from qsframework.diagnose.linearization.generic_blocks import Block, generic_blocks, motions, single_axes
 from qsframework.diagnose.selection.exact_refit import Settled, settle_fit
 from qsframework.experiment import Experiment, Rows, load_experiment, make_rows, read_readings
+from qsframework.plugin import build_effects
+from qsframework.plugin.entry import effect_entry
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from independent import Campaign, Setting, noisy, write_campaign
@@ -42,6 +44,9 @@ def test_every_block_is_what_its_effect_does(arm: Arm, kind: str, tmp_path: Path
     assert {b.law.part for b in found if "came" in b.law.by} == {"drive"}
     some = found[:: 5 if kind == "displacements" else 9]
     tried = [*some, *(b for block in some for b in single_axes(block, fit.model.facts))]
+    for effect in (b.effect for b in tried):
+        (read,) = build_effects(effect_entry(effect), fit.model.facts, fit.model.marker_names)
+        assert read.name == effect.name, "a file that it is written to reads it back"
     off: dict[str, float] = {}
     for block in tried:
         effects = effects_of(fit.model, block.effect)

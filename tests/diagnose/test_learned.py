@@ -19,7 +19,8 @@ from qsframework.elastostatics import beyond, exact_readings, range_notes
 from qsframework.errors import InputError
 from qsframework.experiment import Readings, example, load_experiment, make_rows, read_readings
 from qsframework.identify import FitOptions, identify
-from qsframework.plugin import Array, Context, check_effect, find
+from qsframework.plugin import Array, Context, Effect, build_effects, check_effect, find
+from qsframework.plugin.entry import effect_entry
 from qsframework.report.diagnosis_section import diagnosis_sections
 from qsframework.report.extended import write_extended
 from qsframework.report.page import write_report
@@ -183,14 +184,21 @@ def test_the_curve_of_the_example_is_what_was_hidden() -> None:
         {"at": "joint_3", "by": "torque*others", "scale": 900.0, "lowest": -500.0, "highest": 900.0},
         {"at": "joint_3", "by": "came", "scale": 900.0},
         {"at": "joint_3", "by": "loaded*joint_3", "waves": 3, "scale": 900.0, **TURNED},
-        {"at": "link_3", "by": "torque*others", "part": "link", "axis": "ry", "scale": 900.0},
-        {"at": "link_3", "by": "others", "part": "link", "axis": "rx", "scale": 900.0},
+        {"at": "link_3", "by": "torque*others", "part": "link", "moves": "ry", "scale": 900.0},
+        {"at": "link_3", "by": "others", "part": "link", "moves": "rx", "scale": 900.0},
         {"at": "link_3", "by": "others", "part": "link", "scale": 900.0},
         {"at": "link_3", "by": "attitude", "part": "link", "scale": 900.0},
     ],
 )
 def test_a_learned_law_is_an_effect_like_others(settings: dict[str, object]) -> None:
-    check_effect(find("learned")(**settings), campaign().robot.facts)
+    kept(find("learned")(**settings))
+
+
+def kept(effect: Effect) -> None:
+    """It keeps the protocol, and a file that it is written to reads it back."""
+    facts = campaign().robot.facts
+    check_effect(effect, facts)
+    assert build_effects(effect_entry(effect), facts, campaign().model().marker_names) == (effect,)
 
 
 @pytest.mark.parametrize(
@@ -199,8 +207,8 @@ def test_a_learned_law_is_an_effect_like_others(settings: dict[str, object]) -> 
         ("learned_bearing", {"at": "joint_4", "by": "torque", "scale": 900.0, "lowest": -500.0, "highest": 900.0}),
         ("learned_bearing", {"at": "joint_4", "by": "attitude", "scale": 900.0}),
         ("learned_shift", {"at": "base_link", "by": "moment", "scale": 900.0}),
-        ("learned_shift", {"at": "base_link", "by": "moment", "axis": "z", "scale": 900.0}),
-        ("learned_bearing", {"at": "joint_4", "by": "order", "axis": "rz", "scale": 900.0, "first": 0.0, "last": 1.0}),
+        ("learned_shift", {"at": "base_link", "by": "moment", "moves": "z", "scale": 900.0}),
+        ("learned_bearing", {"at": "joint_4", "by": "order", "moves": "rz", "scale": 900.0, "first": 0.0, "last": 1.0}),
         ("learned_reading", {"at": "m1", "by": "loaded*attitude"}),
         ("learned_reading", {"at": "m1", "by": "force", "scale": 900.0}),
         ("learned_reading", {"at": "all", "by": "always*joint_2", **TURNED}),
@@ -209,7 +217,7 @@ def test_a_learned_law_is_an_effect_like_others(settings: dict[str, object]) -> 
     ],
 )
 def test_laws_of_bearings_ends_readings_and_loads_are_effects_too(kind: str, settings: dict[str, object]) -> None:
-    check_effect(find(kind)(**settings), campaign().robot.facts)
+    kept(find(kind)(**settings))
 
 
 @pytest.mark.parametrize(
@@ -232,7 +240,7 @@ def test_laws_of_bearings_ends_readings_and_loads_are_effects_too(kind: str, set
         ({"by": "joint_2*joint_3*joint_4"}, "too many angles; found 3"),
         ({"by": "joint_2*joint_3", "angle_to": 1.0}, "other_from must lie below other_to"),
         ({"by": "moment"}, "no such factor of a drive; found moment; allowed: others"),
-        ({"axis": "rx"}, "unknown axis; found 'rx'; allowed: none"),
+        ({"moves": "rx"}, "no such motion of this place; found 'rx'; allowed: none"),
         ({"by": "joint_3", "angle_to": 1.0, "waves": 9}, "waves; found 9; allowed: 1 to 6"),
     ],
 )

@@ -352,13 +352,13 @@ def generic_blocks(moved: Motions) -> Iterator[Block]:
 def single_axes(block: Block, facts: RobotFacts) -> Iterator[Block]:
     """A law of a place that moves about several axes, about each of them alone."""
     effect: Any = block.effect
-    if block.law.part not in ("link", "bearing", "shift") or effect.axis:
+    if block.law.part not in ("link", "bearing", "shift") or effect.moves:
         return
     names = effect.axes(facts)
     width = block.columns.shape[1] // len(names)
     for i, axis in enumerate(names if len(names) > 1 else ()):
         columns = block.columns[:, i * width : (i + 1) * width]
-        yield Block(replace(block.law, axis=axis), columns, replace(effect, axis=axis))
+        yield Block(replace(block.law, axis=axis), columns, replace(effect, moves=axis))
 
 
 def _forced(effect: Any, stand: Stand) -> Array:
