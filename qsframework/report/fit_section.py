@@ -18,6 +18,7 @@ from qsframework.report.words.sizes import shown, stiffness_words, value_words, 
 
 _SAME = 1.005
 """A total sd that is larger than that of the noise by less than this is not worth a word."""
+_MOST_PERCENT = 999.0
 
 
 def fit_table(fit: Fit, truth: dict[str, float] | None = None, stiffness: bool = False) -> Table:
@@ -28,7 +29,7 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None, stiffness: bool =
     for e in fit.estimates:
         unit = shown(e.value, e.unit)[1]
         initial = shown(e.initial, e.unit)[0]
-        percent = f"{100 * e.sd / abs(e.initial):.1f} %" if e.initial and _quoted(e) else "-"
+        percent = _percent(100 * e.sd / abs(e.initial)) if e.initial and _quoted(e) else "-"
         row = [
             e.name,
             _value(e),
@@ -60,6 +61,11 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None, stiffness: bool =
         f"{fit.sigma_source}{_shared(fit)}. A parameter whose sd is above 100 % of its initial value "
         "cannot be identified from these readings; one at a bound has no sd.",
     )
+
+
+def _percent(share: float) -> str:
+    """A share in per cent; of initial values next to nothing the digits would say nothing."""
+    return f"{share:.1f} %" if share < _MOST_PERCENT else f"> {_MOST_PERCENT:.0f} %"
 
 
 def beside_table(fit: Fit, other: StoredFit) -> Table:

@@ -152,3 +152,6 @@ def test_both_sds_are_shares_of_the_initial_value(arm: Experiment) -> None:
     caption = fit_table(replace(fit, estimates=tuple(estimates))).caption
     share = 100 * fit.sd_total[i] / estimates[i].initial
     assert f"joint_compliance[joint_3] {share:.1f} %" in caption
+    estimates[i] = replace(estimates[i], initial=1e-30)
+    row = next(r for r in fit_table(replace(fit, estimates=tuple(estimates))).rows if r[0].endswith("[joint_3]"))
+    assert "> 999 %" in row, "shares of next to nothing have no digits"
