@@ -29,8 +29,6 @@ RECORDED = ("order", "time", "temperature", "approach")
 _UNITS = {"time": "s", "temperature": "K"}
 _WIDTHS = {"attitude": 9, "came": 3}
 """Functions of a factor."""
-_FIRST = 3
-"""Functions of a second angle: once per turn."""
 _MOST_WAVES = 6
 
 
@@ -58,7 +56,7 @@ class Dependence:
     last: float = 0.0
     """Range of what was recorded, SI."""
     waves: int = 2
-    """Of the first angle, per turn."""
+    """Of the first angle, per turn; a second one has one."""
 
     @property
     def factors(self) -> tuple[str, ...]:
@@ -131,16 +129,18 @@ class Dependence:
             return v[:, None] if factor == "approach" else smooth(v, self._knots)
         k = list(angles).index(factor)
         low, high = (self.angle_from, self.angle_to) if k == 0 else (self.other_from, self.other_to)
-        return circular(within(self._angle(factor, k, context), low, high), self.waves)[
-            :, : self._width(factor, angles)
-        ]
+        return circular(within(self._angle(factor, k, context), low, high), self._turns(k))
 
     def _width(self, factor: str, angles: Sequence[str]) -> int:
         if factor in angles:
-            return 1 + 2 * self.waves if list(angles).index(factor) == 0 else _FIRST
+            return 1 + 2 * self._turns(list(angles).index(factor))
         if factor in _WIDTHS:
             return _WIDTHS[factor]
         return len(self._knots) if factor in ("order", "time", "temperature") else 1
+
+    def _turns(self, k: int) -> int:
+        """Waves per turn of the angle k."""
+        return self.waves if k == 0 else 1
 
     @property
     def _knots(self) -> tuple[float, ...]:
