@@ -154,7 +154,7 @@ def _total(fit: Fit) -> str:
     if fit.total_covariance is None:
         return ""
     said = [
-        f"{e.name} {100 * total / abs(e.initial):.1f} %"
+        f"{e.name} {_percent(100 * total / abs(e.initial))}"
         if e.initial
         else f"{e.name} {shown(total, e.unit)[0]:.2g} {shown(total, e.unit)[1]}"
         for e, total in zip(fit.estimates, fit.sd_total, strict=True)
