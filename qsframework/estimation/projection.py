@@ -52,8 +52,11 @@ def blocks_of(label: Indices) -> list[Indices]:
     return [order[first[counts == size][:, None] + np.arange(size)] for size in np.unique(counts).tolist()]
 
 
-def solved(Q: Array, at: Indices, values: Array, carried: float = CARRIED) -> Iterator[tuple[slice, Flags, Array]]:
-    """(I - Q_i Q_i')^-1 values_i for blocks at (B, s), and whether the other readings can do without each block.
+def solved(
+    Q: Array, at: Indices, values: Array, carried: float | None = CARRIED
+) -> Iterator[tuple[slice, Flags, Array]]:
+    """(I - Q_i Q_i')^-1 values_i for blocks at (B, s), and whether the other readings can do without each block; None
+    for `carried`: they can.
 
     Yields parts of the blocks: which, told (b,), and the solutions (b, s), zero where they are not told.
     """
@@ -62,7 +65,7 @@ def solved(Q: Array, at: Indices, values: Array, carried: float = CARRIED) -> It
         part = slice(start, min(start + step, len(at)))
         q, v = Q[at[part]], values[at[part]]
         rest = np.eye(at.shape[1]) - q @ q.transpose(0, 2, 1)
-        told = np.linalg.eigvalsh(rest)[:, 0] > carried
+        told = np.ones(len(q), dtype=bool) if carried is None else np.linalg.eigvalsh(rest)[:, 0] > carried
         out = np.zeros(v.shape)
         out[told] = np.linalg.solve(rest[told], v[told][..., None])[..., 0]
         yield part, told, out

@@ -70,13 +70,19 @@ class Evidence:
 class _Seen:
     """Blocks of one number of columns, in one noise, beside the fitted columns.
 
-    of (b,): their places; E (b, d, m): what counts of their directions, and of the fitted columns, which residuals have
-    nothing of; 0 elsewhere; weight (b, d): lambda, 0 likewise
+    of (b,): their places; X (b, c, m): their whitened columns; turn (b, d, c): what makes of them the directions E that
+    count, up to fitted columns, which residuals have nothing of; 0 elsewhere; weight (b, d): lambda, 0 likewise
     """
 
     of: Indices
-    E: Array
+    X: Array
+    turn: Array
     weight: Array
+
+    def along(self, rest: Array) -> Array:
+        """E' of residuals (m, n): (b, d, n)."""
+        b, c, m = self.X.shape
+        return self.turn @ (self.X.reshape(b * c, m) @ rest).reshape(b, c, -1)
 
 
 def evidence(
@@ -114,7 +120,7 @@ def evidence(
                 beside[of] = np.minimum(beside[of], _deviance(part, rest, total, fits.free) + fits.cost[k])
                 if own is not None:
                     square = np.maximum(np.square(own).sum(axis=0), 1e-300)
-                    held[of] = np.square(part.E @ own).sum(axis=1) / square
+                    held[of] = np.square(part.along(own)).sum(axis=1) / square
     e = np.where(np.isfinite(beside), 0.5 * (without - beside), 0.0)
     return Evidence(e[:, 0], np.sort(e[:, 1:].max(axis=0)), held)
 
@@ -172,15 +178,13 @@ def _parts(blocks: Sequence[Array], fits: Reml, k: int) -> list[_Seen]:
         turn = vectors / np.sqrt(np.where(seen, values, np.inf))[:, None, :]
         d = int(seen.sum(axis=1).max(initial=0))
         if some.any():
-            E: Array = turn[some][:, :, :d].transpose(0, 2, 1) @ X[some]
-            out.append(_Seen(of[some], E, weight[some][:, :d]))
+            out.append(_Seen(of[some], X[some], turn[some][:, :, :d].transpose(0, 2, 1), weight[some][:, :d]))
     return out
 
 
 def _deviance(part: _Seen, rest: Array, total: Array, free: int, taus: Sequence[float] = tuple(TAUS)) -> Array:
     """The smallest dev (b, n) over tau of residuals (m, n), without what the noise costs."""
-    b, d, m = part.E.shape
-    square = np.square(part.E.reshape(b * d, m) @ rest).reshape(b, d, -1)
+    square = np.square(part.along(rest))
     grown = np.square(taus)[:, None] * part.weight[:, None, :]
     remaining = np.maximum(total - (grown / (1.0 + grown)) @ square, 1e-12 * total)
     price = np.exp(np.log1p(grown).sum(axis=2) / free)  # as a factor: one logarithm for all tau

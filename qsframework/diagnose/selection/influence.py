@@ -69,6 +69,6 @@ def _squares_without(case: Case, columns: Array, blocks: Indices, index: Indices
     second = np.where(same[:, None], len(r) - 1, blocks[index[:, 1]])
     at = np.concatenate([blocks[index[:, 0]], second], axis=1)
     out = np.empty(len(at))
-    for part, _, error in solved(Q * (1.0 - _RIDGE), at, r, -1.0):
+    for part, _, error in solved(Q * (1.0 - _RIDGE), at, r, None):
         out[part] = total - np.einsum("di,di->d", r[at[part]], error)
     return out
