@@ -99,16 +99,22 @@ def angle_figure(names: Sequence[str], angles: Array) -> Any:
 
 
 def _seriated(angles: Array) -> Indices:
-    """An order (G,) in which causes that look alike are neighbours."""
-    from scipy.cluster.hierarchy import leaves_list, linkage
-    from scipy.spatial.distance import squareform
-
-    if len(angles) < 3:
-        return np.arange(len(angles))
+    """An order (G,) in which causes that look alike are neighbours: groups by average linkage, joined at the ends that
+    are most alike."""
     apart = np.minimum(np.where(np.isfinite(angles), angles, 0.0), 0.5 * np.pi)
-    np.fill_diagonal(apart, 0.0)
-    tree = linkage(squareform(0.5 * (apart + apart.T), checks=False), "average", optimal_ordering=True)
-    return np.asarray(leaves_list(tree), dtype=np.intp)
+    groups: list[list[int]] = [[i] for i in range(len(apart))]
+    between = np.array(apart)  # mean angles between groups
+    while len(groups) > 1:
+        np.fill_diagonal(between, np.inf)
+        a, b = sorted(map(int, np.unravel_index(np.argmin(between), between.shape)))
+        first, second = groups[a], groups.pop(b)
+        share = len(first) / (len(first) + len(second))
+        between[a] = between[:, a] = share * between[a] + (1.0 - share) * between[b]
+        between = np.delete(np.delete(between, b, axis=0), b, axis=1)
+        ways = [(one, two) for one in (first, first[::-1]) for two in (second, second[::-1])]
+        one, two = min(ways, key=lambda way: float(apart[way[0][-1], way[1][0]]))
+        groups[a] = one + two
+    return np.array([i for group in groups for i in group], dtype=np.intp)
 
 
 def power_figure(foresight: Foresight, marked: Sequence[tuple[str, float]] = ()) -> Any:

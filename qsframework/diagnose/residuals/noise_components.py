@@ -19,8 +19,10 @@ REACH = 10.0
 """Columns are per typical size; a direction that not even ten of these lift above the noise needs no number."""
 FEWEST = 10
 """Degrees of freedom below which nothing is said about the noise."""
-_LARGEST = 1e3
-"""Largest shared sd that is looked for, in sds of a reading's own error."""
+_SMALLEST, _LARGEST = 1e-3, 1e3
+"""Shared sds that are looked for, in sds of a reading's own error."""
+_FINE, _FINER = 41, 5
+"""Places of the grid of them, and how often it is made finer: to a millionth."""
 _TOGETHER = 256
 """Columns that are taken beside the fit at once."""
 
@@ -138,8 +140,6 @@ def estimate(white: Array, basis: Basis, sigma: Array, measurement: Indices, sou
     Restricted maximum likelihood in the eigenvectors of what groups share beyond the columns: exact, and one
     decomposition does for all sizes. The test is the likelihood ratio on its boundary.
     """
-    from scipy.optimize import minimize_scalar
-
     left = basis.left(white)
     total = float(np.sum(left**2))
     plain = Size(total, basis.dof, 0.0, 1.0, source)
@@ -162,17 +162,17 @@ def estimate(white: Array, basis: Basis, sigma: Array, measurement: Indices, sou
     if basis.dof - len(lam) < FEWEST:
         return plain
 
-    def deviance(ratio: float) -> float:
-        grown = 1.0 + ratio**2 * lam
-        return float(basis.dof * np.log(rest + (square / grown).sum()) + np.log(grown).sum())
+    def deviance(ratio: Array) -> Array:
+        grown = 1.0 + ratio[:, None] ** 2 * lam
+        return np.asarray(basis.dof * np.log(rest + (square / grown).sum(axis=1)) + np.log(grown).sum(axis=1))
 
-    best = minimize_scalar(
-        lambda t: deviance(float(np.exp(t))),
-        bounds=(np.log(1e-3), np.log(_LARGEST)),
-        method="bounded",
-        options={"xatol": 1e-6},
-    )
-    ratio, gain = float(np.exp(best.x)), deviance(0.0) - float(best.fun)
+    ratios = np.geomspace(_SMALLEST, _LARGEST, _FINE)
+    for _ in range(_FINER):  # each time between the neighbours of the best
+        at = int(np.argmin(deviance(ratios)))
+        ratios = np.geomspace(ratios[max(at - 1, 0)], ratios[min(at + 1, _FINE - 1)], _FINE)
+    ratio = float(ratios[_FINE // 2])
+    without, beside = deviance(np.array([0.0, ratio])).tolist()
+    gain = without - beside
     p = 0.5 * float(chi2_sf(gain, 1)) if gain > 0.0 else 1.0
     own = rest + float((square / (1.0 + ratio**2 * lam)).sum())
     shared = ratio * typical * float(np.sqrt(own / basis.dof))

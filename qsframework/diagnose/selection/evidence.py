@@ -99,8 +99,8 @@ def evidence(
     measured (m,): readings that there are, None: all; draws: of the noise, 0: none."""
     count = len(blocks)
     found = int(fits.choose(values[:, None])[0])
-    places = _places(fits, found, len(values) > _LARGE // DRAWS)
     draws = min(draws, max(_LARGE // len(values), 100)) if count else 0
+    places = _places(fits, found, draws > 0, len(values) > _LARGE // DRAWS)
     drawn = null_draws(fits, found, values, draws, seed, measured)
     every = np.column_stack([values, drawn])
     held = np.zeros((count, 0 if effects is None else effects.shape[1]))
@@ -129,7 +129,7 @@ def prior_of(block: Array, fits: Reml, values: Array) -> float:
     """The sd of the coefficients of a block (m, k) m that its evidence for readings (m,) m is largest with."""
     found = int(fits.choose(values[:, None])[0])
     best, sd = np.inf, 0.0
-    for k in _places(fits, found, False):
+    for k in _places(fits, found, False, False):
         rest = fits.left(k, values)
         total = float(rest @ rest)
         for part in _parts([block], fits, k):
@@ -141,12 +141,15 @@ def prior_of(block: Array, fits: Reml, values: Array) -> float:
     return sd
 
 
-def _places(fits: Reml, found: int, many: bool) -> list[int]:
-    """Places of the grid of rho to look at: the one that was found alone where repeats told it."""
+def _places(fits: Reml, found: int, drawn: bool, many: bool) -> list[int]:
+    """Places of the grid of rho to look at: the one that was found alone where repeats told it; of the readings
+    themselves none far beyond it, for what a block explains can only have passed for that noise; near it of many."""
     if fits.by is not fits.Q:
         return [found]
     places = sorted({*range(0, len(fits.cost), _EVERY), found})
-    return [k for k in places if abs(k - found) <= _EVERY] if many else places
+    if drawn and not many:
+        return places
+    return [k for k in places if (found - _EVERY if many else 0) <= k <= found + _EVERY]
 
 
 def _batches(blocks: Sequence[Array]) -> list[tuple[int, int]]:

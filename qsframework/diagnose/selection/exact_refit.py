@@ -102,19 +102,17 @@ def _settled(seen: Bridge, priors: dict[str, float]) -> Settled:
         held = np.array([1.0 / sds[p.name] if p.name in sds else 0.0 for p in seen.parameters])
         observations = replace(observations, held=held)
     found = solve(observations, _PLAIN, seen.start, tolerance=_CLOSE)
-    x, frames = seen.values(found.x), seen.moved(found.x)
-    residuals = rows.padded(np.nan_to_num(rows.measured) - rows.predict(seen.model, x, frames, seen.linear))
-    white = rows.padded_noise.whiten(residuals.ravel())
+    white = np.zeros(rows.measured.size)
     jacobian = np.zeros((len(white), found.jacobian.shape[1]))
-    jacobian[rows.at] = found.jacobian
+    white[rows.at], jacobian[rows.at] = found.residuals, found.jacobian
     k = seen.motions
     return Settled(
         model=seen.model,
         names=seen.names,
-        frames=frames,
-        x=x,
+        frames=seen.moved(found.x),
+        x=seen.values(found.x),
         covariance=found.covariance[k:, k:],
-        residuals=residuals,
+        residuals=rows.padded_noise.colour(white).reshape(rows.measured.shape),
         white=white,
         jacobian=jacobian,
         chi2=float(white @ white),

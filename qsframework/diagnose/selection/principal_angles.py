@@ -54,19 +54,24 @@ class _Directions:
             cosine = np.where(self.sided[self.single], cosines[0, column], cosine)
         smallest[self.single] = np.arctan2(np.linalg.norm(left[:, column], axis=0), cosine)
         largest[self.single] = smallest[self.single]
-        for j in self.wide if whole or self.sizes[i] > 1 else ():
-            smallest[j], largest[j] = _extremes(cosines[:, self.at[j]], left[:, self.at[j]])
+        wide = self.wide if whole or self.sizes[i] > 1 else self.wide[:0]
+        for size in np.unique(self.sizes[wide]).tolist():
+            of = wide[self.sizes[wide] == size]
+            columns: Indices = self.first[of][:, None] + np.arange(size)
+            smallest[of], largest[of] = _extremes(cosines.T[columns], left.T[columns])
         smallest[i] = largest[i] = np.nan
         return smallest, largest
 
 
-def _extremes(cosines: Array, left: Array) -> tuple[float, float]:
-    """Smallest and largest principal angle from the products (k1, k2) of two bases and what the first leaves."""
+def _extremes(cosines: Array, left: Array) -> tuple[Array, Array]:
+    """Smallest and largest principal angles (n,) from the products (n, k2, k1) of one basis with n others of k2
+    directions, and what it leaves (n, k2, m) of these."""
+    (k2, k1), m = cosines.shape[1:], left.shape[2]
     cosine = np.linalg.svd(cosines, compute_uv=False)
-    sine = np.linalg.svd(left, compute_uv=False)[: left.shape[1]]
-    shared = min(cosines.shape)
-    most = sine[left.shape[1] - shared] if len(sine) == left.shape[1] else sine[0]
-    return float(np.arctan2(sine[-1], cosine[0])), float(np.arctan2(most, cosine[shared - 1]))
+    sine = np.linalg.svd(left, compute_uv=False)
+    shared = min(k1, k2)
+    most = sine[:, k2 - shared] if m >= k2 else sine[:, 0]
+    return np.arctan2(sine[:, -1], cosine[:, 0]), np.arctan2(most, cosine[:, shared - 1])
 
 
 def angle_matrix(subspaces: Sequence[Subspace], largest: bool = False) -> Array:

@@ -116,35 +116,49 @@ class Gram:
         """G and c of all directions after a subset has taken its part."""
         if not len(members):
             return self.G, self.c
-        index, W = self._taken(members)
+        (index,), (W,) = self._taken([members])
         return self.G - self.G[:, index] @ W[:, :-1], self.c - self.G[:, index] @ W[:, -1]
 
-    def _taken(self, members: Sequence[int]) -> tuple[Indices, Array]:
-        """Directions (k,) of a subset, and what of all directions and the residuals they hold (k, K + 1)."""
-        index = np.concatenate([np.zeros(0, dtype=np.intp), *(self.at[i] for i in members)])
-        W = np.linalg.solve(self._own(index), np.column_stack([self.G[index], self.c[index]]))
+    def _taken(self, subsets: Sequence[Sequence[int]]) -> tuple[Indices, Array]:
+        """Directions (n, k) of subsets that have as many, and what of all directions and the residuals they hold
+        (n, k, K + 1)."""
+        none = np.zeros(0, dtype=np.intp)
+        index: Indices = np.array([np.concatenate([none, *(self.at[i] for i in s)]) for s in subsets], dtype=np.intp)
+        own = self.G[index[:, :, None], index[:, None, :]] + _RIDGE * np.eye(index.shape[1])
+        W = np.linalg.solve(own, np.concatenate([self.G[index], self.c[index][..., None]], axis=2))
         return index, np.asarray(W, dtype=np.float64)
 
     def falls(self, members: Sequence[int], others: Sequence[int]) -> Array:
         """By how much each other cause lowers the squares beside a subset (len(others),)."""
-        out = np.zeros(len(others))
-        if not len(others):
+        return self.falls_beside([members], others)[0]
+
+    def falls_beside(self, subsets: Sequence[Sequence[int]], others: Sequence[int]) -> Array:
+        """The same beside each of n subsets (n, len(others)); no cause does anything beside itself."""
+        out = np.zeros((len(subsets), len(others)))
+        if not out.size:
             return out
-        index, W = self._taken(members)
         chosen = np.asarray(others, dtype=np.intp)
-        for size in map(int, np.unique(self.sizes[chosen])):
-            of = np.flatnonzero(self.sizes[chosen] == size)
-            at: Indices = self._first[chosen[of]][:, None] + np.arange(size)
-            taken = self.G[at][:, :, index]
-            c = self.c[at] - taken @ W[:, -1]
-            part = self.G[at[:, :, None], at[:, None, :]] - taken @ W[:, at].transpose(1, 0, 2)
-            if size == 1:
-                d = part[:, 0, 0]
-                out[of] = np.where(d > _FLOOR, np.square(c[:, 0]) / np.maximum(d, _FLOOR), 0.0)
-            else:
-                solved = np.linalg.solve(part + _FLOOR * np.eye(size), c[..., None])
-                out[of] = (c * solved[..., 0]).sum(axis=1)
+        used = np.array([sum(len(self.at[i]) for i in s) for s in subsets])
+        for k in map(int, np.unique(used)):
+            rows = np.flatnonzero(used == k)
+            index, W = self._taken([subsets[r] for r in rows.tolist()])
+            for size in map(int, np.unique(self.sizes[chosen])):
+                of = np.flatnonzero(self.sizes[chosen] == size)
+                at: Indices = self._first[chosen[of]][:, None] + np.arange(size)
+                taken = self.G[at[None, :, :, None], index[:, None, None, :]]
+                c = self.c[at] - np.einsum("nosk,nk->nos", taken, W[:, :, -1])
+                part = self.G[at[:, :, None], at[:, None, :]] - taken @ W[:, :, at].transpose(0, 2, 1, 3)
+                out[np.ix_(rows, of)] = _fall(part, c)
         return out
+
+
+def _fall(G: Array, c: Array) -> Array:
+    """c' G^-1 c (...,) of directions (..., s, s) that may be hardly anything beside others."""
+    if G.shape[-1] == 1:
+        d = G[..., 0, 0]
+        return np.where(d > _FLOOR, np.square(c[..., 0]) / np.maximum(d, _FLOOR), 0.0)
+    solved = np.linalg.solve(G + _FLOOR * np.eye(G.shape[-1]), c[..., None])
+    return np.asarray((c * solved[..., 0]).sum(axis=-1))
 
 
 def make_gram(
@@ -179,7 +193,8 @@ def search(gram: Gram, classes: Sequence[int], largest: int = LARGEST) -> list[S
     grown: list[Subset] = [Subset((), gram.total, 0, 0.0)]
     for size in range(1, min(largest, len(choice)) + 1):
         others: list[Flags] = [~np.isin(choice, start.members) for start in grown]
-        rss = [s.rss - gram.falls(s.members, choice[o].tolist()) for s, o in zip(grown, others, strict=True)]
+        falls = gram.falls_beside([s.members for s in grown], choice.tolist())
+        rss = [s.rss - fall[o] for s, fall, o in zip(grown, falls, others, strict=True)]
         dof: list[Indices] = [s.dof + gram.sizes[choice[o]] for s, o in zip(grown, others, strict=True)]
         of = np.repeat(np.arange(len(grown), dtype=np.intp), [int(o.sum()) for o in others])
         more: Indices = np.concatenate([choice[o] for o in others])
