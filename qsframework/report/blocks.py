@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
+
+from qsframework.report.plots import Plot
 
 
 class Mark(Enum):
@@ -53,12 +54,12 @@ class Table:
 
 @dataclass(frozen=True)
 class Figure:
-    """A plotly figure; `caption` says what to look for, `table` its numbers, read off its traces unless given.
+    """A plot; `caption` says what to look for, `table` its numbers, read off its traces unless given.
 
     wide: takes the whole width of the page. Points whose `customdata` are names of poses lead to the pose in a view.
     """
 
-    figure: Any
+    figure: Plot
     caption: str
     table: Table | None = None
     wide: bool = False

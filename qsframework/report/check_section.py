@@ -82,7 +82,8 @@ def _sizes(rows: list[int], size: list[float], marker: list[str], used: list[str
     for name in dict.fromkeys(marker):
         at = [i for i, m in enumerate(marker) if m == name]
         symbols = ["circle" if used[i] == "yes" else "x" for i in at]
-        figure.add_scatter(
+        figure.add(
+            "scatter",
             x=[rows[i] for i in at],
             y=[size[i] for i in at],
             mode="markers",

@@ -136,7 +136,8 @@ def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) ->
         grid = cells.reshape(len(task.map_z), len(task.map_x))
         z = [[float(np.log10(v)) if np.isfinite(v) else None for v in row] for row in grid]
         said = [[float(v) if np.isfinite(v) else None for v in row] for row in grid]
-        figure.add_heatmap(
+        figure.add(
+            "heatmap",
             x=task.map_x.tolist(),
             y=task.map_z.tolist(),
             z=z,
@@ -146,7 +147,8 @@ def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) ->
             customdata=said,
             hovertemplate="x %{x:.2f} m, z %{y:.2f} m: %{customdata:.3g} " + unit + "<extra></extra>",
         )
-        figure.add_scatter(
+        figure.add(
+            "scatter",
             x=task.points[:, 0].tolist(),
             y=task.points[:, 2].tolist(),
             mode="markers",
@@ -156,16 +158,16 @@ def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) ->
             marker={"color": "black", "size": 5, "symbol": "x"},
             hovertemplate="the path<extra></extra>",
         )
-        figure.update_xaxes(title_text="x, m", row=1, col=k)
-    figure.update_yaxes(title_text="z, m", row=1, col=1)
+        figure.axis("x", col=k, title={"text": "x, m"})
+    figure.axis("y", title={"text": "z, m"})
     ticks = _ticks(np.concatenate(values))
-    bar = {"title": unit, "tickvals": np.log10(ticks).tolist(), "ticktext": [f"{v:g}" for v in ticks]}
-    figure.update_layout(
+    bar = {"title": {"text": unit}, "tickvals": np.log10(ticks).tolist(), "ticktext": [f"{v:g}" for v in ticks]}
+    figure.update(
         plot_bgcolor="#ddd",
         coloraxis={"colorscale": "Cividis", "reversescale": True, "colorbar": bar},
     )
-    figure.update_xaxes(showgrid=False, zeroline=False)
-    figure.update_yaxes(showgrid=False, zeroline=False)
+    for letter in "xy":
+        figure.axes(letter, showgrid=False, zeroline=False)
     return figure
 
 
@@ -196,5 +198,5 @@ def path_figure(result: Comparison) -> Any:
             y = [float(v * 1e3) if np.isfinite(v) else None for v in values]
             mark = {"symbol": SYMBOLS[k % len(SYMBOLS)]}
             line = {"dash": dash, "color": COLOURS[k % len(COLOURS)]}
-            figure.add_scatter(x=points, y=y, mode="lines+markers", line=line, marker=mark, name=name)
-    return figure.update_layout(yaxis_type="log")
+            figure.add("scatter", x=points, y=y, mode="lines+markers", line=line, marker=mark, name=name)
+    return figure.update(yaxis={"type": "log"})

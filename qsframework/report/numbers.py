@@ -8,23 +8,24 @@ from itertools import pairwise
 from typing import Any
 
 from qsframework.report.blocks import Table
+from qsframework.report.plots import Plot
 
 _CURVE = 60
 """A line of more points than this is a smooth curve: about this many of them are told."""
 _MARKUP = re.compile(r"<[^>]+>")
 
 
-def figure_table(figure: Any) -> Table:
-    """Every number of a plotly figure's traces: series side by side where they share their x, else one after another.
+def figure_table(figure: Plot) -> Table:
+    """Every number of a plot's traces: series side by side where they share their x, else one after another.
 
     Heat maps become a matrix. Columns carry the titles of the axes.
     """
-    traces = [t for t in figure.data if t.type != "heatmap"]
-    maps = [t for t in figure.data if t.type == "heatmap"]
+    traces = [t for t in figure.data if t["type"] != "heatmap"]
+    maps = [t for t in figure.data if t["type"] == "heatmap"]
     if maps:
         return _matrix(maps[0])
     series = [_Series(t, i) for i, t in enumerate(traces)]
-    x, y = _title(figure.layout.xaxis) or "x", _title(figure.layout.yaxis) or "y"
+    x, y = _title(figure, "xaxis") or "x", _title(figure, "yaxis") or "y"
     note = "" if not any(s.thinned for s in series) else "Of smooth curves some points are listed."
     if all(a.x == b.x for a, b in pairwise(series)):
         rows = zip(series[0].x, *(s.y for s in series), strict=True)
@@ -39,25 +40,26 @@ def figure_table(figure: Any) -> Table:
 class _Series:
     """One trace: its name and its points as lists."""
 
-    def __init__(self, trace: Any, number: int) -> None:
-        self.name = _plain(trace.name or f"series {number + 1}")
-        x, y = list(trace.x if trace.x is not None else range(1, len(trace.y) + 1)), list(trace.y)
-        self.thinned = getattr(trace, "mode", None) == "lines" and len(x) > _CURVE
+    def __init__(self, trace: dict[str, Any], number: int) -> None:
+        self.name = _plain(trace.get("name") or f"series {number + 1}")
+        y = list(trace["y"])
+        x = list(trace.get("x", range(1, len(y) + 1)))
+        self.thinned = trace.get("mode") == "lines" and len(x) > _CURVE
         step = -(-len(x) // _CURVE) if self.thinned else 1
         self.x, self.y = [_plain(v) for v in x[::step]], y[::step]
 
 
-def _matrix(trace: Any) -> Table:
+def _matrix(trace: dict[str, Any]) -> Table:
     """A heat map with its labels."""
-    shown = trace.z if trace.customdata is None else trace.customdata
-    header = ("", *(_plain(str(v)) for v in trace.x))
+    shown = trace.get("customdata", trace["z"])
+    header = ("", *(_plain(str(v)) for v in trace["x"]))
     return Table(
-        header, tuple((_plain(str(label)), *map(_cell, row)) for label, row in zip(trace.y, shown, strict=True))
+        header, tuple((_plain(str(label)), *map(_cell, row)) for label, row in zip(trace["y"], shown, strict=True))
     )
 
 
-def _title(axis: Any) -> str:
-    return _plain(axis.title.text or "")
+def _title(figure: Plot, axis: str) -> str:
+    return str(_plain(figure.layout[axis].get("title", {}).get("text", "")))
 
 
 def _plain(value: Any) -> Any:

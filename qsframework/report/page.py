@@ -13,6 +13,7 @@ from typing import Any
 
 from qsframework.report.blocks import Block, Figure, Lines, Section, Table, Text, Verdict, View
 from qsframework.report.numbers import figure_table
+from qsframework.report.plots import Plot
 from qsframework.report.printed import write_page
 
 __all__ = ["Block", "Figure", "Lines", "Section", "Table", "Text", "Verdict", "View", "write_report"]
@@ -88,16 +89,15 @@ def _block(block: Block, name: str) -> dict[str, Any]:
     return {**inside, "rows": rows, "printed": rows <= _PRINTED, "caption": block.caption, "table": _table(numbers)}
 
 
-def _drawn(figure: Any) -> dict[str, str]:
+def _drawn(figure: Plot) -> dict[str, str]:
     """A figure as JSON that may stand inside a script; its title, which the page sets, so that it breaks and is read
     aloud like others; and its height, so that nothing jumps when it is drawn."""
-    from plotly.io import to_json
-
-    title = figure.layout.title.text or ""
-    drawn = figure.to_plotly_json()
-    layout = {name: value for name, value in drawn["layout"].items() if name != "title"}
-    json = to_json({**drawn, "layout": layout}, validate=False).replace("<", "\\u003c")
-    return {"title": html.unescape(title), "json": json, "height": str(figure.layout.height or 360)}
+    title = figure.layout["title"]["text"]
+    return {
+        "title": html.unescape(title),
+        "json": figure.json().replace("<", "\\u003c"),
+        "height": str(figure.layout["height"]),
+    }
 
 
 def _packed(page: str) -> str:

@@ -1,9 +1,20 @@
-"""How every plot of a report looks: Okabe and Ito's colours, each with a symbol, and one template."""
+"""How every plot of a report looks: Okabe and Ito's colours, each with a symbol, and one template.
+
+A plot is written as Plotly's JSON (plotly.com/javascript/reference), which the page's own Plotly.js draws: a command
+need not load the package plotly for it, which takes longer than most fits.
+"""
 
 from __future__ import annotations
 
+import base64
 import html
-from typing import Any
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
 
 from qsframework.plugin import Array
 
@@ -53,12 +64,95 @@ TEMPLATE: dict[str, Any] = {
 }
 
 
-def blank(title: str, x: str, y: str, height: int = 360) -> Any:
-    """An empty figure with its title and those of its axes."""
-    import plotly.graph_objects as go
+@dataclass(frozen=True, eq=False)
+class Plot:
+    """Traces and a layout that grow while a plot is drawn; across: how many plots stand in a row."""
 
-    axes = {"xaxis": {"title": {"text": x}}, "yaxis": {"title": {"text": y}}}
-    return go.Figure(layout={"title": {"text": html.escape(title)}, **axes, "template": TEMPLATE, "height": height})
+    data: list[dict[str, Any]]
+    layout: dict[str, Any]
+    across: int = 1
+
+    def add(self, kind: str, row: int = 1, col: int = 1, **trace: Any) -> None:
+        """A trace of a kind, in the plot of a row and column."""
+        number = self._number(row, col)
+        axes = {"xaxis": f"x{number}", "yaxis": f"y{number}"} if "xaxis2" in self.layout else {}
+        self.data.append({"type": kind, **trace, **axes})
+
+    def update(self, **layout: Any) -> Plot:
+        """Settings of the layout, beside what is there."""
+        _merge(self.layout, layout)
+        return self
+
+    def axis(self, letter: str, row: int = 1, col: int = 1, **settings: Any) -> None:
+        """Settings of the x or y axis of one plot."""
+        _merge(self.layout[f"{letter}axis{self._number(row, col)}"], settings)
+
+    def axes(self, letter: str, **settings: Any) -> None:
+        """Settings of all x or y axes."""
+        for name in [n for n in self.layout if n.startswith(f"{letter}axis")]:
+            _merge(self.layout[name], settings)
+
+    def line(self, letter: str, value: float, line: dict[str, Any], said: str = "") -> None:
+        """A straight line at one value of x or y, through the whole plot, with a word at its end."""
+        other = "y" if letter == "x" else "x"
+        ends = {f"{letter}0": value, f"{letter}1": value, f"{other}0": 0, f"{other}1": 1}
+        refs = {f"{letter}ref": letter, f"{other}ref": f"{other} domain"}
+        self.layout.setdefault("shapes", []).append({"type": "line", "line": line, **ends, **refs})
+        if said:
+            side = {"xanchor": "left", "yanchor": "top"} if letter == "x" else {"xanchor": "right", "yanchor": "bottom"}
+            where = {letter: value, other: 1, **side, **refs}
+            self.layout.setdefault("annotations", []).append({"text": said, "showarrow": False, **where})
+
+    def json(self) -> str:
+        """As JSON, without its title, which the page sets; whoever puts it inside a script escapes it."""
+        layout = {name: value for name, value in self.layout.items() if name != "title"}
+        return json.dumps(_plain({"data": self.data, "layout": layout}), allow_nan=False)
+
+    def figure(self) -> Any:
+        """A `plotly.graph_objects.Figure`, which checks every property."""
+        from plotly.graph_objects import Figure
+
+        return Figure(cast(Any, {"data": self.data, "layout": self.layout}))
+
+    def _number(self, row: int, col: int) -> str:
+        """What the names of a plot's axes end with."""
+        number = (row - 1) * self.across + col
+        return "" if number == 1 else str(number)
+
+
+def _merge(into: dict[str, Any], settings: dict[str, Any]) -> None:
+    for name, value in settings.items():
+        if isinstance(value, dict) and isinstance(into.get(name), dict):
+            _merge(into[name], cast(dict[str, Any], value))
+        else:
+            into[name] = value
+
+
+def _plain(value: Any) -> Any:
+    """What JSON can hold: numbers of an array in Plotly's packed form, and nothing in place of what is no number."""
+    if isinstance(value, dict):
+        return {name: _plain(inner) for name, inner in cast(dict[str, Any], value).items()}
+    if isinstance(value, np.ndarray):
+        array = cast(npt.NDArray[Any], value)
+        return _packed(array) if array.dtype == np.float64 else array.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in cast(Sequence[Any], value)]
+    if isinstance(value, float):
+        return float(value) if np.isfinite(value) else None
+    return value
+
+
+def _packed(numbers: Array) -> dict[str, str]:
+    """Numbers as Plotly packs them: the bytes of doubles."""
+    data = base64.b64encode(np.where(np.isfinite(numbers), numbers, np.nan).astype("<f8").tobytes()).decode()
+    shape = {} if numbers.ndim == 1 else {"shape": ", ".join(map(str, numbers.shape))}
+    return {"dtype": "f8", "bdata": data, **shape}
+
+
+def blank(title: str, x: str, y: str, height: int = 360) -> Plot:
+    """An empty plot with its title and those of its axes."""
+    axes: dict[str, Any] = {"xaxis": {"title": {"text": x}}, "yaxis": {"title": {"text": y}}}
+    return Plot([], {"title": {"text": html.escape(title)}, **axes, "template": TEMPLATE, "height": height})
 
 
 def panels(
@@ -69,21 +163,34 @@ def panels(
     height: int,
     spacing: float | None = None,
     shared: bool = True,
-) -> Any:
+) -> Plot:
     """Empty plots in rows and columns under one title; shared: all of a row have one y axis."""
-    from plotly.subplots import make_subplots
-
-    figure = make_subplots(
-        rows=rows, cols=columns, shared_yaxes=shared, subplot_titles=titles, horizontal_spacing=spacing
-    )
-    legend = {"orientation": "h", "x": 0, "y": 1.0 + 30.0 / height, "yanchor": "bottom"}
-    return figure.update_layout(
-        title={"text": html.escape(title)},
-        template=TEMPLATE,
-        height=height,
-        margin={"t": 76},
-        legend=legend,
-    )
+    between = 0.2 / columns if spacing is None else spacing
+    above = 0.5 / rows
+    wide, tall = (1.0 - between * (columns - 1)) / columns, (1.0 - above * (rows - 1)) / rows
+    layout: dict[str, Any] = {}
+    over: list[dict[str, Any]] = []
+    for k, said in enumerate(titles[: rows * columns]):
+        row, col = divmod(k, columns)
+        left, top = col * (wide + between), 1.0 - row * (tall + above)
+        number = "" if k == 0 else str(k + 1)
+        layout[f"xaxis{number}"] = {"anchor": f"y{number}", "domain": [left, left + wide]}
+        y: dict[str, Any] = {"anchor": f"x{number}", "domain": [max(top - tall, 0.0), top]}
+        first = k - col + 1
+        if shared and col:
+            y |= {"matches": "y" if first == 1 else f"y{first}", "showticklabels": False}
+        layout[f"yaxis{number}"] = y
+        place = {"x": left + 0.5 * wide, "xanchor": "center", "y": top, "yanchor": "bottom"}
+        over.append({"text": said, "font": {"size": 16}, "showarrow": False, "xref": "paper", "yref": "paper", **place})
+    layout |= {
+        "annotations": over,
+        "title": {"text": html.escape(title)},
+        "template": TEMPLATE,
+        "height": height,
+        "margin": {"t": 76},
+        "legend": {"orientation": "h", "x": 0, "y": 1.0 + 30.0 / height, "yanchor": "bottom"},
+    }
+    return Plot([], layout, columns)
 
 
 def plotted(values: Array) -> list[float | None]:

@@ -78,7 +78,8 @@ def angle_figure(names: Sequence[str], angles: Array) -> Any:
     shown = np.minimum(np.rad2deg(angles[np.ix_(order, order)]), 90.0)
     labels = [html.escape(names[int(i)]) for i in order]
     figure = blank("Angles between causes", "", "")
-    figure.add_heatmap(
+    figure.add(
+        "heatmap",
         z=shown,
         x=labels,
         y=labels,
@@ -90,7 +91,7 @@ def angle_figure(names: Sequence[str], angles: Array) -> Any:
     )
     size = max(420, 200 + 11 * len(order)) if len(order) <= _LABELS else 1100
     every = {"tickfont": {"size": 8}, "showticklabels": len(order) <= _LABELS, "automargin": True}
-    figure.update_layout(
+    figure.update(
         height=size,
         xaxis={**every, "tickangle": 90, "dtick": 1},
         yaxis={**every, "autorange": "reversed", "dtick": 1},
@@ -122,10 +123,10 @@ def power_figure(foresight: Foresight, marked: Sequence[tuple[str, float]] = ())
     figure = blank("Chance of detection", "s: visible size in units of noise", "detected, %")
     for i, curve in enumerate(foresight.curves):
         line, name = {"dash": DASHES[i % len(DASHES)]}, html.escape(curve_words(curve))
-        figure.add_scatter(x=curve.s, y=100.0 * curve.rate, mode="lines", line=line, name=name)
-    figure.add_hline(y=100.0 * foresight.power, line={"color": GREY, "width": 1, "dash": "dot"})
+        figure.add("scatter", x=curve.s, y=100.0 * curve.rate, mode="lines", line=line, name=name)
+    figure.line("y", 100.0 * foresight.power, line={"color": GREY, "width": 1, "dash": "dot"})
     for name, s in marked:
-        figure.add_vline(x=s, line={"color": GREY, "width": 1}, annotation_text=html.escape(name))
+        figure.line("x", s, line={"color": GREY, "width": 1}, said=html.escape(name))
     return figure
 
 

@@ -86,10 +86,10 @@ def truth_table(result: Simulation) -> Table:
 
 def _bars(experiment: Experiment, plan: Plan, moved: Array, sigma: float) -> Any:
     figure = blank("Displacement of the markers", "pose", "length, mm")
-    figure.update_layout(barmode="group", xaxis_type="category")
+    figure.update(barmode="group", xaxis={"type": "category"})
     sizes = 1e3 * np.linalg.norm(moved, axis=2)
     poses = [html.escape(p) for p in plan.pose]
     for k, marker in enumerate(experiment.markers):
-        figure.add_bar(x=poses, y=sizes[:, k].tolist(), name=html.escape(marker.name))
-    figure.add_hline(y=sigma, line={"color": GREY, "dash": "dot"}, annotation_text="noise")
+        figure.add("bar", x=poses, y=sizes[:, k].tolist(), name=html.escape(marker.name))
+    figure.line("y", sigma, line={"color": GREY, "dash": "dot"}, said="noise")
     return figure

@@ -73,7 +73,8 @@ def _by_row(found: Validation) -> Any:
     whole = np.flatnonzero(np.isfinite(found.whole.errors).all(axis=1))
     size = np.linalg.norm(found.whole.errors[whole], axis=1) * 1e3
     poses = [html.escape(found.poses[int(i)]) for i in whole]
-    figure.add_scatter(
+    figure.add(
+        "scatter",
         x=found.lines[whole].tolist(),
         y=size.tolist(),
         mode="markers",

@@ -142,20 +142,20 @@ def test_loads_that_tell_nothing_are_said(task: Task) -> None:
 
 def test_the_figures_hold_the_numbers(result: Comparison, task: Task) -> None:
     figure = heat_maps(result, [r.deflection * 1e3 for r in result.robots], "mm", "Deflection")
-    maps = [t for t in figure.data if t.type == "heatmap"]
+    maps = [t for t in figure.data if t["type"] == "heatmap"]
     assert len(maps) == 2
     for trace, r in zip(maps, result.robots, strict=True):
-        assert trace.coloraxis == "coloraxis", "one scale for all"
-        shown = np.array([[np.nan if v is None else v for v in row] for row in trace.z])
+        assert trace["coloraxis"] == "coloraxis", "one scale for all"
+        shown = np.array([[np.nan if v is None else v for v in row] for row in trace["z"]])
         expected = r.deflection.reshape(len(task.map_z), len(task.map_x)) * 1e3
         assert np.allclose(shown, np.log10(expected), equal_nan=True)
-        assert np.allclose(np.array(trace.customdata, dtype=float), expected, equal_nan=True)
-    bar = figure.layout.coloraxis.colorbar
-    assert np.allclose([float(t) for t in bar.ticktext], 10.0 ** np.array(bar.tickvals))
-    assert len(bar.ticktext) > 1
+        assert np.allclose(np.array(trace["customdata"], dtype=float), expected, equal_nan=True)
+    bar = figure.layout["coloraxis"]["colorbar"]
+    assert np.allclose([float(t) for t in bar["ticktext"]], 10.0 ** np.array(bar["tickvals"]))
+    assert len(bar["ticktext"]) > 1
     lines = path_figure(result).data
-    assert np.allclose(lines[0].y, result.robots[0].task * 1e3)
-    assert np.allclose(lines[3].y, result.robots[1].after * 1e3)
+    assert np.allclose(lines[0]["y"], result.robots[0].task * 1e3)
+    assert np.allclose(lines[3]["y"], result.robots[1].after * 1e3)
 
 
 TEXT = """title: t

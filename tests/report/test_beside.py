@@ -38,9 +38,9 @@ def test_one_arm_measured_twice_and_one_that_changed(fits: list[Fit]) -> None:
 
 
 def test_the_plot_has_both(fits: list[Fit]) -> None:
-    names = [t.name for t in fit_figures(fits[0], stored(fits[1]))[0].figure.data]
+    names = [t["name"] for t in fit_figures(fits[0], stored(fits[1]))[0].figure.data]
     assert "the other fit" in names
-    assert "the other fit" not in [t.name for t in fit_figures(fits[0])[0].figure.data]
+    assert "the other fit" not in [t["name"] for t in fit_figures(fits[0])[0].figure.data]
 
 
 def test_the_command_shows_them(tmp_path: Path) -> None:

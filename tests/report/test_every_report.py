@@ -102,6 +102,17 @@ def test_every_figure_has_its_sentence_and_its_numbers(reports: Reports, name: s
 
 
 @pytest.mark.parametrize("name", COMMANDS)
+def test_every_plot_has_properties_that_plotly_knows(reports: Reports, name: str) -> None:
+    """`qsframework.report.plots` writes Plotly's JSON by itself: the package checks every property and value of it."""
+    from plotly.graph_objects import Figure
+
+    drawn = re.findall(r'<script type="application/json" id="figure[^>]*>(.*?)</script>', reports.text(name), re.DOTALL)
+    assert len(drawn) == len(re.findall(r'class="plotly-graph-div"', reports.text(name)))
+    for text in drawn:
+        assert Figure(json.loads(text)).data
+
+
+@pytest.mark.parametrize("name", COMMANDS)
 def test_every_report_says_how_it_was_computed(reports: Reports, name: str) -> None:
     text = reports.text(name)
     own = text.rpartition("How this was computed</h2>")[2]
@@ -276,22 +287,23 @@ def test_the_bundle_is_the_one_that_its_page_names() -> None:
 
 
 def test_the_numbers_of_a_figure_are_those_of_its_traces() -> None:
-    import plotly.graph_objects as go
-
     from qsframework.report.numbers import figure_table
+    from qsframework.report.plots import blank
 
-    figure = go.Figure(layout={"xaxis": {"title": {"text": "x, m"}}, "yaxis": {"title": {"text": "y, mm"}}})
-    figure.add_scatter(x=[1, 2], y=[3.0, None], name="<b>a</b>")
+    figure = blank("", "x, m", "y, mm")
+    figure.add("scatter", x=[1, 2], y=[3.0, None], name="<b>a</b>")
     assert figure_table(figure).rows == (("1", "3"), ("2", "-"))
-    figure.add_bar(x=[1, 2], y=[5.0, 6.0], name="b")
+    figure.add("bar", x=[1, 2], y=[5.0, 6.0], name="b")
     together = figure_table(figure)
     assert together.header[0] == "x, m"
     assert together.rows == (("1", "3", "5"), ("2", "-", "6"))
-    figure.add_scatter(x=list(range(1000)), y=list(range(1000)), mode="lines", name="curve")
+    figure.add("scatter", x=list(range(1000)), y=list(range(1000)), mode="lines", name="curve")
     apart = figure_table(figure)
     assert apart.header == ("series", "x, m", "y, mm")
     assert 30 < len([r for r in apart.rows if r[0] == "curve"]) <= 60
     assert "some points" in apart.caption
-    heat = figure_table(go.Figure(go.Heatmap(x=["p", "q"], y=["r"], z=[[1.5, np.nan]])))
+    figure = blank("", "", "")
+    figure.add("heatmap", x=["p", "q"], y=["r"], z=[[1.5, np.nan]])
+    heat = figure_table(figure)
     assert heat.header == ("", "p", "q")
     assert heat.rows == (("r", "1.5", "-"),)

@@ -166,11 +166,11 @@ def estimate(white: Array, basis: Basis, sigma: Array, measurement: Indices, sou
         grown = 1.0 + ratio[:, None] ** 2 * lam
         return np.asarray(basis.dof * np.log(rest + (square / grown).sum(axis=1)) + np.log(grown).sum(axis=1))
 
-    ratios = np.geomspace(_SMALLEST, _LARGEST, _FINE)
+    ratio, low, high = 0.0, _SMALLEST, _LARGEST
     for _ in range(_FINER):  # each time between the neighbours of the best
+        ratios = np.geomspace(low, high, _FINE)
         at = int(np.argmin(deviance(ratios)))
-        ratios = np.geomspace(ratios[max(at - 1, 0)], ratios[min(at + 1, _FINE - 1)], _FINE)
-    ratio = float(ratios[_FINE // 2])
+        low, ratio, high = (float(ratios[k]) for k in (max(at - 1, 0), at, min(at + 1, _FINE - 1)))
     without, beside = deviance(np.array([0.0, ratio])).tolist()
     gain = without - beside
     p = 0.5 * float(chi2_sf(gain, 1)) if gain > 0.0 else 1.0

@@ -55,7 +55,7 @@ class _Directions:
         smallest[self.single] = np.arctan2(np.linalg.norm(left[:, column], axis=0), cosine)
         largest[self.single] = smallest[self.single]
         wide = self.wide if whole or self.sizes[i] > 1 else self.wide[:0]
-        for size in np.unique(self.sizes[wide]).tolist():
+        for size in map(int, np.unique(self.sizes[wide])):
             of = wide[self.sizes[wide] == size]
             columns: Indices = self.first[of][:, None] + np.arange(size)
             smallest[of], largest[of] = _extremes(cosines.T[columns], left.T[columns])
