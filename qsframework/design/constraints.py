@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -235,18 +235,20 @@ def _check_sight(experiment: Experiment, placed: Frames) -> Flags:
 def _check_torques(experiment: Experiment, model: Model, poses: Poses) -> dict[str, Flags]:
     """The constraints on torques, under no load and every load of the experiment."""
     limits, robot = experiment.constraints, experiment.robot
+    wrenches = [load.wrench for load in experiment.loads]
     allowed: dict[str, Flags] = {}
     if limits.flip_margin is not None:
-        allowed["flip_margin"] = np.ones(len(poses), dtype=bool)
-        for load in experiment.loads:
-            allowed["flip_margin"] &= flip_margin(model, _under(poses, load.wrench)) >= limits.flip_margin
+        margin = flip_margin(model, _under(poses, wrenches)).reshape(len(wrenches), len(poses))
+        allowed["flip_margin"] = np.all(margin >= limits.flip_margin, axis=0)
     if limits.load_capacity and robot.torque_limits is not None:
-        allowed["load_capacity"] = np.ones(len(poses), dtype=bool)
-        for wrench in (np.zeros(6), *(load.wrench for load in experiment.loads)):
-            torque = np.abs(actuator_torques(model, _under(poses, wrench)))
-            allowed["load_capacity"] &= (torque <= robot.torque_limits).all(axis=1)
+        torque = np.abs(actuator_torques(model, _under(poses, [np.zeros(6), *wrenches])))
+        light = (torque <= robot.torque_limits).all(axis=1)
+        allowed["load_capacity"] = np.all(light.reshape(1 + len(wrenches), len(poses)), axis=0)
     return allowed
 
 
-def _under(poses: Poses, wrench: Array) -> Poses:
-    return Poses(poses.pendant, poses.q, np.tile(wrench, (len(poses), 1)))
+def _under(poses: Poses, wrenches: Sequence[Array]) -> Poses:
+    """All poses under each of several loads, load by load."""
+    count = len(wrenches)
+    loaded = np.repeat(np.reshape(wrenches, (count, 6)), len(poses), axis=0)
+    return Poses(np.tile(poses.pendant, (count, 1)), np.tile(poses.q, (count, 1)), loaded)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -42,7 +43,10 @@ class Quotas:
 
 @dataclass(frozen=True, eq=False)
 class _Board:
-    """Everything an exchange looks at: rows (N, S, k, p), M_i (N, S, p, p), M0, the rule and the quotas."""
+    """Everything an exchange looks at: rows (N, S, k, p), M_i (N, S, p, p), M0, the rule and the quotas.
+
+    known: the best candidates that were found beside other poses of a plan, which many starts come to
+    """
 
     rows: Array
     moments: Array
@@ -50,6 +54,7 @@ class _Board:
     rule: Robust
     quotas: Quotas
     slots: tuple[int, ...]
+    known: dict[tuple[bytes, int, bool], tuple[int, float]] = field(default_factory=dict[Any, Any])
 
     def information(self, chosen: Indices) -> Array:
         return self.prior + self.moments[chosen].sum(axis=0)
@@ -161,7 +166,11 @@ def _climb(board: _Board, chosen: Indices) -> tuple[Indices, float]:
         for slot, group in enumerate(board.slots):
             if tried.get(slot, False) or (slot in tried and not thorough):
                 continue
-            pick, trial = _best(board, chosen, slot, group, ridge, thorough)
+            others = np.sort(np.delete(chosen, slot))  # in one order, so that a plan has one value to the last bit
+            asked = (others.tobytes(), group, thorough)
+            if asked not in board.known:
+                board.known[asked] = _best(board, others, group, ridge, thorough)
+            pick, trial = board.known[asked]
             if trial < value * (1.0 - 1e-10):
                 chosen[slot], value, improved = pick, trial, True
                 tried.clear()
@@ -174,11 +183,10 @@ def _climb(board: _Board, chosen: Indices) -> tuple[Indices, float]:
     return chosen, board.value(M) if regular else np.inf
 
 
-def _best(board: _Board, chosen: Indices, slot: int, group: int, ridge: Array, thorough: bool) -> tuple[int, float]:
-    """The best candidate for one slot, and the criterion with it."""
+def _best(board: _Board, others: Indices, group: int, ridge: Array, thorough: bool) -> tuple[int, float]:
+    """The best candidate of a group beside all other poses of a plan, and the criterion with it."""
     quotas = board.quotas
     members = quotas.groups[group]
-    others = np.delete(chosen, slot)
     base = board.information(others) + ridge
     if not quotas.repeats:
         members = members[~np.isin(quotas.place[members], quotas.place[others])]

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from qsframework.elastostatics.layout import LoopPlace, Member
+from qsframework.elastostatics.motion import Motion
 from qsframework.elastostatics.structure import CHUNK, Structure
 from qsframework.elastostatics.torques import element_torques
 from qsframework.plugin import Array, Poses
@@ -30,23 +31,31 @@ def flip_margin(model: Structure, poses: Poses, x: Array | None = None) -> Array
 
 def _margin(model: Structure, poses: Poses, x: Array) -> Array:
     margin = np.full(len(poses), np.inf)
-    for number, place in enumerate(model.layout.loops):
-        for member in place.members:
-            for beyond in member.loop.carried(model.facts):
-                unloaded, added = _passed_on(model, poses, x, number, place, member, beyond)
-                held = np.minimum(np.abs(unloaded), np.sign(unloaded) * (unloaded + added))
-                margin = np.minimum(margin, held)
+    passive = [
+        (number, place, member, _near(model, place, member, beyond))
+        for number, place in enumerate(model.layout.loops)
+        for member in place.members
+        for beyond in member.loop.carried(model.facts)
+    ]
+    if not passive:
+        return margin
+    motion, every, added = element_torques(model, poses, x, [near for _, _, _, near in passive])
+    for (number, place, member, _), own in zip(passive, every, strict=True):
+        unloaded, load = (_passed_on(model, motion, number, place, member, torque) for torque in (own, added))
+        held = np.minimum(np.abs(unloaded), np.sign(unloaded) * (unloaded + load))
+        margin = np.minimum(margin, held)
     return margin
 
 
-def _passed_on(
-    model: Structure, poses: Poses, x: Array, number: int, place: LoopPlace, member: Member, beyond: tuple[str, ...]
-) -> tuple[Array, Array]:
-    """The driven actuator's torque (N,) without the loop's own branches but those beyond a joint; and the load's."""
-    facts, turned = model.facts, [place.joints[j] for j in member.own]
-    near = [j + 1 for j in turned if j >= facts.n and facts.turning[j] not in beyond]
-    motion, own, added = element_torques(model, poses, x, near)
-    driven = max(j for j in turned if j < facts.n)
+def _near(model: Structure, place: LoopPlace, member: Member, beyond: tuple[str, ...]) -> list[int]:
+    """The bodies of a loop's own branches that do not lie beyond a joint."""
+    facts = model.facts
+    turned = [place.joints[j] for j in member.own]
+    return [j + 1 for j in turned if j >= facts.n and facts.turning[j] not in beyond]
+
+
+def _passed_on(model: Structure, motion: Motion, number: int, place: LoopPlace, member: Member, torque: Array) -> Array:
+    """The driven actuator's share (N,) of torques (m, N) on every element."""
+    driven = max(place.joints[j] for j in member.own if place.joints[j] < model.facts.n)
     rate = motion.loops[number].q_u[:, :, place.joints.index(driven)].T
-    joints = [model.layout.joint_elements[j] for j in place.joints]
-    return np.einsum("jn,jn->n", rate, own[joints]), np.einsum("jn,jn->n", rate, added[joints])
+    return np.einsum("jn,jn->n", rate, torque[[model.layout.joint_elements[j] for j in place.joints]])

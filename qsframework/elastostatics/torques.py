@@ -17,21 +17,23 @@ from qsframework.robot.gravity import element_gravity
 
 
 def element_torques(
-    model: Structure, poses: Poses, x: Array, without: Sequence[int] = ()
-) -> tuple[Motion, Array, Array]:
+    model: Structure, poses: Poses, x: Array, without: Sequence[Sequence[int]]
+) -> tuple[Motion, list[Array], Array]:
     """The motion, and the torques (m, N) N m on every element: of gravity and compensators, and of the load.
 
-    without: bodies whose weight is left out
+    without: sets of bodies whose weight is left out; the first torques are those of each
     """
     _, motion = move_commanded(model, poses, x)
     state = place(motion, model.tip, ())
     applied = loads.apply_loads(model.of_kind(Load, x), state.placed.matrix(model.tip.link), motion.context)
-    hung = applied.moments.copy()
-    hung[list(without)] = 0.0
-    own = _own_torque(model, state, replace(applied, moments=hung), x)
+    own: list[Array] = []
+    for some in without:
+        hung = applied.moments.copy()
+        hung[list(some)] = 0.0
+        own.append(_own_torque(model, state, replace(applied, moments=hung), x))
     tip = state.tip.elements
     wrench = applied.wrench.T
-    added = np.zeros_like(own)
+    added = np.zeros_like(own[0])
     added[: tip.upstream] = np.einsum("ecn,cn->en", tip.linear, wrench[:3])
     added[: tip.upstream] += np.einsum("ecn,cn->en", tip.angular, wrench[3:])
     return motion, own, added
@@ -48,7 +50,7 @@ def actuator_torques(model: Structure, poses: Poses, x: Array | None = None) -> 
 
 
 def _actuator_torques(model: Structure, poses: Poses, x: Array) -> Array:
-    motion, own, added = element_torques(model, poses, x)
+    motion, (own,), added = element_torques(model, poses, x, [()])
     joints = (own + added)[list(model.layout.joint_elements)]
     out = joints.copy()
     for loop, term in zip(model.layout.loops, motion.loops, strict=True):
