@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -157,16 +158,24 @@ class ClosedChain(Loop):
         what = "cannot close without passing a flat position"
         refuse(self.name, what, np.isnan(v[:, 0]), actuators, self.joints(context.robot), bars)
         ends = self._ends(context.robot)
-        slope = self._gap(v, context.robot)[1]
-        inverse = _left_inverse(slope[:, :, free])
-        first = np.concatenate(
-            [np.broadcast_to(np.eye(known), (len(v), known, known)), -inverse @ slope[:, :, :known]], 1
-        )
-        curve = ends[0].second(v) - ends[1].second(v)
-        curve = np.einsum("nvu,ncvw,nwt->ncut", first, curve, first, optimize=True)
-        q_uu = np.zeros((len(v), 2, 2 + m, 2 + m))
-        q_uu[:, 1] = -np.einsum("nc,ncut->nut", inverse[:, 0], curve)
-        return LoopTerm(v[:, [0, known]], first[:, [0, known]], q_uu)
+
+        @cache
+        def moved() -> tuple[Array, Array]:
+            """All variables by the inputs, and what closes the gap."""
+            slope = self._gap(v, context.robot)[1]
+            inverse = _left_inverse(slope[:, :, free])
+            inputs = np.broadcast_to(np.eye(known), (len(v), known, known))
+            return np.concatenate([inputs, -inverse @ slope[:, :, :known]], axis=1), inverse
+
+        def bend() -> Array:
+            first, inverse = moved()
+            curve = ends[0].second(v) - ends[1].second(v)
+            curve = np.einsum("nvu,ncvw,nwt->ncut", first, curve, first, optimize=True)
+            q_uu = np.zeros((len(v), 2, 2 + m, 2 + m))
+            q_uu[:, 1] = -np.einsum("nc,ncut->nut", inverse[:, 0], curve)
+            return q_uu
+
+        return LoopTerm(v[:, [0, known]], lambda: moved()[0][:, [0, known]], bend)
 
     def transmission_angle(self, q: Array, robot: RobotFacts) -> Array:
         """Angle between the velocity of the driven link's pivot, or of the lever's end, and what the passive joints

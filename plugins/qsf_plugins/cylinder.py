@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsf_plugins.planar_loop import Turned, with_branches
+from qsf_plugins.planar_loop import with_branches
 from qsframework.plugin import Array, Context, InputError, Loop, LoopTerm, Problem, RobotFacts, place, setting
 
 _PARALLEL = 1e-6
@@ -67,7 +67,7 @@ class Cylinder(Loop):
         plane = x + 1j * np.cross(axis, x)
         return float(np.sign(sense)), side, complex(plane @ frame[:3, 3]), complex(plane @ target[:3])
 
-    def _angle(self, q: Array, robot: RobotFacts) -> Turned:
+    def _angle(self, q: Array, robot: RobotFacts) -> LoopTerm:
         """The branch's angle by the driver's (N,), continuous over whole turns."""
         sense, side, own, pivot = self._pivots(robot)
         turn = np.exp(1j * side * q)
@@ -78,12 +78,12 @@ class Cylinder(Loop):
         w = pivot * turn / D
         value = np.angle(ratio) - np.angle(start) + (side * q if far else 0.0)
         first, second = side * w.real, (w * w - w).imag
-        return Turned(value, first[:, None], second[:, None, None]).times(sense)
+        return LoopTerm(sense * value[:, None], sense * first[:, None, None], sense * second[:, None, None, None])
 
     def actuators(self, q: Array, robot: RobotFacts) -> Array:
-        return np.stack([q[:, 0], q[:, 1] - self._angle(q[:, 0], robot).value], axis=1)
+        return np.stack([q[:, 0], q[:, 1] - self._angle(q[:, 0], robot).q[:, 0]], axis=1)
 
     def closure(self, actuators: Array, bars: Array, context: Context) -> LoopTerm:
         batch = len(actuators)
         lead = LoopTerm(actuators[:, :1], np.ones((batch, 1, 1)), np.zeros((batch, 1, 1, 1)))
-        return with_branches(lead, [self._angle(actuators[:, 0], context.robot)], actuators[:, 1:])
+        return with_branches(lead, self._angle(actuators[:, 0], context.robot), actuators[:, 1:])

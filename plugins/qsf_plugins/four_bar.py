@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
+from functools import cache
 
 import numpy as np
 
@@ -126,7 +127,7 @@ class FourBar(Loop):
         bad = np.isnan(rho) | ~(np.abs(_sines(psi, rho, lengths)[:, 0]) >= FLAT)
         refuse(self.name, "cannot close at these actuator angles", bad, actuators, self.joints(context.robot), bars)
         q = sign * _wrap(rho - self.rocker_zero)
-        return driven_term(actuators[:, 0], q, _slopes(psi, rho, lengths), sign)
+        return driven_term(actuators[:, 0], q, cache(lambda: _slopes(psi, rho, lengths)), sign)
 
     def transmission_angle(self, q: Array, robot: RobotFacts) -> Array:
         """The smaller of the bar's angles with the rocker and with the lever; 0 where q cannot be reached."""

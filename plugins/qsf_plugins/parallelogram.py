@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -10,8 +12,8 @@ import numpy as np
 from qsf_plugins.planar_loop import (
     FLAT,
     Slopes,
-    Turned,
     branch_stands,
+    by_inputs,
     driven_term,
     implicit,
     link_length,
@@ -165,43 +167,49 @@ class Parallelogram(Loop):
         sign, link = self._sign(robot), link_length(robot, self.driver, self.driven)
         perfect = actuators[:, 1] - sign * actuators[:, 0]
         psi, bar = self.zero + sign * perfect, bars[:, 0]
-        if not bar.any():
-            slopes = self._perfect(psi, link)
-            term = driven_term(actuators[:, 0], perfect, slopes, sign)
-            return self._turn_branches(term, actuators, psi, np.zeros_like(psi), slopes, robot)
-        swing = self._swing(psi, bar, link)
-        slopes, sine = self._slopes(psi, swing, bar, link)
-        bad = ~np.isfinite(swing) | ((np.abs(sine) < FLAT) & (bar != 0.0))
-        refuse(self.name, "cannot close, or is flat,", bad, actuators[:, :2], (self.driver, self.driven), bars)
-        straight = bar == 0.0
-        exact = self._perfect(psi, link)
-        slopes = Slopes(
-            np.where(straight[:, None], exact.first, slopes.first),
-            np.where(straight[:, None, None], exact.second, slopes.second),
-        )
+        swing = np.zeros_like(psi)
+        if bar.any():
+            swing = self._swing(psi, bar, link)
+            bad = ~np.isfinite(swing) | ((np.abs(self._sine(psi, swing, bar, link)) < FLAT) & (bar != 0.0))
+            refuse(self.name, "cannot close, or is flat,", bad, actuators[:, :2], (self.driver, self.driven), bars)
+        slopes = cache(lambda: self._slopes(psi, swing, bar, link))
         term = driven_term(actuators[:, 0], perfect + sign * swing, slopes, sign)
-        return self._turn_branches(term, actuators, psi, swing, slopes, robot)
-
-    def _turn_branches(
-        self, term: LoopTerm, actuators: Array, psi: Array, swing: Array, slopes: Slopes, robot: RobotFacts
-    ) -> LoopTerm:
-        """The lever turns by s phi_driven, the bar from it by phi_driver + beta - s phi_driven, about the driver."""
         if not self._branches:
             return term
-        sign, batch = self._sign(robot), len(psi)
-        lever = np.tile([0.0, sign, 0.0], (batch, 1))
-        turned = [Turned(sign * actuators[:, 1], lever, np.zeros((batch, 3, 3)))]
-        beta = self._bar_angle(psi, swing, slopes, link_length(robot, self.driver, self.driven))
-        y_u = np.array([[-1.0, sign, 0.0], [0.0, 0.0, 1.0]])
-        value = actuators[:, 0] + beta.value - sign * actuators[:, 1]
-        turned += [Turned(value, beta.first @ y_u + np.array([1.0, -sign, 0.0]), y_u.T @ beta.second @ y_u)]
-        turned = [t.times(s) for t, s in zip(turned, self._senses(robot), strict=False)]
-        return with_branches(term, turned, actuators[:, 2:])
+        return with_branches(term, self._turned(actuators, psi, swing, slopes, robot), actuators[:, 2:])
 
-    def _bar_angle(self, psi: Array, swing: Array, slopes: Slopes, link: float) -> Turned:
-        """beta, from link 2 to the bar, by y = (psi, bar): the bar is Z = L + a e^(i rho) - a e^(i psi)."""
+    def _turned(
+        self, actuators: Array, psi: Array, swing: Array, slopes: Callable[[], Slopes], robot: RobotFacts
+    ) -> LoopTerm:
+        """The lever turns by s phi_driven, the bar from it by phi_driver + beta - s phi_driven, about the driver."""
+        sign, link = self._sign(robot), link_length(robot, self.driver, self.driven)
+        senses = np.array(self._senses(robot))
+        bent = swing.any()
+        beta = np.angle(self._bar_vector(psi, swing, link)[0]) if bent else swing  # a perfect bar keeps along link 2
+        angles = [sign * actuators[:, 1], actuators[:, 0] + beta - sign * actuators[:, 1]][: len(senses)]
+        by_u = cache(lambda: by_inputs(self._bar_slopes(psi, swing, slopes(), link), sign))
+
+        def first() -> Array:
+            q_u = np.zeros((len(psi), 2, 3))
+            q_u[:, 0, 1] = sign
+            q_u[:, 1] = by_u().first + np.array([1.0, -sign, 0.0])
+            return senses[:, None] * q_u[:, : len(senses)]
+
+        def second() -> Array:
+            q_uu = np.zeros((len(psi), 2, 3, 3))
+            q_uu[:, 1] = by_u().second
+            return senses[:, None, None] * q_uu[:, : len(senses)]
+
+        return LoopTerm(senses * np.stack(angles, axis=1), first, second)
+
+    def _bar_vector(self, psi: Array, swing: Array, link: float) -> tuple[Array, Array, Array]:
+        """The bar Z = L + a e^(i rho) - a e^(i psi) from the lever's end, with its two levers, complex (N,) m."""
         lever, rocker = self.lever * np.exp(1j * psi), self.lever * np.exp(1j * (psi + swing))
-        Z = link + rocker - lever
+        return link + rocker - lever, lever, rocker
+
+    def _bar_slopes(self, psi: Array, swing: Array, slopes: Slopes, link: float) -> Slopes:
+        """beta, the angle from link 2 to the bar, by y = (psi, bar)."""
+        Z, lever, rocker = self._bar_vector(psi, swing, link)
         # one contiguous array for each entry: of complex matrices (N, 2, 2) numpy is several times slower
         lever, rocker = lever / Z, rocker / Z
         r, by_psi = slopes.first.T, (1.0, 0.0)
@@ -211,7 +219,7 @@ class Parallelogram(Loop):
             bent = rocker * (1j * slopes.second[:, i, j] - r[i] * r[j]) + lever * by_psi[i] * by_psi[j]
             second[:, i, j] = second[:, j, i] = (bent - each[i] * each[j]).imag
         first[:, 0], first[:, 1] = each[0].imag, each[1].imag
-        return Turned(np.angle(Z), first, second)
+        return Slopes(first, second)
 
     def carried(self, robot: RobotFacts) -> tuple[tuple[str, ...], ...]:
         return ((), self._branches[1:]) if self._branches[1:] else ((),)
@@ -227,21 +235,37 @@ class Parallelogram(Loop):
         denominator = Q + np.copysign(np.sqrt(np.where(root < 0.0, np.nan, root)), Q)
         return 2.0 * np.arctan(-k / np.where(denominator == 0.0, np.where(k == 0.0, 1.0, np.nan), denominator))
 
-    def _slopes(self, psi: Array, swing: Array, bar: Array, link: float) -> tuple[Slopes, Array]:
-        """Derivatives of rho by (psi, bar), and the sine (N,) of the transmission angle.
+    def _slope(self, psi: Array, swing: Array, link: float) -> Array:
+        """F_rho (N,), see `_slopes`."""
+        return self.lever**2 * np.sin(swing) - link * self.lever * np.sin(psi + swing)
+
+    def _sine(self, psi: Array, swing: Array, bar: Array, link: float) -> Array:
+        """The sine (N,) of the transmission angle."""
+        return self._slope(psi, swing, link) / (self.lever * (link + bar))
+
+    def _slopes(self, psi: Array, swing: Array, bar: Array, link: float) -> Slopes:
+        """Derivatives of rho by (psi, bar).
 
         F = (L^2 + 2 a^2 - (L + bar)^2) / 2 + L a (cos rho - cos psi) - a^2 cos(rho - psi)
         """
+        exact = self._perfect(psi, link)
+        if not bar.any():
+            return exact
         a, rho = self.lever, psi + swing
         cos, sin = a * a * np.cos(swing), a * a * np.sin(swing)
-        F_r = sin - link * a * np.sin(rho)
+        F_r = self._slope(psi, swing, link)
         zero = np.zeros_like(psi)
         F_y = np.stack([link * a * np.sin(psi) - sin, -(link + bar)], axis=1)
         F_ry = np.stack([-cos, zero], axis=1)
         F_yy = np.stack([link * a * np.cos(psi) + cos, zero, zero, zero - 1.0], axis=1).reshape(-1, 2, 2)
-        sine = F_r / (a * (link + bar))
-        safe = np.where(np.abs(sine) < FLAT, np.copysign(FLAT * a * link, F_r), F_r)
-        return implicit(safe, F_y, cos - link * a * np.cos(rho), F_ry, F_yy), sine
+        flat = np.abs(self._sine(psi, swing, bar, link)) < FLAT
+        safe = np.where(flat, np.copysign(FLAT * a * link, F_r), F_r)
+        slopes = implicit(safe, F_y, cos - link * a * np.cos(rho), F_ry, F_yy)
+        straight = bar == 0.0
+        return Slopes(
+            np.where(straight[:, None], exact.first, slopes.first),
+            np.where(straight[:, None, None], exact.second, slopes.second),
+        )
 
     def _perfect(self, psi: Array, link: float) -> Slopes:
         """rho = psi exactly; its derivatives by the bar are kept finite where the loop is flat."""

@@ -6,14 +6,14 @@ the lever stands at psi on A, the rocker at rho on B, the bar joins their ends.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.plugin import Array, InputError, LoopTerm, Problem, RobotFacts
+from qsframework.plugin import Array, Indices, InputError, LoopTerm, Problem, RobotFacts
 
 FLAT = 1e-6
 """Sine of the transmission angle under which a loop counts as flat."""
@@ -70,7 +70,7 @@ def between(robot: RobotFacts, first: int, second: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """An angle rho that solves F(rho, y) = 0, by its m variables y: first (N, m), second (N, m, m)."""
+    """An angle by its m variables y: first (N, m), second (N, m, m)."""
 
     first: Array
     second: Array
@@ -84,47 +84,60 @@ def implicit(F_r: Array, F_y: Array, F_rr: Array, F_ry: Array, F_yy: Array) -> S
     return Slopes(first, -second / F_r[:, None, None])
 
 
-def driven_term(q_driver: Array, q_driven: Array, slopes: Slopes, sign: float) -> LoopTerm:
-    """The loop over (driver, driven), where rho = constant + sign q_driven and
-    y = (psi, lengths), psi = constant + sign phi_driven - phi_driver."""
-    batch, m = len(q_driver), slopes.first.shape[1] - 1
-    y_u = np.zeros((m + 1, m + 2))
+def by_inputs(slopes: Slopes, sign: float) -> Slopes:
+    """Derivatives by y = (psi, lengths) as those by u = (phi_driver, phi_driven, lengths), where
+    psi = constant + sign phi_driven - phi_driver."""
+    batch, count = slopes.first.shape
+    y_u = np.zeros((count, count + 1))
     y_u[0, :2] = -1.0, sign
-    y_u[1:, 2:] = np.eye(m)
-    q_u = np.zeros((batch, 2, m + 2))
-    q_u[:, 0, 0] = 1.0
-    q_u[:, 1] = sign * slopes.first @ y_u
-    q_uu = np.zeros((batch, 2, m + 2, m + 2))
-    q_uu[:, 1] = sign * (y_u.T @ slopes.second @ y_u)
-    return LoopTerm(np.stack([q_driver, q_driven], axis=1), q_u, q_uu)
+    y_u[1:, 2:] = np.eye(count - 1)
+    # one product of flat matrices: of small ones (N, y, y) numpy is several times slower
+    second = slopes.second.reshape(batch, count * count) @ np.kron(y_u, y_u)
+    return Slopes(slopes.first @ y_u, second.reshape(batch, count + 1, count + 1))
 
 
-@dataclass(frozen=True, eq=False)
-class Turned:
-    """An angle (N,) rad by u inputs: first (N, u), second (N, u, u)."""
+def driven_term(q_driver: Array, q_driven: Array, slopes: Callable[[], Slopes], sign: float) -> LoopTerm:
+    """The loop over (driver, driven), where rho = constant + sign q_driven, with the slopes of rho."""
 
-    value: Array
-    first: Array
-    second: Array
+    def first() -> Array:
+        by_u = by_inputs(slopes(), sign).first
+        q_u = np.zeros((len(by_u), 2, by_u.shape[1]))
+        q_u[:, 0, 0] = 1.0
+        q_u[:, 1] = sign * by_u
+        return q_u
 
-    def times(self, sense: float) -> Turned:
-        """The same angle about an axis of this sense, +1 or -1."""
-        return Turned(sense * self.value, sense * self.first, sense * self.second)
+    def second() -> Array:
+        by_u = by_inputs(slopes(), sign).second
+        q_uu = np.zeros((len(by_u), 2, *by_u.shape[1:]))
+        q_uu[:, 1] = sign * by_u
+        return q_uu
+
+    return LoopTerm(np.stack([q_driver, q_driven], axis=1), first, second)
 
 
-def with_branches(term: LoopTerm, turned: Sequence[Turned], own: Array) -> LoopTerm:
-    """A loop over k joints and m bars that also turns b branches: by its own inputs, and by what theirs (N, b) add."""
-    (batch, k, u), b = term.q_u.shape, own.shape[1]
-    kept = ((slice(0, k), slice(0, k)), (slice(k, u), slice(k + b, u + b)))  # the inputs, and where they stand now
-    q_u, q_uu = np.zeros((batch, k + b, u + b)), np.zeros((batch, k + b, u + b, u + b))
-    rows = [*zip(term.q_u.transpose(1, 0, 2), term.q_uu.transpose(1, 0, 2, 3), strict=True)]
-    for i, (first, second) in enumerate([*rows, *((t.first, t.second) for t in turned)]):
-        for here, there in kept:
-            q_u[:, i, there] = first[:, here]
-            for beside, other in kept:
-                q_uu[:, i, there, other] = second[:, here, beside]
-    q_u[:, range(k, k + b), range(k, k + b)] = 1.0
-    return LoopTerm(np.concatenate([term.q, np.stack([t.value for t in turned], axis=1) + own], axis=1), q_u, q_uu)
+def with_branches(term: LoopTerm, turned: LoopTerm, own: Array) -> LoopTerm:
+    """A loop over k joints and m bars that also turns b branches: by its own inputs, as `turned` has them, and by what
+    theirs (N, b) add."""
+    (batch, k), b = term.q.shape, own.shape[1]
+
+    def places(inputs: int) -> Indices:
+        """Where the loop's own inputs stand among all."""
+        return np.array([*range(k), *range(k + b, inputs + b)], dtype=np.intp)
+
+    def first() -> Array:
+        inputs = term.q_u.shape[2]
+        q_u = np.zeros((batch, k + b, inputs + b))
+        q_u[:, :k, places(inputs)], q_u[:, k:, places(inputs)] = term.q_u, turned.q_u
+        q_u[:, range(k, k + b), range(k, k + b)] = 1.0
+        return q_u
+
+    def second() -> Array:
+        inputs = term.q_uu.shape[2]
+        q_uu, at = np.zeros((batch, k + b, inputs + b, inputs + b)), places(inputs)
+        q_uu[:, :k, at[:, None], at], q_uu[:, k:, at[:, None], at] = term.q_uu, turned.q_uu
+        return q_uu
+
+    return LoopTerm(np.concatenate([term.q, turned.q + own], axis=1), first, second)
 
 
 @lru_cache(maxsize=256)

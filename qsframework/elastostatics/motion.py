@@ -111,20 +111,30 @@ def _close(place: LoopPlace, phi: Array, bars: Array, context: Context) -> LoopT
     that those before it have left."""
     if len(place.members) == 1:
         return laws.closure(place.members[0].loop, phi, bars, context)
-    (batch, k), m = phi.shape, bars.shape[1]
-    q, lengths = phi.copy(), np.broadcast_to(np.eye(k + m)[k:], (batch, m, k + m))
-    first, second = np.zeros((batch, k, k + m)), np.zeros((batch, k, k + m, k + m))
-    first[:, range(k), range(k)] = 1.0
+    q, terms = phi.copy(), list[LoopTerm]()
     for member in place.members:
-        tied, own, b = list(member.joints), list(member.own), list(member.bars)
+        tied, own = list(member.joints), list(member.own)
+        terms.append(laws.closure(member.loop, q[:, tied], bars[:, list(member.bars)], context))
+        q[:, own] = terms[-1].q[:, [tied.index(j) for j in own]]
+    count = bars.shape[1]
+    return LoopTerm(q, lambda: _chained(place, terms, count)[0], lambda: _chained(place, terms, count, True)[1])
+
+
+def _chained(place: LoopPlace, terms: Sequence[LoopTerm], m: int, bent: bool = False) -> tuple[Array, Array]:
+    """q_u and, where they are asked for, q_uu of loops that turn one after the other, over k joints and m bars."""
+    batch, k = len(terms[0].q), len(place.joints)
+    lengths = np.broadcast_to(np.eye(k + m)[k:], (batch, m, k + m))
+    first, second = np.zeros((batch, k, k + m)), np.zeros((batch, k, k + m, k + m) if bent else 0)
+    first[:, range(k), range(k)] = 1.0
+    for member, term in zip(place.members, terms, strict=True):
+        tied, own = list(member.joints), list(member.own)
         rows = [tied.index(j) for j in own]
-        term = laws.closure(member.loop, q[:, tied], bars[:, b], context)
-        u = np.concatenate([first[:, tied], lengths[:, b]], axis=1)
-        bent = np.einsum("niu,nuab->niab", term.q_u[:, rows, : len(tied)], second[:, tied])
-        q[:, own] = term.q[:, rows]
-        second[:, own] = bent + np.einsum("niuv,nua,nvb->niab", term.q_uu[:, rows], u, u, optimize=True)
+        u = np.concatenate([first[:, tied], lengths[:, list(member.bars)]], axis=1)
+        if bent:
+            before = np.einsum("niu,nuab->niab", term.q_u[:, rows, : len(tied)], second[:, tied])
+            second[:, own] = before + np.einsum("niuv,nua,nvb->niab", term.q_uu[:, rows], u, u, optimize=True)
         first[:, own] = term.q_u[:, rows] @ u
-    return LoopTerm(q, first, second)
+    return first, second
 
 
 def _rates(
@@ -167,7 +177,7 @@ def motion_along(motion: Motion, phi: Array, bars: Array, placements: Array | No
     for place, term in zip(layout.loops, motion.loops, strict=True):
         du = np.concatenate([phi[list(place.joints)], bars[list(place.bars)]]).T
         dq[list(place.joints)] = np.einsum("niu,nu->in", term.q_u, du)
-        slopes.append(LoopTerm(term.q, np.einsum("niuv,nv->niu", term.q_uu, du), term.q_uu))
+        slopes.append(LoopTerm(term.q, np.einsum("niuv,nv->niu", term.q_uu, du)))
     rates[list(layout.joint_elements)] = dq
     if layout.placement_elements is not None and placements is not None:
         rates[layout.placement_elements] = placements

@@ -226,7 +226,7 @@ def _loop(t: Trial) -> None:
 
     term = laws.closure(effect, u[:, :k], u[:, k:], t.context)
     report.law("closure", lambda v: closure(v).q, u, term.q_u)
-    if not laws.left_out(closure(u).q_u):
+    if not laws.left_out(closure(u).slope):
         report.law("closure slope", lambda v: closure(v).q_u, u, term.q_uu)
     perfect = closure(np.concatenate([u[:, :k], np.zeros((BATCH, m))], axis=1)).q
     back = effect.actuators(perfect, robot)

@@ -166,7 +166,7 @@ def geometry(effect: Geometry, x: Array, context: Context) -> GeometryTerm:
 
 
 def closure(effect: Loop, actuators: Array, bars: Array, context: Context) -> LoopTerm:
-    """`closure` with all derivatives."""
+    """`closure` with all derivatives, each for those who ask for it."""
     (batch, k), u = actuators.shape, np.concatenate([actuators, bars], axis=1)
 
     def size() -> Array:
@@ -177,13 +177,13 @@ def closure(effect: Loop, actuators: Array, bars: Array, context: Context) -> Lo
 
     def slope(v: Array) -> Array:
         term = at(v)
-        return derivative(lambda w: at(w).q, v, size()) if left_out(term.q_u) else term.q_u
+        return derivative(lambda w: at(w).q, v, size()) if left_out(term.slope) else term.q_u
 
     term = at(u)
     _checked(effect, "closure", term.q, (batch, k), u)
-    if left_out(term.q_u):
-        term = replace(term, q_u=slope(u))
-    return term if not left_out(term.q_uu) else replace(term, q_uu=difference(slope, u, size()))
+    if left_out(term.slope):
+        term = replace(term, slope=lambda: slope(u))
+    return term if not left_out(term.bend) else replace(term, bend=lambda: difference(slope, u, size()))
 
 
 def mixing(effect: Spring, x: Array, context: Context) -> Array:

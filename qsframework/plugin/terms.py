@@ -6,7 +6,9 @@ left out is taken for it; a law may also give its value alone, the first field o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 from qsframework.errors import InputError, Problem
@@ -50,16 +52,30 @@ class Range:
     high: float
 
 
-@dataclass(frozen=True)
+Later = Callable[[], Array]
+
+
+@dataclass(frozen=True, eq=False)
 class LoopTerm:
     """A loop over k joints with m bars, at u = (actuator angles, bar errors) of k + m entries.
 
-    q (N, k) joint angles; q_u (N, k, k + m); q_uu (N, k, k + m, k + m)
+    q (N, k) joint angles; slope, bend: q_u (N, k, k + m) and q_uu (N, k, k + m, k + m), arrays, or functions that give
+    them: most who ask where the joints stand do not ask how they move
     """
 
     q: Array
-    q_u: Array = TAKEN
-    q_uu: Array = TAKEN
+    slope: Array | Later = TAKEN
+    bend: Array | Later = TAKEN
+
+    @cached_property
+    def q_u(self) -> Array:
+        """(N, k, k + m)."""
+        return self.slope() if callable(self.slope) else self.slope
+
+    @cached_property
+    def q_uu(self) -> Array:
+        """(N, k, k + m, k + m)."""
+        return self.bend() if callable(self.bend) else self.bend
 
 
 @dataclass(frozen=True)
