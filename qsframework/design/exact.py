@@ -41,7 +41,7 @@ class Quotas:
         return sum(self.counts)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Board:
     """Everything an exchange looks at: rows (N, S, k, p), M_i (N, S, p, p), M0, the rule and the quotas.
 
@@ -84,7 +84,7 @@ def exchange(
     moments = moments_of(four)
     before = np.zeros(moments.shape[1:]) if prior is None else prior
     slots = tuple(g for g, count in enumerate(quotas.counts) for _ in range(count))
-    board = _Board(four, moments, before, rule, quotas, slots)
+    board = _Board(rows=four, moments=moments, prior=before, rule=rule, quotas=quotas, slots=slots)
     best, best_value = None, np.inf
     firsts = [
         _rounded(weights, quotas, rng) if start == 0 and weights is not None else _random(quotas, weights, rng)
