@@ -12,14 +12,15 @@ import numpy as np
 from qsf_plugins.planar_loop import (
     FLAT,
     Slopes,
+    bend_by_inputs,
     branch_stands,
-    by_inputs,
     driven_term,
     implicit,
     link_length,
     parallel_sign,
     planar_outline,
     refuse,
+    slope_by_inputs,
     with_branches,
 )
 from qsframework.plugin import (
@@ -187,17 +188,17 @@ class Parallelogram(Loop):
         bent = swing.any()
         beta = np.angle(self._bar_vector(psi, swing, link)[0]) if bent else swing  # a perfect bar keeps along link 2
         angles = [sign * actuators[:, 1], actuators[:, 0] + beta - sign * actuators[:, 1]][: len(senses)]
-        by_u = cache(lambda: by_inputs(self._bar_slopes(psi, swing, slopes(), link), sign))
+        by_y = cache(lambda: self._bar_slopes(psi, swing, slopes(), link))
 
         def first() -> Array:
             q_u = np.zeros((len(psi), 2, 3))
             q_u[:, 0, 1] = sign
-            q_u[:, 1] = by_u().first + np.array([1.0, -sign, 0.0])
+            q_u[:, 1] = slope_by_inputs(by_y(), sign) + np.array([1.0, -sign, 0.0])
             return senses[:, None] * q_u[:, : len(senses)]
 
         def second() -> Array:
             q_uu = np.zeros((len(psi), 2, 3, 3))
-            q_uu[:, 1] = by_u().second
+            q_uu[:, 1] = bend_by_inputs(by_y(), sign)
             return senses[:, None, None] * q_uu[:, : len(senses)]
 
         return LoopTerm(senses * np.stack(angles, axis=1), first, second)

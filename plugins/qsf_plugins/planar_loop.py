@@ -84,30 +84,41 @@ def implicit(F_r: Array, F_y: Array, F_rr: Array, F_ry: Array, F_yy: Array) -> S
     return Slopes(first, -second / F_r[:, None, None])
 
 
-def by_inputs(slopes: Slopes, sign: float) -> Slopes:
-    """Derivatives by y = (psi, lengths) as those by u = (phi_driver, phi_driven, lengths), where
-    psi = constant + sign phi_driven - phi_driver."""
-    batch, count = slopes.first.shape
+@lru_cache(maxsize=256)
+def _inputs(count: int, sign: float) -> tuple[Array, Array]:
+    """y = (psi, lengths) by u = (phi_driver, phi_driven, lengths), (m, m + 1), where
+    psi = constant + sign phi_driven - phi_driver; and its square by Kronecker's product."""
     y_u = np.zeros((count, count + 1))
     y_u[0, :2] = -1.0, sign
     y_u[1:, 2:] = np.eye(count - 1)
-    # one product of flat matrices: of small ones (N, y, y) numpy is several times slower
-    second = slopes.second.reshape(batch, count * count) @ np.kron(y_u, y_u)
-    return Slopes(slopes.first @ y_u, second.reshape(batch, count + 1, count + 1))
+    return y_u, np.asarray(np.kron(y_u, y_u), dtype=np.float64)
+
+
+def slope_by_inputs(slopes: Slopes, sign: float) -> Array:
+    """The first derivatives by u (N, m + 1), see `_inputs`."""
+    return slopes.first @ _inputs(slopes.first.shape[1], sign)[0]
+
+
+def bend_by_inputs(slopes: Slopes, sign: float) -> Array:
+    """The second derivatives by u (N, m + 1, m + 1)."""
+    batch, count = slopes.first.shape
+    # one product of flat matrices: of small ones (N, m, m) numpy is several times slower
+    flat = slopes.second.reshape(batch, count * count) @ _inputs(count, sign)[1]
+    return flat.reshape(batch, count + 1, count + 1)
 
 
 def driven_term(q_driver: Array, q_driven: Array, slopes: Callable[[], Slopes], sign: float) -> LoopTerm:
     """The loop over (driver, driven), where rho = constant + sign q_driven, with the slopes of rho."""
 
     def first() -> Array:
-        by_u = by_inputs(slopes(), sign).first
+        by_u = slope_by_inputs(slopes(), sign)
         q_u = np.zeros((len(by_u), 2, by_u.shape[1]))
         q_u[:, 0, 0] = 1.0
         q_u[:, 1] = sign * by_u
         return q_u
 
     def second() -> Array:
-        by_u = by_inputs(slopes(), sign).second
+        by_u = bend_by_inputs(slopes(), sign)
         q_uu = np.zeros((len(by_u), 2, *by_u.shape[1:]))
         q_uu[:, 1] = sign * by_u
         return q_uu

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -29,6 +29,9 @@ from qsframework.plugin import (
     laws,
 )
 from qsframework.robot.kinematics import Twists
+
+_KNOWN = 8
+"""Batches whose commanded motion is kept: a fit asks for its few again at every step."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -118,6 +121,16 @@ def move_commanded(
     model: Structure, poses: Poses, x: Array, loaded: bool = True
 ) -> tuple[tuple[GeometryTerm, ...], Motion]:
     """Stages 0 and 1 at the commanded poses, with the errors of geometry and bars."""
+    return _commanded(model, poses, loaded, tuple(x[list(model.moving)].tolist()))
+
+
+@lru_cache(maxsize=_KNOWN)
+def _commanded(
+    model: Structure, poses: Poses, loaded: bool, moving: tuple[float, ...]
+) -> tuple[tuple[GeometryTerm, ...], Motion]:
+    """The same at values of the parameters that move the arm: the steps of a fit mostly change others."""
+    x = model.nominal
+    x[list(model.moving)] = moving
     context = Context(model.facts, poses, loaded)
     geometry = tuple(laws.geometry(e, xs, context) for e, xs in model.of_kind(Geometry, x))
     layout = mixed(model.layout, model.of_kind(Spring, x), context)

@@ -9,10 +9,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from qsframework.elastostatics.layout import Layout
+from qsframework.elastostatics.layout import Layout, mixes
 from qsframework.elastostatics.state import Site
 from qsframework.errors import InputError, Problem, nearest
-from qsframework.plugin import Array, Effect, Parameter, Poses, RobotFacts, Sensor
+from qsframework.plugin import Array, Effect, Geometry, Loop, Parameter, Poses, RobotFacts, Sensor, Spring
 
 CHUNK = 4096
 """Poses worked on at a time, so that a batch stays in the processor's cache."""
@@ -67,6 +67,13 @@ class Structure:
     def differs(self, x: Array) -> bool:
         """Whether the arm is not the same in both states at x: an effect that makes it so does not vanish there."""
         return any(self.parameters[i].null is not None and x[i] != self.parameters[i].null for i in self.by_state)
+
+    @cached_property
+    def moving(self) -> tuple[int, ...]:
+        """Positions in x of the effects that move the commanded arm, or say which coordinates give."""
+        pairs = zip(self.effects, self.slices, strict=True)
+        found = [s for e, s in pairs if isinstance(e, Geometry | Loop) or (isinstance(e, Spring) and mixes(e))]
+        return tuple(i for s in found for i in range(s.start, s.stop))
 
     def compliance(self, x: Array) -> Array:
         """Compliance (ne,) of each elastic coordinate."""

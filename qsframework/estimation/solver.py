@@ -37,6 +37,8 @@ _BLUR = 1e-15
 """What rounding leaves of a prediction, of the sum of its parts' sizes; a step that changes it by less is none."""
 _CURVED = 0.02
 """Relative change of the sensitivities over a parameter's spread above which other starts are tried."""
+_ALL_AT_ONCE = 0.25
+"""Share of that, for a step of all parameters together, below which none of them is looked at by itself."""
 _NEAR = 0.3
 """Sensitivities are not taken again after a step that changes the prediction by less than so many sds of a reading."""
 _SLOW = 0.05
@@ -259,15 +261,22 @@ def _other_starts(problem: _Problem, count: int, seed: int) -> list[Array]:
     reduction = problem.reduction
     zero = np.zeros(reduction.free)
     J = problem.jacobian(zero)
-    size = np.linalg.norm(J)
+    columns = np.maximum(np.linalg.norm(J, axis=0), 1e-9 * np.linalg.norm(J))
     spread = reduction.spread
-    curved: list[bool] = []
-    for i in range(reduction.free):
-        away = zero.copy()
-        away[i] = spread[i] if spread[i] <= reduction.upper[i] else max(-spread[i], reduction.lower[i])
-        moved = problem.jacobian(away)
-        columns = np.maximum(np.linalg.norm(J, axis=0), 1e-9 * size)
-        curved.append(bool(np.any(np.linalg.norm(moved - J, axis=0) > _CURVED * columns)))
+    far = np.where(spread <= reduction.upper, spread, np.maximum(-spread, reduction.lower))
+
+    def changed(away: Array) -> float:
+        """By which share of itself a column changes, the largest."""
+        return float(np.max(np.linalg.norm(problem.jacobian(away) - J, axis=0) / np.maximum(columns, 1e-300)))
+
+    # all at once, each by a share of its own so that no two cancel: one step tells a model that is as good as linear
+    shares = np.random.default_rng(seed).uniform(0.5, 1.0, reduction.free)
+    try:
+        if changed(far * shares) <= _ALL_AT_ONCE * _CURVED:
+            return []
+    except (NotConverged, InputError):
+        pass  # too far for the model: one after the other
+    curved = [changed(np.where(np.arange(reduction.free) == i, far, 0.0)) > _CURVED for i in range(reduction.free)]
     if not any(curved):
         return []
     draws = np.random.default_rng(seed).uniform(-1.0, 1.0, (count, reduction.free))
