@@ -26,8 +26,8 @@ _CHORDS = 8
 _SINGULAR = 1e13
 _FARTHEST = np.pi
 """Deflection of one spring, rad or m, beyond which there is no equilibrium to speak of."""
-_TOLERANCE = 1e-8
-"""Last step relative to the deflection; each step leaves at most 1e-2 of the one before, mostly 1e-4."""
+_TOLERANCE = 1e-10
+"""What a next step would change, relative to the deflection, if it shrank as the last one did."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,9 +127,10 @@ def settle(model: Structure, poses: Poses, x: Array | None, loaded: bool, start:
             H = here.hessian()
         change = _react(here.slope, K, H, here.value) if newton else _chord(here.slope, K, H, here.value)
         eps = eps - change
-        size = np.abs(change).max(axis=0, initial=0.0)
+        before, size = size, np.abs(change).max(axis=0, initial=0.0)
         here = at(eps)
-        if np.all(size <= _TOLERANCE * np.maximum(np.abs(eps).max(axis=0, initial=0.0), 1e-9)):
+        shrank = np.minimum(size / np.maximum(before, 1e-300), 1.0) if step else 1.0
+        if np.all(size * shrank <= _TOLERANCE * np.maximum(np.abs(eps).max(axis=0, initial=0.0), 1e-9)):
             return Settled(here, _elastic(eps), K)
     worst = int(np.argmax(size))
     raise NotConverged(

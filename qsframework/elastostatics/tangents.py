@@ -45,11 +45,16 @@ def changes(ev: Stages, wanted: Sequence[int]) -> Iterator[tuple[int, Change]]:
     for effect, part in zip(ev.model.effects, ev.model.slices, strict=True):
         kind = next(k for k in (Spring, *_RULES) if isinstance(effect, k))
         number = counts.get(kind, 0)
-        counts[kind] = number + (len(effect.compliances(ev.model.facts)) if isinstance(effect, Spring) else 1)
+        own = sum(part.start <= at < part.stop for at in ev.model.compliance_rows)
+        counts[kind] = number + (own if isinstance(effect, Spring) else 1)
         for row, position in enumerate(wanted):
             if part.start <= position < part.stop:
                 i = position - part.start
-                yield row, _spring(ev, effect, number, i) if isinstance(effect, Spring) else _RULES[kind](ev, number, i)
+                if isinstance(effect, Spring):
+                    coordinates = tuple(c for c, at in enumerate(ev.model.compliance_rows) if at == position)
+                    yield row, Change(spring=coordinates) if coordinates else _ratio(ev, effect, number, i)
+                else:
+                    yield row, _RULES[kind](ev, number, i)
 
 
 def answer(ev: Stages, response: springs.Response, change: Change, loaded: bool) -> Array:
@@ -115,12 +120,8 @@ def reading_along(
     return total + np.einsum("nkij,nkj->kin", sensed.by_rotation, turn)
 
 
-def _spring(ev: Stages, effect: Spring, first: int, i: int) -> Change:
-    """A spring, its coordinates from `first` on: columns D_c times the torques T_c that they carry, equation (4);
-    or a ratio by which they move its virtual joints."""
-    own = tuple(first + c for c, compliance in enumerate(effect.compliances(ev.model.facts)) if compliance == i)
-    if own:
-        return Change(spring=own)
+def _ratio(ev: Stages, effect: Spring, first: int, i: int) -> Change:
+    """A ratio by which a spring's coordinates, from `first` on, move its virtual joints."""
     x = next(xs for e, xs in ev.model.of_kind(Spring, ev.x) if e is effect)
     slope = laws.mixing_slope(effect, x, ev.motion.context)[..., i]
     return _geometric(ev, mixed_along(ev.motion, ev.model.layout, first, slope))
