@@ -78,11 +78,9 @@ def batch(m: Model, poses: Poses) -> None:
 
 
 def sensitivities(m: Model, poses: Poses, names: list[str], block: int = 100_000) -> None:
-    """Predictions and sensitivities in blocks, so that memory stays bounded."""
+    """Predictions with sensitivities, as fits ask for them, in blocks, so that memory stays bounded."""
     for start in range(0, len(poses), block):
-        part = poses.take(slice(start, start + block))
-        m.predict(part)
-        m.sensitivity(part, names=names)
+        m.rates(poses.take(slice(start, start + block)), m.nominal, names)
 
 
 def writing(count: int, *shapes: tuple[int, ...], block: int = 100_000) -> Callable[[], None]:

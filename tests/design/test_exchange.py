@@ -54,6 +54,36 @@ def test_no_single_exchange_helps(rule: Criterion, worst: bool) -> None:
         assert robust.value(moments[others].sum(axis=0) + moments[free]).min() > reached * (1.0 - 1e-9)
 
 
+def test_what_other_starts_found_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The plan of many starts is the same, bit by bit, where nothing is remembered; and fewer steps are taken."""
+    from qsframework.design import exact
+
+    rows, asked = rows_of(4, 60), list[int]()
+    plain = exact._best  # pyright: ignore[reportPrivateUsage]
+
+    def counted(board, others, group, ridge, thorough):  # type: ignore[no-untyped-def]
+        asked.append(1)
+        return plain(board, others, group, ridge, thorough)
+
+    class Forgets(dict):  # type: ignore[type-arg]
+        def __contains__(self, key: object) -> bool:
+            return False
+
+    def found(known: type[dict]) -> tuple[list[int], int]:  # type: ignore[type-arg]
+        asked.clear()
+        monkeypatch.setattr(exact, "_best", counted)
+        made = exact._Board  # pyright: ignore[reportPrivateUsage]
+        monkeypatch.setattr(exact, "_Board", lambda **fields: made(**fields, known=known()))
+        quotas = Quotas((np.arange(60),), (5,), np.arange(60))
+        plan = exchange(rows, Determinant(), quotas, None, 12, np.random.default_rng(0)).tolist()
+        monkeypatch.undo()
+        return plan, len(asked)
+
+    remembered, forgotten = found(dict), found(Forgets)
+    assert remembered[0] == forgotten[0]
+    assert remembered[1] < 0.8 * forgotten[1]
+
+
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_groups_and_places_are_kept(seed: int) -> None:
     """Two loads over the same six poses: two poses of the first, one of the second, and no pose twice."""

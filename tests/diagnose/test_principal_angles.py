@@ -35,13 +35,15 @@ def at_angle(angle, m=40, sided=False):
 def test_agrees_with_scipy_for_every_pair_of_sizes():
     sizes = [1, 2, 3, 1, 0, 3, 6, 1]
     spaces = random_subspaces(sizes)
-    found = angle_matrix(spaces)
+    found, widest = angle_matrix(spaces), angle_matrix(spaces, largest=True)
     for i, a in enumerate(sizes):
         for j, b in enumerate(sizes):
             if i == j or not a or not b:
                 assert np.isnan(found[i, j])
             else:
-                assert found[i, j] == pytest.approx(subspace_angles(spaces[i].Q, spaces[j].Q).min(), rel=1e-9)
+                expected = subspace_angles(spaces[i].Q, spaces[j].Q)
+                assert found[i, j] == pytest.approx(expected.min(), rel=1e-9)
+                assert widest[i, j] == pytest.approx(expected.max(), rel=1e-9)
     assert np.allclose(smallest_angles(spaces, 2), found[2], equal_nan=True)
 
 

@@ -20,8 +20,8 @@ from qsframework.diagnose.selection.influence import hangs_on
 from qsframework.diagnose.selection.model_selection import blocks_of
 from qsframework.diagnose.selection.rivals import rival_set
 from qsframework.diagnose.selection.search import Gram, Subset, make_gram, search
-from qsframework.estimation.noise import Independent
-from qsframework.estimation.visit_noise import Reml, VisitNoise, reml
+from qsframework.estimation.noise import Independent, grouped
+from qsframework.estimation.visit_noise import RHOS, Reml, VisitNoise, reml
 from qsframework.experiment import make_rows
 from qsframework.experiment.simulate import displaced
 from qsframework.plugin import Array, Poses
@@ -265,6 +265,44 @@ def test_evidence_of_one_column_is_the_integral_over_its_coefficient() -> None:
 
     expected = max(bayes(float(t)) for t in TAUS)
     assert found == pytest.approx(expected, rel=0.05)
+
+
+@pytest.mark.parametrize("rho", [0.0, 1.0, 4.0])
+@pytest.mark.parametrize("strength", [0.0, 3.0])
+def test_evidence_of_readings_needs_no_noise_far_beyond_the_one_found(rho: float, strength: float) -> None:
+    """With draws all sizes of what a visit shares are looked at, without them those that the readings can have."""
+    rng = np.random.default_rng(6)
+    visits, m = 30, 270
+    label = (3 * np.repeat(np.arange(visits), 3)[:, None] + np.arange(3)).ravel()
+    made = tuple(grouped(np.ones(m), [(label, np.full(m, r))]) for r in RHOS)
+    fits = reml(VisitNoise(np.array(RHOS), made, 3 * visits, 3.0), rng.standard_normal((m, 5)), m)
+    blocks = [rng.standard_normal((3 * visits, k))[label] for k in (1, 2, 4)] + [rng.standard_normal((m, 3))]
+    y = rng.standard_normal(m) + rho * rng.standard_normal(3 * visits)[label] + strength * blocks[1][:, 0]
+    every = evidence(blocks, fits, y, draws=100)
+    np.testing.assert_allclose(evidence(blocks, fits, y, draws=0).e, every.e, rtol=0, atol=1e-9)
+    assert (every.e[1] > 10.0) == (strength > 0.0)
+
+
+def test_falls_beside_many_subsets_are_those_of_full_fits() -> None:
+    """Subsets of any number of directions at once, against least squares of all columns."""
+    case, subspaces = linear()
+    gram = make_gram([s for s in subspaces if s.visible][:14], case.residuals, None)
+    columns = [s.Q for s in subspaces if s.visible][:14]
+    Q, _ = np.linalg.qr(case.A)
+    residuals = case.residuals - Q @ (Q.T @ case.residuals)
+
+    def square(members: tuple[int, ...]) -> float:
+        if not members:
+            return float(residuals @ residuals)
+        A = np.concatenate([columns[i] for i in members], axis=1)
+        return float(np.square(residuals - A @ np.linalg.lstsq(A, residuals, rcond=1e-10)[0]).sum())
+
+    subsets, others = [(), (0,), (3,), (1, 4), (2, 9, 11)], [5, 6, 7, 8, 12, 13]
+    found = gram.falls_beside(subsets, others)
+    wanted = [[square(s) - square((*s, i)) for i in others] for s in subsets]
+    np.testing.assert_allclose(found, wanted, rtol=1e-3, atol=1e-3)
+    for s, row in zip(subsets, found, strict=True):
+        np.testing.assert_allclose(gram.falls(s, others), row, rtol=1e-9, atol=1e-12)
 
 
 def test_a_name_is_contested_by_the_law_that_made_the_readings_and_not_by_its_own_shape() -> None:

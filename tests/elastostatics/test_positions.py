@@ -21,7 +21,7 @@ from test_chain_rule import (
 )
 
 from qsframework.elastostatics import Model, Site, equilibrium, make_model
-from qsframework.plugin import Conditions, Poses
+from qsframework.plugin import Conditions, Poses, find
 from qsframework.robot import Robot, load_robot
 
 STATES = pytest.mark.parametrize("loaded", [False, True], ids=["unloaded", "loaded"])
@@ -43,6 +43,43 @@ def arm_poses(robot: Robot, count: int) -> Poses:
     pendant = rng.uniform(robot.controller.lower, robot.controller.upper, (count, 6))
     wrench = rng.normal(0.0, 1.0, (count, 6)) * np.array([2e3] * 3 + [300.0] * 3)
     return Poses(pendant, robot.controller.to_joints(pendant), wrench)
+
+
+def test_a_batch_that_is_known_moves_with_every_parameter_that_moves_the_arm() -> None:
+    """The commanded motion is kept for the steps of a fit: back and forth between values, and in both states, it is
+    that of a model that has seen nothing."""
+    robot = load_robot("fanuc_m900ib")
+    more = [
+        e for kind in ("joint_offset", "joint_placement", "thermal_expansion") for e in find(kind).places(robot.facts)
+    ]
+    own = (*robot.parameters, *(p for e in more for p in e.parameters(robot.facts)))
+
+    def fresh() -> Model:
+        site = Site(6, MARKERS[0])
+        return make_model(robot.facts, [*robot.effects, *more], own, site, [("m", site)], robot.gravity)
+
+    rng = np.random.default_rng(0)
+    there = arm_poses(robot, 7)
+    warm = [Conditions(temperature=rng.uniform(15.0, 30.0, 7)) for _ in range(2)]
+    batch = replace(there, unloaded=warm[0], loaded=warm[1])
+    model = fresh()
+    x = model.nominal
+    stiff, offset, hot, long = x.copy(), x.copy(), x.copy(), x.copy()
+    for values, start, by in (
+        (stiff, "joint_compliance", 1e-7),
+        (offset, "joint_offset", 1e-3),
+        (hot, "thermal_expansion", 1e-5),
+        (long, "parallelogram", 1e-4),
+    ):
+        values[[i for i, n in enumerate(model.names) if n.startswith(start)]] += by
+    found: list[np.ndarray] = []
+    for values in (x, stiff, offset, x, hot, long, offset, x):
+        for loaded in (False, True):
+            found.append(model.positions(batch, values, loaded))
+            np.testing.assert_array_equal(found[-1], fresh().positions(batch, values, loaded))
+            assert np.isfinite(found[-1]).all()
+    changed = {i: np.abs(found[i] - found[i % 2]).max() for i in range(2, len(found))}
+    assert all((changed[i] > 1e-6) == (i // 2 not in (3, 7)) for i in changed), changed
 
 
 @STATES

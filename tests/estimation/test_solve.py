@@ -191,6 +191,22 @@ def test_other_starts_find_the_deeper_minimum() -> None:
     assert np.array_equal(found.x, solve(o, FitOptions(starts=12)).x)
 
 
+def test_a_linear_model_is_told_by_one_step_of_all_parameters() -> None:
+    """Whether other starts are worth it costs two sets of sensitivities, not one for each parameter."""
+    o, A = line()
+    asked = list[Array]()
+
+    def jacobian(x: Array) -> Array:
+        asked.append(x)
+        return A
+
+    solve(replace(o, jacobian=jacobian), FitOptions(starts=0))
+    plain = len(asked)
+    solve(replace(o, jacobian=jacobian), FitOptions(starts=12))
+    assert len(asked) - plain == plain + 2
+    assert np.all(asked[plain + 1] != asked[plain]), "all parameters move"
+
+
 def _try(o: Observations, starts: int) -> Solution | None:
     try:
         return solve(o, FitOptions(starts=starts))

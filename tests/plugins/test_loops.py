@@ -14,7 +14,7 @@ from qsf_plugins.four_bar import BARS, FourBar
 from qsf_plugins.joint_compliance import JointCompliance
 from qsf_plugins.parallelogram import Parallelogram
 from qsframework.elastostatics import Site, full_displacement, make_model
-from qsframework.plugin import InputError, Loop, Poses, RobotFacts, build_effects, check_effect
+from qsframework.plugin import Array, InputError, Loop, LoopTerm, Poses, RobotFacts, build_effects, check_effect
 from qsframework.plugin.check import sample_context, sample_robot
 from qsframework.plugin.facts import frozen
 from qsframework.plugin.laws import difference
@@ -75,6 +75,26 @@ def test_a_four_bar_of_equal_lengths_is_the_parallelogram(robot: RobotFacts, bar
         assert np.array_equal(one.q[:, 1], phi[:, 1] - sign(robot) * phi[:, 0])
         angles = [e.transmission_angle(one.q, robot) for e in (PARALLELOGRAM, EQUAL)]
         assert np.allclose(*angles, rtol=0, atol=1e-7)  # arcsin near 90 deg
+
+
+def test_slopes_are_taken_once_and_where_they_are_asked_for() -> None:
+    asked = list[str]()
+
+    def slope() -> Array:
+        asked.append("slope")
+        return np.ones((2, 1, 1))
+
+    def bend() -> Array:
+        asked.append("bend")
+        return np.zeros((2, 1, 1, 1))
+
+    term = LoopTerm(np.zeros((2, 1)), slope, bend)
+    assert not asked
+    assert term.q_u is term.q_u
+    assert asked == ["slope"]
+    assert not term.q_uu.any()
+    given = LoopTerm(np.zeros((2, 1)), np.ones((2, 1, 1)))
+    assert given.q_u is given.slope
 
 
 def test_a_perfect_bar_loses_nothing_even_where_the_loop_is_flat() -> None:
