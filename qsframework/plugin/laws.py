@@ -181,9 +181,9 @@ def closure(effect: Loop, actuators: Array, bars: Array, context: Context) -> Lo
 
     term = at(u)
     _checked(effect, "closure", term.q, (batch, k), u)
-    if left_out(term.slope):
-        term = replace(term, slope=lambda: slope(u))
-    return term if not left_out(term.bend) else replace(term, bend=lambda: difference(slope, u, size()))
+    first = (lambda: slope(u)) if left_out(term.slope) else (lambda: term.q_u)
+    second = (lambda: difference(slope, u, size())) if left_out(term.bend) else (lambda: term.q_uu)
+    return LoopTerm(term.q, first, second)
 
 
 def mixing(effect: Spring, x: Array, context: Context) -> Array:

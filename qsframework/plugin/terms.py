@@ -55,17 +55,16 @@ class Range:
 Later = Callable[[], Array]
 
 
-@dataclass(frozen=True, eq=False)
 class LoopTerm:
     """A loop over k joints with m bars, at u = (actuator angles, bar errors) of k + m entries.
 
-    q (N, k) joint angles; slope, bend: q_u (N, k, k + m) and q_uu (N, k, k + m, k + m), arrays, or functions that give
-    them: most who ask where the joints stand do not ask how they move
+    q (N, k) joint angles; q_u (N, k, k + m); q_uu (N, k, k + m, k + m). The derivatives are arrays, or functions that
+    give them, which are called where they are asked for: most who ask where the joints stand do not ask how they move
     """
 
-    q: Array
-    slope: Array | Later = TAKEN
-    bend: Array | Later = TAKEN
+    def __init__(self, q: Array, q_u: Array | Later = TAKEN, q_uu: Array | Later = TAKEN) -> None:
+        self.q = q
+        self.slope, self.bend = q_u, q_uu
 
     @cached_property
     def q_u(self) -> Array:
