@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
 Tell = Callable[[str, int, int], None]
+_TERMINALS = {"FORCE_COLOR", "TTY_COMPATIBLE"}
+"""Variables by which rich takes for a terminal what does not look like one."""
 
 
 @contextmanager
 def progress() -> Generator[Tell, None, None]:
     """A function (label, done, total) that draws one bar per label."""
+    if not sys.stderr.isatty() and not _TERMINALS & os.environ.keys():  # nothing to load that nobody sees
+        yield lambda label, done, total: None
+        return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +17,7 @@ from qsframework.robot.checks import chain_joints
 from qsframework.robot.mesh import KINDS, convex_hull, mesh_file, read_mesh
 from qsframework.robot.robot import LinkFrame, MeshShape, Shape
 from qsframework.robot.urdf import Inertial, Joint, Link, MeshVisual, Origin, Urdf, Visual
+from qsframework.robot.xml_tree import quoted
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -182,7 +182,7 @@ def _origin(origin: Origin) -> str:
 
 def _link(link: Link) -> str:
     inside = "" if link.inertial is None else _inertial(link.inertial)
-    return f"<link name={quoteattr(link.name)}>{inside}</link>"
+    return f"<link name={quoted(link.name)}>{inside}</link>"
 
 
 def _inertial(inertial: Inertial) -> str:
@@ -198,5 +198,5 @@ def _joint(joint: Joint) -> str:
         if joint.moves
         else ""
     )
-    ends = f"<parent link={quoteattr(joint.parent)}/><child link={quoteattr(joint.child)}/>"
-    return f'<joint name={quoteattr(joint.name)} type="{kind}">{_origin(joint.origin)}{ends}{moving}</joint>'
+    ends = f"<parent link={quoted(joint.parent)}/><child link={quoted(joint.child)}/>"
+    return f'<joint name={quoted(joint.name)} type="{kind}">{_origin(joint.origin)}{ends}{moving}</joint>'

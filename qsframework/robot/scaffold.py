@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from qsframework.robot.scaffold_masses import mass_of, with_bodies, with_masses
 from qsframework.robot.scaffold_meshes import with_meshes
 from qsframework.robot.scaffold_text import nominal_text, readme_text, robot_text
 from qsframework.robot.urdf import Joint, Link, MeshVisual, Mimic, Urdf, Visual, read_urdf
+from qsframework.robot.xml_tree import quoted
 from qsframework.units import SLIDES, TURNS
 
 _TWIST_AT_EFFORT = 2.5e-3  # rad: the KUKA KR500 gives 2.1 to 3.6 mrad at its joints' largest torques
@@ -255,16 +255,16 @@ def _left_out(dropped: list[Joint], lost: float) -> tuple[str, ...]:
 
 def _urdf_text(urdf: Urdf, name: str, base: str, guessed: bool) -> str:
     """One plain URDF: numbers in full, simple solids, and the meshes that the new robot keeps."""
-    text = plain_urdf(urdf, base).replace('<robot name="robot">', f"<robot name={quoteattr(name)}>", 1)
+    text = plain_urdf(urdf, base).replace('<robot name="robot">', f"<robot name={quoted(name)}>", 1)
     for link in urdf.links:
-        text = text.replace(f"<link name={quoteattr(link.name)}>", _head(link), 1)
+        text = text.replace(f"<link name={quoted(link.name)}>", _head(link), 1)
     told = "Masses are assumed, see README.md." if guessed else ""
     return f'<?xml version="1.0"?>\n<!-- Made by qsf new from {urdf.path.name}. {told} -->\n' + text
 
 
 def _head(link: Link) -> str:
     drawn = "".join(_solid(solid, "visual") for solid in (*link.visuals, *link.meshes))
-    return f"<link name={quoteattr(link.name)}>{drawn}" + "".join(_solid(s, "collision") for s in link.collisions)
+    return f"<link name={quoted(link.name)}>{drawn}" + "".join(_solid(s, "collision") for s in link.collisions)
 
 
 def _solid(solid: Visual | MeshVisual, tag: str) -> str:
@@ -272,7 +272,7 @@ def _solid(solid: Visual | MeshVisual, tag: str) -> str:
         return " ".join(f"{float(v):.9g}" for v in np.atleast_1d(np.asarray(values, dtype=float)))
 
     if isinstance(solid, MeshVisual):
-        size = f"<mesh filename={quoteattr(solid.name)}/>"
+        size = f"<mesh filename={quoted(solid.name)}/>"
     else:
         size = {
             "box": f'<box size="{row(solid.size)}"/>',

@@ -5,7 +5,6 @@ Both are executors of `concurrent.futures`. Here stands what is added: what is s
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import os
 import threading
@@ -24,6 +23,13 @@ _LOOK = 1.0
 """s between two looks of a worker at whether it still has a master, and of a master at whether it has workers."""
 _IDLE = 60
 """s after which a worker that has nothing to do ends."""
+
+
+def _cancelled() -> type[BaseException]:
+    """What an event loop ends a task with; asyncio is loaded where something was lost, or on a cluster."""
+    from asyncio import CancelledError as Cancelled
+
+    return Cancelled
 
 
 class WorkerLost(QsfError):
@@ -45,7 +51,7 @@ class Workers(Executor):
             while not wait([future], timeout=_LOOK).done:
                 self._look()
             result, error = future.result()
-        except (Exception, asyncio.CancelledError) as lost:
+        except (Exception, _cancelled()) as lost:
             raise self.lost(lost) from lost
         if error is not None:
             raise error
@@ -121,6 +127,7 @@ class Dask(Workers):
             if name.split(".")[0] in ("distributed", "tornado", "asyncio", "concurrent"):
                 logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         known: Any = distributed
+        import asyncio
 
         async def asked() -> None:  # a Client waits without end for a scheduler that hears and says nothing
             async with known.rpc(address) as scheduler:
@@ -191,7 +198,7 @@ class Dask(Workers):
         """Words for what a cluster may go through."""
         if isinstance(error, QsfError):
             return error
-        if isinstance(error, CancelledError | asyncio.CancelledError) or self.client.status != "running":
+        if isinstance(error, CancelledError | _cancelled()) or self.client.status != "running":
             return WorkerLost(f"the Dask scheduler at {self.address} is gone")
         what = "one worker after another ended" if type(error).__name__ == "KilledWorker" else "a task was lost"
         return WorkerLost(f"{what} on the Dask cluster at {self.address}: {error}")

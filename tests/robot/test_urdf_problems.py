@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from qsframework.robot.xml_tree import quoted
+
 CASES = {
     "negative mass": (('value="5"', 'value="-5"'), '<mass value="-5"', ("'fore'", "positive mass", "-5 kg")),
     "zero mass": (('value="5"', 'value="0"'), '<mass value="0"', ("'fore'", "positive mass")),
@@ -214,3 +216,11 @@ def test_not_utf8(small):
 def test_deep_nesting_ends_in_a_message(small):
     small.write("small.urdf", "<robot>" + "<a>" * 20000 + "</a>" * 20000 + "</robot>")
     assert small.problems()
+
+
+def test_what_is_quoted_is_read_back_whole() -> None:
+    """By the standard library's parser, for any characters that XML may hold."""
+    from xml.etree.ElementTree import fromstring
+
+    for value in ("plain", "a&b<c>d", "\"both\" 'kinds'", "tab\tline\nreturn\rend", "&amp; &#10; é 関節", ""):
+        assert fromstring(f"<link name={quoted(value)}/>").attrib["name"] == value
