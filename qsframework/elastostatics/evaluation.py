@@ -10,7 +10,7 @@ import numpy as np
 
 from qsframework.elastostatics import loads, pulls, springs
 from qsframework.elastostatics.layout import mixed
-from qsframework.elastostatics.motion import Motion, combine, commanded_actuators, move
+from qsframework.elastostatics.motion import KNOWN, Motion, combine, commanded_actuators, move
 from qsframework.elastostatics.sensors import Sensed, sense
 from qsframework.elastostatics.state import State, place
 from qsframework.elastostatics.structure import Structure, chunks
@@ -29,9 +29,6 @@ from qsframework.plugin import (
     laws,
 )
 from qsframework.robot.kinematics import Twists
-
-_KNOWN = 8
-"""Batches whose commanded motion is kept: a fit asks for its few again at every step."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -124,7 +121,7 @@ def move_commanded(
     return _commanded(model, poses, loaded, tuple(x[list(model.moving)].tolist()))
 
 
-@lru_cache(maxsize=_KNOWN)
+@lru_cache(maxsize=KNOWN)
 def _commanded(
     model: Structure, poses: Poses, loaded: bool, moving: tuple[float, ...]
 ) -> tuple[tuple[GeometryTerm, ...], Motion]:

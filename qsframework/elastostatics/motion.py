@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary
+from functools import lru_cache
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from qsframework.plugin import Array, Context, LoopTerm, Poses, laws
 from qsframework.plugin.facts import frozen
 from qsframework.plugin.loops import follow
 
+KNOWN = 8
+"""Batches that are known again: a fit asks for its few at every step."""
 Coefficients = tuple[tuple[tuple[int, Array | float], ...], ...]
 """For each elastic coordinate the elements that it moves, with the rate (N,) or constant of each."""
 
@@ -71,15 +73,10 @@ def nominal_actuators(layout: Layout, q: Array) -> Array:
     return phi
 
 
-_COMMANDED: WeakKeyDictionary[Poses, WeakKeyDictionary[Layout, Array]] = WeakKeyDictionary()
-
-
+@lru_cache(maxsize=KNOWN)
 def commanded_actuators(layout: Layout, poses: Poses) -> Array:
     """`nominal_actuators` of a batch, read-only: no parameter moves them, and every step of a fit asks for them."""
-    known = _COMMANDED.setdefault(poses, WeakKeyDictionary())
-    if layout not in known:
-        known[layout] = frozen(nominal_actuators(layout, np.ascontiguousarray(poses.q.T)))
-    return known[layout]
+    return frozen(nominal_actuators(layout, np.ascontiguousarray(poses.q.T)))
 
 
 def move(layout: Layout, context: Context, phi: Array, bars: Array, placements: Array | None = None) -> Motion:
