@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from qsframework.experiment import Experiment, Readings
 from qsframework.plugin import Array
 from qsframework.report.blocks import Figure, Section, Table
 from qsframework.report.numbers import row_table
-from qsframework.report.plots import blank
+from qsframework.report.plots import Plot, blank
 
 _STATE = {True: "as it should be", False: "look at it", None: "not measured"}
 Found = tuple[str, str, Sequence[tuple[bool | None, str, str]]]
@@ -77,7 +76,7 @@ def _apart(readings: Readings) -> Array:
     return out
 
 
-def _sizes(rows: list[int], size: list[float], marker: list[str], used: list[str], what: str) -> Any:
+def _sizes(rows: list[int], size: list[float], marker: list[str], used: list[str], what: str) -> Plot:
     figure = blank("Readings by row", "row of the readings file", what)
     for name in dict.fromkeys(marker):
         at = [i for i, m in enumerate(marker) if m == name]

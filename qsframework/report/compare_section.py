@@ -11,7 +11,7 @@ from qsframework.applications.compare import Compared, Comparison
 from qsframework.plugin import Array
 from qsframework.report.blocks import Figure, Section, Table, Text, View
 from qsframework.report.numbers import row_table
-from qsframework.report.plots import COLOURS, SYMBOLS, blank, panels
+from qsframework.report.plots import COLOURS, SYMBOLS, Plot, blank, panels
 from qsframework.report.words.sizes import shown
 from qsframework.robot.collision import Flags
 from qsframework.viz import task_scene
@@ -127,7 +127,7 @@ def path_view(result: Comparison) -> View:
     )
 
 
-def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) -> Any:
+def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) -> Plot:
     """One heat map for each robot over x and z, all on one logarithmic scale; grey where it does not reach."""
     task, count = result.task, len(result.robots)
     names = [html.escape(r.robot.title.split(",")[0]) for r in result.robots]
@@ -189,7 +189,7 @@ def _ticks(values: Array) -> list[float]:
     return [m * 10.0**k for k in range(low, high + 1) for m in steps if known.min() <= m * 10.0**k <= known.max()]
 
 
-def path_figure(result: Comparison) -> Any:
+def path_figure(result: Comparison) -> Plot:
     """Deflection along the path, uncorrected and after compensation."""
     figure = blank("Along the path", "point of the path", "distance from the wanted place, mm", 420)
     points = list(range(1, len(result.task.points) + 1))

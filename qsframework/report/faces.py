@@ -38,12 +38,12 @@ _ROWS = 10
 
 @dataclass(frozen=True)
 class Face:
-    """said: the verdict, or what a value is; columns: by name, each as long as the frame; figure: makes the plot"""
+    """said: the verdict, or what a value is; columns: by name, each as long as the frame; draw: makes the plot"""
 
     said: str
     tables: tuple[Table, ...]
     columns: Mapping[str, Any]
-    figure: Callable[[], Plot]
+    draw: Callable[[], Plot]
 
 
 def text(result: Any) -> str:
@@ -84,7 +84,7 @@ def frame(result: Any) -> Any:
 
 def plot(result: Any) -> Any:
     """Its plot, a `plotly.graph_objects.Figure`."""
-    return _face(result).figure().figure()
+    return _face(result).draw().figure()
 
 
 @singledispatch
@@ -116,7 +116,7 @@ def _plan(plan: Plan) -> Face:
     columns |= {"load": plan.load, "repeats": plan.repeats}
     said = f"{len(plan.pose)} poses, {sum(plan.repeats)} with their repeats. {certificate_text(plan)}"
 
-    def figure() -> Any:
+    def figure() -> Plot:
         out = blank("Joints of the plan", "pose", f"value, {units.one}")
         for k, shown in enumerate(units.shown(plan.pendant).T):
             mark = {"color": COLOURS[k % len(COLOURS)], "symbol": SYMBOLS[k % len(SYMBOLS)]}
@@ -152,7 +152,7 @@ def _readings(readings: Readings) -> Face:
     header = ("pose", "kind", "x, mm", "y, mm", "z, mm", "force N", "")
     title = Table(header, rows, f"The first {len(rows)}." if len(readings) > _ROWS else "")
 
-    def figure() -> Any:
+    def figure() -> Plot:
         out = blank("Readings", "pose", "size, mm")
         for k, kind in enumerate(kinds):
             at = np.flatnonzero((readings.kind == kind) & readings.use)

@@ -116,8 +116,12 @@ class Plot:
 
     def _number(self, row: int, col: int) -> str:
         """What the names of a plot's axes end with."""
-        number = (row - 1) * self.across + col
-        return "" if number == 1 else str(number)
+        return _ending((row - 1) * self.across + col)
+
+
+def _ending(number: int) -> str:
+    """What the names of the axes of a plot end with; the first plot's have none."""
+    return "" if number == 1 else str(number)
 
 
 def _merge(into: dict[str, Any], settings: dict[str, Any]) -> None:
@@ -173,12 +177,11 @@ def panels(
     for k, said in enumerate(titles[: rows * columns]):
         row, col = divmod(k, columns)
         left, top = col * (wide + between), 1.0 - row * (tall + above)
-        number = "" if k == 0 else str(k + 1)
+        number = _ending(k + 1)
         layout[f"xaxis{number}"] = {"anchor": f"y{number}", "domain": [left, left + wide]}
         y: dict[str, Any] = {"anchor": f"x{number}", "domain": [max(top - tall, 0.0), top]}
-        first = k - col + 1
         if shared and col:
-            y |= {"matches": "y" if first == 1 else f"y{first}", "showticklabels": False}
+            y |= {"matches": f"y{_ending(k - col + 1)}", "showticklabels": False}
         layout[f"yaxis{number}"] = y
         place = {"x": left + 0.5 * wide, "xanchor": "center", "y": top, "yanchor": "bottom"}
         over.append({"text": said, "font": {"size": 16}, "showarrow": False, "xref": "paper", "yref": "paper", **place})

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from qsframework.forecast.forecast import Foresight, Outlook, Prospect, Why
 from qsframework.plugin import Array, Indices
 from qsframework.report.blocks import Figure, Section, Table, Text
-from qsframework.report.plots import DASHES, GREY, blank
+from qsframework.report.plots import DASHES, GREY, Plot, blank
 from qsframework.report.words.forecast import curve_words, foresight_words, kind_words, smallest_words, why_words
 
 _LABELS = 120
@@ -71,7 +70,7 @@ def _rival(prospect: Prospect) -> str:
     return f"{prospect.nearest}, {np.rad2deg(prospect.angle):.0f} deg" if prospect.nearest else "-"
 
 
-def angle_figure(names: Sequence[str], angles: Array) -> Any:
+def angle_figure(names: Sequence[str], angles: Array) -> Plot:
     """Heat map of the angles (G, G) rad between causes; those alike stand side by side."""
     seen = np.flatnonzero(np.isfinite(angles).any(axis=0))
     order = seen[_seriated(angles[np.ix_(seen, seen)])]
@@ -118,7 +117,7 @@ def _seriated(angles: Array) -> Indices:
     return np.array([i for group in groups for i in group], dtype=np.intp)
 
 
-def power_figure(foresight: Foresight, marked: Sequence[tuple[str, float]] = ()) -> Any:
+def power_figure(foresight: Foresight, marked: Sequence[tuple[str, float]] = ()) -> Plot:
     """Detection rate against s; marked: names with their s, as lines."""
     figure = blank("Chance of detection", "s: visible size in units of noise", "detected, %")
     for i, curve in enumerate(foresight.curves):

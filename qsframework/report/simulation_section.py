@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from qsframework.elastostatics.exact import exact_readings
 from qsframework.experiment import Experiment, Plan, Simulation
 from qsframework.plugin import Array
 from qsframework.report.blocks import Figure, Section, Table, Text, View
-from qsframework.report.plots import GREY, blank
+from qsframework.report.plots import GREY, Plot, blank
 from qsframework.report.words.sizes import shown
 from qsframework.viz import show_scene
 from qsframework.viz.deflection import deflection
@@ -84,7 +83,7 @@ def truth_table(result: Simulation) -> Table:
     return Table(header, tuple(rows), "A fit of the readings should find the second column within its sds.")
 
 
-def _bars(experiment: Experiment, plan: Plan, moved: Array, sigma: float) -> Any:
+def _bars(experiment: Experiment, plan: Plan, moved: Array, sigma: float) -> Plot:
     figure = blank("Displacement of the markers", "pose", "length, mm")
     figure.update(barmode="group", xaxis={"type": "category"})
     sizes = 1e3 * np.linalg.norm(moved, axis=2)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import html
-from typing import Any
 
 import numpy as np
 
 from qsframework.identify.validate import Errors, Validation
 from qsframework.report.blocks import Figure, Section, Table, Text
 from qsframework.report.fit_plots import distribution_figure
-from qsframework.report.plots import AFTER, blank
+from qsframework.report.plots import AFTER, Plot, blank
 from qsframework.report.words.validation import validation_words
 
 
@@ -68,7 +67,7 @@ def _distribution(part: Errors) -> tuple[Figure, ...]:
     return (distribution_figure(sizes),) if len(sizes["identified"]) else ()
 
 
-def _by_row(found: Validation) -> Any:
+def _by_row(found: Validation) -> Plot:
     figure = blank("3D error by row", "row of the readings file", "3D error, mm")
     whole = np.flatnonzero(np.isfinite(found.whole.errors).all(axis=1))
     size = np.linalg.norm(found.whole.errors[whole], axis=1) * 1e3
