@@ -157,7 +157,6 @@ class ClosedChain(Loop):
         v = self._assemble(np.concatenate([actuators, bars], axis=1), list(range(known)), free, context.robot)
         what = "cannot close without passing a flat position"
         refuse(self.name, what, np.isnan(v[:, 0]), actuators, self.joints(context.robot), bars)
-        ends = self._ends(context.robot)
 
         @cache
         def moved() -> tuple[Array, Array]:
@@ -169,7 +168,8 @@ class ClosedChain(Loop):
 
         def bend() -> Array:
             first, inverse = moved()
-            curve = ends[0].second(v) - ends[1].second(v)
+            mechanism, arm = self._ends(context.robot)
+            curve = mechanism.second(v) - arm.second(v)
             curve = np.einsum("nvu,ncvw,nwt->ncut", first, curve, first, optimize=True)
             q_uu = np.zeros((len(v), 2, 2 + m, 2 + m))
             q_uu[:, 1] = -np.einsum("nc,ncut->nut", inverse[:, 0], curve)

@@ -68,7 +68,7 @@ class Cylinder(Loop):
         return float(np.sign(sense)), side, complex(plane @ frame[:3, 3]), complex(plane @ target[:3])
 
     def _angle(self, q: Array, robot: RobotFacts) -> LoopTerm:
-        """The branch's angle by the driver's (N,), continuous over whole turns."""
+        """The branch's angle (N, 1) by the driver's (N,), continuous over whole turns."""
         sense, side, own, pivot = self._pivots(robot)
         turn = np.exp(1j * side * q)
         D = pivot * turn - own

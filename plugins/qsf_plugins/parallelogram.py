@@ -185,10 +185,10 @@ class Parallelogram(Loop):
         """The lever turns by s phi_driven, the bar from it by phi_driver + beta - s phi_driven, about the driver."""
         sign, link = self._sign(robot), link_length(robot, self.driver, self.driven)
         senses = np.array(self._senses(robot))
-        bent = swing.any()
-        beta = np.angle(self._bar_vector(psi, swing, link)[0]) if bent else swing  # a perfect bar keeps along link 2
+        bar = cache(lambda: self._bar_vector(psi, swing, link))
+        beta = np.angle(bar()[0]) if swing.any() else swing  # a perfect bar keeps along link 2
         angles = [sign * actuators[:, 1], actuators[:, 0] + beta - sign * actuators[:, 1]][: len(senses)]
-        by_y = cache(lambda: self._bar_slopes(psi, swing, slopes(), link))
+        by_y = cache(lambda: _bar_slopes(*bar(), slopes()))
 
         def first() -> Array:
             q_u = np.zeros((len(psi), 2, 3))
@@ -207,20 +207,6 @@ class Parallelogram(Loop):
         """The bar Z = L + a e^(i rho) - a e^(i psi) from the lever's end, with its two levers, complex (N,) m."""
         lever, rocker = self.lever * np.exp(1j * psi), self.lever * np.exp(1j * (psi + swing))
         return link + rocker - lever, lever, rocker
-
-    def _bar_slopes(self, psi: Array, swing: Array, slopes: Slopes, link: float) -> Slopes:
-        """beta, the angle from link 2 to the bar, by y = (psi, bar)."""
-        Z, lever, rocker = self._bar_vector(psi, swing, link)
-        # one contiguous array for each entry: of complex matrices (N, 2, 2) numpy is several times slower
-        lever, rocker = lever / Z, rocker / Z
-        r, by_psi = slopes.first.T, (1.0, 0.0)
-        each = [1j * (rocker * r[i] - lever * by_psi[i]) for i in range(2)]
-        first, second = np.empty((len(psi), 2)), np.empty((len(psi), 2, 2))
-        for i, j in ((0, 0), (0, 1), (1, 1)):
-            bent = rocker * (1j * slopes.second[:, i, j] - r[i] * r[j]) + lever * by_psi[i] * by_psi[j]
-            second[:, i, j] = second[:, j, i] = (bent - each[i] * each[j]).imag
-        first[:, 0], first[:, 1] = each[0].imag, each[1].imag
-        return Slopes(first, second)
 
     def carried(self, robot: RobotFacts) -> tuple[tuple[str, ...], ...]:
         return ((), self._branches[1:]) if self._branches[1:] else ((),)
@@ -291,6 +277,20 @@ class Parallelogram(Loop):
     def outline(self, q: Array, robot: RobotFacts) -> Array:
         side = np.stack([np.full(len(q), self.lever), self.zero + self._sign(robot) * q[:, 1]])
         return planar_outline(robot, self.driver, self.driven, q, side, side)
+
+
+def _bar_slopes(Z: Array, lever: Array, rocker: Array, slopes: Slopes) -> Slopes:
+    """beta, the angle of the bar Z from link 2, by y = (psi, bar); slopes: those of rho."""
+    # one contiguous array for each entry: of complex matrices (N, 2, 2) numpy is several times slower
+    lever, rocker = lever / Z, rocker / Z
+    r, by_psi = slopes.first.T, (1.0, 0.0)
+    each = [1j * (rocker * r[i] - lever * by_psi[i]) for i in range(2)]
+    first, second = np.empty((len(Z), 2)), np.empty((len(Z), 2, 2))
+    for i, j in ((0, 0), (0, 1), (1, 1)):
+        bent = rocker * (1j * slopes.second[:, i, j] - r[i] * r[j]) + lever * by_psi[i] * by_psi[j]
+        second[:, i, j] = second[:, j, i] = (bent - each[i] * each[j]).imag
+    first[:, 0], first[:, 1] = each[0].imag, each[1].imag
+    return Slopes(first, second)
 
 
 def _may_carry(robot: RobotFacts, driver: str, driven: str) -> bool:

@@ -45,8 +45,8 @@ def changes(ev: Stages, wanted: Sequence[int]) -> Iterator[tuple[int, Change]]:
     for effect, part in zip(ev.model.effects, ev.model.slices, strict=True):
         kind = next(k for k in (Spring, *_RULES) if isinstance(effect, k))
         number = counts.get(kind, 0)
-        own = sum(part.start <= at < part.stop for at in ev.model.compliance_rows)
-        counts[kind] = number + (own if isinstance(effect, Spring) else 1)
+        own = [at for at in ev.model.compliance_rows if part.start <= at < part.stop]
+        counts[kind] = number + (len(own) if isinstance(effect, Spring) else 1)
         for row, position in enumerate(wanted):
             if part.start <= position < part.stop:
                 i = position - part.start

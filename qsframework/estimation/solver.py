@@ -261,13 +261,13 @@ def _other_starts(problem: _Problem, count: int, seed: int) -> list[Array]:
     reduction = problem.reduction
     zero = np.zeros(reduction.free)
     J = problem.jacobian(zero)
-    columns = np.maximum(np.linalg.norm(J, axis=0), 1e-9 * np.linalg.norm(J))
+    columns = np.maximum(np.linalg.norm(J, axis=0), max(1e-9 * float(np.linalg.norm(J)), 1e-300))
     spread = reduction.spread
     far = np.where(spread <= reduction.upper, spread, np.maximum(-spread, reduction.lower))
 
     def changed(away: Array) -> float:
         """By which share of itself a column changes, the largest."""
-        return float(np.max(np.linalg.norm(problem.jacobian(away) - J, axis=0) / np.maximum(columns, 1e-300)))
+        return float(np.max(np.linalg.norm(problem.jacobian(away) - J, axis=0) / columns, initial=0.0))
 
     # all at once, each by a share of its own so that no two cancel: one step tells a model that is as good as linear
     shares = np.random.default_rng(seed).uniform(0.5, 1.0, reduction.free)

@@ -181,9 +181,9 @@ def closure(effect: Loop, actuators: Array, bars: Array, context: Context) -> Lo
 
     term = at(u)
     _checked(effect, "closure", term.q, (batch, k), u)
-    first = (lambda: slope(u)) if left_out(term.slope) else (lambda: term.q_u)
-    second = (lambda: difference(slope, u, size())) if left_out(term.bend) else (lambda: term.q_uu)
-    return LoopTerm(term.q, first, second)
+    q_u = (lambda: slope(u)) if left_out(term.slope) else term.slope
+    q_uu = (lambda: difference(slope, u, size())) if left_out(term.bend) else term.bend
+    return LoopTerm(term.q, q_u, q_uu)
 
 
 def mixing(effect: Spring, x: Array, context: Context) -> Array:

@@ -120,7 +120,6 @@ IMPORTS = [
     "qsframework.cli.show",
     "qsframework.report.extended",
     "meshcat",
-    "plotly",
     "rich.progress",
     "typer.rich_utils",
 ]

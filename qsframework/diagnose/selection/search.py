@@ -95,7 +95,8 @@ class Gram:
         return self.total - float(self.c[index] @ z), z, self._physical(members, z)
 
     def _own(self, index: Indices) -> Array:
-        return self.G[np.ix_(index, index)] + _RIDGE * np.eye(len(index))
+        """Products (..., k, k) of directions (..., k) among themselves."""
+        return self.G[index[..., :, None], index[..., None, :]] + _RIDGE * np.eye(index.shape[-1])
 
     def _physical(self, members: tuple[int, ...], z: Array) -> bool:
         first = 0
@@ -124,8 +125,7 @@ class Gram:
         (n, k, K + 1)."""
         none = np.zeros(0, dtype=np.intp)
         index: Indices = np.array([np.concatenate([none, *(self.at[i] for i in s)]) for s in subsets], dtype=np.intp)
-        own = self.G[index[:, :, None], index[:, None, :]] + _RIDGE * np.eye(index.shape[1])
-        W = np.linalg.solve(own, np.concatenate([self.G[index], self.c[index][..., None]], axis=2))
+        W = np.linalg.solve(self._own(index), np.concatenate([self.G[index], self.c[index][..., None]], axis=2))
         return index, np.asarray(W, dtype=np.float64)
 
     def falls(self, members: Sequence[int], others: Sequence[int]) -> Array:
