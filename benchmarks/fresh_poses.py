@@ -150,6 +150,15 @@ def spoken(found: Diagnosis) -> list[tuple[set[str], set[str]]]:
     return [named_words(f.name, facts) for f in found.findings]
 
 
+def among(found: Diagnosis) -> list[tuple[set[str], set[str]]]:
+    """The same of all that the answer leaves open: each place where what is left may be, by its likeliest law; else the
+    rivals of names, too."""
+    facts = found.experiment.robot.facts
+    if found.leftovers or found.taught is not None:
+        return [*spoken(found), *(_words(x.law, facts) for x in found.places)]
+    return [*spoken(found), *(named_words(r.name, facts) for f in found.findings for r in f.rivals)]
+
+
 def named_words(name: str, facts: Any) -> tuple[set[str], set[str]]:
     """Words for the place and the variable of a cause of the library."""
     kind, _, where = name.partition("[")
@@ -163,7 +172,7 @@ def named_words(name: str, facts: Any) -> tuple[set[str], set[str]]:
 
 
 def _words(law: Any, facts: Any) -> tuple[set[str], set[str]]:
-    if law.part == "load":
+    if law.part in ("load", "point"):
         return {"load"}, {*law.by}
     there = _bearing(law.place, facts) if law.part == "bearing" else _place(law.place, facts)
     place = {law.part, f"{law.part} {law.place}".strip()} | there

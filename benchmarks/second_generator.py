@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from common import table
-from fresh_poses import Fresh, fresh_errors, place_right, spoken, variable_right
+from fresh_poses import Fresh, among, fresh_errors, place_right, spoken, variable_right
 from independent import NOISES, Campaign, Setting, Unreachable, noisy, write_campaign, write_robot
 from independent_arm import ARMS, Arm, Array, Hidden, NoRest
 from independent_effects import SHOWN, Places, campaign_for, hide, structures
@@ -295,6 +295,8 @@ def answer(told: Told, fresh: bool = False) -> Result:
         "leftovers": [[x.law.name, float(x.p_value)] for x in d.leftovers[:3]],
         "learned": None if d.taught is None else [d.taught.name, d.taught.holds, round(d.taught.gain, 3)],
         "said": [[sorted(words) for words in both] for both in spoken(d)],
+        "among": [[sorted(words) for words in both] for both in among(d)],
+        "places": len(d.places),
         "fresh": _fresh(told, d) if fresh else None,
         "rms_mm": [round(1e3 * v, 5) for v in (d.rms.heldout_identified, d.rms.heldout_extended, d.rms.noise)],
     }
@@ -398,6 +400,9 @@ def _unknown_rows(group: str, unknown: Sequence[Result]) -> list[Row]:
         goals = (">= 95 %", ">= 85 %") if not poses else ("-", "-")
         out.append(rate(f"{where}: place right", goals[0], own, lambda r: place_right(r["said"], r["place"])))
         out.append(rate(f"{where}: place and variable right", goals[1], own, _variable_right))
+        told = [r for r in own if "among" in r]
+        out.append(rate(f"{where}: place among those told", "-", told, _place_told))
+        out.append(rate(f"{where}: place and variable among those told", "-", told, _variable_told))
     for poses, goal in ((40, 80.0), (14, 65.0)):
         own = [r for r in unknown if r["poses"] == poses and r["fresh"] is not None]
         words = f"{group} kinds, {poses} poses: share of the oracle's gain at fresh poses, median"
@@ -405,6 +410,14 @@ def _unknown_rows(group: str, unknown: Sequence[Result]) -> list[Row]:
         out.append(_median(f"{words}, in RMS", 0.0, _shares(own, lambda f: f.share_of_rms)))
         out.append(rate(f"{group} kinds, {poses} poses: worse than the springs by 2 %", "<= 5 %", own, _worse))
     return out
+
+
+def _place_told(r: Result) -> bool:
+    return place_right(r["among"], r["place"])
+
+
+def _variable_told(r: Result) -> bool:
+    return variable_right(r["among"], r["place"], r["variable"])
 
 
 def _variable_right(r: Result) -> bool:

@@ -37,7 +37,8 @@ class Dependence:
     """Place, factors, and the range of each that the readings had.
 
     `by` names the factors, joined by `*`: the angle of a joint, or of two parallel ones with a plus between; `order`,
-    `time`, `temperature`, `approach`; `came`, the way by which the joint came from the pose before; `attitude` against
+    `time`, `temperature`, `approach`; `came`, the way by which the joint came from the pose before, of a link the joint
+    before it, of the base the first one; `attitude` against
     gravity; `loaded`, where something happens once a load hangs; `always`. What further factors there are says the
     effect.
     """
@@ -81,8 +82,9 @@ class Dependence:
                 yield Problem(f"learned by {name}: {key}_from must lie below {key}_to")
         if set(self.factors) & set(RECORDED) and not self.first < self.last:
             yield Problem(f"learned by {name}: first must lie below last")
-        if "came" in self.factors and (self.at not in robot.joints or robot.slides(self.at)):
-            yield Problem(f"learned by {name}: only a joint that turns comes from somewhere", found=self.at)
+        comes = self.at in (*robot.joints, *robot.links) and not robot.slides(robot.joint_of(self.at))
+        if "came" in self.factors and not comes:
+            yield Problem(f"learned by {name}: only what a joint turns comes from somewhere", found=self.at)
         given: Any = self.waves  # a file may hold anything
         if type(given) is not int or not 1 <= given <= _MOST_WAVES:
             yield Problem(f"learned by {name}: waves", found=repr(self.waves), allowed=f"1 to {_MOST_WAVES}")
@@ -122,7 +124,7 @@ class Dependence:
         if factor == "attitude":
             return by_attitude(down())
         if factor == "came":
-            return by_coming(context.came[:, context.robot.joint_index(self.at)])
+            return by_coming(context.came[:, context.robot.joint_index(context.robot.joint_of(self.at))])
         if factor in RECORDED:
             middle, half = 0.5 * (self.last + self.first), 0.5 * (self.last - self.first)
             v = (within(self._recorded(factor, context), self.first, self.last) - middle) / half

@@ -247,10 +247,10 @@ class LearnedBearing(Learned):
 
 @dataclass(frozen=True)
 class LearnedShift(Learned):
-    """An end of the arm shifts more by a smooth law learned from readings; beyond what they saw it stays constant.
+    """A link shifts more by a smooth law that was learned from readings; beyond what they saw it stays constant.
 
-    As `learned`, of the three shifts of the base or of the tool: forces take the place of torques; a further factor is
-    `moment`, about all axes there.
+    As `learned`, of the three shifts of a link, base and tool among them: forces take the place of torques; a further
+    factor is `moment`, about all axes there.
     """
 
     _: KW_ONLY
@@ -267,8 +267,7 @@ class LearnedShift(Learned):
         return ("x", "y", "z")
 
     def _others(self, robot: RobotFacts) -> tuple[At, ...]:
-        role = "base" if self.at == robot.base else "tool"
-        return tuple((role, axis) for axis in ("rx", "ry", "rz"))
+        return tuple(self._spring(robot, axis) for axis in ("rx", "ry", "rz"))
 
     def _lead(self, robot: RobotFacts) -> int:
         return 3 * 3 if "moment" in self.factors else super()._lead(robot)
@@ -278,12 +277,6 @@ class LearnedShift(Learned):
         count = len(self.coordinates(robot))
         moments = bent(torque[:, count:] / robot.sizes.torque).reshape(len(torque), 1, -1)
         return np.repeat(moments, count, axis=1)
-
-    def validate(self, robot: RobotFacts) -> None:
-        super().validate(robot)
-        if self.at not in (robot.base, robot.flange):
-            allowed = f"{robot.base}, {robot.flange}"
-            raise InputError(Problem(f"{self.name}: only the ends of the arm shift", found=self.at, allowed=allowed))
 
 
 def require_whole(name: str, parameters: Sequence[Parameter], x: Array) -> None:

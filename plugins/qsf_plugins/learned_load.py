@@ -70,11 +70,10 @@ class LearnedLoad(Dependence, Load):
         require_whole(self.name, self.parameters(robot), x)
 
     def apply(self, loads: Loads, x: Array, context: Context) -> Array:
-        more = self.shapes(loads, context) @ x
-        return np.concatenate([loads.wrench[:, :3] + more, loads.wrench[:, 3:]], axis=1)
+        return loads.wrench + self.shapes(loads, context) @ x
 
     def shapes(self, loads: Loads, context: Context) -> Array:
-        """What each weight adds (N, 3, p) to the force."""
+        """What each weight adds (N, 6, p) to the wrench."""
         force = loads.wrench[:, :3] / self.scale
         if "force" in self.factors:
             size = np.sqrt(np.sum(force * force, axis=1))
@@ -87,7 +86,8 @@ class LearnedLoad(Dependence, Load):
             lead = (np.eye(3)[None, :, :, None] * parts[:, None, None, :]).reshape(len(force), 3, -1)
         else:
             lead = force[:, :, None]
-        return self.product(lead, OWN, context, lambda: np.zeros((len(force), 3)))
+        along = self.product(lead, OWN, context, lambda: np.zeros((len(force), 3)))
+        return np.concatenate([along, np.zeros_like(along)], axis=1)
 
     def ranges(self, torque: Array, context: Context) -> tuple[Range, ...]:
         found = list(self.seen(OWN, context))
@@ -95,3 +95,54 @@ class LearnedLoad(Dependence, Load):
             size = np.linalg.norm(context.poses.wrench[:, :3], axis=1)
             found.append(Range("the force of the load", "N", size, self.lowest, self.highest))
         return tuple(found)
+
+
+@dataclass(frozen=True)
+class LearnedPoint(Dependence, Load):
+    """The point where the load acts shifts in the last link by a smooth law that was learned from readings.
+
+    `at`: `tool`. `by` may be the `attitude` of the last link, the `order`, or an angle.
+    """
+
+    _: KW_ONLY
+    prior: float = setting("m", 0.0)
+    """sd by which a fit holds each weight to zero, as the evidence chose it; 0: nothing holds them."""
+    order = 2
+    by_state = True
+    role = "learned"
+    parts: ClassVar[tuple[str, ...]] = ("point",)
+    equation = "moment = moment_0 + (R r) x f, r = sum w_i f_i(attitude, order, angle), R the rotation of the last link"
+    source = "learned from readings by qsf diagnose, as learned"
+    check = "Where the cable or the weight hangs, and what may slide there."
+
+    def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
+        names = [f"{self.name}.{axis}.w{i}" for axis in "xyz" for i in range(1, self.width(()) + 1)]
+        return tuple(Parameter(n, "m", typical=self.prior or 0.01, pull=self.prior or None) for n in names)
+
+    def validate(self, robot: RobotFacts) -> None:
+        problems = list(self.problems(robot, ()))
+        if self.at != "tool":
+            problems.append(Problem(f"{self.name}: the load hangs at the tool", found=self.at, allowed="tool"))
+        if self.prior < 0.0:
+            problems.append(Problem(f"{self.name}: prior must not be negative", found=f"{self.prior:g} m"))
+        if problems:
+            raise InputError(problems)
+
+    def validate_values(self, x: Array, robot: RobotFacts) -> None:
+        require_whole(self.name, self.parameters(robot), x)
+
+    def apply(self, loads: Loads, x: Array, context: Context) -> Array:
+        return loads.wrench + self.shapes(loads, context) @ x
+
+    def shapes(self, loads: Loads, context: Context) -> Array:
+        """What each weight adds (N, 6, p) to the wrench."""
+        gravity = context.robot.gravity / (np.linalg.norm(context.robot.gravity) or 1.0)
+        hangs = np.einsum("nji,j->ni", loads.rotation, gravity)
+        functions = self.product(np.ones((len(hangs), 1)), (), context, lambda: hangs)
+        arms = loads.rotation.transpose(0, 2, 1)  # row i: the i-th axis of the last link
+        moments = np.cross(arms, loads.wrench[:, None, :3]).transpose(0, 2, 1)
+        turning = (moments[..., None] * functions[:, None, None, :]).reshape(len(hangs), 3, -1)
+        return np.concatenate([np.zeros_like(turning), turning], axis=1)
+
+    def ranges(self, torque: Array, context: Context) -> tuple[Range, ...]:
+        return tuple(self.seen((), context))

@@ -29,8 +29,16 @@ from qsframework.diagnose.residuals.audited_rows import (
 from qsframework.diagnose.residuals.gross_rows import Basis, find_outliers
 from qsframework.diagnose.residuals.huber_pseudo_values import huber_pseudo_values
 from qsframework.diagnose.residuals.noise_components import NoiseAudit, audit_noise, make_basis
-from qsframework.diagnose.result import Diagnosis, Errors, Finding, Leftover, Method, Taught, Value
-from qsframework.diagnose.selection.closing_gate import contested, leftovers, named_in, on_one_axis
+from qsframework.diagnose.result import Diagnosis, Errors, Finding, Leftover, LikelyPlace, Method, Taught, Value
+from qsframework.diagnose.selection.closing_gate import (
+    Likely,
+    contested,
+    finest,
+    leftovers,
+    likely_places,
+    named_in,
+    on_one_axis,
+)
 from qsframework.diagnose.selection.cross_validation import HeldOut, Search, held_out
 from qsframework.diagnose.selection.exact_refit import Settled, predicted_or_linear, settle_fit
 from qsframework.diagnose.selection.family_test import family_test
@@ -194,6 +202,7 @@ def diagnose(
         conventions=conventions,
         audit=audit,
         leftovers=closing.leftovers,
+        places=closing.places,
         before=before,
         after=after,
         rms=_errors(base, extended, held, given, audit),
@@ -212,10 +221,11 @@ def diagnose(
 
 @dataclass(frozen=True)
 class _Closing:
-    """What the names leave, by name the law that stands in its place as well, those that cannot stand beside theirs,
-    and what can be learned."""
+    """What the names leave and where it may be, by name the law that stands in its place as well, those that cannot
+    stand beside theirs, and what can be learned."""
 
     leftovers: tuple[Leftover, ...]
+    places: tuple[LikelyPlace, ...]
     rivals: Mapping[str, Leftover]
     beaten: Collection[str]
     lessons: Sequence[Lesson]
@@ -548,8 +558,11 @@ def _close(base: _Baseline, best: Answer | None, fit: Settled, level: float, see
     tame = noise.colour(huber_pseudo_values(fit.white, orthonormal(fit.jacobian)))
     fits = _fits(base.rows, columns)
     size = fits.unit(int(fits.choose(tame[:, None])[0]), tame)
-    left = leftovers(blocks, fits, tame, level, seed + 1, base.rows.mask.ravel()) if size > _ROUNDED else ()
-    single, left = on_one_axis(blocks, left, fits, tame, fit.model.facts)
+    left, likely = tuple[Leftover, ...](), list[Likely]()
+    if size > _ROUNDED:
+        left, e = leftovers(blocks, fits, tame, level, seed + 1, base.rows.mask.ravel())
+        likely = on_one_axis(blocks, e, fits, tame, fit.model.facts) if left else []
+        left = finest(left, likely)
     causes = {c.name: c.names for c in _causes(base, best)}
     rivals: dict[str, Leftover] = {}
     beaten: set[str] = set()
@@ -559,7 +572,8 @@ def _close(base: _Baseline, best: Answer | None, fit: Settled, level: float, see
         if rival is not None:
             rivals[name.name] = rival[0]
             beaten |= {name.name} if rival[1] else set()
-    return _Closing(left, rivals, beaten, lessons(fit.model, [*blocks, *single], left, fits, tame))
+    taught = lessons(fit.model, [*blocks, *(x.block for x in likely)], left, fits, tame)
+    return _Closing(left, likely_places(likely), rivals, beaten, taught)
 
 
 def _causes(base: _Baseline, best: Answer | None) -> list[Cause]:

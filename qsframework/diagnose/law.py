@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Part = Literal["drive", "bearing", "link", "shift", "marker", "readings", "load"]
-"""What moves: a drive, the tilt of a joint's bearing, a link's three rotations, a shift of the base or the flange, one
-marker, or all readings; or the force of the load, which moves all."""
+Part = Literal["drive", "bearing", "link", "shift", "marker", "readings", "load", "point"]
+"""What moves: a drive, the tilt of a joint's bearing, a link's three rotations, its shift, one marker, or all readings;
+or the force of the load, or the point where it acts, which move all."""
 FACTORS = (
     "torque",
     "others",
@@ -52,5 +52,5 @@ class Law:
     @property
     def name(self) -> str:
         """Such as `joint_3/torque`, `joint_2/torque*joint_2+joint_3` or `bearing joint_4 rx/attitude`."""
-        place = f"{self.part} {self.place}" if self.part in ("bearing", "shift") else self.place or self.part
+        place = f"{self.part} {self.place}" if self.part in ("bearing", "shift", "point") else self.place or self.part
         return f"{f'{place} {self.axis}'.strip()}/{'*'.join(self.by)}"

@@ -85,7 +85,7 @@ def curve(taught: Taught, robot: RobotFacts, count: int = 61) -> Curve | None:
     effect: Any = taught.cause.effects[-1]
     law = taught.leftover.law
     over = next((f for f in (*law.angles, *law.by) if f in (*law.angles[:1], "order", "came", "torque")), None)
-    if over is None or len(law.angles) > 1 or "others" in law.by or law.part in ("marker", "readings", "load"):
+    if over is None or len(law.angles) > 1 or "others" in law.by or law.part in ("marker", "readings", "load", "point"):
         return None
     q, torque = np.zeros((count, robot.n)), np.full((count, len(effect.springs(robot))), float(effect.scale))
     order, came = np.zeros(count), np.zeros((count, robot.n))
@@ -97,7 +97,7 @@ def curve(taught: Taught, robot: RobotFacts, count: int = 61) -> Curve | None:
         x = order = np.linspace(0.0, 1.0, count)
     elif over == "came":
         x = np.linspace(-_COMES, _COMES, count)
-        came[:, robot.joint_index(law.place)] = x
+        came[:, robot.joint_index(robot.joint_of(law.place))] = x
     else:
         x = np.linspace(float(effect.angle_from), float(effect.angle_to), count)
         q[:, robot.joint_index(law.joints[0])] = x
@@ -136,7 +136,7 @@ def dots(taught: Taught, rows: Rows, found: Curve) -> tuple[Array, Array]:
         at = at[only : only + 1]
     used, visit = np.unique(rows.plus, return_inverse=True)
     x, y = np.full((len(used), len(at)), np.nan), np.full((len(used), len(at)), np.nan)
-    order, came = rows.readings.poses.loaded.order, rows.readings.poses.loaded.came
+    facts, order, came = fit.model.facts, rows.readings.poses.loaded.order, rows.readings.poses.loaded.came
     for v in range(len(used)):
         here = np.flatnonzero(visit == v)
         torque = moved.plus.torque[here[0], at]
@@ -147,7 +147,7 @@ def dots(taught: Taught, rows: Rows, found: Curve) -> tuple[Array, Array]:
         elif found.over == "order":
             x[v] = 0.0 if order is None else order[used[v]]
         elif found.over == "came":
-            x[v] = 0.0 if came is None else came[used[v], fit.model.facts.joint_index(law.place)]
+            x[v] = 0.0 if came is None else came[used[v], facts.joint_index(facts.joint_of(law.place))]
         else:
             weights = np.array(next(c for joints, c in moved.angles if "+".join(joints) == found.over))
             x[v] = float(moved.plus.q[here[0]] @ weights)

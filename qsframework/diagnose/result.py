@@ -71,6 +71,14 @@ class Leftover:
     evidence: float
 
 
+@dataclass(frozen=True)
+class LikelyPlace:
+    """A place of what is left: its likeliest law, and the share of the evidence that all laws there hold."""
+
+    law: Law
+    share: float
+
+
 @dataclass(frozen=True, kw_only=True)
 class Finding:
     """A named cause with its evidence.
@@ -216,8 +224,9 @@ class Diagnosis(Displayed):
     """What the model gets wrong.
 
     baseline and extended: the exact fits without and with the named causes, certain: with those that are not doubtful,
-    over the rows `kept` of `readings`; taught: a law that was learned of what the names leave; outliers: rows that
-    belong to nothing; case: linearised at the baseline; before, after: their lack of fit
+    over the rows `kept` of `readings`; taught: a law that was learned of what the names leave; places: where that may
+    be, which hold 95 % of the evidence together; outliers: rows that belong to nothing; case: linearised at the
+    baseline; before, after: their lack of fit
     """
 
     experiment: Experiment
@@ -228,6 +237,7 @@ class Diagnosis(Displayed):
     conventions: tuple[Convention, ...]
     audit: NoiseAudit
     leftovers: tuple[Leftover, ...]
+    places: tuple[LikelyPlace, ...]
     before: LackOfFit
     after: LackOfFit
     rms: Errors

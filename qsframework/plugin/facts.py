@@ -212,6 +212,10 @@ class RobotFacts:
         """The link that a joint moves."""
         return self.links[self.joint_index(joint) + 1]
 
+    def joint_of(self, place: str) -> str:
+        """The joint that brings a place where it is: itself, or that before a link; the first one swings the base."""
+        return place if place in self.joints else self.joints[max(self.link_index(place) - 1, 0)]
+
 
 def _index(kind: str, name: str, names: tuple[str, ...], robot: str) -> int:
     if name in names:

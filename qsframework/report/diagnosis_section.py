@@ -106,6 +106,7 @@ def _causes(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[B
             yield Text(said)
     if diagnosis.leftovers:
         yield tables.leftover_table(diagnosis)
+        yield tables.place_table(diagnosis)
     if diagnosis.taught is not None:
         yield from plots.learned_figure(diagnosis, diagnosis.taught)
     for rest in (tables.alone_table, tables.excluded_table, tables.unseen_table):

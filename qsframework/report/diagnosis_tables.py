@@ -313,6 +313,17 @@ def leftover_table(diagnosis: Diagnosis) -> Table:
     )
 
 
+def place_table(diagnosis: Diagnosis) -> Table:
+    """Where what is left may be."""
+    rows = ((place_words(x.law), f"{100 * x.share:.0f} %", variable_words(x.law)) for x in diagnosis.places)
+    return Table(
+        ("it may be", "share of the evidence", "where it depends most likely on"),
+        tuple(rows),
+        "The places that hold 95 % of the evidence together, a smooth law of one variable or two at each. Where "
+        "several stand here, these readings do not tell which it is.",
+    )
+
+
 def trend_table(diagnosis: Diagnosis) -> Table:
     """On what the residuals depend, before and after."""
     after = {t.variable: t for t in diagnosis.after.trends}

@@ -36,6 +36,10 @@ def diagnosis_json(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> di
         "mistakes": [_mistake(c) for c in found.conventions if c.compelling or c.name in SUSPECTED],
         "data_problems": _problems(found),
         "leftovers": [_law_json(x) for x in found.leftovers],
+        "places": [
+            {"place": place_words(x.law), "variable": variable_words(x.law), "share": _number(x.share)}
+            for x in found.places
+        ],
         "learned": None if found.taught is None else _learned(found.taught),
         "rms_mm": {name: _number(1e3 * getattr(found.rms, name)) for name in _RMS},
         "budget": [

@@ -39,9 +39,11 @@ def blocks(arm: Arm, kind: str, folder: Path) -> tuple[Experiment, Rows, Settled
 def test_every_block_is_what_its_effect_does(arm: Arm, kind: str, tmp_path: Path) -> None:
     experiment, rows, fit, found = blocks(arm, kind, tmp_path)
     parts = {b.law.part for b in found}
-    assert parts == {"drive", "bearing", "link", "shift", "marker", "readings", "load"}
+    assert parts == {"drive", "bearing", "link", "shift", "marker", "readings", "load", "point"}
     assert {f for b in found for f in b.law.by if f not in b.law.angles} >= {"torque", "others", "moment", "attitude"}
-    assert {b.law.part for b in found if "came" in b.law.by} == {"drive"}
+    assert {b.law.part for b in found if "came" in b.law.by} == {"drive", "bearing", "link", "shift"}
+    assert {b.law.place for b in found if b.law.part == "shift"} == set(fit.model.facts.links)
+    assert {b.law.by[-1] for b in found if b.law.part == "marker"} >= {"attitude", "order", fit.model.facts.joints[-1]}
     some = found[:: 5 if kind == "displacements" else 9]
     tried = [*some, *(b for block in some for b in single_axes(block, fit.model.facts))]
     for effect in (b.effect for b in tried):

@@ -183,6 +183,7 @@ def test_the_curve_of_the_example_is_what_was_hidden() -> None:
         {"at": "joint_3", "by": "others", "scale": 900.0},
         {"at": "joint_3", "by": "torque*others", "scale": 900.0, "lowest": -500.0, "highest": 900.0},
         {"at": "joint_3", "by": "came", "scale": 900.0},
+        {"at": "base_link", "by": "loaded*came", "part": "link", "scale": 900.0},
         {"at": "joint_3", "by": "loaded*joint_3", "waves": 3, "scale": 900.0, **TURNED},
         {"at": "link_3", "by": "torque*others", "part": "link", "moves": "ry", "scale": 900.0},
         {"at": "link_3", "by": "others", "part": "link", "moves": "rx", "scale": 900.0},
@@ -214,6 +215,12 @@ def kept(effect: Effect) -> None:
         ("learned_reading", {"at": "all", "by": "always*joint_2", **TURNED}),
         ("learned_load", {"at": "tool", "by": "force", "scale": 900.0, "lowest": 100.0, "highest": 900.0}),
         ("learned_load", {"at": "tool", "by": "direction", "scale": 900.0}),
+        ("learned_point", {"at": "tool", "by": "attitude"}),
+        ("learned_point", {"at": "tool", "by": "order", "first": 0.0, "last": 1.0}),
+        ("learned_shift", {"at": "link_2", "by": "torque", "scale": 900.0, "lowest": -500.0, "highest": 900.0}),
+        ("learned_shift", {"at": "link_2", "by": "moment", "moves": "z", "scale": 900.0}),
+        ("learned_bearing", {"at": "joint_4", "by": "came", "scale": 900.0}),
+        ("learned_reading", {"at": "m1", "by": "loaded*joint_2", **TURNED}),
     ],
 )
 def test_laws_of_bearings_ends_readings_and_loads_are_effects_too(kind: str, settings: dict[str, object]) -> None:

@@ -226,7 +226,7 @@ def test_generic_blocks_are_silent_on_noise_and_see_a_coupling_between_joints() 
     # the drive of joint 5 gives under the torque of joint 2: no effect of the library does that
     extra = coupled(case, moved)
     for _ in range(5):
-        hits = leftovers(blocks, fits, SIGMA * (noise_left(case, rng) + extra), 0.05, 0, every)
+        hits, _ = leftovers(blocks, fits, SIGMA * (noise_left(case, rng) + extra), 0.05, 0, every)
         assert hits[0].law == Law("drive", "joint_5", ("others",))
         assert hits[0].p_value < 1e-4
 

@@ -15,7 +15,7 @@ import pytest
 from qsframework.cli.diagnose import print_diagnosis
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.law import Law
-from qsframework.diagnose.result import Finding, Leftover, Status
+from qsframework.diagnose.result import Finding, Leftover, LikelyPlace, Status
 from qsframework.experiment import differences
 from qsframework.experiment.setup import Noise
 from qsframework.report.diagnosis_section import diagnosis_sections
@@ -25,6 +25,7 @@ from qsframework.report.diagnosis_tables import (
     cause_table,
     doubtful_table,
     excluded_table,
+    place_table,
     unseen_table,
     verdict_groups,
 )
@@ -68,7 +69,7 @@ def test_the_verdict_is_one_sentence_with_all_that_matters(real: Diagnosis) -> N
     assert said.startswith("Partly explained by offaxis_compliance[joint_4/z], payload_centre and tracker_frame: ")
     before, after = 1e3 * real.rms.heldout_identified, 1e3 * real.rms.heldout_extended
     assert f"falls by {100 * real.rms.heldout_gain:.0f} %, from {before:.3f} to {after:.3f} mm" in said
-    assert "something moves base_link with the torque there" in said
+    assert "something moves link_3 with the torque there (or base_link, or one of 3 other places)" in said
     assert "; look first at: play of the main bearing" in said
     assert re.findall(r"\.(?= |$)", said) == ["."], "one sentence"
     assert diagnosis_words(real).startswith(said)
@@ -173,6 +174,11 @@ def test_few_names_are_not_folded(real: Diagnosis) -> None:
         (Law("load", "tool", ("force",)), "the load differs from what was said with the force", "Measure some poses"),
         (Law("load", "tool", ("direction",)), "the load differs from what was said", "Pull in other directions"),
         (Law("shift", "tool", ("moment",)), "something moves tool with the moments there", "Measure some poses"),
+        (
+            Law("point", "tool", ("attitude",)),
+            "the point where the load acts differs from what was said with where gravity points",
+            "Measure 6 more poses",
+        ),
     ],
 )
 def test_what_nothing_explains_comes_with_a_place_and_a_step(real: Diagnosis, law: Law, moves: str, do: str) -> None:
@@ -181,6 +187,23 @@ def test_what_nothing_explains_comes_with_a_place_and_a_step(real: Diagnosis, la
     assert moves in headline(found)
     assert any(step.do.startswith(do) for step in next_steps(found)), next_steps(found)
     assert all(step.settles for step in next_steps(found))
+
+
+def test_all_places_are_told_where_it_may_be(real: Diagnosis) -> None:
+    """One, two or three by name in the headline; all with their share of the evidence below."""
+    law = Law("bearing", "joint_6", ("attitude",), "rx")
+    other = [Law("link", "link_6", ("attitude",)), Law("drive", "joint_5", ("joint_2",))]
+    other += [Law("marker", "m1", ("force",))]
+    said = ["", " (or link_6)", " (or link_6 or the drive of joint_5)", " (or link_6, or one of 2 other places)"]
+    for count, words in enumerate(said):
+        places = tuple(LikelyPlace(x, 1.0 / (count + 1)) for x in (law, *other)[: count + 1])
+        found = replace(real, leftovers=(Leftover(law, 1e-9, 20.0),), places=places)
+        moves = f"something moves the bearing of joint_6 about x with where gravity points{words}, which"
+        assert moves in headline(found)
+        told = "the bearing of joint_6 about x (50 %) or link_6 (50 %): in brackets the share of the evidence"
+        assert (told in diagnosis_words(found)) == (count == 1)
+        assert [x["share"] for x in diagnosis_json(found)["places"]] == [x.share for x in places]
+        assert len(place_table(found).rows) == len(places)
 
 
 def test_one_marker_a_visit_is_said_with_what_it_hides(real: Diagnosis) -> None:

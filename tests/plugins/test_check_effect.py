@@ -51,6 +51,7 @@ SETTINGS = {
     "learned_shift": {"at": "base_link", "by": "torque", "scale_N": 900.0, "lowest_N": -500.0, "highest_N": 900.0},
     "learned_reading": {"at": "m1", "by": "loaded*order", "first": 0.0, "last": 1.0},
     "learned_load": {"at": "tool", "by": "force", "scale_N": 900.0, "lowest_N": 100.0, "highest_N": 900.0},
+    "learned_point": {"at": "tool", "by": "attitude"},
     "counterweight": {"link": "link_2", "x_m": 0.1, "y_m": 0.0, "z_m": -0.5},
     "compensator_friction": {
         "joint": "joint_2",

@@ -14,7 +14,7 @@ from qsf_plugins.joint_hardening import JointHardening
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.error_budget import error_budget, linear_errors
 from qsframework.diagnose.law import Law
-from qsframework.diagnose.result import Leftover, Status
+from qsframework.diagnose.result import Leftover, LikelyPlace, Status
 from qsframework.elastostatics import make_model
 from qsframework.report import Figure, Table, View, write_report
 from qsframework.report.diagnosis_plots import main_direction
@@ -195,6 +195,7 @@ def test_names_of_users_are_escaped(tmp_path: Path) -> None:
     evil = replace(
         diagnosis,
         leftovers=(Leftover(Law("link", EVIL, ("order",)), 1e-9, 20.0),),
+        places=tuple(LikelyPlace(Law("link", EVIL, ("order",)), 0.5) for _ in range(2)),
         method=replace(diagnosis.method, untold=(EVIL,)),
         experiment=replace(diagnosis.experiment, markers=markers),
         readings=replace(diagnosis.readings, states=states),

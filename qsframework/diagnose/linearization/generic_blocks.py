@@ -53,11 +53,11 @@ class Probe(Spring):
 
     def virtual_joints(self, robot: RobotFacts) -> tuple[Coordinate, ...]:
         turns = [VirtualJoint(link, axis, "rotation") for link in robot.links for axis in _AXES]
-        ends = [VirtualJoint(link, axis, "translation") for link in (robot.base, robot.flange) for axis in _AXES]
+        shifts = [VirtualJoint(link, axis, "translation") for link in robot.links for axis in _AXES]
         tilts = [
             VirtualJoint(robot.link_of(j), a, "rotation", "before") for j in robot.joints for a in _tilts(robot, j)
         ]
-        return (*(Actuator(joint) for joint in robot.joints), *turns, *ends, *tilts)
+        return (*(Actuator(joint) for joint in robot.joints), *turns, *shifts, *tilts)
 
 
 def _tilts(robot: RobotFacts, joint: str) -> list[Any]:
@@ -72,13 +72,12 @@ def _tilts(robot: RobotFacts, joint: str) -> list[Any]:
 class Place:
     """Coordinates of the probe that move together, and after them those whose torques may count as the others.
 
-    joint: that of a drive, else None; own: the joint whose angle is the place's own
+    own: the joint whose angle is the place's own
     """
 
     part: Part
     name: str
     coordinates: tuple[int, ...]
-    joint: int | None = None
     own: str | None = None
     others: tuple[int, ...] = ()
 
@@ -107,13 +106,15 @@ class End:
 class Stand:
     """Some of the states, all loaded or none: which (s,), how they stand, and what the instrument sees of the markers.
 
-    torque (s, ne); give (s, K, 3, 3) m/N: how the markers follow a force at the load point
+    torque (s, ne); rotation (s, 3, 3) of the flange; give (s, K, 3, 6) m/N, m/(N m): how the markers follow a wrench
+    at the load point
     """
 
     which: Indices
     context: Context
     torque: Array
     reading: Reading
+    rotation: Array
     give: Array
 
 
@@ -219,7 +220,8 @@ def _stands(probe: Model, rows: Rows, values: Array, own: Sequence[int]) -> tupl
             rotation = np.stack([stages.state.placed.matrix(m.link) for m in markers], axis=1)
             torque = (stages.tau[own] + stages.preload[own]).T
             reading = Reading(position, rotation, probe.marker_names)
-            out.append(Stand(at, Context(probe.facts, part, loaded), torque, reading, _give(stages)))
+            flange = stages.state.placed.matrix(len(probe.facts.links) - 1)
+            out.append(Stand(at, Context(probe.facts, part, loaded), torque, reading, flange, _give(stages)))
             parts.append((at, np.stack([m.linear[own] for m in markers]).transpose(3, 0, 2, 1)))
     slope = np.empty((sum(len(at) for at, _ in parts), *parts[0][1].shape[1:]))
     for at, values_there in parts:
@@ -228,10 +230,10 @@ def _stands(probe: Model, rows: Rows, values: Array, own: Sequence[int]) -> tupl
 
 
 def _give(stages: Stages) -> Array:
-    """How the markers follow a force at the load point (N, K, 3, 3) m/N, through the springs."""
+    """How the markers follow a wrench at the load point (N, K, 3, 6) m/N, m/(N m), through the springs."""
     batch = len(stages.poses)
     columns: list[Array] = []
-    for axis in range(3):
+    for axis in range(6):
         wrench = np.zeros((6, batch))
         wrench[axis] = 1.0
         eps = stages.compliance[:, None] * wrench_torque(stages.state.tip, wrench)
@@ -304,24 +306,22 @@ def _angles(facts: RobotFacts) -> tuple[tuple[tuple[str, ...], tuple[float, ...]
 
 
 def _places(facts: RobotFacts) -> tuple[Place, ...]:
-    n, out, at = facts.n, list[Place](), 0
+    n, out = facts.n, list[Place]()
     for k, joint in enumerate(facts.joints):
         others = tuple(facts.joint_index(j) for j in facts.driven if j != joint)
-        out.append(Place("drive", joint, (k,), k, joint, others))
-    for i, link in enumerate(facts.links):
-        at = n + 3 * i
-        out.append(Place("link", link, (at, at + 1, at + 2), own=facts.joints[i - 1] if i else None))
-    at += 3
-    for end, turns in ((facts.base, n), (facts.flange, n + 3 * n)):
-        moments = (turns, turns + 1, turns + 2)
-        own = facts.joints[-1] if end == facts.flange else None
-        out.append(Place("shift", end, (at, at + 1, at + 2), own=own, others=moments))
-        at += 3
+        out.append(Place("drive", joint, (k,), joint, others))
+    own = (None, *facts.joints)
+    turns = [(at, at + 1, at + 2) for at in range(n, 4 * n + 1, 3)]
+    out += [Place("link", link, at, o) for link, at, o in zip(facts.links, turns, own, strict=True)]
+    shifts = [(at, at + 1, at + 2) for at in range(4 * n + 3, 7 * n + 4, 3)]
+    for link, at, o, moments in zip(facts.links, shifts, own, turns, strict=True):
+        out.append(Place("shift", link, at, o, moments))
+    first = 7 * n + 6
     for joint in facts.joints:
         count = len(_tilts(facts, joint))
         if count:
-            out.append(Place("bearing", joint, tuple(range(at, at + count)), own=joint))
-        at += count
+            out.append(Place("bearing", joint, tuple(range(first, first + count)), joint))
+        first += count
     return tuple(out)
 
 
@@ -342,9 +342,11 @@ def generic_blocks(moved: Motions) -> Iterator[Block]:
         if effect is not None:
             yield Block(law, moved.seen_columns([effect.shapes(s.reading, s.context) for s in moved.stands]), effect)
     if _largest_force(moved) > 0.0:
-        for by in (("force",), ("direction",), ("order",)):
-            law = Law("load", "tool", by)
-            effect = _learned(moved, law, "tool", scale=_largest_force(moved))
+        for law in (
+            *(Law("load", "tool", (by,)) for by in ("force", "direction", "order")),
+            *(Law("point", "tool", (by,)) for by in ("attitude", "order")),
+        ):
+            effect = _learned(moved, law, "tool", scale=_largest_force(moved) if law.part == "load" else 0.0)
             if effect is not None:
                 yield Block(law, moved.seen_columns([_forced(effect, s) for s in moved.stands]), effect)
 
@@ -364,8 +366,8 @@ def single_axes(block: Block, facts: RobotFacts) -> Iterator[Block]:
 def _forced(effect: Any, stand: Stand) -> Array:
     """What the weights of a law of the load do to the markers (s, K, 3, p) m."""
     context = stand.context
-    none = np.broadcast_to(np.eye(3), (len(context), 3, 3))
-    shapes = effect.shapes(Loads(context.poses.wrench * float(context.loaded), none, context.robot.moments), context)
+    wrench = context.poses.wrench * float(context.loaded)
+    shapes = effect.shapes(Loads(wrench, stand.rotation, context.robot.moments), context)
     return np.asarray(np.einsum("nkij,njp->nkip", stand.give, shapes))
 
 
@@ -373,7 +375,14 @@ def _of_springs(moved: Motions, place: Place) -> Iterator[tuple[str, ...]]:
     """On what an extra motion at a place may depend."""
     own = ["+".join(joints) for joints, _ in moved.angles if place.own in joints]
     on = ["loaded", *(["always"] if moved.alone else [])]
-    if any(np.any(s.torque[:, list(place.coordinates)]) for s in moved.stands):
+    comes = [("came",)] if _comes(moved, place) else []
+    acts = any(np.any(s.torque[:, list(place.coordinates)]) for s in moved.stands)
+    if place.part == "shift" and place.name not in (moved.facts.base, moved.facts.flange):
+        yield from [("torque",), *comes] if acts else []
+        for state in on:
+            yield from [(state,), (state, "order"), *((state, *c) for c in comes)]
+        return
+    if acts:
         yield ("torque",)
         for joints, _ in moved.angles:
             yield ("+".join(joints),)
@@ -384,8 +393,7 @@ def _of_springs(moved: Motions, place: Place) -> Iterator[tuple[str, ...]]:
         yield ("moment",) if place.part == "shift" else ("others",)
         if place.part != "shift" and (place.others or place.part != "drive"):
             yield "torque", "others"
-        if _comes(moved, place):
-            yield ("came",)
+        yield from comes
         if place.name != moved.facts.base:
             yield ("attitude",)
         yield ("order",)
@@ -398,15 +406,14 @@ def _of_springs(moved: Motions, place: Place) -> Iterator[tuple[str, ...]]:
             yield state, name
         for angle in own if place.part == "drive" else ():
             yield state, angle
-        if _comes(moved, place):
-            yield state, "came"
+        for came in comes:
+            yield state, *came
 
 
 def _comes(moved: Motions, place: Place) -> bool:
-    """Whether a place is a drive that came to its poses by turning."""
-    if place.joint is None or moved.facts.sliding[place.joint]:
-        return False
-    return any(np.any(s.context.came[:, place.joint]) for s in moved.stands)
+    """Whether a joint turned to bring a place to its poses."""
+    joint = moved.facts.joint_index(moved.facts.joint_of(place.name))
+    return not moved.facts.sliding[joint] and any(np.any(s.context.came[:, joint]) for s in moved.stands)
 
 
 def _beside(moved: Motions, place: Place) -> Iterator[str]:
@@ -434,6 +441,8 @@ def _of_readings(moved: Motions) -> Iterator[tuple[Law, str]]:
         for state in on:
             yield Law("marker", marker, (state, "order")), marker
             yield Law("marker", marker, (state, "attitude")), marker
+            for joints, _ in moved.angles:
+                yield Law("marker", marker, (state, "+".join(joints))), marker
         for by in (("loaded",), *force):
             yield Law("marker", marker, by), marker
 

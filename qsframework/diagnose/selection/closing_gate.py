@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from qsframework.diagnose.law import Law
 from qsframework.diagnose.linearization.generic_blocks import Block, single_axes
-from qsframework.diagnose.result import Leftover
+from qsframework.diagnose.result import Leftover, LikelyPlace
 from qsframework.diagnose.selection.evidence import DRAWS, evidence
 from qsframework.diagnose.selection.exact_refit import Settled
 from qsframework.estimation.projection import Flags
@@ -30,6 +31,8 @@ _BEATS = 3.0
 """Nats by which a block that holds a name may be better; beyond them any block may stand in its place."""
 _NEAR = 6.0
 """Nats below the likeliest law within which one axis of a place may be likelier still."""
+_TOGETHER = 0.95
+"""Of the evidence for a law, which the places that are told hold together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +42,15 @@ class Named:
     name: str
     columns: Array
     effect: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Likely:
+    """A block, about one axis alone where that is likelier than `whole`, its law about all; evidence: nats."""
+
+    whole: Law
+    block: Block
+    evidence: float
 
 
 def named_in(fit: Settled, causes: Mapping[str, Sequence[str]], colour: Array) -> tuple[Named, ...]:
@@ -55,8 +67,9 @@ def named_in(fit: Settled, causes: Mapping[str, Sequence[str]], colour: Array) -
 
 def leftovers(
     blocks: Sequence[Block], fits: Reml, values: Array, level: float, seed: int, measured: Flags
-) -> tuple[Leftover, ...]:
-    """Blocks that are significant in readings (m,) m beside all that a model fits, the strongest first.
+) -> tuple[tuple[Leftover, ...], Array]:
+    """Blocks that are significant in readings (m,) m beside all that a model fits, the strongest first, and the
+    evidence (G,) of all blocks.
 
     The noise is drawn where the strongest is neither too weak to count nor beyond what draws can tell.
     """
@@ -65,35 +78,52 @@ def leftovers(
     if (found.e >= _LEAST).any() and found.p_values.min() > 1.0 / DRAWS:
         found = evidence(columns, fits, values, seed=seed, measured=measured)
     p = found.p_values
-    return tuple(
+    left = tuple(
         Leftover(blocks[i].law, float(p[i]), float(found.e[i]))
         for i in map(int, np.argsort(-found.e))
         if p[i] <= level and found.e[i] >= _LEAST
     )
+    return left, found.e
 
 
-def on_one_axis(
-    blocks: Sequence[Block], left: Sequence[Leftover], fits: Reml, values: Array, facts: RobotFacts
-) -> tuple[list[Block], tuple[Leftover, ...]]:
-    """What is left, about one axis of its place alone where that is likelier, and the blocks that these are.
+def on_one_axis(blocks: Sequence[Block], e: Array, fits: Reml, values: Array, facts: RobotFacts) -> list[Likely]:
+    """The blocks near the likeliest, each about one axis of its place alone where that is likelier; e (G,): of all.
 
     Most parts give about one axis, and a law of all three pays for those about which nothing moves. An axis is one of
     several, which its evidence pays for.
     """
-    known = {b.law: b for b in blocks}
-    near = [x for x in left if x.evidence > left[0].evidence - _NEAR]
-    single = {x.law: list(single_axes(known[x.law], facts)) for x in near}
+    near = [i for i in range(len(blocks)) if e[i] > e.max() - _NEAR]
+    single = {i: list(single_axes(blocks[i], facts)) for i in near}
     every = [b for some in single.values() for b in some]
-    if not every:
-        return [], tuple(left)
-    e = dict(zip([b.law for b in every], evidence([b.columns for b in every], fits, values, draws=0).e, strict=True))
-    out: list[Leftover] = []
-    for x in left:
-        own = {b.law: float(e[b.law] - np.log(len(single[x.law]))) for b in single.get(x.law, [])}
-        best = max(own, key=own.__getitem__, default=x.law)
-        finer = own.get(best, -np.inf) > x.evidence
-        out.append(Leftover(best, x.p_value, own[best]) if finer else x)
-    return every, tuple(sorted(out, key=lambda x: -x.evidence))
+    finer = iter(evidence([b.columns for b in every], fits, values, draws=0).e)
+    out: list[Likely] = []
+    for i in near:
+        own = [Likely(blocks[i].law, b, float(next(finer) - np.log(len(single[i])))) for b in single[i]]
+        out.append(max([Likely(blocks[i].law, blocks[i], float(e[i])), *own], key=lambda x: x.evidence))
+    return out
+
+
+def finest(left: Sequence[Leftover], likely: Sequence[Likely]) -> tuple[Leftover, ...]:
+    """What is left, by the axes about which it moves, the likeliest first."""
+    finer = {x.whole: x for x in likely}
+    found = [Leftover(finer[x.law].block.law, x.p_value, finer[x.law].evidence) if x.law in finer else x for x in left]
+    return tuple(sorted(found, key=lambda x: -x.evidence))
+
+
+def likely_places(likely: Sequence[Likely]) -> tuple[LikelyPlace, ...]:
+    """The places that hold 95 % of the evidence for what is left, the likeliest first, each with its likeliest law."""
+    top = max((x.evidence for x in likely), default=0.0)
+    odds: dict[tuple[str, str], float] = {}
+    best: dict[tuple[str, str], Law] = {}
+    for x in sorted(likely, key=lambda x: -x.evidence):
+        place = ("link" if x.whole.part == "shift" else x.whole.part, x.whole.place)
+        odds[place] = odds.get(place, 0.0) + float(np.exp(x.evidence - top))
+        best.setdefault(place, x.block.law)
+    whole, told = sum(odds.values()), list[LikelyPlace]()
+    for place in sorted(odds, key=lambda p: -odds[p]):
+        if sum(x.share for x in told) < _TOGETHER:
+            told.append(LikelyPlace(best[place], odds[place] / whole))
+    return tuple(told)
 
 
 def contested(blocks: Sequence[Block], fits: Reml, values: Array, name: Named) -> tuple[Leftover, bool] | None:

@@ -39,7 +39,7 @@ def _nothing(found: Diagnosis) -> str:
 def _unexplained(found: Diagnosis) -> str:
     e = found.rms
     if found.leftovers:
-        what = f"{moving_words(found.leftovers[0].law)}, as no cause of the library does"
+        what = f"{moving_words(found.leftovers[0].law, found.places)}, as no cause of the library does"
     else:
         what = f"more is left than the noise allows, most of it at {poses_words(worst_poses(found, _WORST))}"
     t = found.taught
@@ -71,7 +71,7 @@ def _reasons(found: Diagnosis) -> Iterator[str]:
     if found.verdict != "partly_explained":
         return
     if found.leftovers:
-        yield f"{moving_words(found.leftovers[0].law)}, which nothing explains yet"
+        yield f"{moving_words(found.leftovers[0].law, found.places)}, which nothing explains yet"
     elif misfits(found.after):
         yield f"more is left than the noise allows, most of it at {poses_words(worst_poses(found, _WORST))}"
     if found.doubtful:

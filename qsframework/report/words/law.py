@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from qsframework.diagnose.law import Law
+from qsframework.diagnose.result import LikelyPlace
 
 _FACTORS = {
     "torque": "the torque there",
@@ -29,6 +31,11 @@ _HOW: dict[tuple[str, ...], str] = {
 }
 
 
+_TOLD = 2
+"""Other places that are told by name."""
+_LOAD = {"load": "the load", "point": "the point where the load acts"}
+
+
 def place_words(law: Law) -> str:
     """Where it is: `the drive of joint_1`, `the bearing of joint_4`, `link_2`, `marker m1`, `all readings`."""
     if law.axis:
@@ -39,7 +46,7 @@ def place_words(law: Law) -> str:
         return f"marker {law.place}"
     if law.part == "readings":
         return "all readings"
-    return "the load" if law.part == "load" else law.place
+    return _LOAD.get(law.part, law.place)
 
 
 def variable_words(law: Law) -> str:
@@ -55,9 +62,32 @@ def _angle_words(factor: str) -> str:
     return f"the angle of {' and '.join(joints)}{' together' if joints[1:] else ''}"
 
 
-def moving_words(law: Law) -> str:
-    """That something moves, and with what."""
+def moving_words(law: Law, places: Sequence[LikelyPlace] = ()) -> str:
+    """That something moves, and with what. places: where else it may be, the law's own first."""
     how = _HOW.get(law.by) or f"with {variable_words(law)}"
-    if law.part == "load":
-        return f"the load differs from what was said {how}"
-    return f"all readings move {how}" if law.part == "readings" else f"something moves {place_words(law)} {how}"
+    if law.part in _LOAD:
+        return f"{_LOAD[law.part]} differs from what was said {how}{_else(places)}"
+    if law.part == "readings":
+        return f"all readings move {how}{_else(places)}"
+    return f"something moves {place_words(law)} {how}{_else(places)}"
+
+
+def _else(places: Sequence[LikelyPlace]) -> str:
+    """The other places, in brackets."""
+    if len(places) < 2:
+        return ""
+    other = [place_words(replace(x.law, axis="")) for x in places[1:]]
+    if len(other) > _TOLD:
+        return f" (or {other[0]}, or one of {len(other) - 1} other places)"
+    return f" (or {' or '.join(other)})"
+
+
+def places_words(places: Sequence[LikelyPlace]) -> str:
+    """Where else what is left may be, with the share of the evidence of each place."""
+    if len(places) < 2:
+        return ""
+    first, *other = [f"{place_words(x.law)} ({100 * x.share:.0f} %)" for x in places]
+    return (
+        f"These readings do not tell whether it is {first} or {' or '.join(other)}: in brackets the share of the "
+        "evidence that each place holds."
+    )
