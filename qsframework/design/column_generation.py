@@ -208,7 +208,7 @@ def _independent(block: Array, useful: npt.NDArray[np.bool_]) -> Indices:
 
 
 def _solve(task: Task, index: Indices, block: Array, start: Array | None, gap: float) -> Columns:
-    small = Small(moments_of(block), task.label[index].astype(np.intp), task.shares, task.allowed.cap, task.prior)
+    small = Small(block, task.label[index].astype(np.intp), task.shares, task.allowed.cap, task.prior)
     return Columns(index, block, solve_small(small, task.criterion, gap, start))
 
 

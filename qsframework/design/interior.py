@@ -6,6 +6,7 @@ minimise log psi(M0 + sum w_i M_i)   with   sum of w_i over each group = its sha
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,13 +22,18 @@ _ITERATIONS = 80
 
 @dataclass(frozen=True, eq=False)
 class Small:
-    """m candidates: M_i (m, S, p, p), the group of each (m,), shares (g,), cap, information M0 (S, p, p)."""
+    """m candidates: rows (m, S, k, p), the group of each (m,), shares (g,), cap, information M0 (S, p, p)."""
 
-    moments: Array
+    block: Array
     label: Indices
     shares: Array
     cap: float
     prior: Array
+
+    @cached_property
+    def moments(self) -> Array:
+        """M_i (m, S, p, p)."""
+        return moments_of(self.block)
 
     def information(self, weights: Array) -> Array:
         """M0 + sum w_i M_i, (S, p, p)."""
@@ -77,12 +83,12 @@ def moments_of(block: Array) -> Array:
 
 def curvature(small: Small, expansion: Expansion) -> Array:
     """Second derivatives (m, m) of log psi in the weights."""
-    count, scenarios = small.moments.shape[:2]
+    count, scenarios = small.block.shape[:2]
     H = np.zeros((count, count))
     for c, P, Q in expansion.pairs:
         for s in range(scenarios):
             if P[s].any() and Q[s].any():
-                Y = _turned(small.moments[:, s], P[s], None if Q is P else Q[s])
+                Y = _turned(small.block[:, s], P[s], None if Q is P else Q[s])
                 H += c * (Y @ Y.T)
     if expansion.ranks:
         flat = small.moments.reshape(count, -1)
@@ -91,18 +97,19 @@ def curvature(small: Small, expansion: Expansion) -> Array:
     return 0.5 * (H + H.T)
 
 
-def _turned(moments: Array, P: Array, Q: Array | None) -> Array:
-    """Y (m, r) with Y_i . Y_j = tr(P M_i Q M_j); a symmetric matrix, where Q is P, by its upper half."""
-    left = root(P)
-    right = left if Q is None else root(Q)
-    count, p = moments.shape[:2]
-    # two large products are faster than many small ones
-    half = (moments.reshape(-1, p) @ right).reshape(count, p, -1).transpose(0, 2, 1).reshape(-1, p)
-    turned = (half @ left).reshape(count, right.shape[1], -1)
+def _turned(block: Array, P: Array, Q: Array | None) -> Array:
+    """Y (m, r) with Y_i . Y_j = tr(P M_i Q M_j) of rows (m, k, p); where Q is P, of upper halves."""
+    count, k, p = block.shape
+
+    def by(matrix: Array) -> Array:
+        return (block.reshape(-1, p) @ root(matrix)).reshape(count, k, -1)  # one product, not many
+
+    left = by(P)
     if Q is not None:
-        return turned.reshape(count, -1)
-    rows, columns = np.triu_indices(left.shape[1])
-    return turned[:, rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2.0))
+        return (np.swapaxes(left, -1, -2) @ by(Q)).reshape(count, -1)
+    rows, columns = np.triu_indices(left.shape[-1])
+    whole = moments_of(left).reshape(count, -1)
+    return np.take(whole, rows * left.shape[-1] + columns, axis=1) * np.where(rows == columns, 1.0, np.sqrt(2.0))
 
 
 @dataclass(eq=False)
@@ -259,7 +266,7 @@ def solve_kinked(small: Small, criterion: Robust, gap: float, start: Array | Non
                 best, best_gap = Solved(w, small.multipliers(nu), expansion, scores, mu), reached
             if decrement < 0.3 * mu:
                 break
-            moved = _searched(small, criterion, w, dw, mu, decrement)
+            moved = _searched(small, criterion, w, dw, mu, decrement, _barrier(small, expansion, w, mu))
             if moved is None:
                 break
             w = moved
@@ -294,21 +301,23 @@ def _newton(small: Small, w: Array, mu: float, scores: Array, H: Array, E: Array
     return w * relative, nu, float(relative @ K @ relative)
 
 
-def _barrier(small: Small, criterion: Robust, w: Array, mu: float) -> float:
-    total = criterion.expansion(small.information(w), mu).height - mu * float(np.log(w).sum())
+def _barrier(small: Small, expansion: Expansion, w: Array, mu: float) -> float:
+    total = expansion.height - mu * float(np.log(w).sum())
     return total - (mu * float(np.log(small.cap - w).sum()) if np.isfinite(small.cap) else 0.0)
 
 
-def _searched(small: Small, criterion: Robust, w: Array, dw: Array, mu: float, decrement: float) -> Array | None:
-    """The first of ever shorter steps that keeps the weights inside and lowers the barrier."""
-    step = 1.0
+def _searched(
+    small: Small, criterion: Robust, w: Array, dw: Array, mu: float, decrement: float, now: float
+) -> Array | None:
+    """The first of ever shorter steps that keeps the weights inside and lowers the barrier from what it is now."""
     inside = [float((-w[dw < 0] / dw[dw < 0]).min(initial=np.inf))]
     if np.isfinite(small.cap):
         inside.append(float(((small.cap - w)[dw > 0] / dw[dw > 0]).min(initial=np.inf)))
     step = min(1.0, 0.99 * min(inside))
-    now = _barrier(small, criterion, w, mu)
     for _ in range(30):
-        if _barrier(small, criterion, w + step * dw, mu) <= now - 0.1 * step * decrement + 1e-14 * abs(now):
-            return w + step * dw
+        tried = w + step * dw
+        there = _barrier(small, criterion.expansion(small.information(tried), mu), tried, mu)
+        if there <= now - 0.1 * step * decrement + 1e-14 * abs(now):
+            return tried
         step *= 0.5
     return None

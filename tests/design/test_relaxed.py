@@ -8,6 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from qsframework.design.column_generation import solve_columns
 from qsframework.design.criteria import Criterion, Determinant, Linear, Sum
+from qsframework.design.interior import Small, curvature
 from qsframework.design.minimax import Largest, Robust, SmallestEigenvalue
 from qsframework.design.relaxed import relax
 from qsframework.design.task import make_task
@@ -99,6 +100,20 @@ def test_slopes_and_curvatures_agree_with_differences(name: str, worst: bool) ->
     model = sum(c * np.einsum("sij,sjk,skl,sli->", Q, d, P_, d) for c, P_, Q in at.pairs)
     model += sum(c * (V * d).sum() ** 2 for c, V in at.ranks)
     assert np.isclose(model, bend, rtol=1e-4, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("worst", [False, True])
+def test_curvature_in_the_weights_is_what_the_expansion_says(name: str, worst: bool) -> None:
+    block = SCENARIOS[:12]
+    small = Small(block, np.zeros(12, dtype=np.intp), np.ones(1), np.inf, np.zeros((3, P, P)))
+    at = Robust(EVERY[name], worst).expansion(small.information(np.full(12, 1 / 12)), 0.03)
+    M = np.einsum("nski,nskj->nsij", block, block)
+    H = sum(c * np.einsum("sij,nsjk,skl,msli->nm", Q, M, P_, M) for c, P_, Q in at.pairs)
+    for c, V in at.ranks:
+        each = np.einsum("sij,nsij->n", V, M)
+        H += c * np.outer(each, each)
+    assert np.allclose(curvature(small, at), H, rtol=1e-9, atol=1e-12 * np.abs(H).max())
 
 
 @pytest.mark.parametrize("name", EVERY)
