@@ -18,7 +18,7 @@ import numpy as np
 from qsframework.plugin import Array, Indices
 from qsframework.work.threads import single_thread
 
-_CHUNK_BYTES = 1 << 18
+_CHUNK_BYTES = 1 << 21
 _SPAN = 1 << 25
 _LARGE = 20_000
 """Candidates above which a pass is shared by threads."""
@@ -101,7 +101,8 @@ class MappedRows(HeldRows):
             return
         size = self.values.itemsize * int(np.prod(self.shape[1:]))
         offset = self.values.offset % mmap.ALLOCATIONGRANULARITY
-        first = -(-(start * size + offset) // mmap.PAGESIZE) * mmap.PAGESIZE
+        # the page that the last part ended in, too: its touch may have brought back all that lies around it
+        first = (start * size + offset) // mmap.PAGESIZE * mmap.PAGESIZE
         last = (stop * size + offset) // mmap.PAGESIZE * mmap.PAGESIZE
         if last > first:
             mapped.madvise(mmap.MADV_DONTNEED, first, last - first)
@@ -164,7 +165,7 @@ def block_scores(block: Array, roots: list[Array]) -> Array:
     total = np.zeros(len(block))
     for s, B in enumerate(roots):
         X = (block[:, s].reshape(-1, block.shape[-1]) @ B).reshape(len(block), -1)
-        total += np.einsum("nr,nr->n", X, X)
+        total += np.vecdot(X, X)
     return total
 
 

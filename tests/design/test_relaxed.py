@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -25,6 +27,7 @@ from qsframework.information import (
 )
 from qsframework.information.certificate import deletable
 
+SMAPS = Path("/proc/self/smaps")
 P = 4
 RNG = np.random.default_rng(0)
 ROWS = RNG.normal(size=(200, 3, P)) * np.array([1.0, 3.0, 0.1, 20.0])
@@ -205,6 +208,16 @@ def test_mapped_rows_give_the_same_scores(tmp_path) -> None:  # type: ignore[no-
     G = np.cov(rows.reshape(-1, 4).T)
     assert np.array_equal(scores(mapped, G), scores(rows, G))
     assert np.allclose(scores(rows, G), np.einsum("nki,ij,nkj->n", rows, G, rows))
+
+
+@pytest.mark.skipif(not SMAPS.exists(), reason="resident memory of a mapping is known on Linux only")
+def test_a_pass_over_mapped_rows_holds_few_of_their_pages(tmp_path: Path) -> None:
+    path = tmp_path / "rows.dat"
+    np.ones((400_000, 3, 9)).tofile(path)
+    mapped = np.memmap(path, dtype=np.float64, mode="r", shape=(400_000, 3, 9))
+    scores(mapped, np.eye(9), threads=1)
+    held = SMAPS.read_text().partition(str(path))[2].partition("Rss:")[2].split()[0]
+    assert int(held) < 8192, "of 84 MB"
 
 
 def test_threads_do_not_change_scores() -> None:
