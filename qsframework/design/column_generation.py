@@ -26,8 +26,8 @@ from qsframework.work.threads import single_thread
 
 _FIRST = 4096
 _SUBSET = 16
-_LARGEST = 65_536
-"""The largest subset holds one candidate in so many, and at most so many."""
+_LARGEST = 2048
+"""The largest subset holds one candidate in so many, and at most so many for each parameter."""
 _SHORTLIST = 128
 _EACH = 256
 """One candidate in so many is among the best after the first pass, and so many for each parameter; where slopes jump,
@@ -165,7 +165,7 @@ def _sample(task: Task, rng: np.random.Generator, count: int) -> Indices:
     """A random order of some candidates (all, where there are few), every group taking part."""
     if count <= _FIRST:
         return np.arange(count)
-    wanted = min(max(_FIRST, count // _SUBSET), _LARGEST)
+    wanted = min(max(_FIRST, count // _SUBSET), _LARGEST * task.rows.parameters)
     parts: list[Indices] = []
     for g in range(len(task.allowed.shares)):
         members = task.allowed.groups[g]

@@ -220,6 +220,17 @@ def test_a_pass_over_mapped_rows_holds_few_of_their_pages(tmp_path: Path) -> Non
     assert int(held) < 8192, "of 84 MB"
 
 
+def test_the_certificate_is_of_the_rows_in_double_precision() -> None:
+    """Recomputed in long double."""
+    rows = np.random.default_rng(9).normal(size=(30_000, 3, 6)) * np.logspace(0, -5, 6)
+    best = solve_columns(make_task(as_rows(rows), Robust(Determinant()), everything(30_000)), np.random.default_rng(0))
+    cov = np.asarray(np.linalg.inv(best.information[0]), dtype=np.longdouble)
+    wide = rows.astype(np.longdouble)
+    true = np.einsum("nki,nki->n", wide @ cov, wide) / 6
+    assert best.efficiency == pytest.approx(float(1 / true.max()), abs=1e-9)
+    assert best.efficiency >= 1 - 1e-6
+
+
 def test_threads_do_not_change_scores() -> None:
     rows = as_rows(np.random.default_rng(7).normal(size=(40_000, 2, 6)))
     G = np.diag(np.arange(6.0))
