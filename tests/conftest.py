@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Iterator
@@ -9,6 +10,8 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+import typer.main
+import typer.testing
 from hypothesis import settings
 
 from qsframework.experiment import Experiment, Readings, example, load_experiment, read_readings
@@ -31,6 +34,23 @@ def pytest_configure(config: pytest.Config) -> None:
     """Pytest's own lines are not that wide."""
     if config.pluginmanager.has_plugin("terminalreporter"):
         config.get_terminal_writer().fullwidth = 100
+
+
+def pytest_collection_finish() -> None:
+    """Thousands of tests and all modules live to the end: garbage is not looked for among them again and again."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _commands_once() -> Iterator[None]:
+    """Tests call the command line hundreds of times and none changes its options: it is made of its functions'
+    signatures once, which else takes most of the time of a short command."""
+    made = cache(typer.main.get_command)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(typer.main, "get_command", made)
+        patched.setattr(typer.testing, "_get_command", made)
+        yield
 
 
 @cache
