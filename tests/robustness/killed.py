@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -356,9 +357,12 @@ def monte_carlo(kept: Path | None) -> Callable[[], int]:
 
 def main() -> None:
     """Do the jobs of the file."""
+    import typer.main
+
     given = json.loads(Path(sys.argv[1]).read_text())
     for name in given["imports"]:
         __import__(name)
+    typer.main.get_command = cache(typer.main.get_command)
     for arguments in given["before"]:  # loads the effects and what reads a robot, which else each run would do again
         with redirect_stdout(io.StringIO()), suppress(SystemExit):
             qsf(arguments)()
