@@ -13,6 +13,7 @@ from qsframework.experiment import example, load_experiment
 from qsframework.robot.search import find_robot
 
 EXPERIMENT = example("m900ib") / "experiment.yaml"
+TASK = EXPERIMENT.parents[1] / "compare" / "task.yaml"
 COMMANDS = (
     "demo",
     "robots",
@@ -48,8 +49,8 @@ class Reports:
         return (self.folder / f"{name}.html").read_text()
 
 
-def make_reports(folder: Path) -> Reports:
-    """All commands with small inputs, each with a report."""
+def make_reports(folder: Path, task: Path = TASK) -> Reports:
+    """All commands with small inputs, each with a report; task: that `qsf compare` reads."""
     out = Reports(folder)
     robot = [find_robot("fanuc_m900ib"), find_robot("fanuc_m900ib").parent / "nominal.yaml"]
     campaign = [EXPERIMENT, *robot]
@@ -84,6 +85,5 @@ def make_reports(folder: Path) -> Reports:
         folder / "corrected.csv",
         reads=[*campaign, fit, targets],
     )
-    task = EXPERIMENT.parents[1] / "compare" / "task.yaml"
     out.run("compare", "compare", "fanuc_m900ib", "abb_irb2400", "--task", task, reads=[*robot, task])
     return out

@@ -14,7 +14,7 @@ from importlib import resources
 import numpy as np
 import pytest
 from chromium import Browser
-from every_report import COMMANDS, Reports, make_reports
+from every_report import COMMANDS, TASK, Reports, make_reports
 from headless import browser, unpacked
 
 from qsframework.cli.main import app
@@ -29,7 +29,10 @@ PLAIN = {"validate"}
 
 @pytest.fixture(scope="module")
 def reports(tmp_path_factory: pytest.TempPathFactory) -> Reports:
-    return make_reports(tmp_path_factory.mktemp("reports"))
+    folder = tmp_path_factory.mktemp("reports")
+    text = TASK.read_text().replace("steps: 14", "steps: 4").replace("candidates: 300", "candidates: 60")
+    (folder / "task.yaml").write_text(text)
+    return make_reports(folder, folder / "task.yaml")
 
 
 class Page(HTMLParser):
