@@ -38,9 +38,8 @@ class Dependence:
 
     `by` names the factors, joined by `*`: the angle of a joint, or of two parallel ones with a plus between; `order`,
     `time`, `temperature`, `approach`; `came`, the way by which the joint came from the pose before, of a link the joint
-    before it, of the base the first one; `attitude` against
-    gravity; `loaded`, where something happens once a load hangs; `always`. What further factors there are says the
-    effect.
+    before it, of the base the first one; `attitude` against gravity; `loaded`, where something happens once a load
+    hangs; `always`. What further factors there are says the effect.
     """
 
     at: str = place()
@@ -181,8 +180,13 @@ def down(context: Context, link: int) -> Array:
         R = R @ robot.placements[k][:3, :3]
         if not robot.sliding[k]:
             R = R @ _about(robot.axes[k], poses.q[:, k])
+    return down_in(R, robot)
+
+
+def down_in(rotation: Array, robot: RobotFacts) -> Array:
+    """Direction (N, 3) of gravity in frames that are turned against the base by rotations (N, 3, 3)."""
     along = robot.gravity / (np.linalg.norm(robot.gravity) or 1.0)
-    return np.asarray(np.einsum("nji,j->ni", R, along))
+    return np.asarray(np.einsum("nji,j->ni", rotation, along))
 
 
 def _about(axis: Array, angle: Array) -> Array:

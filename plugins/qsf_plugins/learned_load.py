@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
+from collections.abc import Iterator
 from dataclasses import KW_ONLY, dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from qsf_plugins.dependence import Dependence, within
+from qsf_plugins.dependence import Dependence, down_in, within
 from qsf_plugins.learned import require_whole
 from qsframework.plugin import (
     Array,
@@ -28,7 +30,38 @@ OWN = ("force", "direction")
 
 
 @dataclass(frozen=True)
-class LearnedLoad(Dependence, Load):
+class _LearnedWrench(Dependence, Load):
+    """What a law adds to the wrench at the tool; `at`: `tool`."""
+
+    order = 2
+    by_state = True
+    role = "learned"
+    source = "learned from readings by qsf diagnose, as learned"
+
+    @abstractmethod
+    def shapes(self, loads: Loads, context: Context) -> Array:
+        """What each weight adds (N, 6, p) to the wrench."""
+
+    @abstractmethod
+    def wrong(self, robot: RobotFacts) -> Iterator[Problem]:
+        """What is wrong with factors, ranges and settings."""
+
+    def validate(self, robot: RobotFacts) -> None:
+        problems = list(self.wrong(robot))
+        if self.at != "tool":
+            problems.append(Problem(f"{self.name}: the load hangs at the tool", found=self.at, allowed="tool"))
+        if problems:
+            raise InputError(problems)
+
+    def validate_values(self, x: Array, robot: RobotFacts) -> None:
+        require_whole(self.name, self.parameters(robot), x)
+
+    def apply(self, loads: Loads, x: Array, context: Context) -> Array:
+        return loads.wrench + self.shapes(loads, context) @ x
+
+
+@dataclass(frozen=True)
+class LearnedLoad(_LearnedWrench):
     """The force at the load point differs from what was said by a smooth law that was learned from readings.
 
     `at`: `tool`. Further factors of `by`: `force`, along it, by how large it is; `direction`, along the axes of the
@@ -41,12 +74,8 @@ class LearnedLoad(Dependence, Load):
     highest: float = setting("N", 0.0)
     prior: float = setting("N", 0.0)
     """sd by which a fit holds each weight to zero, as the evidence chose it; 0: nothing holds them."""
-    order = 2
-    by_state = True
-    role = "learned"
     parts: ClassVar[tuple[str, ...]] = ("load",)
     equation = "w = w_0 + sum w_i f_i(force, order)"
-    source = "learned from readings by qsf diagnose, as learned"
     check = "Load cell, weights, cables and what else may pull."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
@@ -55,25 +84,14 @@ class LearnedLoad(Dependence, Load):
         typical = self.prior or 0.01 * robot.sizes.weight
         return tuple(Parameter(n, "N", typical=typical, pull=self.prior or None) for n in names)
 
-    def validate(self, robot: RobotFacts) -> None:
-        problems = list(self.problems(robot, OWN))
-        if self.at != "tool":
-            problems.append(Problem(f"{self.name}: the load hangs at the tool", found=self.at, allowed="tool"))
+    def wrong(self, robot: RobotFacts) -> Iterator[Problem]:
+        yield from self.problems(robot, OWN)
         if self.factors == ("force",) and not self.lowest < self.highest:
-            problems.append(Problem(f"{self.name}: lowest must lie below highest"))
+            yield Problem(f"{self.name}: lowest must lie below highest")
         if self.prior < 0.0 or not self.scale > 0.0:
-            problems.append(Problem(f"{self.name}: scale must be above 0, prior not negative"))
-        if problems:
-            raise InputError(problems)
-
-    def validate_values(self, x: Array, robot: RobotFacts) -> None:
-        require_whole(self.name, self.parameters(robot), x)
-
-    def apply(self, loads: Loads, x: Array, context: Context) -> Array:
-        return loads.wrench + self.shapes(loads, context) @ x
+            yield Problem(f"{self.name}: scale must be above 0, prior not negative")
 
     def shapes(self, loads: Loads, context: Context) -> Array:
-        """What each weight adds (N, 6, p) to the wrench."""
         force = loads.wrench[:, :3] / self.scale
         if "force" in self.factors:
             size = np.sqrt(np.sum(force * force, axis=1))
@@ -98,7 +116,7 @@ class LearnedLoad(Dependence, Load):
 
 
 @dataclass(frozen=True)
-class LearnedPoint(Dependence, Load):
+class LearnedPoint(_LearnedWrench):
     """The point where the load acts shifts in the last link by a smooth law that was learned from readings.
 
     `at`: `tool`. `by` may be the `attitude` of the last link, the `order`, or an angle.
@@ -107,41 +125,25 @@ class LearnedPoint(Dependence, Load):
     _: KW_ONLY
     prior: float = setting("m", 0.0)
     """sd by which a fit holds each weight to zero, as the evidence chose it; 0: nothing holds them."""
-    order = 2
-    by_state = True
-    role = "learned"
     parts: ClassVar[tuple[str, ...]] = ("point",)
     equation = "moment = moment_0 + (R r) x f, r = sum w_i f_i(attitude, order, angle), R the rotation of the last link"
-    source = "learned from readings by qsf diagnose, as learned"
     check = "Where the cable or the weight hangs, and what may slide there."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         names = [f"{self.name}.{axis}.w{i}" for axis in "xyz" for i in range(1, self.width(()) + 1)]
         return tuple(Parameter(n, "m", typical=self.prior or 0.01, pull=self.prior or None) for n in names)
 
-    def validate(self, robot: RobotFacts) -> None:
-        problems = list(self.problems(robot, ()))
-        if self.at != "tool":
-            problems.append(Problem(f"{self.name}: the load hangs at the tool", found=self.at, allowed="tool"))
+    def wrong(self, robot: RobotFacts) -> Iterator[Problem]:
+        yield from self.problems(robot, ())
         if self.prior < 0.0:
-            problems.append(Problem(f"{self.name}: prior must not be negative", found=f"{self.prior:g} m"))
-        if problems:
-            raise InputError(problems)
-
-    def validate_values(self, x: Array, robot: RobotFacts) -> None:
-        require_whole(self.name, self.parameters(robot), x)
-
-    def apply(self, loads: Loads, x: Array, context: Context) -> Array:
-        return loads.wrench + self.shapes(loads, context) @ x
+            yield Problem(f"{self.name}: prior must not be negative", found=f"{self.prior:g} m")
 
     def shapes(self, loads: Loads, context: Context) -> Array:
-        """What each weight adds (N, 6, p) to the wrench."""
-        gravity = context.robot.gravity / (np.linalg.norm(context.robot.gravity) or 1.0)
-        hangs = np.einsum("nji,j->ni", loads.rotation, gravity)
-        functions = self.product(np.ones((len(hangs), 1)), (), context, lambda: hangs)
+        one = np.ones((len(context), 1))
+        functions = self.product(one, (), context, lambda: down_in(loads.rotation, context.robot))
         arms = loads.rotation.transpose(0, 2, 1)  # row i: the i-th axis of the last link
         moments = np.cross(arms, loads.wrench[:, None, :3]).transpose(0, 2, 1)
-        turning = (moments[..., None] * functions[:, None, None, :]).reshape(len(hangs), 3, -1)
+        turning = (moments[..., None] * functions[:, None, None, :]).reshape(len(context), 3, -1)
         return np.concatenate([np.zeros_like(turning), turning], axis=1)
 
     def ranges(self, torque: Array, context: Context) -> tuple[Range, ...]:

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from qsf_plugins.dependence import Dependence
+from qsf_plugins.dependence import Dependence, down_in
 from qsf_plugins.learned import require_whole
 from qsframework.plugin import (
     Array,
@@ -84,8 +84,7 @@ class LearnedReading(Dependence, Sensor):
         lead = np.ones((batch, 1))
         if "force" in self.factors:
             lead = np.einsum("nji,nj->ni", axes, context.poses.wrench[:, :3]) / self.scale * float(context.loaded)
-        gravity = context.robot.gravity / (np.linalg.norm(context.robot.gravity) or 1.0)
-        functions = self.product(lead, OWN, context, lambda: np.einsum("nji,j->ni", axes, gravity))
+        functions = self.product(lead, OWN, context, lambda: down_in(axes, context.robot))
         moved = (axes[:, :, :, None] * functions[:, None, None, :]).reshape(batch, 3, -1)
         return np.asarray(own[:, None, None] * moved[:, None])
 
