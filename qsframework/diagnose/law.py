@@ -50,6 +50,11 @@ class Law:
         return tuple(joint for factor in self.angles for joint in factor.split("+"))
 
     @property
+    def where(self) -> tuple[str, str]:
+        """Part and place: a link that shifts is where it turns."""
+        return "link" if self.part == "shift" else self.part, self.place
+
+    @property
     def name(self) -> str:
         """Such as `joint_3/torque`, `joint_2/torque*joint_2+joint_3` or `bearing joint_4 rx/attitude`."""
         place = f"{self.part} {self.place}" if self.part in ("bearing", "shift", "point") else self.place or self.part

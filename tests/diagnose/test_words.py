@@ -206,6 +206,19 @@ def test_all_places_are_told_where_it_may_be(real: Diagnosis) -> None:
         assert len(place_table(found).rows) == len(places)
 
 
+def test_the_likeliest_place_is_told_where_it_is_not_that_of_the_likeliest_law(real: Diagnosis) -> None:
+    """The laws of one place together may outweigh the likeliest single one elsewhere."""
+    law, other = Law("shift", "link_6", ("torque",), "z"), Law("drive", "joint_5", ("joint_2",))
+    own = Law("link", "link_6", ("order",))
+    for places in ((other, own), (own, other), (other,)):
+        found = replace(
+            real,
+            leftovers=(Leftover(law, 1e-9, 20.0),),
+            places=tuple(LikelyPlace(x, 1.0 / len(places)) for x in places),
+        )
+        assert "moves link_6 along z with the torque there (or the drive of joint_5), which" in headline(found)
+
+
 def test_one_marker_a_visit_is_said_with_what_it_hides(real: Diagnosis) -> None:
     """Unless somebody states how well the arm comes back."""
     assert any("cannot be told from a marker's own" in note for note in method_words(real))

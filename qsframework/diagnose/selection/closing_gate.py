@@ -116,9 +116,8 @@ def likely_places(likely: Sequence[Likely]) -> tuple[LikelyPlace, ...]:
     odds: dict[tuple[str, str], float] = {}
     best: dict[tuple[str, str], Law] = {}
     for x in sorted(likely, key=lambda x: -x.evidence):
-        place = ("link" if x.whole.part == "shift" else x.whole.part, x.whole.place)
-        odds[place] = odds.get(place, 0.0) + float(np.exp(x.evidence - top))
-        best.setdefault(place, x.block.law)
+        odds[x.whole.where] = odds.get(x.whole.where, 0.0) + float(np.exp(x.evidence - top))
+        best.setdefault(x.whole.where, x.block.law)
     whole, told = sum(odds.values()), list[LikelyPlace]()
     for place in sorted(odds, key=lambda p: -odds[p]):
         if sum(x.share for x in told) < _TOGETHER:

@@ -63,27 +63,22 @@ def _angle_words(factor: str) -> str:
 
 
 def moving_words(law: Law, places: Sequence[LikelyPlace] = ()) -> str:
-    """That something moves, and with what. places: where else it may be, the law's own first."""
-    how = _HOW.get(law.by) or f"with {variable_words(law)}"
+    """That something moves, and with what. places: where it may be; those that are not the law's own are told."""
+    moves = f"something moves {place_words(law)}"
     if law.part in _LOAD:
-        return f"{_LOAD[law.part]} differs from what was said {how}{_else(places)}"
-    if law.part == "readings":
-        return f"all readings move {how}{_else(places)}"
-    return f"something moves {place_words(law)} {how}{_else(places)}"
-
-
-def _else(places: Sequence[LikelyPlace]) -> str:
-    """The other places, in brackets."""
-    if len(places) < 2:
-        return ""
-    other = [place_words(replace(x.law, axis="")) for x in places[1:]]
+        moves = f"{_LOAD[law.part]} differs from what was said"
+    elif law.part == "readings":
+        moves = "all readings move"
+    how = _HOW.get(law.by) or f"with {variable_words(law)}"
+    other = [place_words(replace(x.law, axis="")) for x in places if x.law.where != law.where]
     if len(other) > _TOLD:
-        return f" (or {other[0]}, or one of {len(other) - 1} other places)"
-    return f" (or {' or '.join(other)})"
+        other[1:] = [f"one of {len(other) - 1} other places"]
+        return f"{moves} {how} (or {', or '.join(other)})"
+    return f"{moves} {how} (or {' or '.join(other)})" if other else f"{moves} {how}"
 
 
 def places_words(places: Sequence[LikelyPlace]) -> str:
-    """Where else what is left may be, with the share of the evidence of each place."""
+    """Where what is left may be, with the share of the evidence of each place."""
     if len(places) < 2:
         return ""
     first, *other = [f"{place_words(x.law)} ({100 * x.share:.0f} %)" for x in places]
