@@ -159,6 +159,11 @@ def among(found: Diagnosis) -> list[tuple[set[str], set[str]]]:
     return [*spoken(found), *(named_words(r.name, facts) for f in found.findings for r in f.rivals)]
 
 
+def alike(found: Diagnosis) -> list[tuple[set[str], set[str]]]:
+    """Words for all places that could move the markers as what was told does."""
+    return [_words(law, found.experiment.robot.facts) for law in found.same_motion]
+
+
 def named_words(name: str, facts: Any) -> tuple[set[str], set[str]]:
     """Words for the place and the variable of a cause of the library."""
     kind, _, where = name.partition("[")

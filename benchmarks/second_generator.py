@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from common import table
-from fresh_poses import Fresh, among, fresh_errors, place_right, spoken, variable_right
+from fresh_poses import Fresh, alike, among, fresh_errors, place_right, spoken, variable_right
 from independent import NOISES, Campaign, Setting, Unreachable, noisy, write_campaign, write_robot
 from independent_arm import ARMS, Arm, Array, Hidden, NoRest
 from independent_effects import SHOWN, Places, campaign_for, hide, structures
@@ -296,7 +296,9 @@ def answer(told: Told, fresh: bool = False) -> Result:
         "learned": None if d.taught is None else [d.taught.name, d.taught.holds, round(d.taught.gain, 3)],
         "said": [[sorted(words) for words in both] for both in spoken(d)],
         "among": [[sorted(words) for words in both] for both in among(d)],
+        "alike": [[sorted(words) for words in both] for both in alike(d)],
         "places": len(d.places),
+        "same_motion": len(d.same_motion),
         "fresh": _fresh(told, d) if fresh else None,
         "rms_mm": [round(1e3 * v, 5) for v in (d.rms.heldout_identified, d.rms.heldout_extended, d.rms.noise)],
     }
@@ -403,6 +405,8 @@ def _unknown_rows(group: str, unknown: Sequence[Result]) -> list[Row]:
         told = [r for r in own if "among" in r]
         out.append(rate(f"{where}: place among those told", "-", told, _place_told))
         out.append(rate(f"{where}: place and variable among those told", "-", told, _variable_told))
+        moved = [r for r in own if "alike" in r]
+        out.append(rate(f"{where}: place, or one that moves the markers alike", "-", moved, _place_alike))
     for poses, goal in ((40, 80.0), (14, 65.0)):
         own = [r for r in unknown if r["poses"] == poses and r["fresh"] is not None]
         words = f"{group} kinds, {poses} poses: share of the oracle's gain at fresh poses, median"
@@ -414,6 +418,10 @@ def _unknown_rows(group: str, unknown: Sequence[Result]) -> list[Row]:
 
 def _place_told(r: Result) -> bool:
     return place_right(r["among"], r["place"])
+
+
+def _place_alike(r: Result) -> bool:
+    return place_right([*r["among"], *r["alike"]], r["place"])
 
 
 def _variable_told(r: Result) -> bool:

@@ -9,6 +9,7 @@ from itertools import chain
 import numpy as np
 
 from qsframework.diagnose.evidence_table import findings_of, table_of
+from qsframework.diagnose.law import Law
 from qsframework.diagnose.learn import Lesson, lessons
 from qsframework.diagnose.likeness import alike
 from qsframework.diagnose.linearization.candidates import Cause, Untested, find_causes
@@ -53,6 +54,7 @@ from qsframework.diagnose.selection.model_selection import (
     most_plausible,
     refit,
 )
+from qsframework.diagnose.selection.same_motion import same_motion
 from qsframework.diagnose.selection.search import LARGEST, parts_of
 from qsframework.diagnose.verdict import ambiguous, verdict_of
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
@@ -203,6 +205,7 @@ def diagnose(
         audit=audit,
         leftovers=closing.leftovers,
         places=closing.places,
+        same_motion=closing.same_motion,
         before=before,
         after=after,
         rms=_errors(base, extended, held, given, audit),
@@ -221,11 +224,12 @@ def diagnose(
 
 @dataclass(frozen=True)
 class _Closing:
-    """What the names leave and where it may be, by name the law that stands in its place as well, those that cannot
-    stand beside theirs, and what can be learned."""
+    """What the names leave, where it may be and where the markers would move alike, by name the law that stands in its
+    place as well, those that cannot stand beside theirs, and what can be learned."""
 
     leftovers: tuple[Leftover, ...]
     places: tuple[LikelyPlace, ...]
+    same_motion: tuple[Law, ...]
     rivals: Mapping[str, Leftover]
     beaten: Collection[str]
     lessons: Sequence[Lesson]
@@ -558,11 +562,13 @@ def _close(base: _Baseline, best: Answer | None, fit: Settled, level: float, see
     tame = noise.colour(huber_pseudo_values(fit.white, orthonormal(fit.jacobian)))
     fits = _fits(base.rows, columns)
     size = fits.unit(int(fits.choose(tame[:, None])[0]), tame)
-    left, likely = tuple[Leftover, ...](), list[Likely]()
+    left, likely, same = tuple[Leftover, ...](), list[Likely](), tuple[Law, ...]()
     if size > _ROUNDED:
         left, e = leftovers(blocks, fits, tame, level, seed + 1, base.rows.mask.ravel())
         likely = on_one_axis(blocks, e, fits, tame, fit.model.facts) if left else []
         left = finest(left, likely)
+        if likely:
+            same = same_motion(moved, max(likely, key=lambda x: x.evidence).block, fits, tame)
     causes = {c.name: c.names for c in _causes(base, best)}
     rivals: dict[str, Leftover] = {}
     beaten: set[str] = set()
@@ -572,8 +578,8 @@ def _close(base: _Baseline, best: Answer | None, fit: Settled, level: float, see
         if rival is not None:
             rivals[name.name] = rival[0]
             beaten |= {name.name} if rival[1] else set()
-    taught = lessons(fit.model, [*blocks, *(x.block for x in likely)], left, fits, tame)
-    return _Closing(left, likely_places(likely), rivals, beaten, taught)
+    taught = lessons(fit.model, [*blocks, *(x.block for x in likely)], left, len(blocks), fits, tame)
+    return _Closing(left, likely_places(likely), same, rivals, beaten, taught)
 
 
 def _causes(base: _Baseline, best: Answer | None) -> list[Cause]:

@@ -23,7 +23,7 @@ from qsframework.plugin import Array, Conditions, Context, Effect, Poses, RobotF
 
 _TRIED = 3
 _ODDS = 10.0
-"""Of a law against nothing, which weighs as much as all blocks together, from which on it is learned."""
+"""Of a law against nothing, which weighs as much as all laws together that were tried, from which on it is learned."""
 _COMES = 1.0
 """rad over which a curve shows the way by which a joint came: from far, it makes hardly a difference how far."""
 _TELLS = 0.2
@@ -42,14 +42,16 @@ def lessons(
     model: Model,
     blocks: Sequence[Block],
     left: Sequence[Leftover],
+    tried: int,
     fits: Reml,
     values: Array,
 ) -> list[Lesson]:
-    """The few plainest laws that readings (m,) m hold beside a fit, well enough to be learned, and an effect can be."""
+    """The few plainest laws that readings (m,) m hold beside a fit, well enough to be learned, and an effect can be;
+    blocks: all that is left may be of; tried: how many laws were, about all axes of their places."""
     known = {b.law: b for b in blocks}
     out: list[Lesson] = []
     for leftover in left:
-        if leftover.evidence < np.log(_ODDS * len(blocks)):
+        if leftover.evidence < np.log(_ODDS * tried):
             continue
         block = known[leftover.law]
         effects = effects_of(model, block.effect)

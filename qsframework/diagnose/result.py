@@ -225,8 +225,9 @@ class Diagnosis(Displayed):
 
     baseline and extended: the exact fits without and with the named causes, certain: with those that are not doubtful,
     over the rows `kept` of `readings`; taught: a law that was learned of what the names leave; places: where that may
-    be, which hold 95 % of the evidence together; outliers: rows that belong to nothing; case: linearised at the
-    baseline; before, after: their lack of fit
+    be, which hold 95 % of the evidence together; same_motion: the other places where some law, by a variable that is
+    open, could move the markers as the likeliest law does, to within the noise; outliers: rows that belong to nothing;
+    case: linearised at the baseline; before, after: their lack of fit
     """
 
     experiment: Experiment
@@ -238,6 +239,7 @@ class Diagnosis(Displayed):
     audit: NoiseAudit
     leftovers: tuple[Leftover, ...]
     places: tuple[LikelyPlace, ...]
+    same_motion: tuple[Law, ...]
     before: LackOfFit
     after: LackOfFit
     rms: Errors

@@ -40,6 +40,7 @@ def diagnosis_json(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> di
             {"place": place_words(x.law), "variable": variable_words(x.law), "share": _number(x.share)}
             for x in found.places
         ],
+        "same_motion": [place_words(law) for law in found.same_motion],
         "learned": None if found.taught is None else _learned(found.taught),
         "rms_mm": {name: _number(1e3 * getattr(found.rms, name)) for name in _RMS},
         "budget": [

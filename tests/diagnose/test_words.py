@@ -206,6 +206,25 @@ def test_all_places_are_told_where_it_may_be(real: Diagnosis) -> None:
         assert len(place_table(found).rows) == len(places)
 
 
+def test_places_where_the_markers_would_move_alike_are_told_beside_the_likely_ones(real: Diagnosis) -> None:
+    """Four by name; those that are told already are not told again; none where nothing else moves them so."""
+    law = Law("drive", "joint_1", ("order",))
+    places = (LikelyPlace(law, 0.7), LikelyPlace(Law("link", "base", ("order",)), 0.3))
+    same = tuple(Law("link", name, ()) for name in ("base", "link_1", "link_2", "link_3"))
+    same += (Law("bearing", "joint_2", ()), Law("marker", "m1", ()))
+    for count, words in (
+        (2, "nothing against link_1: by"),
+        (4, "against link_1, link_2 and link_3: by"),
+        (6, "against link_1, link_2, link_3, the bearing of joint_2 and 3 more places: by"),
+    ):
+        more = (*same[:count], *(Law("link", f"link_{n}", ()) for n in (4, 5) if count == 6))
+        found = replace(real, leftovers=(Leftover(law, 1e-9, 20.0),), places=places, same_motion=more)
+        assert words in diagnosis_words(found)
+        assert diagnosis_json(found)["same_motion"][:2] == ["base", "link_1"]
+    found = replace(real, leftovers=(Leftover(law, 1e-9, 20.0),), places=places, same_motion=same[:1])
+    assert "tell nothing against" not in diagnosis_words(found)
+
+
 def test_the_likeliest_place_is_told_where_it_is_not_that_of_the_likeliest_law(real: Diagnosis) -> None:
     """The laws of one place together may outweigh the likeliest single one elsewhere."""
     law, other = Law("shift", "link_6", ("torque",), "z"), Law("drive", "joint_5", ("joint_2",))

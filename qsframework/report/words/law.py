@@ -33,6 +33,8 @@ _HOW: dict[tuple[str, ...], str] = {
 
 _TOLD = 2
 """Other places that are told by name."""
+_ALIKE = 4
+"""Places of the same motion that are told by name."""
 _LOAD = {"load": "the load", "point": "the point where the load acts"}
 
 
@@ -85,4 +87,18 @@ def places_words(places: Sequence[LikelyPlace]) -> str:
     return (
         f"These readings do not tell whether it is {first} or {' or '.join(other)}: in brackets the share of the "
         "evidence that each place holds."
+    )
+
+
+def same_motion_words(places: Sequence[LikelyPlace], same: Sequence[Law]) -> str:
+    """Which places beside those that are told could move the markers alike, and what speaks against them."""
+    told = {x.law.where for x in places}
+    names = [place_words(law) for law in same if law.where not in told]
+    if not names:
+        return ""
+    names[_ALIKE:] = [f"{len(names) - _ALIKE} more places"] if len(names) > _ALIKE else []
+    listed = f"{', '.join(names[:-1])} and {names[-1]}" if names[1:] else names[0]
+    return (
+        f"The markers tell nothing against {listed}: by a law of its own each could move them just so, to within the "
+        "noise. Only how the motion follows its variable speaks against these places."
     )
