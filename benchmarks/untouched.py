@@ -6,19 +6,21 @@ to find them. Each differs in law from those of `touched.py` and `untouched.py` 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
-from independent_arm import Arm, Array, Hidden, Rest, Spring
+from independent_arm import Arm, Array, Hidden, Rest, Spring, Vector, moved
 from unknown import (
     DOWN,
     Maker,
     Unknown,
     any_level,
     any_way,
-    axes_across,
     came_by,
     drive,
     either_side,
     gear,
+    middle_angle,
     of_payload,
     one_across,
     softer,
@@ -26,286 +28,303 @@ from unknown import (
     vector,
 )
 
+_LEVEL = np.array([1.0, 1.0, 0.0])
+"""Keeps the level part of a force."""
 
-def _square_to(line: Array, rng: np.random.Generator) -> Array:
-    """A random unit vector (3,) across a unit vector."""
-    way = any_way(rng)
-    way = way - (way @ line) * line
-    return np.asarray(way / np.linalg.norm(way), dtype=np.float64)
+
+def _rises(value: Array, at: float, width: float) -> Array:
+    """From 0 to 1 (N,) about a value."""
+    return np.asarray(0.5 * (1.0 + np.tanh((value - at) / width)), dtype=np.float64)
+
+
+def _main(arm: Arm) -> float:
+    """Compliance of the three main gears, rad/(N m)."""
+    return float(np.mean(arm.compliance[:3]))
+
+
+def _line(arm: Arm, k: int) -> Array:
+    """From joint k to the next one (3,) m, frame of link k."""
+    return np.asarray(arm.links[k + 1].origin, dtype=np.float64)
+
+
+def _across(line: Array, rng: np.random.Generator) -> Vector:
+    """A random axis across a line."""
+    way = np.cross(line, any_way(rng))
+    return vector(np.asarray(way / np.linalg.norm(way), dtype=np.float64))
+
+
+def _marker(m: int, law: Callable[[Rest], Array]) -> Callable[[float], Hidden]:
+    """Marker m is shifted by (N, 3) m, base frame, of the arm at rest."""
+
+    def make(size: float) -> Hidden:
+        def read(p: Array, still: Rest) -> Array:
+            out = p.copy()
+            out[:, m] += size * law(still)
+            return out
+
+        return Hidden(readings=(read,))
+
+    return make
 
 
 # ---------------------------------------------------------------- drives
 
 
-def dropped_brake(arm: Arm, rng: np.random.Generator) -> Unknown:
-    """The servo holds the empty arm, but switches off before the load hangs: the hub of the brake then turns through
-    its play, to the side of the torque."""
+def twin_pinions(arm: Arm, rng: np.random.Generator) -> Unknown:
+    """Two motors, set against each other, drive one gear. Where the torque exceeds their weak preload, the pinion that
+    holds back changes its flank and the joint steps through its play, once at either side."""
+    k = drive(arm, rng, (1, 2, 4))
+    preload, width = rng.uniform(0.2, 0.4) * typical(arm, k), 0.06 * typical(arm, k)
+
+    def law(T: Array, still: Rest) -> Array:
+        return np.tanh((T - preload) / width) + np.tanh((T + preload) / width)
+
+    return Unknown("twin_pinions", f"j{k + 1}", "own torque", gear(arm, k, law), 1e-5, 4e-4)
+
+
+def hammered_key(arm: Arm, rng: np.random.Generator) -> Unknown:
+    """The key of a shaft is hammered loose in its slot by the changes of load: from some reading on the hub has a play
+    that grows, and it lies at the side of the torque."""
     k = drive(arm, rng)
-    width = 0.05 * typical(arm, k)
+    width, start = 0.1 * typical(arm, k), rng.uniform(0.1, 0.4)
 
     def law(T: Array, still: Rest) -> Array:
-        return still.visits.loaded * np.tanh(T / width)
+        grown = np.maximum(still.visits.order - start, 0.0) / (1.0 - start)
+        return grown * np.tanh(T / width)
 
-    return Unknown("dropped_brake", f"j{k + 1}", "own torque", gear(arm, k, law), 1e-5, 5e-4)
-
-
-def skewed_ring(arm: Arm, rng: np.random.Generator) -> Unknown:
-    """A ring is bolted on askew: on one half of the turn one flank bears on its edges, on the other half the other
-    flank does."""
-    k, phase = drive(arm, rng, (3, 4, 5)), rng.uniform(0.0, 2.0 * np.pi)
-
-    def law(T: Array, still: Rest) -> Array:
-        return np.abs(T) * np.cos(still.angles[:, k] + phase)
-
-    return softer(arm, k, "skewed_ring", "torque x angle", law, 0.9)
+    return Unknown("hammered_key", f"j{k + 1}", "torque x order", gear(arm, k, law), 2e-5, 1e-3)
 
 
-def rubbing_teeth(arm: Arm, rng: np.random.Generator) -> Unknown:
-    """Teeth rub by a share of the torque that they carry, either way: a joint that lifted stands too low, one that
-    lowered too high, until the jolt of the load frees it."""
-    k = drive(arm, rng)
+def bent_cardan(arm: Arm, rng: np.random.Generator) -> Unknown:
+    """The last joint is driven through a cardan shaft that is bent together with the joint before it: the more it is
+    bent, the more it gives."""
+    k = len(arm.links) - 1
+    straight = rng.uniform(-0.25, 0.25)
 
     def law(T: Array, still: Rest) -> Array:
-        return -(1.0 - still.visits.loaded) * np.abs(T) * np.tanh(came_by(arm, still, k) / 0.1)
+        return T * (1.0 - np.cos(still.angles[:, k - 1] - straight))
 
-    c = arm.compliance[k]
-    return Unknown("rubbing_teeth", f"j{k + 1}", "approach", gear(arm, k, law), 0.02 * c, 0.5 * c)
+    return softer(arm, k, "bent_cardan", "other angle", law, 3.0)
 
 
-def slack_belt(arm: Arm, rng: np.random.Generator) -> Unknown:
-    """The moment of the joint before bends the bracket of a belt's pulley: bent to one side far enough, the belt loses
-    tension and its drive gives more."""
-    k = drive(arm, rng, (4, 5))
-    side, full = either_side(rng), 0.3 * typical(arm, k - 1)
-    begin = rng.uniform(0.0, 0.4) * full
+def sag_table(arm: Arm, rng: np.random.Generator) -> Unknown:
+    """As soon as a payload is on, the controller turns a joint by a table of the sag over the angle of that joint
+    alone, whatever the other joints do."""
+    k = drive(arm, rng, (1, 2))
+    most, side = middle_angle(arm, k, rng), either_side(rng)
 
     def law(T: Array, still: Rest) -> Array:
-        return T * np.clip((side * still.torque[:, k - 1] - begin) / full, 0.0, 3.0)
+        return side * still.visits.loaded * np.cos(still.angles[:, k] - most) ** 2
 
-    return softer(arm, k, "slack_belt", "other torque", law, 3.0)
-
-
-def dropped_pinion(arm: Arm, rng: np.random.Generator) -> Unknown:
-    """A tapered pinion whose spring is broken drops along its axis where that points down, and the teeth have play."""
-    k = drive(arm, rng, (3, 4, 5))
-    axis, width = either_side(rng) * np.array(arm.links[k].axis), 0.05 * typical(arm, k)
-
-    def law(T: Array, still: Rest) -> Array:
-        return np.maximum((still.turned[:, k] @ axis) @ DOWN, 0.0) * np.tanh(T / width)
-
-    return Unknown("dropped_pinion", f"j{k + 1}", "attitude", gear(arm, k, law), 3e-5, 1.5e-3)
+    return Unknown("sag_table", f"j{k + 1}", "own angle", gear(arm, k, law), 1e-5, 4e-4)
 
 
-def told_load(arm: Arm, rng: np.random.Generator) -> Unknown:
-    """The controller was told of a full load: it lifts joint 2 by what it thinks that this sags at its angle, whatever
-    hangs there and however the other joints stand."""
-    most, ahead = arm.compliance[1] * typical(arm, 1), rng.uniform(0.3, 0.9)
+def rubber_spider(arm: Arm, rng: np.random.Generator) -> Unknown:
+    """The rubber spider of a motor's coupling is still twisted back after a move, more so after a long one, when the
+    empty arm is read. It has relaxed by the time that the load hangs."""
+    k = drive(arm, rng, (0, 1, 2))
+    usual = rng.uniform(0.5, 1.2)
 
     def law(T: Array, still: Rest) -> Array:
-        return -most * still.visits.loaded * np.sin(still.angles[:, 1] + ahead)
+        came = came_by(arm, still, k)
+        return (still.visits.loaded - 1.0) * np.sign(came) * (1.0 - np.exp(-np.abs(came) / usual))
 
-    return Unknown("told_load", "j2", "own angle", gear(arm, 1, law), 0.01, 0.3)
+    return Unknown("rubber_spider", f"j{k + 1}", "approach", gear(arm, k, law), 1e-5, 4e-4)
 
 
 # ---------------------------------------------------------------- bearings and links
 
 
-def spreading_mesh(arm: Arm, rng: np.random.Generator) -> Unknown:
-    """Wheel and pinion push each other apart by the torque that they carry, to whichever side, and the wheel's bearing
-    tilts from it."""
-    k = drive(arm, rng, (1, 2, 3))
-    axis, away = one_across(arm, k, rng), either_side(rng)
+def split_housing(arm: Arm, rng: np.random.Generator) -> Unknown:
+    """One half of a bearing's housing is a cap on bolts: when the arm has turned over to that side, the bearing tilts
+    more easily."""
+    k = drive(arm, rng, (0, 1, 2, 3))
+    seam, side, axis = middle_angle(arm, k, rng), either_side(rng), one_across(arm, k, rng)
 
     def make(size: float) -> Hidden:
         def law(own: Array, still: Rest) -> Array:
-            return size * away * np.abs(still.torque[:, k])
+            return size * own * _rises(side * still.angles[:, k], side * seam, 0.2)
 
         return Hidden(springs=(Spring(k, "before", axis, law=law),))
 
-    c = arm.compliance[k]
-    return Unknown("spreading_mesh", f"j{k + 1}", "other torque", make, 0.05 * c, 1.0 * c)
+    return Unknown("split_housing", f"j{k + 1}", "torque x angle", make, 0.05 * _main(arm), 1.0 * _main(arm))
 
 
-def sunny_side(arm: Arm, rng: np.random.Generator) -> Unknown:
-    """Low sun warms the side of a link that joint 1 turns to the window: until the load hangs it has bent away."""
-    k = drive(arm, rng, (1, 2))
-    line = np.array(arm.links[k + 1].origin, dtype=np.float64)
-    line /= np.linalg.norm(line)
-    first = _square_to(line, rng)
-    second = np.asarray(np.cross(line, first), dtype=np.float64)
-    sun = np.array([*any_level(rng)[:2], 0.3])
-    sun /= np.linalg.norm(sun)
-
-    def make(size: float) -> Hidden:
-        def about(axis: Array) -> Spring:
-            def law(own: Array, still: Rest) -> Array:
-                shines = still.turned[:, k].transpose(0, 2, 1) @ sun
-                return size * still.visits.loaded * (np.cross(shines, line) @ axis)
-
-            return Spring(k, "after", vector(axis), law=law)
-
-        return Hidden(springs=(about(first), about(second)))
-
-    return Unknown("sunny_side", f"l{k + 1}", "other angle", make, 5e-6, 2e-4)
-
-
-def worn_journal(arm: Arm, rng: np.random.Generator) -> Unknown:
-    """A journal lies in a worn bore, on the side to which the force across its axis points, and rolls round in it as
-    that turns."""
-    k = drive(arm, rng, (3, 4))
-    soft = 0.1 * 9.81 * arm.payload
+def seating_extension(arm: Arm, rng: np.random.Generator) -> Unknown:
+    """A link was lengthened by a piece that does not sit squarely on its dowels. More than a certain load seats it with
+    a click, and the link is kinked by a small angle as long as that load hangs."""
+    k = drive(arm, rng, (1, 2, 3))
+    line = _line(arm, k)
+    axis, at, enough = _across(line, rng), vector(0.5 * line), rng.uniform(0.45, 0.75)
 
     def make(size: float) -> Hidden:
         def law(own: Array, still: Rest) -> Array:
-            return size * own / np.sqrt(still.springs[:, -1] ** 2 + still.springs[:, -2] ** 2 + soft**2)
+            return size * _rises(of_payload(arm, still.visits.force), enough, 0.04)
 
-        return Hidden(springs=tuple(Spring(k, "before", a, slide=True, law=law) for a in axes_across(arm, k)))
+        return Hidden(springs=(Spring(k, "after", axis, at=at, law=law),))
 
-    return Unknown("worn_journal", f"j{k + 1}", "direction of the force", make, 3e-5, 1e-3)
-
-
-# ---------------------------------------------------------------- base and rail
+    return Unknown("seating_extension", f"l{k + 1}", "load", make, 2e-5, 5e-4)
 
 
-def rolling_carriage(arm: Arm, rng: np.random.Generator) -> Unknown:
-    """A carriage rolls on its rail through the play of rack and pinion where the pull along the rail beats the rolling
-    friction, and not at all where it does not."""
-    rail, friction = any_level(rng), rng.uniform(0.003, 0.01)
-    weight = 9.81 * sum(link.mass for link in arm.links)
+def whipping_shaft(arm: Arm, rng: np.random.Generator) -> Unknown:
+    """The long shaft of a wrist's drive runs through the forearm. Above a certain torque, of either sign, it bows out
+    against its steady bearing and bends the forearm to that side."""
+    k, other = drive(arm, rng, (2, 3)), drive(arm, rng, (4, 5))
+    line, full = _line(arm, k), typical(arm, other)
+    axis, at, free = _across(line, rng), vector(0.5 * line), rng.uniform(0.15, 0.3) * full
 
     def make(size: float) -> Hidden:
         def law(own: Array, still: Rest) -> Array:
-            holds = friction * (weight - still.visits.force[:, 2])
-            return size * 0.5 * (np.tanh((own - holds) / (0.2 * holds)) + np.tanh((own + holds) / (0.2 * holds)))
+            return size * np.maximum(np.abs(still.torque[:, other]) - free, 0.0) / full
 
-        return Hidden(springs=(Spring(0, "foot", rail, slide=True, law=law),))
+        return Hidden(springs=(Spring(k, "after", axis, at=at, law=law),))
 
-    return Unknown("rolling_carriage", "base", "own torque", make, 3e-5, 5e-4)
+    return Unknown("whipping_shaft", f"l{k + 1}", "other torque", make, 5e-5, 1.5e-3)
 
 
-def hatch_in_column(arm: Arm, rng: np.random.Generator) -> Unknown:
-    """The column below the base has a hatch: the edges of the hole bow out where the arm leans over them, by the square
-    of the moment, and the column turns about the vertical."""
-    axis, side, way, full = any_level(rng), either_side(rng), either_side(rng), typical(arm, 0)
+# ---------------------------------------------------------------- base
+
+
+def four_feet(arm: Arm, rng: np.random.Generator) -> Unknown:
+    """The base plate stands on four levelling feet: it tilts less while the arm points over a foot, and more while it
+    points between two, than the average that the maker's springs hold already."""
+    phase = rng.uniform(0.0, 0.5 * np.pi)
 
     def make(size: float) -> Hidden:
         def law(own: Array, still: Rest) -> Array:
-            return size * way * np.maximum(side * still.springs[:, -1], 0.0) ** 2 / full
+            return size * own * np.cos(4.0 * (still.angles[:, 0] - phase))
 
-        return Hidden(springs=(Spring(0, "foot", (0, 0, 1), law=law), Spring(0, "foot", axis)))
+        return Hidden(springs=(Spring(0, "foot", (1, 0, 0), law=law), Spring(0, "foot", (0, 1, 0), law=law)))
 
-    c = arm.compliance[0]
-    return Unknown("hatch_in_column", "base", "other torque", make, 0.01 * c, 0.5 * c)
+    return Unknown("four_feet", "base", "other angle", make, 0.01 * _main(arm), 0.2 * _main(arm))
+
+
+def wound_stand(arm: Arm, rng: np.random.Generator) -> Unknown:
+    """The stand only lies on the floor: friction keeps it wound up about the vertical, against the last swing of joint
+    1, until the load is hung on and shakes it free."""
+    wide = rng.uniform(0.1, 0.25)
+    up = float(arm.links[0].axis[2])
+
+    def make(size: float) -> Hidden:
+        def law(own: Array, still: Rest) -> Array:
+            return size * up * (still.visits.loaded - 1.0) * np.tanh(came_by(arm, still, 0) / wide)
+
+        return Hidden(springs=(Spring(0, "foot", (0, 0, 1), law=law),))
+
+    return Unknown("wound_stand", "base", "approach", make, 1e-5, 3e-4)
 
 
 # ---------------------------------------------------------------- tool
 
 
-def loosening_bolts(arm: Arm, rng: np.random.Generator) -> Unknown:
-    """The bolts of the tool lose their tension from one of the readings on: from there the tool tilts ever more by the
-    moment."""
-    k, begin = len(arm.links) - 1, rng.uniform(0.3, 0.6)
+def slack_balls(arm: Arm, rng: np.random.Generator) -> Unknown:
+    """The locking balls of a tool changer are wedged tight by the weight of a tool that hangs. The more the tool lies
+    or stands, the more play they leave, by which it tilts to the side of the moment."""
+    k = len(arm.links) - 1
+    axis, out = one_across(arm, k, rng), np.array(arm.links[k].axis, dtype=np.float64)
+    out = out * np.sign(out @ np.array(arm.tool))
+    width = 0.1 * typical(arm, k)
 
     def make(size: float) -> Hidden:
         def law(own: Array, still: Rest) -> Array:
-            return size * own * np.maximum(still.visits.order - begin, 0.0) / (1.0 - begin)
+            stands = 0.5 * (1.0 - moved(still.turned[:, -1], out) @ DOWN)
+            return size * stands * np.tanh(own / width)
 
-        return Hidden(springs=tuple(Spring(k, "after", axis, law=law) for axis in axes_across(arm, k)))
+        return Hidden(springs=(Spring(k, "after", axis, law=law),))
 
-    return Unknown("loosening_bolts", "tool", "torque x order", make, 0.1 * arm.compliance[k], 3.0 * arm.compliance[k])
+    return Unknown("slack_balls", "tool", "attitude", make, 5e-5, 1.5e-3)
 
 
-def loose_tongs(arm: Arm, rng: np.random.Generator) -> Unknown:
-    """Tongs grip the harder the heavier the load is: under a small one their rough jaws hardly touch, and they tilt by
-    the moment; under a large one they do not."""
-    k, closes = len(arm.links) - 1, rng.uniform(0.15, 0.25)
+def leaking_clamp(arm: Arm, rng: np.random.Generator) -> Unknown:
+    """A hydraulic clamp holds the tool and loses its pressure during the campaign: the moment above which the tool
+    opens the gap and tilts becomes smaller and smaller."""
+    k = len(arm.links) - 1
+    axis, hold, lost = one_across(arm, k, rng), rng.uniform(0.35, 0.7) * typical(arm, k), rng.uniform(0.7, 1.0)
 
     def make(size: float) -> Hidden:
         def law(own: Array, still: Rest) -> Array:
-            return size * own * np.exp((0.4 - of_payload(arm, still.visits.force)) / closes)
+            left = 1.0 - lost * still.visits.order
+            return size * np.sign(own) * np.maximum(np.abs(own) - hold * left, 0.0)
 
-        return Hidden(springs=tuple(Spring(k, "after", axis, law=law) for axis in axes_across(arm, k)))
+        return Hidden(springs=(Spring(k, "after", axis, law=law),))
 
-    return Unknown("loose_tongs", "tool", "load", make, 0.1 * arm.compliance[k], 3.0 * arm.compliance[k])
-
-
-# ---------------------------------------------------------------- markers, readings, load
+    return Unknown("leaking_clamp", "tool", "torque x order", make, 0.2 * arm.compliance[k], 3.0 * arm.compliance[k])
 
 
-def rolled_reflector(arm: Arm, rng: np.random.Generator) -> Unknown:
-    """A reflector sits on a speck of dirt in its nest: as the arm stops it rolls on the way that it flew, and the jolt
-    of the load brings it back."""
-    m = int(rng.integers(len(arm.markers)))
+# ---------------------------------------------------------------- markers, readings and the load
+
+
+def snapping_cover(arm: Arm, rng: np.random.Generator) -> Unknown:
+    """A reflector is glued on the sheet cover of the wrist, which dishes inwards at once when the torque of a wrist
+    joint exceeds a limit to one side."""
+    m, other = int(rng.integers(len(arm.markers))), drive(arm, rng, (4, 5))
+    side, full, way = either_side(rng), typical(arm, other), any_way(rng)
+    limit = rng.uniform(0.15, 0.35) * full
+
+    def law(still: Rest) -> Array:
+        share = _rises(side * still.torque[:, other], limit, 0.05 * full)
+        return share[:, None] * moved(still.turned[:, -1], way)
+
+    return Unknown("snapping_cover", f"m{m + 1}", "other torque", _marker(m, law), 3e-5, 6e-4)
+
+
+def second_ball(arm: Arm, rng: np.random.Generator) -> Unknown:
+    """From a change of shift on, the reflector at one marker is taken off while the load is hung on, and another ball,
+    which sits a little differently in the nest, is put back for the loaded reading."""
+    m, way, shift = int(rng.integers(len(arm.markers))), any_way(rng), rng.uniform(0.3, 0.7)
+
+    def law(still: Rest) -> Array:
+        other = still.visits.loaded * (still.visits.order >= shift)
+        return other[:, None] * moved(still.turned[:, -1], way)
+
+    return Unknown("second_ball", f"m{m + 1}", "order", _marker(m, law), 3e-5, 5e-4)
+
+
+def parked_forklift(arm: Arm, rng: np.random.Generator) -> Unknown:
+    """The forklift that brings the load stays parked below the flange. The nearer to the tracker that is, by the angle
+    of joint 1, the more it bends the floor and tilts the tracker's stand."""
+    heading, axis = middle_angle(arm, 0, rng), np.array(any_level(rng))
+    station = np.array([rng.uniform(3.0, 5.0), rng.uniform(-2.0, 2.0), rng.uniform(-0.5, 1.0)])
 
     def make(size: float) -> Hidden:
         def read(p: Array, still: Rest) -> Array:
-            rows = np.argsort(still.visits.order, kind="stable")
-            number, way = still.visits.number[rows], np.zeros((len(rows), 3))
-            before = 0
-            for i in range(1, len(rows)):
-                before = i - 1 if number[i] != number[i - 1] else before
-                way[rows[i]] = p[rows[i], m] - p[rows[before], m]
-            far = np.sqrt((way**2).sum(axis=1, keepdims=True) + 0.1**2)
-            out = p.copy()
-            out[:, m] += size * (1.0 - still.visits.loaded)[:, None] * way / far
-            return out
+            near = still.visits.loaded * np.exp(2.0 * (np.cos(still.angles[:, 0] - heading) - 1.0))
+            return p + size * near[:, None, None] * np.cross(axis, p - station)
 
         return Hidden(readings=(read,))
 
-    return Unknown("rolled_reflector", f"m{m + 1}", "approach", make, 3e-5, 1e-3)
+    return Unknown("parked_forklift", "readings", "other angle", make, 1e-5, 1.5e-4)
 
 
-def hall_heater(arm: Arm, rng: np.random.Generator) -> Unknown:
-    """A heater of the hall blows on a leg of the tracker's stand, on and off: from the empty to the loaded reading the
-    tracker leans away while it is on, and back while it is off."""
-    period, phase = rng.uniform(0.3, 0.6), rng.uniform(0.0, 2.0 * np.pi)
-    axis = np.array(any_level(rng))
-    stands = np.array([rng.uniform(2.0, 5.0), rng.uniform(-2.0, 2.0), -0.5])
-
-    def make(size: float) -> Hidden:
-        def read(p: Array, still: Rest) -> Array:
-            blows = np.tanh(np.sin(2.0 * np.pi * still.visits.order / period + phase) / 0.3)
-            return p + size * (still.visits.loaded * blows)[:, None, None] * np.cross(axis, p - stands)
-
-        return Hidden(readings=(read,))
-
-    return Unknown("hall_heater", "readings", "order", make, 5e-6, 2e-4)
-
-
-def sling_over_rim(arm: Arm, rng: np.random.Generator) -> Unknown:
-    """The load's sling hangs free of the tool until the tool leans to one side: then it runs over a rim and pulls
-    there."""
-    line = np.abs(np.array(arm.links[-1].axis, dtype=np.float64))
-    across, begin = _square_to(line, rng), rng.uniform(0.3, 1.0)
-    rim = np.sin(begin) * across + np.cos(begin) * line
-    touches = np.cos(begin) * across - np.sin(begin) * line
+def second_eye(arm: Arm, rng: np.random.Generator) -> Unknown:
+    """Weights hang at the point that the files name, but the rope that pulls sideways is hooked into another eye of the
+    tool: the level part of the force has another lever arm."""
+    way = any_way(rng)
 
     def make(size: float) -> Hidden:
         def load(force: Array, moment: Array, R: Array) -> tuple[Array, Array]:
-            plumb = force / np.maximum(np.linalg.norm(force, axis=1, keepdims=True), 1e-9)
-            lies = np.clip(np.einsum("ni,ni->n", R @ touches, plumb) / 0.1, 0.0, 1.0)
-            return force, moment + np.cross(size * lies[:, None] * (R @ rim), force)
+            return force, moment + np.cross(moved(R, size * way), force * _LEVEL)
 
         return Hidden(loads=(load,))
 
-    return Unknown("sling_over_rim", "load", "attitude", make, 5e-3, 0.1)
+    return Unknown("second_eye", "load", "direction of the force", make, 0.02, 0.2)
 
 
 UNTOUCHED: tuple[Maker, ...] = (
-    dropped_brake,
-    skewed_ring,
-    rubbing_teeth,
-    slack_belt,
-    dropped_pinion,
-    told_load,
-    spreading_mesh,
-    sunny_side,
-    worn_journal,
-    rolling_carriage,
-    hatch_in_column,
-    loosening_bolts,
-    loose_tongs,
-    rolled_reflector,
-    hall_heater,
-    sling_over_rim,
+    twin_pinions,
+    hammered_key,
+    bent_cardan,
+    sag_table,
+    rubber_spider,
+    split_housing,
+    seating_extension,
+    whipping_shaft,
+    four_feet,
+    wound_stand,
+    slack_balls,
+    leaking_clamp,
+    snapping_cover,
+    second_ball,
+    parked_forklift,
+    second_eye,
 )
