@@ -295,17 +295,17 @@ def run(name: str, *arguments: Any) -> dict[str, Any]:
 def relaxed_table(quick: bool) -> str:
     large = 100_000 if quick else 1_000_000
     jobs = [
-        ("D", large, 9, "3"),
-        ("D", large, 32, "3"),
-        ("A", large, 9, "5"),
-        ("A", large, 32, "5"),
-        ("I", large, 9, "5"),
-        ("E", large, 9, "14"),
-        ("D", large // 10, 9, ""),
-        ("D", large // 10, 32, ""),
+        ("D", large, 9, "3", "2.5"),
+        ("D", large, 32, "3", "3"),
+        ("A", large, 9, "5", ""),
+        ("A", large, 32, "5", ""),
+        ("I", large, 9, "5", ""),
+        ("E", large, 9, "14", ""),
+        ("D", large // 10, 9, "", ""),
+        ("D", large // 10, 32, "", ""),
     ]
     rows = []
-    for criterion, count, p, goal in jobs:
+    for criterion, count, p, goal, cpu_goal in jobs:
         r = run("relaxed", count, p, criterion, 1 if quick else RUNS)
         rows.append(
             [
@@ -317,6 +317,7 @@ def relaxed_table(quick: bool) -> str:
                 f"{r['passes']:.2f}",
                 goal,
                 f"{r['multiple']:.1f}",
+                cpu_goal,
                 f"{r['gap']:.0e}",
                 f"{r['memory_percent']:.0f} %",
             ]
@@ -329,8 +330,9 @@ def relaxed_table(quick: bool) -> str:
         "CPU s",
         "one pass, CPU s",
         "full passes",
-        "goal",
+        "goal, passes",
         "CPU in passes",
+        "goal, CPU in passes",
         "1 - certified",
         "memory beyond the rows",
     ]
