@@ -66,7 +66,7 @@ def test_a_right_structure_is_left_alone() -> None:
 def test_a_cause_that_does_more_than_another_structure_is_named_instead() -> None:
     """Link 1 bends: without its loop the arm would fit better than as it is, but the bending fits better still."""
     (effect,) = (e for e in find("link_compliance").places(campaign("m900ib").robot.facts) if e.where == "link_1/ry")
-    readings = measured((effect,), {effect.name: SIZE}, seed=2, count=30)
+    readings = measured((effect,), {effect.name: SIZE}, seed=2, count=20)
     assert check_structures(campaign("m900ib"), readings)
     found = diagnose(campaign("m900ib"), readings, repeats=1)
     assert all(":" not in f.name for f in found.findings)
