@@ -36,6 +36,16 @@ def pytest_configure(config: pytest.Config) -> None:
         config.get_terminal_writer().fullwidth = 100
 
 
+@pytest.hookimpl(trylast=True)  # once the order is drawn
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """In whatever order, a folder's files follow each other: of what they share, such as a diagnosis, most is made in
+    one worker only. The pages' commands, all run by one fixture, begin, so that no worker waits for the other's end."""
+    place = {ROOT / "tests" / "readme": 0}
+    for item in items:
+        place.setdefault(item.path.parent, len(place))
+    items.sort(key=lambda item: place[item.path.parent])
+
+
 def pytest_collection_finish() -> None:
     """Thousands of tests and all modules live to the end: garbage is not looked for among them again and again."""
     gc.collect()
