@@ -213,16 +213,16 @@ def test_places_where_the_markers_would_move_alike_are_told_beside_the_likely_on
     same = tuple(Law("link", name, ()) for name in ("base", "link_1", "link_2", "link_3"))
     same += (Law("bearing", "joint_2", ()), Law("marker", "m1", ()))
     for count, words in (
-        (2, "nothing against link_1: by"),
-        (4, "against link_1, link_2 and link_3: by"),
-        (6, "against link_1, link_2, link_3, the bearing of joint_2 and 3 more places: by"),
+        (2, "noise, link_1 could move the markers, by a law of its own: only"),
+        (4, "noise, link_1, link_2 and link_3 could move the markers, each by a law of its own: only"),
+        (6, "link_1, link_2, link_3, the bearing of joint_2 and 3 more places could move the markers"),
     ):
         more = (*same[:count], *(Law("link", f"link_{n}", ()) for n in (4, 5) if count == 6))
         found = replace(real, leftovers=(Leftover(law, 1e-9, 20.0),), places=places, same_motion=more)
         assert words in diagnosis_words(found)
         assert diagnosis_json(found)["same_motion"][:2] == ["base", "link_1"]
     found = replace(real, leftovers=(Leftover(law, 1e-9, 20.0),), places=places, same_motion=same[:1])
-    assert "tell nothing against" not in diagnosis_words(found)
+    assert "could move the markers" not in diagnosis_words(found)
 
 
 def test_the_likeliest_place_is_told_where_it_is_not_that_of_the_likeliest_law(real: Diagnosis) -> None:

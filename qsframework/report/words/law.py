@@ -98,7 +98,8 @@ def same_motion_words(places: Sequence[LikelyPlace], same: Sequence[Law]) -> str
         return ""
     names[_ALIKE:] = [f"{len(names) - _ALIKE} more places"] if len(names) > _ALIKE else []
     listed = f"{', '.join(names[:-1])} and {names[-1]}" if names[1:] else names[0]
+    each, them = ("each by a law of its own", "these places") if names[1:] else ("by a law of its own", "this place")
     return (
-        f"The markers tell nothing against {listed}: by a law of its own each could move them just so, to within the "
-        "noise. Only how the motion follows its variable speaks against these places."
+        f"In the same way, to within the noise, {listed} could move the markers, {each}: only how the motion follows "
+        f"its variable speaks against {them}."
     )
