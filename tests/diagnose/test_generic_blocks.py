@@ -2,37 +2,30 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from independent_arm import COILED, LOOP, SEVEN, Arm
 
 from qsframework.diagnose.learn import effects_of
 from qsframework.diagnose.linearization.candidates import Cause
 from qsframework.diagnose.linearization.columns import make_case
 from qsframework.diagnose.linearization.generic_blocks import Block, generic_blocks, motions, single_axes
-from qsframework.diagnose.selection.exact_refit import Settled, settle_fit
-from qsframework.experiment import Experiment, Rows, load_experiment, make_rows, read_readings
+from qsframework.diagnose.selection.exact_refit import Settled
+from qsframework.experiment import Experiment, Rows
 from qsframework.plugin import build_effects
 from qsframework.plugin.entry import effect_entry
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from independent import Campaign, Setting, noisy, write_campaign
-from independent_arm import COILED, LOOP, SEVEN, Arm, Hidden
+from tests.diagnose.clean_fit import clean_fit
 
 _SAME = 2e-2
 """Share of a column: the blocks stand at the commanded pose, markers and loads at the one that is reached."""
 
 
 def blocks(arm: Arm, kind: str, folder: Path) -> tuple[Experiment, Rows, Settled, list[Block]]:
-    day = Campaign(Setting(arm, poses=8, kind=kind, loads="many", recorded=True, fit="springs"))
-    experiment = load_experiment(write_campaign(day, noisy(day, day.clean(Hidden())), folder))
-    rows = make_rows(read_readings(experiment.data, experiment))
-    model = experiment.model()
-    fit = settle_fit(model, rows, experiment.fit_names(), model.nominal)
-    return experiment, rows, fit, list(generic_blocks(motions(model, rows, fit.x, fit.frames)))
+    experiment, rows, fit = clean_fit(arm, folder, poses=8, kind=kind, recorded=True)
+    return experiment, rows, fit, list(generic_blocks(motions(fit.model, rows, fit.x, fit.frames)))
 
 
 @pytest.mark.parametrize(("arm", "kind"), [(COILED, "displacements"), (LOOP, "displacements"), (SEVEN, "positions")])

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from independent_arm import HEAVY
 
 from qsframework.diagnose.diagnose import _fits  # pyright: ignore[reportPrivateUsage]
 from qsframework.diagnose.learn import lessons
 from qsframework.diagnose.linearization.generic_blocks import generic_blocks, motions
 from qsframework.diagnose.result import Leftover
-from qsframework.diagnose.selection.exact_refit import settle_fit
-from qsframework.experiment import load_experiment, make_rows, read_readings
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from independent import Campaign, Setting, noisy, write_campaign
-from independent_arm import HEAVY, Hidden
+from tests.diagnose.clean_fit import clean_fit
 
 
 @pytest.mark.parametrize(
@@ -28,12 +23,8 @@ def test_a_law_must_outweigh_all_that_were_tried_and_no_draw_of_the_noise_may_lo
     evidence: float, tried: int, p: float, learned: bool, tmp_path: Path
 ) -> None:
     """Ten to one against nothing, which weighs as all laws together: log 4000 = 8.3, log 2000 = 7.6."""
-    day = Campaign(Setting(HEAVY, poses=8, loads="many", fit="springs"))
-    experiment = load_experiment(write_campaign(day, noisy(day, day.clean(Hidden())), tmp_path))
-    assert experiment.data is not None
-    rows, model = make_rows(read_readings(experiment.data, experiment)), experiment.model()
-    fit = settle_fit(model, rows, experiment.fit_names(), model.nominal)
-    blocks = list(generic_blocks(motions(model, rows, fit.x, fit.frames)))
+    _, rows, fit = clean_fit(HEAVY, tmp_path, poses=8)
+    blocks = list(generic_blocks(motions(fit.model, rows, fit.x, fit.frames)))
     fits = _fits(rows, rows.padded_noise.colour(fit.jacobian))
     values = fit.residuals.ravel() + 1e-5 * np.random.default_rng(1).standard_normal(fit.residuals.size)
     left = [Leftover(blocks[0].law, p, evidence)]

@@ -2,49 +2,37 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from independent_arm import COILED, SEVEN, Arm
 
 from qsframework.diagnose.diagnose import _fits  # pyright: ignore[reportPrivateUsage]
 from qsframework.diagnose.linearization.generic_blocks import Block, Motions, generic_blocks, motions
-from qsframework.diagnose.selection.exact_refit import settle_fit
 from qsframework.diagnose.selection.same_motion import (
     _anything,  # pyright: ignore[reportPrivateUsage]
     same_motion,
 )
 from qsframework.estimation.visit_noise import Reml
-from qsframework.experiment import Readings, load_experiment, make_rows, read_readings
+from qsframework.experiment import make_rows
 from qsframework.plugin import Array
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from independent import Campaign, Setting, noisy, write_campaign
-from independent_arm import COILED, SEVEN, Arm, Hidden
+from tests.diagnose.clean_fit import clean_fit
 
 
-def campaign(
-    arm: Arm, kind: str, folder: Path, poses: int = 14, shared: bool = False
-) -> tuple[Motions, Reml, dict[str, Block], Array]:
+def campaign(arm: Arm, kind: str, folder: Path, shared: bool = False) -> tuple[Motions, Reml, dict[str, Block], Array]:
     """What moves in a clean campaign, its fits, its blocks by name, and what its noise left.
 
     shared: the second half of the differences have the unloaded readings of the first half
     """
-    day = Campaign(Setting(arm, poses=poses, kind=kind, loads="many", fit="springs"))
-    experiment = load_experiment(write_campaign(day, noisy(day, day.clean(Hidden())), folder))
-    assert experiment.data is not None
-    readings: Readings = read_readings(experiment.data, experiment)
-    rows = make_rows(readings)
-    model = experiment.model()
-    fit = settle_fit(model, rows, experiment.fit_names(), model.nominal)
+    _, rows, fit = clean_fit(arm, folder, poses=14, kind=kind)
     if shared:
-        half = len(readings.minus) // 2
-        rows = make_rows(replace(readings, minus=np.concatenate([readings.minus[:half], readings.minus[:half]])))
+        half = rows.readings.minus[: len(rows.readings.minus) // 2]
+        rows = make_rows(replace(rows.readings, minus=np.concatenate([half, half])))
         assert len(np.unique(rows.together)) < len(np.unique(rows.plus))
-    moved = motions(model, rows, fit.x, fit.frames)
+    moved = motions(fit.model, rows, fit.x, fit.frames)
     fits = _fits(rows, rows.padded_noise.colour(fit.jacobian))
     return moved, fits, {b.law.name: b for b in generic_blocks(moved)}, fit.residuals.ravel()
 

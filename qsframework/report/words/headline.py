@@ -10,6 +10,7 @@ from qsframework.diagnose.result import Diagnosis, Finding
 from qsframework.diagnose.verdict import MANY, misfits
 from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.law import moving_words
+from qsframework.report.words.lists import listed
 from qsframework.report.words.sizes import mm
 
 _NAMED = 3
@@ -106,7 +107,7 @@ def names_words(findings: Sequence[Finding]) -> str:
     names = [f.name for f in findings]
     if len(names) > _NAMED:
         return f"{', '.join(names[:_NAMED])} and {len(names) - _NAMED} more"
-    return " and ".join([", ".join(names[:-1]), names[-1]] if names[1:] else names)
+    return listed(names)
 
 
 def worst_poses(found: Diagnosis, count: int) -> tuple[str, ...]:
@@ -122,9 +123,7 @@ def worst_poses(found: Diagnosis, count: int) -> tuple[str, ...]:
 
 def poses_words(names: Sequence[str]) -> str:
     """`pose a`, `poses a, b and c`."""
-    if len(names) == 1:
-        return f"pose {names[0]}"
-    return f"poses {', '.join(names[:-1])} and {names[-1]}"
+    return f"{'pose' if len(names) == 1 else 'poses'} {listed(names)}"
 
 
 _MARKS: dict[str, tuple[Mark, str]] = {

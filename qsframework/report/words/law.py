@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from qsframework.diagnose.law import Law
 from qsframework.diagnose.result import LikelyPlace
+from qsframework.report.words.lists import listed
 
 _FACTORS = {
     "torque": "the torque there",
@@ -97,9 +98,8 @@ def same_motion_words(places: Sequence[LikelyPlace], same: Sequence[Law]) -> str
     if not names:
         return ""
     names[_ALIKE:] = [f"{len(names) - _ALIKE} more places"] if len(names) > _ALIKE else []
-    listed = f"{', '.join(names[:-1])} and {names[-1]}" if names[1:] else names[0]
     each, them = ("each by a law of its own", "these places") if names[1:] else ("by a law of its own", "this place")
     return (
-        f"In the same way, to within the noise, {listed} could move the markers, {each}: only how the motion follows "
-        f"its variable speaks against {them}."
+        f"In the same way, to within the noise, {listed(names)} could move the markers, {each}: only how the motion "
+        f"follows its variable speaks against {them}."
     )

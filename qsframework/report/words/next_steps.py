@@ -13,6 +13,7 @@ from qsframework.experiment import LoadCase, Marker
 from qsframework.report.words.discrimination import offer_words, size_words
 from qsframework.report.words.headline import names_words, poses_words, worst_poses
 from qsframework.report.words.law import place_words, variable_words
+from qsframework.report.words.lists import listed
 
 FEW = 20
 """Poses below which an error that markers share is hardly told from a cause, without repeats."""
@@ -128,8 +129,4 @@ def _recorded(found: Diagnosis) -> Iterator[Step]:
     if untested and (found.leftovers or misfits(found.after)):
         columns = sorted({column for x in untested for column in x.needs})
         kinds = sorted({x.name.partition("[")[0] for x in untested})
-        yield Step(f"Record {_listed(columns)}", f"lets {_listed(kinds)} be tested")
-
-
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+        yield Step(f"Record {listed(columns)}", f"lets {listed(kinds)} be tested")
