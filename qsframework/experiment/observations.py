@@ -193,7 +193,7 @@ class Rows:
         return used, where[: len(self.plus)], minus
 
     @cached_property
-    def _pairs(self) -> tuple[Poses, Indices] | None:
+    def pairs(self) -> tuple[Poses, Indices] | None:
         """Where every row is a difference of two states of one arm, in axes that are known: the pairs, loaded with the
         conditions of both, and the pair of each row. Half the work of two states, with the same result."""
         readings = self.readings
@@ -212,7 +212,7 @@ class Rows:
     @property
     def alone(self) -> bool:
         """Whether a displacement is known without the two positions that it is the difference of."""
-        return self._pairs is not None
+        return self.pairs is not None
 
     def positions(self, model: Model, x: Array, linear: bool) -> Array:
         """Positions (S, K, 3) m of the markers in the states that rows need, base frame."""
@@ -290,8 +290,8 @@ class Rows:
 
     def predict(self, model: Model, x: Array, frames: Sequence[Frame] = (), linear: bool = False) -> Array:
         """What the model says (R, 3) m of the rows."""
-        if self._pairs is not None:
-            poses, where = self._pairs
+        if self.pairs is not None:
+            poses, where = self.pairs
             moved = model.predict(poses, x) if linear else exact_readings(model, poses, x)
             return self._turned(moved[where, self.marker])
         return self.seen(self.positions(model, x, linear), frames)
@@ -308,14 +308,21 @@ class Rows:
     def rates(self, model: Model, x: Array, frames: Sequence[Frame], names: Sequence[str]) -> tuple[Array, Array]:
         """The tangent model's prediction (R, 3), and its derivatives (R, 3, 6 F + p) by motions of the F estimated
         frames and by the named parameters."""
-        if self._pairs is not None:
-            poses, where = self._pairs
-            moved, slope = (values[where, self.marker] for values in model.rates(poses, x, names))
-            return self._turned(moved), self._turned(slope)
-        positions, slope = self.slopes(model, x, names)
+        if self.pairs is not None:
+            return self.of_pairs(*model.rates(self.pairs[0], x, names))
+        return self.of_states(*self.slopes(model, x, names), frames)
+
+    def of_pairs(self, moved: Array, slope: Array) -> tuple[Array, Array]:
+        """`rates` where the pairs' displacements (P, K, 3) and their derivatives (P, K, 3, p) are known."""
+        assert self.pairs is not None
+        _, where = self.pairs
+        return self._turned(moved[where, self.marker]), self._turned(slope[where, self.marker])
+
+    def of_states(self, positions: Array, slope: Array, frames: Sequence[Frame]) -> tuple[Array, Array]:
+        """`rates` where the positions (S, K, 3) and their derivatives (S, K, 3, p) are known."""
         predicted = self.seen(positions, frames)
         count = 6 * len(frames)
-        J = np.zeros((*predicted.shape, count + len(names)))
+        J = np.zeros((*predicted.shape, count + slope.shape[-1]))
         J[:, :, count:] = self.seen_along(positions, slope, frames)
         if count:
             J[:, :, :count] = self.motions(positions, frames)
@@ -339,9 +346,10 @@ class Rows:
 
         InputError where the readings of a series lie at one point or on one line.
         """
-        if not self.estimated:
-            return ()
-        positions = self.positions(model, x, True)
+        return self.nearest(self.positions(model, x, True)) if self.estimated else ()
+
+    def nearest(self, positions: Array) -> tuple[Frame, ...]:
+        """The same frames where the positions (S, K, 3) are known."""
         identity = [Frame(self.readings.frames[f], np.eye(3), np.zeros(3)) for f in self.estimated]
         there = self.seen(positions, identity)
         out: list[Frame] = []

@@ -136,6 +136,10 @@ class Experiment:
 
     def fit_names(self) -> tuple[str, ...]:
         """The parameters to estimate: those that `fit:` names, else every compliance."""
+        return self._fit_names
+
+    @cached_property
+    def _fit_names(self) -> tuple[str, ...]:
         model = self.model()
         if self.fit is None:
             return self.spring_names()

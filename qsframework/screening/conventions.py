@@ -12,7 +12,8 @@ import numpy as np
 
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import left, orthonormal, rms, scales
-from qsframework.experiment import Experiment, Readings, bridge
+from qsframework.experiment import Experiment, Frame, Readings, bridge, make_rows
+from qsframework.experiment.observations import start_values
 from qsframework.plugin import Array, Indices, Spring
 from qsframework.screening.blocks import FRAME, in_frame
 from qsframework.screening.convention_changes import (
@@ -33,7 +34,7 @@ from qsframework.screening.convention_changes import (
     value_units,
 )
 from qsframework.screening.edit_words import mistake_words
-from qsframework.screening.linearized_fit import LinearizedFit, of_bridge, other_loads
+from qsframework.screening.linearized_fit import LinearizedFit, of_bridge, other_readings
 from qsframework.screening.logging_faults import exchanges, late_angles
 from qsframework.screening.rows import lines
 from qsframework.screening.standing_out import Standing, agreement, stand_out
@@ -83,6 +84,8 @@ _NO_FURTHER = 2.0
 """How much larger the residuals of a linear fit may be where exact fits may turn out the other way."""
 _FAR = 3.0
 """How many times further from the nominal arm than as given positions are beyond any fit: derivatives cost more."""
+_POSES = 4096
+"""States that the model is asked for at once."""
 _APART = 0.5
 """How far, in log, the compliances may scatter about their common factor."""
 
@@ -189,8 +192,9 @@ def _whole(given: _Fit, standing: Standing) -> list[Convention]:
     many = float(standing.wrong.mean()) > _MANY
     others = given if many or not aside.any() else _fit(_first(experiment, readings.masked(aside)))
     changes = [] if _as_stated(others) else [c for make in _CHANGES for c in make(experiment, others.trial.readings)]
-    judged = [_judge(change, others, len(changes)) for change in changes]
-    judged += [_judge(*mistake) for mistake in _mistakes(given)]
+    trials = zip(changes, _trials(changes, others.trial), strict=True)
+    judged = [_judge(change, others, trial, len(changes)) for change, trial in trials]
+    judged += [_judge(c, fit, _trials([c], fit.trial)[0], tried, rows) for c, fit, tried, rows in _mistakes(given)]
     found = [c for c in judged if c is not None]
     whole = [replace(c, readings=replace(c.readings, use=c.readings.use | (aside & readings.use))) for c in found]
     whole.sort(key=lambda c: (not c.compelling, -c.evidence))
@@ -350,23 +354,18 @@ def check_structures(experiment: Experiment, readings: Readings) -> tuple[Change
 
 
 def _may_fit(change: Change, given: _Fit) -> bool:
-    try:
-        trial = _trial(change.experiment, change.readings, given.trial)
-    except (InputError, NotIdentifiable):
-        return False
+    trial = _one(change, given.trial)
     if trial is None:
         return False
     fit = _fit(trial)
     return fit.rms < _NO_FURTHER * given.rms and fit.below <= given.below
 
 
-def _judge(change: Change, given: _Fit, tried: int, rows: Indices | None = None) -> Convention | None:
-    """Apply a change and compare; `rows` of the file are those that it touches, None for all. None where nothing speaks
-    for it, and where it cannot be applied: angles beyond the arm's, readings that then hold no frame."""
-    try:
-        trial = _trial(change.experiment, change.readings, given.trial)
-    except (InputError, NotIdentifiable):
-        return None
+def _judge(
+    change: Change, given: _Fit, trial: LinearizedFit | None, tried: int, rows: Indices | None = None
+) -> Convention | None:
+    """Compare a change that is applied; `rows` of the file are those that it touches, None for all. None where nothing
+    speaks for it, and where it cannot be applied."""
     if trial is None or _speaks_for(change, given, _fit(trial, within=False), tried)[0] <= 0.0:
         return None
     fit = _fit(trial)
@@ -433,24 +432,63 @@ def _first(experiment: Experiment, readings: Readings) -> LinearizedFit:
     return of_bridge(experiment, bridge(experiment, readings, experiment.fit_names(), linear=True))
 
 
-def _trial(experiment: Experiment, readings: Readings, given: LinearizedFit) -> LinearizedFit | None:
-    """The same of changed readings; None where they lie so far from the nominal arm that no fit makes up for it.
-
-    given: the readings as they are, whose columns stay where only values change and no frame is to be found
-    """
+def _trials(changes: Sequence[Change], given: LinearizedFit) -> list[LinearizedFit | None]:
+    """What `_first` has of the readings as given, for each change; where rows stay and the model is asked anew, it is
+    asked for many changes at once. None where a change cannot be applied: angles beyond the arm's, readings that then
+    hold no frame, or lie so far from the nominal arm that no fit makes up for it."""
     before = given.readings
-    kept = experiment is given.experiment and readings.use is before.use and readings.frame is before.frame
-    if kept and readings.states is before.states and not _moved(given, readings):
-        rows = replace(given.rows, readings=readings)
-        return replace(given, rows=rows, errors=given.errors + rows.scalars - given.rows.scalars)
-    seen = bridge(experiment, readings, experiment.fit_names(), linear=True)
-    if seen.rows.estimated:
-        errors = seen.rows.scalars - seen.rows.flat(seen.rows.predict(seen.model, seen.x, seen.frames, linear=True))
-        if rms(errors) > _FAR * rms(given.errors):
-            return None
-    if kept and np.array_equal(readings.poses.q, before.poses.q) and not _moved(given, readings):
-        return other_loads(given, seen)
-    return of_bridge(experiment, seen)
+    alike: tuple[list[int], list[int], list[int]] = ([], [], [])  # the same states, the same angles, neither
+    out: list[LinearizedFit | None] = [None] * len(changes)
+    for i, change in enumerate(changes):
+        readings, rows = change.readings, replace(given.rows, readings=change.readings)
+        if not _kept(change, given) or not np.array_equal(np.isfinite(rows.measured), given.rows.mask):
+            out[i] = _one(change, given)
+        elif readings.states is not before.states:
+            alike[1 if np.array_equal(readings.poses.q, before.poses.q) else 2].append(i)
+        elif _moved(given, readings):
+            alike[0].append(i)
+        else:  # values in frames that are known
+            out[i] = replace(given, rows=rows, errors=given.errors + rows.scalars - given.rows.scalars)
+    step = max(1, _POSES // len(before.states))
+    for some in (places[k : k + step] for places in alike for k in range(0, len(places), step)):
+        for i, trial in zip(some, _together([changes[i].readings for i in some], given), strict=True):
+            out[i] = trial
+    return out
+
+
+def _together(many: Sequence[Readings], given: LinearizedFit) -> list[LinearizedFit | None]:
+    """The same of readings at other poses; where some cannot be had, they are found by halves."""
+    try:
+        return other_readings(given, many, _FAR)
+    except (InputError, NotIdentifiable):
+        if len(many) == 1:
+            return [None]
+        half = len(many) // 2
+        return [*_together(many[:half], given), *_together(many[half:], given)]
+
+
+def _kept(change: Change, given: LinearizedFit) -> bool:
+    """Whether the same rows are used of the same experiment, in the same frames."""
+    before, after = given.readings, change.readings
+    return change.experiment is given.experiment and after.use is before.use and after.frame is before.frame
+
+
+def _one(change: Change, given: LinearizedFit) -> LinearizedFit | None:
+    """The same of one change of other rows, or of the arm."""
+    names = change.experiment.fit_names()
+    try:
+        rows = make_rows(change.readings)
+        frames: tuple[Frame, ...] = ()
+        if rows.estimated:
+            model = change.experiment.model()
+            positions = rows.positions(model, start_values(change.experiment, names), linear=True)
+            frames = rows.nearest(positions)
+            if rms(rows.scalars - rows.flat(rows.seen(positions, frames))) > _FAR * rms(given.errors):
+                return None
+        seen = bridge(change.experiment, change.readings, names, linear=True, frames=frames, rows=rows)
+        return of_bridge(change.experiment, seen)
+    except (InputError, NotIdentifiable):
+        return None
 
 
 def _moved(given: LinearizedFit, readings: Readings) -> bool:

@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from qsframework.errors import NotIdentifiable
-from qsframework.estimation import Noise, falls, left, orthonormal, rank_test, scales, shifts
+from qsframework.estimation import Noise, falls, left, orthonormal, rank_test, rms, scales, shifts
 from qsframework.estimation.projection import chi_square
-from qsframework.experiment import Bridge, Experiment, Readings, bridge
-from qsframework.experiment.observations import Rows
+from qsframework.experiment import Bridge, Experiment, Frame, Readings, bridge
+from qsframework.experiment.observations import Rows, start_values
+from qsframework.experiment.together import positions_of, rates_of
 from qsframework.plugin import Array, Geometry, Indices, Sensor
 
 CARRIED = 1e-10
@@ -127,13 +128,38 @@ def of_bridge(experiment: Experiment, seen: Bridge) -> LinearizedFit:
     return LinearizedFit(experiment, rows, slopes, errors, rows.noise, rows.stated)
 
 
-def other_loads(given: LinearizedFit, seen: Bridge) -> LinearizedFit:
-    """The fit to the same poses under other loads, on which it hardly depends where geometry moves the markers."""
-    rows, model = seen.rows, seen.model
-    still = {p.name for e in model.effects if isinstance(e, Geometry | Sensor) for p in e.parameters(model.facts)}
-    names = [n for n in seen.names if n not in still]
-    predicted, J = rows.rates(model, seen.x, seen.frames, names)
-    at = [*range(seen.motions), *(seen.motions + seen.names.index(n) for n in names)]
-    slopes = given.slopes.copy()
-    slopes[:, at] = rows.flat(J) * scales(list(seen.parameters))[at]
-    return replace(given, rows=rows, slopes=slopes, errors=rows.scalars - rows.flat(predicted))
+def other_readings(given: LinearizedFit, many: Sequence[Readings], far: float) -> list[LinearizedFit | None]:
+    """The fits to the same rows with other values or at other angles, or all of them under other loads; None for
+    readings more than `far` times further from the nominal arm than as given where a frame is to be found.
+
+    On loads the slopes hardly depend where geometry moves the markers: those stay.
+    """
+    experiment, names = given.experiment, given.experiment.fit_names()
+    model, x = experiment.model(), start_values(experiment, names)
+    parameters = [model.parameters[i] for i in model.index(names)]
+    rows = [replace(given.rows, readings=readings) for readings in many]
+    frames: list[tuple[Frame, ...]] = [() for _ in rows]
+    out: list[LinearizedFit | None] = [None] * len(rows)
+    near = list(range(len(rows)))
+    if given.rows.estimated:
+        there = positions_of(rows, model, x)
+        frames = [r.nearest(positions) for r, positions in zip(rows, there, strict=True)]
+        errors = [r.scalars - r.flat(r.seen(p, f)) for r, p, f in zip(rows, there, frames, strict=True)]
+        near = [i for i in near if not rms(errors[i]) > far * rms(given.errors)]
+        if not near:
+            return out
+    still: set[str] = set()
+    before = given.readings
+    if all(r.states is not before.states and np.array_equal(r.poses.q, before.poses.q) for r in many):
+        still = {p.name for e in model.effects if isinstance(e, Geometry | Sensor) for p in e.parameters(model.facts)}
+    at = [i for i, name in enumerate(names) if name not in still]
+    motions = 6 * len(frames[0])
+    size = scales([p for f in frames[0] for p in f.parameters()] + [parameters[i] for i in at])
+    columns = [*range(motions), *(motions + i for i in at)]
+    found = rates_of([rows[i] for i in near], model, x, [frames[i] for i in near], [names[i] for i in at])
+    for i, (predicted, J) in zip(near, found, strict=True):
+        slopes = given.slopes.copy()
+        slopes[:, columns] = rows[i].flat(J) * size
+        if np.any(slopes):
+            out[i] = replace(given, rows=rows[i], slopes=slopes, errors=rows[i].scalars - rows[i].flat(predicted))
+    return out
