@@ -6,8 +6,10 @@ import gc
 import os
 import sys
 from collections.abc import Iterator
+from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer.main
@@ -68,13 +70,35 @@ def _expanded(path: Path, folder: Path) -> Urdf:
     return read_urdf(path, folder)
 
 
+@cache
+def _shipped() -> dict[bytes, Path]:
+    """The xacros of the repository by what they hold, those that include no other file."""
+    files = {path.read_bytes(): path for path in sorted(ROOT.glob("robots/*/*.xacro"))}
+    return {text: path for text, path in files.items() if b"xacro:include" not in text and b"load_yaml" not in text}
+
+
+def _copied(value: Any, file: Path, copy: Path) -> Any:
+    """What was read of a file, as if it had been read of a copy."""
+    if isinstance(value, Path | str):
+        return copy if value == file else str(copy) if value == str(file) else value
+    if isinstance(value, tuple):
+        return tuple(_copied(part, file, copy) for part in value)
+    if is_dataclass(value) and not isinstance(value, type):
+        return replace(value, **{f.name: _copied(getattr(value, f.name), file, copy) for f in fields(value)})
+    return value
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _expand_once() -> Iterator[None]:
-    """Robots of the repository are loaded thousands of times and no test writes into them: each xacro is expanded once
-    in a process, which is most of what loading takes."""
+    """Robots of the repository, and copies of them, are loaded thousands of times and no test writes into them: each
+    xacro is expanded once in a process, which is most of what loading takes."""
 
     def read(path: Path, folder: Path) -> Urdf:
-        return (_expanded if path.is_relative_to(ROOT / "robots") else read_urdf)(path, folder)
+        if path.is_relative_to(ROOT / "robots") or path.is_relative_to(ROOT / "tests"):
+            return _expanded(path, folder)
+        small = path.suffix == ".xacro" and path.is_file() and path.stat().st_size < 1_000_000
+        own = _shipped().get(path.read_bytes()) if small else None
+        return read_urdf(path, folder) if own is None else _copied(_expanded(own, own.parent), own, path)
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(loader, "read_urdf", read)
