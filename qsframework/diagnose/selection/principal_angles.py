@@ -7,6 +7,7 @@ Phi(-s sin(phi / 2)). Angles come from sines and cosines together, so that small
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -17,6 +18,8 @@ from qsframework.plugin import Array, Indices
 
 ALIKE = float(np.deg2rad(1.0))
 """Causes whose directions all lie within this angle do the same to the readings."""
+_ROUNDING = 1e-9
+"""Of a square of a cosine."""
 
 
 class _Directions:
@@ -62,6 +65,19 @@ class _Directions:
         smallest[i] = largest[i] = np.nan
         return smallest, largest
 
+    @cached_property
+    def _products(self) -> Array:
+        return self.Q.T @ self.Q
+
+    def near(self, i: int, angle: float) -> Indices:
+        """The other causes of as many directions that may all lie within an angle of those of cause i: none of their
+        directions has less in its span than the angle leaves."""
+        size = int(self.sizes[i])
+        of = np.flatnonzero(self.sizes == size)
+        columns: Indices = self.first[of][:, None] + np.arange(size)
+        held = np.square(self._products[self.at[i]])[:, columns].sum(axis=0).min(axis=1)
+        return of[(held > np.cos(angle) ** 2 - _ROUNDING) & (of != i)]
+
 
 def _extremes(cosines: Array, left: Array) -> tuple[Array, Array]:
     """Smallest and largest principal angles (n,) from the products (n, k2, k1) of one basis with n others of k2
@@ -101,9 +117,10 @@ def alias_classes(subspaces: Sequence[Subspace], angle: float = ALIKE) -> tuple[
     for i, subspace in enumerate(subspaces):
         if i in home or not subspace.visible:
             continue
-        largest = directions.angles(i, False)[1]
-        alike = np.flatnonzero((largest < angle) & (directions.sizes == directions.sizes[i]))
-        members = [i, *(int(j) for j in alike if int(j) not in home and j != i)]
+        alike = directions.near(i, angle)
+        if len(alike):
+            alike = alike[directions.angles(i, False)[1][alike] < angle]
+        members = [i, *(j for j in alike.tolist() if j not in home)]
         home.update({j: members for j in members})
         classes.append(members)
     return tuple(tuple(sorted(c)) for c in classes)
