@@ -205,7 +205,8 @@ class Parallelogram(Loop):
 
     def _bar_vector(self, psi: Array, swing: Array, link: float) -> tuple[Array, Array, Array]:
         """The bar Z = L + a e^(i rho) - a e^(i psi) from the lever's end, with its two levers, complex (N,) m."""
-        lever, rocker = self.lever * np.exp(1j * psi), self.lever * np.exp(1j * (psi + swing))
+        lever = self.lever * np.exp(1j * psi)
+        rocker = lever * np.exp(1j * swing) if swing.any() else lever
         return link + rocker - lever, lever, rocker
 
     def carried(self, robot: RobotFacts) -> tuple[tuple[str, ...], ...]:
@@ -251,19 +252,22 @@ class Parallelogram(Loop):
         straight = bar == 0.0
         return Slopes(
             np.where(straight[:, None], exact.first, slopes.first),
-            np.where(straight[:, None, None], exact.second, slopes.second),
+            lambda: np.where(straight[:, None, None], exact.second, slopes.second),
         )
 
     def _perfect(self, psi: Array, link: float) -> Slopes:
         """rho = psi exactly; its derivatives by the bar are kept finite where the loop is flat."""
         sine = np.sin(psi)
         sine = np.where(np.abs(sine) < FLAT, np.copysign(FLAT, sine), sine)
-        first, second = np.zeros((len(psi), 2)), np.zeros((len(psi), 2, 2))
-        cot = np.cos(psi) / sine
-        first[:, 0] = 1.0
-        first[:, 1] = -1.0 / (self.lever * sine)
-        second[:, 0, 1] = second[:, 1, 0] = -cot * first[:, 1]
-        second[:, 1, 1] = first[:, 1] ** 2 * (self.lever / link - np.cos(psi)) / sine - 1.0 / (link * self.lever * sine)
+        first = np.ones((len(psi), 2))
+        first[:, 1] = by_bar = -1.0 / (self.lever * sine)
+
+        def second() -> Array:
+            cos, out = np.cos(psi), np.zeros((len(psi), 2, 2))
+            out[:, 0, 1] = out[:, 1, 0] = -cos / sine * by_bar
+            out[:, 1, 1] = by_bar**2 * (self.lever / link - cos) / sine - 1.0 / (link * self.lever * sine)
+            return out
+
         return Slopes(first, second)
 
     def transmission_angle(self, q: Array, robot: RobotFacts) -> Array:
@@ -285,12 +289,15 @@ def _bar_slopes(Z: Array, lever: Array, rocker: Array, slopes: Slopes) -> Slopes
     lever, rocker = lever / Z, rocker / Z
     r, by_psi = slopes.first.T, (1.0, 0.0)
     each = [1j * (rocker * r[i] - lever * by_psi[i]) for i in range(2)]
-    first, second = np.empty((len(Z), 2)), np.empty((len(Z), 2, 2))
-    for i, j in ((0, 0), (0, 1), (1, 1)):
-        bent = rocker * (1j * slopes.second[:, i, j] - r[i] * r[j]) + lever * by_psi[i] * by_psi[j]
-        second[:, i, j] = second[:, j, i] = (bent - each[i] * each[j]).imag
-    first[:, 0], first[:, 1] = each[0].imag, each[1].imag
-    return Slopes(first, second)
+
+    def second() -> Array:
+        out = np.empty((len(Z), 2, 2))
+        for i, j in ((0, 0), (0, 1), (1, 1)):
+            bent = rocker * (1j * slopes.second[:, i, j] - r[i] * r[j]) + lever * by_psi[i] * by_psi[j]
+            out[:, i, j] = out[:, j, i] = (bent - each[i] * each[j]).imag
+        return out
+
+    return Slopes(np.stack([e.imag for e in each], axis=1), second)
 
 
 def _may_carry(robot: RobotFacts, driver: str, driven: str) -> bool:

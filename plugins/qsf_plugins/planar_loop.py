@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -70,18 +70,26 @@ def between(robot: RobotFacts, first: int, second: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """An angle by its m variables y: first (N, m), second (N, m, m)."""
+    """An angle by its m variables y: first (N, m), and second (N, m, m) for those who ask for it."""
 
     first: Array
-    second: Array
+    bend: Callable[[], Array]
+
+    @cached_property
+    def second(self) -> Array:
+        return self.bend()
 
 
 def implicit(F_r: Array, F_y: Array, F_rr: Array, F_ry: Array, F_yy: Array) -> Slopes:
     """Differentiate F(rho, y) = 0 twice, from F's own derivatives; F_r must not be zero."""
     first = -F_y / F_r[:, None]
-    mixed = F_ry[:, :, None] * first[:, None, :]
-    second = F_yy + mixed + mixed.transpose(0, 2, 1) + F_rr[:, None, None] * first[:, :, None] * first[:, None, :]
-    return Slopes(first, -second / F_r[:, None, None])
+
+    def second() -> Array:
+        mixed = F_ry[:, :, None] * first[:, None, :]
+        bent = F_yy + mixed + mixed.transpose(0, 2, 1) + F_rr[:, None, None] * first[:, :, None] * first[:, None, :]
+        return -bent / F_r[:, None, None]
+
+    return Slopes(first, second)
 
 
 @lru_cache(maxsize=256)

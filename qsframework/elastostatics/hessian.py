@@ -25,18 +25,18 @@ def load_hessian(
 ) -> Array:
     """H (ne, ne, N): tip load (times `weight`, 0 for the unloaded state), gravity and compensators."""
     count, batch = len(state.motion.layout.chain), state.motion.q.shape[-1]
-    elements = np.zeros((count, count, batch))
+    elements, used = np.zeros((count, count, batch)), state.motion.used
     torque = np.zeros((count, batch))
     if weight:
         wrench = applied.wrench.T * weight
-        _add_force(elements, state.tip.elements, wrench[:3])
-        _add_moment(elements, state.tip.elements, wrench[3:])
+        _add_force(elements, used, state.tip.elements, wrench[:3])
+        _add_moment(elements, used, state.tip.elements, wrench[3:])
         u = state.tip.elements.upstream
         torque[:u] += np.einsum("ecn,cn->en", state.tip.elements.linear, wrench[:3])
         torque[:u] += np.einsum("ecn,cn->en", state.tip.elements.angular, wrench[3:])
     pull = np.broadcast_to(gravity[:, None], (3, batch))
     for columns in mass_columns(state, applied.moments):
-        _add_force(elements, columns, pull)
+        _add_force(elements, used, columns, pull)
         torque[: columns.upstream] += np.einsum("ecn,cn->en", columns.linear, pull)
     for joints, term in torques:
         rows = [state.motion.layout.joint_elements[j] for j in joints]
@@ -53,22 +53,24 @@ def load_hessian(
     )
 
 
-def _add_force(total: Array, columns: Twists, force: Array) -> None:
-    """H_ab += f . (omega_a x v_b) for a <= b, symmetric."""
-    lever = cross(force[None], columns.angular)
-    for a in range(columns.upstream):
-        row = np.einsum("cn,bcn->bn", lever[a], columns.linear[a:])
-        total[a, a : columns.upstream] += row
-        total[a + 1 : columns.upstream, a] += row[1:]
+def _add_force(total: Array, used: Sequence[int], columns: Twists, force: Array) -> None:
+    """H_ab += f . (omega_a x v_b) for a <= b, symmetric; of the elements that elastic coordinates move."""
+    rows = np.array([e for e in used if e < columns.upstream], dtype=int)
+    found = np.einsum("acn,bcn->abn", cross(force[None], columns.angular[rows]), columns.linear[rows])
+    a, b = np.triu_indices(len(rows))
+    total[rows[a], rows[b]] += found[a, b]
+    a, b = np.triu_indices(len(rows), 1)
+    total[rows[b], rows[a]] += found[a, b]
 
 
-def _add_moment(total: Array, columns: Twists, moment: Array) -> None:
+def _add_moment(total: Array, used: Sequence[int], columns: Twists, moment: Array) -> None:
     """H_cd += m . (omega_d x omega_c) for d < c: not symmetric."""
     if not np.any(moment):
         return
-    lever = cross(moment[None], columns.angular)
-    for d in range(columns.upstream):
-        total[d + 1 : columns.upstream, d] += np.einsum("cn,bcn->bn", lever[d], columns.angular[d + 1 :])
+    rows = np.array([e for e in used if e < columns.upstream], dtype=int)
+    found = np.einsum("dkn,ckn->dcn", cross(moment[None], columns.angular[rows]), columns.angular[rows])
+    d, c = np.triu_indices(len(rows), 1)
+    total[rows[c], rows[d]] += found[d, c]
 
 
 def _curvature(motion: Motion, torque: Array) -> Array:

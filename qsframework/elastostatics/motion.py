@@ -212,18 +212,10 @@ def combine(coefficients: Coefficients, columns: Array) -> Array:
 
     Elements that are not upstream of the point (index >= u) move nothing.
     """
-    upstream, shape = len(columns), columns.shape[1:]
-    out = np.zeros((len(coefficients), *shape))
-    alone: list[tuple[int, int]] = []
-    for c, terms in enumerate(coefficients):
-        if len(terms) == 1 and isinstance(terms[0][1], float) and terms[0][1] == 1.0:
-            alone.append((c, terms[0][0]))
-            continue
+    upstream = len(columns)
+    out = np.zeros((len(coefficients), *columns.shape[1:]))
+    for row, terms in zip(out, coefficients, strict=True):
         for e, rate in terms:
             if e < upstream:
-                out[c] += columns[e] * rate
-    alone = [(c, e) for c, e in alone if e < upstream]
-    if alone:
-        places, elements = zip(*alone, strict=True)
-        out[list(places)] = columns[list(elements)]
+                row += columns[e] if isinstance(rate, float) and rate == 1.0 else columns[e] * rate
     return out

@@ -10,10 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from qsframework.plugin.facts import Array, RobotFacts
+
+
+Terms = tuple[tuple[int, float], ...]
+"""The weights of a sum of columns that are not 0; constants of arms are mostly 0 and +-1, which cost nothing."""
+
+
+def _terms(weights: Array) -> Terms:
+    return tuple((i, weight) for i, weight in enumerate(weights.tolist()) if weight != 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +32,36 @@ class Element:
     placement: Array
     axis: Array
     rotation: bool
+
+    @cached_property
+    def offset(self) -> Terms:
+        """Its origin in the previous element's frame."""
+        return _terms(self.placement[:3, 3])
+
+    @cached_property
+    def attitude(self) -> tuple[Terms, ...]:
+        """The columns of its rotation in the previous element's frame; none where that is not turned."""
+        turn = self.placement[:3, :3]
+        return () if np.array_equal(turn, np.eye(3)) else _columns(turn)
+
+    @cached_property
+    def along(self) -> Terms:
+        """Its axis in its own frame."""
+        return _terms(self.axis)
+
+    @cached_property
+    def main(self) -> tuple[int, float] | None:
+        """The axis of its frame about which it turns, and +-1; None where it turns about another."""
+        main = int(np.argmax(np.abs(self.axis)))
+        sign = float(self.axis[main])
+        # 1 and 1e-9 beside it have the length 1.0 in float64
+        return (main, sign) if np.count_nonzero(self.axis) == 1 and abs(sign) == 1.0 else None
+
+    @cached_property
+    def aligning(self) -> tuple[tuple[Terms, ...], tuple[Terms, ...]]:
+        """A rotation whose z column is the axis, and the one back."""
+        align = _aligning(self.axis)
+        return _columns(align), _columns(align.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,13 +135,13 @@ class Frames:
 
 
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
-_SMALL = 8192
+SMALL = 8192
 """Numbers up to which few calls count for more than memory that is read in one piece."""
 
 
 def cross(a: Array, b: Array) -> Array:
     """Cross product over the second last axis, batch last: (..., 3, N)."""
-    if a.size + b.size <= _SMALL:
+    if a.size + b.size <= SMALL:
         return a[..., _NEXT, :] * b[..., _LAST, :] - a[..., _LAST, :] * b[..., _NEXT, :]
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -119,60 +158,86 @@ def frames(chain: Chain, coordinates: Sequence[Array | None], batch: int) -> Fra
     placed = Frames(chain, axes, origins, rotations, positions)
     columns = [np.eye(3)[:, j : j + 1] for j in range(3)]
     origin = np.zeros((3, 1))
+    moves = _moves(chain, coordinates)
     for e in range(chain.arm + 1):
         for link in (i for i, stop in enumerate(chain.stops) if stop == e):
             rotations[link, 0], rotations[link, 1], rotations[link, 2] = columns
             positions[link] = origin
         if e < chain.arm:
-            columns, origin = _pass(placed, e, columns, origin, coordinates[e])
+            columns, origin = _pass(placed, e, columns, origin, moves[e])
     for i, parent in enumerate(chain.limbs):
         e, link = chain.arm + i, len(chain.stops) + i
-        turned, at = _pass(placed, e, list(rotations[parent]), positions[parent], coordinates[e])
+        turned, at = _pass(placed, e, list(rotations[parent]), positions[parent], moves[e])
         rotations[link, 0], rotations[link, 1], rotations[link, 2] = turned
         positions[link] = at
     return placed
 
 
+Move = tuple[Array, ...]
+"""Cosine and sine of an element's angle, each (N,), or its travel (N,)."""
+
+
+def _moves(chain: Chain, coordinates: Sequence[Array | None]) -> list[Move | None]:
+    """The moves of the elements, None of those that stay. Of all angles at once, by the tangent of their halves: numpy
+    has a tangent eight times as fast as its sine."""
+    out: list[Move | None] = [None if value is None else (value,) for value in coordinates]
+    turned = [e for e, value in enumerate(coordinates) if value is not None and chain.elements[e].rotation]
+    if turned:
+        half = np.tan(0.5 * np.array([coordinates[e] for e in turned]))
+        square = half * half
+        share = 1.0 / (1.0 + square)
+        for e, cos, sin in zip(turned, (1.0 - square) * share, 2.0 * half * share, strict=True):
+            out[e] = cos, sin
+    return out
+
+
 def _pass(
-    placed: Frames, e: int, columns: list[Array], origin: Array, value: Array | None
+    placed: Frames, e: int, columns: list[Array], origin: Array, move: Move | None
 ) -> tuple[list[Array], Array]:
     """Place element e, moved by its coordinate, behind a frame; the frame after it."""
     element = placed.chain.elements[e]
-    origin = origin + _combine(columns, element.placement[:3, 3])
-    columns = _times(columns, element.placement[:3, :3])
-    placed.axes[e], placed.origins[e] = _combine(columns, element.axis), origin
-    if value is None:
+    if element.offset:
+        origin = origin + _combine(columns, element.offset)
+    if element.attitude:
+        columns = _times(columns, element.attitude)
+    placed.axes[e], placed.origins[e] = _combine(columns, element.along), origin
+    if move is None:
         return columns, origin
     if element.rotation:
-        return _rotate(columns, element.axis, value), origin
-    return columns, origin + placed.axes[e] * value
+        return _rotate(columns, element, *move), origin
+    return columns, origin + placed.axes[e] * move[0]
 
 
-def _combine(columns: list[Array], weights: Array) -> Array:
-    """Sum of weighted columns; constants of arms are mostly 0 and +-1, which cost nothing."""
+def _combine(columns: list[Array], terms: Terms) -> Array:
+    """Sum of weighted columns."""
     total: Array | None = None
-    for column, weight in zip(columns, weights, strict=True):
-        if weight == 0.0:
-            continue
-        part = column if weight == 1.0 else column * weight
+    for i, weight in terms:
+        part = columns[i] if weight == 1.0 else columns[i] * weight
         total = part if total is None else total + part
     return np.zeros((3, 1)) if total is None else total
 
 
-def _times(columns: list[Array], matrix: Array) -> list[Array]:
-    return [_combine(columns, matrix[:, j]) for j in range(3)]
+def _columns(matrix: Array) -> tuple[Terms, ...]:
+    return tuple(_terms(column) for column in matrix.T)
+
+
+def _times(columns: list[Array], matrix: tuple[Terms, ...]) -> list[Array]:
+    return [_combine(columns, terms) for terms in matrix]
 
 
 _CYCLE = {0: (1, 2), 1: (2, 0), 2: (0, 1)}
 
 
-def _rotate(columns: list[Array], axis: Array, angle: Array) -> list[Array]:
-    """columns times the rotation about a constant axis by the angles (N,)."""
-    main = int(np.argmax(np.abs(axis)))
-    if np.count_nonzero(axis) != 1 or abs(axis[main]) != 1.0:  # 1 and 1e-9 beside it have the length 1.0 in float64
-        align = _aligning(axis)
-        return _times(_rotate(_times(columns, align), np.array([0.0, 0.0, 1.0]), angle), align.T)
-    cos, sin = np.cos(angle), np.sin(angle) * axis[main]
+def _rotate(columns: list[Array], element: Element, cos: Array, sin: Array) -> list[Array]:
+    """columns times the rotation about an element's axis by an angle."""
+    if element.main is None:
+        there, back = element.aligning
+        return _times(_about(_times(columns, there), 2, cos, sin), back)
+    main, sign = element.main
+    return _about(columns, main, cos, sin if sign > 0.0 else -sin)
+
+
+def _about(columns: list[Array], main: int, cos: Array, sin: Array) -> list[Array]:
     a, b = _CYCLE[main]
     turned = list(columns)
     turned[a] = columns[a] * cos + columns[b] * sin

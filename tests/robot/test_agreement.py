@@ -135,7 +135,7 @@ def test_a_number_that_is_none_is_refused(spoil: Spoil) -> None:
 def test_a_wrong_kernel_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """The facts are right, the code is not."""
     right: Any = kinematics._rotate
-    monkeypatch.setattr(kinematics, "_rotate", lambda columns, axis, angle: right(columns, axis, angle * (1 + 1e-6)))
+    monkeypatch.setattr(kinematics, "_rotate", lambda columns, e, cos, sin: right(columns, e, cos, sin * (1 + 1e-6)))
     told = [line.split(": ", 2)[2].split(" of ")[0] for line in refused("ur10")]
     assert told == ["position", "attitude", "Jacobian (linear)", "Jacobian (angular)", "gravity torque"]
 
