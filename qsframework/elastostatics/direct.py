@@ -1,46 +1,47 @@
-"""Derivatives of unloaded positions by the geometry, all elements of the chain at once.
+"""Derivatives of readings by the geometry, all elements of the chain at once.
 
-For an arm of linear springs without loops, compensators and loads the chain rule of `tangents` needs no
-pass per parameter: a position reacts to element e and element f in the same way, whichever comes
-first, so one contraction with the deflection gives the bending of all columns,
-    d position / de = p_e + sum_f p_ef eps_f + sum_c D_c c_c d tau_c/de
-    p_ef = z_min x p_max,   d tau_f/de = g . (z_min x W_max),   W_e = sum of mass times p_e over the links
-with z the turning part of a column (0 for a shift) and min, max by the order in the chain.
+An error of geometry moves elements of the chain, and to those that no loop and no compensator turns the arm reacts
+alike: a position to element e and element f in the same way, whichever comes first. So one contraction with the
+deflection gives the bending of all columns, and no pass per parameter is needed as in `tangents`,
+    d position / de = p_e + sum_f p_ef eps_f + sum_c D_c deps_c/de
+    p_ef = z_min x p_max,   d tau_f/de = F . (z_min x P_max) + M . (z_e x z_f for e before f)
+with z the turning part of a column (0 for a shift), min and max by the order in the chain; F and M stand for the load
+on the tip, P = p, and F for gravity, P = W_e the sum of mass times p_e over the links.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from qsframework.elastostatics.evaluation import Stages
+from qsframework.elastostatics.loads import wrench_along
 from qsframework.elastostatics.sensors import Sensed
 from qsframework.elastostatics.so3 import exponential, left_jacobian
 from qsframework.elastostatics.springs import Response
-from qsframework.elastostatics.state import Column, State
-from qsframework.plugin import Array, Geometry
+from qsframework.elastostatics.state import Column
+from qsframework.plugin import Array, Geometry, Indices
 from qsframework.robot.kinematics import Twists, cross, twists_along
 
-
-def is_direct(ev: Stages, loaded: bool) -> bool:
-    """Whether the state of an arm is one that this module covers."""
-    return not (loaded or ev.model.layout.loops or ev.touched or ev.laws or any(p is not None for p in ev.pulls))
+_FEW = 3
+"""Parameters below which a pass for each costs less than all elements."""
 
 
 @dataclass(frozen=True, eq=False)
 class Bending:
-    """Deflections of the elements (m, N), and how the torques' deflections react to each element (ne, m, N)."""
+    """Deflections of the elements (m, N), and how the coordinates' deflections react to each element (ne, m, N)."""
 
     eps: Array
     rate: Array
 
 
-def element_readings(ev: Stages, sensed: Sensed | None, response: Response) -> Array:
-    """d reading / d element of the chain, (m, K, 3, N)."""
+def element_readings(ev: Stages, sensed: Sensed | None, response: Response | None, loaded: bool) -> Array:
+    """d reading / d element of the chain, (m, K, 3, N), of one state; without a response, of the pose that nothing
+    deflects. Not of the elements that loops and compensators turn."""
     count, batch = len(ev.model.layout.chain), len(ev.poses)
-    bending = _bending(ev, response)
+    bending = None if response is None else _bending(ev, response, loaded)
     out = np.zeros((count, len(ev.state.markers), 3, batch))
     for k, marker in enumerate(ev.state.markers):
         shift, spin = _shift(marker, count, bending)
@@ -61,7 +62,7 @@ def element_readings(ev: Stages, sensed: Sensed | None, response: Response) -> A
 def _shift(marker: Column, count: int, bending: Bending | None) -> tuple[Array, Array | None]:
     """Shift and spin (m, 3, N) of a marker per unit of each element; no spin of a rigid arm.
 
-    Elements beyond the marker's link move it too: they shift the masses that bend the arm before it.
+    Elements beyond the marker's link move it too: they shift the masses and the load that bend the arm before it.
     """
     columns, u = marker.elements, marker.elements.upstream
     shift = np.zeros((count, *marker.position.shape))
@@ -78,43 +79,45 @@ def _shift(marker: Column, count: int, bending: Bending | None) -> tuple[Array, 
     return shift, spin
 
 
-def _bending(ev: Stages, response: Response) -> Bending | None:
+def _bending(ev: Stages, response: Response, loaded: bool) -> Bending | None:
     """None where no spring bends."""
-    soft = np.flatnonzero(np.any(response.eps, axis=1) | (ev.compliance != 0.0))
+    soft = np.flatnonzero(np.any(response.eps, axis=1) | np.any(response.slope, axis=1))
     if not len(soft):
         return None
-    coefficients = ev.motion.coefficients
-    weights = _weights(ev.state, ev.applied.moments)
-    angular, gravity = weights.angular, ev.model.gravity[:, None]
-    eps = np.zeros((len(angular), len(ev.poses)))
-    rate = np.zeros((len(coefficients), len(angular), len(ev.poses)))
+    coefficients, batch = ev.motion.coefficients, len(ev.poses)
+    eps = np.zeros((len(ev.model.layout.chain), batch))
+    torque = np.zeros((len(coefficients), *eps.shape))
+    acting = list(_acting(ev, loaded))
     for c in soft:
         for f, factor in coefficients[c]:
             eps[f] += factor * response.eps[c]
-            before = cross(weights.linear[f], gravity)
-            after = cross(np.broadcast_to(gravity, angular[f].shape), angular[f])
-            size = ev.compliance[c] * factor
-            rate[c, :f] += size * np.einsum("ecn,cn->en", angular[:f], before)
-            rate[c, f:] += size * np.einsum("ecn,cn->en", weights.linear[f:], after)
-    return Bending(eps, rate)
+            for columns, force, moment in acting:
+                u = columns.upstream
+                if f >= u:
+                    continue
+                before = cross(columns.linear[f], force)
+                if moment is not None:
+                    before += cross(columns.angular[f], moment)
+                torque[c, :f] += factor * np.einsum("ecn,cn->en", columns.angular[:f], before)
+                after = cross(force, columns.angular[f])
+                torque[c, f:u] += factor * np.einsum("ecn,cn->en", columns.linear[f:], after)
+    tip = ev.state.tip
+    if loaded and any(term.d_rotation is not None for term in ev.applied.terms):  # the load turns with the flange
+        turned = wrench_along(ev.applied.terms, tip.elements.angular, None)
+        for c in soft:
+            torque[c, : len(turned)] += np.einsum("cn,enc->en", tip.linear[c], turned[..., :3])
+            torque[c, : len(turned)] += np.einsum("cn,enc->en", tip.angular[c], turned[..., 3:])
+    return Bending(eps, response.react(response.slope[:, None] * torque))
 
 
-def _weights(state: State, moments: Array) -> Twists:
-    """Velocity of all masses beyond each element, weighted by mass: (m, 3, N)."""
-    placed, elements, stops = state.placed, state.placed.chain.elements, state.placed.chain.stops
-    linear, angular = np.empty_like(placed.axes), placed.axes.copy()
-    mass, moment, link = 0.0, np.zeros((3, 1)), len(stops)
-    for e in range(len(elements) - 1, -1, -1):
-        while link > 0 and stops[link - 1] > e:
-            link -= 1
-            r, m = placed.rotations[link], moments[link]
-            moment = moment + m[0] * placed.positions[link] + m[1] * r[0] + m[2] * r[1] + m[3] * r[2]
-            mass = mass + m[0]
-        if elements[e].rotation:
-            linear[e] = cross(placed.axes[e], moment - mass * placed.origins[e])
-        else:
-            linear[e], angular[e] = mass * placed.axes[e], 0.0
-    return Twists(linear, angular)
+def _acting(ev: Stages, loaded: bool) -> Iterator[tuple[Twists, Array, Array | None]]:
+    """What pulls at the arm: the columns of where it acts, the force (3, N), and a moment."""
+    if ev.preload is not None:
+        pull = np.broadcast_to(ev.model.gravity[:, None], (3, len(ev.poses)))
+        yield from ((columns, pull, None) for columns in ev.masses)
+    if loaded:
+        wrench = ev.applied.wrench.T
+        yield ev.state.tip.elements, wrench[:3], wrench[3:] if np.any(wrench[3:]) else None
 
 
 def _times(matrix: Array, vectors: Array) -> Array:
@@ -126,31 +129,48 @@ def _times(matrix: Array, vectors: Array) -> Array:
     return out
 
 
-def geometry_tangents(ev: Stages, wanted: Sequence[int], elements: Array, out: Array) -> list[int]:
-    """Fill the rows of `out` (P, K, 3, N) of the wanted parameters of geometry; the rows that are left."""
+def geometry_tangents(ev: Stages, wanted: Sequence[int], readings: Callable[[], Array], out: Array) -> list[int]:
+    """Fill the rows of `out` (P, K, 3, N) of the wanted parameters of geometry, if they are several; the rows that are
+    left.
+
+    readings: the derivatives by the elements, `element_readings`, for those who need them
+    """
+    found = dict(_by_elements(ev, wanted))
+    if len(found) >= _FEW:
+        elements = readings()
+        for row, terms in found.items():
+            out[row] = 0.0
+            for element, slope in terms:
+                out[row] += elements[element] * slope
+        return [row for row in range(len(wanted)) if row not in found]
+    return list(range(len(wanted)))
+
+
+def _by_elements(ev: Stages, wanted: Sequence[int]) -> Iterator[tuple[int, list[tuple[int, Array]]]]:
+    """The rows of geometry, with the elements that each moves and the slopes (N,) or (1,); not of those that move
+    what a loop or a compensator turns, nor of any where a spring between two points pulls."""
     layout = ev.model.layout
+    if any(pull is not None and pull.acts for pull in ev.pulls):
+        return
     rows = {position: row for row, position in enumerate(wanted)}
-    number = 0
-    for effect, part in zip(ev.model.effects, ev.model.slices, strict=True):
-        if not isinstance(effect, Geometry):
-            continue
-        term = ev.geometry[number]
-        number += 1
+    tied = {layout.joint_elements[j] for place in layout.loops for j in place.joints}
+    tied |= {layout.joint_elements[j] for j in ev.touched}
+    geometry = (p for e, p in zip(ev.model.effects, ev.model.slices, strict=True) if isinstance(e, Geometry))
+    for part, term in zip(geometry, ev.geometry, strict=True):
         mine = [i for i in range(part.stop - part.start) if part.start + i in rows]
         if not mine:
             continue
-        pairs = [(term.angles_dx, np.array(layout.joint_elements))]
+        pairs: list[tuple[Array, Indices]] = [(term.angles_dx, np.array(layout.joint_elements))]
         if term.twists_dx is not None and layout.placement_elements is not None:
             slopes = term.twists_dx
             if slopes.strides[0] == 0:  # the same at every pose
                 slopes = slopes[:1]
-            flat = slopes.reshape(len(slopes), -1, slopes.shape[-1])
-            pairs.append((flat, layout.placement_elements.ravel()))
-        targets = {i: rows.pop(part.start + i) for i in mine}
-        for i in mine:
-            out[targets[i]] = 0.0
+            pairs.append((slopes.reshape(len(slopes), -1, slopes.shape[-1]), layout.placement_elements.ravel()))
+        moved: dict[int, list[tuple[int, Array]]] = {i: [] for i in mine}
         for slopes, places in pairs:
             for j, i in zip(*np.nonzero(np.any(slopes, axis=0)), strict=True):
-                if int(i) in targets:
-                    out[targets[int(i)]] += elements[places[j]] * slopes[:, j, i]
-    return sorted(rows.values())
+                if int(i) in moved:
+                    moved[int(i)].append((int(places[j]), slopes[:, j, i]))
+        for i, terms in moved.items():
+            if not tied & {element for element, _ in terms}:
+                yield rows[part.start + i], terms

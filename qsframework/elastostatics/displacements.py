@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from qsframework.elastostatics.direct import element_readings, geometry_tangents
 from qsframework.elastostatics.evaluation import Stages, evaluate_stages
 from qsframework.elastostatics.sensors import Sensed
 from qsframework.elastostatics.springs import Response
@@ -56,9 +57,17 @@ def displacement(ev: Evaluation) -> Array:
 def sensitivities(ev: Evaluation, wanted: Sequence[int]) -> Array:
     """d reading / d parameter for the wanted positions in x: (P, K, 3, N)."""
     out = np.empty((len(wanted), len(ev.state.markers), 3, len(ev.poses)))
-    for row, change in changes(replace(ev, preload=None) if _preload_cancels(ev) else ev, wanted):
-        out[row] = _along(ev, change)
+    acting = replace(ev, preload=None) if _preload_cancels(ev) else ev
+    left = geometry_tangents(ev, wanted, lambda: _by_element(acting), out)
+    for row, change in changes(acting, [wanted[i] for i in left]):
+        out[left[row]] = _along(ev, change)
     return out
+
+
+def _by_element(ev: Evaluation) -> Array:
+    """d displacement / d element of the chain, (m, K, 3, N)."""
+    first, second = (None, None) if ev.sensed is None else ev.sensed
+    return element_readings(ev, second, ev.loaded, True) - element_readings(ev, first, ev.unloaded, False)
 
 
 def _preload_cancels(ev: Evaluation) -> bool:

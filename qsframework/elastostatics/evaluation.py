@@ -28,6 +28,7 @@ from qsframework.plugin import (
     SpringLaw,
     laws,
 )
+from qsframework.robot.gravity import mass_columns
 from qsframework.robot.kinematics import Twists
 
 
@@ -64,7 +65,7 @@ class Stages:
     @cached_property
     def masses(self) -> tuple[Twists, ...]:
         """The masses' Jacobians, for the parameters that move the arm."""
-        return loads.mass_columns(self.state, self.applied.moments)
+        return mass_columns(self.state.placed, self.applied.moments)
 
     def respond(self, torque: Array) -> springs.Response:
         """How the springs answer to a torque (ne, N)."""

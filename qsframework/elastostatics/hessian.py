@@ -11,12 +11,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from qsframework.elastostatics.loads import Applied, mass_columns
+from qsframework.elastostatics.loads import Applied, wrench_along
 from qsframework.elastostatics.motion import Motion
 from qsframework.elastostatics.pulls import Pull, on_coordinates
 from qsframework.elastostatics.springs import Torques
 from qsframework.elastostatics.state import State
 from qsframework.plugin import Array
+from qsframework.robot.gravity import mass_columns
 from qsframework.robot.kinematics import Twists, cross
 
 
@@ -35,7 +36,7 @@ def load_hessian(
         torque[:u] += np.einsum("ecn,cn->en", state.tip.elements.linear, wrench[:3])
         torque[:u] += np.einsum("ecn,cn->en", state.tip.elements.angular, wrench[3:])
     pull = np.broadcast_to(gravity[:, None], (3, batch))
-    for columns in mass_columns(state, applied.moments):
+    for columns in mass_columns(state.placed, applied.moments):
         _add_force(elements, used, columns, pull)
         torque[: columns.upstream] += np.einsum("ecn,cn->en", columns.linear, pull)
     for joints, term in torques:
@@ -108,11 +109,6 @@ def _turning(state: State, applied: Applied, weight: float) -> Array | float:
     turning = [term.d_rotation for term in applied.terms if term.d_rotation is not None]
     if not turning or not weight:
         return 0.0
-    from qsframework.elastostatics.loads import wrench_along
-
-    columns: list[Array] = []
-    for d in range(state.coordinates):
-        columns.append(wrench_along(applied.terms, state.tip.angular[d], None).T)
-    change = weight * np.stack(columns)
+    change = weight * wrench_along(applied.terms, state.tip.angular, None).transpose(0, 2, 1)
     linear = np.einsum("ekn,dkn->edn", state.tip.linear, change[:, :3])
     return linear + np.einsum("ekn,dkn->edn", state.tip.angular, change[:, 3:])

@@ -12,7 +12,7 @@ from qsframework.elastostatics.motion import MotionRate, combine
 from qsframework.elastostatics.state import Column, ColumnRate, State
 from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, RobotFacts, laws
 from qsframework.robot.gravity import element_gravity
-from qsframework.robot.kinematics import Twists, twists, twists_along
+from qsframework.robot.kinematics import Twists, twists_along
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,36 +52,20 @@ def of_bodies(moments: Array, facts: RobotFacts) -> Array:
 
 
 def wrench_along(terms: Sequence[LoadTerm], turn: Array | None, start: Array | None, first: int = 0) -> Array:
-    """Derivative (N, 6) of the final wrench: `start` enters after term `first - 1`, `turn` (3, N) at every term."""
+    """Derivative (..., N, 6) of the final wrench: `start` enters after term `first - 1`, `turn` (..., 3, N) at every
+    term."""
     batch = len(terms[0].wrench)
     change = np.zeros((batch, 6)) if start is None else start
     for term in terms[first:]:
-        change = np.einsum("nij,nj->ni", term.d_wrench, change)
+        change = np.einsum("nij,...nj->...ni", term.d_wrench, change)
         if turn is not None and term.d_rotation is not None:
-            change = change + np.einsum("nij,jn->ni", term.d_rotation, turn)
+            change = change + np.einsum("nij,...jn->...ni", term.d_rotation, turn)
     return change
 
 
 def wrench_torque(column: Column | ColumnRate, wrench: Array) -> Array:
     """tau = D' w on the coordinates, (ne, N), for a wrench (6, N)."""
     return np.einsum("ecn,cn->en", column.linear, wrench[:3]) + np.einsum("ecn,cn->en", column.angular, wrench[3:])
-
-
-def mass_columns(state: State, moments: Array) -> tuple[Twists, ...]:
-    """Jacobians of the sums of mass times position: of all links of the arm together, and of each branch's."""
-    arm: Twists | None = None
-    alone: list[Twists] = []
-    for link in sorted(np.flatnonzero(np.any(moments, axis=1)), reverse=True):
-        mass, r = moments[link][0], state.placed.rotations[link]
-        weight = mass * state.placed.positions[link] + sum(m * r[i] for i, m in enumerate(moments[link][1:]))
-        columns = twists(state.placed, int(link), weight, mass)
-        if link >= len(state.placed.chain.stops):
-            alone.append(columns)
-        elif arm is None:  # the last link that weighs: its elements are those of all before it
-            arm = columns
-        else:
-            arm.linear[: columns.upstream] += columns.linear
-    return (*alone, *(() if arm is None else (arm,)))
 
 
 def gravity_torque(state: State, moments: Array, gravity: Array) -> Array:

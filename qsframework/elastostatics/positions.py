@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.elastostatics.direct import element_readings, geometry_tangents, is_direct
+from qsframework.elastostatics.direct import element_readings, geometry_tangents
 from qsframework.elastostatics.evaluation import Stages, evaluate_stages
 from qsframework.elastostatics.sensors import Sensed
 from qsframework.elastostatics.springs import Response
@@ -46,9 +46,7 @@ def position(ev: OneState) -> Array:
 def position_tangents(ev: OneState, wanted: Sequence[int]) -> Array:
     """d reading / d parameter for the wanted positions in x: (P, K, 3, N)."""
     out = np.empty((len(wanted), len(ev.state.markers), 3, len(ev.poses)))
-    left = list(range(len(wanted)))
-    if len(wanted) > 1 and is_direct(ev, ev.loaded):
-        left = geometry_tangents(ev, wanted, element_readings(ev, ev.sensed, ev.response), out)
+    left = geometry_tangents(ev, wanted, lambda: element_readings(ev, ev.sensed, ev.response, ev.loaded), out)
     for row, change in changes(ev, [wanted[i] for i in left]):
         out[left[row]] = reading_along(ev, ev.sensed, ev.response, change, ev.loaded)
     return out

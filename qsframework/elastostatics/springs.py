@@ -156,7 +156,7 @@ class Response:
     inverse: Array | None
 
     def react(self, rhs: Array) -> Array:
-        """Solve (I + diag(slope) K_par) d eps = rhs (ne, N)."""
+        """Solve (I + diag(slope) K_par) d eps = rhs (ne, ..., N)."""
         return _solve(self.stiffness, self.inverse, rhs)
 
 
@@ -175,7 +175,7 @@ def _solve(stiffness: Stiffness, inverse: Array | None, rhs: Array) -> Array:
         return rhs
     out = rhs.copy()
     rows = list(stiffness.active)
-    out[rows] = np.einsum("abn,bn->an", inverse, rhs[rows])
+    out[rows] = np.einsum("abn,b...n->a...n", inverse, rhs[rows])
     return out
 
 

@@ -1,22 +1,60 @@
-"""The weight of the links: the torques that it puts on the elements of a chain."""
+"""The weight of the links: where it hangs, and the torques that it puts on the elements of a chain."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from qsframework.plugin.facts import Array
-from qsframework.robot.kinematics import SMALL, Frames, cross
+from qsframework.robot.kinematics import SMALL, Chain, Frames, Twists, cross, twists
 
 
 def element_gravity(placed: Frames, moments: Array, gravity: Array) -> Array:
-    """Torque of the masses on every element of the chain, (m, N) N m.
+    """Torque of the masses on every element of the chain, (m, N) N m: g . (z x (h - M o)), see `mass_levers`."""
+    levers, masses = mass_levers(placed, moments)
+    torque = np.einsum("ecn,ecn->en", cross(gravity[:, None], placed.axes), levers)
+    for e, element in enumerate(placed.chain.elements):
+        if not element.rotation:
+            torque[e] = masses[e] * (gravity @ placed.axes[e])
+    return torque
 
-    Element e carries the summed mass M and mass moment h of all links after it: g . (z x (h - M o)). A branch hangs
-    on its link with its own weight.
-    """
+
+def mass_columns(placed: Frames, moments: Array) -> tuple[Twists, ...]:
+    """Jacobians of the sums of mass times position: of each branch, and of all links of the arm together."""
+    stops, weighs = len(placed.chain.stops), np.any(moments, axis=1)
+    out = [_branch_column(placed, int(link), moments[link]) for link in np.flatnonzero(weighs) if link >= stops]
+    return (*out, _arm_column(placed, moments[:stops])) if np.any(weighs[:stops]) else tuple(out)
+
+
+def _branch_column(placed: Frames, link: int, moments: Array) -> Twists:
+    mass, r = moments[0], placed.rotations[link]
+    weight = mass * placed.positions[link] + sum(m * r[i] for i, m in enumerate(moments[1:]))
+    return twists(placed, link, weight, mass)
+
+
+def _arm_column(placed: Frames, moments: Array) -> Twists:
+    chain, arm, stops = placed.chain, placed.chain.arm, len(placed.chain.stops)
+    alone = Frames(
+        chain=Chain(chain.elements[:arm], chain.stops),
+        axes=placed.axes[:arm],
+        origins=placed.origins[:arm],
+        rotations=placed.rotations[:stops],
+        positions=placed.positions[:stops],
+    )
+    levers, masses = mass_levers(alone, moments)
+    linear, angular = cross(alone.axes, levers), alone.axes
+    shifts = [e for e, element in enumerate(alone.chain.elements) if not element.rotation]
+    if shifts:
+        angular = angular.copy()
+        linear[shifts] = np.array(masses)[shifts, None, None] * alone.axes[shifts]
+        angular[shifts] = 0.0
+    return Twists(linear, angular)
+
+
+def mass_levers(placed: Frames, moments: Array) -> tuple[Array, list[float]]:
+    """h - M o (m, 3, N) kg m and M kg for every element of the chain: the summed mass M and mass moment h of all links
+    after it. A branch hangs on its link with its own weight."""
     chain, moments = placed.chain, moments[: len(placed.positions)]
-    masses = moments[:, 0].tolist()
-    weights = _weights(placed, moments)
+    masses, weights = moments[:, 0].tolist(), _weights(placed, moments)
     behind, carried = np.empty_like(placed.axes), [0.0] * len(chain)
     for i in range(len(chain.limbs) - 1, -1, -1):
         e, link, parent = chain.arm + i, len(chain.stops) + i, chain.limbs[i]
@@ -30,11 +68,7 @@ def element_gravity(placed: Frames, moments: Array, gravity: Array) -> Array:
             mass, weight = mass + masses[link], weight + weights[link]
         behind[e], carried[e] = weight, mass
     behind -= np.array(carried)[:, None, None] * placed.origins
-    torque = np.einsum("ecn,ecn->en", cross(gravity[:, None], placed.axes), behind)
-    for e, element in enumerate(chain.elements):
-        if not element.rotation:
-            torque[e] = carried[e] * (gravity @ placed.axes[e])
-    return torque
+    return behind, carried
 
 
 def _weights(placed: Frames, moments: Array) -> Array:

@@ -16,7 +16,6 @@ import numpy as np
 
 from qsframework.plugin.facts import Array, RobotFacts
 
-
 Terms = tuple[tuple[int, float], ...]
 """The weights of a sum of columns that are not 0; constants of arms are mostly 0 and +-1, which cost nothing."""
 
@@ -191,9 +190,7 @@ def _moves(chain: Chain, coordinates: Sequence[Array | None]) -> list[Move | Non
     return out
 
 
-def _pass(
-    placed: Frames, e: int, columns: list[Array], origin: Array, move: Move | None
-) -> tuple[list[Array], Array]:
+def _pass(placed: Frames, e: int, columns: list[Array], origin: Array, move: Move | None) -> tuple[list[Array], Array]:
     """Place element e, moved by its coordinate, behind a frame; the frame after it."""
     element = placed.chain.elements[e]
     if element.offset:
