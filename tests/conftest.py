@@ -52,6 +52,7 @@ def pytest_collection_finish() -> None:
     """Thousands of tests and all modules live to the end: garbage is not looked for among them again and again."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(50_000)
 
 
 @pytest.fixture(scope="session", autouse=True)

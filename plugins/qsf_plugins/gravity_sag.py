@@ -67,16 +67,15 @@ class GravitySag(Geometry):
         j, links = robot.joint_index(self.joint), self._links(robot)
         down = robot.gravity / np.linalg.norm(robot.gravity)
         slope = np.zeros((*poses.q.shape, len(x)))
-        rotation, lever = np.broadcast_to(np.eye(3), (len(poses), 3, 3)), np.zeros((len(poses), 3))
+        along = np.broadcast_to(down, (len(poses), 3))  # in the frames of the links, one after the other
         for k in range(links.stop):
-            rotation = rotation @ robot.placements[k, :3, :3]
-            if k == j:
-                lever = np.cross(down, rotation @ robot.axes[k])
+            along = along @ robot.placements[k, :3, :3]
+            if k == j:  # from here on what gravity would turn the joint about were it free
+                along = np.cross(along, robot.axes[k])
             if not robot.sliding[k]:
-                rotation = rotation @ turns(robot.axes[k], poses.q[:, k])
+                along = np.einsum("nij,ni->nj", turns(robot.axes[k], poses.q[:, k]), along)
             if k >= j:
-                local = np.einsum("nij,ni->nj", rotation, lever)
-                slope[:, j, 2 * (k - j) : 2 * (k - j) + 2] = local @ _across(robot.axes[k])[1].T
+                slope[:, j, 2 * (k - j) : 2 * (k - j) + 2] = along @ _across(robot.axes[k])[1].T
         return GeometryTerm(slope @ x, slope)
 
     @classmethod

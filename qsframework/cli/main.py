@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import os
 import sys
 from pathlib import Path
@@ -457,9 +458,13 @@ _PLUGINS = "PYDANTIC_DISABLE_PLUGINS"
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Matrices of a few hundred rows make threads wait for each other: on two cores a diagnosis took twice as long."""
 
+_GARBAGE = 50_000
+"""New objects after which circles are looked for, of which a command makes few: the usual 700 cost it a twentieth."""
+
 
 def main() -> None:
     """Run `qsf`; bad input ends with exit code 2 and a message that says what to do, Ctrl-C with 130 and one line."""
+    gc.set_threshold(_GARBAGE)
     for name in _THREADS:  # read when numpy is loaded, which comes later
         os.environ.setdefault(name, "1")
     os.environ.setdefault(_PLUGINS, "__all__")
