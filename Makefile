@@ -21,9 +21,7 @@ DOTS := awk '/^ *(Collecting|Obtaining)/ {printf "."; fflush()} /^Installing col
 # Each worker has files as a whole, so that what the tests of a file share is made once; who is done first helps the other.
 TWO := -n 2 --dist worksteal
 # Tests start hundreds of commands: where the environment keeps Python from storing what it compiled, each compiles all again.
-# Freed memory stays with the process, which else asks the system for each large array anew.
-KEPT := MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=536870912
-ONE_THREAD := $(KEPT) OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
+ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)

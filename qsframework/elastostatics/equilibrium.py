@@ -240,7 +240,7 @@ def _equivalent(model: Structure, motion: Motion, x: Array) -> springs.Stiffness
 
 
 def _react(slope: Array, K: springs.Stiffness, H: Array, rhs: Array) -> Array:
-    """Solve (I + diag(slope) (K - H)) d = rhs for rhs (ne, ..., N)."""
+    """Solve (I + diag(slope) (K - H)) d = rhs for rhs (ne, ..., N). NotConverged where no d is told."""
     count = len(slope)
     A = -slope[:, None] * H
     rows = list(K.active)
@@ -248,5 +248,11 @@ def _react(slope: Array, K: springs.Stiffness, H: Array, rhs: Array) -> Array:
         A[np.ix_(rows, rows)] += slope[rows][:, None] * K.K
     A[range(count), range(count)] += 1.0
     flat = rhs.reshape(count, -1, rhs.shape[-1])
-    solved = np.asarray(np.linalg.solve(A.transpose(2, 0, 1), flat.transpose(2, 0, 1)), dtype=np.float64)
+    try:
+        solved = np.asarray(np.linalg.solve(A.transpose(2, 0, 1), flat.transpose(2, 0, 1)), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        raise NotConverged(
+            "a pose stands just where its load makes the arm give without end: look at the units of its compliances "
+            "and of the load"
+        ) from None
     return solved.transpose(1, 2, 0).reshape(rhs.shape)
