@@ -22,6 +22,7 @@ from qsf_plugins.planar_loop import (
     refuse,
     slope_by_inputs,
     with_branches,
+    zeros,
 )
 from qsframework.plugin import (
     Array,
@@ -33,6 +34,7 @@ from qsframework.plugin import (
     Parameter,
     Problem,
     RobotFacts,
+    cos_sin,
     place,
     setting,
 )
@@ -155,7 +157,7 @@ class Parallelogram(Loop):
         # a perfect bar keeps along link 2: beta = 0
         perfect = (sign * driven, driver - sign * driven)
         own = [q[:, 2 + i] - sense * perfect[i] for i, sense in enumerate(self._senses(robot))]
-        return np.stack([driver, driven, *own], axis=1)
+        return np.array([driver, driven, *own]).T
 
     def _senses(self, robot: RobotFacts) -> list[float]:
         """Senses of the axes of lever and bar against the driver's."""
@@ -191,7 +193,7 @@ class Parallelogram(Loop):
         by_y = cache(lambda: _bar_slopes(*bar(), slopes()))
 
         def first() -> Array:
-            q_u = np.zeros((len(psi), 2, 3))
+            q_u = zeros(len(psi), 2, 3)
             q_u[:, 0, 1] = sign
             q_u[:, 1] = slope_by_inputs(by_y(), sign) + np.array([1.0, -sign, 0.0])
             return senses[:, None] * q_u[:, : len(senses)]
@@ -201,11 +203,12 @@ class Parallelogram(Loop):
             q_uu[:, 1] = bend_by_inputs(by_y(), sign)
             return senses[:, None, None] * q_uu[:, : len(senses)]
 
-        return LoopTerm(senses * np.stack(angles, axis=1), first, second)
+        return LoopTerm(senses * np.array(angles).T, first, second)
 
     def _bar_vector(self, psi: Array, swing: Array, link: float) -> tuple[Array, Array, Array]:
         """The bar Z = L + a e^(i rho) - a e^(i psi) from the lever's end, with its two levers, complex (N,) m."""
-        lever = self.lever * np.exp(1j * psi)
+        cos, sin = cos_sin(psi)
+        lever = self.lever * (cos + 1j * sin)
         rocker = lever * np.exp(1j * swing) if swing.any() else lever
         return link + rocker - lever, lever, rocker
 
@@ -257,13 +260,14 @@ class Parallelogram(Loop):
 
     def _perfect(self, psi: Array, link: float) -> Slopes:
         """rho = psi exactly; its derivatives by the bar are kept finite where the loop is flat."""
-        sine = np.sin(psi)
+        cos, sine = cos_sin(psi)
         sine = np.where(np.abs(sine) < FLAT, np.copysign(FLAT, sine), sine)
-        first = np.ones((len(psi), 2))
-        first[:, 1] = by_bar = -1.0 / (self.lever * sine)
+        first = zeros(len(psi), 2)
+        first[:, 0], by_bar = 1.0, -1.0 / (self.lever * sine)
+        first[:, 1] = by_bar
 
         def second() -> Array:
-            cos, out = np.cos(psi), np.zeros((len(psi), 2, 2))
+            out = np.zeros((len(psi), 2, 2))
             out[:, 0, 1] = out[:, 1, 0] = -cos / sine * by_bar
             out[:, 1, 1] = by_bar**2 * (self.lever / link - cos) / sine - 1.0 / (link * self.lever * sine)
             return out
@@ -297,7 +301,7 @@ def _bar_slopes(Z: Array, lever: Array, rocker: Array, slopes: Slopes) -> Slopes
             out[:, i, j] = out[:, j, i] = (bent - each[i] * each[j]).imag
         return out
 
-    return Slopes(np.stack([e.imag for e in each], axis=1), second)
+    return Slopes(np.array([e.imag for e in each]).T, second)
 
 
 def _may_carry(robot: RobotFacts, driver: str, driven: str) -> bool:

@@ -104,7 +104,12 @@ def _inputs(count: int, sign: float) -> tuple[Array, Array]:
 
 def slope_by_inputs(slopes: Slopes, sign: float) -> Array:
     """The first derivatives by u (N, m + 1), see `_inputs`."""
-    return slopes.first @ _inputs(slopes.first.shape[1], sign)[0]
+    return (_inputs(slopes.first.shape[1], sign)[0].T @ slopes.first.T).T
+
+
+def zeros(batch: int, *shape: int) -> Array:
+    """(N, ...) zeros. What is of one entry at all poses lies together in memory: it is written and read so."""
+    return np.moveaxis(np.zeros((*shape, batch)), -1, 0)
 
 
 def bend_by_inputs(slopes: Slopes, sign: float) -> Array:
@@ -120,7 +125,7 @@ def driven_term(q_driver: Array, q_driven: Array, slopes: Callable[[], Slopes], 
 
     def first() -> Array:
         by_u = slope_by_inputs(slopes(), sign)
-        q_u = np.zeros((len(by_u), 2, by_u.shape[1]))
+        q_u = zeros(len(by_u), 2, by_u.shape[1])
         q_u[:, 0, 0] = 1.0
         q_u[:, 1] = sign * by_u
         return q_u
@@ -131,7 +136,7 @@ def driven_term(q_driver: Array, q_driven: Array, slopes: Callable[[], Slopes], 
         q_uu[:, 1] = sign * by_u
         return q_uu
 
-    return LoopTerm(np.stack([q_driver, q_driven], axis=1), first, second)
+    return LoopTerm(np.array([q_driver, q_driven]).T, first, second)
 
 
 def with_branches(term: LoopTerm, turned: LoopTerm, own: Array) -> LoopTerm:
@@ -145,7 +150,7 @@ def with_branches(term: LoopTerm, turned: LoopTerm, own: Array) -> LoopTerm:
 
     def first() -> Array:
         inputs = term.q_u.shape[2]
-        q_u = np.zeros((batch, k + b, inputs + b))
+        q_u = zeros(batch, k + b, inputs + b)
         q_u[:, :k, places(inputs)], q_u[:, k:, places(inputs)] = term.q_u, turned.q_u
         q_u[:, range(k, k + b), range(k, k + b)] = 1.0
         return q_u
@@ -156,7 +161,7 @@ def with_branches(term: LoopTerm, turned: LoopTerm, own: Array) -> LoopTerm:
         q_uu[:, :k, at[:, None], at], q_uu[:, k:, at[:, None], at] = term.q_uu, turned.q_uu
         return q_uu
 
-    return LoopTerm(np.concatenate([term.q, turned.q + own], axis=1), first, second)
+    return LoopTerm(np.concatenate([term.q.T, (turned.q + own).T]).T, first, second)
 
 
 @lru_cache(maxsize=256)

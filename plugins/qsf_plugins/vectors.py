@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from qsframework.plugin import Array
+from qsframework.plugin import Array, cos_sin
 
 
 def skew(v: Array) -> Array:
@@ -16,8 +16,8 @@ def skew(v: Array) -> Array:
 
 def turns(axis: Array, angle: Array) -> Array:
     """Rotations (N, 3, 3) about one unit axis by angles (N,)."""
-    cross = skew(np.asarray(axis, dtype=float))
-    return np.eye(3) + np.sin(angle)[:, None, None] * cross + (1.0 - np.cos(angle))[:, None, None] * (cross @ cross)
+    cross, (cos, sin) = skew(np.asarray(axis, dtype=float)), cos_sin(angle)
+    return np.eye(3) + sin[:, None, None] * cross + (1.0 - cos)[:, None, None] * (cross @ cross)
 
 
 def rotation(v: Array) -> Array:

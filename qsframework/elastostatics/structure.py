@@ -16,6 +16,10 @@ from qsframework.plugin import Array, Effect, Geometry, Loop, Parameter, Poses, 
 
 CHUNK = 4096
 """Poses worked on at a time, so that a batch stays in the processor's cache."""
+# Of what is freed, the C library keeps twice the largest array that was ever freed, of at most 32 MiB. The rest the
+# system takes back and clears page by page when it is asked for again, which took batches longer than their arithmetic.
+# So one large array is freed at once; none of its pages is touched.
+np.empty(31 << 20, dtype=np.uint8)
 K = TypeVar("K", bound=Effect)
 
 

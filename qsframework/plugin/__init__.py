@@ -1,6 +1,7 @@
 """The public API for effects: everything that a third party's plugin imports comes from here."""
 
 from qsframework.errors import InputError, Problem
+from qsframework.plugin.angles import cos_sin
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.check import check_effect
 from qsframework.plugin.facts import Array, Branch, Conditions, Context, Indices, Poses, RobotFacts
@@ -93,6 +94,7 @@ __all__ = [
     "by_torque",
     "check_effect",
     "circular",
+    "cos_sin",
     "find",
     "magnitude",
     "place",

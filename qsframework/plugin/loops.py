@@ -75,18 +75,18 @@ def follow(loops: Sequence[Loop], q: Array, robot: RobotFacts) -> Array:
 
     Joints that no actuator drives and branches stand where their perfect loops hold them.
     """
-    out = np.concatenate([q, np.zeros((len(q), len(robot.branches)))], axis=1)
+    out = np.concatenate([q.T, np.zeros((len(robot.branches), len(q)))])
     for loop in in_order(loops, robot):
-        tied = loop.joints(robot)
-        held = [joint not in robot.driven and joint in own_joints(loop, robot) for joint in tied]
-        if not any(held):
+        tied, own, leaders = loop.joints(robot), own_joints(loop, robot), loop.leaders(robot)
+        held = [i for i, joint in enumerate(tied) if joint not in robot.driven and joint in own]
+        if not held:
             continue
-        at = [robot.turning_index(joint) for joint in tied]
-        lead = [joint in loop.leaders(robot) for joint in tied]
-        phi = np.where(held, 0.0, out[:, at])
-        if not all(h or a for h, a in zip(held, lead, strict=True)):
-            phi = np.where(np.array(held) | lead, phi, loop.actuators(out[:, at], robot))
+        at = np.array([robot.turning_index(joint) for joint in tied])
+        phi = out[at]
+        others = [i for i, joint in enumerate(tied) if i not in held and joint not in leaders]
+        if others:
+            phi[others] = loop.actuators(out[at].T, robot).T[others]
+        phi[held] = 0.0
         bars = np.zeros((len(q), len(loop.parameters(robot))))
-        context = Context(robot, Poses(q, q, np.zeros((len(q), 6))))
-        out[:, at] = np.where(held, closure(loop, phi, bars, context).q, out[:, at])
-    return out
+        out[at[held]] = closure(loop, phi.T, bars, Context(robot, Poses(q, q, np.zeros((len(q), 6))))).q.T[held]
+    return out.T

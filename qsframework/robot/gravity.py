@@ -11,10 +11,13 @@ from qsframework.robot.kinematics import SMALL, Chain, Frames, Twists, cross, tw
 def element_gravity(placed: Frames, moments: Array, gravity: Array) -> Array:
     """Torque of the masses on every element of the chain, (m, N) N m: g . (z x (h - M o)), see `mass_levers`."""
     levers, masses = mass_levers(placed, moments)
-    torque = np.einsum("ecn,ecn->en", cross(gravity[:, None], placed.axes), levers)
+    axes, torque = placed.axes, np.zeros(levers[:, 0].shape)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        if gravity[i] != 0.0:
+            torque += gravity[i] * (axes[:, j] * levers[:, k] - axes[:, k] * levers[:, j])
     for e, element in enumerate(placed.chain.elements):
         if not element.rotation:
-            torque[e] = masses[e] * (gravity @ placed.axes[e])
+            torque[e] = masses[e] * (gravity @ axes[e])
     return torque
 
 

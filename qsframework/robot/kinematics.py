@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
+from qsframework.plugin.angles import cos_sin
 from qsframework.plugin.facts import Array, RobotFacts
 
 Terms = tuple[tuple[int, float], ...]
@@ -177,16 +178,12 @@ Move = tuple[Array, ...]
 
 
 def _moves(chain: Chain, coordinates: Sequence[Array | None]) -> list[Move | None]:
-    """The moves of the elements, None of those that stay. Of all angles at once, by the tangent of their halves: numpy
-    has a tangent eight times as fast as its sine."""
+    """The moves of the elements, None of those that stay."""
     out: list[Move | None] = [None if value is None else (value,) for value in coordinates]
     turned = [e for e, value in enumerate(coordinates) if value is not None and chain.elements[e].rotation]
     if turned:
-        half = np.tan(0.5 * np.array([coordinates[e] for e in turned]))
-        square = half * half
-        share = 1.0 / (1.0 + square)
-        for e, cos, sin in zip(turned, (1.0 - square) * share, 2.0 * half * share, strict=True):
-            out[e] = cos, sin
+        for e, *move in zip(turned, *cos_sin(np.array([coordinates[e] for e in turned])), strict=True):
+            out[e] = tuple(move)
     return out
 
 
@@ -237,8 +234,9 @@ def _rotate(columns: list[Array], element: Element, cos: Array, sin: Array) -> l
 def _about(columns: list[Array], main: int, cos: Array, sin: Array) -> list[Array]:
     a, b = _CYCLE[main]
     turned = list(columns)
-    turned[a] = columns[a] * cos + columns[b] * sin
-    turned[b] = columns[b] * cos - columns[a] * sin
+    turned[a], turned[b] = columns[a] * cos, columns[b] * cos
+    turned[a] += columns[b] * sin
+    turned[b] -= columns[a] * sin
     return turned
 
 
