@@ -21,6 +21,8 @@ from qsframework.plugin import Array, Indices
 
 _SEEN = 2.0
 """Size in units of the noise below which no reading tells two motions apart."""
+_ALIKE = 1e-3
+"""By how much two sizes differ: of places that come equally close the order is that of the arm, not of rounding."""
 _ZERO = 1e-6
 """Of the largest singular value of a visit: directions below are none."""
 _MOST = 20_000_000
@@ -46,7 +48,7 @@ def same_motion(moved: Motions, block: Block, fits: Reml, values: Array) -> tupl
         s = _left(white, beside) / np.sqrt(noise)
         if s < min(_SEEN, found.get(law.where, (_SEEN, law))[0]):
             found[law.where] = s, law
-    return tuple(law for _, law in sorted(found.values(), key=lambda x: x[0]))
+    return tuple(law for _, law in sorted(found.values(), key=lambda x: round(x[0] / _ALIKE)))
 
 
 def _anything(moved: Motions) -> Iterator[tuple[Law, Array]]:
