@@ -8,6 +8,7 @@ from functools import cache
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 
 from qsf_plugins.planar_loop import (
     FLAT,
@@ -39,6 +40,7 @@ from qsframework.plugin import (
     setting,
 )
 
+Complex = npt.NDArray[np.complex128]
 _SHORTEST = 1e-6
 """m between two axes that are not one."""
 _APART = 1e-3
@@ -205,7 +207,7 @@ class Parallelogram(Loop):
 
         return LoopTerm(senses * np.array(angles).T, first, second)
 
-    def _bar_vector(self, psi: Array, swing: Array, link: float) -> tuple[Array, Array, Array]:
+    def _bar_vector(self, psi: Array, swing: Array, link: float) -> tuple[Complex, Complex, Complex]:
         """The bar Z = L + a e^(i rho) - a e^(i psi) from the lever's end, with its two levers, complex (N,) m."""
         cos, sin = cos_sin(psi)
         lever = self.lever * (cos + 1j * sin)
@@ -287,7 +289,7 @@ class Parallelogram(Loop):
         return planar_outline(robot, self.driver, self.driven, q, side, side)
 
 
-def _bar_slopes(Z: Array, lever: Array, rocker: Array, slopes: Slopes) -> Slopes:
+def _bar_slopes(Z: Complex, lever: Complex, rocker: Complex, slopes: Slopes) -> Slopes:
     """beta, the angle of the bar Z from link 2, by y = (psi, bar); slopes: those of rho."""
     # one contiguous array for each entry: of complex matrices (N, 2, 2) numpy is several times slower
     lever, rocker = lever / Z, rocker / Z
