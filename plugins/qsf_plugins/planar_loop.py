@@ -13,7 +13,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.plugin import Array, Indices, InputError, LoopTerm, Problem, RobotFacts
+from qsframework.plugin import Array, InputError, LoopTerm, Problem, RobotFacts
 
 FLAT = 1e-6
 """Sine of the transmission angle under which a loop counts as flat."""
@@ -143,22 +143,22 @@ def with_branches(term: LoopTerm, turned: LoopTerm, own: Array) -> LoopTerm:
     """A loop over k joints and m bars that also turns b branches: by its own inputs, as `turned` has them, and by what
     theirs (N, b) add."""
     (batch, k), b = term.q.shape, own.shape[1]
-
-    def places(inputs: int) -> Indices:
-        """Where the loop's own inputs stand among all."""
-        return np.array([*range(k), *range(k + b, inputs + b)], dtype=np.intp)
+    # its own inputs, k angles and the bars, among all: before the branches' angles and after them
+    places = ((slice(0, k), slice(0, k)), (slice(k, None), slice(k + b, None)))
 
     def first() -> Array:
-        inputs = term.q_u.shape[2]
-        q_u = zeros(batch, k + b, inputs + b)
-        q_u[:, :k, places(inputs)], q_u[:, k:, places(inputs)] = term.q_u, turned.q_u
+        q_u = zeros(batch, k + b, term.q_u.shape[2] + b)
+        for i, at in places:
+            q_u[:, :k, at], q_u[:, k:, at] = term.q_u[:, :, i], turned.q_u[:, :, i]
         q_u[:, range(k, k + b), range(k, k + b)] = 1.0
         return q_u
 
     def second() -> Array:
-        inputs = term.q_uu.shape[2]
-        q_uu, at = np.zeros((batch, k + b, inputs + b, inputs + b)), places(inputs)
-        q_uu[:, :k, at[:, None], at], q_uu[:, k:, at[:, None], at] = term.q_uu, turned.q_uu
+        inputs = term.q_uu.shape[2] + b
+        q_uu = np.zeros((batch, k + b, inputs, inputs))
+        for i, at in places:
+            for j, to in places:
+                q_uu[:, :k, at, to], q_uu[:, k:, at, to] = term.q_uu[:, :, i, j], turned.q_uu[:, :, i, j]
         return q_uu
 
     return LoopTerm(np.concatenate([term.q.T, (turned.q + own).T]).T, first, second)

@@ -144,8 +144,9 @@ def _rates(
         local = place.joints if kind == "actuator" else place.bars
         if index in local:
             column = local.index(index) + (0 if kind == "actuator" else len(place.joints))
-            rates = [(layout.joint_elements[j], term.q_u[:, i, column] * factor) for i, j in enumerate(place.joints)]
-            return [(e, rate) for e, rate in rates if np.any(rate)]
+            slopes = [(layout.joint_elements[j], term.q_u[:, i, column]) for i, j in enumerate(place.joints)]
+            whole = isinstance(factor, float) and factor == 1.0
+            return [(e, slope if whole else slope * factor) for e, slope in slopes if np.any(slope)]
     return [(layout.joint_elements[index], factor)]
 
 
