@@ -145,8 +145,7 @@ def _rates(
         if index in local:
             column = local.index(index) + (0 if kind == "actuator" else len(place.joints))
             slopes = [(layout.joint_elements[j], term.q_u[:, i, column]) for i, j in enumerate(place.joints)]
-            whole = isinstance(factor, float) and factor == 1.0
-            return [(e, slope if whole else slope * factor) for e, slope in slopes if np.any(slope)]
+            return [(e, _times(slope, factor)) for e, slope in slopes if np.any(slope)]
     return [(layout.joint_elements[index], factor)]
 
 
@@ -218,5 +217,10 @@ def combine(coefficients: Coefficients, columns: Array) -> Array:
     for row, terms in zip(out, coefficients, strict=True):
         for e, rate in terms:
             if e < upstream:
-                row += columns[e] if isinstance(rate, float) and rate == 1.0 else columns[e] * rate
+                row += _times(columns[e], rate)
     return out
+
+
+def _times(values: Array, factor: Array | float) -> Array:
+    """values factor; the values themselves where it is the number 1, as of most springs."""
+    return values if isinstance(factor, float) and factor == 1.0 else values * factor

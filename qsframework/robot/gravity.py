@@ -24,14 +24,10 @@ def element_gravity(placed: Frames, moments: Array, gravity: Array) -> Array:
 def mass_columns(placed: Frames, moments: Array) -> tuple[Twists, ...]:
     """Jacobians of the sums of mass times position: of each branch, and of all links of the arm together."""
     stops, weighs = len(placed.chain.stops), np.any(moments, axis=1)
-    out = [_branch_column(placed, int(link), moments[link]) for link in np.flatnonzero(weighs) if link >= stops]
+    weights = _weights(placed.positions[stops:], placed.rotations[stops:], moments[stops:])
+    branches = [link for link in np.flatnonzero(weighs).tolist() if link >= stops]
+    out = [twists(placed, link, weights[link - stops], moments[link, 0]) for link in branches]
     return (*out, _arm_column(placed, moments[:stops])) if np.any(weighs[:stops]) else tuple(out)
-
-
-def _branch_column(placed: Frames, link: int, moments: Array) -> Twists:
-    mass, r = moments[0], placed.rotations[link]
-    weight = mass * placed.positions[link] + sum(m * r[i] for i, m in enumerate(moments[1:]))
-    return twists(placed, link, weight, mass)
 
 
 def _arm_column(placed: Frames, moments: Array) -> Twists:
@@ -57,7 +53,7 @@ def mass_levers(placed: Frames, moments: Array) -> tuple[Array, list[float]]:
     """h - M o (m, 3, N) kg m and M kg for every element of the chain: the summed mass M and mass moment h of all links
     after it. A branch hangs on its link with its own weight."""
     chain, moments = placed.chain, moments[: len(placed.positions)]
-    masses, weights = moments[:, 0].tolist(), _weights(placed, moments)
+    masses, weights = moments[:, 0].tolist(), _weights(placed.positions, placed.rotations, moments)
     behind, carried = np.empty_like(placed.axes), [0.0] * len(chain)
     for i in range(len(chain.limbs) - 1, -1, -1):
         e, link, parent = chain.arm + i, len(chain.stops) + i, chain.limbs[i]
@@ -74,15 +70,13 @@ def mass_levers(placed: Frames, moments: Array) -> tuple[Array, list[float]]:
     return behind, carried
 
 
-def _weights(placed: Frames, moments: Array) -> Array:
-    """Mass times position of every body, (links, 3, N) kg m."""
-    if placed.positions.size <= SMALL:
-        own = np.einsum("lk,lkcn->lcn", moments[:, 1:], placed.rotations)
-        return np.asarray(moments[:, 0, None, None] * placed.positions + own)
-    out = np.empty_like(placed.positions)
-    for weight, (mass, *arm), position, columns in zip(
-        out, moments.tolist(), placed.positions, placed.rotations, strict=True
-    ):
+def _weights(positions: Array, rotations: Array, moments: Array) -> Array:
+    """Mass times position of bodies, (links, 3, N) kg m."""
+    if positions.size <= SMALL:
+        own = np.einsum("lk,lkcn->lcn", moments[:, 1:], rotations)
+        return np.asarray(moments[:, 0, None, None] * positions + own)
+    out = np.empty_like(positions)
+    for weight, (mass, *arm), position, columns in zip(out, moments.tolist(), positions, rotations, strict=True):
         np.multiply(position, mass, out=weight)
         for moment, column in zip(arm, columns, strict=True):
             if moment != 0.0:

@@ -182,8 +182,8 @@ def _moves(chain: Chain, coordinates: Sequence[Array | None]) -> list[Move | Non
     out: list[Move | None] = [None if value is None else (value,) for value in coordinates]
     turned = [e for e, value in enumerate(coordinates) if value is not None and chain.elements[e].rotation]
     if turned:
-        for e, *move in zip(turned, *cos_sin(np.array([coordinates[e] for e in turned])), strict=True):
-            out[e] = tuple(move)
+        for e, cos, sin in zip(turned, *cos_sin(np.array([coordinates[e] for e in turned])), strict=True):
+            out[e] = cos, sin
     return out
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from qsframework.elastostatics.structure import CHUNK
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import left, orthonormal, rms, scales
 from qsframework.experiment import Experiment, Frame, Readings, bridge, make_rows
@@ -84,8 +85,6 @@ _NO_FURTHER = 2.0
 """How much larger the residuals of a linear fit may be where exact fits may turn out the other way."""
 _FAR = 3.0
 """How many times further from the nominal arm than as given positions are beyond any fit: derivatives cost more."""
-_POSES = 4096
-"""States that the model is asked for at once."""
 _APART = 0.5
 """How far, in log, the compliances may scatter about their common factor."""
 
@@ -449,7 +448,7 @@ def _trials(changes: Sequence[Change], given: LinearizedFit) -> list[LinearizedF
             alike[0].append(i)
         else:  # values in frames that are known
             out[i] = replace(given, rows=rows, errors=given.errors + rows.scalars - given.rows.scalars)
-    step = max(1, _POSES // len(before.states))
+    step = max(1, CHUNK // len(before.states))
     for some in (places[k : k + step] for places in alike for k in range(0, len(places), step)):
         for i, trial in zip(some, _together([changes[i].readings for i in some], given), strict=True):
             out[i] = trial
