@@ -3,7 +3,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test coverage docs pictures bench lock audit licences sbom clean
+.PHONY: help install demo test size coverage docs pictures bench lock audit licences sbom clean
 
 PYTHON ?= $(shell command -v python3.11 || echo python3)
 VENV := .venv
@@ -48,6 +48,9 @@ test: $(DONE)  ## lint, format, types and all tests
 	@PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright --pythonpath $(BIN)/python & types=$$!; failed=0; \
 		$(ONE_THREAD) $(BIN)/python -m pytest $(TWO) || failed=$$?; \
 		wait $$types || { failed=$$?; echo "pyright found errors: they stand above, among the tests' dots"; }; exit $$failed
+
+size:  ## lines of code, tokens, files and mean line of the library, plugins, templates and tests
+	@$(PYTHON) tests/size_table.py
 
 coverage: $(DONE)  ## branch coverage of the library, package by package; 95 % of the five that compute
 	@mkdir -p build
