@@ -59,7 +59,7 @@ def same(name: str, what: str, words: str) -> Job:
 
 M900IB = "{examples}/m900ib/experiment.yaml"
 R2000IC = "identify {examples}/r2000ic/experiment.yaml"
-UR10 = "identify {examples}/ur10/experiment.yaml --data {examples}/ur10"
+UR10 = "identify {examples}/ur10/experiment.yaml {examples}/ur10"
 SIMULATE = f"simulate {M900IB} {{examples}}/m900ib/table5.csv --output made.csv"
 MANY = "identify {made}/experiment.yaml"
 JOBS = (

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import difflib
-import functools
-import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import ParamSpec, TypedDict, TypeVar
 
@@ -16,7 +14,6 @@ __all__ = [
     "NotIdentifiable",
     "PluginError",
     "Problem",
-    "QsfDeprecation",
     "QsfError",
 ]
 _P = ParamSpec("_P")
@@ -123,35 +120,3 @@ def nearest(name: str, allowed: Iterable[str]) -> str | None:
     known = {word.lower(): word for word in allowed}
     close = difflib.get_close_matches(name.lower(), list(known), n=1, cutoff=0.5)
     return f"Did you mean {known[close[0]]!r}?" if close else None
-
-
-class QsfDeprecation(FutureWarning):
-    """Something public that a later release will not have; shown to users, not only to developers."""
-
-
-def deprecated(instead: str, since: str, until: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
-    """Mark a public function that will go; its first call in a process warns, naming the caller's line.
-
-    instead: what to use; since: the release that first warned; until: the release that no longer has it
-    """
-
-    def mark(function: Callable[_P, _R]) -> Callable[_P, _R]:
-        name = f"{function.__module__}.{function.__qualname__}"
-        words = f"{name} is deprecated since {since} and goes in {until}; use {instead}"
-        told: list[str] = []
-
-        @functools.wraps(function)
-        def call(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-            if not told:
-                told.append(words)
-                warnings.warn(words, QsfDeprecation, stacklevel=2)
-            return function(*args, **kwargs)
-
-        DEPRECATED[name] = until
-        return call
-
-    return mark
-
-
-DEPRECATED: dict[str, str] = {}
-"""Everything that is marked, and the release in which it goes: a release must not be made with what is due."""

@@ -1,4 +1,4 @@
-"""A plan as a file for the robot's controller, read back before it is called good."""
+"""A plan as a file for the robot's controller."""
 
 from __future__ import annotations
 
@@ -8,18 +8,13 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from qsframework.applications.export_fanuc import parse_fanuc, write_fanuc
-from qsframework.applications.export_krl import parse_krl, write_krl
-from qsframework.applications.export_rapid import parse_rapid, write_rapid
-from qsframework.applications.export_readback import Parsed, Stop, wrong
-from qsframework.applications.export_urscript import parse_urscript, write_urscript
+from qsframework.applications.export_fanuc import write_fanuc
+from qsframework.applications.export_krl import write_krl
+from qsframework.applications.export_rapid import write_rapid
+from qsframework.applications.export_urscript import write_urscript
 from qsframework.applications.programme import Programme
 from qsframework.errors import InputError, Problem, nearest
-from qsframework.experiment import Plan
-from qsframework.files import read_text, write_text
-from qsframework.units import JointUnits
+from qsframework.files import write_text
 
 FORMATS = ("fanuc-ls", "krl", "rapid", "urscript", "csv")
 ENDINGS = {"fanuc-ls": (".ls",), "krl": (".src", ".dat"), "rapid": (".mod",), "urscript": (".script",), "csv": ()}
@@ -33,8 +28,8 @@ _NAME = re.compile(r"[A-Za-z0-9_.+-]{1,16}")
 """A pose's name that every format can hold."""
 
 
-def export(programme: Programme, plan: Plan, to: str, path: str | Path) -> tuple[Path, ...]:
-    """Write the programme in one of the FORMATS, read it back, and return the files.
+def export(programme: Programme, to: str, path: str | Path) -> tuple[Path, ...]:
+    """Write the programme in one of the FORMATS and return the files.
 
     InputError for another maker's robot, or names that the format cannot hold.
     """
@@ -44,21 +39,14 @@ def export(programme: Programme, plan: Plan, to: str, path: str | Path) -> tuple
     programme = _with_frames(programme, to)
     if to == "krl":
         src, dat = write_krl(programme, path.stem)
-        _proof(parse_krl(src, dat), programme, plan)
         return write_text(path.with_suffix(".src"), src), write_text(path.with_suffix(".dat"), dat)
     if to == "fanuc-ls":
-        text = write_fanuc(programme, re.sub(r"\W", "_", path.stem).upper())
-        _proof(parse_fanuc(text), programme, plan)
-    elif to == "rapid":
-        text = write_rapid(programme, path.stem)
-        _proof(parse_rapid(text), programme, plan)
-    elif to == "urscript":
-        text = write_urscript(programme, path.stem)
-        _proof(parse_urscript(text), programme, plan)
-    else:
-        text = write_csv(programme)
-        _proof(parse_csv(text), programme, plan)
-    return (write_text(path, text),)
+        return (write_text(path, write_fanuc(programme, re.sub(r"\W", "_", path.stem).upper())),)
+    if to == "rapid":
+        return (write_text(path, write_rapid(programme, path.stem)),)
+    if to == "urscript":
+        return (write_text(path, write_urscript(programme, path.stem)),)
+    return (write_text(path, write_csv(programme)),)
 
 
 def _with_frames(programme: Programme, to: str) -> Programme:
@@ -80,35 +68,6 @@ def _with_frames(programme: Programme, to: str) -> Programme:
     if problems:
         raise InputError(problems)
     return made
-
-
-def read_export(path: str | Path) -> Parsed:
-    """Read back a file that `export` wrote, by its ending: .ls, .src (with its .dat), .mod, .script or .csv.
-
-    InputError where it has been spoilt since.
-    """
-    path = Path(path)
-    try:
-        parsed = _parsed(path)
-    except InputError as error:
-        raise InputError([replace(p, file=p.file or str(path)) for p in error.problems]) from error
-    except (ValueError, IndexError, KeyError, TypeError, csv.Error) as error:
-        raise InputError(Problem(f"is no file of `qsf export`: {error}", file=str(path))) from error
-    angles = [stop.pendant for stop in parsed.stops]
-    if not angles or any(a.shape != angles[0].shape or not np.isfinite(a).all() or not a.size for a in angles):
-        raise InputError(Problem("does not hold the same number of finite angles at every stop", file=str(path)))
-    if not all(np.isfinite(stop.pause or 0.0) for stop in parsed.stops):
-        raise InputError(Problem("holds a pause that is no finite number", file=str(path)))
-    return parsed
-
-
-def _parsed(path: Path) -> Parsed:
-    ending = path.suffix.lower()
-    text = read_text(path)
-    if ending in (".src", ".dat"):
-        return parse_krl(read_text(path.with_suffix(".src")), read_text(path.with_suffix(".dat")))
-    parsers = {".ls": parse_fanuc, ".mod": parse_rapid, ".script": parse_urscript}
-    return parsers.get(ending, parse_csv)(text)
 
 
 def check_format(programme: Programme, to: str) -> None:
@@ -146,12 +105,6 @@ def _check_names(programme: Programme) -> None:
         raise InputError(problems)
 
 
-def _proof(parsed: Parsed, programme: Programme, plan: Plan) -> None:
-    found = [*parsed.differences(programme), *parsed.plan_differences(plan)]
-    if found:
-        raise InputError(f"the exported file does not say what the plan says, so it was not written: {found[0]}")
-
-
 def write_csv(programme: Programme) -> str:
     """One row per stop, in the order of the way."""
     stream = io.StringIO()
@@ -167,28 +120,3 @@ def write_csv(programme: Programme) -> str:
         force = [f"{f:g}" for f in move.force]
         writer.writerow([i, move.pose, move.repeat, *degrees, programme.speed, pause, move.load, *force])
     return stream.getvalue()
-
-
-def parse_csv(text: str) -> Parsed:
-    """Read a table that `write_csv` wrote."""
-    robot = re.match(r"# robot: (\S+)\n", text)
-    lines = [line for line in text.splitlines() if not line.startswith("#")]
-    rows = list(csv.DictReader(lines))
-    if robot is None or not rows or not {"stop", "pose", "visit", "pause_s"} <= rows[0].keys():
-        raise wrong("is no table of `qsf export`")
-    angles = [name for name in rows[0] if re.fullmatch(r"q\d+_(deg|mm)", name)]
-    joints = JointUnits(tuple(name.endswith("mm") for name in angles))
-    return Parsed(
-        robot[1],
-        tuple(
-            Stop(
-                r["pose"],
-                int(r["visit"]),
-                joints.si([float(r[a]) for a in angles]),
-                int(r["speed_percent"]),
-                None if r["pause_s"] == "hold" else float(r["pause_s"]),
-                r.get("load") or "",
-            )
-            for r in rows
-        ),
-    )

@@ -1,4 +1,4 @@
-"""A programme as a FANUC TP listing (.ls), in joint angles, and back.
+"""A programme as a FANUC TP listing (.ls), in joint angles.
 
 Joint positions are what the pendant shows; J3 of a FANUC is what robot.yaml's `controller:` says it is.
 """
@@ -9,8 +9,7 @@ import re
 
 import numpy as np
 
-from qsframework.applications.controller_axes import axes_remark, axis_names, remarked_axes
-from qsframework.applications.export_readback import Parsed, Stop, bad_name, plain, wrong
+from qsframework.applications.controller_names import axes_remark, axis_names, bad_name, plain
 from qsframework.applications.programme import Move, Programme
 
 _REMARK = 32
@@ -91,42 +90,3 @@ def _position(index: int, move: Move, names: tuple[str, ...], where: str) -> str
     rows = [",\t".join(cells[s : s + _PER_LINE]) for s in range(0, len(cells), _PER_LINE)]
     label = f':"{move.pose[:16]}"' if move.measured else ""
     return f"P[{index}{label}]{{\n   GP1:\n\t{where},\t\n\t" + ",\n\t".join(rows) + "\n};"
-
-
-_MOVE = re.compile(r"\s*\d+:\s*J P\[(\d+)\] (\d+)% FINE\s*;")
-_VISIT = re.compile(r"\s*\d+:\s*!(\S+) visit (\d+) ;")
-_LOAD = re.compile(r"\s*\d+:\s*!(?:now hang|load) (\S+) ;")
-_WAIT = re.compile(r"\s*\d+:\s*(?:WAIT\s+([\d.]+)\(sec\)|(PAUSE)) ;")
-_FRAMES = re.compile(r"UF : (\d+), UT : (\d+),")
-_POINT = re.compile(r"P\[(\d+)[^\]]*\]\{(.*?)\};", re.DOTALL)
-
-
-def parse_fanuc(text: str) -> Parsed:
-    """Read a listing that `write_fanuc` wrote."""
-    robot = re.search(r"!robot (\S+) ;", text)
-    if not text.startswith("/PROG") or robot is None or "/POS" not in text:
-        raise wrong("is no listing of `qsf export`")
-    body, positions = text.split("/POS", 1)
-    stated = {int(m[1]): dict(re.findall(r"([JE]\d)=\s*(-?[\d.]+) deg", m[2])) for m in _POINT.finditer(positions)}
-    points = {
-        i: np.deg2rad([float(cells[axis]) for axis in remarked_axes(body, "!", "J", len(cells))])
-        for i, cells in stated.items()
-    }
-    frame, tool = (re.search(rf"{what}_NUM=(\d+) ;", body) for what in ("UFRAME", "UTOOL"))
-    if frame is None or tool is None or set(_FRAMES.findall(positions)) - {(frame[1], tool[1])}:
-        raise wrong("does not state one tool and one user frame")
-    stops: list[Stop] = []
-    visit: tuple[str, int] = ("", 0)
-    for line in body.splitlines():
-        if match := _VISIT.fullmatch(line):
-            visit = (match[1], int(match[2]))
-        elif match := _LOAD.fullmatch(line):
-            stops[-1] = stops[-1].hanging(match[1])
-        elif match := _MOVE.fullmatch(line):
-            if int(match[1]) not in points:
-                raise wrong(f"P[{match[1]}] has no position")
-            stops.append(Stop(*visit, points[int(match[1])], int(match[2]), 0.0))
-            visit = ("", 0)
-        elif match := _WAIT.fullmatch(line):
-            stops[-1] = stops[-1].waiting(None if match[2] else float(match[1]))
-    return Parsed(robot[1], tuple(stops), tool[1], frame[1])

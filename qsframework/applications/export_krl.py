@@ -1,4 +1,4 @@
-"""A programme in the KUKA robot language: .src with the motion, .dat with the points, in joint angles, and back."""
+"""A programme in the KUKA robot language: .src with the motion, .dat with the points, in joint angles."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import re
 
 import numpy as np
 
-from qsframework.applications.controller_axes import MOST, axes_remark, axis_names, remarked_axes, six_axes
-from qsframework.applications.export_readback import Parsed, Stop, bad_name, plain, wrong
+from qsframework.applications.controller_names import MOST, axes_remark, axis_names, bad_name, plain, six_axes
 from qsframework.applications.programme import Programme
 
 
@@ -59,36 +58,3 @@ def _stopped(load: str, pause: float | None) -> list[str]:
 
 
 _AXES = tuple(f"{letter}{k}" for letter in "AE" for k in range(1, MOST + 1))
-_POINT = re.compile(r"DECL E6AXIS XP(\d+)=\{([^}]*)\}")
-_VISIT = re.compile(r";pose (\S+) visit (\d+)")
-_LOAD = re.compile(r";(?:now hang|load) (\S+)")
-
-
-def parse_krl(src: str, dat: str) -> Parsed:
-    """Read a pair of files that `write_krl` wrote."""
-    robot, speed = re.search(r"^;robot (\S+)$", src, re.MULTILINE), re.search(r"\$VEL_AXIS\[K\]=(\d+)", src)
-    if robot is None or speed is None:
-        raise wrong("is no module of `qsf export`")
-    order = remarked_axes(src, ";", "A", MOST)
-    stated = {int(m[1]): dict(re.findall(r"([AE]\d) (-?[\d.]+)", m[2])) for m in _POINT.finditer(dat)}
-    points = {i: np.deg2rad([float(cells[axis]) for axis in order]) for i, cells in stated.items()}
-    tool, frame = (re.search(rf"^BAS\(#{what},(\d+)\)$", src, re.MULTILINE) for what in ("TOOL", "BASE"))
-    if tool is None or frame is None:
-        raise wrong("does not say its tool and its base")
-    stops: list[Stop] = []
-    visit: tuple[str, int] = ("", 0)
-    for line in src.splitlines():
-        if match := _LOAD.fullmatch(line):
-            stops[-1] = stops[-1].hanging(match[1])
-        elif match := _VISIT.fullmatch(line):
-            visit = (match[1], int(match[2]))
-        elif match := re.fullmatch(r"PTP XP(\d+)", line):
-            if int(match[1]) not in points:
-                raise wrong(f"XP{match[1]} has no position in the .dat")
-            stops.append(Stop(*visit, points[int(match[1])], int(speed[1]), 0.0))
-            visit = ("", 0)
-        elif match := re.fullmatch(r"WAIT SEC ([\d.]+)", line):
-            stops[-1] = stops[-1].waiting(float(match[1]))
-        elif line == "HALT":
-            stops[-1] = stops[-1].waiting(None)
-    return Parsed(robot[1], tuple(stops), tool[1], frame[1])

@@ -1,4 +1,4 @@
-"""A programme as an ABB RAPID module (.mod), in joint angles, and back.
+"""A programme as an ABB RAPID module (.mod), in joint angles.
 
 RAPID knows no share of each joint's largest speed: `VelSet` takes the share of `vmax`, the largest of the tool centre
 point and of its turning.
@@ -10,10 +10,8 @@ import re
 
 import numpy as np
 
-from qsframework.applications.controller_axes import MOST, axes_remark, axis_names, remarked_axes, six_axes
-from qsframework.applications.export_readback import Parsed, Stop, bad_name, plain, wrong
+from qsframework.applications.controller_names import MOST, axes_remark, axis_names, bad_name, plain, six_axes
 from qsframework.applications.programme import Programme
-from qsframework.plugin import Array
 
 _FASTEST = 5000
 """mm/s of the tool centre point that `VelSet` allows at most."""
@@ -56,43 +54,3 @@ def _stopped(load: str, pause: float | None) -> list[str]:
     if pause is not None:
         return [*([f"! load {plain(load)}"] if load else []), f"WaitTime\\InPos,{pause:.2f};"]
     return [*([f"! now hang {plain(load)}", "! take it off before the start"] if load else []), "Stop;"]
-
-
-_POINT = re.compile(r"\s*LOCAL CONST jointtarget jp(\d+):=\[\[([^\]]*)\],\[([^\]]*)\]\];")
-_VISIT = re.compile(r"\s*! pose (\S+) visit (\d+)")
-_LOAD = re.compile(r"\s*! (?:now hang|load) (\S+)")
-_MOVE = re.compile(r"\s*MoveAbsJ jp(\d+)\\NoEOffs,vmax,fine,(\w+)\\WObj:=(\w+);")
-_WAIT = re.compile(r"\s*(?:WaitTime\\InPos,([\d.]+)|(Stop));")
-
-
-def parse_rapid(text: str) -> Parsed:
-    """Read a module that `write_rapid` wrote."""
-    robot, speed = re.search(r"^  ! robot (\S+)$", text, re.MULTILINE), re.search(r"VelSet (\d+),", text)
-    if not text.startswith("MODULE ") or robot is None or speed is None or "ENDMODULE" not in text:
-        raise wrong("is no module of `qsf export`")
-    points = {int(m[1]): _angles(m[2], m[3], text) for line in text.splitlines() if (m := _POINT.fullmatch(line))}
-    stops, frames = list[Stop](), set[tuple[str, str]]()
-    visit: tuple[str, int] = ("", 0)
-    for line in text.splitlines():
-        if match := _LOAD.fullmatch(line):
-            stops[-1] = stops[-1].hanging(match[1])
-        elif match := _VISIT.fullmatch(line):
-            visit = (match[1], int(match[2]))
-        elif match := _MOVE.fullmatch(line):
-            if int(match[1]) not in points:
-                raise wrong(f"jp{match[1]} has no position")
-            stops.append(Stop(*visit, points[int(match[1])], int(speed[1]), 0.0))
-            frames.add((match[2], match[3]))
-            visit = ("", 0)
-        elif match := _WAIT.fullmatch(line):
-            stops[-1] = stops[-1].waiting(None if match[2] else float(match[1]))
-    if len(frames) != 1:
-        raise wrong("has no move, or moves in more than one tool or work object")
-    return Parsed(robot[1], tuple(stops), *frames.pop())
-
-
-def _angles(own: str, beside: str, text: str) -> Array:
-    cells = {f"J{k}": v for k, v in enumerate(own.split(","), start=1)}
-    cells |= {f"E{k}": v for k, v in enumerate(beside.split(","), start=1)}
-    used = sum(v != _UNUSED for v in cells.values())
-    return np.deg2rad([float(cells[name]) for name in remarked_axes(text, "!", "J", used)])

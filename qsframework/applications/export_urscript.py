@@ -1,4 +1,4 @@
-"""A programme as a URScript function (.script) of Universal Robots, in joint angles, and back.
+"""A programme as a URScript function (.script) of Universal Robots, in joint angles.
 
 A joint move takes the speed of the joint that turns farthest, in rad/s: the share is of 120 deg/s, the largest of the
 slowest joints that the maker has.
@@ -10,7 +10,7 @@ import re
 
 import numpy as np
 
-from qsframework.applications.export_readback import Parsed, Stop, bad_name, plain, wrong
+from qsframework.applications.controller_names import bad_name, plain
 from qsframework.applications.programme import Programme
 from qsframework.errors import InputError, Problem
 
@@ -57,30 +57,3 @@ def _stopped(visit: str, load: str, pause: float | None) -> list[str]:
     ask = f": now hang {plain(load)}, take it off before you continue" if load else ": nothing hangs here"
     said = [f"  # now hang {plain(load)}", "  # take it off before the start"] if load else []
     return [*said, f'  popup("{visit}{ask}", title="measure", blocking=True)']
-
-
-_VISIT = re.compile(r"  # pose (\S+) visit (\d+)")
-_LOAD = re.compile(r"  # (?:now hang|load) (\S+)")
-_MOVE = re.compile(r"  movej\(\[([-\d., ]+)\], a=[\d.]+, v=([\d.]+)\)")
-_WAIT = re.compile(r"  (?:sleep\(([\d.]+)\)|(popup)\(\".*\", title=\"measure\", blocking=True\))")
-
-
-def parse_urscript(text: str) -> Parsed:
-    """Read a script that `write_urscript` wrote."""
-    robot = re.search(r"^  # robot (\S+)$", text, re.MULTILINE)
-    if not text.startswith("def ") or robot is None or not text.rstrip().endswith("\nend"):
-        raise wrong("is no script of `qsf export`")
-    stops: list[Stop] = []
-    visit: tuple[str, int] = ("", 0)
-    for line in text.splitlines():
-        if match := _LOAD.fullmatch(line):
-            stops[-1] = stops[-1].hanging(match[1])
-        elif match := _VISIT.fullmatch(line):
-            visit = (match[1], int(match[2]))
-        elif match := _MOVE.fullmatch(line):
-            angles = np.array([float(v) for v in match[1].split(",")])
-            stops.append(Stop(*visit, angles, round(100.0 * float(match[2]) / _FASTEST), 0.0))
-            visit = ("", 0)
-        elif match := _WAIT.fullmatch(line):
-            stops[-1] = stops[-1].waiting(None if match[2] else float(match[1]))
-    return Parsed(robot[1], tuple(stops))

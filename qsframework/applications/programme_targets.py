@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from qsframework.applications.compensate import Compensation
-from qsframework.applications.controller_axes import MOST, axis_names
+from qsframework.applications.controller_names import MOST, axis_names
 from qsframework.applications.inverse import TipPose, find_joints, rigid_tip
 from qsframework.applications.programme_points import (
     POSES,

@@ -36,7 +36,7 @@ class ExportWish:
 
 
 def run_export(plan_file: Path, file: Path, output: Path, wish: ExportWish, json: Path | None) -> None:
-    """Order and check the plan, write it for the controller, read it back."""
+    """Order and check the plan, write it for the controller."""
     if wish.to not in FORMATS:
         allowed, hint = ", ".join(FORMATS), nearest(wish.to, FORMATS)
         raise InputError(Problem(f"unknown format {wish.to!r}", allowed=allowed, hint=hint))
@@ -50,11 +50,11 @@ def run_export(plan_file: Path, file: Path, output: Path, wish: ExportWish, json
         programme = make_programme(
             experiment, plan, wish.order, wish.seed, wish.speed, wish.pause, home, tell, str(plan_file)
         )
-    files = export(replace(programme, tool=wish.tool, frame=wish.frame), plan, wish.to, output)
+    files = export(replace(programme, tool=wish.tool, frame=wish.frame), wish.to, output)
     print_folded(words(programme))
     for note in programme.notes:
         print_folded(f"note: {note}")
-    print("written and read back: " + ", ".join(map(str, files)))
+    print("written: " + ", ".join(map(str, files)))
     if json is not None:
         write_json(json, as_json(programme, wish, files))
 
@@ -65,7 +65,7 @@ def plan_of(file: Path, experiment: Experiment) -> Plan:
     if beside.is_file():
         named = json_module.loads(read_text(beside)).get("robot", name)
         if named != name:
-            hint = "Give --experiment of the robot that the plan was made for."
+            hint = "Name the experiment of the robot that the plan was made for."
             raise InputError(
                 Problem("the plan is of another robot", str(beside), found=str(named), allowed=name, hint=hint)
             )

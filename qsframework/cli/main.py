@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from qsframework.cli.options import ExperimentFile, Json, Report
-from qsframework.cli.printing import held_back, print_folded
+from qsframework.cli.printing import held_back
 from qsframework.cli.stop import Stopped, listening
 from qsframework.cli.trust import Anyway, Trust
 from qsframework.cli.where import DaskAddress, Jobs, Kept, Where
@@ -30,24 +30,11 @@ app = typer.Typer(
 Files = Annotated[
     list[Path] | None, typer.Argument(metavar="[READINGS]...", help="Files; the experiment's own if left out.")
 ]
-Data = Annotated[list[Path] | None, typer.Option("--data", hidden=True)]
 Linear = Annotated[bool, typer.Option("--linear", help="Balance the load at the undeflected pose, as the paper does.")]
-Exact = Annotated[bool, typer.Option("--exact", hidden=True)]
 States = Annotated[
     str | None, typer.Option(help="Read files of states as 'differences' (loaded minus unloaded) or 'positions'.")
 ]
 Seed = Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)]
-
-
-def note(text: str) -> None:
-    """An old spelling was read as the new one."""
-    print_folded(f"note: {text}")
-
-
-def _old_exact(asked: bool) -> None:
-    """--exact was an option while the linear model was the default."""
-    if asked:
-        note("the full equilibrium is the default; --exact does nothing, --linear is the other model")
 
 
 def _version(asked: bool) -> None:
@@ -163,8 +150,6 @@ def show(
             show_default=False,
         ),
     ] = None,
-    fit: Annotated[Path | None, typer.Option(hidden=True)] = None,
-    data: Annotated[Path | None, typer.Option(hidden=True)] = None,
     pose: Annotated[str | None, typer.Option(help="Pendant angles, deg, or mm: J1,J2,... instead of a plan.")] = None,
     load: Annotated[str | None, typer.Option(help="Force, N, base frame: fx,fy,fz[,mx,my,mz in Nm].")] = None,
     point: Annotated[str | None, typer.Option(help="Where the load acts on a robot, mm, flange frame.")] = None,
@@ -181,13 +166,10 @@ def show(
     from qsframework.cli.kinds import sorted_out
     from qsframework.cli.show import Shown, run_show
 
-    for option, old in (("--fit", fit), ("--data", data)):
-        if old is not None:
-            note(f"{option} {old.name}: name the file without {option}")
     given = sorted_out(files or (), ("fit", "readings"), "plan")
     if len(given["plan"]) > 1:
         raise InputError(Problem("one plan is shown", found=", ".join(map(str, given["plan"]))))
-    plan, fit, data = (next(iter(given[k]), old) for k, old in (("plan", None), ("fit", fit), ("readings", data)))
+    plan, fit, data = (next(iter(given[k]), None) for k in ("plan", "fit", "readings"))
     run_show(
         Shown(subject=subject, plan=plan, fit=fit, data=data, pose=pose, load=load, point=point, scale=scale),
         html,
@@ -271,7 +253,6 @@ def simulate(
     output: Annotated[Path, typer.Option("-o", "--output", help="The readings.")] = Path("readings.csv"),
     truth: Annotated[str, typer.Option(help="'nominal' values, or 'drawn' from the priors.")] = "nominal",
     linear: Linear = False,
-    exact: Exact = False,
     seed: Seed = 0,
     json: Json = None,
     report: Report = None,
@@ -280,7 +261,6 @@ def simulate(
     """Make readings of a plan, with seeded noise."""
     from qsframework.cli.simulate import run_simulate
 
-    _old_exact(exact)
     run_simulate(experiment, plan, output, truth, seed, json, linear, report)
 
 
@@ -288,11 +268,10 @@ def simulate(
 def identify(
     experiment: ExperimentFile,
     files: Files = None,
-    data: Data = None,
     fit: Annotated[list[str] | None, typer.Option(help="Estimate this parameter (repeat the option).")] = None,
     method: Annotated[
-        str | None, typer.Option(help="one-step (the default), or two-step (a balanced joint angle by angle first).")
-    ] = None,
+        str, typer.Option(help="one-step, or two-step (a balanced joint angle by angle first).")
+    ] = "one-step",
     linear: Linear = False,
     bounds: Annotated[bool, typer.Option("--bounds", help="Keep the parameters' bounds.")] = False,
     priors: Annotated[bool, typer.Option(help="Count stated values and sds as readings.")] = False,
@@ -317,34 +296,16 @@ def identify(
     report: Report = None,
     anyway: Anyway = False,
     trust: Trust = False,
-    exact: Exact = False,
-    positions: Annotated[Path | None, typer.Option(hidden=True)] = None,
-    differences: Annotated[bool, typer.Option("--differences", hidden=True)] = False,
 ) -> None:
     """Estimate the parameters from readings of any kind."""
     from qsframework.cli.identify import FitFiles, run_identify
     from qsframework.estimation import FitOptions
 
-    _old_exact(exact)
-    readings = [*(files or ()), *(data or ())]
-    if data:
-        note("--data: name the readings after the experiment, without --data")
-    if positions is not None:
-        from qsframework.experiment import load_experiment
-
-        readings = [*(readings or load_experiment(experiment).data), positions]
-        note(f"--positions: write data: [..., {positions.name}] in the experiment, or name all files")
-    if differences:
-        states = states or "differences"
-        note("--differences is now --states differences, or states: differences in the experiment")
-    if method == "linear":
-        method, linear = None, True
-        note("--method linear is now --linear")
     if clean and keep_all:
         raise InputError("--clean masks what --keep-all keeps; give one of them")
     groups = tuple(tuple(name.strip() for name in group.split(",")) for group in tied or ())
     options = FitOptions(
-        method=method or "one-step",
+        method=method,
         linear=linear,
         bounds=bounds,
         priors=priors,
@@ -357,7 +318,7 @@ def identify(
     )
     paths = FitFiles(
         experiment=experiment,
-        data=tuple(readings),
+        data=tuple(files or ()),
         json=json,
         report=report,
         nominal=nominal,

@@ -132,7 +132,6 @@ def export(
     ] = "shortest",
     speed: Annotated[int, typer.Option(help="Percent of every joint's largest.", min=1, max=100)] = 10,
     pause: Annotated[float, typer.Option(help="Seconds to wait at each pose.")] = 10.0,
-    experiment: Annotated[Path | None, typer.Option("--experiment", "-e", hidden=True)] = None,
     hold: Annotated[bool, typer.Option("--hold", help="Wait for the start button instead.")] = False,
     home: Annotated[
         str | None, typer.Option(help="Pendant angles where the way begins and ends, deg, or mm: J1,J2,...")
@@ -153,14 +152,9 @@ def export(
     """Put a plan on the robot: order it, check the way for collisions, write the controller's file."""
     from qsframework.cli.export import ExportWish, run_export
     from qsframework.cli.kinds import sorted_out
-    from qsframework.cli.main import note
     from qsframework.errors import InputError, Problem
 
-    if experiment is not None:
-        note("-e: name the experiment first, then the plan, without -e")
-        given = {"experiment": [experiment], "plan": files}
-    else:
-        given = sorted_out(files, ("experiment",), "plan")
+    given = sorted_out(files, ("experiment",), "plan")
     if [len(found) for found in given.values()] != [1, 1]:
         raise InputError(Problem("an experiment and a plan are needed", found=" ".join(map(str, files))))
     ((experiment,), (plan,)) = given.values()

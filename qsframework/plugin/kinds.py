@@ -18,7 +18,6 @@ from typing import Any, ClassVar, Self, cast
 import numpy as np
 
 from qsframework.errors import InputError, Problem
-from qsframework.plugin.editions import refuse_first_edition
 from qsframework.plugin.facts import Array, Branch, Context, RobotFacts
 from qsframework.plugin.parameter import Parameter
 from qsframework.plugin.settings import place_fields
@@ -83,7 +82,6 @@ class Effect(ABC):
 
     def __init_subclass__(cls, **more: object) -> None:
         super().__init_subclass__(**more)
-        refuse_first_edition(cls)
 
     @classmethod
     def effect_name(cls) -> str:

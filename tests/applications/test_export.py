@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from read_back import parse_fanuc, parse_krl, parse_rapid, read_export
 from typer.testing import CliRunner
 
 from qsframework.applications import path_check, programme as programme_module
-from qsframework.applications.export import FORMATS, export, read_export
-from qsframework.applications.export_fanuc import parse_fanuc, write_fanuc
-from qsframework.applications.export_krl import parse_krl, write_krl
-from qsframework.applications.export_rapid import parse_rapid, write_rapid
+from qsframework.applications.export import FORMATS, export
+from qsframework.applications.export_fanuc import write_fanuc
+from qsframework.applications.export_krl import write_krl
+from qsframework.applications.export_rapid import write_rapid
 from qsframework.applications.export_urscript import write_urscript
 from qsframework.applications.inverse import rigid_tip
 from qsframework.applications.ordering import shortest_path, travel, visits, way_length
@@ -169,7 +170,7 @@ def test_no_way_is_told(cell: Experiment, plan: Plan, monkeypatch: pytest.Monkey
 @pytest.mark.parametrize("pause", [12.5, None])
 def test_round_trip(programme: Programme, plan: Plan, tmp_path: Path, to: str, pause: float | None) -> None:
     made = replace(programme, pause=pause, speed=15, title="an arm")
-    files = export(made, plan, to, tmp_path / f"way{ENDING[to]}")
+    files = export(made, to, tmp_path / f"way{ENDING[to]}")
     assert len(files) == (2 if to == "krl" else 1)
     read = read_export(files[0])
     assert read.differences(made) == []
@@ -183,7 +184,7 @@ def test_round_trip(programme: Programme, plan: Plan, tmp_path: Path, to: str, p
 @pytest.mark.parametrize("to", FORMATS)
 def test_a_changed_file_is_seen(cell: Experiment, plan: Plan, programme: Programme, tmp_path: Path, to: str) -> None:
     """One digit of an angle, a missing stop, another robot, another speed: the reader tells each."""
-    files = export(replace(programme, title=""), plan, to, tmp_path / f"way{ENDING[to]}")
+    files = export(replace(programme, title=""), to, tmp_path / f"way{ENDING[to]}")
     text = {f: f.read_text() for f in files}
     angle = f"{np.rad2deg(plan.pendant[0, 1]):.4f}"
     other = f"{float(angle) + 0.001:.4f}"
@@ -226,7 +227,7 @@ def test_a_load_is_named_once_the_arm_has_stopped(
     plan = two_loads(m900ib, ["w", "w", long, long])
     made = make_programme(bounded(m900ib), plan, order="random", seed=3, pause=pause, home=GOOD[0])
     made = replace(made, title="an arm")
-    file = export(made, plan, to, tmp_path / f"way{ENDING[to]}")[0]
+    file = export(made, to, tmp_path / f"way{ENDING[to]}")[0]
     text = file.read_text()
     read = read_export(file)
     assert not read.differences(made)
@@ -264,8 +265,8 @@ def test_loads_that_a_remark_cannot_tell_apart(m900ib: Experiment, tmp_path: Pat
     with pytest.raises(
         InputError, match=r"found 'weight .* 1500 N'; allowed: .*'weight .* 500 N' in its first 22 char"
     ):
-        export(made, plan, "fanuc-ls", tmp_path / "way.ls")
-    assert export(made, plan, "csv", tmp_path / "way.csv")
+        export(made, "fanuc-ls", tmp_path / "way.ls")
+    assert export(made, "csv", tmp_path / "way.csv")
 
 
 WRITERS: dict[str, Any] = {
@@ -355,7 +356,7 @@ def test_an_arm_on_a_turntable(tmp_path: Path, to: str) -> None:
     plan = plan_of(experiment, pendant, force=-100.0)
     write_plan(tmp_path / "plan.csv", plan, experiment)
     out = tmp_path / f"way{ENDING[to]}"
-    line = ["export", str(tmp_path / "plan.csv"), "-e", str(experiment.path), "--to", to, "-o", str(out)]
+    line = ["export", str(experiment.path), str(tmp_path / "plan.csv"), "--to", to, "-o", str(out)]
     assert CliRunner().invoke(app, line, catch_exceptions=False).exit_code == 0
     read = read_export(out)
     assert read.plan_differences(plan) == []
@@ -368,7 +369,7 @@ def test_an_arm_on_a_turntable(tmp_path: Path, to: str) -> None:
     plain = load_experiment(turntable(tmp_path, ""))
     if to != "fanuc-ls":
         with pytest.raises(InputError, match="found 7 axes of the arm and 0 external ones"):
-            export(make_programme(plain, plan), plan, to, out)
+            export(make_programme(plain, plan), to, out)
 
 
 def test_axes_that_nobody_calls_external_are_refused(programme: Programme) -> None:
@@ -384,7 +385,7 @@ def test_axes_that_nobody_calls_external_are_refused(programme: Programme) -> No
 
 def test_the_fanuc_listing(programme: Programme, plan: Plan, tmp_path: Path) -> None:
     """What the controller's loader insists on: numbered lines, remarks of 32 characters, joints in three columns."""
-    text = export(programme, plan, "fanuc-ls", tmp_path / "way.ls")[0].read_text()
+    text = export(programme, "fanuc-ls", tmp_path / "way.ls")[0].read_text()
     lines = re.findall(r"^ *(\d+):(.*);$", text, re.MULTILINE)
     assert [int(n) for n, _ in lines] == list(range(1, len(lines) + 1))
     assert f"LINE_COUNT\t= {len(lines)};" in text
@@ -410,20 +411,20 @@ def test_wrong_plans(m900ib: Experiment, cell: Experiment, plan: Plan, programme
     with pytest.raises(InputError, match=r"pose 'p01': breaks 'floor'"):
         make_programme(cell, plan_of(cell, down[hit["floor"] & ~hit["self collision"]][:1]))
     with pytest.raises(InputError, match=r"fanuc-ls is for controllers by FANUC; found KUKA KR500. Use krl"):
-        export(replace(programme, title="KUKA KR500"), plan, "fanuc-ls", tmp_path / "x.ls")
+        export(replace(programme, title="KUKA KR500"), "fanuc-ls", tmp_path / "x.ls")
     with pytest.raises(InputError, match="unknown format 'karel'"):
-        export(programme, plan, "karel", tmp_path / "x.kl")
+        export(programme, "karel", tmp_path / "x.kl")
     with pytest.raises(InputError, match=r"rapid is for controllers by ABB; found KUKA KR500. Use krl"):
-        export(replace(programme, title="KUKA KR500"), plan, "rapid", tmp_path / "x.mod")
+        export(replace(programme, title="KUKA KR500"), "rapid", tmp_path / "x.mod")
     with pytest.raises(InputError, match=r"the tool of the controller; found 'gripper'; allowed: a number"):
-        export(replace(programme, title="", tool="gripper"), plan, "krl", tmp_path / "x.src")
+        export(replace(programme, title="", tool="gripper"), "krl", tmp_path / "x.src")
     with pytest.raises(InputError, match=r"urscript states joint angles, .*found 1 0. Leave them out"):
-        export(replace(programme, title="", tool="1", frame="0"), plan, "urscript", tmp_path / "x.script")
+        export(replace(programme, title="", tool="1", frame="0"), "urscript", tmp_path / "x.script")
     named = replace(programme, moves=tuple(replace(m, pose="a b") if m.measured else m for m in programme.moves))
     with pytest.raises(InputError, match="pose 'a b': the controller cannot hold this name"):
-        export(named, plan, "csv", tmp_path / "x.csv")
+        export(named, "csv", tmp_path / "x.csv")
     with pytest.raises(InputError, match="found '1plan'; allowed: a letter"):
-        export(replace(programme, title=""), plan, "krl", tmp_path / "1plan.src")
+        export(replace(programme, title=""), "krl", tmp_path / "1plan.src")
     with pytest.raises(InputError, match=r"found 0 s; allowed: 0\.01"):
         make_programme(cell, plan, pause=0.0)
     assert list(tmp_path.iterdir()) == []
@@ -434,7 +435,7 @@ def test_the_command(m900ib: Experiment, tmp_path: Path) -> None:
     pendant = np.deg2rad([[0, 20, -10, 0, 60, 0], [90, 20, -10, 0, 60, 0], [10, 20, -10, 10, 60, 0]])
     write_plan(tmp_path / "plan.csv", plan_of(m900ib, pendant), m900ib)
     out, told = tmp_path / "way.ls", tmp_path / "way.json"
-    arguments = ["export", str(tmp_path / "plan.csv"), "-e", str(m900ib.path), "--to", "fanuc-ls"]
+    arguments = ["export", str(m900ib.path), str(tmp_path / "plan.csv"), "--to", "fanuc-ls"]
     run = CliRunner().invoke(app, [*arguments, "-o", str(out), "--json", str(told)], catch_exceptions=False)
     assert run.exit_code == 0
     assert "3 stops to measure" in run.output
@@ -484,9 +485,8 @@ def test_a_plan_of_another_robot(m900ib: Experiment, cell: Experiment, tmp_path:
     write_plan(tmp_path / "plan.csv", both, cell)
     arguments = [
         "export",
-        str(tmp_path / "plan.csv"),
-        "-e",
         str(m900ib.path),
+        str(tmp_path / "plan.csv"),
         "--to",
         "csv",
         "-o",

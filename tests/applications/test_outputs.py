@@ -20,7 +20,7 @@ COMMANDS = {
     "simulate": (["simulate", M900IB, TABLE5], ("-o", "--json", "--report"), "qsframework.experiment.simulate"),
     "protocol": (["protocol", M900IB, TABLE5], ("-o", "--readings"), "qsframework.cli.protocol.make_protocol"),
     "export": (
-        ["export", TABLE5, "-e", M900IB, "--to", "csv"],
+        ["export", M900IB, TABLE5, "--to", "csv"],
         ("-o", "--json"),
         "qsframework.cli.export.make_programme",
     ),

@@ -66,24 +66,6 @@ def test_measured_readings_and_changed_ones_were_made_by_no_model(simulated: Pat
     assert read_readings(simulated, experiment).made is None
 
 
-def test_old_spellings_are_read_with_a_note(simulated: Path, tmp_path: Path) -> None:
-    new, old = tmp_path / "new.json", tmp_path / "old.json"
-    plain = run("identify", M900IB, str(simulated), "--json", str(new))
-    assert "note:" not in plain
-    output = run("identify", M900IB, "--data", str(simulated), "--exact", "--json", str(old))
-    assert output.startswith("note: the full equilibrium is the default; --exact does nothing")
-    assert told(old) == told(new)
-    run("identify", M900IB, str(simulated), "--linear", "--json", str(new))
-    output = run("identify", M900IB, str(simulated), "--method", "linear", "--json", str(old))
-    assert output.startswith("note: --method linear is now --linear")
-    assert told(old) == told(new)
-    assert told(new)["linear"] is True
-    again = tmp_path / "again.csv"
-    output = run("simulate", M900IB, PLAN, "-o", str(again), "--exact", "--seed", "5")
-    assert "--exact does nothing" in output
-    assert again.read_text() == simulated.read_text()
-
-
 STATES = "pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N,marker,state,x_mm,y_mm,z_mm\n"
 
 
@@ -123,9 +105,6 @@ def test_states_are_read_as_asked(states: Path, tmp_path: Path) -> None:
         ways[way] = told(out)
     run("identify", experiment, str(states), "--json", str(out))
     assert told(out) == ways["differences"], "both states of each pose and springs alone: differences"
-    output = run("identify", experiment, str(states), "--differences", "--json", str(out))
-    assert output.startswith("note: --differences is now --states differences")
-    assert told(out) == ways["differences"]
     run("identify", experiment, str(states), *JOINT_2, "--states", "positions", "--json", str(out))
     assert list(told(out)["frames"]) == [""]
     for way, fit in ways.items():
@@ -140,7 +119,7 @@ def test_states_are_read_as_asked(states: Path, tmp_path: Path) -> None:
 
 
 def test_several_files_are_one_fit(states: Path, simulated: Path, tmp_path: Path) -> None:
-    """Displacements and positions together, by arguments, by the old option and from the experiment."""
+    """Displacements and positions together, by arguments and from the experiment."""
     experiment, out = tmp_path / "experiment.yaml", tmp_path / "f.json"
     for file in (simulated, states):
         run("identify", str(experiment), str(file), "--states", "positions", "--json", str(out))
@@ -151,10 +130,6 @@ def test_several_files_are_one_fit(states: Path, simulated: Path, tmp_path: Path
     assert both["data_sha256"] == f"{sha256(simulated)}+{sha256(states)}"
     experiment.write_text(experiment.read_text() + "\ndata: [readings.csv, states.csv]\nstates: positions\n")
     run("identify", str(experiment), "--json", str(out))
-    assert told(out) == both
-    experiment.write_text(experiment.read_text().replace("[readings.csv, states.csv]", "readings.csv"))
-    output = run("identify", str(experiment), "--positions", str(states), "--json", str(out))
-    assert output.startswith("note: --positions: write data: [..., states.csv] in the experiment")
     assert told(out) == both
 
 

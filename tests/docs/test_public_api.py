@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import importlib
 import re
-import warnings
 from importlib.metadata import version
 from pathlib import Path
 
@@ -14,10 +13,8 @@ import pytest
 
 import qsframework as qsf
 from qsframework import __version__
-from qsframework.errors import DEPRECATED, QsfDeprecation, deprecated
 
-TELL = """the public API differs from docs/public_api.txt. If that is meant: keep the old name or argument and mark it
-with qsframework.errors.deprecated, as docs/versions.md asks; tell users in CHANGELOG.md; then run
+TELL = """the public API differs from docs/public_api.txt. If that is meant: tell users in CHANGELOG.md; then run
 python docs/make_public_api.py
 """
 
@@ -74,31 +71,3 @@ def test_the_version_stands_in_one_place(root: Path) -> None:
     assert f"## {__version__}" in (root / "CHANGELOG.md").read_text()
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         importlib.import_module("qsframework").__getattr__("nothing")
-
-
-def test_a_deprecated_function_works_and_warns_once_at_the_callers_line() -> None:
-    @deprecated("new(n)", since="0.2", until="0.4")
-    def old(n: int, *, twice: bool = False) -> int:
-        """What it did."""
-        return 2 * n if twice else n
-
-    name = next(n for n in DEPRECATED if n.endswith("old"))
-    try:
-        with warnings.catch_warnings(record=True) as told:
-            warnings.simplefilter("always")
-            assert (old(3), old(3, twice=True)) == (3, 6)
-        assert len(told) == 1
-        assert told[0].category is QsfDeprecation
-        assert "old is deprecated since 0.2 and goes in 0.4; use new(n)" in str(told[0].message)
-        assert told[0].filename == __file__
-        assert old.__doc__ == "What it did."
-        assert DEPRECATED[name] == "0.4"
-    finally:
-        del DEPRECATED[name]
-
-
-def test_nothing_is_left_that_this_version_should_no_longer_have(root: Path) -> None:
-    for package in make_public_api.PACKAGES:
-        importlib.import_module(package)
-    now = tuple(int(n) for n in __version__.split("rc")[0].split("."))
-    assert [name for name, until in DEPRECATED.items() if tuple(int(n) for n in until.split(".")) <= now] == []

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -40,7 +39,6 @@ from qsframework.plugin import (
     laws,
 )
 from qsframework.plugin.check import sample_context, sample_robot
-from qsframework.plugin.trusted import effect_of_file
 
 ROBOT = sample_robot()
 JOINTS = build_effects({"effect": "joint_compliance", "joints": "all"}, ROBOT)
@@ -274,38 +272,6 @@ def test_a_ratio_is_found_from_displacements() -> None:
     assert np.allclose(x, true, rtol=1e-6)
 
 
-FIRST = """
-from dataclasses import dataclass
-from qsframework.plugin import Parameter, {kind}
-@dataclass(frozen=True)
-class Old({kind}):
-    def {law}: ...
-"""
-
-
-@pytest.mark.parametrize(
-    ("kind", "law"),
-    [
-        ("Geometry", "errors(self, poses, x, robot)"),
-        ("Loop", "closure(self, actuators, bars, robot)"),
-        ("Spring", "mixing(self, robot)"),
-        ("ParallelSpring", "torque(self, q, x, conditions)"),
-        ("ParallelSpring", "stiffness(self, q, x, conditions)"),
-        ("ParallelSpring", "tension(self, length, x, conditions)"),
-        ("SpringLaw", "extra(self, torque, x)"),
-        ("Load", "apply(self, loads, x, robot)"),
-        ("Sensor", "read(self, reading, x, markers, conditions)"),
-    ],
-)
-def test_an_effect_of_the_first_edition_is_told_what_to_change(kind: str, law: str) -> None:
-    with pytest.raises(
-        PluginError, match=rf"Old\.{law.split('(')[0]}.*line 6.*first edition. Write .*context\)"
-    ) as told:
-        exec(compile(FIRST.format(kind=kind, law=law), "old_effects.py", "exec"), {"__name__": "old"})
-    assert "old_effects.py" in str(told.value)
-    assert "context.conditions" in str(told.value)
-
-
 @dataclass(frozen=True)
 class Bad(SpringLaw):
     """A law that gives whatever it is told to."""
@@ -387,12 +353,3 @@ def test_complex_steps_are_as_exact_as_the_law() -> None:
     dropped = laws.derivative(lambda v: np.abs(v) * v, T)[:, 0, 0]
     assert np.allclose(dropped, 2.0 * np.abs(T[:, 0]), rtol=1e-9, atol=1e-2)
     assert len(sample_context(ROBOT, 4)) == 4
-
-
-def test_a_trusted_file_of_the_first_edition_is_refused_with_its_line(tmp_path: Path) -> None:
-    file = tmp_path / "old.py"
-    file.write_text(FIRST.format(kind="SpringLaw", law="extra(self, torque, x)"))
-    with pytest.raises(
-        InputError, match=r"old\.py.*line \d+.*is a law of the first edition. Write extra\(self, torque"
-    ):
-        effect_of_file(file)

@@ -335,7 +335,7 @@ def test_cable_pulls(model: str, by: str, tmp_path: Path) -> None:
 def test_positions(series: str, names: tuple[str, ...], tmp_path: Path) -> None:
     chosen = [word for name in names for word in ("--fit", name)]
     data = PINNED / "ur10" / f"series_{series}.csv"
-    fit = identify(PINNED / "ur10" / "experiment.yaml", tmp_path, "--data", data, *chosen, linear=False)
+    fit = identify(PINNED / "ur10" / "experiment.yaml", tmp_path, data, *chosen, linear=False)
     told, aside, error, left_out = POSITIONS[series, names]
     assert (len(fit["parameters"]), len(fit["left_aside"])) == (told, aside)
     assert fit["rms_norm_mm"] == pytest.approx(error, rel=1e-3)
@@ -369,7 +369,7 @@ def test_one_step_and_two_steps(campaign: str, tmp_path: Path) -> None:
     folder, readings = bench(tmp_path, campaign, *changes[campaign]), tmp_path / "readings.csv"
     truth = simulate(folder / "levels.yaml", folder / "levels.csv", readings, 1, linear=False)
     one, two = (
-        identify(folder / "levels.yaml", tmp_path, "--data", readings, "--method", method, linear=False)["estimates"]
+        identify(folder / "levels.yaml", tmp_path, readings, "--method", method, linear=False)["estimates"]
         for method in ("one-step", "two-step")
     )
     assert set(one) == set(two) == {*JOINTS, *BALANCER}
@@ -385,7 +385,7 @@ def test_one_step_and_two_steps(campaign: str, tmp_path: Path) -> None:
 def test_the_two_models_under_a_heavy_load(simulated: str, fitted: str, tmp_path: Path) -> None:
     folder, readings = PINNED / "kr500", tmp_path / "readings.csv"
     truth = simulate(folder / "experiment.yaml", folder / "plan.csv", readings, 1, linear=simulated == "linear")
-    fit = identify(folder / "experiment.yaml", tmp_path, "--data", readings, linear=fitted == "linear")
+    fit = identify(folder / "experiment.yaml", tmp_path, readings, linear=fitted == "linear")
     values, chi2 = HEAVY[simulated, fitted]
     estimates = [fit["estimates"][n] for n in JOINTS]
     assert in_units((e["value"] for e in estimates), 1e-6) == pytest.approx(values, rel=2e-4)
@@ -402,7 +402,7 @@ def test_intervals_cover_the_truth(tmp_path: Path) -> None:
     held: list[bool] = []
     for seed in range(CAMPAIGNS):
         truth = simulate(experiment, PINNED / "kr500" / "plan.csv", readings, 1000 + seed, linear=False)
-        estimates = identify(experiment, tmp_path, "--data", readings, linear=False)["estimates"]
+        estimates = identify(experiment, tmp_path, readings, linear=False)["estimates"]
         held += [abs(estimates[n]["value"] - truth[n]) < 1.96 * estimates[n]["sd"] for n in JOINTS]
     assert len(held) == 6 * CAMPAIGNS
     assert COVERED[0] <= sum(held) / len(held) <= COVERED[1]

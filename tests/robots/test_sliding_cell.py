@@ -56,7 +56,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
     qsf("check", experiment)
     qsf("design", experiment, "--poses", 8, "--candidates", 100, "-o", plan, "--report", folder / "plan.html")
     qsf("simulate", experiment, plan, "-o", readings, "--truth", "drawn", "--json", folder / "truth.json")
-    qsf("identify", experiment, "--data", readings, "--json", folder / "fit.json", "--report", folder / "fit.html")
+    qsf("identify", experiment, readings, "--json", folder / "fit.json", "--report", folder / "fit.html")
     return folder
 
 
@@ -84,7 +84,7 @@ def test_a_clean_simulation_is_diagnosed_with_nothing(cell: Path) -> None:
 
 
 def test_programmes_are_tables_in_millimetres_and_other_formats_are_refused(cell: Path) -> None:
-    arguments = ("export", cell / "plan.csv", "-e", cell / "experiment.yaml")
+    arguments = ("export", cell / "experiment.yaml", cell / "plan.csv")
     qsf(*arguments, "--to", "csv", "-o", cell / "programme.csv", "--json", cell / "programme.json")
     planned = {r["pose"]: float(r["q1_mm"]) for r in rows(cell / "plan.csv")}
     stops = [r for r in rows(cell / "programme.csv") if r["pose"]]

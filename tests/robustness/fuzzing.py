@@ -25,7 +25,7 @@ import numpy as np
 import yaml
 from mutate import mutated
 
-from qsframework.applications.export import read_export, write_csv
+from qsframework.applications.export import write_csv
 from qsframework.applications.export_fanuc import write_fanuc
 from qsframework.applications.export_krl import write_krl
 from qsframework.applications.export_rapid import write_rapid
@@ -434,13 +434,11 @@ def _programmes(folder: Path) -> list[Good]:
     }
     for name, text in texts.items():
         (folder / name).write_text(text)
-    kinds = {name: "csv" if name.endswith(".csv") else "lines" for name in texts}
-    points = [
+    return [
         _good(f"points of {n}", folder / n, "lines", lambda n=n: read_source(folder / n))
         for n in texts
         if n[4:] in ENDINGS
     ]
-    return [_good(n, folder / n, k, lambda n=n: read_export(folder / n)) for n, k in kinds.items()] + points
 
 
 def spoiled(goods: list[Good], seed: int) -> tuple[Good, bytes]:

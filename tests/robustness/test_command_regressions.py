@@ -22,7 +22,7 @@ REFUSED = {
     "design experiment.yaml -n 100000000000000000000": "--poses",
     f"check experiment.yaml --json {'x' * 300}": "File name too long",
     "stiffness small --pose 0,500 --load 0,0,-100": "--pose",
-    "show experiment.yaml fit.json --html x.html --data gone.csv": "gone.csv: no such file",
+    "show experiment.yaml fit.json gone.csv --html x.html": "gone.csv: no such file",
     "show small --html x.html --pose 0,500": "--pose",
     "certificate experiment.yaml fit.json --template experiment.yaml": "experiment.yaml would overwrite an input",
     "import experiment.yaml BLANK log.csv --plan plan.csv --unit mm": "error: ' ': no such file",

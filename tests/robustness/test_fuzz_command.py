@@ -18,9 +18,9 @@ COMMANDS = {
     "robot.yaml": lambda path: ["check", str(path)],
     "URDF": lambda path: ["stiffness", str(path.parent), "--pose", "10,20", "--load", "0,0,-10"],
     "experiment.yaml": lambda path: ["check", str(path)],
-    "readings.csv": lambda path: ["identify", str(example("r2000ic") / "experiment.yaml"), "--data", str(path)],
+    "readings.csv": lambda path: ["identify", str(example("r2000ic") / "experiment.yaml"), str(path)],
     "plan.csv": lambda path: ["simulate", str(example("m900ib") / "experiment.yaml"), str(path), "-o", "out.csv"],
-    "fit.json": lambda path: ["show", str(example("r2000ic") / "experiment.yaml"), "--fit", str(path), "--html", "s"],
+    "fit.json": lambda path: ["show", str(example("r2000ic") / "experiment.yaml"), str(path), "--html", "s"],
     "task.yaml": lambda path: ["compare", "fanuc_m900ib", "no_such_robot", "--task", str(path)],
 }
 """For each format a command that reads it."""

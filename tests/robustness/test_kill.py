@@ -52,7 +52,7 @@ COMMANDS: list[dict[str, Any]] = [
         "again": True,
     },
     {
-        "arguments": ["identify", SMALL, "--data", READINGS, "--json", "out/fit.json", "--nominal", "out/n.yaml"],
+        "arguments": ["identify", SMALL, READINGS, "--json", "out/fit.json", "--nominal", "out/n.yaml"],
         "kills": 4,
         "again": True,
     },

@@ -209,13 +209,13 @@ COMMANDS = {
     "show": ["show", "E", "--html", "O/show.html"],
     "show a robot": ["show", "R", "--html", "O/show.html"],
     "simulate": ["simulate", "E", "plan.csv", "-o", "O/readings.csv"],
-    "export": ["export", "plan.csv", "-e", "E", "--to", "csv", "-o", "O/p.csv"],
+    "export": ["export", "E", "plan.csv", "--to", "csv", "-o", "O/p.csv"],
     "protocol": ["protocol", "E", "plan.csv", "-o", "O/s.html", "--readings", "O/r.csv"],
     "diagnose": ["diagnose", "E", "--plan", "plan.csv"],
     "design": ["design", "E", "-n", "6", "--candidates", "60", "--efficiency", "0.9", "-o", "O/plan.csv"],
     "compensate": ["compensate", "E", "fit.json", "plan.csv"],
     "kinematics": ["kinematics", "E", "fit.json", "--dh", "O/dh.yaml"],
-    "identify": ["identify", "E", "--data", "none.csv"],
+    "identify": ["identify", "E", "none.csv"],
     "validate": ["validate", "E", "fit.json", "none.csv"],
 }
 LET_IN = {

@@ -1,4 +1,4 @@
-"""Which angle of the pendant is which axis of the controller: A1 to A6 of the arm, E1 to E6 beside it."""
+"""Names as a controller's file holds them: axes (A1 to A6 of the arm, E1 to E6 beside it), loads, programmes."""
 
 from __future__ import annotations
 
@@ -43,7 +43,11 @@ def axes_remark(names: Sequence[str], letter: str) -> str:
     return "" if list(names) == plain else f"axes {' '.join(names)}"
 
 
-def remarked_axes(text: str, sign: str, letter: str, count: int) -> list[str]:
-    """The order of the axes that a file states after the sign of a remark, or the plain one of `count` axes."""
-    found = re.search(rf"{re.escape(sign)}\s*axes ((?:[A-Z]\d ?)+)", text)
-    return found[1].split() if found else [f"{letter}{k}" for k in range(1, count + 1)]
+def plain(name: str) -> str:
+    """A load's name as a remark of a controller's file holds it."""
+    return re.sub(r"[^A-Za-z0-9_.+-]", "_", name)
+
+
+def bad_name(found: str, allowed: str) -> InputError:
+    """A name that the controller cannot hold."""
+    return InputError(Problem("a name that the controller cannot hold", found=repr(found), allowed=allowed))
