@@ -53,8 +53,6 @@ FILES = {
     "targets.csv": 4000,
 }
 COMMANDS = {
-    "qsf version": 100,
-    "qsf help": 300,
     "qsf demo": 100,
     "qsf robots": 300,
     "qsf check": 2500,

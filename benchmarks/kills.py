@@ -82,7 +82,7 @@ def record(found: list[dict[str, Any]]) -> Iterator[str]:
         own = [r for r in found if r["line"] == line]
         counts = Counter(r["left"] for r in own)
         verb, *words = line.split()
-        shown = " ".join([verb, *(w for w in words if w in ("--extend", "--plan") and verb == "diagnose")])
+        shown = " ".join([verb, *(w for w in words if w in ("--extend", "plan.csv") and verb == "diagnose")])
         yield (
             f"| `qsf {shown}` | {len(own)} | {counts['old']} | {counts['new']} | {counts['mixed']} | {counts['done']} "
             f"| {sum(r['part'] for r in own)} | {sum(len(r['faults']) for r in own)} |"

@@ -72,7 +72,7 @@ def make_reports(folder: Path, task: Path = TASK) -> Reports:
     out.run("validate", "validate", EXPERIMENT, fit, unseen, reads=[*campaign, fit, unseen])
     out.run("identify_positions", "identify", states, reads=[states, *load_experiment(states).data])
     out.run("diagnose", "diagnose", EXPERIMENT, readings, reads=[*campaign, readings])
-    out.run("foresee", "diagnose", EXPERIMENT, "--plan", plan, reads=[*campaign, plan])
+    out.run("foresee", "diagnose", EXPERIMENT, plan, reads=[*campaign, plan])
     targets = folder / "targets.csv"
     targets.write_text("target,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N\na,0,20,-10,0,40,0,0,0,-4000\n")
     out.run(

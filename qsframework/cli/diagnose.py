@@ -55,11 +55,11 @@ def run_diagnose(files: DiagnoseFiles, asked: Asked, where: Where = ALONE) -> No
     from qsframework.report.words.discrimination import discrimination_words, not_separated_words
 
     if files.plan is not None:
-        _alone(files, asked, "--plan")
+        _alone(files, asked, "a plan")
         run_foresight(files.experiment, files.plan, files.json, files.report, asked.seed, where)
         return
     if where != ALONE:
-        raise InputError("--jobs, --dask and --checkpoint go with --plan: the diagnosis of readings takes seconds")
+        raise InputError("--jobs, --dask and --checkpoint go with a plan: the diagnosis of readings takes seconds")
     experiment = load_experiment(files.experiment)
     sources = readings_files(experiment, files.data, f"them: qsf diagnose {files.experiment} readings.csv")
     if asked.separate is not None:
@@ -94,8 +94,8 @@ def _alone(files: DiagnoseFiles, asked: Asked, option: str) -> None:
     others = {
         "--extend": files.extend,
         "--second-day": files.second_day,
-        "--separate": asked.separate if option == "--plan" else None,
-        "the readings": files.data or None if option == "--plan" else None,
+        "--separate": asked.separate if option == "a plan" else None,
+        "the readings": files.data or None if option == "a plan" else None,
         "--report": files.report if option == "--separate" else None,
     }
     wrong = [name for name, value in others.items() if value is not None]

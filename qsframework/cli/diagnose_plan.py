@@ -1,4 +1,4 @@
-"""`qsf diagnose --plan`, `--separate` and `--second-day`: what a plan would show, and which poses would show more."""
+"""`qsf diagnose` of a plan, `--separate`, `--second-day`: what a plan would show, which poses would show more."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ import gc
 import os
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -17,7 +17,7 @@ from qsframework.cli.stop import Stopped, listening
 from qsframework.cli.trust import Anyway, Trust
 from qsframework.cli.where import DaskAddress, Jobs, Kept, Where
 from qsframework.cli.work import add_commands
-from qsframework.errors import InputError, Problem, QsfError, nearest
+from qsframework.errors import InputError, Problem, QsfError
 from qsframework.terminal import folded, width
 
 app = typer.Typer(
@@ -39,7 +39,9 @@ Seed = Annotated[int, typer.Option(help="All randomness comes from this number."
 
 def _version(asked: bool) -> None:
     if asked:
-        version()
+        from importlib.metadata import version
+
+        print(f"qsframework {version('qsframework')}")
         raise typer.Exit
 
 
@@ -51,35 +53,6 @@ def whole(
     trust: Trust = False,
 ) -> None:
     """Elastostatic calibration of heavy, quasi-serial industrial robots."""
-
-
-@app.command()
-def version() -> None:
-    """Print the version."""
-    from importlib.metadata import version as installed
-
-    print(f"qsframework {installed('qsframework')}")
-
-
-@app.command("help")
-def help_(
-    context: typer.Context, command: Annotated[str | None, typer.Argument(help="A command.", show_default=False)] = None
-) -> None:
-    """Say what qsf does, or what one command does."""
-    whole = context.parent
-    assert whole is not None
-    group: Any = whole.command
-    if command is None:
-        print(whole.get_help())
-        return
-    found = group.get_command(whole, command)
-    if found is None:
-        raise InputError(
-            Problem(
-                f"unknown command {command!r}", allowed=", ".join(group.commands), hint=nearest(command, group.commands)
-            )
-        )
-    print(found.get_help(typer.Context(found, info_name=command, parent=whole)))
 
 
 @app.command()
@@ -360,7 +333,15 @@ def validate(
 @app.command()
 def diagnose(
     experiment: ExperimentFile,
-    data: Files = None,
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[READINGS|PLAN]...",
+            help="Readings, the experiment's own if left out; or, before measuring, the plan to judge: what it would "
+            "detect and name, and what not.",
+            show_default=False,
+        ),
+    ] = None,
     level: Annotated[float, typer.Option(help="Chance of naming anything where nothing acts.")] = 0.02,
     extend: Annotated[Path | None, typer.Option(help="Folder for the extended robot and an experiment on it.")] = None,
     extend_doubtful: Annotated[
@@ -377,9 +358,6 @@ def diagnose(
     ] = None,
     count: Annotated[int, typer.Option(help="Poses of --second-day and --separate.", min=1, max=1000)] = 12,
     output: Annotated[Path, typer.Option("-o", "--output", help="The plan of --separate.")] = Path("separate.csv"),
-    plan: Annotated[
-        Path | None, typer.Option(help="Before measuring: what this plan would detect and name, and what not.")
-    ] = None,
     verbose: Annotated[
         bool, typer.Option("--verbose", help="List all causes, excluded and invisible ones too.")
     ] = False,
@@ -395,9 +373,8 @@ def diagnose(
     from qsframework.cli.diagnose import Asked, DiagnoseFiles, run_diagnose
     from qsframework.cli.kinds import sorted_out
 
-    given = sorted_out(data or (), ("plan",) if plan is None and separate is None else (), "readings")
-    plan = plan or next(iter(given.get("plan", ())), None)
-    files = DiagnoseFiles(
+    given = sorted_out(files or (), ("plan",) if separate is None else (), "readings")
+    paths = DiagnoseFiles(
         experiment=experiment,
         data=tuple(given["readings"]),
         json=json,
@@ -405,10 +382,10 @@ def diagnose(
         extend=extend,
         doubtful=extend_doubtful,
         second_day=second_day,
-        plan=plan,
+        plan=next(iter(given.get("plan", ())), None),
         output=output,
     )
-    run_diagnose(files, Asked(level, seed, count, separate, verbose), Where(jobs, dask, checkpoint))
+    run_diagnose(paths, Asked(level, seed, count, separate, verbose), Where(jobs, dask, checkpoint))
 
 
 add_commands(app)

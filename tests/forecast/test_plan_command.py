@@ -1,4 +1,4 @@
-"""`qsf diagnose --plan`, `--separate`, `--second-day`: what they print and write."""
+"""`qsf diagnose` of a plan, `--separate`, `--second-day`: what they print and write."""
 
 import json
 

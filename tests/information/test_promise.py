@@ -45,7 +45,7 @@ def test_the_promise_is_what_fits_keep() -> None:
 
 def test_a_plan_that_cannot_tell_a_spring_says_what_would_help(tmp_path: Path) -> None:
     """The paper's plan has a vertical weight only; and its balancer's spring is told to 28 times its value."""
-    asked = ["diagnose", str(PAPER / "experiment.yaml"), "--plan", str(PAPER / "table5.csv")]
+    asked = ["diagnose", str(PAPER / "experiment.yaml"), str(PAPER / "table5.csv")]
     done = CliRunner().invoke(app, asked, env={"COLUMNS": "250"})
     assert isinstance(done.exception, NotIdentifiable)
     assert "add a side pull along the base's y with the arm stretched" in str(done.exception)

@@ -232,7 +232,7 @@ WRITING = (
     "identify experiment.yaml readings.csv --json out/fit.json --nominal out/n.yaml --urdf out/a.urdf",
     "validate experiment.yaml fit.json other.csv --json out/v.json --report out/v.html",
     "diagnose experiment.yaml readings.csv --json out/d.json --report out/d.html --extend out/new",
-    "diagnose experiment.yaml --plan plan.csv --json out/p.json --report out/p.html",
+    "diagnose experiment.yaml plan.csv --json out/p.json --report out/p.html",
     "stiffness small --pose 10,-20 --load 0,0,-100 --json out/s.json --report out/s.html",
     "compensate experiment.yaml fit.json targets.csv -o out/c.csv --json out/c.json --report out/c.html --anyway",
     "kinematics experiment.yaml fit.json --urdf out/k.urdf --dh out/dh.yaml --offsets out/o.csv --anyway",

@@ -101,7 +101,7 @@ LONG: list[dict[str, Any]] = [
         "arguments": ["design", SMALL, "-n", "9", "--candidates", "5000", "-o", "out/plan.csv"],
         "kills": 4,
     },
-    {"resumed": True, "arguments": ["diagnose", SMALL, "--plan", PLAN, "--json", "out/f.json"], "kills": 3},
+    {"resumed": True, "arguments": ["diagnose", SMALL, PLAN, "--json", "out/f.json"], "kills": 3},
     {
         "resumed": True,
         "arguments": ["compare", f"{BENCH}/small", "fanuc_r2000ic", "--task", "../task.yaml", "--json", "out/c.json"],
@@ -146,7 +146,7 @@ def trials(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
 
 
 def named(job: dict[str, Any]) -> str:
-    return " ".join([job["arguments"][0], *[a for a in job["arguments"] if a in ("--plan", "--extend")]])
+    return " ".join([job["arguments"][0], *[a for a in job["arguments"] if a in (PLAN, "--extend")]])
 
 
 @pytest.mark.parametrize("k", range(len(COMMANDS)), ids=[named(job) for job in COMMANDS])
