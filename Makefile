@@ -3,7 +3,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test size coverage docs pictures bench lock audit licences sbom clean
+.PHONY: help install demo test golden size coverage docs pictures bench lock audit licences sbom clean
 
 PYTHON ?= $(shell command -v python3.11 || echo python3)
 VENV := .venv
@@ -51,6 +51,9 @@ test: $(DONE)  ## lint, format, types and all tests
 
 size:  ## lines of code, tokens, files and mean line of the library, plugins, templates and tests
 	@$(PYTHON) tests/size_table.py
+
+golden: $(DONE)  ## 190 command lines held to what is recorded of them, every number and word: two minutes
+	@$(ONE_THREAD) $(BIN)/python tests/golden/golden.py
 
 coverage: $(DONE)  ## branch coverage of the library, package by package; 95 % of the five that compute
 	@mkdir -p build
