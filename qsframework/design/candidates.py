@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
-from itertools import islice, product
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,6 @@ from qsframework.design.constraints import (
     joint_range,
     reference_point,
 )
-from qsframework.design.sobol import sobol
 from qsframework.design.symmetry import canonical, fold
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, read_poses
@@ -82,10 +81,12 @@ def generate_candidates(
     Poses that the wrist's flip makes equal are folded into one. InputError, naming what each constraint
     removed, if the experiment allows too few.
     """
+    from scipy.stats import qmc
+
     lower, upper = joint_range(experiment)
     most = max(_LEAST_TRIED, 100 * count // _BLOCK)
-    blocks = islice(sobol(len(lower), _BLOCK, seed), most)
-    points = (snapped(experiment, lower + (upper - lower) * block) for block in blocks)
+    sequence = qmc.Sobol(len(lower), scramble=True, rng=np.random.default_rng(seed))
+    points = (snapped(experiment, lower + (upper - lower) * sequence.random(_BLOCK)) for _ in range(most))
     result = _collect(experiment, points, count, progress, folds(experiment), work)
     if len(result) < count:
         raise InputError(f"the experiment allows too few poses for {count} candidates: {result.words()}")

@@ -1,0 +1,6 @@
+import numpy as np
+import numpy.typing as npt
+
+class Sobol:
+    def __init__(self, d: int, *, scramble: bool = True, rng: np.random.Generator | None = None) -> None: ...
+    def random(self, n: int = 1) -> npt.NDArray[np.float64]: ...
