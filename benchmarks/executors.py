@@ -23,7 +23,7 @@ from qsframework.applications.compare import compare
 from qsframework.applications.task import load_task
 from qsframework.design import Wish, design
 from qsframework.experiment import example, load_experiment
-from qsframework.forecast.power import foresee
+from qsframework.forecast.power import forecast
 from qsframework.robot import load_robot
 from qsframework.work import Local, Work, run
 
@@ -51,7 +51,7 @@ def jobs() -> dict[str, Callable[[Work], bytes]]:
         "design, 20 poses of 20,000 candidates": lambda work: design(
             experiment, 20, candidates=20_000, wish=wish, work=work
         ).pendant.tobytes(),
-        "forecast of 16 poses, 112 causes": lambda work: foresee(experiment, few, work=work).angles.tobytes(),
+        "forecast of 16 poses, 112 causes": lambda work: forecast(experiment, few, work=work).angles.tobytes(),
         "two robots compared": lambda work: repr(compare(robots, task, work=work).as_json()).encode(),
     }
 

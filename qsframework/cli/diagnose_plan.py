@@ -27,7 +27,7 @@ def run_foresight(
 ) -> None:
     """Print, before anything is measured, what a plan would detect and name, and what stays invisible."""
     from qsframework.elastostatics import range_notes
-    from qsframework.forecast.power import foresee
+    from qsframework.forecast.power import forecast
     from qsframework.information import promises
     from qsframework.report.plan_section import promise_table
     from qsframework.report.power_section import pair_table, power_section, size_table
@@ -42,7 +42,7 @@ def run_foresight(
     values = {"experiment": campaign, "plan": planned}
     with at_work(where, lambda: job_of("diagnose --plan", {"seed": seed}, values)) as work, progress() as tell:
         try:
-            found = foresee(campaign, planned, seed=seed, progress=tell, work=work)
+            found = forecast(campaign, planned, seed=seed, progress=tell, work=work)
         except NotIdentifiable:
             print_table(known.header, known.rows)  # it shows what the plan does tell
             raise

@@ -13,7 +13,8 @@ from qsframework.cli.progress import steps
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
 
 if TYPE_CHECKING:
-    from qsframework.identify import Fit, FitOptions, Masked
+    from qsframework.estimation import FitOptions
+    from qsframework.identify import Fit, Masked
     from qsframework.identify.io import StoredFit
     from qsframework.report.blocks import Verdict
     from qsframework.screening import Finding

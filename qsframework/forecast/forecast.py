@@ -1,4 +1,4 @@
-"""What a plan would show, before anything is measured: the result of `foresee`."""
+"""What a plan would show, before anything is measured: the result of `forecast`."""
 
 from __future__ import annotations
 

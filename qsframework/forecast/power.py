@@ -59,7 +59,7 @@ class _Test:
     readings: int
 
 
-def foresee(
+def forecast(
     experiment: Experiment,
     plan: Plan | Poses,
     *,

@@ -13,8 +13,9 @@ from typer.testing import CliRunner
 from qsframework.applications.certificate import MetaSpec, certify, read_meta
 from qsframework.cli.main import app
 from qsframework.errors import InputError
+from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings, example, load_experiment, make_plan, read_readings, simulate
-from qsframework.identify import FitOptions, identify
+from qsframework.identify import identify
 from qsframework.identify.io import StoredFit, read_fit, write_fit
 from qsframework.plugin import Array, Poses
 from qsframework.report.certificate_page import arrivals, pair, write_certificate

@@ -19,8 +19,9 @@ from qsframework.cli.main import app
 from qsframework.design import Wish, design
 from qsframework.elastostatics import equilibrium
 from qsframework.errors import InputError
+from qsframework.estimation import FitOptions
 from qsframework.experiment import load_experiment, read_readings, simulate
-from qsframework.identify import FitOptions, identify
+from qsframework.identify import identify
 from qsframework.identify.io import read_fit, write_fit
 from qsframework.plugin import Poses
 from qsframework.report.compare_section import heat_maps, path_figure

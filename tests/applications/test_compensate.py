@@ -17,6 +17,7 @@ from qsframework.applications.targets import Targets, flange_pose, joint_targets
 from qsframework.cli.main import app
 from qsframework.elastostatics import equilibrium, full_displacement, make_model
 from qsframework.errors import InputError
+from qsframework.estimation import FitOptions
 from qsframework.experiment import (
     Experiment,
     LoadUncertainty,
@@ -26,7 +27,7 @@ from qsframework.experiment import (
     make_plan,
     simulate,
 )
-from qsframework.identify import FitOptions, identify
+from qsframework.identify import identify
 from qsframework.identify.io import StoredFit, read_fit, write_fit
 from qsframework.plugin import Array, Poses
 

@@ -214,8 +214,8 @@ def test_design_options(tmp_path: Path) -> None:
 
 def test_identify_in_one_step_with_all_its_files(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
     from qsframework.cli.identify import FitFiles, run_identify
+    from qsframework.estimation import FitOptions
     from qsframework.experiment import example
-    from qsframework.identify import FitOptions
     from qsframework.identify.io import read_fit
 
     names = {"json": "fit.json", "report": "r.html", "nominal": "nominal.yaml", "urdf": "robot.urdf"}

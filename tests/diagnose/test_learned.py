@@ -17,8 +17,9 @@ from qsframework.diagnose.law import Law
 from qsframework.diagnose.learn import curve, dots
 from qsframework.elastostatics import beyond, exact_readings, range_notes
 from qsframework.errors import InputError
+from qsframework.estimation import FitOptions
 from qsframework.experiment import Readings, example, load_experiment, make_rows, read_readings
-from qsframework.identify import FitOptions, identify
+from qsframework.identify import identify
 from qsframework.plugin import Array, Context, Effect, build_effects, check_effect, find
 from qsframework.plugin.entry import effect_entry
 from qsframework.report.diagnosis_section import diagnosis_sections

@@ -10,7 +10,7 @@ from qsframework.diagnose.linearization.candidates import find_causes
 from qsframework.discriminate.follow_up import second_day
 from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_readings, simulate, write_readings
-from qsframework.forecast.power import foresee
+from qsframework.forecast.power import forecast
 
 TRUE, RIVAL = "link_compliance[link_2/ry]", "link_compliance[link_1/ry]"
 
@@ -30,7 +30,7 @@ def first_plan(experiment):
 def truth(experiment, first_plan):
     """The robot with a link that gives, half as much again as the first day detects."""
     cause = next(c for c in find_causes(experiment, experiment.fit_names(), first_plan.poses)[0] if c.name == TRUE)
-    size = 1.5 * foresee(experiment, first_plan, exact=False).of(TRUE).sizes[0].detect
+    size = 1.5 * forecast(experiment, first_plan, exact=False).of(TRUE).sizes[0].detect
     p = replace(cause.effects[0].parameters(experiment.robot.facts)[0], nominal=size)
     return experiment.with_(effects=(*experiment.effects, cause.effects[0]), parameters=(*experiment.parameters, p))
 

@@ -9,7 +9,7 @@ from qsframework.cli.diagnose_plan import run_foresight, run_second_day, run_sep
 from qsframework.design import design
 from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_plan, write_plan
-from qsframework.forecast.power import foresee
+from qsframework.forecast.power import forecast
 from qsframework.report.power_section import angle_figure, pair_table, power_figure, power_section, size_table
 from tests.diagnose.cases import hardened
 
@@ -30,7 +30,7 @@ def plan_file(experiment, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def foresight(experiment, plan_file):
-    return foresee(experiment, read_plan(plan_file, experiment))
+    return forecast(experiment, read_plan(plan_file, experiment))
 
 
 def test_the_plan_is_judged_before_it_is_measured(plan_file, tmp_path, capsys):

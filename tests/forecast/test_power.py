@@ -14,7 +14,7 @@ from qsframework.errors import InputError, NotIdentifiable
 from qsframework.experiment import example, load_experiment
 from qsframework.forecast.effect_size import Bench
 from qsframework.forecast.forecast import Outlook
-from qsframework.forecast.power import LIBRARY_LEVEL, detection_rate, foresee, mistaken_by, needed_size, threshold
+from qsframework.forecast.power import LIBRARY_LEVEL, detection_rate, forecast, mistaken_by, needed_size, threshold
 from qsframework.plugin import Poses
 from qsframework.report.result_json import foresight_json
 from qsframework.report.words.forecast import foresight_words, smallest_words, why_words
@@ -36,13 +36,13 @@ def experiment():
 
 @pytest.fixture(scope="module")
 def foresight(experiment):
-    return foresee(experiment, some_poses(experiment, 40), level=LEVEL, power=POWER, exact=False)
+    return forecast(experiment, some_poses(experiment, 40), level=LEVEL, power=POWER, exact=False)
 
 
 @pytest.fixture(scope="module")
 def exact_foresight(experiment):
     """With the exact laws, at full equilibria."""
-    return foresee(experiment, some_poses(experiment, 40), level=LEVEL, power=POWER)
+    return forecast(experiment, some_poses(experiment, 40), level=LEVEL, power=POWER)
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,7 @@ def laboratory(foresight):
 
     quiet = falls(np.zeros(len(Q)))
     log_p = log_p_values(quiet, np.tile(sizes, (len(quiet), 1)), np.tile(sided, (len(quiet), 1)))
-    alarm = float(np.quantile(log_p.min(axis=1), LEVEL))  # from draws that `foresee` has not seen
+    alarm = float(np.quantile(log_p.min(axis=1), LEVEL))  # from draws that `forecast` has not seen
     limits = np.array([threshold(int(k), bool(o), alarm) if k else np.inf for k, o in zip(sizes, sided, strict=True)])
     return case, sizes, falls, limits
 
@@ -109,9 +109,9 @@ def test_promised_sizes_are_named_right(foresight, laboratory):
 def test_smaller_noise_and_more_poses_see_smaller_causes(experiment, foresight):
     name = "joint_backlash[joint_2]"
     first = foresight.of(name).sizes[0]
-    finer = foresee(experiment, some_poses(experiment, 40), level=LEVEL, power=POWER, sigma=1.5e-5, exact=False)
+    finer = forecast(experiment, some_poses(experiment, 40), level=LEVEL, power=POWER, sigma=1.5e-5, exact=False)
     assert finer.of(name).sizes[0].detect == pytest.approx(first.detect / 2.0, rel=0.05)
-    more = foresee(experiment, some_poses(experiment, 80), level=LEVEL, power=POWER, exact=False)
+    more = forecast(experiment, some_poses(experiment, 80), level=LEVEL, power=POWER, exact=False)
     assert more.of(name).sizes[0].detect < first.detect
 
 
@@ -149,9 +149,9 @@ def test_needs_the_noise_and_the_fitted_parameters(experiment):
     from qsframework.experiment import Noise
 
     with pytest.raises(InputError, match="noise"):
-        foresee(experiment.with_(noise=Noise(None)), some_poses(experiment, 10))
+        forecast(experiment.with_(noise=Noise(None)), some_poses(experiment, 10))
     with pytest.raises(NotIdentifiable):
-        foresee(experiment, some_poses(experiment, 10).take(np.zeros(1, dtype=int)))
+        forecast(experiment, some_poses(experiment, 10).take(np.zeros(1, dtype=int)))
 
 
 @pytest.mark.parametrize(("dof", "sided"), [(1, False), (1, True), (3, False), (6, False)])

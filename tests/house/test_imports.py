@@ -12,7 +12,7 @@ import pytest
 from sources import LIBRARY, PLUGINS, ROOT, complaints, tree
 
 LAYERS = (
-    ("errors", "lazily"),
+    ("errors",),
     ("units",),
     ("plausible", "terminal", "display"),
     ("files",),

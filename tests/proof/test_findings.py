@@ -13,9 +13,10 @@ import pytest
 
 from qsframework.elastostatics import exact_positions
 from qsframework.elastostatics.so3 import exponential
+from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
 from qsframework.experiment.columns import write_table
-from qsframework.identify import Fit, FitOptions, State, identify
+from qsframework.identify import Fit, State, identify
 from qsframework.plugin import Array, Poses
 from qsframework.screening import screen
 

@@ -16,7 +16,7 @@ from qsframework.applications.task import load_task
 from qsframework.cli import main
 from qsframework.design import Wish, design, generate_candidates
 from qsframework.experiment import Experiment, Plan, load_experiment
-from qsframework.forecast.power import foresee
+from qsframework.forecast.power import forecast
 from qsframework.report.result_json import foresight_json
 from qsframework.robot import load_robot
 from qsframework.work import HERE, Checkpoint, Local, Work, job_of
@@ -54,7 +54,7 @@ def job(request: pytest.FixtureRequest, m900ib: Experiment, arm: Experiment, pla
     jobs: dict[str, Job] = {
         "candidates": lambda work: generate_candidates(m900ib, 9000, 3, work=work).pendant.tobytes(),
         "design": lambda work: bits_of(design(m900ib, 9, candidates=400, wish=quick, work=work)),
-        "forecast": lambda work: repr(foresight_json(foresee(arm, plan, work=work))).encode(),
+        "forecast": lambda work: repr(foresight_json(forecast(arm, plan, work=work))).encode(),
         "comparison": lambda work: repr(compare(robots, task, work=work).as_json()).encode(),
     }
     return jobs[request.param]

@@ -13,10 +13,11 @@ from qsframework.design import Wish, design
 from qsframework.diagnose import diagnose
 from qsframework.elastostatics import exact_readings
 from qsframework.errors import InputError, NotConverged
+from qsframework.estimation import FitOptions
 from qsframework.experiment import Readings, make_plan, simulate
 from qsframework.experiment.readings import UNSTATED
 from qsframework.experiment.simulate import displaced
-from qsframework.identify import FitOptions, identify
+from qsframework.identify import identify
 from qsframework.plugin import Array, Conditions, build_effects
 from qsframework.plugin.facts import frozen
 

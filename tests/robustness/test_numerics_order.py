@@ -10,9 +10,10 @@ from hypothesis import given, strategies as st
 from numerics import campaign, candidates, few, poses, readings
 
 from qsframework.design import Wish, design
+from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.readings import joined
-from qsframework.identify import Fit, FitOptions, identify
+from qsframework.identify import Fit, identify
 from qsframework.plugin import Indices
 from qsframework.plugin.facts import frozen
 

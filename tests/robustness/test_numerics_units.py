@@ -26,9 +26,10 @@ from numerics import (
 
 from qsframework.design import Wish, design
 from qsframework.elastostatics import full_displacement
+from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, load_experiment, make_plan, read_readings, simulate, write_readings
 from qsframework.experiment.observations import REACH
-from qsframework.identify import Fit, FitOptions, identify
+from qsframework.identify import Fit, identify
 from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter, Reading, RobotFacts, Sensor, SensorTerm
 from qsframework.units import to_si
 

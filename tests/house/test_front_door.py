@@ -1,4 +1,4 @@
-"""Packages that load their names when they are asked for have the names that they tell pyright of."""
+"""Packages that load their names when they are asked for have the names that their stubs tell pyright of."""
 
 from __future__ import annotations
 
@@ -10,32 +10,34 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from sources import LIBRARY, ROOT, tree
+from sources import ROOT, tree
 
-LAZY = [p for p in LIBRARY if p.name == "__init__.py" and "= lazily(" in p.read_text()]
+LAZY = sorted((ROOT / "qsframework").rglob("__init__.pyi"))
 
 
 def package_of(path: Path) -> str:
     return ".".join(path.parent.relative_to(ROOT).parts)
 
 
-def told(path: Path) -> set[tuple[str, str]]:
-    """Module and name of every import under `if TYPE_CHECKING`."""
-    (block,) = (node for node in tree(path).body if isinstance(node, ast.If))
-    return {(i.module or "", a.name) for i in block.body if isinstance(i, ast.ImportFrom) for a in i.names}
-
-
-def homes(path: Path) -> dict[str, list[str]]:
-    """The modules that the package names, and the names of each, as it writes them."""
-    (call,) = (n for n in ast.walk(tree(path)) if isinstance(n, ast.Call) and ast.unparse(n.func) == "lazily")
-    return {module: names.split() for module, names in ast.literal_eval(call.args[1]).items()}
+def told(path: Path) -> dict[str, tuple[str, str]]:
+    """The names that pyright knows of the package, and the module and the name that each is there."""
+    found: dict[str, tuple[str, str]] = {}
+    for node in tree(path).body:
+        if isinstance(node, ast.ImportFrom):
+            found |= {a.name: (f"{package_of(path)}.{node.module}", a.name) for a in node.names if node.module}
+        elif isinstance(node, ast.Assign):
+            (short,) = node.targets
+            found[ast.unparse(short)] = found.pop(ast.unparse(node.value))
+    return found
 
 
 @pytest.mark.parametrize("path", LAZY, ids=package_of)
 def test_the_names_are_those_of_the_modules(path: Path) -> None:
-    package = package_of(path)
-    own = {(f"{package}.{m}", n.rpartition("=")[2]) for m, names in homes(path).items() for n in names}
-    assert own == {(module, name) for module, name in told(path) if module != package}
+    package = import_module(package_of(path))
+    names = told(path)
+    assert {*names} == {*package.__all__} - {"__version__", "units"}
+    for name, (module, own) in names.items():
+        assert getattr(package, name) is getattr(import_module(module), own), name
 
 
 @pytest.mark.parametrize("path", LAZY, ids=package_of)
@@ -44,7 +46,7 @@ def test_a_name_stays_the_name_when_every_module_is_loaded(path: Path) -> None:
     for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
         if not module.name.endswith(".__main__"):
             import_module(module.name)
-    for name in (n.partition("=")[0] for names in homes(path).values() for n in names):
+    for name in told(path):
         assert not isinstance(getattr(package, name), ModuleType), name
 
 

@@ -1,0 +1,53 @@
+from . import units as units
+from .applications.compare import compare as compare
+from .applications.compensate import compensate as compensate
+from .applications.export import export as export
+from .applications.importers import import_readings as import_readings
+from .applications.programme import make_programme as make_programme
+from .applications.protocol import make_protocol
+from .applications.stiffness import stiffness_at
+from .applications.targets import joint_targets as joint_targets, read_targets as read_targets
+from .design import design as design
+from .diagnose import diagnose as diagnose
+from .discriminate import second_day as second_day
+from .errors import (
+    InputError as InputError,
+    NotCertified as NotCertified,
+    NotConverged as NotConverged,
+    NotIdentifiable as NotIdentifiable,
+    QsfError as QsfError,
+)
+from .estimation import FitOptions as FitOptions
+from .experiment import (
+    Experiment as Experiment,
+    Plan as Plan,
+    Readings as Readings,
+    load_experiment as load_experiment,
+    read_plan as read_plan,
+    read_readings as read_readings,
+    simulate as simulate,
+    write_plan as write_plan,
+    write_readings as write_readings,
+)
+from .forecast import forecast as forecast
+from .identify import (
+    Fit as Fit,
+    identify as identify,
+    read_fit as read_fit,
+    validate as validate,
+    write_fit as write_fit,
+)
+from .plugin import check_effect as check_effect
+from .report.extended import write_extended
+from .report.results import report as report
+from .report.words.diagnosis import diagnosis_words as diagnosis_words
+from .robot import Robot as Robot, load_robot as load_robot
+from .robot.new import new as new
+from .screening import screen as screen
+from .viz.show_scene import show_scene
+
+__version__: str
+extend = write_extended
+protocol = make_protocol
+show = show_scene
+stiffness = stiffness_at

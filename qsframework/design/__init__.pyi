@@ -1,0 +1,14 @@
+from .candidates import (
+    Candidates as Candidates,
+    broken_constraints as broken_constraints,
+    check_poses as check_poses,
+    filter_candidates as filter_candidates,
+    generate_candidates as generate_candidates,
+    grid_candidates as grid_candidates,
+    read_candidates as read_candidates,
+)
+from .catalogue import CRITERIA as CRITERIA, TITLES as TITLES, find_criterion as find_criterion
+from .certified import Wish as Wish
+from .design import design as design
+from .problem import joint_sd as joint_sd
+from .symmetry import equivalent_poses as equivalent_poses

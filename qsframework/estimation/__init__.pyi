@@ -1,0 +1,21 @@
+from .noise import (
+    Independent as Independent,
+    Noise as Noise,
+    Scaled as Scaled,
+    grouped as grouped,
+    rounding as rounding,
+    shared_error as shared_error,
+)
+from .observations import Observations as Observations, scales as scales
+from .options import METHODS as METHODS, PLAIN as PLAIN, FitOptions as FitOptions
+from .projection import falls as falls, left as left, orthonormal as orthonormal, without_block as without_block
+from .rank import RankTest as RankTest, rank_test as rank_test
+from .solver import Solution as Solution, settle as settle, solve as solve
+from .statistics import (
+    Interval as Interval,
+    profile_interval as profile_interval,
+    propagated as propagated,
+    rms as rms,
+    shifts as shifts,
+    studentised as studentised,
+)

@@ -1,0 +1,24 @@
+from .advice import loss_words as loss_words, what_would_help as what_would_help
+from .certificate import (
+    Allowed as Allowed,
+    bound_of as bound_of,
+    efficiency_bound as efficiency_bound,
+    everything as everything,
+)
+from .promise import Promise as Promise, promises as promises
+from .rows import (
+    HeldRows as HeldRows,
+    MadeRows as MadeRows,
+    MappedRows as MappedRows,
+    Rows as Rows,
+    as_rows as as_rows,
+    scores as scores,
+    weighted_information as weighted_information,
+)
+from .sensitivities import (
+    information as information,
+    information_rows as information_rows,
+    predicted_sd as predicted_sd,
+    promised_beyond as promised_beyond,
+    promised_sd as promised_sd,
+)
