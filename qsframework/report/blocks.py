@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import TYPE_CHECKING
 
-from qsframework.report.plots import Plot
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure as Plot
 
 
 class Mark(Enum):

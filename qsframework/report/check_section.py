@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,7 +12,10 @@ from qsframework.experiment import Experiment, Readings
 from qsframework.plugin import Array
 from qsframework.report.blocks import Figure, Section, Table
 from qsframework.report.numbers import row_table
-from qsframework.report.plots import Plot, blank
+from qsframework.report.plots import blank
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure as Plot
 
 _STATE = {True: "as it should be", False: "look at it", None: "not measured"}
 Found = tuple[str, str, Sequence[tuple[bool | None, str, str]]]
@@ -81,8 +85,7 @@ def _sizes(rows: list[int], size: list[float], marker: list[str], used: list[str
     for name in dict.fromkeys(marker):
         at = [i for i, m in enumerate(marker) if m == name]
         symbols = ["circle" if used[i] == "yes" else "x" for i in at]
-        figure.add(
-            "scatter",
+        figure.add_scatter(
             x=[rows[i] for i in at],
             y=[size[i] for i in at],
             mode="markers",

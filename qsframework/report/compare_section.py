@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,10 +11,13 @@ from qsframework.applications.compare import Compared, Comparison
 from qsframework.plugin import Array
 from qsframework.report.blocks import Figure, Section, Table, Text, View
 from qsframework.report.numbers import row_table
-from qsframework.report.plots import COLOURS, SYMBOLS, Plot, blank, panels
+from qsframework.report.plots import COLOURS, SYMBOLS, blank, panels
 from qsframework.report.words.sizes import shown
 from qsframework.robot.collision import Flags
 from qsframework.viz import task_scene
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure as Plot
 
 
 def summary_table(result: Comparison) -> Table:
@@ -136,8 +139,7 @@ def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) ->
         grid = cells.reshape(len(task.map_z), len(task.map_x))
         z = [[float(np.log10(v)) if np.isfinite(v) else None for v in row] for row in grid]
         said = [[float(v) if np.isfinite(v) else None for v in row] for row in grid]
-        figure.add(
-            "heatmap",
+        figure.add_heatmap(
             x=task.map_x.tolist(),
             y=task.map_z.tolist(),
             z=z,
@@ -147,8 +149,7 @@ def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) ->
             customdata=said,
             hovertemplate="x %{x:.2f} m, z %{y:.2f} m: %{customdata:.3g} " + unit + "<extra></extra>",
         )
-        figure.add(
-            "scatter",
+        figure.add_scatter(
             x=task.points[:, 0].tolist(),
             y=task.points[:, 2].tolist(),
             mode="markers",
@@ -158,17 +159,15 @@ def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) ->
             marker={"color": "black", "size": 5, "symbol": "x"},
             hovertemplate="the path<extra></extra>",
         )
-        figure.axis("x", col=k, title={"text": "x, m"})
-    figure.axis("y", title={"text": "z, m"})
+        figure.update_xaxes(row=1, col=k, title={"text": "x, m"})
+    figure.update_yaxes(row=1, col=1, title={"text": "z, m"})
     ticks = _ticks(np.concatenate(values))
     bar = {"title": {"text": unit}, "tickvals": np.log10(ticks).tolist(), "ticktext": [f"{v:g}" for v in ticks]}
-    figure.update(
+    figure.update_layout(
         plot_bgcolor="#ddd",
         coloraxis={"colorscale": "Cividis", "reversescale": True, "colorbar": bar},
     )
-    for letter in "xy":
-        figure.axes(letter, showgrid=False, zeroline=False)
-    return figure
+    return figure.update_xaxes(showgrid=False, zeroline=False).update_yaxes(showgrid=False, zeroline=False)
 
 
 def map_table(result: Comparison, values: list[Array], unit: str) -> Table:
@@ -198,5 +197,5 @@ def path_figure(result: Comparison) -> Plot:
             y = [float(v * 1e3) if np.isfinite(v) else None for v in values]
             mark = {"symbol": SYMBOLS[k % len(SYMBOLS)]}
             line = {"dash": dash, "color": COLOURS[k % len(COLOURS)]}
-            figure.add("scatter", x=points, y=y, mode="lines+markers", line=line, marker=mark, name=name)
-    return figure.update(yaxis={"type": "log"})
+            figure.add_scatter(x=points, y=y, mode="lines+markers", line=line, marker=mark, name=name)
+    return figure.update_layout(yaxis={"type": "log"})

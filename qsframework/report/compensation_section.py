@@ -54,16 +54,15 @@ def compensation_section(result: Compensation) -> Section:
     """Words, notes, the figure and the table."""
     figure = blank("Distance from the wanted place", "target", "mm")
     names = [html.escape(name) for name in result.targets.name]
-    figure.add("bar", x=names, y=(result.size * 1e3).tolist(), name="uncorrected", marker=BARS[0], customdata=names)
-    figure.add(
-        "bar",
+    figure.add_bar(x=names, y=(result.size * 1e3).tolist(), name="uncorrected", marker=BARS[0], customdata=names)
+    figure.add_bar(
         x=names,
         y=(result.sd * 1e3).tolist(),
         name="expected after the correction",
         marker=BARS[1],
         customdata=names,
     )
-    figure.update(yaxis={"type": "log"}, barmode="group", xaxis={"type": "category"})
+    figure.update_layout(yaxis={"type": "log"}, barmode="group", xaxis={"type": "category"})
     caption = (
         "Each pair of bars is a target, on a logarithmic scale. Look for targets whose second bar is not much lower "
         "than the first: there the fit knows too little, and more readings near that pose would help."

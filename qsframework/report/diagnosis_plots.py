@@ -48,14 +48,14 @@ def learned_figure(diagnosis: Diagnosis, taught: Taught) -> Iterator[Figure]:
     names = _axes(taught) if several else (place_words(law),)
     for i, name in enumerate(names):
         y, band = 1e6 * found.motion[:, i], 2e6 * found.sd[:, i]
-        figure.add("scatter", x=x, y=y, name=html.escape(name), line={"color": COLOURS[i]})
+        figure.add_scatter(x=x, y=y, name=html.escape(name), line={"color": COLOURS[i]})
         around = np.concatenate([x, x[::-1]]), np.concatenate([y + band, (y - band)[::-1]])
         look: dict[str, Any] = {"fill": "toself", "fillcolor": COLOURS[i], "opacity": 0.15, "line": {"width": 0}}
-        figure.add("scatter", x=around[0], y=around[1], name="2 sd", hoverinfo="skip", showlegend=False, **look)
+        figure.add_scatter(x=around[0], y=around[1], name="2 sd", hoverinfo="skip", showlegend=False, **look)
         dot = {"color": COLOURS[i], "size": 5, "symbol": "circle-open"}
         where = np.rad2deg(at[:, i]) if degrees else at[:, i]
-        figure.add(
-            "scatter", x=where, y=1e6 * said[:, i], mode="markers", name=f"readings, {html.escape(name)}", marker=dot
+        figure.add_scatter(
+            x=where, y=1e6 * said[:, i], mode="markers", name=f"readings, {html.escape(name)}", marker=dot
         )
     note = (
         "A smooth law that the readings taught, with its band of two standard deviations, beside the spring, which "
@@ -89,8 +89,7 @@ def budget_figure(diagnosis: Diagnosis) -> Figure:
         ("rises by", BARS[0], [i for i in range(1, len(held)) if not falls[i]]),
     ):
         if at:
-            figure.add(
-                "bar",
+            figure.add_bar(
                 x=[names[i] for i in at],
                 y=(top - foot)[at],
                 base=foot[at],
@@ -98,17 +97,16 @@ def budget_figure(diagnosis: Diagnosis) -> Figure:
                 marker=look,
             )
     left = {"tickvals": names, "ticktext": [f"{n}<br>{v:.3f} mm" for n, v in zip(names, ends, strict=True)]}
-    figure.update(barmode="overlay", xaxis={"categoryorder": "array", "categoryarray": names, **left})
+    figure.update_layout(barmode="overlay", xaxis={"categoryorder": "array", "categoryarray": names, **left})
     on = [1e3 * s.readings for s in body]
-    figure.add(
-        "scatter",
+    figure.add_scatter(
         x=[*labels, "extended"],
         y=[*on, on[-1]],
         mode="markers",
         name="on the readings",
         marker={"symbol": "diamond", "size": 9, "color": BLACK},
     )
-    figure.line("y", 1e3 * noise.heldout, line={"color": GREY, "dash": "dot"}, said="noise")
+    figure.add_hline(1e3 * noise.heldout, line={"color": GREY, "dash": "dot"}, annotation_text="noise")
     return Figure(
         figure,
         "Bars: the error at poses left out, from the nominal to the extended model; the number is what is left after "
@@ -135,8 +133,7 @@ def joint_figure(diagnosis: Diagnosis) -> Figure:
     for k in range(len(joints)):
         place = {"row": k // _ACROSS + 1, "col": k % _ACROSS + 1}
         for values, look, name in ((before, BEFORE, "before"), (after, AFTER, "after")):
-            figure.add(
-                "scatter",
+            figure.add_scatter(
                 x=q[:, k],
                 y=1e3 * values,
                 mode="markers",
@@ -148,7 +145,7 @@ def joint_figure(diagnosis: Diagnosis) -> Figure:
                 **place,
             )
     for row in range(lines):
-        figure.axis("y", row + 1, title={"text": "residual, mm"})
+        figure.update_yaxes(row=row + 1, col=1, title={"text": "residual, mm"})
     return Figure(
         figure,
         f"Measured minus predicted, along the residuals' main direction ({_vector(direction)}, base frame). Look "
@@ -172,8 +169,7 @@ def load_figure(diagnosis: Diagnosis) -> Figure:
     poses = _poses(diagnosis)
     for col, x in ((1, force), (2, r.line[diagnosis.kept])):
         for values, look, name in ((before, BEFORE, "before"), (after, AFTER, "after")):
-            figure.add(
-                "scatter",
+            figure.add_scatter(
                 x=x,
                 y=1e3 * values,
                 mode="markers",
@@ -186,7 +182,7 @@ def load_figure(diagnosis: Diagnosis) -> Figure:
                 row=1,
                 col=col,
             )
-    figure.axis("y", title={"text": "residual, mm"})
+    figure.update_yaxes(row=1, col=1, title={"text": "residual, mm"})
     return Figure(
         figure,
         "Look left whether residuals grow with the force: then a spring or a load is wrong, otherwise play or a "
@@ -208,8 +204,7 @@ def marker_figure(diagnosis: Diagnosis) -> Figure:
     figure = blank("Residuals at each marker", "", "length of the residual, mm")
     pairs = zip(diagnosis.residuals(), (BEFORE, AFTER), ("before", "after"), strict=True)
     for residuals, look, name in pairs:
-        figure.add(
-            "box",
+        figure.add_box(
             x=names[marker],
             y=1e3 * np.linalg.norm(residuals, axis=1),
             name=name,
@@ -219,7 +214,7 @@ def marker_figure(diagnosis: Diagnosis) -> Figure:
             pointpos=0.0,
             jitter=0.5,
         )
-    figure.update(boxmode="group")
+    figure.update_layout(boxmode="group")
     return Figure(
         figure,
         "Look for one marker that stands out, and stays so after the extension: its mount or its stated place is "
@@ -277,13 +272,12 @@ def power_figure(diagnosis: Diagnosis) -> Figure:
     for dof, sided in sorted(set(of.values())):
         rate = detection_rate(s, dof, sided, threshold(dof, sided, limit))
         name = f"{dof} direction{'s' if dof > 1 else ''}{', can only grow' if sided else ''}"
-        figure.add("scatter", x=s, y=rate, mode="lines", name=name)
+        figure.add_scatter(x=s, y=rate, mode="lines", name=name)
     for f in diagnosis.findings:
         if f.name in of:
             dof, sided = of[f.name]
             y = detection_rate(f.s, dof, sided, threshold(dof, sided, limit))
-            figure.add(
-                "scatter",
+            figure.add_scatter(
                 x=[f.s],
                 y=[float(y)],
                 mode="markers+text",

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import singledispatch
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from qsframework.report.diagnosis_tables import cause_table, doubtful_table, err
 from qsframework.report.fit_plots import distribution_figure, fit_figures
 from qsframework.report.fit_section import error_tables, fit_table
 from qsframework.report.plan_section import pose_table
-from qsframework.report.plots import COLOURS, SYMBOLS, Plot, blank, plotted
+from qsframework.report.plots import COLOURS, SYMBOLS, blank, plotted
 from qsframework.report.validation_section import validation_tables
 from qsframework.report.words.fit import fit_verdict
 from qsframework.report.words.headline import headline
@@ -31,6 +31,9 @@ from qsframework.report.words.plan import certificate_text
 from qsframework.report.words.validation import validation_verdict
 from qsframework.terminal import paragraphs, table_lines, width
 from qsframework.units import JointUnits
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure as Plot
 
 _ROWS = 10
 """Of readings that text shows."""
@@ -84,7 +87,7 @@ def frame(result: Any) -> Any:
 
 def plot(result: Any) -> Any:
     """Its plot, a `plotly.graph_objects.Figure`."""
-    return _face(result).draw().figure()
+    return _face(result).draw()
 
 
 @singledispatch
@@ -120,7 +123,7 @@ def _plan(plan: Plan) -> Face:
         out = blank("Joints of the plan", "pose", f"value, {units.one}")
         for k, shown in enumerate(units.shown(plan.pendant).T):
             mark = {"color": COLOURS[k % len(COLOURS)], "symbol": SYMBOLS[k % len(SYMBOLS)]}
-            out.add("scatter", x=list(plan.pose), y=plotted(shown), mode="markers", marker=mark, name=units.labels()[k])
+            out.add_scatter(x=list(plan.pose), y=plotted(shown), mode="markers", marker=mark, name=units.labels()[k])
         return out
 
     return Face(said, (pose_table(plan, units),), columns, figure)
@@ -159,7 +162,7 @@ def _readings(readings: Readings) -> Face:
             size = 1e3 * np.sqrt(np.nansum(readings.value[at] ** 2, axis=1))
             mark = {"color": COLOURS[k], "symbol": SYMBOLS[k]}
             names = [readings.pose[int(i)] for i in at]
-            out.add("scatter", x=names, y=plotted(size), mode="markers", marker=mark, name=f"{kind}s")
+            out.add_scatter(x=names, y=plotted(size), mode="markers", marker=mark, name=f"{kind}s")
         return out
 
     return Face(said, (title,), columns, figure)

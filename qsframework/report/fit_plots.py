@@ -57,11 +57,10 @@ def _parameters(fit: Fit, beside: StoredFit | None) -> Figure:
     names = [html.escape(e.name) for e in every]
     title = "Parameters with their standard deviations"
     figure = blank(title, "change from initial, % of natural size", "")
-    figure.update(height=150 + 24 * max(len(every), 2))
+    figure.update_layout(height=150 + 24 * max(len(every), 2))
     prior = [e for e in every if e.prior_sd is not None]
     if prior:
-        figure.add(
-            "bar",
+        figure.add_bar(
             orientation="h",
             y=[html.escape(e.name) for e in prior],
             x=[_percent(e, 2.0 * (e.prior_sd or 0.0)) for e in prior],
@@ -69,9 +68,8 @@ def _parameters(fit: Fit, beside: StoredFit | None) -> Figure:
             name="prior, 1 sd to each side",
             marker={"color": "#e3e3e3", "line": {"color": GREY, "width": 1}},
         )
-    figure.add("scatter", x=[0.0] * len(every), y=names, mode="markers", name="initial", marker={**BEFORE, "size": 9})
-    figure.add(
-        "scatter",
+    figure.add_scatter(x=[0.0] * len(every), y=names, mode="markers", name="initial", marker={**BEFORE, "size": 9})
+    figure.add_scatter(
         x=[_percent(e, e.value - e.initial) for e in every],
         y=names,
         mode="markers",
@@ -84,8 +82,7 @@ def _parameters(fit: Fit, beside: StoredFit | None) -> Figure:
     if beside is not None:
         other = dict(zip(beside.names, zip(beside.values.tolist(), beside.sd.tolist(), strict=True), strict=True))
         both = [e for e in every if e.name in other]
-        figure.add(
-            "scatter",
+        figure.add_scatter(
             x=[_percent(e, other[e.name][0] - e.initial) for e in both],
             y=[html.escape(e.name) for e in both],
             mode="markers",
@@ -98,7 +95,7 @@ def _parameters(fit: Fit, beside: StoredFit | None) -> Figure:
             },
             marker={"color": GREEN, "symbol": "triangle-up", "size": 9},
         )
-    figure.update(barmode="overlay", yaxis={"autorange": "reversed", "type": "category", "dtick": 1})
+    figure.update_layout(barmode="overlay", yaxis={"autorange": "reversed", "type": "category", "dtick": 1})
     rows = tuple((e.name, value_words(e.value, e.sd, e.unit), *(f"{v:.4g}" for v in _shares(e))) for e in every)
     return Figure(
         figure,
@@ -121,8 +118,7 @@ def _correlation(fit: Fit) -> Figure:
     names, c = [html.escape(n) for n in fit.names], fit.correlation
     figure = blank("Correlation of the parameters", "", "")
     few = len(names) <= _NUMBERS
-    figure.add(
-        "heatmap",
+    figure.add_heatmap(
         x=names,
         y=names,
         z=c,
@@ -135,7 +131,7 @@ def _correlation(fit: Fit) -> Figure:
         hovertemplate="%{x}<br>%{y}<br>%{z:.3f}<extra></extra>",
     )
     labels = {"showticklabels": len(names) <= _LABELS, "dtick": 1, "tickfont": {"size": 11 if few else 9}}
-    figure.update(
+    figure.update_layout(
         height=max(360, 200 + 22 * min(len(names), _LABELS)),
         xaxis={**labels, "tickangle": 60},
         yaxis={**labels, "autorange": "reversed"},
@@ -153,8 +149,7 @@ def _measured_predicted(fit: Fit) -> Figure:
     figure = blank("Measured against predicted displacement", "predicted, mm", "measured, mm", 400)
     at = np.flatnonzero(~fit.position)
     for i, axis in enumerate(AXES):
-        figure.add(
-            "scatter",
+        figure.add_scatter(
             x=plotted(fit.predicted[at, i] * 1e3),
             y=plotted(fit.measured[at, i] * 1e3),
             mode="markers",
@@ -164,10 +159,10 @@ def _measured_predicted(fit: Fit) -> Figure:
         )
     both = np.concatenate([fit.measured[at], fit.predicted[at]]) * 1e3
     low, high = float(np.nanmin(both)), float(np.nanmax(both))
-    figure.add("scatter", x=[low, high], y=[low, high], mode="lines", name="equal", line={"color": GREY, "width": 1})
+    figure.add_scatter(x=[low, high], y=[low, high], mode="lines", name="equal", line={"color": GREY, "width": 1})
     margin = 0.05 * (high - low)
     ends = [low - margin, high + margin]
-    figure.update(
+    figure.update_layout(
         xaxis={"range": ends, "constrain": "domain"},
         yaxis={"range": ends, "scaleanchor": "x", "constrain": "domain"},
     )
@@ -193,9 +188,8 @@ def distribution_figure(sizes: dict[str, Array]) -> Figure:
         most = float(np.quantile(size, _QUANTILE / 100))
         line = {"color": colours[i % 3], "dash": DASHES[(1, 0, 2)[i % 3]], "shape": "hv"}
         said = f"{name}: 95 % {most:.3f}, max {size[-1]:.3f} mm"
-        figure.add("scatter", x=size, y=share, mode="lines", name=said, line=line)
-        figure.add(
-            "scatter",
+        figure.add_scatter(x=size, y=share, mode="lines", name=said, line=line)
+        figure.add_scatter(
             x=[most, float(size[-1])],
             y=[_QUANTILE, 100.0],
             mode="markers",
@@ -218,8 +212,7 @@ def _by_row(fit: Fit) -> tuple[Figure, ...]:
     every = np.arange(len(fit.rows))
     figure = blank("Studentised residuals", "row of the readings file", "residual / its sd")
     for i, axis in enumerate(AXES):
-        figure.add(
-            "scatter",
+        figure.add_scatter(
             x=fit.rows,
             y=plotted(fit.studentised[:, i]),
             mode="markers",
@@ -228,7 +221,7 @@ def _by_row(fit: Fit) -> tuple[Figure, ...]:
             text=[f"{v * 1e3:.3f} mm" for v in fit.residuals[:, i]],
         )
     for level in (-3.0, 3.0):
-        figure.line("y", level, line={"color": GREY, "width": 1, "dash": "dot"})
+        figure.add_hline(level, line={"color": GREY, "width": 1, "dash": "dot"})
     student = Figure(
         figure,
         "Look beyond the dotted lines at ±3: such a reading deserves a look; a run of one sign says that the model "
@@ -240,8 +233,7 @@ def _by_row(fit: Fit) -> tuple[Figure, ...]:
     at = np.flatnonzero(fit.position)
     figure = blank("Error of the position", "row of the readings file", "distance, mm")
     for name, errors, look in (("nominal", fit.measured - fit.nominal, BEFORE), ("identified", fit.residuals, AFTER)):
-        figure.add(
-            "scatter",
+        figure.add_scatter(
             x=fit.rows[at],
             y=plotted(np.linalg.norm(errors[at], axis=1) * 1e3),
             mode="markers",
@@ -267,9 +259,8 @@ def _normal(fit: Fit) -> tuple[Figure, ...]:
     count, _ = np.histogram(z, edges)
     middle, width = 0.5 * (edges[1:] + edges[:-1]), float(edges[1] - edges[0])
     bars = blank("Histogram of the residuals", "residual / its sd", "coordinates")
-    bars.add("bar", x=middle, y=count, name="residuals", marker={"color": BLUE}, width=0.95 * width)
-    bars.add(
-        "scatter",
+    bars.add_bar(x=middle, y=count, name="residuals", marker={"color": BLUE}, width=0.95 * width)
+    bars.add_scatter(
         x=middle,
         y=len(z) * np.diff(normal_sf(-edges)),
         mode="lines",
@@ -278,9 +269,9 @@ def _normal(fit: Fit) -> tuple[Figure, ...]:
     )
     wanted = -normal_isf((np.arange(1, len(z) + 1) - 0.5) / len(z))
     quantiles = blank("Residuals against the normal law", "quantile of the normal law", "residual / its sd")
-    quantiles.add("scatter", x=wanted, y=z, mode="markers", name="residuals", marker={**AFTER, "size": 5})
+    quantiles.add_scatter(x=wanted, y=z, mode="markers", name="residuals", marker={**AFTER, "size": 5})
     ends = [float(wanted[0]), float(wanted[-1])]
-    quantiles.add("scatter", x=ends, y=ends, mode="lines", name="normal law", line={"color": BLACK, "dash": "dash"})
+    quantiles.add_scatter(x=ends, y=ends, mode="lines", name="normal law", line={"color": BLACK, "dash": "dash"})
     return (
         Figure(
             bars,
@@ -310,8 +301,7 @@ def workspace_figure(fit: Fit, readings: Readings, pose: Indices, marker: Indice
     views = ((points[:, 0], points[:, 1], "x, m", "y, m"), (around, points[:, 2], "from the base's axis, m", "z, m"))
     largest = max(float(size.max()), 1e-9)
     for col, (x, y, along, up) in enumerate(views, start=1):
-        figure.add(
-            "scatter",
+        figure.add_scatter(
             x=x,
             y=y,
             mode="markers",
@@ -331,10 +321,10 @@ def workspace_figure(fit: Fit, readings: Readings, pose: Indices, marker: Indice
             col=col,
         )
         anchor = "x" if col == 1 else "x2"
-        figure.axis("x", col=col, title={"text": along})
-        figure.axis("y", col=col, title={"text": up}, scaleanchor=anchor)
+        figure.update_xaxes(row=1, col=col, title={"text": along})
+        figure.update_yaxes(row=1, col=col, title={"text": up}, scaleanchor=anchor)
     scale = {"colorscale": "Cividis", "reversescale": True, "colorbar": {"title": {"text": "mm"}, "thickness": 12}}
-    figure.update(coloraxis=scale)
+    figure.update_layout(coloraxis=scale)
     columns = [names, *points.T.tolist(), around.tolist(), size.tolist()]
     return Figure(
         figure,

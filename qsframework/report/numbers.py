@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from qsframework.report.blocks import Table
-from qsframework.report.plots import Plot
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure as Plot
 
 _CURVE = 60
 """A line of more points than this is a smooth curve: about this many of them are told."""
@@ -20,8 +22,8 @@ def figure_table(figure: Plot) -> Table:
 
     Heat maps become a matrix. Columns carry the titles of the axes.
     """
-    traces = [t for t in figure.data if t["type"] != "heatmap"]
-    maps = [t for t in figure.data if t["type"] == "heatmap"]
+    traces = [t for t in figure.data if t.type != "heatmap"]
+    maps = [t for t in figure.data if t.type == "heatmap"]
     if maps:
         return _matrix(maps[0])
     series = [_Series(t, i) for i, t in enumerate(traces)]
@@ -40,26 +42,26 @@ def figure_table(figure: Plot) -> Table:
 class _Series:
     """One trace: its name and its points as lists."""
 
-    def __init__(self, trace: dict[str, Any], number: int) -> None:
-        self.name = _plain(trace.get("name") or f"series {number + 1}")
-        y = list(trace["y"])
-        x = list(trace.get("x", range(1, len(y) + 1)))
-        self.thinned = trace.get("mode") == "lines" and len(x) > _CURVE
+    def __init__(self, trace: Any, number: int) -> None:
+        self.name = _plain(trace.name or f"series {number + 1}")
+        y = list(trace.y)
+        x = list(range(1, len(y) + 1) if trace.x is None else trace.x)
+        self.thinned = trace.type == "scatter" and trace.mode == "lines" and len(x) > _CURVE
         step = -(-len(x) // _CURVE) if self.thinned else 1
         self.x, self.y = [_plain(v) for v in x[::step]], y[::step]
 
 
-def _matrix(trace: dict[str, Any]) -> Table:
+def _matrix(trace: Any) -> Table:
     """A heat map with its labels."""
-    shown = trace.get("customdata", trace["z"])
-    header = ("", *(_plain(str(v)) for v in trace["x"]))
+    shown = trace.z if trace.customdata is None else trace.customdata
+    header = ("", *(_plain(str(v)) for v in trace.x))
     return Table(
-        header, tuple((_plain(str(label)), *map(_cell, row)) for label, row in zip(trace["y"], shown, strict=True))
+        header, tuple((_plain(str(label)), *map(_cell, row)) for label, row in zip(trace.y, shown, strict=True))
     )
 
 
 def _title(figure: Plot, axis: str) -> str:
-    return str(_plain(figure.layout[axis].get("title", {}).get("text", "")))
+    return str(_plain(figure.layout[axis].title.text or ""))
 
 
 def _plain(value: Any) -> Any:

@@ -9,12 +9,14 @@ import re
 from collections.abc import Iterator, Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from qsframework.report.blocks import Block, Figure, Lines, Section, Table, Text, Verdict, View
 from qsframework.report.numbers import figure_table
-from qsframework.report.plots import Plot
 from qsframework.report.printed import write_page
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure as Plot
 
 __all__ = ["Block", "Figure", "Lines", "Section", "Table", "Text", "Verdict", "View", "write_report"]
 _WORDS = 18
@@ -92,11 +94,10 @@ def _block(block: Block, name: str) -> dict[str, Any]:
 def _drawn(figure: Plot) -> dict[str, str]:
     """A figure as JSON that may stand inside a script; its title, which the page sets, so that it breaks and is read
     aloud like others; and its height, so that nothing jumps when it is drawn."""
-    title = figure.layout["title"]["text"]
     return {
-        "title": html.unescape(title),
-        "json": figure.json().replace("<", "\\u003c"),
-        "height": str(figure.layout["height"]),
+        "title": html.unescape(figure.layout.title.text),
+        "json": figure.to_json(validate=False).replace("<", "\\u003c"),
+        "height": str(figure.layout.height),
     }
 
 

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from qsframework.forecast.forecast import Foresight, Outlook, Prospect, Why
 from qsframework.plugin import Array, Indices
 from qsframework.report.blocks import Figure, Section, Table, Text
-from qsframework.report.plots import DASHES, GREY, Plot, blank
+from qsframework.report.plots import DASHES, GREY, blank
 from qsframework.report.words.forecast import curve_words, foresight_words, kind_words, smallest_words, why_words
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure as Plot
 
 _LABELS = 120
 """Causes up to which the axes of the heat map carry all names."""
@@ -77,8 +81,7 @@ def angle_figure(names: Sequence[str], angles: Array) -> Plot:
     shown = np.minimum(np.rad2deg(angles[np.ix_(order, order)]), 90.0)
     labels = [html.escape(names[int(i)]) for i in order]
     figure = blank("Angles between causes", "", "")
-    figure.add(
-        "heatmap",
+    figure.add_heatmap(
         z=shown,
         x=labels,
         y=labels,
@@ -90,7 +93,7 @@ def angle_figure(names: Sequence[str], angles: Array) -> Plot:
     )
     size = max(420, 200 + 11 * len(order)) if len(order) <= _LABELS else 1100
     every = {"tickfont": {"size": 8}, "showticklabels": len(order) <= _LABELS, "automargin": True}
-    figure.update(
+    figure.update_layout(
         height=size,
         xaxis={**every, "tickangle": 90, "dtick": 1},
         yaxis={**every, "autorange": "reversed", "dtick": 1},
@@ -122,10 +125,10 @@ def power_figure(foresight: Foresight, marked: Sequence[tuple[str, float]] = ())
     figure = blank("Chance of detection", "s: visible size in units of noise", "detected, %")
     for i, curve in enumerate(foresight.curves):
         line, name = {"dash": DASHES[i % len(DASHES)]}, html.escape(curve_words(curve))
-        figure.add("scatter", x=curve.s, y=100.0 * curve.rate, mode="lines", line=line, name=name)
-    figure.line("y", 100.0 * foresight.power, line={"color": GREY, "width": 1, "dash": "dot"})
+        figure.add_scatter(x=curve.s, y=100.0 * curve.rate, mode="lines", line=line, name=name)
+    figure.add_hline(100.0 * foresight.power, line={"color": GREY, "width": 1, "dash": "dot"})
     for name, s in marked:
-        figure.line("x", s, line={"color": GREY, "width": 1}, said=html.escape(name))
+        figure.add_vline(s, line={"color": GREY, "width": 1}, annotation_text=html.escape(name))
     return figure
 
 

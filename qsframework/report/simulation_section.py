@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,10 +12,13 @@ from qsframework.elastostatics.exact import exact_readings
 from qsframework.experiment import Experiment, Plan, Simulation
 from qsframework.plugin import Array
 from qsframework.report.blocks import Figure, Section, Table, Text, View
-from qsframework.report.plots import GREY, Plot, blank
+from qsframework.report.plots import GREY, blank
 from qsframework.report.words.sizes import shown
 from qsframework.viz import show_scene
 from qsframework.viz.deflection import deflection
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure as Plot
 
 _LOOK = (
     "Bars: how far each marker moves under the load, without noise; the dotted line is the noise of one coordinate. "
@@ -85,10 +89,10 @@ def truth_table(result: Simulation) -> Table:
 
 def _bars(experiment: Experiment, plan: Plan, moved: Array, sigma: float) -> Plot:
     figure = blank("Displacement of the markers", "pose", "length, mm")
-    figure.update(barmode="group", xaxis={"type": "category"})
+    figure.update_layout(barmode="group", xaxis={"type": "category"})
     sizes = 1e3 * np.linalg.norm(moved, axis=2)
     poses = [html.escape(p) for p in plan.pose]
     for k, marker in enumerate(experiment.markers):
-        figure.add("bar", x=poses, y=sizes[:, k].tolist(), name=html.escape(marker.name))
-    figure.line("y", sigma, line={"color": GREY, "dash": "dot"}, said="noise")
+        figure.add_bar(x=poses, y=sizes[:, k].tolist(), name=html.escape(marker.name))
+    figure.add_hline(sigma, line={"color": GREY, "dash": "dot"}, annotation_text="noise")
     return figure

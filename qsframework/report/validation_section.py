@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import html
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from qsframework.identify.validate import Errors, Validation
 from qsframework.report.blocks import Figure, Section, Table, Text
 from qsframework.report.fit_plots import distribution_figure
-from qsframework.report.plots import AFTER, Plot, blank
+from qsframework.report.plots import AFTER, blank
 from qsframework.report.words.validation import validation_words
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure as Plot
 
 
 def validation_tables(found: Validation) -> tuple[Table, ...]:
@@ -72,8 +76,7 @@ def _by_row(found: Validation) -> Plot:
     whole = np.flatnonzero(np.isfinite(found.whole.errors).all(axis=1))
     size = np.linalg.norm(found.whole.errors[whole], axis=1) * 1e3
     poses = [html.escape(found.poses[int(i)]) for i in whole]
-    figure.add(
-        "scatter",
+    figure.add_scatter(
         x=found.lines[whole].tolist(),
         y=size.tolist(),
         mode="markers",

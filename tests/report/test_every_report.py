@@ -294,19 +294,19 @@ def test_the_numbers_of_a_figure_are_those_of_its_traces() -> None:
     from qsframework.report.plots import blank
 
     figure = blank("", "x, m", "y, mm")
-    figure.add("scatter", x=[1, 2], y=[3.0, None], name="<b>a</b>")
+    figure.add_scatter(x=[1, 2], y=[3.0, None], name="<b>a</b>")
     assert figure_table(figure).rows == (("1", "3"), ("2", "-"))
-    figure.add("bar", x=[1, 2], y=[5.0, 6.0], name="b")
+    figure.add_bar(x=[1, 2], y=[5.0, 6.0], name="b")
     together = figure_table(figure)
     assert together.header[0] == "x, m"
     assert together.rows == (("1", "3", "5"), ("2", "-", "6"))
-    figure.add("scatter", x=list(range(1000)), y=list(range(1000)), mode="lines", name="curve")
+    figure.add_scatter(x=list(range(1000)), y=list(range(1000)), mode="lines", name="curve")
     apart = figure_table(figure)
     assert apart.header == ("series", "x, m", "y, mm")
     assert 30 < len([r for r in apart.rows if r[0] == "curve"]) <= 60
     assert "some points" in apart.caption
     figure = blank("", "", "")
-    figure.add("heatmap", x=["p", "q"], y=["r"], z=[[1.5, np.nan]])
+    figure.add_heatmap(x=["p", "q"], y=["r"], z=[[1.5, np.nan]])
     heat = figure_table(figure)
     assert heat.header == ("", "p", "q")
     assert heat.rows == (("r", "1.5", "-"),)

@@ -7,6 +7,7 @@ function draw(div) {
   if (div.dataset.drawn) { Plotly.Plots.resize(div); return; }
   div.dataset.drawn = "yes";
   const {data, layout} = JSON.parse(document.getElementById(div.id + "-data").textContent);
+  delete layout.title;  // the page has it above, where it breaks and is read aloud
   if (div.clientWidth < 480) for (const axis in layout) if (/^[xy]axis/.test(axis)) layout[axis].nticks = 6;
   Plotly.newPlot(div, data, layout, {displaylogo: false, responsive: true});
   div.on("plotly_afterplot", () => div.querySelectorAll(".modebar-btn").forEach(button => button.tabIndex = -1));
