@@ -16,7 +16,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 GROUPS = {
-    "qsframework": ("qsframework/*.py",),
+    "qsframework": ("qsframework/*.py", "qsframework/*.pyi"),
     "plugins": ("plugins/*.py",),
     "templates": ("qsframework/*.j2", "qsframework/*.html", "qsframework/*.css", "qsframework/*.js"),
     "tests": ("tests/*.py",),
@@ -87,7 +87,7 @@ def sizes(root: Path = ROOT) -> dict[str, CodeSize]:
         for name in filter(None, names):
             if not name.endswith(MADE) and (root / name).exists():
                 source = (root / name).read_text(encoding="utf-8")
-                total += python_size(source) if name.endswith(".py") else text_size(source)
+                total += python_size(source) if name.endswith((".py", ".pyi")) else text_size(source)
         out[group] = total
     return out
 

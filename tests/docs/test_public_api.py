@@ -69,5 +69,5 @@ def test_the_version_stands_in_one_place(root: Path) -> None:
     assert stated == [version("qsframework")] == [__version__]
     assert re.fullmatch(r"\d+\.\d+\.\d+(rc\d+)?", __version__)
     assert f"## {__version__}" in (root / "CHANGELOG.md").read_text()
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+    with pytest.raises(AttributeError, match="attribute"):
         importlib.import_module("qsframework").__getattr__("nothing")
