@@ -1,8 +1,9 @@
 """The command lines of lines.yaml, run and held to what is recorded of them in expected/.
 
 `python tests/golden/golden.py` runs all chains and says what differs; with names of chains or of command lines
-(CHAIN/LINE) these only. `--write NAME...` records the named ones anew (`--write all`: all of them); what is recorded is
-never written otherwise. A number that is meant to change is recorded in a commit of its own, with old, new and reason.
+(CHAIN/LINE) these only. `--write NAME...` records the named ones anew (`--write all`: all of them); `--words NAME...`
+the words alone, of those where nothing else has changed. What is recorded is never written otherwise. A number that is
+meant to change is recorded in a commit of its own, with old, new and reason.
 """
 
 from __future__ import annotations
@@ -71,10 +72,11 @@ def expected(name: str) -> Record | None:
     return read_record(*(f.read_text() for f in files))
 
 
-def write(name: str, line: str, found: Record) -> None:
+def write(name: str, line: str, found: Record, words_only: bool = False) -> None:
     """Record a command line."""
     (EXPECTED / name).parent.mkdir(parents=True, exist_ok=True)
-    (EXPECTED / f"{name}.numbers").write_text(stored_numbers(found, line))
+    if not words_only:
+        (EXPECTED / f"{name}.numbers").write_text(stored_numbers(found, line))
     (EXPECTED / f"{name}.words").write_text(stored_words(found, line))
 
 
@@ -148,38 +150,56 @@ def said(name: str, line: str, found: dict[str, list[str]], most: int = 12) -> s
     return "\n".join(out)
 
 
+def compared(name: str, line: str, found: Record, tolerances: list[Tolerance]) -> dict[str, list[str]]:
+    """What differs of a command line from what is recorded, by kind."""
+    wanted = expected(name)
+    if wanted is None:
+        return {"record": [f"nothing is recorded; golden.py --write {name}"]}
+    return differences(name, wanted, found, tolerances)
+
+
 def hold(chain: Chain, folder: Path, tolerances: list[Tolerance]) -> Iterator[tuple[str, str]]:
     """Of each command line of a chain its name, and what differs; no words where nothing does."""
     for name, line, found in run_chain(chain, folder):
-        wanted = expected(name)
-        if wanted is None:
-            yield name, f"{name}: nothing is recorded; golden.py --write {name}"
-            continue
-        different = differences(name, wanted, found, tolerances)
+        different = compared(name, line, found, tolerances)
         yield name, said(name, line, different) if different else ""
 
 
-def _work(chain: Chain, wanted: list[str] | None, tolerances: list[Tolerance]) -> list[tuple[str, str, float]]:
-    """Run a chain, and hold it to what is recorded, or record those that are wanted."""
-    out = []
+@dataclass(frozen=True)
+class Job:
+    """A chain to run; wanted: the command lines to record, with their words alone or whole, or none, to compare."""
+
+    chain: Chain
+    tolerances: list[Tolerance]
+    wanted: frozenset[str] | None = None
+    words_only: bool = False
+
+    def told(self, name: str, line: str, found: Record) -> str:
+        """What is to be said of a command line, once it is compared or recorded."""
+        if self.wanted is not None and name not in self.wanted:
+            return ""
+        different = (
+            {} if self.wanted is not None and not self.words_only else compared(name, line, found, self.tolerances)
+        )
+        if self.wanted is None or set(different) - {"words"}:
+            return said(name, line, different) if different else ""
+        write(name, line, found, self.words_only)
+        return ""
+
+
+def _work(job: Job) -> list[tuple[str, str, float]]:
+    """Run a chain: of each command line its name, what is said of it, and its CPU seconds."""
+    out: list[tuple[str, str, float]] = []
     with somewhere() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         start = time.process_time()
         try:
-            if wanted is None:
-                for name, told in hold(chain, folder, tolerances):
-                    out.append((name, told, time.process_time() - start))
-                    start = time.process_time()
-                return out
-            for name, line, found in run_chain(chain, folder):
-                if name in wanted:
-                    write(name, line, found)
-                out.append((name, "", time.process_time() - start))
+            for name, line, found in run_chain(job.chain, folder):
+                out.append((name, job.told(name, line, found), time.process_time() - start))
                 start = time.process_time()
         except Exception:
-            done = [name for name, _, _ in out]
-            rest = next(n for n in chain.lines if f"{chain.name}/{n}" not in done)
-            out.append((f"{chain.name}/{rest}", f"{chain.name}/{rest}:\n{traceback.format_exc()}", 0.0))
+            name = f"{job.chain.name}/{list(job.chain.lines)[len(out)]}"
+            out.append((name, f"{name}:\n{traceback.format_exc()}", 0.0))
     return out
 
 
@@ -211,28 +231,31 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help="chains, or CHAIN/LINE; all if left out")
     parser.add_argument("--write", nargs="+", metavar="NAME", help="record these anew: chains, CHAIN/LINE, or all")
+    parser.add_argument("--words", nargs="+", metavar="NAME", help="record the words alone of these")
     parser.add_argument("--quick", action="store_true", help="only what `make test` runs")
     parser.add_argument("--jobs", type=int, default=2, help="processes; chains are dealt out to them")
     parser.add_argument("--times", action="store_true", help="print the CPU seconds of each line")
     given = parser.parse_args()
     known, tolerances = chains()
-    asked = _asked(given.write or given.names or ["all"], known)
+    names = given.write or given.words or given.names or ["all"]
+    asked = _asked(names, known)
     if given.quick:
         asked = [c.part(c.quick) for c in asked if c.quick]
     wanted = None
-    if given.write:
-        names = set(given.write)
-        wanted = [f"{c.name}/{n}" for c in known for n in c.lines if {"all", c.name, f"{c.name}/{n}"} & names]
-    failed = _left_over(known, bool(given.write and "all" in given.write))
+    if given.write or given.words:
+        wanted = frozenset(
+            f"{c.name}/{n}" for c in known for n in c.lines if {"all", c.name, f"{c.name}/{n}"} & set(names)
+        )
+    failed = _left_over(known, "all" in (given.write or ()))
+    jobs = [Job(chain, tolerances, wanted, not given.write) for chain in asked]
     count = 0
     with ProcessPoolExecutor(given.jobs) as pool:
-        for done in pool.map(_work, asked, [wanted] * len(asked), [tolerances] * len(asked)):
-            for name, told, seconds in done:
-                count += 1
-                failed += [told] if told else []
-                if told or given.times:
-                    print(told or f"{name}: {seconds:.2f} s", flush=True)
-    print(f"{count} command lines, {len(failed)} differ" if wanted is None else f"{len(wanted)} recorded")
+        for name, told, seconds in (line for done in pool.map(_work, jobs) for line in done):
+            count += 1
+            failed += [told] if told else []
+            if told or given.times:
+                print(told or f"{name}: {seconds:.2f} s", flush=True)
+    print(f"{count} command lines, {len(failed)} differ" if wanted is None else f"recorded {len(wanted) - len(failed)}")
     return 1 if failed else 0
 
 
