@@ -32,7 +32,7 @@ from qsframework.errors import QsfError
 from qsframework.experiment import Experiment, Plan, Readings, load_experiment, make_plan, simulate
 from qsframework.plugin import Array, Poses
 from qsframework.report.result_json import diagnosis_json
-from qsframework.work import Local, run
+from qsframework.work import Work, run
 
 SEEDS = 200
 POSES = 24
@@ -295,9 +295,8 @@ def main() -> None:
         experiments = {name: load_experiment(written(name, Path(folder))) for name in robots}
         pools = {name: (experiment, pool_of(experiment)) for name, experiment in experiments.items()}
         tasks = [(name, seed) for name in robots for seed in range(seeds)]
-        where = Local(given.jobs) if given.jobs > 1 else None
         results: list[Result] = []
-        for told in run(one, pools, tasks, where):
+        for told in run(one, pools, tasks, Work(given.jobs)):
             results.append(result := Result(**told))
             if result.seed == seeds - 1:
                 print(
@@ -305,8 +304,6 @@ def main() -> None:
                     file=sys.stderr,
                     flush=True,
                 )
-        if where is not None:
-            where.shutdown()
     if given.json:
         given.json.write_text(json.dumps([asdict(r) for r in results], indent=1) + "\n")
     some = given.quick or seeds < SEEDS or len(robots) < len(ROBOTS)

@@ -25,7 +25,7 @@ from qsframework.design import Wish, design
 from qsframework.experiment import example, load_experiment
 from qsframework.forecast.power import forecast
 from qsframework.robot import load_robot
-from qsframework.work import Local, Work, run
+from qsframework.work import HERE, Work, run
 
 Array = np.ndarray
 
@@ -46,7 +46,7 @@ def jobs() -> dict[str, Callable[[Work], bytes]]:
     seeds = np.random.SeedSequence(0).spawn(60)
     return {
         "Monte Carlo, 60 tasks of 40 spectra": lambda work: b"".join(
-            a.tobytes() for a in run(spectra, 150, seeds, work.executor)
+            a.tobytes() for a in run(spectra, 150, seeds, work)
         ),
         "design, 20 poses of 20,000 candidates": lambda work: design(
             experiment, 20, candidates=20_000, wish=wish, work=work
@@ -62,21 +62,20 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=3)
     parser.add_argument("--jobs", type=int, default=2)
     given = parser.parse_args()
-    local = Local(given.jobs)
-    list(run(spectra, 10, np.random.SeedSequence(0).spawn(8), local))
+    spread = Work(given.jobs)
+    list(run(spectra, 10, np.random.SeedSequence(0).spawn(8), spread))
     print(f"| work | 1 process, s | {given.jobs} processes, s | ratio | same bits |\n|---|--:|--:|--:|---|")
     for name, job in jobs().items():
-        times: dict[bool, list[float]] = {False: [], True: []}
+        times: dict[Work, list[float]] = {HERE: [], spread: []}
         found = set()
-        for spread in [False, True] * (given.runs + 1):  # the first round loads libraries and is left out
+        for work in [HERE, spread] * (given.runs + 1):  # the first round loads libraries and is left out
             start = time.perf_counter()
-            found.add(hashlib.sha256(job(Work(local if spread else None))).hexdigest())
-            times[spread].append(time.perf_counter() - start)
-        one, two = (statistics.median(times[spread][1:]) for spread in (False, True))
+            found.add(hashlib.sha256(job(work)).hexdigest())
+            times[work].append(time.perf_counter() - start)
+        one, two = (statistics.median(times[work][1:]) for work in (HERE, spread))
         print(
             f"| {name} | {one:.2f} | {two:.2f} | {one / two:.2f} | {'yes' if len(found) == 1 else 'NO'} |", flush=True
         )
-    local.shutdown()
 
 
 if __name__ == "__main__":

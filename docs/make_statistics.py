@@ -1,6 +1,6 @@
 """Coverage of the confidence intervals by simulated campaigns: writes docs/statistics.md (some minutes on two cores).
 
-python docs/make_statistics.py [--campaigns 4000] [--output docs/statistics.md] [--jobs 2] [--checkpoint FILE]
+python docs/make_statistics.py [--campaigns 4000] [--output docs/statistics.md] [--jobs 2]
 """
 
 from __future__ import annotations
@@ -15,12 +15,11 @@ import numpy as np
 from scipy.stats import t
 from statistics_methods import table as methods_table
 
-from qsframework.cli.where import Where, at_work
 from qsframework.estimation import FitOptions, Independent, Observations, shared_error, solve
 from qsframework.experiment import Experiment, Readings, bridge, example, load_experiment, make_rows
 from qsframework.experiment.simulate import displaced
 from qsframework.plugin import Array, Indices, Poses
-from qsframework.work import Work, job_of
+from qsframework.work import Work, run as run_tasks
 
 SEED = 20261121
 DATE = "2026-11-21"
@@ -189,7 +188,7 @@ def _part(level: float, part: tuple[int, int, int]) -> tuple[Array, Array]:
 def run(count: int, work: Work) -> list[tuple[Case, Array, Array]]:
     """All cases: coverage (p,) and relative sd (p,)."""
     jobs = [(i, s, min(500, count - s)) for i in range(len(CASES)) for s in range(0, count, 500)]
-    results = list(work.run("campaigns", _part, 0.95, jobs))
+    results = list(run_tasks(_part, 0.95, jobs, work))
     out = []
     for i, case in enumerate(CASES):
         mine = [r for job, r in zip(jobs, results, strict=True) if job[0] == i]
@@ -235,16 +234,8 @@ def main() -> None:
     parser.add_argument("--campaigns", type=int, default=4000)
     parser.add_argument("--output", type=Path, default=Path(__file__).parent / "statistics.md")
     parser.add_argument("--jobs", type=int, default=2, help="processes; 0: one per core")
-    parser.add_argument("--checkpoint", type=Path, help="keep results in this file as they come, and go on from it")
     chosen = parser.parse_args()
-    values = {
-        "script": Path(__file__).read_text(),
-        "experiment": load_experiment(example("m900ib") / "experiment.yaml"),
-    }
-    with at_work(
-        Where(chosen.jobs, None, chosen.checkpoint), lambda: job_of("statistics", {"count": chosen.campaigns}, values)
-    ) as work:
-        results = run(chosen.campaigns, work)
+    results = run(chosen.campaigns, Work(chosen.jobs))
     methods = methods_table(chosen.campaigns, SEED)
     chosen.output.write_text(page(chosen.campaigns, results, methods))
     print(chosen.output.read_text())

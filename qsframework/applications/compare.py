@@ -22,7 +22,7 @@ from qsframework.plugin.facts import frozen
 from qsframework.robot import Robot
 from qsframework.robot.collision import Flags, above_floor, make_collider
 from qsframework.robot.kinematics import joint_frames
-from qsframework.work import HERE, Work
+from qsframework.work import HERE, Work, run
 
 _SPREAD = 0.2
 """m: the campaign's three reflectors stand this far from the load point, along the axes of the last link."""
@@ -130,7 +130,7 @@ def compare(
     tell = tell or (lambda label, done, total: None)
     out: list[Compared] = []
     tell("robots", 0, len(robots))
-    for found in work.run("robots", _found, (tuple(robots), task, seed), range(len(robots))):
+    for found in run(_found, (tuple(robots), task, seed), range(len(robots)), work):
         robot = robots[len(out)]
         parameters = campaign_of(robot, task, tool_of(robot, task.tool)).fit_parameters()
         out.append(Compared(robot=robot, parameters=parameters, **found))

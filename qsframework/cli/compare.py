@@ -12,10 +12,9 @@ from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.pairs import pairs
 from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import progress
-from qsframework.cli.where import ALONE, Where, at_work
 from qsframework.errors import InputError, Problem
 from qsframework.robot import Robot, load_robot
-from qsframework.work import job_of
+from qsframework.work import HERE, Work
 
 
 def run_compare(
@@ -25,7 +24,7 @@ def run_compare(
     json: Path | None,
     report: Path | None,
     fits: Sequence[str] = (),
-    where: Where = ALONE,
+    work: Work = HERE,
     anyway: bool = False,
 ) -> None:
     """Compare, print the summary, write the JSON and the report."""
@@ -35,12 +34,11 @@ def run_compare(
     from qsframework.report.words.comparison import comparison_verdict
 
     fit_files = pairs("--fit", fits, "ROBOT=fit.json")
-    distinct_outputs([json, report, where.checkpoint], [task_file, *map(Path, fit_files.values())])
+    distinct_outputs([json, report], [task_file, *map(Path, fit_files.values())])
     task = load_task(task_file)
     robots = [load_robot(name, beside=task_file.parent) for name in names]
     robots, notes = identified(robots, fit_files, anyway)
-    values = {"task": task, **{f"robot {r.name}": r for r in robots}}
-    with at_work(where, lambda: job_of("compare", {"seed": seed}, values)) as work, progress() as tell:
+    with progress() as tell:
         result = compare(robots, task, seed, tell, notes, work)
     table = summary_table(result)
     verdict = comparison_verdict(result)

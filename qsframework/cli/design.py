@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from qsframework.cli.commands import beside, distinct_outputs, write_json
 from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import progress
-from qsframework.cli.where import Where, at_work
 from qsframework.design import (
     Wish,
     design,
@@ -29,7 +28,7 @@ from qsframework.report import certificate_text, sd_table, write_report
 from qsframework.report.plan_section import margin_words, plan_sections
 from qsframework.report.provenance import AFTER, INFORMATION, LINEAR, computed
 from qsframework.report.words.plan import plan_verdict, tip_words
-from qsframework.work import Work, job_of
+from qsframework.work import Work
 
 Tell = Callable[[str, int, int], None]
 
@@ -51,18 +50,14 @@ class DesignFiles:
         return [self.experiment, *self.taken, *named, *([self.test_poses] if self.test_poses else [])]
 
 
-def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, where: Where, verbose: bool = False) -> None:
+def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, work: Work, verbose: bool = False) -> None:
     """Design, write plan.csv and plan.json, print the promise of the plan."""
     experiment = load_experiment(files.experiment)
-    outputs = [files.output, beside(files.output, ".json"), files.json, files.report, where.checkpoint]
+    outputs = [files.output, beside(files.output, ".json"), files.json, files.report]
     distinct_outputs(outputs, files.inputs())
     taken = [read_taken(path, experiment) for path in files.taken]
     test = None if files.test_poses is None else read_plan(files.test_poses, experiment).poses
-    options = {"poses": poses, "seed": seed, "candidates": files.candidates, **asdict(wish)}
-    with (
-        at_work(where, lambda: job_of("design", options, {"experiment": experiment}, files.inputs()[1:])) as work,
-        progress() as tell,
-    ):
+    with progress() as tell:
         found = find_candidates(files.candidates, experiment, seed, tell, work)
         plan = design(
             experiment,

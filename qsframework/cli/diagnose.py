@@ -9,13 +9,13 @@ from pathlib import Path
 from qsframework.cli.commands import distinct_outputs, readings_files, write_json
 from qsframework.cli.printing import print_folded, print_line, print_table
 from qsframework.cli.progress import Tell, progress
-from qsframework.cli.where import ALONE, Where
 from qsframework.diagnose import LEVEL, STEPS, Diagnosis, diagnose
 from qsframework.diagnose.extend import check_folder
 from qsframework.discriminate import Discrimination, SecondDay
 from qsframework.discriminate.separations import separations
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, read_readings
+from qsframework.work import HERE, Work
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,17 +49,17 @@ class Asked:
     verbose: bool = False
 
 
-def run_diagnose(files: DiagnoseFiles, asked: Asked, where: Where = ALONE) -> None:
+def run_diagnose(files: DiagnoseFiles, asked: Asked, work: Work = HERE) -> None:
     """Diagnose readings, or judge a plan, or design poses that separate two causes."""
     from qsframework.cli.diagnose_plan import run_foresight, run_second_day, run_separate
     from qsframework.report.words.discrimination import discrimination_words, not_separated_words
 
     if files.plan is not None:
         _alone(files, asked, "a plan")
-        run_foresight(files.experiment, files.plan, files.json, files.report, asked.seed, where)
+        run_foresight(files.experiment, files.plan, files.json, files.report, asked.seed, work)
         return
-    if where != ALONE:
-        raise InputError("--jobs, --dask and --checkpoint go with a plan: the diagnosis of readings takes seconds")
+    if work != HERE:
+        raise InputError("--jobs and --dask go with a plan: the diagnosis of readings takes seconds")
     experiment = load_experiment(files.experiment)
     sources = readings_files(experiment, files.data, f"them: qsf diagnose {files.experiment} readings.csv")
     if asked.separate is not None:

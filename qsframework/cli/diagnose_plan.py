@@ -9,12 +9,11 @@ from qsframework.cli.commands import beside, distinct_outputs, write_json
 from qsframework.cli.design import read_taken
 from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import progress
-from qsframework.cli.where import ALONE, Where, at_work
 from qsframework.diagnose.result import Diagnosis
 from qsframework.discriminate.follow_up import SecondDay, second_day
 from qsframework.errors import NotIdentifiable
 from qsframework.experiment import Experiment, Plan, Readings, load_experiment, read_plan, write_plan
-from qsframework.work import job_of
+from qsframework.work import HERE, Work
 
 
 def run_foresight(
@@ -23,7 +22,7 @@ def run_foresight(
     json: Path | None = None,
     report: Path | None = None,
     seed: int = 0,
-    where: Where = ALONE,
+    work: Work = HERE,
 ) -> None:
     """Print, before anything is measured, what a plan would detect and name, and what stays invisible."""
     from qsframework.elastostatics import range_notes
@@ -35,12 +34,11 @@ def run_foresight(
     from qsframework.report.words.forecast import foresight_verdict, foresight_words
 
     campaign = load_experiment(experiment)
-    distinct_outputs([json, report, where.checkpoint], [experiment, plan, beside(plan, ".json")])
+    distinct_outputs([json, report], [experiment, plan, beside(plan, ".json")])
     planned = read_plan(plan, campaign)
     told = promises(campaign, planned)
     known = promise_table(told)
-    values = {"experiment": campaign, "plan": planned}
-    with at_work(where, lambda: job_of("diagnose --plan", {"seed": seed}, values)) as work, progress() as tell:
+    with progress() as tell:
         try:
             found = forecast(campaign, planned, seed=seed, progress=tell, work=work)
         except NotIdentifiable:

@@ -11,11 +11,10 @@ from typing import Annotated
 
 import typer
 
-from qsframework.cli.options import ExperimentFile, Json, Report
+from qsframework.cli.options import DaskAddress, ExperimentFile, Jobs, Json, Report
 from qsframework.cli.printing import held_back
 from qsframework.cli.stop import Stopped, listening
 from qsframework.cli.trust import Anyway, Trust
-from qsframework.cli.where import DaskAddress, Jobs, Kept, Where
 from qsframework.cli.work import add_commands
 from qsframework.errors import InputError, Problem, QsfError
 from qsframework.terminal import folded, width
@@ -179,7 +178,6 @@ def design(
     verbose: Annotated[bool, typer.Option("--verbose", help="Say which constraint excludes how many poses.")] = False,
     jobs: Jobs = 1,
     dask: DaskAddress = None,
-    checkpoint: Kept = None,
     seed: Seed = 0,
     json: Json = None,
     report: Report = None,
@@ -188,6 +186,7 @@ def design(
     """Choose the poses that pin the parameters down best, with a certificate."""
     from qsframework.cli.design import DesignFiles, run_design
     from qsframework.design import Wish
+    from qsframework.work import Work
 
     wish = Wish(
         criterion=criterion,
@@ -214,7 +213,7 @@ def design(
         poses,
         wish,
         seed,
-        Where(jobs, dask, checkpoint),
+        Work(jobs, dask),
         verbose,
     )
 
@@ -363,7 +362,6 @@ def diagnose(
     ] = False,
     jobs: Jobs = 1,
     dask: DaskAddress = None,
-    checkpoint: Kept = None,
     seed: Seed = 0,
     json: Json = None,
     report: Report = None,
@@ -372,6 +370,7 @@ def diagnose(
     """Name what the model gets wrong, extend it, and measure the gain."""
     from qsframework.cli.diagnose import Asked, DiagnoseFiles, run_diagnose
     from qsframework.cli.kinds import sorted_out
+    from qsframework.work import Work
 
     given = sorted_out(files or (), ("plan",) if separate is None else (), "readings")
     paths = DiagnoseFiles(
@@ -385,7 +384,7 @@ def diagnose(
         plan=next(iter(given.get("plan", ())), None),
         output=output,
     )
-    run_diagnose(paths, Asked(level, seed, count, separate, verbose), Where(jobs, dask, checkpoint))
+    run_diagnose(paths, Asked(level, seed, count, separate, verbose), Work(jobs, dask))
 
 
 add_commands(app)

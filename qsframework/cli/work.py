@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from qsframework.cli.options import ExperimentFile, Json, Report
+from qsframework.cli.options import DaskAddress, ExperimentFile, Jobs, Json, Report
 from qsframework.cli.trust import Anyway, Trust
-from qsframework.cli.where import DaskAddress, Jobs, Kept, Where
 
 
 def compensate(
@@ -334,7 +333,6 @@ def compare(
     fit: Annotated[list[str] | None, typer.Option(help="ROBOT=fit.json: its identified values.")] = None,
     jobs: Jobs = 1,
     dask: DaskAddress = None,
-    checkpoint: Kept = None,
     seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
     json: Json = None,
     report: Report = None,
@@ -343,8 +341,9 @@ def compare(
 ) -> None:
     """Compare robots: deflection over the workspace and along a path, and what equally many poses would tell."""
     from qsframework.cli.compare import run_compare
+    from qsframework.work import Work
 
-    run_compare(robots, task, seed, json, report, fit or (), Where(jobs, dask, checkpoint), anyway)
+    run_compare(robots, task, seed, json, report, fit or (), Work(jobs, dask), anyway)
 
 
 def new(

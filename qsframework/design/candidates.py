@@ -23,7 +23,7 @@ from qsframework.errors import InputError
 from qsframework.experiment import Experiment, read_poses
 from qsframework.information import information, information_rows
 from qsframework.plugin import Array, Poses
-from qsframework.work import HERE, Work
+from qsframework.work import HERE, Work, run
 
 _BLOCK = 4096
 _LEAST_TRIED = 200
@@ -188,7 +188,7 @@ def _collect(
             sizes.append(len(points))
             yield points
 
-    with closing(work.run("candidate poses", _checked, (experiment, folded), told())) as results:
+    with closing(run(_checked, (experiment, folded), told(), work)) as results:
         for i, (good, removed) in enumerate(results):
             for name, r in removed.items():
                 b = total.get(name, Removal(0, 0, 0))

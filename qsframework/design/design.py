@@ -59,9 +59,8 @@ def design(
     wish: everything else that is asked; it replaces criterion and repeats;
     candidates: how many to draw, or poses (N, n) rad; test_poses: where the tip is to be known best (I, G);
     taken: plans or readings whose information is there already; work: where the candidates and the exchange are
-    computed, and the checkpoint that keeps them. InputError where the experiment cannot give
-    a plan; NotIdentifiable, before any optimisation, where its loads cannot tell the parameters apart;
-    NotCertified where the certificate misses the asked efficiency.
+    computed. InputError where the experiment cannot give a plan; NotIdentifiable, before any optimisation, where its
+    loads cannot tell the parameters apart; NotCertified where the certificate misses the asked efficiency.
     """
     wish = wish or Wish(criterion=criterion, repeats=repeats)
     check_criterion(wish.criterion)
@@ -133,7 +132,7 @@ def _exact(
 
         rng = np.random.default_rng(seed)
         try:
-            chosen = exchange(rows, white, quotas, weights, wish.starts, rng, said, prior, work, f"exchange {turn}")
+            chosen = exchange(rows, white, quotas, weights, wish.starts, rng, said, prior, work)
         except NotIdentifiable:
             if turn + 1 == len(splits) and not len(best):
                 raise

@@ -15,7 +15,7 @@ from qsframework.design.minimax import Robust
 from qsframework.errors import NotIdentifiable
 from qsframework.information.rows import block_scores, root
 from qsframework.plugin import Array, Indices
-from qsframework.work import HERE, Work
+from qsframework.work import HERE, Work, run
 
 _PASSES = 50
 _TRIED = 48
@@ -73,7 +73,6 @@ def exchange(
     progress: Progress | None = None,
     prior: Array | None = None,
     work: Work = HERE,
-    stage: str = "exchange",
 ) -> Indices:
     """Indices (n,) of the best plan found from `starts` starts; the first rounds `weights`.
 
@@ -90,7 +89,7 @@ def exchange(
         _rounded(weights, quotas, rng) if start == 0 and weights is not None else _random(quotas, weights, rng)
         for start in range(starts)
     ]
-    for start, (chosen, value) in enumerate(work.run(stage, _climb, board, firsts)):
+    for start, (chosen, value) in enumerate(run(_climb, board, firsts, work)):
         if value < best_value:
             best, best_value = chosen, value
         if progress is not None:

@@ -24,7 +24,7 @@ from qsframework.information import (
 )
 from qsframework.information.rows import gathered_information
 from qsframework.plugin import Array, Indices, Poses
-from qsframework.work import HERE, Work
+from qsframework.work import HERE, Work, run
 
 HELD_BYTES = 4_000_000_000
 """Rows above this size are computed again in every pass instead of being held."""
@@ -146,8 +146,7 @@ def _rows(problem: Problem, progress: Progress | None, work: Work) -> Rows:
     shared = (problem.experiment, problem.names, problem.samples)
     starts = range(0, count, _CHUNK)
     tasks = (problem.batch(np.arange(start, min(start + _CHUNK, count))) for start in starts)
-    # not kept by a checkpoint: they are sooner made again than read
-    for start, rows in zip(starts, work.run("sensitivities", _chunk, shared, tasks, keep=False), strict=True):
+    for start, rows in zip(starts, run(_chunk, shared, tasks, work), strict=True):
         out[start : start + len(rows)] = rows
         if progress is not None:
             progress(start + len(rows), count)

@@ -31,7 +31,7 @@ def write_bytes(path: str | Path, content: bytes) -> Path:
         remove_stale(path)
         _fill(temporary, content)
         os.replace(temporary, path)
-        _sync(path.parent)
+        sync_folder(path.parent)
     except OSError as error:
         _remove(temporary)
         raise InputError(Problem(f"cannot be written: {error.strerror}", file=str(path))) from error
@@ -103,7 +103,7 @@ def _fill(temporary: Path, content: bytes) -> None:
         os.fsync(stream.fileno())
 
 
-def _sync(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
     """Send the folder's new entry to the disk; some file systems cannot, and need not."""
     with contextlib.suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)

@@ -26,7 +26,7 @@ from qsframework.forecast.effect_size import Bench
 from qsframework.forecast.forecast import Curve, Foresight, Outlook, Pair, Prospect, Size, Why
 from qsframework.information import loss_words
 from qsframework.plugin import Array, Indices, Poses
-from qsframework.work import HERE, Work
+from qsframework.work import HERE, Work, run
 
 LIBRARY_LEVEL = 0.012
 """Family-wise level of the library's test in a diagnosis at its usual level of 2 %."""
@@ -99,7 +99,7 @@ def forecast(
     bench = Bench(experiment, poses, noise) if exact else None
     prospects: list[Prospect] = []
     tell("sizes", 0, len(causes))
-    for found in work.run("sizes", _sizes, (case, test, share, bench), range(len(causes))):
+    for found in run(_sizes, (case, test, share, bench), range(len(causes)), work):
         prospects.append(_prospect(case, test, angles, len(prospects), found))
         tell("sizes", len(prospects), len(causes))
     names = [c.name for c in causes]

@@ -1,4 +1,4 @@
-"""What a function works on, carried to another process: packed once, unpacked once in each worker."""
+"""What goes to another process and comes back: a value that all tasks share, the tasks, and their results."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import pickle
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from qsframework.errors import InputError
-from qsframework.work.job import differences, versions
 from qsframework.work.threads import on_one_thread
+from qsframework.work.versions import differences, versions
 
 Array = npt.NDArray[Any]
 
@@ -46,48 +46,50 @@ class _Packer(pickle.Pickler):
         return _strided, (base, offset, obj.shape, obj.strides, obj.dtype.str)
 
 
-@dataclass(frozen=True)
-class Packed:
-    """Bytes of a value, and the versions that are to work on it."""
-
-    content: bytes
-    versions: tuple[tuple[str, str], ...]
-
-
-def pack(value: Any) -> Packed:
-    """The value as bytes."""
+def pack(value: Any) -> bytes:
+    """The value as bytes, which `pickle.loads` reads."""
     stream = io.BytesIO()
     _Packer(stream, protocol=5).dump(value)
-    return Packed(stream.getvalue(), tuple(versions().items()))
+    return stream.getvalue()
 
 
-@functools.lru_cache(maxsize=4)  # a command has few stages, and each has one value
+@dataclass(frozen=True)
+class Packed:
+    """Bytes of a value that many tasks share, and the versions that are to work on it, where these may differ."""
+
+    content: bytes
+    versions: tuple[tuple[str, str], ...] = ()
+
+
+@functools.lru_cache(maxsize=4)  # a command has few kinds of tasks, and each kind has one value
 def unpack(packed: Packed) -> Any:
     """The value; the same object for the same bytes, so that what is cached by object stays cached."""
-    if differ := differences(versions(), dict(packed.versions)):
+    if packed.versions and (differ := differences(versions(), dict(packed.versions))):
         raise InputError(f"a worker would compute something else ({differ}); install the same versions there")
     return pickle.loads(packed.content)
 
 
-def at_worker(function: Callable[[Any, Any], Any], packed: Any, task: Any) -> tuple[Any, Exception | None]:
+def at_worker(function: Callable[[Any, Any], Any], packed: Packed, task: bytes) -> bytes:
     """What runs in another process: a result, or the task's own error. Whatever is raised there is not the task's."""
     try:
-        return on_one_thread(function)(unpack(packed), task), None
+        return pickle.dumps((on_one_thread(function)(unpack(packed), pickle.loads(task)), None), protocol=5)
     except Exception as error:
         try:
-            pickle.loads(pickle.dumps(error))
+            sent = pickle.dumps((None, error))
+            pickle.loads(sent)
         except Exception:
-            return None, RuntimeError(f"{type(error).__name__}: {error}")
-        return None, error
+            return pickle.dumps((None, RuntimeError(f"{type(error).__name__}: {error}")))
+        return sent
+
+
+def received(sent: bytes) -> Any:
+    """The result of a task that ran in another process; its own error is raised."""
+    result, error = pickle.loads(sent)
+    if error is not None:
+        raise error
+    return result
 
 
 def settled(result: Any) -> Any:
-    """A result as it comes from elsewhere: numbers of Python's, tuples as lists, arrays without gaps."""
-    if isinstance(result, np.ndarray | np.generic):
-        array = cast(Array, result)
-        return np.ascontiguousarray(array) if array.ndim else array.item()
-    if isinstance(result, tuple | list):
-        return [settled(v) for v in cast(list[Any], result)]
-    if isinstance(result, dict):
-        return {key: settled(v) for key, v in cast(dict[Any, Any], result).items()}
-    return result
+    """A result of this process, as it would come from another one: arrays lie without gaps, nothing is shared."""
+    return pickle.loads(pickle.dumps(result, protocol=5))

@@ -1,23 +1,20 @@
-"""Run the tasks of a job: somewhere, with results kept as they come.
+"""Run tasks: in this process, in several processes of this machine, or on a cluster.
 
-A task is a pure function of a shared value and of its own small value, both of which can be pickled. Which tasks there
-are never depends on the executor, and linear algebra inside a task keeps to one thread: the results are the same bits
-everywhere.
+A task is a pure function of a shared value and of its own small value; these and its result can be pickled. Which tasks
+there are never depends on where they run, and linear algebra inside a task keeps to one thread: the results are the
+same bits everywhere, also where workers are lost on the way.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Generator, Iterable
-from concurrent.futures import Future
 from dataclasses import dataclass
-from functools import partial
 from itertools import chain, islice
-from typing import Any, TypeVar
+from typing import TypeVar
 
-from qsframework.work.carry import at_worker, settled
-from qsframework.work.checkpoint import Checkpoint
-from qsframework.work.executors import Workers
+from qsframework.errors import InputError, QsfError
+from qsframework.work.carry import pack, received, settled
 from qsframework.work.threads import on_one_thread
 
 S = TypeVar("S")
@@ -27,64 +24,47 @@ _AHEAD = 2
 """Tasks that are given out per worker."""
 
 
+class WorkerLost(QsfError):
+    """Workers ended before their work was done, and the work cannot go on."""
+
+
 @dataclass(frozen=True)
 class Work:
-    """Where tasks run, in this process where nothing is named, and the file that keeps their results."""
+    """Where tasks run: in `jobs` processes of this machine (0: one per core; 1: this process), or on the Dask cluster
+    at an address, as `tcp://10.0.0.5:8786`."""
 
-    executor: Workers | None = None
-    checkpoint: Checkpoint | None = None
+    jobs: int = 1
+    dask: str | None = None
 
-    def run(
-        self, stage: str, function: Callable[[S, T], R], shared: S, tasks: Iterable[T], keep: bool = True
-    ) -> Generator[R, None, None]:
-        """As `run`. stage: their name in a checkpoint; keep: False where they are sooner made than read."""
-        return run(function, shared, tasks, self.executor, self.checkpoint if keep else None, stage)
+    def __post_init__(self) -> None:
+        if self.jobs < 0:
+            raise InputError(f"jobs is a number of processes, 0 for one per core; found {self.jobs}")
+        if self.dask is not None and self.jobs != 1:
+            raise InputError("jobs is for this machine, dask for a cluster; give one of them")
 
 
 HERE = Work()
-"""In this process, with nothing kept."""
+"""In this process."""
 
 
-def run(
-    function: Callable[[S, T], R],
-    shared: S,
-    tasks: Iterable[T],
-    executor: Workers | None = None,
-    checkpoint: Checkpoint | None = None,
-    stage: str = "",
-) -> Generator[R, None, None]:
-    """function(shared, task) of each task, in the order of the tasks, which are taken as they are needed.
-
-    Tasks whose results the checkpoint holds are not run again; every other result is written to it as it comes.
-    """
-    left = enumerate(tasks)
-    first = list(islice(left, 2 if executor else 0))
-    if len(first) < 2:  # not worth a process
-        executor = None
-    window = _AHEAD * executor.count if executor else 1
-    carried = executor.carry(shared) if executor else None
-    futures: deque[Future[Any]] = deque(maxlen=window)
-
-    def give(task: T) -> Callable[[], Any]:
-        if executor is None:
-            return partial(on_one_thread(function), shared, task)
-        futures.append(executor.submit(at_worker, function, carried, task))
-        return partial(executor.take, futures[-1])
-
-    kept = {} if checkpoint is None else checkpoint.results
-    given: deque[tuple[int, Callable[[], Any]]] = deque()
+def run(function: Callable[[S, T], R], shared: S, tasks: Iterable[T], work: Work = HERE) -> Generator[R, None, None]:
+    """function(shared, task) of each task, in the order of the tasks, which are taken as they are needed."""
+    left = iter(tasks)
+    first = list(islice(left, 0 if work == HERE else 2))
     left = chain(first, left)
-    try:
+    if len(first) < 2:  # one task is not worth a process
+        alone = on_one_thread(function)
+        for task in left:
+            yield settled(alone(shared, task))
+        return
+    from qsframework.work.workers import Cluster, Processes
+
+    with Processes(work.jobs) if work.dask is None else Cluster(work.dask) as workers:
+        carried = workers.carry(shared)
+        given: deque[Callable[[], bytes]] = deque()
         while True:
-            for i, task in islice(left, window - len(given)):
-                given.append((i, partial(kept.get, (stage, i)) if (stage, i) in kept else give(task)))
+            more = islice(left, _AHEAD * workers.count - len(given))
+            given.extend(workers.give(function, carried, pack(task)) for task in more)
             if not given:
                 return
-            i, take = given.popleft()
-            result = settled(take())
-            if checkpoint is not None and (stage, i) not in kept:
-                checkpoint.add(stage, i, result)
-            yield result
-    finally:
-        for future in futures:
-            future.cancel()
+            yield received(given.popleft()())

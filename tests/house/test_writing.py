@@ -1,4 +1,4 @@
-"""Files are written in two places only: whole files and folders by `files`, checkpoints by `work/checkpoint.py`."""
+"""Files are written by `files` only: whole files and folders, and journals record by record."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from sources import MODULES, ROOT, complaints, tree
 
-WRITERS = ("qsframework/files/output.py", "qsframework/files/folders.py", "qsframework/work/checkpoint.py")
+WRITERS = ("qsframework/files/output.py", "qsframework/files/folders.py", "qsframework/files/journal.py")
 METHODS = {
     "write_text",
     "write_bytes",

@@ -186,46 +186,6 @@ def half(left: Files, old: Files, new: Files, folders: list[str]) -> list[str]:
     return bad
 
 
-def resumed_job(job: dict[str, Any], place: Path, chance: random.Random) -> dict[str, Any]:
-    """A long job, killed and run again with its checkpoint as often as wanted, and then let go to its end."""
-    out, said, kept = place / "out", place / "said.txt", place / "job.checkpoint"
-    out.mkdir()
-    os.chdir(place)
-    make = monte_carlo if job["arguments"] == ["monte carlo"] else with_checkpoint(job["arguments"])
-    start, before = time.monotonic(), sum(os.times()[2:4])
-    code = run(make(None), said)
-    seconds = time.monotonic() - start
-    new = files_in(out)
-    result: dict[str, Any] = {"code": code, "seconds": seconds, "said": said.read_text()[-2000:], "files": sorted(new)}
-    kills, sizes, bad = 0, [], []
-    old = old_of(new, [])
-    while code == 0 and kills < job["kills"] and len(sizes) < 10 * job["kills"]:
-        clear(out)
-        lay(out, old)
-        number = (signal.SIGKILL, signal.SIGINT)[chance.random() < 0.3]
-        # every second one is killed after it has got further than the one before it
-        had = max(lines(kept), 1)
-        further = (lambda had=had: lines(kept) > had) if kills % 2 else lambda: True
-        ending = run(make(kept), said, number, chance.uniform(0.0, 0.4) * seconds, further)
-        kills += ending in (-signal.SIGKILL, 130)
-        sizes.append(lines(kept))
-        bad += half(files_in(out), old, new, [])
-        if ending == 0:  # it was done before the signal came: begin again
-            bad += [] if all_whole(files_in(out), new) else ["a resumed run ended with other files"]
-            kept.unlink()
-    clear(out)
-    again = run(make(kept), said)
-    return result | {
-        "kills": kills,
-        "half": bad,
-        "sizes": sizes,
-        "again": again,
-        "same": files_in(out) == new,
-        "cpu": sum(os.times()[2:4]) - before,
-        "last": said.read_text()[-2000:],
-    }
-
-
 WRITING = (
     "design experiment.yaml -n 4 --candidates 40 -o out/plan.csv --json out/d.json --report out/d.html",
     "simulate experiment.yaml plan.csv -o out/r.csv --json out/t.json --report out/t.html",
@@ -319,42 +279,6 @@ def laid(bench: Path, place: Path, old: Files) -> None:
     os.chdir(place)
 
 
-def lines(path: Path) -> int:
-    """Lines of a file that may not be there."""
-    return path.read_bytes().count(b"\n") if path.exists() else 0
-
-
-def with_checkpoint(arguments: list[str]) -> Callable[[Path | None], Callable[[], int]]:
-    """The command with and without --checkpoint."""
-    return lambda kept: qsf([*arguments, *(["--checkpoint", str(kept)] if kept else [])])
-
-
-def monte_carlo(kept: Path | None) -> Callable[[], int]:
-    """Monte Carlo by the library itself."""
-
-    def work() -> int:
-        from long_tasks import bits, shared, spectrum, tasks
-
-        from qsframework.cli.stop import Stopped, listening
-        from qsframework.files import write_bytes
-        from qsframework.work import Checkpoint, run as run_tasks
-
-        try:
-            with listening():
-                if kept is None:
-                    found = bits(run_tasks(spectrum, shared(80, sleep=0.01), tasks(30)))
-                else:
-                    with Checkpoint(kept, {"seed": "0"}) as checkpoint:
-                        work = run_tasks(spectrum, shared(80, sleep=0.01), tasks(30), None, checkpoint, "spectra")
-                        found = bits(work)
-        except Stopped as stopped:
-            return stopped.code
-        write_bytes("out/bits", found)
-        return 0
-
-    return work
-
-
 def main() -> None:
     """Do the jobs of the file."""
     import typer.main
@@ -371,8 +295,7 @@ def main() -> None:
         print(time.ctime(), job["arguments"], file=sys.stderr, flush=True)
         place = Path(given["folder"]) / f"job{k}"
         place.mkdir()
-        do = resumed_job if job.get("resumed") else command_job
-        results.append(do(job, place, random.Random(given["seed"] * 1000 + k)))
+        results.append(command_job(job, place, random.Random(given["seed"] * 1000 + k)))
     print(json.dumps(results))
 
 

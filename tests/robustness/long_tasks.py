@@ -1,9 +1,11 @@
-"""Tasks for the tests of executors and checkpoints; other processes import them from here."""
+"""Tasks for the tests of executors; other processes import them from here."""
 
 from __future__ import annotations
 
 import os
+import signal
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,12 +14,15 @@ Shared = dict[str, Any]
 
 
 def spectrum(shared: Shared, task: tuple[int, np.random.SeedSequence]) -> tuple[int, np.ndarray, float]:
-    """Monte Carlo: singular values of a random matrix, whose bits depend on the order of every addition."""
+    """Monte Carlo: singular values of a random matrix, whose bits depend on the order of every addition.
+
+    killed: a file that the first worker of the fourth task makes before it is killed.
+    """
     number, seed = task
     time.sleep(shared.get("sleep", 0.0))
-    if "calls" in shared:
-        with open(shared["calls"], "a") as file:
-            file.write(f"{number}\n")
+    if number == 3 and "killed" in shared and not Path(shared["killed"]).exists():
+        Path(shared["killed"]).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
     A = np.random.default_rng(seed).standard_normal((shared["size"], shared["size"] // 2)) @ shared["mix"]
     return number, np.linalg.svd(A.T @ A, compute_uv=False), float(A.sum())
 
@@ -60,3 +65,25 @@ def whose(seconds: float, task: int) -> int:
     """The process that does the task."""
     time.sleep(seconds)
     return os.getpid()
+
+
+def strides(shared: None, task: np.ndarray) -> list[int]:
+    """How an array lies in memory where the task is done."""
+    return list(task.strides)
+
+
+def column(shared: np.ndarray, task: int) -> np.ndarray:
+    """A result with gaps."""
+    return shared[:, task]
+
+
+class Odd(Exception):
+    """An error that pickle cannot make again."""
+
+    def __init__(self, one: str, two: str):
+        super().__init__(f"{one} {two}")
+
+
+def odd(shared: None, task: int) -> int:
+    """A task with such an error."""
+    raise Odd("cannot", "be sent")

@@ -9,17 +9,16 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 
 import pytest
 from killed import ended, files_in, in_child
-from long_tasks import bits, shared, spectrum, tasks
 
 from qsframework.errors import InputError
 from qsframework.files import folders, output, write_bytes, write_folder
-from qsframework.work import Checkpoint, run
+from qsframework.files.journal import Journal
 
-ROOT = Path(__file__).resolve().parents[2]
 LIMITED = """
 import resource, signal, sys
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -59,22 +58,10 @@ def test_a_command_on_a_full_disk(tmp_path: Path) -> None:
     assert files_in(tmp_path) == {"s.html": b"old"}
 
 
-def test_a_checkpoint_on_a_full_disk_keeps_what_it_holds(tmp_path: Path) -> None:
-    experiment = str(ROOT / "examples" / "m900ib" / "experiment.yaml")
-    kept, plan = tmp_path / "kept", tmp_path / "plan.csv"
-    design = ("design", experiment, "-n", "8", "--candidates", "6000", "--no-polish", "-o", str(plan))
-    full = limited(400_000, *design, "--checkpoint", str(kept))
-    assert full.returncode == 2
-    assert "What it holds is kept: make room" in full.stderr.splitlines()[-1]
-    assert kept.stat().st_size == 400_000, "a last line that is not whole"
-    assert not plan.exists()
-    again = limited(10_000_000, *design, "--checkpoint", str(kept))
-    assert again.returncode == 0, again.stderr
-    assert "results" in next(line for line in again.stderr.splitlines() if line.startswith("checkpoint:"))
-    found = plan.read_bytes()
-    plan.unlink()
-    assert limited(10_000_000, *design).returncode == 0
-    assert plan.read_bytes() == found
+def for_ever(journal: Journal) -> None:
+    """Records without end."""
+    for number in count():
+        journal.append({"number": number, "text": "x" * 990})
 
 
 def test_a_really_full_disk(tiny: Path) -> None:
@@ -84,12 +71,16 @@ def test_a_really_full_disk(tiny: Path) -> None:
     with pytest.raises(InputError, match="cannot be written: No space left"):
         write_folder(tiny / "folder", {"one": "1", "two": "2" * 100_000})
     assert files_in(tiny) == {"a.bin": b"old"}
-    kept = tiny / "kept"
-    with Checkpoint(kept, {"seed": "0"}) as checkpoint, pytest.raises(InputError, match="make room"):
-        list(run(spectrum, shared(400), tasks(60), None, checkpoint, "s"))
+    with Journal(tiny / "kept", {"format": "a test"}) as journal, pytest.raises(InputError, match="make room"):
+        for_ever(journal)
+    content = (tiny / "kept").read_bytes()
+    assert content.endswith(b"\n"), "nothing is left of the record that found no room"
     target.unlink()
-    with Checkpoint(kept, {"seed": "0"}) as checkpoint:
-        assert 5 < checkpoint.loaded < 60
+    with Journal(tiny / "kept", {"format": "a test"}) as journal:
+        assert [r["number"] for r in journal.records] == list(range(content.count(b"\n") - 1))
+        assert len(journal.records) > 40
+        journal.append({"number": -1})
+        assert not journal.spoilt
 
 
 # ---------------------------------------------------------------- a kill at every step
@@ -180,69 +171,3 @@ def test_only_ordinary_files_are_written(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="no ordinary file"):
             write_bytes(path, b"x")
     assert Path(os.devnull).is_char_device()
-
-
-# ---------------------------------------------------------------- checkpoints cut short
-
-
-def filled(path: Path) -> bytes:
-    """A whole checkpoint, and the results of its job."""
-    with Checkpoint(path, {"seed": "0"}) as checkpoint:
-        return bits(run(spectrum, shared(40), tasks(12), None, checkpoint, "s"))
-
-
-def test_a_checkpoint_cut_anywhere_leads_to_the_same_bits(tmp_path: Path) -> None:
-    wanted = filled(tmp_path / "whole")
-    content = (tmp_path / "whole").read_bytes()
-    first = content.index(b"\n") + 1
-    path = tmp_path / "cut"
-    for size in [first, *range(first + 1, len(content), len(content) // 25), len(content)]:
-        path.write_bytes(content[:size])
-        assert filled(path) == wanted
-        assert sorted(path.read_bytes().splitlines()) == sorted(content.splitlines())
-
-
-def test_spoiled_lines_are_computed_again(tmp_path: Path) -> None:
-    path = tmp_path / "kept"
-    wanted, lines = filled(path), (tmp_path / "kept").read_bytes().splitlines(keepends=True)
-    lines[3] = lines[3].replace(b"dtype", b"dtypo")
-    lines[5] = b"\xff\n"
-    path.write_bytes(b"".join(lines))
-    calls = tmp_path / "calls"
-    with Checkpoint(path, {"seed": "0"}) as checkpoint:
-        assert checkpoint.loaded == 10
-        assert bits(run(spectrum, shared(40, calls=str(calls)), tasks(12), None, checkpoint, "s")) == wanted
-    assert calls.read_text().split() == ["2", "4"]
-
-
-def test_another_job_is_refused_by_what_differs(tmp_path: Path) -> None:
-    path = tmp_path / "kept"
-    filled(path)
-    before = path.read_bytes()
-    with pytest.raises(InputError, match=r"another job \(seed: 0 there, 1 here\).*or delete this one"):
-        Checkpoint(path, {"seed": "1"})
-    with pytest.raises(InputError, match="poses: nothing there, 9 here"):
-        Checkpoint(path, {"seed": "0", "poses": "9"})
-    (tmp_path / "notes.txt").write_text("my notes\n")
-    with pytest.raises(InputError, match="no checkpoint of qsframework"):
-        Checkpoint(tmp_path / "notes.txt", {"seed": "0"})
-    assert (tmp_path / "notes.txt").read_text() == "my notes\n"
-    assert path.read_bytes() == before
-
-
-def test_a_checkpoint_has_one_writer(tmp_path: Path) -> None:
-    with Checkpoint(tmp_path / "kept", {"seed": "0"}), pytest.raises(InputError, match="in use"):
-        Checkpoint(tmp_path / "kept", {"seed": "0"})
-
-
-def test_a_checkpoint_runs_nothing(tmp_path: Path) -> None:
-    """A record may hold data only: a pickle, or an array of objects, is no result."""
-    from qsframework.work.checkpoint import sealed
-
-    path = tmp_path / "kept"
-    filled(path)
-    head = path.read_bytes().splitlines(keepends=True)[0].decode()
-    evil = {"array": "gASVIQAAAAAAAACMBXBvc2l4lIwGc3lzdGVt", "dtype": "|O", "shape": [1]}
-    path.write_text(head + sealed({"stage": "s", "task": 0, "result": evil}))
-    with Checkpoint(path, {"seed": "0"}) as checkpoint:
-        assert ("s", 0) not in checkpoint.results

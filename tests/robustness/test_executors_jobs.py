@@ -1,9 +1,9 @@
-"""The library's own long jobs give the same bits on two processes as on one, and with a checkpoint."""
+"""The library's own long jobs give the same bits on two processes as on one."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -19,16 +19,9 @@ from qsframework.experiment import Experiment, Plan, load_experiment
 from qsframework.forecast.power import forecast
 from qsframework.report.result_json import foresight_json
 from qsframework.robot import load_robot
-from qsframework.work import HERE, Checkpoint, Local, Work, job_of
+from qsframework.work import HERE, Work
 
 Job = Callable[[Work], bytes]
-
-
-@pytest.fixture(scope="module")
-def local() -> Iterator[Work]:
-    executor = Local(2)
-    yield Work(executor)
-    executor.shutdown()
 
 
 @pytest.fixture(scope="module")
@@ -65,22 +58,8 @@ def bits_of(plan: Plan) -> bytes:
     return plan.pendant.tobytes() + repr((plan.load, plan.repeats, plan.certificate.as_json())).encode()
 
 
-def test_the_same_bits_everywhere(job: Job, local: Work, tmp_path: Path) -> None:
-    wanted = job(HERE)
-    assert job(local) == wanted
-    for loaded in (False, True):
-        with Checkpoint(tmp_path / "kept", {"job": "this"}) as checkpoint:
-            assert (checkpoint.loaded > 0) == loaded
-            assert job(Work(checkpoint=checkpoint)) == wanted
-
-
-def test_a_job_is_known_by_its_content(m900ib: Experiment, tmp_path: Path) -> None:
-    one = job_of("design", {"seed": 0}, {"experiment": m900ib})
-    assert one == job_of("design", {"seed": 0}, {"experiment": m900ib.with_(path=tmp_path / m900ib.path.name)})
-    fewer = m900ib.with_(fit=m900ib.fit_names()[:2])
-    assert one["experiment"] != job_of("design", {}, {"experiment": fewer})["experiment"]
-    assert one["seed"] == "0"
-    assert "numpy" in one
+def test_the_same_bits_everywhere(job: Job) -> None:
+    assert job(Work(2)) == job(HERE)
 
 
 def test_options_that_exclude_each_other(
@@ -92,3 +71,14 @@ def test_options_that_exclude_each_other(
         main()
     assert end.value.code == 2
     assert "give one of them" in capsys.readouterr().err
+
+
+def test_the_option_that_kept_results_is_gone(
+    root: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    experiment = str(root / "examples" / "m900ib" / "experiment.yaml")
+    monkeypatch.setattr("sys.argv", ["qsf", "design", experiment, "--checkpoint", "kept"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 2
+    assert "No such option: --checkpoint" in capsys.readouterr().err
