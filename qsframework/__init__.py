@@ -12,11 +12,23 @@ from __future__ import annotations
 
 from lazy_loader import attach_stub
 
+from qsframework.viewed import MAKERS, View
+
 _SHORT = {"extend": "write_extended", "protocol": "make_protocol", "show": "show_scene", "stiffness": "stiffness_at"}
 """Verbs that have a longer name in their modules."""
 
 _named, _, __all__ = attach_stub(__name__, __file__)
 __all__[:] = sorted({*__all__, *_SHORT, "__version__"} - {*_SHORT.values()})
+
+
+def _view(result: object) -> View:
+    from qsframework.report.faces import face
+
+    return face(result)
+
+
+MAKERS[:] = [_view]
+"""Whatever module is imported, this one is before it: results have their looks, and know nothing of where from."""
 
 
 def __getattr__(name: str) -> object:

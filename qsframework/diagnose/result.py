@@ -8,8 +8,8 @@ from enum import Enum
 from typing import TYPE_CHECKING, Literal
 
 from qsframework.diagnose.law import Law
-from qsframework.display import Displayed
 from qsframework.plugin import Array, Indices, Parameter
+from qsframework.viewed import Viewed
 
 if TYPE_CHECKING:
     from qsframework.diagnose.linearization.candidates import Cause
@@ -220,7 +220,7 @@ class Method:
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Diagnosis(Displayed):
+class Diagnosis(Viewed):
     """What the model gets wrong.
 
     baseline and extended: the exact fits without and with the named causes, certain: with those that are not doubtful,

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pydantic
 
-from qsframework.display import Displayed
 from qsframework.errors import InputError, Problem
 from qsframework.experiment.columns import (
     MOST_PROBLEMS,
@@ -31,6 +30,7 @@ from qsframework.files.formats import FORMAT, check_format
 from qsframework.plugin import Array, Conditions, Poses
 from qsframework.plugin.facts import came_from, frozen
 from qsframework.units import JointUnits
+from qsframework.viewed import Viewed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +91,7 @@ class ProofSpec(_ReadModel):
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Plan(Displayed):
+class Plan(Viewed):
     """n poses to measure: pendant and URDF angles (n, joints) rad, wrenches (n, 6), repeats (n,)."""
 
     pose: tuple[str, ...]

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.display import Displayed
 from qsframework.experiment.frames import Frame
 from qsframework.plugin import Array, Conditions, Indices, Poses
 from qsframework.plugin.facts import frozen
+from qsframework.viewed import Viewed
 
 KINDS = ("displacement", "position", "gauge")
 UNSTATED = 1e-3
@@ -65,7 +65,7 @@ class Made:
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Readings(Displayed):
+class Readings(Viewed):
     """R rows over N states: each h(plus) - h(minus) of a marker, in a frame.
 
     plus, minus (R,): states, minus -1 where nothing is taken off; marker (R,); frame (R,): place in `frames`, -1 for

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.display import Displayed
 from qsframework.elastostatics import Model
 from qsframework.estimation import Interval, RankTest, rms
 from qsframework.estimation.tails import chi2_sf
@@ -19,6 +18,7 @@ from qsframework.files.formats import FORMAT
 from qsframework.identify.selection import LeftAside
 from qsframework.identify.soundness import robot_hash
 from qsframework.plugin import Array, Indices
+from qsframework.viewed import Viewed
 
 HIGH_CORRELATION = 0.9
 SIGNIFICANT = 1e-3
@@ -92,7 +92,7 @@ class Masked:
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Fit(Displayed):
+class Fit(Viewed):
     """Estimates with covariance (p, p) and the residuals of R used rows.
 
     x holds all parameters of the model, estimated or not; frames: the base in the frames that were estimated;

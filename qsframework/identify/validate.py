@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.display import Displayed
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import FitOptions, rms
@@ -19,6 +18,7 @@ from qsframework.identify.identify import identify
 from qsframework.identify.io import StoredFit, stored
 from qsframework.identify.soundness import check_robot
 from qsframework.plugin import Array, Indices
+from qsframework.viewed import Viewed
 
 _AXES = ("x", "y", "z")
 
@@ -53,7 +53,7 @@ class Errors:
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Validation(Displayed):
+class Validation(Viewed):
     """Errors of all readings and of each series or kind; halves: how many random halves they are of, 0 for none.
 
     seen: whether the fit was made of these readings; spread (halves,): RMS of the 3D error of each half, m

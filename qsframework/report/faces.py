@@ -1,4 +1,4 @@
-"""How results look outside reports: the text, line, HTML, frame and plot of each (`qsframework.display`)."""
+"""How results look outside reports: the text, line, HTML, frame and plot of each (`qsframework.viewed`)."""
 
 from __future__ import annotations
 
@@ -48,54 +48,50 @@ class Face:
     columns: Mapping[str, Any]
     draw: Callable[[], Plot]
 
+    def text(self) -> str:
+        """The verdict and the tables, as wide as the terminal."""
+        room = width()
+        lines = paragraphs(self.said, room)
+        for table in self.tables:
+            lines += ["", *table_lines(table.header, table.rows, room)]
+        return "\n".join(lines)
 
-def text(result: Any) -> str:
-    """The verdict and the tables, as wide as the terminal."""
-    face, room = _face(result), width()
-    lines = paragraphs(face.said, room)
-    for table in face.tables:
-        lines += ["", *table_lines(table.header, table.rows, room)]
-    return "\n".join(lines)
+    def line(self) -> str:
+        """The verdict's first line."""
+        return self.said.splitlines()[0]
 
+    def html(self) -> str:
+        """The verdict and the tables, with nothing of theirs taken for markup."""
+        out = [f"<p><b>{escaping.escape(self.said)}</b></p>"]
+        for table in self.tables:
+            head = "".join(f"<th>{escaping.escape(cell)}</th>" for cell in table.header)
+            rows = "".join(
+                "<tr>" + "".join(f"<td>{escaping.escape(cell)}</td>" for cell in row) + "</tr>" for row in table.rows
+            )
+            out.append(f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>")
+        return "\n".join(out)
 
-def line(result: Any) -> str:
-    """One line: what it is, and its verdict."""
-    return f"<{type(result).__name__}: {_face(result).said.splitlines()[0]}>"
+    def frame(self) -> Any:
+        """The columns as a `pandas.DataFrame`."""
+        try:
+            pandas = import_module("pandas")
+        except ImportError as error:
+            hint = "pip install pandas"
+            raise InputError(Problem("a frame needs pandas, which is not installed", hint=hint)) from error
+        return pandas.DataFrame(dict(self.columns))
 
-
-def html(result: Any) -> str:
-    """The verdict and the tables, with nothing of theirs taken for markup."""
-    face = _face(result)
-    out = [f"<p><b>{escaping.escape(face.said)}</b></p>"]
-    for table in face.tables:
-        head = "".join(f"<th>{escaping.escape(cell)}</th>" for cell in table.header)
-        rows = "".join(
-            "<tr>" + "".join(f"<td>{escaping.escape(cell)}</td>" for cell in row) + "</tr>" for row in table.rows
-        )
-        out.append(f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>")
-    return "\n".join(out)
-
-
-def frame(result: Any) -> Any:
-    """Its columns as a `pandas.DataFrame`."""
-    try:
-        pandas = import_module("pandas")
-    except ImportError as error:
-        raise InputError(Problem("a frame needs pandas, which is not installed", hint="pip install pandas")) from error
-    return pandas.DataFrame(dict(_face(result).columns))
-
-
-def plot(result: Any) -> Any:
-    """Its plot, a `plotly.graph_objects.Figure`."""
-    return _face(result).draw()
+    def plot(self) -> Any:
+        """The plot, a `plotly.graph_objects.Figure`."""
+        return self.draw()
 
 
 @singledispatch
-def _face(result: Any) -> Face:
+def face(result: Any) -> Face:
+    """How a result looks."""
     raise TypeError(f"a {type(result).__name__} has no face")
 
 
-@_face.register
+@face.register
 def _fit(fit: Fit) -> Face:
     columns: dict[str, Any] = {
         "parameter": fit.names,
@@ -110,7 +106,7 @@ def _fit(fit: Fit) -> Face:
     return Face(_said(fit_verdict(fit)), tables, columns, lambda: fit_figures(fit)[0].figure)
 
 
-@_face.register
+@face.register
 def _plan(plan: Plan) -> Face:
     units = plan.units or JointUnits((False,) * plan.pendant.shape[1])
     columns: dict[str, Any] = {"pose": plan.pose}
@@ -129,7 +125,7 @@ def _plan(plan: Plan) -> Face:
     return Face(said, (pose_table(plan, units),), columns, figure)
 
 
-@_face.register
+@face.register
 def _readings(readings: Readings) -> Face:
     kinds = [k for k in ("displacement", "position", "gauge") if (readings.kind == k).any()]
     counts = ", ".join(f"{int((readings.kind == k).sum())} {k}s" for k in kinds)
@@ -168,7 +164,7 @@ def _readings(readings: Readings) -> Face:
     return Face(said, (title,), columns, figure)
 
 
-@_face.register
+@face.register
 def _diagnosis(found: Diagnosis) -> Face:
     columns: dict[str, Any] = {
         "cause": [x.name for x in found.table],
@@ -187,7 +183,7 @@ def _diagnosis(found: Diagnosis) -> Face:
     return Face(headline(found), tables, columns, lambda: budget_figure(found).figure)
 
 
-@_face.register
+@face.register
 def _validation(found: Validation) -> Face:
     e, before = found.whole.errors, found.whole.before
     columns: dict[str, Any] = {"pose": found.poses, "line": found.lines}

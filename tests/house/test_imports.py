@@ -14,7 +14,7 @@ from sources import LIBRARY, PLUGINS, ROOT, complaints, tree
 LAYERS = (
     ("errors",),
     ("units",),
-    ("plausible", "terminal", "display"),
+    ("plausible", "terminal", "viewed"),
     ("files",),
     ("work",),
     ("plugin",),
@@ -90,13 +90,46 @@ def layer(path: Path) -> str:
     return parts[0].removesuffix(".py")
 
 
+MODULE = re.compile(r"\bqsframework[.:]([a-z_]+)")
+DYNAMIC = {"import_module", "__import__", "files"}
+"""Functions of importlib that take a module by its name."""
+
+
+def called(node: ast.Call) -> str:
+    """The name of the function that is called, without its module."""
+    return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+
+
+def named_by_strings(parsed: ast.AST) -> Iterator[str]:
+    """Every module that a text of parsed code names, docstrings aside, as an import by a name or an entry point does.
+
+    A name that is put together, after `qsframework.` or relative to the package, can be any: `qsframework.*`.
+    """
+    told = {node.value for node in ast.walk(parsed) if isinstance(node, ast.Expr)}
+    for node in ast.walk(parsed):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in told:
+            yield from (f"qsframework.{name}" for name in MODULE.findall(node.value) if name in RANK)
+            if node.value.endswith("qsframework."):
+                yield "qsframework.*"
+        elif isinstance(node, ast.Call) and called(node) in DYNAMIC:
+            given = [*node.args, *(keyword.value for keyword in node.keywords)]
+            if any(isinstance(value, ast.Constant) and value.value == "qsframework" for value in given):
+                yield "qsframework.*"
+
+
 def upside_down(path: Path) -> Iterator[str]:
-    here = layer(path)
-    for name in imported(tree(path)):
+    yield from upward(layer(path), tree(path))
+
+
+def upward(here: str, parsed: ast.AST) -> Iterator[str]:
+    """What a module of the layer `here` imports that is not above it."""
+    for name in (*imported(parsed), *named_by_strings(parsed)):
         if not name.startswith("qsframework.") or here in ("__init__", "__main__"):
             continue
         there = name.split(".")[1]
-        if here != there and (here, there) not in SIBLINGS and RANK[there] >= RANK[here]:
+        if there == "*":
+            yield f"{here} imports what no name says"
+        elif here != there and (here, there) not in SIBLINGS and RANK[there] >= RANK[here]:
             yield f"{here} may not import {there}"
 
 
@@ -167,3 +200,28 @@ def test_the_library_refers_to_effects_by_role() -> None:
 )
 def test_the_reading_of_imports(source: str, names: list[str]) -> None:
     assert list(imported_at_once(ast.parse(source))) == names
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ('import_module("qsframework.report.faces")', ["identify may not import report"]),
+        ('importlib.import_module(f"qsframework.report.{name}")', ["identify may not import report"]),
+        (
+            'importlib.import_module(f"qsframework.{name}")',
+            ["identify imports what no name says"],
+        ),
+        ('import_module("qsframework." + name)', ["identify imports what no name says"]),
+        ('import_module(".report", "qsframework")', ["identify imports what no name says"]),
+        ('files("qsframework").joinpath("report")', ["identify imports what no name says"]),
+        ('files("qsframework.viz")', ["identify may not import viz"]),
+        ('__import__("qsframework.cli")', ["identify may not import cli"]),
+        ('HOME = "qsframework.diagnose:diagnose"', ["identify may not import diagnose"]),
+        ('"""As qsframework.report shows it."""', []),
+        ('import_module("qsframework.robot.load")', []),
+        ('version("qsframework")', []),
+        ('GROUP = "qsframework.effects"', []),
+    ],
+)
+def test_imports_by_a_text_are_seen(source: str, found: list[str]) -> None:
+    assert list(upward("identify", ast.parse(source))) == found

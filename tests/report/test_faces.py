@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
@@ -119,3 +120,12 @@ def test_units_go_both_ways() -> None:
 def test_every_name_of_the_front_door_is_there() -> None:
     for name in qsf.__all__:
         assert getattr(qsf, name) is not None
+
+
+def test_results_show_themselves_where_only_a_module_was_imported() -> None:
+    code = (
+        "from pathlib import Path; from qsframework.experiment import example, load_experiment, read_readings; "
+        "e = load_experiment(example('r2000ic') / 'experiment.yaml'); print(repr(read_readings(e.data, e)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("<Readings: 43 readings")
