@@ -15,15 +15,16 @@ from qsframework.applications import targets
 from qsframework.applications.certificate import DeviceSpec, MetaSpec, PartySpec
 from qsframework.applications.importers.mapping import MappingSpec
 from qsframework.applications.task import CampaignSpec, MapSpec, PointSpec, TaskSpec
-from qsframework.experiment import example, load_experiment, plan, readings_table, spec as e
+from qsframework.estimation import Interval
+from qsframework.experiment import Frame, example, load_experiment, plan, readings_table, spec as e
 from qsframework.experiment.columns import Column
-from qsframework.files import FileModel
-from qsframework.identify.io import EstimateSpec, FitSpec, MaskedSpec, StoredFrameSpec
+from qsframework.files import FileModel, FileRecord, fields, measured
+from qsframework.identify import Estimate, FitRecord, LeftAside, Masked
 from qsframework.robot.spec import JointSpec, RobotSpec
 
 DOCS = Path(__file__).parent
 PAGE = DOCS / "file-formats.md"
-MODELS: dict[str, type[FileModel]] = {
+MODELS: dict[str, type[FileModel | FileRecord]] = {
     "robot.yaml": RobotSpec,
     "robot.yaml, controller": JointSpec,
     "experiment.yaml": e.ExperimentSpec,
@@ -43,13 +44,15 @@ MODELS: dict[str, type[FileModel]] = {
     "meta.yaml, calibration": PartySpec,
     "meta.yaml, robot and instrument": DeviceSpec,
     "mapping.yaml": MappingSpec,
-    "fit.json": FitSpec,
-    "fit.json, estimates": EstimateSpec,
-    "fit.json, masked": MaskedSpec,
-    "fit.json, frames": StoredFrameSpec,
+    "fit.json": FitRecord,
+    "fit.json, estimates": Estimate,
+    "fit.json, frames": Frame,
+    "fit.json, left_aside": LeftAside,
+    "fit.json, intervals": Interval,
+    "fit.json, cleaned and gross": Masked,
 }
-SI_FILES = ("fit.json",)
-"""Made by a program: SI throughout, no unit in the keys."""
+NAMED = {Estimate: "name", Frame: "series", LeftAside: "name", Interval: "name"}
+"""Records that stand in their file under this field of theirs, which is no key in it."""
 
 
 def tables() -> dict[str, list[Column]]:
@@ -65,19 +68,22 @@ def tables() -> dict[str, list[Column]]:
 
 def rows() -> dict[str, list[tuple[str, str, bool]]]:
     """Per section: key, its spelling with units, whether it is required."""
-    out = {title: _model(title, model) for title, model in MODELS.items()}
+    out = {title: _model(model) for title, model in MODELS.items()}
     for title, columns in tables().items():
         out[title] = _columns(columns)
     return out
 
 
-def _model(title: str, model: type[FileModel]) -> list[tuple[str, str, bool]]:
-    measured = {} if title.startswith(SI_FILES) else model.measured()
+def _model(model: type[FileModel | FileRecord]) -> list[tuple[str, str, bool]]:
+    marks = measured(model)
     out = []
-    for name, info in model.model_fields.items():
-        mark = measured.get(name)
+    for name, info in fields(model).items():
+        mark = marks.get(name)
         spelled = units.allowed_names(mark.stem, mark.si) if mark else name
-        out.append((name, spelled, info.is_required()))
+        if issubclass(model, FileRecord) and mark:
+            spelled = f"{mark.stem}_{mark.si}"
+        if name != NAMED.get(model):
+            out.append((name, spelled, info.is_required()))
     return out
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
 import re
@@ -114,10 +115,25 @@ def _public_classes() -> frozenset[str]:
     return frozenset(n for m in modules for n in public(m.__name__) if inspect.isclass(getattr(m, n)))
 
 
+def _unmarked(annotation: Any) -> Any:
+    """A stated type without the marks that say how its file holds it: X of `Annotated[X, ...]`."""
+
+    class Unmark(ast.NodeTransformer):
+        def visit_Subscript(self, node: ast.Subscript) -> ast.AST:
+            marked = isinstance(node.slice, ast.Tuple) and ast.unparse(node.value) == "Annotated"
+            return node.slice.elts[0] if marked else node
+
+    if not isinstance(annotation, str) or "Annotated[" not in annotation:
+        return annotation
+    return ast.unparse(Unmark().visit(ast.parse(annotation)))
+
+
 def _signature(function: Any) -> str:
     """As it is written; addresses of functions that stand as defaults are left out."""
     try:
-        text = re.sub(r" at 0x[0-9a-f]+", "", str(inspect.signature(function)))
+        stated = inspect.signature(function)
+        parameters = [p.replace(annotation=_unmarked(p.annotation)) for p in stated.parameters.values()]
+        text = re.sub(r" at 0x[0-9a-f]+", "", str(stated.replace(parameters=parameters)))
     except ValueError:
         return "(...)"
     return re.sub(r"(: |-> )(['\"])(.*?)\2", r"\1\3", text)

@@ -17,7 +17,7 @@ from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Readings, make_rows
 from qsframework.experiment.observations import Rows
 from qsframework.files import FileModel, Unit, read_yaml, validate as checked
-from qsframework.identify import StoredFit, validate, validate_halves
+from qsframework.identify import FitRecord, validate, validate_halves
 from qsframework.identify.soundness import check_robot, doubts
 from qsframework.identify.validate import Validation, fitted_frames
 from qsframework.plugin import Array
@@ -121,7 +121,7 @@ class Certificate:
     """
 
     experiment: Experiment
-    fit: StoredFit
+    fit: FitRecord
     meta: MetaSpec
     validation: Validation
     quantities: tuple[Quantity, ...]
@@ -146,7 +146,7 @@ def read_meta(path: Path | None) -> MetaSpec:
 
 
 def certify(
-    experiment: Experiment, fit: StoredFit, readings: Readings, meta: MetaSpec, *, halves: int = HALVES, seed: int = 0
+    experiment: Experiment, fit: FitRecord, readings: Readings, meta: MetaSpec, *, halves: int = HALVES, seed: int = 0
 ) -> Certificate:
     """The certificate of a fit by readings: those that it has not seen, else by random halves of its own.
 
@@ -155,7 +155,7 @@ def certify(
     """
     check_robot(fit, experiment.robot)
     if wrong := doubts(fit, experiment.robot, experiment.model().parameters):
-        raise InputError([Problem(f"no certificate: {why}", fit.file or None) for why in wrong])
+        raise InputError([Problem(f"no certificate: {why}", fit.path or None) for why in wrong])
     found = validate(experiment, readings, fit)
     if found.seen:
         found = validate_halves(experiment, readings, fit, halves, seed)
@@ -164,7 +164,7 @@ def certify(
     after, before = (float(np.sqrt(np.mean(found.whole.distances(b) ** 2))) for b in (False, True))
     if after >= before:
         raise InputError(
-            f"{fit.file}: no certificate: the error at readings held out, {1e3 * after:.3f} mm, is not below that of "
+            f"{fit.path}: no certificate: the error at readings held out, {1e3 * after:.3f} mm, is not below that of "
             f"the nominal arm, {1e3 * before:.3f} mm. Diagnose the readings first: `qsf diagnose {experiment.path}`"
         )
     rows = make_rows(readings)
@@ -185,31 +185,31 @@ def certify(
         temperature=None if told is None or not len(told) else (float(told.min()), float(told.max())),
         readings=len(rows.keep),
         poses=len(np.unique(rows.pose)),
-        files=(experiment.path, Path(fit.file), *readings.sources),
+        files=(experiment.path, Path(fit.path), *readings.sources),
     )
 
 
-def _quantities(experiment: Experiment, fit: StoredFit) -> tuple[Quantity, ...]:
+def _quantities(experiment: Experiment, fit: FitRecord) -> tuple[Quantity, ...]:
     units = {p.name: p.unit for p in experiment.model().parameters}
     out: list[Quantity] = []
     sds = np.sqrt(np.maximum(np.diag(fit.whole_covariance), 0.0))
-    for name, value, sd, quoted, status in zip(fit.names, fit.values, sds, fit.sd, fit.status, strict=True):
-        if name not in units:
+    for e, sd in zip(fit.estimates, sds.tolist(), strict=True):
+        if e.name not in units:
             continue
-        unit = units[name]
-        expanded = COVERAGE * float(sd) if np.isfinite(quoted) else float("nan")
-        told = unit in _COMPLIANCES and value > expanded > 0.0
-        stiffness = (1.0 / float(value), expanded / float(value) ** 2) if told else None
-        out.append(Quantity(name, unit, float(value), expanded, status, stiffness))
+        unit = units[e.name]
+        expanded = COVERAGE * sd if np.isfinite(e.sd) else float("nan")
+        told = unit in _COMPLIANCES and e.value > expanded > 0.0
+        stiffness = (1.0 / e.value, expanded / e.value**2) if told else None
+        out.append(Quantity(e.name, unit, e.value, expanded, e.status, stiffness))
     return tuple(out)
 
 
-def _budget(experiment: Experiment, fit: StoredFit, meta: MetaSpec, rows: Rows, error: float) -> tuple[Share, ...]:
+def _budget(experiment: Experiment, fit: FitRecord, meta: MetaSpec, rows: Rows, error: float) -> tuple[Share, ...]:
     """Standard uncertainties of the distance in space, over the readings: u^2 = tr(J C J') of what the fit says, its
     frames included, and what the held-out error has beyond them."""
     model = experiment.model()
     names = fit.model_names(experiment)
-    x = fit.x(model)
+    x = fit.x_of(model)
     _, J = rows.rates(model, x, fitted_frames(fit, rows, model, x), names)
     series = [rows.readings.frames[f] for f in rows.estimated]
     at = [n for f in series for n in _motions(fit, f)] + [fit.names.index(n) for n in names]
@@ -243,13 +243,13 @@ def _instrument(meta: MetaSpec, rows: Rows) -> float | None:
     return float(np.sqrt((np.where(rows.mask, rows.sigma, 0.0) ** 2).sum(axis=1).mean()))
 
 
-def _motions(fit: StoredFit, series: str) -> list[int]:
+def _motions(fit: FitRecord, series: str) -> list[int]:
     """Places of the six motions of a frame among the fit's names, -1 for those of a frame that it does not know."""
     own = [f"frame[{series}].{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")]
     return [fit.names.index(n) if n in fit.names else -1 for n in own]
 
 
-def _arrivals(experiment: Experiment, fit: StoredFit, rows: Rows) -> tuple[Arrivals, ...]:
+def _arrivals(experiment: Experiment, fit: FitRecord, rows: Rows) -> tuple[Arrivals, ...]:
     """AP = |mean error|, RP = mean + 3 sd of the distances from the centre (ISO 9283, 7.2.1 and 7.2.2), where a marker
     was read at one pose and load several times."""
     readings = rows.readings
@@ -262,7 +262,7 @@ def _arrivals(experiment: Experiment, fit: StoredFit, rows: Rows) -> tuple[Arriv
         return ()
     model = experiment.model()
     errors: list[Array] = []
-    for x, own in ((model.nominal, False), (fit.x(model), True)):
+    for x, own in ((model.nominal, False), (fit.x_of(model), True)):
         frames = fitted_frames(fit, rows, model, x) if own else rows.start(model, x)
         errors.append(rows.measured - rows.predict(model, x, frames, fit.linear))
     out: list[Arrivals] = []

@@ -20,8 +20,7 @@ from qsframework.applications.targets import Targets
 from qsframework.elastostatics import Model, actuator_torques, equilibrium, range_notes
 from qsframework.errors import InputError, NotConverged, Problem
 from qsframework.experiment import Experiment
-from qsframework.identify.fit import Fit
-from qsframework.identify.io import StoredFit, stored
+from qsframework.identify import FitRecord
 from qsframework.identify.soundness import check_robot, obeyed
 from qsframework.plugin import Array, Indices, Load, Poses
 from qsframework.plugin.facts import frozen
@@ -111,7 +110,7 @@ class Compensation:
 
 def compensate(
     experiment: Experiment,
-    fit: Fit | StoredFit,
+    fit: FitRecord,
     targets: Targets,
     reference: str = "commanded",
     tell: Tell | None = None,
@@ -124,14 +123,13 @@ def compensate(
     errors of geometry that the fit knows are corrected too; "unloaded": where the arm stands without the wrench, as for
     targets that were taught with an empty hand (joint targets only).
 
-    The covariance is that of the fit, widened where its residuals do not fit their noise (`StoredFit.widening`).
+    The covariance is that of the fit, widened where its residuals do not fit their noise (`FitRecord.widening`).
     anyway: use a fit that is not to be trusted, and note why it is not (`soundness.doubts`).
 
     Raises InputError where the fit is of another robot or not to be trusted, an actuator is overloaded, nothing in the
     model gives under the wrenches, a target cannot be corrected within the limits, or the arm does not carry the
     wrench there.
     """
-    fit = stored(fit)
     doubted = check_fit(experiment, fit, anyway)
     if reference not in REFERENCES:
         raise InputError(Problem(f"unknown reference {reference!r}", allowed=", ".join(REFERENCES)))
@@ -165,22 +163,22 @@ def compensate(
     )
 
 
-def check_fit(experiment: Experiment, fit: StoredFit, anyway: bool = False) -> tuple[str, ...]:
+def check_fit(experiment: Experiment, fit: FitRecord, anyway: bool = False) -> tuple[str, ...]:
     """What to note of a fit. InputError where it is of another robot or another model, or not to be trusted."""
     check_robot(fit, experiment.robot)
     model = experiment.model()
     optional = {p.name for p in model.parameters if p.by_name}
-    other = sorted((set(fit.model) ^ set(model.names)) - (optional - set(fit.model)))
+    other = sorted((set(fit.model_values) ^ set(model.names)) - (optional - set(fit.model_values)))
     if other:
         hint = "Give the experiment that the fit was made with, with the same effects."
         message = f"the fit is of another model than {experiment.path.name}: only one has {', '.join(other[:6])}"
-        raise InputError(Problem(message, fit.file or None, hint=hint))
+        raise InputError(Problem(message, fit.path or None, hint=hint))
     return obeyed(fit, experiment.robot, model.parameters, anyway)
 
 
-def arm_values(experiment: Experiment, fit: StoredFit) -> Array:
+def arm_values(experiment: Experiment, fit: FitRecord) -> Array:
     """The fit's values (p,), with the errors of the campaign's own load left out: the work brings another load."""
-    x, model = fit.x(experiment.model()), experiment.model()
+    x, model = fit.x_of(experiment.model()), experiment.model()
     own = {e.name for e in experiment.effects if isinstance(e, Load)}
     for effect, part in zip(model.effects, model.slices, strict=True):
         if effect.name in own:
@@ -189,7 +187,7 @@ def arm_values(experiment: Experiment, fit: StoredFit) -> Array:
     return x
 
 
-def fit_notes(experiment: Experiment, fit: StoredFit) -> tuple[str, ...]:
+def fit_notes(experiment: Experiment, fit: FitRecord) -> tuple[str, ...]:
     """What the expected errors do not say, and what was not checked."""
     notes: list[str] = []
     if experiment.robot.payload is None:
@@ -198,7 +196,7 @@ def fit_notes(experiment: Experiment, fit: StoredFit) -> tuple[str, ...]:
     if known:
         notes.append(f"counted as known exactly, for the fit quotes no sd: {', '.join(known)}")
     given = (p.name for p in experiment.model().parameters if not p.by_name)
-    fixed = [n for n in given if n not in fit.names and fit.model[n] != 0.0]
+    fixed = [n for n in given if n not in fit.names and fit.model_values[n] != 0.0]
     if fixed:
         notes.append(f"not identified, counted as known exactly at their nominal values: {', '.join(fixed)}")
     if experiment.has_load and fit.total_covariance is None:
@@ -215,7 +213,7 @@ def fit_notes(experiment: Experiment, fit: StoredFit) -> tuple[str, ...]:
 
 
 def _block(
-    experiment: Experiment, fit: StoredFit, x: Array, targets: Targets, part: Indices, reference: str
+    experiment: Experiment, fit: FitRecord, x: Array, targets: Targets, part: Indices, reference: str
 ) -> tuple[Array, ...]:
     """Corrected angles, deflection, what is left, and the covariances, whole and of the noise, of some targets."""
     model, robot = experiment.model(), experiment.robot
@@ -246,7 +244,7 @@ def _block(
     return pendant, deflection, error, noise + load, noise
 
 
-def tip_slope(model: Model, fit: StoredFit, x: Array, stand: Callable[[Array], TipPose]) -> Array:
+def tip_slope(model: Model, fit: FitRecord, x: Array, stand: Callable[[Array], TipPose]) -> Array:
     """d tip / d parameters of the fit (N, 6, p), by central differences of the full equilibrium.
 
     Parameters that are not the model's, such as the tracker's frame, move no tip.

@@ -180,7 +180,7 @@ def _identify(run: _Run) -> tuple[bool, str]:
     fit = identify(run.experiment, result.readings)
     off = {e.name: abs(e.value - truth[e.name]) / e.sd for e in fit.estimates}
     name = max(off, key=lambda n: off[n])
-    return off[name] < _SDS, f"{len(off)} values recovered from {len(fit.rows)} readings, worst {off[name]:.1f} sd"
+    return off[name] < _SDS, f"{len(off)} values recovered from {len(fit.lines)} readings, worst {off[name]:.1f} sd"
 
 
 def _diagnose(run: _Run) -> tuple[bool, str]:

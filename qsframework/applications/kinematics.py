@@ -18,8 +18,8 @@ from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
 from qsframework.files import read_yaml, sha256, write_text
 from qsframework.files.plain import is_list, is_mapping
-from qsframework.identify.fit import Fit
-from qsframework.identify.io import StoredFit, constant_geometry, refuse_through_loops, stored, write_urdf
+from qsframework.identify import FitRecord
+from qsframework.identify.io import constant_geometry, refuse_through_loops, write_urdf
 from qsframework.plugin import Array, Geometry
 from qsframework.plugin.facts import frozen
 from qsframework.robot.corrected import moves, read_placements
@@ -67,16 +67,15 @@ class Written:
     far: tuple[str, ...] = ()
 
 
-def fitted(experiment: Experiment, fit: Fit | StoredFit, *, anyway: bool = False) -> Fitted:
+def fitted(experiment: Experiment, fit: FitRecord, *, anyway: bool = False) -> Fitted:
     """The kinematics that a fit found. InputError for the fit of another robot or model, one that is not to be trusted
     unless `anyway`, or of an arm that slides."""
-    fit = stored(fit)
     notes = check_fit(experiment, fit, anyway)
     sliding = [joint for joint in experiment.robot.facts.joints if experiment.robot.facts.slides(joint)]
     if sliding:
         message = f"{', '.join(sliding)} slides: corrected kinematics are written of joints that turn only so far"
         raise InputError(Problem(message, file=str(experiment.path)))
-    robot, model, x = experiment.robot, experiment.model(), fit.x(experiment.model())
+    robot, model, x = experiment.robot, experiment.model(), fit.x_of(experiment.model())
     found = constant_geometry(model, x)
     names = {
         e.name: model.names[p] for e, p in zip(model.effects, model.slices, strict=True) if isinstance(e, Geometry)

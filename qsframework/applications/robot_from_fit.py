@@ -7,21 +7,19 @@ from dataclasses import replace
 import numpy as np
 
 from qsframework.errors import InputError, Problem
-from qsframework.identify.fit import Fit
-from qsframework.identify.io import StoredFit, stored
+from qsframework.identify import FitRecord
 from qsframework.identify.soundness import check_robot, obeyed
 from qsframework.robot import Robot
 
 
-def with_fit(robot: Robot, fit: Fit | StoredFit, *, anyway: bool = False) -> tuple[Robot, tuple[str, ...]]:
+def with_fit(robot: Robot, fit: FitRecord, *, anyway: bool = False) -> tuple[Robot, tuple[str, ...]]:
     """The robot with the values of a fit, and what to note of it, such as estimates that are no parameters of this
     robot: of the tracker's frame, or of effects of the experiment alone.
 
     sds are widened where the residuals do not fit their noise. InputError for a fit of another robot, one that is not
     to be trusted unless `anyway`, and, always, for values beyond their bounds.
     """
-    fit = stored(fit)
-    file, own = fit.file or None, {p.name for p in robot.parameters}
+    file, own = fit.path or None, {p.name for p in robot.parameters}
     check_robot(fit, robot)
     if not own & set(fit.names):
         raise InputError(
@@ -31,13 +29,13 @@ def with_fit(robot: Robot, fit: Fit | StoredFit, *, anyway: bool = False) -> tup
         Problem(
             f"{p.name} is beyond its bounds",
             file,
-            found=f"{fit.model[p.name]:.4g} {p.unit}",
+            found=f"{fit.model_values[p.name]:.4g} {p.unit}",
             allowed=f"{p.lower:g} to {p.upper:g}",
             hint="Identify within bounds.",
             argument=("bounds", ""),
         )
         for p in robot.parameters
-        if p.name in fit.model and not p.lower <= fit.model[p.name] <= p.upper
+        if p.name in fit.model_values and not p.lower <= fit.model_values[p.name] <= p.upper
     ]
     if beyond:
         raise InputError(beyond)
@@ -46,9 +44,9 @@ def with_fit(robot: Robot, fit: Fit | StoredFit, *, anyway: bool = False) -> tup
     parameters = tuple(
         replace(
             p,
-            nominal=fit.model[p.name],
+            nominal=fit.model_values[p.name],
             sd=sd[p.name] if np.isfinite(sd[p.name]) else None,
-            source=f"identified: {fit.file}",
+            source=f"identified: {fit.path}",
         )
         if p.name in sd
         else p

@@ -65,7 +65,7 @@ def identified(
 ) -> tuple[list[Robot], dict[str, tuple[str, ...]]]:
     """The robots with the values of their fits, and what to note of each."""
     from qsframework.applications.robot_from_fit import with_fit
-    from qsframework.identify.io import read_fit
+    from qsframework.identify import read_fit
 
     unknown = [name for name in fits if name not in {r.name for r in robots}]
     if unknown:

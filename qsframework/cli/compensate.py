@@ -24,7 +24,7 @@ from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, load_experiment
 from qsframework.experiment.columns import write_table
 from qsframework.files import write_text
-from qsframework.identify.io import StoredFit, read_fit
+from qsframework.identify import FitRecord, read_fit
 from qsframework.plugin import Array
 
 _SHOWN = 20
@@ -106,7 +106,7 @@ def _print(result: Compensation, output: Path) -> None:
 
 
 def _more(
-    files: CompensateFiles, experiment: Experiment, fit: StoredFit, result: Compensation, inputs: list[Path]
+    files: CompensateFiles, experiment: Experiment, fit: FitRecord, result: Compensation, inputs: list[Path]
 ) -> None:
     from qsframework.report import write_report
     from qsframework.report.compensation_section import compensation_section, target_view
@@ -116,7 +116,7 @@ def _more(
     if files.json is not None:
         write_json(files.json, result.as_json())
     if files.report is not None:
-        seen = target_view(experiment, result, fit.x(experiment.model()))
+        seen = target_view(experiment, result, fit.x_of(experiment.model()))
         sections = (compensation_section(result), seen, computed(experiment, inputs, None, (EQUILIBRIUM, AFTER)))
         title = f"Compensation: {experiment.robot.title}"
         print(f"report: {write_report(files.report, title, sections, compensation_verdict(result))}")

@@ -14,8 +14,7 @@ from qsframework.experiment import Experiment, Readings, load_experiment, read_r
 
 if TYPE_CHECKING:
     from qsframework.estimation import FitOptions
-    from qsframework.identify import Fit, Masked
-    from qsframework.identify.io import StoredFit
+    from qsframework.identify import Fit, FitRecord, Masked
     from qsframework.report.blocks import Verdict
     from qsframework.screening import Finding
 
@@ -97,7 +96,7 @@ def _asked(experiment: Experiment, fit: list[str] | None) -> Experiment:
     return experiment if fit is None else experiment.with_(fit=tuple(fit))
 
 
-def _beside(path: Path | None, experiment: Experiment) -> StoredFit | None:
+def _beside(path: Path | None, experiment: Experiment) -> FitRecord | None:
     """Another fit of the same robot."""
     if path is None:
         return None
@@ -109,7 +108,7 @@ def _beside(path: Path | None, experiment: Experiment) -> StoredFit | None:
     return other
 
 
-def _tell(result: Fit, verdict: Verdict, other: StoredFit | None) -> None:
+def _tell(result: Fit, verdict: Verdict, other: FitRecord | None) -> None:
     """What comes first, the verdict, the tables and the notes."""
     from qsframework.report.fit_section import (
         beside_table,

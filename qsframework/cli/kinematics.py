@@ -9,7 +9,7 @@ from qsframework.applications.kinematics import WRITERS, Fitted, Written, fitted
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.printing import print_folded, print_table
 from qsframework.experiment import load_experiment
-from qsframework.identify.io import read_fit
+from qsframework.identify import read_fit
 
 _NAMES = {
     "urdf": "corrected URDF",

@@ -14,7 +14,7 @@ from qsframework.cli.stop import Stopped
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings, load_experiment, read_plan, read_readings
 from qsframework.files import write_text
-from qsframework.identify.io import StoredFit, read_fit
+from qsframework.identify import FitRecord, read_fit
 from qsframework.identify.soundness import check_robot, doubts
 from qsframework.robot import load_robot, robot_names
 from qsframework.robot.search import find_robot
@@ -92,7 +92,7 @@ def make_scene(shown: Shown, say: Callable[[str], object] = lambda note: None) -
     if shown.fit is not None:
         fit = read_fit(shown.fit)
         check_robot(fit, experiment.robot)
-        x, frames = fit.x(experiment.model()), fit.frames
+        x, frames = fit.x_of(experiment.model()), fit.frames
         if wrong := doubts(fit, experiment.robot, experiment.model().parameters):
             notes.append(f"This fit is not to be trusted: {'; '.join(wrong)}.")
         readings, note = _readings((shown.data,) if shown.data else experiment.data, experiment, fit)
@@ -113,7 +113,7 @@ def make_scene(shown: Shown, say: Callable[[str], object] = lambda note: None) -
     return scene
 
 
-def _readings(data: Sequence[Path], experiment: Experiment, fit: StoredFit) -> tuple[Readings | None, str | None]:
+def _readings(data: Sequence[Path], experiment: Experiment, fit: FitRecord) -> tuple[Readings | None, str | None]:
     """The readings whose residuals are drawn, and what to know about them."""
     if not data:
         return None, "No residual vectors: the experiment names no readings; name a file of them too."

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from qsframework.estimation.options import FitOptions
 from qsframework.estimation.robust import Loss
 from qsframework.estimation.solver import Solution, solve
 from qsframework.estimation.tails import chi2_isf, f_isf
+from qsframework.files import FileRecord, null
 from qsframework.plugin import Array
 
 _STEPS = 60
@@ -67,7 +70,7 @@ def _free_directions(covariance: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Interval:
+class Interval(FileRecord):
     """A profile interval, SI: all values of one parameter at which the best fit of the others is not much worse.
 
     An end at the parameter's bound is that bound, for the readings allow all up to it.
@@ -76,8 +79,8 @@ class Interval:
 
     name: str
     level: float
-    lower: float
-    upper: float
+    lower: Annotated[float, null(-math.inf)]
+    upper: Annotated[float, null(math.inf)]
     linear: tuple[float, float]
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+import pydantic
 
 from qsframework.elastostatics.so3 import exponential, rotation_vector
 from qsframework.errors import InputError
+from qsframework.files import FileRecord, Lists, Unit
 from qsframework.plugin import Array, Parameter
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -15,13 +18,25 @@ _FLAT = 1e-4
 """m: positions that spread less than this across a line cannot hold a frame."""
 
 
+def _rotation(R: Array) -> Array:
+    if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0.0:
+        raise ValueError("is no rotation matrix by rows, so the frame is no rigid motion")
+    return R
+
+
+def _point(p: Array) -> Array:
+    if p.shape != (3,):
+        raise ValueError("must be three numbers")
+    return p
+
+
 @dataclass(frozen=True, eq=False)
-class Frame:
+class Frame(FileRecord):
     """The robot's base in the frame of a series: rotation (3, 3) and origin (3,) m."""
 
     series: str
-    rotation: Array
-    origin: Array
+    rotation: Annotated[Array, Lists(2), pydantic.AfterValidator(_rotation)]
+    origin: Annotated[Array, Unit("m"), Lists(1), pydantic.AfterValidator(_point)]
 
     def apply(self, points: Array) -> Array:
         """Points (..., 3) of the base frame as the tracker sees them."""

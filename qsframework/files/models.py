@@ -2,57 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from functools import cache
 from typing import Any, TypeVar, get_args
 
 import pydantic
 
 from qsframework import plausible, units
 from qsframework.errors import InputError, Problem, nearest
+from qsframework.files.declared import FileModel, FileRecord, fields, measured, named_by
 from qsframework.files.documents import Document, Key
 from qsframework.files.plain import is_list, is_mapping
 
-
-@dataclass(frozen=True)
-class Unit:
-    """Mark of a field in SI whose key in the file ends in a unit: `lever: Annotated[float, Unit("m")]`.
-
-    stem: the key's name where it is not the field's: `limits_deg` and `limits_mm` are two fields
-    """
-
-    si: str
-    stem: str = ""
-
-
-class FileModel(pydantic.BaseModel):
-    """A frozen model of a file's mapping; unknown keys are errors, measured keys end in their unit."""
-
-    model_config = pydantic.ConfigDict(
-        extra="forbid",
-        frozen=True,
-        strict=True,
-        allow_inf_nan=False,
-        defer_build=True,  # a command reads few of the kinds of files that there are
-    )
-
-    @classmethod
-    def measured(cls) -> dict[str, Unit]:
-        """The unit, with the key's stem, of each field whose key in the file ends in a unit."""
-        out: dict[str, Unit] = {}
-        for name, info in cls.model_fields.items():
-            for mark in (
-                *info.metadata,
-                *(m for a in get_args(info.annotation) for m in getattr(a, "__metadata__", ())),
-            ):
-                if isinstance(mark, Unit):
-                    out[name] = Unit(mark.si, mark.stem or name)
-        return out
-
-
-M = TypeVar("M", bound=FileModel)
+M = TypeVar("M", bound=FileModel | FileRecord)
 
 
 def validate(document: Document, model: type[M], data: Any = None, at: tuple[Key, ...] = ()) -> M:
@@ -64,7 +29,7 @@ def validate(document: Document, model: type[M], data: Any = None, at: tuple[Key
     problems = list(_beyond(document, data, at))
     converted = _to_si(document, model, data, at, problems)
     try:
-        result = model.model_validate(converted)
+        result = _made(model, converted)
     except pydantic.ValidationError as error:
         problems.extend(_problem(document, model, at, e) for e in _one_arm(error.errors()))
         result = None
@@ -72,6 +37,18 @@ def validate(document: Document, model: type[M], data: Any = None, at: tuple[Key
         unique = {(p.line, p.message): p for p in problems}
         raise InputError(sorted(unique.values(), key=lambda p: p.line or 0))
     return result
+
+
+def _made(model: type[M], data: Any) -> M:
+    """A record is read as from JSON, where a list is a tuple and a word a member of an Enum."""
+    if issubclass(model, FileModel):
+        return model.model_validate(data)
+    return _reader(model).validate_json(json.dumps(data))
+
+
+@cache
+def _reader(model: type[Any]) -> pydantic.TypeAdapter[Any]:
+    return pydantic.TypeAdapter(model)
 
 
 GREATEST = 1e30
@@ -93,13 +70,13 @@ def _beyond(document: Document, data: Any, at: tuple[Key, ...]) -> Iterator[Prob
         yield _at(document, at, f"{_spoken(at)} is beyond {GREATEST:g}, which no quantity is", found=_short(data))
 
 
-def _nested(info: pydantic.fields.FieldInfo) -> tuple[type[FileModel] | None, bool, bool]:
+def _nested(info: pydantic.fields.FieldInfo) -> tuple[type[Any] | None, bool, bool]:
     """The model inside a field, and whether it stands in a list or in a mapping."""
     text: list[Any] = [info.annotation]
     in_list = in_map = False
     while text:
         kind = held = text.pop()
-        if isinstance(kind, type) and issubclass(kind, FileModel):
+        if isinstance(kind, type) and issubclass(kind, FileModel | FileRecord):
             return kind, in_list, in_map
         origin = getattr(held, "__origin__", None)
         in_list |= origin in (list, tuple)
@@ -108,20 +85,24 @@ def _nested(info: pydantic.fields.FieldInfo) -> tuple[type[FileModel] | None, bo
     return None, False, False
 
 
-def _to_si(document: Document, model: type[FileModel], data: Any, at: tuple[Key, ...], problems: list[Problem]) -> Any:
+def _to_si(document: Document, model: type[Any], data: Any, at: tuple[Key, ...], problems: list[Problem]) -> Any:
     """A copy with measured keys renamed to their fields and converted, nested models included."""
     if not is_mapping(data):
         return data
-    measured = model.measured()
-    stems = {mark.stem: _of_stem(model, mark.stem) for mark in measured.values()}
+    marks, known = measured(model), fields(model)
+    stems = {mark.stem: _of_stem(model, mark.stem) for mark in marks.values()}
     out: dict[str, Any] = {}
     for key, value in data.items():
         parts = units.split(key, list(stems))
-        if key in model.model_fields and key not in measured:
-            inner, in_list, in_map = _nested(model.model_fields[key])
-            here = (*at, key)
+        if key in known and key not in marks:
+            (inner, in_list, in_map), named, here = _nested(known[key]), named_by(known[key]), (*at, key)
             if inner is not None and in_list and is_list(value):
                 value = [_to_si(document, inner, v, (*here, i), problems) for i, v in enumerate(value)]
+            elif inner is not None and named is not None and is_mapping(value):
+                value = {
+                    k: {named: k, **_to_si(document, inner, v, (*here, k), problems)} if is_mapping(v) else v
+                    for k, v in value.items()
+                }
             elif inner is not None and in_map and is_mapping(value):
                 value = {k: _to_si(document, inner, v, (*here, k), problems) for k, v in value.items()}
             elif inner is not None:
@@ -143,15 +124,15 @@ def _to_si(document: Document, model: type[FileModel], data: Any, at: tuple[Key,
                 out[name] = _converted(document, value, unit, stems[stem][name], (*at, key), problems)
         else:
             out[key] = value
-    for stem, fields in stems.items():
-        if not fields.keys() & out.keys() and any(units.split(k, [stem]) or k == stem for k in data):
-            out[next(iter(fields))] = _placeholder(model, next(iter(fields)))
+    for stem, own in stems.items():
+        if not own.keys() & out.keys() and any(units.split(k, [stem]) or k == stem for k in data):
+            out[next(iter(own))] = _placeholder(model, next(iter(own)))
     return out
 
 
-def _of_stem(model: type[FileModel], stem: str) -> dict[str, str]:
+def _of_stem(model: type[Any], stem: str) -> dict[str, str]:
     """SI unit of each field that the file calls by this stem."""
-    return {name: mark.si for name, mark in model.measured().items() if mark.stem == stem}
+    return {name: mark.si for name, mark in measured(model).items() if mark.stem == stem}
 
 
 def _names(kinds: Iterable[str], stem: str) -> str:
@@ -159,9 +140,9 @@ def _names(kinds: Iterable[str], stem: str) -> str:
     return ", ".join(units.allowed_names(stem, si) for si in kinds)
 
 
-def _placeholder(model: type[FileModel], name: str) -> Any:
+def _placeholder(model: type[Any], name: str) -> Any:
     """A value that validates, for a field whose problem has been told already."""
-    kind = str(model.model_fields[name].annotation)
+    kind = str(fields(model)[name].annotation)
     return [0.0, 0.0, 0.0] if "list" in kind else {} if "dict" in kind else 1.0
 
 
@@ -170,6 +151,8 @@ def _converted(document: Document, value: Any, unit: str, si: str, at: tuple[Key
         return [_converted(document, v, unit, si, (*at, i), problems) for i, v in enumerate(value)]
     if is_mapping(value):
         return {k: _converted(document, v, unit, si, (*at, k), problems) for k, v in value.items()}
+    if value is None:
+        return None  # whether it may be left open, says the field
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         problems.append(_at(document, at, f"{_spoken(at)} must be a finite number", found=repr(value)))
         return 1.0
@@ -184,10 +167,10 @@ def _at(document: Document, keys: tuple[Key, ...], message: str, **more: Any) ->
     return Problem(message, file=str(document.path), line=document.line(*keys), **more)
 
 
-def _spellings(model: type[FileModel]) -> Iterator[str]:
-    measured = model.measured()
-    for name in model.model_fields:
-        mark = measured.get(name)
+def _spellings(model: type[Any]) -> Iterator[str]:
+    marks = measured(model)
+    for name in fields(model):
+        mark = marks.get(name)
         yield name if mark is None else f"{mark.stem}_{units.ALLOWED.get(mark.si, (mark.si,))[0]}"
 
 
@@ -217,6 +200,8 @@ def _one_arm(errors: list[Any]) -> list[Any]:
 
 _WORDS = {
     "model_type": "must be a mapping",
+    "dataclass_type": "must be a mapping",
+    "tuple_type": "must be a list",
     "dict_type": "must be a mapping",
     "list_type": "must be a list",
     "float_type": "must be a number",
@@ -227,7 +212,7 @@ _WORDS = {
 }
 
 
-def _problem(document: Document, model: type[FileModel], at: tuple[Key, ...], error: Any) -> Problem:
+def _problem(document: Document, model: type[Any], at: tuple[Key, ...], error: Any) -> Problem:
     """A pydantic error in the words of the file."""
     loc = tuple(k for k in error["loc"] if not (isinstance(k, str) and k.startswith(("function-", "list[", "dict["))))
     owner = _owner(model, loc)
@@ -239,14 +224,17 @@ def _problem(document: Document, model: type[FileModel], at: tuple[Key, ...], er
             document, keys, f"unknown key {loc[-1]!r}", allowed=", ".join(allowed), hint=nearest(str(loc[-1]), allowed)
         )
     if error["type"] == "missing":
-        mark = owner.measured().get(str(loc[-1]))
+        mark = measured(owner).get(str(loc[-1]))
         name = units.allowed_names(mark.stem, mark.si) if mark else str(loc[-1])
-        shown = owner.model_fields[str(loc[-1])].examples if str(loc[-1]) in owner.model_fields else None
+        info = fields(owner).get(str(loc[-1]))
+        shown = info.examples if info else None
         hint = f"Add for example {' or '.join(f'`{name}: {text}`' for text in shown)}." if shown else None
         return _at(document, (*at, *loc[:-1]), f"key {name!r} is missing", hint=hint)
     found = _found(document, keys) if len(keys) == len(at) + len(loc) else error.get("input")
     said = _WORDS.get(error["type"], error["msg"].removeprefix("Value error, "))
-    allowed = ", ".join(_spellings(_owner(model, (*loc, "")))) if error["type"] == "model_type" else None
+    allowed = (
+        ", ".join(_spellings(_owner(model, (*loc, "")))) if error["type"] in ("model_type", "dataclass_type") else None
+    )
     return _at(document, keys, f"{where}: {said}", found=_short(found), allowed=allowed)
 
 
@@ -263,10 +251,10 @@ def _found(document: Document, keys: tuple[Key, ...]) -> Any:
     return value
 
 
-def _owner(model: type[FileModel], loc: tuple[Key, ...]) -> type[FileModel]:
+def _owner(model: type[Any], loc: tuple[Key, ...]) -> type[Any]:
     for key in loc[:-1]:
-        if isinstance(key, str) and key in model.model_fields:
-            inner, _, _ = _nested(model.model_fields[key])
+        if isinstance(key, str) and key in fields(model):
+            inner, _, _ = _nested(fields(model)[key])
             model = inner or model
     return model
 
@@ -299,7 +287,7 @@ def json_schema(model: type[FileModel]) -> dict[str, Any]:
                 models[inner.__name__] = (schema["$defs"][inner.__name__], inner)
                 queue.append(inner)
     for part, owner in models.values():
-        for name, mark in owner.measured().items():
+        for name, mark in measured(owner).items():
             body, kinds = part["properties"].pop(name), _of_stem(owner, mark.stem).values()
             body["description"] = f"{mark.stem} in a unit of {' or '.join(kinds)}: {_names(kinds, mark.stem)}"
             part.setdefault("patternProperties", {})[f"^{mark.stem}_[^_]+$"] = body

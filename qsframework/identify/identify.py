@@ -30,12 +30,13 @@ from qsframework.experiment import Bridge, Experiment, Frame, Readings, bridge, 
 from qsframework.experiment.observations import Rows, start_values
 from qsframework.experiment.setup import GEOMETRY, expand_name
 from qsframework.files import sha256
-from qsframework.identify.fit import Estimate, Fit, Masked, State
-from qsframework.identify.found import Found
+from qsframework.identify.estimate import Estimate, State, estimate_of
+from qsframework.identify.fit import Fit, Found
 from qsframework.identify.load_error import load_columns, load_sds
 from qsframework.identify.pose_spread import check_pose_spread
+from qsframework.identify.record import Masked
 from qsframework.identify.selection import LeftAside, held_of, in_order, kinds_of, told_names
-from qsframework.identify.status import estimate_of
+from qsframework.identify.soundness import robot_hash
 from qsframework.identify.two_step import two_step
 from qsframework.information import what_would_help
 from qsframework.plugin import Array, Geometry
@@ -76,11 +77,21 @@ def identify(
     method = two_step if options.method == "two-step" else _one_step
     used = rows if wrong is None else make_rows(readings.masked(wrong))
     found = _finished(experiment, used, options, lambda own: method(experiment, own, names, options))
-    if wrong is None:
-        return replace(found, gross=said)
-    predicted, measured = found.predict(replace(readings, use=readings.use & wrong))
-    kind = readings.kind[readings.use & wrong]
-    return replace(found, gross=said, missed=measured - predicted, missed_kind=kind)
+    if wrong is not None:
+        predicted, measured = found.predict(replace(readings, use=readings.use & wrong))
+        found = replace(found, missed=measured - predicted, missed_kind=readings.kind[readings.use & wrong])
+    nominal, error, largest = _held_out(found)
+    return replace(found, gross=said, held_out_nominal=nominal, held_out_error=error, held_out_largest=largest)
+
+
+def _held_out(fit: Fit) -> tuple[float, float, float]:
+    """The errors of a fit at poses left out, masked rows among them: of the nominal arm, of the fit, the largest."""
+    kind = next(k for k in ("position", "displacement", "gauge") if (fit.kind == k).any())
+    at = fit.kind == kind
+    size = fit.error_of if kind == "position" else rms
+    out = np.concatenate([fit.left_out[at], fit.missed[fit.missed_kind == kind]])
+    far = np.sqrt(np.nansum(out**2, axis=1))
+    return size((fit.measured - fit.nominal)[at]), size(out), float(far.max()) if len(far) else float("nan")
 
 
 def _gross(
@@ -207,24 +218,17 @@ def _none_told(
 def _finished(experiment: Experiment, rows: Rows, options: FitOptions, fitted: Callable[[Rows], Found]) -> Fit:
     """A method's fit with what all methods share: the error of a visit, intervals, the load's uncertainty, words."""
     found = fitted(rows)
-    error: SharedError | None = None
-    if options.shared:
-        error = _visit_error(found)
-        if error.sd > 0.0:
-            rows = rows.sharing(error.sd / error.unit)
-            found = fitted(rows)
-    result = _fit_of(experiment, found, options)
+    error = _visit_error(found) if options.shared else None
+    if error is not None and error.sd > 0.0:
+        found = fitted(rows.sharing(error.sd / error.unit))
+    result, seen = _fit_of(experiment, found, options), found.seen
     if error is not None:
         result = replace(result, shared_sd=error.sd, shared_p=error.p_value)
-    seen = found.seen
-    if options.profile:
-        observations = found.solved or seen.observations()
-        result = replace(
-            result, intervals=tuple(profile_interval(observations, found.solution, n, options) for n in options.profile)
-        )
+    observations = found.solved or seen.observations()
+    intervals = tuple(profile_interval(observations, found.solution, name, options) for name in options.profile)
+    result = replace(result, intervals=intervals)
     sds = load_sds(experiment, seen.model, seen.names)
-    loaded = rows.readings.states.loaded[rows.plus].any()
-    if sds.any() and loaded:
+    if sds.any() and rows.readings.states.loaded[rows.plus].any():
         columns = seen.rows.noise.whiten(load_columns(_at(found), seen.values(found.solution.x)) * sds)
         G = propagated(found.solution, columns)
         result = replace(result, total_covariance=result.covariance + G @ G.T)
@@ -276,11 +280,15 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
     left = tuple(e for e in found.left if e.name in model.names)
     beyond = (f"{note}." for note in rows.range_notes(model, x))
     notes = (*notes, *_advice(rows, model, left, estimates), *beyond)
+    left_out = rows.spread(noise.colour(_left_out(Q, white, rows)))
+    lost = (np.isnan(left_out) & np.isfinite(rows.measured)).any(axis=1)
     return Fit(
+        robot=model.facts.name,
+        robot_sha256=robot_hash(model.facts),
         method=found.method,
         linear=options.linear,
         model=model,
-        x=x,
+        model_values=dict(zip(model.names, x.tolist(), strict=True)),
         estimates=estimates,
         covariance=covariance,
         rank=rank_test(
@@ -299,7 +307,8 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
         nominal=_nominal(experiment, found, options, frames, x),
         residuals=rows.measured - predicted,
         studentised=rows.spread(studentised(white, Q, noise)),
-        left_out=rows.spread(noise.colour(_left_out(Q, white, rows))),
+        left_out=left_out,
+        carriers=tuple(dict.fromkeys(rows.pose_names[i] for i in np.flatnonzero(lost))),
         chi2=chi2 / unit**2,
         dof=dof,
         data_sha256="+".join(sha256(s) for s in readings.sources),

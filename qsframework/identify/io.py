@@ -1,4 +1,4 @@
-"""Result files: fit.json both ways, nominal.yaml with identified values, a URDF with corrected joint origins."""
+"""Files of a fit's values: nominal.yaml of a robot and of a campaign, a URDF with corrected joint origins."""
 
 from __future__ import annotations
 
@@ -6,274 +6,17 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-import pydantic
 
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem
-from qsframework.estimation.tails import chi2_sf
-from qsframework.experiment import Experiment, Frame
-from qsframework.files import Document, FileModel, Unit, read_yaml, sha256, validate, write_text
-from qsframework.files.formats import check_format
-from qsframework.identify.fit import SIGNIFICANT, Fit, Masked
-from qsframework.identify.soundness import obeyed, robot_hash
-from qsframework.plausible import allowed, beyond
+from qsframework.files import write_text
+from qsframework.identify.fit import Fit
+from qsframework.identify.soundness import obeyed
 from qsframework.plugin import Array, Context, Geometry, Loop, Parameter, Poses, laws
 from qsframework.robot import Robot
 from qsframework.robot.corrected import write_corrected_urdf
-
-
-class EstimateSpec(FileModel):
-    """One estimate in fit.json, SI; sd is null where none is quoted."""
-
-    model_config = pydantic.ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
-    value: float
-    sd: float | None
-    unit: str
-    initial: float
-    status: str
-
-
-class MaskedSpec(FileModel):
-    """Rows that were masked before the fit, in fit.json."""
-
-    model_config = pydantic.ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
-    kind: str
-    rows: list[int]
-    words: str
-    readings: str
-
-
-class StoredFrameSpec(FileModel):
-    """The base in the frame of a series, in fit.json: rotation matrix by rows, and origin."""
-
-    model_config = pydantic.ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
-    rotation: list[list[float]]
-    origin: Annotated[list[float], Unit("m")]
-
-
-class FitSpec(FileModel):
-    """fit.json; keys that are for people only are passed over."""
-
-    model_config = pydantic.ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
-    format: int = 1
-    robot: str = ""
-    robot_sha256: str = ""
-    method: str
-    parameters: list[str]
-    estimates: dict[str, EstimateSpec]
-    covariance: list[list[float]]
-    covariance_total: list[list[float]] | None = None  # with the load's stated uncertainty
-    sigma: Annotated[float, Unit("m")]
-    sigma_source: str
-    chi2: float
-    dof: int
-    model: dict[str, float]
-    data_sha256: str
-    linear: bool = False
-    frames: dict[str, StoredFrameSpec] = pydantic.Field(default_factory=dict[str, "StoredFrameSpec"])
-    masked: list[MaskedSpec] | None = None
-    masked_rows: list[int] = pydantic.Field(default_factory=list[int])
-    unseen: Annotated[list[float] | None, Unit("m")] = None
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class StoredFit:
-    """A fit as its file holds it: values (p,), sd (p,) NaN where none is quoted, covariance (p, p), SI.
-
-    model: the values of all parameters of the model, estimated or not; robot, robot_sha256: "" in files that do not
-    say it, see `soundness.robot_hash`; unseen: error, m, of the nominal values and of the fit at poses left out, None
-    where no pose could be left out
-    """
-
-    method: str
-    names: tuple[str, ...]
-    values: Array
-    sd: Array
-    covariance: Array
-    status: tuple[str, ...]
-    sigma: float
-    sigma_source: str
-    chi2: float
-    dof: int
-    model: dict[str, float]
-    data_sha256: str
-    robot: str = ""
-    robot_sha256: str = ""
-    unseen: tuple[float, float] | None = None
-    file: str = ""
-    total_covariance: Array | None = None
-    """With the stated uncertainty of the campaign's load; None where none was stated."""
-    cleaned: tuple[Masked, ...] | None = None
-    """What was masked before the fit; None where nobody looked."""
-    masked_rows: tuple[int, ...] = ()
-    linear: bool = False
-    frames: tuple[Frame, ...] = ()
-
-    def model_names(self, experiment: Experiment) -> tuple[str, ...]:
-        """The estimated parameters that are the model's, and not a frame's. InputError where it has no such."""
-        known = experiment.model().names
-        own = tuple(n for n in self.names if not n.startswith("frame"))
-        if missing := [n for n in own if n not in known]:
-            raise InputError(f"{self.file}: the fit is of another model: {', '.join(missing)} is not in this one")
-        return own
-
-    @property
-    def whole_covariance(self) -> Array:
-        """Covariance (p, p) of the noise and, where it was stated, of the load."""
-        return self.covariance if self.total_covariance is None else self.total_covariance
-
-    @property
-    def agrees(self) -> bool | None:
-        """Whether the residuals agree with their stated noise; None where none was stated."""
-        stated = self.sigma_source != "estimated" and self.dof > 0
-        return bool(chi2_sf(self.chi2, self.dof) >= SIGNIFICANT) if stated else None
-
-    @property
-    def widening(self) -> float:
-        """What the variances that the fit promises are multiplied by: chi-square per degree of freedom where the
-        residuals do not fit their stated noise, else 1."""
-        return self.chi2 / self.dof if self.agrees is False else 1.0
-
-    def x(self, model: Model) -> Array:
-        """Values of all parameters of a model (p,). InputError where the fit is of another model.
-
-        A parameter that is estimated by its own name only has its nominal value where the fit has none.
-        """
-        missing = [p.name for p in model.parameters if p.name not in self.model and not p.by_name]
-        if missing:
-            words = f"the fit is of another model: it has no {', '.join(missing)}"
-            raise InputError(Problem(words, file=self.file or None))
-        values = [self.model.get(p.name, p.nominal) for p in model.parameters]
-        far = [
-            Problem(p.name, self.file or None, found=f"{value:.6g} {p.unit}", allowed=allowed(known, p.unit))
-            for p, value in zip(model.parameters, values, strict=True)
-            if (known := beyond(value, p.unit)) is not None and abs(value) > known.most
-        ]
-        if far:
-            raise InputError(far)
-        return np.array(values)
-
-    def is_of(self, data: Path) -> bool:
-        """Whether the readings in a file are those of the fit, by their hash."""
-        return sha256(data) in self.data_sha256.split("+")
-
-
-def stored(fit: Fit | StoredFit) -> StoredFit:
-    """A fit as its file would hold it; a stored one as it is."""
-    if isinstance(fit, StoredFit):
-        return fit
-    before, after, _ = fit.unseen
-    return StoredFit(
-        method=fit.method,
-        names=fit.names,
-        values=np.array([e.value for e in fit.estimates]),
-        sd=np.array([e.sd for e in fit.estimates]),
-        covariance=fit.covariance,
-        status=tuple(e.status for e in fit.estimates),
-        sigma=fit.sigma,
-        sigma_source=fit.sigma_source,
-        chi2=fit.chi2,
-        dof=fit.dof,
-        model=dict(zip(fit.model.names, fit.x.tolist(), strict=True)),
-        data_sha256=fit.data_sha256,
-        robot=fit.model.facts.name,
-        robot_sha256=robot_hash(fit.model.facts),
-        unseen=(before, after) if np.isfinite([before, after]).all() else None,
-        total_covariance=fit.total_covariance,
-        cleaned=fit.cleaned,
-        masked_rows=fit.masked_rows,
-        linear=fit.linear,
-        frames=fit.frames,
-    )
-
-
-def write_fit(fit: Fit, path: str | Path) -> Path:
-    """Write fit.json, all or nothing."""
-    return write_text(path, json.dumps(fit.as_json(), indent=2, sort_keys=True, allow_nan=False) + "\n")
-
-
-def read_fit(path: str | Path) -> StoredFit:
-    """Read a fit.json. InputError with all its problems, each with its line."""
-    document = read_yaml(path)
-    check_format(document)
-    spec = validate(document, FitSpec)
-    p = len(spec.parameters)
-    wrong = [
-        Problem(f"parameter {name!r} has no estimate", str(path), document.line("estimates"))
-        for name in spec.parameters
-        if name not in spec.estimates
-    ]
-    for key, given in (("covariance", spec.covariance), ("covariance_total", spec.covariance_total)):
-        if given is None:
-            continue
-        if len(given) != p or any(len(row) != p for row in given):
-            wrong.append(
-                Problem(
-                    f"{key} has another size than parameters",
-                    str(path),
-                    document.line(key),
-                    allowed=f"{p} rows of {p} numbers",
-                )
-            )
-        elif not np.allclose(given, np.transpose(given), rtol=1e-6, atol=0.0):
-            wrong.append(Problem(f"{key} is not symmetric", str(path), document.line(key)))
-    if spec.unseen is not None and len(spec.unseen) != 2:
-        found, allowed = f"{len(spec.unseen)} numbers", "2: of the nominal values and of the fit"
-        wrong.append(Problem("unseen_mm", str(path), document.line("unseen_mm"), found=found, allowed=allowed))
-    if wrong:
-        raise InputError(wrong)
-    estimates = [spec.estimates[name] for name in spec.parameters]
-    return StoredFit(
-        method=spec.method,
-        names=tuple(spec.parameters),
-        values=np.array([e.value for e in estimates]),
-        sd=np.array([np.nan if e.sd is None else e.sd for e in estimates]),
-        covariance=np.array(spec.covariance).reshape(p, p),
-        status=tuple(e.status for e in estimates),
-        sigma=spec.sigma,
-        sigma_source=spec.sigma_source,
-        chi2=spec.chi2,
-        dof=spec.dof,
-        model=dict(spec.model),
-        data_sha256=spec.data_sha256,
-        robot=spec.robot,
-        robot_sha256=spec.robot_sha256,
-        unseen=None if spec.unseen is None else (spec.unseen[0], spec.unseen[1]),
-        file=str(path),
-        total_covariance=None if spec.covariance_total is None else np.array(spec.covariance_total).reshape(p, p),
-        cleaned=None
-        if spec.masked is None
-        else tuple(Masked(m.kind, tuple(m.rows), m.words, m.readings) for m in spec.masked),
-        masked_rows=tuple(spec.masked_rows),
-        linear=spec.linear,
-        frames=_frames(spec, document),
-    )
-
-
-def _frames(spec: FitSpec, document: Document) -> tuple[Frame, ...]:
-    """The frames of the file. InputError where one is no rigid motion."""
-    out: list[Frame] = []
-    for name, f in spec.frames.items():
-        R = np.array(f.rotation, dtype=float) if all(len(row) == 3 for row in f.rotation) else np.zeros((0, 3))
-        if (
-            R.shape != (3, 3)
-            or len(f.origin) != 3
-            or not np.allclose(R @ R.T, np.eye(3), atol=1e-6)
-            or np.linalg.det(R) < 0.0
-        ):
-            raise InputError(
-                Problem(
-                    f"frame {name!r} is no rigid motion",
-                    str(document.path),
-                    document.line("frames"),
-                    allowed="rotation: a rotation matrix by rows; origin_m: three numbers",
-                )
-            )
-        out.append(Frame(name, R, np.array(f.origin)))
-    return tuple(out)
 
 
 def write_nominal(fit: Fit, path: str | Path, robot: Robot) -> Path:
@@ -323,7 +66,7 @@ _CAMPAIGN = "# Values of a campaign's effects"
 
 def _source(fit: Fit) -> str:
     """Where the values of a fit are from. InputError where one lies beyond its bounds."""
-    beyond = [e.name for e in fit.estimates if not e.lower <= e.value <= e.upper]
+    beyond = [e.name for e in fit.estimates if e.beyond > 0.0]
     if beyond:
         message = f"{', '.join(beyond)} beyond its bounds: a robot cannot have it. Fit within bounds"
         raise InputError(Problem(message, argument=("bounds", "")))
@@ -418,7 +161,7 @@ def result_files(
     unless `anyway`."""
     said: list[str] = []
     if nominal is not None or urdf is not None:
-        said += (f"note: {note}" for note in obeyed(stored(fit), robot, fit.model.parameters, anyway))
+        said += (f"note: {note}" for note in obeyed(fit, robot, fit.model.parameters, anyway))
     if nominal is not None:
         beside = nominal.with_name(f"{nominal.stem}_campaign{nominal.suffix}")
         others = write_campaign(fit, beside, robot)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from qsframework.elastostatics import Model
 from qsframework.estimation import PLAIN, FitOptions, Observations, scales
 from qsframework.experiment import Bridge
+from qsframework.files import FileRecord, null
 from qsframework.plugin import Array, Geometry, Parameter, Sensor, Spring
 
 REDUNDANT = 1e-5
@@ -25,12 +28,12 @@ _LOOSE, _BROAD = 5.0, 20.0
 
 
 @dataclass(frozen=True)
-class LeftAside:
+class LeftAside(FileRecord):
     """A parameter that is not estimated; `sd` in its natural sizes if it were, inf where it makes no difference."""
 
     name: str
     absorbed_by: tuple[str, ...]
-    sd: float
+    sd: Annotated[float, null(math.inf)]
 
     def words(self) -> str:
         """Why, in one sentence."""

@@ -19,7 +19,7 @@ from qsframework.estimation import FitOptions, Observations, solve
 from qsframework.estimation.solver import solution_at
 from qsframework.experiment import Bridge, Experiment, Frame, Rows, bridge
 from qsframework.experiment.observations import start_values
-from qsframework.identify.found import Found
+from qsframework.identify.fit import Found
 from qsframework.information.two_step import distinct_angles, step_two, stiffness_covariance
 from qsframework.plugin import (
     Actuator,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,9 +13,8 @@ from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import FitOptions, rms
 from qsframework.experiment import Experiment, Frame, Readings, make_rows
 from qsframework.experiment.observations import Rows
-from qsframework.identify.fit import Fit
 from qsframework.identify.identify import identify
-from qsframework.identify.io import StoredFit, stored
+from qsframework.identify.record import FitRecord
 from qsframework.identify.soundness import check_robot
 from qsframework.plugin import Array, Indices
 from qsframework.viewed import Viewed
@@ -101,23 +100,22 @@ def _json(part: Errors) -> Mapping[str, Any]:
     }
 
 
-def validate(experiment: Experiment, readings: Readings, fit: Fit | StoredFit) -> Validation:
+def validate(experiment: Experiment, readings: Readings, fit: FitRecord) -> Validation:
     """Errors of a stored fit at other readings, in the frames that it found.
 
     A series that the fit does not know is laid on its predictions by a rigid motion first, and the error is what this
     leaves. InputError where the fit is of another robot or model.
     """
-    fit = stored(fit)
     check_robot(fit, experiment.robot)
     model, rows = experiment.model(), make_rows(readings)
-    x = fit.x(model)
+    x = fit.x_of(model)
     errors = rows.measured - rows.predict(model, x, fitted_frames(fit, rows, model, x), fit.linear)
-    seen = bool(set(fit.data_sha256.split("+")) & set(_hashes(readings)))
+    seen = any(fit.is_of(source) for source in readings.sources)
     found = _validation(experiment, rows, errors, _nominal(experiment, rows, fit.linear), seen=seen)
     return replace(found, notes=rows.range_notes(model, x))
 
 
-def fitted_frames(fit: StoredFit, rows: Rows, model: Model, x: Array) -> list[Frame]:
+def fitted_frames(fit: FitRecord, rows: Rows, model: Model, x: Array) -> list[Frame]:
     """The frames of rows whose frame nobody states: as the fit found them, else as they suit its predictions best."""
     known = {f.series: f for f in fit.frames}
     names = [rows.readings.frames[f] for f in rows.estimated]
@@ -126,7 +124,7 @@ def fitted_frames(fit: StoredFit, rows: Rows, model: Model, x: Array) -> list[Fr
 
 
 def validate_halves(
-    experiment: Experiment, readings: Readings, fit: StoredFit, halves: int, seed: int = 0
+    experiment: Experiment, readings: Readings, fit: FitRecord, halves: int, seed: int = 0
 ) -> Validation:
     """Fits like a stored one to random halves of the readings, each judged on the other half.
 
@@ -153,20 +151,10 @@ def validate_halves(
         predicted, measured = own.predict(readings.masked(use))
         every.append((rows.take(~train), measured - predicted))
     spread = np.array([np.sqrt(np.nansum(e**2) / len(e)) for _, e in every])
-    whole = _nominal(experiment, rows, fit.linear)
     place = {k: i for i, k in enumerate(rows.keep.tolist())}
-    before = np.concatenate([whole[[place[k] for k in part.keep.tolist()]] for part, _ in every])
-    both = np.concatenate([part.keep for part, _ in every])
-    out = _validation(
-        experiment, _stacked(rows, both), np.concatenate([e for _, e in every]), before, halves=halves, spread=spread
-    )
-    return out
-
-
-def _stacked(rows: Rows, keep: Indices) -> Rows:
-    """Rows of readings, some of them more than once."""
-    place = {k: i for i, k in enumerate(rows.keep.tolist())}
-    return rows.take(np.array([place[k] for k in keep.tolist()], dtype=np.intp))
+    both = np.array([place[k] for part, _ in every for k in part.keep.tolist()], dtype=np.intp)
+    before, errors = _nominal(experiment, rows, fit.linear)[both], np.concatenate([e for _, e in every])
+    return _validation(experiment, rows.take(both), errors, before, halves=halves, spread=spread)
 
 
 def _nominal(experiment: Experiment, rows: Rows, linear: bool) -> Array:
@@ -177,12 +165,6 @@ def _nominal(experiment: Experiment, rows: Rows, linear: bool) -> Array:
         return rows.measured - rows.predict(model, model.nominal, frames, linear)
     except NotConverged:
         return rows.measured - rows.predict(model, model.nominal, frames, True)
-
-
-def _hashes(readings: Readings) -> Sequence[str]:
-    from qsframework.files import sha256
-
-    return [sha256(source) for source in readings.sources]
 
 
 def _validation(

@@ -9,8 +9,7 @@ import numpy as np
 
 from qsframework.estimation.tails import normal_isf, normal_sf
 from qsframework.experiment import Readings
-from qsframework.identify import Estimate, Fit
-from qsframework.identify.io import StoredFit
+from qsframework.identify import Estimate, Fit, FitRecord
 from qsframework.plugin import Array, Indices
 from qsframework.report.blocks import Figure, Table
 from qsframework.report.numbers import row_table
@@ -26,7 +25,7 @@ _BINS = 25
 _QUANTILE = 95
 
 
-def fit_figures(fit: Fit, beside: StoredFit | None = None) -> tuple[Figure, ...]:
+def fit_figures(fit: Fit, beside: FitRecord | None = None) -> tuple[Figure, ...]:
     """What the fit says of the parameters, another one beside it, and how well it describes the readings."""
     one = _parameters(fit, beside)
     pair = (_correlation(fit),) if len(fit.estimates) > 1 else ()
@@ -51,7 +50,7 @@ def _whole(values: Array) -> Array:
     return values[np.isfinite(values).all(axis=1)]
 
 
-def _parameters(fit: Fit, beside: StoredFit | None) -> Figure:
+def _parameters(fit: Fit, beside: FitRecord | None) -> Figure:
     """Each estimate with its sd on one axis: its change from the initial value in its own natural size."""
     every = [e for e in fit.estimates if np.isfinite(e.value)]
     names = [html.escape(e.name) for e in every]
@@ -168,7 +167,7 @@ def _measured_predicted(fit: Fit) -> Figure:
     )
     header = ("row", "pose", *(f"{what} d{a} mm" for what in ("predicted", "measured") for a in AXES))
     values = np.column_stack([fit.predicted, fit.measured]) * 1e3
-    rows = tuple((str(fit.rows[r]), fit.poses[r], *(_number(v, 4) for v in values[r])) for r in at)
+    rows = tuple((str(fit.lines[r]), fit.poses[r], *(_number(v, 4) for v in values[r])) for r in at)
     return Figure(
         figure,
         "Both axes have one scale. Look for a slope: points should lie on the line; another slope says that the "
@@ -209,11 +208,11 @@ def distribution_figure(sizes: dict[str, Array]) -> Figure:
 
 def _by_row(fit: Fit) -> tuple[Figure, ...]:
     """Studentised residuals by row of the file; of positions their length too."""
-    every = np.arange(len(fit.rows))
+    every = np.arange(len(fit.lines))
     figure = blank("Studentised residuals", "row of the readings file", "residual / its sd")
     for i, axis in enumerate(AXES):
         figure.add_scatter(
-            x=fit.rows,
+            x=fit.lines,
             y=plotted(fit.studentised[:, i]),
             mode="markers",
             name=axis if fit.position.all() else f"d{axis}",
@@ -226,7 +225,7 @@ def _by_row(fit: Fit) -> tuple[Figure, ...]:
         figure,
         "Look beyond the dotted lines at ±3: such a reading deserves a look; a run of one sign says that the model "
         "misses something.",
-        residual_table(fit.rows, fit.poses, fit.residuals, fit.studentised),
+        residual_table(fit.lines, fit.poses, fit.residuals, fit.studentised),
     )
     if not fit.position.any():
         return (student,)
@@ -234,7 +233,7 @@ def _by_row(fit: Fit) -> tuple[Figure, ...]:
     figure = blank("Error of the position", "row of the readings file", "distance, mm")
     for name, errors, look in (("nominal", fit.measured - fit.nominal, BEFORE), ("identified", fit.residuals, AFTER)):
         figure.add_scatter(
-            x=fit.rows[at],
+            x=fit.lines[at],
             y=plotted(np.linalg.norm(errors[at], axis=1) * 1e3),
             mode="markers",
             name=name,
@@ -356,4 +355,4 @@ def _poses(fit: Fit, at: Indices) -> list[str]:
 
 
 def _labels(fit: Fit, at: Indices) -> list[str]:
-    return [f"row {fit.rows[r]}, pose {html.escape(fit.poses[int(r)])}" for r in at]
+    return [f"row {fit.lines[r]}, pose {html.escape(fit.poses[int(r)])}" for r in at]

@@ -9,8 +9,7 @@ import numpy as np
 
 from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings
-from qsframework.identify import Estimate, Fit, Masked
-from qsframework.identify.io import StoredFit
+from qsframework.identify import Estimate, Fit, FitRecord, Masked
 from qsframework.report.blocks import Block, Figure, Section, Table, Text, View
 from qsframework.report.fit_plots import fit_figures, residual_figures, workspace_figure
 from qsframework.report.words.fit import alignment_words, first_words, verdict_words
@@ -68,7 +67,7 @@ def _percent(share: float) -> str:
     return f"{share:.1f} %" if share < _MOST_PERCENT else f"> {_MOST_PERCENT:.0f} %"
 
 
-def beside_table(fit: Fit, other: StoredFit) -> Table:
+def beside_table(fit: Fit, other: FitRecord) -> Table:
     """Two fits of one robot, parameter by parameter, and how far apart they are in the sd of their difference.
 
     The two are taken as independent: of readings that share none.
@@ -83,7 +82,7 @@ def beside_table(fit: Fit, other: StoredFit) -> Table:
         rows.append((e.name, *pair, f"{(e.value - value) / apart:+.1f}" if told else "-"))
     only = [n for n in (*fit.names, *other.names) if (n in theirs) != (n in fit.names)]
     said = f" In one of them only: {', '.join(only)}." if only else ""
-    name = Path(other.file).name or "the other fit"
+    name = Path(other.path).name or "the other fit"
     return Table(
         ("parameter", "this fit ± sd", f"{name} ± sd", "difference / its sd"),
         tuple(rows),
@@ -238,7 +237,7 @@ def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> 
 
 
 def fit_sections(
-    fit: Fit, experiment: Experiment, readings: Readings, beside: StoredFit | None = None
+    fit: Fit, experiment: Experiment, readings: Readings, beside: FitRecord | None = None
 ) -> tuple[Section, ...]:
     """A report's sections: the pictures, the residuals on the robot, and the evidence, folded; beside: another fit."""
     from qsframework.viz import residuals

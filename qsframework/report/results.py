@@ -9,8 +9,7 @@ from typing import TypeVar
 from qsframework.diagnose import Diagnosis
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Plan, Readings
-from qsframework.identify import Fit
-from qsframework.identify.io import StoredFit
+from qsframework.identify import Fit, FitRecord
 from qsframework.identify.validate import Validation
 from qsframework.information import promised_sd
 from qsframework.report.blocks import Section, Verdict
@@ -36,7 +35,7 @@ def report(
     readings: Readings | None = None,
     *,
     files: Sequence[Path] = (),
-    beside: StoredFit | None = None,
+    beside: FitRecord | None = None,
 ) -> Path:
     """Write the report of a fit, a plan, a diagnosis or a validation, all or nothing: HTML, or .pdf by Chromium.
 

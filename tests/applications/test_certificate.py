@@ -15,11 +15,11 @@ from qsframework.cli.main import app
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings, example, load_experiment, make_plan, read_readings, simulate
-from qsframework.identify import identify
-from qsframework.identify.io import StoredFit, read_fit, write_fit
+from qsframework.identify import FitRecord, identify, read_fit, write_fit
 from qsframework.plugin import Array, Poses
 from qsframework.report.certificate_page import arrivals, pair, write_certificate
 from qsframework.report.words.certificate import conformity_words
+from tests.identify.records import with_values
 
 LINEAR = FitOptions(linear=True)
 
@@ -38,16 +38,16 @@ def truth_of(experiment: Experiment) -> Array:
     return 1.3 * experiment.model().nominal
 
 
-def stored(experiment: Experiment, readings: Readings, folder: Path) -> StoredFit:
+def stored(experiment: Experiment, readings: Readings, folder: Path) -> FitRecord:
     return read_fit(write_fit(identify(experiment, readings, options=LINEAR), folder / "fit.json"))
 
 
 @pytest.fixture(scope="module")
-def fitted(m900ib: Experiment, tmp_path_factory: pytest.TempPathFactory) -> StoredFit:
+def fitted(m900ib: Experiment, tmp_path_factory: pytest.TempPathFactory) -> FitRecord:
     return stored(m900ib, readings_of(m900ib, 0), tmp_path_factory.mktemp("fit"))
 
 
-def test_the_budget_is_the_spread_of_fits_to_other_readings(m900ib: Experiment, fitted: StoredFit) -> None:
+def test_the_budget_is_the_spread_of_fits_to_other_readings(m900ib: Experiment, fitted: FitRecord) -> None:
     """The share of the parameters against 16 fits: how far their predictions of one campaign are from the truth."""
     other = readings_of(m900ib, 7)
     found = certify(m900ib, fitted, other, MetaSpec())
@@ -123,7 +123,7 @@ def test_accuracy_and_repeatability_are_those_of_iso_9283(tmp_path: Path) -> Non
     ],
 )
 def test_conformity_follows_the_stated_rule(
-    m900ib: Experiment, fitted: StoredFit, tolerance: float, rule: str, holds: bool | None, words: str
+    m900ib: Experiment, fitted: FitRecord, tolerance: float, rule: str, holds: bool | None, words: str
 ) -> None:
     """A tolerance above 1 is so many times the error itself: within the guard band."""
     other = readings_of(m900ib, 7)
@@ -137,22 +137,19 @@ def test_conformity_follows_the_stated_rule(
     assert words in conformity_words(found)
 
 
-def test_a_fit_that_is_wrong_gets_no_certificate(m900ib: Experiment, fitted: StoredFit) -> None:
+def test_a_fit_that_is_wrong_gets_no_certificate(m900ib: Experiment, fitted: FitRecord) -> None:
     other = readings_of(m900ib, 7)
     first = fitted.names[0]
-    turned = replace(
-        fitted, values=-fitted.values, model={**fitted.model, **dict(zip(fitted.names, -fitted.values, strict=True))}
-    )
+    turned = with_values(fitted, {e.name: -e.value for e in fitted.estimates})
     with pytest.raises(InputError, match=r"no certificate: .*and no arm has it below 0"):
         certify(m900ib, turned, other, MetaSpec())
     with pytest.raises(InputError, match=re.escape(f"{first} is") + ".*among the estimates"):
-        certify(m900ib, replace(fitted, model={**fitted.model, first: 1e-9}), other, MetaSpec())
+        certify(m900ib, replace(fitted, model_values={**fitted.model_values, first: 1e-9}), other, MetaSpec())
     with pytest.raises(InputError, match="a variance would be below zero"):
         certify(m900ib, replace(fitted, covariance=-fitted.covariance), other, MetaSpec())
-    stiff = {n: v * 3.0 for n, v in fitted.model.items()}
-    values = np.array([stiff[n] for n in fitted.names])
+    stiff = with_values(fitted, {n: v * 3.0 for n, v in fitted.model_values.items()})
     with pytest.raises(InputError, match="is not below that of the nominal arm"):
-        certify(m900ib, replace(fitted, model=stiff, values=values), other, MetaSpec())
+        certify(m900ib, stiff, other, MetaSpec())
 
 
 def test_readings_of_the_fit_are_halved(m900ib: Experiment, tmp_path: Path) -> None:

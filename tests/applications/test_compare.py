@@ -21,13 +21,13 @@ from qsframework.elastostatics import equilibrium
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import load_experiment, read_readings, simulate
-from qsframework.identify import identify
-from qsframework.identify.io import read_fit, write_fit
+from qsframework.identify import identify, read_fit, write_fit
 from qsframework.plugin import Poses
 from qsframework.report.compare_section import heat_maps, path_figure
 from qsframework.robot import load_robot
 from qsframework.robot.collision import lowest_point, make_collider
 from qsframework.robot.kinematics import joint_frames
+from tests.identify.records import estimate, with_values
 
 NAMES = ("fanuc_m900ib", "fanuc_r2000ic")
 
@@ -276,11 +276,11 @@ def test_wrong_fits(root: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"fit\.json: the fit is of another robot; found fanuc_r2000ic"):
         with_fit(load_robot("ur10"), fit)
     with pytest.raises(InputError, match="estimates no parameter of fanuc_r2000ic"):
-        with_fit(robot, replace(fit, names=("frame[s].x",)))
-    bad = replace(fit, model={**fit.model, fit.names[2]: -1e-7})
+        with_fit(robot, replace(fit, estimates=(estimate("frame[s].x", 0.0, 1.0),)))
+    bad = with_values(fit, {fit.names[2]: -1e-7})
     with pytest.raises(InputError, match=r"joint_compliance\[joint_3\] is beyond its bounds.*within bounds"):
         with_fit(robot, bad)
-    extra = replace(fit, names=(*fit.names, "frame[s].x"), sd=np.append(fit.sd, 1.0), values=np.append(fit.values, 0.0))
+    extra = replace(fit, estimates=(*fit.estimates, estimate("frame[s].x", 0.0, 1.0)))
     assert with_fit(robot, extra)[1] == ("estimates that are no effects of its robot.yaml are left out: frame[s].x",)
 
 

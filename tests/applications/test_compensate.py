@@ -27,9 +27,9 @@ from qsframework.experiment import (
     make_plan,
     simulate,
 )
-from qsframework.identify import identify
-from qsframework.identify.io import StoredFit, read_fit, write_fit
+from qsframework.identify import FitRecord, identify, read_fit, write_fit
 from qsframework.plugin import Array, Poses
+from tests.identify.records import record, with_values
 
 MEASURED = np.array([0.0, 1500.0, -4000.0, 0.0, 0.0, 0.0])
 WORK = np.array([300.0, 700.0, -5500.0, 50.0, 0.0, 100.0])
@@ -51,42 +51,14 @@ def posed(experiment: Experiment, pendant: Array, wrench: Array) -> Poses:
     return Poses(pendant, experiment.robot.controller.to_joints(pendant), np.tile(wrench, (len(pendant), 1)))
 
 
-def exact_fit(experiment: Experiment) -> StoredFit:
+def exact_fit(experiment: Experiment) -> FitRecord:
     """A fit that knows every parameter."""
-    model = experiment.model()
-    values = dict(zip(model.names, model.nominal.tolist(), strict=True))
-    nothing = np.zeros(0)
-    name = experiment.robot.name
-    return StoredFit(
-        method="exact",
-        names=(),
-        values=nothing,
-        sd=nothing,
-        covariance=np.zeros((0, 0)),
-        status=(),
-        sigma=3e-5,
-        sigma_source="stated",
-        chi2=0.0,
-        dof=0,
-        model=values,
-        data_sha256="",
-        robot=name,
-        file="fit.json",
-    )
+    return record(experiment, experiment.model().nominal, {})
 
 
-def known(fit: StoredFit) -> StoredFit:
+def known(fit: FitRecord) -> FitRecord:
     """The same values without their uncertainties, which are most of what a compensation computes."""
-    nothing = np.zeros(0)
-    return replace(
-        fit,
-        names=(),
-        values=nothing,
-        sd=nothing,
-        status=(),
-        covariance=np.zeros((0, 0)),
-        total_covariance=None,
-    )
+    return replace(fit, estimates=(), covariance=np.zeros((0, 0)), total_covariance=None)
 
 
 def stands(experiment: Experiment, result: Compensation, x: Array) -> TipPose:
@@ -113,7 +85,9 @@ def test_with_the_true_parameters_the_loaded_tool_stands_where_it_is_wanted(
     assert np.allclose(result.command.position, told.position)
 
 
-def test_identified_from_noisy_readings_of_the_full_equilibrium(m900ib: Experiment, targets: Targets) -> None:
+def test_identified_from_noisy_readings_of_the_full_equilibrium(
+    m900ib: Experiment, targets: Targets, tmp_path: Path
+) -> None:
     """The readings come from the equilibrium (17) of an arm that differs; the tool errs by less than 1 %."""
     model = m900ib.model()
     plan = make_plan(posed(m900ib, angles(24, 1), MEASURED), ["pull"] * 24)
@@ -121,7 +95,7 @@ def test_identified_from_noisy_readings_of_the_full_equilibrium(m900ib: Experime
     moved = full_displacement(model, plan.poses, drawn.x)
     noise = 3e-5 * np.random.default_rng(8).standard_normal(moved.shape)
     readings = drawn.readings.with_values((moved + noise).reshape(-1, 3))
-    fit = stored(m900ib, readings, Path())
+    fit = stored(m900ib, readings, tmp_path)
     result = compensate(m900ib, fit, targets)
     error = np.linalg.norm((stands(m900ib, result, drawn.x).position - targets.wanted.position), axis=1)
     assert np.all(error < 0.01 * result.size)
@@ -130,27 +104,9 @@ def test_identified_from_noisy_readings_of_the_full_equilibrium(m900ib: Experime
     assert uncalibrated.mean() > 10 * error.mean(), "the nominal values would have erred far more"
 
 
-def stored(experiment: Experiment, readings: Readings, folder: Path, linear: bool = False) -> StoredFit:
-    """A fit as its file holds it, without a file where the folder is empty."""
-    found = identify(experiment, readings, options=FitOptions(linear=linear))
-    values = dict(zip(found.model.names, found.x.tolist(), strict=True))
-    return StoredFit(
-        method=found.method,
-        names=found.names,
-        values=np.array([e.value for e in found.estimates]),
-        sd=np.array([e.sd for e in found.estimates]),
-        covariance=found.covariance,
-        status=tuple(e.status for e in found.estimates),
-        sigma=found.sigma,
-        sigma_source=found.sigma_source,
-        chi2=found.chi2,
-        dof=found.dof,
-        model=values,
-        data_sha256="",
-        robot=experiment.robot.name,
-        file=str(folder),
-        total_covariance=found.total_covariance,
-    )
+def stored(experiment: Experiment, readings: Readings, folder: Path, linear: bool = False) -> FitRecord:
+    """A fit as its file holds it."""
+    return read_fit(write_fit(identify(experiment, readings, options=FitOptions(linear=linear)), folder / "fit.json"))
 
 
 @pytest.mark.parametrize("reference", ["commanded", "unloaded"])
@@ -165,7 +121,7 @@ def test_the_view_bends_the_arm_by_what_the_table_says(m900ib: Experiment, targe
         assert f'"{1e3 * size:.3f} mm"' in view.page
 
 
-def test_the_expected_error_is_the_one_found_in_simulation(m900ib: Experiment) -> None:
+def test_the_expected_error_is_the_one_found_in_simulation(m900ib: Experiment, tmp_path: Path) -> None:
     """Campaigns of the same plan: the RMS error of the true arm against the promised one, per target.
 
     Readings and fits of the linear model, which is quick; the arm at work settles in its equilibrium.
@@ -177,7 +133,7 @@ def test_the_expected_error_is_the_one_found_in_simulation(m900ib: Experiment) -
     squared, promised = [], []
     for seed in range(24):
         readings = simulate(arm, plan, seed=seed, linear=True).readings
-        fit = stored(arm, readings, Path(), linear=True)
+        fit = stored(arm, readings, tmp_path, linear=True)
         result = compensate(arm, known(fit) if seed % 6 else fit, work)
         error = stands(arm, result, x).position - work.wanted.position
         squared.append(np.sum(error**2, axis=1))
@@ -192,7 +148,7 @@ def test_the_slope_of_the_tip_agrees_with_the_linear_models_own(m900ib: Experime
     robot = m900ib.robot
     site = m900ib.load_site
     model = make_model(robot.facts, robot.effects, robot.parameters, site, [("tip", site)], robot.gravity)
-    fit = replace(exact_fit(m900ib), names=m900ib.fit_names(), covariance=np.eye(len(m900ib.fit_names())))
+    fit = record(m900ib, m900ib.model().nominal, dict.fromkeys(m900ib.fit_names(), 1.0))
     poses = Poses(targets.pendant, robot.controller.to_joints(targets.pendant), targets.wrench)
 
     def stand(x: Array) -> TipPose:
@@ -224,7 +180,7 @@ def test_the_uncertainty_of_the_load_counts(m900ib: Experiment, tmp_path: Path) 
         acting = make_plan(replace(poses, wrench=poses.wrench @ wrong.T), ["pull"] * 12)
         days.append(told.with_values(simulate(stated, acting, seed=seed, linear=True).readings.value))
         fit = stored(stated, days[-1], tmp_path, linear=True)
-        result = compensate(stated, fit if seed % 6 == 5 else known(fit), work)
+        result = compensate(stated, fit if seed % 6 == 5 else known(fit), work, anyway=True)  # nominal values are true
         results.append(result)
         error.append(np.linalg.norm(stands(stated, result, x).position - work.wanted.position, axis=1))
         if seed % 6 == 5:  # they are much the same after every campaign
@@ -359,15 +315,8 @@ def test_errors_of_geometry_are_corrected_too(m900ib: Experiment, targets: Targe
     model, offsets = bent.model(), ("joint_offset[joint_2]", "joint_offset[joint_5]")
     x = model.nominal
     x[model.index(offsets)] = 3e-3, -2e-3
-    sd = np.array([1e-4, 2e-4, 1.0])
-    fit = replace(
-        exact_fit(bent),
-        model=dict(zip(model.names, x.tolist(), strict=True)),
-        names=(*offsets, "frame[s].x"),
-        values=np.array([3e-3, -2e-3, 1.0]),
-        sd=sd,
-        covariance=np.diag(sd**2),
-    )
+    sd = (1e-4, 2e-4)
+    fit = record(bent, x, {**dict(zip(offsets, sd, strict=True)), "frame[s].x": 1.0}, {"frame[s].x": 1.0})
     result = compensate(bent, fit, targets)
     assert result.size.max() > 6e-3, "3 mrad at two metres and more"
     assert np.abs(pose_error(targets.wanted, stands(bent, result, x))).max() < 1e-8
@@ -383,7 +332,7 @@ def test_a_fit_of_another_robot(m900ib: Experiment, r2000ic: Experiment, targets
     with pytest.raises(InputError, match=r"fit.json: the fit is of another robot; found fanuc_r2000ic; allowed"):
         compensate(m900ib, exact_fit(r2000ic), targets)
     with pytest.raises(InputError, match=r"another model than experiment.yaml: only one has compensator_stiffness"):
-        compensate(m900ib, replace(exact_fit(r2000ic), robot=""), targets)
+        compensate(m900ib, replace(exact_fit(r2000ic), robot=m900ib.robot.name), targets)
 
 
 def test_the_command(m900ib: Experiment, targets: Targets, tmp_path: Path) -> None:
@@ -435,7 +384,7 @@ def test_forces_on_a_model_in_which_nothing_gives(tmp_path: Path) -> None:
     words = r"target 't02': nothing in the fitted model gives under this force.*Leave the forces .* without rigid: true"
     with pytest.raises(InputError, match=words):
         compensate(rigid, fit, joint_targets(rigid, pendant, wrench))
-    one_spring = replace(fit, model=fit.model | {"joint_compliance[joint_2]": 25e-6})
+    one_spring = with_values(fit, {"joint_compliance[joint_2]": 25e-6})
     pulled, bare = (
         compensate(rigid, one_spring, joint_targets(rigid, pendant, w)).deflection[1, 2] for w in (wrench, 0 * wrench)
     )

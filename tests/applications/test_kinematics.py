@@ -28,10 +28,11 @@ from qsframework.cli.main import app
 from qsframework.elastostatics import Site, make_model
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, load_experiment
-from qsframework.identify.io import StoredFit
+from qsframework.identify import FitRecord
 from qsframework.plugin import Array, Poses
 from qsframework.robot import Drive, load_robot, robot_names
 from qsframework.robot.denavit import Serial, denavit, turns
+from tests.identify.records import record
 
 TEXT = """
 robot: {robot}
@@ -53,7 +54,7 @@ def written(folder: Path, robot: str) -> Experiment:
     return load_experiment(path)
 
 
-def drawn(experiment: Experiment, size: float = 5e-4, offsets: bool = True) -> StoredFit:
+def drawn(experiment: Experiment, size: float = 5e-4, offsets: bool = True) -> FitRecord:
     """A fit with drawn errors of geometry and an sd for each."""
     model = experiment.model()
     x, rng = model.nominal, np.random.default_rng(3)
@@ -63,22 +64,8 @@ def drawn(experiment: Experiment, size: float = 5e-4, offsets: bool = True) -> S
             x[i] = rng.normal() * size
         if name.startswith("encoder"):
             x[i] = 1e-4
-    names = tuple(n for n in model.names if n.startswith(("joint_", "encoder")))
-    return StoredFit(
-        method="drawn",
-        names=names,
-        values=x[model.index(names)],
-        sd=np.full(len(names), 1e-5),
-        covariance=1e-10 * np.eye(len(names)),
-        status=("",) * len(names),
-        sigma=3e-5,
-        sigma_source="stated",
-        chi2=0.0,
-        dof=0,
-        model=dict(zip(model.names, x.tolist(), strict=True)),
-        data_sha256="",
-        robot=experiment.robot.name,
-    )
+    names = [n for n in model.names if n.startswith(("joint_", "encoder"))]
+    return record(experiment, x, dict.fromkeys(names, 1e-5))
 
 
 @pytest.fixture(scope="module")
@@ -87,23 +74,23 @@ def ur10(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
 
 
 @pytest.fixture(scope="module")
-def fit(ur10: Experiment) -> StoredFit:
+def fit(ur10: Experiment) -> FitRecord:
     return drawn(ur10)
 
 
 @pytest.fixture(scope="module")
-def one(ur10: Experiment, fit: StoredFit) -> Fitted:
+def one(ur10: Experiment, fit: FitRecord) -> Fitted:
     return fitted(ur10, fit)
 
 
-def by_the_model(experiment: Experiment, fit: StoredFit, q: Array) -> Array:
+def by_the_model(experiment: Experiment, fit: FitRecord, q: Array) -> Array:
     """Three points of the flange (N, 3, 3) by the model with its constant errors of geometry."""
     robot = experiment.robot
     effects = [e for e in experiment.effects if e.name.startswith(("joint_offset", "joint_placement"))]
     points = robot.flange.placement[:3, 3] + 0.3 * (robot.flange.placement[:3, :3].T)
     sites = [(f"p{i}", Site(robot.flange.link, xyz)) for i, xyz in enumerate(points)]
     model = make_model(robot.facts, effects, [], experiment.load_site, sites, np.zeros(3))
-    return model.positions(Poses(q, q, np.zeros((len(q), 6))), np.array([fit.model[n] for n in model.names]))
+    return model.positions(Poses(q, q, np.zeros((len(q), 6))), np.array([fit.model_values[n] for n in model.names]))
 
 
 def points(serial: Serial, q: Array) -> Array:
@@ -128,7 +115,7 @@ def by_pinocchio(placements: Array, serial: Serial, q: Array) -> Array:
     return np.array(out)
 
 
-def test_every_file_moves_as_the_fitted_model(ur10: Experiment, fit: StoredFit, one: Fitted, tmp_path: Path) -> None:
+def test_every_file_moves_as_the_fitted_model(ur10: Experiment, fit: FitRecord, one: Fitted, tmp_path: Path) -> None:
     """By three computations: the elastostatic model, Pinocchio, and the numbers of the file; to 1e-9 m."""
     q = np.random.default_rng(1).uniform(-3.0, 3.0, (60, 6))
     truth = by_the_model(ur10, fit, q)
@@ -198,13 +185,13 @@ def test_tables_of_every_robot(name: str, size: float) -> None:
         assert not (hayati and np.abs(table.d).max() > 3.0)
 
 
-def test_offsets_in_the_controllers_terms(ur10: Experiment, fit: StoredFit, one: Fitted, tmp_path: Path) -> None:
-    true = np.rad2deg([fit.model[f"joint_offset[joint_{k}]"] for k in range(1, 7)])
+def test_offsets_in_the_controllers_terms(ur10: Experiment, fit: FitRecord, one: Fitted, tmp_path: Path) -> None:
+    true = np.rad2deg([fit.model_values[f"joint_offset[joint_{k}]"] for k in range(1, 7)])
     rows = offset_rows(one)
     assert np.allclose([float(r["add_deg"]) for r in rows], true, atol=1e-6)
     assert {r["sd_deg"] for r in rows} == {f"{np.rad2deg(1e-5):.6f}"}
     assert {r["counts"] + r["motor_deg"] for r in rows} == {""}, "no ratio is stated"
-    own = np.rad2deg([fit.model[f"joint_placement[joint_{k}].rz"] for k in range(1, 7)])
+    own = np.rad2deg([fit.model_values[f"joint_placement[joint_{k}].rz"] for k in range(1, 7)])
     assert np.allclose([float(r["in_placement_deg"]) for r in rows], own, atol=1e-6)
     stated = replace(ur10.robot.controller, drives=(Drive(False, -101.0, 4096.0), Drive(False, 50.0), *[Drive()] * 4))
     rows = offset_rows(replace(one, experiment=ur10.with_(robot=replace(ur10.robot, controller=stated))))

@@ -8,6 +8,7 @@ from pathlib import Path
 import make_file_formats as formats
 
 from qsframework.experiment import load_experiment, make_plan, read_poses, write_plan
+from qsframework.files import measured
 from qsframework.report.result_json import diagnosis_json
 from qsframework.robot.spec import RobotSpec
 
@@ -24,7 +25,7 @@ def test_every_key_has_its_unit_and_its_line(root: Path) -> None:
         assert len([x for x in section.splitlines() if x.startswith("| `")]) == len(rows)
     assert "| `payload_kg` |" in page
     assert "`q1_deg`, `q1_rad`" in page
-    assert set(RobotSpec.measured()) == {"limits_tolerance", "payload", "gravity"}
+    assert set(measured(RobotSpec)) == {"limits_tolerance", "payload", "gravity"}
 
 
 def test_plan_json_holds_these_keys(root: Path, tmp_path: Path) -> None:

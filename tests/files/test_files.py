@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -13,7 +16,20 @@ from hypothesis import given, strategies as st
 from qsframework import units
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.spec import ExperimentSpec
-from qsframework.files import FileModel, Unit, json_schema, read_yaml, validate, write_text
+from qsframework.files import (
+    FileModel,
+    FileRecord,
+    Lists,
+    Named,
+    Unit,
+    as_file,
+    json_schema,
+    measured,
+    null,
+    read_yaml,
+    validate,
+    write_text,
+)
 from qsframework.robot.spec import RobotSpec
 
 
@@ -147,9 +163,9 @@ def test_temperatures_have_an_offset() -> None:
 @pytest.mark.parametrize("model", [RobotSpec, ExperimentSpec])
 def test_schemas_describe_the_keys_of_the_file(model: type[FileModel]) -> None:
     schema = json_schema(model)
-    measured = model.measured()
-    assert all(name not in schema["properties"] for name in measured)
-    assert {f"^{mark.stem}_[^_]+$" for mark in measured.values()} == set(schema.get("patternProperties", ()))
+    marks = measured(model)
+    assert all(name not in schema["properties"] for name in marks)
+    assert {f"^{mark.stem}_[^_]+$" for mark in marks.values()} == set(schema.get("patternProperties", ()))
     assert schema["additionalProperties"] is False
 
 
@@ -171,3 +187,43 @@ def test_problems_read_as_sentences() -> None:
     assert str(problem) == "f.csv, line 3, column q1_deg: is wrong; found 'x'; allowed: a number. Mend it."
     assert nearest("joint_complance", ["joint_compliance"]) == "Did you mean 'joint_compliance'?"
     assert nearest("zzz", ["joint_compliance"]) is None
+
+
+@dataclass(frozen=True)
+class Part(FileRecord):
+    name: str
+    size: Annotated[float, Unit("m"), null(math.inf)]
+
+
+@dataclass(frozen=True, eq=False)
+class Whole(FileRecord):
+    parts: Annotated[tuple[Part, ...], Named("name")]
+    rows: tuple[int, ...]
+    matrix: Annotated[np.ndarray, Lists(2)]
+    share: float = 0.5
+
+
+@given(st.floats(-99.0, 99.0).filter(lambda v: v == 0.0 or abs(v) > 1e-300), st.booleans())
+def test_a_record_is_read_back_bit_for_bit(tmp_path_factory: pytest.TempPathFactory, value: float, known: bool) -> None:
+    one = Whole((Part("a", value if known else math.inf), Part("b.c", -value)), (1, 2), np.array([[value, 1.0]]), value)
+    content = as_file(one)
+    assert set(content["parts"]["a"]) == {"size_m"}
+    path = write_text(tmp_path_factory.mktemp("record") / "w.json", json.dumps(content, allow_nan=False))
+    other = validate(read_yaml(path), Whole)
+    assert (other.parts, other.rows, repr(other.share)) == (one.parts, one.rows, repr(one.share))
+    assert other.matrix.tobytes() == one.matrix.tobytes()
+
+
+def test_all_problems_of_a_record_with_their_lines(tmp_path: Path) -> None:
+    text = "parts:\n  a: {size_m: null}\n  b: {size: 1}\n  c: 3\nrows: [1, 2.5]\n"
+    text += "matrix:\n  - [1, 2]\n  - [1]\nshare: null\n"
+    with pytest.raises(InputError) as caught:
+        validate(read_yaml(write_text(tmp_path / "w.yaml", text)), Whole)
+    told = {(p.line, p.message) for p in caught.value.problems}
+    assert told == {
+        (3, "key 'size' does not say its unit"),
+        (4, "parts.c: must be a mapping"),
+        (5, "rows.1: must be a whole number"),
+        (6, "matrix: rows of different lengths"),
+        (9, "share: must be a number"),
+    }

@@ -147,7 +147,7 @@ def test_what_cannot_be_told_is_left_aside_and_named(arm: Experiment) -> None:
     assert fit.rank.full
     assert fit.rank.parameters == len(fit.names)
     assert "absorbed by" in left["joint_placement[joint_4].rz"].words()
-    assert fit.as_json()["left_aside"][0] == fit.left_aside[0].words()
+    assert next(iter(fit.as_json()["left_aside"])) == fit.left_aside[0].name
 
 
 def test_columns_are_chosen_in_their_order() -> None:

@@ -129,7 +129,7 @@ def test_what_a_fit_says_of_it(arm: Experiment) -> None:
     fit = fitted("positions", arm, 0.0, np.zeros(3), 0)
     assert all(t >= e.sd for t, e in zip(fit.sd_total, fit.estimates, strict=True))
     content = fit.as_json()
-    assert content["covariance_total"] is not None
+    assert content["total_covariance"] is not None
     assert (
         content["estimates"]["joint_compliance[joint_2]"]["sd_total"]
         == fit.sd_total[fit.names.index("joint_compliance[joint_2]")]

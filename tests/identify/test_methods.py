@@ -12,7 +12,7 @@ from qsframework.errors import InputError, NotConverged
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Plan, Readings, bridge, make_plan, make_rows, simulate
 from qsframework.identify import Fit, State, identify
-from qsframework.identify.found import Found
+from qsframework.identify.fit import Found
 from qsframework.identify.two_step import _StepOne, find_balanced, two_step  # pyright: ignore[reportPrivateUsage]
 from qsframework.information.two_step import distinct_angles
 from qsframework.plugin import Array, Poses, build_effects

@@ -73,8 +73,8 @@ def test_masked_rows_do_not_count(r2000ic: Experiment, real: Readings) -> None:
     use = np.ones(43, dtype=bool)
     use[[10, 16]] = False
     fit = identify(r2000ic, replace(real, use=use), options=LINEAR)
-    assert len(fit.rows) == 41
-    assert not set(real.line[[10, 16]]) & set(fit.rows)
+    assert len(fit.lines) == 41
+    assert not set(real.line[[10, 16]]) & set(fit.lines)
 
 
 def test_nothing_left_to_use(r2000ic: Experiment, real: Readings) -> None:

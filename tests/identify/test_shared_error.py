@@ -100,7 +100,7 @@ def test_both_models_take_it(m900ib: Experiment, linear: bool) -> None:
     shared, plain = (identify(m900ib, readings, options=replace(o, linear=linear)) for o in (SHARED, PLAIN))
     assert shared.shared_sd > 0.01e-3
     assert np.mean(np.diag(shared.covariance) / np.diag(plain.covariance)) > 1.5
-    assert shared.as_json()["shared_by_pose_mm"] == shared.shared_sd * 1e3
+    assert shared.as_json()["shared_sd_m"] == shared.shared_sd
 
 
 def test_the_command_prints_both_components(

@@ -18,10 +18,10 @@ from qsframework.cli.main import app
 from qsframework.cli.show import Shown, make_scene
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings
-from qsframework.identify import identify, read_fit, write_fit
-from qsframework.identify.io import StoredFit, stored
+from qsframework.identify import FitRecord, identify, read_fit, write_fit
 from qsframework.identify.soundness import doubts, obeyed, robot_hash
 from qsframework.report.words.fit import fit_verdict, verdict_words
+from tests.identify.records import assert_same, with_values
 
 TARGETS = "target,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N\na,10,20,-10,5,60,0,0,0,-1500\n"
 TURNED = ["dx_mm", "dy_mm", "dz_mm"]
@@ -33,30 +33,23 @@ def fit_file(r2000ic: Experiment, real: Readings, tmp_path_factory: pytest.TempP
 
 
 @pytest.fixture(scope="module")
-def fit(fit_file: Path) -> StoredFit:
+def fit(fit_file: Path) -> FitRecord:
     return read_fit(fit_file)
 
 
-def of(r2000ic: Experiment, fit: StoredFit) -> tuple[str, ...]:
+def of(r2000ic: Experiment, fit: FitRecord) -> tuple[str, ...]:
     return doubts(fit, r2000ic.robot, r2000ic.model().parameters)
 
 
-def test_a_fit_is_the_same_from_its_file(r2000ic: Experiment, real: Readings, fit: StoredFit) -> None:
-    own = stored(identify(r2000ic, real))
-    for name in StoredFit.__dataclass_fields__:
-        one, other = getattr(own, name), getattr(fit, name)
-        if name == "sigma":  # stands there in mm
-            assert one == pytest.approx(other, rel=1e-12)
-        elif name != "file":
-            assert np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other, name
+def test_a_fit_is_the_same_from_its_file(r2000ic: Experiment, real: Readings, fit: FitRecord) -> None:
+    own = identify(r2000ic, real)
+    assert_same(own, fit)
     assert not of(r2000ic, fit)
     assert not obeyed(fit, r2000ic.robot, r2000ic.model().parameters)
 
 
-def negative(f: StoredFit) -> StoredFit:
-    return replace(
-        f, values=-f.values, model={**f.model, **{n: -v for n, v in zip(f.names, f.values.tolist(), strict=True)}}
-    )
+def negative(f: FitRecord) -> FitRecord:
+    return with_values(f, {e.name: -e.value for e in f.estimates})
 
 
 @pytest.mark.parametrize(
@@ -65,13 +58,13 @@ def negative(f: StoredFit) -> StoredFit:
         (negative, "rad/(N m), and no arm has it below 0"),
         (lambda f: replace(f, covariance=-f.covariance), "its covariance is none"),
         (lambda f: replace(f, total_covariance=-f.covariance), "its covariance with the load's is none"),
-        (lambda f: replace(f, model={**f.model, f.names[1]: 1e-9}), "among the estimates and 1e-09 in the model"),
-        (lambda f: replace(f, unseen=(1e-4, 1e-4)), "0.100 mm, is not below that of the nominal values, 0.100 mm"),
+        (lambda f: replace(f, model_values={**f.model_values, f.names[1]: 1e-9}), "estimates and 1e-09 in the model"),
+        (lambda f: replace(f, held_out_nominal=1e-4, held_out_error=1e-4), "is not below that of the nominal values"),
         (lambda f: replace(f, robot_sha256="0" * 64), "has other geometry or masses now"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_refused_and_said_where_it_is_used_anyway(
-    r2000ic: Experiment, fit: StoredFit, change: Callable[[StoredFit], StoredFit], words: str, tmp_path: Path
+    r2000ic: Experiment, fit: FitRecord, change: Callable[[FitRecord], FitRecord], words: str, tmp_path: Path
 ) -> None:
     bad = change(fit)
     found = of(r2000ic, bad)
@@ -88,7 +81,7 @@ def test_what_is_wrong_is_refused_and_said_where_it_is_used_anyway(
         assert any(words in note and note.startswith("the fit is used although") for note in result.notes)
 
 
-def test_one_small_entry_of_a_covariance_is_seen(r2000ic: Experiment, fit: StoredFit) -> None:
+def test_one_small_entry_of_a_covariance_is_seen(r2000ic: Experiment, fit: FitRecord) -> None:
     """Parameters are of many sizes: a negative variance of a stiff joint beside one of a millimetre."""
     sizes = np.diag([1e-18, *np.ones(len(fit.names) - 1)])
     sizes[0, 0] = -1e-18
@@ -98,36 +91,32 @@ def test_one_small_entry_of_a_covariance_is_seen(r2000ic: Experiment, fit: Store
     assert any("a variance would be below zero" in one for one in of(r2000ic, replace(fit, covariance=impossible)))
 
 
-def test_a_compliance_below_zero_by_its_sd_is_not_refused(r2000ic: Experiment, fit: StoredFit) -> None:
+def test_a_compliance_below_zero_by_its_sd_is_not_refused(r2000ic: Experiment, fit: FitRecord) -> None:
     """The readings do not tell it from zero; nobody calls such a fit wrong."""
-    values = fit.values.copy()
-    values[0] = -fit.sd[0]
-    near = replace(fit, values=values, model={**fit.model, fit.names[0]: float(values[0])})
+    near = with_values(fit, {fit.names[0]: -fit.estimates[0].sd})
     assert not of(r2000ic, near)
     with pytest.raises(InputError, match="beyond its bounds"):
         with_fit(r2000ic.robot, near, anyway=True)
 
 
-def test_nominal_values_that_were_right_already_make_no_fit_wrong(r2000ic: Experiment, fit: StoredFit) -> None:
+def test_nominal_values_that_were_right_already_make_no_fit_wrong(r2000ic: Experiment, fit: FitRecord) -> None:
     """Readings at their noise with either; only where the noise is not known is the fit worth nothing."""
-    equal = replace(fit, unseen=(1e-4, 1.01e-4), sigma_source="stated", chi2=float(fit.dof))
+    equal = replace(fit, held_out_nominal=1e-4, held_out_error=1.01e-4, sigma_source="stated", chi2=float(fit.dof))
     assert equal.agrees
     assert not of(r2000ic, equal)
     assert of(r2000ic, replace(equal, chi2=4.0 * fit.dof))
     assert of(r2000ic, replace(equal, sigma_source="estimated"))
 
 
-def test_a_file_of_an_older_edition_is_compared_by_name(r2000ic: Experiment, fit_file: Path, tmp_path: Path) -> None:
+def test_a_fit_says_of_which_arm_it_is(r2000ic: Experiment, fit_file: Path, tmp_path: Path) -> None:
     content = json.loads(fit_file.read_text())
     assert content["robot_sha256"] == robot_hash(r2000ic.robot.facts)
-    del content["robot_sha256"], content["unseen_mm"]
-    (tmp_path / "old.json").write_text(json.dumps(content))
-    notes = obeyed(read_fit(tmp_path / "old.json"), r2000ic.robot, r2000ic.model().parameters)
-    assert notes == ("the fit does not say of which geometry and masses it is: only the robot's name was compared",)
-    content["unseen_mm"] = [1.0]
-    (tmp_path / "old.json").write_text(json.dumps(content))
-    with pytest.raises(InputError, match=r"old\.json, line \d+: unseen_mm; found 1 numbers; allowed: 2"):
+    del content["robot_sha256"]
+    content["held_out_error_m"] = "small"
+    (tmp_path / "old.json").write_text(json.dumps(content, indent=2))
+    with pytest.raises(InputError, match="key 'robot_sha256' is missing") as caught:
         read_fit(tmp_path / "old.json")
+    assert any("held_out_error_m must be a finite number" in str(p) for p in caught.value.problems)
 
 
 def test_the_hash_is_of_what_a_fit_rests_on(r2000ic: Experiment) -> None:
@@ -141,7 +130,7 @@ def test_the_hash_is_of_what_a_fit_rests_on(r2000ic: Experiment) -> None:
         assert robot_hash(changed) != robot_hash(facts)
 
 
-def test_lack_of_fit_widens_what_is_promised(r2000ic: Experiment, fit: StoredFit, tmp_path: Path) -> None:
+def test_lack_of_fit_widens_what_is_promised(r2000ic: Experiment, fit: FitRecord, tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text(TARGETS)
     targets = read_targets(tmp_path / "t.csv", r2000ic)
     dof = fit.dof

@@ -11,8 +11,8 @@ import pytest
 from qsframework.estimation import FitOptions
 from qsframework.experiment import load_experiment, read_readings
 from qsframework.identify import Fit, LeftAside, State, identify
+from qsframework.identify.estimate import estimate_of
 from qsframework.identify.selection import choose
-from qsframework.identify.status import estimate_of
 from qsframework.plugin import Parameter
 from qsframework.report import fit_table
 from qsframework.report.fit_section import left_aside_table

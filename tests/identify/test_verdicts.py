@@ -77,7 +77,7 @@ def test_a_pose_that_alone_carries_a_parameter_is_named(m900ib: Experiment) -> N
     fit = identify(once, simulate(once, design(once, 12, "A", 300), seed=2).readings)
     assert len(fit.carriers) == 1
     assert np.isfinite(fit.rms_left_out)
-    assert fit.as_json()["poses_that_cannot_be_left_out"] == list(fit.carriers)
+    assert fit.as_json()["carriers"] == list(fit.carriers)
 
 
 def test_noise_that_is_to_be_estimated_is_estimated(m900ib: Experiment, plan: Plan) -> None:

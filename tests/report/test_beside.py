@@ -10,7 +10,6 @@ from typer.testing import CliRunner
 from qsframework.cli.main import app
 from qsframework.experiment import Experiment, example, read_plan, simulate
 from qsframework.identify import Fit, identify
-from qsframework.identify.io import stored
 from qsframework.report.fit_plots import fit_figures
 from qsframework.report.fit_section import beside_table
 
@@ -26,7 +25,7 @@ def fits(m900ib: Experiment) -> list[Fit]:
 
 
 def apart(one: Fit, other: Fit) -> dict[str, float]:
-    return {row[0]: float(row[3]) for row in beside_table(one, stored(other)).rows}
+    return {row[0]: float(row[3]) for row in beside_table(one, other).rows}
 
 
 def test_one_arm_measured_twice_and_one_that_changed(fits: list[Fit]) -> None:
@@ -38,7 +37,7 @@ def test_one_arm_measured_twice_and_one_that_changed(fits: list[Fit]) -> None:
 
 
 def test_the_plot_has_both(fits: list[Fit]) -> None:
-    names = [t["name"] for t in fit_figures(fits[0], stored(fits[1]))[0].figure.data]
+    names = [t["name"] for t in fit_figures(fits[0], fits[1])[0].figure.data]
     assert "the other fit" in names
     assert "the other fit" not in [t["name"] for t in fit_figures(fits[0])[0].figure.data]
 

@@ -80,7 +80,7 @@ def test_a_chain_whose_link_is_gone_makes_no_robot(bench: Path) -> None:
 
 def test_a_fit_that_no_arm_has_is_refused_with_its_name(bench: Path) -> None:
     fit = json.loads((bench / "fit.json").read_text())
-    fit["model"]["joint_compliance[elbow]"] = 1e17
+    fit["model_values"]["joint_compliance[elbow]"] = 1e17
     (bench / "far.json").write_text(json.dumps(fit))
     code, _, error = command_lines.run(bench, ("validate", "experiment.yaml", "far.json", "readings.csv"))
     assert code == 2

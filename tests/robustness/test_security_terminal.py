@@ -10,7 +10,7 @@ import yaml
 from qsframework.cli.main import main
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, example, load_experiment, read_plan
-from qsframework.identify.io import read_fit
+from qsframework.identify import read_fit
 
 STEERING = ("\x1b[2J", "\x1b]0;owned\x07", "\x9b31m", "\x08", "\x7f", "\r")
 

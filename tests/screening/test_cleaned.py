@@ -11,7 +11,7 @@ from qsframework.cli.identify import FitFiles, run_identify
 from qsframework.elastostatics import exact_positions
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Readings, load_experiment, make_plan, simulate, write_readings
-from qsframework.identify import StoredFit, identify, read_fit
+from qsframework.identify import FitRecord, identify, read_fit
 from qsframework.plugin import Poses
 from qsframework.screening import screen
 from tests.identify.arm import arm_text, copied, position_readings, spoilt
@@ -52,7 +52,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
     return Campaign(tmp_path_factory.mktemp("arm"))
 
 
-def run(experiment: Path, folder: Path, *data: str, clean: bool = True) -> tuple[StoredFit, str]:
+def run(experiment: Path, folder: Path, *data: str, clean: bool = True) -> tuple[FitRecord, str]:
     """The stored fit and the report's text."""
     files = FitFiles(
         experiment=experiment,
@@ -120,4 +120,4 @@ def test_readings_with_nothing_wrong_are_said_to_be_so(
     assert "the readings were looked through: no row is masked" in capsys.readouterr().out
     assert stored.cleaned == ()
     assert "none is masked" in page
-    assert identify(campaign.arm, campaign.clean).as_json()["masked"] is None
+    assert identify(campaign.arm, campaign.clean).as_json()["cleaned"] is None

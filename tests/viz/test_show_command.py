@@ -21,7 +21,7 @@ from qsframework.cli.show import Shown, make_scene, run_show
 from qsframework.errors import InputError, QsfError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Plan, example, make_plan, write_plan, write_readings
-from qsframework.identify.io import read_fit
+from qsframework.identify import read_fit
 from qsframework.plugin import Poses
 from qsframework.robot import load_robot
 from tests.diagnose.cases import candidates, day_of_positions

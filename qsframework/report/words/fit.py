@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from qsframework.experiment.readings import Alignment
-from qsframework.identify import Fit
-from qsframework.identify.fit import State
+from qsframework.identify import Fit, State
+from qsframework.identify.record import SIGNIFICANT
 from qsframework.information import what_would_help
 from qsframework.plugin import Poses
 from qsframework.report.blocks import Mark, Verdict
@@ -42,7 +42,7 @@ def verdict_words(fit: Fit) -> str:
     """Whether the residuals fit the noise, and what to do if they do not."""
     p = fit.p_value
     if wrong := impossible(fit):
-        agree = "" if p is None or p < fit.significance else ", though the residuals agree with the stated noise"
+        agree = "" if p is None or p < SIGNIFICANT else ", though the residuals agree with the stated noise"
         return (
             f"No arm has {_listed(wrong)} as the table says{agree}: a sign, a unit or a convention of the readings "
             "or of the robot is wrong. A fit within bounds only hides it: look for the cause, `qsf diagnose`."
@@ -51,16 +51,16 @@ def verdict_words(fit: Fit) -> str:
         return "The noise is estimated from the residuals, so they cannot say whether the model is right."
     ratio = float(np.sqrt(fit.chi2 / fit.dof))
     said = f"chi-square {fit.chi2:.1f} on {fit.dof} degrees of freedom, p = {p:.2g}"
-    if p > 1.0 - fit.significance:
+    if p > 1.0 - SIGNIFICANT:
         return (
             f"The residuals are only {ratio:.2g} of the stated noise ({said}): the noise is less than stated, rows "
             "were copied, or the displacements are in a larger unit than their columns say."
         )
-    if p >= fit.significance:
+    if p >= SIGNIFICANT:
         return f"The residuals agree with the stated noise ({said})."
     order = np.argsort(-np.nan_to_num(np.abs(fit.studentised)).max(axis=1))[:3]
     file = [f", {Path(source).name}" for source in fit.sources] if len(fit.sources) > 1 else [""]
-    rows = ", ".join(f"{fit.rows[i]} (pose {fit.poses[i]}{file[fit.file[i]]})" for i in order)
+    rows = ", ".join(f"{fit.lines[i]} (pose {fit.poses[i]}{file[fit.file[i]]})" for i in order)
     return (
         f"The residuals are {ratio:.1f} times the stated noise ({said}): the model or a reading is wrong, and the "
         f"standard deviations are too small by that factor. Largest residuals: rows {rows}. Check the unit of the "
@@ -70,7 +70,7 @@ def verdict_words(fit: Fit) -> str:
 
 def impossible(fit: Fit) -> list[str]:
     """The estimates that no arm can have: beyond a declared bound by more than twice their sd."""
-    return [e.name for e in fit.estimates if max(e.lower - e.value, e.value - e.upper) > 2.0 * np.nan_to_num(e.sd)]
+    return [e.name for e in fit.estimates if e.beyond > 2.0 * np.nan_to_num(e.sd)]
 
 
 def alignment_words(alignments: Sequence[Alignment]) -> tuple[str, ...]:
@@ -98,7 +98,7 @@ def alignment_words(alignments: Sequence[Alignment]) -> tuple[str, ...]:
 def fit_verdict(fit: Fit, poses: Poses | None = None) -> Verdict:
     """What the fit is worth at poses that it has not seen, and which parameters the readings tell; poses: those of the
     readings, which say what would tell the others; left out, nothing says it."""
-    before, after, largest = fit.unseen
+    before, after, largest = fit.held_out_nominal, fit.held_out_error, fit.held_out_largest
     asked = [e for e in fit.estimates if e.state is not State.FIXED]
     known = [e for e in asked if e.state in _KNOWN]
     far = [e.name for e in asked if e.state is State.OUTSIDE_PRIOR]
@@ -119,13 +119,13 @@ def fit_verdict(fit: Fit, poses: Poses | None = None) -> Verdict:
     if far:
         mark = Mark.LOOK
         told += f"{'' if told.endswith('.') else '.'} Far from what was stated: {_listed(far)}"
-    if not np.isfinite(after) or (p is not None and p > 1.0 - fit.significance):
+    if not np.isfinite(after) or (p is not None and p > 1.0 - SIGNIFICANT):
         mark = Mark.LOOK
-    if p is not None and p < fit.significance:
+    if p is not None and p < SIGNIFICANT:
         mark, word = Mark.BAD, "Residuals do not fit the noise"
     if impossible(fit):
         mark, word = Mark.BAD, "Not possible"
-    if after >= before and (p is None or p < fit.significance):
+    if after >= before and (p is None or p < SIGNIFICANT):
         mark, word = Mark.BAD, "No better than the nominal model"
     elif after >= before and mark is not Mark.BAD:
         mark, word = Mark.LOOK, "The nominal values do as well"

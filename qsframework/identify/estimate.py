@@ -1,10 +1,15 @@
-"""What is to be said of an estimate, as a value and in words: files of results hold both."""
+"""One identified parameter, and what is to be said of it, as a value and in words: files of results hold both."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import Annotated
+
 import numpy as np
 
-from qsframework.identify.fit import Estimate, State
+from qsframework.files import FileRecord, null
 from qsframework.plugin import Parameter
 
 CLEAR = 3.0
@@ -17,6 +22,52 @@ _FAR = 5.0
 _LIMIT = 1.96
 _SHOWN = {"rad/(N m)": (1e6, "urad/(N m)"), "m/N": (1e6, "um/N"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
 """The units in which the table of a fit shows values: a limit stands beside them."""
+
+
+class State(Enum):
+    """What is to be said of an estimate."""
+
+    FINE = "fine"
+    FIXED = "fixed"
+    UPPER_LIMIT = "upper limit"
+    AT_BOUND = "at bound"
+    NOT_IDENTIFIABLE = "not identifiable"
+    BEYOND_BOUND = "beyond bound"
+    OUTSIDE_PRIOR = "outside prior"
+    IMPLAUSIBLE = "implausible"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate(FileRecord):
+    """One identified parameter, SI.
+
+    sd is NaN where the value stands at its bound, for the fit then says nothing about the other side; 0 where fixed.
+    limit: of a value that is not told from zero, the size that it has at most (95 %); free_sd: the sd bounds aside;
+    size: the parameter's natural size; prior_sd: stated, or None
+    """
+
+    name: str
+    unit: str
+    value: float
+    sd: Annotated[float, null(math.nan)]
+    initial: float
+    lower: Annotated[float, null(-math.inf)]
+    upper: Annotated[float, null(math.inf)]
+    state: State = State.FINE
+    limit: float | None = None
+    free_sd: Annotated[float, null(math.inf)] = math.inf
+    size: float = 1.0
+    prior_sd: float | None = None
+
+    @property
+    def beyond(self) -> float:
+        """How far the value lies beyond its bounds."""
+        return max(self.lower - self.value, self.value - self.upper, 0.0)
+
+    @property
+    def status(self) -> str:
+        """The state in words, "" where all is well."""
+        return _words(self)
 
 
 def estimate_of(p: Parameter, value: float, sd: float, free: float) -> Estimate:
@@ -61,10 +112,10 @@ def _state(p: Parameter, value: float, sd: float, free: float) -> tuple[State, f
     return State.FINE, None
 
 
-def status_words(e: Estimate) -> str:
-    """The state in words, "" where all is well."""
+def _words(e: Estimate) -> str:
+    """The state of an estimate in words."""
     share = f"{100 * e.free_sd / abs(e.initial):.0f} % of its nominal value" if e.initial else "above its value"
-    share = share if np.isfinite(e.free_sd) or np.isnan(e.free_sd) else "without limit"
+    share = share if np.isfinite(e.free_sd) else "without limit"
     end = f"at its {'lower' if e.value <= e.lower else 'upper'} bound {e.value:g}"
     if e.state is State.FIXED:
         return "fixed"
@@ -87,6 +138,5 @@ def status_words(e: Estimate) -> str:
 
 
 def _zero(e: Estimate) -> str:
-    limit = abs(e.value) + _LIMIT * e.sd if e.limit is None else e.limit
     factor, unit = _SHOWN.get(e.unit, (1.0, e.unit))
-    return f"could be zero: at most {factor * limit:.3g} {unit}".rstrip()
+    return f"could be zero: at most {factor * (e.limit or 0.0):.3g} {unit}".rstrip()
