@@ -77,7 +77,11 @@ class Processes(AbstractContextManager["Processes"]):
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """After an error nobody waits for what is still being done."""
         if kind not in (None, GeneratorExit):
-            self._pool().shutdown(kill_workers=True)
+            pool = self._pool()
+            try:
+                pool.shutdown(kill_workers=True)
+            except RuntimeError:  # it was stopped while it started, and loky cannot wait for what has not begun
+                pool.shutdown(wait=False)
 
 
 def _end_with(parent: int) -> None:
