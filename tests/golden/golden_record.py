@@ -27,6 +27,8 @@ DIGITS = 9
 """Significant digits that are stored of a number of a JSON."""
 _NUMBER = re.compile(r"(?<![\w.])[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?(?![\w])")
 _NORMAL = (
+    (re.compile(r"(?:\.\./?)+(?=<repository>)"), ""),  # the way there from a folder of any depth
+    (re.compile(r"(?:\.\./)+(?:[\w.-]+/)*?(?=(?:examples|robots)/)"), "<repository>/"),
     (re.compile(r"\b[0-9a-f]{40,64}\b"), "<hash>"),
     (re.compile(r"\b\d{4}-\d\d-\d\d([T ]\d\d:\d\d(:\d\d(\.\d+)?)?(Z|[+-]\d\d:\d\d)?)?"), "<date>"),
     (re.compile(r"\b\d\d:\d\d:\d\d\b"), "<time>"),

@@ -129,6 +129,8 @@ def test_what_differs_from_run_to_run_is_not_recorded(tmp_path: Path) -> None:
     found = record(0, {"stdout": text}, {}, {str(tmp_path): "<folder>"})
     assert found.words == {"stdout": ["<folder>/fit.json on <date> by qsframework <version>, <hash>, # mm"]}
     assert found.numbers == {("stdout", "text"): ["3.5"]}
+    far = record(0, {"stdout": "data: ../../../a/b/r.csv, ../../b/robots/c/d.yaml\n"}, {}, {"/a/b": "<repository>"})
+    assert far.words == {"stdout": ["data: <repository>/r.csv, <repository>/robots/c/d.yaml"]}
 
 
 def test_a_chain_without_a_record_and_a_changed_one_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
