@@ -11,7 +11,7 @@ from qsframework import errors
 from qsframework.design.column_generation import Relaxed, solve_columns
 from qsframework.design.minimax import Robust
 from qsframework.design.problem import Problem, allowed_designs
-from qsframework.design.relaxed import relax
+from qsframework.design.relaxed import optimum
 from qsframework.design.scoreboard import Scoreboard
 from qsframework.design.task import make_task
 from qsframework.errors import InputError, NotCertified, nearest
@@ -23,7 +23,7 @@ SOLVERS = ("columns", "cvxpy")
 
 STARTS = 30
 MOST_FOR_CVXPY = 5000
-_AIM = {False: 1.0 - 1e-6, True: 1.0 - 1e-5}
+_AIM = 1.0 - 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,7 +138,7 @@ def _solve(
     task = make_task(_priced(problem, wish), rule, allowed, prior if prior.any() else None)
     rng = np.random.default_rng(seed)
     try:
-        return solve_columns(task, rng, max(_AIM[rule.kinked], wish.efficiency), tell)
+        return solve_columns(task, rng, max(_AIM, wish.efficiency), tell)
     except NotCertified:
         return solve_columns(task, rng, wish.efficiency, tell)
 
@@ -148,25 +148,17 @@ def _by_cvxpy(problem: Problem, rule: Robust, allowed: Allowed, prior: Array) ->
     if len(problem.rows) > MOST_FOR_CVXPY:
         raise InputError(f"cvxpy takes up to {MOST_FOR_CVXPY} candidates, here are {len(problem.rows)}")
     rows = problem.rows.take(np.arange(len(problem.rows)))
-    weights = relax(rows, rule, allowed, prior if prior.any() else None)
-    M = prior + gathered_information(problem.rows, np.flatnonzero(weights), weights[weights > 0])
-    best: Relaxed | None = None
-    for mu in (1e-9, 1e-7, 1e-5, 1e-4, 1e-3) if rule.kinked else (1e-9,):  # the dual of a kinked criterion is found
-        expansion = rule.expansion(M, mu)
-        board = Scoreboard(problem.rows)
-        values = board.exact(expansion.slope)
-        bound = bound_of(values, allowed, expansion.factor, float((prior * expansion.slope).sum()))
-        if best is None or bound > best.efficiency:
-            index = np.flatnonzero(weights)
-            best = Relaxed(
-                index=index,
-                weights=weights[index],
-                information=M,
-                expansion=expansion,
-                efficiency=bound,
-                board=board,
-                slope=expansion.slope,
-                passes=1.0,
-            )
-    assert best is not None
-    return best
+    found = optimum(rows, rule, allowed, prior if prior.any() else None)
+    index = np.flatnonzero(found.weights)
+    board = Scoreboard(problem.rows)
+    slope = found.expansion.slope
+    return Relaxed(
+        index=index,
+        weights=found.weights[index],
+        information=prior + gathered_information(problem.rows, index, found.weights[index]),
+        expansion=found.expansion,
+        efficiency=bound_of(board.exact(slope), allowed, prior=float((prior * slope).sum())),
+        board=board,
+        slope=slope,
+        passes=1.0,
+    )

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from qsframework.design.criteria import Expansion
 from qsframework.design.interior import Small, Solved, moments_of, solve_small
+from qsframework.design.relaxed import solve_kinked
 from qsframework.design.scoreboard import Scoreboard
 from qsframework.design.task import Task
 from qsframework.errors import NotCertified, NotIdentifiable
@@ -30,8 +31,7 @@ _LARGEST = 2048
 """The largest subset holds one candidate in so many, and at most so many for each parameter."""
 _SHORTLIST = 128
 _EACH = 256
-"""One candidate in so many is among the best after the first pass, and so many for each parameter; where slopes jump,
-one in _SUBSET."""
+"""One candidate in so many is among the best after the first pass, and so many for each parameter."""
 _SINGULAR = 1e15
 """Condition of an information matrix, its parameters brought to one size, that float64 cannot tell from singular."""
 _UNTOLD = "the candidates cannot tell all parameters apart, or hardly"
@@ -209,6 +209,8 @@ def _independent(block: Array, useful: npt.NDArray[np.bool_]) -> Indices:
 
 def _solve(task: Task, index: Indices, block: Array, start: Array | None, gap: float) -> Columns:
     small = Small(block, task.label[index].astype(np.intp), task.shares, task.allowed.cap, task.prior)
+    if task.criterion.kinked:
+        return Columns(index, block, solve_kinked(small, task.criterion))
     return Columns(index, block, solve_small(small, task.criterion, gap, start))
 
 
@@ -224,7 +226,7 @@ def _improve(task: Task, pool: Indices, state: Columns, gap: float) -> tuple[Col
         if open_gap <= gap:
             break
         joining = _violators(task, pool, state, values)
-        if not len(joining) and inner < max(1e-3 * gap, _FLOOR):
+        if not len(joining) and (task.criterion.kinked or inner < max(1e-3 * gap, _FLOOR)):
             break
         inner = min(inner, 0.1 * open_gap) if len(joining) else 0.1 * min(inner, open_gap)
         state = _renewed(task, pool, block, state, joining, max(inner, 0.1 * gap if gap > 0 else _GOAL * 0.01))
@@ -256,9 +258,7 @@ def _renewed(task: Task, pool: Indices, block: Array, state: Columns, joining: I
     """The small problem without candidates that carry next to nothing, with those that join."""
     solved = state.solved
     ratio = solved.scores / np.maximum(solved.multipliers, 1e-300)[task.label[state.index]]
-    # the slope of a criterion with kinks jumps: a candidate that leaves may be asked back for ever
-    kinked = task.criterion.kinked
-    stays = (ratio > 0.7) | (solved.weights > 1e-4) if kinked else solved.weights * task.rows.parameters >= 1.0 - ratio
+    stays = solved.weights * task.rows.parameters >= 1.0 - ratio
     for g, share in enumerate(task.allowed.shares):  # a group keeps what its share needs
         mine = np.flatnonzero(task.label[state.index] == g)
         if share > 0 and not stays[mine].any():
@@ -288,8 +288,7 @@ def _tells(block: Array, prior: Array) -> bool:
 def _shortlist(task: Task, state: Columns, values: Array) -> Indices:
     """The best of all candidates, less those that no optimal design uses, with the present ones."""
     count = len(values)
-    part = _SUBSET if task.criterion.kinked else _SHORTLIST
-    size = min(count, max(_FIRST, _EACH * task.rows.parameters, count // part))
+    size = min(count, max(_FIRST, _EACH * task.rows.parameters, count // _SHORTLIST))
     top = (
         np.argpartition(_merits(state, task.label, values), count - size)[-size:] if size < count else np.arange(count)
     )

@@ -23,14 +23,14 @@ class Expansion:
 
         sum of c tr(P M_i Q M_j) over `pairs` (c, P, Q)  +  sum of c tr(V M_i) tr(V M_j) over `ranks` (c, V)
 
-    height: log psi, smoothed where psi has kinks; factor: psi(M) / psi(M*) <= <G, M*> / factor for
-    every M* >= 0, 1 for a smooth criterion
+    which only criteria without kinks have. height: log psi, smoothed where psi has kinks;
+    factor: psi(M) / psi(M*) <= <G, M*> / factor for every M* >= 0, 1 for a smooth criterion
     """
 
     height: float
     slope: Array
-    pairs: tuple[tuple[float, Array, Array], ...]
-    ranks: tuple[tuple[float, Array], ...]
+    pairs: tuple[tuple[float, Array, Array], ...] = ()
+    ranks: tuple[tuple[float, Array], ...] = ()
     factor: float = 1.0
 
 
@@ -112,12 +112,12 @@ class Determinant(Criterion):
         height = float(np.log(self.value(M)))
         if self.directions is None:
             p = M.shape[-1]
-            return Expansion(height, cov / p, ((1.0 / p, cov, cov),), ())
+            return Expansion(height, cov / p, ((1.0 / p, cov, cov),))
         turned = cov @ self.directions
         size = self.directions.shape[1]
         Q = turned @ np.linalg.solve(self.directions.T @ turned, turned.T)
         Q = 0.5 * (Q + Q.T)
-        return Expansion(height, Q / size, ((2.0 / size, cov, Q), (-1.0 / size, Q, Q)), ())
+        return Expansion(height, Q / size, ((2.0 / size, cov, Q), (-1.0 / size, Q, Q)))
 
     def in_basis(self, T: Array) -> Determinant:
         if self.directions is not None:

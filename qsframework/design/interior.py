@@ -57,6 +57,11 @@ class Small:
         out[self.used()] = nu
         return out
 
+    def allowed(self) -> Allowed:
+        """The designs over the m candidates."""
+        groups = tuple(np.flatnonzero(self.label == g) for g in range(len(self.shares)))
+        return Allowed(groups, tuple(self.shares), self.cap)
+
     def uniform(self) -> Array:
         counts = np.bincount(self.label, minlength=len(self.shares))
         return self.shares[self.label] / counts[self.label]
@@ -73,7 +78,6 @@ class Solved:
     multipliers: Array
     expansion: Expansion
     scores: Array
-    mu: float
 
 
 def moments_of(block: Array) -> Array:
@@ -128,17 +132,15 @@ def solve_small(small: Small, criterion: Robust, gap: float, start: Array | None
 
     start (m,) are weights to begin near; a share of the uniform design is mixed in.
     """
-    if criterion.kinked:
-        return solve_kinked(small, criterion, gap, start)
     point = _start(small, start)
     best: Solved | None = None
     best_gap = np.inf
     for _ in range(_ITERATIONS):
-        expansion = criterion.expansion(small.information(point.w), max(point.mu, 1e-13))
+        expansion = criterion.expansion(small.information(point.w))
         scores = small.scores(expansion.slope)
         reached = _gap(small, expansion, scores)
         if best is None or reached < best_gap:
-            best, best_gap = Solved(point.w.copy(), small.multipliers(point.nu), expansion, scores, point.mu), reached
+            best, best_gap = Solved(point.w.copy(), small.multipliers(point.nu), expansion, scores), reached
         if best_gap <= gap or point.mu < 1e-15:
             break
         if not _step(small, point, scores, curvature(small, expansion)):
@@ -159,9 +161,7 @@ def _start(small: Small, start: Array | None) -> _Point:
 
 def _gap(small: Small, expansion: Expansion, scores: Array) -> float:
     """1 - certified efficiency over the m candidates."""
-    groups = tuple(np.flatnonzero(small.label == g) for g in range(len(small.shares)))
-    allowed = Allowed(groups, tuple(small.shares), small.cap)
-    return 1.0 - bound_of(scores, allowed, expansion.factor, float((small.prior * expansion.slope).sum()))
+    return 1.0 - bound_of(scores, small.allowed(), expansion.factor, float((small.prior * expansion.slope).sum()))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -245,79 +245,3 @@ def _reach(point: _Point, room: Array, dw: Array, dz: Array, dy: Array, capped: 
         if falling.any():
             limits.append(float((-value[falling] / change[falling]).min()))
     return min(limits)
-
-
-def solve_kinked(small: Small, criterion: Robust, gap: float, start: Array | None = None) -> Solved:
-    """The same for a criterion with kinks: damped Newton steps along the path of its barrier."""
-    point = _start(small, start)
-    mu, best, best_gap = (0.1 if start is None else min(0.1, 5.0 * gap)), None, np.inf
-    w = point.w
-    E = small.membership()
-    for _ in range(14):
-        for _ in range(_ITERATIONS):
-            expansion = criterion.expansion(small.information(w), mu)
-            scores = small.scores(expansion.slope)
-            try:
-                dw, nu, decrement = _newton(small, w, mu, scores, curvature(small, expansion), E)
-            except np.linalg.LinAlgError:
-                break
-            if best is None or (reached := _gap(small, expansion, scores)) < best_gap:
-                reached = _gap(small, expansion, scores)
-                best, best_gap = Solved(w, small.multipliers(nu), expansion, scores, mu), reached
-            if decrement < 0.3 * mu:
-                break
-            moved = _searched(small, criterion, w, dw, mu, decrement, _barrier(small, expansion, w, mu))
-            if moved is None:
-                break
-            w = moved
-        if best_gap <= gap or mu < 1e-13:
-            break
-        mu *= 0.1
-    assert best is not None
-    return best
-
-
-def _newton(small: Small, w: Array, mu: float, scores: Array, H: Array, E: Array) -> tuple[Array, Array, float]:
-    """Newton step (m,) of the barrier at weights w, multipliers of the groups, squared decrement."""
-    import scipy.linalg
-
-    capped = np.isfinite(small.cap)
-    room = small.cap - w if capped else np.full(len(w), np.inf)
-    # in units of each weight the matrix is well conditioned
-    K = H * np.outer(w, w)
-    K[np.diag_indices_from(K)] += mu + mu * (w / room) ** 2
-    slope = (-scores - mu / w + mu / room) * w
-    F = E * w
-    try:
-        factor = scipy.linalg.cho_factor(K, lower=True, check_finite=False)
-    except np.linalg.LinAlgError:
-        K[np.diag_indices_from(K)] += 1e-15 * np.trace(K)
-        factor = scipy.linalg.cho_factor(K, lower=True, check_finite=False)
-    KF = scipy.linalg.cho_solve(factor, F.T, check_finite=False)
-    base = scipy.linalg.cho_solve(factor, -slope, check_finite=False)
-    right = F @ base + E @ w - small.shares[small.used()]
-    nu = np.asarray(np.linalg.solve(F @ KF, right), dtype=np.float64)
-    relative = base - KF @ nu
-    return w * relative, nu, float(relative @ K @ relative)
-
-
-def _barrier(small: Small, expansion: Expansion, w: Array, mu: float) -> float:
-    total = expansion.height - mu * float(np.log(w).sum())
-    return total - (mu * float(np.log(small.cap - w).sum()) if np.isfinite(small.cap) else 0.0)
-
-
-def _searched(
-    small: Small, criterion: Robust, w: Array, dw: Array, mu: float, decrement: float, now: float
-) -> Array | None:
-    """The first of ever shorter steps that keeps the weights inside and lowers the barrier from what it is now."""
-    inside = [float((-w[dw < 0] / dw[dw < 0]).min(initial=np.inf))]
-    if np.isfinite(small.cap):
-        inside.append(float(((small.cap - w)[dw > 0] / dw[dw > 0]).min(initial=np.inf)))
-    step = min(1.0, 0.99 * min(inside))
-    for _ in range(30):
-        tried = w + step * dw
-        there = _barrier(small, criterion.expansion(small.information(tried), mu), tried, mu)
-        if there <= now - 0.1 * step * decrement + 1e-14 * abs(now):
-            return tried
-        step *= 0.5
-    return None

@@ -1,4 +1,4 @@
-"""Criteria with kinks, smoothed by a barrier whose weights are the dual; and criteria over several scenarios."""
+"""Criteria with kinks, whose slopes a barrier smooths for the exchange; and criteria over several scenarios."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from qsframework.plugin import Array
 class SmallestEigenvalue(Criterion):
     """1 / the smallest eigenvalue of M: the variance in the worst direction (E).
 
-    Smoothed by the barrier min over t of -log t - mu log det(M - t), whose P = (M - t)^-1 gives the dual.
+    Smoothed by the barrier min over t of -log t - mu log det(M - t).
     """
 
     name: str = "E"
@@ -26,6 +26,10 @@ class SmallestEigenvalue(Criterion):
 
     root: Array | None = None
     """T of M = T^-T M' T^-1 where M' is what the methods are given."""
+
+    def unit(self, p: int) -> Array:
+        """The M (p, p) of which all eigenvalues are 1."""
+        return np.eye(p) if self.root is None else self.root.T @ self.root
 
     def _own(self, M: Array) -> Array:
         """M in the parameters' own coordinates."""
@@ -46,12 +50,9 @@ class SmallestEigenvalue(Criterion):
         t, above = float(values[0]) - gap, values - values[0] + gap
         back = vectors if self.root is None else np.linalg.solve(self.root, vectors)
         P = (back / above) @ back.T
-        twice = (back / above**2) @ back.T
-        spread = float((1.0 / above**2).sum())
-        rank = -(mu**2) / (1.0 / t**2 + mu * spread)
         height = -float(np.log(t)) - mu * float(np.log(above).sum())
         factor = float(values[0]) * mu * float((1.0 / above).sum())
-        return Expansion(height, mu * P, ((mu, P, P),), ((rank, twice),), factor)
+        return Expansion(height, mu * P, factor=factor)
 
     def in_basis(self, T: Array) -> SmallestEigenvalue:
         return replace(self, root=T if self.root is None else self.root @ T)
@@ -78,7 +79,7 @@ def _below(values: Array, mu: float) -> float:
 class Largest(Criterion):
     """The largest over J test poses of trace(A_j cov A_j'), rows A_j (J, k, p): G.
 
-    Smoothed by the barrier min over u of u - mu sum log(u - log psi_j), whose weights are the dual.
+    Smoothed by the barrier min over u of u - mu sum log(u - log psi_j).
     """
 
     rows: Array
@@ -92,10 +93,10 @@ class Largest(Criterion):
 
     def each(self, M: Array) -> Array:
         """psi_j (..., J) at regular M."""
-        return np.linalg.inv(M).reshape(*M.shape[:-2], -1) @ self._weights.T
+        return np.linalg.inv(M).reshape(*M.shape[:-2], -1) @ self.weights.T
 
     @cached_property
-    def _weights(self) -> Array:
+    def weights(self) -> Array:
         """A_j' A_j as (J, p^2)."""
         return (np.swapaxes(self.rows, -1, -2) @ self.rows).reshape(len(self.rows), -1)
 
@@ -109,36 +110,29 @@ class Largest(Criterion):
         turned = self.rows @ cov
         values = np.einsum("jkp,jkp->j", turned, self.rows)
         heights = np.log(values)
-        height, shares, bends = smoothed(heights, mu)
-        counted = np.flatnonzero((shares > 1e-14) | (bends > 1e-12 * bends.max()))
+        height, shares = smoothed(heights, mu)
+        counted = np.flatnonzero(shares > 1e-14)
         slopes = np.swapaxes(turned[counted], -1, -2) @ turned[counted] / values[counted, None, None]
         slope = np.asarray(np.tensordot(shares[counted], slopes, 1), dtype=np.float64)
-        mean = np.asarray(np.tensordot(bends[counted], slopes, 1), dtype=np.float64) / bends.sum()
-        ranks = [(float(bends[j] - shares[j]), V) for j, V in zip(counted, slopes, strict=True)]
         factor = float((shares[counted] * values[counted]).sum() / values.max())
-        return Expansion(height, slope, ((2.0, cov, slope),), (*ranks, (-float(bends.sum()), mean)), factor)
+        return Expansion(height, slope, factor=factor)
 
 
-def smoothed(heights: Array, mu: float) -> tuple[float, Array, Array]:
-    """The smoothed largest of heights, its weights and their rates."""
+def smoothed(heights: Array, mu: float) -> tuple[float, Array]:
+    """The smoothed largest of heights, and its weights."""
     logs = heights - heights.max()
     u = _above(logs, mu)
     height = float(heights.max()) + u - mu * float(np.log(u - logs).sum())
     shares = mu / (u - logs)
-    shares = shares / shares.sum()
-    return height, shares, shares**2 / mu
+    return height, shares / shares.sum()
 
 
 def highest(parts: list[Expansion], values: Array, mu: float) -> Expansion:
     """Expansion of the smoothed largest of the parts, whose true values are given, with the mixture that bounds it."""
-    height, shares, bends = smoothed(np.array([part.height for part in parts]), mu)
+    height, shares = smoothed(np.array([part.height for part in parts]), mu)
     slope = np.sum([share * part.slope for share, part in zip(shares, parts, strict=True)], axis=0)
-    pairs = [(share * c, P, Q) for share, part in zip(shares, parts, strict=True) for c, P, Q in part.pairs]
-    ranks = [(share * c, V) for share, part in zip(shares, parts, strict=True) for c, V in part.ranks]
-    ranks += [(float(bend), part.slope) for bend, part in zip(bends, parts, strict=True) if bend > 1e-12 * bends.max()]
-    mean = np.sum([b * part.slope for b, part in zip(bends, parts, strict=True)], axis=0) / bends.sum()
     factor = float((shares * values * [part.factor for part in parts]).sum() / values.max())
-    return Expansion(height, slope, tuple(pairs), (*ranks, (-float(bends.sum()), mean)), factor)
+    return Expansion(height, slope, factor=factor)
 
 
 def _above(logs: Array, mu: float) -> float:

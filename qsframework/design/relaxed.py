@@ -1,19 +1,42 @@
-"""Relaxed designs by cvxpy: the reference formulation, for up to a few thousand candidates."""
+"""Relaxed designs by cvxpy: the reference for every criterion, and the small problem of those that have kinks."""
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from qsframework.design.criteria import Criterion, Determinant, Linear, Sum
+from qsframework.design.criteria import Criterion, Determinant, Expansion, Linear, Sum
+from qsframework.design.interior import Small, Solved
 from qsframework.design.minimax import Largest, Robust, SmallestEigenvalue
 from qsframework.errors import NotCertified, NotIdentifiable
 from qsframework.information import Allowed
+from qsframework.information.rows import root
 from qsframework.plugin import Array
 
 SOLVER = "CLARABEL"
+_SETTINGS = {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11, "max_threads": 1}
+Slope = Callable[[Array], Array]
+"""G of an information matrix M, once the solver has found its dual: psi(M) / psi(M*) <= <G, M*> for every M* >= 0."""
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """Weights (N,) that the solver found, and log psi there with the slope (S, p, p) that its dual tells."""
+
+    weights: Array
+    expansion: Expansion
+
+
+def solve_kinked(small: Small, rule: Robust) -> Solved:
+    """The small problem of a criterion with kinks, where a smooth solver has no slope to follow."""
+    allowed = small.allowed()
+    found = optimum(small.block, rule, allowed, small.prior)
+    scores = small.scores(found.expansion.slope)
+    return Solved(found.weights, allowed.levels(scores), found.expansion, scores)
 
 
 def relax(
@@ -29,41 +52,61 @@ def relax(
     four = rows[:, None] if rows.ndim == 3 else rows
     if form == "socp":
         return _elfving(four[:, 0], rule.inner, allowed, prior)
+    return optimum(four, rule, allowed, prior).weights
+
+
+def optimum(rows: Array, rule: Robust, allowed: Allowed, prior: Array | None = None) -> Optimum:
+    """The same of rows (N, S, k, p), with what the dual variables say."""
     import cvxpy as cp
 
-    count, scenarios = four.shape[:2]
+    count, scenarios, _, p = rows.shape
+    before = np.zeros((scenarios, p, p)) if prior is None else prior.reshape(-1, p, p)
     w = cp.Variable(count, nonneg=True)
-    constraints: list[Any] = [
-        cp.sum(w[members]) == share for members, share in zip(allowed.groups, allowed.shares, strict=True)
-    ]
+    constraints: list[Any] = [cp.sum(w[members]) == share for members, share in _filled(allowed, count)]
     if allowed.cap < 1.0:
         constraints.append(w <= allowed.cap)
     uniform = _uniform(allowed, count)
     terms: list[cp.Expression] = []
     offsets: list[float] = []
+    slopes: list[Slope] = []
     scale = None
     for s in range(scenarios):
-        before = np.zeros((four.shape[-1],) * 2) if prior is None else prior.reshape(-1, *prior.shape[-2:])[s]
-        S, inverse = _whitened(cp, four[:, s], w, uniform, before)
+        S, inverse = _whitened(cp, rows[:, s], w, uniform, before[s])
         scale = scale or float(rule.inner.value(np.linalg.inv(inverse) @ np.linalg.inv(inverse).T))
-        terms.append(_objective(cp, rule.inner, S, inverse, scale, constraints))
+        term, slope = _objective(cp, rule.inner, S, inverse, scale, constraints)
+        terms.append(term)
+        slopes.append(slope)
         offsets.append(_offset(rule.inner, inverse))
-    if scenarios == 1:
-        objective = terms[0]
-    else:
-        if _is_log(rule.inner):
-            terms = [cp.exp(t + offset - offsets[0]) for t, offset in zip(terms, offsets, strict=True)]
-        objective = cp.max(cp.hstack(terms)) if rule.worst else cp.sum(cp.hstack(terms)) / scenarios
-    return _run(cp, objective, constraints, w, allowed)
+    if scenarios > 1 and _is_log(rule.inner):
+        terms = [cp.exp(t + offset - offsets[0]) for t, offset in zip(terms, offsets, strict=True)]
+    objective = terms[0] if scenarios == 1 else cp.sum(cp.hstack(terms)) / scenarios
+    below: Any = None
+    if rule.worst and scenarios > 1:
+        objective = cp.Variable()
+        below = cp.hstack(terms) <= objective
+        constraints.append(below)
+    weights = _run(cp, objective, constraints, w, allowed)
+    moments = np.swapaxes(rows, -1, -2) @ rows
+    M = before + np.tensordot(weights, moments, 1)
+    values = np.atleast_1d(rule.inner.value(M))
+    shares = values / values.sum() if below is None else _shares(below.dual_value) * values.max() / values
+    slope = np.stack([share * of(m) for share, of, m in zip(shares, slopes, M, strict=True)])
+    return Optimum(weights, Expansion(float(np.log(rule.value(M))), slope))
 
 
 def _is_log(criterion: Criterion) -> bool:
     return isinstance(criterion, Determinant)
 
 
+def _filled(allowed: Allowed, count: int) -> list[tuple[Any, float]]:
+    """The groups that have candidates, with their shares."""
+    every = np.arange(count)
+    return [(g, share) for g, share in zip(allowed.groups, allowed.shares, strict=True) if len(every[g])]
+
+
 def _uniform(allowed: Allowed, count: int) -> Array:
     weights = np.zeros(count)
-    for members, share in zip(allowed.groups, allowed.shares, strict=True):
+    for members, share in _filled(allowed, count):
         weights[members] = share / len(weights[members])
     return weights
 
@@ -88,44 +131,102 @@ def _whitened(cp: Any, rows: Array, w: Any, uniform: Array, before: Array) -> tu
     return cp.reshape(duplicate @ entries, (p, p), order="C"), inverse
 
 
-def _objective(cp: Any, criterion: Criterion, S: Any, inverse: Array, scale: float, constraints: list[Any]) -> Any:
-    """psi / scale in cvxpy's words, or log psi for a determinant; M = L S L', inverse = L^-1."""
-    p = inverse.shape[0]
-    if isinstance(criterion, Determinant):
-        if criterion.directions is None:
-            return -cp.log_det(S) / p
-        pick = inverse @ criterion.directions
-        X = cp.Variable((pick.shape[1],) * 2, symmetric=True)  # below the information about these directions
-        constraints.append(S - pick @ X @ pick.T >> 0)
-        return -cp.log_det(X) / pick.shape[1]
-    if isinstance(criterion, Linear):
-        W = np.eye(p) if criterion.weight is None else criterion.weight
-        values, vectors = np.linalg.eigh(inverse @ W @ inverse.T / scale)
-        kept = values > 1e-14 * values[-1]
-        return cp.matrix_frac(vectors[:, kept] * np.sqrt(values[kept]), S)
-    if isinstance(criterion, Sum):
-        return sum(share * _powered(cp, part, S, inverse, scale, constraints) for share, part in criterion.parts)
-    if isinstance(criterion, Largest):
-        parts = [Linear("I", "", A.T @ A) for A in criterion.rows]
-        return cp.max(cp.hstack([_objective(cp, part, S, inverse, scale, constraints) for part in parts]))
+def _objective(
+    cp: Any, criterion: Criterion, S: Any, inverse: Array, scale: float, constraints: list[Any]
+) -> tuple[Any, Slope]:
+    """psi / scale in cvxpy's words, or log psi for a determinant, and its slope; M = L S L', inverse = L^-1."""
     if isinstance(criterion, SmallestEigenvalue):
-        t = cp.Variable(nonneg=True)
-        constraints.append(S - t / scale * (inverse @ inverse.T) >> 0)
-        return cp.inv_pos(t)
+        return _eigenvalue(cp, criterion, S, inverse, scale, constraints)
+    if isinstance(criterion, Linear):
+        weight = np.eye(len(inverse)) if criterion.weight is None else criterion.weight
+        return _variances(cp, criterion, weight[None], S, inverse, scale, constraints)
+    if isinstance(criterion, Largest):
+        weights = criterion.weights.reshape(-1, *inverse.shape)
+        return _variances(cp, criterion, weights, S, inverse, scale, constraints)
+    if isinstance(criterion, Sum):
+        parts = [(share, part, *_powered(cp, part, S, inverse, scale, constraints)) for share, part in criterion.parts]
+
+        def slope(M: Array) -> Array:
+            each = [share * float(part.value(M)) * of(M) for share, part, _, of in parts]
+            return np.sum(each, axis=0) / float(criterion.value(M))
+
+        return sum(share * term for share, _, term, _ in parts), slope
+    if isinstance(criterion, Determinant):
+        return _determinant(cp, criterion, S, inverse, constraints), lambda M: criterion.expansion(M).slope
     raise NotCertified(f"cvxpy has no form for the criterion {criterion.name}")
+
+
+def _determinant(cp: Any, criterion: Determinant, S: Any, inverse: Array, constraints: list[Any]) -> Any:
+    if criterion.directions is None:
+        return -cp.log_det(S) / len(inverse)
+    pick = inverse @ criterion.directions
+    X = cp.Variable((pick.shape[1],) * 2, symmetric=True)  # below the information about these directions
+    constraints.append(S - pick @ X @ pick.T >> 0)
+    return -cp.log_det(X) / pick.shape[1]
+
+
+def _eigenvalue(
+    cp: Any, criterion: SmallestEigenvalue, S: Any, inverse: Array, scale: float, constraints: list[Any]
+) -> tuple[Any, Slope]:
+    """1 / the largest t with M >= t U, where U has eigenvalues 1; a dual P >= 0 with <P, U> = 1 bounds every t*."""
+    unit = criterion.unit(len(inverse))
+    t = cp.Variable(nonneg=True)
+    above = S - t / scale * (inverse @ unit @ inverse.T) >> 0
+    constraints.append(above)
+
+    def slope(M: Array) -> Array:
+        P = _positive(inverse.T @ above.dual_value @ inverse)
+        return P * float(criterion.value(M)) / float((P * unit).sum())
+
+    return cp.inv_pos(t), slope
+
+
+def _variances(
+    cp: Any, criterion: Criterion, weights: Array, S: Any, inverse: Array, scale: float, constraints: list[Any]
+) -> tuple[Any, Slope]:
+    """The largest of tr(W_j cov), W_j (J, p, p).
+
+    With N the mean of W_j by their dual shares and Z >= 0, tr(N cov*) <Z, M*> >= (tr (N^1/2 Z N^1/2)^1/2)^2.
+    """
+    p = len(inverse)
+    X, u = cp.Variable((p, p), symmetric=True), cp.Variable()
+    above = cp.bmat([[S, np.eye(p)], [np.eye(p), X]]) >> 0  # X is above the covariance
+    below = (inverse @ weights @ inverse.T / scale).reshape(-1, p * p) @ cp.reshape(X, (p * p,), order="C") <= u
+    constraints.extend([above, below])
+
+    def slope(M: Array) -> Array:
+        Z = _positive(inverse.T @ above.dual_value[:p, :p] @ inverse)
+        half = root(np.tensordot(_shares(below.dual_value), weights, 1))
+        least = float(np.sqrt(np.linalg.eigvalsh(half.T @ Z @ half).clip(0.0)).sum()) ** 2
+        return Z * float(criterion.value(M)) / least
+
+    return u, slope
+
+
+def _positive(dual: Array) -> Array:
+    """The nearest matrix (p, p) that is positive semidefinite."""
+    half = root(dual)
+    return half @ half.T
+
+
+def _shares(dual: Array) -> Array:
+    """Dual variables of what is to lie below one number, as shares of it."""
+    positive = np.maximum(dual, 0.0)
+    return positive / positive.sum()
 
 
 def _offset(criterion: Criterion, inverse: Array) -> float:
     """log psi less what `_objective` says of it: the whitening's own determinant."""
     if not isinstance(criterion, Determinant) or criterion.directions is not None:
         return 0.0
-    return 2.0 * float(np.log(np.abs(np.diag(inverse))).sum()) / inverse.shape[0]
+    return criterion.shift + 2.0 * float(np.log(np.abs(np.diag(inverse))).sum()) / inverse.shape[0]
 
 
-def _powered(cp: Any, part: Criterion, S: Any, inverse: Array, scale: float, constraints: list[Any]) -> Any:
-    if _is_log(part):
-        return np.exp(_offset(part, inverse)) / scale * cp.exp(_objective(cp, part, S, inverse, scale, constraints))
-    return _objective(cp, part, S, inverse, scale, constraints)
+def _powered(
+    cp: Any, part: Criterion, S: Any, inverse: Array, scale: float, constraints: list[Any]
+) -> tuple[Any, Slope]:
+    term, slope = _objective(cp, part, S, inverse, scale, constraints)
+    return (np.exp(_offset(part, inverse)) / scale * cp.exp(term) if _is_log(part) else term), slope
 
 
 def _run(cp: Any, objective: Any, constraints: list[Any], w: Any, allowed: Allowed) -> Array:
@@ -133,7 +234,7 @@ def _run(cp: Any, objective: Any, constraints: list[Any], w: Any, allowed: Allow
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the certificate, not the solver's word, decides
         try:
-            problem.solve(solver=SOLVER, chordal_decomposition_enable=False)
+            problem.solve(solver=SOLVER, chordal_decomposition_enable=False, **_SETTINGS)
         except cp.error.SolverError as error:
             raise NotCertified(f"{SOLVER} failed: {error}") from error
     if w.value is None:

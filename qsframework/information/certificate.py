@@ -50,6 +50,15 @@ class Allowed:
         top = -np.sort(-np.partition(values, len(values) - count)[len(values) - count :])
         return self.cap * top[:full].sum() + (rest * top[full] if rest > 1e-12 and full < len(top) else 0.0)
 
+    def levels(self, scores: Array) -> Array:
+        """Of each group the score (g,) that a candidate must exceed to improve the best design; inf without a share."""
+        out = np.full(len(self.shares), np.inf)
+        for g, (members, share) in enumerate(zip(self.groups, self.shares, strict=True)):
+            if share > 0.0:
+                values = np.sort(scores[members])
+                out[g] = values[-1 - min(int(share / self.cap + 1e-9) if self.cap < share else 0, len(values) - 1)]
+        return out
+
     def problems(self, count: int) -> str:
         """Why no design is allowed, or nothing."""
         for group, share in zip(self.groups, self.shares, strict=True):

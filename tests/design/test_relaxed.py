@@ -99,18 +99,19 @@ def test_slopes_and_curvatures_agree_with_differences(name: str, worst: bool) ->
     ends = [rule.expansion(M + step * d, mu) for step in (h, -h)]
     slope = (ends[0].height - ends[1].height) / (2 * h)
     assert np.isclose(-(at.slope * d).sum(), slope, rtol=1e-5, atol=1e-9)
+    if rule.kinked:  # is solved by its dual
+        return
     bend = -((ends[0].slope - ends[1].slope) * d).sum() / (2 * h)
     model = sum(c * np.einsum("sij,sjk,skl,sli->", Q, d, P_, d) for c, P_, Q in at.pairs)
     model += sum(c * (V * d).sum() ** 2 for c, V in at.ranks)
     assert np.isclose(model, bend, rtol=1e-4, atol=1e-7)
 
 
-@pytest.mark.parametrize("name", EVERY)
-@pytest.mark.parametrize("worst", [False, True])
-def test_curvature_in_the_weights_is_what_the_expansion_says(name: str, worst: bool) -> None:
+@pytest.mark.parametrize("name", [name for name, criterion in EVERY.items() if not criterion.kinked])
+def test_curvature_in_the_weights_is_what_the_expansion_says(name: str) -> None:
     block = SCENARIOS[:12]
     small = Small(block, np.zeros(12, dtype=np.intp), np.ones(1), np.inf, np.zeros((3, P, P)))
-    at = Robust(EVERY[name], worst).expansion(small.information(np.full(12, 1 / 12)), 0.03)
+    at = Robust(EVERY[name]).expansion(small.information(np.full(12, 1 / 12)), 0.03)
     M = np.einsum("nski,nskj->nsij", block, block)
     H = sum(c * np.einsum("sij,nsjk,skl,msli->nm", Q, M, P_, M) for c, P_, Q in at.pairs)
     for c, V in at.ranks:
