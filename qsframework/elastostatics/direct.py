@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.elastostatics.evaluation import Stages
+from qsframework.elastostatics.evaluation import Placed
 from qsframework.elastostatics.loads import wrench_along
 from qsframework.elastostatics.sensors import Sensed
 from qsframework.elastostatics.so3 import exponential, left_jacobian
@@ -37,7 +37,7 @@ class Bending:
     rate: Array
 
 
-def element_readings(ev: Stages, sensed: Sensed | None, response: Response | None, loaded: bool) -> Array:
+def element_readings(ev: Placed, sensed: Sensed | None, response: Response | None, loaded: bool) -> Array:
     """d reading / d element of the chain, (m, K, 3, N), of one state; without a response, of the pose that nothing
     deflects. Not of the elements that loops and compensators turn."""
     count, batch = len(ev.model.layout.chain), len(ev.poses)
@@ -79,7 +79,7 @@ def _shift(marker: Column, count: int, bending: Bending | None) -> tuple[Array, 
     return shift, spin
 
 
-def _bending(ev: Stages, response: Response, loaded: bool) -> Bending | None:
+def _bending(ev: Placed, response: Response, loaded: bool) -> Bending | None:
     """None where no spring bends."""
     soft = np.flatnonzero(np.any(response.eps, axis=1) | np.any(response.slope, axis=1))
     if not len(soft):
@@ -110,9 +110,9 @@ def _bending(ev: Stages, response: Response, loaded: bool) -> Bending | None:
     return Bending(eps, response.react(response.slope[:, None] * torque))
 
 
-def _acting(ev: Stages, loaded: bool) -> Iterator[tuple[Twists, Array, Array | None]]:
+def _acting(ev: Placed, loaded: bool) -> Iterator[tuple[Twists, Array, Array | None]]:
     """What pulls at the arm: the columns of where it acts, the force (3, N), and a moment."""
-    if ev.preload is not None:
+    if ev.preloaded:
         pull = np.broadcast_to(ev.model.gravity[:, None], (3, len(ev.poses)))
         yield from ((columns, pull, None) for columns in ev.masses)
     if loaded:
@@ -129,7 +129,7 @@ def _times(matrix: Array, vectors: Array) -> Array:
     return out
 
 
-def geometry_tangents(ev: Stages, wanted: Sequence[int], readings: Callable[[], Array], out: Array) -> list[int]:
+def geometry_tangents(ev: Placed, wanted: Sequence[int], readings: Callable[[], Array], out: Array) -> list[int]:
     """Fill the rows of `out` (P, K, 3, N) of the wanted parameters of geometry, if they are several; the rows that are
     left.
 
@@ -146,7 +146,7 @@ def geometry_tangents(ev: Stages, wanted: Sequence[int], readings: Callable[[], 
     return list(range(len(wanted)))
 
 
-def _by_elements(ev: Stages, wanted: Sequence[int]) -> Iterator[tuple[int, list[tuple[int, Array]]]]:
+def _by_elements(ev: Placed, wanted: Sequence[int]) -> Iterator[tuple[int, list[tuple[int, Array]]]]:
     """The rows of geometry, with the elements that each moves and the slopes (N,) or (1,); not of those that move
     what a loop or a compensator turns, nor of any where a spring between two points pulls."""
     layout = ev.model.layout

@@ -19,7 +19,7 @@ from qsframework.elastostatics.motion import Motion, move
 from qsframework.elastostatics.state import State, place
 from qsframework.elastostatics.structure import CHUNK, Structure
 from qsframework.errors import InputError, NotConverged
-from qsframework.plugin import Array, Load, ParallelSpring, Poses, laws
+from qsframework.plugin import Array, GeometryTerm, Load, ParallelSpring, Poses, laws
 
 _STEPS = 40
 _CHORDS = 8
@@ -42,11 +42,16 @@ class Equilibrium:
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """A batch at its equilibrium, batch last, with what equation (18) needs."""
+    """A batch at its equilibrium, batch last, with what equation (18) and derivatives need.
+
+    commanded: the arm before it gives, geometry: the terms that moved it there
+    """
 
     at: _Residual
     eps: Array
     K: springs.Stiffness
+    commanded: Motion
+    geometry: tuple[GeometryTerm, ...]
 
 
 def equilibrium(model: Structure, poses: Poses, x: Array | None = None, loaded: bool = True) -> Equilibrium:
@@ -108,7 +113,7 @@ def _outcome(s: Settled) -> tuple[Array, Array, Array, Array]:
 def settle(model: Structure, poses: Poses, x: Array | None, loaded: bool, start: Settled | None = None) -> Settled:
     """Chord steps with the Hessian of the start; Newton steps with a fresh one where those do not settle."""
     x = model.nominal if x is None else x
-    _, commanded = move_commanded(model, poses, x, loaded)
+    geometry, commanded = move_commanded(model, poses, x, loaded)
     compliance, K = model.compliance(x), _equivalent(model, commanded, x)
     weight = 1.0 if loaded else 0.0
     eps = np.zeros((len(compliance), len(poses))) if start is None else start.eps
@@ -119,7 +124,7 @@ def settle(model: Structure, poses: Poses, x: Array | None, loaded: bool, start:
 
     here = at(eps, None if start is None else start.at.state)
     if not np.any(here.value):  # nothing gives
-        return Settled(here, eps, K)
+        return Settled(here, eps, K, commanded, geometry)
     H, size = here.hessian(), np.zeros(len(poses))
     for step in range(_STEPS):
         newton = step >= _CHORDS
@@ -131,7 +136,7 @@ def settle(model: Structure, poses: Poses, x: Array | None, loaded: bool, start:
         here = at(eps)
         shrank = np.minimum(size / np.maximum(before, 1e-300), 1.0) if step else 1.0
         if np.all(size * shrank <= _TOLERANCE * np.maximum(np.abs(eps).max(axis=0, initial=0.0), 1e-9)):
-            return Settled(here, _elastic(eps), K)
+            return Settled(here, _elastic(eps), K, commanded, geometry)
     worst = int(np.argmax(size))
     raise NotConverged(
         f"pose {worst} of the batch does not settle in {_STEPS} steps (last change {size[worst]:.1e} rad): "
@@ -178,10 +183,12 @@ def _deflected(model: Structure, commanded: Motion, eps: Array) -> State:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Residual:
-    """eps - c T - f(T) at a deflected state, and the slope c + f' there."""
+    """eps - c T - f(T) at a deflected state, the torques T, the slope c + f' and the laws' terms there."""
 
     value: Array
+    T: Array
     slope: Array
+    laws: springs.Terms
     state: State
     applied: loads.Applied
     gravity: Array
@@ -211,10 +218,12 @@ def _residual(
     drawn = pulls.pulls(model.of_kind(ParallelSpring, x), state.placed, context)
     pulled = pulls.torque(drawn, state.motion.coefficients)
     T += 0.0 if pulled is None else pulled
-    value, slope, _ = springs.answer(compliance, T, elastic_laws(model, x, context))
+    value, slope, terms = springs.answer(compliance, T, elastic_laws(model, x, context))
     return _Residual(
         value=eps - value,
+        T=T,
         slope=slope,
+        laws=terms,
         state=state,
         applied=applied,
         gravity=model.gravity,

@@ -32,12 +32,22 @@ from qsframework.robot.gravity import mass_columns
 from qsframework.robot.kinematics import Twists
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Stages:
-    """A model at N poses and parameter values x, up to the torques on the springs.
+@dataclass(frozen=True, eq=False)
+class Held:
+    """The stiffness that parallel springs have beside their torque, where the arm is commanded: motion, the rates of
+    the touched joints, and the stiffness (J, J, N) on these."""
 
-    compliance (ne,), tau and preload (ne, N) N m; the preload is None where nobody asked for it:
-    a displacement under linear laws does not depend on it
+    motion: Motion
+    rates: springs.JointRates
+    joint_stiffness: Array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Placed:
+    """A model at N poses and parameter values x, its chain placed: at the commanded angles, or where it settles.
+
+    settled (ne, N): deflection of the coordinates where the chain is placed, None at the commanded angles; held: of the springs
+    whose stiffness times a deflection counts, None where there are none
     """
 
     model: Structure
@@ -47,15 +57,21 @@ class Stages:
     motion: Motion
     state: State
     applied: loads.Applied
-    compliance: Array
-    tau: Array
-    preload: Array | None
     faces: tuple[springs.Faces, ...]
     pulls: tuple[pulls.Pull | None, ...]
     rates: springs.JointRates
-    joint_stiffness: Array
-    stiffness: springs.Stiffness
-    laws: springs.Laws
+    held: Held | None
+    settled: Array | None = None
+
+    @property
+    def preloaded(self) -> bool:
+        """Whether gravity and the compensators count."""
+        return True
+
+    @property
+    def torques(self) -> Array:
+        """No torque on any coordinate, (ne, N)."""
+        return np.zeros((self.state.coordinates, len(self.poses)))
 
     @property
     def touched(self) -> tuple[int, ...]:
@@ -67,16 +83,35 @@ class Stages:
         """The masses' Jacobians, for the parameters that move the arm."""
         return mass_columns(self.state.placed, self.applied.moments)
 
-    def respond(self, torque: Array) -> springs.Response:
-        """How the springs answer to a torque (ne, N)."""
-        return springs.respond(self.compliance, torque, self.stiffness, self.laws)
-
     def sense(self, eps: Array | None, context: Context | None = None) -> Sensed | None:
         """What the instrument says of the pose deflected by eps (ne, N), in this or another state; None without
         sensors."""
         sensors = self.model.of_kind(Sensor, self.x)
         context = self.motion.context if context is None else context
         return sense(sensors, self.state, eps, self.model.marker_names, context) if sensors else None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Stages(Placed):
+    """The commanded arm, up to the torques on the springs.
+
+    compliance (ne,), tau and preload (ne, N) N m; the preload is None where nobody asked for it:
+    a displacement under linear laws does not depend on it
+    """
+
+    compliance: Array
+    tau: Array
+    preload: Array | None
+    stiffness: springs.Stiffness
+    laws: springs.Laws
+
+    @property
+    def preloaded(self) -> bool:
+        return self.preload is not None
+
+    def respond(self, torque: Array) -> springs.Response:
+        """How the springs answer to a torque (ne, N)."""
+        return springs.respond(self.compliance, torque, self.stiffness, self.laws)
 
 
 def evaluate_stages(model: Structure, poses: Poses, x: Array, preload: bool, loaded: bool = True) -> Stages:
@@ -109,7 +144,7 @@ def evaluate_stages(model: Structure, poses: Poses, x: Array, preload: bool, loa
         faces=faces,
         pulls=drawn,
         rates=rates,
-        joint_stiffness=joint_stiffness,
+        held=Held(motion, rates, joint_stiffness),
         stiffness=K,
         laws=elastic_laws(model, x, motion.context),
     )

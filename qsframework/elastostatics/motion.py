@@ -187,16 +187,27 @@ def motion_along(motion: Motion, phi: Array, bars: Array, placements: Array | No
     return MotionRate(rates, coefficients)
 
 
-def mixed_along(motion: Motion, whole: Layout, first: int, slope: Array) -> MotionRate:
+def mixed_along(motion: Motion, whole: Layout, first: int, slope: Array, eps: Array | None = None) -> MotionRate:
     """Move along a change of the shares (v, k) or (N, v, k) of a spring whose coordinates begin at `first`.
 
-    whole: the layout with every part of every coordinate
+    whole: the layout with every part of every coordinate; eps (ne, N): the deflection of the motion, which moves along
     """
     rates: list[tuple[tuple[int, Array | float], ...]] = [()] * len(whole.coordinates)
+    moved: dict[str, Array] = {
+        kind: np.zeros((count, motion.q.shape[-1]))
+        for kind, count in (("actuator", len(motion.phi)), ("bar", whole.bars), ("element", len(whole.chain)))
+    }
     for i in range(slope.shape[-1]):
         parts = shared(whole.coordinates[first + i], slope[..., i])
         rates[first + i] = _merge([t for p in parts for t in _rates(whole, motion.loops, p.kind, p.index, p.factor)])
-    return MotionRate(np.zeros((len(whole.chain), motion.q.shape[-1])), tuple(rates))
+        if eps is not None:
+            for part in parts:
+                moved[part.kind][part.index] += part.factor * eps[first + i]
+    if eps is None:
+        return MotionRate(moved["element"], tuple(rates))
+    along = motion_along(motion, moved["actuator"], moved["bar"], None)
+    both = zip(rates, along.coefficients, strict=True)
+    return MotionRate(along.elements + moved["element"], tuple(_merge([*own, *bent]) for own, bent in both))
 
 
 def _loop_rates(

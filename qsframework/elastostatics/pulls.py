@@ -153,33 +153,44 @@ def torque(found: Sequence[Pull | None], coefficients: Coefficients) -> Array | 
     return combine(coefficients, sum(vectors[1:], vectors[0])) if vectors else None
 
 
-def along(
-    effects: Springs, motion: Motion, drawn: Sequence[Pull | None], rate: MotionRate
-) -> tuple[Array, Array] | None:
-    """Derivatives of `stiffness` and `torque` along a change of the geometry; None where no spring feels it.
+def torque_along(found: Sequence[Pull | None], coefficients: Coefficients, rate: MotionRate) -> Array | None:
+    """Derivative of `torque` along a change of the geometry, None if nothing pulls.
 
-    The third derivative of s has no short form: fourth-order differences of the analytic stiffness
-    and torque, with a relative error of about 1e-10.
+    What moves both ends turns the pull with them: only the elements between its links change the torque on these.
     """
+    acting = [pull for pull in found if pull is not None and pull.acts]
+    if not acting:
+        return None
+    bent = np.zeros_like(acting[0].gradient)
+    for pull in acting:
+        bent[pull.between] -= np.einsum("abn,bn->an", pull.stiffness(), rate.elements[pull.between])
+    drawn = sum((pull.torque() for pull in acting[1:]), acting[0].torque())
+    return combine(coefficients, bent) + combine(rate.coefficients, drawn)
 
+
+def stiffness_along(effects: Springs, motion: Motion, drawn: Sequence[Pull | None], rate: MotionRate) -> Array | None:
+    """Derivative of `stiffness` along a change of the geometry; None where no spring feels it.
+
+    The third derivative of s has no short form: fourth-order differences of the analytic stiffness, with a relative
+    error of about 1e-10.
+    """
+    acting = [pull for pull in drawn if pull is not None and pull.acts]
     moved = {*np.flatnonzero(np.any(rate.elements, axis=1)), *(e for terms in rate.coefficients for e, _ in terms)}
-    if not any(moved & {*pull.between} for pull in drawn if pull is not None):
+    if not any(moved & {*pull.between} for pull in acting):
         return None
 
-    def at(step: float) -> tuple[Array, Array]:
+    def at(step: float) -> Array:
         values = motion.element_values()
         there = [step * r if v is None else v + step * r for v, r in zip(values, rate.elements, strict=True)]
         placed = frames(motion.layout.chain, there, motion.q.shape[-1])
         found = pulls(effects, placed, motion.context)
         bent = _bent(motion.coefficients, rate.coefficients, step)
-        K, tau = stiffness(found, bent), torque(found, bent)
+        K = stiffness(found, bent)
         assert K is not None
-        assert tau is not None
-        return K, tau
+        return K
 
     near, back, far, farther = at(_STEP), at(-_STEP), at(2 * _STEP), at(-2 * _STEP)
-    dK, dtau = ((8.0 * (near[i] - back[i]) - (far[i] - farther[i])) / (12.0 * _STEP) for i in (0, 1))
-    return dK, dtau
+    return (8.0 * (near - back) - (far - farther)) / (12.0 * _STEP)
 
 
 def _bent(coefficients: Coefficients, slopes: Coefficients, step: float) -> Coefficients:

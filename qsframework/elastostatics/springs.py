@@ -145,7 +145,8 @@ Terms = tuple[tuple[tuple[int, ...], LawTerm], ...]
 class Response:
     """The arm's answer at one state: eps (ne, N), gear torques T (ne, N), and how eps reacts.
 
-    slope (ne, N) or (ne, 1) is c + f'; laws holds each law's term with its coordinates
+    slope (ne, N) or (ne, 1) is c + f'; laws holds each law's term with its coordinates; held (ne, N): the deflection
+    that a stiffness which changes holds, eps unless the state is placed where it settles
     """
 
     eps: Array
@@ -154,6 +155,7 @@ class Response:
     stiffness: Stiffness
     laws: Terms
     inverse: Array | None
+    held: Array | None = None
 
     def react(self, rhs: Array) -> Array:
         """Solve (I + diag(slope) K_par) d eps = rhs (ne, ..., N)."""

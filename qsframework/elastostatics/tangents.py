@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.elastostatics import loads, pulls, springs
-from qsframework.elastostatics.evaluation import Stages, gather, joint_torque
-from qsframework.elastostatics.motion import MotionRate, combine, mixed_along, motion_along
+from qsframework.elastostatics.evaluation import Placed, gather, joint_torque
+from qsframework.elastostatics.motion import Motion, MotionRate, combine, mixed_along, motion_along
 from qsframework.elastostatics.sensors import Sensed
 from qsframework.elastostatics.state import Column, ColumnRate, columns_along
 from qsframework.plugin import Array, Effect, Geometry, Load, Loop, ParallelSpring, Sensor, Spring, SpringLaw, laws
@@ -39,7 +39,7 @@ class Change:
     markers: tuple[ColumnRate, ...] | None = None
 
 
-def changes(ev: Stages, wanted: Sequence[int]) -> Iterator[tuple[int, Change]]:
+def changes(ev: Placed, wanted: Sequence[int]) -> Iterator[tuple[int, Change]]:
     """Row and change for each wanted position in x, one at a time because they are large."""
     counts: dict[type, int] = {}
     for effect, part in zip(ev.model.effects, ev.model.slices, strict=True):
@@ -57,24 +57,25 @@ def changes(ev: Stages, wanted: Sequence[int]) -> Iterator[tuple[int, Change]]:
                     yield row, _RULES[kind](ev, number, i)
 
 
-def answer(ev: Stages, response: springs.Response, change: Change, loaded: bool) -> Array:
+def answer(ev: Placed, response: springs.Response, change: Change, loaded: bool) -> Array:
     """d eps (ne, N) of one state; the wrench acts on the loaded one only."""
     if change.spring is not None:
         rhs = np.zeros_like(response.eps)
         rhs[list(change.spring)] = response.T[list(change.spring)]
         return response.react(rhs)
     drive = np.zeros_like(response.eps)
-    if change.preload is not None and ev.preload is not None:
+    if change.preload is not None and ev.preloaded:
         drive += change.preload
     if loaded and change.tau is not None:
         drive += change.tau
     if change.K is not None:
-        rows = list(response.stiffness.active)
+        rows = list(ev.rates.active)
+        eps = (response.eps if response.held is None else response.held)[rows]
         products, matrix = change.K
         for product in products:
-            drive[rows] -= springs.sandwiched(*product, response.eps[rows])
+            drive[rows] -= springs.sandwiched(*product, eps)
         if matrix is not None:
-            drive[rows] -= np.einsum("abn,bn->an", matrix, response.eps[rows])
+            drive[rows] -= np.einsum("abn,bn->an", matrix, eps)
     rhs = response.slope * drive
     if change.law is not None:
         rows, term = response.laws[change.law[0]]
@@ -88,7 +89,7 @@ def carry(columns: Sequence[Column | ColumnRate], eps: Array, turn: bool = False
 
 
 def reading_along(
-    ev: Stages, sensed: Sensed | None, response: springs.Response | None, change: Change, loaded: bool
+    ev: Placed, sensed: Sensed | None, response: springs.Response | None, change: Change, loaded: bool
 ) -> Array:
     """d reading (K, 3, N) of one state; a response of None is the pose that nothing deflects."""
     if change.sensor is not None:
@@ -120,99 +121,110 @@ def reading_along(
     return total + np.einsum("nkij,nkj->kin", sensed.by_rotation, turn)
 
 
-def _ratio(ev: Stages, effect: Spring, first: int, i: int) -> Change:
+def _ratio(ev: Placed, effect: Spring, first: int, i: int) -> Change:
     """A ratio by which a spring's coordinates, from `first` on, move its virtual joints."""
     x = next(xs for e, xs in ev.model.of_kind(Spring, ev.x) if e is effect)
     slope = laws.mixing_slope(effect, x, ev.motion.context)[..., i]
-    return _geometric(ev, mixed_along(ev.motion, ev.model.layout, first, slope))
+
+    def moved(motion: Motion) -> MotionRate:
+        eps = ev.settled if motion is ev.motion else None
+        return mixed_along(motion, ev.model.layout, first, slope, eps)
+
+    return _geometric(ev, moved)
 
 
-def _parallel(ev: Stages, number: int, i: int) -> Change:
+def _parallel(ev: Placed, number: int, i: int) -> Change:
     pull = ev.pulls[number]
     if pull is not None:
         return _pulled(ev, pull, i)
-    face = ev.faces[number]
-    K = gather(ev.touched, [(face.joints, face.stiffness.dx[..., i])], len(ev.poses))
+    face, K = ev.faces[number], None
+    if ev.held is not None:
+        E = ev.held.rates.E
+        K = ([(E, gather(ev.touched, [(face.joints, face.stiffness.dx[..., i])], len(ev.poses)), E)], None)
     preload = None
-    if ev.preload is not None and face.torque is not None:
+    if ev.preloaded and face.torque is not None:
         rows = [ev.touched.index(j) for j in face.joints]
-        preload = np.zeros_like(ev.preload)
+        preload = ev.torques
         preload[list(ev.rates.active)] = np.einsum("jan,nj->an", ev.rates.E[rows], face.torque.dx[..., i])
-    return Change(K=([(ev.rates.E, K, ev.rates.E)], None), preload=preload)
+    return Change(K=K, preload=preload)
 
 
-def _pulled(ev: Stages, pull: pulls.Pull, i: int) -> Change:
+def _pulled(ev: Placed, pull: pulls.Pull, i: int) -> Change:
     """A parameter of a spring between two points."""
-    coefficients, active = ev.motion.coefficients, ev.rates.active
-    K = pull.on(coefficients, pull.stiffness_by(i))[np.ix_(active, active)]
-    preload = None if ev.preload is None else combine(coefficients, pull.torque_by(i))
-    return Change(K=((), K), preload=preload)
+    coefficients, active, K = ev.motion.coefficients, ev.rates.active, None
+    if ev.settled is None:
+        K = ((), pull.on(coefficients, pull.stiffness_by(i))[np.ix_(active, active)])
+    return Change(K=K, preload=combine(coefficients, pull.torque_by(i)) if ev.preloaded else None)
 
 
-def _law(ev: Stages, number: int, i: int) -> Change:
+def _law(ev: Placed, number: int, i: int) -> Change:
     return Change(law=(number, i))
 
 
-def _load(ev: Stages, number: int, i: int) -> Change:
+def _load(ev: Placed, number: int, i: int) -> Change:
     terms = ev.applied.terms
     wrench = loads.wrench_along(terms, None, terms[number].dx[..., i], number + 1)
     preload = None
     moments = terms[number].moments_dx
-    if ev.preload is not None and moments is not None:
+    if ev.preloaded and moments is not None:
         own = loads.of_bodies(moments[..., i], ev.model.facts)
         preload = loads.gravity_torque(ev.state, own, ev.model.gravity)
     return Change(tau=loads.wrench_torque(ev.state.tip, wrench.T), preload=preload)
 
 
-def _sensor(ev: Stages, number: int, i: int) -> Change:
+def _sensor(ev: Placed, number: int, i: int) -> Change:
     return Change(sensor=(number, i))
 
 
-def _geometry(ev: Stages, number: int, i: int) -> Change:
+def _geometry(ev: Placed, number: int, i: int) -> Change:
     term = ev.geometry[number]
     twists = None if term.twists_dx is None else term.twists_dx[..., i].transpose(1, 2, 0)
     bars = np.zeros((ev.model.layout.bars, len(ev.poses)))
-    return _geometric(ev, motion_along(ev.motion, term.angles_dx[..., i].T, bars, twists))
+    return _geometric(ev, lambda motion: motion_along(motion, term.angles_dx[..., i].T, bars, twists))
 
 
-def _loop(ev: Stages, number: int, i: int) -> Change:
+def _loop(ev: Placed, number: int, i: int) -> Change:
     bars = np.zeros((ev.model.layout.bars, len(ev.poses)))
     bars[ev.model.layout.loop_bars[number][i]] = 1.0
-    return _geometric(ev, motion_along(ev.motion, np.zeros_like(ev.motion.q), bars, None))
+    return _geometric(ev, lambda motion: motion_along(motion, np.zeros_like(motion.q), bars, None))
 
 
-def _geometric(ev: Stages, rate: MotionRate) -> Change:
-    """A change of the unloaded geometry reaches every stage after it."""
+def _geometric(ev: Placed, moved: Callable[[Motion], MotionRate]) -> Change:
+    """A change of the unloaded geometry reaches every stage after it. moved: how it moves a motion"""
+    rate = moved(ev.motion)
     tip, *markers = columns_along(ev.motion, (ev.state.tip, *ev.state.markers), rate)
     tau = loads.wrench_torque(tip, ev.applied.wrench.T)
     if ev.applied.terms:
         wrench = loads.wrench_along(ev.applied.terms, tip.turn, None)
         tau = tau + loads.wrench_torque(ev.state.tip, wrench.T)
     dE = springs.joint_rates(ev.motion, ev.touched, ev.rates.active, rate.coefficients).E
-    preload, matrix = _preload_along(ev, rate, dE), None
-    if any(pull is not None and pull.acts for pull in ev.pulls):
-        found = pulls.along(ev.model.of_kind(ParallelSpring, ev.x), ev.motion, ev.pulls, rate)
-        if found is not None:
-            dK, dtorque = found
-            matrix = dK[np.ix_(ev.rates.active, ev.rates.active)]
-            preload = None if preload is None else preload + dtorque
-    return Change(tau=tau, K=(_stiffness_along(ev, rate, dE), matrix), preload=preload, markers=tuple(markers))
+    preload = _preload_along(ev, rate, dE) if ev.preloaded else None
+    return Change(tau=tau, K=_stiffness_along(ev, moved, rate, dE), preload=preload, markers=tuple(markers))
 
 
-def _joint_rate(ev: Stages, joints: Sequence[int], rate: MotionRate) -> Array:
+def _joint_rate(ev: Placed, joints: Sequence[int], rate: MotionRate) -> Array:
     return rate.elements[[ev.model.layout.joint_elements[j] for j in joints]]
 
 
-def _stiffness_along(ev: Stages, rate: MotionRate, dE: Array) -> list[tuple[Array, Array, Array]]:
-    """d (E' k E), as products."""
-    blocks = [(f.joints, np.einsum("nijk,kn->nij", f.stiffness.dq, _joint_rate(ev, f.joints, rate))) for f in ev.faces]
-    E, K = ev.rates.E, ev.joint_stiffness
-    return [(E, gather(ev.touched, blocks, len(ev.poses)), E), (dE, K, E), (E, K, dE)]
-
-
-def _preload_along(ev: Stages, rate: MotionRate, dE: Array) -> Array | None:
-    if ev.preload is None:
+def _stiffness_along(
+    ev: Placed, moved: Callable[[Motion], MotionRate], rate: MotionRate, dE: Array
+) -> tuple[Sequence[tuple[Array, Array, Array]], Array | None] | None:
+    """d (E' k E), as products, and that of springs between two points, as a matrix."""
+    if ev.held is None:
         return None
+    matrix = None
+    if ev.settled is None:
+        matrix = pulls.stiffness_along(ev.model.of_kind(ParallelSpring, ev.x), ev.motion, ev.pulls, rate)
+        matrix = None if matrix is None else matrix[np.ix_(ev.rates.active, ev.rates.active)]
+    else:
+        rate = moved(ev.held.motion)
+        dE = springs.joint_rates(ev.held.motion, ev.touched, ev.rates.active, rate.coefficients).E
+    blocks = [(f.joints, np.einsum("nijk,kn->nij", f.stiffness.dq, _joint_rate(ev, f.joints, rate))) for f in ev.faces]
+    E, K = ev.held.rates.E, ev.held.joint_stiffness
+    return [(E, gather(ev.touched, blocks, len(ev.poses)), E), (dE, K, E), (E, K, dE)], matrix
+
+
+def _preload_along(ev: Placed, rate: MotionRate, dE: Array) -> Array:
     total = loads.gravity_torque_along(ev.state, ev.masses, ev.model.gravity, rate)
     slope = np.zeros((len(ev.touched), len(ev.poses)))
     for f in ev.faces:
@@ -221,10 +233,11 @@ def _preload_along(ev: Stages, rate: MotionRate, dE: Array) -> Array | None:
             slope[[ev.touched.index(j) for j in f.joints]] += turn
     torque = joint_torque(ev.faces, ev.touched, len(ev.poses))
     total[list(ev.rates.active)] += np.einsum("jan,jn->an", dE, torque) + np.einsum("jan,jn->an", ev.rates.E, slope)
-    return total
+    pulled = pulls.torque_along(ev.pulls, ev.motion.coefficients, rate)
+    return total if pulled is None else total + pulled
 
 
-_RULES: dict[type[Effect], Callable[[Stages, int, int], Change]] = {
+_RULES: dict[type[Effect], Callable[[Placed, int, int], Change]] = {
     Geometry: _geometry,
     Loop: _loop,
     ParallelSpring: _parallel,
