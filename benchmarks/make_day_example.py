@@ -15,7 +15,6 @@ import numpy as np
 from common import ROOT
 
 from qsframework.applications.protocol import ProtocolWish, make_protocol
-from qsframework.elastostatics import exact_positions
 from qsframework.elastostatics.so3 import exponential
 from qsframework.experiment import load_experiment, make_plan, write_plan
 from qsframework.experiment.simulate import prior_draws
@@ -88,7 +87,7 @@ def write(folder: Path) -> None:
         rows = ["Name,X [mm],Y [mm],Z [mm]"]
         for state in visit.states:
             poses = Poses(there, controller.to_joints(there), state.wrench[None])
-            seen = (exact_positions(model, poses, x, state.loaded)[0] + tool) @ rotation.T + origin
+            seen = (model.positions(poses, x, state.loaded)[0] + tool) @ rotation.T + origin
             seen += SIGMA * rng.standard_normal(seen.shape)
             kind = "loaded" if state.loaded else "unloaded"
             for marker, xyz in zip(experiment.markers, 1e3 * seen, strict=True):

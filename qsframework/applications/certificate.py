@@ -210,7 +210,7 @@ def _budget(experiment: Experiment, fit: FitRecord, meta: MetaSpec, rows: Rows, 
     model = experiment.model()
     names = fit.model_names(experiment)
     x = fit.x_of(model)
-    _, J = rows.rates(model, x, fitted_frames(fit, rows, model, x), names)
+    _, J = rows.rates(model, x, fitted_frames(fit, rows, model, x), names, fit.linear)
     series = [rows.readings.frames[f] for f in rows.estimated]
     at = [n for f in series for n in _motions(fit, f)] + [fit.names.index(n) for n in names]
     J = np.where(rows.mask[..., None], J, 0.0)

@@ -75,7 +75,7 @@ def stiffness_at(robot: Robot, pendant: Array, wrench: Array, point: Array) -> S
     return Stiffness(
         names=spring_names(model),
         shares=spring_shares(model, poses)[0],
-        linear=model.predict(poses)[0, 0],
+        linear=model.predict(poses, linear=True)[0, 0],
         full=(loaded.tip - unloaded.tip)[0],
         rotation=rotation,
         compliance=cartesian_compliance(model, poses)[0],

@@ -175,7 +175,7 @@ def tip_rows(experiment: Experiment, poses: Poses | None, candidates: Array, nam
         poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench)
     model = replace(experiment.model(), markers=(experiment.load_site,), marker_names=("load point",))
     chosen = [model.parameters[i] for i in model.index(names)]
-    return model.sensitivity(poses, names=names)[:, 0] * scales(chosen)
+    return model.sensitivity(poses, names=names, linear=True)[:, 0] * scales(chosen)
 
 
 def taken_information(experiment: Experiment, taken: Plan | Readings, names: Sequence[str], samples: Array) -> Array:

@@ -6,7 +6,6 @@ from .equilibrium import (
     full_displacement as full_displacement,
 )
 from .evaluation import spring_stiffness as spring_stiffness
-from .exact import exact_positions as exact_positions, exact_readings as exact_readings
 from .flips import flip_margin as flip_margin
 from .model import Model as Model, make_model as make_model
 from .ranges import Beyond as Beyond, beyond as beyond, range_notes as range_notes

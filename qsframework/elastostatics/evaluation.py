@@ -46,8 +46,8 @@ class Held:
 class Placed:
     """A model at N poses and parameter values x, its chain placed: at the commanded angles, or where it settles.
 
-    settled (ne, N): deflection of the coordinates where the chain is placed, None at the commanded angles; held: of the springs
-    whose stiffness times a deflection counts, None where there are none
+    settled (ne, N): deflection of the coordinates where the chain is placed, None at the commanded angles; held: of the
+    springs whose stiffness times a deflection counts, None where there are none
     """
 
     model: Structure

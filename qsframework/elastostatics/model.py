@@ -1,10 +1,7 @@
 """The pipeline: all effects of a robot and a campaign, stage by stage.
 
-    displacements = Model.predict(poses, x)       A = Model.sensitivity(poses, x)
-    positions = Model.positions(poses, x)         A = Model.position_sensitivity(poses, x)
-
-The linear model: eps = C tau at the commanded pose, C = (diag(1/c) + K_par)^-1, equations (1)-(5)
-and (10) of the paper; laws, if there are any, are solved for the unloaded and the loaded state.
+displacements = Model.predict(poses, x)       A = Model.sensitivity(poses, x)
+positions = Model.positions(poses, x)         A = Model.position_sensitivity(poses, x)
 """
 
 from __future__ import annotations
@@ -17,6 +14,7 @@ import numpy as np
 from qsframework.elastostatics.displacements import displacement, evaluate, sensitivities
 from qsframework.elastostatics.layout import make_layout
 from qsframework.elastostatics.positions import evaluate_state, position, position_tangents
+from qsframework.elastostatics.settled import one_state, two_states
 from qsframework.elastostatics.state import Site
 from qsframework.elastostatics.structure import Structure, chunks
 from qsframework.errors import InputError, Problem, nearest
@@ -29,74 +27,104 @@ from qsframework.plugin.settings import twice_hint
 
 @dataclass(frozen=True, eq=False)
 class Model(Structure):
-    """The arm as it gives under load."""
+    """The arm as it deflects under load: readings and their sensitivities, from poses and parameters.
 
-    def predict(self, poses: Poses, x: Array | None = None) -> Array:
-        """Displacement readings (N, K, 3) m of K markers: loaded minus unloaded, base frame."""
+    Each state is the settled equilibrium, and sensitivities are those there. With `linear` they are those of its first
+    step from the commanded pose, eps = C tau with C = (diag(1/c) + K_par)^-1, equations (1)-(5) and (10) of the
+    source paper; laws, if there are any, are then solved for the unloaded and the loaded state.
+    """
+
+    def predict(self, poses: Poses, x: Array | None = None, linear: bool = False) -> Array:
+        """Displacement readings (N, K, 3) m of K markers: loaded minus unloaded, base frame.
+
+        Raises NotConverged where a pose does not settle.
+        """
         x = self.nominal if x is None else self.checked(x)
+        if linear and self.differs(x):
+            return self.positions(poses, x, True, linear) - self.positions(poses, x, False, linear)
         out = np.empty((len(poses), len(self.markers), 3))
-        if self.differs(x):
-            return self.positions(poses, x, loaded=True) - self.positions(poses, x)
         for part, chunk in chunks(poses):
-            out[part] = displacement(evaluate(self, chunk, x)).transpose(2, 0, 1)
+            if linear:
+                out[part] = displacement(evaluate(self, chunk, x)).transpose(2, 0, 1)
+            else:
+                before, after = two_states(self, chunk, x)
+                out[part] = after.reading - before.reading
         return out
 
-    def sensitivity(self, poses: Poses, x: Array | None = None, names: Sequence[str] | None = None) -> Array:
+    def sensitivity(
+        self, poses: Poses, x: Array | None = None, names: Sequence[str] | None = None, linear: bool = False
+    ) -> Array:
         """d readings / d parameters (N, K, 3, p): the observation matrix, equation (4)."""
         x = self.nominal if x is None else self.checked(x)
-        return self.rates(poses, x, self.names if names is None else names)[1]
+        return self.rates(poses, x, self.names if names is None else names, linear)[1]
 
-    def rates(self, poses: Poses, x: Array, names: Sequence[str]) -> tuple[Array, Array]:
+    def rates(self, poses: Poses, x: Array, names: Sequence[str], linear: bool = False) -> tuple[Array, Array]:
         """`predict` and `sensitivity` together, cheaper than one after the other."""
         x, wanted = self.checked(x), self.index(names)
-        if self.differs(x):
-            (ends, after), (starts, before) = (self.position_rates(poses, x, names, on) for on in (True, False))
+        if linear and self.differs(x):
+            (ends, after), (starts, before) = (self.position_rates(poses, x, names, on, linear) for on in (True, False))
             return ends - starts, after - before
         value = np.empty((len(poses), len(self.markers), 3))
         slope = np.empty((*value.shape, len(wanted)))
         for part, chunk in chunks(poses):
+            if not linear:
+                first, second = two_states(self, chunk, x)
+                value[part] = second.reading - first.reading
+                slope[part] = second.rates(wanted) - first.rates(wanted)
+                continue
             ev = evaluate(self, chunk, x)
             value[part] = displacement(ev).transpose(2, 0, 1)
             slope[part] = sensitivities(ev, wanted).transpose(3, 1, 2, 0)
-        own = [row for row, position in enumerate(wanted) if position in self.by_state]
+        own = [row for row, position in enumerate(wanted) if position in self.by_state] if linear else []
         if own:  # they do not move both states alike
-            two = [self.position_sensitivity(poses, x, [names[row] for row in own], on) for on in (True, False)]
-            slope[..., own] = two[0] - two[1]
+            some = [names[row] for row in own]
+            loaded, unloaded = (self.position_sensitivity(poses, x, some, on, linear) for on in (True, False))
+            slope[..., own] = loaded - unloaded
         return value, slope
 
-    def positions(self, poses: Poses, x: Array | None = None, loaded: bool = False) -> Array:
+    def positions(self, poses: Poses, x: Array | None = None, loaded: bool = False, linear: bool = False) -> Array:
         """Position readings (N, K, 3) m of K markers in one state, base frame.
 
-        The pose with the errors of its geometry, deflected by gravity and the compensators and, if
-        `loaded`, by the wrench; linear in the deflection, which is taken at the commanded pose. The
-        state's own time, temperature and approach count: `poses.unloaded` or `poses.loaded`.
+        The pose with the errors of its geometry, deflected by gravity and the compensators and, if `loaded`, by the
+        wrench. The state's own time, temperature and approach count: `poses.unloaded` or `poses.loaded`. Raises
+        NotConverged where a pose does not settle.
         """
         x = self.nominal if x is None else self.checked(x)
         out = np.empty((len(poses), len(self.markers), 3))
         for part, chunk in chunks(poses):
-            out[part] = position(evaluate_state(self, chunk, x, loaded)).transpose(2, 0, 1)
+            if linear:
+                out[part] = position(evaluate_state(self, chunk, x, loaded)).transpose(2, 0, 1)
+            else:
+                out[part] = one_state(self, chunk, x, loaded).reading
         return out
 
     def position_sensitivity(
-        self, poses: Poses, x: Array | None = None, names: Sequence[str] | None = None, loaded: bool = False
+        self,
+        poses: Poses,
+        x: Array | None = None,
+        names: Sequence[str] | None = None,
+        loaded: bool = False,
+        linear: bool = False,
     ) -> Array:
         """d position readings / d parameters (N, K, 3, p) of one state."""
-        x = self.nominal if x is None else self.checked(x)
-        wanted = list(range(len(self.parameters))) if names is None else self.index(names)
-        out = np.empty((len(poses), len(self.markers), 3, len(wanted)))
-        for part, chunk in chunks(poses):
-            out[part] = position_tangents(evaluate_state(self, chunk, x, loaded), wanted).transpose(3, 1, 2, 0)
-        return out
+        x = self.nominal if x is None else x
+        return self.position_rates(poses, x, self.names if names is None else names, loaded, linear)[1]
 
-    def position_rates(self, poses: Poses, x: Array, names: Sequence[str], loaded: bool = False) -> tuple[Array, Array]:
+    def position_rates(
+        self, poses: Poses, x: Array, names: Sequence[str], loaded: bool = False, linear: bool = False
+    ) -> tuple[Array, Array]:
         """`positions` and `position_sensitivity` of one state together, cheaper than one after the other."""
         x, wanted = self.checked(x), self.index(names)
         value = np.empty((len(poses), len(self.markers), 3))
         slope = np.empty((*value.shape, len(wanted)))
         for part, chunk in chunks(poses):
-            ev = evaluate_state(self, chunk, x, loaded)
-            value[part] = position(ev).transpose(2, 0, 1)
-            slope[part] = position_tangents(ev, wanted).transpose(3, 1, 2, 0)
+            if linear:
+                ev = evaluate_state(self, chunk, x, loaded)
+                value[part] = position(ev).transpose(2, 0, 1)
+                slope[part] = position_tangents(ev, wanted).transpose(3, 1, 2, 0)
+            else:
+                state = one_state(self, chunk, x, loaded)
+                value[part], slope[part] = state.reading, state.rates(wanted)
         return value, slope
 
     def transmission_margin(self, poses: Poses) -> Array:

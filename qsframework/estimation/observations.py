@@ -17,7 +17,7 @@ class Observations:
 
     measured    (m,) SI
     predict     x (p,) -> (m,)
-    jacobian    x (p,) -> (m, p); where it is only the prediction's tangent to a percent, `tangent` is False
+    jacobian    x (p,) -> (m, p), of the prediction there
     parameters  the p parameters: nominal value, bounds, prior sd, scale
     noise       covariance of the readings, up to a factor where `stated` is False
     block       (m,) number of what is left out together: the pose, and all that shares its references
@@ -35,7 +35,6 @@ class Observations:
     block: Indices
     row: Indices
     stated: bool = True
-    tangent: bool = True
     held: Array | None = None
     reach: float = 0.0
 

@@ -1,8 +1,7 @@
 """The one iteration of least squares: Levenberg-Marquardt on scaled variables with exact active bounds.
 
 Each step solves the linearised problem within its bounds exactly, so that a linear problem is solved in one step and a
-parameter at a bound stands on it to the last digit. Sensitivities may be those of a tangent model, right to a percent:
-the steps then settle where the tangent sees no more slope, which differs from the minimum by far less than the noise.
+parameter at a bound stands on it to the last digit.
 """
 
 from __future__ import annotations
@@ -29,8 +28,6 @@ neither goes to and fro over a kink of the model, or runs away, and 200 steps en
 _LESS = 0.75
 _FALL = 1e-2
 _DAMPINGS = 40
-_TRIALS = 5
-"""Dampings that are tried before differences are taken again."""
 _SILENT = 25
 """Trials without a finite prediction after which a fit is given up."""
 _BLUR = 1e-15
@@ -43,17 +40,9 @@ _NEAR = 0.3
 """Sensitivities are not taken again after a step that changes the prediction by less than so many sds of a reading."""
 _SLOW = 0.05
 """How much of the last step the next one may be before they are, all the same."""
-_TANGENT = 0.05
-"""Share of a step's promise by which a tangent model may be wrong about it."""
-_HELD = 0.01
-"""Share of a change by which sensitivities that were taken elsewhere may be wrong about it at the minimum."""
-_STILL = 1e-5
-"""Change of the prediction, in sds of a reading, at which a fit with tangent sensitivities has settled."""
 _IDLE = 4
 """Steps in a row that promise no less than half of the one before: rounding is all that is left, if they promise less
 than the digits of the cost."""
-_AWAY = 1e-4
-"""Step of differences, in scaled variables."""
 _ROUNDS = 50
 _SETTLED = 1e-6
 _MAD = 1.4826
@@ -180,43 +169,9 @@ class _Problem:
         """Whitened (m, q): d predicted / d z."""
         return self.whole(z) @ self.reduction.T
 
-    def whole(self, z: Array, correction: Array | None = None) -> Array:
-        """Whitened (m, p): d predicted / d x of all parameters, of the tangent model with what it lacks."""
-        o = self.observations
-        tangent = o.noise.whiten(o.jacobian(self.reduction.x(z)))
-        return tangent if correction is None else tangent + correction
-
-    def lacking(self, z: Array, tangent: Array) -> Array:
-        """Whitened (m, p): what differences of the predictions say beside the tangent model's sensitivities there.
-
-        A parameter keeps its tangent column where the model has no answer a step away.
-        """
-        o = self.observations
-        x = self.reduction.x(z)
-        here = o.predict(x)
-        lacks = np.zeros_like(tangent)
-        for i in np.flatnonzero(self.reduction.moved):
-            away = x.copy()
-            away[i] += _AWAY * float(np.abs(self.reduction.T[i]).max())
-            try:
-                column = (o.predict(away) - here) / (away[i] - x[i])
-            except (NotConverged, InputError):
-                continue
-            if np.all(np.isfinite(column)):
-                lacks[:, i] = o.noise.whiten(column) - tangent[:, i]
-        return lacks
-
-    def holds(self, z: Array, whole: Array) -> bool:
-        """Whether sensitivities say what the predictions do where all parameters move at once, each by as much as the
-        readings show."""
-        o, x = self.observations, self.reduction.x(z)
-        size = np.maximum(np.linalg.norm(whole @ self.reduction.T, axis=0), 1e-300)
-        away = self.reduction.x(z + np.random.default_rng(0).choice([-1.0, 1.0], len(z)) / size)
-        try:
-            change = o.noise.whiten(o.predict(away) - o.predict(x))
-        except (NotConverged, InputError):
-            return False
-        return bool(np.linalg.norm(change - whole @ (away - x)) <= _HELD * np.linalg.norm(change))
+    def whole(self, z: Array) -> Array:
+        """Whitened (m, p): d predicted / d x of all parameters."""
+        return self.observations.noise.whiten(self.observations.jacobian(self.reduction.x(z)))
 
     def prior(self, z: Array) -> tuple[Array, Array]:
         """Residuals and rows of the priors and of weak holds."""
@@ -295,18 +250,15 @@ class _Minimum:
     z: Array
     residuals: Array
     steps: int
-    correction: Array | None
-    """What the tangent model's sensitivities lacked on the way, where they were not enough."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _State:
     """Where a descent stands: z (q,), whitened residuals (m,), their cost, and sensitivities J (m, q).
 
-    fresh: J was taken here, not at an earlier step; correction: what J has beside the tangent model's, None where that
-    is enough; exact: that was taken here, too; damping: of the next step;
-    gain, moved: what the last step promised, and this in sds of a reading; idle: steps in a row that promised no less
-    than half of the one before; silent: trials so far without a finite prediction
+    fresh: J was taken here, not at an earlier step; damping: of the next step; gain, moved: by how much the last step was
+    to change the residuals, and this in sds of a reading; idle: steps in a row of no less than half of the one before;
+    silent: trials so far without a finite prediction
     """
 
     z: Array
@@ -314,8 +266,6 @@ class _State:
     cost: float
     J: Array
     fresh: bool = True
-    correction: Array | None = None
-    exact: bool = False
     damping: float = 0.0
     gain: float = np.inf
     moved: float = np.inf
@@ -338,11 +288,7 @@ class _Linearised:
 
 
 def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
-    """Levenberg-Marquardt from z.
-
-    A tangent model may be far wrong in directions that readings hardly show: where a step does not hold what it
-    promised, differences say there what its sensitivities lack, and that is added from there on.
-    """
+    """Levenberg-Marquardt from z; where it ends, sensitivities are those of that place."""
     r = problem.residuals(z)
     if not np.all(np.isfinite(r)):
         raise NotConverged("the model has no finite prediction at the start of the fit: check the nominal values")
@@ -353,8 +299,10 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
         trace.append((local.gain, at.cost))
         if not _settled(problem, at, local, tolerance):
             at = _stepped(problem, at, local, step)
-        elif at.fresh or not problem.observations.tangent:
-            return _minimum(problem, at, local, step)
+        elif at.fresh:
+            final = np.clip(at.z + local.step, problem.reduction.lower, problem.reduction.upper)
+            r = problem.residuals(final)
+            return _Minimum(problem.cost(final, r), final, r, step)
         else:
             at = _fresh(problem, at)
         far = np.any(np.abs(at.z) > FAR * np.maximum(problem.reduction.spread, 1.0))
@@ -386,37 +334,22 @@ def _settled(problem: _Problem, at: _State, local: _Linearised, tolerance: float
     if at.idle >= _IDLE and local.gain**2 <= problem.digits():
         return True
     still = tolerance * float(np.linalg.norm(local.b))
-    if not problem.observations.tangent:
-        still = max(tolerance, _STILL) * local.unit
     blur = max(problem.blur(), _BLUR * float(np.linalg.norm(np.abs(local.A) @ np.abs(at.z))))
     return local.gain <= max(still, blur)
 
 
-def _minimum(problem: _Problem, at: _State, local: _Linearised, step: int) -> _Minimum:
-    """The state after its last, short step."""
-    final = np.clip(at.z + local.step, problem.reduction.lower, problem.reduction.upper)
-    linear = at.residuals - at.J @ (final - at.z)  # a step so short is linear
-    r = problem.residuals(final) if problem.observations.tangent else linear
-    return _Minimum(problem.cost(final, r), final, r, step, at.correction)
-
-
-def _fresh(problem: _Problem, at: _State, differences: bool = False) -> _State:
+def _fresh(problem: _Problem, at: _State) -> _State:
     """The same state with sensitivities of its own, undamped."""
-    tangent = problem.whole(at.z)
-    correction = problem.lacking(at.z, tangent) if differences else at.correction
-    J = (tangent if correction is None else tangent + correction) @ problem.reduction.T
-    return replace(at, J=J, fresh=True, correction=correction, exact=differences, damping=0.0)
+    return replace(at, J=problem.jacobian(at.z), fresh=True, damping=0.0)
 
 
 def _stepped(problem: _Problem, at: _State, local: _Linearised, step: int) -> _State:
-    """The state after one step, as damped as it must be, or with better sensitivities where none is any good."""
-    tangent, reduction, slack = problem.observations.tangent, problem.reduction, 0.0
-    if (not tangent and at.correction is None) or not at.fresh:
-        slack = _TANGENT * float(np.linalg.norm(local.b)) * min(local.gain, local.unit)
-    worst = at.cost * (1.0 + 1e-13) + problem.digits() + slack
+    """The state after one step, as damped as it must be, or with its own sensitivities where none is any good."""
+    reduction = problem.reduction
+    worst = at.cost * (1.0 + 1e-13) + problem.digits()
     size = np.maximum(np.linalg.norm(local.A, axis=0), 1e-12)
     damping, silent = at.damping, at.silent
-    for trial in range(_DAMPINGS):
+    for _ in range(_DAMPINGS):
         d = local.step if damping == 0.0 else _bounded(local.A, local.b, at.z, reduction, damping, size)
         z = np.clip(at.z + d, reduction.lower, reduction.upper)
         r = problem.residuals(z)
@@ -424,9 +357,6 @@ def _stepped(problem: _Problem, at: _State, local: _Linearised, step: int) -> _S
         if cost <= worst:
             at = replace(at, damping=0.0 if damping < 1e-6 else damping / 10.0, silent=silent)
             return _moved(problem, at, local, replace(at, z=z, residuals=r, cost=cost))
-        wrong = at.correction is None or trial >= _TRIALS  # differences cost as much as many trials
-        if not tangent and not at.exact and np.isfinite(cost) and wrong:
-            return _fresh(problem, replace(at, silent=silent), differences=True)
         silent += not np.isfinite(cost)
         if silent > _SILENT:
             raise _NoAnswer(f"the model has no answer where the fit leads: {_farthest(problem, z)}")
@@ -442,13 +372,10 @@ def _stepped(problem: _Problem, at: _State, local: _Linearised, step: int) -> _S
 def _moved(problem: _Problem, before: _State, local: _Linearised, at: _State) -> _State:
     """The state that a step led to, with the sensitivities of the one before where these are still good."""
     moved = local.gain / max(local.unit, 1e-300)
-    slow = problem.observations.tangent and moved > _SLOW * before.moved
     idle = before.idle + 1 if local.gain > 0.5 * before.gain else 0
-    at = replace(at, gain=local.gain, moved=moved, idle=idle, fresh=False, exact=False)
-    if not (moved > _NEAR or slow or at.damping > 0.0):
-        return at
-    J = problem.whole(at.z, at.correction) @ problem.reduction.T
-    return replace(at, J=J, fresh=True)
+    stale = moved > _NEAR or moved > _SLOW * before.moved or at.damping > 0.0
+    at = replace(at, gain=local.gain, moved=moved, idle=idle, fresh=False)
+    return replace(at, J=problem.jacobian(at.z), fresh=True) if stale else at
 
 
 def _triangle(A: Array, b: Array) -> tuple[Array, Array]:
@@ -492,11 +419,7 @@ def _solution(problem: _Problem, best: _Minimum) -> Solution:
     z, r = best.z, best.residuals
     reduction = problem.reduction
     x = reduction.x(z)
-    tangent = whole = problem.whole(z)
-    if best.correction is not None:
-        whole = tangent + best.correction
-        if not problem.holds(z, whole):  # it was taken too far from here
-            whole = tangent + problem.lacking(z, tangent)
+    whole = problem.whole(z)
     rows = np.vstack([whole @ reduction.T, problem.prior(z)[1]])
     R = np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
     bound = (z <= reduction.lower) | (z >= reduction.upper)

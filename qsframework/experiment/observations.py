@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.elastostatics import Model, exact_positions, exact_readings, range_notes
+from qsframework.elastostatics import Model, range_notes
 from qsframework.elastostatics.so3 import cross_matrix, left_jacobian
 from qsframework.errors import InputError
 from qsframework.estimation import Noise, Observations, grouped
@@ -219,16 +219,16 @@ class Rows:
         used, _, _ = self._used
         out = np.empty((len(used), len(model.markers), 3))
         for loaded, which, poses in self.split():
-            out[which] = model.positions(poses, x, loaded) if linear else exact_positions(model, poses, x, loaded)
+            out[which] = model.positions(poses, x, loaded, linear)
         return out
 
-    def slopes(self, model: Model, x: Array, names: Sequence[str]) -> tuple[Array, Array]:
-        """Positions (S, K, 3) by the tangent model, and their derivatives (S, K, 3, p)."""
+    def slopes(self, model: Model, x: Array, names: Sequence[str], linear: bool = False) -> tuple[Array, Array]:
+        """Positions (S, K, 3) and their derivatives (S, K, 3, p)."""
         used, _, _ = self._used
         out = np.empty((len(used), len(model.markers), 3))
         slope = np.empty((*out.shape, len(names)))
         for loaded, which, poses in self.split():
-            out[which], slope[which] = model.position_rates(poses, x, names, loaded)
+            out[which], slope[which] = model.position_rates(poses, x, names, loaded, linear)
         return out, slope
 
     def split(self) -> list[tuple[bool, Indices, Poses]]:
@@ -292,7 +292,7 @@ class Rows:
         """What the model says (R, 3) m of the rows."""
         if self.pairs is not None:
             poses, where = self.pairs
-            moved = model.predict(poses, x) if linear else exact_readings(model, poses, x)
+            moved = model.predict(poses, x, linear)
             return self._turned(moved[where, self.marker])
         return self.seen(self.positions(model, x, linear), frames)
 
@@ -305,12 +305,14 @@ class Rows:
         axes = self.readings.axes
         return out if axes is None else np.einsum("rij,rj...->ri...", axes[self.keep], out)
 
-    def rates(self, model: Model, x: Array, frames: Sequence[Frame], names: Sequence[str]) -> tuple[Array, Array]:
-        """The tangent model's prediction (R, 3), and its derivatives (R, 3, 6 F + p) by motions of the F estimated
-        frames and by the named parameters."""
+    def rates(
+        self, model: Model, x: Array, frames: Sequence[Frame], names: Sequence[str], linear: bool = False
+    ) -> tuple[Array, Array]:
+        """What the model says (R, 3), and its derivatives (R, 3, 6 F + p) by motions of the F estimated frames and by
+        the named parameters."""
         if self.pairs is not None:
-            return self.of_pairs(*model.rates(self.pairs[0], x, names))
-        return self.of_states(*self.slopes(model, x, names), frames)
+            return self.of_pairs(*model.rates(self.pairs[0], x, names, linear))
+        return self.of_states(*self.slopes(model, x, names, linear), frames)
 
     def of_pairs(self, moved: Array, slope: Array) -> tuple[Array, Array]:
         """`rates` where the pairs' displacements (P, K, 3) and their derivatives (P, K, 3, p) are known."""
@@ -442,7 +444,7 @@ def _poses(readings: Readings) -> Indices:
 class Bridge:
     """Readings of an experiment as observations: rows, the frames about which motions are counted, and all values x.
 
-    names: the parameters that are observed, the others stay as in x; linear: by the tangent model alone
+    names: the parameters that are observed, the others stay as in x; linear: by the first step from the commanded pose
     """
 
     model: Model
@@ -481,7 +483,7 @@ class Bridge:
         return self.rows.flat(self.rows.predict(self.model, self.values(z), self.moved(z), self.linear))
 
     def jacobian(self, z: Array) -> Array:
-        J = self.rows.rates(self.model, self.values(z), self.moved(z), self.names)[1]
+        J = self.rows.rates(self.model, self.values(z), self.moved(z), self.names, self.linear)[1]
         for i in range(len(self.frames)):
             turn = slice(6 * i + 3, 6 * i + 6)
             J[:, :, turn] = J[:, :, turn] @ left_jacobian(z[turn])
@@ -503,7 +505,6 @@ class Bridge:
             block=self.rows.together,
             row=self.rows.row,
             stated=self.rows.stated,
-            tangent=self.linear,
             reach=self.reach,
         )
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qsframework.elastostatics import Model, exact_readings
+from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.plan import Plan
 from qsframework.experiment.readings import UNSTATED, Made, Readings, States
@@ -53,7 +53,7 @@ def simulate(
     rng = np.random.default_rng(seed)
     x = _truth(model, truth, rng) if x is None else x
     poses = plan.repeated()
-    moved = model.predict(poses, x) if linear else exact_readings(model, poses, x)
+    moved = model.predict(poses, x, linear)
     order = np.repeat(np.arange(len(plan.pose)), plan.repeats)
     repeat = np.concatenate([np.arange(1, r + 1) for r in plan.repeats])
     displacement = moved + sigma * rng.standard_normal(moved.shape)

@@ -17,18 +17,20 @@ from qsframework.plugin import Array, Conditions, Poses
 
 def positions_of(many: Sequence[Rows], model: Model, x: Array) -> list[Array]:
     """`Rows.positions` of each, by the tangent model."""
-    return [found for (found,) in _of_states(many, lambda poses, loaded: (model.positions(poses, x, loaded),))]
+    return [
+        found for (found,) in _of_states(many, lambda poses, loaded: (model.positions(poses, x, loaded, linear=True),))
+    ]
 
 
 def rates_of(
     many: Sequence[Rows], model: Model, x: Array, frames: Sequence[Sequence[Frame]], names: Sequence[str]
 ) -> list[tuple[Array, Array]]:
-    """`Rows.rates` of each, in its own frames."""
+    """`Rows.rates` of each, by the tangent model, in its own frames."""
     pairs = [rows.pairs[0] for rows in many if rows.pairs is not None]
     if len(pairs) == len(many):
-        found = _apart(model.rates(_stacked(pairs), x, names), pairs)
+        found = _apart(model.rates(_stacked(pairs), x, names, linear=True), pairs)
         return [rows.of_pairs(*one) for rows, one in zip(many, found, strict=True)]
-    both = _of_states(many, lambda poses, loaded: model.position_rates(poses, x, names, loaded))
+    both = _of_states(many, lambda poses, loaded: model.position_rates(poses, x, names, loaded, linear=True))
     return [rows.of_states(one[0], one[1], own) for rows, one, own in zip(many, both, frames, strict=True)]
 
 

@@ -59,4 +59,4 @@ def load_columns(seen: Bridge, x: Array) -> Array:
     at = dict(zip(seen.model.names, x, strict=True))
     whole = np.array([at.get(p.name, 0.0) for p in wide.parameters])
     names = [p.name for p in LoadError().parameters(seen.model.facts)]
-    return seen.rows.flat(seen.rows.rates(wide, whole, seen.frames, names)[1][..., -len(names) :])
+    return seen.rows.flat(seen.rows.rates(wide, whole, seen.frames, names, seen.linear)[1][..., -len(names) :])

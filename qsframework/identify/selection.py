@@ -110,7 +110,7 @@ def told_names(
     o = seen.observations()
     z = seen.start
     scale = np.concatenate([np.full(seen.motions, 1e-2), scales(list(seen.parameters[seen.motions :]))])
-    white = o.noise.whiten(o.measured - seen.rows.flat(seen.rows.predict(seen.model, seen.x, seen.frames, linear=True)))
+    white = o.noise.whiten(o.measured - seen.rows.flat(seen.rows.predict(seen.model, seen.x, seen.frames, seen.linear)))
     error = float(np.sqrt((white**2).sum() / max(len(white) - seen.motions, 1)))
     unit = max(error, o.least)  # readings that are exactly the nominal arm have no error at all
     rows = o.noise.whiten(o.jacobian(z)) * (scale / unit)

@@ -238,7 +238,7 @@ class _StepOne:
             out = np.zeros((len(rows.at), first + len(self.angles)))
             for j, own, at in parts:
                 frames = self._frames(z, own)
-                J = own.flat(own.rates(model, full(z, j), frames, [*self.others, b.compliance])[1])
+                J = own.flat(own.rates(model, full(z, j), frames, [*self.others, b.compliance], self.seen.linear)[1])
                 for i, f in enumerate(own.estimated):
                     k = 6 * rows.estimated.index(f)
                     turn = J[:, 6 * i + 3 : 6 * i + 6] @ left_jacobian(z[k + 3 : k + 6])
@@ -256,7 +256,6 @@ class _StepOne:
             block=rows.together,
             row=rows.row,
             stated=rows.stated,
-            tangent=self.seen.linear,
             reach=self.seen.reach,
         )
 

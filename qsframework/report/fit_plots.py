@@ -292,7 +292,7 @@ def workspace_figure(fit: Fit, readings: Readings, pose: Indices, marker: Indice
     pose, marker (R,): state and marker of each row of the readings
     """
     used, place = np.unique(pose, return_inverse=True)
-    points = fit.model.positions(readings.poses.take(used))[place, marker]
+    points = fit.model.positions(readings.poses.take(used), linear=True)[place, marker]
     size = 1e3 * np.linalg.norm(errors, axis=1)
     names = [readings.states.pose[m] for m in map(int, pose)]
     around = np.hypot(points[:, 0], points[:, 1])

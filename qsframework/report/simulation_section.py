@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qsframework.elastostatics.exact import exact_readings
 from qsframework.experiment import Experiment, Plan, Simulation
 from qsframework.plugin import Array
 from qsframework.report.blocks import Figure, Section, Table, Text, View
@@ -35,7 +34,7 @@ def simulation_sections(
 ) -> tuple[Section, ...]:
     """Deflections as figure and table, the scene, and the parameters that made the readings; notes: said first."""
     model = result.model
-    moved = model.predict(plan.poses, result.x) if linear else exact_readings(model, plan.poses, result.x)
+    moved = model.predict(plan.poses, result.x, linear)
     how = "the linear model" if linear else "the full equilibrium"
     sigma = 1e3 * (experiment.noise.sigma or 0.0)
     rows, poses = len(result.readings), len(np.unique(result.readings.plus))

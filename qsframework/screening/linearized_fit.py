@@ -120,7 +120,7 @@ def linearized_fit(experiment: Experiment, readings: Readings, names: Sequence[s
 def of_bridge(experiment: Experiment, seen: Bridge) -> LinearizedFit:
     """The same about the values and frames of a bridge."""
     rows = seen.rows
-    predicted, J = rows.rates(seen.model, seen.x, seen.frames, seen.names)
+    predicted, J = rows.rates(seen.model, seen.x, seen.frames, seen.names, linear=True)
     slopes = rows.flat(J) * scales(list(seen.parameters))
     if not rank_test(rows.noise.whiten(slopes), [p.name for p in seen.parameters]).rank:
         raise NotIdentifiable(unseen=[p.name for p in seen.parameters])

@@ -289,7 +289,7 @@ def tool_misfit(fit: LinearizedFit, level: float) -> Found:
 
 def _tools(fit: LinearizedFit) -> list[_Tool]:
     readings, model, rows = fit.readings, fit.experiment.model(), fit.rows
-    place = model.positions(readings.poses.take(rows.plus))
+    place = model.positions(readings.poses.take(rows.plus), linear=True)
     link = np.array([site.link for site in model.markers])
     whole = (rows.minus >= 0) & np.isfinite(rows.measured).all(axis=1) & ~readings.is_gauge[rows.keep]
     out: list[_Tool] = []

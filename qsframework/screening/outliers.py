@@ -91,7 +91,7 @@ def _angle_errors(seen: Bridge, gross: npt.NDArray[np.bool_]) -> float | None:
         return None
     good = rows.take(~gross)
     frames = good.start(seen.model, seen.x)
-    predicted, J = rows.rates(seen.model, seen.x, frames, seen.names)
+    predicted, J = rows.rates(seen.model, seen.x, frames, seen.names, linear=True)
     kept = np.flatnonzero(~gross)
     A = rows.take(kept).flat(J[kept])
     size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
@@ -147,7 +147,7 @@ class _Linear:
 
 def _linear(seen: Bridge, frames: Sequence[Frame]) -> _Linear:
     rows = seen.rows
-    predicted, J = rows.rates(seen.model, seen.x, frames, seen.names)
+    predicted, J = rows.rates(seen.model, seen.x, frames, seen.names, linear=True)
     scale = np.array([p.scale for p in seen.parameters])
     r = rows.noise.whiten(rows.scalars - rows.flat(predicted))
     held = np.concatenate([np.zeros(seen.motions), np.full(len(seen.names), 1.0 / _REACH)])

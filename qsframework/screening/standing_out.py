@@ -75,7 +75,9 @@ class Standing:
         their covariance. Coordinates that were not measured are zero in both."""
         rows = Rows(readings, keep, np.flatnonzero(np.isfinite(readings.value[keep]).ravel()), np.zeros(len(keep), int))
         places = [self.rows.estimated.index(f) for f in rows.estimated]
-        predicted, slopes = rows.rates(self.seen.model, self.seen.x, [self.frames[i] for i in places], self.seen.names)
+        predicted, slopes = rows.rates(
+            self.seen.model, self.seen.x, [self.frames[i] for i in places], self.seen.names, linear=True
+        )
         J = np.zeros((len(keep), 3, len(self.z)))
         for here, there in enumerate(places):
             J[:, :, 6 * there : 6 * there + 6] = slopes[:, :, 6 * here : 6 * here + 6]
@@ -152,7 +154,7 @@ def agreement(standing: Standing) -> float:
 def _linear(seen: Bridge, frames: Sequence[Frame]) -> tuple[_Columns, Array]:
     """Columns of p parameters and errors (m,) in sigmas as stated; what visits share is left to the unit."""
     rows = seen.rows
-    predicted, J = rows.rates(seen.model, seen.x, frames, seen.names)
+    predicted, J = rows.rates(seen.model, seen.x, frames, seen.names, linear=True)
     sigma = rows.sigma.ravel()[rows.at]
     columns = _columns(rows.flat(J) * scales(list(seen.parameters)) / sigma[:, None])
     return columns, (rows.scalars - rows.flat(predicted)) / sigma

@@ -74,7 +74,6 @@ def states(tmp_path: Path) -> Path:
     """The poses and loads of a plan as a file of states, with an experiment that states both noises."""
     import numpy as np
 
-    from qsframework.elastostatics import exact_positions
     from qsframework.experiment import read_plan
 
     experiment = load_experiment(M900IB)
@@ -82,7 +81,7 @@ def states(tmp_path: Path) -> Path:
     model, rng = experiment.model(), np.random.default_rng(4)
     lines = [STATES]
     for loaded in (False, True):
-        place = 1e3 * (exact_positions(model, plan.poses, model.nominal, loaded) + 2e-5 * rng.normal(size=(1, 1, 3)))
+        place = 1e3 * (model.positions(plan.poses, model.nominal, loaded) + 2e-5 * rng.normal(size=(1, 1, 3)))
         place += 0.02 * rng.normal(size=place.shape)
         for i, name in enumerate(plan.pose):
             q = ",".join(repr(v) for v in np.rad2deg(plan.pendant[i]).tolist())

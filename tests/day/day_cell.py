@@ -10,7 +10,6 @@ import numpy as np
 
 from qsframework.applications.day import Day, Judged, Slot, begin, decide, enter
 from qsframework.applications.protocol import ProtocolWish
-from qsframework.elastostatics import exact_positions
 from qsframework.elastostatics.so3 import exponential
 from qsframework.experiment import Experiment, Plan, make_plan
 from qsframework.experiment.simulate import prior_draws
@@ -41,7 +40,7 @@ class Arm:
     def at(self, pendant: Array, wrench: Array, loaded: bool) -> Array:
         pendant = pendant + self.angles
         poses = Poses(pendant[None], self.experiment.robot.controller.to_joints(pendant[None]), wrench[None])
-        there = exact_positions(self.experiment.model(), poses, self.x, loaded)[0]
+        there = self.experiment.model().positions(poses, self.x, loaded)[0]
         return (there + self.tool) @ self.rotation.T + self.origin
 
     def moved(self, shift: Array) -> Arm:

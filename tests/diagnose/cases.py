@@ -11,7 +11,7 @@ import pytest
 
 from qsframework.design.candidates import generate_candidates
 from qsframework.diagnose import Diagnosis, diagnose
-from qsframework.elastostatics import Model, exact_readings, make_model
+from qsframework.elastostatics import Model, make_model
 from qsframework.elastostatics.so3 import exponential
 from qsframework.errors import NotConverged
 from qsframework.experiment import (
@@ -105,7 +105,7 @@ def measured(
     wide, x = as_built(effects, values or {}, rng)
     planned = poses(seed, count)
     blank = simulate(campaign(), make_plan(planned, ["load"] * count), seed=seed, linear=True).readings
-    exact = exact_readings(wide, planned, x)
+    exact = wide.predict(planned, x)
     return blank.with_values((exact + noise * SIGMA * rng.standard_normal(exact.shape)).reshape(-1, 3))
 
 

@@ -15,7 +15,7 @@ from qsframework.cli.main import app
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.law import Law
 from qsframework.diagnose.learn import curve, dots
-from qsframework.elastostatics import beyond, exact_readings, range_notes
+from qsframework.elastostatics import beyond, range_notes
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Readings, example, load_experiment, make_rows, read_readings
@@ -117,7 +117,7 @@ def test_the_extended_robot_predicts_poses_that_nobody_has_measured(
 
     def error(model, x) -> float:
         poses = truth.poses.take(truth.plus)
-        said = exact_readings(model, poses, x)[np.arange(len(truth)), truth.marker]
+        said = model.predict(poses, x)[np.arange(len(truth)), truth.marker]
         return float(np.sqrt(np.mean(np.square(said - truth.value))))
 
     before, after = error(d.baseline.model, d.baseline.x), error(extended.model(), extended.model().nominal)

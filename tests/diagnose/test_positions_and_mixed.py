@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from qsframework.diagnose import diagnose
-from qsframework.elastostatics import Model, exact_readings, make_model
+from qsframework.elastostatics import Model, make_model
 from qsframework.elastostatics.so3 import exponential
 from qsframework.experiment import Experiment, Readings, load_experiment
 from qsframework.experiment.observations import start_values
@@ -87,7 +87,7 @@ def test_nothing_is_named_from_positions_of_an_arm_as_it_is_modelled(tmp_path: P
 
 def gauged(model: Model, x: Array, planned: Poses, seed: int) -> Readings:
     """A dial gauge, upright below the first marker."""
-    moved = exact_readings(model, planned, x)
+    moved = model.predict(planned, x)
     down = moved[:, :1, 2:] + SIGMA * np.random.default_rng([seed, 9]).standard_normal((len(planned), 1, 1))
     value = np.full(moved.shape, np.nan)
     value[:, :1, :1] = down

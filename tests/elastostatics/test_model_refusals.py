@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from qsframework.elastostatics import Model, actuator_torques, full_displacement, make_model
-from qsframework.elastostatics.exact import exact_readings
 from qsframework.errors import InputError, NotConverged, PluginError
 from qsframework.experiment import Experiment
 from qsframework.plugin import (
@@ -180,12 +179,13 @@ class Jump(SpringLaw):
         return LawTerm(wave, np.zeros_like(torque), np.sign(wave)[..., None])
 
 
-def test_a_law_without_an_answer_is_not_converged(m900ib: Experiment) -> None:
+@pytest.mark.parametrize(("linear", "words"), [(True, "did not settle|cannot"), (False, "does not settle")])
+def test_a_law_without_an_answer_is_not_converged(m900ib: Experiment, linear: bool, words: str) -> None:
     model = wide(m900ib, Jump())
     x = model.nominal
     x[model.index(["compensator_stiffness[joint_2].stiffness"])] = 5e6
-    with pytest.raises(NotConverged, match=r"did not settle|cannot"):
-        model.predict(batch(m900ib), x)
+    with pytest.raises(NotConverged, match=words):
+        model.predict(batch(m900ib), x, linear)
 
 
 def test_no_poses_no_torques(m900ib: Experiment) -> None:
@@ -201,24 +201,28 @@ def test_names_are_unique_and_known(m900ib: Experiment) -> None:
     assert "joint_compliance[joint_2]" in str(caught.value.problems[0].hint)
 
 
+@pytest.mark.parametrize("linear", [True, False])
 @pytest.mark.parametrize("loaded", [False, True])
-def test_positions_and_their_slopes_together_are_those_of_each_alone(m900ib: Experiment, loaded: bool) -> None:
+def test_positions_and_their_slopes_together_are_those_of_each_alone(
+    m900ib: Experiment, loaded: bool, linear: bool
+) -> None:
     model, poses = m900ib.model(), batch(m900ib)
     names = [n for n in model.names if n.startswith(("joint_compliance", "gravity"))]
-    value, slope = model.position_rates(poses, model.nominal, names, loaded)
-    np.testing.assert_allclose(value, model.positions(poses, model.nominal, loaded), rtol=1e-14)
-    np.testing.assert_allclose(slope, model.position_sensitivity(poses, model.nominal, names, loaded), atol=1e-18)
+    x = model.nominal
+    value, slope = model.position_rates(poses, x, names, loaded, linear)
+    np.testing.assert_allclose(value, model.positions(poses, x, loaded, linear), rtol=1e-14)
+    np.testing.assert_allclose(slope, model.position_sensitivity(poses, x, names, loaded, linear), atol=1e-18)
 
 
-def test_exact_readings_are_the_equilibrium_and_what_the_sensor_makes_of_it(m900ib: Experiment) -> None:
-    """A scale of 1 % makes the exact displacement 1 % longer, up to what is linear in it: parts in 1e4."""
+def test_readings_are_the_equilibrium_and_what_the_sensor_makes_of_it(m900ib: Experiment) -> None:
+    """A scale of 1 % makes the displacement 1 % longer, up to what is linear in it: parts in 1e4."""
     poses = batch(m900ib)
-    plain = exact_readings(m900ib.model(), poses, m900ib.model().nominal)
+    plain = m900ib.model().predict(poses, m900ib.model().nominal)
     np.testing.assert_array_equal(plain, full_displacement(m900ib.model(), poses))
     scaled = wide(m900ib, *build(m900ib, effect="tracker_scale"))
     x = scaled.nominal
-    np.testing.assert_allclose(exact_readings(scaled, poses, x), plain, atol=1e-15)
+    np.testing.assert_allclose(scaled.predict(poses, x), plain, atol=1e-15)
     x[scaled.index(["tracker_scale"])] = 0.01
-    found = exact_readings(scaled, poses, x)
+    found = scaled.predict(poses, x)
     np.testing.assert_allclose(found, 1.01 * plain, atol=2e-4 * np.abs(plain).max())
     assert np.abs(found - plain).max() > 5e-3 * np.abs(plain).max()

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.elastostatics import exact_positions
 from qsframework.elastostatics.model import Model
 from qsframework.experiment import Experiment, Readings, States
 from qsframework.experiment.readings import UNSTATED
@@ -43,7 +42,7 @@ def settled(model: Model, poses: Poses, loaded: npt.NDArray[np.bool_], x: Array 
     for flag in (False, True):
         at = np.flatnonzero(loaded == flag)
         if len(at):
-            out[at] = exact_positions(model, poses.take(at), x, flag)
+            out[at] = model.positions(poses.take(at), x, flag)
     return out
 
 

@@ -194,12 +194,13 @@ def test_frames() -> None:
         assert left_jacobian(v) == pytest.approx(J, abs=1e-7)
 
 
-def test_derivatives_against_differences(arm: Experiment) -> None:
+@pytest.mark.parametrize("linear", [True, False])
+def test_derivatives_against_differences(arm: Experiment, linear: bool) -> None:
     rng = np.random.default_rng(8)
     x = true_arm(arm, rng)
     states = made_states(arm, x, 6, rng, 0.0)
     names = names_of(arm, GEOMETRY + SPRINGS)
-    observed = bridge(arm, states, names, linear=True, x=x).observations()
+    observed = bridge(arm, states, names, linear=linear, x=x).observations()
     z = np.concatenate([0.1 * rng.standard_normal(12), x[arm.model().index(names)]])
     J = observed.jacobian(z)
     for i, p in enumerate(observed.parameters):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from qsframework.cli.identify import FitFiles, run_identify
-from qsframework.elastostatics import exact_positions
 from qsframework.elastostatics.so3 import exponential
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions, solve
@@ -68,7 +67,7 @@ def drawn(arm: Experiment, count: int, seed: int) -> Poses:
 def positions(arm: Experiment, x: Array, count: int, seed: int) -> Readings:
     """Each pose loaded and unloaded, in the tracker's frame."""
     one, model = drawn(arm, count, 3), arm.model()
-    both = np.stack([exact_positions(model, one, x, flag) for flag in (False, True)], axis=1)
+    both = np.stack([model.positions(one, x, flag) for flag in (False, True)], axis=1)
     seen = TRACKER.apply(both.reshape(2 * count, -1, 3))
     seen = seen + SIGMA * np.random.default_rng(seed).standard_normal(seen.shape)
     poses, loaded = one.take(np.repeat(np.arange(count), 2)), np.tile([False, True], count)

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.elastostatics import exact_positions
 from qsframework.elastostatics.so3 import exponential
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
@@ -58,7 +57,7 @@ def displaced_of(arm: Experiment, poses: Poses) -> Readings:
 
 
 def positions_of(arm: Experiment, poses: Poses) -> Readings:
-    both = np.stack([exact_positions(arm.model(), poses, None, flag) for flag in (False, True)], axis=1)
+    both = np.stack([arm.model().positions(poses, None, flag) for flag in (False, True)], axis=1)
     seen = TRACKER.apply(both.reshape(2 * COUNT, -1, 3))
     twice, loaded = poses.take(np.repeat(np.arange(COUNT), 2)), np.tile([False, True], COUNT)
     readings = position_readings(twice, loaded, seen, 2e-5, pose=[f"t{i // 2}" for i in range(2 * COUNT)])
@@ -107,7 +106,7 @@ def exact_of(arm: Experiment, readings: Readings, linear: bool = False) -> Array
 
 
 def campaign(arm: Experiment, readings: Readings, seed: int) -> Readings:
-    """Readings of the tangent model with noise as it is stated."""
+    """Readings of the linear model with noise as it is stated."""
     rows = make_rows(readings)
     value = np.array(readings.value)
     noise = rows.sigma * np.random.default_rng([3, seed]).standard_normal((len(rows.keep), 3))
@@ -122,7 +121,7 @@ def test_gauges_say_what_they_measure(arm: Experiment, poses: Poses, kinds: dict
     assert np.unique(readings.sigma).tolist() == [1e-5]
     found = exact_of(arm, readings)
     assert np.isfinite(readings.value).sum() == len(readings)
-    before, after = (exact_positions(arm.model(), poses, None, flag) for flag in (False, True))
+    before, after = (arm.model().positions(poses, None, flag) for flag in (False, True))
     i = 0
     for n in range(COUNT):
         for k in range(2):
@@ -157,21 +156,24 @@ def test_each_kind_has_errors_of_its_own(arm: Experiment, kinds: dict[str, Readi
         assert clean < 0.1 < 1.5 * float(found[name]["leave-one-pose-out"])
 
 
+@pytest.mark.parametrize("linear", [True, False])
 @pytest.mark.parametrize("kind", ["displacement", "position", "gauge", "mixed"])
-def test_derivatives_against_finite_differences(arm: Experiment, kinds: dict[str, Readings], kind: str) -> None:
+def test_derivatives_against_finite_differences(
+    arm: Experiment, kinds: dict[str, Readings], kind: str, linear: bool
+) -> None:
     rows = make_rows(kinds[kind])
     model, names = arm.model(), arm.fit_names()
     x, frames = model.nominal, (TRACKER,) * len(rows.estimated)
-    J = rows.rates(model, x, frames, names)[1]
+    J = rows.rates(model, x, frames, names, linear)[1]
     for i, name in enumerate(names):
         step = np.zeros(len(x))
         step[model.index([name])] = 1e-2 * x[model.index([name])]
-        ends = [rows.predict(model, x + s * step, frames, linear=True) for s in (1.0, -1.0)]
+        ends = [rows.predict(model, x + s * step, frames, linear) for s in (1.0, -1.0)]
         slope = (ends[0] - ends[1]) / (2.0 * step.max())
         assert np.allclose(J[:, :, 6 * len(frames) + i], slope, rtol=1e-4, atol=1e-5 * np.abs(slope).max()), name
     for i in range(6 * len(frames)):
         motion = 1e-5 * np.eye(6)[i]
-        ends = [rows.predict(model, x, (TRACKER.moved(s * motion),), linear=True) for s in (1.0, -1.0)]
+        ends = [rows.predict(model, x, (TRACKER.moved(s * motion),), linear) for s in (1.0, -1.0)]
         assert np.allclose(J[:, :, i], (ends[0] - ends[1]) / 2e-5, atol=1e-6)
 
 

@@ -93,10 +93,11 @@ def errors(fit: Fit) -> Array:
     return np.concatenate([motion, np.array([e.value for e in fit.estimates[6:]]) - truth])
 
 
-def test_columns_against_finite_differences(arm: Experiment) -> None:
+@pytest.mark.parametrize("linear", [True, False])
+def test_columns_against_finite_differences(arm: Experiment, linear: bool) -> None:
     states = positions(arm, 0.0, np.zeros(3), np.random.default_rng(0))
     fit = identify(arm, states, options=LINEAR)
-    seen = bridge(arm, states, linear=True, frames=fit.frames)
+    seen = bridge(arm, states, linear=linear, frames=fit.frames)
     columns = seen.rows.spread(load_columns(seen, fit.x))
     assert np.array_equal(np.abs(columns).max(axis=(1, 2)) > 0.0, states.states.loaded[states.plus])
     h = 1e-4
@@ -104,8 +105,8 @@ def test_columns_against_finite_differences(arm: Experiment) -> None:
         ends = []
         for s in (h, -h):
             turned = states.with_poses(acting(states.poses, s * k, s * np.array(r)))
-            moved = bridge(arm, turned, linear=True, frames=fit.frames)
-            ends.append(moved.rows.predict(fit.model, fit.x, fit.frames, linear=True))
+            moved = bridge(arm, turned, linear=linear, frames=fit.frames)
+            ends.append(moved.rows.predict(fit.model, fit.x, fit.frames, linear))
         assert np.allclose(columns[..., i], (ends[0] - ends[1]) / (2 * h), rtol=1e-5, atol=1e-9)
 
 

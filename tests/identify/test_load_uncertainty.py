@@ -42,21 +42,22 @@ def test_the_error_is_a_proper_effect(m900ib: Experiment) -> None:
     check_effect(LoadError(), m900ib.robot.facts)
 
 
-def test_columns_are_those_of_the_effects(m900ib: Experiment, plan: Plan) -> None:
+@pytest.mark.parametrize("linear", [True, False])
+def test_columns_are_those_of_the_effects(m900ib: Experiment, plan: Plan, linear: bool) -> None:
     """load_scale and load_direction, the built-in effects, have the same sensitivities; rz by differences."""
     model = m900ib.model()
-    seen = bridge(m900ib, simulate(m900ib, plan).readings, linear=True)
+    seen = bridge(m900ib, simulate(m900ib, plan).readings, linear=linear)
     J = load_columns(seen, model.nominal).reshape(len(plan.poses), -1, 3, 4)
     effects = (*model.effects, find("load_scale")(), find("load_direction")())
     markers = list(zip(model.marker_names, model.markers, strict=True))
     wide = make_model(model.facts, effects, model.parameters, model.tip, markers, model.gravity)
     names = ["load_scale", "load_direction.rx", "load_direction.ry"]
-    assert np.allclose(J[..., :3], wide.sensitivity(plan.poses, None, names), rtol=1e-10, atol=1e-15)
+    assert np.allclose(J[..., :3], wide.sensitivity(plan.poses, None, names, linear), rtol=1e-10, atol=1e-15)
     h, ends = 1e-5, []
     for angle in (h, -h):
         R = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
         turned = replace(plan.poses, wrench=np.array(plan.poses.wrench @ np.kron(np.eye(2), R).T))
-        ends.append(model.predict(turned))
+        ends.append(model.predict(turned, linear=linear))
     assert np.allclose(J[..., 3], (ends[0] - ends[1]) / (2 * h), rtol=1e-6, atol=1e-9)
 
 
@@ -166,8 +167,10 @@ def test_tied_joints_are_moved_together(m900ib: Experiment, plan: Plan) -> None:
         r = 1e-4 * np.eye(3)[axis]
         halves = plan.poses.wrench.reshape(-1, 2, 3)
         turned = replace(plan.poses, wrench=(halves + np.cross(r, halves)).reshape(-1, 6))
-        moved = m900ib.model().predict(turned, at.x) - m900ib.model().predict(plan.poses, at.x)
-        shifted = identify(m900ib, readings.with_values(readings.value + moved.reshape(-1, 3)), options=options)
+        acts, thought = (m900ib.model().predict(poses, at.x, linear=True) for poses in (turned, plan.poses))
+        shifted = identify(
+            m900ib, readings.with_values(readings.value + (acts - thought).reshape(-1, 3)), options=options
+        )
         change = np.array([a.value - b.value for a, b in zip(shifted.estimates, at.estimates, strict=True)])
         assert np.allclose(change, G[:, 1 + axis], rtol=1e-3, atol=1e-4 * np.abs(G[:, 1 + axis]).max())
     tied = [at.names.index(n) for n in group]

@@ -139,9 +139,10 @@ def test_weights_decide_between_the_methods(arm: Experiment) -> None:
 
 
 @pytest.mark.parametrize("which", ["one", "first of two"])
-def test_derivatives_against_finite_differences(arm: Experiment, which: str) -> None:
+@pytest.mark.parametrize("linear", [True, False])
+def test_derivatives_against_finite_differences(arm: Experiment, which: str, linear: bool) -> None:
     readings = measured(arm, planned(arm, (-50.0, 10.0, 80.0), 2), 1)
-    seen = bridge(arm, readings, linear=True)
+    seen = bridge(arm, readings, linear=linear)
     o = seen.observations()
     if which == "first of two":
         angles, group = distinct_angles(readings.poses.q[:, 1], 1e-4)

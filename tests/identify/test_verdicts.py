@@ -98,7 +98,9 @@ def test_what_tied_parameters_share_is_not_taken_for_known(m900ib: Experiment) -
         def index(self, names: list[str]) -> list[int]:
             return [0, 1, 2]
 
-        def sensitivity(self, poses: object, x: object = None, names: object = None) -> np.ndarray:
+        def sensitivity(
+            self, poses: object, x: object = None, names: object = None, linear: object = None
+        ) -> np.ndarray:
             rng = np.random.default_rng(0)
             a = rng.normal(size=(40, 1, 3))
             c = a + 0.1 * rng.normal(size=(40, 1, 3))

@@ -105,7 +105,7 @@ def test_a_rod_s_give_is_a_compliance_of_the_joint_that_follows(palletizer: Robo
     rod = effects_of(palletizer, {"effect": "joint_compliance", "joint": "joint_4"})
     poses = some_poses(palletizer, 6, 2)
     soft = model_of(palletizer, (*palletizer.effects, *rod), joint_4=1e-6)
-    moved = soft.predict(poses) - model_of(palletizer).predict(poses)
+    moved = soft.predict(poses, linear=True) - model_of(palletizer).predict(poses, linear=True)
     data = palletizer.model.createData()
     for i, q in enumerate(poses.q):
         pin.computeJointJacobians(palletizer.model, data, q)
@@ -129,7 +129,7 @@ def test_a_coupled_wrist_spreads_its_gears() -> None:
     zero = dict.fromkeys(robot.facts.joints, 0.0)
     model = model_of(robot, (*robot.effects, loop), **(zero | c))
     poses, data = some_poses(robot, 5), robot.model.createData()
-    moved = model.predict(poses)
+    moved = model.predict(poses, linear=True)
     C = np.array(WRIST) @ np.diag(list(c.values())) @ np.array(WRIST).T
     for i, q in enumerate(poses.q):
         pin.computeJointJacobians(robot.model, data, q)

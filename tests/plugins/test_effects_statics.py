@@ -76,11 +76,11 @@ def frames(facts: RobotFacts, q: np.ndarray) -> list[np.ndarray]:
 )
 @pytest.mark.parametrize("direction", ["x", "y", "z", "rx", "ry", "rz"])
 def test_a_spring_at_a_link_s_frame(robot: Robot, facts: RobotFacts, effect: str, link: int, direction: str) -> None:
-    """One spring: the load's part along it, times c, moves what lies beyond it."""
+    """One spring, linear: the load's part along it, times c, moves what lies beyond it."""
     where = f"link_{link}/{direction}" if effect == "link_compliance" else direction
     entry = {"effect": effect, "direction": direction} | ({"link": f"link_{link}"} if "/" in where else {})
     c, p = 3e-8, poses(robot)
-    got = serial(robot, [entry], {f"{effect}[{where}]": c}, facts=facts).predict(p)[:, 0]
+    got = serial(robot, [entry], {f"{effect}[{where}]": c}, facts=facts).predict(p, linear=True)[:, 0]
     for i, q in enumerate(p.q):
         at = frames(facts, q)
         axis = at[link][:3, "xyz".index(direction[-1])]

@@ -85,11 +85,11 @@ def test_one_soft_joint_is_reproduced(joint: str) -> None:
 
 @pytest.mark.parametrize("joint", ["joint_2", "joint_4"])
 def test_parameters_are_compliance_times_lumped_moments(joint: str) -> None:
-    """c |g| L, L summed from the tip: what lies along a joint's axis goes to the link before."""
+    """In the linear model: c |g| L, L summed from the tip: what lies along a joint's axis goes to the link before."""
     facts = heavy(load_robot("ur10"))
     truth, x = soft(facts, [joint], [])
     sag = sagging(facts, [joint], [])
-    found = fitted(sag, poses(), truth.positions(poses(), x) - sag.positions(poses()))
+    found = fitted(sag, poses(), truth.positions(poses(), x, linear=True) - sag.positions(poses()))
     mass, moment, expected = 0.0, np.zeros(3), {}
     for k in reversed(range(facts.joint_index(joint), facts.n)):
         moment = moment + facts.masses[k + 1] * facts.centres[k + 1]
@@ -137,7 +137,7 @@ def test_a_third_entry_per_link_tells_nothing_more() -> None:
             )
             x = np.zeros(len(m.parameters))
             x[m.index(["joint_compliance[joint_2]", f"link_mass[{facts.links[link]}].m{'xyz'[i]}"])] = 1e-5, 1.0
-            full.append((m.positions(p, x) - m.positions(p, 0 * x)).ravel())
+            full.append((m.positions(p, x, linear=True) - m.positions(p, 0 * x)).ravel())
     values = np.linalg.svd(np.stack(full, axis=1), compute_uv=False)
     assert int((values > 1e-9 * values[0]).sum()) == 10
     assert len(build_effects({"effect": "gravity_sag", "joint": "joint_2"}, facts)[0].parameters(facts)) == 10

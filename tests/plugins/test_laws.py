@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from qsframework.elastostatics import Model, Site, exact_readings, make_model
+from qsframework.elastostatics import Model, Site, make_model
 from qsframework.errors import InputError, PluginError
 from qsframework.plugin import (
     Actuator,
@@ -234,14 +234,15 @@ def slopes(m: Model, p: Poses, x: Array, value: Any) -> Array:
 
 @pytest.mark.parametrize("effects", [*((e,) for e in ALL), ALL], ids=lambda e: "+".join(x.name for x in e))
 @pytest.mark.parametrize("state", [None, False, True])
-def test_sensitivities_of_laws_without_derivatives(effects: Sequence[Effect], state: bool | None) -> None:
+@pytest.mark.parametrize("linear", [True, False])
+def test_sensitivities_of_laws_without_derivatives(effects: Sequence[Effect], state: bool | None, linear: bool) -> None:
     m, p = model(*effects), poses()
     x = m.nominal
     if state is None:
-        found, numeric = m.sensitivity(p, x), slopes(m, p, x, lambda v: m.predict(p, v))
+        found, numeric = m.sensitivity(p, x, linear=linear), slopes(m, p, x, lambda v: m.predict(p, v, linear))
     else:
-        found = m.position_sensitivity(p, x, loaded=state)
-        numeric = slopes(m, p, x, lambda v: m.positions(p, v, state))
+        found = m.position_sensitivity(p, x, loaded=state, linear=linear)
+        numeric = slopes(m, p, x, lambda v: m.positions(p, v, state, linear))
     size = np.abs(numeric).max(axis=(0, 1, 2))
     error = np.abs(found - numeric).max(axis=(0, 1, 2)) - 1e-14 / (1e-4 * np.abs(x))
     assert (error <= 1e-5 * size).all(), sorted(zip(error / np.maximum(size, 1e-300), m.names, strict=True))[-3:]
@@ -249,13 +250,13 @@ def test_sensitivities_of_laws_without_derivatives(effects: Sequence[Effect], st
 
 @pytest.mark.parametrize("effect", [e for e in ALL if not isinstance(e, (Warped, Crooked))], ids=lambda e: e.name)
 def test_every_kind_sees_the_conditions_of_its_state(effect: Effect) -> None:
-    """Warmth or time of the loaded state alone changes the displacement, exact and by the tangent model alike."""
+    """Warmth or time of the loaded state alone changes the displacement, settled and by the linear model alike."""
     m, p = model(effect), poses(warm=0.0)
     later = replace(p, loaded=Conditions(p.loaded.time + 600.0, p.loaded.temperature + 20.0, p.loaded.approach))  # type: ignore[operator]
     if effect.needs:
-        for readings in (m.predict, lambda q: exact_readings(m, q)):
-            assert np.abs(readings(later) - readings(p)).max() > 1e-6
-    linear, exact = m.predict(later), exact_readings(m, later)
+        for linear in (True, False):
+            assert np.abs(m.predict(later, linear=linear) - m.predict(p, linear=linear)).max() > 1e-6
+    linear, exact = m.predict(later, linear=True), m.predict(later)
     assert np.abs(linear - exact).max() < 0.1 * np.abs(exact).max()
 
 

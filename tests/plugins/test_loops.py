@@ -289,7 +289,7 @@ def test_an_elastic_bar_agrees_with_statics(kind: str) -> None:
     model = make_model(arm(), [loop, BarCompliance("joint_3", kind)], [], TIP, [("tip", TIP)], np.zeros(3))
     x = np.zeros(len(model.parameters))
     x[-1] = SOFT
-    found = model.predict(poses, x)[:, 0]
+    found = model.predict(poses, x, linear=True)[:, 0]
     for q, wrench, degrees, displacement in zip(poses.q, poses.wrench, ANGLES, found, strict=True):
         rate = slope(lambda angle, q=q: tip(with_elbow(q, angle)), q[2])
         here = frames(q)
@@ -333,20 +333,20 @@ def test_an_elastic_bar_counts_as_one_over_sine_squared() -> None:
     model = make_model(
         arm(), [loop, BarCompliance("joint_3")], [], TIP, [("elbow", Site(3, np.array([0, 0, 1.0])))], np.zeros(3)
     )
-    size = np.linalg.norm(model.predict(Poses(q, q, wrench), np.array([0.0, SOFT]))[:, 0], axis=1)
+    size = np.linalg.norm(model.predict(Poses(q, q, wrench), np.array([0.0, SOFT]), linear=True)[:, 0], axis=1)
     assert np.allclose(size * np.sin(np.deg2rad(ANGLES)) ** 2, size[0], rtol=1e-9)
     assert np.isclose(size[0], SOFT * 1e3 / 0.75**2)
 
 
 def test_motors_and_bar_give_together() -> None:
-    """Springs in series: each gives as if it were alone."""
+    """Springs in series, linear: each gives as if it were alone."""
     loop = Parallelogram("joint_3", "joint_2", 0.75, zero=-np.pi / 2)
     poses = poses_at(ANGLES)
     springs = [JointCompliance("joint_2"), JointCompliance("joint_3"), BarCompliance("joint_3")]
     model = make_model(arm(), [loop, *springs], [], TIP, [("tip", TIP)], np.zeros(3))
     x = np.array([0.0, 1.4e-7, 2e-7, SOFT])
-    alone = sum(model.predict(poses, x * keep) for keep in np.eye(4)[1:])
-    assert np.allclose(model.predict(poses, x), alone, rtol=1e-12, atol=1e-18)
+    alone = sum(model.predict(poses, x * keep, linear=True) for keep in np.eye(4)[1:])
+    assert np.allclose(model.predict(poses, x, linear=True), alone, rtol=1e-12, atol=1e-18)
 
 
 # A chain given by its pivots, held against the planar loops and against Pinocchio's point constraint.
@@ -471,7 +471,7 @@ def test_an_elastic_bar_of_a_chain_is_that_of_the_parallelogram() -> None:
         model = make_model(ROBOT, [loop, spring], [], TIP, [("tip", TIP)], np.zeros(3))
         x = np.zeros(len(model.parameters))
         x[-1] = SOFT
-        found.append(model.predict(poses, x))
+        found.append([model.predict(poses, x, linear) for linear in (True, False)])
     assert np.allclose(*found, rtol=1e-9, atol=1e-15)
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.elastostatics import exact_positions
 from qsframework.elastostatics.so3 import exponential
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
@@ -64,7 +63,7 @@ def made(folder: Path, x: dict[str, float], seed: int = 1, count: int = POSES) -
     values[model.index(experiment.spring_names())] = 0.0
     for name, value in x.items():
         values[model.index([name])] = value
-    return Made(experiment, q, exact_positions(model, Poses(q, q, np.zeros((count, 6))), values, loaded=False))
+    return Made(experiment, q, model.positions(Poses(q, q, np.zeros((count, 6))), values, loaded=False))
 
 
 def read(data: Made, folder: Path, points: Array | None = None, q: Array | None = None, seed: int = 2) -> Readings:

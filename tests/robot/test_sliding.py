@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sliding_arms import ARMS, write_arm
 
-from qsframework.elastostatics import Model, Site, cartesian_compliance, equilibrium, exact_positions, make_model
+from qsframework.elastostatics import Model, Site, cartesian_compliance, equilibrium, make_model
 from qsframework.errors import InputError
 from qsframework.plugin import Array, Effect, Poses, Spring, SpringLaw, build_effects, registry
 from qsframework.robot import Robot, load_robot
@@ -62,7 +62,8 @@ def test_kinematics_and_gravity_are_those_of_pinocchio(robot: Robot) -> None:
     assert np.abs(ours.torque - theirs.torque).max() < 1e-12 * np.abs(theirs.torque).max() * 10
 
 
-def test_every_derivative_of_every_effect_that_is_offered(robot: Robot) -> None:
+@pytest.mark.parametrize("linear", [True, False])
+def test_every_derivative_of_every_effect_that_is_offered(robot: Robot, linear: bool) -> None:
     """Readings by each parameter, loaded minus unloaded, against differences."""
     at = poses(robot, 3)
     places = [e for kind in registry().values() for e in kind.places(robot.facts, ("tip", "elbow"))]
@@ -71,13 +72,13 @@ def test_every_derivative_of_every_effect_that_is_offered(robot: Robot) -> None:
     for effect in offered:
         whole = model(robot, *springs_below(effect, robot), effect)
         x = np.array([p.nominal or 0.3 * p.typical for p in whole.parameters])
-        exact = whole.sensitivity(at, x)
+        exact = whole.sensitivity(at, x, linear=linear)
         for i, p in enumerate(whole.parameters):
             if not p.name.startswith(effect.name):
                 continue
             h = 1e-4 * abs(x[i])
             up, down = (np.where(np.arange(len(x)) == i, x + s * h, x) for s in (1.0, -1.0))
-            slope = (whole.predict(at, up) - whole.predict(at, down)) / (2.0 * h)
+            slope = (whole.predict(at, up, linear) - whole.predict(at, down, linear)) / (2.0 * h)
             floor = 1e-12 / h + 1e-5 * np.abs(exact[..., i]).max()
             assert np.abs(slope - exact[..., i]).max() < floor, p.name
 
@@ -115,16 +116,17 @@ def test_the_equilibrium_gives_as_its_compliance_says(robot: Robot) -> None:
     assert np.abs(found - slope).max() < 1e-5 * np.abs(slope).max()
 
 
-def test_positions_have_the_derivatives_of_their_differences(robot: Robot) -> None:
+@pytest.mark.parametrize("linear", [True, False])
+def test_positions_have_the_derivatives_of_their_differences(robot: Robot, linear: bool) -> None:
     """Of the loaded state, with offsets and misplaced joints, by every parameter."""
     kinds = [registry()["joint_offset"], registry()["joint_placement"]]
     more = [e for kind in kinds for e in build_effects({"joints": "all"}, robot.facts, effect=kind)]
     whole, at = model(robot, *more), poses(robot, 3)
     x = np.array([p.nominal or p.typical for p in whole.parameters])
-    exact = whole.position_sensitivity(at, x, loaded=True)
+    exact = whole.position_sensitivity(at, x, loaded=True, linear=linear)
     for i, p in enumerate(whole.parameters):
         h = 1e-3 * abs(x[i])
-        up, down = (whole.positions(at, np.where(np.arange(len(x)) == i, x + s * h, x), True) for s in (1, -1))
+        up, down = (whole.positions(at, np.where(np.arange(len(x)) == i, x + s * h, x), True, linear) for s in (1, -1))
         slope = (up - down) / (2.0 * h)
         assert np.abs(slope - exact[..., i]).max() < 1e-5 * np.abs(slope).max() + 1e-11 / h, p.name
 
@@ -139,7 +141,7 @@ def test_an_offset_of_a_track_is_a_travel(tmp_path: Path) -> None:
     moved = x.copy()
     moved[whole.index([parameter.name])[0]] = 2e-3
     rail = robot.facts.placements[0][:3, :3] @ robot.facts.axes[0]
-    shift = exact_positions(whole, at, moved, False) - exact_positions(whole, at, x, False)
+    shift = whole.positions(at, moved, False) - whole.positions(at, x, False)
     assert np.allclose(shift, 2e-3 * rail, atol=1e-12)
 
 

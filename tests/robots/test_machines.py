@@ -122,7 +122,8 @@ def test_the_equilibrium_is_where_the_energy_is_least(arm: Robot, tree: pin.Mode
         np.testing.assert_allclose(ours[i], tips[0] - tips[1], atol=1e-10)
 
 
-def test_every_effect_holds_and_sensitivities_are_slopes(arm: Robot) -> None:
+@pytest.mark.parametrize("linear", [True, False])
+def test_every_effect_holds_and_sensitivities_are_slopes(arm: Robot, linear: bool) -> None:
     """With a bar that is too long and gives, weights on bars among the parameters."""
     more = [
         {"effect": "bar_compliance", "driven": "joint_3"},
@@ -135,11 +136,12 @@ def test_every_effect_holds_and_sensitivities_are_slopes(arm: Robot) -> None:
     model, poses = model_of(arm, effects), some_poses(arm, 5, 2)
     x = model.nominal + 1e-4 * np.array([n.startswith(("joint_offset", "parallelogram")) for n in model.names])
     x[model.index(["bar_compliance[joint_3]"])] = 1e-8
-    ours = model.position_sensitivity(poses, x)
+    ours = model.position_sensitivity(poses, x, linear=linear)
     for k, p in enumerate(model.parameters):
         h = np.zeros(len(x))
         h[k] = 1e-4 * p.typical
-        step = (model.positions(poses, x + h) - model.positions(poses, x - h)) / (2 * h[k])
+        up, down = (model.positions(poses, x + s * h, linear=linear) for s in (1, -1))
+        step = (up - down) / (2 * h[k])
         np.testing.assert_allclose(ours[..., k] * p.typical, step * p.typical, atol=1e-9)
 
 

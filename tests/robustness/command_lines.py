@@ -33,7 +33,6 @@ from fuzzing import TIME_LIMIT, Found, Outcome
 from mutate import NUMBERS, TEXTS, mutated
 
 from qsframework.cli.main import app, main
-from qsframework.elastostatics import exact_positions
 from qsframework.experiment import load_experiment, read_plan
 
 SMALL = Path(__file__).parent / "small"
@@ -300,7 +299,7 @@ def _more_tables(place: Path) -> None:
     experiment = load_experiment(place / "experiment.yaml")
     plan = read_plan(place / "plan.csv", experiment)
     model = experiment.model()
-    where = [1e3 * exact_positions(model, plan.poses, 1.5 * model.nominal, loaded) for loaded in (False, True)]
+    where = [1e3 * model.positions(plan.poses, 1.5 * model.nominal, loaded) for loaded in (False, True)]
     angles = [[f"{x:.6f}" for x in row] for row in np.degrees(plan.pendant)]
     forces = [[f"{x:.3f}" for x in row[:3]] for row in plan.poses.wrench]
     start = "pose,q1_deg,q2_deg,fx_N,fy_N,fz_N,marker"

@@ -11,7 +11,6 @@ from numerics import SIGMA, campaign, candidates, few, noisy, poses, readings, w
 
 from qsframework.design import Wish, design
 from qsframework.diagnose import diagnose
-from qsframework.elastostatics import exact_readings
 from qsframework.errors import InputError, NotConverged
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Readings, make_plan, simulate
@@ -175,7 +174,7 @@ def test_late_clocks_tell_a_drift_as_well(start: float) -> None:
     x = wide.model().nominal
     drift = [n for n in wide.model().names if "drift" in n]
     x[wide.model().index(drift)] = [1e-8, -2e-8, 3e-8]
-    settled = exact_readings(wide.model(), timed, x)
+    settled = wide.model().predict(timed, x)
     data = displaced(timed, settled, UNSTATED, [f"p{i}" for i in range(20)], stated=False)
     fit = identify(wide, data)
     found = fit.x[fit.model.index(drift)]

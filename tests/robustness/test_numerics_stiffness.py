@@ -75,21 +75,25 @@ def test_every_kind_of_spring_is_among_the_cases() -> None:
     assert {p.unit for _, p in _cases()} >= {"rad/(N m)", "m/N", "rad/(N m)^3", "N/m"}
 
 
-def test_a_spring_vanishes_at_a_billionth_of_its_usual_size() -> None:
-    """In proportion: a millionth does a millionth of what the usual size does, 1e-9 of it next to nothing."""
+@pytest.mark.parametrize(("linear", "rounding"), [(True, 1e-17), (False, 2e-15)])
+def test_a_spring_vanishes_at_a_billionth_of_its_usual_size(linear: bool, rounding: float) -> None:
+    """In proportion: a millionth does a millionth of what the usual size does, 1e-9 of it next to nothing.
+
+    What is settled is a difference of positions of metres.
+    """
     batch = replace(poses(campaign(), 5), wrench=np.tile([800.0, 1500.0, -4000.0, 200.0, 300.0, 100.0], (5, 1)))
     for effect, p in _cases():
         model = _wide(effect)
         assert p.null is not None
-        nothing = model.predict(batch, _at(model, p.name, p.null))
+        nothing = model.predict(batch, _at(model, p.name, p.null), linear)
 
         def does(share: float, model: Model = model, p: Parameter = p, nothing: Array = nothing) -> float:
-            return float(np.abs(model.predict(batch, _at(model, p.name, p.typical * share)) - nothing).max())
+            return float(np.abs(model.predict(batch, _at(model, p.name, p.typical * share), linear) - nothing).max())
 
         assert does(1.0) > 0.0, p.name
-        assert does(1e-6) == pytest.approx(1e-6 * does(1.0), rel=0.5, abs=1e-17), p.name
-        assert does(1e-9) <= 2e-9 * does(1.0) + 1e-17, p.name
-        assert np.isfinite(model.sensitivity(batch, _at(model, p.name, p.typical * 1e-9))).all(), p.name
+        assert does(1e-6) == pytest.approx(1e-6 * does(1.0), rel=0.5, abs=rounding), p.name
+        assert does(1e-9) <= 2e-9 * does(1.0) + rounding, p.name
+        assert np.isfinite(model.sensitivity(batch, _at(model, p.name, p.typical * 1e-9), linear=linear)).all(), p.name
 
 
 def test_any_size_is_finite_or_refused() -> None:
@@ -149,7 +153,7 @@ def test_a_balancer_without_end_locks_its_joint(stiffness: float) -> None:
 
 
 def test_stiffnesses_1e18_apart_in_one_arm() -> None:
-    """Springs in series add up whatever their sizes: the sum of what each does alone."""
+    """In the linear model springs in series add up whatever their sizes: the sum of what each does alone."""
     model, batch = campaign().model(), poses(campaign(), 6)
     zero = model.nominal
     gears = model.index([n for n in model.names if n.startswith("joint_compliance")])
@@ -162,5 +166,5 @@ def test_stiffnesses_1e18_apart_in_one_arm() -> None:
     for gear, size in zip(gears, sizes, strict=True):
         x = zero.copy()
         x[gear] = size
-        alone.append(model.predict(batch, x))
-    np.testing.assert_allclose(model.predict(batch, total), np.sum(alone, axis=0), rtol=1e-12, atol=1e-18)
+        alone.append(model.predict(batch, x, linear=True))
+    np.testing.assert_allclose(model.predict(batch, total, linear=True), np.sum(alone, axis=0), rtol=1e-12, atol=1e-18)

@@ -9,7 +9,7 @@ import numpy as np
 
 from qsframework.applications.day.record import Slot
 from qsframework.applications.protocol import Protocol
-from qsframework.elastostatics import Model, exact_positions
+from qsframework.elastostatics import Model
 from qsframework.experiment import Experiment, Frame
 from qsframework.plugin import Array, Poses
 from qsframework.robot.kinematics import joint_frames
@@ -51,7 +51,7 @@ class Expected:
 
     def standing(self, pendant: Array) -> Array:
         """Where the markers are (N, M, 3) m at other angles (N, n) rad, without a load."""
-        all_ = exact_positions(self.model, _poses(self.experiment, pendant, np.zeros((len(pendant), 6))), None, False)
+        all_ = self.model.positions(_poses(self.experiment, pendant, np.zeros((len(pendant), 6))))
         return all_[:, [i for i, m in enumerate(self.experiment.markers) if m.name in self.names]]
 
 
@@ -65,8 +65,8 @@ def expected(experiment: Experiment, protocol: Protocol) -> Expected:
     where = where.ravel()
     poses = _poses(experiment, pendant[one], wrench[one])
     names = experiment.spring_names()
-    place = exact_positions(model, poses, None, True)
-    moved = place - exact_positions(model, replace(poses, wrench=np.zeros_like(poses.wrench)), None, False)
+    place = model.positions(poses, loaded=True)
+    moved = place - model.positions(replace(poses, wrench=np.zeros_like(poses.wrench)))
     slope = model.sensitivity(poses, None, names) if names else np.zeros((*place.shape, 0))
     parameters = [model.parameters[i] for i in model.index(names)]
     spread = np.array([p.sd or _UNKNOWN * abs(p.nominal) or p.typical for p in parameters])

@@ -19,7 +19,6 @@ from qsframework.applications.day.record import TABLE, Row, written
 from qsframework.design import design
 from qsframework.design.problem import joint_sd
 from qsframework.diagnose import diagnose
-from qsframework.elastostatics import exact_positions
 from qsframework.errors import QsfError
 from qsframework.experiment import Plan, Readings, read_readings
 from qsframework.identify import Fit, identify
@@ -109,7 +108,7 @@ def _promised(e: Expected) -> dict[str, float]:
     """The same, worked out once a day: what is expected does not change."""
     protocol = e.protocol
     markers = list(protocol.markers)
-    place = exact_positions(e.model, e.poses, None, True)
+    place = e.model.positions(e.poses, loaded=True)
     rows = [
         Row(
             slot=s, marker=m, xyz=place[i, k], pendant=e.poses.pendant[i], wrench=e.poses.wrench[i], series="", time=0.0

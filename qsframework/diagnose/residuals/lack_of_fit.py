@@ -183,7 +183,7 @@ def arm_axes(experiment: Experiment, rows: Rows) -> Array:
 
     In them a fault of the arm looks alike wherever the first joint has turned it.
     """
-    place = experiment.model().positions(rows.readings.poses)[rows.plus, rows.marker]
+    place = experiment.model().positions(rows.readings.poses, linear=True)[rows.plus, rows.marker]
     up = np.array([0.0, 0.0, 1.0])
     g = experiment.robot.gravity
     if np.linalg.norm(g) > 0.0:

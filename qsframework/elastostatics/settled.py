@@ -1,0 +1,117 @@
+"""Readings where the arm settles, with sensors, and their derivatives there.
+
+Each state stands under its own conditions: what warms up between two states moves the arm between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.elastostatics import springs
+from qsframework.elastostatics.direct import element_readings, geometry_tangents
+from qsframework.elastostatics.equilibrium import Settled, settle
+from qsframework.elastostatics.evaluation import Held, Placed, gather
+from qsframework.elastostatics.sensors import said
+from qsframework.elastostatics.structure import Structure
+from qsframework.elastostatics.tangents import changes, reading_along
+from qsframework.plugin import Array, ParallelSpring, Poses, Sensor, StiffnessTerm, laws
+
+
+@dataclass(frozen=True, eq=False)
+class SettledState:
+    """One state of a batch, where it settles."""
+
+    model: Structure
+    poses: Poses
+    x: Array
+    loaded: bool
+    settled: Settled
+
+    @property
+    def reading(self) -> Array:
+        """What the instrument says (N, K, 3) m of the markers."""
+        state = self.settled.at.state
+        if not state.markers:
+            return np.zeros((len(self.poses), 0, 3))
+        return said(self.model.of_kind(Sensor, self.x), state, self.model.marker_names)
+
+    def rates(self, wanted: Sequence[int]) -> Array:
+        """d reading / d parameter (N, K, 3, P) for the wanted positions in x, by the implicit function theorem.
+
+        With eps = c T + f(T) at every x, d eps = (I + diag(c + f') (K - H))^-1 (dc T + df + (c + f') dT), dT at fixed
+        eps.
+        """
+        ev = _placed(self)
+        response, sensed = _response(self.settled), ev.sense(None)
+        out = np.empty((len(wanted), len(ev.state.markers), 3, len(self.poses)))
+        left = geometry_tangents(ev, wanted, lambda: element_readings(ev, sensed, response, self.loaded), out)
+        for row, change in changes(ev, [wanted[i] for i in left]):
+            out[left[row]] = reading_along(ev, sensed, response, change, self.loaded)
+        return out.transpose(3, 1, 2, 0)
+
+
+def one_state(model: Structure, poses: Poses, x: Array, loaded: bool) -> SettledState:
+    """A state of up to CHUNK poses. Raises NotConverged where a pose does not settle."""
+    return SettledState(model, poses, x, loaded, settle(model, poses, x, loaded))
+
+
+def two_states(model: Structure, poses: Poses, x: Array) -> tuple[SettledState, SettledState]:
+    """The unloaded and the loaded state, each under its own conditions: what warms up between them moves the arm."""
+    before = one_state(model, poses, x, False)
+    start = None if model.differs(x) else before.settled
+    return before, SettledState(model, poses, x, True, settle(model, poses, x, True, start=start))
+
+
+def _response(settled: Settled) -> springs.Response:
+    """How a settled batch reacts: nothing is left to give, and what gives further also moves the loads."""
+    at, count = settled.at, len(settled.eps)
+    stiffness = -at.hessian()
+    rows = list(settled.K.active)
+    stiffness[np.ix_(rows, rows)] += settled.K.K
+    A = at.slope[:, None] * stiffness
+    A[range(count), range(count)] += 1.0
+    inverse = np.asarray(np.linalg.inv(A.transpose(2, 0, 1)).transpose(1, 2, 0), dtype=np.float64)
+    reaction = springs.Stiffness(tuple(range(count)), stiffness)
+    return springs.Response(np.zeros_like(at.T), at.T, at.slope, reaction, at.laws, inverse, settled.eps)
+
+
+def _placed(at: SettledState) -> Placed:
+    """A settled batch as the chain rule looks at it."""
+    model, x, settled, batch = at.model, at.x, at.settled, len(at.poses)
+    motion, commanded = settled.at.state.motion, settled.commanded
+    faces, stiff = list[springs.Faces](), False
+    for effect, xs in model.of_kind(ParallelSpring, x):
+        joints = tuple(model.facts.joint_index(j) for j in effect.joints(model.facts))
+        torque = laws.torque(effect, motion.q[list(joints)].T, xs, motion.context)
+        term = laws.stiffness(effect, commanded.q[list(joints)].T, xs, commanded.context)
+        stiff = stiff or term is not None
+        faces.append(springs.Faces(joints, torque, term or _nothing(batch, len(joints), len(xs))))
+    touched = tuple(sorted({j for f in faces for j in f.joints}))
+    rates = springs.joint_rates(motion, touched)
+    held = None
+    if stiff:
+        own = springs.joint_rates(commanded, touched, rates.active)
+        held = Held(commanded, own, gather(touched, [(f.joints, f.stiffness.value) for f in faces], batch))
+    return Placed(
+        model=model,
+        x=x,
+        poses=at.poses,
+        geometry=settled.geometry,
+        motion=motion,
+        state=settled.at.state,
+        applied=settled.at.applied,
+        faces=tuple(faces),
+        pulls=tuple(settled.at.drawn),
+        rates=rates,
+        held=held,
+        settled=settled.eps,
+    )
+
+
+def _nothing(batch: int, joints: int, parameters: int) -> StiffnessTerm:
+    """The stiffness of a spring that has a torque only."""
+    shape = (batch, joints, joints)
+    return StiffnessTerm(np.zeros(shape), np.zeros((*shape, joints)), np.zeros((*shape, parameters)))
