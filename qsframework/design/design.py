@@ -29,7 +29,7 @@ from qsframework.design.relaxed import SOLVER
 from qsframework.design.task import white_basis
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.experiment import Certificate, Experiment, Plan, Readings, make_plan
-from qsframework.information.rows import gathered_information
+from qsframework.information.rows import as_rows, gathered_information
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.work import HERE, Work
 
@@ -37,6 +37,10 @@ _SHORTLIST = 2000
 _NEAR, _SPLITS = 3, 12
 """How far from the relaxed shares, and how many ways to spend a budget are tried."""
 _LOPSIDED = 0.9
+_FIRST_STEP = (
+    "the candidates are scored by the first step to their equilibrium, which a sample of them shows to rank alike; the "
+    "bound over them is of that model, the values of the plan are of the equilibrium"
+)
 Progress = Callable[[str, int, int], None]
 
 
@@ -201,8 +205,11 @@ def _plan(
 ) -> Plan:
     """Put the chosen candidates, polished, and the certificate into a Plan."""
     total = int(counts.sum())
-    M = problem.prior + gathered_information(problem.rows, chosen, counts.astype(float))
-    relaxed_value = float(rule.value(relaxed.information)) / problem.total
+    M = problem.prior + _settled_information(problem, chosen, counts.astype(float))
+    best = relaxed.information
+    if problem.linear:
+        best = problem.prior / problem.total + _settled_information(problem, relaxed.index, relaxed.weights)
+    relaxed_value = float(rule.value(best)) / problem.total
     before = relaxed.efficiency * relaxed_value / float(rule.value(M))
     poses, polished = problem.batch(chosen), None
     if wish.polish:
@@ -223,7 +230,7 @@ def _plan(
         parameters=problem.names,
         solver=SOLVER if wish.solver == "cvxpy" else "column generation",
         polished_from=polished,
-        notes=_notes(problem, rule, M[0]),
+        notes=(*_notes(problem, rule, M[0]), *((_FIRST_STEP,) if problem.linear else ())),
     )
     load = problem.load(chosen)
     order = np.lexsort((*poses.pendant.T[::-1], load))
@@ -237,6 +244,13 @@ def _plan(
         seed,
         units=problem.experiment.robot.controller.units,
     )
+
+
+def _settled_information(problem: Problem, index: Indices, weights: Array) -> Array:
+    """M (S, p, p) of chosen candidates and their weights, where they settle."""
+    if not problem.linear:
+        return gathered_information(problem.rows, index, weights)
+    return gathered_information(as_rows(problem.rows_of(problem.batch(index))), np.arange(len(index)), weights)
 
 
 def _notes(problem: Problem, rule: Robust, M: Array) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from qsframework.design.candidates import Candidates
 from qsframework.elastostatics import Model
-from qsframework.errors import InputError, NotIdentifiable
+from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import RankTest, left, orthonormal, rank_test, scales
 from qsframework.experiment import Experiment, LoadCase, Plan, Readings, make_rows
 from qsframework.experiment.readings import UNSTATED
@@ -30,6 +30,11 @@ HELD_BYTES = 4_000_000_000
 """Rows above this size are computed again in every pass instead of being held."""
 _SAMPLE = 4096
 _CHUNK = 65536
+_SETTLED = 40_000
+"""Candidates, each at every sample, up to which all are scored where they settle: a second or less."""
+_TRIED, _ALIKE = 512, 0.05
+"""Beyond, so many of them say whether the first step from the commanded pose ranks alike: where the information of any
+combination of parameters differs by less than this share."""
 _TEST_POSES = 200
 Progress = Callable[[int, int], None]
 
@@ -40,7 +45,8 @@ class Problem:
 
     total: number of poses, or the budget; prices (loads,): what a pose under each load takes of it;
     counts: per load, None where the loads that say no number share the rest; least: per load at least so many;
-    prior: information (S, p, p) that is there before; samples: parameter values (S, q) that the rows are taken at
+    prior: information (S, p, p) that is there before; samples: parameter values (S, q) that the rows are taken at;
+    linear: the rows are those of the first step from the commanded pose, which ranks alike
     """
 
     experiment: Experiment
@@ -54,6 +60,7 @@ class Problem:
     samples: Array
     rows: Rows
     prior: Array
+    linear: bool = False
 
     @property
     def per_load(self) -> int:
@@ -73,9 +80,9 @@ class Problem:
         wrench = np.stack([load.wrench for load in self.loads])[self.load(index)]
         return Poses(pendant, self.experiment.robot.controller.to_joints(pendant), wrench)
 
-    def rows_of(self, poses: Poses) -> Array:
-        """Whitened scaled rows (m, S, 3 K, p) of any poses."""
-        return sample_rows(self.experiment, poses, self.names, self.samples)
+    def rows_of(self, poses: Poses, linear: bool = False) -> Array:
+        """Whitened scaled rows (m, S, 3 K, p) of any poses, where they settle."""
+        return sample_rows(self.experiment, poses, self.names, self.samples, linear)
 
     @property
     def priced(self) -> bool:
@@ -83,10 +90,18 @@ class Problem:
         return bool((self.prices != 1.0).any())
 
 
-def sample_rows(experiment: Experiment, poses: Poses, names: Sequence[str], samples: Array) -> Array:
-    """Whitened rows (m, S, 3 K, p) of poses at S samples of the parameters."""
+def sample_rows(
+    experiment: Experiment, poses: Poses, names: Sequence[str], samples: Array, linear: bool = False
+) -> Array:
+    """Whitened rows (m, S, 3 K, p) of poses at S samples of the parameters; zero where a pose does not settle."""
     model, sigma = experiment.model(), experiment.noise.sigma or 1.0
-    return np.stack([information_rows(model, poses, names, sigma, x) for x in samples], axis=1)
+    try:
+        return np.stack([information_rows(model, poses, names, sigma, x, linear) for x in samples], axis=1)
+    except NotConverged:
+        if len(poses) == 1:
+            return np.zeros((1, len(samples), 3 * len(model.markers), len(names)))
+    halves = (slice(0, len(poses) // 2), slice(len(poses) // 2, None))
+    return np.concatenate([sample_rows(experiment, poses.take(half), names, samples, linear) for half in halves])
 
 
 def make_problem(
@@ -134,16 +149,39 @@ def make_problem(
         rows=as_rows(np.zeros((0, 1, 1, 1))),
         prior=start,
     )
+    draft = replace(draft, linear=_first_step_ranks_alike(draft))
     return replace(draft, rows=_rows(draft, progress, work))
+
+
+def _first_step_ranks_alike(problem: Problem) -> bool:
+    """Whether there are so many candidates that the first step from the commanded pose scores them, and a sample shows
+    that it may."""
+    count = problem.per_load * len(problem.loads)
+    if count * len(problem.samples) <= _SETTLED:
+        return False
+    some = problem.batch(np.sort(np.random.default_rng(0).choice(count, _TRIED, replace=False)))
+    linear, settled = (
+        np.einsum("nskp,nskq->spq", rows, rows) for rows in (problem.rows_of(some, True), problem.rows_of(some))
+    )
+    for one, other in zip(linear, settled, strict=True):
+        size = np.sqrt(np.diag(other))
+        if not size.all():
+            return False
+        values, vectors = np.linalg.eigh(other / np.outer(size, size))
+        half = vectors / np.sqrt(np.maximum(values, 1e-12 * values[-1]))
+        ratio = np.linalg.eigvalsh(half.T @ (one / np.outer(size, size)) @ half)
+        if ratio[0] < 1.0 - _ALIKE or ratio[-1] > 1.0 + _ALIKE:
+            return False
+    return True
 
 
 def _rows(problem: Problem, progress: Progress | None, work: Work) -> Rows:
     count = problem.per_load * len(problem.loads)
     shape = (count, len(problem.samples), 3 * len(problem.experiment.markers), len(problem.names))
     if 8 * np.prod(shape, dtype=float) > HELD_BYTES:
-        return MadeRows(lambda index: problem.rows_of(problem.batch(index)), shape)
+        return MadeRows(lambda index: problem.rows_of(problem.batch(index), problem.linear), shape)
     out = np.empty(shape)
-    shared = (problem.experiment, problem.names, problem.samples)
+    shared = (problem.experiment, problem.names, problem.samples, problem.linear)
     starts = range(0, count, _CHUNK)
     tasks = (problem.batch(np.arange(start, min(start + _CHUNK, count))) for start in starts)
     for start, rows in zip(starts, run(_chunk, shared, tasks, work), strict=True):
@@ -153,8 +191,9 @@ def _rows(problem: Problem, progress: Progress | None, work: Work) -> Rows:
     return as_rows(out)
 
 
-def _chunk(shared: tuple[Experiment, tuple[str, ...], Array], poses: Poses) -> Array:
-    return sample_rows(shared[0], poses, shared[1], shared[2])
+def _chunk(shared: tuple[Experiment, tuple[str, ...], Array, bool], poses: Poses) -> Array:
+    experiment, names, samples, linear = shared
+    return sample_rows(experiment, poses, names, samples, linear)
 
 
 def draw_samples(model: Model, count: int, seed: int) -> Array:
@@ -175,7 +214,7 @@ def tip_rows(experiment: Experiment, poses: Poses | None, candidates: Array, nam
         poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench)
     model = replace(experiment.model(), markers=(experiment.load_site,), marker_names=("load point",))
     chosen = [model.parameters[i] for i in model.index(names)]
-    return model.sensitivity(poses, names=names, linear=True)[:, 0] * scales(chosen)
+    return model.sensitivity(poses, names=names)[:, 0] * scales(chosen)
 
 
 def taken_information(experiment: Experiment, taken: Plan | Readings, names: Sequence[str], samples: Array) -> Array:

@@ -13,13 +13,21 @@ from qsframework.experiment import Experiment, Plan
 from qsframework.plugin import Array, Poses
 
 
-def information_rows(model: Model, poses: Poses, names: Sequence[str], sigma: float, x: Array | None = None) -> Array:
+def information_rows(
+    model: Model,
+    poses: Poses,
+    names: Sequence[str],
+    sigma: float,
+    x: Array | None = None,
+    linear: bool = False,
+) -> Array:
     """Whitened rows (N, 3 K, p) of each pose, per unit of each parameter's scale (equation (4), whitened).
 
-    x (q,): values of all parameters to take them at, the nominal ones if None
+    x (q,): values of all parameters to take them at, the nominal ones if None; linear: of the first step from the
+    commanded pose
     """
     chosen = [model.parameters[i] for i in model.index(names)]
-    A = model.sensitivity(poses, x, names).reshape(len(poses), -1, len(names))
+    A = model.sensitivity(poses, x, names, linear).reshape(len(poses), -1, len(names))
     A *= scales(chosen) / sigma
     return A
 
