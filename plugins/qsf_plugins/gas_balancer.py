@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
 
@@ -24,6 +25,8 @@ from qsframework.plugin import (
 
 AMBIENT = 101325.0
 """Pressure of the air on the other side of the piston, Pa."""
+_LEAST = 0.01
+"""Share of what is stated that a fit leaves of it at least."""
 _GAS = ("rod side", "piston side", "both sides")
 
 
@@ -61,10 +64,11 @@ class GasBalancer(ParallelSpring):
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         name, p, V, n = self.name, self.pressure, self.volume, self.exponent
+        least = max(_LEAST * V, V - self._left(np.array([V, n, self.lc, self.l2, self.zero]), robot)[0])
         return (
-            stated(f"{name}.pressure", "Pa", p, 0.05 * p),
-            stated(f"{name}.volume", "m^3", V, 0.05 * V, by_name=True),
-            stated(f"{name}.exponent", "", n, 0.1, by_name=True),
+            stated(f"{name}.pressure", "Pa", p, 0.05 * p, domain=(_LEAST * p, math.inf)),
+            stated(f"{name}.volume", "m^3", V, 0.05 * V, by_name=True, domain=(min(least, V), math.inf)),
+            stated(f"{name}.exponent", "", n, 0.1, by_name=True, domain=(_LEAST * n, math.inf)),
             *SpringTriangle(self.lc, self.l2).parameters(name, self.zero),
         )
 
@@ -87,22 +91,29 @@ class GasBalancer(ParallelSpring):
         for name, value in zip(("pressure", "volume", "exponent"), x, strict=False):
             if not value > 0.0:
                 raise InputError(Problem(f"{self.name}: {name} must be above 0", found=f"{value:g}"))
-        volume, (lc, l2, zero) = x[1], x[3:]
-        triangle = SpringTriangle(lc, l2)
-        triangle.check(self.name)
-        if robot.limits is None:
-            return
-        low, high = (float(limit) + zero for limit in robot.limits[robot.joint_index(self.joint)])
-        turns = range(int(np.ceil(low / np.pi)), int(np.floor(high / np.pi)) + 1)  # the longest and the shortest
-        b = np.array([low, high, *(np.pi * k for k in turns)])
-        left = volume - self._area * (triangle.length(b) - self.length)
-        worst = int(np.argmin(left))
-        if not left[worst] > 0.0:
-            at = f"{1e3 * left[worst]:.3g} l at {self.joint} = {np.rad2deg(b[worst] - zero):.1f} deg"
-            needed = f"volume above {1e3 * (volume - left[worst]):.3g} l"
+        SpringTriangle(x[3], x[4]).check(self.name)
+        left, angle = self._left(x[1:], robot)
+        if not left > 0.0:
+            at = f"{1e3 * left:.3g} l at {self.joint} = {np.rad2deg(angle):.1f} deg"
+            needed = f"volume above {1e3 * (x[1] - left):.3g} l"
             hint = "Look at the volume, the areas, the length of the preload and the side of the gas."
             message = f"{self.name}: the gas has no volume left within the joint's limits"
             raise InputError(Problem(message, found=at, allowed=needed, hint=hint))
+
+    def _left(self, x: Array, robot: RobotFacts) -> tuple[float, float]:
+        """The smallest volume, m^3, that the gas has within the joint's limits, and the joint's angle there, rad.
+
+        x: volume, exponent, lc, l2 and zero
+        """
+        volume, _, lc, l2, zero = x
+        if robot.limits is None:
+            return float(volume), 0.0
+        low, high = (float(limit) + zero for limit in robot.limits[robot.joint_index(self.joint)])
+        turns = range(int(np.ceil(low / np.pi)), int(np.floor(high / np.pi)) + 1)  # the longest and the shortest
+        b = np.array([low, high, *(np.pi * k for k in turns)])
+        left = volume - self._area * (SpringTriangle(lc, l2).length(b) - self.length)
+        worst = int(np.argmin(left))
+        return float(left[worst]), float(b[worst] - zero)
 
     def outline(self, robot: RobotFacts) -> tuple[Point, Point]:
         return SpringTriangle(self.lc, self.l2).pivots(robot, self.joint, self.zero)

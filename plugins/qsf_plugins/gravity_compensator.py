@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from qsf_plugins.spring_triangle import SpringTriangle, check_label, spring
@@ -32,7 +33,9 @@ class GravityCompensator(ParallelSpring):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         return (
             Parameter(f"{self.name}.stiffness", "N/m", nominal=0.0, typical=15.0 * robot.sizes.weight, lower=0.0),
-            Parameter(f"{self.name}.free_length", "m", nominal=0.7, typical=0.7, lower=0.0, null=None),
+            Parameter(
+                f"{self.name}.free_length", "m", nominal=0.7, typical=0.7, lower=0.0, null=None, domain=(0.0, math.inf)
+            ),
             *SpringTriangle(self.lc, self.l2).parameters(self.name, self.zero),
         )
 

@@ -18,6 +18,8 @@ from qsframework.plugin import Array, InputError, Parameter, Point, Problem, Rob
 
 _SHARE, _ANGLE = 0.02, 0.02
 """Natural sizes of an error: of a pivot's distance, as a share of both sides; of the angle, rad."""
+_LEAST, _APART, _QUARTER = 0.01, 1e-6, 0.5 * math.pi
+"""Share of a side that a fit leaves of it at least; share by which the sides differ at least; turn of the angle."""
 _LABEL = re.compile(r"[A-Za-z0-9_-]*")
 
 
@@ -101,12 +103,30 @@ class SpringTriangle:
         return first, second, third
 
     def parameters(self, name: str, zero: float) -> tuple[Parameter, ...]:
-        """The pivots' distances and the angle at zero joint angle, which a fit estimates only where it names them."""
-        size = _SHARE * (self.lc + self.l2)
+        """The pivots' distances and the angle at zero joint angle, which a fit estimates only where it names them.
+
+        Equation (7) is the same with the two sides exchanged, and with a side below 0 and the angle turned by half a
+        turn: each side stays on its own side of their geometric mean, the angle within a quarter of a turn.
+        """
+        size, mean = _SHARE * (self.lc + self.l2), math.sqrt(self.lc * self.l2)
+        sides = ((f"{name}.lc", self.lc), (f"{name}.l2", self.l2))
+        spans = (
+            (_LEAST * v, (1.0 - _APART) * mean) if v < mean else ((1.0 + _APART) * mean, math.inf) for _, v in sides
+        )
         return (
-            stated(f"{name}.lc", "m", self.lc, size, by_name=True),
-            stated(f"{name}.l2", "m", self.l2, size, by_name=True),
-            stated(f"{name}.zero", "rad", zero, _ANGLE, lower=-math.inf, by_name=True),
+            *(
+                stated(side, "m", value, size, by_name=True, domain=domain)
+                for (side, value), domain in zip(sides, spans, strict=True)
+            ),
+            stated(
+                f"{name}.zero",
+                "rad",
+                zero,
+                _ANGLE,
+                lower=-math.inf,
+                by_name=True,
+                domain=(zero - _QUARTER, zero + _QUARTER),
+            ),
         )
 
     def pivots(self, robot: RobotFacts, joint: str, zero: float) -> tuple[Point, Point]:
@@ -123,12 +143,26 @@ class SpringTriangle:
 
 
 def stated(
-    name: str, unit: str, nominal: float, typical: float, lower: float = 0.0, *, by_name: bool = False
+    name: str,
+    unit: str,
+    nominal: float,
+    typical: float,
+    lower: float = 0.0,
+    *,
+    by_name: bool = False,
+    domain: tuple[float, float] = (-math.inf, math.inf),
 ) -> Parameter:
     """A parameter whose nominal value stands with the effect, and that cannot switch it off."""
-    source = "stated with the effect"
     return Parameter(
-        name, unit, nominal=nominal, typical=typical, lower=lower, null=None, source=source, by_name=by_name
+        name,
+        unit,
+        nominal=nominal,
+        typical=typical,
+        lower=lower,
+        null=None,
+        source="stated with the effect",
+        by_name=by_name,
+        domain=domain,
     )
 
 

@@ -52,10 +52,10 @@ def reduce(
 ) -> Reduction:
     """The free variables. InputError where a name is unknown, or what is tied cannot be.
 
-    bounds: whether those of the parameters are kept
+    bounds: whether those of the parameters are kept; what cannot exist is outside of them all the same
     """
-    if not bounds:
-        parameters = [replace(p, lower=-np.inf, upper=np.inf) for p in parameters]
+    ends = [p.domain if not bounds else (max(p.lower, p.domain[0]), min(p.upper, p.domain[1])) for p in parameters]
+    parameters = [replace(p, lower=low, upper=high) for p, (low, high) in zip(parameters, ends, strict=True)]
     names = [p.name for p in parameters]
     groups = [[_index(name, names) for name in group] for group in tied]
     kept = {_index(name, names) for name in fixed}
@@ -72,8 +72,8 @@ def reduce(
     for k, group in enumerate(units):
         T[group, k] = size[group] if len(group) == 1 else _together(group, parameters, start, size)
         for i in group:
-            ends = sorted(((parameters[i].lower - start[i]) / T[i, k], (parameters[i].upper - start[i]) / T[i, k]))
-            lower[k], upper[k] = max(lower[k], ends[0]), min(upper[k], ends[1])
+            low, high = sorted((end - start[i]) / T[i, k] for end in (parameters[i].lower, parameters[i].upper))
+            lower[k], upper[k] = max(lower[k], low), min(upper[k], high)
     if np.any(lower > 0) or np.any(upper < 0):
         k = int(np.flatnonzero((lower > 0) | (upper < 0))[0])
         raise InputError(f"{names[units[k][0]]}: the fit starts outside its bounds")

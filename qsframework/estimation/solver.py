@@ -46,6 +46,8 @@ than the digits of the cost."""
 _ROUNDS = 50
 _SETTLED = 1e-6
 _MAD = 1.4826
+_TOLD = 1e-9
+"""Share of the largest singular value, of scaled sensitivities, below which a direction is not told."""
 FAR = 1e9
 """Typical sizes of a parameter beyond which nothing is meant."""
 
@@ -57,7 +59,8 @@ class Solution:
     cost is half the sum of squares, priors included (of a robust loss: half the sum of rho). covariance (p, p) is for
     noise of the stated size; rows of fixed parameters and of those at a bound are zero, for no sd can be quoted there.
     robust: factor on the covariance that a robust loss costs, 1 otherwise; weights (m,) that it gave to the readings.
-    free_sd (p,): the sds that bounds aside the readings would give, infinite where they cannot tell.
+    free_sd (p,): the sds that bounds aside the readings would give, infinite where they cannot tell. alone_sd (p,): the
+    same without weak holds, of the readings (and stated sds that count as such) alone.
     unit: size of the noise that was found where it had to be known to weigh priors or gross readings, else None.
     hat (m, f): H = hat hat' is the share of each reading in its own prediction, priors and weak holds counted
     """
@@ -72,6 +75,7 @@ class Solution:
     free: int
     weights: Array
     free_sd: Array
+    alone_sd: Array
     hat: Array
     robust: float = 1.0
     unit: float | None = None
@@ -131,7 +135,11 @@ def settle(
         new = max(unit * _size(solution.residuals, solution.free, options.loss), least)
         if abs(new - unit) <= _SETTLED * unit + least:
             return replace(
-                solution, covariance=solution.covariance / unit**2, free_sd=solution.free_sd / unit, unit=unit
+                solution,
+                covariance=solution.covariance / unit**2,
+                free_sd=solution.free_sd / unit,
+                alone_sd=solution.alone_sd / unit,
+                unit=unit,
             )
         unit = new
     raise NotConverged(f"the size of the noise did not settle in {_ROUNDS} rounds; state sigma_mm in the experiment")
@@ -256,9 +264,9 @@ class _Minimum:
 class _State:
     """Where a descent stands: z (q,), whitened residuals (m,), their cost, and sensitivities J (m, q).
 
-    fresh: J was taken here, not at an earlier step; damping: of the next step; gain, moved: by how much the last step was
-    to change the residuals, and this in sds of a reading; idle: steps in a row of no less than half of the one before;
-    silent: trials so far without a finite prediction
+    fresh: J was taken here, not at an earlier step; damping: of the next step; gain, moved: by how much the last step
+    was to change the residuals, and this in sds of a reading; idle: steps in a row of no less than half of the one
+    before; silent: trials so far without a finite prediction
     """
 
     z: Array
@@ -443,9 +451,27 @@ def _solution(problem: _Problem, best: _Minimum) -> Solution:
         free=len(inside),
         weights=problem.loss.weights(r),
         free_sd=free * np.sqrt(robust),
+        alone_sd=_alone(problem, whole @ reduction.T, z) * np.sqrt(robust),
         hat=whole @ (T @ half),
         robust=robust,
     )
+
+
+def _alone(problem: _Problem, J: Array, z: Array) -> Array:
+    """sd (p,) of the readings J (m, q) and of stated sds that count as such, with no weak hold; infinite in directions
+    that they do not tell, 0 of what is fixed."""
+    o, T = problem.observations, problem.reduction.T
+    stated = [i for i, p in enumerate(o.parameters) if problem.priors and p.sd is not None and np.any(T[i])]
+    rows = np.vstack([J, *(T[i : i + 1] / (o.parameters[i].sd or 1.0) for i in stated)])
+    size = np.linalg.norm(rows, axis=0)
+    safe = np.where(size > 0.0, size, 1.0)
+    _, values, V = np.linalg.svd(rows / safe, full_matrices=len(rows) < len(safe))
+    values = np.pad(values, (0, len(V) - len(values)))
+    told = values > _TOLD * values.max(initial=0.0)
+    back = (T / safe) @ V.T
+    sd = np.sqrt(np.square(back[:, told] / values[told]).sum(axis=1))
+    lost = np.square(back[:, ~told]).sum(axis=1) > _TOLD * np.square(back).sum(axis=1)
+    return np.where(lost, np.inf, sd)
 
 
 def solution_at(observations: Observations, x: Array, covariance: Array) -> Solution:
@@ -466,6 +492,7 @@ def solution_at(observations: Observations, x: Array, covariance: Array) -> Solu
         free=len(x),
         weights=np.ones(len(r)),
         free_sd=sd,
+        alone_sd=sd,
         hat=hat,
     )
 

@@ -20,6 +20,10 @@ as soft, three payloads of unknown mass. The sizes and what they rest on stand w
 _FAR = 5.0
 """Prior standard deviations from the initial value beyond which an estimate deserves a second look."""
 _LIMIT = 1.96
+_HELD = 1.05
+"""Ratio of the sd of the readings alone to the quoted one from which a weak hold is worth a word."""
+_UNTOLD = 10.0
+"""Natural sizes above which the sd of the readings alone makes a held parameter one that they do not tell."""
 _SHOWN = {"rad/(N m)": (1e6, "urad/(N m)"), "m/N": (1e6, "um/N"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
 """The units in which the table of a fit shows values: a limit stands beside them."""
 
@@ -43,7 +47,8 @@ class Estimate(FileRecord):
 
     sd is NaN where the value stands at its bound, for the fit then says nothing about the other side; 0 where fixed.
     limit: of a value that is not told from zero, the size that it has at most (95 %); free_sd: the sd bounds aside;
-    size: the parameter's natural size; prior_sd: stated, or None
+    readings_sd: of the readings alone, where a weak hold keeps the value near its nominal one; size: the parameter's
+    natural size; prior_sd: stated, or None
     """
 
     name: str
@@ -56,6 +61,7 @@ class Estimate(FileRecord):
     state: State = State.FINE
     limit: float | None = None
     free_sd: Annotated[float, null(math.inf)] = math.inf
+    readings_sd: Annotated[float, null(math.inf)] = math.inf
     size: float = 1.0
     prior_sd: float | None = None
 
@@ -65,25 +71,35 @@ class Estimate(FileRecord):
         return max(self.lower - self.value, self.value - self.upper, 0.0)
 
     @property
+    def held(self) -> bool:
+        """Whether the sd is much of a weak hold: the readings alone would give a larger one."""
+        return self.sd > 0.0 and self.readings_sd > _HELD * self.sd
+
+    @property
     def status(self) -> str:
         """The state in words, "" where all is well."""
         return _words(self)
 
 
-def estimate_of(p: Parameter, value: float, sd: float, free: float) -> Estimate:
-    """An estimate with its state; `free` is the sd that it would have without its bounds."""
+def estimate_of(p: Parameter, value: float, sd: float, free: float, alone: float | None = None) -> Estimate:
+    """An estimate with its state; `free` is the sd that it would have without its bounds, `alone` that of the readings
+    where something holds it."""
+    alone = sd if alone is None else alone
     state, limit = _state(p, value, sd, free)
+    if sd > 0.0 and alone > max(_HELD * sd, _UNTOLD * p.typical):
+        state, limit = State.NOT_IDENTIFIABLE, None
     return Estimate(
         name=p.name,
         unit=p.unit,
         value=value,
         sd=sd,
         initial=p.nominal,
-        lower=p.lower,
-        upper=p.upper,
+        lower=max(p.lower, p.domain[0]),
+        upper=min(p.upper, p.domain[1]),
         state=state,
         limit=limit,
         free_sd=free,
+        readings_sd=alone,
         size=p.scale,
         prior_sd=p.sd,
     )
@@ -116,7 +132,7 @@ def _words(e: Estimate) -> str:
     """The state of an estimate in words."""
     share = f"{100 * e.free_sd / abs(e.initial):.0f} % of its nominal value" if e.initial else "above its value"
     share = share if np.isfinite(e.free_sd) else "without limit"
-    end = f"at its {'lower' if e.value <= e.lower else 'upper'} bound {e.value:g}"
+    end = f"at its {'lower' if e.value - e.lower < e.upper - e.value else 'upper'} bound {e.value:g}"
     if e.state is State.FIXED:
         return "fixed"
     if e.state is State.AT_BOUND:
@@ -124,6 +140,9 @@ def _words(e: Estimate) -> str:
     if e.state is State.NOT_IDENTIFIABLE:
         if np.isnan(e.sd):
             return f"not identifiable from these readings: {end}, and without it its sd is {share}"
+        if e.held:
+            alone = "without limit" if np.isinf(e.readings_sd) else _in_unit(e.readings_sd, e.unit)
+            return f"not identifiable: the readings alone give an sd {alone}; held near its nominal value"
         return f"not identifiable from these readings: its sd is {share}"
     if e.state is State.BEYOND_BOUND:
         side = f"below its bound {e.lower:g}" if e.value < e.lower else f"above its bound {e.upper:g}"
@@ -138,5 +157,9 @@ def _words(e: Estimate) -> str:
 
 
 def _zero(e: Estimate) -> str:
-    factor, unit = _SHOWN.get(e.unit, (1.0, e.unit))
-    return f"could be zero: at most {factor * (e.limit or 0.0):.3g} {unit}".rstrip()
+    return f"could be zero: at most {_in_unit(e.limit or 0.0, e.unit)}"
+
+
+def _in_unit(value: float, unit: str) -> str:
+    factor, shown = _SHOWN.get(unit, (1.0, unit))
+    return f"{factor * value:.3g} {shown}".rstrip()

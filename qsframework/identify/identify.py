@@ -344,13 +344,13 @@ def _estimates(
 ) -> tuple[Estimate, ...]:
     seen = found.seen
     values = np.concatenate([*(f.pose for f in frames), x[seen.model.index(seen.names)]])
-    free = np.where(np.isfinite(solution.free_sd), solution.free_sd * unit, np.inf)
+    free, alone = solution.free_sd * unit, solution.alone_sd * unit
     out: list[Estimate] = []
     for i, p in enumerate(seen.parameters):
         own = float("nan") if p.name in solution.at_bound else float(sd[i])
         of_frame = i < seen.motions
         told = replace(p, typical=1e100) if of_frame else p
-        estimate = estimate_of(told, float(values[i]), own, float(free[i]))
+        estimate = estimate_of(told, float(values[i]), own, float(free[i]), float(alone[i]))
         out.append(replace(estimate, size=p.scale))
     return tuple(out)
 

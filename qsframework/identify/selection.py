@@ -13,7 +13,7 @@ from qsframework.elastostatics import Model
 from qsframework.estimation import PLAIN, FitOptions, Observations, scales
 from qsframework.experiment import Bridge
 from qsframework.files import FileRecord, null
-from qsframework.plugin import Array, Geometry, Parameter, Sensor, Spring
+from qsframework.plugin import Array, Geometry, ParallelSpring, Parameter, Sensor, Spring
 
 REDUNDANT = 1e-5
 """Share of a column that must be new, seen from the columns chosen before it."""
@@ -166,13 +166,16 @@ def _limits_of(model: Model, names: Sequence[str]) -> Array:
 
 
 def held_of(model: Model, names: Sequence[str]) -> Array:
-    """sd (p,) of the weak hold on each parameter, in natural sizes; inf for springs, loads and all else that nothing
-    pulls."""
+    """sd (p,) of the weak hold on each parameter, per unit of its scale; inf for springs, loads and all else that
+    nothing pulls. Where a balancer is fixed is geometry too."""
     geometry, sensors = kinds_of(model, Geometry), kinds_of(model, Sensor)
+    geometry |= {n for n in kinds_of(model, ParallelSpring) if model.parameters[model.names.index(n)].by_name}
 
     def hold(p: Parameter) -> float:
         if p.pull is not None:
             return p.pull / float(scales([p])[0])
-        return _BROAD if p.name in sensors else _LOOSE if p.name in geometry else np.inf
+        if p.name in geometry:
+            return _LOOSE * min(p.typical / float(scales([p])[0]), 1.0) if p.by_name else _LOOSE
+        return _BROAD if p.name in sensors else np.inf
 
     return np.array([hold(model.parameters[i]) for i in model.index(names)])

@@ -20,6 +20,7 @@ class Parameter:
     null     value at which the effect vanishes, None if this parameter alone cannot switch it off
     pull     sd about `null` by which every fit holds it, however many the readings: of laws that bend more freely than
              readings tell; None: the readings alone say it
+    domain   what can exist, such as lengths above 0: no fit leaves it; `lower` and `upper` are kept only where asked
     by_name  estimated only where `fit` names the parameter itself: an effect's name stands for its others
     """
 
@@ -35,12 +36,18 @@ class Parameter:
     source: str = ""
     by_name: bool = False
     pull: float | None = None
+    domain: tuple[float, float] = (-math.inf, math.inf)
 
     def __post_init__(self) -> None:
         if not self.lower <= self.nominal <= self.upper:
             raise PluginError(
                 f"{self.name}: nominal {self.nominal:g} is outside its bounds "
                 f"[{self.lower:g}, {self.upper:g}] {self.unit}"
+            )
+        if not self.domain[0] <= self.nominal <= self.domain[1]:
+            raise PluginError(
+                f"{self.name}: nominal {self.nominal:g} is outside of what can exist, {self.domain[0]:g} to "
+                f"{self.domain[1]:g} {self.unit}"
             )
         if not (math.isfinite(self.typical) and self.typical > 0):
             raise PluginError(f"{self.name}: typical must be a positive number, found {self.typical}")

@@ -25,6 +25,7 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None, stiffness: bool =
     beside a compliance where there is room for it."""
     rows: list[tuple[str, ...]] = []
     stiff = stiffness and any(stiffness_words(e.unit, e.value) for e in fit.estimates)
+    held = any(e.held for e in fit.estimates)
     for e in fit.estimates:
         unit = shown(e.value, e.unit)[1]
         initial = shown(e.initial, e.unit)[0]
@@ -35,6 +36,7 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None, stiffness: bool =
             unit,
             *([stiffness_words(e.unit, e.value) or "-"] if stiff else []),
             percent,
+            *([_alone(e)] if held else []),
             f"{initial:.4g}",
         ]
         if truth is not None:
@@ -50,6 +52,7 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None, stiffness: bool =
             "unit",
             *(("stiffness",) if stiff else ()),
             "sd, % of initial",
+            *(("sd of the readings alone",) if held else ()),
             "initial",
             *extra,
             "status",
@@ -58,8 +61,16 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None, stiffness: bool =
         f"Method: {fit.method}, {'linear model' if fit.linear else 'full equilibrium'}. {_total(fit)}"
         f"Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, "
         f"{fit.sigma_source}{_shared(fit)}. A parameter whose sd is above 100 % of its initial value "
-        "cannot be identified from these readings; one at a bound has no sd.",
+        "cannot be identified from these readings; one at a bound has no sd."
+        + (" Geometry and markers are held weakly near their nominal values." if held else ""),
     )
+
+
+def _alone(e: Estimate) -> str:
+    """The sd that the readings alone give, where a weak hold makes the quoted one smaller."""
+    if not e.held:
+        return "-"
+    return f"{shown(e.readings_sd, e.unit)[0]:.3g}" if np.isfinite(e.readings_sd) else "no limit"
 
 
 def _percent(share: float) -> str:

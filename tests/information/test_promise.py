@@ -44,7 +44,7 @@ def test_the_promise_is_what_fits_keep() -> None:
 
 
 def test_a_plan_that_cannot_tell_a_spring_says_what_would_help(tmp_path: Path) -> None:
-    """The paper's plan has a vertical weight only; and its balancer's spring is told to 28 times its value."""
+    """The paper's plan has a vertical weight only; and its balancer's spring is told to seven times its value."""
     asked = ["diagnose", str(PAPER / "experiment.yaml"), str(PAPER / "table5.csv")]
     done = CliRunner().invoke(app, asked, env={"COLUMNS": "250"})
     assert isinstance(done.exception, NotIdentifiable)
@@ -55,7 +55,7 @@ def test_a_plan_that_cannot_tell_a_spring_says_what_would_help(tmp_path: Path) -
     assert done.exit_code == 0, done.output
     fitted = {p["name"]: p for p in json.loads((tmp_path / "f.json").read_text())["fitted"]}
     balancer = fitted["gravity_compensator[joint_2].stiffness"]
-    assert balancer["sd"] == pytest.approx(28.4 * balancer["nominal"], rel=0.05)
+    assert balancer["sd"] == pytest.approx(6.59 * balancer["nominal"], rel=0.05)
     assert "absolute positions" in balancer["help"]
     assert all(p["help"] == "" for name, p in fitted.items() if p is not balancer)
 
