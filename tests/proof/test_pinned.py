@@ -49,14 +49,14 @@ CABLE_PULLS = {
     (PLAIN, "linear"): (0.21485, 0.23390),
     (PLAIN, "full"): (0.21509, 0.23416),
     (OFFAXIS, "linear"): (0.16656, 0.17890),
-    (OFFAXIS, "full"): (0.16646, 0.17876),
+    (OFFAXIS, "full"): (0.16646, 0.17872),
     (RELATIVE, "linear"): (0.28576, 0.30897),
     (RELATIVE, "full"): (0.28592, 0.30913),
 }
 #    The six compliances and their sds, urad/(N m), to 0.05 % and 1 %; the two models differ by up to 0.3 %.
 CABLE_SPRINGS = {
     "linear": ((1.1616, 0.3677, 0.5103, 3.6924, 2.3546, 4.8539), (0.0411, 0.0597, 0.0609, 0.5213, 0.4017, 2.331)),
-    "full": ((1.1611, 0.3680, 0.5091, 3.7011, 2.3480, 4.8648), (0.0411, 0.0598, 0.0610, 0.5219, 0.4021, 2.334)),
+    "full": ((1.1609, 0.3678, 0.5093, 3.7003, 2.3493, 4.8547), (0.0411, 0.0594, 0.0610, 0.5226, 0.4026, 2.337)),
 }
 
 # 2. The UR10's real positions (examples/ur10/README.md, docs/ur10.md). Numbers told, left aside; RMS of the distance,
@@ -88,7 +88,7 @@ BALANCED = {
 #    what is fitted; the six compliances, urad/(N m), to 0.02 %, and chi-square on 264 degrees of freedom, to 0.1 %.
 HEAVY = {
     ("linear", "linear"): ((0.17087, 0.16453, 0.35699, 0.49021, 1.74120, 1.98593), 227.49),
-    ("linear", "full"): ((0.17084, 0.16449, 0.35643, 0.48661, 1.73919, 1.99032), 255.85),
+    ("linear", "full"): ((0.17084, 0.16449, 0.35643, 0.48671, 1.73919, 1.99032), 255.85),
     ("full", "linear"): ((0.17090, 0.16457, 0.35756, 0.49379, 1.74322, 1.98153), 250.90),
     ("full", "full"): ((0.17087, 0.16453, 0.35699, 0.49019, 1.74120, 1.98593), 227.47),
 }
