@@ -112,9 +112,9 @@ def test_rows_too_many_to_hold_are_made_again_for_the_same_plan(
     made: list[int] = []
     rows_of = problem.Problem.rows_of
 
-    def counted(self: problem.Problem, poses: Poses) -> Array:
+    def counted(self: problem.Problem, poses: Poses, linear: bool = False) -> Array:
         made.append(len(poses.q))
-        return rows_of(self, poses)
+        return rows_of(self, poses, linear)
 
     monkeypatch.setattr(problem, "HELD_BYTES", 0)
     monkeypatch.setattr(problem.Problem, "rows_of", counted)

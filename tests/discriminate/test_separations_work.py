@@ -36,13 +36,13 @@ def counted() -> Iterator[Work]:
         def outermost(name: str) -> None:
             real = getattr(Model, name)
 
-            def asked(self, poses, x=None, names=None, *more):
+            def asked(self, poses, x=None, names=None, *more, **options):
                 if work.inside:
-                    return real(self, poses, x, names, *more)
+                    return real(self, poses, x, names, *more, **options)
                 work.inside, work.states = True, work.states + len(poses)
                 work.columns += len(poses) * len(self.names if names is None else names)
                 try:
-                    return real(self, poses, x, names, *more)
+                    return real(self, poses, x, names, *more, **options)
                 finally:
                     work.inside = False
 
