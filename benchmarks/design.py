@@ -77,7 +77,7 @@ def sample(model: Model, count: int, seed: int) -> Poses:
 
 
 def rows_of(model: Model, names: list[str], poses: Poses) -> np.ndarray:
-    A = model.sensitivity(poses, names=names).reshape(len(poses), 3, len(names))
+    A = model.sensitivity(poses, names=names, linear=True).reshape(len(poses), 3, len(names))
     A *= scales([model.parameters[i] for i in model.index(names)]) / 3e-5
     return A
 

@@ -78,9 +78,9 @@ def batch(m: Model, poses: Poses) -> None:
 
 
 def sensitivities(m: Model, poses: Poses, names: list[str], block: int = 100_000) -> None:
-    """Predictions with sensitivities, as fits ask for them, in blocks, so that memory stays bounded."""
+    """Predictions with sensitivities of the linear model, in blocks, so that memory stays bounded."""
     for start in range(0, len(poses), block):
-        m.rates(poses.take(slice(start, start + block)), m.nominal, names)
+        m.rates(poses.take(slice(start, start + block)), m.nominal, names, linear=True)
 
 
 def writing(count: int, *shapes: tuple[int, ...], block: int = 100_000) -> Callable[[], None]:
@@ -117,7 +117,9 @@ def tables(count: int, runs: int) -> str:
         },
         runs,
     )
-    states = turns({"full": lambda: full_displacement(plain, few), "linear": lambda: plain.predict(few)}, runs)
+    states = turns(
+        {"full": lambda: full_displacement(plain, few), "linear": lambda: plain.predict(few, linear=True)}, runs
+    )
     rows = [
         (
             f"positions, Jacobians, gravity torques of {count:.0e} poses",

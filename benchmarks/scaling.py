@@ -67,15 +67,15 @@ class Curve:
 
 
 def predicted(count: int, parameters: int) -> Callable[[], None]:
-    """Predictions and sensitivities, in blocks so that memory stays bounded."""
+    """Predictions and sensitivities of the linear model, in blocks so that memory stays bounded."""
     model, names = model_of(parameters)
     poses = sample(model, count, 0)
 
     def job() -> None:
         for start in range(0, count, BLOCK):
             part = poses.take(slice(start, start + BLOCK))
-            model.predict(part)
-            model.sensitivity(part, names=names)
+            model.predict(part, linear=True)
+            model.sensitivity(part, names=names, linear=True)
 
     return job
 

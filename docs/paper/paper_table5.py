@@ -1,8 +1,11 @@
-"""Table 5 of the source paper against a designed plan, and section 5.1's side pull, with the M-900iB's model."""
+"""Table 5 of the source paper against a designed plan, and section 5.1's side pull, with the M-900iB's model.
+
+Sensitivities are those of the linear model, as the paper's equations have them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
@@ -12,9 +15,9 @@ import numpy as np
 from qsframework.design import CRITERIA, check_poses
 from qsframework.design.candidates import joint_range, reference_point
 from qsframework.elastostatics import Model, make_model
-from qsframework.estimation import rank_test
+from qsframework.estimation import rank_test, scales
 from qsframework.experiment import Experiment, LoadCase, Plan, example, load_experiment, make_plan, read_plan
-from qsframework.information import information, information_rows, predicted_sd, promised_sd
+from qsframework.information import information, information_rows
 from qsframework.plugin import Array, Poses
 
 JOINTS = tuple(f"joint_compliance[joint_{k}]" for k in range(1, 7))
@@ -56,8 +59,16 @@ def table_5(q6_of_row_2: float = 135.0) -> Array:
 def sd_share(pendant_deg: Array, experiment: Experiment | None = None) -> Array:
     """sd of the experiment's compliances over their nominal values."""
     experiment = experiment or vertical()
-    nominal = np.array([p.scale for p in experiment.fit_parameters()])
-    return promised_sd(experiment, plan_of(experiment, pendant_deg)) / nominal
+    sigma = experiment.noise.sigma
+    assert sigma is not None
+    return sds(experiment.model(), plan_of(experiment, pendant_deg).poses, experiment.fit_names(), sigma)
+
+
+def sds(model: Model, poses: Poses, names: Sequence[str], sigma: float) -> Array:
+    """sd (p,) of parameters over their nominal values."""
+    M = information(information_rows(model, poses, names, sigma, linear=True)).sum(axis=0)
+    index = model.index(names)
+    return np.sqrt(np.diag(np.linalg.inv(M))) * scales([model.parameters[i] for i in index]) / model.nominal[index]
 
 
 def criterion(name: str, pendant_deg: Array) -> float:
@@ -71,7 +82,7 @@ def each_information(pendant_deg: Array) -> Array:
     sigma = experiment.noise.sigma
     assert sigma is not None
     poses = plan_of(experiment, pendant_deg).poses
-    return information(information_rows(experiment.model(), poses, JOINTS[1:], sigma))
+    return information(information_rows(experiment.model(), poses, JOINTS[1:], sigma, linear=True))
 
 
 def twins(pendant_deg: Array) -> list[tuple[int, int]]:
@@ -112,15 +123,14 @@ def joint_4_share(q6_of_row_2: float) -> float:
     """sd of joint 4's compliance over its nominal value: one reflector, 2.5 kN, 0.03 mm, Table 5."""
     plan, model = plan_of(vertical(), table_5(q6_of_row_2)), one_reflector()
     poses = Poses(plan.pendant, plan.q, np.tile([0.0, 0.0, -2500.0, 0.0, 0.0, 0.0], (len(plan.pendant), 1)))
-    names = JOINTS[1:]
-    return float((predicted_sd(model, poses, names, 3e-5) / model.nominal[model.index(names)])[2])
+    return float(sds(model, poses, JOINTS[1:], 3e-5)[2])
 
 
 def unseen_under_weight() -> str:
     """What Table 5 says on all six joints, in words."""
     experiment = vertical()
     poses = plan_of(experiment, table_5()).poses
-    rows = information_rows(experiment.model(), poses, JOINTS, 3e-5)
+    rows = information_rows(experiment.model(), poses, JOINTS, 3e-5, linear=True)
     return rank_test(rows.reshape(-1, len(JOINTS)), JOINTS).words()
 
 
@@ -174,7 +184,8 @@ def told_of_joint_1(pendant_deg: Array) -> Array:
     experiment = side_pull(True)
     sigma = experiment.noise.sigma
     assert sigma is not None
-    rows = information_rows(experiment.model(), plan_of(experiment, pendant_deg).poses, JOINTS, sigma)
+    poses = plan_of(experiment, pendant_deg).poses
+    rows = information_rows(experiment.model(), poses, JOINTS, sigma, linear=True)
     basis, size, _ = np.linalg.svd(rows[:, :, 1:], full_matrices=False)
     basis = basis * (size > 1e-9 * size[:, :1])[:, None, :]  # an unloaded joint hides nothing
     own = rows[:, :, :1]

@@ -68,7 +68,7 @@ def test_equations_2_and_6_are_least_at_the_fit(m900ib: Experiment) -> None:
     index = model.index(table5.JOINTS[1:])
 
     def squares(x: Array) -> float:
-        predicted = model.predict(plan.poses, x).reshape(-1, 3)
+        predicted = model.predict(plan.poses, x, linear=True).reshape(-1, 3)
         return float(((simulation.readings.value - predicted) ** 2).sum())
 
     least = squares(fit.x)
@@ -124,7 +124,7 @@ def test_equation_16_makes_a_serial_arm_give_like_the_parallelogram(m900ib: Expe
         model = make_model(robot.facts, effects, parameters, site, [("m", site)], robot.gravity)  # type: ignore[arg-type]
         x = model.nominal
         x[[i for i, name in enumerate(model.names) if "parallelogram" not in name]] = k
-        return model.predict(poses, x)
+        return model.predict(poses, x, linear=True)
 
     loop = next(e for e in robot.effects if e.effect_name() == "parallelogram")
     springs = [find_effect("joint_compliance")(joint) for joint in ("joint_2", "joint_3")]  # type: ignore[call-arg]

@@ -81,7 +81,7 @@ def test_every_step_is_found_in_readings_that_hide_it(steps: dict[str, type[Effe
     warm = 293.15 + rng.uniform(-5, 20, 60)
     before, after = (Conditions(None, warm, rng.choice([-1.0, 1.0], 60)) for _ in range(2))
     at = replace(at, unloaded=before, loaded=after, wrench=at.wrench * rng.uniform(-1, 1, (60, 1)))
-    readings = displaced(at, model.predict(at, truth), 1e-6, [f"p{i}" for i in range(60)])
+    readings = displaced(at, model.predict(at, truth, linear=True), 1e-6, [f"p{i}" for i in range(60)])
     fit = identify(campaign, readings, options=FitOptions(linear=True))
     for p, true in zip(own, truth[model.index([p.name for p in own])], strict=True):
         found = next(e for e in fit.estimates if e.name == p.name)

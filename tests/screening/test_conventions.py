@@ -246,7 +246,8 @@ def test_hidden_physics_is_not_taken_for_a_wrong_convention(
         poses, fitted = visited(readings), m900ib.fit_names()
         causes, _ = find_causes(m900ib, fitted, poses)
         model = widened(m900ib.model(), causes)
-        columns = model.sensitivity(poses, model.nominal, [*fitted, *(n for c in causes for n in c.names)])
+        wanted = [*fitted, *(n for c in causes for n in c.names)]
+        columns = model.sensitivity(poses, model.nominal, wanted, linear=True)
         columns = columns.reshape(-1, columns.shape[-1])
         Q = np.linalg.qr(columns[:, : len(fitted)])[0]
         start = len(fitted)
