@@ -32,11 +32,11 @@ markers:
 {markers}
 noise: {{sigma_mm: {sigma:g}}}
 effects:
-  - {{effect: tool_offset, markers: all}}
+  - {{effect: marker_offset, markers: all}}
   - {{effect: joint_offset, joints: all}}
   - {{effect: joint_placement, joints: all}}
   - {{effect: gravity_sag, joints: [joint_2, joint_3, joint_5]}}
-fit: [tool_offset, joint_offset, joint_placement, joint_compliance, gravity_sag]
+fit: [marker_offset, joint_offset, joint_placement, joint_compliance, gravity_sag]
 """
 _ROUNDS = 8
 """Of the fixed point q = commanded + c tau(q): each takes away all but a thousandth of what the last one left."""

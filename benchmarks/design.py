@@ -43,7 +43,7 @@ from qsframework.robot import load_robot
 
 TIP = Site(6, np.array([0.15, 0.1, 0.25]))
 HERE = Path(__file__).resolve().parent
-SPRINGS = ("offaxis_compliance", "base_compliance", "tool_compliance", "link_compliance")
+SPRINGS = ("offaxis_compliance", "base_compliance", "flange_compliance", "link_compliance")
 MORE = ("joint_hardening", "load_direction")
 """One marker tells about 25 springs apart; more parameters need other physics."""
 

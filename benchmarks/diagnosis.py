@@ -45,12 +45,12 @@ PAIRED = (
     "offaxis_compliance",
     "link_compliance",
     "base_compliance",
-    "tool_compliance",
+    "flange_compliance",
     "load_direction",
     "tracker_frame",
     "bar_compliance",
 )
-ALIASED = ("offaxis_compliance", "link_compliance", "base_compliance", "tool_compliance")
+ALIASED = ("offaxis_compliance", "link_compliance", "base_compliance", "flange_compliance")
 GROUPS = (
     "nulls",
     "stress",

@@ -56,12 +56,12 @@ _OF = {
 }
 """What the laws of the library depend on that are more than a spring or a shift."""
 _ENDS = {
-    "tool_compliance": "tool",
+    "flange_compliance": "tool",
     "base_compliance": "base",
     "base_lift": "base",
     "load_scale": "load",
     "load_direction": "load",
-    "payload_centre": "load",
+    "load_point_offset": "load",
     "reading_drift": "readings",
     "tracker_drift": "readings",
     "tracker_move": "readings",
@@ -197,8 +197,8 @@ def _place(name: str, facts: Any) -> set[str]:
     out = {name} - {""}
     if name in facts.joints:
         out |= {f"drive {name}", f"gear {name}", f"joint {name}", f"link {facts.link_of(name)}"}
-    elif name in facts.links:
-        k = facts.links.index(name)
+    elif name in (*facts.links, facts.flange):
+        k = facts.link_index(name)
         out |= {f"link {name}"} | ({"base"} if k == 0 else {facts.joints[k - 1], f"joint {facts.joints[k - 1]}"})
         out |= {"tool", "flange"} if name == facts.flange else set[str]()
     return out

@@ -32,7 +32,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 HERE = Path(__file__).resolve().parent
 EXAMPLE = HERE.parent / "examples" / "ur10"
-GEOMETRY = ["tool_offset", "joint_offset", "joint_placement"]
+GEOMETRY = ["marker_offset", "joint_offset", "joint_placement"]
 MODELS = {
     "structural": GEOMETRY,
     "elastic": [*GEOMETRY, "joint_compliance[joint_2]", "joint_compliance[joint_3]"],

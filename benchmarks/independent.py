@@ -414,11 +414,11 @@ def write_campaign(campaign: Campaign, tables: Sequence[Array], folder: Path) ->
     lines += [f"noise: {{{noise}}}"]
     if setting.placed:
         geometry = ["geometry"] if setting.fit == "geometry" else []
-        fit = ["tool_offset", *geometry, "joint_compliance", *(["base_compliance"] if arm.foot else [])]
+        fit = ["marker_offset", *geometry, "joint_compliance", *(["base_compliance"] if arm.foot else [])]
         lines += [
             "states: positions",
             "effects:",
-            "  - {effect: tool_offset, markers: all}",
+            "  - {effect: marker_offset, markers: all}",
             f"fit: [{', '.join(fit)}]",
         ]
     (folder / "experiment.yaml").write_text("\n".join(lines) + "\n")

@@ -103,10 +103,10 @@ def base_compliance(arm: Arm, rng: np.random.Generator) -> Iterator[Effect]:
         yield Effect(f"base_compliance[{way}]", _turn_or_slide(arm, 0, "foot", way))
 
 
-def tool_compliance(arm: Arm, rng: np.random.Generator) -> Iterator[Effect]:
+def flange_compliance(arm: Arm, rng: np.random.Generator) -> Iterator[Effect]:
     """The tool gives on its flange."""
     for way in ("x", "y", "z", "rx", "ry", "rz"):
-        yield Effect(f"tool_compliance[{way}]", _turn_or_slide(arm, len(arm.links) - 1, "after", way))
+        yield Effect(f"flange_compliance[{way}]", _turn_or_slide(arm, len(arm.links) - 1, "after", way))
 
 
 def link_bending(arm: Arm, rng: np.random.Generator) -> Iterator[Effect]:
@@ -215,11 +215,11 @@ def load_direction(arm: Arm, rng: np.random.Generator) -> Iterator[Effect]:
     )
 
 
-def payload_centre(arm: Arm, rng: np.random.Generator) -> Iterator[Effect]:
+def load_point_offset(arm: Arm, rng: np.random.Generator) -> Iterator[Effect]:
     """The load acts beside its point."""
     way = rng.standard_normal(3)
     way *= 0.01 / np.linalg.norm(way)
-    yield Effect("payload_centre", lambda t: Hidden(loads=(lambda f, m, R: (f, m + np.cross(R @ (t * way), f)),)))
+    yield Effect("load_point_offset", lambda t: Hidden(loads=(lambda f, m, R: (f, m + np.cross(R @ (t * way), f)),)))
 
 
 def load_scale(arm: Arm, rng: np.random.Generator) -> Iterator[Effect]:
@@ -320,14 +320,16 @@ def thermal_expansion(arm: Arm, rng: np.random.Generator) -> Iterator[Effect]:
 # ---------------------------------------------------------------- readings
 
 
-def marker_slip(arm: Arm, rng: np.random.Generator) -> Iterator[Effect]:
+def marker_offset_loaded(arm: Arm, rng: np.random.Generator) -> Iterator[Effect]:
     """A reflector moves on its link while the load is on."""
-    yield from _marker(arm, rng, "marker_slip[m{}]", lambda still: still.visits.loaded)
+    yield from _marker(arm, rng, "marker_offset_loaded[m{}]", lambda still: still.visits.loaded)
 
 
-def marker_move(arm: Arm, rng: np.random.Generator) -> Iterator[Effect]:
+def marker_offset_after(arm: Arm, rng: np.random.Generator) -> Iterator[Effect]:
     """A reflector was touched after half of the readings."""
-    yield from _marker(arm, rng, "marker_move[m{}/50]", lambda still: (still.visits.order >= 0.5).astype(np.float64))
+    yield from _marker(
+        arm, rng, "marker_offset_after[m{}/50]", lambda still: (still.visits.order >= 0.5).astype(np.float64)
+    )
 
 
 def _marker(arm: Arm, rng: np.random.Generator, name: str, when: Callable[[Rest], Array]) -> Iterator[Effect]:
@@ -410,7 +412,7 @@ GIVES: tuple[Places, ...] = (
     offaxis_compliance,
     link_compliance,
     base_compliance,
-    tool_compliance,
+    flange_compliance,
     link_bending,
     joint_hardening,
     joint_backlash,
@@ -422,9 +424,9 @@ SHOWN: dict[str, tuple[Places, ...]] = {
         *GIVES,
         base_lift,
         load_direction,
-        payload_centre,
+        load_point_offset,
         link_growth,
-        marker_slip,
+        marker_offset_loaded,
         tracker_frame,
     ),
     "recorded displacements": (gear_friction, tracker_drift, thermal_expansion),
@@ -434,7 +436,7 @@ SHOWN: dict[str, tuple[Places, ...]] = {
         hose,
         encoder_eccentricity,
         gear_ratio,
-        marker_move,
+        marker_offset_after,
         tracker_move,
         long_bar,
     ),

@@ -81,7 +81,7 @@ class Dependence:
                 yield Problem(f"learned by {name}: {key}_from must lie below {key}_to")
         if set(self.factors) & set(RECORDED) and not self.first < self.last:
             yield Problem(f"learned by {name}: first must lie below last")
-        comes = self.at in (*robot.joints, *robot.links) and not robot.slides(robot.joint_of(self.at))
+        comes = self.at in (*robot.joints, *robot.links, robot.flange) and not robot.slides(robot.joint_of(self.at))
         if "came" in self.factors and not comes:
             yield Problem(f"learned by {name}: only what a joint turns comes from somewhere", found=self.at)
         given: Any = self.waves  # a file may hold anything
@@ -172,15 +172,15 @@ def within(value: Array, low: float, high: float) -> Array:
     return np.where(value.real < low, low, np.where(value.real > high, high, value))
 
 
-def down(context: Context, link: int) -> Array:
-    """Direction (N, 3) of gravity in the frame of a link of the chain, at the angles that are commanded."""
+def down(context: Context, link: int, frame: Array) -> Array:
+    """Direction (N, 3) of gravity in a frame (4, 4) on a link of the chain, at the angles that are commanded."""
     robot, poses = context.robot, context.poses
     R: Any = np.broadcast_to(np.eye(3), (len(context), 3, 3))
     for k in range(link):
         R = R @ robot.placements[k][:3, :3]
         if not robot.sliding[k]:
             R = R @ _about(robot.axes[k], poses.q[:, k])
-    return down_in(R, robot)
+    return down_in(R @ frame[:3, :3], robot)
 
 
 def down_in(rotation: Array, robot: RobotFacts) -> Array:

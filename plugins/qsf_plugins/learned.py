@@ -185,7 +185,7 @@ class Learned(Dependence, SpringLaw):
             lead = np.stack([u, 0.5 * u / np.sqrt(u * u + 0.04)], axis=-1)
         elif not {"loaded", "always"} & set(self.factors):
             lead = u[..., None]
-        return self.product(lead, OWN, context, lambda: down(context, self._link(context.robot)))
+        return self.product(lead, OWN, context, lambda: down(context, *self._frame(context.robot)))
 
     def _lead(self, robot: RobotFacts) -> int:
         """Functions of the torques."""
@@ -209,9 +209,9 @@ class Learned(Dependence, SpringLaw):
             return np.concatenate([own * others, own * magnitude(others)], axis=-1)
         return np.concatenate([others, others * magnitude(u)[..., None]], axis=-1)
 
-    def _link(self, robot: RobotFacts) -> int:
-        """The link in whose frame the attitude counts."""
-        return robot.joint_index(self.at) + 1 if self.part == "drive" else robot.link_index(self.at)
+    def _frame(self, robot: RobotFacts) -> tuple[int, Array]:
+        """The link, and the frame (4, 4) on it, in which the attitude counts."""
+        return robot.frame_of(robot.link_of(self.at) if self.part == "drive" else self.at)
 
     def ranges(self, torque: Array, context: Context) -> tuple[Range, ...]:
         found = list(self.seen(OWN, context))
@@ -241,8 +241,8 @@ class LearnedBearing(Learned):
     def _spring(self, robot: RobotFacts, axis: str) -> At:
         return ("bearing", f"{self.at}/{axis[1:]}")
 
-    def _link(self, robot: RobotFacts) -> int:
-        return robot.joint_index(self.at)
+    def _frame(self, robot: RobotFacts) -> tuple[int, Array]:
+        return robot.joint_index(self.at), np.eye(4)
 
 
 @dataclass(frozen=True)

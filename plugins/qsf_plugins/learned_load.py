@@ -116,17 +116,18 @@ class LearnedLoad(_LearnedWrench):
 
 
 @dataclass(frozen=True)
-class LearnedPoint(_LearnedWrench):
-    """The point where the load acts shifts in the last link by a smooth law that was learned from readings.
+class LearnedLoadPoint(_LearnedWrench):
+    """The point where the load acts shifts in the flange's frame by a smooth law that was learned from readings.
 
-    `at`: `tool`. `by` may be the `attitude` of the last link, the `order`, or an angle.
+    `at`: `tool`. `by` may be the `attitude` of the flange, the `order`, or an angle.
     """
 
     _: KW_ONLY
     prior: float = setting("m", 0.0)
     """sd by which a fit holds each weight to zero, as the evidence chose it; 0: nothing holds them."""
     parts: ClassVar[tuple[str, ...]] = ("point",)
-    equation = "moment = moment_0 + (R r) x f, r = sum w_i f_i(attitude, order, angle), R the rotation of the last link"
+    equation = "moment = moment_0 + (R r) x f, r = sum w_i f_i(attitude, order, angle), R the rotation of the flange"
+    replaces = ("learned_point", "the flange's frame")
     check = "Where the cable or the weight hangs, and what may slide there."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
@@ -141,7 +142,7 @@ class LearnedPoint(_LearnedWrench):
     def shapes(self, loads: Loads, context: Context) -> Array:
         one = np.ones((len(context), 1))
         functions = self.product(one, (), context, lambda: down_in(loads.rotation, context.robot))
-        arms = loads.rotation.transpose(0, 2, 1)  # row i: the i-th axis of the last link
+        arms = loads.rotation.transpose(0, 2, 1)  # row i: the i-th axis of the flange
         moments = np.cross(arms, loads.wrench[:, None, :3]).transpose(0, 2, 1)
         turning = (moments[..., None] * functions[:, None, None, :]).reshape(len(context), 3, -1)
         return np.concatenate([np.zeros_like(turning), turning], axis=1)

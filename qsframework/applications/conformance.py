@@ -84,7 +84,7 @@ def small_campaign(robot: Robot, folder: Path) -> Experiment:
     weight = 0.8 * robot.payload if robot.payload else 0.1 * float(robot.facts.masses[1:].sum())
     force = 9.81 * (weight or _WEIGHT)
     size = 1e3 * _size(robot)
-    flange = next(name for name, frame in robot.frames.items() if frame is robot.flange)
+    flange = robot.facts.flange
     along = {"fx_N": 0.3 * force} if sum(robot.facts.sliding) > 1 else {}  # a gantry gives along both its beams
     data: dict[str, Any] = {
         "robot": str(robot.folder),

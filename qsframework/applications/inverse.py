@@ -27,7 +27,7 @@ _TRIES = 200
 
 @dataclass(frozen=True, eq=False)
 class TipPose:
-    """Where the load point stands (N, 3) m, and the rotation (N, 3, 3) of the link that carries it, base frame."""
+    """Where the load point stands (N, 3) m, and the rotation (N, 3, 3) of the flange, base frame."""
 
     position: Array
     rotation: Array
@@ -53,7 +53,7 @@ class Found:
 def rigid_tip(robot: Robot, site: Site, q: Array) -> TipPose:
     """The load point at URDF joint angles (N, n), undeflected."""
     placed = joint_frames(robot.facts, q)
-    return TipPose(placed.point(site.link, site.xyz).T, placed.matrix(site.link))
+    return TipPose(placed.point(site.link, site.xyz).T, site.rotation(placed))
 
 
 def rigid_jacobian(robot: Robot, site: Site, q: Array) -> Array:

@@ -293,13 +293,12 @@ def _shown(maker: str, place: Array, point: Point) -> dict[str, float]:
 
 def _wanted(experiment: Experiment, flange: Array) -> TipPose:
     """The pose of the load point with the flange at (4, 4)."""
-    link = flange @ np.linalg.inv(experiment.robot.flange.placement)
-    return TipPose((link[:3, 3] + link[:3, :3] @ experiment.load_site.xyz)[None], link[None, :3, :3])
+    return TipPose((flange[:3, 3] + flange[:3, :3] @ experiment.load_point)[None], flange[None, :3, :3])
 
 
 def _flange(experiment: Experiment, pose: TipPose) -> Array:
     """The flange (N, 4, 4) in the base frame of poses of the load point."""
-    link = np.tile(np.eye(4), (len(pose), 1, 1))
-    link[:, :3, :3] = pose.rotation
-    link[:, :3, 3] = pose.position - pose.rotation @ experiment.load_site.xyz
-    return link @ experiment.robot.flange.placement
+    flange = np.tile(np.eye(4), (len(pose), 1, 1))
+    flange[:, :3, :3] = pose.rotation
+    flange[:, :3, 3] = pose.position - pose.rotation @ experiment.load_point
+    return flange

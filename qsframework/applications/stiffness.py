@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.elastostatics import Model, Site, cartesian_compliance, equilibrium, make_model, range_notes
+from qsframework.elastostatics import Model, cartesian_compliance, equilibrium, make_model, range_notes
 from qsframework.elastostatics.displacements import evaluate
+from qsframework.elastostatics.state import site_in
 from qsframework.errors import InputError, Problem
 from qsframework.plugin import Array, Poses
-from qsframework.plugin.facts import frozen
 from qsframework.robot import Robot
 
 
@@ -64,7 +64,7 @@ class Stiffness:
 
 def stiffness_at(robot: Robot, pendant: Array, wrench: Array, point: Array) -> Stiffness:
     """The stiffness of a robot at pendant angles (n,) rad, under a wrench (6,) at a point (3,) m of the flange."""
-    site = Site(robot.flange.link, frozen((robot.flange.placement @ np.append(point, 1.0))[:3]))
+    site = site_in(robot.flange, point)
     model = make_model(robot.facts, robot.effects, robot.parameters, site, [("tip", site)], robot.gravity)
     poses = _one_pose(robot, pendant, wrench)
     if not spring_names(model):

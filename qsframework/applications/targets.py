@@ -95,7 +95,7 @@ def read_targets(path: str | Path, experiment: Experiment, tell: Tell | None = N
     wrench = np.stack([table.numbers.get(c, zero) for c in _WRENCH], axis=1)
     problems += _capacity(table, wrench, experiment)
     names = table.texts.get("target", [f"t{i + 1:02d}" for i in range(len(table.rows))])
-    wanted = _poses(table, experiment, problems) if cartesian else None
+    wanted = _poses(table, problems) if cartesian else None
     if problems:
         raise InputError(problems)
     if wanted is None:
@@ -143,8 +143,8 @@ def _complete(table: Table, joints: list[str], cartesian: bool) -> None:
         raise InputError(Problem(f"missing: {', '.join(missing)}", str(table.path), hint=hint))
 
 
-def _poses(table: Table, experiment: Experiment, problems: list[Problem]) -> TipPose:
-    """The wanted poses; the file speaks of the flange's rotation, the model of its link's."""
+def _poses(table: Table, problems: list[Problem]) -> TipPose:
+    """The wanted poses."""
     from scipy.spatial.transform import Rotation
 
     position = np.stack([table.numbers[c] for c in _XYZ], axis=1)
@@ -167,7 +167,7 @@ def _poses(table: Table, experiment: Experiment, problems: list[Problem]) -> Tip
     else:
         angles = np.nan_to_num(np.stack([table.numbers[c] for c in _TURNS], axis=1))
         turn = Rotation.from_euler("xyz", angles).as_matrix()
-    return TipPose(position, turn @ experiment.robot.flange.placement[:3, :3].T)
+    return TipPose(position, turn)
 
 
 def _capacity(table: Table, wrench: Array, experiment: Experiment) -> list[Problem]:
@@ -216,9 +216,8 @@ def _joints(
     return np.stack(out)
 
 
-def flange_pose(experiment: Experiment, pose: TipPose) -> tuple[Array, Array]:
+def flange_pose(pose: TipPose) -> tuple[Array, Array]:
     """The load point (N, 3) m and the flange's turns (N, 3) rad about the fixed axes x, y, z."""
     from scipy.spatial.transform import Rotation
 
-    turn = Rotation.from_matrix(pose.rotation @ experiment.robot.flange.placement[:3, :3])
-    return pose.position, turn.as_euler("xyz")
+    return pose.position, Rotation.from_matrix(pose.rotation).as_euler("xyz")

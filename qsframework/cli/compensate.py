@@ -194,7 +194,7 @@ def words(result: Compensation) -> str:
 
 def write_corrected(path: Path, result: Compensation, experiment: Experiment) -> None:
     """Corrected joint angles, and the pose that a controller with Cartesian targets is told instead."""
-    place, turn = flange_pose(experiment, result.command)
+    place, turn = flange_pose(result.command)
     joints = experiment.robot.controller.units
     header = ["target", *joints.names(), "x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg"]
     header += ["fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm", "uncorrected_mm", "expected_error_mm"]

@@ -32,7 +32,7 @@ _TOLERANCE = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """N settled poses: eps (N, ne), load point (N, 3) and its link's rotation (N, 3, 3), markers (N, K, 3)."""
+    """N settled poses: eps (N, ne), load point (N, 3) and the rotation (N, 3, 3) of its frame, markers (N, K, 3)."""
 
     eps: Array
     tip: Array
@@ -107,7 +107,7 @@ def _chunks(poses: Poses) -> list[Poses]:
 def _outcome(s: Settled) -> tuple[Array, Array, Array, Array]:
     state = s.at.state
     markers = np.stack([m.position for m in state.markers]) if state.markers else np.zeros((0, 3, s.eps.shape[1]))
-    return s.eps.T, state.tip.position.T, state.placed.matrix(state.tip.link), markers.transpose(2, 0, 1)
+    return s.eps.T, state.tip.position.T, state.tip.rotation, markers.transpose(2, 0, 1)
 
 
 def settle(model: Structure, poses: Poses, x: Array | None, loaded: bool, start: Settled | None = None) -> Settled:
@@ -207,7 +207,7 @@ def _residual(
     model: Structure, x: Array, state: State, compliance: Array, K: springs.Stiffness, eps: Array, weight: float
 ) -> _Residual:
     context = state.motion.context
-    applied = loads.apply_loads(model.of_kind(Load, x), state.placed.matrix(model.tip.link), context)
+    applied = loads.apply_loads(model.of_kind(Load, x), state.tip.rotation, context)
     torques = springs.torques(model.of_kind(ParallelSpring, x), state.motion)
     T = loads.gravity_torque(state, applied.moments, model.gravity) - K.times(eps)
     if weight:

@@ -118,8 +118,7 @@ def evaluate_stages(model: Structure, poses: Poses, x: Array, preload: bool, loa
     """Run the stages before the springs at the commanded poses, the arm as it is in one state."""
     geometry, motion = move_commanded(model, poses, x, loaded)
     state = place(motion, model.tip, model.markers)
-    rotation = state.placed.matrix(model.tip.link)
-    applied = loads.apply_loads(model.of_kind(Load, x), rotation, motion.context)
+    applied = loads.apply_loads(model.of_kind(Load, x), state.tip.rotation, motion.context)
     tau = loads.wrench_torque(state.tip, applied.wrench.T)
     faces = tuple(springs.faces(e, motion, xs) for e, xs in model.of_kind(ParallelSpring, x))
     drawn = tuple(pulls.pulls(model.of_kind(ParallelSpring, x), state.placed, motion.context))

@@ -23,6 +23,7 @@ from qsframework.plugin import (
     VirtualJoint,
     laws,
 )
+from qsframework.plugin.facts import frozen
 from qsframework.plugin.loops import in_order, own_joints
 from qsframework.robot.kinematics import Chain, Element
 
@@ -184,12 +185,13 @@ class _Builder:
             if self.perturbed:
                 here = self._add_placement(here)
             mine = [v for v in virtual if self.facts.link_index(v.link) == k + 1]
-            for v in (v for v in mine if v.side == "before"):
+            for v in (v for v in mine if v.side == "before" and v.link in self.facts.links):
                 here = self._add_virtual(v, here)
             self.joint_elements.append(self._add(here, self.facts.axes[k], not self.facts.sliding[k]))
             here = np.eye(4)
-            for v in (v for v in mine if v.side == "after"):
+            for v in (v for v in mine if v.side == "after" and v.link in self.facts.links):
                 here = self._add_virtual(v, here)
+            self._add_on_flange([v for v in mine if v.link not in self.facts.links])
             self.stops.append(len(self.elements))
         for branch in self.facts.branches:
             self.joint_elements.append(self._add(branch.placement, branch.axis, True))
@@ -206,6 +208,14 @@ class _Builder:
         axis = np.eye(3)["xyz".index(v.axis)] if isinstance(v.axis, str) else np.asarray(v.axis, dtype=float)
         self.virtual[v] = self._add(placement, axis / np.linalg.norm(axis), v.kind == "rotation")
         return np.eye(4)
+
+    def _add_on_flange(self, virtual: Sequence[VirtualJoint]) -> None:
+        """Virtual joints at a flange apart from the last link's frame; behind them an element that stays leads back."""
+        here = flange = self.facts.flange_placement
+        for v in virtual:
+            here = self._add_virtual(v, here)
+        if virtual:
+            self._add(frozen(np.linalg.inv(flange)), np.eye(3)[2], False)
 
     def _add_placement(self, placement: Array) -> Array:
         indices: list[int] = []

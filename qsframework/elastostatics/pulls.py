@@ -92,12 +92,12 @@ def _pull(effect: ParallelSpring, x: Array, placed: Frames, context: Context) ->
     ends = effect.ends(context.robot)
     if ends is None:
         return None
-    links = [context.robot.link_index(end.link) for end in ends]
+    links, stated = zip(*(context.robot.frame_of(end.link) for end in ends), strict=True)
     between = _between(placed.chain, links)
     points: list[Array] = []
     speed = np.zeros((len(between), 3, placed.axes.shape[-1]))
-    for link, end, sign in zip(links, ends, (-1.0, 1.0), strict=True):
-        points.append(placed.point(link, np.array(end.xyz)))
+    for link, frame, end, sign in zip(links, stated, ends, (-1.0, 1.0), strict=True):
+        points.append(placed.point(link, (frame @ np.append(end.xyz, 1.0))[:3]))
         found = twists(placed, link, points[-1]).linear
         upstream = between < len(found)
         speed[upstream] += sign * found[between[upstream]]

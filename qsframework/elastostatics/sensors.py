@@ -83,9 +83,8 @@ def sense(
     if eps is not None:
         position = position + np.stack([np.einsum("ecn,en->cn", m.linear, eps) for m in state.markers])
         turn = np.stack([np.einsum("ecn,en->cn", m.angular, eps) for m in state.markers])
-    links = [state.placed.matrix(m.link) for m in state.markers]
     turned = exponential(turn.transpose(2, 0, 1))
-    rotation = turned @ np.stack(links, axis=1)
+    rotation = turned @ np.stack([m.rotation for m in state.markers], axis=1)
     reading = position.transpose(2, 0, 1)
     passed: list[tuple[Sensor, Reading, Array]] = []
     for sensor, x in sensors:
@@ -97,7 +96,7 @@ def sense(
 def said(sensors: Sequence[tuple[Sensor, Array]], state: State, names: Sequence[str]) -> Array:
     """What the instrument says (N, K, 3) of the markers where a state is placed."""
     position = np.stack([m.position for m in state.markers]).transpose(2, 0, 1)
-    rotation = np.stack([state.placed.matrix(m.link) for m in state.markers], axis=1)
+    rotation = np.stack([m.rotation for m in state.markers], axis=1)
     for sensor, x in sensors:
         position = laws.seen(sensor, Reading(position, rotation, tuple(names)), x, state.motion.context)
     return position

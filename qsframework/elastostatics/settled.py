@@ -75,7 +75,15 @@ def _response(settled: Settled) -> springs.Response:
     A[range(count), range(count)] += 1.0
     inverse = np.asarray(np.linalg.inv(A.transpose(2, 0, 1)).transpose(1, 2, 0), dtype=np.float64)
     reaction = springs.Stiffness(tuple(range(count)), stiffness)
-    return springs.Response(np.zeros_like(at.T), at.T, at.slope, reaction, at.laws, inverse, settled.eps)
+    return springs.Response(
+        eps=np.zeros_like(at.T),
+        T=at.T,
+        slope=at.slope,
+        stiffness=reaction,
+        laws=at.laws,
+        inverse=inverse,
+        held=settled.eps,
+    )
 
 
 def _placed(at: SettledState) -> Placed:

@@ -141,7 +141,7 @@ Laws = Sequence[tuple[SpringLaw, tuple[int, ...], Array, Context]]
 Terms = tuple[tuple[tuple[int, ...], LawTerm], ...]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Response:
     """The arm's answer at one state: eps (ne, N), gear torques T (ne, N), and how eps reacts.
 
@@ -191,7 +191,9 @@ def respond_linear(compliance: Array, torque: Array, stiffness: Stiffness) -> Re
     slope = compliance[:, None]
     inverse = _inverse(stiffness, slope)
     eps = _solve(stiffness, inverse, slope * torque)
-    return Response(eps, torque - stiffness.times(eps), slope, stiffness, (), inverse)
+    return Response(
+        eps=eps, T=torque - stiffness.times(eps), slope=slope, stiffness=stiffness, laws=(), inverse=inverse
+    )
 
 
 def answer(compliance: Array, T: Array, bends: Laws) -> tuple[Array, Array, Terms]:
@@ -230,7 +232,7 @@ def respond(compliance: Array, torque: Array, stiffness: Stiffness, bends: Laws)
         inverse = _inverse(stiffness, slope)
         step = _solve(stiffness, inverse, error)
         if np.all(np.abs(step) <= _TOLERANCE * np.maximum(np.abs(eps), 1e-9)):
-            return Response(eps - step, T, slope, stiffness, terms, inverse)
+            return Response(eps=eps - step, T=T, slope=slope, stiffness=stiffness, laws=terms, inverse=inverse)
         eps, (error, T, slope, terms) = _backtrack(residual, eps, step, error)
     raise NotConverged(f"the springs' laws did not settle in {_STEPS} steps; largest step {np.abs(step).max():.1e} rad")
 

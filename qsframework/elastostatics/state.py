@@ -10,30 +10,54 @@ import numpy as np
 
 from qsframework.elastostatics.motion import Motion, MotionRate, combine
 from qsframework.plugin import Array
+from qsframework.plugin.facts import frozen
 from qsframework.robot.kinematics import Frames, Twists, cross, frames, twists, twists_along
+from qsframework.robot.robot import LinkFrame
 
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """A point fixed to a moving link: `xyz` (3,) m in the link's frame."""
+    """A point fixed to a moving link: `xyz` (3,) m in the link's frame.
+
+    attitude (3, 3): in the link's frame, of the frame in which the point is stated, and all that corrects it; None:
+    that is the link's own
+    """
 
     link: int
     xyz: Array
+    attitude: Array | None = None
+
+    def rotation(self, placed: Frames) -> Array:
+        """(N, 3, 3) of the frame in which the point is stated, in the base's."""
+        R = placed.matrix(self.link)
+        return R if self.attitude is None else R @ self.attitude
+
+
+def site_in(frame: LinkFrame, xyz: Array) -> Site:
+    """A point (3,) m that is stated in a frame on a moving link."""
+    R = frame.placement[:3, :3]
+    at = (frame.placement @ np.append(xyz, 1.0))[:3]
+    return Site(frame.link, frozen(at), None if np.array_equal(R, np.eye(3)) else R)
 
 
 @dataclass(frozen=True, eq=False)
 class Column:
     """A site's position (3, N), and its twist where it is asked for: an equilibrium asks for that of the tip only."""
 
-    link: int
+    site: Site
     position: Array
     motion: Motion
     placed: Frames
 
+    @property
+    def rotation(self) -> Array:
+        """(N, 3, 3) of the frame in which the site is stated, in the base's."""
+        return self.site.rotation(self.placed)
+
     @cached_property
     def elements(self) -> Twists:
         """The twist per element of the chain."""
-        return twists(self.placed, self.link, self.position)
+        return twists(self.placed, self.site.link, self.position)
 
     @cached_property
     def linear(self) -> Array:
@@ -76,7 +100,7 @@ def place(motion: Motion, tip: Site, markers: Sequence[Site], virtual: dict[int,
 
 def column(motion: Motion, placed: Frames, site: Site) -> Column:
     """Position and Jacobian of one site."""
-    return Column(site.link, placed.point(site.link, site.xyz), motion, placed)
+    return Column(site, placed.point(site.link, site.xyz), motion, placed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,13 +135,14 @@ def columns_along(motion: Motion, sites: Sequence[Column], rate: MotionRate) -> 
     """`column_along` of sites, of which those on one link move as one body does, after the first."""
     first: dict[int, tuple[Column, ColumnRate]] = {}
     out: list[ColumnRate] = []
-    for site in sites:
-        if site.link not in first:
-            first[site.link] = site, column_along(motion, site, rate)
-            out.append(first[site.link][1])
+    for one in sites:
+        link = one.site.link
+        if link not in first:
+            first[link] = one, column_along(motion, one, rate)
+            out.append(first[link][1])
             continue
-        other, known = first[site.link]
-        arm = site.position - other.position
+        other, known = first[link]
+        arm = one.position - other.position
         swing = cross(known.turn, arm)
         linear = known.linear + cross(known.angular, arm) + cross(other.angular, swing)
         out.append(ColumnRate(known.position + swing, known.turn, linear, known.angular))

@@ -11,8 +11,9 @@ import numpy as np
 
 from qsframework.elastostatics.layout import Layout, mixes
 from qsframework.elastostatics.state import Site
-from qsframework.errors import InputError, Problem, nearest
+from qsframework.errors import InputError, Problem
 from qsframework.plugin import Array, Effect, Geometry, Loop, Parameter, Poses, RobotFacts, Sensor, Spring
+from qsframework.plugin.registry import suggestion
 
 CHUNK = 4096
 """Poses worked on at a time, so that a batch stays in the processor's cache."""
@@ -58,7 +59,7 @@ class Structure:
         for name in names:
             if name not in self.names:
                 problem = Problem(f"the model has no parameter {name!r}", allowed=", ".join(self.names))
-                raise InputError(Problem(problem.message, allowed=problem.allowed, hint=nearest(name, self.names)))
+                raise InputError(Problem(problem.message, allowed=problem.allowed, hint=suggestion(name, self.names)))
         return [self.names.index(name) for name in names]
 
     @cached_property

@@ -25,7 +25,7 @@ def element_torques(
     """
     _, motion = move_commanded(model, poses, x)
     state = place(motion, model.tip, ())
-    applied = loads.apply_loads(model.of_kind(Load, x), state.placed.matrix(model.tip.link), motion.context)
+    applied = loads.apply_loads(model.of_kind(Load, x), state.tip.rotation, motion.context)
     own: list[Array] = []
     for some in without:
         hung = applied.moments.copy()

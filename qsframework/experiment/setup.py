@@ -11,6 +11,7 @@ import numpy as np
 
 from qsframework.elastostatics import Model, Site, make_model
 from qsframework.elastostatics.so3 import from_quaternion
+from qsframework.elastostatics.state import site_in
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.constraints import (
     Constraints,
@@ -24,7 +25,7 @@ from qsframework.files import Document, read_yaml, validate
 from qsframework.plugin import Array, Effect, Parameter, Spring
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.facts import frozen
-from qsframework.plugin.registry import with_role
+from qsframework.plugin.registry import suggestion, with_role
 from qsframework.plugin.trusted import trusted
 from qsframework.robot import Robot, load_robot
 from qsframework.robot.packages import inside
@@ -126,13 +127,11 @@ class Experiment:
     @property
     def load_site(self) -> Site:
         """The load point on the last link."""
-        frame = self.robot.flange
-        return Site(frame.link, frozen((frame.placement @ np.append(self.load_point, 1.0))[:3]))
+        return site_in(self.robot.flange, self.load_point)
 
     def site(self, link: str, xyz: Array) -> Site:
         """A point of a URDF link as a point of the moving link that carries it."""
-        frame = self.robot.frames[link]
-        return Site(frame.link, frozen((frame.placement @ np.append(xyz, 1.0))[:3]))
+        return site_in(self.robot.frames[link], xyz)
 
     def fit_names(self) -> tuple[str, ...]:
         """The parameters to estimate: those that `fit:` names, else every compliance."""
@@ -200,7 +199,7 @@ def expand_name(entry: str, model: Model) -> tuple[str, ...]:
     if not names:
         allowed = [*dict.fromkeys(known), GEOMETRY]
         raise InputError(
-            Problem(f"fit: no parameter {entry!r}", allowed=", ".join(allowed), hint=nearest(entry, allowed))
+            Problem(f"fit: no parameter {entry!r}", allowed=", ".join(allowed), hint=suggestion(entry, allowed))
         )
     return tuple(names)
 
@@ -286,7 +285,7 @@ def _markers(document: Document, spec: ExperimentSpec, robot: Robot, problems: l
     out: list[Marker] = []
     for name, entry in spec.markers.items():
         line = document.line("markers", name)
-        link = entry.link or next(n for n, f in robot.frames.items() if f is robot.flange)
+        link = entry.link or robot.facts.flange
         if link not in robot.frames:
             problems.append(
                 Problem(

@@ -36,6 +36,7 @@ from qsframework.identify.estimate import Estimate
 from qsframework.identify.selection import LeftAside
 from qsframework.plausible import allowed, beyond
 from qsframework.plugin import Array
+from qsframework.plugin.registry import replaced
 
 HIGH_CORRELATION = 0.9
 SIGNIFICANT = 1e-3
@@ -224,6 +225,10 @@ def _problems(document: Document, fit: FitRecord, names: list[str]) -> Iterator[
     def problem(words: str, key: str, allowed: str | None = None) -> Problem:
         return Problem(words, str(document.path), document.line(key), allowed=allowed)
 
+    old = {told: name for name in (*fit.model_values, *names) if (told := replaced(name)) is not None}
+    for told, name in old.items():
+        words = f"the fit is of an older format: it holds {name!r}"
+        yield Problem(words, str(document.path), hint=f"{told}. Identify again.")
     p, unknown = len(names), [name for name in names if name not in fit.names]
     yield from (problem(f"parameter {name!r} has no estimate", "estimates") for name in unknown)
     if not unknown and sorted(names) != sorted(fit.names):

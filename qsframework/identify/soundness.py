@@ -28,10 +28,11 @@ _CORRELATION = 1e-6
 
 
 def robot_hash(facts: RobotFacts) -> str:
-    """SHA-256 of an arm's constants: joints, axes, placements, masses and their centres, gravity; not of comments,
-    limits or nominal parameters, which no fit rests on."""
+    """SHA-256 of an arm's constants: joints, axes, placements, flange, masses and their centres, gravity; not of
+    comments, limits or nominal parameters, which no fit rests on."""
     digest = hashlib.sha256(" ".join(facts.joints).encode())
-    for values in (facts.sliding, facts.axes, facts.placements, facts.masses, facts.centres, facts.gravity):
+    placed = facts.sliding, facts.axes, facts.placements, facts.flange_placement
+    for values in (*placed, facts.masses, facts.centres, facts.gravity):
         rounded = np.round(np.asarray(values, dtype=float), _DIGITS) + 0.0  # no negative zeros
         digest.update(rounded.astype("<f8").tobytes())
     return digest.hexdigest()

@@ -103,6 +103,8 @@ class RobotFacts:
     limits      (n, 2) rad, m where a joint slides: all that the controller can command; None where nobody states them
     passive     names of joints that no actuator drives: they follow others by a loop
     branches    (b,) moving links beside the arm, parents first; loops determine their angles
+    flange      name of the frame in which the load's point and, unless said, the markers are stated
+    flange_placement (4, 4) that frame in the last link's; it is the last link's own where both are left out
     """
 
     name: str
@@ -118,10 +120,14 @@ class RobotFacts:
     passive: tuple[str, ...] = ()
     branches: tuple[Branch, ...] = ()
     sliding: tuple[bool, ...] = ()
+    flange: str = ""
+    flange_placement: Array = field(default_factory=lambda: frozen(np.eye(4)))
 
     def __post_init__(self) -> None:
         if not self.sliding:
             object.__setattr__(self, "sliding", (False,) * len(self.joints))
+        if not self.flange:
+            object.__setattr__(self, "flange", self.links[-1])
 
     @cached_property
     def units(self) -> JointUnits:
@@ -166,17 +172,19 @@ class RobotFacts:
     def base(self) -> str:
         return self.links[0]
 
-    @property
-    def flange(self) -> str:
-        return self.links[-1]
-
     def joint_index(self, joint: str) -> int:
         """Position of a joint in the chain; an InputError names the nearest joint."""
         return _index("joint", joint, self.joints, self.name)
 
     def link_index(self, link: str) -> int:
-        """Position of a moving link in the chain, 0 for the base."""
-        return _index("link", link, self.links, self.name)
+        """Position of a moving link in the chain, 0 for the base; the flange is on the last one."""
+        names = tuple(dict.fromkeys((*self.links, self.flange)))
+        return min(_index("link", link, names, self.name), self.n)
+
+    def frame_of(self, link: str) -> tuple[int, Array]:
+        """Where a point or an axis is that is stated in the frame of a link or of the flange: the moving link's
+        position in the chain, and that frame (4, 4) in the link's."""
+        return self.link_index(link), self.flange_placement if link == self.flange else np.eye(4)
 
     @property
     def turning(self) -> tuple[str, ...]:

@@ -80,6 +80,9 @@ class Effect(ABC):
     role: ClassVar[str] = ""
     """What the effect is to the rest of the arm, such as "gear": by it others refer to effects, never by a name."""
 
+    replaces: ClassVar[tuple[str, str]] = ("", "")
+    """An effect of another name, which old files may hold, and in which frame its parameters are stated since."""
+
     def __init_subclass__(cls, **more: object) -> None:
         super().__init_subclass__(**more)
 

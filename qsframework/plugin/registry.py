@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from importlib.metadata import entry_points
 from types import MappingProxyType
@@ -49,5 +50,22 @@ def find(name: str) -> type[Effect]:
     """The effect of a name; an InputError offers the nearest."""
     effects = registry()
     if name not in effects:
-        raise InputError(Problem(f"unknown effect {name!r}", allowed=", ".join(effects), hint=nearest(name, effects)))
+        raise InputError(
+            Problem(f"unknown effect {name!r}", allowed=", ".join(effects), hint=suggestion(name, effects))
+        )
     return effects[name]
+
+
+def suggestion(name: str, known: Iterable[str]) -> str | None:
+    """What to write for an unknown effect or parameter: what replaced it, else the nearest name that is known."""
+    return replaced(name) or nearest(name, known)
+
+
+def replaced(name: str) -> str | None:
+    """What to write for an effect or parameter of an old file; None where it has not been replaced."""
+    old = re.split(r"[\[.]", name)[0]
+    for effect in registry().values():
+        was, frame = effect.replaces
+        if old and old == was:
+            return f"Use {effect.effect_name()}: it is stated in {frame}, {was} was in that of the moving link"
+    return None

@@ -94,7 +94,7 @@ class Bar:
 
 @dataclass(frozen=True)
 class VirtualJoint:
-    """An elastic coordinate at a link's frame that moves the link and all that it carries.
+    """An elastic coordinate at the frame of a link, or of the flange, that moves the link and all that it carries.
 
     side "after": the axis turns with the link. side "before": the axis is fixed in the previous
     link, in the joint's frame at zero angle. For the base link both are the same.
@@ -111,7 +111,7 @@ Coordinate = Actuator | Bar | VirtualJoint
 
 @dataclass(frozen=True)
 class Point:
-    """A point fixed to a link: `xyz` in the link's frame, m."""
+    """A point fixed to a link, or to the flange: `xyz` in its frame, m."""
 
     link: str
     xyz: tuple[float, float, float]
@@ -165,7 +165,7 @@ class LawTerm:
 class Loads:
     """The wrench at the load point, base frame, and the masses that gravity pulls.
 
-    wrench (N, 6); rotation (N, 3, 3) of the flange;
+    wrench (N, 6); rotation (N, 3, 3) of the flange, in whose frame the file states the load point;
     moments (n + 1 + b, 4): for each of the robot's `bodies` its mass (kg) and mass times centre (kg m, link frame)
     """
 
@@ -193,8 +193,9 @@ class LoadTerm:
 
 @dataclass(frozen=True)
 class Reading:
-    """What the instrument sees of k markers in one state: position (N, k, 3) m and the rotation
-    (N, k, 3, 3) of the link that carries each, both in the base frame; the markers' names (k,)."""
+    """What the instrument sees of k markers in one state: position (N, k, 3) m and the rotation (N, k, 3, 3) of the
+    frame in which the file states each, that of its link or of the flange, both in the base frame; the markers' names
+    (k,)."""
 
     position: Array
     rotation: Array

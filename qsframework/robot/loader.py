@@ -73,7 +73,6 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | No
         effects=effects,
         parameters=parameters,
         frames=frames,
-        flange=frames[spec.flange],
         shapes=read_shapes(arm, frames, document.path.parent),
         branch_shapes=read_shapes(urdf, on_branches, document.path.parent),
         meshes=read_meshes(urdf, {**frames, **on_branches}, document.path.parent),

@@ -68,6 +68,8 @@ def read_facts(
         centres=frozen([inertia.lever for inertia in model.inertias]),
         gravity=frozen(model.gravity.linear),
         payload=payload,
+        flange=flange,
+        flange_placement=read_frames(model)[flange].placement,
     )
 
 

@@ -34,7 +34,7 @@ def reference_statics(robot: Robot, q: Array) -> Statics:
     import pinocchio as pin
 
     model, data, n = robot.model, robot.model.createData(), robot.facts.n
-    name = next(name for name, frame in robot.frames.items() if frame is robot.flange)
+    name = robot.facts.flange
     flange, aligned = model.getFrameId(name, pin.FrameType.BODY), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     places, columns, held = np.empty((n + 2, 4, 4, len(q))), np.empty((6, n, len(q))), np.empty((n, len(q)))
     for i, angles in enumerate(q):

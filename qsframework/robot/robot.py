@@ -67,7 +67,6 @@ class Robot:
     effects: tuple[Effect, ...]
     parameters: tuple[Parameter, ...]
     frames: Mapping[str, LinkFrame]
-    flange: LinkFrame
     shapes: tuple[Shape, ...]
     gravity: Array
     payload: float | None = None
@@ -76,3 +75,8 @@ class Robot:
     branch_shapes: tuple[Shape, ...] = ()
     """Meshes and the solids of branches are to draw only: collisions count the arm's shapes. `Shape.link` of a
     branch is an index into `RobotFacts.bodies`."""
+
+    @property
+    def flange(self) -> LinkFrame:
+        """The frame in which the load's point and, unless said, the markers are stated."""
+        return self.frames[self.facts.flange]

@@ -17,6 +17,7 @@ from qsframework.files.models import GREATEST
 from qsframework.files.plain import is_mapping
 from qsframework.plugin import Effect, Loop, Parameter, RobotFacts
 from qsframework.plugin.loops import loop_problems, with_branches
+from qsframework.plugin.registry import suggestion
 from qsframework.plugin.settings import twice_hint
 from qsframework.robot.named_files import entry_effects
 
@@ -118,7 +119,7 @@ def read_nominal(
                     file=str(document.path),
                     line=document.line(name),
                     allowed=", ".join(parameters),
-                    hint=nearest(name, parameters),
+                    hint=suggestion(name, parameters),
                 )
             )
     for effect in effects if not problems else ():

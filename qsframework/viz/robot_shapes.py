@@ -121,7 +121,8 @@ def draw_balancers(
         pivots = effect.outline(robot.facts)
         if pivots is None:
             continue
-        start, end = (links[robot.facts.link_index(p.link)] @ np.append(p.xyz, 1.0) for p in pivots)
+        on = [(*robot.facts.frame_of(p.link), np.append(p.xyz, 1.0)) for p in pivots]
+        start, end = (links[k] @ frame @ xyz for k, frame, xyz in on)
         ends = np.stack([start[:3], end[:3]])
         if any(np.allclose(ends, other) for other in drawn):  # two effects of one balancer
             continue

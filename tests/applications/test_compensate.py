@@ -230,7 +230,7 @@ def test_cartesian_targets_are_the_joint_targets_they_came_from(
 ) -> None:
     from scipy.spatial.transform import Rotation
 
-    place, turn = flange_pose(m900ib, targets.wanted)
+    place, turn = flange_pose(targets.wanted)
     columns, names = [place * 1e3], list(PLACE)
     if quaternion:
         x, y, z, w = Rotation.from_euler("xyz", turn).as_quat().T
@@ -250,7 +250,7 @@ def test_cartesian_targets_are_the_joint_targets_they_came_from(
 
 def test_cartesian_targets_without_a_start(m900ib: Experiment, targets: Targets, tmp_path: Path) -> None:
     """Any joint angles will do, within the limits, that put the load point there."""
-    place, turn = flange_pose(m900ib, targets.wanted)
+    place, turn = flange_pose(targets.wanted)
     rows = np.hstack([place * 1e3, np.rad2deg(turn), targets.wrench[:, :3]])
     read = read_targets(write_csv(tmp_path / "t.csv", [*PLACE, *TURNS, *FORCES], rows), m900ib)
     assert not m900ib.robot.controller.outside(read.pendant).any()

@@ -40,11 +40,11 @@ rigid: true
 markers: {{m1: {{xyz_mm: [0, 0, 200]}}}}
 noise: {{sigma_mm: 0.03}}
 effects:
-  - {{effect: tool_offset, markers: all}}
+  - {{effect: marker_offset, markers: all}}
   - {{effect: joint_offset, joints: all}}
   - {{effect: joint_placement, joints: all}}
   - {{effect: encoder_eccentricity, joints: [joint_2], waves_per_turn: [17]}}
-fit: [tool_offset, joint_offset, joint_placement, encoder_eccentricity, joint_compliance]
+fit: [marker_offset, joint_offset, joint_placement, encoder_eccentricity, joint_compliance]
 """
 
 

@@ -37,7 +37,7 @@ def twisted() -> Readings:
 
 
 TABLE = ("tracker_drift", "thermal_expansion", "offaxis_compliance")
-BEARINGS = ("offaxis_compliance", "link_compliance", "tool_compliance")
+BEARINGS = ("offaxis_compliance", "link_compliance", "flange_compliance")
 """Kinds of causes that are enough where the claim is not about the others."""
 
 

@@ -33,7 +33,7 @@ def test_a_hidden_effect_is_named_sized_and_gains() -> None:
 
 
 def test_two_causes_are_both_named() -> None:
-    first, second = find("joint_hardening")("joint_3"), find("tool_compliance")("y")
+    first, second = find("joint_hardening")("joint_3"), find("flange_compliance")("y")
     truth = {p.name: 0.4 * p.typical for e in (first, second) for p in e.parameters(campaign().robot.facts)}
     found = diagnose(campaign(), measured((first, second), truth, seed=2, count=30), repeats=1)
     assert {f.name for f in found.findings} == {first.name, second.name}, diagnosis_words(found)
@@ -71,7 +71,9 @@ def test_the_r2000ic_joint_springs_are_not_the_whole_truth() -> None:
     assert found.verdict in ("explained", "partly_explained")
     assert found.rms.heldout_extended <= 165e-6
     assert found.audit.unit_source != "stated"
-    assert any(f.name.startswith(("offaxis_compliance", "tool_compliance", "link_compliance")) for f in found.findings)
+    assert any(
+        f.name.startswith(("offaxis_compliance", "flange_compliance", "link_compliance")) for f in found.findings
+    )
     for finding in found.findings:
         if "compliance" in finding.name:
             assert all(v.value > 0.0 for v in finding.values)

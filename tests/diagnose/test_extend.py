@@ -116,7 +116,14 @@ def test_every_effect_of_the_registry_is_tried(robot: str) -> None:
 def test_the_load_and_the_instrument_are_of_the_campaign_and_masses_of_the_arm() -> None:
     model = loaded("m900ib").model()
     kinds = {e.effect_name(): of_arm(e) for e in proposed(model)}
-    for name in ("load_scale", "load_direction", "payload_centre", "tracker_scale", "tracker_frame", "tool_offset"):
+    for name in (
+        "load_scale",
+        "load_direction",
+        "load_point_offset",
+        "tracker_scale",
+        "tracker_frame",
+        "marker_offset",
+    ):
         assert not kinds[name], name
     for name in ("joint_backlash", "base_compliance", "link_mass", "joint_offset", "controller_coupling"):
         assert kinds[name], name

@@ -28,9 +28,9 @@ markers:
 noise: {sigma_mm: 0.03}
 rigid: true
 effects:
-  - {effect: tool_offset, markers: all}
+  - {effect: marker_offset, markers: all}
   - {effect: joint_offset, joints: all}
-fit: [tool_offset, joint_offset]
+fit: [marker_offset, joint_offset]
 """
 
 

@@ -43,7 +43,7 @@ def test_too_few_steps_are_said_and_no_explanation(readings: Readings, monkeypat
     rows = make_rows(readings)
     causes, _ = find_causes(experiment, experiment.fit_names(), rows)
     case: Any = SimpleNamespace(experiment=experiment, fitted=experiment.fit_names())
-    one = [next(c for c in causes if c.name == "tool_compliance[y]")]
+    one = [next(c for c in causes if c.name == "flange_compliance[y]")]
     found = refit(case, one, baseline, rows)
     assert found is not None
     assert found.chi2 <= baseline.chi2

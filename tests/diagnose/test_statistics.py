@@ -138,8 +138,9 @@ def small(seed: int) -> tuple[list[Subspace], Array, Gram]:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_search_finds_what_counting_all_subsets_finds(seed: int) -> None:
+    """A link that twists and the next bearing that tilts about the same axis are one motion, and tie to rounding."""
     chosen, residuals, gram = small(seed)
-    best: tuple[float, tuple[int, ...]] = (np.inf, ())
+    counted: dict[tuple[int, ...], float] = {}
     for size in (1, 2, 3):
         for members in combinations(range(len(chosen)), size):
             Q = np.concatenate([chosen[i].Q for i in members], axis=1)
@@ -151,11 +152,11 @@ def test_search_finds_what_counting_all_subsets_finds(seed: int) -> None:
                 first += chosen[i].Q.shape[1]
             left = float(np.square(residuals - Q @ z).sum())
             ebic = gram.ebic(left, Q.shape[1], size, len(chosen))
-            if physical and ebic < best[0]:
-                best = (ebic, members)
-    found = search(gram, range(len(chosen)))[0]
-    assert found.members == best[1]
-    assert found.ebic == pytest.approx(best[0], abs=1e-3)
+            if physical:
+                counted[members] = ebic
+    found, best = search(gram, range(len(chosen)))[0], min(counted.values())
+    assert found.members in [members for members, ebic in counted.items() if ebic < best + 1e-6]
+    assert found.ebic == pytest.approx(best, abs=1e-3)
 
 
 def test_the_set_of_rivals_covers_the_truth_and_is_small() -> None:
@@ -188,7 +189,7 @@ def test_deleting_poses_agrees_with_refits() -> None:
     case, subspaces = linear()
     rng = np.random.default_rng(8)
     i = next(n for n, s in enumerate(subspaces) if s.cause.name == "joint_hardening[joint_3]")
-    j = next(n for n, s in enumerate(subspaces) if s.cause.name == "tool_compliance[y]")
+    j = next(n for n, s in enumerate(subspaces) if s.cause.name == "flange_compliance[y]")
     residuals = noise_left(case, rng) + 4.0 * subspaces[i].Q[:, 0]
     case = replace(case, residuals=residuals)
     kept = case.pose < 12

@@ -66,7 +66,7 @@ def names_in(rows: tuple[tuple[str, ...], ...]) -> set[str]:
 
 def test_the_verdict_is_one_sentence_with_all_that_matters(real: Diagnosis) -> None:
     said = headline(real)
-    assert said.startswith("Partly explained by offaxis_compliance[joint_4/z], payload_centre and tracker_frame: ")
+    assert said.startswith("Partly explained by offaxis_compliance[joint_4/z], load_point_offset and tracker_frame: ")
     before, after = 1e3 * real.rms.heldout_identified, 1e3 * real.rms.heldout_extended
     assert f"falls by {100 * real.rms.heldout_gain:.0f} %, from {before:.3f} to {after:.3f} mm" in said
     assert "something moves link_3 with the torque there (or base_link, or one of 3 other places)" in said

@@ -88,7 +88,7 @@ def test_exchange_finds_the_best_of_all_subsets(experiment, pendant, first_day):
 
 
 def test_maximin_over_two_pairs_finds_the_best_of_all_subsets(experiment, pendant, first_day):
-    names = [(PEDESTAL, BEARING), ("joint_hardening[joint_3]", "payload_centre")]
+    names = [(PEDESTAL, BEARING), ("joint_hardening[joint_3]", "load_point_offset")]
     asked = [question(experiment, *pair) for pair in names]
     asked[1] = question(experiment, *names[1], values=0.5 * asked[1].values)
     poses = loaded(experiment, pendant[:12])

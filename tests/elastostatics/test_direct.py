@@ -21,14 +21,14 @@ markers:
   near: {{xyz_mm: [10, 60, 5], link: {link}}}
 noise: estimate
 effects:
-  - {{effect: tool_offset, markers: all}}
+  - {{effect: marker_offset, markers: all}}
   - {{effect: joint_offset, joints: all}}
   - {{effect: encoder_eccentricity, joint: joint_2}}
   - {{effect: joint_placement, joints: all}}
   - {{effect: gravity_sag, joints: [joint_2, joint_3]}}
   - {{effect: offaxis_compliance, joint: joint_3, axis: x}}
   - {{effect: link_mass, link: link_3}}
-  - {{effect: payload_centre}}
+  - {{effect: load_point_offset}}
   - {{effect: joint_hardening, joint: joint_3}}
 """
 POINTS = """

@@ -151,7 +151,7 @@ def still(p: Poses) -> Poses:
 @MODELS
 @pytest.mark.parametrize("case", [c for c in CASES if c != "sensors"])
 def test_loaded_minus_unloaded_is_the_displacement(case: str, linear: bool) -> None:
-    """With the same arm in both states; a tool offset under linear laws alone differs in second order.
+    """With the same arm in both states; a marker offset under linear laws alone differs in second order.
 
     The loaded state settles from the unloaded one, or from rest: to 1e-10 of some millimetres.
     """
@@ -191,10 +191,10 @@ def test_sensitivities_agree_with_differences(case: str, loaded: bool, linear: b
     unloaded = (
         "load_scale",
         "load_direction",
-        "payload_centre",
+        "load_point_offset",
         "hook.scale",
         "hook.offset",
-        "tool_compliance[rz]",
+        "flange_compliance[rz]",
     )  # the last link's centre is on its z axis
     mute = {n for n, s in zip(m.names, size, strict=True) if s == 0}
     assert mute == (set() if loaded else {n for n in m.names if n.startswith(unloaded)})

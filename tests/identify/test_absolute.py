@@ -22,7 +22,7 @@ from qsframework.plugin import Array, Poses
 from tests.identify.arm import position_readings, spoilt
 
 UR10 = Path(__file__).parents[2] / "examples" / "ur10"
-GEOMETRY = ["tool_offset", "joint_offset", "joint_placement"]
+GEOMETRY = ["marker_offset", "joint_offset", "joint_placement"]
 SPRINGS = ["joint_compliance[joint_2]", "joint_compliance[joint_3]"]
 SIGMA = 3e-5
 LINEAR = FitOptions(linear=True)
@@ -37,7 +37,7 @@ markers:
   c: {xyz_mm: [0, 80, 60]}
 noise: {sigma_mm: 0.03}
 effects:
-  - {effect: tool_offset, markers: all}
+  - {effect: marker_offset, markers: all}
   - {effect: joint_offset, joints: all}
   - {effect: joint_placement, joints: all}
 """
@@ -110,7 +110,7 @@ def test_the_stated_uncertainty_is_the_scatter(arm: Experiment) -> None:
         "joint_offset[joint_3]",
         "joint_placement[joint_2].x",
         "joint_placement[joint_3].x",
-        "tool_offset[a]",
+        "marker_offset[a]",
     ]
     x = arm.model().nominal
     index = arm.model().index(names_of(arm, fit_names))
@@ -276,6 +276,6 @@ def test_bad_input(case: str, words: str, tmp_path: Path) -> None:
 def test_a_fit_knows_only_its_own_frames(arm: Experiment) -> None:
     rng = np.random.default_rng(3)
     states = made_states(arm, arm.model().nominal, 40, rng, SIGMA)
-    fit = identify(arm, some(states, np.arange(60)), ["tool_offset"], KEEP)
+    fit = identify(arm, some(states, np.arange(60)), ["marker_offset"], KEEP)
     with pytest.raises(InputError, match="no tracker frame of series 'evening'"):
         fit.predict(states)

@@ -170,7 +170,7 @@ def test_an_offset_through_a_loop_is_refused(m900ib: Experiment, tmp_path: Path)
 
 
 def test_a_campaigns_parameters_are_not_the_robots(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
-    scaled = _with(r2000ic, {"effect": "tool_offset", "marker": r2000ic.markers[0].name})
+    scaled = _with(r2000ic, {"effect": "marker_offset", "marker": r2000ic.markers[0].name})
     fit = identify(scaled, real, options=LINEAR)
     fit = replace(fit, estimates=(*fit.estimates, replace(fit.estimates[0], name="load_scale")))
     path = write_nominal(fit, tmp_path / "nominal.yaml", r2000ic.robot)

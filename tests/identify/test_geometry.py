@@ -25,7 +25,7 @@ markers:
   b: {xyz_mm: [80, 0, 60]}
 noise: {sigma_mm: 0.03}
 effects:
-  - {effect: tool_offset, markers: all}
+  - {effect: marker_offset, markers: all}
 """
 LISTED = """
   - {effect: joint_offset, joints: all}
@@ -77,17 +77,17 @@ def test_geometry_is_the_zeros_and_placements_of_all_joints(more: str, tmp_path:
 
 
 def test_it_gives_what_the_effects_by_name_give(tmp_path: Path) -> None:
-    long = written(tmp_path, FILE + LISTED + "fit: [tool_offset, joint_offset, joint_placement]\n")
+    long = written(tmp_path, FILE + LISTED + "fit: [marker_offset, joint_offset, joint_placement]\n")
     readings = made(long, spread())
-    short = written(tmp_path, FILE + "fit: [tool_offset, geometry]\n")
+    short = written(tmp_path, FILE + "fit: [marker_offset, geometry]\n")
     by_name, fit = identify(long, readings, options=LINEAR), identify(short, readings, options=LINEAR)
     assert fit.names == by_name.names
     assert np.allclose([e.value for e in fit.estimates], [e.value for e in by_name.estimates], rtol=1e-9, atol=1e-12)
     assert {e.name for e in fit.left_aside} == {e.name for e in by_name.left_aside}
     named = {e.name: e for e in fit.estimates}
-    chosen = {n for n in short.fit_names() if n in named and not n.startswith("tool")}
-    aside = {e.name for e in fit.left_aside if not e.name.startswith("tool")}
-    assert chosen | aside == {n for n in short.fit_names() if not n.startswith("tool")}
+    chosen = {n for n in short.fit_names() if n in named and not n.startswith("marker")}
+    aside = {e.name for e in fit.left_aside if not e.name.startswith("marker")}
+    assert chosen | aside == {n for n in short.fit_names() if not n.startswith("marker")}
     assert len(chosen) == 4 * 6 + 6 - 6 - 6, "4 numbers for each turning joint and 6, less the frame and two markers"
     estimate = named["joint_placement[joint_4].rx"]
     assert abs(estimate.value + 6e-4) < 4.0 * estimate.sd
@@ -97,13 +97,13 @@ def test_it_gives_what_the_effects_by_name_give(tmp_path: Path) -> None:
 def test_geometry_can_be_asked_for_without_the_file(tmp_path: Path) -> None:
     plain = written(tmp_path, FILE)
     readings = made(plain.with_(fit=("geometry",)), spread())
-    fit = identify(plain, readings, ["tool_offset", "geometry"], LINEAR)
+    fit = identify(plain, readings, ["marker_offset", "geometry"], LINEAR)
     assert "joint_placement[joint_2].x" in fit.names
 
 
 def test_what_no_pose_tells_is_left_aside(tmp_path: Path) -> None:
     """Only joint 1 moves: the frame and the markers absorb all that its poses show, and no number of 42 is told."""
-    experiment = written(tmp_path, FILE + "fit: [tool_offset, geometry]\n")
+    experiment = written(tmp_path, FILE + "fit: [marker_offset, geometry]\n")
     fit = identify(experiment, made(experiment, spread(slice(0, 1))), options=LINEAR)
     left = {e.name: e for e in fit.left_aside}
     assert len([n for n in left if n.startswith(("joint_offset", "joint_placement"))]) == 42
@@ -127,19 +127,19 @@ def test_the_example_gives_the_same_by_either_name() -> None:
     folder = Path(__file__).parents[2] / "examples" / "ur10"
     experiment = load_experiment(folder / "experiment.yaml")
     readings = read_readings(folder / "series_d.csv", experiment, "positions")
-    short = identify(experiment, readings, ["tool_offset", "geometry"], LINEAR)
-    long = identify(experiment, readings, ["tool_offset", "joint_offset", "joint_placement"], LINEAR)
+    short = identify(experiment, readings, ["marker_offset", "geometry"], LINEAR)
+    long = identify(experiment, readings, ["marker_offset", "joint_offset", "joint_placement"], LINEAR)
     assert short.names == long.names
     assert np.isclose(short.error_of(short.residuals), long.error_of(long.residuals), rtol=1e-12)
 
 
 @pytest.mark.parametrize("more", ["", PARTLY, LISTED], ids=["no effects", "some effects", "all effects"])
 def test_an_experiment_reads_values_of_the_geometry_that_it_only_names(more: str, tmp_path: Path) -> None:
-    experiment = written(tmp_path, FILE + more + "fit: [tool_offset, geometry]\n")
+    experiment = written(tmp_path, FILE + more + "fit: [marker_offset, geometry]\n")
     fit = identify(experiment, made(experiment, spread()), options=LINEAR)
     told = write_campaign(fit, tmp_path / "c.yaml", experiment.robot)
     assert any(n.startswith("joint_placement") for n in told)
-    again = written(tmp_path, FILE + more + "fit: [tool_offset, geometry]\nnominal: c.yaml\n")
+    again = written(tmp_path, FILE + more + "fit: [marker_offset, geometry]\nnominal: c.yaml\n")
     assert [e.name for e in again.effects] == [e.name for e in experiment.effects]
     model = again.model()
     for e in fit.estimates[6:]:

@@ -75,8 +75,8 @@ def test_a_bound_behind_which_nothing_is_told() -> None:
 def test_the_target_that_series_d_cannot_tell(series_d: Fit) -> None:
     state = {e.name: e.state for e in series_d.estimates}
     sd = {e.name: e.sd for e in series_d.estimates}
-    assert sd["tool_offset[tmac].z"] > 0.01
-    assert state["tool_offset[tmac].z"] is State.NOT_IDENTIFIABLE
+    assert sd["marker_offset[tmac].z"] > 0.01
+    assert state["marker_offset[tmac].z"] is State.NOT_IDENTIFIABLE
     assert state["frame[D].x"] is State.FINE
     for e in series_d.estimates:
         size = np.inf if e.name.startswith("frame") else e.size

@@ -49,9 +49,9 @@ SETTINGS = {
     "learned": {"at": "joint_3", "by": "torque", "scale_Nm": 900.0, "lowest_Nm": -500.0, "highest_Nm": 900.0},
     "learned_bearing": {"at": "joint_4", "by": "attitude", "scale_Nm": 900.0},
     "learned_shift": {"at": "base_link", "by": "torque", "scale_N": 900.0, "lowest_N": -500.0, "highest_N": 900.0},
-    "learned_reading": {"at": "m1", "by": "loaded*order", "first": 0.0, "last": 1.0},
+    "learned_offset": {"at": "m1", "by": "loaded*order", "first": 0.0, "last": 1.0},
     "learned_load": {"at": "tool", "by": "force", "scale_N": 900.0, "lowest_N": 100.0, "highest_N": 900.0},
-    "learned_point": {"at": "tool", "by": "attitude"},
+    "learned_load_point": {"at": "tool", "by": "attitude"},
     "counterweight": {"link": "link_2", "x_m": 0.1, "y_m": 0.0, "z_m": -0.5},
     "compensator_friction": {
         "joint": "joint_2",

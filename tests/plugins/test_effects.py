@@ -72,7 +72,10 @@ def test_base_spring_is_a_lever(robot: Robot) -> None:
 def test_tool_translation_is_a_spring_at_the_flange(robot: Robot, direction: str, axis: int) -> None:
     c = 2e-7
     model = arm(
-        robot, [{"effect": "tool_compliance", "direction": direction}], {f"tool_compliance[{direction}]": c}, base=False
+        robot,
+        [{"effect": "flange_compliance", "direction": direction}],
+        {f"flange_compliance[{direction}]": c},
+        base=False,
     )
     p = poses(robot)
     along = equilibrium(model, p, loaded=False).tip_rotation[:, :, axis]
@@ -82,7 +85,7 @@ def test_tool_translation_is_a_spring_at_the_flange(robot: Robot, direction: str
 
 def test_link_spring_at_the_last_link_is_the_tool_spring(robot: Robot) -> None:
     p = poses(robot)
-    one = arm(robot, [{"effect": "tool_compliance", "direction": "rx"}], {"tool_compliance[rx]": 1e-6})
+    one = arm(robot, [{"effect": "flange_compliance", "direction": "rx"}], {"flange_compliance[rx]": 1e-6})
     two = arm(
         robot,
         [{"effect": "link_compliance", "link": "link_6", "direction": "rx"}],
@@ -116,22 +119,22 @@ def test_load_direction_turns_the_wrench(robot: Robot) -> None:
     assert np.allclose(model.predict(p), arm(robot, [], {}).predict(Poses(p.pendant, p.q, turned)), rtol=1e-12, atol=0)
 
 
-def test_payload_centre_moves_the_load_point(robot: Robot) -> None:
+def test_load_point_offset_moves_the_load_point(robot: Robot) -> None:
     """Linear and full: the arm turns with the flange."""
     p = poses(robot)
     p = Poses(p.pendant, p.q, np.concatenate([p.wrench[:, :3], np.zeros((8, 3))], axis=1))
-    values = {"payload_centre.x": 0.03, "payload_centre.y": -0.02, "payload_centre.z": 0.05}
-    model = arm(robot, [{"effect": "payload_centre"}], values)
+    values = {"load_point_offset.x": 0.03, "load_point_offset.y": -0.02, "load_point_offset.z": 0.05}
+    model = arm(robot, [{"effect": "load_point_offset"}], values)
     moved = arm(robot, [], {}, point=POINT + np.array([0.03, -0.02, 0.05]))
     assert np.allclose(model.predict(p, linear=True), moved.predict(p, linear=True), rtol=1e-12, atol=1e-18)
     assert np.allclose(model.predict(p), moved.predict(p), rtol=1e-12, atol=1e-18)
 
 
-def test_tool_offset_moves_the_marker(robot: Robot) -> None:
+def test_marker_offset_moves_the_marker(robot: Robot) -> None:
     """Both marker models differ by second order in the turn of the flange only."""
     p = poses(robot)
-    values = {"tool_offset[m].x": 0.02, "tool_offset[m].y": 0.01, "tool_offset[m].z": -0.03}
-    model = arm(robot, [{"effect": "tool_offset", "marker": "m"}], values)
+    values = {"marker_offset[m].x": 0.02, "marker_offset[m].y": 0.01, "marker_offset[m].z": -0.03}
+    model = arm(robot, [{"effect": "marker_offset", "marker": "m"}], values)
     moved = arm(robot, [], {}, marker=MARKER + np.array([0.02, 0.01, -0.03]))
     change = np.abs(moved.predict(p) - arm(robot, [], {}).predict(p)).max()
     assert np.abs(model.predict(p) - moved.predict(p)).max() < 5e-3 * change

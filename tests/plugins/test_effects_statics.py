@@ -72,7 +72,8 @@ def frames(facts: RobotFacts, q: np.ndarray) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    ("effect", "link"), [("link_compliance", 3), ("link_compliance", 2), ("tool_compliance", 6), ("base_compliance", 0)]
+    ("effect", "link"),
+    [("link_compliance", 3), ("link_compliance", 2), ("flange_compliance", 6), ("base_compliance", 0)],
 )
 @pytest.mark.parametrize("direction", ["x", "y", "z", "rx", "ry", "rz"])
 def test_a_spring_at_a_link_s_frame(robot: Robot, facts: RobotFacts, effect: str, link: int, direction: str) -> None:

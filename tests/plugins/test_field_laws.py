@@ -61,14 +61,14 @@ LAWS = (
     Law({"effect": "link_bending", "link": "link_3", "across": "v"}, 18.0),
     Law({"effect": "hose", "link": "link_6", "from_z_m": 4.5}, 5.0, "positions"),
     Law({"effect": "base_lift", "direction": "ry"}, 1.5),
-    Law({"effect": "marker_slip", "marker": "m2"}, 1.0),
+    Law({"effect": "marker_offset_loaded", "marker": "m2"}, 1.0),
     Law({"effect": "gear_ratio", "joint": "joint_2"}, 0.5, "positions"),
-    Law({"effect": "marker_move", "marker": "m2", "percent": "50"}, 0.5, "positions"),
+    Law({"effect": "marker_offset_after", "marker": "m2", "percent": "50"}, 0.5, "positions"),
     Law({"effect": "tracker_move", "percent": "50"}, 0.3, "positions"),
     Law({"effect": "reading_drift"}, 1.0, "positions"),
 )
 every_law = pytest.mark.parametrize("law", LAWS, ids=str)
-ONE_OF_EACH = ("gear_friction", "link_bending", "hose", "base_lift", "marker_slip", "gear_ratio")
+ONE_OF_EACH = ("gear_friction", "link_bending", "hose", "base_lift", "marker_offset_loaded", "gear_ratio")
 COUNT = 24
 
 
@@ -259,7 +259,7 @@ def test_a_marker_and_a_tracker_move_from_a_reading_on() -> None:
     after = np.array([0, 0, 0, 1, 1.0])[:, None]
     marker, tracker, drift = (
         build_effects({"effect": name, **more}, ROBOT, ("m1", "m2"))[0]
-        for name, more in (("marker_move", {"marker": "m2"}), ("tracker_move", {}), ("reading_drift", {}))
+        for name, more in (("marker_offset_after", {"marker": "m2"}), ("tracker_move", {}), ("reading_drift", {}))
     )
     x = np.array([1e-3, 2e-3, 3e-3])
     assert isinstance(marker, Sensor)
@@ -284,7 +284,7 @@ def test_a_marker_and_a_tracker_move_from_a_reading_on() -> None:
         {"effect": "tracker_move", "percent": "half"},
         {"effect": "hose", "link": "link_6", "from_z_m": 3, "length_m": -1},
         {"effect": "link_bending", "link": "link_2", "across": "w"},
-        {"effect": "marker_move", "marker": "m1", "percent": "100"},
+        {"effect": "marker_offset_after", "marker": "m1", "percent": "100"},
     ],
     ids=lambda entry: str(entry["effect"]),
 )

@@ -11,7 +11,7 @@ from qsframework.plugin import find
 
 def test_nested_leave_one_out_reaches_0_16_mm(r2000ic: Experiment, real: Readings) -> None:
     facts = r2000ic.robot.facts
-    springs = [s for name in ("offaxis_compliance", "tool_compliance") for s in find(name).places(facts)]
+    springs = [s for name in ("offaxis_compliance", "flange_compliance") for s in find(name).places(facts)]
     model = r2000ic.with_(
         effects=tuple(springs), parameters=tuple(p for s in springs for p in s.parameters(facts))
     ).model()
@@ -47,4 +47,4 @@ def test_nested_leave_one_out_reaches_0_16_mm(r2000ic: Experiment, real: Reading
         rows = [r for r in everything if r != i]
         total += error(choose(rows), rows, i)
     assert np.sqrt(total / y.size) * 1e3 <= 0.16
-    assert {names[k] for k in choose(everything)[6:]} == {"offaxis_compliance[joint_3/x]", "tool_compliance[y]"}
+    assert {names[k] for k in choose(everything)[6:]} == {"offaxis_compliance[joint_3/x]", "flange_compliance[y]"}

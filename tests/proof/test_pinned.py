@@ -62,7 +62,7 @@ CABLE_SPRINGS = {
 # 2. The UR10's real positions (examples/ur10/README.md, docs/ur10.md). Numbers told, left aside; RMS of the distance,
 #    mm: of the fit, and at poses left out, which the README rounds to 0.344 (D) and 0.396 (B). Tolerance: 0.1 %. Errors
 #    at halves that were not fitted stand in docs/ur10.md; no command gives them.
-GEOMETRY = ("tool_offset", "joint_offset", "joint_placement")
+GEOMETRY = ("marker_offset", "joint_offset", "joint_placement")
 STRUCTURAL, SPRINGS, SAG = GEOMETRY, (*GEOMETRY, *JOINTS[1:3]), (*GEOMETRY, "gravity_sag")
 POSITIONS: dict[tuple[str, tuple[str, ...]], tuple[int, int, float, float]] = {
     ("b", STRUCTURAL): (25, 26, 0.4333, 0.4356),
@@ -177,7 +177,12 @@ HIDDEN = [
         16.1,
     ),
     Hidden(
-        "kr500", "tool_compliance, direction: z", {"tool_compliance[z]": "2.0e-8 m/N"}, 8, "tool_compliance[z]", 11.0
+        "kr500",
+        "flange_compliance, direction: z",
+        {"flange_compliance[z]": "2.0e-8 m/N"},
+        8,
+        "flange_compliance[z]",
+        11.0,
     ),
     Hidden(
         "kr500",
@@ -187,7 +192,7 @@ HIDDEN = [
         "load_direction",
         23.3,
     ),
-    Hidden("kr500", "payload_centre", {"payload_centre.x": "0.06 m"}, 14, "payload_centre", 10.1),
+    Hidden("kr500", "load_point_offset", {"load_point_offset.x": "0.06 m"}, 14, "load_point_offset", 10.1),
 ]
 #    What no simulation has the columns for, made from simulated readings: a drift by arithmetic, a balancer's friction
 #    from two balancers, one for each side of approach.
@@ -206,7 +211,7 @@ HARDENING = ("joint_hardening[joint_3]", (20.0, -1.21e-16), (20.80, -1.2046e-16,
 REAL_CAUSES: dict[str, list[str]] = {
     "controller_coupling[joint_3]": [],
     "offaxis_compliance[joint_4/z]": ["link_compliance[link_3/rz]"],
-    "payload_centre": [],
+    "load_point_offset": [],
     "tracker_frame": [],
 }
 REAL_HELD_OUT = (0.2141, 0.1027)

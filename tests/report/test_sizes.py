@@ -20,7 +20,7 @@ from qsframework.units import conversion
         ("joint_hardening[joint_3]", "rad/(N m)", -4e-7, "-0.400 urad/(N m)"),
         ("joint_hardening[joint_3]", "rad/(N m)^3", 3e-16, "0.300 urad/(kN m)^3"),
         ("base_compliance[z]", "m/N", 1e-8, "10.0 um/kN (100 kN/mm)"),
-        ("tool_offset[tool].x", "m", 0.002, "2.00 mm"),
+        ("marker_offset[tool].x", "m", 0.002, "2.00 mm"),
         ("bar", "m", 2e-5, "20.0 um"),
         ("load_scale", "", 0.0123, "1.23 %"),
         ("tracker_drift.x", "m/s", 1e-8, "36.0 um/h"),

@@ -195,7 +195,7 @@ def forty() -> Experiment:
     entries = (
         {"effect": "offaxis_compliance", "joints": "all", "axes": "all"},
         {"effect": "base_compliance", "directions": ["x", "y", "z", "rx", "ry", "rz"]},
-        {"effect": "tool_compliance", "directions": ["x", "y", "z"]},
+        {"effect": "flange_compliance", "directions": ["x", "y", "z"]},
         {"effect": "tracker_frame"},
         {"effect": "joint_offset", "joints": "all"},
         {"effect": "joint_placement", "joints": ["joint_3", "joint_4"]},

@@ -145,7 +145,7 @@ def states(folder: Path) -> Path:
     """Absolute positions of a UR10 whose marker, poses and series are markup."""
     document = yaml.safe_load((example("ur10") / "experiment.yaml").read_text())
     document |= {"markers": {f"tmac{EVIL_NAME}": document["markers"]["tmac"]}, "data": "states.csv"}
-    document |= {"effects": document["effects"][:3], "fit": ["tool_offset", "joint_offset"]}
+    document |= {"effects": document["effects"][:3], "fit": ["marker_offset", "joint_offset"]}
     (folder / "states.yaml").write_text(yaml.safe_dump(document))
     quoted = EVIL_NAME.replace('"', '""')
     rows = (example("ur10") / "series_d.csv").read_text().splitlines()[2:60]

@@ -52,12 +52,17 @@ class Probe(Spring):
         return tuple(Parameter(f"{self.name}[{i}]", "", lower=0.0) for i in range(len(self.virtual_joints(robot))))
 
     def virtual_joints(self, robot: RobotFacts) -> tuple[Coordinate, ...]:
-        turns = [VirtualJoint(link, axis, "rotation") for link in robot.links for axis in _AXES]
-        shifts = [VirtualJoint(link, axis, "translation") for link in robot.links for axis in _AXES]
+        turns = [VirtualJoint(link, axis, "rotation") for link in _links(robot) for axis in _AXES]
+        shifts = [VirtualJoint(link, axis, "translation") for link in _links(robot) for axis in _AXES]
         tilts = [
             VirtualJoint(robot.link_of(j), a, "rotation", "before") for j in robot.joints for a in _tilts(robot, j)
         ]
         return (*(Actuator(joint) for joint in robot.joints), *turns, *shifts, *tilts)
+
+
+def _links(robot: RobotFacts) -> tuple[str, ...]:
+    """(n + 1,) the links, base to flange."""
+    return (*robot.links[:-1], robot.flange)
 
 
 def _tilts(robot: RobotFacts, joint: str) -> list[Any]:
@@ -217,11 +222,11 @@ def _stands(probe: Model, rows: Rows, values: Array, own: Sequence[int]) -> tupl
             assert stages.preload is not None
             markers = stages.state.markers
             position = np.stack([m.position for m in markers]).transpose(2, 0, 1)
-            rotation = np.stack([stages.state.placed.matrix(m.link) for m in markers], axis=1)
+            rotation = np.stack([m.rotation for m in markers], axis=1)
             torque = (stages.tau[own] + stages.preload[own]).T
             reading = Reading(position, rotation, probe.marker_names)
-            flange = stages.state.placed.matrix(len(probe.facts.links) - 1)
-            out.append(Stand(at, Context(probe.facts, part, loaded), torque, reading, flange, _give(stages)))
+            turned = stages.state.tip.rotation
+            out.append(Stand(at, Context(probe.facts, part, loaded), torque, reading, turned, _give(stages)))
             parts.append((at, np.stack([m.linear[own] for m in markers]).transpose(3, 0, 2, 1)))
     slope = np.empty((sum(len(at) for at, _ in parts), *parts[0][1].shape[1:]))
     for at, values_there in parts:
@@ -312,9 +317,9 @@ def _places(facts: RobotFacts) -> tuple[Place, ...]:
         out.append(Place("drive", joint, (k,), joint, others))
     own = (None, *facts.joints)
     turns = [(at, at + 1, at + 2) for at in range(n, 4 * n + 1, 3)]
-    out += [Place("link", link, at, o) for link, at, o in zip(facts.links, turns, own, strict=True)]
+    out += [Place("link", link, at, o) for link, at, o in zip(_links(facts), turns, own, strict=True)]
     shifts = [(at, at + 1, at + 2) for at in range(4 * n + 3, 7 * n + 4, 3)]
-    for link, at, o, moments in zip(facts.links, shifts, own, turns, strict=True):
+    for link, at, o, moments in zip(_links(facts), shifts, own, turns, strict=True):
         out.append(Place("shift", link, at, o, moments))
     first = 7 * n + 6
     for joint in facts.joints:

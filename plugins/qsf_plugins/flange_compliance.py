@@ -10,11 +10,12 @@ from qsframework.plugin import Parameter, RobotFacts, Spring, VirtualJoint, plac
 
 
 @dataclass(frozen=True)
-class ToolCompliance(Spring):
-    """The tool moves on the last link, about or along one axis of that link's frame."""
+class FlangeCompliance(Spring):
+    """The tool moves on the flange, about or along one axis of the flange's frame."""
 
     direction: str = place(axis=True)
     role = "tool"
+    replaces = ("tool_compliance", "the flange's frame")
     equation = "eps = c tau, tau = the force along, or the moment about, the flange's axis"
     source = "six springs at the flange; tip effect of 0.05 to 0.5 mm on heavy arms"
     check = "Flange bolts, tool changer, spindle mount."
@@ -29,5 +30,5 @@ class ToolCompliance(Spring):
         check_direction(self.name, self.direction)
 
     @classmethod
-    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[ToolCompliance, ...]:
+    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[FlangeCompliance, ...]:
         return tuple(cls(d) for d in DIRECTIONS)

@@ -12,13 +12,14 @@ from qsframework.plugin import Array, Context, Parameter, Reading, RobotFacts, S
 
 
 @dataclass(frozen=True)
-class ToolOffset(Sensor):
-    """A marker's position in its link is off by a vector, which the link's rotation carries along."""
+class MarkerOffset(Sensor):
+    """A marker is off its place by a vector in the frame of its `xyz`, which that frame's rotation carries along."""
 
     marker: str = place()
     role = "marker offset"
+    replaces = ("tool_offset", "the frame of the marker's xyz_mm")
     order = 0
-    equation = "marker = link's place + R_link (nominal + offset)"
+    equation = "marker = origin + R (xyz + offset), R the rotation of the frame in which xyz is stated"
     source = "rigid-body kinematics"
     check = "Where the reflector's nest is glued or bolted."
 
@@ -37,5 +38,5 @@ class ToolOffset(Sensor):
         return SensorTerm(position, d_position, dx, d_rotation)
 
     @classmethod
-    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[ToolOffset, ...]:
+    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[MarkerOffset, ...]:
         return tuple(cls(marker) for marker in markers)

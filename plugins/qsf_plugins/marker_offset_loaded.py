@@ -11,12 +11,13 @@ from qsframework.plugin import Array, Context, Parameter, Reading, RobotFacts, S
 
 
 @dataclass(frozen=True)
-class MarkerSlip(Sensor):
-    """A marker sits elsewhere in its link while a load is on, by a vector that the link carries along."""
+class MarkerOffsetLoaded(Sensor):
+    """While a load is on a marker is off its place by a vector in the frame of its `xyz`."""
 
     marker: str = place()
     order = 0
-    equation = "marker = link's place + R_link (nominal + offset [loaded])"
+    equation = "marker = origin + R (xyz + offset [loaded]), R of the frame of xyz"
+    replaces = ("marker_slip", "the frame of the marker's xyz_mm")
     source = "nests on parts that the load bends or shakes: hundredths to tenths of a millimetre"
     check = "What this reflector's nest sits on: a cover, a cable, the part that carries the load."
 
@@ -28,5 +29,5 @@ class MarkerSlip(Sensor):
         return reading.position + context.loaded * own[:, None] * (reading.rotation @ x)
 
     @classmethod
-    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[MarkerSlip, ...]:
+    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[MarkerOffsetLoaded, ...]:
         return tuple(cls(marker) for marker in markers)

@@ -12,14 +12,15 @@ from qsframework.plugin import Array, Context, Parameter, Reading, RobotFacts, S
 
 
 @dataclass(frozen=True)
-class MarkerMove(Sensor):
-    """A marker sits elsewhere in its link from some reading on, by a vector that the link carries along."""
+class MarkerOffsetAfter(Sensor):
+    """From some reading on a marker is off its place by a vector in the frame of its `xyz`."""
 
     marker: str = place()
     percent: str = place("50")
     """After how many per cent of the readings it moved."""
     order = 0
-    equation = "marker = link's place + R_link (nominal + offset [share of readings taken >= p])"
+    equation = "marker = origin + R (xyz + offset [share of readings taken >= p]), R of the frame of xyz"
+    replaces = ("marker_move", "the frame of the marker's xyz_mm")
     source = "magnetic nests that are touched or cleaned: tenths of a millimetre"
     check = "What happened to this reflector at that reading; seat it again and repeat some poses."
 
@@ -35,5 +36,5 @@ class MarkerMove(Sensor):
         return reading.position + after * own[:, None] * (reading.rotation @ x)
 
     @classmethod
-    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[MarkerMove, ...]:
+    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[MarkerOffsetAfter, ...]:
         return tuple(cls(marker, percent) for marker in markers for percent in STEPS)

@@ -27,10 +27,10 @@ OWN = ("force",)
 
 
 @dataclass(frozen=True)
-class LearnedReading(Dependence, Sensor):
+class LearnedOffset(Dependence, Sensor):
     """A marker shifts, or all readings do, by a smooth law learned from them; beyond what they saw it stays constant.
 
-    `at`: a marker, which shifts in its link's frame, or `all`, which shift along the axes of the base. A further
+    `at`: a marker, which shifts in the frame of its `xyz`, or `all`, which shift along the axes of the base. A further
     factor of `by` is `force`: the components of the load, in units of `scale`, along the same axes.
     """
 
@@ -41,6 +41,7 @@ class LearnedReading(Dependence, Sensor):
     order = 0
     by_state = True
     role = "learned"
+    replaces = ("learned_reading", "the frame of the marker's xyz_mm")
     parts: ClassVar[tuple[str, ...]] = ("marker", "readings")
     equation = "p = p_0 + A sum w_i f_i(angles, attitude, order, force)"
     source = "learned from readings by qsf diagnose, as learned"
@@ -56,7 +57,7 @@ class LearnedReading(Dependence, Sensor):
         if self.prior < 0.0 or not self.scale > 0.0:
             problems.append(Problem(f"{self.name}: scale must be above 0, prior not negative"))
         if self.at == "all" and "attitude" in self.factors:
-            problems.append(Problem(f"{self.name}: the attitude is that of a marker's link", found="at: all"))
+            problems.append(Problem(f"{self.name}: the attitude is that of a marker's frame", found="at: all"))
         if problems:
             raise InputError(problems)
 

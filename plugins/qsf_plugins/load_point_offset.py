@@ -12,11 +12,12 @@ from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter,
 
 
 @dataclass(frozen=True)
-class PayloadCentre(Load):
-    """The force acts at an offset r, fixed in the last link: it adds the moment r x f at the load point."""
+class LoadPointOffset(Load):
+    """The force acts at an offset r from the load point, in the flange's frame: it adds the moment r x f there."""
 
     order = 2
-    equation = "moment = moment_0 + (R r) x f, R the rotation of the last link"
+    equation = "moment = moment_0 + (R r) x f, R the rotation of the flange"
+    replaces = ("payload_centre", "the flange's frame, as point_mm of the load")
     source = "statics: moment of a force about another point"
     check = "Where the cable is hooked, where the weight's centre hangs."
 
@@ -32,5 +33,5 @@ class PayloadCentre(Load):
         return LoadTerm(wrench, slope, by_arm @ loads.rotation, -by_arm @ skew(arm))
 
     @classmethod
-    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[PayloadCentre, ...]:
+    def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[LoadPointOffset, ...]:
         return (cls(),)
