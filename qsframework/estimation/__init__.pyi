@@ -1,3 +1,4 @@
+from .linear_fit import LinearFit as LinearFit, linear_fit as linear_fit
 from .noise import (
     Independent as Independent,
     Noise as Noise,
@@ -8,7 +9,7 @@ from .noise import (
 )
 from .observations import Observations as Observations, scales as scales
 from .options import METHODS as METHODS, PLAIN as PLAIN, FitOptions as FitOptions
-from .projection import falls as falls, left as left, orthonormal as orthonormal, without_block as without_block
+from .projection import left as left, orthonormal as orthonormal
 from .rank import RankTest as RankTest, rank_test as rank_test
 from .solver import Solution as Solution, settle as settle, solve as solve
 from .statistics import (
@@ -16,6 +17,4 @@ from .statistics import (
     profile_interval as profile_interval,
     propagated as propagated,
     rms as rms,
-    shifts as shifts,
-    studentised as studentised,
 )

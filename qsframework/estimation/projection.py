@@ -1,8 +1,4 @@
-"""The projection beside a fit: what is left of readings, and what a fit without some of them would leave.
-
-Least squares with orthonormal columns Q leaves r = (I - Q Q') y. Without a block i of readings it errs by
-(I - Q_i Q_i')^-1 r_i there, and its sum of squares is smaller by r_i' (I - Q_i Q_i')^-1 r_i: exact, with no refit.
-"""
+"""The projection beside a fit: orthonormal columns, what they leave, and blocks of readings held against them."""
 
 from __future__ import annotations
 
@@ -11,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.estimation.tails import chi2_sf, f_sf
 from qsframework.plugin import Array, Indices
 
 Flags = npt.NDArray[np.bool_]
@@ -69,47 +64,3 @@ def solved(
         out = np.zeros(v.shape)
         out[told] = np.linalg.solve(rest[told], v[told][..., None])[..., 0]
         yield part, told, out
-
-
-def without_block(Q: Array, residuals: Array, label: Indices) -> Array:
-    """Errors (m,) at each block, by equal labels, when it is left out of the fit; NaN where it cannot be.
-
-    residuals (m,) as the fit left them, whitened as Q is. A block that alone carries a parameter cannot be left out.
-    """
-    out = np.full(len(residuals), np.nan)
-    for at in blocks_of(label):
-        for part, told, values in solved(Q, at, residuals):
-            out[at[part][told]] = values[told]
-    return out
-
-
-def falls(Q: Array, slope: Array, label: Indices, carried: float = CARRIED) -> tuple[Array, Indices, Indices]:
-    """By how much the sum of squares falls without each block of readings.
-
-    Returns for B blocks: their labels (B,), sizes (B,) and falls (B,), 0 where the others cannot do without it.
-    slope (m,) and Q are those of `shifts` where readings share errors, else residuals and columns themselves.
-    """
-    names: list[Indices] = []
-    sizes: list[Indices] = []
-    out: list[Array] = []
-    for at in blocks_of(label):
-        for part, _, values in solved(Q, at, slope, carried):
-            names.append(label[at[part][:, 0]])
-            sizes.append(np.full(len(values), at.shape[1]))
-            out.append(np.einsum("bs,bs->b", slope[at[part]], values))
-    order = np.argsort(np.concatenate(names)) if names else np.zeros(0, dtype=np.intp)
-    if not names:
-        return np.zeros(0), order, order
-    return np.concatenate(out)[order], np.concatenate(names)[order], np.concatenate(sizes)[order]
-
-
-def chi_square(fall: Array | float, size: Indices | int, total: float, dof: int, stated: bool) -> Array:
-    """Probability that chance alone makes sums of squares fall so far with `size` more columns.
-
-    stated: the noise has unit variance, chi-square; else an F test against what is left, `total` on `dof` before
-    """
-    size = np.maximum(size, 1)
-    if stated:
-        return chi2_sf(fall, size)
-    free = np.maximum(dof - size, 1)
-    return f_sf(fall / size / np.maximum((total - fall) / free, 1e-300), size, free)

@@ -1,4 +1,4 @@
-"""What a fit says of itself: residuals judged, intervals, and uncertainties that no residual shows."""
+"""What a fit says of itself: intervals, and uncertainties that no residual shows."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 
 from qsframework.errors import InputError, NotConverged, NotIdentifiable, Problem, nearest
-from qsframework.estimation.noise import Independent, Noise, Scaled
+from qsframework.estimation.noise import Scaled
 from qsframework.estimation.observations import Observations
 from qsframework.estimation.options import FitOptions
 from qsframework.estimation.robust import Loss
@@ -23,30 +23,6 @@ _STEPS = 60
 _CLOSE = 1e-6
 _TIED = 1e-13
 """Share of the largest eigenvalue of a correlation matrix that is rounding: the parameters of a group are tied."""
-
-
-def studentised(white: Array, Q: Array, noise: Noise | None = None) -> Array:
-    """Externally studentised residuals (m,): each reading against the fit without it, and against what the readings
-    that share its errors say of it.
-
-    white (m,) and Q (m, f) are whitened by `noise`, independent errors if None. Under the model each follows Student's
-    t with m - f - 1 degrees of freedom: it is that of a shift of this one reading, added to the fit.
-    """
-    slope, q = shifts(white, Q, noise)
-    free = np.maximum(1.0 - np.square(q).sum(axis=1), 1e-12)
-    dof = len(white) - Q.shape[1]
-    variance = np.maximum(((white**2).sum() - slope**2 / free) / max(dof - 1, 1), 1e-300)
-    return slope / np.sqrt(variance * free)
-
-
-def shifts(white: Array, Q: Array, noise: Noise | None = None) -> tuple[Array, Array]:
-    """Slopes t (m,) and columns q (m, f) by which a shift of some readings is judged.
-
-    Left out together, readings take t' (I - q q')^-1 t off the sum of squares, if no shared error couples them.
-    """
-    noise = noise or Independent(np.ones(len(white)))
-    root = np.sqrt(noise.weights())
-    return noise.turned(white) / root, noise.turned(Q) / root[:, None]
 
 
 def propagated(solution: Solution, columns: Array) -> Array:

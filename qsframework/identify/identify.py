@@ -13,6 +13,7 @@ from qsframework.errors import InputError, NotConverged, NotIdentifiable, Proble
 from qsframework.estimation import (
     PLAIN,
     FitOptions,
+    LinearFit,
     Observations,
     Solution,
     profile_interval,
@@ -22,8 +23,6 @@ from qsframework.estimation import (
     scales,
     settle,
     shared_error,
-    studentised,
-    without_block,
 )
 from qsframework.estimation.noise import SharedError
 from qsframework.experiment import Bridge, Experiment, Frame, Readings, bridge, make_rows
@@ -263,11 +262,9 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
     readings, model = rows.readings, seen.model
     noise, free = rows.noise, found.covariance.diagonal() > 0.0
     scale = scales(list(seen.parameters))
-    Q = solution.hat
     white = solution.residuals * (1.0 if solution.unit is None else solution.unit)
-    dof = len(white) - Q.shape[1]
-    chi2, least = float(white @ white), seen.observations().least
-    plain = float(np.sqrt(chi2 / dof))
+    fit, least = LinearFit(solution.hat, white, noise, rows.stated), seen.observations().least
+    plain = float(np.sqrt(fit.chi2 / fit.dof))
     unit = 1.0 if rows.stated else max(plain if solution.unit is None else solution.unit, least)
     covariance = found.covariance * unit**2
     x, frames = seen.values(solution.x), seen.moved(solution.x)
@@ -280,7 +277,7 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
     left = tuple(e for e in found.left if e.name in model.names)
     beyond = (f"{note}." for note in rows.range_notes(model, x))
     notes = (*notes, *_advice(rows, model, left, estimates), *beyond)
-    left_out = rows.spread(noise.colour(_left_out(Q, white, rows)))
+    left_out = rows.spread(noise.colour(fit.held_out_errors(rows.together)))
     lost = (np.isnan(left_out) & np.isfinite(rows.measured)).any(axis=1)
     return Fit(
         robot=model.facts.name,
@@ -306,11 +303,11 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
         predicted=predicted,
         nominal=_nominal(experiment, found, options, frames, x),
         residuals=rows.measured - predicted,
-        studentised=rows.spread(studentised(white, Q, noise)),
+        studentised=rows.spread(fit.studentised()),
         left_out=left_out,
         carriers=tuple(dict.fromkeys(rows.pose_names[i] for i in np.flatnonzero(lost))),
-        chi2=chi2 / unit**2,
-        dof=dof,
+        chi2=fit.chi2 / unit**2,
+        dof=fit.dof,
         data_sha256="+".join(sha256(s) for s in readings.sources),
         frames=frames,
         left_aside=left,
@@ -331,12 +328,6 @@ def _advice(rows: Rows, model: Model, left: Sequence[LeftAside], estimates: Sequ
         *(f"{name}: {what_would_help(model, name, poses)}" for name in silent),
         *(f"{e.name}: {e.status}; {what_would_help(model, e.name, poses)}." for e in badly),
     )
-
-
-def _left_out(Q: Array, white: Array, rows: Rows) -> Array:
-    """Whitened errors (m,) at each pose when it is left out. What was whitened together is left out together, so that
-    NaN of one block does not reach another."""
-    return np.asarray(without_block(Q, white, rows.together))
 
 
 def _estimates(

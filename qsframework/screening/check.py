@@ -12,7 +12,7 @@ import numpy as np
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.experiment import Experiment, Readings, make_rows
 from qsframework.plugin import Indices
-from qsframework.screening.linearized_fit import LinearizedFit, linearized_fit
+from qsframework.screening.linearized import Linearized, linearized
 from qsframework.screening.logging_faults import late_angles, swapped_markers, tool_misfit
 from qsframework.screening.outliers import find_outliers, told_outliers
 from qsframework.screening.rigidity import marker_rigidity
@@ -49,16 +49,16 @@ def _looked(
     readings: Readings,
     found: list[Finding],
     kind: str,
-    look: Callable[[LinearizedFit, float], list[tuple[Indices, str]]],
+    look: Callable[[Linearized, float], list[tuple[Indices, str]]],
     level: float,
 ) -> list[Finding]:
     fit = _fit(experiment, masked(readings, found))
     return [] if fit is None else [finding(kind, readings, rows, words) for rows, words in look(fit, level)]
 
 
-def _fit(experiment: Experiment, readings: Readings) -> LinearizedFit | None:
+def _fit(experiment: Experiment, readings: Readings) -> Linearized | None:
     try:
-        return linearized_fit(experiment, readings)
+        return linearized(experiment, readings)
     except (InputError, NotIdentifiable, NotConverged, np.linalg.LinAlgError):
         return None
 
@@ -80,12 +80,14 @@ def _gross(experiment: Experiment, readings: Readings, found: list[Finding], lev
         fit = _fit(experiment, masked(readings, [*found, *out]))
         if fit is None:
             break
-        p = fit.row_p_values()
+        alone = fit.fit.held_out(fit.row)
+        p = np.ones(len(fit.keep))
+        p[alone.label] = fit.fit.p_values(alone.chi2_drop, alone.size)
         worst = int(np.argmin(p))
         if p[worst] * len(p) >= level:
             break
         i = fit.keep[worst]
-        off = fit.rows.spread(fit.residuals)[worst]
+        off = fit.rows.spread(fit.fit.residuals)[worst]
         size = float(np.linalg.norm(off[np.isfinite(off)]) * 1e3)
         words = f"{lines(readings, np.array([i]))}: {size:.3f} mm off what the other readings say (p = {p[worst]:.1g})"
         if int(readings.line[i]) not in spoken:

@@ -14,7 +14,7 @@ from qsframework.experiment import Experiment, Readings, as_shown, bridge, on_ro
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.plugin.registry import with_role
 from qsframework.robot import StructuralChange, alternatives
-from qsframework.screening.linearized_fit import LinearizedFit, of_bridge
+from qsframework.screening.linearized import Linearized, of_bridge
 from qsframework.screening.logging_faults import moved_up, visits_of
 
 
@@ -327,7 +327,7 @@ TRACKER = "tracker axes"
 """Name of the series that displacements along unknown axes are taken for."""
 
 
-def earlier(fit: LinearizedFit, rows: Indices) -> Readings:
+def earlier(fit: Linearized, rows: Indices) -> Readings:
     """The angles of a run of visits moved up by one; the last one's are missing, so it is masked."""
     seen = visits_of(fit.rows)
     run = np.unique(seen.of[np.isin(fit.keep, rows)])

@@ -12,10 +12,10 @@ import numpy as np
 
 from qsframework.elastostatics.structure import CHUNK
 from qsframework.errors import InputError, NotIdentifiable
-from qsframework.estimation import left, orthonormal, rms, scales
+from qsframework.estimation import LinearFit, rms, scales
 from qsframework.experiment import Experiment, Frame, Readings, bridge, make_rows
 from qsframework.experiment.observations import start_values
-from qsframework.plugin import Array, Indices, Spring
+from qsframework.plugin import Indices, Spring
 from qsframework.screening.blocks import FRAME, in_frame
 from qsframework.screening.convention_changes import (
     Change,
@@ -35,7 +35,7 @@ from qsframework.screening.convention_changes import (
     value_units,
 )
 from qsframework.screening.edit_words import mistake_words
-from qsframework.screening.linearized_fit import LinearizedFit, of_bridge, other_readings
+from qsframework.screening.linearized import Estimates, Linearized, linearized, of_bridge, other_readings
 from qsframework.screening.logging_faults import exchanges, late_angles
 from qsframework.screening.rows import lines
 from qsframework.screening.standing_out import Standing, agreement, stand_out
@@ -69,8 +69,6 @@ _LIGHTER = (
 )
 _SHOWN = 3
 """Parameters that are told with a mistake."""
-_BELOW = 2.0
-"""sds below its bound from which a compliance speaks against a convention."""
 _UNITS = (
     (9.80665, "the load is in kg (or kgf) where the file says N"),
     (4.4482216, "the load is in lbf where the file says N"),
@@ -135,21 +133,6 @@ class Convention:
     moved: tuple[Moved, ...] = ()
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Fit:
-    """Linear least squares: whitened residuals `left` (m,) and their sum of squares, rms in m, estimates and sds (p,)
-    of the named parameters in their scales, degrees of freedom."""
-
-    square: float
-    left: Array
-    rms: float
-    x: Array
-    sd: Array
-    dof: int
-    below: int
-    trial: LinearizedFit
-
-
 def check_conventions(experiment: Experiment, readings: Readings) -> tuple[Convention, ...]:
     """The conventions and mistakes under which the readings fit better than as given; none is the rule.
 
@@ -159,7 +142,7 @@ def check_conventions(experiment: Experiment, readings: Readings) -> tuple[Conve
     """
     proved: list[Convention] = []
     rest: list[Convention] = []
-    given = _fit(_first(experiment, readings))
+    given = linearized(experiment, readings)
     suspicions = _units(given)
     while len(proved) < _MOST:
         standing = stand_out(experiment, readings)
@@ -175,25 +158,25 @@ def check_conventions(experiment: Experiment, readings: Readings) -> tuple[Conve
             found = found[:1]
         proved += found
         experiment, readings = found[-1].experiment, found[-1].readings
-        given = _fit(_first(experiment, readings))
+        given = linearized(experiment, readings)
     return (*proved, *(replace(c, compelling=False) for c in rest), *suspicions, *_overloads(given))
 
 
-def _whole(given: _Fit, standing: Standing) -> list[Convention]:
+def _whole(given: Linearized, standing: Standing) -> list[Convention]:
     """Changes of all rows under which the readings fit better, compelling ones first.
 
     Visits that stand out are set aside first unless they are many; a change must make most visits agree better, and not
     only those that stand out.
     """
-    experiment, readings = given.trial.experiment, given.trial.readings
+    experiment, readings = given.experiment, given.readings
     aside = np.zeros(len(readings), dtype=bool)
     aside[standing.rows.keep] = standing.wrong[standing.visits.of]
     many = float(standing.wrong.mean()) > _MANY
-    others = given if many or not aside.any() else _fit(_first(experiment, readings.masked(aside)))
-    changes = [] if _as_stated(others) else [c for make in _CHANGES for c in make(experiment, others.trial.readings)]
-    trials = zip(changes, _trials(changes, others.trial), strict=True)
+    others = given if many or not aside.any() else linearized(experiment, readings.masked(aside))
+    changes = [] if _as_stated(others) else [c for make in _CHANGES for c in make(experiment, others.readings)]
+    trials = zip(changes, _trials(changes, others), strict=True)
     judged = [_judge(change, others, trial, len(changes)) for change, trial in trials]
-    judged += [_judge(c, fit, _trials([c], fit.trial)[0], tried, rows) for c, fit, tried, rows in _mistakes(given)]
+    judged += [_judge(c, fit, _trials([c], fit)[0], tried, rows) for c, fit, tried, rows in _mistakes(given)]
     found = [c for c in judged if c is not None]
     whole = [replace(c, readings=replace(c.readings, use=c.readings.use | (aside & readings.use))) for c in found]
     whole.sort(key=lambda c: (not c.compelling, -c.evidence))
@@ -204,9 +187,9 @@ def _whole(given: _Fit, standing: Standing) -> list[Convention]:
     return whole
 
 
-def _as_stated(fit: _Fit) -> bool:
+def _as_stated(fit: Linearized) -> bool:
     """Whether the noise is as stated, so that no change of all rows can take off what makes one compelling."""
-    return fit.trial.stated and _AS_STATED < fit.square / fit.dof < 1.0 / RATIO
+    return fit.stated and _AS_STATED < fit.estimates.chi2 / fit.estimates.dof < 1.0 / RATIO
 
 
 def _agrees(standing: Standing, change: Convention) -> bool:
@@ -232,10 +215,10 @@ _CHANGES = (
 )
 
 
-def _cells(given: _Fit, standing: Standing) -> list[Convention]:
+def _cells(given: Linearized, standing: Standing) -> list[Convention]:
     """Mistakes in single rows and poses, each applied after those before it."""
     out: list[Convention] = []
-    experiment, readings = given.trial.experiment, given.trial.readings
+    experiment, readings = given.experiment, given.readings
     for mistake in table_mistakes(standing):
         words, first = mistake_words(readings, mistake), mistake.edits[0]
         rows = np.concatenate([e.rows if e.touched is None else e.touched for e in mistake.edits])
@@ -243,20 +226,20 @@ def _cells(given: _Fit, standing: Standing) -> list[Convention]:
             framed = edit.kind == "block" and edit.slip == FRAME
             readings = in_frame(readings, edit) if framed else edit.apply(experiment, readings)
         try:
-            fit = _fit(_first(experiment, readings))
+            fit = linearized(experiment, readings)
         except (InputError, NotIdentifiable):
             continue
         out.append(
             Convention(
                 name=_name(readings, mistake),
                 value=1.0,
-                words=f"{words}: {_gain_words(fit.rms, given.rms)}",
+                words=f"{words}: {_gain_words(fit.estimates.rms, given.estimates.rms)}",
                 experiment=experiment,
                 readings=readings,
-                rms=fit.rms,
-                rms_given=given.rms,
+                rms=fit.estimates.rms,
+                rms_given=given.estimates.rms,
                 evidence=0.5 * mistake.gain - float(np.log(mistake.tried)),
-                below=fit.below,
+                below=fit.estimates.below,
                 compelling=True,
                 rows=tuple(sorted(int(r) for r in readings.line[rows])),
                 file=_file(readings, rows),
@@ -291,10 +274,9 @@ def _file(readings: Readings, rows: Indices) -> str:
     return readings.sources[int(readings.file[rows[0]])].name
 
 
-def _overloads(given: _Fit) -> list[Convention]:
+def _overloads(given: Linearized) -> list[Convention]:
     """Forces far beyond what the robot's files say that it carries."""
-    trial = given.trial
-    readings, robot = trial.readings, trial.experiment.robot
+    readings, robot = given.readings, given.experiment.robot
     if robot.payload is None:
         return []
     most = robot.payload * float(np.linalg.norm(robot.gravity))
@@ -313,12 +295,12 @@ def _overloads(given: _Fit) -> list[Convention]:
             name="load_payload",
             value=largest / most,
             words=words,
-            experiment=trial.experiment,
+            experiment=given.experiment,
             readings=readings,
-            rms=given.rms,
-            rms_given=given.rms,
+            rms=given.estimates.rms,
+            rms_given=given.estimates.rms,
             evidence=0.0,
-            below=given.below,
+            below=given.estimates.below,
             compelling=False,
             rows=tuple(int(r) for r in readings.line[rows]),
             file=_file(readings, rows),
@@ -330,72 +312,73 @@ def _overloads(given: _Fit) -> list[Convention]:
     ]
 
 
-def _changed(given: _Fit, fit: _Fit) -> tuple[Moved, ...]:
+def _changed(given: Linearized, fit: Linearized) -> tuple[Moved, ...]:
     """The parameters that move most, in sds."""
-    model, names = fit.trial.experiment.model(), fit.trial.experiment.fit_names()
-    if names != given.trial.experiment.fit_names():
+    model, names = fit.experiment.model(), fit.experiment.fit_names()
+    if names != given.experiment.fit_names():
         return ()
     size = scales([model.parameters[i] for i in model.index(names)])
-    far = np.abs(fit.x - given.x) / np.where(fit.sd > 0.0, fit.sd, np.inf)
+    before, after, sd = given.estimates.x, fit.estimates.x, fit.estimates.sd
+    far = np.abs(after - before) / np.where(sd > 0.0, sd, np.inf)
     out: list[Moved] = []
     for i in map(int, np.argsort(-far)[:_SHOWN]):
         if far[i] > 1.0:
             unit = model.parameters[int(model.index([names[i]])[0])].unit
-            out.append(Moved(names[i], unit, float(given.x[i] * size[i]), float(fit.x[i] * size[i])))
+            out.append(Moved(names[i], unit, float(before[i] * size[i]), float(after[i] * size[i])))
     return tuple(out)
 
 
 def check_structures(experiment: Experiment, readings: Readings) -> tuple[Change, ...]:
     """The structures of the arm that may fit the readings better than that of its file: no further from them by a
     linear fit, and with no compliance below its bound that is not so in the file's own. Exact fits compare them."""
-    given = _fit(_first(experiment, readings))
+    given = linearized(experiment, readings)
     return tuple(change for change in structures(experiment, readings) if _may_fit(change, given))
 
 
-def _may_fit(change: Change, given: _Fit) -> bool:
-    trial = _one(change, given.trial)
+def _may_fit(change: Change, given: Linearized) -> bool:
+    trial = _one(change, given)
     if trial is None:
         return False
-    fit = _fit(trial)
-    return fit.rms < _NO_FURTHER * given.rms and fit.below <= given.below
+    fit, own = trial.estimates, given.estimates
+    return fit.rms < _NO_FURTHER * own.rms and fit.below <= own.below
 
 
 def _judge(
-    change: Change, given: _Fit, trial: LinearizedFit | None, tried: int, rows: Indices | None = None
+    change: Change, given: Linearized, trial: Linearized | None, tried: int, rows: Indices | None = None
 ) -> Convention | None:
     """Compare a change that is applied; `rows` of the file are those that it touches, None for all. None where nothing
     speaks for it, and where it cannot be applied."""
-    if trial is None or _speaks_for(change, given, _fit(trial, within=False), tried)[0] <= 0.0:
+    if trial is None or _speaks_for(change, given.estimates, trial.fit, tried)[0] <= 0.0:
         return None
-    fit = _fit(trial)
-    evidence, drop = _speaks_for(change, given, fit, tried)
+    before, fit = given.estimates, trial.estimates
+    evidence, drop = _speaks_for(change, before, fit, tried)
     if evidence <= 0.0:
         return None
-    enough = drop > -np.log(RATIO) and (rows is None or _local(given, fit, rows) < LOCAL)
-    enough = enough and (change.name != "column_unit" or _right_unit(change, given, fit))
-    compelling = evidence > -np.log(LEVEL) and enough and fit.below <= given.below
+    enough = drop > -np.log(RATIO) and (rows is None or _local(given, trial, rows) < LOCAL)
+    enough = enough and (change.name != "column_unit" or _right_unit(change, given, trial))
+    compelling = evidence > -np.log(LEVEL) and enough and fit.below <= before.below
     return Convention(
         name=change.name,
         value=change.value,
-        words=fits_better(change, fit.rms, given.rms),
+        words=fits_better(change, fit.rms, before.rms),
         experiment=change.experiment,
         readings=change.readings,
         rms=fit.rms,
-        rms_given=given.rms,
+        rms_given=before.rms,
         evidence=evidence,
         below=fit.below,
         compelling=bool(compelling),
-        rows=() if rows is None else tuple(int(r) for r in np.unique(given.trial.readings.line[rows])),
-        file="" if rows is None else _file(given.trial.readings, rows),
+        rows=() if rows is None else tuple(int(r) for r in np.unique(given.readings.line[rows])),
+        file="" if rows is None else _file(given.readings, rows),
         kinds=(change.name,),
         column=change.column,
-        moved=_changed(given, fit),
+        moved=_changed(given, trial),
     )
 
 
-def _speaks_for(change: Change, given: _Fit, fit: _Fit, tried: int) -> tuple[float, float]:
+def _speaks_for(change: Change, given: Estimates, fit: Estimates | LinearFit, tried: int) -> tuple[float, float]:
     """Evidence for a change, nats, and by how much the logarithm of what a measurement leaves falls."""
-    drop = float(np.log(max(given.square, 1e-300)) - np.log(max(fit.square, 1e-300)))
+    drop = float(np.log(max(given.chi2, 1e-300)) - np.log(max(fit.chi2, 1e-300)))
     drop -= float(np.log(given.dof / fit.dof))  # late angles leave a measurement out
     evidence = 0.5 * min(fit.dof, given.dof) * drop - float(np.log(tried))
     return evidence - 0.5 * change.free * float(np.log(fit.dof)) + change.shrunk * fit.dof, drop
@@ -410,34 +393,30 @@ def _gain_words(rms: float, given: float) -> str:
     return f"the readings then fit to {rms * 1e3:.3f} mm a coordinate, as given to {given * 1e3:.3f} mm"
 
 
-def _right_unit(change: Change, given: _Fit, fit: _Fit) -> bool:
+def _right_unit(change: Change, given: Linearized, fit: Linearized) -> bool:
     """Whether a column fits in another unit, and not only better: of forces to the stated noise, for springs follow."""
     forces = change.column.startswith("f")
-    return fit.square < _UNIT * given.square and not (forces and fit.trial.stated and fit.square > _NOISE * fit.dof)
+    chi2, most = fit.estimates.chi2, _NOISE * fit.estimates.dof
+    return chi2 < _UNIT * given.estimates.chi2 and not (forces and fit.stated and chi2 > most)
 
 
-def _local(given: _Fit, fit: _Fit, rows: Indices) -> float:
+def _local(given: Linearized, fit: Linearized, rows: Indices) -> float:
     """What a change leaves of the sum of squares of the rows that it touches."""
-    both = np.intersect1d(np.intersect1d(given.trial.keep, fit.trial.keep), rows)
+    both = np.intersect1d(np.intersect1d(given.keep, fit.keep), rows)
 
-    def square(f: _Fit) -> float:
-        return float(np.sum(f.left[np.isin(f.trial.keep[f.trial.row], both)] ** 2))
+    def square(f: Linearized) -> float:
+        return float(np.sum(f.estimates.white[np.isin(f.keep[f.row], both)] ** 2))
 
     return square(fit) / max(square(given), 1e-300)
 
 
-def _first(experiment: Experiment, readings: Readings) -> LinearizedFit:
-    """Columns of frames and fitted parameters, and the readings less what the nominal values give."""
-    return of_bridge(experiment, bridge(experiment, readings, experiment.fit_names(), linear=True))
-
-
-def _trials(changes: Sequence[Change], given: LinearizedFit) -> list[LinearizedFit | None]:
+def _trials(changes: Sequence[Change], given: Linearized) -> list[Linearized | None]:
     """What `_first` has of the readings as given, for each change; where rows stay and the model is asked anew, it is
     asked for many changes at once. None where a change cannot be applied: angles beyond the arm's, readings that then
     hold no frame, or lie so far from the nominal arm that no fit makes up for it."""
     before = given.readings
     alike: tuple[list[int], list[int], list[int]] = ([], [], [])  # the same states, the same angles, neither
-    out: list[LinearizedFit | None] = [None] * len(changes)
+    out: list[Linearized | None] = [None] * len(changes)
     for i, change in enumerate(changes):
         readings, rows = change.readings, replace(given.rows, readings=change.readings)
         if not _kept(change, given) or not np.array_equal(np.isfinite(rows.measured), given.rows.mask):
@@ -455,7 +434,7 @@ def _trials(changes: Sequence[Change], given: LinearizedFit) -> list[LinearizedF
     return out
 
 
-def _together(many: Sequence[Readings], given: LinearizedFit) -> list[LinearizedFit | None]:
+def _together(many: Sequence[Readings], given: Linearized) -> list[Linearized | None]:
     """The same of readings at other poses; where some cannot be had, they are found by halves."""
     try:
         return other_readings(given, many, _FAR)
@@ -466,13 +445,13 @@ def _together(many: Sequence[Readings], given: LinearizedFit) -> list[Linearized
         return [*_together(many[:half], given), *_together(many[half:], given)]
 
 
-def _kept(change: Change, given: LinearizedFit) -> bool:
+def _kept(change: Change, given: Linearized) -> bool:
     """Whether the same rows are used of the same experiment, in the same frames."""
     before, after = given.readings, change.readings
     return change.experiment is given.experiment and after.use is before.use and after.frame is before.frame
 
 
-def _one(change: Change, given: LinearizedFit) -> LinearizedFit | None:
+def _one(change: Change, given: Linearized) -> Linearized | None:
     """The same of one change of other rows, or of the arm."""
     names = change.experiment.fit_names()
     try:
@@ -490,55 +469,17 @@ def _one(change: Change, given: LinearizedFit) -> LinearizedFit | None:
         return None
 
 
-def _moved(given: LinearizedFit, readings: Readings) -> bool:
+def _moved(given: Linearized, readings: Readings) -> bool:
     """Whether readings in a frame that is to be found are others than before: then the frame is, too."""
     changed = np.any(given.rows.measured != readings.value[given.keep], axis=1, where=given.rows.mask)
     return bool(np.isin(given.rows.frame[changed], given.rows.estimated).any())
 
 
-def _fit(trial: LinearizedFit, within: bool = True) -> _Fit:
-    """The fitted parameters by linear least squares about their nominal values; what is not told stays there.
-
-    within: their bounds, since with the sign of all displacements reversed springs fit as well, but with negative
-    compliances; without them no fit leaves more.
-    """
-    model, names = trial.experiment.model(), trial.experiment.fit_names()
-    chosen = [model.parameters[i] for i in model.index(names)]
-    size = scales(chosen)
-    motions = trial.A.shape[1] - len(chosen)
-    frames = orthonormal(trial.A[:, :motions])  # displacements do not tell where the origin lies
-    A, target = left(frames, trial.A[:, motions:]), left(frames, trial.target)
-    U, values, V = np.linalg.svd(A, full_matrices=False)
-    told = values > 1e-9 * values[0]
-    U, values, V = U[:, told], values[told], V[told]
-    z = U.T @ target
-    start = np.array([p.nominal for p in chosen]) / size
-    low, high = (np.array([getattr(p, end) for p in chosen]) / size - start for end in ("lower", "upper"))
-    free = V.T @ (z / values)
-    kept = _within(values[:, None] * V, z, free, low, high) if within else free
-    rest = target - U @ (values * (V @ kept))
-    square, dof = float(rest @ rest), len(target) - int(told.sum()) - frames.shape[1]
-    sd = np.sqrt(np.square(V.T / values).sum(axis=1) * (target @ target - z @ z) / dof)
-    below = int((~np.isclose(sd, 0.0) & (free < low - _BELOW * sd)).sum())
-    rms = float(np.sqrt(np.mean(np.square(trial.noise.colour(rest)))))
-    return _Fit(square=square, left=rest, rms=rms, x=start + free, sd=sd, dof=dof, below=below, trial=trial)
-
-
-def _within(R: Array, z: Array, free: Array, low: Array, high: Array) -> Array:
-    """Least squares |R d - z| with low <= d <= high; `free` is the solution without the bounds."""
-    if np.all((free >= low) & (free <= high)):
-        return free
-    from scipy.optimize import lsq_linear
-
-    wide = np.where(high > low, high, low + 1e-12)
-    return np.asarray(lsq_linear(R, z, (low, wide), method="bvls").x)
-
-
-def _mistakes(given: _Fit) -> list[tuple[Change, _Fit, int, Indices]]:
+def _mistakes(given: Linearized) -> list[tuple[Change, Linearized, int, Indices]]:
     """Exchanged markers and late angles, with the number of alternatives that they were among and their rows."""
-    trial = replace(given.trial, stated=False)  # a hidden effect must not look like a mistake
+    trial = replace(given, stated=False)  # a hidden effect must not look like a mistake
     readings, experiment = trial.readings, trial.experiment
-    out: list[tuple[Change, _Fit, int, Indices]] = []
+    out: list[tuple[Change, Linearized, int, Indices]] = []
     swapped = exchanges(trial, LEVEL)
     if swapped:
         value = np.array(readings.value)
@@ -554,16 +495,16 @@ def _mistakes(given: _Fit) -> list[tuple[Change, _Fit, int, Indices]]:
     return out
 
 
-def _units(given: _Fit) -> list[Convention]:
+def _units(given: Linearized) -> list[Convention]:
     """A unit that all compliances absorb: they are off their nominal values by one factor, and it is a unit's."""
-    trial = given.trial
-    model, names = trial.experiment.model(), trial.experiment.fit_names()
+    model, names = given.experiment.model(), given.experiment.fit_names()
     springs = {p.name for e in model.effects if isinstance(e, Spring) for p in e.parameters(model.facts)}
     nominal = np.array([model.parameters[i].nominal for i in model.index(names)])
-    told = np.array([n in springs for n in names]) & (nominal > 0.0) & (given.x > 3.0 * given.sd)
+    x = given.estimates.x
+    told = np.array([n in springs for n in names]) & (nominal > 0.0) & (x > 3.0 * given.estimates.sd)
     if told.sum() < 2:
         return []
-    ratio = np.log(given.x[told] * scales([model.parameters[i] for i in model.index(names)])[told] / nominal[told])
+    ratio = np.log(x[told] * scales([model.parameters[i] for i in model.index(names)])[told] / nominal[told])
     common = float(np.median(ratio))
     if np.median(np.abs(ratio - common)) > _APART:
         return []
@@ -571,7 +512,7 @@ def _units(given: _Fit) -> list[Convention]:
     for factor, meaning in _UNITS:
         if abs(common - np.log(factor)) > _NEAR:
             continue
-        poses = replace(trial.readings.poses, wrench=trial.readings.poses.wrench * factor)
+        poses = replace(given.readings.poses, wrench=given.readings.poses.wrench * factor)
         words = (
             f"all compliances come out about {np.exp(common):.3g} times their nominal values: perhaps {meaning} "
             f"(a factor of {factor:.4g}); the fit absorbs it, so it cannot be proved from these readings"
@@ -581,12 +522,12 @@ def _units(given: _Fit) -> list[Convention]:
                 name="load_unit",
                 value=factor,
                 words=words,
-                experiment=trial.experiment,
-                readings=trial.readings.with_poses(poses),
-                rms=given.rms,
-                rms_given=given.rms,
+                experiment=given.experiment,
+                readings=given.readings.with_poses(poses),
+                rms=given.estimates.rms,
+                rms_given=given.estimates.rms,
                 evidence=0.0,
-                below=given.below,
+                below=given.estimates.below,
                 compelling=False,
             )
         )

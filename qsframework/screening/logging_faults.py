@@ -12,11 +12,11 @@ from itertools import combinations
 
 import numpy as np
 
-from qsframework.estimation import left
-from qsframework.estimation.projection import chi_square
+from qsframework.estimation import Independent, LinearFit, linear_fit
+from qsframework.estimation.linear_fit import chance
 from qsframework.experiment import Rows, bridge
 from qsframework.plugin import Array, Indices, Poses
-from qsframework.screening.linearized_fit import LinearizedFit, of_bridge
+from qsframework.screening.linearized import Linearized, of_bridge
 
 Found = list[tuple[Indices, str]]
 _SLACK = 16.0
@@ -31,19 +31,19 @@ _HELD = 1e-10
 """Share of the weight of all visits with which directions are held that hardly any visit tells."""
 
 
-def _gain(fit: LinearizedFit, before: float, after: float) -> float:
+def _gain(fit: Linearized, before: float, after: float) -> float:
     """2 log of how much likelier the readings are with a sum of squares `after` than `before`."""
     if fit.stated:
         return before - after
-    return fit.dof * float(np.log(max(before, 1e-300) / max(after, 1e-300)))
+    return fit.fit.dof * float(np.log(max(before, 1e-300) / max(after, 1e-300)))
 
 
-def swapped_markers(fit: LinearizedFit, level: float) -> Found:
+def swapped_markers(fit: Linearized, level: float) -> Found:
     """Two or three markers of one state, or of all states, that fit much better exchanged."""
     return [(np.unique(order), words) for order, words in exchanges(fit, level)]
 
 
-def exchanges(fit: LinearizedFit, level: float) -> Found:
+def exchanges(fit: Linearized, level: float) -> Found:
     """Such exchanges as orders (k, 2): a row of the readings, and the row whose value it should have."""
     of, marker = fit.rows.plus, fit.rows.marker
     kind = 2 * fit.rows.frame + (fit.rows.minus < 0)
@@ -64,12 +64,12 @@ def exchanges(fit: LinearizedFit, level: float) -> Found:
     out: Found = []
     able = np.ones(len(candidates), dtype=bool)
     while able.any():
-        before = fit.square()
+        before = fit.fit.chi2
         after = np.full(len(candidates), before)
         after[able] += _changes(fit, [candidates[c] for c in np.flatnonzero(able)])
-        alone = fit.row_squares()
+        alone = fit.fit.misfits(fit.row, len(fit.keep))
         for c in np.flatnonzero(able[:single]):
-            if after[c] > before - alone[candidates[c][:, 0]].max() + _SLACK * fit.unit(float(after[c])):
+            if after[c] > before - alone[candidates[c][:, 0]].max() + _SLACK * fit.fit.unit(float(after[c])):
                 after[c] = before  # one gross reading explains it as well
         best = int(np.argmin(after))
         if _gain(fit, before, float(after[best])) <= need:
@@ -90,7 +90,7 @@ def _orders(rows: Indices) -> list[Indices]:
     return out
 
 
-def _change(fit: LinearizedFit, order: Indices) -> Array:
+def _change(fit: Linearized, order: Indices) -> Array:
     """What an exchange (k, 2) adds to the errors (m,), m."""
     measured = np.nan_to_num(fit.rows.measured)
     d = np.zeros_like(measured)
@@ -98,18 +98,18 @@ def _change(fit: LinearizedFit, order: Indices) -> Array:
     return fit.rows.flat(d)
 
 
-def _changes(fit: LinearizedFit, orders: Sequence[Indices]) -> Array:
+def _changes(fit: Linearized, orders: Sequence[Indices]) -> Array:
     """How much the sum of squares changes with each exchange."""
-    r = fit.white
+    r = fit.fit.white
     at_once = max(1, min(_AT_ONCE, _NUMBERS // r.size))
     out: list[Array] = []
     for k in range(0, len(orders), at_once):
         d = fit.noise.whiten(np.stack([_change(fit, o) for o in orders[k : k + at_once]], axis=1))
-        out.append(2.0 * r @ d + np.square(d).sum(axis=0) - np.square(fit.Q.T @ d).sum(axis=0))
+        out.append(2.0 * r @ d + np.square(d).sum(axis=0) - np.square(fit.fit.Q.T @ d).sum(axis=0))
     return np.concatenate(out)
 
 
-def _swap_words(fit: LinearizedFit, order: Indices, single: bool) -> str:
+def _swap_words(fit: Linearized, order: Indices, single: bool) -> str:
     readings = fit.readings
     at = [fit.keep[i] for i in order[:, 0]]
     names = [fit.experiment.markers[int(m)].name for m in np.unique(readings.marker[at])]
@@ -153,7 +153,7 @@ def moved_up(poses: Poses, seen: Visits, run: range) -> Poses:
     return replace(poses, pendant=pendant, q=q)
 
 
-def late_angles(fit: LinearizedFit, level: float) -> Found:
+def late_angles(fit: Linearized, level: float) -> Found:
     """Runs of visits that have the angles of the one before, so that their own stand one visit later."""
     seen = visits_of(fit.rows)
     count = len(seen)
@@ -182,7 +182,7 @@ def late_angles(fit: LinearizedFit, level: float) -> Found:
     return alone if best is None or (alone and rest <= best[0]) else [_late_words(fit, seen, *best[1])]
 
 
-def _sums(fit: LinearizedFit, given: LinearizedFit, seen: Visits) -> Array:
+def _sums(fit: Linearized, given: Linearized, seen: Visits) -> Array:
     """Sums over the first v visits (v + 1, p + 2, p + 2) of products of whitened columns, errors, and of ones."""
     both = given.noise.whiten(np.column_stack([fit.slopes, fit.errors]))
     visit = seen.of[fit.row]
@@ -217,7 +217,7 @@ def _squares_of(totals: Array, turn: Array) -> tuple[Array, Indices]:
     return np.maximum(square, 0.0), np.rint(totals[:, -1, -1] - rank).astype(np.intp)
 
 
-def _shifted(fit: LinearizedFit, seen: Visits) -> LinearizedFit:
+def _shifted(fit: Linearized, seen: Visits) -> Linearized:
     """The same readings at the angles of the visit after each (the last one keeps its own)."""
     poses = moved_up(fit.readings.poses, seen, range(len(seen) - 1))
     rows = replace(fit.rows, readings=fit.readings.with_poses(poses))
@@ -225,7 +225,7 @@ def _shifted(fit: LinearizedFit, seen: Visits) -> LinearizedFit:
     return of_bridge(fit.experiment, bridge(fit.experiment, rows.readings, names, linear=True, rows=rows))
 
 
-def _late_words(fit: LinearizedFit, seen: Visits, k: int, j: int) -> tuple[Indices, str]:
+def _late_words(fit: Linearized, seen: Visits, k: int, j: int) -> tuple[Indices, str]:
     readings = fit.readings
     rows = fit.keep[(seen.of >= k) & (seen.of < j)]
     told = f"rows {readings.line[rows[0]]} to {readings.line[rows[-1]]}"
@@ -236,19 +236,18 @@ def _late_words(fit: LinearizedFit, seen: Visits, k: int, j: int) -> tuple[Indic
     )
 
 
-def _stuck(fit: LinearizedFit, seen: Visits, stuck: Indices, level: float) -> tuple[Found, float]:
+def _stuck(fit: Linearized, seen: Visits, stuck: Indices, level: float) -> tuple[Found, float]:
     """Single visits with the angles of the one before that do not fit there; the sum of squares without them."""
     out: Found = []
-    whole = without = fit.square()
+    without = fit.fit.chi2
     if not len(stuck):
         return out, without
     label = np.where(np.isin(seen.of, stuck), seen.of, -1)[fit.row]
-    for square, v, size in zip(*fit.without(label), strict=True):
-        if square <= 0.0:
-            continue
-        p = float(chi_square(square, size, whole, fit.dof, fit.stated))
-        if p * len(stuck) < level:
-            without -= float(square)
+    alone = fit.fit.held_out(label)
+    every = fit.fit.p_values(alone.chi2_drop, alone.size)
+    for drop, v, p in zip(alone.chi2_drop, alone.label, every, strict=True):
+        if drop > 0.0 and p * len(stuck) < level:
+            without -= float(drop)
             rows = fit.keep[seen.of == v]
             pose = fit.readings.states.pose[seen.states[int(v)][0]]
             told = ", ".join(str(fit.readings.line[i]) for i in rows)
@@ -262,24 +261,15 @@ def _stuck(fit: LinearizedFit, seen: Visits, stuck: Indices, level: float) -> tu
     return out, without
 
 
-@dataclass(frozen=True, eq=False)
-class _Tool:
-    """Displacements of three or more markers of one link at one visit: what no rigid motion explains."""
-
-    rows: Indices
-    square: float
-    dof: int
-
-
-def tool_misfit(fit: LinearizedFit, level: float) -> Found:
+def tool_misfit(fit: Linearized, level: float) -> Found:
     """Visits whose markers on one link did not move as a rigid body does."""
     found = _tools(fit)
-    total, free = sum(t.square for t in found), sum(t.dof for t in found)
+    chi2, free = sum(t.chi2 for _, t in found), sum(t.dof for _, t in found)
     out: Found = []
-    for t in found:
-        p = float(chi_square(t.square, t.dof, total, free, fit.stated))
+    for own, t in found:
+        p = float(chance(t.chi2, t.dof, chi2, free, fit.stated))
         if p * len(found) < level:
-            rows = fit.keep[t.rows]
+            rows = fit.keep[own]
             pose = fit.readings.states.pose[fit.readings.plus[rows[0]]]
             told = ", ".join(str(fit.readings.line[i]) for i in rows)
             words = f"rows {told} (pose {pose}): no rigid motion of the tool moves its markers like this (p = {p:.1g})"
@@ -287,12 +277,13 @@ def tool_misfit(fit: LinearizedFit, level: float) -> Found:
     return out
 
 
-def _tools(fit: LinearizedFit) -> list[_Tool]:
+def _tools(fit: Linearized) -> list[tuple[Indices, LinearFit]]:
+    """Rows of displacements of three or more markers of one link at one visit, and the fit of a rigid motion."""
     readings, model, rows = fit.readings, fit.experiment.model(), fit.rows
     place = model.positions(readings.poses.take(rows.plus), linear=True)
     link = np.array([site.link for site in model.markers])
     whole = (rows.minus >= 0) & np.isfinite(rows.measured).all(axis=1) & ~readings.is_gauge[rows.keep]
-    out: list[_Tool] = []
+    out: list[tuple[Indices, LinearFit]] = []
     for m, body in sorted({(int(a), int(link[b])) for a, b in zip(rows.plus[whole], rows.marker[whole], strict=True)}):
         some = np.flatnonzero((rows.plus == m) & (link[rows.marker] == body) & whole)
         if len(some) < 3:
@@ -300,11 +291,6 @@ def _tools(fit: LinearizedFit) -> list[_Tool]:
         r = place[some, rows.marker[some]]
         r = r - r.mean(axis=0)
         turn = -np.cross(r[:, None, :], np.eye(3)).transpose(0, 2, 1)  # (k, axis of the reading, axis of rotation)
-        sigma = rows.sigma[some]
-        motion = np.concatenate([np.broadcast_to(np.eye(3), turn.shape), turn], axis=2) / sigma[:, :, None]
-        flat = motion.reshape(-1, 6)
-        rank = int(np.linalg.matrix_rank(flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300)))
-        U = np.linalg.svd(flat, full_matrices=False)[0][:, :rank]
-        target = (rows.measured[some] / sigma).ravel()
-        out.append(_Tool(some, float(np.square(left(U, target)).sum()), target.size - rank))
-    return [t for t in out if t.dof > 0]
+        motion = np.concatenate([np.broadcast_to(np.eye(3), turn.shape), turn], axis=2).reshape(-1, 6)
+        out.append((some, linear_fit(motion, rows.measured[some].ravel(), Independent(rows.sigma[some].ravel()))))
+    return [(some, t) for some, t in out if t.dof > 0]

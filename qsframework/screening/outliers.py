@@ -7,19 +7,20 @@ robot's whole geometry, its springs and its sag, each held to its natural size, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from qsframework.errors import InputError, QsfError
-from qsframework.estimation.projection import blocks_of, falls
-from qsframework.estimation.statistics import shifts
-from qsframework.experiment import Bridge, Experiment, Frame, Readings, Rows, bridge
+from qsframework.estimation import LinearFit
+from qsframework.estimation.linear_fit import Agreed
+from qsframework.estimation.projection import Flags
+from qsframework.experiment import Bridge, Experiment, Readings, bridge
 from qsframework.plugin import Array, Effect, Indices
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.registry import with_role
 from qsframework.plugin.settings import place_fields, plural
+from qsframework.screening.linearized import agreed
 from qsframework.screening.rows import Finding, finding, lines
 
 GROSS = 7.0
@@ -30,9 +31,6 @@ _WHOLE = ("marker offset", "joint zero", "joint placement", "sag", "gear")
 """Roles of the effects of the richer model, where the robot has room for them."""
 _REACH = 5.0
 """Natural sizes by which the richer model's own parameters are held to their nominal values."""
-_ROUNDS = 20
-_REWEIGHED = 8
-"""Steps of the fit of least absolute errors."""
 _MEDIANS = {1: 0.6745, 2: 1.1774, 3: 1.5382}
 """Median of the norm of so many unit normals."""
 _FEW = 8
@@ -50,8 +48,8 @@ _BLOCK = 0.6
 class Outliers:
     """gross (R,): rows of a fit that belong under neither model; missed (R,): those that only the fitted one misses."""
 
-    gross: npt.NDArray[np.bool_]
-    missed: npt.NDArray[np.bool_]
+    gross: Flags
+    missed: Flags
     size: Array
     angles: float | None = None
     """sd, rad, of errors of the joint angles that would make the gross rows as they are; None: they are otherwise"""
@@ -67,17 +65,20 @@ def find_outliers(experiment: Experiment, readings: Readings, names: Sequence[st
     experiment = experiment if names is None else experiment.with_(fit=tuple(names))
     try:
         wide = _widened(experiment, readings)
-        gross, size, linear = _beyond(wide)
+        agreed = _agreed(wide)
     except (QsfError, np.linalg.LinAlgError):
         return None
+    size = _in_sds(wide, agreed.misfit, agreed.wrong)
+    gross = size > GROSS
     fitted = set(experiment.fit_names())
     own = np.array([True] * wide.motions + [n in fitted for n in wide.names])
-    small = replace(linear, A=linear.A[:, own], held=np.zeros(int(own.sum())))
-    missed = _in_sds(wide, *_left_out(small, gross, robust=False), gross) > GROSS
+    rows = wide.rows
+    small = agreed.columns.take(own).fit(~gross[rows.row])[0]
+    missed = _in_sds(wide, small.misfits(rows.row, len(gross)), gross) > GROSS
     return Outliers(gross, missed & ~gross, size, _angle_errors(wide, gross))
 
 
-def _angle_errors(seen: Bridge, gross: npt.NDArray[np.bool_]) -> float | None:
+def _angle_errors(seen: Bridge, gross: Flags) -> float | None:
     """sd (rad) of joint angles that were logged wrongly, where the gross rows err as such angles would make them.
 
     Errors of the angles move a marker along the columns of its Jacobian, others in all directions alike: the two
@@ -109,7 +110,7 @@ def _angle_errors(seen: Bridge, gross: npt.NDArray[np.bool_]) -> float | None:
     return float(np.sqrt(square.sum() / count)) if angular - plain > _EVIDENCE else None
 
 
-def _carried(seen: Bridge) -> npt.NDArray[np.bool_]:
+def _carried(seen: Bridge) -> Flags:
     """Rows (R,) of markers that some joint moves."""
     return np.array([site.link for site in seen.model.markers])[seen.rows.marker] > 0
 
@@ -133,109 +134,27 @@ def _widened(experiment: Experiment, readings: Readings) -> Bridge:
     return bridge(wide, readings, [n for n in model.names if n in names], linear=True)
 
 
-@dataclass(frozen=True, eq=False)
-class _Linear:
-    """Whitened columns A (m, p) and errors r (m,) about the nominal arm in some frames; row (m,) of each coordinate;
-    held (p,): 1 / sd of a column's parameter in natural sizes, 0 for none"""
-
-    A: Array
-    r: Array
-    row: Indices
-    held: Array
-    rows: Rows
-
-
-def _linear(seen: Bridge, frames: Sequence[Frame]) -> _Linear:
+def _agreed(seen: Bridge) -> Agreed:
+    """The fit about the nominal arm to the rows that agree, what is not of the frames held by natural sizes."""
     rows = seen.rows
-    predicted, J = rows.rates(seen.model, seen.x, frames, seen.names, linear=True)
     scale = np.array([p.scale for p in seen.parameters])
-    r = rows.noise.whiten(rows.scalars - rows.flat(predicted))
     held = np.concatenate([np.zeros(seen.motions), np.full(len(seen.names), 1.0 / _REACH)])
-    return _Linear(rows.noise.whiten(rows.flat(J) * scale), r, rows.row, held, rows)
+
+    def beyond(misfit: Array, wrong: Flags, _: LinearFit | None) -> Flags:
+        return np.asarray(_in_sds(seen, misfit, wrong) > GROSS, dtype=np.bool_)
+
+    return agreed(seen, np.arange(len(rows.keep)), beyond, rows.noise, scale, held)[0]
 
 
-def _beyond(seen: Bridge) -> tuple[npt.NDArray[np.bool_], Array, _Linear]:
-    """Rows (R,) whose left-out error is far beyond what others of their series and carrier allow; that error, in sds;
-    the linear model that says so.
-
-    A fit of least absolute errors says first which rows most others agree on; then rows come and go by their errors
-    against the least squares of those that stay.
-    """
-    rows = seen.rows
-    wrong = np.zeros(len(rows.keep), dtype=bool)
-    linear = _linear(seen, rows.start(seen.model, seen.x))
-    size = _in_sds(seen, *_left_out(linear, wrong, robust=True), wrong)
-    for _ in range(_ROUNDS):
-        now = size > GROSS
-        if now.any() and not np.array_equal(now, wrong) and now.mean() <= 0.5 and rows.estimated:
-            linear = _linear(seen, rows.take(~now).start(seen.model, seen.x))
-        size = _in_sds(seen, *_left_out(linear, now, robust=False), now)
-        done, wrong = np.array_equal(now, wrong) and not np.any((size > GROSS) != now), now
-        if done or not now.any() or now.mean() > 0.5:
-            break
-    return size > GROSS, size, linear
-
-
-def _in_sds(seen: Bridge, error: Array, count: Indices, wrong: npt.NDArray[np.bool_]) -> Array:
-    """Errors (R,) of so many axes in what is usual for their like."""
-    usual = _typical(seen, error / np.array([_MEDIANS[int(c)] for c in count]), wrong)
+def _in_sds(seen: Bridge, misfit: Array, wrong: Flags) -> Array:
+    """Sizes (R,) of the errors of rows, from their squares in sigmas, in what is usual for their like."""
+    error = np.sqrt(misfit)
+    axes = np.bincount(seen.rows.row, minlength=len(error))
+    usual = _typical(seen, error / np.array([_MEDIANS[int(c)] for c in axes]), wrong)
     return error / np.maximum(usual, 1e-300)
 
 
-def _left_out(linear: _Linear, wrong: npt.NDArray[np.bool_], robust: bool) -> tuple[Array, Indices]:
-    """Size (R,) of each row's error against a fit without it and without the wrong ones, in sigmas; axes measured.
-
-    robust: by least absolute errors instead, of all rows
-    """
-    A, r, row, count = linear.A, linear.r, linear.row, len(wrong)
-    good, length = ~wrong[row], np.zeros(count)
-    weight, unit, rest, P = good.astype(float), float(np.sqrt(np.mean(r[good] ** 2))), r, A[:, :0]
-    for _ in range(_REWEIGHED if robust else 2):  # what is held is held by the noise that is seen in the end
-        x, P = _weighted(A, r, weight, (linear.held * max(unit, 1e-300)) ** 2)
-        rest = r - A @ x
-        unit = float(np.sqrt(np.median(rest[good] ** 2)) / _MEDIANS[1])
-        length = np.sqrt(np.bincount(row, rest**2, count))
-        if robust:
-            weight = (1.0 / np.maximum(length, max(unit, 1e-300)))[row]
-    axes = np.bincount(row, minlength=count)
-    if robust:
-        return length, axes
-    slope, q = shifts(np.where(good, rest, 0.0), np.where(good[:, None], P, 0.0), linear.rows.noise)
-    fall, label, _ = falls(q, slope, np.where(good, row, -1))
-    out = _foretold(P, rest, np.where(good, -1, row), count)
-    out[label] = np.sqrt(fall)
-    return out, axes
-
-
-def _foretold(P: Array, rest: Array, label: Indices, count: int) -> Array:
-    """Size (R,) of the errors of rows that were not fitted, in sds of the noise and of what foretells them, so that a
-    row is judged alike in the fit and beside it: r' (I + P P')^-1 r."""
-    out = np.zeros(count)
-    for at in blocks_of(label):
-        spread = np.eye(at.shape[1]) + P[at] @ P[at].transpose(0, 2, 1)
-        weighed = np.asarray(np.linalg.solve(spread, rest[at][..., None]), dtype=np.float64)[..., 0]
-        out[label[at[:, 0]]] = np.sqrt(np.einsum("bs,bs->b", rest[at], weighed))
-    return out
-
-
-def _weighted(A: Array, r: Array, weight: Array, ridge: Array) -> tuple[Array, Array]:
-    """Weighted least squares held by a ridge (p,): the parameters, and P (m, f), P P' the covariance of predictions.
-
-    By normal equations in columns of one size: what they lose of digits is far below a gross error.
-    """
-    size = np.sqrt(weight @ A**2 + ridge)
-    kept = size > 1e-12 * max(float(size.max(initial=0.0)), 1e-300)
-    B = A[:, kept] / size[kept]
-    G = (B * weight[:, None]).T @ B + np.diag(ridge[kept] / size[kept] ** 2)
-    values, V = np.linalg.eigh(G)
-    told = values > 1e-13 * values.max(initial=0.0)
-    half = V[:, told] / np.sqrt(values[told])
-    x = np.zeros(A.shape[1])
-    x[kept] = half @ (half.T @ (B.T @ (weight * r))) / size[kept]
-    return x, B @ half
-
-
-def _typical(seen: Bridge, error: Array, wrong: npt.NDArray[np.bool_]) -> Array:
+def _typical(seen: Bridge, error: Array, wrong: Flags) -> Array:
     """The usual error (R,) among the rows of a series that the same link carries, m in sigmas.
 
     Rows are pooled by what they share: a marker on the still base says nothing of the noise at the tool.
@@ -289,11 +208,11 @@ def _many(readings: Readings, keep: Indices, found: Outliers) -> Finding:
     return finding("block", readings, rows, words, mask=False)
 
 
-def common_block(readings: Readings, keep: Indices, wrong: npt.NDArray[np.bool_]) -> str:
+def common_block(readings: Readings, keep: Indices, wrong: Flags) -> str:
     """What most of the wrong rows have in common and few of the others: a series, a marker, or a stretch."""
     states = readings.states
     best: tuple[float, str] = (_BLOCK, "")
-    groups: list[tuple[str, npt.NDArray[np.bool_]]] = []
+    groups: list[tuple[str, Flags]] = []
     for f, name in enumerate(readings.frames):
         groups.append((f"series {name!r}", readings.frame[keep] == f))
     series = [states.series[int(s)] for s in readings.plus[keep]]

@@ -10,27 +10,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from qsframework.estimation import left, scales
-from qsframework.estimation.projection import blocks_of, falls
+from qsframework.estimation import Independent, LinearFit, scales
+from qsframework.estimation.projection import Flags
 from qsframework.estimation.tails import chi2_isf
 from qsframework.experiment import Bridge, Experiment, Frame, Readings, Rows, bridge
 from qsframework.plugin import Array, Indices
+from qsframework.screening.linearized import agreed
 from qsframework.screening.logging_faults import Visits, visits_of
 
-Flags = npt.NDArray[np.bool_]
-_ROUNDS = 8
-_REWEIGHED = 10
-"""Steps of the fit of least absolute errors."""
 _CHANCE = 1e-6
 """Probability at which the misfit of a visit stands out, all of them together."""
 _BEYOND = 1.5
 """And by how much more: noise has tails."""
 _STEP = 1e-4
 """Share of a fit's step of which the rates are taken: what it does not tell may be far from linear."""
-_TOLD = 1e-12
-"""Share of the largest weighted square of a direction below which the visits that agree do not tell it."""
 _SHARE = 0.35
 """Of the visits: more than these are not set aside, for then it is no mistake here and there."""
 
@@ -110,34 +104,30 @@ class Standing:
 
 
 def stand_out(experiment: Experiment, readings: Readings) -> Standing:
-    """Which visits stand out, each against the others. Errors as `bridge` has them."""
+    """Which visits stand out, each against the others. Errors as `bridge` has them.
+
+    What visits share is left to the unit.
+    """
     seen = bridge(experiment, readings, experiment.fit_names(), linear=True)
     rows = seen.rows
     visits = visits_of(rows)
-    label = visits.of[rows.row]
-    count = np.bincount(label, minlength=len(visits))
-    wrong = np.zeros(len(visits), dtype=bool)
-    frames = seen.frames
-    A, target = _linear(seen, frames)
-    misfit, unit, z, half = _misfits(A, target, label, wrong, robust=True)
-    for _ in range(_ROUNDS):
-        now = _beyond(misfit, count)
-        if rows.estimated and now.any():
-            frames = rows.take(~now[visits.of]).start(seen.model, seen.x)
-            A, target = _linear(seen, frames)
-        misfit, unit, z, half = _misfits(A, target, label, now, robust=False)
-        done, wrong = np.array_equal(now, wrong), now
-        if done:
-            break
+    count = np.bincount(visits.of[rows.row], minlength=len(visits))
+
+    def beyond(misfit: Array, wrong: Flags, _: LinearFit | None) -> Flags:
+        return _beyond(misfit / _unit(misfit, count, wrong) ** 2, count)
+
+    noise, scale = Independent(rows.flat(rows.sigma)), scales(list(seen.parameters))
+    found, frames = agreed(seen, visits.of, beyond, noise, scale, np.zeros(len(scale)))
+    unit = _unit(found.misfit, count, found.wrong)
     return Standing(
         experiment=experiment,
         seen=seen,
         visits=visits,
-        wrong=wrong,
-        z=z,
-        half=half,
+        wrong=found.wrong,
+        z=found.x,
+        half=found.half,
         frames=frames,
-        misfit=misfit,
+        misfit=found.misfit / unit**2,
         count=count,
         unit=unit,
     )
@@ -151,15 +141,6 @@ def agreement(standing: Standing) -> float:
     return float(np.log(np.maximum(square, 1e-12)).sum())
 
 
-def _linear(seen: Bridge, frames: Sequence[Frame]) -> tuple[_Columns, Array]:
-    """Columns of p parameters and errors (m,) in sigmas as stated; what visits share is left to the unit."""
-    rows = seen.rows
-    predicted, J = rows.rates(seen.model, seen.x, frames, seen.names, linear=True)
-    sigma = rows.sigma.ravel()[rows.at]
-    columns = _columns(rows.flat(J) * scales(list(seen.parameters)) / sigma[:, None])
-    return columns, (rows.scalars - rows.flat(predicted)) / sigma
-
-
 def _beyond(misfit: Array, count: Indices) -> Flags:
     """The visits (V,) whose misfit no chance makes, at most a share of them."""
     out = misfit > _BEYOND * chi2_isf(_CHANCE / len(misfit), np.maximum(count, 1))
@@ -169,74 +150,9 @@ def _beyond(misfit: Array, count: Indices) -> Flags:
     return out
 
 
-@dataclass(frozen=True, eq=False)
-class _Columns:
-    """Columns (m, p) as orthonormal ones U (m, d) and `turn` (p, d), which leads back to their parameters."""
-
-    U: Array
-    turn: Array
-
-
-def _columns(A: Array) -> _Columns:
-    size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-    U, values, V = np.linalg.svd(A / size, full_matrices=False)
-    told = values > 1e-9 * max(float(values[0]), 1e-300)
-    return _Columns(U[:, told], V[told].T / values[told] / size[:, None])
-
-
-def _misfits(
-    A: _Columns, target: Array, label: Indices, wrong: Flags, robust: bool
-) -> tuple[Array, float, Array, Array]:
-    """Misfit (V,) of each visit against the good ones without it, the unit that makes the usual visit usual, z and
-    half of the fit; robust: of least absolute errors, misfits of all visits as they are left."""
-    count = np.bincount(label, minlength=len(wrong))
-    if robust:
-        z, half = _least_absolute(A, target, label, count)
-        square = _squares(label, target - A.U @ z, len(wrong))
-    else:
-        good = (~wrong[label]).astype(np.float64)
-        z, half = _solved(A, target, good)
-        rest = target - A.U @ z
-        square = _squares(label, rest, len(wrong))
-        Q = (A.U * good[:, None]) @ half
-        fall, own, _ = falls(Q, left(Q, good * target), np.where(good > 0.0, label, -1))
-        square[own] = fall
-        for at in blocks_of(np.where(good > 0.0, -1, label)):
-            P = A.U[at] @ half
-            spread = np.eye(at.shape[1]) + P @ P.transpose(0, 2, 1)
-            weighed = np.asarray(np.linalg.solve(spread, rest[at][..., None]), dtype=np.float64)[..., 0]
-            square[label[at[:, 0]]] = np.einsum("bs,bs->b", rest[at], weighed)
-    unit = _unit(square, count, wrong)
-    return square / unit**2, unit, A.turn @ z, A.turn @ half
-
-
-def _squares(label: Indices, values: Array, count: int) -> Array:
-    return np.asarray(np.bincount(label, values**2, count), dtype=np.float64)
-
-
-def _least_absolute(A: _Columns, target: Array, label: Indices, count: Indices) -> tuple[Array, Array]:
-    """The fit whose sum of the lengths of the errors of visits is least: a few may be far off."""
-    z, half = _solved(A, target, np.ones(len(target)))
-    for _ in range(_REWEIGHED):
-        length = np.sqrt(_squares(label, target - A.U @ z, len(count)) / np.maximum(count, 1))
-        weight = 1.0 / np.maximum(length, 1e-2 * float(np.median(length)) + 1e-300)
-        z, half = _solved(A, target, weight[label])
-    return z, half
-
-
 def _unit(square: Array, count: Indices, wrong: Flags) -> float:
     """The noise that the usual good visit shows, in sds as stated."""
     use = ~wrong & (count > 0) & (square > 0.0)
     if not use.any():
         return 1.0
     return float(np.sqrt(max(np.median(square[use] / chi2_isf(0.5, count[use])), 1e-12)))
-
-
-def _solved(A: _Columns, target: Array, weight: Array) -> tuple[Array, Array]:
-    """Least squares of weighted squares: weights (d,) of the orthonormal columns, and half (d, f), half half' their
-    covariance. U half, times the roots of the weights, is orthonormal."""
-    heavy = A.U * weight[:, None]
-    values, vectors = np.linalg.eigh(A.U.T @ heavy)
-    told = values > _TOLD * max(float(values[-1]), 1e-300)
-    half = vectors[:, told] / np.sqrt(values[told])
-    return half @ (half.T @ (heavy.T @ target)), half

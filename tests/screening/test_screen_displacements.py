@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from qsframework.errors import NotIdentifiable
-from qsframework.estimation import FitOptions, Independent
+from qsframework.estimation import FitOptions, Independent, linear_fit
 from qsframework.experiment import Experiment, Plan, Readings, make_plan, simulate
 from qsframework.identify import identify
 from qsframework.plugin import Poses, build_effects
 from qsframework.screening import Finding, masked, screen
-from qsframework.screening.linearized_fit import linearized_fit
+from qsframework.screening.linearized import linearized
 from qsframework.screening.logging_faults import exchanges, late_angles
 from tests.identify.arm import copied, shared_unloaded, spoilt, with_sigma
 
@@ -130,14 +130,17 @@ def sharing(readings: Readings) -> Readings:
 def test_what_readings_share_counts_in_every_test(m900ib: Experiment, two_loads: Plan, stated: bool) -> None:
     """What leaving a row out takes off the sum of squares, against a fit without it; exchanges against a new fit."""
     readings = sharing(clean(m900ib, two_loads))
-    given = linearized_fit(m900ib, readings if stated else with_sigma(readings, None))
+    given = linearized(m900ib, readings if stated else with_sigma(readings, None))
     assert not isinstance(given.noise, Independent)
-    fall = given.row_squares()
+    alone = given.fit.held_out(given.row)
     for row in (0, 7, 20, 41):
-        rest = given.take(np.arange(len(fall)) != row)
-        assert given.square() - rest.square() == pytest.approx(fall[row], rel=1e-8)
+        kept = np.arange(len(given.keep)) != row
+        own = kept[given.row]
+        rest = linear_fit(given.slopes[own], given.errors[own], given.rows.take(kept).noise)
+        (drop,) = alone.chi2_drop[alone.label == row]
+        assert given.fit.chi2 - rest.chi2 == pytest.approx(drop, rel=1e-8)
     swapped = copied(given.readings, [9, 11], [11, 9])
-    ((order, words),) = exchanges(linearized_fit(m900ib, swapped), 0.01)
+    ((order, words),) = exchanges(linearized(m900ib, swapped), 0.01)
     assert sorted(order[:, 0].tolist()) == [9, 11]
     assert "m1 and m3" in words
 
@@ -205,7 +208,7 @@ def test_one_pose_with_the_angles_of_the_one_before(m900ib: Experiment, plan: Pl
 
 def test_two_visits_are_too_few_to_look_for_late_angles(r2000ic: Experiment, real: Readings) -> None:
     two = replace(real, use=np.arange(len(real)) < 2)
-    assert late_angles(linearized_fit(r2000ic.with_(fit=("joint_compliance[joint_2]",)), two), 0.01) == []
+    assert late_angles(linearized(r2000ic.with_(fit=("joint_compliance[joint_2]",)), two), 0.01) == []
 
 
 def test_masking_restores_the_fit(m900ib: Experiment, plan: Plan) -> None:
@@ -234,11 +237,11 @@ def test_readings_that_tell_nothing_are_no_fit_and_screening_goes_on(r2000ic: Ex
     twin = build_effects({"effect": "offaxis_compliance", "joints": ["joint_2"], "axes": "all"}, r2000ic.robot.facts)
     added = tuple(p for e in twin for p in e.parameters(r2000ic.robot.facts))
     wide = r2000ic.with_(effects=twin, parameters=added, fit=("joint_compliance", "offaxis_compliance"))
-    fit = linearized_fit(wide, real)
-    assert fit.Q.shape[1] < len(wide.fit_names())
+    fit = linearized(wide, real)
+    assert fit.fit.Q.shape[1] < len(wide.fit_names())
     zero = spoilt(real, [4], -real.value[4])
     assert [f.kind for f in screen(wide, zero)][:1] == ["zero"]
     blind = real.with_poses(replace(real.poses, wrench=np.zeros_like(real.poses.wrench)))
     with pytest.raises(NotIdentifiable, match="joint_compliance"):
-        linearized_fit(r2000ic, blind)
+        linearized(r2000ic, blind)
     assert screen(r2000ic, blind) == ()

@@ -7,15 +7,15 @@ import pytest
 
 from qsframework.estimation import (
     Independent,
+    LinearFit,
     Noise,
-    falls,
     grouped,
     left,
+    linear_fit,
     orthonormal,
-    shifts,
-    studentised,
-    without_block,
 )
+from qsframework.estimation.linear_fit import Whitened, without_outliers
+from qsframework.estimation.projection import Flags
 from qsframework.plugin import Array, Indices
 
 blocks: Indices = np.repeat(np.arange(9), [1, 1, 2, 3, 3, 3, 6, 6, 15])
@@ -42,7 +42,7 @@ def refit(A: Array, y: Array, kept: np.ndarray) -> tuple[Array, float]:
 def test_errors_without_each_block_are_those_of_refits() -> None:
     A, y = problem()
     Q = orthonormal(A)
-    out = without_block(Q, left(Q, y), blocks)
+    out = LinearFit(Q, left(Q, y)).held_out_errors(blocks)
     for one in np.unique(blocks):
         mine = blocks == one
         z, _ = refit(A, y, ~mine)
@@ -54,18 +54,18 @@ def test_blocks_need_not_stand_together() -> None:
     A, y = problem(1)
     Q = orthonormal(A)
     order = np.random.default_rng(2).permutation(len(y))
-    mixed = without_block(Q[order], left(Q, y)[order], 7 * blocks[order] + 3)
-    assert mixed == pytest.approx(without_block(Q, left(Q, y), blocks)[order], rel=1e-9)
+    mixed = LinearFit(Q[order], left(Q, y)[order]).held_out_errors(7 * blocks[order] + 3)
+    assert mixed == pytest.approx(LinearFit(Q, left(Q, y)).held_out_errors(blocks)[order], rel=1e-9)
 
 
 def test_falls_of_the_sum_of_squares_are_those_of_refits() -> None:
     A, y = problem()
     Q = orthonormal(A)
-    fall, label, size = falls(Q, left(Q, y), blocks)
-    assert label.tolist() == list(range(9))
-    assert size.tolist() == [1, 1, 2, 3, 3, 3, 6, 6, 15]
+    alone = LinearFit(Q, left(Q, y)).held_out(blocks)
+    assert alone.label.tolist() == list(range(9))
+    assert alone.size.tolist() == [1, 1, 2, 3, 3, 3, 6, 6, 15]
     _, whole = refit(A, y, np.ones(len(y), dtype=bool))
-    for one, by in zip(label, fall, strict=True):
+    for one, by in zip(alone.label, alone.chi2_drop, strict=True):
         assert by == pytest.approx(whole - refit(A, y, blocks != one)[1], rel=1e-9), one
 
 
@@ -76,9 +76,10 @@ def test_a_block_that_alone_carries_a_parameter_cannot_be_left_out() -> None:
     label = np.where(A[:, 4] != 0.0, 3, np.where(blocks == 3, 20, blocks))
     assert len(mine) == 3
     Q = orthonormal(A)
-    out, (fall, told, _) = without_block(Q, left(Q, y), label), falls(Q, left(Q, y), label)
+    fit = LinearFit(Q, left(Q, y))
+    out, alone = fit.held_out_errors(label), fit.held_out(label)
     assert np.isnan(out[mine]).all()
-    assert fall[told == 3] == 0.0
+    assert alone.chi2_drop[alone.label == 3] == 0.0
     rest = np.setdiff1d(label, [3])
     for one in rest:
         z, _ = refit(A, y, label != one)
@@ -90,11 +91,11 @@ def test_rows_of_no_block_are_passed_over() -> None:
     A, y = problem()
     Q = orthonormal(A)
     some = np.where(blocks == 4, -1, blocks)
-    out, whole = without_block(Q, left(Q, y), some), without_block(Q, left(Q, y), blocks)
+    out, whole = LinearFit(Q, left(Q, y)).held_out_errors(some), LinearFit(Q, left(Q, y)).held_out_errors(blocks)
     assert np.isnan(out[blocks == 4]).all()
     assert np.array_equal(out[blocks != 4], whole[blocks != 4])
-    nothing = falls(Q, left(Q, y), np.full(len(y), -1))
-    assert [len(part) for part in nothing] == [0, 0, 0]
+    nothing = LinearFit(Q, left(Q, y)).held_out(np.full(len(y), -1))
+    assert [len(part) for part in (nothing.label, nothing.size, nothing.chi2_drop)] == [0, 0, 0]
 
 
 def test_many_blocks_at_once_are_each_right() -> None:
@@ -104,7 +105,7 @@ def test_many_blocks_at_once_are_each_right() -> None:
     A, y = rng.normal(size=(count * size, 3)), rng.normal(size=count * size)
     label = np.repeat(np.arange(count), size)
     Q = orthonormal(A)
-    out = without_block(Q, left(Q, y), label)
+    out = LinearFit(Q, left(Q, y)).held_out_errors(label)
     for one in (0, 5_000, count - 1):
         mine = label == one
         assert out[mine] == pytest.approx(y[mine] - A[mine] @ refit(A, y, ~mine)[0], rel=1e-9, abs=1e-10)
@@ -132,14 +133,49 @@ def test_studentised_residuals_are_shifts_of_one_reading_in_a_refit(which: int) 
     A, y = problem(5)
     noise = noises(len(y))[which]
     W = noise.whiten(A)
-    Q = orthonormal(W)
-    white = left(Q, noise.whiten(y))
-    found = studentised(white, Q, noise)
-    t, q = shifts(white, Q, noise)
+    fit = linear_fit(A, y, noise)
+    found, alone = fit.studentised(), fit.held_out(np.arange(len(y)))
     for i in (0, 7, 22, len(y) - 1):
         shift = noise.whiten(np.eye(len(y))[:, i])
         B = np.column_stack([W / np.linalg.norm(W, axis=0), shift])
         z, rest, *_ = np.linalg.lstsq(B, noise.whiten(y), rcond=None)
         sd = np.sqrt(rest[0] / (len(y) - 6) * np.linalg.inv(B.T @ B)[5, 5])
         assert found[i] == pytest.approx(z[5] / sd, rel=1e-8)
-        assert t[i] ** 2 / (1.0 - q[i] @ q[i]) == pytest.approx(float(white @ white) - rest[0], rel=1e-8)
+        assert alone.chi2_drop[i] == pytest.approx(fit.chi2 - rest[0], rel=1e-8)
+
+
+def test_misfits_of_blocks_that_were_not_used_are_those_of_adding_them() -> None:
+    """What a block adds to the sum of squares is the same whether it is taken out of the fit or put into it."""
+    A, y = problem(6)
+    whole = LinearFit(orthonormal(A), left(orthonormal(A), y))
+    drops = whole.held_out(blocks).chi2_drop
+    size = np.linalg.norm(A, axis=0)
+    for one in (2, 6, 7):
+        fit, x, half = Whitened(A, y).fit(blocks != one)
+        assert fit.chi2 == pytest.approx(whole.chi2 - drops[one], rel=1e-9)
+        assert fit.misfits(blocks, 9)[one] == pytest.approx(drops[one], rel=1e-8)
+        z, _ = refit(A, y, blocks != one)
+        assert x * size == pytest.approx(z * size, rel=1e-8, abs=1e-9)
+        assert pytest.approx(np.eye(5), abs=1e-8) == half.T @ A[blocks != one].T @ A[blocks != one] @ half
+
+
+def test_blocks_that_disagree_are_left_out_however_large_they_are() -> None:
+    A, y = problem(7)
+    wild = y.copy()
+    wild[np.isin(blocks, (3, 6))] += 1e4
+
+    def beyond(misfit: Array, wrong: Flags, fit: LinearFit | None) -> Flags:
+        return misfit > 100.0
+
+    found = without_outliers(lambda wrong: Whitened(A, wild), blocks, 9, beyond)
+    assert np.flatnonzero(found.wrong).tolist() == [3, 6]
+    assert found.fit.dof == int((~np.isin(blocks, (3, 6))).sum()) - 5
+
+
+def test_columns_that_are_held_move_less() -> None:
+    """A hold of 1 / sd counts as a reading of zero with that sd."""
+    A, y = problem(8)
+    held = np.array([0.0, 0.0, 0.0, 5.0, 50.0])
+    x, _ = Whitened(A, y, held=held).solved(np.ones(len(y)))
+    z, _ = refit(np.vstack([A, np.diag(held)]), np.append(y, np.zeros(5)), np.ones(len(y) + 5, dtype=bool))
+    assert x == pytest.approx(z, rel=1e-7)

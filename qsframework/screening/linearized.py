@@ -1,0 +1,192 @@
+"""Linear fits about the nominal arm: to try changes of the readings on, and without the rows that do not agree."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from qsframework.errors import NotIdentifiable
+from qsframework.estimation import LinearFit, Noise, left, linear_fit, orthonormal, rank_test, rms, scales
+from qsframework.estimation.linear_fit import Agreed, Beyond, Whitened, without_outliers
+from qsframework.estimation.projection import Flags
+from qsframework.experiment import Bridge, Experiment, Frame, Readings, bridge
+from qsframework.experiment.observations import Rows, start_values
+from qsframework.experiment.together import positions_of, rates_of
+from qsframework.plugin import Array, Geometry, Indices, Sensor
+
+_BELOW = 2.0
+"""sds below its bound from which a compliance speaks against a convention."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Estimates:
+    """Fitted parameters about their nominal values: x and sd (p,) in their scales, as no bound holds them; how many
+    compliances are then below theirs; white (m,): whitened residuals of the fit within all bounds, with dof degrees of
+    freedom; rms (m): of these residuals."""
+
+    x: Array
+    sd: Array
+    below: int
+    white: Array
+    dof: int
+    rms: float
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squares that the fit within all bounds leaves."""
+        return float(self.white @ self.white)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearized:
+    """m measured coordinates about the nominal arm in its best frames: scaled sensitivities `slopes` (m, p), of frames
+    and of the fitted parameters, and `errors` (m,) m, measured less nominal.
+
+    stated: whether the size of the noise is known
+    """
+
+    experiment: Experiment
+    rows: Rows
+    slopes: Array
+    errors: Array
+    noise: Noise
+    stated: bool
+
+    @property
+    def readings(self) -> Readings:
+        return self.rows.readings
+
+    @property
+    def keep(self) -> Indices:
+        """Places (R,) of the rows in the readings."""
+        return self.rows.keep
+
+    @property
+    def row(self) -> Indices:
+        """The row (m,) of each coordinate."""
+        return self.rows.row
+
+    @cached_property
+    def fit(self) -> LinearFit:
+        """Of all columns, as no bound holds them."""
+        return linear_fit(self.slopes, self.errors, self.noise, self.stated)
+
+    @cached_property
+    def estimates(self) -> Estimates:
+        """The fitted parameters within their bounds; what the readings do not tell stays at its nominal value.
+
+        Within bounds, since with the sign of all displacements reversed springs fit as well, but with negative
+        compliances.
+        """
+        model, names = self.experiment.model(), self.experiment.fit_names()
+        chosen = [model.parameters[i] for i in model.index(names)]
+        size = scales(chosen)
+        white = self.noise.whiten(self.slopes)
+        frames = orthonormal(white[:, : -len(chosen)])  # displacements do not tell where the origin lies
+        A, target = left(frames, white[:, -len(chosen) :]), left(frames, self.noise.whiten(self.errors))
+        U, values, V = np.linalg.svd(A, full_matrices=False)
+        told = values > 1e-9 * values[0]
+        U, values, V = U[:, told], values[told], V[told]
+        z = U.T @ target
+        start = np.array([p.nominal for p in chosen]) / size
+        low, high = (np.array([getattr(p, end) for p in chosen]) / size - start for end in ("lower", "upper"))
+        free = V.T @ (z / values)
+        rest = target - U @ (values * (V @ _within(values[:, None] * V, z, free, low, high)))
+        dof = len(target) - len(values) - frames.shape[1]
+        sd = np.sqrt(np.square(V.T / values).sum(axis=1) * (target @ target - z @ z) / dof)
+        return Estimates(
+            x=start + free,
+            sd=sd,
+            below=int((~np.isclose(sd, 0.0) & (free < low - _BELOW * sd)).sum()),
+            white=rest,
+            dof=dof,
+            rms=rms(self.noise.colour(rest)),
+        )
+
+
+def _within(R: Array, z: Array, free: Array, low: Array, high: Array) -> Array:
+    """Least squares |R d - z| with low <= d <= high; `free` is the solution without the bounds."""
+    if np.all((free >= low) & (free <= high)):
+        return free
+    from scipy.optimize import lsq_linear
+
+    wide = np.where(high > low, high, low + 1e-12)
+    return np.asarray(lsq_linear(R, z, (low, wide), method="bvls").x)
+
+
+def linearized(experiment: Experiment, readings: Readings) -> Linearized:
+    """The experiment's parameters about their nominal values. NotIdentifiable where the readings tell none."""
+    return of_bridge(experiment, bridge(experiment, readings, experiment.fit_names(), linear=True))
+
+
+def of_bridge(experiment: Experiment, seen: Bridge) -> Linearized:
+    """The same about the values and frames of a bridge."""
+    rows = seen.rows
+    slopes, errors = _columns(seen, seen.frames, scales(list(seen.parameters)))
+    if not rank_test(rows.noise.whiten(slopes), [p.name for p in seen.parameters]).rank:
+        raise NotIdentifiable(unseen=[p.name for p in seen.parameters])
+    return Linearized(experiment, rows, slopes, errors, rows.noise, rows.stated)
+
+
+def _columns(seen: Bridge, frames: Sequence[Frame], scale: Array) -> tuple[Array, Array]:
+    """Sensitivities (m, p) m to parameters of these scales, and errors (m,) m, at a bridge's values in some frames."""
+    rows = seen.rows
+    predicted, J = rows.rates(seen.model, seen.x, frames, seen.names, linear=True)
+    return rows.flat(J) * scale, rows.scalars - rows.flat(predicted)
+
+
+def agreed(
+    seen: Bridge, of: Indices, beyond: Beyond, noise: Noise, scale: Array, held: Array
+) -> tuple[Agreed, tuple[Frame, ...]]:
+    """The fit to the blocks of rows, by number (R,), that agree, and the frames about which its motions are counted:
+    those that suit these blocks. beyond: as `without_outliers` asks it; scale, held (p,): of the parameters."""
+    rows, frames, count = seen.rows, seen.frames, int(of.max(initial=-1)) + 1
+
+    def about(wrong: Flags) -> Whitened:
+        nonlocal frames
+        if wrong.any() and rows.estimated and wrong.mean() <= 0.5:
+            frames = rows.take(~wrong[of]).start(seen.model, seen.x)
+        columns, errors = _columns(seen, frames, scale)
+        return Whitened(noise.whiten(columns), noise.whiten(errors), noise, held)
+
+    return without_outliers(about, of[rows.row], count, beyond), frames
+
+
+def other_readings(given: Linearized, many: Sequence[Readings], far: float) -> list[Linearized | None]:
+    """The fits to the same rows with other values or at other angles, or all of them under other loads; None for
+    readings more than `far` times further from the nominal arm than as given where a frame is to be found.
+
+    On loads the slopes hardly depend where geometry moves the markers: those stay.
+    """
+    experiment, names = given.experiment, given.experiment.fit_names()
+    model, x = experiment.model(), start_values(experiment, names)
+    parameters = [model.parameters[i] for i in model.index(names)]
+    rows = [replace(given.rows, readings=readings) for readings in many]
+    frames: list[tuple[Frame, ...]] = [() for _ in rows]
+    out: list[Linearized | None] = [None] * len(rows)
+    near = list(range(len(rows)))
+    if given.rows.estimated:
+        there = positions_of(rows, model, x)
+        frames = [r.nearest(positions) for r, positions in zip(rows, there, strict=True)]
+        errors = [r.scalars - r.flat(r.seen(p, f)) for r, p, f in zip(rows, there, frames, strict=True)]
+        near = [i for i in near if not rms(errors[i]) > far * rms(given.errors)]
+        if not near:
+            return out
+    still: set[str] = set()
+    before = given.readings
+    if all(r.states is not before.states and np.array_equal(r.poses.q, before.poses.q) for r in many):
+        still = {p.name for e in model.effects if isinstance(e, Geometry | Sensor) for p in e.parameters(model.facts)}
+    at = [i for i, name in enumerate(names) if name not in still]
+    motions = 6 * len(frames[0])
+    size = scales([p for f in frames[0] for p in f.parameters()] + [parameters[i] for i in at])
+    columns = [*range(motions), *(motions + i for i in at)]
+    found = rates_of([rows[i] for i in near], model, x, [frames[i] for i in near], [names[i] for i in at])
+    for i, (predicted, J) in zip(near, found, strict=True):
+        slopes = given.slopes.copy()
+        slopes[:, columns] = rows[i].flat(J) * size
+        if np.any(slopes):
+            out[i] = replace(given, rows=rows[i], slopes=slopes, errors=rows[i].scalars - rows[i].flat(predicted))
+    return out
