@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from qsframework.applications.day.expected import Expected
 from qsframework.applications.day.record import Slot
+from qsframework.estimation.linear_fit import Whitened
 from qsframework.estimation.tails import chi2_sf, f_sf, normal_sf
 from qsframework.experiment.frames import Frame, procrustes
 from qsframework.plugin import Array
@@ -235,12 +236,9 @@ def _solved(
 ) -> tuple[Array, Array, float]:
     """Motions of frame and carrier (12,) by generalised least squares over visits (columns, own motion, residual),
     their covariance, and the squares that the visits' own motions are left with."""
-    M, b = np.diag(weight), np.zeros(12)
-    for H, own, r in blocks:
-        C = np.linalg.inv(_covariance(sigma, own, scale, shapes))
-        M, b = M + H.T @ C @ H, b + H.T @ C @ r
-    cov: Array = np.asarray(np.linalg.inv(M + 1e-9 * np.diag(np.diag(M))), dtype=np.float64)
-    mean, square = cov @ b, 0.0
+    told = [(r, H, _covariance(sigma, own, scale, shapes)) for H, own, r in blocks]
+    mean, cov = _likeliest(told, np.sqrt(weight))
+    square = 0.0
     for H, own, r in blocks:
         Q = np.linalg.qr(own)[0]
         left = Q.T @ (r - H @ mean)
@@ -260,20 +258,27 @@ def _covariance(sigma: float, own: Array, scale: float, shapes: int) -> Array:
     return (own * (scale * _ARM) ** 2) @ own.T + (sigma**2 + shape) * np.eye(len(own))
 
 
+def _likeliest(told: Sequence[tuple[Array, Array, Array]], held: Array) -> tuple[Array, Array]:
+    """Parameters (p,) by generalised least squares of blocks (residual, columns, covariance), each held to zero by
+    1 / sd (p,), and their covariance."""
+    back = [np.linalg.inv(np.linalg.cholesky(C)) for _, _, C in told]
+    A = np.concatenate([B @ J for B, (_, J, _) in zip(back, told, strict=True)])
+    y = np.concatenate([B @ r for B, (r, _, _) in zip(back, told, strict=True)])
+    x, half = Whitened(A, y, held=held).solved(np.ones(len(y)))
+    return x, half @ half.T
+
+
 def _springs(known: Known) -> Known:
-    """The springs after every accepted state that differs from an earlier one of its visit: recursive least squares."""
-    x, cov = known.springs, known.spring_cov
-    out = known
+    """The springs after every accepted state that differs from an earlier one of its visit."""
+    told: list[tuple[Array, Array, Array]] = []
     for i, s in enumerate(known.seen):
         before = [b for b in known.seen[:i] if b.slot.visit == s.slot.visit and b.series == s.series]
-        made = _difference(out, s.slot, s.xyz, s.series, before, 1.0, None)
-        if made is None or not len(x):
-            continue
-        r, J, C, _ = made
-        gain = cov @ J.T @ np.linalg.inv(J @ cov @ J.T + C)
-        x, cov = x + gain @ r, cov - gain @ J @ cov
-        out = replace(known, springs=x, spring_cov=0.5 * (cov + cov.T))
-    return out
+        made = _difference(known, s.slot, s.xyz, s.series, before, 1.0, None)
+        told += [] if made is None else [made[:3]]
+    if not told or not len(known.springs):
+        return known
+    x, cov = _likeliest(told, 1.0 / known.expected.spread)
+    return replace(known, springs=x, spring_cov=cov)
 
 
 def _difference(
