@@ -1,4 +1,4 @@
-from .linear_fit import LinearFit as LinearFit, linear_fit as linear_fit
+from .linear_fit import LinearFit as LinearFit
 from .noise import (
     Independent as Independent,
     Noise as Noise,

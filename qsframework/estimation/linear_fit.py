@@ -59,6 +59,12 @@ class LinearFit:
     stated: bool = True
     used: Flags | None = None
 
+    @classmethod
+    def of(cls, columns: Array, readings: Array, noise: Noise, stated: bool = True) -> LinearFit:
+        """The least squares fit of columns (m, p), of any sizes, to readings (m,)."""
+        Q = orthonormal(noise.whiten(columns))
+        return cls(Q, left(Q, noise.whiten(readings)), noise, stated)
+
     @property
     def dof(self) -> int:
         """Coordinates that were used, less the columns that they tell: one that is held counts by what they add."""
@@ -161,12 +167,6 @@ def chance(chi2_drop: Array | float, size: Indices | int, chi2: float, dof: int,
         return chi2_sf(chi2_drop, size)
     free = np.maximum(dof - size, 1)
     return f_sf(chi2_drop / size / np.maximum((chi2 - chi2_drop) / free, 1e-300), size, free)
-
-
-def linear_fit(columns: Array, readings: Array, noise: Noise, stated: bool = True) -> LinearFit:
-    """The least squares fit of columns (m, p), of any sizes, to readings (m,)."""
-    Q = orthonormal(noise.whiten(columns))
-    return LinearFit(Q, left(Q, noise.whiten(readings)), noise, stated)
 
 
 @dataclass(frozen=True, eq=False)

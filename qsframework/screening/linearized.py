@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from qsframework.errors import NotIdentifiable
-from qsframework.estimation import LinearFit, Noise, left, linear_fit, orthonormal, rank_test, rms, scales
+from qsframework.estimation import LinearFit, Noise, left, orthonormal, rank_test, rms, scales
 from qsframework.estimation.linear_fit import Agreed, Beyond, Whitened, without_outliers
 from qsframework.estimation.projection import Flags
 from qsframework.experiment import Bridge, Experiment, Frame, Readings, bridge
@@ -72,7 +72,7 @@ class Linearized:
     @cached_property
     def fit(self) -> LinearFit:
         """Of all columns, as no bound holds them."""
-        return linear_fit(self.slopes, self.errors, self.noise, self.stated)
+        return LinearFit.of(self.slopes, self.errors, self.noise, self.stated)
 
     @cached_property
     def estimates(self) -> Estimates:

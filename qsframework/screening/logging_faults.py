@@ -12,7 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
-from qsframework.estimation import Independent, LinearFit, linear_fit
+from qsframework.estimation import Independent, LinearFit
 from qsframework.estimation.linear_fit import chance
 from qsframework.experiment import Rows, bridge
 from qsframework.plugin import Array, Indices, Poses
@@ -292,5 +292,5 @@ def _tools(fit: Linearized) -> list[tuple[Indices, LinearFit]]:
         r = r - r.mean(axis=0)
         turn = -np.cross(r[:, None, :], np.eye(3)).transpose(0, 2, 1)  # (k, axis of the reading, axis of rotation)
         motion = np.concatenate([np.broadcast_to(np.eye(3), turn.shape), turn], axis=2).reshape(-1, 6)
-        out.append((some, linear_fit(motion, rows.measured[some].ravel(), Independent(rows.sigma[some].ravel()))))
+        out.append((some, LinearFit.of(motion, rows.measured[some].ravel(), Independent(rows.sigma[some].ravel()))))
     return [(some, t) for some, t in out if t.dof > 0]

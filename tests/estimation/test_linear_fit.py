@@ -11,7 +11,6 @@ from qsframework.estimation import (
     Noise,
     grouped,
     left,
-    linear_fit,
     orthonormal,
 )
 from qsframework.estimation.linear_fit import Whitened, without_outliers
@@ -133,7 +132,7 @@ def test_studentised_residuals_are_shifts_of_one_reading_in_a_refit(which: int) 
     A, y = problem(5)
     noise = noises(len(y))[which]
     W = noise.whiten(A)
-    fit = linear_fit(A, y, noise)
+    fit = LinearFit.of(A, y, noise)
     found, alone = fit.studentised(), fit.held_out(np.arange(len(y)))
     for i in (0, 7, 22, len(y) - 1):
         shift = noise.whiten(np.eye(len(y))[:, i])

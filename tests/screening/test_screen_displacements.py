@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from qsframework.errors import NotIdentifiable
-from qsframework.estimation import FitOptions, Independent, linear_fit
+from qsframework.estimation import FitOptions, Independent, LinearFit
 from qsframework.experiment import Experiment, Plan, Readings, make_plan, simulate
 from qsframework.identify import identify
 from qsframework.plugin import Poses, build_effects
@@ -136,7 +136,7 @@ def test_what_readings_share_counts_in_every_test(m900ib: Experiment, two_loads:
     for row in (0, 7, 20, 41):
         kept = np.arange(len(given.keep)) != row
         own = kept[given.row]
-        rest = linear_fit(given.slopes[own], given.errors[own], given.rows.take(kept).noise)
+        rest = LinearFit.of(given.slopes[own], given.errors[own], given.rows.take(kept).noise)
         (drop,) = alone.chi2_drop[alone.label == row]
         assert given.fit.chi2 - rest.chi2 == pytest.approx(drop, rel=1e-8)
     swapped = copied(given.readings, [9, 11], [11, 9])
