@@ -27,9 +27,8 @@ from qsframework.diagnose.residuals.audited_rows import (
     split_told,
     visit_noise,
 )
-from qsframework.diagnose.residuals.gross_rows import Basis, find_outliers
-from qsframework.diagnose.residuals.huber_pseudo_values import huber_pseudo_values
-from qsframework.diagnose.residuals.noise_components import NoiseAudit, audit_noise, make_basis
+from qsframework.diagnose.residuals.gross_rows import find_outliers
+from qsframework.diagnose.residuals.noise_components import NoiseAudit, audit_noise, visible
 from qsframework.diagnose.result import Diagnosis, Errors, Finding, Leftover, LikelyPlace, Method, Taught, Value
 from qsframework.diagnose.selection.closing_gate import (
     Likely,
@@ -59,6 +58,7 @@ from qsframework.diagnose.selection.search import LARGEST, parts_of
 from qsframework.diagnose.verdict import ambiguous, verdict_of
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import orthonormal, rms, rounding
+from qsframework.estimation.linear_fit import winsorised
 from qsframework.estimation.visit_noise import Reml, reml
 from qsframework.experiment import Experiment, Readings, bridge, make_rows
 from qsframework.experiment.observations import REACH, Rows, start_values
@@ -430,7 +430,7 @@ def _tamed(fits: Reml, values: Array, tame: Array | None = None) -> tuple[int, A
     """Place of the noise that readings (m,) m tell, or tamed ones in their place; the readings whitened, and tamed."""
     k = int(fits.choose((values if tame is None else tame)[:, None])[0])
     white = fits.noise.noises[k].whiten(values)
-    return k, white, huber_pseudo_values(white, fits.Q[k])
+    return k, white, winsorised(white, fits.Q[k])
 
 
 def _without(base: _Baseline, gross: Indices) -> _Baseline:
@@ -447,14 +447,14 @@ def _gross(found: _Found) -> Indices:
     """Places of rows that belong neither to the model that was found nor to the whole library; at most a tenth."""
     base, fit = found.base, found.extended
     mask, shape = base.rows.mask, (len(base.rows.keep), 3)
-    columns = orthonormal(fit.jacobian).reshape(*shape, -1)
-    gross = find_outliers(fit.white.reshape(shape), make_basis(columns, mask), _GROSS)
+    columns = visible(orthonormal(fit.jacobian).reshape(*shape, -1))
+    gross = find_outliers(fit.white.reshape(shape), columns, _GROSS, mask)
     if not len(gross):
         return gross
-    basis = Basis(library_basis(base.case), None if mask.all() else mask)
-    if basis.dof >= max(base.case.count // 3, 6):
+    library = library_basis(base.case)
+    if int(mask.sum()) - library.shape[1] >= max(base.case.count // 3, 6):
         raw = base.rows.padded_noise.whiten(base.fit.residuals.ravel()).reshape(shape)
-        gross = np.intersect1d(gross, find_outliers(raw, basis, _GROSS))
+        gross = np.intersect1d(gross, find_outliers(raw, library, _GROSS, mask))
     return gross if len(gross) <= max(1, len(base.rows.keep) // 10) else gross[:0]
 
 
@@ -559,7 +559,7 @@ def _close(base: _Baseline, best: Answer | None, fit: Settled, level: float, see
     blocks = list(generic_blocks(moved))
     noise = base.rows.padded_noise
     columns = noise.colour(fit.jacobian)
-    tame = noise.colour(huber_pseudo_values(fit.white, orthonormal(fit.jacobian)))
+    tame = noise.colour(winsorised(fit.white, orthonormal(fit.jacobian)))
     fits = _fits(base.rows, columns)
     size = fits.unit(int(fits.choose(tame[:, None])[0]), tame)
     left, likely, same = tuple[Leftover, ...](), list[Likely](), tuple[Law, ...]()

@@ -14,7 +14,7 @@ import pytest
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.residuals.audited_rows import split_told
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, arm_axes, variables_of
-from qsframework.diagnose.residuals.noise_components import make_basis
+from qsframework.diagnose.residuals.noise_components import visible
 from qsframework.diagnose.selection.family_test import Block, family_test
 from qsframework.diagnose.selection.rivals import falls_of
 from qsframework.diagnose.verdict import misfits, verdict_of
@@ -91,7 +91,7 @@ def test_no_direction_no_statistic() -> None:
     assert found.size.tolist() == [0.0, 0.0, 0.0]
     assert found.p_adjusted.tolist() == [1.0, 1.0, 1.0]
     assert found.p_value == 1.0
-    assert make_basis(np.full((4, 3, 2), 1e-12)).Q.shape == (12, 0)
+    assert visible(np.full((4, 3, 2), 1e-12)).shape == (12, 0)
 
 
 def test_nothing_given_nothing_falls() -> None:

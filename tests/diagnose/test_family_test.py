@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from qsframework.diagnose.residuals.huber_pseudo_values import huber_pseudo_values
 from qsframework.diagnose.selection.family_test import Block, family_test
 from qsframework.estimation import grouped
+from qsframework.estimation.linear_fit import winsorised
 from qsframework.estimation.visit_noise import RHOS, Reml, VisitNoise, reml
 from qsframework.plugin import Array
 
@@ -52,7 +52,7 @@ class Campaign:
     def test(self, y: Array, seed: int, draws: int = 124) -> float:
         """p, from as few draws as can hold LEVEL exactly: 3 of 125, as 6 of 251 would."""
         k = int(self.fits.choose(y[:, None])[0])
-        tame = huber_pseudo_values(self.noise.noises[k].whiten(y), self.fits.Q[k])
+        tame = winsorised(self.noise.noises[k].whiten(y), self.fits.Q[k])
         return family_test(self.blocks, self.fits, self.noise.noises[k].colour(tame), seed, draws).p_value
 
 

@@ -178,3 +178,27 @@ def test_columns_that_are_held_move_less() -> None:
     x, _ = Whitened(A, y, held=held).solved(np.ones(len(y)))
     z, _ = refit(np.vstack([A, np.diag(held)]), np.append(y, np.zeros(5)), np.ones(len(y) + 5, dtype=bool))
     assert x == pytest.approx(z, rel=1e-7)
+
+
+def test_a_block_not_used_that_alone_tells_its_columns_counts_as_good() -> None:
+    """Where all are weakly held nothing else speaks against it, and the others err as they do beside it."""
+    A, y = problem(10)
+    mine = blocks == 3
+    own = np.eye(len(y))[:, mine]
+    y[mine] += 1e4
+    given = Whitened(np.column_stack([A / np.linalg.norm(A, axis=0), own]), y, held=np.full(8, 1e-6))
+    beside, aside = (given.fit(used)[0].misfits(blocks, 9) for used in (np.ones(len(y), dtype=bool), ~mine))
+    assert beside[3] == 0.0
+    assert aside[3] < 1e-3
+    assert np.delete(aside, 3) == pytest.approx(np.delete(beside, 3), rel=1e-4)
+
+
+def test_a_block_on_the_edge_does_not_go_out_and_in_for_ever() -> None:
+    """Rounding may judge a block by what it was called before: the search ends all the same, and touches no other."""
+    A, y = problem(9)
+
+    def undecided(misfit: Array, wrong: Flags, fit: LinearFit | None) -> Flags:
+        return (np.arange(9) == 3) & ~wrong
+
+    found = without_outliers(lambda wrong: Whitened(A, y), blocks, 9, undecided)
+    assert set(np.flatnonzero(found.wrong).tolist()) <= {3}

@@ -8,10 +8,10 @@ import numpy as np
 
 from qsframework.diagnose.linearization.columns import Case
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, arm_axes, lack_of_fit, variables_of
-from qsframework.diagnose.residuals.noise_components import FEWEST, make_basis, pure_dof, replicate_basis
+from qsframework.diagnose.residuals.noise_components import FEWEST, pure_dof, replicate_basis, visible
 from qsframework.diagnose.selection.exact_refit import Settled
 from qsframework.errors import NotIdentifiable
-from qsframework.estimation import left
+from qsframework.estimation import LinearFit, left
 from qsframework.estimation.tails import f_sf
 from qsframework.estimation.visit_noise import RHOS, VisitNoise
 from qsframework.experiment import Bridge, Experiment, Readings
@@ -103,7 +103,7 @@ def repeats(rows: Rows) -> Array | None:
     alike = replicates(rows.readings, rows)
     pure = pure_dof(alike, rows.mask)
     few = pure < FEWEST or int(rows.mask.sum()) - pure > _MOST_REPEATS
-    return None if few else replicate_basis(alike, rows.mask).Q
+    return None if few else replicate_basis(alike, rows.mask)
 
 
 def in_noise(rows: Rows, unit: float, rho: float) -> Rows:
@@ -120,7 +120,7 @@ def in_noise(rows: Rows, unit: float, rho: float) -> Rows:
 def library_basis(case: Case) -> Array:
     """Orthonormal directions (m, q) of the fitted parameters and of every cause that rises above the noise."""
     columns = np.concatenate([case.A, *(B for B, c in zip(case.B, case.causes, strict=True) if not c.group)], axis=1)
-    return make_basis(columns.reshape(-1, 3, columns.shape[1])).Q
+    return visible(columns.reshape(-1, 3, columns.shape[1]))
 
 
 def far_from_linear(case: Case, fit: Settled) -> bool:
@@ -129,9 +129,8 @@ def far_from_linear(case: Case, fit: Settled) -> bool:
     Where both leave noise, what the fit leaves more, per parameter that it has less, follows an F distribution.
     """
     Q = library_basis(case)
-    rest = left(Q, case.residuals)
-    square, dof = float(rest @ rest), case.count - int(Q.shape[1])
-    more = int(Q.shape[1]) - int(fit.jacobian.shape[1])
+    square, dof = LinearFit(Q, left(Q, case.residuals)).chi2, case.count - Q.shape[1]
+    more = Q.shape[1] - fit.jacobian.shape[1]
     if dof < 1 or more < 1:
         return False
     ratio = float((fit.chi2 - square) / more * dof / square)

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.diagnose.residuals.gross_rows import Basis, Flags
+from qsframework.diagnose.residuals.gross_rows import beside
 from qsframework.diagnose.residuals.noise_components import pure_dof, replicate_basis
+from qsframework.estimation import LinearFit, orthonormal
+from qsframework.estimation.projection import Flags
 from qsframework.estimation.tails import chi2_sf, f_sf
 from qsframework.experiment import Experiment
 from qsframework.experiment.observations import Rows
@@ -73,45 +75,35 @@ def lack_of_fit(
     residuals; shapes (R, 3, d): vector fields that a smooth function of a variable may multiply, by default the
     three axes of the base; mask (R, 3): what was measured, None: all
     """
-    fit = _span(columns.reshape(white.size, -1), mask)
-    left = fit.left(white)
-    square, dof = float(np.sum(left**2)), fit.dof
-    p_chi2 = _chi2(square, dof) if known else np.nan
-    p_replicates, free = _replicates(left, fit, replicate)
+    fit = beside(white, orthonormal(columns.reshape(white.size, -1)), mask)
+    p_chi2 = _chi2(fit.chi2, fit.dof) if known else np.nan
+    p_replicates, free = _replicates(fit, replicate, mask)
     shapes = np.broadcast_to(np.eye(3), (*white.shape, 3)) if shapes is None else shapes
-    trends = _trends(left, fit, variables, shapes, known)
-    return LackOfFit(square, dof, p_chi2, p_replicates, free, trends)
-
-
-def _span(columns: Array, mask: Flags | None = None) -> Basis:
-    """Orthonormal directions of columns (m, p), redundant ones once."""
-    size = np.linalg.norm(columns, axis=0)
-    U, values, _ = np.linalg.svd(columns[:, size > 0.0] / size[size > 0.0], full_matrices=False)
-    return Basis(U[:, values > 1e-9 * max(values.max(initial=0.0), 1e-300)], mask)
+    trends = _trends(fit, variables, shapes, known, mask)
+    return LackOfFit(fit.chi2, fit.dof, p_chi2, p_replicates, free, trends)
 
 
 def _chi2(square: float, dof: int) -> float:
     return float(chi2_sf(square, dof)) if dof > 0 else np.nan
 
 
-def _replicates(left: Array, fit: Basis, replicate: Indices) -> tuple[float, int]:
+def _replicates(fit: LinearFit, replicate: Indices, mask: Flags | None) -> tuple[float, int]:
     """p-value of the fit against pure error, and the degrees of freedom of the latter."""
-    free = pure_dof(replicate, fit.mask)
+    free = pure_dof(replicate, mask)
     if free <= 0 or fit.dof <= free:
         return np.nan, free
-    pure = replicate_basis(replicate, fit.mask)
-    error = float(np.sum(pure.left(left) ** 2))
-    lack, dof = float(np.sum(left**2)) - error, fit.dof - pure.dof
-    return float(f_sf(max(lack, 0.0) / dof / (error / pure.dof), dof, pure.dof)), pure.dof
+    pure = beside(fit.white, replicate_basis(replicate, mask), mask)
+    lack, dof = fit.chi2 - pure.chi2, fit.dof - pure.dof
+    return float(f_sf(max(lack, 0.0) / dof / (pure.chi2 / pure.dof), dof, pure.dof)), pure.dof
 
 
-def _trends(left: Array, fit: Basis, variables: Mapping[str, Array], shapes: Array, known: bool) -> tuple[Trend, ...]:
+def _trends(
+    fit: LinearFit, variables: Mapping[str, Array], shapes: Array, known: bool, mask: Flags | None
+) -> tuple[Trend, ...]:
     """Residuals regressed on each variable, its columns taken beside the fit and beside the shapes themselves."""
-    flat = left.ravel()
-    constant = shapes.reshape(len(flat), -1)
-    around = _span(np.hstack([fit.Q, constant]), fit.mask)
-    inside = around.left(left).ravel()
-    total = float(inside @ inside)
+    constant = shapes.reshape(len(fit.white), -1)
+    around = beside(fit.white, orthonormal(np.hstack([fit.Q, constant])), mask)
+    inside, total = around.white, around.chi2
     found: list[tuple[str, float, float, int]] = []
     for name, values in variables.items():
         Q = _trend_columns(values, shapes, around)
@@ -138,15 +130,12 @@ def _p_value(square: float, dof: int, total: float, free: int, known: bool) -> f
     return float(f_sf(square / dof / rest, dof, free - dof))
 
 
-def _trend_columns(values: Array, shapes: Array, around: Basis) -> Array:
+def _trend_columns(values: Array, shapes: Array, around: LinearFit) -> Array:
     """Orthonormal columns (3R, k) of smooth functions of a variable times the shapes, beside the fit."""
     functions = smooth(values)
     flat = (functions[:, None, None, :] * shapes[..., None]).reshape(3 * len(values), -1)
     size = np.linalg.norm(flat, axis=0)
-    flat = flat[:, size > 0.0] / size[size > 0.0]
-    for _ in range(2):
-        flat = flat - around.Q @ (around.Q.T @ flat)
-    U, new, _ = np.linalg.svd(flat, full_matrices=False)
+    U, new, _ = np.linalg.svd(around.given(flat[:, size > 0.0] / size[size > 0.0]), full_matrices=False)
     return U[:, new > _NEW]
 
 

@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qsframework.diagnose.residuals.gross_rows import Basis, Flags, heavy_tails
-from qsframework.estimation import Noise, grouped
+from qsframework.diagnose.residuals.gross_rows import beside, heavy_tails
+from qsframework.estimation import LinearFit, Noise, grouped
+from qsframework.estimation.projection import Flags
 from qsframework.estimation.tails import chi2_cdf, chi2_sf, f_sf
 from qsframework.plugin import Array, Indices
 
@@ -95,9 +96,9 @@ def audit_noise(
     noise that was told beside the model; outliers: rows that were left out before; level: of each alarm; mask (R, 3):
     what was measured, None: all
     """
-    basis = make_basis(columns, mask)
-    heavy = heavy_tails(white, basis) if basis.dof >= FEWEST else np.nan
-    size, p_missing = _size(white, basis, sigma, measurement, replicate, level)
+    fit = beside(white, visible(columns), mask)
+    heavy = heavy_tails(white, fit) if fit.dof >= FEWEST else np.nan
+    size, p_missing = _size(white, fit, sigma, measurement, replicate, level, mask)
     p_unit = _two_sided(size) if stated and size.dof else np.nan
     trusted = stated and not p_unit < level
     return NoiseAudit(
@@ -123,48 +124,46 @@ def _noise(sigma: Array, shared: float, measurement: Indices) -> Noise:
     return grouped(np.repeat(sigma, 3), [(label, np.full(len(label), shared))])
 
 
-def make_basis(library: Array, mask: Flags | None = None) -> Basis:
-    """Orthonormal directions of a library (R, 3, q) that can rise above the noise."""
+def visible(library: Array) -> Array:
+    """Orthonormal directions (3 R, k) of a library (R, 3, q) that can rise above the noise."""
     flat = library.reshape(3 * len(library), -1)
-    size = np.linalg.norm(flat, axis=0)
-    flat = flat[:, size * REACH >= 1.0]
+    flat = flat[:, np.linalg.norm(flat, axis=0) * REACH >= 1.0]
     if flat.shape[1] == 0:
-        return Basis(np.zeros((len(flat), 0)), mask)
+        return flat
     U, values, _ = np.linalg.svd(flat, full_matrices=False)
-    return Basis(U[:, (values * REACH >= 1.0) & (values > 1e-9 * values[0])], mask)
+    return U[:, (values * REACH >= 1.0) & (values > 1e-9 * values[0])]
 
 
-def estimate(white: Array, basis: Basis, sigma: Array, measurement: Indices, source: str, level: float) -> Size:
-    """The rows' own error and the one that rows of a measurement share, from what a basis leaves of white (R, 3).
+def estimate(fit: LinearFit, sigma: Array, measurement: Indices, source: str, level: float) -> Size:
+    """The rows' own error and the one that rows of a measurement share, from what a fit leaves of them.
 
     Restricted maximum likelihood in the eigenvectors of what groups share beyond the columns: exact, and one
     decomposition does for all sizes. The test is the likelihood ratio on its boundary.
     """
-    left = basis.left(white)
-    total = float(np.sum(left**2))
-    plain = Size(total, basis.dof, 0.0, 1.0, source)
-    if basis.dof < FEWEST or np.unique(measurement, return_counts=True)[1].max() < 2:
+    total, dof = fit.chi2, fit.dof
+    plain = Size(total, dof, 0.0, 1.0, source)
+    if dof < FEWEST or np.unique(measurement, return_counts=True)[1].max() < 2:
         return plain
     typical = float(np.sqrt(np.mean(sigma**2)))
     label = np.unique((3 * measurement[:, None] + np.arange(3)).ravel(), return_inverse=True)[1]
-    Z = np.zeros((left.size, label.max() + 1))
-    Z[np.arange(left.size), label] = np.repeat(typical / sigma, 3)
-    if basis.mask is not None:
-        Z[~basis.mask.ravel()] = 0.0
+    Z = np.zeros((fit.white.size, label.max() + 1))
+    Z[np.arange(fit.white.size), label] = np.repeat(typical / sigma, 3)
+    if fit.used is not None:
+        Z[~fit.used] = 0.0
     for first in range(0, Z.shape[1], _TOGETHER):
         part = Z[:, first : first + _TOGETHER]
-        part -= basis.Q @ (basis.Q.T @ part)
+        part -= fit.Q @ (fit.Q.T @ part)
     lam, V = np.linalg.eigh(Z.T @ Z)
     seen = lam > 1e-6 * max(lam[-1], 1e-300)
     lam, V = lam[seen], V[:, seen]
-    square = np.square(V.T @ (Z.T @ left.ravel())) / lam
+    square = np.square(V.T @ (Z.T @ fit.white)) / lam
     rest = max(total - float(square.sum()), 0.0)
-    if basis.dof - len(lam) < FEWEST:
+    if dof - len(lam) < FEWEST:
         return plain
 
     def deviance(ratio: Array) -> Array:
         grown = 1.0 + ratio[:, None] ** 2 * lam
-        return np.asarray(basis.dof * np.log(rest + (square / grown).sum(axis=1)) + np.log(grown).sum(axis=1))
+        return np.asarray(dof * np.log(rest + (square / grown).sum(axis=1)) + np.log(grown).sum(axis=1))
 
     ratio, low, high = 0.0, _SMALLEST, _LARGEST
     for _ in range(_FINER):  # each time between the neighbours of the best
@@ -175,11 +174,11 @@ def estimate(white: Array, basis: Basis, sigma: Array, measurement: Indices, sou
     gain = without - beside
     p = 0.5 * float(chi2_sf(gain, 1)) if gain > 0.0 else 1.0
     own = rest + float((square / (1.0 + ratio**2 * lam)).sum())
-    shared = ratio * typical * float(np.sqrt(own / basis.dof))
+    shared = ratio * typical * float(np.sqrt(own / dof))
     if p >= level:
         return replace(plain, shared=shared if gain > 0.0 else 0.0, p_shared=p)
     # beyond what measurements share there is only the rows' own error: exactly chi-square
-    return Size(rest, basis.dof - len(lam), shared, p, source)
+    return Size(rest, dof - len(lam), shared, p, source)
 
 
 def pure_dof(replicate: Indices, mask: Flags | None = None) -> int:
@@ -189,8 +188,8 @@ def pure_dof(replicate: Indices, mask: Flags | None = None) -> int:
     return len(row) - len(np.unique(3 * replicate[row] + axis))
 
 
-def replicate_basis(replicate: Indices, mask: Flags | None = None) -> Basis:
-    """The columns that let every group of replicates have its own mean: what they leave is pure error."""
+def replicate_basis(replicate: Indices, mask: Flags | None = None) -> Array:
+    """Orthonormal columns (3 R, g), a mean for every group of replicates: what they leave is pure error."""
     _, group, count = np.unique(replicate, return_inverse=True, return_counts=True)
     Q = np.zeros((len(group), len(count)))
     Q[np.arange(len(group)), group] = 1.0 / np.sqrt(count[group])
@@ -199,35 +198,36 @@ def replicate_basis(replicate: Indices, mask: Flags | None = None) -> Basis:
         columns[~mask.ravel()] = 0.0
         size = np.linalg.norm(columns, axis=0)
         columns = columns[:, size > 0.0] / size[size > 0.0]
-    return Basis(columns, mask)
+    return columns
 
 
 def _size(
-    white: Array, basis: Basis, sigma: Array, measurement: Indices, replicate: Indices, level: float
+    white: Array,
+    fit: LinearFit,
+    sigma: Array,
+    measurement: Indices,
+    replicate: Indices,
+    level: float,
+    mask: Flags | None,
 ) -> tuple[Size, float]:
     """The noise to believe, and the p-value of the library against the replicates."""
-    fromlibrary = estimate(white, basis, sigma, measurement, "residuals", level)
-    if pure_dof(replicate, basis.mask) < FEWEST:
-        usable = basis.dof >= FEWEST
-        return (fromlibrary if usable else replace(fromlibrary, square=0.0, dof=0)), np.nan
-    pure = replicate_basis(replicate, basis.mask)
-    repeats = estimate(white, pure, sigma, measurement, "replicates", level)
-    p = lack_p_value(white, basis, pure, _noise(sigma, repeats.shared, measurement), sigma)
+    fromlibrary = estimate(fit, sigma, measurement, "residuals", level)
+    if pure_dof(replicate, mask) < FEWEST:
+        return (fromlibrary if fit.dof >= FEWEST else replace(fromlibrary, square=0.0, dof=0)), np.nan
+    pure = beside(white, replicate_basis(replicate, mask), mask)
+    repeats = estimate(pure, sigma, measurement, "replicates", level)
+    p = lack_p_value(white, fit, pure, _noise(sigma, repeats.shared, measurement), sigma)
     return (fromlibrary if p >= level else repeats), p
 
 
-def lack_p_value(white: Array, basis: Basis, pure: Basis, noise: Noise, sigma: Array) -> float:
-    """F test of what a basis leaves beyond replicates against what these leave; NaN where the basis spans all."""
+def lack_p_value(white: Array, fit: LinearFit, pure: LinearFit, noise: Noise, sigma: Array) -> float:
+    """F test of what a fit leaves beyond replicates against what these leave; NaN where its columns span all."""
     each = np.repeat(sigma, 3)
-    y = noise.whiten(white.ravel() * each)
-    squares: list[tuple[float, int]] = []
-    for b in (basis, pure):
-        Q = np.linalg.qr(noise.whiten(b.Q * each[:, None]))[0]
-        squares.append((float(y @ y - np.square(Q.T @ y).sum()), b.dof))
-    (rest, dof), (error, free) = squares
-    if dof <= free:
+    here, there = (LinearFit.of(f.Q * each[:, None], white.ravel() * each, noise) for f in (fit, pure))
+    dof, free = fit.dof - pure.dof, pure.dof
+    if dof <= 0:
         return np.nan
-    return float(f_sf(max(rest - error, 0.0) / (dof - free) / (error / free), dof - free, free))
+    return float(f_sf(max(here.chi2 - there.chi2, 0.0) / dof / (there.chi2 / free), dof, free))
 
 
 def _two_sided(size: Size) -> float:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from qsframework.diagnose.residuals.huber_pseudo_values import huber_pseudo_values
 from qsframework.diagnose.selection.family_test import family_test
 from qsframework.diagnose.selection.model_selection import blocks_of
 from qsframework.estimation import orthonormal
+from qsframework.estimation.linear_fit import winsorised
 from tests.diagnose.cases import SIGMA
 from tests.diagnose.test_statistics import linear, lone
 
@@ -24,10 +24,10 @@ def test_scores_keep_their_level_and_see_as_much_as_least_squares_under_student_
     alarms = sizes = plain = 0.0
     for _ in range(RUNS):
         noise = rng.standard_t(3, len(F)) / np.sqrt(3.0)  # unit variance
-        r = huber_pseudo_values(noise, F)
+        r = winsorised(noise, F)
         alarms += family_test(blocks, fits, r * SIGMA, draws=10).log_p.min() <= threshold
         spread = np.std(r - F @ (F.T @ r))
-        sizes += direction @ huber_pseudo_values(noise + 8.0 * direction, F) / spread
+        sizes += direction @ winsorised(noise + 8.0 * direction, F) / spread
         plain += direction @ (noise + 8.0 * direction)
     assert alarms / RUNS < 0.08
     assert sizes > 1.1 * plain
@@ -39,14 +39,14 @@ def test_normal_errors_are_hardly_changed() -> None:
     noise = rng.standard_normal(600)
     left = noise - Q @ (Q.T @ noise)
     noise /= np.sqrt(left @ left / 580)
-    kept = huber_pseudo_values(noise, Q)
+    kept = winsorised(noise, Q)
     assert np.corrcoef(Q.T @ kept, Q.T @ noise)[0, 1] > 0.95
 
 
 def test_too_few_readings_stay_as_they_are() -> None:
     Q, _ = np.linalg.qr(np.random.default_rng(2).standard_normal((30, 20)))
     noise = np.random.default_rng(3).standard_t(3, 30)
-    assert huber_pseudo_values(noise, Q) is noise
+    assert winsorised(noise, Q) is noise
 
 
 def test_readings_whose_weights_go_to_and_fro_are_tame_too() -> None:
@@ -55,7 +55,7 @@ def test_readings_whose_weights_go_to_and_fro_are_tame_too() -> None:
     Q, _ = np.linalg.qr(rng.standard_normal((30, 10)))
     wild = rng.standard_t(2, 30)
     wild[3] = 30.0
-    kept = huber_pseudo_values(wild, Q)
+    kept = winsorised(wild, Q)
     left = kept - Q @ (Q.T @ kept)
     raw = wild - Q @ (Q.T @ wild)
     assert np.abs(left).max() < np.abs(raw).max()
