@@ -10,7 +10,7 @@ import time
 from datetime import date
 from pathlib import Path
 
-from qsframework.applications.conformance import STEPS, Check, check_robot
+from qsframework.applications.conformance import STEPS, GravityCheck, check_robot
 from qsframework.robot import Robot, load_robot
 
 DOCS = Path(__file__).parent
@@ -67,7 +67,7 @@ def pictures_table(loaded: list[Robot]) -> str:
     return "\n".join(["| | |", "|---|---|", *rows]) + "\n\n"
 
 
-def run_row(name: str, checks: tuple[Check, ...], seconds: float) -> str:
+def run_row(name: str, checks: tuple[GravityCheck, ...], seconds: float) -> str:
     """One robot's run."""
     words = {c.name: c.words for c in checks}
 

@@ -62,7 +62,7 @@ class Problem:
         return text
 
 
-class Place(TypedDict):
+class ProblemPlace(TypedDict):
     """Where problems stand, as keywords of `Problem`."""
 
     file: str

@@ -14,7 +14,7 @@ from qsframework import units
 
 
 @dataclass(frozen=True)
-class Range:
+class PlausibleRange:
     """Sizes of one kind of quantity, SI: 0, or `least` to `most`, of either sign."""
 
     quantity: str
@@ -24,22 +24,22 @@ class Range:
 
 
 _TURNS = 100 * 2.0 * math.pi
-RANGES: dict[str, Range] = {
-    "m": Range("length", 100.0, "laser trackers measure to 80 m; gantries and tracks are shorter"),
-    "rad": Range("angle", _TURNS, "100 turns; external axes and sixth joints turn fewer between two zeros"),
-    "kg": Range("mass", 50e3, "the heaviest arm on the market weighs 13 t and lifts 2.3 t"),
-    "N": Range("force", 1e6, "ten times the weight of the heaviest arm"),
-    "N m": Range("moment", 1e7, "a force of 1 MN at 10 m"),
-    "rad/(N m)": Range("compliance", 1.0, "an arm that turns by 1 rad under 1 N m holds nothing", 1e-20),
-    "m/N": Range("compliance", 1.0, "an arm that gives 1 m under 1 N holds nothing", 1e-20),
-    "N/m": Range("stiffness", 1e13, "steel of 1 m by 1 m, 20 mm thick", 1e-6),
-    "m/s^2": Range("acceleration", 15.0, "gravity on Earth is 9.76 to 9.84; tables turn, they do not leave"),
-    "Pa": Range("pressure", 1e9, "gas balancers hold below 20 MPa"),
-    "m^2": Range("area", 1e3, "of a piston"),
-    "m^3": Range("volume", 1e3, "of gas in a balancer"),
-    "K": Range("temperature", 1e3, "of a cell, 200 to 400"),
-    "s": Range("time", 1e11, "3,000 years after any clock's zero"),
-    "kg m^2": Range("inertia", 1e7, "13 t at 25 m"),
+RANGES: dict[str, PlausibleRange] = {
+    "m": PlausibleRange("length", 100.0, "laser trackers measure to 80 m; gantries and tracks are shorter"),
+    "rad": PlausibleRange("angle", _TURNS, "100 turns; external axes and sixth joints turn fewer between two zeros"),
+    "kg": PlausibleRange("mass", 50e3, "the heaviest arm on the market weighs 13 t and lifts 2.3 t"),
+    "N": PlausibleRange("force", 1e6, "ten times the weight of the heaviest arm"),
+    "N m": PlausibleRange("moment", 1e7, "a force of 1 MN at 10 m"),
+    "rad/(N m)": PlausibleRange("compliance", 1.0, "an arm that turns by 1 rad under 1 N m holds nothing", 1e-20),
+    "m/N": PlausibleRange("compliance", 1.0, "an arm that gives 1 m under 1 N holds nothing", 1e-20),
+    "N/m": PlausibleRange("stiffness", 1e13, "steel of 1 m by 1 m, 20 mm thick", 1e-6),
+    "m/s^2": PlausibleRange("acceleration", 15.0, "gravity on Earth is 9.76 to 9.84; tables turn, they do not leave"),
+    "Pa": PlausibleRange("pressure", 1e9, "gas balancers hold below 20 MPa"),
+    "m^2": PlausibleRange("area", 1e3, "of a piston"),
+    "m^3": PlausibleRange("volume", 1e3, "of gas in a balancer"),
+    "K": PlausibleRange("temperature", 1e3, "of a cell, 200 to 400"),
+    "s": PlausibleRange("time", 1e11, "3,000 years after any clock's zero"),
+    "kg m^2": PlausibleRange("inertia", 1e7, "13 t at 25 m"),
 }
 """By SI unit; quantities of other units are bounded by `files.models.GREATEST` alone."""
 LOADS = 20.0
@@ -47,7 +47,7 @@ LOADS = 20.0
 kilonewtons are a thousandfold."""
 
 
-def beyond(value: float, si: str) -> Range | None:
+def beyond(value: float, si: str) -> PlausibleRange | None:
     """The range that a value, SI, lies outside of; None where it may be, and for what is no number."""
     known = RANGES.get(si)
     if known is None or value == 0.0 or math.isnan(value) or known.least <= abs(value) <= known.most:
@@ -55,7 +55,7 @@ def beyond(value: float, si: str) -> Range | None:
     return known
 
 
-def allowed(known: Range, si: str, unit: str = "") -> str:
+def allowed(known: PlausibleRange, si: str, unit: str = "") -> str:
     """The range as an error tells it, in a unit of its dimension."""
     factor = units.conversion(unit)[0] if unit else 1.0
     shown = unit or si

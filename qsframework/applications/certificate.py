@@ -15,7 +15,7 @@ import numpy as np
 
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Readings, make_rows
-from qsframework.experiment.observations import Rows
+from qsframework.experiment.observations import ReadingRows
 from qsframework.files import FileModel, Unit, read_yaml, validate as checked
 from qsframework.identify import FitRecord, validate, validate_halves
 from qsframework.identify.soundness import check_robot, doubts
@@ -204,7 +204,9 @@ def _quantities(experiment: Experiment, fit: FitRecord) -> tuple[Quantity, ...]:
     return tuple(out)
 
 
-def _budget(experiment: Experiment, fit: FitRecord, meta: MetaSpec, rows: Rows, error: float) -> tuple[Share, ...]:
+def _budget(
+    experiment: Experiment, fit: FitRecord, meta: MetaSpec, rows: ReadingRows, error: float
+) -> tuple[Share, ...]:
     """Standard uncertainties of the distance in space, over the readings: u^2 = tr(J C J') of what the fit says, its
     frames included, and what the held-out error has beyond them."""
     model = experiment.model()
@@ -233,7 +235,7 @@ def _budget(experiment: Experiment, fit: FitRecord, meta: MetaSpec, rows: Rows, 
     return (*shares, Share("model", float(np.sqrt(max(rest, 0.0)))))
 
 
-def _instrument(meta: MetaSpec, rows: Rows) -> float | None:
+def _instrument(meta: MetaSpec, rows: ReadingRows) -> float | None:
     """Standard uncertainty, m, of one reading in space, as somebody stated it: residuals hold more than the
     instrument."""
     if meta.instrument.uncertainty is not None:
@@ -249,7 +251,7 @@ def _motions(fit: FitRecord, series: str) -> list[int]:
     return [fit.names.index(n) if n in fit.names else -1 for n in own]
 
 
-def _arrivals(experiment: Experiment, fit: FitRecord, rows: Rows) -> tuple[Arrivals, ...]:
+def _arrivals(experiment: Experiment, fit: FitRecord, rows: ReadingRows) -> tuple[Arrivals, ...]:
     """AP = |mean error|, RP = mean + 3 sd of the distances from the centre (ISO 9283, 7.2.1 and 7.2.2), where a marker
     was read at one pose and load several times."""
     readings = rows.readings

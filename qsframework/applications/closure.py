@@ -28,7 +28,7 @@ _WORTH = 0.01
 
 
 @dataclass(frozen=True)
-class Check:
+class ClosureCheck:
     """One thing looked at: its kind, whether it is as it should be (None: not measured), and what was found."""
 
     kind: str
@@ -37,7 +37,7 @@ class Check:
     numbers: dict[str, float]
 
 
-def check_states(experiment: Experiment, states: Readings) -> tuple[Check, ...]:
+def check_states(experiment: Experiment, states: Readings) -> tuple[ClosureCheck, ...]:
     """All checks of a file of states with loads; one with no loaded state has nothing to check.
 
     InputError where a loaded row has no unloaded one, or was read in another drive state than it.
@@ -50,7 +50,7 @@ def check_states(experiment: Experiment, states: Readings) -> tuple[Check, ...]:
     found = [_repeatability(table), _closure(table), *_hysteresis(table), _linearity(table), _drives(states)]
     if floor is None:
         return tuple(found)
-    missing = Check("floor", None, f"no {floor.name} beside the readings, with the reflectors on the floor", {})
+    missing = ClosureCheck("floor", None, f"no {floor.name} beside the readings, with the reflectors on the floor", {})
     return (*found, _floor(experiment, floor, table.sigma) if floor.is_file() else missing)
 
 
@@ -110,7 +110,7 @@ def _spread(values: dict[Any, list[Array]]) -> tuple[float, int]:
     return squares, count
 
 
-def _repeatability(table: _Table) -> Check:
+def _repeatability(table: _Table) -> ClosureCheck:
     """Displacements of the same pose and load: between cycles of a visit, and between visits."""
     cycles: dict[Any, list[Array]] = {}
     for (pose, series, repeat, _, load), marker, d in table.moved():
@@ -123,7 +123,7 @@ def _repeatability(table: _Table) -> Check:
     each = int(np.median([c for group in counts.values() for c in group])) if counts else 1
     within, visits = _spread(cycles), _spread(between)
     if not within[1] and not visits[1]:
-        return Check("repeatability", None, "no displacement was measured twice; plan 20 % repeats", {})
+        return ClosureCheck("repeatability", None, "no displacement was measured twice; plan 20 % repeats", {})
     variance = None if table.sigma is None else 2.0 * table.sigma**2
     good = True
     numbers: dict[str, float] = {}
@@ -139,7 +139,7 @@ def _repeatability(table: _Table) -> Check:
     advice = (
         "" if good else ". More than the noise: settle longer, check reflectors and mounts, or state a larger noise"
     )
-    return Check("repeatability", good, "displacements differ " + ", ".join(parts) + advice, numbers)
+    return ClosureCheck("repeatability", good, "displacements differ " + ", ".join(parts) + advice, numbers)
 
 
 def _returns(table: _Table) -> list[tuple[tuple[str, str, int, int], int, Array, list[Array]]]:
@@ -157,12 +157,12 @@ def _returns(table: _Table) -> list[tuple[tuple[str, str, int, int], int, Array,
     return out
 
 
-def _closure(table: _Table) -> Check:
+def _closure(table: _Table) -> ClosureCheck:
     """Unloaded after a cycle against unloaded before it."""
     returns = _returns(table)
     if not returns:
         words = "no unloaded state was read after a load; end each visit unloaded, with the number of the next cycle"
-        return Check("closure", None, words, {})
+        return ClosureCheck("closure", None, words, {})
     shifts = np.array([r[2] for r in returns])
     rms = float(np.sqrt(np.mean(shifts**2)))
     stands: dict[Any, list[Array]] = {}  # about their mean, for neighbouring shifts share a reading
@@ -179,12 +179,12 @@ def _closure(table: _Table) -> Check:
     )
     if not good:
         words += ". More than the noise: the tracker or the base drifts, or friction holds the arm. Wait longer"
-    return Check("closure", good, words, {"rms_mm": rms * 1e3, "largest_mm": largest * 1e3})
+    return ClosureCheck("closure", good, words, {"rms_mm": rms * 1e3, "largest_mm": largest * 1e3})
 
 
-def _hysteresis(table: _Table) -> list[Check]:
+def _hysteresis(table: _Table) -> list[ClosureCheck]:
     """The part of the deflection that stays after unloading, for the first cycle and the later ones."""
-    out: list[Check] = []
+    out: list[ClosureCheck] = []
     cycles: dict[str, Callable[[int], bool]] = {"first cycle": lambda c: c == 1, "later cycles": lambda c: c > 1}
     for name, chosen in cycles.items():
         check = _stays(table, name, chosen)
@@ -192,7 +192,7 @@ def _hysteresis(table: _Table) -> list[Check]:
     return out
 
 
-def _stays(table: _Table, name: str, chosen: Callable[[int], bool]) -> Check | None:
+def _stays(table: _Table, name: str, chosen: Callable[[int], bool]) -> ClosureCheck | None:
     along: list[float] = []
     size: list[float] = []
     for (_, _, _, cycle), _, shift, moved in _returns(table):
@@ -212,10 +212,10 @@ def _stays(table: _Table, name: str, chosen: Callable[[int], bool]) -> Check | N
     words = f"{name}: {100 * share:.2f} ± {100 * sd:.2f} % of the deflection stays after unloading"
     if not good:
         words += ". Preload once more before reading; friction or play that stays is a cause for qsf diagnose"
-    return Check("hysteresis", good, words, {"share": share, "sd": sd})
+    return ClosureCheck("hysteresis", good, words, {"share": share, "sd": sd})
 
 
-def _linearity(table: _Table) -> Check:
+def _linearity(table: _Table) -> ClosureCheck:
     """Two sizes of one load at the same visit: does half the load give half the deflection?"""
     residuals, weight, count = 0.0, 0.0, 0
     products: list[float] = []
@@ -241,7 +241,7 @@ def _linearity(table: _Table) -> Check:
             count += 1
     if not count or not sum(squares):
         words = "not measured: no pose was read under two sizes of one load in the same cycle"
-        return Check("linearity", None, words, {})
+        return ClosureCheck("linearity", None, words, {})
     total = sum(squares)
     share = sum(products) / total
     scatter = max(residuals - share**2 * total, 0.0) / max(3 * count - 1, 1) / total
@@ -256,23 +256,23 @@ def _linearity(table: _Table) -> Check:
     )
     if not good:
         words += ". The springs are not linear, or there is play: look with qsf diagnose before trusting a linear fit"
-    return Check("linearity", good, words, {"share": share, "sd": sd, "pairs": float(count)})
+    return ClosureCheck("linearity", good, words, {"share": share, "sd": sd, "pairs": float(count)})
 
 
-def _drives(states: Readings) -> Check:
+def _drives(states: Readings) -> ClosureCheck:
     """Which drive states were recorded; a difference within one reading has been refused by `differences`."""
     if states.drive_state is None or not any(states.drive_state):
         words = "not recorded; a held brake and a servo give differently: write servo or brake in drive_state"
-        return Check("drive state", None, words, {})
+        return ClosureCheck("drive state", None, words, {})
     used = [d or "not recorded" for d, use in zip(states.drive_state, states.use, strict=True) if use]
     counts = {d: used.count(d) for d in dict.fromkeys(used)}
     good = len(counts) == 1
     words = ", ".join(f"{d}: {n} rows" for d, n in counts.items())
     words += "" if good else ". Readings in different drive states are of different arms: fit them apart"
-    return Check("drive state", good, words, {d: float(n) for d, n in counts.items()})
+    return ClosureCheck("drive state", good, words, {d: float(n) for d, n in counts.items()})
 
 
-def _floor(experiment: Experiment, path: Path, sigma: float | None) -> Check:
+def _floor(experiment: Experiment, path: Path, sigma: float | None) -> ClosureCheck:
     """The reflectors on the floor against where they were first read."""
     columns = [
         Column("visit", "count", required=True),
@@ -296,7 +296,7 @@ def _floor(experiment: Experiment, path: Path, sigma: float | None) -> Check:
                 shifts.append(p - seen[name][0])
                 where.append(f"{name}, visit {visit:.0f}")
     if not shifts:
-        return Check("floor", None, "no reflector on the floor was read twice", {})
+        return ClosureCheck("floor", None, "no reflector on the floor was read twice", {})
     size = np.linalg.norm(shifts, axis=1)
     rms, worst = float(np.sqrt(np.mean(np.square(shifts)))), int(np.argmax(size))
     squares, count = _spread(seen)
@@ -306,4 +306,4 @@ def _floor(experiment: Experiment, path: Path, sigma: float | None) -> Check:
     )
     if not good:
         words += ". More than the noise: the tracker or its stand moved; start a new series there"
-    return Check("floor", good, words, {"rms_mm": rms * 1e3, "largest_mm": float(size[worst]) * 1e3})
+    return ClosureCheck("floor", good, words, {"rms_mm": rms * 1e3, "largest_mm": float(size[worst]) * 1e3})

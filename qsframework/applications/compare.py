@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.applications.reach import Free, Reached, Tool, reach, tool_of
+from qsframework.applications.reach import Free, Reached, ReachTool, reach, tool_of
 from qsframework.applications.task import Task
 from qsframework.design import Wish, design
 from qsframework.elastostatics import Model, cartesian_compliance, equilibrium, make_model, range_notes
 from qsframework.errors import InputError, NotCertified, NotConverged, NotIdentifiable
 from qsframework.estimation import scales
-from qsframework.experiment import Constraints, Experiment, LoadCase, Marker, Noise, Plan
+from qsframework.experiment import Constraints, Experiment, LoadCase, Marker, Plan, StatedNoise
 from qsframework.information import information_rows, promised_sd
 from qsframework.plugin import Array, Parameter, Poses
 from qsframework.plugin.facts import frozen
@@ -193,7 +193,7 @@ def _free(robot: Robot, task: Task) -> Free:
     return free
 
 
-def campaign_of(robot: Robot, task: Task, tool: Tool) -> Experiment:
+def campaign_of(robot: Robot, task: Task, tool: ReachTool) -> Experiment:
     """The task's campaign on a robot: the load hung beside the tool, three reflectors around it."""
     link = robot.facts.links[tool.site.link]
     side = np.eye(3)[int(np.argmin(np.abs(tool.axis)))]
@@ -207,7 +207,7 @@ def campaign_of(robot: Robot, task: Task, tool: Tool) -> Experiment:
         robot=robot,
         load_point=frozen(load_point),
         markers=markers,
-        noise=Noise(task.campaign.sigma),
+        noise=StatedNoise(task.campaign.sigma),
         loads=loads,
         effects=(),
         parameters=(),
@@ -218,7 +218,7 @@ def campaign_of(robot: Robot, task: Task, tool: Tool) -> Experiment:
 
 
 def _map(
-    robot: Robot, model: Model, tool: Tool, task: Task, seed: int, free: Free
+    robot: Robot, model: Model, tool: ReachTool, task: Task, seed: int, free: Free
 ) -> tuple[Array, Array, int, tuple[str, ...]]:
     """Deflection (C,) m, the stiffness (C,) N/m in the direction that gives most, the cells that are reached only by
     touching, and what is asked beyond where a law holds."""
@@ -285,7 +285,7 @@ def task_sigma(experiment: Experiment) -> float:
     return experiment.noise.sigma
 
 
-def tip_model(robot: Robot, tool: Tool) -> Model:
+def tip_model(robot: Robot, tool: ReachTool) -> Model:
     """A robot's model with the load at the tool, and one marker there."""
     return make_model(robot.facts, robot.effects, robot.parameters, tool.site, [("tip", tool.site)], robot.gravity)
 

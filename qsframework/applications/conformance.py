@@ -20,7 +20,7 @@ from qsframework.identify import identify
 from qsframework.plugin import Array, Poses
 from qsframework.plugin.registry import with_role
 from qsframework.robot import Robot, load_robot
-from qsframework.robot.statics import Check, check_gravity, check_kinematics
+from qsframework.robot.statics import GravityCheck, check_gravity, check_kinematics
 
 POSES = 8
 _TRIED = 20
@@ -39,7 +39,7 @@ class _Run:
     experiment: Experiment
     seed: int
     plan: Plan | None = None
-    checks: list[Check] = field(default_factory=list[Check])
+    checks: list[GravityCheck] = field(default_factory=list[GravityCheck])
 
     def angles(self, count: int) -> Array:
         """Pendant angles (count, n) rad inside the limits, no loop flat."""
@@ -54,7 +54,7 @@ class _Run:
         return Poses(pendant, self.robot.controller.to_joints(pendant), wrench)
 
 
-def check_robot(robot: Robot | str | Path, seed: int = 0, progress: Progress | None = None) -> tuple[Check, ...]:
+def check_robot(robot: Robot | str | Path, seed: int = 0, progress: Progress | None = None) -> tuple[GravityCheck, ...]:
     """Try a robot: kinematics and gravity against Pinocchio, derivatives against finite differences, then a campaign
     in small - eight poses designed, simulated, identified, diagnosed.
 
@@ -69,13 +69,13 @@ def check_robot(robot: Robot | str | Path, seed: int = 0, progress: Progress | N
                 progress(name, i, len(STEPS))
             failed = next((c.name for c in run.checks if not c.good), None)
             if failed:
-                run.checks.append(Check(name, False, f"not tried, because {failed} failed"))
+                run.checks.append(GravityCheck(name, False, f"not tried, because {failed} failed"))
                 continue
             try:
                 good, words = test(run)
             except QsfError as error:
                 good, words = False, str(error)
-            run.checks.append(Check(name, good, words))
+            run.checks.append(GravityCheck(name, good, words))
     return tuple(run.checks)
 
 

@@ -41,7 +41,7 @@ class TipPose:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class InverseSolution:
     """Pendant angles (n,) of one pose, and how far the load point is off it: m and rad."""
 
     pendant: Array
@@ -86,7 +86,7 @@ def joint_step(J: Array, error: Array, length: float) -> Array:
     return np.asarray(np.linalg.solve(normal, A.transpose(0, 2, 1) @ b)[..., 0], dtype=np.float64)
 
 
-def find_joints(robot: Robot, site: Site, wanted: TipPose, start: Array, rng: np.random.Generator) -> Found:
+def find_joints(robot: Robot, site: Site, wanted: TipPose, start: Array, rng: np.random.Generator) -> InverseSolution:
     """Pendant angles within the limits at which the load point stands at one pose: near `start` (n,) if it can.
 
     Damped Newton steps, kept inside the limits; where they do not end at the pose, they begin again at random poses,
@@ -104,7 +104,7 @@ def find_joints(robot: Robot, site: Site, wanted: TipPose, start: Array, rng: np
     return min(found, key=lambda f: f.away / arm_length(robot) + f.turned)
 
 
-def _newton(robot: Robot, site: Site, wanted: TipPose, start: Array) -> list[Found]:
+def _newton(robot: Robot, site: Site, wanted: TipPose, start: Array) -> list[InverseSolution]:
     controller, length, count = robot.controller, arm_length(robot), len(start)
     goal = TipPose(np.repeat(wanted.position, count, axis=0), np.repeat(wanted.rotation, count, axis=0))
     pendant, scale = start.copy(), np.array([1.0 / length] * 3 + [1.0] * 3)
@@ -121,6 +121,6 @@ def _newton(robot: Robot, site: Site, wanted: TipPose, start: Array) -> list[Fou
     error = pose_error(goal, rigid_tip(robot, site, controller.to_joints(pendant)))
     away, turned = np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error[:, 3:], axis=1)
     return [
-        Found(frozen(p), float(a), float(t), bool(a < 1e-7 * length and t < 1e-7))
+        InverseSolution(frozen(p), float(a), float(t), bool(a < 1e-7 * length and t < 1e-7))
         for p, a, t in zip(pendant, away, turned, strict=True)
     ]

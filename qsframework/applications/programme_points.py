@@ -32,7 +32,7 @@ class Cell:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Point:
+class ProgrammePoint:
     """A point of a programme. cells: its numbers by their names; tool, frame: as the point states them, "" if not."""
 
     name: str
@@ -53,7 +53,7 @@ class Source:
 
     maker: str
     texts: Mapping[Path, str]
-    points: tuple[Point, ...]
+    points: tuple[ProgrammePoint, ...]
     shifted: tuple[int, ...] = ()
 
 
@@ -116,9 +116,9 @@ def _line(text: str, at: int) -> int:
     return text.count("\n", 0, at) + 1
 
 
-def _check(points: Sequence[Point], problems: list[Problem]) -> None:
+def _check(points: Sequence[ProgrammePoint], problems: list[Problem]) -> None:
     """InputError with the problems so far, with names that stand twice, and where there is no point at all."""
-    seen: dict[str, Point] = {}
+    seen: dict[str, ProgrammePoint] = {}
     for point in points:
         if (other := seen.setdefault(point.name, point)) is not point:
             said = f"{point.name} stands here a second time, first in line {other.line}"
@@ -151,7 +151,7 @@ def _read_fanuc(path: Path, text: str) -> Source:
         missing = [m for m in ("/PROG", "/MN", "/POS", "/END") if m not in text] or ["the order of its parts"]
         message = f"is no whole FANUC listing: {', '.join(missing)} is missing or not in its place"
         raise InputError(Problem(message, str(path), 1, allowed="/PROG, /ATTR, /MN, /POS, /END"))
-    points = list[Point]()
+    points = list[ProgrammePoint]()
     closed = {m.start() for m in _BLOCK.finditer(text, start, end)}
     for opened in _OPENED.finditer(text, start, end):
         if opened.start() not in closed:
@@ -173,7 +173,7 @@ def _read_fanuc(path: Path, text: str) -> Source:
     return Source(maker="fanuc", texts={path: text}, points=tuple(points[:_MOST]), shifted=shifted)
 
 
-def _fanuc_point(path: Path, text: str, block: re.Match[str], problems: list[Problem]) -> list[Point]:
+def _fanuc_point(path: Path, text: str, block: re.Match[str], problems: list[Problem]) -> list[ProgrammePoint]:
     """The first group of a point; the others are positioners, which nothing bends."""
     name, (start, stop) = f"P[{block[1]}]", block.span(2)
     groups = list(_GROUP.finditer(text, start, stop))
@@ -192,7 +192,7 @@ def _fanuc_point(path: Path, text: str, block: re.Match[str], problems: list[Pro
         problems.append(Problem(f"{name} states no UF and UT", str(path), _line(text, block.start())))
         return []
     line = _line(text, block.start())
-    return [Point(name=name, path=path, line=line, cells=cells, tool=frames[2], frame=frames[1])]
+    return [ProgrammePoint(name=name, path=path, line=line, cells=cells, tool=frames[2], frame=frames[1])]
 
 
 _DECLARED = re.compile(
@@ -212,7 +212,7 @@ _UNTOUCHED = ("S", "T")
 
 
 def _read_krl(texts: dict[Path, str]) -> Source:
-    points, problems, shifted = list[Point](), list[Problem](), list[int]()
+    points, problems, shifted = list[ProgrammePoint](), list[Problem](), list[int]()
     frames: dict[str, tuple[str, str]] = {}
     for path, text in texts.items():
         _module(path, text, problems)
@@ -265,7 +265,9 @@ def _aggregates(path: Path, text: str, problems: list[Problem]) -> Iterator[tupl
             yield f"line {line}" + (f".{k}" if len(parts) > 1 else ""), *part.span()
 
 
-def _krl_point(path: Path, text: str, name: str, span: tuple[int, int], problems: list[Problem]) -> Point | None:
+def _krl_point(
+    path: Path, text: str, name: str, span: tuple[int, int], problems: list[Problem]
+) -> ProgrammePoint | None:
     line, cells = _line(text, span[0]), _cells(text, *span, _KRL_CELL)
     for m in _KRL_NAME.finditer(text, *span):
         if m[1].upper() not in cells and m[1].upper() not in _UNTOUCHED:
@@ -273,10 +275,10 @@ def _krl_point(path: Path, text: str, name: str, span: tuple[int, int], problems
             allowed = "A1 to A6 or X, Y, Z, A, B, C, S, T; E1 to E6; each with a number"
             problems.append(Problem(message, str(path), line, found=m[2].strip()[:40] or "nothing", allowed=allowed))
             return None
-    return Point(name=name, path=path, line=line, cells=cells)
+    return ProgrammePoint(name=name, path=path, line=line, cells=cells)
 
 
-def incomplete(point: Point, needed: Iterable[str]) -> Problem | None:
+def incomplete(point: ProgrammePoint, needed: Iterable[str]) -> Problem | None:
     """What a point lacks of the numbers that it needs."""
     missing = [name for name in needed if name not in point.cells]
     if not missing:

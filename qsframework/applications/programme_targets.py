@@ -18,7 +18,7 @@ from qsframework.applications.controller_names import MOST, axis_names
 from qsframework.applications.inverse import TipPose, find_joints, rigid_tip
 from qsframework.applications.programme_points import (
     POSES,
-    Point,
+    ProgrammePoint,
     Source,
     incomplete,
     parse_source,
@@ -58,7 +58,7 @@ class ProgrammeTargets:
     """A programme with its points as targets, in the same order; `points` are those that are corrected."""
 
     source: Source
-    points: tuple[Point, ...]
+    points: tuple[ProgrammePoint, ...]
     targets: Targets
     wish: ProgrammeWish
 
@@ -158,7 +158,7 @@ def _names(experiment: Experiment, source: Source) -> tuple[str, ...]:
 
 
 def _point_problems(
-    point: Point, source: Source, names: Sequence[str], experiment: Experiment, wish: ProgrammeWish
+    point: ProgrammePoint, source: Source, names: Sequence[str], experiment: Experiment, wish: ProgrammeWish
 ) -> list[Problem]:
     here, controller = (str(point.path), point.line), experiment.robot.controller
     lacking = incomplete(point, POSES[source.maker] if point.cartesian else names)
@@ -200,7 +200,7 @@ def _stated(number: str, stated: Mapping[str, Array]) -> Array | None:
     return next(iter(stated.values())) if len(stated) == 1 else None
 
 
-def _heavy(point: Point, wrench: Array, experiment: Experiment) -> Problem | None:
+def _heavy(point: ProgrammePoint, wrench: Array, experiment: Experiment) -> Problem | None:
     robot = experiment.robot
     if robot.payload is None or not experiment.constraints.load_capacity:
         return None
@@ -214,7 +214,7 @@ def _heavy(point: Point, wrench: Array, experiment: Experiment) -> Problem | Non
 def _stand(
     experiment: Experiment,
     source: Source,
-    points: Sequence[Point],
+    points: Sequence[ProgrammePoint],
     names: Sequence[str],
     wish: ProgrammeWish,
     tell: Tell,
@@ -256,27 +256,27 @@ def _pose(maker: str, values: Array) -> Array:
     return out
 
 
-def _tool_and_frame(point: Point, wish: ProgrammeWish, maker: str) -> tuple[Array, Array]:
+def _tool_and_frame(point: ProgrammePoint, wish: ProgrammeWish, maker: str) -> tuple[Array, Array]:
     tool, frame = _stated(point.tool, wish.tools), _stated(point.frame, wish.frames)
     assert tool is not None
     assert frame is not None
     return _pose(maker, tool), _pose(maker, frame)
 
 
-def _from_file(maker: str, point: Point, wish: ProgrammeWish) -> Array:
+def _from_file(maker: str, point: ProgrammePoint, wish: ProgrammeWish) -> Array:
     """The flange (4, 4) in the base frame at a Cartesian point."""
     tool, frame = _tool_and_frame(point, wish, maker)
     values = np.array([point.cells[name].value for name in POSES[maker]])
     return np.asarray(frame @ _pose(maker, values) @ np.linalg.inv(tool), dtype=np.float64)
 
 
-def _place(point: Point, wish: ProgrammeWish, maker: str, flange: Array) -> Array:
+def _place(point: ProgrammePoint, wish: ProgrammeWish, maker: str, flange: Array) -> Array:
     """The tool (4, 4) in its user frame where the flange is at (4, 4)."""
     tool, frame = _tool_and_frame(point, wish, maker)
     return np.asarray(np.linalg.inv(frame) @ flange @ tool, dtype=np.float64)
 
 
-def _shown(maker: str, place: Array, point: Point) -> dict[str, float]:
+def _shown(maker: str, place: Array, point: ProgrammePoint) -> dict[str, float]:
     """Six numbers of a pose as the controller shows them, angles on the turn of the point's own."""
     from scipy.spatial.transform import Rotation
 

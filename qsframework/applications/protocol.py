@@ -47,7 +47,7 @@ class ProtocolWish:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class ProtocolState:
     """One state to read: load_id "" is unloaded; wrench (6,)."""
 
     cycle: int
@@ -69,7 +69,7 @@ class Visit:
     pendant: Array
     load: str
     wrench: Array
-    states: tuple[State, ...]
+    states: tuple[ProtocolState, ...]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -160,13 +160,13 @@ def _check(wish: ProtocolWish) -> None:
         raise InputError(problems)
 
 
-def _states(load: str, wrench: Array, cycles: int, half: bool) -> tuple[State, ...]:
-    nothing, out = np.zeros(6), list[State]()
+def _states(load: str, wrench: Array, cycles: int, half: bool) -> tuple[ProtocolState, ...]:
+    nothing, out = np.zeros(6), list[ProtocolState]()
     for cycle in range(1, cycles + 1):
-        out.append(State(cycle, "", nothing))
-        out += [State(cycle, HALF + load, 0.5 * wrench)] if half else []
-        out.append(State(cycle, load, wrench))
-    return (*out, State(cycles + 1, "", nothing))
+        out.append(ProtocolState(cycle, "", nothing))
+        out += [ProtocolState(cycle, HALF + load, 0.5 * wrench)] if half else []
+        out.append(ProtocolState(cycle, load, wrench))
+    return (*out, ProtocolState(cycles + 1, "", nothing))
 
 
 def write_reading_file(path: Path, protocol: Protocol) -> None:

@@ -24,21 +24,21 @@ Free = Callable[[Array], Flags]
 
 
 @dataclass(frozen=True, eq=False)
-class Tool:
+class ReachTool:
     """The load point and the way the tool points, (3,) in the frame of the last link."""
 
     site: Site
     axis: Array
 
 
-def tool_of(robot: Robot, length: float) -> Tool:
+def tool_of(robot: Robot, length: float) -> ReachTool:
     """A tool along the last axis, pointing away from the wrist; `length` m beyond the flange."""
     facts = robot.facts
     axis = np.array(facts.axes[-1], dtype=float)
     flange = robot.flange.placement[:3, 3] + facts.placements[-1][:3, :3].T @ facts.placements[-1][:3, 3]
     axis = axis if axis @ flange >= 0.0 else -axis
     on_axis = axis * float(axis @ robot.flange.placement[:3, 3])
-    return Tool(Site(robot.flange.link, frozen(on_axis + length * axis)), frozen(axis))
+    return ReachTool(Site(robot.flange.link, frozen(on_axis + length * axis)), frozen(axis))
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,13 @@ class Reached:
 
 
 def reach(
-    robot: Robot, model: Model, tool: Tool, points: Array, directions: Array, seed: int = 0, free: Free | None = None
+    robot: Robot,
+    model: Model,
+    tool: ReachTool,
+    points: Array,
+    directions: Array,
+    seed: int = 0,
+    free: Free | None = None,
 ) -> Reached:
     """Pendant angles of N points within the limits, the loops' margins and what `free` says.
 
@@ -110,7 +116,7 @@ def _middle(pendant: Array, good: Flags, middle: Array) -> tuple[Array, Flags]:
 
 
 def _newton(
-    robot: Robot, model: Model, tool: Tool, points: Array, directions: Array, start: Array
+    robot: Robot, model: Model, tool: ReachTool, points: Array, directions: Array, start: Array
 ) -> tuple[Array, Flags]:
     controller, length = robot.controller, arm_length(robot)
     pendant = start.copy()

@@ -13,7 +13,7 @@ from typing import Annotated
 import numpy as np
 import pydantic
 
-from qsframework.errors import InputError, Place, Problem
+from qsframework.errors import InputError, Problem, ProblemPlace
 from qsframework.experiment.spec import SHORTEST, LoadCaseSpec
 from qsframework.files import FileModel, Unit, read_yaml, validate
 from qsframework.plugin import Array
@@ -146,7 +146,7 @@ def load_task(path: str | Path) -> Task:
     ]
     names = [load.name for load in spec.campaign.loads]
     for i, load in enumerate(spec.campaign.loads):
-        where: Place = {"file": str(path), "line": document.line("campaign", "loads", i)}
+        where: ProblemPlace = {"file": str(path), "line": document.line("campaign", "loads", i)}
         if names.index(load.name) != i:
             problems.append(Problem(f"load {load.name!r} stands here twice", **where))
         if not any(load.wrench()):

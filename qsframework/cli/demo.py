@@ -28,8 +28,8 @@ from qsframework.plugin import build_effects
 from qsframework.plugin.registry import with_role
 from qsframework.report import (
     PROVENANCE,
+    ReportTable,
     Section,
-    Table,
     Text,
     fit_section,
     plan_section,
@@ -68,7 +68,7 @@ def _print_section(section: Section) -> None:
         return
     print(f"\n{section.title}")
     for block in section.blocks:
-        if isinstance(block, Table) and block.header[0] != "pose":
+        if isinstance(block, ReportTable) and block.header[0] != "pose":
             print_table(block.header, block.rows)
         elif isinstance(block, Text):
             print_folded(block.text)
@@ -128,7 +128,7 @@ def _compare_models(fits: dict[str, Fit]) -> Section:
                 ", ".join(broken) or "none",
             )
         )
-    table = Table(
+    table = ReportTable(
         ("model", "readings, mm", "residual, mm", "leave-one-out, mm", "negative compliances"),
         tuple(rows),
         "RMS per axis. A wrong convention shows itself: a larger error and a compliance below zero. One off-axis "
@@ -168,7 +168,7 @@ def designed_plan(output: Path, seed: int, tell: Tell) -> tuple[list[Section], d
     return sections, {"certificate": certificate, "fit": fit.as_json(), "truth": simulation.truth_by_name()}
 
 
-def _against_table5(experiment: Experiment, plan: Plan) -> Table:
+def _against_table5(experiment: Experiment, plan: Plan) -> ReportTable:
     """Promised sds beside those of the paper's Table 5 under the weight alone."""
     from qsframework.design import broken_constraints
     from qsframework.information import promised_sd

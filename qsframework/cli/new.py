@@ -12,7 +12,7 @@ from qsframework.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from qsframework.robot.new import Arm
-    from qsframework.robot.statics import Check
+    from qsframework.robot.statics import GravityCheck
 
 
 def run_conformance(files: Sequence[Path]) -> None:
@@ -28,7 +28,7 @@ def run_conformance(files: Sequence[Path]) -> None:
         raise InputError([Problem(words) for words in failed])
 
 
-def _print_checks(checks: Sequence[Check]) -> list[str]:
+def _print_checks(checks: Sequence[GravityCheck]) -> list[str]:
     """Print what was found of a robot; what did not hold."""
     for check in checks:
         print_folded(f"  {'ok' if check.good else 'NO'}  {check.name}: {check.words}")

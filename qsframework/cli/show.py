@@ -18,7 +18,7 @@ from qsframework.identify import FitRecord, read_fit
 from qsframework.identify.soundness import check_robot, doubts
 from qsframework.robot import load_robot, robot_names
 from qsframework.robot.search import find_robot
-from qsframework.viz import Scene, Site, serve, show_scene
+from qsframework.viz import Scene, SceneSite, serve, show_scene
 from qsframework.viz.subject import floating, measured, one_pose, robot_alone
 
 _LARGEST_SCALE = 1e6
@@ -62,7 +62,7 @@ def run_show(shown: Shown, html: Path | None, port: int) -> None:
         return
     first = make_scene(shown, print).html  # bad input ends here, before anything listens
     pages = [first]
-    site = Site(lambda watch: (pages.pop() if pages else make_scene(shown).html)(watch), shown.files())
+    site = SceneSite(lambda watch: (pages.pop() if pages else make_scene(shown).html)(watch), shown.files())
     with serve(site, port) as server:
         print(f"http://127.0.0.1:{server.server_address[1]}/ shows it, on this machine only", flush=True)
         try:

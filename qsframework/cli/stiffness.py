@@ -10,7 +10,7 @@ from qsframework.applications import Stiffness, stiffness_at
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.numbers import numbers, point_of, wrench_of
 from qsframework.cli.printing import print_folded, print_table
-from qsframework.report.blocks import Section, Table, Text, View
+from qsframework.report.blocks import ReportTable, SceneView, Section, Text
 from qsframework.robot import load_robot
 
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -37,7 +37,7 @@ def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | Non
     for note in result.notes:
         print_folded(f"note: {note}")
     for block in section.blocks:
-        if isinstance(block, Table):
+        if isinstance(block, ReportTable):
             print_table(block.header, block.rows)
     if report is not None:
         from qsframework.report import write_report
@@ -50,11 +50,11 @@ def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | Non
         print(f"report: {path}")
 
 
-def _view(robot: str, pose: str, load: str, point: str, shares: Table) -> View:
+def _view(robot: str, pose: str, load: str, point: str, shares: ReportTable) -> SceneView:
     """The loaded arm and its ellipsoid, 100 times exaggerated."""
     from qsframework.cli.show import Shown, make_scene
 
-    return View(
+    return SceneView(
         make_scene(Shown(subject=robot, pose=pose, load=load, point=point)).html(),
         "Red: the loaded arm, its deflection 100 times exaggerated. Orange: where the load point goes under this force "
         "in any direction; look for the long axis, in which the arm is soft. Drag to turn, scroll to zoom.",
@@ -62,7 +62,7 @@ def _view(robot: str, pose: str, load: str, point: str, shares: Table) -> View:
     )
 
 
-def _tables(result: Stiffness) -> list[Table]:
+def _tables(result: Stiffness) -> list[ReportTable]:
     square = float(result.linear @ result.linear)
     shares = [
         (name, *(f"{v * 1e3:.4f}" for v in share), f"{100 * share @ result.linear / square:.1f} %" if square else "-")
@@ -72,12 +72,12 @@ def _tables(result: Stiffness) -> list[Table]:
         (name, *(f"{v * 1e3:.4f}" for v in vector), "")
         for name, vector in (("linear model", result.linear), ("full equilibrium", result.full))
     ]
-    tables = [Table(("spring", "dx mm", "dy mm", "dz mm", "share"), tuple([*shares, *sums]))]
+    tables = [ReportTable(("spring", "dx mm", "dy mm", "dz mm", "share"), tuple([*shares, *sums]))]
     for words, with_load in (("K_C", True), ("K_C without load and gravity in H", False)):
         K = result.stiffness(with_load)
         if K is not None:
             rows = tuple((axis, *(f"{v:.4g}" for v in row)) for axis, row in zip(_AXES, K, strict=True))
-            tables.append(Table((words, *_AXES), rows, "N/m, N/rad, N m/m and N m/rad, base frame."))
+            tables.append(ReportTable((words, *_AXES), rows, "N/m, N/rad, N m/m and N m/rad, base frame."))
     return tables
 
 

@@ -10,13 +10,13 @@ import numpy as np
 from qsframework import errors
 from qsframework.design.column_generation import Relaxed, solve_columns
 from qsframework.design.minimax import Robust
-from qsframework.design.problem import Problem, allowed_designs
+from qsframework.design.problem import DesignProblem, allowed_designs
 from qsframework.design.relaxed import optimum
 from qsframework.design.scoreboard import Scoreboard
 from qsframework.design.task import make_task
 from qsframework.errors import InputError, NotCertified, nearest
 from qsframework.information import Allowed, bound_of
-from qsframework.information.rows import Rows, ScaledRows, gathered_information
+from qsframework.information.rows import CandidateRows, ScaledRows, gathered_information
 from qsframework.plugin import Array
 
 SOLVERS = ("columns", "cvxpy")
@@ -50,7 +50,7 @@ class Wish:
 
 
 def relaxed_design(
-    problem: Problem, rule: Robust, wish: Wish, seed: int, tell: Callable[[float], None]
+    problem: DesignProblem, rule: Robust, wish: Wish, seed: int, tell: Callable[[float], None]
 ) -> tuple[Relaxed, tuple[int | None, ...]]:
     """The relaxed design, and how many poses each load gets where that is fixed.
 
@@ -78,19 +78,19 @@ def relaxed_design(
     return replace(relaxed, efficiency=bound), fixed
 
 
-def _cap(problem: Problem, wish: Wish) -> float:
+def _cap(problem: DesignProblem, wish: Wish) -> float:
     """The largest weight of a candidate: 1 / n where it may be measured once only."""
     return np.inf if wish.repeats or wish.budget is not None else 1.0 / problem.total
 
 
-def _priced(problem: Problem, wish: Wish) -> Rows:
+def _priced(problem: DesignProblem, wish: Wish) -> CandidateRows:
     """Rows per unit of cost where there is a budget, else as they are."""
     if not problem.priced:
         return problem.rows
     return ScaledRows(problem.rows, 1.0 / np.sqrt(problem.prices[problem.load(np.arange(len(problem.rows)))]))
 
 
-def _free_bound(problem: Problem, relaxed: Relaxed, fixed: tuple[int | None, ...], wish: Wish) -> float:
+def _free_bound(problem: DesignProblem, relaxed: Relaxed, fixed: tuple[int | None, ...], wish: Wish) -> float:
     """The bound over designs that give each load at least its minimum, where a minimum was made a number."""
     if fixed == problem.counts:
         return 1.0
@@ -122,7 +122,7 @@ def _fill(values: Array, room: Array, need: float) -> float:
 
 
 def _solve(
-    problem: Problem, rule: Robust, wish: Wish, allowed: Allowed, seed: int, tell: Callable[[float], None]
+    problem: DesignProblem, rule: Robust, wish: Wish, allowed: Allowed, seed: int, tell: Callable[[float], None]
 ) -> Relaxed:
     trouble = allowed.problems(len(problem.rows))
     if trouble:
@@ -143,7 +143,7 @@ def _solve(
         return solve_columns(task, rng, wish.efficiency, tell)
 
 
-def _by_cvxpy(problem: Problem, rule: Robust, allowed: Allowed, prior: Array) -> Relaxed:
+def _by_cvxpy(problem: DesignProblem, rule: Robust, allowed: Allowed, prior: Array) -> Relaxed:
     """The reference: the convex programme as it is written, and its certificate over all candidates."""
     if len(problem.rows) > MOST_FOR_CVXPY:
         raise InputError(f"cvxpy takes up to {MOST_FOR_CVXPY} candidates, here are {len(problem.rows)}")

@@ -18,7 +18,7 @@ from qsframework.design.criteria import Expansion
 from qsframework.design.interior import Small, Solved, moments_of, solve_small
 from qsframework.design.relaxed import solve_kinked
 from qsframework.design.scoreboard import Scoreboard
-from qsframework.design.task import Task
+from qsframework.design.task import RelaxedTask
 from qsframework.errors import NotCertified, NotIdentifiable
 from qsframework.information.certificate import Allowed, bound_of, deletable
 from qsframework.information.rows import HeldRows
@@ -81,7 +81,7 @@ class Columns:
 
 
 def solve_columns(
-    task: Task, rng: np.random.Generator, efficiency: float = 1.0 - 1e-6, progress: Progress | None = None
+    task: RelaxedTask, rng: np.random.Generator, efficiency: float = 1.0 - 1e-6, progress: Progress | None = None
 ) -> Relaxed:
     """The relaxed design, certified over all candidates; NotCertified where `efficiency` cannot be reached."""
     with single_thread():
@@ -91,7 +91,9 @@ def solve_columns(
             raise NotIdentifiable(_UNTOLD) from error
 
 
-def _solve_columns(task: Task, rng: np.random.Generator, efficiency: float, progress: Progress | None) -> Relaxed:
+def _solve_columns(
+    task: RelaxedTask, rng: np.random.Generator, efficiency: float, progress: Progress | None
+) -> Relaxed:
     tell: Progress = progress or (lambda _: None)
     goal = min(1.0 - efficiency, 0.1)
     state, passes = _from_subsets(task, rng, goal, tell)
@@ -116,7 +118,7 @@ def _solve_columns(task: Task, rng: np.random.Generator, efficiency: float, prog
     return _result(task, state, bound, board, passes + board.passes)
 
 
-def _result(task: Task, state: Columns, bound: float, board: Scoreboard, passes: float) -> Relaxed:
+def _result(task: RelaxedTask, state: Columns, bound: float, board: Scoreboard, passes: float) -> Relaxed:
     w = state.solved.weights
     M = task.prior + np.tensordot(w, moments_of(state.block), 1)
     size = np.sqrt(np.diagonal(M, axis1=-2, axis2=-1))
@@ -137,12 +139,12 @@ def _result(task: Task, state: Columns, bound: float, board: Scoreboard, passes:
     )
 
 
-def _bound(task: Task, state: Columns, values: Array, allowed: Allowed) -> float:
+def _bound(task: RelaxedTask, state: Columns, values: Array, allowed: Allowed) -> float:
     expansion = state.solved.expansion
     return bound_of(values, allowed, expansion.factor, float((task.prior * expansion.slope).sum()))
 
 
-def _from_subsets(task: Task, rng: np.random.Generator, goal: float, tell: Progress) -> tuple[Columns, float]:
+def _from_subsets(task: RelaxedTask, rng: np.random.Generator, goal: float, tell: Progress) -> tuple[Columns, float]:
     """Nested random subsets, each solved to a moderate efficiency: a start that costs a tenth of a pass."""
     count = len(task.rows)
     order = _sample(task, rng, count)
@@ -161,7 +163,7 @@ def _from_subsets(task: Task, rng: np.random.Generator, goal: float, tell: Progr
         size = min(size * _SUBSET, len(order))
 
 
-def _sample(task: Task, rng: np.random.Generator, count: int) -> Indices:
+def _sample(task: RelaxedTask, rng: np.random.Generator, count: int) -> Indices:
     """A random order of some candidates (all, where there are few), every group taking part."""
     if count <= _FIRST:
         return np.arange(count)
@@ -176,7 +178,7 @@ def _sample(task: Task, rng: np.random.Generator, count: int) -> Indices:
     return rng.permutation(np.concatenate(parts))
 
 
-def _first(task: Task, pool: Indices, rng: np.random.Generator) -> Columns:
+def _first(task: RelaxedTask, pool: Indices, rng: np.random.Generator) -> Columns:
     """Some candidates of every group with which M is regular: random ones, then the pool's most independent."""
     p = task.rows.parameters
     picks: list[Indices] = []
@@ -207,14 +209,14 @@ def _independent(block: Array, useful: npt.NDArray[np.bool_]) -> Indices:
     return np.array(sorted(found))
 
 
-def _solve(task: Task, index: Indices, block: Array, start: Array | None, gap: float) -> Columns:
+def _solve(task: RelaxedTask, index: Indices, block: Array, start: Array | None, gap: float) -> Columns:
     small = Small(block, task.label[index].astype(np.intp), task.shares, task.allowed.cap, task.prior)
     if task.criterion.kinked:
         return Columns(index, block, solve_kinked(small, task.criterion))
     return Columns(index, block, solve_small(small, task.criterion, gap, start))
 
 
-def _improve(task: Task, pool: Indices, state: Columns, gap: float) -> tuple[Columns, float]:
+def _improve(task: RelaxedTask, pool: Indices, state: Columns, gap: float) -> tuple[Columns, float]:
     """Solve over a pool of candidates until its own bound leaves `gap`; passes over all that this cost."""
     block = task.rows.take(pool)
     allowed, label = task.within(pool), task.label[pool]
@@ -245,7 +247,7 @@ def _merits(state: Columns, label: npt.NDArray[np.int16], values: Array) -> Arra
     return values / (each[0] if len(each) == 1 else each[label])
 
 
-def _violators(task: Task, pool: Indices, state: Columns, values: Array) -> Indices:
+def _violators(task: RelaxedTask, pool: Indices, state: Columns, values: Array) -> Indices:
     """Positions in the pool of up to 4 p candidates, of all groups, that improve the design most."""
     excess = _merits(state, task.label[pool], values) - 1.0
     excess[np.searchsorted(pool, state.index)] = -1.0
@@ -254,7 +256,7 @@ def _violators(task: Task, pool: Indices, state: Columns, values: Array) -> Indi
     return top[excess[top] > 1e-12]
 
 
-def _renewed(task: Task, pool: Indices, block: Array, state: Columns, joining: Indices, gap: float) -> Columns:
+def _renewed(task: RelaxedTask, pool: Indices, block: Array, state: Columns, joining: Indices, gap: float) -> Columns:
     """The small problem without candidates that carry next to nothing, with those that join."""
     solved = state.solved
     ratio = solved.scores / np.maximum(solved.multipliers, 1e-300)[task.label[state.index]]
@@ -285,7 +287,7 @@ def _tells(block: Array, prior: Array) -> bool:
     return bool((np.linalg.eigvalsh(M)[:, 0] > 1e-12 * np.linalg.eigvalsh(M)[:, -1]).all())
 
 
-def _shortlist(task: Task, state: Columns, values: Array) -> Indices:
+def _shortlist(task: RelaxedTask, state: Columns, values: Array) -> Indices:
     """The best of all candidates, less those that no optimal design uses, with the present ones."""
     count = len(values)
     size = min(count, max(_FIRST, _EACH * task.rows.parameters, count // _SHORTLIST))

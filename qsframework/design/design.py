@@ -18,7 +18,7 @@ from qsframework.design.exact import Quotas, exchange
 from qsframework.design.minimax import Robust
 from qsframework.design.polish import polish
 from qsframework.design.problem import (
-    Problem,
+    DesignProblem,
     draw_samples,
     make_problem,
     require_rank,
@@ -28,7 +28,7 @@ from qsframework.design.problem import (
 from qsframework.design.relaxed import SOLVER
 from qsframework.design.task import white_basis
 from qsframework.errors import InputError, NotIdentifiable
-from qsframework.experiment import Certificate, Experiment, Plan, Readings, make_plan
+from qsframework.experiment import Experiment, Plan, PlanCertificate, Readings, make_plan
 from qsframework.information.rows import as_rows, gathered_information
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.work import HERE, Work
@@ -98,7 +98,7 @@ def _prior(
     return total
 
 
-def _criterion(problem: Problem, wish: Wish, test_poses: Poses | None) -> Criterion:
+def _criterion(problem: DesignProblem, wish: Wish, test_poses: Poses | None) -> Criterion:
     model = problem.experiment.model()
     model.index(wish.interest)  # an InputError names the nearest
     strange = [name for name in wish.interest if name not in problem.names]
@@ -112,7 +112,7 @@ def _criterion(problem: Problem, wish: Wish, test_poses: Poses | None) -> Criter
 
 
 def _exact(
-    problem: Problem,
+    problem: DesignProblem,
     rule: Robust,
     wish: Wish,
     relaxed: Relaxed,
@@ -148,7 +148,7 @@ def _exact(
     return np.unique(best, return_counts=True)
 
 
-def _shortlist(problem: Problem, relaxed: Relaxed) -> Indices:
+def _shortlist(problem: DesignProblem, relaxed: Relaxed) -> Indices:
     """The candidates that score best at the relaxed design, some of every load, and those that carry weight."""
     size = problem.per_load
     each = max(_SHORTLIST // len(problem.loads), 50)
@@ -161,7 +161,7 @@ def _shortlist(problem: Problem, relaxed: Relaxed) -> Indices:
 
 
 def _splits(
-    problem: Problem, wish: Wish, relaxed: Relaxed, fixed: tuple[int | None, ...]
+    problem: DesignProblem, wish: Wish, relaxed: Relaxed, fixed: tuple[int | None, ...]
 ) -> list[tuple[tuple[tuple[int, ...], int], ...]]:
     """Ways to share the poses: pairs of loads that share a number of poses, and that number."""
     free = tuple(g for g, c in enumerate(fixed) if c is None)
@@ -174,7 +174,7 @@ def _splits(
     ]
 
 
-def _affordable(problem: Problem, relaxed: Relaxed, budget: float) -> list[tuple[int, ...]]:
+def _affordable(problem: DesignProblem, relaxed: Relaxed, budget: float) -> list[tuple[int, ...]]:
     """Numbers of poses per load near the relaxed shares that cost at most the budget and waste little of it."""
     costs = problem.prices
     share = np.bincount(problem.load(relaxed.index), relaxed.weights, len(costs)) * budget / costs
@@ -187,14 +187,16 @@ def _affordable(problem: Problem, relaxed: Relaxed, budget: float) -> list[tuple
     return sorted(tight, key=lambda c: float(np.abs(np.array(c) - share).sum()))[:_SPLITS]
 
 
-def _quotas(problem: Problem, short: Indices, counts: tuple[tuple[tuple[int, ...], int], ...], repeats: bool) -> Quotas:
+def _quotas(
+    problem: DesignProblem, short: Indices, counts: tuple[tuple[tuple[int, ...], int], ...], repeats: bool
+) -> Quotas:
     load = problem.load(short)
     groups = tuple(np.flatnonzero(np.isin(load, loads)) for loads, _ in counts)
     return Quotas(groups, tuple(count for _, count in counts), problem.place(short), repeats)
 
 
 def _plan(
-    problem: Problem,
+    problem: DesignProblem,
     rule: Robust,
     wish: Wish,
     relaxed: Relaxed,
@@ -219,7 +221,7 @@ def _plan(
         M = problem.prior + sum(c * np.swapaxes(r, -1, -2) @ r for c, r in zip(counts, rows, strict=True))
         polished = before
     value = float(rule.value(M))
-    certificate = Certificate(
+    certificate = PlanCertificate(
         criterion=rule.name,
         value=value,
         relaxed_value=relaxed_value,
@@ -246,14 +248,14 @@ def _plan(
     )
 
 
-def _settled_information(problem: Problem, index: Indices, weights: Array) -> Array:
+def _settled_information(problem: DesignProblem, index: Indices, weights: Array) -> Array:
     """M (S, p, p) of chosen candidates and their weights, where they settle."""
     if not problem.linear:
         return gathered_information(problem.rows, index, weights)
     return gathered_information(as_rows(problem.rows_of(problem.batch(index))), np.arange(len(index)), weights)
 
 
-def _notes(problem: Problem, rule: Robust, M: Array) -> tuple[str, ...]:
+def _notes(problem: DesignProblem, rule: Robust, M: Array) -> tuple[str, ...]:
     """What a user should know about a criterion that depends on the parameters' scales."""
     if not rule.inner.depends_on_scale:
         return ()

@@ -9,7 +9,7 @@ import numpy as np
 from qsframework.design.candidates import check_poses, joint_range, snapped
 from qsframework.design.interior import moments_of
 from qsframework.design.minimax import Robust
-from qsframework.design.problem import Problem
+from qsframework.design.problem import DesignProblem
 from qsframework.information.rows import block_scores, root
 from qsframework.plugin import Array, Indices, Poses
 
@@ -20,7 +20,9 @@ _DIGITS = (2, 3, 4, 6)
 Progress = Callable[[int, int], None]
 
 
-def polish(problem: Problem, rule: Robust, chosen: Indices, counts: Indices, progress: Progress | None = None) -> Array:
+def polish(
+    problem: DesignProblem, rule: Robust, chosen: Indices, counts: Indices, progress: Progress | None = None
+) -> Array:
     """What the pendant shows (m, n) at m poses, measured `counts` times, rounded to 0.01 deg or mm, not worse.
 
     Every pose climbs along its own slope of the criterion; the longest step that helps and keeps the
@@ -45,7 +47,7 @@ def polish(problem: Problem, rule: Robust, chosen: Indices, counts: Indices, pro
     return rounded if better else pendant
 
 
-def _rounded(problem: Problem, pendant: Array) -> Array:
+def _rounded(problem: DesignProblem, pendant: Array) -> Array:
     """Hundredths of a degree or a millimetre, in finer steps for a pose that would leave the constraints."""
     lower, upper = joint_range(problem.experiment)
     units = problem.experiment.robot.controller.units
@@ -59,33 +61,33 @@ def _rounded(problem: Problem, pendant: Array) -> Array:
     return out
 
 
-def _scales(problem: Problem) -> Array:
+def _scales(problem: DesignProblem) -> Array:
     """What (n,) counts as one step of a joint: 1 rad, and of a travel its range in place of half a turn."""
     lower, upper = joint_range(problem.experiment)
     return np.where(problem.experiment.robot.controller.units.sliding, (upper - lower) / np.pi, 1.0)
 
 
-def _batch(problem: Problem, pendant: Array, wrench: Array) -> Poses:
+def _batch(problem: DesignProblem, pendant: Array, wrench: Array) -> Poses:
     return Poses(pendant, problem.experiment.robot.controller.to_joints(pendant), wrench)
 
 
-def _moments(problem: Problem, pendant: Array, wrench: Array) -> Array:
+def _moments(problem: DesignProblem, pendant: Array, wrench: Array) -> Array:
     """Information M_i (m, S, p, p) of each pose."""
     return moments_of(problem.rows_of(_batch(problem, pendant, wrench)))
 
 
-def _value(problem: Problem, rule: Robust, moments: Array, counts: Indices) -> float:
+def _value(problem: DesignProblem, rule: Robust, moments: Array, counts: Indices) -> float:
     return float(rule.value(problem.prior + np.tensordot(counts, moments, 1)))
 
 
-def _kept(problem: Problem, pendant: Array) -> Array:
+def _kept(problem: DesignProblem, pendant: Array) -> Array:
     checks = check_poses(problem.experiment, problem.experiment.model(), pendant)
     same = np.abs(snapped(problem.experiment, pendant) - pendant).max(axis=1) < 1e-9
     return np.logical_and.reduce([*checks.values(), same])
 
 
 def _moved(
-    problem: Problem, rule: Robust, pendant: Array, wrench: Array, counts: Indices, M_each: Array, value: float
+    problem: DesignProblem, rule: Robust, pendant: Array, wrench: Array, counts: Indices, M_each: Array, value: float
 ) -> tuple[Array, Array] | None:
     """One pose after the other a step along its slope, each step tried against the present plan.
 

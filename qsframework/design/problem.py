@@ -16,8 +16,8 @@ from qsframework.experiment.readings import UNSTATED
 from qsframework.experiment.simulate import prior_draws
 from qsframework.information import (
     Allowed,
+    CandidateRows,
     MadeRows,
-    Rows,
     as_rows,
     information_rows,
     loss_words,
@@ -40,7 +40,7 @@ Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Problem:
+class DesignProblem:
     """N candidates, load by load: the poses (P, n), the rows, and how many poses of the plan each load gets.
 
     total: number of poses, or the budget; prices (loads,): what a pose under each load takes of it;
@@ -58,7 +58,7 @@ class Problem:
     prices: Array
     names: tuple[str, ...]
     samples: Array
-    rows: Rows
+    rows: CandidateRows
     prior: Array
     linear: bool = False
 
@@ -113,7 +113,7 @@ def make_problem(
     budget: bool = False,
     progress: Progress | None = None,
     work: Work = HERE,
-) -> Problem:
+) -> DesignProblem:
     """Every allowed pose under every load case is a candidate of its own."""
     if not experiment.loads:
         raise InputError(f"{experiment.path}: a design needs `loads`, for example - {{name: weight, fz_N: -4000}}")
@@ -136,7 +136,7 @@ def make_problem(
     names = experiment.fit_names()
     at = experiment.model().nominal[None] if samples is None else samples
     start = np.zeros((len(at), len(names), len(names))) if prior is None else prior
-    draft = Problem(
+    draft = DesignProblem(
         experiment=experiment,
         pendant=pendant,
         loads=experiment.loads,
@@ -153,7 +153,7 @@ def make_problem(
     return replace(draft, rows=_rows(draft, progress, work))
 
 
-def _first_step_ranks_alike(problem: Problem) -> bool:
+def _first_step_ranks_alike(problem: DesignProblem) -> bool:
     """Whether there are so many candidates that the first step from the commanded pose scores them, and a sample shows
     that it may."""
     count = problem.per_load * len(problem.loads)
@@ -175,7 +175,7 @@ def _first_step_ranks_alike(problem: Problem) -> bool:
     return True
 
 
-def _rows(problem: Problem, progress: Progress | None, work: Work) -> Rows:
+def _rows(problem: DesignProblem, progress: Progress | None, work: Work) -> CandidateRows:
     count = problem.per_load * len(problem.loads)
     shape = (count, len(problem.samples), 3 * len(problem.experiment.markers), len(problem.names))
     if 8 * np.prod(shape, dtype=float) > HELD_BYTES:
@@ -249,7 +249,7 @@ def joint_sd(experiment: Experiment, taken: Sequence[Plan | Readings]) -> Array:
     return np.sqrt(variance) * scales(experiment.fit_parameters())
 
 
-def require_rank(problem: Problem) -> None:
+def require_rank(problem: DesignProblem) -> None:
     """NotIdentifiable, in words, where no plan over the candidates can tell the parameters apart."""
     used = [g for g, count in enumerate(problem.counts) if count is None or count > 0]
     rng = np.random.default_rng(0)
@@ -273,7 +273,7 @@ def _root(M: Array) -> Array:
     return (vectors * np.sqrt(np.maximum(values, 0.0))).T
 
 
-def _tested(problem: Problem, index: Indices, before: Array) -> RankTest:
+def _tested(problem: DesignProblem, index: Indices, before: Array) -> RankTest:
     p = len(problem.names)
     triangle = before
     for start in range(0, len(index), _SAMPLE):
@@ -282,7 +282,7 @@ def _tested(problem: Problem, index: Indices, before: Array) -> RankTest:
     return rank_test(triangle, problem.names)
 
 
-def allowed_designs(problem: Problem, fixed: tuple[int | None, ...], cap: float) -> Allowed:
+def allowed_designs(problem: DesignProblem, fixed: tuple[int | None, ...], cap: float) -> Allowed:
     """Loads with a number are groups of their own; the others share one group. Shares are of `total`."""
     size, total = problem.per_load, problem.total
     taken = [(c or 0) * float(price) / total for c, price in zip(fixed, problem.prices, strict=True)]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from qsframework.information.rows import Rows, scores
+from qsframework.information.rows import CandidateRows, scores
 from qsframework.plugin import Array
 
 _MANY = 0.5
@@ -22,7 +22,7 @@ class Scoreboard:
     slopes (S, p, p) are those in the basis T (p, p) of the parameters
     """
 
-    def __init__(self, rows: Rows, basis: Array | None = None) -> None:
+    def __init__(self, rows: CandidateRows, basis: Array | None = None) -> None:
         self.rows, self.basis = rows, basis
         self.passes = 0.0
         self._slope: Array | None = None

@@ -8,20 +8,20 @@ import numpy as np
 import numpy.typing as npt
 
 from qsframework.design.minimax import Robust
-from qsframework.information import Allowed, Rows
+from qsframework.information import Allowed, CandidateRows
 from qsframework.plugin import Array, Indices
 
 _FEW = 1024
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class RelaxedTask:
     """What to solve: rows of N candidates, the group of each (N,), the allowed designs, information M0 (S, p, p).
 
     criterion and prior are those of T' M T with the basis T (p, p), in which a random design is well conditioned
     """
 
-    rows: Rows
+    rows: CandidateRows
     label: npt.NDArray[np.int16]
     allowed: Allowed
     criterion: Robust
@@ -44,7 +44,7 @@ class Task:
         return Allowed(groups, self.allowed.shares, self.allowed.cap)
 
 
-def make_task(rows: Rows, criterion: Robust, allowed: Allowed, prior: Array | None = None) -> Task:
+def make_task(rows: CandidateRows, criterion: Robust, allowed: Allowed, prior: Array | None = None) -> RelaxedTask:
     """A task; InputError-free: shapes are the caller's concern, groups must cover what carries a share."""
     count, p = len(rows), rows.parameters
     label = np.zeros(count, dtype=np.int16)
@@ -54,7 +54,7 @@ def make_task(rows: Rows, criterion: Robust, allowed: Allowed, prior: Array | No
     cap = allowed.cap if allowed.cap < max(allowed.shares) else np.inf
     T = white_basis(rows.take(_few(label, allowed)), before)
     allowed = Allowed(allowed.groups, allowed.shares, cap)
-    return Task(rows, label, allowed, criterion.in_basis(T), T.T @ before @ T, T)
+    return RelaxedTask(rows, label, allowed, criterion.in_basis(T), T.T @ before @ T, T)
 
 
 def _few(label: npt.NDArray[np.int16], allowed: Allowed) -> Indices:

@@ -2,7 +2,7 @@
 
 from qsframework.diagnose.diagnose import LEVEL, STEPS, diagnose
 from qsframework.diagnose.linearization.candidates import Cause, find_causes
-from qsframework.diagnose.result import Diagnosis, Errors, Finding, Leftover, Line, Rival, Value
+from qsframework.diagnose.result import Diagnosis, Errors, Leftover, Line, NamedCause, Rival, Value
 
 __all__ = [
     "LEVEL",
@@ -10,9 +10,9 @@ __all__ = [
     "Cause",
     "Diagnosis",
     "Errors",
-    "Finding",
     "Leftover",
     "Line",
+    "NamedCause",
     "Rival",
     "Value",
     "diagnose",

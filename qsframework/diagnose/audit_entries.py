@@ -12,7 +12,7 @@ import numpy as np
 
 from qsframework import units
 from qsframework.diagnose.result import Diagnosis
-from qsframework.experiment import Noise
+from qsframework.experiment import StatedNoise
 from qsframework.experiment.columns import number, table_lines
 from qsframework.experiment.readings import UNSTATED
 
@@ -62,7 +62,7 @@ def audited_of(diagnosis: Diagnosis) -> Audited:
     return Audited(float(noise / np.sqrt(2.0)) if states else noise, states, masked, factor, file)
 
 
-def noise_entry(stated: Noise, audited: Audited) -> dict[str, float]:
+def noise_entry(stated: StatedNoise, audited: Audited) -> dict[str, float]:
     """`noise:` of an experiment as the audit found it; where each kind has its own, all of them by one factor."""
     if not stated.apart or audited.sigma is None:
         return {"sigma_mm": 1e3 * (audited.sigma or 0.0)}

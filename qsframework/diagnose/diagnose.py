@@ -29,7 +29,7 @@ from qsframework.diagnose.residuals.audited_rows import (
 )
 from qsframework.diagnose.residuals.gross_rows import find_outliers
 from qsframework.diagnose.residuals.noise_components import NoiseAudit, audit_noise, visible
-from qsframework.diagnose.result import Diagnosis, Errors, Finding, Leftover, LikelyPlace, Method, Taught, Value
+from qsframework.diagnose.result import Diagnosis, Errors, Leftover, LikelyPlace, Method, NamedCause, Taught, Value
 from qsframework.diagnose.selection.closing_gate import (
     Likely,
     contested,
@@ -40,7 +40,7 @@ from qsframework.diagnose.selection.closing_gate import (
     on_one_axis,
 )
 from qsframework.diagnose.selection.cross_validation import HeldOut, Search, held_out
-from qsframework.diagnose.selection.exact_refit import Settled, predicted_or_linear, settle_fit
+from qsframework.diagnose.selection.exact_refit import SettledFit, predicted_or_linear, settle_fit
 from qsframework.diagnose.selection.family_test import family_test
 from qsframework.diagnose.selection.model_selection import (
     Answer,
@@ -61,11 +61,11 @@ from qsframework.estimation import orthonormal, rms, rounding
 from qsframework.estimation.linear_fit import winsorised
 from qsframework.estimation.visit_noise import Reml, reml
 from qsframework.experiment import Experiment, Readings, bridge, make_rows
-from qsframework.experiment.observations import REACH, Rows, start_values
+from qsframework.experiment.observations import REACH, ReadingRows, start_values
 from qsframework.identify.pose_spread import check_pose_spread
 from qsframework.identify.selection import in_order
 from qsframework.plugin import Array, Indices
-from qsframework.screening.convention_changes import Change
+from qsframework.screening.convention_changes import ConventionChange
 from qsframework.screening.conventions import (
     Convention,
     adopted,
@@ -104,8 +104,8 @@ class _Start:
 
     experiment: Experiment
     readings: Readings
-    rows: Rows
-    fit: Settled
+    rows: ReadingRows
+    fit: SettledFit
     untold: tuple[str, ...]
 
 
@@ -119,20 +119,20 @@ class _Baseline:
 
     experiment: Experiment
     readings: Readings
-    rows: Rows
-    fit: Settled
+    rows: ReadingRows
+    fit: SettledFit
     case: Case
     fits: Reml
     nu: float
     good: Indices
     untested: tuple[Untested, ...]
     untold: tuple[str, ...]
-    given: Rows
+    given: ReadingRows
     whole: Case
     far: bool = False
 
     @property
-    def start(self) -> Rows:
+    def start(self) -> ReadingRows:
         """The rows that are left, in the noise that came with them."""
         return self.given.take(self.good)
 
@@ -254,7 +254,7 @@ class _Found:
         return self.answers[0].subset.members if self.answers else ()
 
     @property
-    def extended(self) -> Settled:
+    def extended(self) -> SettledFit:
         return self.answers[0].fit if self.answers else self.base.fit
 
 
@@ -268,7 +268,7 @@ def _found(start: _Start, tell: Callable[[str], None], level: float, largest: in
     return _searched(_without(found.base, gross), level, largest, seed) if len(gross) else found
 
 
-def _certain(base: _Baseline, best: Answer | None, findings: Sequence[Finding]) -> Settled:
+def _certain(base: _Baseline, best: Answer | None, findings: Sequence[NamedCause]) -> SettledFit:
     """The exact fit with the names that are not doubtful; that of all where it cannot be made."""
     doubtful = {f.name for f in findings if f.doubtful}
     if best is None or not doubtful:
@@ -286,10 +286,10 @@ def _pose_names(base: _Baseline) -> list[str]:
     return names
 
 
-def _convention_findings(conventions: Sequence[Convention]) -> tuple[Finding, ...]:
+def _convention_findings(conventions: Sequence[Convention]) -> tuple[NamedCause, ...]:
     """The conventions and mistakes that were adopted, as causes of their own."""
     return tuple(
-        Finding(
+        NamedCause(
             name=c.name,
             values=(Value(c.name, "", c.value, 0.0, 0.0 if c.value != 1.0 or "[" in c.name else 1.0),),
             s=float(np.sqrt(2.0 * max(c.evidence, 0.0))),
@@ -334,7 +334,7 @@ def _structures(given: _Start) -> list[tuple[Convention, _Start]]:
     A cause may do so too: the two are compared when both were searched beside.
     """
     changes = check_structures(given.experiment, given.readings)
-    tried: list[tuple[float, Change, _Start]] = []
+    tried: list[tuple[float, ConventionChange, _Start]] = []
     for change in changes:
         try:
             start = _start(change.experiment, change.readings)
@@ -406,12 +406,12 @@ def _baseline(start: _Start) -> _Baseline:
     return _told(base, fits, fit)
 
 
-def _fits(rows: Rows, columns: Array) -> Reml:
+def _fits(rows: ReadingRows, columns: Array) -> Reml:
     """Fits of columns (3 R, f) m to rows, in every noise that may be."""
     return reml(visit_noise(rows), orthonormal(columns), len(rows.at), repeats(rows))
 
 
-def _told(base: _Baseline, fits: Reml, beside: Settled) -> _Baseline:
+def _told(base: _Baseline, fits: Reml, beside: SettledFit) -> _Baseline:
     """The baseline in the noise that an exact fit to its rows leaves, tamed about that fit."""
     start, noise = base.start, fits.noise
     k, white, tame = _tamed(fits, beside.residuals.ravel())
@@ -458,7 +458,7 @@ def _gross(found: _Found) -> Indices:
     return gross if len(gross) <= max(1, len(base.rows.keep) // 10) else gross[:0]
 
 
-def _audit(base: _Baseline, fit: Settled) -> NoiseAudit:
+def _audit(base: _Baseline, fit: SettledFit) -> NoiseAudit:
     """What the rows say of their noise beside an exact fit, against what is stated."""
     rows, given = base.rows, base.start
     shape = (len(rows.keep), 3)
@@ -553,7 +553,7 @@ def _answers(
     return [first, *answers[1:]], fitted
 
 
-def _close(base: _Baseline, best: Answer | None, fit: Settled, level: float, seed: int) -> _Closing:
+def _close(base: _Baseline, best: Answer | None, fit: SettledFit, level: float, seed: int) -> _Closing:
     """The generic blocks against what an exact fit leaves, and in the place of each of its names."""
     moved = motions(fit.model, base.rows, fit.x, fit.frames)
     blocks = list(generic_blocks(moved))
@@ -587,7 +587,7 @@ def _causes(base: _Baseline, best: Answer | None) -> list[Cause]:
 
 
 def _taught(
-    base: _Baseline, best: Answer | None, certain: Settled, closing: _Closing, level: float, seed: int, repeats: int
+    base: _Baseline, best: Answer | None, certain: SettledFit, closing: _Closing, level: float, seed: int, repeats: int
 ) -> Taught | None:
     """The law that what is left teaches: the first of the plainest that holds, else the plainest.
 
@@ -605,7 +605,7 @@ def _taught(
 
 
 def _learned(
-    base: _Baseline, best: Answer | None, certain: Settled, lesson: Lesson, seed: int, repeats: int
+    base: _Baseline, best: Answer | None, certain: SettledFit, lesson: Lesson, seed: int, repeats: int
 ) -> Taught | None:
     """A law fitted exactly beside the certain names, with its held-out gain; None where no fit leads anywhere."""
     kept = [c for c in _causes(base, best) if set(c.names) <= set(certain.names)]
@@ -647,7 +647,7 @@ def _held(
     return held_out(base.case, closing, members, alike, how if best and not base.far else None, seed, repeats)
 
 
-def _case_at(base: _Baseline, causes: Sequence[Cause], fit: Settled) -> Case:
+def _case_at(base: _Baseline, causes: Sequence[Cause], fit: SettledFit) -> Case:
     """The case whose fitted parameters are those of a fit with causes, linearised there, without further causes."""
     case = make_case(base.experiment, base.rows, base.case.fitted, causes, fit.by_name(), fit.residuals, fit.frames)
     held = [np.array(c.sizes) / c.prior if c.prior else np.zeros(len(c.names)) for c in causes]
@@ -658,7 +658,7 @@ def _case_at(base: _Baseline, causes: Sequence[Cause], fit: Settled) -> Case:
 
 
 def _errors(
-    base: _Baseline, extended: Settled, held: HeldOut, given: tuple[Experiment, Readings], audit: NoiseAudit
+    base: _Baseline, extended: SettledFit, held: HeldOut, given: tuple[Experiment, Readings], audit: NoiseAudit
 ) -> Errors:
     experiment, readings = given
     model = experiment.model()

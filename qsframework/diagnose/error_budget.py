@@ -19,7 +19,7 @@ _CARRIED = 1e-8
 
 
 @dataclass(frozen=True)
-class Step:
+class BudgetStep:
     """RMS per axis, m, on the readings and held out, with what is named `label` added to the steps before."""
 
     label: str
@@ -27,7 +27,7 @@ class Step:
     heldout: float
 
 
-def error_budget(diagnosis: Diagnosis) -> tuple[Step, ...]:
+def error_budget(diagnosis: Diagnosis) -> tuple[BudgetStep, ...]:
     """Nominal, identified, each cause in the order of its evidence, and the noise.
 
     Steps between the identified and the extended model are fits of the linearised model with the causes so far; held
@@ -35,15 +35,15 @@ def error_budget(diagnosis: Diagnosis) -> tuple[Step, ...]:
     """
     case, e = diagnosis.case, diagnosis.rms
     where = {c.name: i for i, c in enumerate(case.causes)}
-    steps = [Step("nominal", e.nominal, e.nominal), Step("identified", e.identified, e.heldout_identified)]
+    steps = [BudgetStep("nominal", e.nominal, e.nominal), BudgetStep("identified", e.identified, e.heldout_identified)]
     so_far: list[int] = []
     found = sorted((f for f in diagnosis.findings if f.name in where), key=lambda f: -f.s)
     for f in found:
         so_far.append(where[f.name])
-        steps.append(Step(f"+ {f.name}", *linear_errors(case, so_far, diagnosis.baseline.residuals)[:2]))
+        steps.append(BudgetStep(f"+ {f.name}", *linear_errors(case, so_far, diagnosis.baseline.residuals)[:2]))
     if found:
-        steps[-1] = Step(steps[-1].label, e.extended, e.heldout_extended)
-    return (*steps, Step("noise", e.noise, e.noise))
+        steps[-1] = BudgetStep(steps[-1].label, e.extended, e.heldout_extended)
+    return (*steps, BudgetStep("noise", e.noise, e.noise))
 
 
 def linear_errors(case: Case, causes: Sequence[int], residuals: Array) -> tuple[float, float, Array]:

@@ -8,9 +8,9 @@ import numpy as np
 
 from qsframework.diagnose.error_budget import linear_errors
 from qsframework.diagnose.linearization.candidates import REACH, Cause, Untested
-from qsframework.diagnose.result import Finding, Line, Rival, Status, Value
+from qsframework.diagnose.result import Line, NamedCause, Rival, Status, Value
 from qsframework.diagnose.selection.cross_validation import HeldOut, standard_errors
-from qsframework.diagnose.selection.exact_refit import Settled
+from qsframework.diagnose.selection.exact_refit import SettledFit
 from qsframework.diagnose.selection.influence import hangs_on
 from qsframework.diagnose.selection.model_selection import Answer, Library, p_value_of, size_of
 from qsframework.diagnose.selection.principal_angles import angle_matrix, smallest_angles
@@ -29,12 +29,12 @@ _MOST_SETS = 20
 def findings_of(
     library: Library,
     answers: Sequence[Answer],
-    baseline: Settled,
+    baseline: SettledFit,
     held: HeldOut,
     threshold: float,
     pose_names: Sequence[str],
     seed: int,
-) -> tuple[Finding, ...]:
+) -> tuple[NamedCause, ...]:
     """The named causes of the best explanation with rivals, evidence and the poses that they hang on.
 
     threshold: log p of a significant cause; pose_names: by number of the pose
@@ -51,7 +51,7 @@ def findings_of(
 
 
 def _gains(
-    library: Library, members: Sequence[int], baseline: Settled, held: HeldOut
+    library: Library, members: Sequence[int], baseline: SettledFit, held: HeldOut
 ) -> dict[int, tuple[float, float]]:
     """By what share the held-out error, whitened by the noise, falls with each cause beside the others, and by how many
     of its standard errors.
@@ -73,12 +73,12 @@ def _gains(
 def _finding(
     library: Library,
     answers: Sequence[Answer],
-    baseline: Settled,
+    baseline: SettledFit,
     i: int,
     rivals: Sequence[int],
     hanging: tuple[tuple[str, ...], ...],
     gain: tuple[float, float],
-) -> Finding:
+) -> NamedCause:
     best = answers[0]
     cause = library.case.causes[i]
     given = tuple(j for j in best.subset.members if j != i)
@@ -86,7 +86,7 @@ def _finding(
     if not given:  # the exact fit knows the size better than the linear one
         s = float(np.sqrt(max(baseline.chi2 - best.fit.chi2 - best.subset.dof, 0.0)))
     angles = smallest_angles(library.subspaces, i)
-    return Finding(
+    return NamedCause(
         name=cause.name,
         values=values_of(cause, best.fit),
         s=s,
@@ -101,7 +101,7 @@ def _finding(
     )
 
 
-def values_of(cause: Cause, fit: Settled) -> tuple[Value, ...]:
+def values_of(cause: Cause, fit: SettledFit) -> tuple[Value, ...]:
     """Estimates of a cause's parameters."""
     return tuple(Value(p.name, p.unit, fit.value(p.name), fit.sd(p.name), p.nominal) for p in cause.parameters)
 
@@ -168,7 +168,7 @@ def _alternatives(library: Library, given: tuple[int, ...], allowed: set[int]) -
 
 
 def table_of(
-    library: Library, best: Answer | None, findings: Sequence[Finding], untested: Sequence[Untested]
+    library: Library, best: Answer | None, findings: Sequence[NamedCause], untested: Sequence[Untested]
 ) -> tuple[Line, ...]:
     """One line for every cause: named ones first, then their rivals, what is excluded, what is invisible."""
     named = {f.name for f in findings}

@@ -18,7 +18,7 @@ from qsframework.diagnose.result import Leftover, Taught
 from qsframework.diagnose.selection.evidence import DRAWS, prior_of
 from qsframework.elastostatics import Model
 from qsframework.estimation.visit_noise import Reml
-from qsframework.experiment.observations import Rows
+from qsframework.experiment.observations import ReadingRows
 from qsframework.plugin import Array, Conditions, Context, Effect, Poses, RobotFacts, Spring, SpringLaw, registry
 
 _TRIED = 3
@@ -126,7 +126,7 @@ def curve(taught: Taught, robot: RobotFacts, count: int = 61) -> Curve | None:
     return Curve(over, x, np.einsum("nkm,km->nk", shapes, weights), sd, under)
 
 
-def dots(taught: Taught, rows: Rows, found: Curve) -> tuple[Array, Array]:
+def dots(taught: Taught, rows: ReadingRows, found: Curve) -> tuple[Array, Array]:
     """What each visit says of a curve: variable (V, k) and motion (V, k) rad or m, k coordinates, NaN for visits that
     stand under too little torque to tell; rows: those of the fit.
 

@@ -15,7 +15,7 @@ from qsframework.diagnose.law import Law
 from qsframework.diagnose.linearization.candidates import Cause
 from qsframework.diagnose.linearization.columns import Case
 from qsframework.diagnose.result import Alike
-from qsframework.diagnose.selection.exact_refit import Settled
+from qsframework.diagnose.selection.exact_refit import SettledFit
 from qsframework.estimation import left, orthonormal
 from qsframework.plugin import RobotFacts, SpringLaw
 from qsframework.plugin.settings import place_fields
@@ -29,7 +29,7 @@ _ABSORBED = 1e-3
 _MOST = 3
 
 
-def alike(case: Case, kept: Sequence[Cause], fit: Settled, law: Law, learned: Cause) -> tuple[Alike, ...]:
+def alike(case: Case, kept: Sequence[Cause], fit: SettledFit, law: Law, learned: Cause) -> tuple[Alike, ...]:
     """The causes of the library that look like a law that was learned, the likest first, its rivals among them.
 
     case: with the library, in the noise of the fit; kept: the causes that are fitted beside the law

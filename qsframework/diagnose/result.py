@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from qsframework.diagnose.residuals.lack_of_fit import LackOfFit
     from qsframework.diagnose.residuals.noise_components import NoiseAudit
     from qsframework.diagnose.selection.cross_validation import HeldOut
-    from qsframework.diagnose.selection.exact_refit import Settled
+    from qsframework.diagnose.selection.exact_refit import SettledFit
     from qsframework.experiment import Experiment, Readings
     from qsframework.screening.conventions import Convention
 
@@ -80,7 +80,7 @@ class LikelyPlace:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Finding:
+class NamedCause:
     """A named cause with its evidence.
 
     s: visible size in units of noise; p_value: family-wise; ebic_gain: by how much the extended BIC falls with it;
@@ -145,7 +145,7 @@ class Taught:
     cause: Cause
     leftover: Leftover
     s: float
-    fit: Settled
+    fit: SettledFit
     before: float
     heldout: float
     gain: float
@@ -233,7 +233,7 @@ class Diagnosis(Viewed):
     experiment: Experiment
     readings: Readings
     verdict: Verdict
-    findings: tuple[Finding, ...]
+    findings: tuple[NamedCause, ...]
     table: tuple[Line, ...]
     conventions: tuple[Convention, ...]
     audit: NoiseAudit
@@ -245,9 +245,9 @@ class Diagnosis(Viewed):
     rms: Errors
     kept: Indices
     outliers: Indices
-    baseline: Settled
-    extended: Settled
-    certain: Settled
+    baseline: SettledFit
+    extended: SettledFit
+    certain: SettledFit
     taught: Taught | None
     case: Case
     method: Method
@@ -259,12 +259,12 @@ class Diagnosis(Viewed):
         return dict(zip(self.extended.model.names, (float(v) for v in self.extended.x), strict=True))
 
     @property
-    def sure(self) -> tuple[Finding, ...]:
+    def sure(self) -> tuple[NamedCause, ...]:
         """The named causes that are not doubtful."""
         return tuple(f for f in self.findings if not f.doubtful)
 
     @property
-    def doubtful(self) -> tuple[Finding, ...]:
+    def doubtful(self) -> tuple[NamedCause, ...]:
         """The named causes without which poses left out are predicted as well."""
         return tuple(f for f in self.findings if f.doubtful)
 

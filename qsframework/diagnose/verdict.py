@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit
-from qsframework.diagnose.result import Finding, Leftover, Verdict
+from qsframework.diagnose.result import Leftover, NamedCause, Verdict
 from qsframework.diagnose.selection.model_selection import Library
 
 _MISFIT = 1e-3
@@ -16,7 +16,7 @@ MANY = 8
 """Kinds of rivals beyond which a name is no explanation: something acts, and the readings do not say what."""
 
 
-def ambiguous(library: Library, findings: Sequence[Finding]) -> bool:
+def ambiguous(library: Library, findings: Sequence[NamedCause]) -> bool:
     """Whether some cause is barely seen, or could be any of many that do different things to the readings."""
     if any(f.faint for f in findings):
         return True
@@ -31,7 +31,9 @@ def misfits(after: LackOfFit) -> bool:
     return bool(told) and min(told) * len(told) < _MISFIT
 
 
-def verdict_of(findings: Sequence[Finding], leftovers: Sequence[Leftover], after: LackOfFit, unclear: bool) -> Verdict:
+def verdict_of(
+    findings: Sequence[NamedCause], leftovers: Sequence[Leftover], after: LackOfFit, unclear: bool
+) -> Verdict:
     """What the findings come to; unclear: whether one of them could be any of many."""
     left = bool(leftovers) or misfits(after)
     if not findings:

@@ -9,7 +9,7 @@ import numpy as np
 
 from qsframework.design import Candidates
 from qsframework.diagnose.linearization.candidates import Cause
-from qsframework.diagnose.result import Diagnosis, Finding
+from qsframework.diagnose.result import Diagnosis, NamedCause
 from qsframework.diagnose.selection.principal_angles import ALIKE, smallest_angles
 from qsframework.discriminate.alternatives import batch
 from qsframework.discriminate.pair import (
@@ -29,7 +29,7 @@ Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
-class Contest:
+class PairContest:
     """A named cause against one rival: s of the named one beside it and the angle (rad), before and after."""
 
     first: str
@@ -68,7 +68,7 @@ class SecondDay:
     """
 
     plan: Plan
-    contests: tuple[Contest, ...]
+    contests: tuple[PairContest, ...]
     bound: float
     hopeless: tuple[tuple[str, str], ...]
     crowded: tuple[Crowded, ...]
@@ -128,15 +128,15 @@ class _Side:
     before: Array
     limit: float
 
-    def contest(self, chosen: Chosen) -> Contest:
+    def contest(self, chosen: Chosen) -> PairContest:
         added = self.rows[chosen.index].reshape(-1, self.rows.shape[-1])
         start, end = told(self.before, self.width), told(np.concatenate([self.before, added]), self.width)
-        return Contest(self.first, self.second, start[0], end[0], start[1], end[1])
+        return PairContest(self.first, self.second, start[0], end[0], start[1], end[1])
 
 
 def _side(
     diagnosis: Diagnosis,
-    pair: tuple[Finding, Cause, Cause],
+    pair: tuple[NamedCause, Cause, Cause],
     fitted: Sequence[str],
     poses: Poses,
     first_day: Readings,
@@ -161,12 +161,12 @@ def _kept(diagnosis: Diagnosis) -> np.ndarray:
     return use
 
 
-def _pairs(diagnosis: Diagnosis) -> tuple[list[tuple[Finding, Cause, Cause]], list[Crowded], list[Waiting]]:
+def _pairs(diagnosis: Diagnosis) -> tuple[list[tuple[NamedCause, Cause, Cause]], list[Crowded], list[Waiting]]:
     """Each named cause with its likeliest rivals and, to confirm the name, the cause nearest to it besides them."""
     causes = {c.name: c for c in diagnosis.case.causes}
     subspaces = diagnosis.case.subspaces()
     position = {c.name: i for i, c in enumerate(diagnosis.case.causes)}
-    pairs: list[tuple[Finding, Cause, Cause]] = []
+    pairs: list[tuple[NamedCause, Cause, Cause]] = []
     crowded: list[Crowded] = []
     waiting: list[Waiting] = []
     for finding in (f for f in diagnosis.findings if f.name in causes):

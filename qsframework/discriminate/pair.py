@@ -13,7 +13,7 @@ from qsframework.discriminate.alternatives import SEEN, Draw, Offer, batch, offe
 from qsframework.discriminate.t_optimal import STARTS, Chosen, Question, Taken, ask, choose, limit_angle, told
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.estimation.tails import normal_sf
-from qsframework.experiment import Certificate, Experiment, LoadCase, Plan, Readings, make_plan
+from qsframework.experiment import Experiment, LoadCase, Plan, PlanCertificate, Readings, make_plan
 from qsframework.plugin import Array, Parameter, Poses
 from qsframework.plugin.facts import frozen
 
@@ -212,7 +212,7 @@ def plan_of(
     """The chosen poses as a plan, with their certificate: 1 / s^2 against the bound."""
     index = chosen.index[np.lexsort((*poses.pendant[chosen.index].T[::-1], [loads[int(i)] for i in chosen.index]))]
     value, best = 1.0 / max(chosen.s, 1e-12) ** 2, 1.0 / max(chosen.bound, 1e-12) ** 2
-    certificate = Certificate(
+    certificate = PlanCertificate(
         criterion="T",
         value=value,
         relaxed_value=best,

@@ -16,12 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.elastostatics.evaluation import Placed
+from qsframework.elastostatics.evaluation import PlacedArm
 from qsframework.elastostatics.loads import wrench_along
 from qsframework.elastostatics.sensors import Sensed
 from qsframework.elastostatics.so3 import exponential, left_jacobian
 from qsframework.elastostatics.springs import Response
-from qsframework.elastostatics.state import Column
+from qsframework.elastostatics.state import PlacedSite
 from qsframework.plugin import Array, Geometry, Indices
 from qsframework.robot.kinematics import Twists, cross, twists_along
 
@@ -37,7 +37,7 @@ class Bending:
     rate: Array
 
 
-def element_readings(ev: Placed, sensed: Sensed | None, response: Response | None, loaded: bool) -> Array:
+def element_readings(ev: PlacedArm, sensed: Sensed | None, response: Response | None, loaded: bool) -> Array:
     """d reading / d element of the chain, (m, K, 3, N), of one state; without a response, of the pose that nothing
     deflects. Not of the elements that loops and compensators turn."""
     count, batch = len(ev.model.layout.chain), len(ev.poses)
@@ -59,7 +59,7 @@ def element_readings(ev: Placed, sensed: Sensed | None, response: Response | Non
     return out
 
 
-def _shift(marker: Column, count: int, bending: Bending | None) -> tuple[Array, Array | None]:
+def _shift(marker: PlacedSite, count: int, bending: Bending | None) -> tuple[Array, Array | None]:
     """Shift and spin (m, 3, N) of a marker per unit of each element; no spin of a rigid arm.
 
     Elements beyond the marker's link move it too: they shift the masses and the load that bend the arm before it.
@@ -79,7 +79,7 @@ def _shift(marker: Column, count: int, bending: Bending | None) -> tuple[Array, 
     return shift, spin
 
 
-def _bending(ev: Placed, response: Response, loaded: bool) -> Bending | None:
+def _bending(ev: PlacedArm, response: Response, loaded: bool) -> Bending | None:
     """None where no spring bends."""
     soft = np.flatnonzero(np.any(response.eps, axis=1) | np.any(response.slope, axis=1))
     if not len(soft):
@@ -110,7 +110,7 @@ def _bending(ev: Placed, response: Response, loaded: bool) -> Bending | None:
     return Bending(eps, response.react(response.slope[:, None] * torque))
 
 
-def _acting(ev: Placed, loaded: bool) -> Iterator[tuple[Twists, Array, Array | None]]:
+def _acting(ev: PlacedArm, loaded: bool) -> Iterator[tuple[Twists, Array, Array | None]]:
     """What pulls at the arm: the columns of where it acts, the force (3, N), and a moment."""
     if ev.preloaded:
         pull = np.broadcast_to(ev.model.gravity[:, None], (3, len(ev.poses)))
@@ -129,7 +129,7 @@ def _times(matrix: Array, vectors: Array) -> Array:
     return out
 
 
-def geometry_tangents(ev: Placed, wanted: Sequence[int], readings: Callable[[], Array], out: Array) -> list[int]:
+def geometry_tangents(ev: PlacedArm, wanted: Sequence[int], readings: Callable[[], Array], out: Array) -> list[int]:
     """Fill the rows of `out` (P, K, 3, N) of the wanted parameters of geometry, if they are several; the rows that are
     left.
 
@@ -146,7 +146,7 @@ def geometry_tangents(ev: Placed, wanted: Sequence[int], readings: Callable[[], 
     return list(range(len(wanted)))
 
 
-def _by_elements(ev: Placed, wanted: Sequence[int]) -> Iterator[tuple[int, list[tuple[int, Array]]]]:
+def _by_elements(ev: PlacedArm, wanted: Sequence[int]) -> Iterator[tuple[int, list[tuple[int, Array]]]]:
     """The rows of geometry, with the elements that each moves and the slopes (N,) or (1,); not of those that move
     what a loop or a compensator turns, nor of any where a spring between two points pulls."""
     layout = ev.model.layout

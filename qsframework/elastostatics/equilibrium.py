@@ -49,7 +49,7 @@ class Settled:
 
     at: _Residual
     eps: Array
-    K: springs.Stiffness
+    K: springs.ParallelStiffness
     commanded: Motion
     geometry: tuple[GeometryTerm, ...]
 
@@ -159,7 +159,7 @@ def _elastic(eps: Array) -> Array:
     )
 
 
-def _chord(slope: Array, K: springs.Stiffness, H: Array, rhs: Array) -> Array:
+def _chord(slope: Array, K: springs.ParallelStiffness, H: Array, rhs: Array) -> Array:
     """Two terms of (I + diag(slope) (K - H))^-1 in powers of H, which is small beside the springs."""
     first = springs.solve(K, slope, rhs)
     return first + springs.solve(K, slope, slope * np.einsum("abn,bn->an", H, first))
@@ -204,7 +204,7 @@ class _Residual:
 
 
 def _residual(
-    model: Structure, x: Array, state: State, compliance: Array, K: springs.Stiffness, eps: Array, weight: float
+    model: Structure, x: Array, state: State, compliance: Array, K: springs.ParallelStiffness, eps: Array, weight: float
 ) -> _Residual:
     context = state.motion.context
     applied = loads.apply_loads(model.of_kind(Load, x), state.tip.rotation, context)
@@ -233,7 +233,7 @@ def _residual(
     )
 
 
-def _equivalent(model: Structure, motion: Motion, x: Array) -> springs.Stiffness:
+def _equivalent(model: Structure, motion: Motion, x: Array) -> springs.ParallelStiffness:
     """K_eq of the commanded pose: the compensators' equivalent stiffness alone."""
     blocks: list[tuple[tuple[int, ...], Array]] = []
     for effect, xs in model.of_kind(ParallelSpring, x):
@@ -243,12 +243,12 @@ def _equivalent(model: Structure, motion: Motion, x: Array) -> springs.Stiffness
             blocks.append((joints, term.value))
     touched = tuple(sorted({j for joints, _ in blocks for j in joints}))
     rates = springs.joint_rates(motion, touched)
-    return springs.Stiffness(
+    return springs.ParallelStiffness(
         rates.active, springs.sandwich(rates.E, gather(touched, blocks, motion.q.shape[-1]), rates.E)
     )
 
 
-def _react(slope: Array, K: springs.Stiffness, H: Array, rhs: Array) -> Array:
+def _react(slope: Array, K: springs.ParallelStiffness, H: Array, rhs: Array) -> Array:
     """Solve (I + diag(slope) (K - H)) d = rhs for rhs (ne, ..., N). NotConverged where no d is told."""
     count = len(slope)
     A = -slope[:, None] * H

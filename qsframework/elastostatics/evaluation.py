@@ -43,7 +43,7 @@ class Held:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Placed:
+class PlacedArm:
     """A model at N poses and parameter values x, its chain placed: at the commanded angles, or where it settles.
 
     settled (ne, N): deflection of the coordinates where the chain is placed, None at the commanded angles; held: of the
@@ -92,7 +92,7 @@ class Placed:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Stages(Placed):
+class Stages(PlacedArm):
     """The commanded arm, up to the torques on the springs.
 
     compliance (ne,), tau and preload (ne, N) N m; the preload is None where nobody asked for it:
@@ -102,7 +102,7 @@ class Stages(Placed):
     compliance: Array
     tau: Array
     preload: Array | None
-    stiffness: springs.Stiffness
+    stiffness: springs.ParallelStiffness
     laws: springs.Laws
 
     @property
@@ -125,10 +125,10 @@ def evaluate_stages(model: Structure, poses: Poses, x: Array, preload: bool, loa
     touched = tuple(sorted({j for f in faces for j in f.joints}))
     rates = springs.joint_rates(motion, touched, active_coordinates(motion, touched, drawn))
     joint_stiffness = gather(touched, [(f.joints, f.stiffness.value) for f in faces], len(poses))
-    K = springs.Stiffness(rates.active, springs.sandwich(rates.E, joint_stiffness, rates.E))
+    K = springs.ParallelStiffness(rates.active, springs.sandwich(rates.E, joint_stiffness, rates.E))
     pulled = pulls.stiffness(drawn, motion.coefficients)
     if pulled is not None:
-        K = springs.Stiffness(rates.active, K.K + pulled[np.ix_(rates.active, rates.active)])
+        K = springs.ParallelStiffness(rates.active, K.K + pulled[np.ix_(rates.active, rates.active)])
     return Stages(
         model=model,
         x=x,

@@ -55,7 +55,7 @@ class LoopPlace:
 
 
 @dataclass(frozen=True)
-class Part:
+class CoordinatePart:
     """One term of an elastic coordinate: it moves an actuator, a bar or an element by `factor`."""
 
     kind: str
@@ -80,7 +80,7 @@ class Layout:
     loops: tuple[LoopPlace, ...]
     bars: int
     loop_bars: tuple[tuple[int, ...], ...]
-    coordinates: tuple[tuple[Part, ...], ...]
+    coordinates: tuple[tuple[CoordinatePart, ...], ...]
 
 
 def make_layout(facts: RobotFacts, effects: Sequence[Effect]) -> Layout:
@@ -90,13 +90,13 @@ def make_layout(facts: RobotFacts, effects: Sequence[Effect]) -> Layout:
     springs = [e for e in effects if isinstance(e, Spring)]
     virtual = {v: None for s in springs for v in s.virtual_joints(facts) if isinstance(v, VirtualJoint)}
     builder.build(list(virtual))
-    coordinates: list[tuple[Part, ...]] = []
+    coordinates: list[tuple[CoordinatePart, ...]] = []
     for spring in springs:
         places = [builder.part(v, loops) for v in spring.virtual_joints(facts)]
         if not mixes(spring):  # one to one
-            coordinates += [(Part(*place, 1.0),) for place in places]
+            coordinates += [(CoordinatePart(*place, 1.0),) for place in places]
             continue
-        every = tuple(Part(*place, 1.0) for place in places)  # until `mixed` knows the shares
+        every = tuple(CoordinatePart(*place, 1.0) for place in places)  # until `mixed` knows the shares
         coordinates += [every] * len(spring.compliances(facts))
     return Layout(
         facts=facts,
@@ -119,7 +119,7 @@ def mixed(layout: Layout, springs: Sequence[tuple[Spring, Array]], context: Cont
     """The layout with the shares by which coordinates move their virtual joints, at the springs' parameters."""
     if not any(mixes(spring) for spring, _ in springs):
         return layout
-    out: list[tuple[Part, ...]] = []
+    out: list[tuple[CoordinatePart, ...]] = []
     for spring, x in springs:
         first, count = len(out), len(spring.compliances(layout.facts))
         if not mixes(spring):
@@ -131,7 +131,7 @@ def mixed(layout: Layout, springs: Sequence[tuple[Spring, Array]], context: Cont
     return replace(layout, coordinates=tuple(out))
 
 
-def shared(parts: tuple[Part, ...], shares: Array) -> tuple[Part, ...]:
+def shared(parts: tuple[CoordinatePart, ...], shares: Array) -> tuple[CoordinatePart, ...]:
     """The parts of a coordinate with their shares (parts,) or (N, parts); those that move nothing drop out."""
     factors = [shares[..., v] if shares.ndim == 2 else float(shares[v]) for v in range(len(parts))]
     return tuple(replace(p, factor=f) for p, f in zip(parts, factors, strict=True) if np.any(f))

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from qsframework.elastostatics.motion import MotionRate, combine
-from qsframework.elastostatics.state import Column, ColumnRate, State
+from qsframework.elastostatics.state import PlacedSite, PlacedSiteRate, State
 from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, RobotFacts, laws
 from qsframework.robot.gravity import element_gravity
 from qsframework.robot.kinematics import Twists, twists_along
@@ -63,7 +63,7 @@ def wrench_along(terms: Sequence[LoadTerm], turn: Array | None, start: Array | N
     return change
 
 
-def wrench_torque(column: Column | ColumnRate, wrench: Array) -> Array:
+def wrench_torque(column: PlacedSite | PlacedSiteRate, wrench: Array) -> Array:
     """tau = D' w on the coordinates, (ne, N), for a wrench (6, N)."""
     return np.einsum("ecn,cn->en", column.linear, wrench[:3]) + np.einsum("ecn,cn->en", column.angular, wrench[3:])
 

@@ -13,7 +13,7 @@ import numpy as np
 from qsframework.elastostatics import springs
 from qsframework.elastostatics.direct import element_readings, geometry_tangents
 from qsframework.elastostatics.equilibrium import Settled, settle
-from qsframework.elastostatics.evaluation import Held, Placed, gather
+from qsframework.elastostatics.evaluation import Held, PlacedArm, gather
 from qsframework.elastostatics.sensors import said
 from qsframework.elastostatics.structure import Structure
 from qsframework.elastostatics.tangents import changes, reading_along
@@ -74,7 +74,7 @@ def _response(settled: Settled) -> springs.Response:
     A = at.slope[:, None] * stiffness
     A[range(count), range(count)] += 1.0
     inverse = np.asarray(np.linalg.inv(A.transpose(2, 0, 1)).transpose(1, 2, 0), dtype=np.float64)
-    reaction = springs.Stiffness(tuple(range(count)), stiffness)
+    reaction = springs.ParallelStiffness(tuple(range(count)), stiffness)
     return springs.Response(
         eps=np.zeros_like(at.T),
         T=at.T,
@@ -86,7 +86,7 @@ def _response(settled: Settled) -> springs.Response:
     )
 
 
-def _placed(at: SettledState) -> Placed:
+def _placed(at: SettledState) -> PlacedArm:
     """A settled batch as the chain rule looks at it."""
     model, x, settled, batch = at.model, at.x, at.settled, len(at.poses)
     motion, commanded = settled.at.state.motion, settled.commanded
@@ -103,7 +103,7 @@ def _placed(at: SettledState) -> Placed:
     if stiff:
         own = springs.joint_rates(commanded, touched, rates.active)
         held = Held(commanded, own, gather(touched, [(f.joints, f.stiffness.value) for f in faces], batch))
-    return Placed(
+    return PlacedArm(
         model=model,
         x=x,
         poses=at.poses,

@@ -109,7 +109,7 @@ def joint_rates(
 
 
 @dataclass(frozen=True, eq=False)
-class Stiffness:
+class ParallelStiffness:
     """K_par on the coordinates it touches: active (a,) indices, K (a, a, N) N m/rad."""
 
     active: tuple[int, ...]
@@ -152,7 +152,7 @@ class Response:
     eps: Array
     T: Array
     slope: Array
-    stiffness: Stiffness
+    stiffness: ParallelStiffness
     laws: Terms
     inverse: Array | None
     held: Array | None = None
@@ -162,7 +162,7 @@ class Response:
         return _solve(self.stiffness, self.inverse, rhs)
 
 
-def _inverse(stiffness: Stiffness, slope: Array) -> Array | None:
+def _inverse(stiffness: ParallelStiffness, slope: Array) -> Array | None:
     if not stiffness.active:
         return None
     size = len(stiffness.active)
@@ -172,7 +172,7 @@ def _inverse(stiffness: Stiffness, slope: Array) -> Array | None:
     return np.asarray(np.linalg.inv(A.transpose(2, 0, 1)).transpose(1, 2, 0), dtype=np.float64)
 
 
-def _solve(stiffness: Stiffness, inverse: Array | None, rhs: Array) -> Array:
+def _solve(stiffness: ParallelStiffness, inverse: Array | None, rhs: Array) -> Array:
     if inverse is None:
         return rhs
     out = rhs.copy()
@@ -181,12 +181,12 @@ def _solve(stiffness: Stiffness, inverse: Array | None, rhs: Array) -> Array:
     return out
 
 
-def solve(stiffness: Stiffness, slope: Array, rhs: Array) -> Array:
+def solve(stiffness: ParallelStiffness, slope: Array, rhs: Array) -> Array:
     """Solve (I + diag(slope) K_par) d = rhs (ne, N)."""
     return _solve(stiffness, _inverse(stiffness, slope), rhs)
 
 
-def respond_linear(compliance: Array, torque: Array, stiffness: Stiffness) -> Response:
+def respond_linear(compliance: Array, torque: Array, stiffness: ParallelStiffness) -> Response:
     """eps = (I + diag(c) K_par)^-1 diag(c) torque."""
     slope = compliance[:, None]
     inverse = _inverse(stiffness, slope)
@@ -213,7 +213,7 @@ Left = tuple[Array, Array, Array, Terms]
 Residual = Callable[[Array], Left]
 
 
-def respond(compliance: Array, torque: Array, stiffness: Stiffness, bends: Laws) -> Response:
+def respond(compliance: Array, torque: Array, stiffness: ParallelStiffness, bends: Laws) -> Response:
     """Solve eps = c T + f(T), T = torque - K_par eps, by Newton with backtracking.
 
     Raises NotConverged if a step cannot reduce the residual.

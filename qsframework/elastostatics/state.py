@@ -41,7 +41,7 @@ def site_in(frame: LinkFrame, xyz: Array) -> Site:
 
 
 @dataclass(frozen=True, eq=False)
-class Column:
+class PlacedSite:
     """A site's position (3, N), and its twist where it is asked for: an equilibrium asks for that of the tip only."""
 
     site: Site
@@ -79,8 +79,8 @@ class State:
 
     motion: Motion
     placed: Frames
-    tip: Column
-    markers: tuple[Column, ...]
+    tip: PlacedSite
+    markers: tuple[PlacedSite, ...]
 
     @property
     def D(self) -> Array:
@@ -98,13 +98,13 @@ def place(motion: Motion, tip: Site, markers: Sequence[Site], virtual: dict[int,
     return State(motion, placed, column(motion, placed, tip), tuple(column(motion, placed, m) for m in markers))
 
 
-def column(motion: Motion, placed: Frames, site: Site) -> Column:
+def column(motion: Motion, placed: Frames, site: Site) -> PlacedSite:
     """Position and Jacobian of one site."""
-    return Column(site, placed.point(site.link, site.xyz), motion, placed)
+    return PlacedSite(site, placed.point(site.link, site.xyz), motion, placed)
 
 
 @dataclass(frozen=True, eq=False)
-class ColumnRate:
+class PlacedSiteRate:
     """Derivative of a Column along one geometric parameter.
 
     position (3, N), turn (3, N) rad: how the site's link moves; linear, angular (ne, 3, N)
@@ -116,14 +116,14 @@ class ColumnRate:
     angular: Array
 
 
-def column_along(motion: Motion, site: Column, rate: MotionRate) -> ColumnRate:
+def column_along(motion: Motion, site: PlacedSite, rate: MotionRate) -> PlacedSiteRate:
     """Derivative of a site's position and Jacobian along element rates."""
     rates = rate.elements[: site.elements.upstream]
     slope = twists_along(site.elements, rates, motion.used)
     linear = combine(motion.coefficients, slope.linear) + combine(rate.coefficients, site.elements.linear)
     angular = combine(motion.coefficients, slope.angular) + combine(rate.coefficients, site.elements.angular)
     moved = np.flatnonzero(np.any(rates, axis=1))
-    return ColumnRate(
+    return PlacedSiteRate(
         np.einsum("ecn,en->cn", site.elements.linear[moved], rates[moved]),
         np.einsum("ecn,en->cn", site.elements.angular[moved], rates[moved]),
         linear,
@@ -131,10 +131,10 @@ def column_along(motion: Motion, site: Column, rate: MotionRate) -> ColumnRate:
     )
 
 
-def columns_along(motion: Motion, sites: Sequence[Column], rate: MotionRate) -> list[ColumnRate]:
+def columns_along(motion: Motion, sites: Sequence[PlacedSite], rate: MotionRate) -> list[PlacedSiteRate]:
     """`column_along` of sites, of which those on one link move as one body does, after the first."""
-    first: dict[int, tuple[Column, ColumnRate]] = {}
-    out: list[ColumnRate] = []
+    first: dict[int, tuple[PlacedSite, PlacedSiteRate]] = {}
+    out: list[PlacedSiteRate] = []
     for one in sites:
         link = one.site.link
         if link not in first:
@@ -145,5 +145,5 @@ def columns_along(motion: Motion, sites: Sequence[Column], rate: MotionRate) -> 
         arm = one.position - other.position
         swing = cross(known.turn, arm)
         linear = known.linear + cross(known.angular, arm) + cross(other.angular, swing)
-        out.append(ColumnRate(known.position + swing, known.turn, linear, known.angular))
+        out.append(PlacedSiteRate(known.position + swing, known.turn, linear, known.angular))
     return out

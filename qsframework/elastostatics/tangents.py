@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.elastostatics import loads, pulls, springs
-from qsframework.elastostatics.evaluation import Placed, gather, joint_torque
+from qsframework.elastostatics.evaluation import PlacedArm, gather, joint_torque
 from qsframework.elastostatics.motion import Motion, MotionRate, combine, mixed_along, motion_along
 from qsframework.elastostatics.sensors import Sensed
-from qsframework.elastostatics.state import Column, ColumnRate, columns_along
+from qsframework.elastostatics.state import PlacedSite, PlacedSiteRate, columns_along
 from qsframework.plugin import Array, Effect, Geometry, Load, Loop, ParallelSpring, Sensor, Spring, SpringLaw, laws
 
 
@@ -36,10 +36,10 @@ class Change:
     spring: tuple[int, ...] | None = None
     law: tuple[int, int] | None = None
     sensor: tuple[int, int] | None = None
-    markers: tuple[ColumnRate, ...] | None = None
+    markers: tuple[PlacedSiteRate, ...] | None = None
 
 
-def changes(ev: Placed, wanted: Sequence[int]) -> Iterator[tuple[int, Change]]:
+def changes(ev: PlacedArm, wanted: Sequence[int]) -> Iterator[tuple[int, Change]]:
     """Row and change for each wanted position in x, one at a time because they are large."""
     counts: dict[type, int] = {}
     for effect, part in zip(ev.model.effects, ev.model.slices, strict=True):
@@ -57,7 +57,7 @@ def changes(ev: Placed, wanted: Sequence[int]) -> Iterator[tuple[int, Change]]:
                     yield row, _RULES[kind](ev, number, i)
 
 
-def answer(ev: Placed, response: springs.Response, change: Change, loaded: bool) -> Array:
+def answer(ev: PlacedArm, response: springs.Response, change: Change, loaded: bool) -> Array:
     """d eps (ne, N) of one state; the wrench acts on the loaded one only."""
     if change.spring is not None:
         rhs = np.zeros_like(response.eps)
@@ -83,13 +83,13 @@ def answer(ev: Placed, response: springs.Response, change: Change, loaded: bool)
     return response.react(rhs)
 
 
-def carry(columns: Sequence[Column | ColumnRate], eps: Array, turn: bool = False) -> Array:
+def carry(columns: Sequence[PlacedSite | PlacedSiteRate], eps: Array, turn: bool = False) -> Array:
     """Shift (K, 3, N) of the markers, or the turn of their links, under a deflection eps (ne, N)."""
     return np.stack([np.einsum("ecn,en->cn", c.angular if turn else c.linear, eps) for c in columns])
 
 
 def reading_along(
-    ev: Placed, sensed: Sensed | None, response: springs.Response | None, change: Change, loaded: bool
+    ev: PlacedArm, sensed: Sensed | None, response: springs.Response | None, change: Change, loaded: bool
 ) -> Array:
     """d reading (K, 3, N) of one state; a response of None is the pose that nothing deflects."""
     if change.sensor is not None:
@@ -121,7 +121,7 @@ def reading_along(
     return total + np.einsum("nkij,nkj->kin", sensed.by_rotation, turn)
 
 
-def _ratio(ev: Placed, effect: Spring, first: int, i: int) -> Change:
+def _ratio(ev: PlacedArm, effect: Spring, first: int, i: int) -> Change:
     """A ratio by which a spring's coordinates, from `first` on, move its virtual joints."""
     x = next(xs for e, xs in ev.model.of_kind(Spring, ev.x) if e is effect)
     slope = laws.mixing_slope(effect, x, ev.motion.context)[..., i]
@@ -133,7 +133,7 @@ def _ratio(ev: Placed, effect: Spring, first: int, i: int) -> Change:
     return _geometric(ev, moved)
 
 
-def _parallel(ev: Placed, number: int, i: int) -> Change:
+def _parallel(ev: PlacedArm, number: int, i: int) -> Change:
     pull = ev.pulls[number]
     if pull is not None:
         return _pulled(ev, pull, i)
@@ -149,7 +149,7 @@ def _parallel(ev: Placed, number: int, i: int) -> Change:
     return Change(K=K, preload=preload)
 
 
-def _pulled(ev: Placed, pull: pulls.Pull, i: int) -> Change:
+def _pulled(ev: PlacedArm, pull: pulls.Pull, i: int) -> Change:
     """A parameter of a spring between two points."""
     coefficients, active, K = ev.motion.coefficients, ev.rates.active, None
     if ev.settled is None:
@@ -157,11 +157,11 @@ def _pulled(ev: Placed, pull: pulls.Pull, i: int) -> Change:
     return Change(K=K, preload=combine(coefficients, pull.torque_by(i)) if ev.preloaded else None)
 
 
-def _law(ev: Placed, number: int, i: int) -> Change:
+def _law(ev: PlacedArm, number: int, i: int) -> Change:
     return Change(law=(number, i))
 
 
-def _load(ev: Placed, number: int, i: int) -> Change:
+def _load(ev: PlacedArm, number: int, i: int) -> Change:
     terms = ev.applied.terms
     wrench = loads.wrench_along(terms, None, terms[number].dx[..., i], number + 1)
     preload = None
@@ -172,24 +172,24 @@ def _load(ev: Placed, number: int, i: int) -> Change:
     return Change(tau=loads.wrench_torque(ev.state.tip, wrench.T), preload=preload)
 
 
-def _sensor(ev: Placed, number: int, i: int) -> Change:
+def _sensor(ev: PlacedArm, number: int, i: int) -> Change:
     return Change(sensor=(number, i))
 
 
-def _geometry(ev: Placed, number: int, i: int) -> Change:
+def _geometry(ev: PlacedArm, number: int, i: int) -> Change:
     term = ev.geometry[number]
     twists = None if term.twists_dx is None else term.twists_dx[..., i].transpose(1, 2, 0)
     bars = np.zeros((ev.model.layout.bars, len(ev.poses)))
     return _geometric(ev, lambda motion: motion_along(motion, term.angles_dx[..., i].T, bars, twists))
 
 
-def _loop(ev: Placed, number: int, i: int) -> Change:
+def _loop(ev: PlacedArm, number: int, i: int) -> Change:
     bars = np.zeros((ev.model.layout.bars, len(ev.poses)))
     bars[ev.model.layout.loop_bars[number][i]] = 1.0
     return _geometric(ev, lambda motion: motion_along(motion, np.zeros_like(motion.q), bars, None))
 
 
-def _geometric(ev: Placed, moved: Callable[[Motion], MotionRate]) -> Change:
+def _geometric(ev: PlacedArm, moved: Callable[[Motion], MotionRate]) -> Change:
     """A change of the unloaded geometry reaches every stage after it. moved: how it moves a motion"""
     rate = moved(ev.motion)
     tip, *markers = columns_along(ev.motion, (ev.state.tip, *ev.state.markers), rate)
@@ -202,12 +202,12 @@ def _geometric(ev: Placed, moved: Callable[[Motion], MotionRate]) -> Change:
     return Change(tau=tau, K=_stiffness_along(ev, moved, rate, dE), preload=preload, markers=tuple(markers))
 
 
-def _joint_rate(ev: Placed, joints: Sequence[int], rate: MotionRate) -> Array:
+def _joint_rate(ev: PlacedArm, joints: Sequence[int], rate: MotionRate) -> Array:
     return rate.elements[[ev.model.layout.joint_elements[j] for j in joints]]
 
 
 def _stiffness_along(
-    ev: Placed, moved: Callable[[Motion], MotionRate], rate: MotionRate, dE: Array
+    ev: PlacedArm, moved: Callable[[Motion], MotionRate], rate: MotionRate, dE: Array
 ) -> tuple[Sequence[tuple[Array, Array, Array]], Array | None] | None:
     """d (E' k E), as products, and that of springs between two points, as a matrix."""
     if ev.held is None:
@@ -224,7 +224,7 @@ def _stiffness_along(
     return [(E, gather(ev.touched, blocks, len(ev.poses)), E), (dE, K, E), (E, K, dE)], matrix
 
 
-def _preload_along(ev: Placed, rate: MotionRate, dE: Array) -> Array:
+def _preload_along(ev: PlacedArm, rate: MotionRate, dE: Array) -> Array:
     total = loads.gravity_torque_along(ev.state, ev.masses, ev.model.gravity, rate)
     slope = np.zeros((len(ev.touched), len(ev.poses)))
     for f in ev.faces:
@@ -237,7 +237,7 @@ def _preload_along(ev: Placed, rate: MotionRate, dE: Array) -> Array:
     return total if pulled is None else total + pulled
 
 
-_RULES: dict[type[Effect], Callable[[Placed, int, int], Change]] = {
+_RULES: dict[type[Effect], Callable[[PlacedArm, int, int], Change]] = {
     Geometry: _geometry,
     Loop: _loop,
     ParallelSpring: _parallel,

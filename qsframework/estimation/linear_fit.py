@@ -37,7 +37,7 @@ _STILL = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut:
+class HeldOutBlocks:
     """B blocks of coordinates, each against the fit without it. label, size (B,): of each block; chi2_drop (B,): by
     how much the sum of squares falls without it, 0 where the others cannot do without it."""
 
@@ -96,7 +96,7 @@ class LinearFit:
         """Probability that chance alone makes the sum of squares fall so far with `size` more columns."""
         return chance(chi2_drop, size, self.chi2, self.dof, self.stated)
 
-    def held_out(self, label: Indices) -> HeldOut:
+    def held_out(self, label: Indices) -> HeldOutBlocks:
         """What blocks of coordinates, by label (m,), do when each is left out; label -1: in no block."""
         slope, q = self._shifts
         names, sizes, drops = [_NONE], [_NONE], [np.zeros(0)]
@@ -107,7 +107,7 @@ class LinearFit:
                 drops.append(np.einsum("bs,bs->b", slope[at[part]], values))
         own = np.concatenate(names)
         order = np.argsort(own)
-        return HeldOut(own[order], np.concatenate(sizes)[order], np.concatenate(drops)[order])
+        return HeldOutBlocks(own[order], np.concatenate(sizes)[order], np.concatenate(drops)[order])
 
     def held_out_errors(self, label: Indices, carried: float = CARRIED) -> Array:
         """Whitened errors (m,) at each block, by label, when it is left out of the fit; NaN where it cannot be.

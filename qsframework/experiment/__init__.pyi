@@ -3,10 +3,15 @@ from .constraints import Constraints as Constraints, Sight as Sight
 from .differences import differences as differences
 from .examples import example as example
 from .frames import Frame as Frame
-from .observations import Bridge as Bridge, Rows as Rows, bridge as bridge, make_rows as make_rows
+from .observations import (
+    ObservationModel as ObservationModel,
+    ReadingRows as ReadingRows,
+    bridge as bridge,
+    make_rows as make_rows,
+)
 from .plan import (
-    Certificate as Certificate,
     Plan as Plan,
+    PlanCertificate as PlanCertificate,
     make_plan as make_plan,
     read_plan as read_plan,
     read_poses as read_poses,
@@ -23,7 +28,7 @@ from .setup import (
     LoadCase as LoadCase,
     LoadUncertainty as LoadUncertainty,
     Marker as Marker,
-    Noise as Noise,
+    StatedNoise as StatedNoise,
     load_experiment as load_experiment,
 )
 from .simulate import Simulation as Simulation, simulate as simulate

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from qsframework.errors import Place, Problem, nearest
+from qsframework.errors import Problem, ProblemPlace, nearest
 from qsframework.experiment.spec import ConstraintsSpec, ExperimentSpec, SightSpec
 from qsframework.files import Document
 from qsframework.plugin import Array
@@ -123,7 +123,7 @@ def _line(document: Document, stem: str, joint: str) -> int | None:
     return document.line("constraints", key, joint)
 
 
-def _unit_problems(stem: str, robot: Robot, joint: str, slides: bool, here: Place) -> list[Problem]:
+def _unit_problems(stem: str, robot: Robot, joint: str, slides: bool, here: ProblemPlace) -> list[Problem]:
     """What is wrong with the name of a joint, or with the unit of its values. slides: whether they are lengths"""
     if joint not in robot.facts.driven:
         return [Problem(f"{stem}: no joint {joint!r} on the pendant", **here, allowed=", ".join(robot.facts.driven))]
@@ -134,7 +134,7 @@ def _unit_problems(stem: str, robot: Robot, joint: str, slides: bool, here: Plac
 
 
 def _joint_problems(document: Document, robot: Robot, joint: str, ends: list[float], slides: bool) -> list[Problem]:
-    here: Place = {"file": str(document.path), "line": _line(document, "joint_limits", joint)}
+    here: ProblemPlace = {"file": str(document.path), "line": _line(document, "joint_limits", joint)}
     wrong = _unit_problems("joint_limits", robot, joint, slides, here)
     if wrong:
         return wrong
@@ -153,7 +153,7 @@ def _value_problems(document: Document, spec: ExperimentSpec, robot: Robot) -> l
     limits = spec.constraints.joint_limits | spec.constraints.joint_travel
     turns, slides = spec.constraints.joint_values, spec.constraints.joint_places
     for joint, angles in (*turns.items(), *slides.items()):
-        here: Place = {"file": str(document.path), "line": _line(document, "joint_values", joint)}
+        here: ProblemPlace = {"file": str(document.path), "line": _line(document, "joint_values", joint)}
         wrong = _unit_problems("joint_values", robot, joint, joint in slides, here)
         problems += wrong
         if wrong:

@@ -32,7 +32,7 @@ _SAME = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class ReadingRows:
     """The R rows of readings that a fit sees, and their m measured coordinates.
 
     keep (R,): places in the readings; at (m,): places of the measured coordinates in (R, 3), flattened; pose (R,):
@@ -142,11 +142,11 @@ class Rows:
         """Name of the pose of each row."""
         return tuple(self.readings.states.pose[int(s)] for s in self.plus)
 
-    def sharing(self, shared: float) -> Rows:
+    def sharing(self, shared: float) -> ReadingRows:
         """The same rows, the markers of a visit with a common error of this sd."""
         return replace(self, shared=shared)
 
-    def take(self, rows: Indices | npt.NDArray[np.bool_]) -> Rows:
+    def take(self, rows: Indices | npt.NDArray[np.bool_]) -> ReadingRows:
         """Some of the rows; poses keep their numbers."""
         keep = self.keep[rows]
         return replace(self, keep=keep, at=_measured(self.readings, keep), pose=self.pose[rows])
@@ -416,12 +416,12 @@ class Padded:
         return out
 
 
-def make_rows(readings: Readings) -> Rows:
+def make_rows(readings: Readings) -> ReadingRows:
     """The rows in use. InputError where there are none."""
     keep = np.flatnonzero(readings.use & np.isfinite(readings.value).any(axis=1))
     if not len(keep):
         raise InputError(f"{readings.where}: every reading is masked (use = 0)")
-    return Rows(readings, keep, _measured(readings, keep), _poses(readings)[readings.plus[keep]])
+    return ReadingRows(readings, keep, _measured(readings, keep), _poses(readings)[readings.plus[keep]])
 
 
 def _measured(readings: Readings, keep: Indices) -> Indices:
@@ -441,14 +441,14 @@ def _poses(readings: Readings) -> Indices:
 
 
 @dataclass(frozen=True, eq=False)
-class Bridge:
+class ObservationModel:
     """Readings of an experiment as observations: rows, the frames about which motions are counted, and all values x.
 
     names: the parameters that are observed, the others stay as in x; linear: by the first step from the commanded pose
     """
 
     model: Model
-    rows: Rows
+    rows: ReadingRows
     frames: tuple[Frame, ...]
     x: Array
     names: tuple[str, ...]
@@ -517,8 +517,8 @@ def bridge(
     linear: bool = False,
     x: Array | None = None,
     frames: Sequence[Frame] | None = None,
-    rows: Rows | None = None,
-) -> Bridge:
+    rows: ReadingRows | None = None,
+) -> ObservationModel:
     """The observations that readings are of the named parameters, those of `fit:` by default.
 
     x: values of all parameters to stand at, nominal if None; frames: where to start, by Procrustes if None
@@ -527,7 +527,7 @@ def bridge(
     rows = make_rows(readings) if rows is None else rows
     x = start_values(experiment, experiment.fit_names() if names is None else names) if x is None else x
     found = rows.start(model, x) if frames is None else tuple(frames)
-    return Bridge(model, rows, found, x, tuple(experiment.fit_names() if names is None else names), linear)
+    return ObservationModel(model, rows, found, x, tuple(experiment.fit_names() if names is None else names), linear)
 
 
 def start_values(experiment: Experiment, names: Sequence[str]) -> Array:

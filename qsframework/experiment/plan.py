@@ -34,7 +34,7 @@ from qsframework.viewed import Viewed
 
 
 @dataclass(frozen=True, kw_only=True)
-class Certificate:
+class PlanCertificate:
     """How far a plan is from the best: criterion values and certified efficiencies.
 
     value is the criterion of the plan, relaxed_value that of the relaxed design with as many poses;
@@ -101,7 +101,7 @@ class Plan(Viewed):
     load: tuple[str, ...]
     repeats: tuple[int, ...]
     criterion: str
-    certificate: Certificate | None
+    certificate: PlanCertificate | None
     seed: int | None
     units: JointUnits | None = None
     """Of the joints; None: all of them turn."""
@@ -124,7 +124,7 @@ def make_plan(
     load: Sequence[str],
     repeats: Sequence[int] | None = None,
     criterion: str = "",
-    certificate: Certificate | None = None,
+    certificate: PlanCertificate | None = None,
     seed: int | None = None,
     names: Sequence[str] | None = None,
     units: JointUnits | None = None,
@@ -252,7 +252,7 @@ def _repeated_poses(table: Table, constant: Array) -> list[Problem]:
     return problems
 
 
-def _proof(path: Path) -> tuple[Certificate | None, str, int | None]:
+def _proof(path: Path) -> tuple[PlanCertificate | None, str, int | None]:
     beside = path.with_suffix(".json")
     if not beside.is_file():
         return None, "", None
@@ -270,7 +270,7 @@ def _proof(path: Path) -> tuple[Certificate | None, str, int | None]:
         "parameters": tuple(stored.parameters),
         "notes": tuple(stored.notes),
     }
-    return Certificate(**values), proof.criterion, proof.seed
+    return PlanCertificate(**values), proof.criterion, proof.seed
 
 
 def _units_hint(name: str, fits: bool) -> str | None:

@@ -48,7 +48,7 @@ class Marker:
 
 
 @dataclass(frozen=True)
-class Noise:
+class StatedNoise:
     """Standard deviations of one coordinate of a reading, m; None: not stated, to be estimated.
 
     sigma: of a displacement, as plans count it; position, displacement, gauge: where the kinds are stated apart, and
@@ -98,7 +98,7 @@ class Experiment:
     robot: Robot
     load_point: Array
     markers: tuple[Marker, ...]
-    noise: Noise
+    noise: StatedNoise
     loads: tuple[LoadCase, ...]
     effects: tuple[Effect, ...]
     parameters: tuple[Parameter, ...]
@@ -253,12 +253,12 @@ def load_experiment(path: str | Path, *, trust: bool | None = None) -> Experimen
     return experiment
 
 
-def _noise(spec: ExperimentSpec) -> Noise:
+def _noise(spec: ExperimentSpec) -> StatedNoise:
     if isinstance(spec.noise, str):
-        return Noise(None)
+        return StatedNoise(None)
     n = spec.noise
     plain = n.displacement_sigma if n.sigma is None else n.sigma
-    return Noise(plain, n.position_sigma, n.displacement_sigma, n.gauge_sigma, n.repeatability)
+    return StatedNoise(plain, n.position_sigma, n.displacement_sigma, n.gauge_sigma, n.repeatability)
 
 
 def _nominal(

@@ -11,11 +11,11 @@ import numpy as np
 
 from qsframework.elastostatics import Model
 from qsframework.experiment.frames import Frame
-from qsframework.experiment.observations import Rows
+from qsframework.experiment.observations import ReadingRows
 from qsframework.plugin import Array, Conditions, Poses
 
 
-def positions_of(many: Sequence[Rows], model: Model, x: Array) -> list[Array]:
+def positions_of(many: Sequence[ReadingRows], model: Model, x: Array) -> list[Array]:
     """`Rows.positions` of each, by the tangent model."""
     return [
         found for (found,) in _of_states(many, lambda poses, loaded: (model.positions(poses, x, loaded, linear=True),))
@@ -23,7 +23,7 @@ def positions_of(many: Sequence[Rows], model: Model, x: Array) -> list[Array]:
 
 
 def rates_of(
-    many: Sequence[Rows], model: Model, x: Array, frames: Sequence[Sequence[Frame]], names: Sequence[str]
+    many: Sequence[ReadingRows], model: Model, x: Array, frames: Sequence[Sequence[Frame]], names: Sequence[str]
 ) -> list[tuple[Array, Array]]:
     """`Rows.rates` of each, by the tangent model, in its own frames."""
     pairs = [rows.pairs[0] for rows in many if rows.pairs is not None]
@@ -34,7 +34,7 @@ def rates_of(
     return [rows.of_states(one[0], one[1], own) for rows, one, own in zip(many, both, frames, strict=True)]
 
 
-def _of_states(many: Sequence[Rows], ask: Callable[[Poses, bool], tuple[Array, ...]]) -> list[list[Array]]:
+def _of_states(many: Sequence[ReadingRows], ask: Callable[[Poses, bool], tuple[Array, ...]]) -> list[list[Array]]:
     """What is asked of the states that each needs, (S, ...) in their order; of states that several share, once."""
     distinct = {id(rows.readings.states): rows.split() for rows in many}
     out: dict[int, list[Array]] = {own: [] for own in distinct}

@@ -30,7 +30,7 @@ class Why(Enum):
 
 
 @dataclass(frozen=True)
-class Size:
+class DetectableSize:
     """What one parameter of a cause must be, alone, to be seen.
 
     s: visible size at the typical size; detect, name: smallest deviation (SI) that is detected and that is named,
@@ -54,7 +54,7 @@ class Prospect:
 
     cause: Cause
     status: Outlook
-    sizes: tuple[Size, ...] = ()
+    sizes: tuple[DetectableSize, ...] = ()
     nearest: str = ""
     angle: float = float("nan")
     aliases: tuple[str, ...] = ()
@@ -78,7 +78,7 @@ class Pair:
 
 
 @dataclass(frozen=True)
-class Curve:
+class PowerCurve:
     """Detection rate against s of causes with so many directions, which can only grow where they are one-sided."""
 
     dof: int
@@ -101,7 +101,7 @@ class Foresight:
     pairs: tuple[Pair, ...]
     groups: tuple[tuple[str, ...], ...]
     angles: Array
-    curves: tuple[Curve, ...]
+    curves: tuple[PowerCurve, ...]
     case: Case
     poses: int
     sigma: float

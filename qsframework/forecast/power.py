@@ -16,14 +16,14 @@ import numpy as np
 
 from qsframework.diagnose.linearization.candidates import REACH, Cause, find_causes
 from qsframework.diagnose.linearization.columns import Case, Subspace, plan_case
-from qsframework.diagnose.selection.family_test import Block, chance
+from qsframework.diagnose.selection.family_test import FamilyBlock, chance
 from qsframework.diagnose.selection.principal_angles import alias_classes, angle_matrix, named_from
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import rank_test
 from qsframework.estimation.tails import chi2_isf
 from qsframework.experiment import Experiment, Plan
 from qsframework.forecast.effect_size import Bench
-from qsframework.forecast.forecast import Curve, Foresight, Outlook, Pair, Prospect, Size, Why
+from qsframework.forecast.forecast import DetectableSize, Foresight, Outlook, Pair, PowerCurve, Prospect, Why
 from qsframework.information import loss_words
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.work import HERE, Work, run
@@ -121,7 +121,7 @@ def forecast(
 
 
 def _make_test(subspaces: tuple[Subspace, ...], readings: int, level: float, power: float, seed: int) -> _Test:
-    blocks = [Block(s.Q, s.one_sided) for s in subspaces]
+    blocks = [FamilyBlock(s.Q, s.one_sided) for s in subspaces]
     log_p = float(np.quantile(chance(blocks, seed=seed), level))
     Q = np.concatenate([b.columns for b in blocks], axis=1)
     dof = np.array([b.columns.shape[1] for b in blocks])
@@ -194,7 +194,7 @@ def _prospect(case: Case, test: _Test, angles: Array, i: int, found: list[tuple[
         typical, left = float(np.linalg.norm(case.B[i], axis=0).max(initial=0.0)), subspace.reach / REACH
         return Prospect(cause=cause, status=Outlook.INVISIBLE, why=_hidden(typical), typical=typical, left=left)
     own = next(c for c in test.heads if i in c)
-    sizes = tuple(Size(p, *size) for p, size in zip(cause.parameters, found, strict=True))
+    sizes = tuple(DetectableSize(p, *size) for p, size in zip(cause.parameters, found, strict=True))
     aliases = tuple(case.causes[j].name for j in own if j != i)
     row = angles[i].copy()
     row[list(own)] = np.nan
@@ -204,7 +204,7 @@ def _prospect(case: Case, test: _Test, angles: Array, i: int, found: list[tuple[
     return Prospect(cause=cause, status=status, sizes=sizes, nearest=nearest, angle=angle, aliases=aliases, why=why)
 
 
-def _status(cause: Cause, sizes: Sequence[Size], aliases: Sequence[str]) -> tuple[Outlook, Why | None]:
+def _status(cause: Cause, sizes: Sequence[DetectableSize], aliases: Sequence[str]) -> tuple[Outlook, Why | None]:
     """What a realistic size of a visible cause comes to, and why it is not more."""
     most = [REACH * size for size in cause.sizes]
     if not any(x.detect <= m for x, m in zip(sizes, most, strict=True)):
@@ -223,14 +223,16 @@ def _hidden(typical: float) -> Why:
     return Why.LITTLE_LOAD if REACH * typical < 4.0 else Why.ABSORBED
 
 
-def _size(case: Case, test: _Test, i: int, j: int, own: Sequence[int], share: float, bench: Bench | None) -> Size:
+def _size(
+    case: Case, test: _Test, i: int, j: int, own: Sequence[int], share: float, bench: Bench | None
+) -> DetectableSize:
     """The smallest visible deviations of parameter j of cause i, alone."""
     cause, mine = case.causes[i], np.flatnonzero(test.owner == i)
     along = test.subspaces[i].Q.T @ case.B[i][:, j]
     s = float(np.linalg.norm(along))
     parameter, typical = cause.parameters[j], cause.sizes[j]
     if s * REACH < 1.0:
-        return Size(parameter, s, np.inf, np.inf)
+        return DetectableSize(parameter, s, np.inf, np.inf)
     surely, perhaps = _reached(test, i, test.G[:, mine] @ (along / s))
     detect = float((test.needed / np.maximum(surely, 1e-12)).min())
     rivals = [c[0] for c in test.heads if c[0] not in own]
@@ -247,7 +249,7 @@ def _size(case: Case, test: _Test, i: int, j: int, own: Sequence[int], share: fl
         for k, seen in enumerate((detect, name)):
             if found[k] <= most:
                 found[k] = bench.size_for(cause, j, test.subspaces[i].Q, found[k], seen)
-    return Size(parameter, s, found[0], found[1])
+    return DetectableSize(parameter, s, found[0], found[1])
 
 
 def _reached(test: _Test, i: int, products: Array) -> tuple[Array, Array]:
@@ -298,11 +300,11 @@ def _groups(names: Sequence[str], subspaces: Sequence[Subspace]) -> tuple[tuple[
     return tuple(tuple(names[i] for i in members) for members in sets if len(members) > 1)
 
 
-def _curves(test: _Test) -> tuple[Curve, ...]:
+def _curves(test: _Test) -> tuple[PowerCurve, ...]:
     """Detection rate of causes with one direction, which can only grow or not, and with more."""
     s = np.linspace(0.0, 12.0, 121)
-    out: list[Curve] = []
+    out: list[PowerCurve] = []
     for k, side in sorted({(int(d), bool(o)) for d, o in zip(test.dof, test.sided, strict=True) if d}):
         limit = float(test.thresholds[(test.dof == k) & (test.sided == side)][0])
-        out.append(Curve(k, side, s, detection_rate(s, k, side, limit)))
+        out.append(PowerCurve(k, side, s, detection_rate(s, k, side, limit)))
     return tuple(out)

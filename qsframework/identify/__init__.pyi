@@ -1,4 +1,4 @@
-from .estimate import Estimate as Estimate, State as State
+from .estimate import Estimate as Estimate, EstimateState as EstimateState
 from .fit import Fit as Fit
 from .identify import identify as identify, masked_words as masked_words
 from .io import write_nominal as write_nominal

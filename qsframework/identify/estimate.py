@@ -28,7 +28,7 @@ _SHOWN = {"rad/(N m)": (1e6, "urad/(N m)"), "m/N": (1e6, "um/N"), "m": (1e3, "mm
 """The units in which the table of a fit shows values: a limit stands beside them."""
 
 
-class State(Enum):
+class EstimateState(Enum):
     """What is to be said of an estimate."""
 
     FINE = "fine"
@@ -58,7 +58,7 @@ class Estimate(FileRecord):
     initial: float
     lower: Annotated[float, null(-math.inf)]
     upper: Annotated[float, null(math.inf)]
-    state: State = State.FINE
+    state: EstimateState = EstimateState.FINE
     limit: float | None = None
     free_sd: Annotated[float, null(math.inf)] = math.inf
     readings_sd: Annotated[float, null(math.inf)] = math.inf
@@ -87,7 +87,7 @@ def estimate_of(p: Parameter, value: float, sd: float, free: float, alone: float
     alone = sd if alone is None else alone
     state, limit = _state(p, value, sd, free)
     if sd > 0.0 and alone > max(_HELD * sd, _UNTOLD * p.typical):
-        state, limit = State.NOT_IDENTIFIABLE, None
+        state, limit = EstimateState.NOT_IDENTIFIABLE, None
     return Estimate(
         name=p.name,
         unit=p.unit,
@@ -105,27 +105,27 @@ def estimate_of(p: Parameter, value: float, sd: float, free: float, alone: float
     )
 
 
-def _state(p: Parameter, value: float, sd: float, free: float) -> tuple[State, float | None]:
+def _state(p: Parameter, value: float, sd: float, free: float) -> tuple[EstimateState, float | None]:
     """A value that is clear of zero is told, however small its nominal value; one that is not is told where its sd is
     below what the parameter is expected to be: then it is an upper limit."""
     size = p.scale if p.sd is None else max(p.scale, p.sd)
     if sd == 0.0:
-        return State.FIXED, None
+        return EstimateState.FIXED, None
     if np.isfinite(sd) and abs(value - p.nominal) - 2.0 * sd > _ABSURD * max(size, p.typical):
-        return State.IMPLAUSIBLE, None
+        return EstimateState.IMPLAUSIBLE, None
     if np.isnan(sd):
         told = np.isfinite(free) and free <= max(abs(value), size)
-        return (State.AT_BOUND if told else State.NOT_IDENTIFIABLE), None
+        return (EstimateState.AT_BOUND if told else EstimateState.NOT_IDENTIFIABLE), None
     beyond = max(p.lower - value, value - p.upper, 0.0)
     if sd > size and abs(value) < CLEAR * sd and beyond <= 2.0 * sd:
-        return State.NOT_IDENTIFIABLE, None
+        return EstimateState.NOT_IDENTIFIABLE, None
     if beyond > 0.0:
-        return State.BEYOND_BOUND, (abs(value) + _LIMIT * sd) if beyond <= sd else None
+        return EstimateState.BEYOND_BOUND, (abs(value) + _LIMIT * sd) if beyond <= sd else None
     if p.sd is not None and abs(value - p.nominal) > _FAR * p.sd:
-        return State.OUTSIDE_PRIOR, None
+        return EstimateState.OUTSIDE_PRIOR, None
     if sd > abs(value):
-        return State.UPPER_LIMIT, abs(value) + _LIMIT * sd
-    return State.FINE, None
+        return EstimateState.UPPER_LIMIT, abs(value) + _LIMIT * sd
+    return EstimateState.FINE, None
 
 
 def _words(e: Estimate) -> str:
@@ -133,27 +133,27 @@ def _words(e: Estimate) -> str:
     share = f"{100 * e.free_sd / abs(e.initial):.0f} % of its nominal value" if e.initial else "above its value"
     share = share if np.isfinite(e.free_sd) else "without limit"
     end = f"at its {'lower' if e.value - e.lower < e.upper - e.value else 'upper'} bound {e.value:g}"
-    if e.state is State.FIXED:
+    if e.state is EstimateState.FIXED:
         return "fixed"
-    if e.state is State.AT_BOUND:
+    if e.state is EstimateState.AT_BOUND:
         return f"{end}: it errs to one side only, so no sd is quoted"
-    if e.state is State.NOT_IDENTIFIABLE:
+    if e.state is EstimateState.NOT_IDENTIFIABLE:
         if np.isnan(e.sd):
             return f"not identifiable from these readings: {end}, and without it its sd is {share}"
         if e.held:
             alone = "without limit" if np.isinf(e.readings_sd) else _in_unit(e.readings_sd, e.unit)
             return f"not identifiable: the readings alone give an sd {alone}; held near its nominal value"
         return f"not identifiable from these readings: its sd is {share}"
-    if e.state is State.BEYOND_BOUND:
+    if e.state is EstimateState.BEYOND_BOUND:
         side = f"below its bound {e.lower:g}" if e.value < e.lower else f"above its bound {e.upper:g}"
         if e.limit is None:
             return f"{side}: the model or a convention is wrong"
         return f"{side}, by less than its sd" + (f": {_zero(e)}" if e.sd > abs(e.value) else "")
-    if e.state is State.OUTSIDE_PRIOR and e.prior_sd is not None:
+    if e.state is EstimateState.OUTSIDE_PRIOR and e.prior_sd is not None:
         return f"{abs(e.value - e.initial) / e.prior_sd:.0f} prior sds from its initial value"
-    if e.state is State.IMPLAUSIBLE:
+    if e.state is EstimateState.IMPLAUSIBLE:
         return f"implausible: {abs(e.value - e.initial) / e.size:.0f} natural sizes from its initial value"
-    return _zero(e) if e.state is State.UPPER_LIMIT else ""
+    return _zero(e) if e.state is EstimateState.UPPER_LIMIT else ""
 
 
 def _zero(e: Estimate) -> str:

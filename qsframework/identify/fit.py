@@ -11,7 +11,7 @@ import numpy.typing as npt
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError
 from qsframework.estimation import Observations, RankTest, Solution, rms
-from qsframework.experiment import Bridge, Readings, make_rows
+from qsframework.experiment import ObservationModel, Readings, make_rows
 from qsframework.experiment.readings import Alignment, Made
 from qsframework.identify.record import FitRecord
 from qsframework.identify.selection import LeftAside
@@ -26,7 +26,7 @@ class Found:
     covariance (p, p) of noise of the stated size; solved: the observations of the solution, weak holds included
     """
 
-    seen: Bridge
+    seen: ObservationModel
     solution: Solution
     covariance: Array
     method: str

@@ -25,11 +25,11 @@ from qsframework.estimation import (
     shared_error,
 )
 from qsframework.estimation.noise import SharedError
-from qsframework.experiment import Bridge, Experiment, Frame, Readings, bridge, make_rows
-from qsframework.experiment.observations import Rows, start_values
+from qsframework.experiment import Experiment, Frame, ObservationModel, Readings, bridge, make_rows
+from qsframework.experiment.observations import ReadingRows, start_values
 from qsframework.experiment.setup import GEOMETRY, expand_name
 from qsframework.files import sha256
-from qsframework.identify.estimate import Estimate, State, estimate_of
+from qsframework.identify.estimate import Estimate, EstimateState, estimate_of
 from qsframework.identify.fit import Fit, Found
 from qsframework.identify.load_error import load_columns, load_sds
 from qsframework.identify.pose_spread import check_pose_spread
@@ -94,7 +94,7 @@ def _held_out(fit: Fit) -> tuple[float, float, float]:
 
 
 def _gross(
-    experiment: Experiment, readings: Readings, rows: Rows, options: FitOptions
+    experiment: Experiment, readings: Readings, rows: ReadingRows, options: FitOptions
 ) -> tuple[tuple[Masked, ...], npt.NDArray[np.bool_] | None]:
     """What is to be said of rows that are far off, and those of the readings to mask: few, or none."""
     count = len(rows.at) - len(experiment.fit_names()) - 6 * len(rows.estimated)
@@ -132,7 +132,7 @@ def _check_names(options: FitOptions, names: Sequence[str]) -> None:
             )
 
 
-def _one_step(experiment: Experiment, rows: Rows, names: Sequence[str], options: FitOptions) -> Found:
+def _one_step(experiment: Experiment, rows: ReadingRows, names: Sequence[str], options: FitOptions) -> Found:
     """All parameters at once."""
     readings = rows.readings
     x0 = start_values(experiment, names)
@@ -167,7 +167,7 @@ def _one_step(experiment: Experiment, rows: Rows, names: Sequence[str], options:
     )
 
 
-def _settled(seen: Bridge, options: FitOptions, unit: float) -> tuple[Solution, Observations]:
+def _settled(seen: ObservationModel, options: FitOptions, unit: float) -> tuple[Solution, Observations]:
     """The solution and its observations, geometry and markers held weakly to their nominal values.
 
     They are held by the noise that is seen in the end; what its effect pulls, by the stated noise where there is one.
@@ -198,7 +198,7 @@ def _settled(seen: Bridge, options: FitOptions, unit: float) -> tuple[Solution, 
 
 
 def _none_told(
-    experiment: Experiment, seen: Bridge, left: Sequence[LeftAside], names: Sequence[str]
+    experiment: Experiment, seen: ObservationModel, left: Sequence[LeftAside], names: Sequence[str]
 ) -> NotIdentifiable | InputError:
     """Why nothing can be estimated at all."""
     poses = seen.rows.readings.poses.take(seen.rows.plus)
@@ -214,7 +214,9 @@ def _none_told(
     return NotIdentifiable(f"these readings cannot tell any of the parameters: {said}{more}. {names[0]}: {advice}")
 
 
-def _finished(experiment: Experiment, rows: Rows, options: FitOptions, fitted: Callable[[Rows], Found]) -> Fit:
+def _finished(
+    experiment: Experiment, rows: ReadingRows, options: FitOptions, fitted: Callable[[ReadingRows], Found]
+) -> Fit:
     """A method's fit with what all methods share: the error of a visit, intervals, the load's uncertainty, words."""
     found = fitted(rows)
     error = _visit_error(found) if options.shared else None
@@ -234,7 +236,7 @@ def _finished(experiment: Experiment, rows: Rows, options: FitOptions, fitted: C
     return result
 
 
-def _at(found: Found) -> Bridge:
+def _at(found: Found) -> ObservationModel:
     """The bridge in the frames that were found."""
     return replace(found.seen, frames=found.seen.moved(found.solution.x))
 
@@ -317,13 +319,15 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
     )
 
 
-def _advice(rows: Rows, model: Model, left: Sequence[LeftAside], estimates: Sequence[Estimate]) -> tuple[str, ...]:
+def _advice(
+    rows: ReadingRows, model: Model, left: Sequence[LeftAside], estimates: Sequence[Estimate]
+) -> tuple[str, ...]:
     """What would help to tell the parameters that these readings do not tell, or tell badly."""
     readings = rows.readings
     poses = readings.poses.take(rows.plus)
     placed = kinds_of(model, Geometry) if readings.is_position[rows.keep].any() else set[str]()
     silent = [e.name for e in left if np.isinf(e.sd) and not e.absorbed_by and e.name not in placed]
-    badly = [e for e in estimates if e.state is State.NOT_IDENTIFIABLE and e.name in {*model.names} - placed]
+    badly = [e for e in estimates if e.state is EstimateState.NOT_IDENTIFIABLE and e.name in {*model.names} - placed]
     return (
         *(f"{name}: {what_would_help(model, name, poses)}" for name in silent),
         *(f"{e.name}: {e.status}; {what_would_help(model, e.name, poses)}." for e in badly),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.elastostatics import Model, make_model
-from qsframework.experiment import Bridge, Experiment
+from qsframework.experiment import Experiment, ObservationModel
 from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter, RobotFacts
 
 ERRORS = ("scale", "rx", "ry", "rz")
@@ -53,7 +53,7 @@ def load_sds(experiment: Experiment, model: Model, fitted: Sequence[str]) -> Arr
     return sd
 
 
-def load_columns(seen: Bridge, x: Array) -> Array:
+def load_columns(seen: ObservationModel, x: Array) -> Array:
     """d reading (m, 4) per unit of the load's scale and of its rotations about x, y, z of the base, at all values x."""
     wide = load_model(seen.model)
     at = dict(zip(seen.model.names, x, strict=True))

@@ -11,7 +11,7 @@ import numpy as np
 
 from qsframework.elastostatics import Model
 from qsframework.estimation import PLAIN, FitOptions, Observations, scales
-from qsframework.experiment import Bridge
+from qsframework.experiment import ObservationModel
 from qsframework.files import FileRecord, null
 from qsframework.plugin import Array, Geometry, ParallelSpring, Parameter, Sensor, Spring
 
@@ -101,7 +101,7 @@ def in_order(model: Model, names: Sequence[str]) -> list[str]:
 
 
 def told_names(
-    seen: Bridge, options: FitOptions = PLAIN, *, weakly: bool = False
+    seen: ObservationModel, options: FitOptions = PLAIN, *, weakly: bool = False
 ) -> tuple[list[str], tuple[LeftAside, ...], float]:
     """The names that the readings, with the priors, can tell; what is left aside; the nominal arm's error in sds.
 

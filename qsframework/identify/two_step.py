@@ -17,7 +17,7 @@ from qsframework.elastostatics.so3 import left_jacobian
 from qsframework.errors import InputError, NotConverged
 from qsframework.estimation import FitOptions, Observations, solve
 from qsframework.estimation.solver import solution_at
-from qsframework.experiment import Bridge, Experiment, Frame, Rows, bridge
+from qsframework.experiment import Experiment, Frame, ObservationModel, ReadingRows, bridge
 from qsframework.experiment.observations import start_values
 from qsframework.identify.fit import Found
 from qsframework.information.two_step import distinct_angles, step_two, stiffness_covariance
@@ -116,7 +116,7 @@ def _spring_of(model: Model, joint: str) -> str | None:
 
 
 def two_step(
-    experiment: Experiment, rows: Rows, names: Sequence[str], options: FitOptions, weighted: bool = True
+    experiment: Experiment, rows: ReadingRows, names: Sequence[str], options: FitOptions, weighted: bool = True
 ) -> Found:
     """Estimate parameters in two steps; weighted False: step two by plain least squares, for comparison only.
 
@@ -168,7 +168,7 @@ def _unknowns(balanced: Balanced, names: Sequence[str]) -> tuple[str, ...]:
 class _StepOne:
     """The readings seen as those of an arm with a compliance of the balanced joint for each angle; group (R,)."""
 
-    seen: Bridge
+    seen: ObservationModel
     balanced: Balanced
     angles: Array
     group: Indices
@@ -259,7 +259,7 @@ class _StepOne:
             reach=self.seen.reach,
         )
 
-    def _frames(self, z: Array, own: Rows) -> list[Frame]:
+    def _frames(self, z: Array, own: ReadingRows) -> list[Frame]:
         """The frames of some rows after their motions."""
         moved = dict(zip(self.seen.rows.estimated, self.seen.moved(z), strict=True))
         return [moved[f] for f in own.estimated]

@@ -12,7 +12,7 @@ from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import FitOptions, rms
 from qsframework.experiment import Experiment, Frame, Readings, make_rows
-from qsframework.experiment.observations import Rows
+from qsframework.experiment.observations import ReadingRows
 from qsframework.identify.identify import identify
 from qsframework.identify.record import FitRecord
 from qsframework.identify.soundness import check_robot
@@ -23,7 +23,7 @@ _AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Errors:
+class ValidationErrors:
     """Errors (R, 3) m of some readings, NaN where an axis was not measured; `before`: those of the nominal arm."""
 
     name: str
@@ -60,8 +60,8 @@ class Validation(Viewed):
     """
 
     robot: str
-    whole: Errors
-    parts: tuple[Errors, ...]
+    whole: ValidationErrors
+    parts: tuple[ValidationErrors, ...]
     halves: int
     seen: bool
     spread: Array
@@ -82,7 +82,7 @@ class Validation(Viewed):
         }
 
 
-def _json(part: Errors) -> Mapping[str, Any]:
+def _json(part: ValidationErrors) -> Mapping[str, Any]:
     def number(value: float) -> float | None:
         return 1e3 * value if np.isfinite(value) else None
 
@@ -115,7 +115,7 @@ def validate(experiment: Experiment, readings: Readings, fit: FitRecord) -> Vali
     return replace(found, notes=rows.range_notes(model, x))
 
 
-def fitted_frames(fit: FitRecord, rows: Rows, model: Model, x: Array) -> list[Frame]:
+def fitted_frames(fit: FitRecord, rows: ReadingRows, model: Model, x: Array) -> list[Frame]:
     """The frames of rows whose frame nobody states: as the fit found them, else as they suit its predictions best."""
     known = {f.series: f for f in fit.frames}
     names = [rows.readings.frames[f] for f in rows.estimated]
@@ -139,7 +139,7 @@ def validate_halves(
     names = fit.model_names(experiment)
     rng = np.random.default_rng(seed)
     options = FitOptions(linear=fit.linear)
-    every: list[tuple[Rows, Array]] = []
+    every: list[tuple[ReadingRows, Array]] = []
     for _ in range(halves):
         train = np.isin(rows.pose, rng.permutation(poses)[: len(poses) // 2])
         use = np.zeros(len(readings), dtype=bool)
@@ -157,7 +157,7 @@ def validate_halves(
     return _validation(experiment, rows.take(both), errors, before, halves=halves, spread=spread)
 
 
-def _nominal(experiment: Experiment, rows: Rows, linear: bool) -> Array:
+def _nominal(experiment: Experiment, rows: ReadingRows, linear: bool) -> Array:
     """Errors (R, 3) of the nominal arm, in the frames that suit it best."""
     model = experiment.model()
     frames = rows.start(model, model.nominal)
@@ -169,7 +169,7 @@ def _nominal(experiment: Experiment, rows: Rows, linear: bool) -> Array:
 
 def _validation(
     experiment: Experiment,
-    rows: Rows,
+    rows: ReadingRows,
     errors: Array,
     before: Array,
     halves: int = 0,
@@ -181,13 +181,13 @@ def _validation(
     kind = readings.kind[rows.keep].tolist()
     label = [f"{k}s, series {s}" if s else f"{k}s" for k, s in zip(kind, series, strict=True)]
     parts = tuple(
-        Errors(name=name, errors=errors[at], before=before[at])
+        ValidationErrors(name=name, errors=errors[at], before=before[at])
         for name in dict.fromkeys(label)
         for at in [np.array([n == name for n in label])]
     )
     return Validation(
         robot=experiment.robot.name,
-        whole=Errors(name="all", errors=errors, before=before),
+        whole=ValidationErrors(name="all", errors=errors, before=before),
         parts=parts,
         halves=halves,
         seen=seen,

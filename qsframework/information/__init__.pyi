@@ -7,10 +7,10 @@ from .certificate import (
 )
 from .promise import Promise as Promise, promises as promises
 from .rows import (
+    CandidateRows as CandidateRows,
     HeldRows as HeldRows,
     MadeRows as MadeRows,
     MappedRows as MappedRows,
-    Rows as Rows,
     as_rows as as_rows,
     scores as scores,
     weighted_information as weighted_information,

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.information.rows import Rows, as_rows, scores
+from qsframework.information.rows import CandidateRows, as_rows, scores
 from qsframework.plugin import Array, Indices
 
 Group = slice | Indices
@@ -80,7 +80,7 @@ def bound_of(scores: Array, allowed: Allowed, factor: float = 1.0, prior: float 
 
 
 def efficiency_bound(
-    value: float, gradient: Array, rows: Array | Rows, allowed: Allowed, prior: Array | None = None
+    value: float, gradient: Array, rows: Array | CandidateRows, allowed: Allowed, prior: Array | None = None
 ) -> float:
     """Lower bound in [0, 1] on the efficiency psi(best) / psi(M) of a design of value psi(M).
 

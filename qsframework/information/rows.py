@@ -24,7 +24,7 @@ _LARGE = 20_000
 """Candidates above which a pass is shared by threads."""
 
 
-class Rows(ABC):
+class CandidateRows(ABC):
     """N candidates with S scenarios of k rows for p parameters, per unit of each parameter's scale."""
 
     shape: tuple[int, int, int, int]
@@ -61,7 +61,7 @@ class Rows(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class HeldRows(Rows):
+class HeldRows(CandidateRows):
     """Rows in memory, (N, S, k, p) float64."""
 
     values: Array
@@ -109,7 +109,7 @@ class MappedRows(HeldRows):
 
 
 @dataclass(frozen=True, eq=False)
-class MadeRows(Rows):
+class MadeRows(CandidateRows):
     """Rows that `make(index (m,)) -> (m, S, k, p)` computes whenever a pass asks for them; nothing is held."""
 
     make: Callable[[Indices], Array]
@@ -123,10 +123,10 @@ class MadeRows(Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class ScaledRows(Rows):
+class ScaledRows(CandidateRows):
     """Rows of another source, each candidate's times its factor (N,)."""
 
-    source: Rows
+    source: CandidateRows
     factor: Array
 
     @property
@@ -143,9 +143,9 @@ class ScaledRows(Rows):
         return self.source.take(index) * self.factor[index][:, None, None, None]
 
 
-def as_rows(values: Array | Rows) -> Rows:
+def as_rows(values: Array | CandidateRows) -> CandidateRows:
     """Rows (N, k, p), or (N, S, k, p) with scenarios, as a source that passes can read."""
-    if isinstance(values, Rows):
+    if isinstance(values, CandidateRows):
         return values
     four = values[:, None] if values.ndim == 3 else values
     return MappedRows(four) if isinstance(four, np.memmap) else HeldRows(four)
@@ -170,7 +170,7 @@ def block_scores(block: Array, roots: list[Array]) -> Array:
 
 
 def scores(
-    rows: Array | Rows,
+    rows: Array | CandidateRows,
     gradient: Array,
     threads: int | None = None,
     basis: Array | None = None,
@@ -211,7 +211,7 @@ def run_shared(job: Callable[[int, int], None], count: int, threads: int | None 
             list(pool.map(job, ends[:-1], ends[1:]))
 
 
-def weighted_information(rows: Array | Rows, weights: Array | Indices) -> Array:
+def weighted_information(rows: Array | CandidateRows, weights: Array | Indices) -> Array:
     """M(w) = sum of w_i A_i' A_i: (p, p), or (S, p, p) where rows have scenarios."""
     source = as_rows(rows)
     used = np.flatnonzero(np.asarray(weights))
@@ -219,7 +219,7 @@ def weighted_information(rows: Array | Rows, weights: Array | Indices) -> Array:
     return M[0] if isinstance(rows, np.ndarray) and rows.ndim == 3 else M
 
 
-def gathered_information(source: Rows, index: Indices, weights: Array) -> Array:
+def gathered_information(source: CandidateRows, index: Indices, weights: Array) -> Array:
     """M (S, p, p) of chosen candidates and their weights."""
     p = source.parameters
     total = np.zeros((source.scenarios, p, p))

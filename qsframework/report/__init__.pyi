@@ -3,11 +3,11 @@ from .blocks import (
     Figure as Figure,
     Lines as Lines,
     Mark as Mark,
+    ReportTable as ReportTable,
+    SceneView as SceneView,
     Section as Section,
-    Table as Table,
     Text as Text,
     Verdict as Verdict,
-    View as View,
 )
 from .fit_section import (
     error_tables as error_tables,

@@ -44,7 +44,7 @@ class Lines:
 
 
 @dataclass(frozen=True)
-class Table:
+class ReportTable:
     """Rows of cells under a header; `caption` says what to look for; folded: what stands in its place until it is
     opened, "" for a table that is always open. A column `pose` ties its rows to the poses of a view."""
 
@@ -63,22 +63,22 @@ class Figure:
 
     figure: Plot
     caption: str
-    table: Table | None = None
+    table: ReportTable | None = None
     wide: bool = False
 
 
 @dataclass(frozen=True)
-class View:
+class SceneView:
     """A 3D scene as a page of its own inside the report; `caption` says what to look for, `table` its numbers; poses:
     the name of the pose that each step of the scene's slider shows, where it shows poses."""
 
     page: str
     caption: str
-    table: Table
+    table: ReportTable
     poses: tuple[str, ...] = ()
 
 
-Block = Text | Lines | Table | Figure | View
+Block = Text | Lines | ReportTable | Figure | SceneView
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from qsframework.experiment import Experiment, Readings
 from qsframework.plugin import Array
-from qsframework.report.blocks import Figure, Section, Table
+from qsframework.report.blocks import Figure, ReportTable, Section
 from qsframework.report.numbers import row_table
 from qsframework.report.plots import blank
 
@@ -31,7 +31,7 @@ def found_section(files: Sequence[Found]) -> Section:
     return Section(
         "What was found",
         (
-            Table(
+            ReportTable(
                 ("file", "looked at", "result", "in words"),
                 tuple(rows),
                 "Rows that say 'look at it' deserve a look at the file or the machine before any fit.",

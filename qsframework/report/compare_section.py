@@ -9,7 +9,7 @@ import numpy as np
 
 from qsframework.applications.compare import Compared, Comparison
 from qsframework.plugin import Array
-from qsframework.report.blocks import Figure, Section, Table, Text, View
+from qsframework.report.blocks import Figure, ReportTable, SceneView, Section, Text
 from qsframework.report.numbers import row_table
 from qsframework.report.plots import COLOURS, SYMBOLS, blank, panels
 from qsframework.report.words.sizes import shown
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure as Plot
 
 
-def summary_table(result: Comparison) -> Table:
+def summary_table(result: Comparison) -> ReportTable:
     """One row per robot: reach, stiffness, the task, and what compensation leaves."""
     shared = result.shared
     rows = tuple(_summary(r, shared) for r in result.robots)
@@ -35,7 +35,7 @@ def summary_table(result: Comparison) -> Table:
         "after compensation: mean mm",
         "worst mm",
     )
-    return Table(
+    return ReportTable(
         header,
         rows,
         f"'Shared' counts the {int(shared.sum())} cells of the map that every robot reaches. Mean and worst over the "
@@ -62,9 +62,9 @@ def _number(values: Array, how: Any, scale: float) -> str:
     return f"{float(how(values)) * scale:.4g}" if len(values) else "none"
 
 
-def sd_tables(result: Comparison) -> tuple[Table, ...]:
+def sd_tables(result: Comparison) -> tuple[ReportTable, ...]:
     """Promised sd of each robot's parameters from as many poses."""
-    out: list[Table] = []
+    out: list[ReportTable] = []
     for r in result.robots:
         rows: list[tuple[str, ...]] = []
         for p, sd in zip(r.parameters, r.sds, strict=True):
@@ -73,7 +73,7 @@ def sd_tables(result: Comparison) -> tuple[Table, ...]:
             told = f"{shown(float(sd), p.unit)[0]:.3g}{share}" if np.isfinite(sd) else "not told"
             rows.append((p.name, f"{value:.4g}", told, unit))
         caption = f"{r.robot.title}: {r.campaign}. Look for parameters whose sd is a large share of their value."
-        out.append(Table((r.robot.name, "nominal", "promised sd", "unit"), tuple(rows), caption))
+        out.append(ReportTable((r.robot.name, "nominal", "promised sd", "unit"), tuple(rows), caption))
     return tuple(out)
 
 
@@ -115,14 +115,14 @@ _PATH = (
 )
 
 
-def path_view(result: Comparison) -> View:
+def path_view(result: Comparison) -> SceneView:
     """Each robot where it gives most along the path."""
     moved = [r.task for r in result.robots]
     scene = task_scene([r.robot for r in result.robots], [r.pendant for r in result.robots], moved, result.task.points)
     header = ("point", "x, m", "y, m", "z, m", *(f"{r.robot.name}, mm" for r in result.robots))
     points = result.task.points
     columns = [list(range(1, len(points) + 1)), *points.T.tolist(), *((1e3 * m).tolist() for m in moved)]
-    return View(
+    return SceneView(
         scene.html(),
         "The slider goes through the robots, each at the point of the path (blue) where it gives most (red). Look how "
         "far the arm is stretched there: a workpiece nearer to the base would move less.",
@@ -170,7 +170,7 @@ def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) ->
     return figure.update_xaxes(showgrid=False, zeroline=False).update_yaxes(showgrid=False, zeroline=False)
 
 
-def map_table(result: Comparison, values: list[Array], unit: str) -> Table:
+def map_table(result: Comparison, values: list[Array], unit: str) -> ReportTable:
     """All cells of the maps: one row each, one column for each robot."""
     task = result.task
     z, x = (v.ravel() for v in np.meshgrid(task.map_z, task.map_x, indexing="ij"))

@@ -9,14 +9,14 @@ import numpy as np
 from qsframework.applications.compensate import Compensation
 from qsframework.experiment import Experiment, make_plan
 from qsframework.plugin import Array, Poses
-from qsframework.report.blocks import Figure, Section, Table, Text, View
+from qsframework.report.blocks import Figure, ReportTable, SceneView, Section, Text
 from qsframework.report.plots import BARS, blank
 
 _MOST = 24
 """Targets in the scene."""
 
 
-def target_table(result: Compensation) -> Table:
+def target_table(result: Compensation) -> ReportTable:
     """One row per target: its error uncorrected, the error to be expected after it, the correction."""
     correction = result.units.shown(result.pendant - result.targets.pendant)
     rows = tuple(
@@ -30,7 +30,7 @@ def target_table(result: Compensation) -> Table:
         for i, name in enumerate(result.targets.name)
     )
     header = ("target", "uncorrected mm", "expected after mm", "expected after mrad")
-    return Table(
+    return ReportTable(
         (*header, *result.units.labels("dJ")),
         rows,
         "Distance of the load point from its wanted place without the correction; the root mean square of the distance "
@@ -89,12 +89,14 @@ def target_view(experiment: Experiment, result: Compensation, x: Array) -> Secti
     poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), targets.wrench[worst])
     plan = make_plan(poses, [""] * len(worst), names=names)
     rows = tuple((n, *(f"{1e3 * v:+.4f}" for v in result.deflection[i, :3])) for n, i in zip(names, worst, strict=True))
-    view = View(
+    view = SceneView(
         show_scene(experiment, plan, x, commanded=result.reference == "commanded").html(),
         f"The targets{'' if len(worst) == len(targets.name) else f' that are farthest off, {_MOST} of them'}; red: the "
         "arm under its load, 100 times exaggerated, at the identified parameters. Look whether the correction acts "
         "against what you see: the arm is told to stand as far on the other side.",
-        Table(("pose", "off x mm", "off y mm", "off z mm"), rows, "Where the uncorrected tool stands, base frame."),
+        ReportTable(
+            ("pose", "off x mm", "off y mm", "off z mm"), rows, "Where the uncorrected tool stands, base frame."
+        ),
         tuple(names),
     )
     return Section("In 3D", (view,))

@@ -13,13 +13,13 @@ from qsframework.diagnose.diagnose import LEVEL
 from qsframework.diagnose.error_budget import error_budget
 from qsframework.diagnose.learn import curve, dots
 from qsframework.diagnose.result import Diagnosis, Taught
-from qsframework.diagnose.selection.family_test import Block, chance
+from qsframework.diagnose.selection.family_test import FamilyBlock, chance
 from qsframework.diagnose.selection.principal_angles import alias_classes, angle_matrix
 from qsframework.experiment import make_rows
 from qsframework.forecast.power import LIBRARY_LEVEL, detection_rate, threshold
 from qsframework.plugin import Array
 from qsframework.report import power_section
-from qsframework.report.blocks import Figure, Table
+from qsframework.report.blocks import Figure, ReportTable
 from qsframework.report.numbers import row_table
 from qsframework.report.plots import AFTER, BARS, BEFORE, BLACK, BLUE, COLOURS, GREY, ORANGE, SKY, blank, panels
 from qsframework.report.words.law import place_words, variable_words
@@ -223,7 +223,7 @@ def marker_figure(diagnosis: Diagnosis) -> Figure:
     )
 
 
-def _marker_table(diagnosis: Diagnosis) -> Table:
+def _marker_table(diagnosis: Diagnosis) -> ReportTable:
     """RMS and largest length of the residuals at each marker, before and after."""
     marker = diagnosis.readings.marker[diagnosis.kept]
     rows: list[tuple[str, ...]] = []
@@ -233,7 +233,7 @@ def _marker_table(diagnosis: Diagnosis) -> Table:
             told = (f"{v:.4f}" for s in sizes for v in (float(np.sqrt(np.mean(s**2))), float(s.max())))
             rows.append((m.name, str(len(sizes[0])), *told))
     header = ("marker", "rows", "before: RMS mm", "largest mm", "after: RMS mm", "largest mm")
-    return Table(header, tuple(rows), "Lengths of the residual vectors.")
+    return ReportTable(header, tuple(rows), "Lengths of the residual vectors.")
 
 
 def _named_rows(diagnosis: Diagnosis) -> list[list[str]]:
@@ -263,7 +263,7 @@ def angle_figure(diagnosis: Diagnosis) -> Figure | None:
 
 def power_figure(diagnosis: Diagnosis) -> Figure:
     """How surely a cause of visible size s is detected in these readings, with what they hold."""
-    blocks = [Block(s.Q, s.one_sided) for s in diagnosis.case.subspaces() if s.visible]
+    blocks = [FamilyBlock(s.Q, s.one_sided) for s in diagnosis.case.subspaces() if s.visible]
     limit = float(np.quantile(chance(blocks, seed=diagnosis.seed), diagnosis.level * LIBRARY_LEVEL / LEVEL))
     of = {s.cause.name: (s.Q.shape[1], s.one_sided) for s in diagnosis.case.subspaces() if s.visible}
     top = max([12.0, *(1.15 * f.s for f in diagnosis.findings)])

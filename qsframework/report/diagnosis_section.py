@@ -9,7 +9,7 @@ from qsframework.diagnose.result import Diagnosis
 from qsframework.discriminate.follow_up import SecondDay
 from qsframework.discriminate.pair import Discrimination
 from qsframework.report import diagnosis_plots as plots, diagnosis_tables as tables
-from qsframework.report.blocks import Block, Section, Text, View
+from qsframework.report.blocks import Block, SceneView, Section, Text
 from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, LINEAR, provenance_section
 from qsframework.report.words.diagnosis import method_words
 from qsframework.report.words.discrimination import discrimination_words, left_open_words
@@ -68,7 +68,7 @@ def _verdict(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[
     yield tables.error_rows(diagnosis)
 
 
-def _on_the_robot(diagnosis: Diagnosis) -> View:
+def _on_the_robot(diagnosis: Diagnosis) -> SceneView:
     """What the model misses at every marker, in 3D."""
     before, after = diagnosis.residuals()
     scene, factor = residual_scene(
@@ -79,7 +79,7 @@ def _on_the_robot(diagnosis: Diagnosis) -> View:
         if len(set(diagnosis.readings.plus.tolist())) > MOST
         else "all poses"
     )
-    return View(
+    return SceneView(
         scene.html(),
         f"Measured minus predicted at the markers, {factor:.0f} times enlarged: red before, green after the extension; "
         f"{shown}, the slider shows one at a time. Look for red arrows that turn together with a link.",

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from qsframework.diagnose.result import Diagnosis, Finding, Line, Status, Value
+from qsframework.diagnose.result import Diagnosis, Line, NamedCause, Status, Value
 from qsframework.discriminate.follow_up import SecondDay
 from qsframework.discriminate.pair import Discrimination
 from qsframework.plugin import Parameter
-from qsframework.report.blocks import Lines, Table
-from qsframework.report.words.diagnosis import Group, excluded_words, limit_words, statements, status_words
+from qsframework.report.blocks import Lines, ReportTable
+from qsframework.report.words.diagnosis import CauseGroup, excluded_words, limit_words, statements, status_words
 from qsframework.report.words.headline import check_words
 from qsframework.report.words.law import place_words, variable_words
 from qsframework.report.words.next_steps import next_steps
@@ -37,9 +37,9 @@ def verdict_groups(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = ()) -
     """What the verdict rests on, and what to measure next, under their titles; causes stand in front."""
     said = statements(diagnosis, pairs)
     groups: list[tuple[str, Lines]] = []
-    for group in Group:
+    for group in CauseGroup:
         rows = [(s.about, s.text) for s in said if s.group is group]
-        looked = {Group.CERTAIN: diagnosis.sure, Group.DOUBTFUL: diagnosis.doubtful}.get(group, ())
+        looked = {CauseGroup.CERTAIN: diagnosis.sure, CauseGroup.DOUBTFUL: diagnosis.doubtful}.get(group, ())
         rows += [("Look at", f"{check_words(f)} ({f.name})") for f in looked if f.check]
         if rows:
             groups.append((group.value, Lines(tuple(rows))))
@@ -60,13 +60,13 @@ def estimate_words(values: Sequence[Value]) -> str:
     return "; ".join(said)
 
 
-def cause_table(diagnosis: Diagnosis) -> Table:
+def cause_table(diagnosis: Diagnosis) -> ReportTable:
     """Certain names and what cannot be told from them, with all the evidence."""
     rows = _with_rivals(diagnosis, diagnosis.sure)
     if not diagnosis.findings:
         strongest = sorted((x for x in diagnosis.table if x.status is Status.EXCLUDED), key=lambda x: -x.s)[:3]
         rows = [_row(x, diagnosis) for x in strongest]
-    return Table(
+    return ReportTable(
         _EVIDENCE,
         tuple(rows),
         "s: what the readings show of a cause, in units of noise, after the fitted parameters have absorbed what they "
@@ -77,9 +77,9 @@ def cause_table(diagnosis: Diagnosis) -> Table:
     )
 
 
-def doubtful_table(diagnosis: Diagnosis) -> Table:
+def doubtful_table(diagnosis: Diagnosis) -> ReportTable:
     """Names without which poses left out are predicted as well, and what cannot be told from them."""
-    return Table(
+    return ReportTable(
         _EVIDENCE,
         tuple(_with_rivals(diagnosis, diagnosis.doubtful)),
         "Doubtful: significant in these readings, but the error at poses left out does not clearly fall with them. An "
@@ -87,10 +87,10 @@ def doubtful_table(diagnosis: Diagnosis) -> Table:
     )
 
 
-def alone_table(diagnosis: Diagnosis) -> Table:
+def alone_table(diagnosis: Diagnosis) -> ReportTable:
     """Causes that are plain by themselves and show nothing beside the named ones."""
     rows = tuple((x.name, _size(x.s), chance(x.p_value), _nearest(x), limit_words(x)) for x in diagnosis.plain_alone)
-    return Table(
+    return ReportTable(
         (status_words(diagnosis.plain_alone[0], diagnosis) if rows else "", "s alone", "adjusted p alone", *_BESIDE),
         rows,
         "Each of these looks plain by itself, because it does in part what a named cause does. Beside the named ones "
@@ -99,7 +99,7 @@ def alone_table(diagnosis: Diagnosis) -> Table:
     )
 
 
-def _with_rivals(diagnosis: Diagnosis, findings: Sequence[Finding]) -> list[tuple[str, ...]]:
+def _with_rivals(diagnosis: Diagnosis, findings: Sequence[NamedCause]) -> list[tuple[str, ...]]:
     """Rows of findings, and of what cannot be told from them."""
     lines = {x.name: x for x in diagnosis.table}
     named, rivals = {f.name for f in diagnosis.findings}, {r.name for f in findings for r in f.rivals}
@@ -111,7 +111,7 @@ def _nearest(x: Line) -> str:
     return f"{x.nearest}, {degrees(x.angle)}" if x.nearest else "-"
 
 
-def _named(f: Finding, line: Line | None) -> tuple[str, ...]:
+def _named(f: NamedCause, line: Line | None) -> tuple[str, ...]:
     rivals = ", ".join(f"{r.name}, {degrees(r.angle)}" for r in f.rivals)
     near = f"{line.nearest}, {degrees(line.angle)}" if line is not None and line.nearest else "-"
     return (
@@ -135,7 +135,7 @@ def _row(x: Line, diagnosis: Diagnosis) -> tuple[str, ...]:
     return x.name, estimate_words(x.values) or "-", _size(x.s), chance(x.p_value), "-", "-", near, status
 
 
-def all_causes_table(diagnosis: Diagnosis) -> Table:
+def all_causes_table(diagnosis: Diagnosis) -> ReportTable:
     """Every cause that was tried, strongest first: what it showed, and what is excluded."""
     order = list(Status)
     lines = sorted(diagnosis.table, key=lambda x: (order.index(x.status), -x.s if np.isfinite(x.s) else 0.0))
@@ -150,7 +150,7 @@ def all_causes_table(diagnosis: Diagnosis) -> Table:
         )
         for x in lines
     )
-    return Table(
+    return ReportTable(
         ("cause", "status", "s", "adjusted p", "bound, 95 %", "nearest rival, angle"),
         rows,
         "Excluded above: a cause larger than this would have shown in these readings beside the named ones. Invisible "
@@ -158,14 +158,14 @@ def all_causes_table(diagnosis: Diagnosis) -> Table:
     )
 
 
-def excluded_table(diagnosis: Diagnosis, short: bool = False) -> Table:
+def excluded_table(diagnosis: Diagnosis, short: bool = False) -> ReportTable:
     """One row for each kind of effect: above which size each place is excluded; short: without stiffnesses."""
     kinds: dict[str, list[str]] = {}
     excluded = _excluded(diagnosis)
     for x in sorted(excluded, key=lambda x: x.name):
         kind, where = _parts(x.name)
         kinds.setdefault(kind, []).append(f"{where} {limit_words(x, stiffness=not short)}".strip())
-    return Table(
+    return ReportTable(
         ("no", "above (95 %)"),
         tuple((kind, "; ".join(bounds)) for kind, bounds in kinds.items()),
         "What these readings would have shown. It is not a statement about smaller ones.",
@@ -180,7 +180,7 @@ def _excluded(diagnosis: Diagnosis) -> list[Line]:
     return [x for x in excluded if limit_words(x)]
 
 
-def unseen_table(diagnosis: Diagnosis) -> Table:
+def unseen_table(diagnosis: Diagnosis) -> ReportTable:
     """One row for each kind of effect of which these readings say nothing, and why."""
     rows: list[tuple[str, str, str]] = []
     unseen = [x for x in diagnosis.table if x.status in (Status.INVISIBLE, Status.UNTESTED)]
@@ -190,7 +190,7 @@ def unseen_table(diagnosis: Diagnosis) -> Table:
         kind, where = _parts(x.name)
         kinds.setdefault((kind, why), []).append(where)
     rows = [(kind, ", ".join(w for w in places if w) or "-", why) for (kind, why), places in kinds.items()]
-    return Table(
+    return ReportTable(
         ("nothing is said about", "at", "because"),
         tuple(rows),
         "Invisible here: the fitted parameters absorb it, or no reading depends on it. What needs a column was not "
@@ -220,7 +220,7 @@ def _parts(name: str) -> tuple[str, str]:
     return kind, where.removesuffix("]")
 
 
-def error_rows(diagnosis: Diagnosis) -> Table:
+def error_rows(diagnosis: Diagnosis) -> ReportTable:
     """RMS per axis on the readings and held out."""
     e, taught = diagnosis.rms, diagnosis.taught
     law = [("extended with the learned law", "-", _mm(taught.heldout))] if taught is not None and taught.holds else []
@@ -231,7 +231,7 @@ def error_rows(diagnosis: Diagnosis) -> Table:
         *law,
         ("noise alone", _mm(e.noise), _mm(e.noise)),
     )
-    return Table(
+    return ReportTable(
         ("RMS per axis, mm", "on the readings", "held out"),
         rows,
         "Held out: at poses that neither the fit nor the choice of causes has seen. The extension is worth its "
@@ -239,13 +239,13 @@ def error_rows(diagnosis: Diagnosis) -> Table:
     )
 
 
-def convention_table(diagnosis: Diagnosis) -> Table:
+def convention_table(diagnosis: Diagnosis) -> ReportTable:
     """Conventions under which the readings fit better than as given."""
     rows = tuple(
         (c.name, three(c.value), _mm(c.rms_given), _mm(c.rms), f"{c.evidence:.1f}", "adopted" if c.compelling else "no")
         for c in diagnosis.conventions
     )
-    return Table(
+    return ReportTable(
         ("convention", "value", "as given, mm", "with it, mm", "log evidence", "compelling"),
         rows,
         "Wrong controller angles, axes, signs and units, and slips in single rows, were applied and refitted before "
@@ -253,7 +253,7 @@ def convention_table(diagnosis: Diagnosis) -> Table:
     )
 
 
-def outlier_table(diagnosis: Diagnosis) -> Table:
+def outlier_table(diagnosis: Diagnosis) -> ReportTable:
     """Rows that the audit of the noise took out."""
     r = diagnosis.readings
     names = [m.name for m in diagnosis.experiment.markers]
@@ -266,14 +266,14 @@ def outlier_table(diagnosis: Diagnosis) -> Table:
         )
         for i in diagnosis.outliers.tolist()
     )
-    return Table(
+    return ReportTable(
         ("row", "pose", "marker", "reading, mm"),
         rows,
         "Rows that do not belong to the others, whatever the cause; they took no part in the search.",
     )
 
 
-def pose_table(diagnosis: Diagnosis) -> Table:
+def pose_table(diagnosis: Diagnosis) -> ReportTable:
     """What the model misses at each pose, before and after, worst first."""
     r = diagnosis.readings
     at = r.plus[diagnosis.kept]
@@ -283,16 +283,16 @@ def pose_table(diagnosis: Diagnosis) -> Table:
         (r.states.pose[m], str(int((at == m).sum())), f"{worst[m]:.4f}", f"{sizes[1][at == m].max():.4f}")
         for m in sorted(worst, key=lambda m: -worst[m])
     )
-    return Table(("pose", "rows", "largest residual before, mm", "after, mm"), rows, "Lengths of the vectors.")
+    return ReportTable(("pose", "rows", "largest residual before, mm", "after, mm"), rows, "Lengths of the vectors.")
 
 
-def contest_table(day: SecondDay) -> Table:
+def contest_table(day: SecondDay) -> ReportTable:
     """What the poses of a second day would tell of each pair."""
     rows = tuple(
         (c.first, c.second, _size(c.s_before), _size(c.s_after), degrees(c.angle_before), degrees(c.angle_after))
         for c in day.contests
     )
-    return Table(
+    return ReportTable(
         ("named cause", "against", "s now", "s then", "angle now", "angle then"),
         rows,
         f"{len(day.plan.pose)} more poses, chosen so that the smallest s of all pairs is as large as it can be: at "
@@ -301,11 +301,11 @@ def contest_table(day: SecondDay) -> Table:
     )
 
 
-def leftover_table(diagnosis: Diagnosis) -> Table:
+def leftover_table(diagnosis: Diagnosis) -> ReportTable:
     """What the named causes leave, the plainest first."""
     shown = diagnosis.leftovers[:_STRONGEST]
     more = len(diagnosis.leftovers) - len(shown)
-    return Table(
+    return ReportTable(
         ("unexplained: an extra motion at", "that depends on", "p"),
         tuple((place_words(x.law), variable_words(x.law), chance(x.p_value)) for x in shown),
         "A smooth extra motion, of no cause in the library, that the readings still hold. The first row is where to "
@@ -313,10 +313,10 @@ def leftover_table(diagnosis: Diagnosis) -> Table:
     )
 
 
-def place_table(diagnosis: Diagnosis) -> Table:
+def place_table(diagnosis: Diagnosis) -> ReportTable:
     """Where what is left may be."""
     rows = ((place_words(x.law), f"{100 * x.share:.0f} %", variable_words(x.law)) for x in diagnosis.places)
-    return Table(
+    return ReportTable(
         ("it may be", "share of the evidence", "where it depends most likely on"),
         tuple(rows),
         "The places that hold 95 % of the evidence together, a smooth law of one variable or two at each. Where "
@@ -324,7 +324,7 @@ def place_table(diagnosis: Diagnosis) -> Table:
     )
 
 
-def trend_table(diagnosis: Diagnosis) -> Table:
+def trend_table(diagnosis: Diagnosis) -> ReportTable:
     """On what the residuals depend, before and after."""
     after = {t.variable: t for t in diagnosis.after.trends}
     rows = tuple(
@@ -337,7 +337,7 @@ def trend_table(diagnosis: Diagnosis) -> Table:
         )
         for t in diagnosis.before.trends[:_STRONGEST]
     )
-    return Table(
+    return ReportTable(
         ("residuals depend on", "p before", "share before", "p after", "share after"),
         rows,
         "p: chance of such a dependence from noise alone, all variables counted. Small ones before that are large "

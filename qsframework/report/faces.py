@@ -17,7 +17,7 @@ from qsframework.experiment import Plan, Readings
 from qsframework.identify import Fit
 from qsframework.identify.validate import Validation
 from qsframework.plugin import Array
-from qsframework.report.blocks import Table, Verdict
+from qsframework.report.blocks import ReportTable, Verdict
 from qsframework.report.diagnosis_plots import budget_figure
 from qsframework.report.diagnosis_tables import cause_table, doubtful_table, error_rows, verdict_groups
 from qsframework.report.fit_plots import distribution_figure, fit_figures
@@ -44,7 +44,7 @@ class Face:
     """said: the verdict, or what a value is; columns: by name, each as long as the frame; draw: makes the plot"""
 
     said: str
-    tables: tuple[Table, ...]
+    tables: tuple[ReportTable, ...]
     columns: Mapping[str, Any]
     draw: Callable[[], Plot]
 
@@ -149,7 +149,7 @@ def _readings(readings: Readings) -> Face:
         for i in range(min(len(readings), _ROWS))
     )
     header = ("pose", "kind", "x, mm", "y, mm", "z, mm", "force N", "")
-    title = Table(header, rows, f"The first {len(rows)}." if len(readings) > _ROWS else "")
+    title = ReportTable(header, rows, f"The first {len(rows)}." if len(readings) > _ROWS else "")
 
     def figure() -> Plot:
         out = blank("Readings", "pose", "size, mm")
@@ -174,7 +174,7 @@ def _diagnosis(found: Diagnosis) -> Face:
         "nearest": [x.nearest for x in found.table],
         "angle": [x.angle for x in found.table],
     }
-    groups = [Table((title, ""), lines.rows) for title, lines in verdict_groups(found)]
+    groups = [ReportTable((title, ""), lines.rows) for title, lines in verdict_groups(found)]
     tables = (
         *groups,
         *(table for table in (cause_table(found), doubtful_table(found)) if table.rows),

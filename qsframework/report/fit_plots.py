@@ -11,7 +11,7 @@ from qsframework.estimation.tails import normal_isf, normal_sf
 from qsframework.experiment import Readings
 from qsframework.identify import Estimate, Fit, FitRecord
 from qsframework.plugin import Array, Indices
-from qsframework.report.blocks import Figure, Table
+from qsframework.report.blocks import Figure, ReportTable
 from qsframework.report.numbers import row_table
 from qsframework.report.plots import AFTER, AMBER, BEFORE, BLACK, BLUE, DASHES, GREEN, GREY, blank, panels, plotted
 from qsframework.report.words.sizes import value_words
@@ -100,7 +100,7 @@ def _parameters(fit: Fit, beside: FitRecord | None) -> Figure:
         figure,
         "Circles: identified, bars one standard deviation; diamonds: initial; grey: the stated prior. Look for circles "
         "whose bar reaches the diamond: these readings hardly tell such a parameter from its initial value.",
-        Table(("parameter", "value ± sd", "change, % of size", "sd, % of size"), rows),
+        ReportTable(("parameter", "value ± sd", "change, % of size", "sd, % of size"), rows),
     )
 
 
@@ -140,7 +140,7 @@ def _correlation(fit: Fit) -> Figure:
         figure,
         "Look for full colour off the diagonal: the readings tell the two parameters only together, and poses or loads "
         "of another kind would part them.",
-        Table(("", *fit.names), rows),
+        ReportTable(("", *fit.names), rows),
     )
 
 
@@ -172,7 +172,7 @@ def _measured_predicted(fit: Fit) -> Figure:
         figure,
         "Both axes have one scale. Look for a slope: points should lie on the line; another slope says that the "
         "stiffness is off.",
-        Table(header, rows),
+        ReportTable(header, rows),
     )
 
 
@@ -202,7 +202,7 @@ def distribution_figure(sizes: dict[str, Array]) -> Figure:
         figure,
         "How many readings have an error below a value. Look at where a curve ends (star) and at 95 % (square): the "
         "largest errors are what a part is scrapped for.",
-        Table(("3D error, mm", "readings", "mean", "RMS", "95 %", "max"), tuple(rows)),
+        ReportTable(("3D error, mm", "readings", "mean", "RMS", "95 %", "max"), tuple(rows)),
     )
 
 
@@ -334,11 +334,11 @@ def workspace_figure(fit: Fit, readings: Readings, pose: Indices, marker: Indice
     )
 
 
-def residual_table(rows: Any, poses: Any, left: Array, student: Array) -> Table:
+def residual_table(rows: Any, poses: Any, left: Array, student: Array) -> ReportTable:
     """Residuals (R, 3) m and in units of their sd, by row of the file."""
     header = ("row", "pose", *(f"{a}, mm" for a in AXES), *(f"{a} / its sd" for a in AXES))
     lines = zip(rows, poses, left * 1e3, student, strict=True)
-    return Table(
+    return ReportTable(
         header,
         tuple((str(r), str(p), *(_number(v, 4) for v in a), *(_number(v, 2) for v in b)) for r, p, a, b in lines),
         "Measured minus predicted.",

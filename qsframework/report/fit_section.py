@@ -10,7 +10,7 @@ import numpy as np
 from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings
 from qsframework.identify import Estimate, Fit, FitRecord, Masked
-from qsframework.report.blocks import Block, Figure, Section, Table, Text, View
+from qsframework.report.blocks import Block, Figure, ReportTable, SceneView, Section, Text
 from qsframework.report.fit_plots import fit_figures, residual_figures, workspace_figure
 from qsframework.report.words.fit import alignment_words, first_words, verdict_words
 from qsframework.report.words.sizes import shown, stiffness_words, value_words, with_sd
@@ -20,7 +20,7 @@ _SAME = 1.005
 _MOST_PERCENT = 999.0
 
 
-def fit_table(fit: Fit, truth: dict[str, float] | None = None, stiffness: bool = False) -> Table:
+def fit_table(fit: Fit, truth: dict[str, float] | None = None, stiffness: bool = False) -> ReportTable:
     """Value ± sd, initial, status of each estimate; with the truth where a simulation knows it, and with the stiffness
     beside a compliance where there is room for it."""
     rows: list[tuple[str, ...]] = []
@@ -45,7 +45,7 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None, stiffness: bool =
             row += [f"{shown(true, e.unit)[0]:.4g}", error]
         rows.append((*row, e.status or "ok"))
     extra = () if truth is None else ("truth", "error / sd")
-    return Table(
+    return ReportTable(
         (
             "parameter",
             "value ± sd",
@@ -78,7 +78,7 @@ def _percent(share: float) -> str:
     return f"{share:.1f} %" if share < _MOST_PERCENT else f"> {_MOST_PERCENT:.0f} %"
 
 
-def beside_table(fit: Fit, other: FitRecord) -> Table:
+def beside_table(fit: Fit, other: FitRecord) -> ReportTable:
     """Two fits of one robot, parameter by parameter, and how far apart they are in the sd of their difference.
 
     The two are taken as independent: of readings that share none.
@@ -94,14 +94,14 @@ def beside_table(fit: Fit, other: FitRecord) -> Table:
     only = [n for n in (*fit.names, *other.names) if (n in theirs) != (n in fit.names)]
     said = f" In one of them only: {', '.join(only)}." if only else ""
     name = Path(other.path).name or "the other fit"
-    return Table(
+    return ReportTable(
         ("parameter", "this fit ± sd", f"{name} ± sd", "difference / its sd"),
         tuple(rows),
         f"Beyond 3 the arm, its load or a frame was another one between the two, or a model is wrong.{said}",
     )
 
 
-def interval_tables(fit: Fit) -> tuple[Table, ...]:
+def interval_tables(fit: Fit) -> tuple[ReportTable, ...]:
     """The profile intervals, where some were asked for."""
     if not fit.intervals:
         return ()
@@ -114,7 +114,7 @@ def interval_tables(fit: Fit) -> tuple[Table, ...]:
         "Profile intervals: within them the best fit of the other parameters is not significantly worse. Where they "
         "differ from value ± t sd, the model bends, and they are the ones to quote; an end at a bound is that bound."
     )
-    return (Table(header, tuple(rows), caption),)
+    return (ReportTable(header, tuple(rows), caption),)
 
 
 _SIZES = {"displacement": "RMS per axis", "gauge": "RMS", "position": "RMS of the distance"}
@@ -129,11 +129,11 @@ def masked_blocks(fit: Fit) -> tuple[Block, ...]:
         blocks.append(Text("The readings were looked through for rows that cannot be right: none is masked."))
     if fit.cleaned:
         caption = "These rows were masked before the fit and are not used. Look at each: it stays in the file."
-        blocks.append(Table(header, tuple(_masked(m) for m in fit.cleaned), caption))
+        blocks.append(ReportTable(header, tuple(_masked(m) for m in fit.cleaned), caption))
     gross = [m for m in fit.gross if m.kind == "gross"]
     if gross:
         caption = "Gross under the fitted and under a richer model: masked by the fit itself. Look at each."
-        blocks.append(Table(header, tuple(_masked(m) for m in gross), caption))
+        blocks.append(ReportTable(header, tuple(_masked(m) for m in gross), caption))
     blocks += [Text(m.words + ".") for m in fit.gross if m.kind != "gross"]
     return tuple(blocks)
 
@@ -177,12 +177,12 @@ def _total(fit: Fit) -> str:
     )
 
 
-def error_tables(fit: Fit) -> tuple[Table, ...]:
+def error_tables(fit: Fit) -> tuple[ReportTable, ...]:
     """For each kind of reading: before, after, and at poses left out, those that the fit masked as gross among them.
 
     RMS per axis of displacements and gauges; of positions that of the distance.
     """
-    out: list[Table] = []
+    out: list[ReportTable] = []
     for kind, title in _SIZES.items():
         at, unseen = fit.kind == kind, fit.missed[fit.missed_kind == kind]
         if not at.any():
@@ -204,15 +204,15 @@ def error_tables(fit: Fit) -> tuple[Table, ...]:
     return tuple(out)
 
 
-def _errors(title: str, rows: Sequence[tuple[str, float]], note: str) -> Table:
-    return Table(
+def _errors(title: str, rows: Sequence[tuple[str, float]], note: str) -> ReportTable:
+    return ReportTable(
         (title, "mm"),
         tuple((name, f"{value * 1e3:.4f}") for name, value in rows),
         "Leave-one-pose-out counts: it is the error at poses that the fit has not seen." + note,
     )
 
 
-def frame_table(fit: Fit) -> Table:
+def frame_table(fit: Fit) -> ReportTable:
     """Where each tracker sees the robot's base."""
     rows = tuple(
         (
@@ -222,10 +222,12 @@ def frame_table(fit: Fit) -> Table:
         )
         for f in fit.frames
     )
-    return Table(("series", "origin of the base, mm", "rotation matrix, by rows"), rows, "The base in tracker frames.")
+    return ReportTable(
+        ("series", "origin of the base, mm", "rotation matrix, by rows"), rows, "The base in tracker frames."
+    )
 
 
-def left_aside_table(fit: Fit) -> Table:
+def left_aside_table(fit: Fit) -> ReportTable:
     """Parameters that these readings cannot tell."""
     rows = tuple(
         (
@@ -239,7 +241,7 @@ def left_aside_table(fit: Fit) -> Table:
         "Asked for and not estimated: they stay at their nominal values. The last column: the sd if one were fitted "
         "too, in its natural sizes; - where these readings do not tell it at all."
     )
-    return Table(("left aside", "absorbed by, or looks like", "sd"), rows, note)
+    return ReportTable(("left aside", "absorbed by, or looks like", "sd"), rows, note)
 
 
 def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> Section:
@@ -306,12 +308,12 @@ def residual_view(fit: Fit, experiment: Experiment, readings: Readings, more: tu
     own = readings.states
     rows_shown = tuple((own.pose[m], str(int(own.repeat[m])), *(f"{v:.4f}" for v in worst[m])) for m in order)
     shown_poses = "all poses" if len(worst) <= MOST else f"the {MOST} poses with the largest residuals"
-    view = View(
+    view = SceneView(
         scene.html(),
         f"Measured minus predicted at the markers, {factor:.0f} times enlarged: red by the nominal model, green by the "
         f"identified one; {shown_poses}, the slider shows one at a time. Look for green arrows that turn together with "
         "a link, or that all point one way: the model misses something, and qsf diagnose can name it.",
-        Table(
+        ReportTable(
             ("pose", "repeat", "largest nominal, mm", "identified, mm"),
             rows_shown,
             "Lengths of the vectors, worst first.",

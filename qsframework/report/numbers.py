@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from qsframework.report.blocks import Table
+from qsframework.report.blocks import ReportTable
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure as Plot
@@ -17,7 +17,7 @@ _CURVE = 60
 _MARKUP = re.compile(r"<[^>]+>")
 
 
-def figure_table(figure: Plot) -> Table:
+def figure_table(figure: Plot) -> ReportTable:
     """Every number of a plot's traces: series side by side where they share their x, else one after another.
 
     Heat maps become a matrix. Columns carry the titles of the axes.
@@ -34,9 +34,9 @@ def figure_table(figure: Plot) -> Table:
         names = (
             (y,) if len(series) == 1 else tuple(f"{s.name}: {y}" if i == 0 else s.name for i, s in enumerate(series))
         )
-        return Table((x, *names), tuple(tuple(map(_cell, row)) for row in rows), note)
+        return ReportTable((x, *names), tuple(tuple(map(_cell, row)) for row in rows), note)
     rows = ((s.name, _cell(a), _cell(b)) for s in series for a, b in zip(s.x, s.y, strict=True))
-    return Table(("series", x, y), tuple(rows), note)
+    return ReportTable(("series", x, y), tuple(rows), note)
 
 
 class _Series:
@@ -51,11 +51,11 @@ class _Series:
         self.x, self.y = [_plain(v) for v in x[::step]], y[::step]
 
 
-def _matrix(trace: Any) -> Table:
+def _matrix(trace: Any) -> ReportTable:
     """A heat map with its labels."""
     shown = trace.z if trace.customdata is None else trace.customdata
     header = ("", *(_plain(str(v)) for v in trace.x))
-    return Table(
+    return ReportTable(
         header, tuple((_plain(str(label)), *map(_cell, row)) for label, row in zip(trace.y, shown, strict=True))
     )
 
@@ -78,6 +78,6 @@ def _cell(value: Any) -> str:
     return value if isinstance(value, str) else f"{value:.4g}"
 
 
-def row_table(header: Sequence[str], columns: Sequence[Sequence[Any]], caption: str = "") -> Table:
+def row_table(header: Sequence[str], columns: Sequence[Sequence[Any]], caption: str = "") -> ReportTable:
     """A table from columns of numbers or words."""
-    return Table(tuple(header), tuple(tuple(map(_cell, row)) for row in zip(*columns, strict=True)), caption)
+    return ReportTable(tuple(header), tuple(tuple(map(_cell, row)) for row in zip(*columns, strict=True)), caption)

@@ -11,14 +11,14 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from qsframework.report.blocks import Block, Figure, Lines, Section, Table, Text, Verdict, View
+from qsframework.report.blocks import Block, Figure, Lines, ReportTable, SceneView, Section, Text, Verdict
 from qsframework.report.numbers import figure_table
 from qsframework.report.printed import write_page
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure as Plot
 
-__all__ = ["Block", "Figure", "Lines", "Section", "Table", "Text", "Verdict", "View", "write_report"]
+__all__ = ["Block", "Figure", "Lines", "ReportTable", "SceneView", "Section", "Text", "Verdict", "write_report"]
 _WORDS = 18
 """A column with a longer cell than this holds words, which are set from the left."""
 _PRINTED = 60
@@ -79,9 +79,9 @@ def _block(block: Block, name: str) -> dict[str, Any]:
         return {"kind": "text", "text": block.text}
     if isinstance(block, Lines):
         return {"kind": "lines", "rows": block.rows}
-    if isinstance(block, Table):
+    if isinstance(block, ReportTable):
         return {"kind": "table", "table": _table(block)}
-    if isinstance(block, View):
+    if isinstance(block, SceneView):
         numbers = block.table
         inside = {"kind": "view", "page": _packed(block.page), "poses": block.poses, "wide": False}
     else:
@@ -106,7 +106,7 @@ def _packed(page: str) -> str:
     return base64.b64encode(gzip.compress(page.encode(), mtime=0)).decode()
 
 
-def _table(table: Table) -> dict[str, Any]:
+def _table(table: ReportTable) -> dict[str, Any]:
     """A table, which of its columns hold words, and which holds names of poses."""
     words = [any(len(row[i]) > _WORDS for row in table.rows) for i in range(len(table.header))]
     pose = table.header.index("pose") if "pose" in table.header else None

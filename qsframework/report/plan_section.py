@@ -10,7 +10,7 @@ from qsframework.design.constraints import joint_range
 from qsframework.experiment import Experiment, Plan
 from qsframework.information import Promise, promised_beyond
 from qsframework.plugin import Array, Parameter
-from qsframework.report.blocks import Section, Table, Text, View
+from qsframework.report.blocks import ReportTable, SceneView, Section, Text
 from qsframework.report.words.plan import certificate_text
 from qsframework.report.words.sizes import shown
 from qsframework.units import JointUnits
@@ -30,7 +30,7 @@ def margin_words(experiment: Experiment) -> str:
     return f"Distance kept from the controller's limits: {said} (another: joint_margin_deg in the constraints)."
 
 
-def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> Table:
+def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> ReportTable:
     """Promised standard deviation of each parameter, one column per plan."""
     rows: list[tuple[str, ...]] = []
     for i, p in enumerate(parameters):
@@ -38,7 +38,7 @@ def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> T
         for sd in columns.values():
             row.append(_told(float(sd[i]), p))
         rows.append(tuple(row))
-    return Table(
+    return ReportTable(
         ("parameter", "nominal", "unit", *columns),
         tuple(rows),
         "Standard deviation that each plan promises, from the sensitivities at the nominal values; in brackets its "
@@ -46,13 +46,13 @@ def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> T
     )
 
 
-def promise_table(promised: Sequence[Promise]) -> Table:
+def promise_table(promised: Sequence[Promise]) -> ReportTable:
     """What a plan tells of each fitted parameter, and what would tell more."""
     rows = tuple(
         (p.name, f"{shown(p.nominal, p.unit)[0]:.4g}", _told(p.sd, p), shown(1.0, p.unit)[1], p.help or "ok")
         for p in promised
     )
-    return Table(
+    return ReportTable(
         ("fitted parameter", "nominal", "promised sd", "unit", "what would help"),
         rows,
         "Standard deviation that this plan promises, from the sensitivities at the nominal values; in brackets its "
@@ -68,7 +68,7 @@ def _told(sd: float, p: Parameter | Promise) -> str:
     return f"{shown(sd, p.unit)[0]:.3g}{share}"
 
 
-def beyond_table(experiment: Experiment, sds: Mapping[str, float]) -> Table:
+def beyond_table(experiment: Experiment, sds: Mapping[str, float]) -> ReportTable:
     """What the plan would tell about each parameter of the model that is not fitted, were it fitted too."""
     model = experiment.model()
     rows: list[tuple[str, ...]] = []
@@ -81,7 +81,7 @@ def beyond_table(experiment: Experiment, sds: Mapping[str, float]) -> Table:
             told = "" if share < 100 else ", not identifiable in practice"
             verdict = f"{shown(sd, p.unit)[0]:.3g} {shown(1.0, p.unit)[1]} ({share:.3g} % of its {what} value{told})"
         rows.append((name, verdict))
-    return Table(
+    return ReportTable(
         ("parameter", "sd if fitted as well"),
         tuple(rows),
         "Parameters of the model that the fit holds at their nominal values: what this plan could tell of each, one at "
@@ -89,7 +89,7 @@ def beyond_table(experiment: Experiment, sds: Mapping[str, float]) -> Table:
     )
 
 
-def pose_table(plan: Plan, joints: JointUnits) -> Table:
+def pose_table(plan: Plan, joints: JointUnits) -> ReportTable:
     """The plan's poses as the pendant shows them."""
     header = ("pose", *joints.labels(), "load", "force N", "repeats")
     rows = tuple(
@@ -102,10 +102,12 @@ def pose_table(plan: Plan, joints: JointUnits) -> Table:
         )
         for i in range(len(plan.pose))
     )
-    return Table(header, rows, "Joints as the pendant shows them.")
+    return ReportTable(header, rows, "Joints as the pendant shows them.")
 
 
-def plan_sections(experiment: Experiment, plan: Plan, sds: Table, notes: Sequence[str] = ()) -> tuple[Section, ...]:
+def plan_sections(
+    experiment: Experiment, plan: Plan, sds: ReportTable, notes: Sequence[str] = ()
+) -> tuple[Section, ...]:
     """The 3D view, what the plan promises, and how it is proved, folded."""
     beyond = promised_beyond(experiment, plan)
     more = (beyond_table(experiment, beyond),) if beyond else ()
@@ -116,14 +118,14 @@ def plan_sections(experiment: Experiment, plan: Plan, sds: Table, notes: Sequenc
     )
 
 
-def plan_section(experiment: Experiment, plan: Plan, sds: Table, title: str) -> Section:
+def plan_section(experiment: Experiment, plan: Plan, sds: ReportTable, title: str) -> Section:
     """The same in one section, the proof first."""
     return Section(title, tuple(b for s in reversed(plan_sections(experiment, plan, sds)) for b in s.blocks))
 
 
-def plan_view(experiment: Experiment, plan: Plan) -> View:
+def plan_view(experiment: Experiment, plan: Plan) -> SceneView:
     """The poses in 3D and as a table."""
-    return View(
+    return SceneView(
         plan_scene(experiment, plan).html(),
         "Drag to turn, scroll to zoom; the slider goes through the poses in their order, the others are ghosts. Red "
         "arrow: the load; blue: the markers; red arm: the deflection, 100 times exaggerated; orange: where the load "

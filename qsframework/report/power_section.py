@@ -10,7 +10,7 @@ import numpy as np
 
 from qsframework.forecast.forecast import Foresight, Outlook, Prospect, Why
 from qsframework.plugin import Array, Indices
-from qsframework.report.blocks import Figure, Section, Table, Text
+from qsframework.report.blocks import Figure, ReportTable, Section, Text
 from qsframework.report.plots import DASHES, GREY, blank
 from qsframework.report.words.forecast import curve_words, foresight_words, kind_words, smallest_words, why_words
 
@@ -21,11 +21,11 @@ _LABELS = 120
 """Causes up to which the axes of the heat map carry all names."""
 
 
-def size_table(foresight: Foresight) -> Table:
+def size_table(foresight: Foresight) -> ReportTable:
     """Every visible cause: the smallest sizes that are detected and named, the nearest rival, the status."""
     seen = [p for p in foresight.prospects if p.status is not Outlook.INVISIBLE]
     rows = tuple((p.name, smallest_words(p), smallest_words(p, named=True), _rival(p), _status(p)) for p in seen)
-    return Table(
+    return ReportTable(
         ("cause", "smallest size detected", "named", "nearest rival, angle", "status"),
         rows,
         f"Detected: shown in {100 * foresight.power:.0f} % of measurements of this plan, at "
@@ -35,7 +35,7 @@ def size_table(foresight: Foresight) -> Table:
     )
 
 
-def hidden_table(foresight: Foresight) -> Table:
+def hidden_table(foresight: Foresight) -> ReportTable:
     """What the plan cannot show, and why; one row for each kind of effect and reason."""
     kinds: dict[tuple[str, Why | None], list[str]] = {}
     for p in foresight.prospects:
@@ -44,20 +44,20 @@ def hidden_table(foresight: Foresight) -> Table:
             kinds.setdefault((kind, p.why), []).append(where.removesuffix("]"))
     rows = [(f"{kind} {', '.join(where)}".strip(), kind_words(why)) for (kind, why), where in kinds.items()]
     rows += [(u.name, f"needs the column {' and '.join(u.needs)}") for u in foresight.untested]
-    return Table(
+    return ReportTable(
         ("invisible here", "why"),
         tuple(rows),
         "A later diagnosis of this plan's readings says nothing about these.",
     )
 
 
-def pair_table(foresight: Foresight) -> Table:
+def pair_table(foresight: Foresight) -> ReportTable:
     """Pairs of causes that the plan cannot separate."""
     rows = tuple(
         (p.first, p.second, f"{np.rad2deg(p.angle):.1f} deg", f"{p.s:.0f}" if p.s < 1e3 else "never")
         for p in foresight.pairs
     )
-    return Table(
+    return ReportTable(
         ("cause", "rival", "angle", "told apart from s"),
         rows,
         "Below 10 deg two causes do nearly the same to the readings. s: visible size in units of noise from which the "
@@ -135,7 +135,7 @@ def power_figure(foresight: Foresight, marked: Sequence[tuple[str, float]] = ())
 def power_section(foresight: Foresight, title: str = "What this plan would show") -> Section:
     """Everything that can be said before measuring."""
     names = [p.name for p in foresight.prospects]
-    blocks: list[Text | Table | Figure] = [Text(said) for said in foresight_words(foresight)[:1]]
+    blocks: list[Text | ReportTable | Figure] = [Text(said) for said in foresight_words(foresight)[:1]]
     blocks.append(size_table(foresight))
     if np.isfinite(foresight.angles).any():
         caption = (

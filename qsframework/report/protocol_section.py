@@ -43,7 +43,7 @@ class Commands:
 
 
 @dataclass(frozen=True)
-class Part:
+class SheetPart:
     """A titled part of the sheet: paragraphs, then steps with a box each."""
 
     title: str
@@ -139,7 +139,7 @@ def _made(protocol: Protocol, files: SheetFiles) -> str:
     )
 
 
-def _before(protocol: Protocol, commands: Commands) -> Part:
+def _before(protocol: Protocol, commands: Commands) -> SheetPart:
     wish = protocol.wish
     first = protocol.visits[0]
     people = (
@@ -160,10 +160,10 @@ def _before(protocol: Protocol, commands: Commands) -> Part:
     ]
     hours = f"About {protocol.hours:.1f} hours in all: {len(protocol.visits)} visits, {protocol.readings} readings."
     notes = (f"Note: {n}." for n in protocol.notes)
-    return Part("Before", (people, *notes, hours), tuple(steps))
+    return SheetPart("Before", (people, *notes, hours), tuple(steps))
 
 
-def _at_each_pose(protocol: Protocol, files: SheetFiles) -> Part:
+def _at_each_pose(protocol: Protocol, files: SheetFiles) -> SheetPart:
     wish, readings, floor = protocol.wish, files.readings, files.floor
     half = "Where a card says 'half', first half of the weight, read, then all of it. " if wish.half else ""
     steps = [
@@ -180,10 +180,10 @@ def _at_each_pose(protocol: Protocol, files: SheetFiles) -> Part:
         "from the way; it comes back when the arm stands still and the drives hold. A side pull is slackened first, "
         "then unhooked."
     )
-    return Part("At each pose", (weight,), tuple(steps))
+    return SheetPart("At each pose", (weight,), tuple(steps))
 
 
-def _order(protocol: Protocol) -> Part:
+def _order(protocol: Protocol) -> SheetPart:
     wish = protocol.wish
     order = {
         "random": f"The order is random (seed {wish.seed}), so that drift cannot pass for an effect of the pose.",
@@ -195,7 +195,7 @@ def _order(protocol: Protocol) -> Part:
         "Angles are those of the pendant. The number of a state is its cycle: unloaded c and loaded c make one "
         "displacement. In the pictures grey lines are the base's x (longer) and y, the red arrow is the force."
     )
-    return Part("Visits", (f"{order} {again}", cards))
+    return SheetPart("Visits", (f"{order} {again}", cards))
 
 
 def turning_words(protocol: Protocol) -> str:
@@ -210,7 +210,7 @@ def turning_words(protocol: Protocol) -> str:
     return f"{said}: look at the cables there."
 
 
-def _after(files: SheetFiles, commands: Commands) -> Part:
+def _after(files: SheetFiles, commands: Commands) -> SheetPart:
     readings = files.readings
     text = (
         f"Name {readings} as `data:` in the experiment and run qsf check on it before any fit: it tells the "
@@ -218,4 +218,4 @@ def _after(files: SheetFiles, commands: Commands) -> Part:
         "whether the floor's reflectors moved. Columns that nobody filled in may stay empty; rows not measured get 0 "
         f"in the column use. Then {commands.identify}."
     )
-    return Part("After", (text,))
+    return SheetPart("After", (text,))

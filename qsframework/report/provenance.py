@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from qsframework.files import sha256
 from qsframework.plugin import Effect, Parameter
-from qsframework.report.blocks import Section, Table, Text
+from qsframework.report.blocks import ReportTable, Section, Text
 from qsframework.report.words.sizes import shown
 
 if TYPE_CHECKING:
@@ -75,18 +75,20 @@ def provenance_section(
         for p in parameters
         if p.nominal
     )
-    nominal = Table(
+    nominal = ReportTable(
         ("parameter", "nominal", "source"), known, "Nominal values that are not zero, from the robot's files."
     )
     return Section(
         PROVENANCE,
         (
             Text(random),
-            Table(("equation of", "law", "source"), tuple(equations), _PAPER),
-            Table(("effect", "where", "physics", "law", "source"), tuple(_laws(effects)), "The effects of the model."),
+            ReportTable(("equation of", "law", "source"), tuple(equations), _PAPER),
+            ReportTable(
+                ("effect", "where", "physics", "law", "source"), tuple(_laws(effects)), "The effects of the model."
+            ),
             *((nominal,) if known else ()),
-            Table(("input file", "SHA-256"), hashes, "Other numbers come from other files."),
-            Table(("software", "version"), versions),
+            ReportTable(("input file", "SHA-256"), hashes, "Other numbers come from other files."),
+            ReportTable(("software", "version"), versions),
         ),
         folded=True,
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from qsframework.diagnose.error_budget import error_budget
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit
-from qsframework.diagnose.result import Diagnosis, Finding, Leftover, Line, Taught
+from qsframework.diagnose.result import Diagnosis, Leftover, Line, NamedCause, Taught
 from qsframework.discriminate.follow_up import SecondDay
 from qsframework.discriminate.pair import Discrimination
 from qsframework.forecast.forecast import Foresight, Prospect
@@ -129,7 +129,7 @@ def _law_json(x: Leftover) -> dict[str, Any]:
     }
 
 
-def _cause(f: Finding) -> dict[str, Any]:
+def _cause(f: NamedCause) -> dict[str, Any]:
     return {
         "id": f.name,
         "rivals": [r.name for r in f.rivals],

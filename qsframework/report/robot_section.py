@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from qsframework.report.blocks import Section, Table, View
+from qsframework.report.blocks import ReportTable, SceneView, Section
 from qsframework.robot import Robot
 from qsframework.viz import robot_row
 
 _LOOK = "Look whether the joints turn about the right axes, and whether bars and balancer hang as on the machine."
 
 
-def joint_table(robot: Robot) -> Table:
+def joint_table(robot: Robot) -> ReportTable:
     """Limits as the pendant shows them, and the largest torque."""
     c, most = robot.controller, robot.torque_limits
     most = np.full(robot.facts.n, np.inf) if most is None else most
@@ -27,14 +27,14 @@ def joint_table(robot: Robot) -> Table:
         rows = [(j, low, high, u.shown, t, u.load) for (j, low, high, t), u in zip(rows, units, strict=True)]
         head = ("joint", "from", "to", "unit", "largest load", "its unit")
     carried = "no payload is stated" if robot.payload is None else f"payload {robot.payload:g} kg"
-    return Table(
+    return ReportTable(
         head,
         tuple(rows),
         f"Limits of what the pendant shows; {carried}.",
     )
 
 
-def robots_table(robots: Sequence[Robot]) -> Table:
+def robots_table(robots: Sequence[Robot]) -> ReportTable:
     """One row per robot."""
     rows: list[tuple[str, ...]] = []
     for r in robots:
@@ -43,7 +43,7 @@ def robots_table(robots: Sequence[Robot]) -> Table:
         kinds = ", ".join(dict.fromkeys(e.effect_name() for e in r.effects))
         payload = "-" if r.payload is None else f"{r.payload:g}"
         rows.append((r.name, r.title, str(r.facts.n), payload, f"{assumed} of {valued}", kinds))
-    return Table(
+    return ReportTable(
         ("robot", "title", "joints", "payload kg", "values assumed", "effects"),
         tuple(rows),
         "Assumed values stand where no measurement is published: what is computed from them is no better.",
@@ -52,7 +52,7 @@ def robots_table(robots: Sequence[Robot]) -> Table:
 
 def robots_section(robots: Sequence[Robot]) -> Section:
     """A table of robots and a scene that shows them one at a time."""
-    views = (View(robot_row(robots).html(), _SLIDE, robots_table(robots)),) if robots else ()
+    views = (SceneView(robot_row(robots).html(), _SLIDE, robots_table(robots)),) if robots else ()
     return Section("Robots", views)
 
 
@@ -61,4 +61,4 @@ _SLIDE = "The slider goes through the robots at zero angles, or the nearest allo
 
 def robot_section(robot: Robot) -> Section:
     """One robot with its joints."""
-    return Section(robot.title, (View(robot_row([robot]).html(), _LOOK, joint_table(robot)),))
+    return Section(robot.title, (SceneView(robot_row([robot]).html(), _LOOK, joint_table(robot)),))

@@ -10,7 +10,7 @@ import numpy as np
 
 from qsframework.experiment import Experiment, Plan, Simulation
 from qsframework.plugin import Array
-from qsframework.report.blocks import Figure, Section, Table, Text, View
+from qsframework.report.blocks import Figure, ReportTable, SceneView, Section, Text
 from qsframework.report.plots import GREY, blank
 from qsframework.report.words.sizes import shown
 from qsframework.viz import show_scene
@@ -44,7 +44,7 @@ def simulation_sections(
     )
     numbers = deflection_table(experiment, plan, moved)
     figure = Figure(_bars(experiment, plan, moved, sigma), _LOOK, numbers)
-    view = View(show_scene(experiment, plan, result.x).html(), _SCENE, tip_table(plan, result))
+    view = SceneView(show_scene(experiment, plan, result.x).html(), _SCENE, tip_table(plan, result))
     return (
         Section("What the poses show", (Text(said), *(Text(f"Note: {note}.") for note in notes), figure)),
         Section("In 3D", (view,)),
@@ -52,7 +52,7 @@ def simulation_sections(
     )
 
 
-def deflection_table(experiment: Experiment, plan: Plan, moved: Array) -> Table:
+def deflection_table(experiment: Experiment, plan: Plan, moved: Array) -> ReportTable:
     """Displacement (N, K, 3) m of each marker at each pose, without noise."""
     rows = tuple(
         (
@@ -65,17 +65,19 @@ def deflection_table(experiment: Experiment, plan: Plan, moved: Array) -> Table:
         for i in range(len(plan.pose))
         for k, m in enumerate(experiment.markers)
     )
-    return Table(("pose", "load", "marker", "dx mm", "dy mm", "dz mm", "length mm"), rows, "Base frame, without noise.")
+    return ReportTable(
+        ("pose", "load", "marker", "dx mm", "dy mm", "dz mm", "length mm"), rows, "Base frame, without noise."
+    )
 
 
-def tip_table(plan: Plan, result: Simulation) -> Table:
+def tip_table(plan: Plan, result: Simulation) -> ReportTable:
     """The load point's way from unloaded to loaded by the full equilibrium."""
     tip = 1e3 * deflection(result.model, plan.poses, result.x).tip
     rows = tuple((p, *(f"{v:.4f}" for v in t), f"{np.linalg.norm(t):.4f}") for p, t in zip(plan.pose, tip, strict=True))
-    return Table(("pose", "dx mm", "dy mm", "dz mm", "length mm"), rows, "Of the load point.")
+    return ReportTable(("pose", "dx mm", "dy mm", "dz mm", "length mm"), rows, "Of the load point.")
 
 
-def truth_table(result: Simulation) -> Table:
+def truth_table(result: Simulation) -> ReportTable:
     """The parameters of the simulation beside the nominal ones."""
     rows: list[tuple[str, ...]] = []
     for p, x in zip(result.model.parameters, result.x, strict=True):
@@ -83,7 +85,7 @@ def truth_table(result: Simulation) -> Table:
         change = f"{100 * (x / p.nominal - 1):+.1f} %" if p.nominal else "-"
         rows.append((p.name, f"{shown(float(x), p.unit)[0]:.5g}", f"{shown(p.nominal, p.unit)[0]:.5g}", unit, change))
     header = ("parameter", "in the simulation", "nominal", "unit", "change")
-    return Table(header, tuple(rows), "A fit of the readings should find the second column within its sds.")
+    return ReportTable(header, tuple(rows), "A fit of the readings should find the second column within its sds.")
 
 
 def _bars(experiment: Experiment, plan: Plan, moved: Array, sigma: float) -> Plot:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qsframework.identify.validate import Errors, Validation
-from qsframework.report.blocks import Figure, Section, Table, Text
+from qsframework.identify.validate import Validation, ValidationErrors
+from qsframework.report.blocks import Figure, ReportTable, Section, Text
 from qsframework.report.fit_plots import distribution_figure
 from qsframework.report.plots import AFTER, blank
 from qsframework.report.words.validation import validation_words
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure as Plot
 
 
-def validation_tables(found: Validation) -> tuple[Table, ...]:
+def validation_tables(found: Validation) -> tuple[ReportTable, ...]:
     """The 3D error before and after, and RMS by axis, for all readings and for each series."""
     parts = (found.whole, *(found.parts if len(found.parts) > 1 else ()))
     header = ("readings", "count", "mean, mm", "95 %, mm", "max, mm", "nominal mean", "nominal max")
@@ -28,18 +28,18 @@ def validation_tables(found: Validation) -> tuple[Table, ...]:
         rows.append((part.name, str(part.count), *map(_mm, (mean, most, largest, before[0], before[2]))))
     axes = tuple((part.name, *map(_mm, part.axes())) for part in parts)
     tables = [
-        Table(
+        ReportTable(
             header,
             tuple(rows),
             "3D error, the distance of the measured from the predicted point; nominal: of the "
             "arm before the fit, in frames that suit it best.",
         ),
-        Table(("RMS by axis", "x, mm", "y, mm", "z, mm"), axes, "Of a gauge the first column is its own axis."),
+        ReportTable(("RMS by axis", "x, mm", "y, mm", "z, mm"), axes, "Of a gauge the first column is its own axis."),
     ]
     if found.halves:
         low, middle, high = np.quantile(found.spread, [0.0, 0.5, 1.0])
         tables.append(
-            Table(
+            ReportTable(
                 ("RMS of the 3D error by half", "mm"),
                 (("smallest", _mm(low)), ("median", _mm(middle)), ("largest", _mm(high))),
                 "Each half of the poses fitted, the other judged.",
@@ -66,7 +66,7 @@ def validation_section(found: Validation) -> Section:
     )
 
 
-def _distribution(part: Errors) -> tuple[Figure, ...]:
+def _distribution(part: ValidationErrors) -> tuple[Figure, ...]:
     sizes = {"nominal": part.distances(before=True), "identified": part.distances()}
     return (distribution_figure(sizes),) if len(sizes["identified"]) else ()
 

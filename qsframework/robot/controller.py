@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.errors import InputError, Place, Problem
+from qsframework.errors import InputError, Problem, ProblemPlace
 from qsframework.files import Document
 from qsframework.plugin import Array, Loop, RobotFacts
 from qsframework.plugin.facts import frozen
@@ -128,7 +128,7 @@ def read_actuated(document: Document, spec: RobotSpec, facts: RobotFacts) -> Con
     problems: list[Problem] = []
     for k, joint in enumerate(facts.driven):
         entry = spec.controller[joint]
-        here: Place = {"file": str(document.path), "line": document.line("controller", joint)}
+        here: ProblemPlace = {"file": str(document.path), "line": document.line("controller", joint)}
         slides = facts.slides(joint)
         problems += [replace(p, **here) for p in _joint_problems(joint, entry, slides)]
         if not problems:

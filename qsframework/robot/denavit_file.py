@@ -20,7 +20,7 @@ from qsframework.files import read_text
 from qsframework.plugin import Array
 from qsframework.robot.denavit import turns
 from qsframework.robot.urdf import Joint, Link, Origin, Urdf
-from qsframework.robot.xml_tree import Place
+from qsframework.robot.xml_tree import XmlPlace
 
 _KINDS = {"a": "m", "alpha": "rad", "d": "m", "theta": "rad", "min": "rad", "max": "rad"}
 _NEEDED = ("a", "alpha", "d", "theta")
@@ -56,7 +56,7 @@ def read_denavit(path: Path, modified: bool = False) -> Urdf:
         steps = [before @ t for before, t in zip([np.eye(4), *after[:-1]], theta, strict=True)]
         end = after[-1]
     names = ["base", *(f"link_{k + 1}" for k in range(len(rows))), "flange"]
-    links = tuple(Link(name, Place(str(path), None), None, ()) for name in names)
+    links = tuple(Link(name, XmlPlace(str(path), None), None, ()) for name in names)
     joints = [
         _joint(path, row, names[k], names[k + 1], steps[k], "revolute" if "min" in row.values else "continuous")
         for k, row in enumerate(rows)
@@ -75,7 +75,7 @@ def _joint(path: Path, row: _Row, parent: str, child: str, placement: Array, kin
         axis=np.array([0.0, 0.0, 1.0]),
         limits=(row.values["min"], row.values["max"]) if "min" in row.values else None,
         mimic=None,
-        place=Place(str(path), row.line),
+        place=XmlPlace(str(path), row.line),
     )
 
 
@@ -154,7 +154,7 @@ def _row(
     line, cells = at
 
     def refuse(message: str, column: str | None = None, found: str | None = None, allowed: str | None = None) -> None:
-        place = Place(str(path), line)
+        place = XmlPlace(str(path), line)
         problems.append(place.problem(message, column=column, found=found, allowed=allowed))
 
     if len(cells) != len(columns):

@@ -21,7 +21,7 @@ from qsframework.files.plain import is_list, is_mapping
 from qsframework.robot import xml_tree
 from qsframework.robot.packages import Sources, inside
 from qsframework.robot.xacro_math import evaluate
-from qsframework.robot.xml_tree import Node, Place
+from qsframework.robot.xml_tree import Node, XmlPlace
 
 _LARGEST = 5_000_000
 _MOST_CALLS = 10_000
@@ -261,9 +261,9 @@ class _Expansion:
         children = [self._node(c) for c in element.childNodes if c.nodeType == c.ELEMENT_NODE]
         return Node(element.tagName, attributes, place, children)
 
-    def _place(self, origin: str) -> Place:
+    def _place(self, origin: str) -> XmlPlace:
         file, line, _ = origin.split(":")
-        return Place(self.files[int(file)], int(line))
+        return XmlPlace(self.files[int(file)], int(line))
 
 
 class _NoGlob:

@@ -14,7 +14,7 @@ from qsframework.robot.denavit_file import read_denavit
 from qsframework.robot.loader import load_robot
 from qsframework.robot.packages import Sources
 from qsframework.robot.scaffold import propose
-from qsframework.robot.statics import Check, check_statics
+from qsframework.robot.statics import GravityCheck, check_statics
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
@@ -40,7 +40,7 @@ class NewRobot:
     folder: Path
     files: tuple[str, ...]
     checklist: tuple[str, ...]
-    checks: tuple[Check, ...]
+    checks: tuple[GravityCheck, ...]
 
 
 def new(

@@ -36,7 +36,7 @@ class Proposal:
 
 
 @dataclass(frozen=True)
-class Stiffness:
+class ScaffoldStiffness:
     """Assumed stiffness (N m/rad, N/m where it slides) of a joint, and why."""
 
     joint: str
@@ -147,30 +147,30 @@ def _told_following(following: dict[str, Mimic]) -> tuple[str, ...]:
     return (f"couplings: by mimic {told}; is it so on the machine, or has the joint a motor of its own?",)
 
 
-def _stiffness(urdf: Urdf, moving: list[Joint], payload: float | None) -> list[Stiffness]:
+def _stiffness(urdf: Urdf, moving: list[Joint], payload: float | None) -> list[ScaffoldStiffness]:
     """From the largest torques if all are stated, else from what the links weigh."""
     if all(j.effort for j in moving) and len({j.effort for j in moving}) > 1:
         why = "assumed: 2.5 mrad at the joint's largest torque in the URDF"
         return [
-            Stiffness(j.name, _SLIDE, _WHY_SLIDE, True)
+            ScaffoldStiffness(j.name, _SLIDE, _WHY_SLIDE, True)
             if _slides(j)
-            else Stiffness(j.name, j.effort / _TWIST_AT_EFFORT, why)
+            else ScaffoldStiffness(j.name, j.effort / _TWIST_AT_EFFORT, why)
             for j in moving
         ]
     lengths = [float(np.linalg.norm(j.origin.xyz)) for j in moving] + [0.0]
     masses = [mass_of(urdf, j.child) for j in moving]
     tool, reach = payload or _TOOL_SHARE * sum(masses), sum(lengths[1:])
     load = f"a tool of {100 * _TOOL_SHARE:g} % of it" if payload is None else "the payload"
-    out: list[Stiffness] = []
+    out: list[ScaffoldStiffness] = []
     for k, joint in enumerate(moving):
         if _slides(joint):
-            out.append(Stiffness(joint.name, _SLIDE, _WHY_SLIDE, True))
+            out.append(ScaffoldStiffness(joint.name, _SLIDE, _WHY_SLIDE, True))
             continue
         arms = np.cumsum([0.0, *lengths[k + 1 : -1]])
         moment = sum(m * (a + 0.5 * b) for m, a, b in zip(masses[k:], arms, lengths[k + 1 :], strict=True))
         moment += tool * (float(arms[-1]) + _TOOL_REACH * max(reach, 0.1))
         why = f"assumed: 1 mrad under the stretched arm's own weight and {load}"
-        out.append(Stiffness(joint.name, 9.81 * moment / _TWIST_AT_WEIGHT, why))
+        out.append(ScaffoldStiffness(joint.name, 9.81 * moment / _TWIST_AT_WEIGHT, why))
     return out
 
 

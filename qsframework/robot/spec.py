@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from qsframework import plausible, units
-from qsframework.errors import InputError, Place, Problem, nearest
+from qsframework.errors import InputError, Problem, ProblemPlace, nearest
 from qsframework.files import Document, FileModel, Unit
 from qsframework.files.models import GREATEST
 from qsframework.files.plain import is_mapping
@@ -67,12 +67,12 @@ def read_effects(
     trust: whether an entry may name an effect by `file:`, which runs its code
     """
     effects: dict[str, Effect] = {}
-    places: dict[str, Place] = {}
+    places: dict[str, ProblemPlace] = {}
     problems: list[Problem] = []
     refused: dict[int, list[Problem]] = {}
 
     def read(i: int) -> None:
-        here: Place = {"file": str(document.path), "line": document.line("effects", i)}
+        here: ProblemPlace = {"file": str(document.path), "line": document.line("effects", i)}
         try:
             for effect in entry_effects(entries[i], document.path.parent, facts, markers, trust=trust):
                 if effect.name in effects:
@@ -129,7 +129,7 @@ def read_nominal(
             if stated:
                 effect.validate_values(np.array([p.nominal for p in own]), facts)
         except InputError as error:
-            here: Place = {"file": str(document.path), "line": document.line(stated[0])}
+            here: ProblemPlace = {"file": str(document.path), "line": document.line(stated[0])}
             problems += [replace(p, **here) for p in error.problems]
     return out, problems
 

@@ -17,7 +17,7 @@ WEIGHTLESS = "the URDF states no mass, so that nothing sags by its own weight: g
 
 
 @dataclass(frozen=True)
-class Check:
+class GravityCheck:
     """One thing that was tried: whether it held, and what was found."""
 
     name: str
@@ -25,11 +25,11 @@ class Check:
     words: str
 
 
-def check_statics(robot: Robot, seed: int = 0) -> tuple[Check, ...]:
+def check_statics(robot: Robot, seed: int = 0) -> tuple[GravityCheck, ...]:
     """Kinematics and gravity at 20 poses inside the limits, of an arm whose loops close everywhere."""
     control, rng = robot.controller, np.random.default_rng(seed)
     q = control.to_joints(rng.uniform(control.lower, control.upper, (_TRIED, len(control.lower))))
-    return Check("kinematics", *check_kinematics(robot, q)), Check("gravity", *check_gravity(robot, q))
+    return GravityCheck("kinematics", *check_kinematics(robot, q)), GravityCheck("gravity", *check_gravity(robot, q))
 
 
 def check_kinematics(robot: Robot, q: Array) -> tuple[bool, str]:

@@ -13,7 +13,7 @@ from qsframework.errors import Problem
 from qsframework.plugin import Array
 from qsframework.robot.expand import read_tree
 from qsframework.robot.packages import Sources
-from qsframework.robot.xml_tree import Node, Place
+from qsframework.robot.xml_tree import Node, XmlPlace
 
 MOVING = ("revolute", "continuous", "prismatic", "floating", "planar")
 JOINT_TYPES = (*MOVING, "fixed")
@@ -53,8 +53,8 @@ class Inertial:
     mass: float
     origin: Origin
     inertia: Array
-    mass_place: Place
-    inertia_place: Place
+    mass_place: XmlPlace
+    inertia_place: XmlPlace
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ class MeshVisual:
     scale: Array
     origin: Origin
     rgba: tuple[float, float, float, float]
-    place: Place
+    place: XmlPlace
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ class Link:
     """A body: its mass, if it has one, its solids and meshes to draw, and those for collisions where they differ."""
 
     name: str
-    place: Place
+    place: XmlPlace
     inertial: Inertial | None
     visuals: tuple[Visual, ...]
     meshes: tuple[MeshVisual, ...] = ()
@@ -112,7 +112,7 @@ class Joint:
     axis: Array
     limits: tuple[float, float] | None
     mimic: Mimic | None
-    place: Place
+    place: XmlPlace
     effort: float = 0.0
 
     @property

@@ -23,7 +23,7 @@ def quoted(value: str) -> str:
 
 
 @dataclass(frozen=True)
-class Place:
+class XmlPlace:
     """File and line of an element."""
 
     file: str
@@ -43,7 +43,7 @@ class Node:
 
     tag: str
     attributes: dict[str, str]
-    place: Place
+    place: XmlPlace
     children: list[Node] = field(default_factory=list["Node"])
 
     def all(self, tag: str) -> Iterator[Node]:
@@ -79,16 +79,16 @@ def starts(text: str, file: str) -> list[Start]:
 
 def _read(text: str, file: str) -> tuple[Node, list[Start]]:
     parser = expat.ParserCreate("utf-8")
-    top = Node("", {}, Place(file, 1))
+    top = Node("", {}, XmlPlace(file, 1))
     stack: list[Node] = [top]
     found: list[Start] = []
 
     def refuse(*_: Any) -> None:
         message = "a document type (DOCTYPE) or entity is not allowed in a robot file"
-        raise InputError(Place(file, parser.CurrentLineNumber).problem(message, hint="Remove it."))
+        raise InputError(XmlPlace(file, parser.CurrentLineNumber).problem(message, hint="Remove it."))
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        node = Node(tag, attributes, Place(file, parser.CurrentLineNumber))
+        node = Node(tag, attributes, XmlPlace(file, parser.CurrentLineNumber))
         if len(stack) > _DEEPEST or len(found) >= _MOST:
             words = "elements are nested too deeply" if len(stack) > _DEEPEST else f"holds more than {_MOST} elements"
             raise InputError(node.place.problem(words))
@@ -105,5 +105,7 @@ def _read(text: str, file: str) -> tuple[Node, list[Start]]:
     except expat.ExpatError as error:
         reason = expat.errors.messages.get(error.code, str(error))
         hint = "The file looks cut off." if len(stack) > 1 and reason == "no element found" else None
-        raise InputError(Place(file, error.lineno).problem(f"is not well-formed XML: {reason}", hint=hint)) from error
+        raise InputError(
+            XmlPlace(file, error.lineno).problem(f"is not well-formed XML: {reason}", hint=hint)
+        ) from error
     return top.children[0], found

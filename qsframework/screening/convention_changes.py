@@ -19,7 +19,7 @@ from qsframework.screening.logging_faults import moved_up, visits_of
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class ConventionChange:
     """A convention before it is judged, of all rows, those that are set aside too; name, value, rows, column, found and
     meant as in `Convention`.
 
@@ -38,7 +38,7 @@ class Change:
     shrunk: float = 0.0
 
 
-def couplings(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+def couplings(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
     """An angle that is absolute where the file says relative, or the reverse, at every joint."""
     robot, model = experiment.robot, experiment.model()
     held = dict(zip(model.names, model.nominal, strict=True))
@@ -54,10 +54,10 @@ def couplings(experiment: Experiment, readings: Readings) -> Iterator[Change]:
                 f"{own.name} = {value:+g}: the true angle of {effect.where} is the file's {sign} the shown angle of "
                 "the joint before it; an absolute angle was read as relative, or the reverse"
             )
-            yield Change(own.name, value, words, here.with_(parameters=(*others, fixed)), readings=readings)
+            yield ConventionChange(own.name, value, words, here.with_(parameters=(*others, fixed)), readings=readings)
 
 
-def joint_signs(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+def joint_signs(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
     """Every joint angle reversed."""
     for k, joint in enumerate(experiment.robot.facts.driven):
         pendant = np.array(readings.poses.pendant)
@@ -66,7 +66,7 @@ def joint_signs(experiment: Experiment, readings: Readings) -> Iterator[Change]:
         poses = replace(readings.poses, pendant=pendant, q=q)
         what = "travel" if experiment.robot.facts.slides(joint) else "angle"
         words = f"the {what} of {joint} counts the other way round"
-        yield Change(f"joint_sign[{joint}]", -1.0, words, experiment, readings=readings.with_poses(poses))
+        yield ConventionChange(f"joint_sign[{joint}]", -1.0, words, experiment, readings=readings.with_poses(poses))
 
 
 _WITHOUT = "this arm does not behave as if it had {}"
@@ -78,7 +78,7 @@ _STRUCTURES = {
 }
 
 
-def structures(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+def structures(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
     """Loops, couplings and balancers that the file has and the arm has not, or the reverse; `couplings` has angles."""
     for other in alternatives(experiment.robot):
         if other.kind in _STRUCTURES:
@@ -88,7 +88,7 @@ def structures(experiment: Experiment, readings: Readings) -> Iterator[Change]:
             except InputError:  # the campaign cannot be had on this structure
                 continue
             words = f"{_STRUCTURES[other.kind].format(' and '.join(other.subjects))}, against its file"
-            yield Change(other.id, 1.0, words, campaign, readings=shown)
+            yield ConventionChange(other.id, 1.0, words, campaign, readings=shown)
 
 
 def _orientations() -> list[Array]:
@@ -111,7 +111,7 @@ def _axes(P: Array, what: str) -> str:
     return ", ".join(said)
 
 
-def displacement_axes(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+def displacement_axes(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
     """Signed permutations of the axes of the displacements; their reversal is a sign convention."""
     base = ~readings.is_position & (readings.frame < 0) & ~readings.is_gauge
     if not (base & readings.use).any():  # the axes of a series are found, whatever they are
@@ -125,7 +125,7 @@ def displacement_axes(experiment: Experiment, readings: Readings) -> Iterator[Ch
             if reversed_
             else f"axes of the displacements: {_axes(P, 'd')}"
         )
-        yield Change(
+        yield ConventionChange(
             name,
             -1.0 if reversed_ else 1.0,
             words,
@@ -134,7 +134,7 @@ def displacement_axes(experiment: Experiment, readings: Readings) -> Iterator[Ch
         )
 
 
-def force_axes(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+def force_axes(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
     """Axes of the load cell. Its reversal is that of the displacements, and moments turn as axial vectors do."""
     wrench = readings.poses.wrench
     if not wrench.any():
@@ -148,7 +148,7 @@ def force_axes(experiment: Experiment, readings: Readings) -> Iterator[Change]:
             continue
         seen.append(turned)
         poses: Poses = replace(readings.poses, wrench=turned)
-        yield Change(
+        yield ConventionChange(
             "force_axes", 1.0, f"axes of the force: {_axes(P, 'f')}", experiment, readings=readings.with_poses(poses)
         )
 
@@ -160,7 +160,7 @@ _MOVED = 1e-3
 """rad or m: a joint whose angles differ by less in all poses tells nothing of its column."""
 
 
-def angle_units(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+def angle_units(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
     """A column of angles in radians under a header of degrees, of travels in m under one of mm, or the reverse."""
     pendant, joints = readings.poses.pendant, experiment.robot.controller.units
     for k in range(pendant.shape[1]):
@@ -176,10 +176,10 @@ def angle_units(experiment: Experiment, readings: Readings) -> Iterator[Change]:
         if not experiment.robot.controller.outside(angles).any():
             words = f"the column q{k + 1} is in {said}"
             changed = _shown(experiment, readings, angles)
-            yield Change("column_unit", factor, words, experiment, readings=changed, column=f"q{k + 1}")
+            yield ConventionChange("column_unit", factor, words, experiment, readings=changed, column=f"q{k + 1}")
 
 
-def joint_columns(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+def joint_columns(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
     """The angles, or the travels, of two joints exchanged."""
     pendant, sliding = readings.poses.pendant, experiment.robot.controller.units.sliding
     for a, b in combinations(range(pendant.shape[1]), 2):
@@ -190,7 +190,9 @@ def joint_columns(experiment: Experiment, readings: Readings) -> Iterator[Change
         if not experiment.robot.controller.outside(angles).any():
             words = f"the columns q{a + 1} and q{b + 1} are exchanged"
             changed = _shown(experiment, readings, angles)
-            yield Change("joint_columns", 1.0, words, experiment, readings=changed, column=f"q{a + 1}, q{b + 1}")
+            yield ConventionChange(
+                "joint_columns", 1.0, words, experiment, readings=changed, column=f"q{a + 1}, q{b + 1}"
+            )
 
 
 def _shown(experiment: Experiment, readings: Readings, pendant: Array) -> Readings:
@@ -203,7 +205,7 @@ _LENGTHS = ((10.0, "cm"), (1e3, "m"), (25.4, "inches"))
 _WEIGHTS = ((9.80665, "kgf"), (4.4482216, "lbf"), (1e3, "kN"))
 
 
-def value_units(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+def value_units(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
     """A column of displacements or positions in another unit than its header's; all columns of positions."""
     for position in (False, True):
         rows = (readings.is_position == position) & ~readings.is_gauge
@@ -221,10 +223,12 @@ def value_units(experiment: Experiment, readings: Readings) -> Iterator[Change]:
                 )
                 smaller = min(float(np.log(factor)), 0.0)
                 changed = readings.with_values(value)
-                yield Change("column_unit", factor, words, experiment, readings=changed, column=column, shrunk=smaller)
+                yield ConventionChange(
+                    "column_unit", factor, words, experiment, readings=changed, column=column, shrunk=smaller
+                )
 
 
-def force_units(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+def force_units(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
     """A column of forces in another unit than its header's, where another column keeps its own."""
     wrench = readings.poses.wrench
     used = [i for i in range(3) if wrench[:, i].any()]
@@ -234,7 +238,7 @@ def force_units(experiment: Experiment, readings: Readings) -> Iterator[Change]:
             changed[:, i] *= factor
             words = f"the column {_FORCE[i]} is in {said}"
             poses = replace(readings.poses, wrench=changed)
-            yield Change(
+            yield ConventionChange(
                 "column_unit", factor, words, experiment, readings=readings.with_poses(poses), column=_FORCE[i]
             )
 
@@ -245,7 +249,7 @@ def _both(units: Sequence[tuple[float, str]], own: str) -> Iterator[tuple[float,
         yield 1.0 / factor, f"{own}, not in {name}"
 
 
-def position_axes(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+def position_axes(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
     """Positions in a frame that is to be found, mirrored: one sign, or two axes exchanged, it is the same."""
     for f, name in enumerate(readings.frames):
         rows = readings.is_position & (readings.frame == f) & ~readings.is_gauge
@@ -254,10 +258,12 @@ def position_axes(experiment: Experiment, readings: Readings) -> Iterator[Change
         value = np.where(rows[:, None], readings.value * [1.0, 1.0, -1.0], readings.value)
         where = f" of series {name}" if name else ""
         words = f"the positions{where} are mirror images: the sign of one axis is reversed, or two are exchanged"
-        yield Change("position_axes", -1.0, words, experiment, readings=readings.with_values(value), column="x, y, z")
+        yield ConventionChange(
+            "position_axes", -1.0, words, experiment, readings=readings.with_values(value), column="x, y, z"
+        )
 
 
-def exchanged_states(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+def exchanged_states(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
     """Positions of loaded states that stand where those of the unloaded ones should, at all poses."""
     loaded = readings.states.loaded[readings.plus]
     key: dict[tuple[object, ...], int] = {}
@@ -272,7 +278,7 @@ def exchanged_states(experiment: Experiment, readings: Readings) -> Iterator[Cha
     if not np.array_equal(order, np.arange(len(readings))):
         words = "the readings of the loaded and of the unloaded states are exchanged"
         changed = readings.with_values(readings.value[order])
-        yield Change("states_exchanged", 1.0, words, experiment, readings=changed, column="state")
+        yield ConventionChange("states_exchanged", 1.0, words, experiment, readings=changed, column="state")
 
 
 def _who(readings: Readings, i: int) -> tuple[object, ...]:
@@ -280,7 +286,7 @@ def _who(readings: Readings, i: int) -> tuple[object, ...]:
     return states.pose[s], int(states.repeat[s]), int(states.cycle[s]), int(readings.marker[i]), int(readings.frame[i])
 
 
-def tracker_axes(experiment: Experiment, readings: Readings) -> Iterator[Change]:
+def tracker_axes(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
     """Displacements along the axes of a tracker that nobody aligned: a frame is found for them."""
     base = ~readings.is_position & (readings.frame < 0) & ~readings.is_gauge
     if not (base & readings.use).any():
@@ -293,7 +299,7 @@ def tracker_axes(experiment: Experiment, readings: Readings) -> Iterator[Change]
     except InputError:  # too few, or all along one line
         return
     if np.trace(turned) < 1.0 + 2.0 * np.cos(_ALIGNED):
-        yield Change("tracker_axes", 1.0, words, experiment, readings=changed, column="dx, dy, dz", free=3)
+        yield ConventionChange("tracker_axes", 1.0, words, experiment, readings=changed, column="dx, dy, dz", free=3)
 
 
 def aligned(experiment: Experiment, turned: Readings, given: Readings) -> Readings:

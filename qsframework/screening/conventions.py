@@ -18,7 +18,7 @@ from qsframework.experiment.observations import start_values
 from qsframework.plugin import Indices, Spring
 from qsframework.screening.blocks import FRAME, in_frame
 from qsframework.screening.convention_changes import (
-    Change,
+    ConventionChange,
     aligned,
     angle_units,
     couplings,
@@ -39,7 +39,7 @@ from qsframework.screening.linearized import Estimates, Linearized, linearized, 
 from qsframework.screening.logging_faults import exchanges, late_angles
 from qsframework.screening.rows import lines
 from qsframework.screening.standing_out import Standing, agreement, stand_out
-from qsframework.screening.table_mistakes import Mistake, table_mistakes
+from qsframework.screening.table_mistakes import TableMistake, table_mistakes
 
 LEVEL = 1e-4
 """The likelihood ratio, all conventions counted, beyond which one may be compelling."""
@@ -254,7 +254,7 @@ def _cells(given: Linearized, standing: Standing) -> list[Convention]:
     return out
 
 
-def _name(readings: Readings, mistake: Mistake) -> str:
+def _name(readings: Readings, mistake: TableMistake) -> str:
     """`angle[p08/q5]`: kind, pose, the state where it is one of two, and the column of a single number."""
     states, first = readings.states, mistake.edits[0]
     poses = list(dict.fromkeys(states.pose[int(s)] for e in mistake.edits for s in e.states))
@@ -328,14 +328,14 @@ def _changed(given: Linearized, fit: Linearized) -> tuple[Moved, ...]:
     return tuple(out)
 
 
-def check_structures(experiment: Experiment, readings: Readings) -> tuple[Change, ...]:
+def check_structures(experiment: Experiment, readings: Readings) -> tuple[ConventionChange, ...]:
     """The structures of the arm that may fit the readings better than that of its file: no further from them by a
     linear fit, and with no compliance below its bound that is not so in the file's own. Exact fits compare them."""
     given = linearized(experiment, readings)
     return tuple(change for change in structures(experiment, readings) if _may_fit(change, given))
 
 
-def _may_fit(change: Change, given: Linearized) -> bool:
+def _may_fit(change: ConventionChange, given: Linearized) -> bool:
     trial = _one(change, given)
     if trial is None:
         return False
@@ -344,7 +344,7 @@ def _may_fit(change: Change, given: Linearized) -> bool:
 
 
 def _judge(
-    change: Change, given: Linearized, trial: Linearized | None, tried: int, rows: Indices | None = None
+    change: ConventionChange, given: Linearized, trial: Linearized | None, tried: int, rows: Indices | None = None
 ) -> Convention | None:
     """Compare a change that is applied; `rows` of the file are those that it touches, None for all. None where nothing
     speaks for it, and where it cannot be applied."""
@@ -376,7 +376,9 @@ def _judge(
     )
 
 
-def _speaks_for(change: Change, given: Estimates, fit: Estimates | LinearFit, tried: int) -> tuple[float, float]:
+def _speaks_for(
+    change: ConventionChange, given: Estimates, fit: Estimates | LinearFit, tried: int
+) -> tuple[float, float]:
     """Evidence for a change, nats, and by how much the logarithm of what a measurement leaves falls."""
     drop = float(np.log(max(given.chi2, 1e-300)) - np.log(max(fit.chi2, 1e-300)))
     drop -= float(np.log(given.dof / fit.dof))  # late angles leave a measurement out
@@ -384,7 +386,7 @@ def _speaks_for(change: Change, given: Estimates, fit: Estimates | LinearFit, tr
     return evidence - 0.5 * change.free * float(np.log(fit.dof)) + change.shrunk * fit.dof, drop
 
 
-def fits_better(change: Change, rms: float, given: float) -> str:
+def fits_better(change: ConventionChange, rms: float, given: float) -> str:
     """What a change is, and what the fits leave with it and as given, m."""
     return f"{change.words}: {_gain_words(rms, given)}"
 
@@ -393,7 +395,7 @@ def _gain_words(rms: float, given: float) -> str:
     return f"the readings then fit to {rms * 1e3:.3f} mm a coordinate, as given to {given * 1e3:.3f} mm"
 
 
-def _right_unit(change: Change, given: Linearized, fit: Linearized) -> bool:
+def _right_unit(change: ConventionChange, given: Linearized, fit: Linearized) -> bool:
     """Whether a column fits in another unit, and not only better: of forces to the stated noise, for springs follow."""
     forces = change.column.startswith("f")
     chi2, most = fit.estimates.chi2, _NOISE * fit.estimates.dof
@@ -410,7 +412,7 @@ def _local(given: Linearized, fit: Linearized, rows: Indices) -> float:
     return square(fit) / max(square(given), 1e-300)
 
 
-def _trials(changes: Sequence[Change], given: Linearized) -> list[Linearized | None]:
+def _trials(changes: Sequence[ConventionChange], given: Linearized) -> list[Linearized | None]:
     """What `_first` has of the readings as given, for each change; where rows stay and the model is asked anew, it is
     asked for many changes at once. None where a change cannot be applied: angles beyond the arm's, readings that then
     hold no frame, or lie so far from the nominal arm that no fit makes up for it."""
@@ -445,13 +447,13 @@ def _together(many: Sequence[Readings], given: Linearized) -> list[Linearized | 
         return [*_together(many[:half], given), *_together(many[half:], given)]
 
 
-def _kept(change: Change, given: Linearized) -> bool:
+def _kept(change: ConventionChange, given: Linearized) -> bool:
     """Whether the same rows are used of the same experiment, in the same frames."""
     before, after = given.readings, change.readings
     return change.experiment is given.experiment and after.use is before.use and after.frame is before.frame
 
 
-def _one(change: Change, given: Linearized) -> Linearized | None:
+def _one(change: ConventionChange, given: Linearized) -> Linearized | None:
     """The same of one change of other rows, or of the arm."""
     names = change.experiment.fit_names()
     try:
@@ -475,11 +477,11 @@ def _moved(given: Linearized, readings: Readings) -> bool:
     return bool(np.isin(given.rows.frame[changed], given.rows.estimated).any())
 
 
-def _mistakes(given: Linearized) -> list[tuple[Change, Linearized, int, Indices]]:
+def _mistakes(given: Linearized) -> list[tuple[ConventionChange, Linearized, int, Indices]]:
     """Exchanged markers and late angles, with the number of alternatives that they were among and their rows."""
     trial = replace(given, stated=False)  # a hidden effect must not look like a mistake
     readings, experiment = trial.readings, trial.experiment
-    out: list[tuple[Change, Linearized, int, Indices]] = []
+    out: list[tuple[ConventionChange, Linearized, int, Indices]] = []
     swapped = exchanges(trial, LEVEL)
     if swapped:
         value = np.array(readings.value)
@@ -487,10 +489,10 @@ def _mistakes(given: Linearized) -> list[tuple[Change, Linearized, int, Indices]
         for order, _ in swapped:
             value[order[:, 0]] = readings.value[order[:, 1]]
         words = "; ".join(words for _, words in swapped)
-        change = Change("swapped_markers", 1.0, words, experiment, readings=replace(readings, value=value))
+        change = ConventionChange("swapped_markers", 1.0, words, experiment, readings=replace(readings, value=value))
         out.append((change, given, 3 * len(readings.states), touched))
     for rows, words in late_angles(trial, LEVEL)[:1]:
-        change = Change("late_angles", 1.0, words, experiment, readings=earlier(trial, rows))
+        change = ConventionChange("late_angles", 1.0, words, experiment, readings=earlier(trial, rows))
         out.append((change, given, len(readings.states), rows))
     return out
 

@@ -8,7 +8,7 @@ from qsframework.experiment import Readings
 from qsframework.screening.blocks import FORCE, FRAME, LOST
 from qsframework.screening.edits import DECIMAL, MISSING, OFF, OTHER, SIGN, UNIT, Edit
 from qsframework.screening.rows import lines
-from qsframework.screening.table_mistakes import Mistake
+from qsframework.screening.table_mistakes import TableMistake
 
 _SLIPS = {
     SIGN: "the sign is reversed",
@@ -19,7 +19,7 @@ _SLIPS = {
 }
 
 
-def mistake_words(readings: Readings, mistake: Mistake) -> str:
+def mistake_words(readings: Readings, mistake: TableMistake) -> str:
     """Row and pose, what was found, what was meant; other edits that fit about as well."""
     first = mistake.edits[0]
     rows = np.concatenate([e.rows if e.touched is None else e.touched for e in mistake.edits])

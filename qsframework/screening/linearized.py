@@ -12,8 +12,8 @@ from qsframework.errors import NotIdentifiable
 from qsframework.estimation import LinearFit, Noise, left, orthonormal, rank_test, rms, scales
 from qsframework.estimation.linear_fit import Agreed, Beyond, Whitened, without_outliers
 from qsframework.estimation.projection import Flags
-from qsframework.experiment import Bridge, Experiment, Frame, Readings, bridge
-from qsframework.experiment.observations import Rows, start_values
+from qsframework.experiment import Experiment, Frame, ObservationModel, Readings, bridge
+from qsframework.experiment.observations import ReadingRows, start_values
 from qsframework.experiment.together import positions_of, rates_of
 from qsframework.plugin import Array, Geometry, Indices, Sensor
 
@@ -49,7 +49,7 @@ class Linearized:
     """
 
     experiment: Experiment
-    rows: Rows
+    rows: ReadingRows
     slopes: Array
     errors: Array
     noise: Noise
@@ -122,7 +122,7 @@ def linearized(experiment: Experiment, readings: Readings) -> Linearized:
     return of_bridge(experiment, bridge(experiment, readings, experiment.fit_names(), linear=True))
 
 
-def of_bridge(experiment: Experiment, seen: Bridge) -> Linearized:
+def of_bridge(experiment: Experiment, seen: ObservationModel) -> Linearized:
     """The same about the values and frames of a bridge."""
     rows = seen.rows
     slopes, errors = _columns(seen, seen.frames, scales(list(seen.parameters)))
@@ -131,7 +131,7 @@ def of_bridge(experiment: Experiment, seen: Bridge) -> Linearized:
     return Linearized(experiment, rows, slopes, errors, rows.noise, rows.stated)
 
 
-def _columns(seen: Bridge, frames: Sequence[Frame], scale: Array) -> tuple[Array, Array]:
+def _columns(seen: ObservationModel, frames: Sequence[Frame], scale: Array) -> tuple[Array, Array]:
     """Sensitivities (m, p) m to parameters of these scales, and errors (m,) m, at a bridge's values in some frames."""
     rows = seen.rows
     predicted, J = rows.rates(seen.model, seen.x, frames, seen.names, linear=True)
@@ -139,7 +139,7 @@ def _columns(seen: Bridge, frames: Sequence[Frame], scale: Array) -> tuple[Array
 
 
 def agreed(
-    seen: Bridge, of: Indices, beyond: Beyond, noise: Noise, scale: Array, held: Array
+    seen: ObservationModel, of: Indices, beyond: Beyond, noise: Noise, scale: Array, held: Array
 ) -> tuple[Agreed, tuple[Frame, ...]]:
     """The fit to the blocks of rows, by number (R,), that agree, and the frames about which its motions are counted:
     those that suit these blocks. beyond: as `without_outliers` asks it; scale, held (p,): of the parameters."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from qsframework.estimation import Independent, LinearFit
 from qsframework.estimation.linear_fit import chance
-from qsframework.experiment import Rows, bridge
+from qsframework.experiment import ReadingRows, bridge
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.screening.linearized import Linearized, of_bridge
 
@@ -130,7 +130,7 @@ class Visits:
         return len(self.states)
 
 
-def visits_of(rows: Rows) -> Visits:
+def visits_of(rows: ReadingRows) -> Visits:
     """Rows of one `plus` are one visit, with the unloaded states that no other visit shares."""
     order = list(dict.fromkeys(rows.plus.tolist()))
     before: dict[int, set[int]] = {s: set() for s in order}

@@ -15,7 +15,7 @@ from qsframework.errors import InputError, QsfError
 from qsframework.estimation import LinearFit
 from qsframework.estimation.linear_fit import Agreed
 from qsframework.estimation.projection import Flags
-from qsframework.experiment import Bridge, Experiment, Readings, bridge
+from qsframework.experiment import Experiment, ObservationModel, Readings, bridge
 from qsframework.plugin import Array, Effect, Indices
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.registry import with_role
@@ -78,7 +78,7 @@ def find_outliers(experiment: Experiment, readings: Readings, names: Sequence[st
     return Outliers(gross, missed & ~gross, size, _angle_errors(wide, gross))
 
 
-def _angle_errors(seen: Bridge, gross: Flags) -> float | None:
+def _angle_errors(seen: ObservationModel, gross: Flags) -> float | None:
     """sd (rad) of joint angles that were logged wrongly, where the gross rows err as such angles would make them.
 
     Errors of the angles move a marker along the columns of its Jacobian, others in all directions alike: the two
@@ -110,12 +110,12 @@ def _angle_errors(seen: Bridge, gross: Flags) -> float | None:
     return float(np.sqrt(square.sum() / count)) if angular - plain > _EVIDENCE else None
 
 
-def _carried(seen: Bridge) -> Flags:
+def _carried(seen: ObservationModel) -> Flags:
     """Rows (R,) of markers that some joint moves."""
     return np.array([site.link for site in seen.model.markers])[seen.rows.marker] > 0
 
 
-def _widened(experiment: Experiment, readings: Readings) -> Bridge:
+def _widened(experiment: Experiment, readings: Readings) -> ObservationModel:
     """The bridge of the model with geometry, springs and sag added."""
     robot = experiment.robot
     have = {e.name for e in (*robot.effects, *experiment.effects)}
@@ -134,7 +134,7 @@ def _widened(experiment: Experiment, readings: Readings) -> Bridge:
     return bridge(wide, readings, [n for n in model.names if n in names], linear=True)
 
 
-def _agreed(seen: Bridge) -> Agreed:
+def _agreed(seen: ObservationModel) -> Agreed:
     """The fit about the nominal arm to the rows that agree, what is not of the frames held by natural sizes."""
     rows = seen.rows
     scale = np.array([p.scale for p in seen.parameters])
@@ -146,7 +146,7 @@ def _agreed(seen: Bridge) -> Agreed:
     return agreed(seen, np.arange(len(rows.keep)), beyond, rows.noise, scale, held)[0]
 
 
-def _in_sds(seen: Bridge, misfit: Array, wrong: Flags) -> Array:
+def _in_sds(seen: ObservationModel, misfit: Array, wrong: Flags) -> Array:
     """Sizes (R,) of the errors of rows, from their squares in sigmas, in what is usual for their like."""
     error = np.sqrt(misfit)
     axes = np.bincount(seen.rows.row, minlength=len(error))
@@ -154,7 +154,7 @@ def _in_sds(seen: Bridge, misfit: Array, wrong: Flags) -> Array:
     return error / np.maximum(usual, 1e-300)
 
 
-def _typical(seen: Bridge, error: Array, wrong: Flags) -> Array:
+def _typical(seen: ObservationModel, error: Array, wrong: Flags) -> Array:
     """The usual error (R,) among the rows of a series that the same link carries, m in sigmas.
 
     Rows are pooled by what they share: a marker on the still base says nothing of the noise at the tool.

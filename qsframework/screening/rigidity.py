@@ -37,7 +37,7 @@ _FEW = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Tool:
+class MarkerTool:
     """S states of K markers of one link in one series: rows (S, K) of the readings, -1 where a marker was not read.
 
     points (S, K, 3) m, zero where not read; weight (S, K) 1 / sigma^2, zero where not read; stated: whether sigma is
@@ -54,16 +54,16 @@ class Tool:
         """(S, K)."""
         return self.rows >= 0
 
-    def take(self, states: Mask | Indices) -> Tool:
+    def take(self, states: Mask | Indices) -> MarkerTool:
         """Some of the states."""
         return replace(self, rows=self.rows[states], points=self.points[states], weight=self.weight[states])
 
-    def ordered(self, state: int, order: Indices) -> Tool:
+    def ordered(self, state: int, order: Indices) -> MarkerTool:
         """One state whose markers are read in another order."""
         one = self.take(np.array([state]))
         return replace(one, points=one.points[:, order], weight=one.weight[:, order])
 
-    def without(self, state: int, marker: int) -> Tool:
+    def without(self, state: int, marker: int) -> MarkerTool:
         """One state without one of its markers."""
         one = self.take(np.array([state]))
         rows, weight = one.rows.copy(), one.weight.copy()
@@ -71,7 +71,7 @@ class Tool:
         return replace(one, rows=rows, weight=weight)
 
 
-def tools(experiment: Experiment, readings: Readings) -> Iterator[Tool]:
+def tools(experiment: Experiment, readings: Readings) -> Iterator[MarkerTool]:
     """Two or more markers of one link in each series, from the rows of positions in use."""
     link = np.array([m.link for m in experiment.markers])
     use = readings.use & readings.is_position & ~readings.is_gauge & np.isfinite(readings.value).all(axis=1)
@@ -88,15 +88,15 @@ def tools(experiment: Experiment, readings: Readings) -> Iterator[Tool]:
             read = rows >= 0
             weight = np.where(read, 1.0 / np.square(sigma[rows]) if readings.stated else 1.0, 0.0)
             points = np.where(read[..., None], readings.value[rows], 0.0)
-            yield Tool(marker, rows, points, weight, readings.stated)
+            yield MarkerTool(marker, rows, points, weight, readings.stated)
 
 
-def misfits(tool: Tool, shape: Array) -> Array:
+def misfits(tool: MarkerTool, shape: Array) -> Array:
     """Weighted sums of squares (S,) that no rigid motion of the shape (K, 3) explains."""
     return (tool.weight[..., None] * np.square(tool.points - _laid(tool, shape))).sum(axis=(1, 2))
 
 
-def _laid(tool: Tool, shape: Array) -> Array:
+def _laid(tool: MarkerTool, shape: Array) -> Array:
     """The shape (K, 3), or one of each state, laid on the points (S, K, 3) by weighted least squares (Kabsch)."""
     w = tool.weight[..., None] / tool.weight.sum(axis=1)[:, None, None]
     a, b = (w * shape).sum(axis=1), (w * tool.points).sum(axis=1)
@@ -107,7 +107,7 @@ def _laid(tool: Tool, shape: Array) -> Array:
     return np.einsum("sij,skj->ski", V @ U.transpose(0, 2, 1), da) + b[:, None]
 
 
-def first_shape(tool: Tool) -> Array:
+def first_shape(tool: MarkerTool) -> Array:
     """A shape (K, 3) that most states have: medians, begun at the state whose distances are the most usual."""
     whole = tool.take(np.flatnonzero(tool.read.all(axis=1)))
     pairs = np.array(list(combinations(range(len(tool.marker)), 2)))
@@ -118,7 +118,7 @@ def first_shape(tool: Tool) -> Array:
     return shape
 
 
-def _brought(tool: Tool, shape: Array) -> Array:
+def _brought(tool: MarkerTool, shape: Array) -> Array:
     """The points of each state, of which all markers were read, brought to the shape."""
     even = replace(tool, weight=np.ones_like(tool.weight))
     back = replace(even, points=np.broadcast_to(shape, tool.points.shape))
@@ -126,7 +126,7 @@ def _brought(tool: Tool, shape: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class RigidShape:
     """The tool's shape (K, 3) as the good states have it: how many they are, their unit variance and its degrees."""
 
     points: Array
@@ -134,7 +134,7 @@ class Shape:
     unit: float
     free: float
 
-    def p_values(self, tool: Tool, inside: bool = True) -> Array:
+    def p_values(self, tool: MarkerTool, inside: bool = True) -> Array:
         """Probability (S,) that states misfit so badly; 1 for those that no distance can test.
 
         inside: whether the states are among those that the shape was made of; `free` inf means a stated noise
@@ -152,7 +152,7 @@ class Shape:
             p = f_sf(square / safe / np.maximum(other, 1e-300), safe, rest)
         return np.where(dof > 0, p, 1.0)
 
-    def dof(self, tool: Tool) -> Indices:
+    def dof(self, tool: MarkerTool) -> Indices:
         """Numbers (S,) of each state that no rigid motion changes."""
         out = np.zeros(len(tool.rows), dtype=np.intp)
         for pattern in np.unique(tool.read, axis=0):
@@ -167,9 +167,9 @@ class Shape:
         return out
 
 
-def judged(tool: Tool, level: float) -> tuple[Shape, Mask]:
+def judged(tool: MarkerTool, level: float) -> tuple[RigidShape, Mask]:
     """The shape, and the states (S,) that do not have it; `level` is that of all of them together."""
-    shape = Shape(first_shape(tool), len(tool.rows), 1.0, np.inf)
+    shape = RigidShape(first_shape(tool), len(tool.rows), 1.0, np.inf)
     dof = np.maximum(shape.dof(tool), 1)
     ratio = misfits(tool, shape.points) / np.maximum(chi2_isf(0.5, dof), 1e-300)
     typical = float(np.median(ratio))
@@ -184,7 +184,7 @@ def judged(tool: Tool, level: float) -> tuple[Shape, Mask]:
         rest = tool.take(~bad)
         free = float(shape.dof(rest).sum() - shape.dof(good)[:1].sum())
         unit = float(misfits(rest, points).sum() / max(free, 1.0))
-        shape = Shape(points, len(good.rows), max(unit, 1e-300) if robust else 1.0, free if robust else np.inf)
+        shape = RigidShape(points, len(good.rows), max(unit, 1e-300) if robust else 1.0, free if robust else np.inf)
         p = np.ones(len(bad))
         p[~bad], p[bad] = shape.p_values(rest), shape.p_values(tool.take(bad), inside=False)
         now = p * len(tool.rows) < level
@@ -194,7 +194,7 @@ def judged(tool: Tool, level: float) -> tuple[Shape, Mask]:
     return shape, bad
 
 
-def orders(tool: Tool, state: int) -> list[Indices]:
+def orders(tool: MarkerTool, state: int) -> list[Indices]:
     """Other orders (K,) of the markers that were read in a state."""
     read = np.flatnonzero(tool.read[state])
     out: list[Indices] = []
@@ -218,7 +218,7 @@ def _exchanges(read: list[int]) -> Iterator[list[int]]:
                 yield order
 
 
-def mended(tool: Tool, shape: Shape, state: int) -> Indices | None:
+def mended(tool: MarkerTool, shape: RigidShape, state: int) -> Indices | None:
     """The order of a bad state's markers that the shape allows, None where there is none."""
     best: tuple[float, Indices] | None = None
     for order in orders(tool, state):
@@ -228,7 +228,7 @@ def mended(tool: Tool, shape: Shape, state: int) -> Indices | None:
     return None if best is None else best[1]
 
 
-def one_wrong(tool: Tool, shape: Shape, state: int) -> int | None:
+def one_wrong(tool: MarkerTool, shape: RigidShape, state: int) -> int | None:
     """The marker without which a bad state has the shape, None where several would do, or none."""
     able: list[int] = []
     for k in np.flatnonzero(tool.read[state]).tolist():
@@ -261,7 +261,9 @@ def _exchanged_everywhere(experiment: Experiment, readings: Readings) -> list[Fi
     for tool in tools(experiment, readings):
         nominal = np.array([experiment.markers[int(m)].xyz for m in tool.marker])
         shape, _ = judged(tool, LEVEL)
-        one = Tool(tool.marker, np.arange(len(nominal))[None], shape.points[None], np.ones((1, len(nominal))), False)
+        one = MarkerTool(
+            tool.marker, np.arange(len(nominal))[None], shape.points[None], np.ones((1, len(nominal))), False
+        )
         here = _apart(one, nominal)
         best, order = min(
             ((_apart(one.ordered(0, o), nominal), o) for o in orders(one, 0)), key=lambda t: t[0], default=(here, None)
@@ -278,12 +280,12 @@ def _exchanged_everywhere(experiment: Experiment, readings: Readings) -> list[Fi
     return found
 
 
-def _apart(tool: Tool, shape: Array) -> float:
+def _apart(tool: MarkerTool, shape: Array) -> float:
     """RMS distance of one state's markers from the shape, m."""
     return float(np.sqrt(misfits(tool, shape)[0] / len(shape)))
 
 
-def _distances(experiment: Experiment, readings: Readings, tool: Tool, level: float) -> list[Finding]:
+def _distances(experiment: Experiment, readings: Readings, tool: MarkerTool, level: float) -> list[Finding]:
     """States that do not have the tool's shape: by exchanged markers, by one wrong marker, or by several."""
     shape, bad = judged(tool, level)
     found: list[Finding] = []
@@ -302,7 +304,7 @@ def _distances(experiment: Experiment, readings: Readings, tool: Tool, level: fl
     return found
 
 
-def _wrong_distances(experiment: Experiment, tool: Tool, shape: Shape, s: int) -> str:
+def _wrong_distances(experiment: Experiment, tool: MarkerTool, shape: RigidShape, s: int) -> str:
     """The distance that differs most from the tool's, in words."""
     here, usual = tool.points[s], shape.points
     off = {

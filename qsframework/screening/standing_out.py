@@ -14,7 +14,7 @@ import numpy as np
 from qsframework.estimation import Independent, LinearFit, scales
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.tails import chi2_isf
-from qsframework.experiment import Bridge, Experiment, Frame, Readings, Rows, bridge
+from qsframework.experiment import Experiment, Frame, ObservationModel, ReadingRows, Readings, bridge
 from qsframework.plugin import Array, Indices
 from qsframework.screening.linearized import agreed
 from qsframework.screening.logging_faults import Visits, visits_of
@@ -40,7 +40,7 @@ class Standing:
     """
 
     experiment: Experiment
-    seen: Bridge
+    seen: ObservationModel
     visits: Visits
     wrong: Flags
     z: Array
@@ -51,7 +51,7 @@ class Standing:
     unit: float
 
     @property
-    def rows(self) -> Rows:
+    def rows(self) -> ReadingRows:
         return self.seen.rows
 
     @property
@@ -67,7 +67,9 @@ class Standing:
     def foretold(self, readings: Readings, keep: Indices) -> tuple[Array, Array]:
         """Errors (R, 3) of rows of other readings in units of the noise that is seen, and P (R, 3, f): I + P P' is
         their covariance. Coordinates that were not measured are zero in both."""
-        rows = Rows(readings, keep, np.flatnonzero(np.isfinite(readings.value[keep]).ravel()), np.zeros(len(keep), int))
+        rows = ReadingRows(
+            readings, keep, np.flatnonzero(np.isfinite(readings.value[keep]).ravel()), np.zeros(len(keep), int)
+        )
         places = [self.rows.estimated.index(f) for f in rows.estimated]
         predicted, slopes = rows.rates(
             self.seen.model, self.seen.x, [self.frames[i] for i in places], self.seen.names, linear=True
@@ -87,14 +89,16 @@ class Standing:
     def missed(self, readings: Readings) -> Array:
         """Errors (R, 3) of all rows of other readings as `foretold` has them, without what foretells them: faster."""
         keep = np.arange(len(readings))
-        rows = Rows(readings, keep, np.flatnonzero(np.isfinite(readings.value).ravel()), np.zeros(len(keep), int))
+        rows = ReadingRows(
+            readings, keep, np.flatnonzero(np.isfinite(readings.value).ravel()), np.zeros(len(keep), int)
+        )
         places = [self.rows.estimated.index(f) for f in rows.estimated]
         step = _STEP * scales(list(self.seen.parameters)) * self.z
         there = [self._predicted(rows, places, sign * step) for sign in (1.0, -1.0)]
         predicted = 0.5 * (there[0] + there[1]) + (there[0] - there[1]) / (2.0 * _STEP)
         return np.where(rows.mask, (rows.measured - predicted) / (rows.sigma * self.unit), 0.0)
 
-    def _predicted(self, rows: Rows, places: Sequence[int], step: Array) -> Array:
+    def _predicted(self, rows: ReadingRows, places: Sequence[int], step: Array) -> Array:
         """What the tangent model says (R, 3) after motions of the frames and changes of the parameters."""
         motions = 6 * len(self.frames)
         x = self.seen.x.copy()

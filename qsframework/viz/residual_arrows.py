@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from qsframework.experiment import Experiment, Frame, Readings, Rows, make_rows
+from qsframework.experiment import Experiment, Frame, ReadingRows, Readings, make_rows
 from qsframework.plugin import Array
 from qsframework.viz.scene import Colour, Scene
 
@@ -15,7 +15,7 @@ COLOUR: Colour = (0.75, 0.1, 0.5, 1.0)
 
 def residuals(
     experiment: Experiment, readings: Readings, x: Array, frames: Sequence[Frame] = (), linear: bool = False
-) -> tuple[Rows, Array]:
+) -> tuple[ReadingRows, Array]:
     """Rows that are used, and measured minus predicted (R, 3) m in the base's axes, at parameters x.
 
     frames: of the series that nobody knows, as a fit found them; those that it does not hold are found anew

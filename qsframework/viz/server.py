@@ -16,7 +16,7 @@ HOST = "127.0.0.1"
 _WATCH = "/changed"
 
 
-class Site:
+class SceneSite:
     """The page of a scene and the files that it is made from.
 
     make(watch) gives the page as HTML; it is called again once a file is another than it was
@@ -44,7 +44,7 @@ class Site:
             return self._page
 
 
-def serve(site: Site, port: int) -> ThreadingHTTPServer:
+def serve(site: SceneSite, port: int) -> ThreadingHTTPServer:
     """A server on 127.0.0.1, ready to `serve_forever`. InputError where the port is taken; port 0 takes a free one."""
     with taking(port):
         return _Server((HOST, port), _handler(site))
@@ -67,7 +67,7 @@ class _Server(ThreadingHTTPServer):
     allow_reuse_address = True
 
 
-def _handler(site: Site) -> type[BaseHTTPRequestHandler]:
+def _handler(site: SceneSite) -> type[BaseHTTPRequestHandler]:
     class Handler(BaseHTTPRequestHandler):
         """GET / is the page, GET /changed its state; no icon; anything else, or another host's name, is refused."""
 

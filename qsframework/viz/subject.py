@@ -7,7 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from qsframework.errors import InputError, Problem
-from qsframework.experiment import Constraints, Experiment, Frame, LoadCase, Noise, Plan, Readings, Rows, make_plan
+from qsframework.experiment import (
+    Constraints,
+    Experiment,
+    Frame,
+    LoadCase,
+    Plan,
+    ReadingRows,
+    Readings,
+    StatedNoise,
+    make_plan,
+)
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.robot import Robot
@@ -30,7 +40,7 @@ def robot_alone(robot: Robot, point: Array) -> Experiment:
         robot=robot,
         load_point=frozen(point),
         markers=(),
-        noise=Noise(None),
+        noise=StatedNoise(None),
         loads=loads,
         effects=(),
         parameters=(),
@@ -92,7 +102,7 @@ def floating(experiment: Experiment, readings: Readings, x: Array, frames: Seque
     return _placed(experiment, rows, missed, np.full(len(missed), -1))
 
 
-def _placed(experiment: Experiment, rows: Rows, missed: Array, pose: Indices) -> Residuals:
+def _placed(experiment: Experiment, rows: ReadingRows, missed: Array, pose: Indices) -> Residuals:
     state = place_poses(experiment, rows.readings.poses.q)
     positions = np.stack([marker.position for marker in state.markers])
     start = positions[rows.marker, :, rows.plus]

@@ -111,12 +111,12 @@ def stored(experiment: Experiment, readings: Readings, folder: Path, linear: boo
 
 @pytest.mark.parametrize("reference", ["commanded", "unloaded"])
 def test_the_view_bends_the_arm_by_what_the_table_says(m900ib: Experiment, targets: Targets, reference: str) -> None:
-    from qsframework.report.blocks import View
+    from qsframework.report.blocks import SceneView
     from qsframework.report.compensation_section import target_view
 
     result = compensate(m900ib, exact_fit(m900ib), targets, reference)
     ((view,),) = (target_view(m900ib, result, m900ib.model().nominal).blocks,)
-    assert isinstance(view, View)
+    assert isinstance(view, SceneView)
     for size in result.size:
         assert f'"{1e3 * size:.3f} mm"' in view.page
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from qsframework.applications.closure import Check, check_states
+from qsframework.applications.closure import ClosureCheck, check_states
 from qsframework.applications.inverse import rigid_tip
 from qsframework.applications.ordering import with_repeats
 from qsframework.applications.programme import make_programme
@@ -105,7 +105,7 @@ def read_states(path: Path, experiment: Experiment) -> Readings:
     return read_readings(path, experiment, states="positions")
 
 
-def checks(experiment: Experiment, path: Path) -> dict[str, Check]:
+def checks(experiment: Experiment, path: Path) -> dict[str, ClosureCheck]:
     found = check_states(experiment, read_states(path, experiment))
     return {f"{c.kind} {c.words.split(':')[0]}" if c.kind == "hysteresis" else c.kind: c for c in found}
 

@@ -110,14 +110,14 @@ def test_rows_too_many_to_hold_are_made_again_for_the_same_plan(
     wish = Wish(criterion="D", polish=False, starts=3)
     held = design(m900ib, 10, candidates=few, wish=wish)
     made: list[int] = []
-    rows_of = problem.Problem.rows_of
+    rows_of = problem.DesignProblem.rows_of
 
-    def counted(self: problem.Problem, poses: Poses, linear: bool = False) -> Array:
+    def counted(self: problem.DesignProblem, poses: Poses, linear: bool = False) -> Array:
         made.append(len(poses.q))
         return rows_of(self, poses, linear)
 
     monkeypatch.setattr(problem, "HELD_BYTES", 0)
-    monkeypatch.setattr(problem.Problem, "rows_of", counted)
+    monkeypatch.setattr(problem.DesignProblem, "rows_of", counted)
     again = design(m900ib, 10, candidates=few, wish=wish)
     assert np.array_equal(held.pendant, again.pendant)
     assert sum(made) > 2 * len(few)

@@ -22,12 +22,12 @@ from qsframework.design.candidates import folds
 from qsframework.design.problem import draw_samples, make_problem, sample_rows, tip_rows
 from qsframework.errors import InputError, NotCertified, NotIdentifiable
 from qsframework.estimation import FitOptions, scales
-from qsframework.experiment import Certificate, Experiment, Plan, example, read_plan, simulate, write_plan
+from qsframework.experiment import Experiment, Plan, PlanCertificate, example, read_plan, simulate, write_plan
 from qsframework.identify import identify
 from qsframework.information import predicted_sd, promised_sd
 
 
-def proof(plan: Plan) -> Certificate:
+def proof(plan: Plan) -> PlanCertificate:
     assert plan.certificate is not None
     return plan.certificate
 

@@ -17,8 +17,8 @@ from qsframework.errors import NotConverged
 from qsframework.experiment import (
     Experiment,
     Frame,
+    ReadingRows,
     Readings,
-    Rows,
     example,
     load_experiment,
     make_plan,
@@ -151,11 +151,11 @@ def day_of_positions(
 
 def unstable(monkeypatch: pytest.MonkeyPatch) -> None:
     """From now on no equilibrium settles."""
-    right = Rows.predict
+    right = ReadingRows.predict
 
-    def predict(self: Rows, model: Model, x: Array, frames: Sequence[Frame] = (), linear: bool = False) -> Array:
+    def predict(self: ReadingRows, model: Model, x: Array, frames: Sequence[Frame] = (), linear: bool = False) -> Array:
         if not linear:
             raise NotConverged("beyond the arm's stability")
         return right(self, model, x, frames, linear)
 
-    monkeypatch.setattr(Rows, "predict", predict)
+    monkeypatch.setattr(ReadingRows, "predict", predict)

@@ -8,11 +8,11 @@ from typing import Any
 from independent import Campaign, Setting, noisy, write_campaign
 from independent_arm import Arm, Hidden
 
-from qsframework.diagnose.selection.exact_refit import Settled, settle_fit
-from qsframework.experiment import Experiment, Rows, load_experiment, make_rows, read_readings
+from qsframework.diagnose.selection.exact_refit import SettledFit, settle_fit
+from qsframework.experiment import Experiment, ReadingRows, load_experiment, make_rows, read_readings
 
 
-def clean_fit(arm: Arm, folder: Path, **setting: Any) -> tuple[Experiment, Rows, Settled]:
+def clean_fit(arm: Arm, folder: Path, **setting: Any) -> tuple[Experiment, ReadingRows, SettledFit]:
     """Under many loads, the springs fitted; setting: how the campaign is otherwise."""
     day = Campaign(Setting(arm, loads="many", fit="springs", **setting))
     experiment = load_experiment(write_campaign(day, noisy(day, day.clean(Hidden())), folder))

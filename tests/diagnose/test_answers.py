@@ -14,7 +14,7 @@ import pytest
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.linearization import candidates
 from qsframework.diagnose.linearization.candidates import Cause, find_causes
-from qsframework.diagnose.result import Finding, Rival, Status
+from qsframework.diagnose.result import NamedCause, Rival, Status
 from qsframework.diagnose.selection import model_selection
 from qsframework.diagnose.verdict import ambiguous
 from qsframework.discriminate.follow_up import Crowded, Waiting, _pairs, second_day  # pyright: ignore[reportPrivateUsage]
@@ -134,8 +134,8 @@ def test_an_error_that_markers_share_is_a_problem_of_the_data() -> None:
     assert diagnosis_json(quiet(3))["data_problems"] == []
 
 
-def finding(name: str, p_value: float, rivals: Sequence[str] = ()) -> Finding:
-    return Finding(
+def finding(name: str, p_value: float, rivals: Sequence[str] = ()) -> NamedCause:
+    return NamedCause(
         name=name,
         values=(),
         s=5.0,

@@ -15,7 +15,7 @@ from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.residuals.audited_rows import split_told
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, arm_axes, variables_of
 from qsframework.diagnose.residuals.noise_components import visible
-from qsframework.diagnose.selection.family_test import Block, family_test
+from qsframework.diagnose.selection.family_test import FamilyBlock, family_test
 from qsframework.diagnose.selection.rivals import falls_of
 from qsframework.diagnose.verdict import misfits, verdict_of
 from qsframework.discriminate.alternatives import _directions, _marker  # pyright: ignore[reportPrivateUsage]
@@ -26,7 +26,7 @@ from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import Independent
 from qsframework.estimation.visit_noise import VisitNoise, reml
 from qsframework.experiment import bridge, make_rows
-from qsframework.experiment.setup import Noise
+from qsframework.experiment.setup import StatedNoise
 from qsframework.forecast.effect_size import Bench
 from qsframework.forecast.forecast import Outlook, Prospect, Why
 from qsframework.plugin import Poses
@@ -87,7 +87,7 @@ def refused(level: float) -> None:
 def test_no_direction_no_statistic() -> None:
     """Causes that these readings cannot show score nothing and have p = 1."""
     noise = VisitNoise(np.zeros(1), (Independent(np.ones(9)),), 9, 1.0)
-    found = family_test([Block(np.zeros((9, 0)))] * 3, reml(noise, np.ones((9, 1)), 9), np.ones(9), draws=50)
+    found = family_test([FamilyBlock(np.zeros((9, 0)))] * 3, reml(noise, np.ones((9, 1)), 9), np.ones(9), draws=50)
     assert found.size.tolist() == [0.0, 0.0, 0.0]
     assert found.p_adjusted.tolist() == [1.0, 1.0, 1.0]
     assert found.p_value == 1.0
@@ -99,7 +99,7 @@ def test_nothing_given_nothing_falls() -> None:
 
 
 def test_somebody_must_say_the_noise_and_the_loads() -> None:
-    unknown = campaign().with_(noise=Noise(None))
+    unknown = campaign().with_(noise=StatedNoise(None))
     assert noise_of(unknown, 1e-5) == 1e-5
     assert noise_of(campaign(), None) == SIGMA
     with pytest.raises(InputError, match="a design needs the noise"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from qsframework.diagnose.selection.family_test import Block, family_test
+from qsframework.diagnose.selection.family_test import FamilyBlock, family_test
 from qsframework.estimation import grouped
 from qsframework.estimation.linear_fit import winsorised
 from qsframework.estimation.visit_noise import RHOS, Reml, VisitNoise, reml
@@ -26,7 +26,7 @@ class Campaign:
         self.noise = VisitNoise(np.array(RHOS), tuple(made), 3 * poses, float(MARKERS))
         self.A = self._columns(rng, FITTED)
         sizes = [1, 1, 2, 3] * 12
-        self.blocks = [Block(self._columns(rng, k), k == 1 and i % 8 == 0) for i, k in enumerate(sizes)]
+        self.blocks = [FamilyBlock(self._columns(rng, k), k == 1 and i % 8 == 0) for i, k in enumerate(sizes)]
         self.fits: Reml = reml(self.noise, self.A, self.count)
 
     def _columns(self, rng: np.random.Generator, k: int) -> Array:
@@ -104,7 +104,7 @@ def test_alone_a_block_has_the_p_value_of_the_f_test() -> None:
 
 def test_a_block_that_can_only_grow_is_not_found_shrinking() -> None:
     campaign = Campaign(20)
-    sided = [Block(b.columns[:, :1], True) for b in campaign.blocks]
+    sided = [FamilyBlock(b.columns[:, :1], True) for b in campaign.blocks]
     y = campaign.errors("plain", np.random.default_rng(9))
     k = 5
     push = 15.0 * sided[k].columns[:, 0] / np.linalg.norm(campaign.fits.left(0, sided[k].columns[:, 0]))

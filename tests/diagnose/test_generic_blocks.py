@@ -13,8 +13,8 @@ from qsframework.diagnose.learn import effects_of
 from qsframework.diagnose.linearization.candidates import Cause
 from qsframework.diagnose.linearization.columns import make_case
 from qsframework.diagnose.linearization.generic_blocks import Block, generic_blocks, motions, single_axes
-from qsframework.diagnose.selection.exact_refit import Settled
-from qsframework.experiment import Experiment, Rows
+from qsframework.diagnose.selection.exact_refit import SettledFit
+from qsframework.experiment import Experiment, ReadingRows
 from qsframework.plugin import build_effects
 from qsframework.plugin.entry import effect_entry
 from tests.diagnose.clean_fit import clean_fit
@@ -23,7 +23,7 @@ _SAME = 2e-2
 """Share of a column: the blocks stand at the commanded pose, markers and loads at the one that is reached."""
 
 
-def blocks(arm: Arm, kind: str, folder: Path) -> tuple[Experiment, Rows, Settled, list[Block]]:
+def blocks(arm: Arm, kind: str, folder: Path) -> tuple[Experiment, ReadingRows, SettledFit, list[Block]]:
     experiment, rows, fit = clean_fit(arm, folder, poses=8, kind=kind, recorded=True)
     return experiment, rows, fit, list(generic_blocks(motions(fit.model, rows, fit.x, fit.frames)))
 

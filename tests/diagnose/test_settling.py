@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from qsframework.diagnose.linearization.candidates import find_causes
-from qsframework.diagnose.selection.exact_refit import Settled, settle_fit
+from qsframework.diagnose.selection.exact_refit import SettledFit, settle_fit
 from qsframework.diagnose.selection.model_selection import _beyond, refit  # pyright: ignore[reportPrivateUsage]
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
-from qsframework.experiment import Frame, Readings, Rows, make_rows
+from qsframework.experiment import Frame, ReadingRows, Readings, make_rows
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
 from tests.diagnose.cases import campaign, measured, unstable
@@ -28,7 +28,7 @@ def readings() -> Readings:
     return measured(seed=2, count=12)
 
 
-def fit(readings: Readings, names: tuple[str, ...] = (), start: Array | None = None) -> Settled:
+def fit(readings: Readings, names: tuple[str, ...] = (), start: Array | None = None) -> SettledFit:
     experiment = campaign()
     model = experiment.model()
     return settle_fit(
@@ -80,16 +80,16 @@ def test_without_an_equilibrium_there_is_no_fit(readings: Readings, monkeypatch:
 def refusing(monkeypatch: pytest.MonkeyPatch, limit: float, times: float = np.inf) -> list[float]:
     """From now on an effect refuses that joint 2 gives more than a limit, so many times; the values that it refused."""
     refused: list[float] = []
-    right = Rows.predict
+    right = ReadingRows.predict
 
-    def bounded(self: Rows, model: Model, x: Array, frames: Sequence[Frame] = (), linear: bool = False) -> Array:
+    def bounded(self: ReadingRows, model: Model, x: Array, frames: Sequence[Frame] = (), linear: bool = False) -> Array:
         value = float(x[model.names.index(SPRING)])
         if value > limit and len(refused) < times:
             refused.append(value)
             raise InputError("the effect refuses this value")
         return right(self, model, x, frames, linear)
 
-    monkeypatch.setattr(Rows, "predict", bounded)
+    monkeypatch.setattr(ReadingRows, "predict", bounded)
     return refused
 
 

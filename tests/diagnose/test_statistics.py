@@ -13,9 +13,9 @@ from qsframework.diagnose.law import Law
 from qsframework.diagnose.linearization.candidates import REACH, find_causes
 from qsframework.diagnose.linearization.columns import Case, Subspace, plan_case
 from qsframework.diagnose.linearization.generic_blocks import Motions, generic_blocks, motions
-from qsframework.diagnose.selection.closing_gate import Named, contested, leftovers
+from qsframework.diagnose.selection.closing_gate import NamedEffect, contested, leftovers
 from qsframework.diagnose.selection.evidence import TAUS, evidence
-from qsframework.diagnose.selection.family_test import Block, chance, family_test, log_p_values
+from qsframework.diagnose.selection.family_test import FamilyBlock, chance, family_test, log_p_values
 from qsframework.diagnose.selection.influence import hangs_on
 from qsframework.diagnose.selection.model_selection import blocks_of
 from qsframework.diagnose.selection.rivals import rival_set
@@ -94,7 +94,7 @@ def test_max_t_keeps_its_level() -> None:
 def test_chance_is_that_of_orthonormal_blocks_in_estimated_noise() -> None:
     rng = np.random.default_rng(1)
     Q, _ = np.linalg.qr(rng.standard_normal((60, 10)))
-    blocks = [Block(Q[:, :1]), Block(Q[:, 1:4]), Block(Q[:, 4:5], True), Block(Q[:, 5:10])]
+    blocks = [FamilyBlock(Q[:, :1]), FamilyBlock(Q[:, 1:4]), FamilyBlock(Q[:, 4:5], True), FamilyBlock(Q[:, 5:10])]
     dof, sided = np.array([1, 3, 1, 5]), np.array([False, False, True, False])
     threshold = np.quantile(chance(blocks, 20.0, draws=20000), 0.05)
     hits = 0
@@ -313,7 +313,7 @@ def test_a_name_is_contested_by_the_law_that_made_the_readings_and_not_by_its_ow
     rng = np.random.default_rng(5)
     i = next(n for n, s in enumerate(subspaces) if s.cause.name == "joint_hardening[joint_3]")
     own = 8.0 * subspaces[i].Q[:, 0] * SIGMA
-    right = Named("joint_hardening[joint_3]", case.metres(i), own)
+    right = NamedEffect("joint_hardening[joint_3]", case.metres(i), own)
     kept = [contested(blocks, fits, SIGMA * noise_left(case, rng), right) for _ in range(5)]
     assert kept.count(None) >= 4
     wrong = replace(right, effect=own / 8.0)  # what it can do of a coupling is little

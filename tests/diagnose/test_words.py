@@ -15,9 +15,9 @@ import pytest
 from qsframework.cli.diagnose import print_diagnosis
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.law import Law
-from qsframework.diagnose.result import Finding, Leftover, LikelyPlace, Status
+from qsframework.diagnose.result import Leftover, LikelyPlace, NamedCause, Status
 from qsframework.experiment import differences
-from qsframework.experiment.setup import Noise
+from qsframework.experiment.setup import StatedNoise
 from qsframework.report.diagnosis_section import diagnosis_sections
 from qsframework.report.diagnosis_tables import (
     FOLDED,
@@ -244,7 +244,7 @@ def test_one_marker_a_visit_is_said_with_what_it_hides(real: Diagnosis) -> None:
     (step, *_) = next_steps(real)
     assert step.do.startswith("Repeat 6 poses, such as ")
     assert step.do.endswith(", or read more markers at each")
-    stated = replace(real, experiment=real.experiment.with_(noise=Noise(3e-5, repeatability=5e-5)))
+    stated = replace(real, experiment=real.experiment.with_(noise=StatedNoise(3e-5, repeatability=5e-5)))
     assert not any("marker's own" in note for note in method_words(stated))
     assert not any("marker's own" in step.settles for step in next_steps(stated))
 
@@ -260,7 +260,7 @@ def test_with_few_poses_it_is_said_which_repeats_would_tell() -> None:
 
 
 def test_many_rivals_are_said_in_the_sentence(real: Diagnosis) -> None:
-    def crowded(f: Finding) -> Finding:
+    def crowded(f: NamedCause) -> NamedCause:
         return replace(f, rivals=f.rivals * 10, instead=None)
 
     found = replace(real, leftovers=(), findings=tuple(crowded(f) for f in real.findings[:1]))

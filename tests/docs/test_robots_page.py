@@ -7,7 +7,7 @@ from pathlib import Path
 
 import make_robots
 
-from qsframework.applications.conformance import STEPS, Check
+from qsframework.applications.conformance import STEPS, GravityCheck
 
 
 def test_the_table_is_that_of_the_folders(root: Path) -> None:
@@ -24,7 +24,7 @@ def test_the_table_is_that_of_the_folders(root: Path) -> None:
 
 
 def test_a_run_that_failed_is_told() -> None:
-    checks = tuple(Check(name, name != "model", f"{name} went wrong") for name in STEPS)
+    checks = tuple(GravityCheck(name, name != "model", f"{name} went wrong") for name in STEPS)
     row = make_robots.run_row("arm", checks, 3.2)
     assert f"| {len(STEPS) - 1} of {len(STEPS)} |" in row
     assert "model went wrong" in row

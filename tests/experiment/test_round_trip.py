@@ -11,8 +11,8 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 
 from qsframework.errors import InputError
 from qsframework.experiment import (
-    Certificate,
     Experiment,
+    PlanCertificate,
     load_experiment,
     make_plan,
     read_plan,
@@ -39,7 +39,7 @@ def random_poses(experiment: Experiment, count: int, seed: int) -> Poses:
 @given(st.integers(1, 12), st.integers(0, 10**6))
 def test_plans(m900ib: Experiment, tmp_path: Path, count: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    certificate = Certificate(
+    certificate = PlanCertificate(
         criterion="D",
         value=0.1 + rng.random(),
         relaxed_value=0.1,
@@ -67,7 +67,7 @@ def test_plans(m900ib: Experiment, tmp_path: Path, count: int, seed: int) -> Non
 
 
 def test_a_changed_plan_loses_its_proof(m900ib: Experiment, tmp_path: Path) -> None:
-    certificate = Certificate(
+    certificate = PlanCertificate(
         criterion="D",
         value=1.0,
         relaxed_value=1.0,

@@ -145,10 +145,10 @@ def test_sizes_are_said_in_the_units_of_the_trade(foresight):
 
 
 def test_needs_the_noise_and_the_fitted_parameters(experiment):
-    from qsframework.experiment import Noise
+    from qsframework.experiment import StatedNoise
 
     with pytest.raises(InputError, match="noise"):
-        forecast(experiment.with_(noise=Noise(None)), some_poses(experiment, 10))
+        forecast(experiment.with_(noise=StatedNoise(None)), some_poses(experiment, 10))
     with pytest.raises(NotIdentifiable):
         forecast(experiment, some_poses(experiment, 10).take(np.zeros(1, dtype=int)))
 

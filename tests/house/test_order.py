@@ -104,13 +104,13 @@ def test_options_are_named_in_cli_only() -> None:
 
 
 SAYING = {
-    "applications/closure.py: Check",
-    "robot/statics.py: Check",
+    "applications/closure.py: ClosureCheck",
+    "robot/statics.py: GravityCheck",
     "design/candidates.py: Candidates",
     "estimation/rank.py: RankTest",
     "identify/record.py: Masked",
     "identify/selection.py: LeftAside",
-    "screening/convention_changes.py: Change",
+    "screening/convention_changes.py: ConventionChange",
     "screening/conventions.py: Convention",
     "screening/rows.py: Finding",
 }

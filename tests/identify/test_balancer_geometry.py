@@ -9,7 +9,7 @@ import pytest
 from arm import position_readings, random_poses, settled
 
 from qsframework.experiment import Experiment, make_plan, on_robot, simulate
-from qsframework.identify import State as EstimateState, identify
+from qsframework.identify import EstimateState as EstimateState, identify
 from qsframework.plugin import build_effects
 from qsframework.robot import StructuralChange, alternatives
 from qsframework.robot.alternatives import with_effect

@@ -11,7 +11,7 @@ from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings, make_plan, simulate
 from qsframework.experiment.setup import LoadUncertainty
-from qsframework.identify import State, identify
+from qsframework.identify import EstimateState, identify
 from qsframework.identify.load_error import load_sds
 from qsframework.identify.two_step import find_balanced
 from qsframework.plugin import Poses, build_effects
@@ -96,7 +96,7 @@ def test_a_hung_arm_whose_readings_say_nothing(m900ib: Experiment) -> None:
     fit = identify(m900ib, still, options=FitOptions(keep_all=True))
     assert all(abs(e.value) < 1e-9 for e in fit.estimates)
     for e in fit.estimates:
-        assert (e.state is State.UPPER_LIMIT) or e.value < 0.0, e
+        assert (e.state is EstimateState.UPPER_LIMIT) or e.value < 0.0, e
         assert "could be zero: at most" in e.status
         assert e.limit is not None
         assert e.limit == pytest.approx(abs(e.value) + 1.96 * e.sd)

@@ -11,7 +11,7 @@ from qsframework.cli.demo import read_as_relative
 from qsframework.errors import InputError, NotConverged
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Plan, Readings, bridge, make_plan, make_rows, simulate
-from qsframework.identify import Fit, State, identify
+from qsframework.identify import EstimateState, Fit, identify
 from qsframework.identify.fit import Found
 from qsframework.identify.two_step import _StepOne, find_balanced, two_step  # pyright: ignore[reportPrivateUsage]
 from qsframework.information.two_step import distinct_angles
@@ -159,7 +159,7 @@ def test_a_bound_is_named_where_the_plain_fit_goes_beyond(r2000ic: Experiment, r
     wrong = read_as_relative(r2000ic, "joint_3")
     one = identify(wrong, real, options=replace(ONE, bounds=True))
     (fifth,) = (e for e in one.estimates if np.isnan(e.sd))
-    assert fifth.state in (State.AT_BOUND, State.NOT_IDENTIFIABLE)
+    assert fifth.state in (EstimateState.AT_BOUND, EstimateState.NOT_IDENTIFIABLE)
     assert "at its lower bound" in fifth.status
     assert fifth.name == "joint_compliance[joint_5]"
     assert fifth.value == 0.0
@@ -167,7 +167,7 @@ def test_a_bound_is_named_where_the_plain_fit_goes_beyond(r2000ic: Experiment, r
     assert one.as_json()["estimates"][fifth.name]["sd"] is None
     assert one.dof == 3 * 43 - 5
     assert "joint_5" in one.notes[0]
-    beyond = {e.name for e in identify(wrong, real, options=ONE).estimates if e.state is State.BEYOND_BOUND}
+    beyond = {e.name for e in identify(wrong, real, options=ONE).estimates if e.state is EstimateState.BEYOND_BOUND}
     assert beyond == {fifth.name}
 
 

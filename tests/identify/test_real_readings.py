@@ -11,7 +11,7 @@ from qsframework.cli.demo import read_as_relative, with_offaxis
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings, make_rows
-from qsframework.identify import State, identify
+from qsframework.identify import EstimateState, identify
 
 LINEAR = FitOptions(linear=True, keep_all=True)
 """The independent code that these numbers are from balances the load at the undeflected pose."""
@@ -36,7 +36,7 @@ def test_the_wrong_convention_shows_itself(r2000ic: Experiment, real: Readings) 
     fit = identify(read_as_relative(r2000ic, "joint_3"), real, options=LINEAR)
     assert mm(fit.rms) == 0.286
     assert mm(fit.rms_left_out) == 0.309
-    assert [e.name for e in fit.estimates if e.state is State.BEYOND_BOUND] == ["joint_compliance[joint_5]"]
+    assert [e.name for e in fit.estimates if e.state is EstimateState.BEYOND_BOUND] == ["joint_compliance[joint_5]"]
 
 
 def test_one_offaxis_spring_explains_a_part(r2000ic: Experiment, real: Readings) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from qsframework.estimation import FitOptions
 from qsframework.experiment import load_experiment, read_readings
-from qsframework.identify import Fit, LeftAside, State, identify
+from qsframework.identify import EstimateState, Fit, LeftAside, identify
 from qsframework.identify.estimate import estimate_of
 from qsframework.identify.selection import choose
 from qsframework.plugin import Parameter
@@ -35,39 +35,53 @@ KNOWN = Parameter("joint_compliance[joint_2]", "rad/(N m)", nominal=1e-7, sd=1e-
 @pytest.mark.parametrize(
     ("parameter", "value", "sd", "state", "words"),
     [
-        (PLACE, 1e-5, 4e-4, State.UPPER_LIMIT, "could be zero: at most "),  # told to be small
-        (PLACE, 8e-4, 7e-4, State.NOT_IDENTIFIABLE, "not identifiable from these readings"),  # one sd from zero
-        (PLACE, 8e-3, 7e-4, State.FINE, ""),  # clear of zero: told, however large its sd is for such a parameter
-        (PLACE, 1e-4, 6e-4, State.NOT_IDENTIFIABLE, "not identifiable from these readings: its sd is above its value"),
-        (SPRING, 1.1e-7, 1e-9, State.FINE, ""),
+        (PLACE, 1e-5, 4e-4, EstimateState.UPPER_LIMIT, "could be zero: at most "),  # told to be small
+        (PLACE, 8e-4, 7e-4, EstimateState.NOT_IDENTIFIABLE, "not identifiable from these readings"),  # one sd from zero
+        (
+            PLACE,
+            8e-3,
+            7e-4,
+            EstimateState.FINE,
+            "",
+        ),  # clear of zero: told, however large its sd is for such a parameter
+        (
+            PLACE,
+            1e-4,
+            6e-4,
+            EstimateState.NOT_IDENTIFIABLE,
+            "not identifiable from these readings: its sd is above its value",
+        ),
+        (SPRING, 1.1e-7, 1e-9, EstimateState.FINE, ""),
         (
             SPRING,
             3e-8,
             1.4e-7,
-            State.NOT_IDENTIFIABLE,
+            EstimateState.NOT_IDENTIFIABLE,
             "not identifiable from these readings: its sd is 140 % of its nominal value",
         ),
-        (SPRING, 3e-8, 5e-8, State.UPPER_LIMIT, "could be zero: at most "),
-        (SPRING, -5e-8, 1e-8, State.BEYOND_BOUND, "below its bound 0: the model or a convention is wrong"),
-        (SPRING, -5e-9, 1e-8, State.BEYOND_BOUND, "below its bound 0, by less than its sd: could be zero"),
-        (SPRING, 2e-7, 0.0, State.FIXED, "fixed"),
-        (KNOWN, 2e-7, 1e-9, State.OUTSIDE_PRIOR, "10 prior sds from its initial value"),
-        (SPRING, 0.0, np.nan, State.AT_BOUND, "at its lower bound 0: it errs to one side only"),
+        (SPRING, 3e-8, 5e-8, EstimateState.UPPER_LIMIT, "could be zero: at most "),
+        (SPRING, -5e-8, 1e-8, EstimateState.BEYOND_BOUND, "below its bound 0: the model or a convention is wrong"),
+        (SPRING, -5e-9, 1e-8, EstimateState.BEYOND_BOUND, "below its bound 0, by less than its sd: could be zero"),
+        (SPRING, 2e-7, 0.0, EstimateState.FIXED, "fixed"),
+        (KNOWN, 2e-7, 1e-9, EstimateState.OUTSIDE_PRIOR, "10 prior sds from its initial value"),
+        (SPRING, 0.0, np.nan, EstimateState.AT_BOUND, "at its lower bound 0: it errs to one side only"),
     ],
 )
-def test_the_state_of_an_estimate(parameter: Parameter, value: float, sd: float, state: State, words: str) -> None:
+def test_the_state_of_an_estimate(
+    parameter: Parameter, value: float, sd: float, state: EstimateState, words: str
+) -> None:
     found = estimate_of(parameter, value, sd, 1e-8 if np.isnan(sd) else sd)
     assert found.state is state
     assert found.status.startswith(words)
     assert bool(found.status) == bool(words)
-    if state is State.UPPER_LIMIT:
+    if state is EstimateState.UPPER_LIMIT:
         assert found.limit == pytest.approx(abs(value) + 1.96 * sd)
 
 
 def test_a_bound_behind_which_nothing_is_told() -> None:
     """At its bound, and without the bound its sd is larger than anything that it may be."""
     found = estimate_of(SPRING, 0.0, np.nan, 5e-7)
-    assert found.state is State.NOT_IDENTIFIABLE
+    assert found.state is EstimateState.NOT_IDENTIFIABLE
     assert "at its lower bound 0, and without it its sd is 500 % of its nominal value" in found.status
     assert "its sd is without limit" in estimate_of(SPRING, 0.0, np.nan, np.inf).status
 
@@ -76,13 +90,13 @@ def test_the_target_that_series_d_cannot_tell(series_d: Fit) -> None:
     state = {e.name: e.state for e in series_d.estimates}
     sd = {e.name: e.sd for e in series_d.estimates}
     assert sd["marker_offset[tmac].z"] > 0.01
-    assert state["marker_offset[tmac].z"] is State.NOT_IDENTIFIABLE
-    assert state["frame[D].x"] is State.FINE
+    assert state["marker_offset[tmac].z"] is EstimateState.NOT_IDENTIFIABLE
+    assert state["frame[D].x"] is EstimateState.FINE
     for e in series_d.estimates:
         size = np.inf if e.name.startswith("frame") else e.size
         lost = e.sd > size and abs(e.value) < 3.0 * e.sd
-        assert (e.state is State.NOT_IDENTIFIABLE) == lost, e.name
-        assert (e.state is State.UPPER_LIMIT) == (not lost and e.sd > abs(e.value)), e.name
+        assert (e.state is EstimateState.NOT_IDENTIFIABLE) == lost, e.name
+        assert (e.state is EstimateState.UPPER_LIMIT) == (not lost and e.sd > abs(e.value)), e.name
     rows = {row[0]: row[-1] for row in fit_table(series_d).rows}
     assert rows["frame[D].x"] == "ok"
 

@@ -10,7 +10,7 @@ import pytest
 from qsframework.design import design
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Plan, simulate
-from qsframework.identify import State, identify
+from qsframework.identify import EstimateState, identify
 from qsframework.information import predicted_sd
 from qsframework.report.words.fit import verdict_words
 from tests.identify.arm import spoilt, with_sigma
@@ -68,7 +68,7 @@ def test_swapped_markers_and_a_wrong_load_unit_are_told(m900ib: Experiment, plan
     )
     kilograms = readings.with_poses(replace(readings.poses, wrench=readings.poses.wrench / 9.81))
     states = [e.state for e in identify(m900ib, kilograms, options=KEEP).estimates]
-    assert State.OUTSIDE_PRIOR in states
+    assert EstimateState.OUTSIDE_PRIOR in states
 
 
 def test_a_pose_that_alone_carries_a_parameter_is_named(m900ib: Experiment) -> None:

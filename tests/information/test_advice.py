@@ -12,8 +12,8 @@ from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, load_experiment, make_plan, simulate
 from qsframework.experiment.examples import example
-from qsframework.experiment.setup import Noise
-from qsframework.identify import State, identify
+from qsframework.experiment.setup import StatedNoise
+from qsframework.identify import EstimateState, identify
 from qsframework.information import predicted_sd, promised_sd, what_would_help
 from qsframework.information.advice import load_share, spring_torques, unit_torques
 from qsframework.plugin import Poses
@@ -96,12 +96,12 @@ def test_the_physical_balancer_is_not_identifiable(m900ib: Experiment, options: 
     readings = simulate(m900ib, make_plan(at, ["pull"] * len(at)), seed=1).readings
     fit = identify(m900ib, readings, ["joint_compliance", BALANCER], options)
     estimate = next(e for e in fit.estimates if e.name == BALANCER)
-    assert estimate.state is State.NOT_IDENTIFIABLE
+    assert estimate.state is EstimateState.NOT_IDENTIFIABLE
     if not np.isnan(estimate.sd):
         assert estimate.sd > estimate.initial
         assert f"its sd is {100 * estimate.sd / estimate.initial:.0f} % of its nominal value" in estimate.status
     others = [e for e in fit.estimates if e.name != BALANCER]
-    assert all(e.state is State.FINE for e in others)
+    assert all(e.state is EstimateState.FINE for e in others)
 
 
 def test_the_same_fit_told_at_little_noise(m900ib: Experiment) -> None:
@@ -110,7 +110,7 @@ def test_the_same_fit_told_at_little_noise(m900ib: Experiment) -> None:
     fine = m900ib.with_(noise=replace(m900ib.noise, sigma=1e-7))
     readings = simulate(fine, make_plan(at, ["pull"] * len(at)), seed=1).readings
     fit = identify(fine, readings, ["joint_compliance", BALANCER])
-    assert all(e.state is State.FINE for e in fit.estimates)
+    assert all(e.state is EstimateState.FINE for e in fit.estimates)
 
 
 def test_sensor_load_and_geometry_parameters_have_advice(m900ib: Experiment) -> None:
@@ -140,7 +140,7 @@ def test_a_plan_that_tells_nothing_promises_nothing(m900ib: Experiment) -> None:
     assert np.isinf(sd).all()
     at = poses(m900ib, 1)
     with pytest.raises(InputError, match="a promise needs the noise"):
-        promised_sd(m900ib.with_(noise=Noise(None)), make_plan(at, ["pull"] * len(at)))
+        promised_sd(m900ib.with_(noise=StatedNoise(None)), make_plan(at, ["pull"] * len(at)))
 
 
 def test_a_free_length_without_a_stiffness_is_told_why(m900ib: Experiment) -> None:

@@ -15,7 +15,7 @@ from qsframework.elastostatics.so3 import exponential
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
 from qsframework.experiment.columns import write_table
-from qsframework.identify import Fit, State, identify
+from qsframework.identify import EstimateState, Fit, identify
 from qsframework.plugin import Array, Poses
 from qsframework.screening import screen
 
@@ -180,7 +180,7 @@ def test_sag_that_dominates_is_estimated_on_a_small_arm(sagging: tuple[Made, Rea
     fit = identify(data.experiment, readings, ["geometry", "gravity_sag"])
     assert not [entry for entry in fit.left_aside if entry.name.startswith("gravity_sag[joint_2].link_3")]
     value = next(e for e in fit.estimates if e.name == "gravity_sag[joint_2].link_3_x")
-    assert value.state is State.FINE
+    assert value.state is EstimateState.FINE
 
 
 def test_states_of_estimates(clean: tuple[Made, Readings, Path]) -> None:
@@ -188,8 +188,8 @@ def test_states_of_estimates(clean: tuple[Made, Readings, Path]) -> None:
     data, readings, _ = clean
     fit = identify(data.experiment, readings)
     states = {e.name: e for e in fit.estimates}
-    assert states["joint_offset[joint_2]"].state is State.FINE
-    limits = [e for e in fit.estimates if e.state is State.UPPER_LIMIT]
+    assert states["joint_offset[joint_2]"].state is EstimateState.FINE
+    limits = [e for e in fit.estimates if e.state is EstimateState.UPPER_LIMIT]
     assert limits
     assert all(e.limit is not None and abs(e.value) < e.limit and "at most" in e.status for e in limits)
 
@@ -200,8 +200,8 @@ def test_a_mass_that_the_arm_cannot_have_is_implausible() -> None:
     from qsframework.plugin import Parameter
 
     mass = Parameter("link_mass[link_3].mass", "kg", typical=0.03 * 3.0)
-    assert estimate_of(mass, 18.0, 0.4, 0.4).state is State.IMPLAUSIBLE
-    assert estimate_of(mass, 0.8, 0.1, 0.1).state is State.FINE
+    assert estimate_of(mass, 18.0, 0.4, 0.4).state is EstimateState.IMPLAUSIBLE
+    assert estimate_of(mass, 0.8, 0.1, 0.1).state is EstimateState.FINE
 
 
 def test_a_value_twelve_sds_from_zero_is_told_whatever_was_expected() -> None:
@@ -209,7 +209,7 @@ def test_a_value_twelve_sds_from_zero_is_told_whatever_was_expected() -> None:
     from qsframework.plugin import Parameter
 
     soft = Parameter("joint_compliance[joint_2]", "rad/(N m)", nominal=1e-6, typical=1e-6)
-    assert estimate_of(soft, 24.79e-6, 2.1e-6, 2.1e-6).state is State.FINE
+    assert estimate_of(soft, 24.79e-6, 2.1e-6, 2.1e-6).state is EstimateState.FINE
 
 
 def test_a_fit_predicts_in_the_frames_that_it_found(clean: tuple[Made, Readings, Path]) -> None:

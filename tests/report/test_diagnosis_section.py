@@ -16,7 +16,7 @@ from qsframework.diagnose.error_budget import error_budget, linear_errors
 from qsframework.diagnose.law import Law
 from qsframework.diagnose.result import Leftover, LikelyPlace, Status
 from qsframework.elastostatics import make_model
-from qsframework.report import Figure, Table, View, write_report
+from qsframework.report import Figure, ReportTable, SceneView, write_report
 from qsframework.report.diagnosis_plots import main_direction
 from qsframework.report.diagnosis_section import diagnosis_sections
 from qsframework.report.diagnosis_tables import cause_table, excluded_table, outlier_table, unseen_table
@@ -87,7 +87,7 @@ def test_every_figure_and_table_says_what_to_look_for(which: str) -> None:
     for section in sections[:-1]:
         assert section.blocks
         for block in section.blocks:
-            if isinstance(block, Figure | Table | View):
+            if isinstance(block, Figure | ReportTable | SceneView):
                 assert len(block.caption) > 60, block
                 assert block.caption.rstrip().endswith("."), block.caption
 
@@ -97,7 +97,7 @@ def test_nothing_found_is_told_as_bounds() -> None:
     assert "arcmin" in text
     assert re.search(r"joint_backlash .*joint_2 [\d.]+ arcmin", text)
     everything = " ".join(
-        str(b) for s in diagnosis_sections(nothing(), []) for b in s.blocks if not isinstance(b, View)
+        str(b) for s in diagnosis_sections(nothing(), []) for b in s.blocks if not isinstance(b, SceneView)
     )
     assert "no fault" not in everything.lower()
     rows = cause_table(nothing()).rows

@@ -12,7 +12,7 @@ from headless import SMALL, browser, console, open_page, unpacked
 from qsframework.cli.demo import WRITTEN, run_demo
 from qsframework.experiment import Experiment, make_plan
 from qsframework.plugin import Poses
-from qsframework.report import Section, Table, Text, View, write_report
+from qsframework.report import ReportTable, SceneView, Section, Text, write_report
 from qsframework.viz import Scene, plan_scene
 
 EVIL = "<script>alert(1)</script>"
@@ -83,7 +83,12 @@ def test_the_demo_leaves_its_files(demo: Path) -> None:
 
 def test_text_is_escaped(tmp_path: Path) -> None:
     section = Section(
-        EVIL, (Text(EVIL), Table((EVIL,), ((EVIL,),), EVIL), View(f"<p>{EVIL}</p>", EVIL, Table((EVIL,), ())))
+        EVIL,
+        (
+            Text(EVIL),
+            ReportTable((EVIL,), ((EVIL,),), EVIL),
+            SceneView(f"<p>{EVIL}</p>", EVIL, ReportTable((EVIL,), ())),
+        ),
     )
     page = parse(write_report(tmp_path / "r.html", EVIL, [section]))
     assert page.tags.count("script") == 1  # the report's own

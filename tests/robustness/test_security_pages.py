@@ -23,7 +23,7 @@ from qsframework.cli.main import app
 from qsframework.experiment import example
 from qsframework.robot.search import find_robot
 from qsframework.viz.scene import Facts, Scene
-from qsframework.viz.server import Site, serve
+from qsframework.viz.server import SceneSite, serve
 
 EVIL = """"'></script></style></title></textarea></iframe><qsf-evil onerror="qsf_evil()"><script>qsf_evil()</script>"""
 """Gets out of attributes, scripts, styles and titles, if anything lets it."""
@@ -243,7 +243,7 @@ def test_a_page_of_an_error_escapes_it() -> None:
 
 @pytest.fixture
 def port() -> Iterator[int]:
-    server = serve(Site(lambda watch: f"<p>{watch}</p>", []), 0)
+    server = serve(SceneSite(lambda watch: f"<p>{watch}</p>", []), 0)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     assert server.socket.getsockname()[0] == "127.0.0.1"

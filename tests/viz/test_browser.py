@@ -15,7 +15,7 @@ from headless import NO_HOST, SMALL, browser, console, open_page
 from qsframework.experiment import Experiment, Plan, make_plan
 from qsframework.plugin import Poses
 from qsframework.robot import load_robot, robot_names
-from qsframework.viz import Scene, Site, robot_row, serve, show_scene
+from qsframework.viz import Scene, SceneSite, robot_row, serve, show_scene
 from qsframework.viz.subject import one_pose
 
 EVIL = "</script><script>document.title = 'taken'</script>"
@@ -170,7 +170,7 @@ def test_what_users_wrote_is_text(tmp_path: Path) -> None:
 @browser
 def test_the_served_page_is_drawn_without_complaint(m900ib: Experiment, tmp_path: Path) -> None:
     scene = show_scene(m900ib, one_pose(m900ib, None, None))
-    with serve(Site(scene.html, []), 0) as server:
+    with serve(SceneSite(scene.html, []), 0) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         address = f"http://127.0.0.1:{server.server_address[1]}/"
         log = browse(address, tmp_path, f"--screenshot={tmp_path / 'served.png'}")

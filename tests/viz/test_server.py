@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 from qsframework.errors import InputError
-from qsframework.viz import Site, serve
+from qsframework.viz import SceneSite, serve
 
 
 @contextmanager
-def running(site: Site) -> Iterator[tuple[str, int]]:
+def running(site: SceneSite) -> Iterator[tuple[str, int]]:
     with serve(site, 0) as server:
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
@@ -35,7 +35,7 @@ def ask(port: int, path: str, host: str = "127.0.0.1") -> tuple[int, str]:
 def test_it_listens_on_this_machine_only() -> None:
     if not Path("/proc/net/tcp").exists():
         pytest.skip("this system does not list who listens in /proc/net/tcp")
-    with running(Site(lambda watch: "page", [])) as (host, port):
+    with running(SceneSite(lambda watch: "page", [])) as (host, port):
         assert host == "127.0.0.1"
         listening = [
             line.split()[1] for line in Path("/proc/net/tcp").read_text().splitlines()[1:] if line.split()[3] == "0A"
@@ -50,7 +50,7 @@ def test_it_listens_on_this_machine_only() -> None:
 
 def test_another_hosts_name_is_refused() -> None:
     """A page from elsewhere cannot read the scene by pointing its own name at this machine."""
-    with running(Site(lambda watch: "page", [])) as (_, port):
+    with running(SceneSite(lambda watch: "page", [])) as (_, port):
         assert ask(port, "/")[0] == 200
         assert ask(port, "/", "localhost")[0] == 200
         assert ask(port, "/", "evil.example")[0] == 403
@@ -67,7 +67,7 @@ def test_a_changed_file_makes_a_new_page(tmp_path: Path) -> None:
         made.append(watch)
         return file.read_text()
 
-    with running(Site(make, [file])) as (_, port):
+    with running(SceneSite(make, [file])) as (_, port):
         assert ask(port, "/") == (200, "one")
         assert ask(port, "/") == (200, "one")
         before = ask(port, made[0])[1]
@@ -84,7 +84,7 @@ def test_a_file_that_has_become_wrong_is_told_on_the_page(tmp_path: Path) -> Non
     def make(watch: str) -> str:
         raise InputError("line 3: <b>no unit</b>")
 
-    with running(Site(make, [])) as (_, port):
+    with running(SceneSite(make, [])) as (_, port):
         status, page = ask(port, "/")
     assert status == 200
     assert "line 3: &lt;b&gt;no unit" in page
@@ -96,10 +96,10 @@ def test_a_port_that_is_taken_is_an_error() -> None:
         taken.listen()
         port = taken.getsockname()[1]
         with pytest.raises(InputError, match=f"port {port} cannot be listened on.*give another one"):
-            serve(Site(lambda watch: "", []), port)
+            serve(SceneSite(lambda watch: "", []), port)
 
 
 @pytest.mark.parametrize("port", [-1, 70000])
 def test_a_port_must_be_one(port: int) -> None:
     with pytest.raises(InputError, match="allowed: 0"):
-        serve(Site(lambda watch: "", []), port)
+        serve(SceneSite(lambda watch: "", []), port)

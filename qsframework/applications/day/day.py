@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from qsframework.applications.day.expected import Expected, expected
-from qsframework.applications.day.judge import Known, Seen, Verdict, judge, known
+from qsframework.applications.day.judge import Known, Seen, StateVerdict, judge, known
 from qsframework.applications.day.mistakes import Mistake, most_likely
 from qsframework.applications.day.record import (
+    DayRow,
     Record,
-    Row,
     Slot,
     as_planned,
     moved_on,
@@ -65,7 +65,7 @@ class Judged:
     """What was said of a state when a reading of it came in; mistake: where it is not as expected."""
 
     slot: Slot
-    verdict: Verdict
+    verdict: StateVerdict
     mistake: Mistake | None
 
 
@@ -100,7 +100,7 @@ def enter(
     there = list(day.record.at(slot).values())
     at = there[0].time if there else time.time() - day.record.began
     rows = [
-        Row(
+        DayRow(
             slot=slot,
             marker=marker,
             xyz=np.asarray(xyz, dtype=float),
@@ -154,7 +154,7 @@ def _explained(day: Day) -> Day:
     return day
 
 
-def _corrected(day: Day, slot: Slot, rows: list[Row], mistake: Mistake | None) -> list[Row]:
+def _corrected(day: Day, slot: Slot, rows: list[DayRow], mistake: Mistake | None) -> list[DayRow]:
     """Rows of a state as they were meant."""
     if mistake is None or mistake.xyz is None:
         hint = "Keep it, or read it again; the angles and the load of a row can be edited in the table."
@@ -185,7 +185,7 @@ def _judged(day: Day, slot: Slot) -> tuple[Day, Judged]:
     )
 
 
-def _other_than_planned(day: Day, row: Row) -> Mistake:
+def _other_than_planned(day: Day, row: DayRow) -> Mistake:
     """A row whose own angles or load are not those of its state: which, and what the protocol has."""
     visit, state = day.record.visit(row.slot), day.record.state(row.slot)
     turned = np.abs(row.pendant - visit.pendant)

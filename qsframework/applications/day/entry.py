@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from qsframework.applications.day.day import Day, Judged, enter, reread
-from qsframework.applications.day.record import Row, Slot, rows_of, taken_in
+from qsframework.applications.day.record import DayRow, Slot, rows_of, taken_in
 from qsframework.applications.importers import import_readings
 from qsframework.applications.protocol import write_reading_file
 from qsframework.errors import InputError, Problem
@@ -75,7 +75,7 @@ def _is_table(lines: list[str]) -> bool:
     return bool(lines) and re.match(r"pose\s*,", lines[0]) is not None
 
 
-def _imported(day: Day, path: Path) -> list[Row]:
+def _imported(day: Day, path: Path) -> list[DayRow]:
     """The rows that the importers make of a tracker's file, by the names of its points."""
     with TemporaryDirectory() as folder:
         plan, table = Path(folder) / "protocol.csv", Path(folder) / "readings.csv"
@@ -85,9 +85,9 @@ def _imported(day: Day, path: Path) -> list[Row]:
         return rows_of(table, day.experiment, day.record.protocol)
 
 
-def _enter_rows(day: Day, rows: list[Row]) -> tuple[Day, list[Judged]]:
+def _enter_rows(day: Day, rows: list[DayRow]) -> tuple[Day, list[Judged]]:
     """State after state, as the rows stand."""
-    groups: dict[Slot, list[Row]] = {}
+    groups: dict[Slot, list[DayRow]] = {}
     for row in rows:
         groups.setdefault(row.slot, []).append(row)
     said: list[Judged] = []

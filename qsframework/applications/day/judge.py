@@ -62,7 +62,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class StateVerdict:
     """What the questions say of a state."""
 
     checks: tuple[Check, ...]
@@ -150,7 +150,9 @@ def known(expected: Expected, seen: Sequence[Seen]) -> Known:
     return _springs(replace(start, placed=there))
 
 
-def judge(known: Known, slot: Slot, xyz: Array, series: str, share: float = 1.0, shift: Array | None = None) -> Verdict:
+def judge(
+    known: Known, slot: Slot, xyz: Array, series: str, share: float = 1.0, shift: Array | None = None
+) -> StateVerdict:
     """The questions to readings (M, 3) m of a state, NaN where a marker was not read.
 
     share: of the load that hangs there; shift (M, 3) m, base frame: what else moved the markers
@@ -164,7 +166,7 @@ def judge(known: Known, slot: Slot, xyz: Array, series: str, share: float = 1.0,
     else:
         checks.append(_check_place(known, slot, xyz, series, read, share, shift))
         checks.append(_check_repeat(known, slot, xyz, series, shift))
-    return Verdict(tuple(c for c in checks if c is not None))
+    return StateVerdict(tuple(c for c in checks if c is not None))
 
 
 def _shape(stated: Array, seen: Sequence[Seen]) -> tuple[Array, int]:

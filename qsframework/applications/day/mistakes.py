@@ -12,7 +12,7 @@ from itertools import combinations, permutations, product
 
 import numpy as np
 
-from qsframework.applications.day.judge import Known, Verdict, judge, was_read
+from qsframework.applications.day.judge import Known, StateVerdict, judge, was_read
 from qsframework.applications.day.record import Slot
 from qsframework.plugin import Array
 
@@ -139,7 +139,7 @@ def _part(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Mistake
     for m in map(int, read):
         rest = xyz.copy()
         rest[m] = np.nan
-        verdict: Verdict = judge(known, slot, rest, series)
+        verdict: StateVerdict = judge(known, slot, rest, series)
         yield Mistake(kind="marker", what=(known.expected.names[m],), p=verdict.p)
 
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.applications.protocol import Protocol, State, Visit
+from qsframework.applications.protocol import Protocol, ProtocolState, Visit
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
 from qsframework.experiment.columns import joint_cells, number, read_table, table_text
@@ -40,7 +40,7 @@ class Slot:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Row:
+class DayRow:
     """One marker at one state. xyz (3,) m in the tracker's frame `series`; pendant (n,) rad and wrench (6,) as they
     stand in the table; time: s since the day began"""
 
@@ -62,7 +62,7 @@ class Record:
     folder: Path
     robot: str
     protocol: Protocol
-    rows: tuple[Row, ...]
+    rows: tuple[DayRow, ...]
     began: float
     hash: str
     doubtful: Mapping[Slot, str]
@@ -74,13 +74,13 @@ class Record:
     def table(self) -> Path:
         return self.folder / TABLE
 
-    def state(self, slot: Slot) -> State:
+    def state(self, slot: Slot) -> ProtocolState:
         return self.protocol.visits[slot.visit].states[slot.state]
 
     def visit(self, slot: Slot) -> Visit:
         return self.protocol.visits[slot.visit]
 
-    def at(self, slot: Slot) -> dict[str, Row]:
+    def at(self, slot: Slot) -> dict[str, DayRow]:
         """The rows of a state by marker."""
         return {row.marker: row for row in self.rows if row.slot == slot}
 
@@ -143,13 +143,13 @@ def refreshed(record: Record, experiment: Experiment) -> Record:
     return open_record(record.folder, experiment, record.protocol)
 
 
-def stored(record: Record, rows: Sequence[Row]) -> Record:
+def stored(record: Record, rows: Sequence[DayRow]) -> Record:
     """The record with more rows, on disk when this returns. InputError where they cannot be stored."""
     _append(record.table, "".join(_line(record.protocol, row) for row in rows))
     return replace(record, rows=(*record.rows, *rows), hash=sha256(record.table))
 
 
-def without(record: Record, slot: Slot, instead: Sequence[Row] = ()) -> Record:
+def without(record: Record, slot: Slot, instead: Sequence[DayRow] = ()) -> Record:
     """The record with other rows of a state, or none; those that stood there go to the log."""
     gone = [row for row in record.rows if row.slot == slot]
     _log(record.folder / LOG, _about(slot) | {"event": "taken back", "rows": [_values(row) for row in gone]})
@@ -190,7 +190,7 @@ def _about(slot: Slot) -> dict[str, Any]:
     return {"visit": slot.visit + 1, "state": slot.state + 1}
 
 
-def _values(row: Row) -> dict[str, Any]:
+def _values(row: DayRow) -> dict[str, Any]:
     return {"marker": row.marker, "xyz_mm": (1e3 * row.xyz).round(4).tolist(), "series": row.series}
 
 
@@ -247,7 +247,7 @@ def _header(protocol: Protocol) -> list[str]:
     ]
 
 
-def _cells(protocol: Protocol, row: Row) -> list[str]:
+def _cells(protocol: Protocol, row: DayRow) -> list[str]:
     visit = protocol.visits[row.slot.visit]
     state = visit.states[row.slot.state]
     return [
@@ -266,22 +266,22 @@ def _cells(protocol: Protocol, row: Row) -> list[str]:
     ]
 
 
-def _line(protocol: Protocol, row: Row) -> str:
+def _line(protocol: Protocol, row: DayRow) -> str:
     out = io.StringIO()
     csv.writer(out, lineterminator="\n").writerow(_cells(protocol, row))
     return out.getvalue()
 
 
-def written(path: Path, protocol: Protocol, rows: Sequence[Row]) -> Path:
+def written(path: Path, protocol: Protocol, rows: Sequence[DayRow]) -> Path:
     """A table of rows, in a file of its own."""
     return write_text(path, _text(protocol.robot, protocol, rows))
 
 
-def _text(robot: str, protocol: Protocol, rows: Sequence[Row]) -> str:
+def _text(robot: str, protocol: Protocol, rows: Sequence[DayRow]) -> str:
     return f"# robot: {robot}\n" + table_text(_header(protocol), [_cells(protocol, row) for row in rows])
 
 
-def _read(path: Path, experiment: Experiment, protocol: Protocol) -> list[Row]:
+def _read(path: Path, experiment: Experiment, protocol: Protocol) -> list[DayRow]:
     """The rows of the day's table; none where it holds only its header."""
     lines = [
         line for line in path.read_text(encoding="utf-8").splitlines() if line.strip() and not line.startswith("#")
@@ -289,7 +289,7 @@ def _read(path: Path, experiment: Experiment, protocol: Protocol) -> list[Row]:
     return [] if len(lines) < 2 else rows_of(path, experiment, protocol)
 
 
-def rows_of(path: Path, experiment: Experiment, protocol: Protocol) -> list[Row]:
+def rows_of(path: Path, experiment: Experiment, protocol: Protocol) -> list[DayRow]:
     """The rows of a table of states, each at its state of the protocol. InputError with all that belong to none."""
     table = read_table(path, state_columns(experiment), experiment.robot.name)
     problems = list(table.problems)
@@ -310,7 +310,7 @@ def rows_of(path: Path, experiment: Experiment, protocol: Protocol) -> list[Row]
     pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(n)], axis=1)
     wrench = np.stack([numbers(c, 0.0) for c in ("fx", "fy", "fz", "mx", "my", "mz")], axis=1)
     xyz = np.stack([table.numbers[c] for c in ("x", "y", "z")], axis=1)
-    out: list[Row] = []
+    out: list[DayRow] = []
     keys = zip(texts("pose"), numbers("repeat", 1.0), numbers("cycle", 1.0), texts("load_id"), strict=True)
     for i, (pose, repeat, cycle, load) in enumerate(keys):
         slot = places.get((pose, int(repeat), int(cycle), load))
@@ -322,7 +322,7 @@ def rows_of(path: Path, experiment: Experiment, protocol: Protocol) -> list[Row]
             problems.append(Problem("is no reading of this plan", str(path), table.rows[i], found=what, hint=hint))
             continue
         out.append(
-            Row(
+            DayRow(
                 slot=slot,
                 marker=texts("marker")[i],
                 xyz=xyz[i],
@@ -337,7 +337,7 @@ def rows_of(path: Path, experiment: Experiment, protocol: Protocol) -> list[Row]
     return out
 
 
-def as_planned(row: Row, record: Record) -> bool:
+def as_planned(row: DayRow, record: Record) -> bool:
     """Whether a row stands at the angles and under the load of its state."""
     visit, state = record.visit(row.slot), record.state(row.slot)
     return bool(

@@ -15,7 +15,7 @@ import numpy as np
 
 from qsframework.applications.day.day import Day
 from qsframework.applications.day.expected import Expected
-from qsframework.applications.day.record import TABLE, Row, written
+from qsframework.applications.day.record import TABLE, DayRow, written
 from qsframework.design import design
 from qsframework.design.problem import joint_sd
 from qsframework.diagnose import diagnose
@@ -110,7 +110,7 @@ def _promised(e: Expected) -> dict[str, float]:
     markers = list(protocol.markers)
     place = e.model.positions(e.poses, loaded=True)
     rows = [
-        Row(
+        DayRow(
             slot=s, marker=m, xyz=place[i, k], pendant=e.poses.pendant[i], wrench=e.poses.wrench[i], series="", time=0.0
         )
         for s, i in e.at.items()

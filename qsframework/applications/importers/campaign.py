@@ -18,7 +18,7 @@ from qsframework.plugin import Array
 
 
 @dataclass(frozen=True)
-class Slot:
+class PlanSlot:
     """One reading of one marker at one state; load_id "" where unloaded or where a pose has one load."""
 
     pose: str
@@ -39,14 +39,14 @@ class Campaign:
 
     poses: Mapping[str, Array]
     loads: Mapping[str, Mapping[str, Array]]
-    order: tuple[Slot, ...]
+    order: tuple[PlanSlot, ...]
     names: Mapping[str, Mapping[str, str]]
     exact: bool = False
-    drive: Mapping[Slot, str] | None = None
+    drive: Mapping[PlanSlot, str] | None = None
     source: Path | None = None
 
     @cached_property
-    def slots(self) -> frozenset[Slot]:
+    def slots(self) -> frozenset[PlanSlot]:
         """What is to be measured, in no order."""
         return frozenset(self.order)
 
@@ -70,7 +70,7 @@ def of_plan(plan: Plan, experiment: Experiment, path: Path | None = None) -> Cam
     """Every pose unloaded and then loaded, all markers each time, as often as the plan repeats it."""
     markers = [m.name for m in experiment.markers]
     order = tuple(
-        Slot(pose, marker, loaded, repeat=repeat)
+        PlanSlot(pose, marker, loaded, repeat=repeat)
         for pose, repeats, wrench in zip(plan.pose, plan.repeats, plan.wrench, strict=True)
         for repeat in range(1, repeats + 1)
         for loaded in ((False, True) if np.any(wrench) else (False,))
@@ -100,7 +100,7 @@ def _of_table(path: Path, experiment: Experiment) -> Campaign:
         raise InputError(problems)
     loads = table.texts.get("load_id", [""] * len(table.rows))
     slots = [
-        Slot(pose, marker, state == "loaded", load, repeat, cycle)
+        PlanSlot(pose, marker, state == "loaded", load, repeat, cycle)
         for pose, marker, state, load, repeat, cycle in zip(
             table.texts["pose"],
             table.texts["marker"],

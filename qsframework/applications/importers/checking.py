@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from qsframework.applications.importers.campaign import Campaign
-from qsframework.applications.importers.matching import Point, label
-from qsframework.applications.importers.placing import UNITS, Fit, agreed_frame, likely_unit, marker_places
+from qsframework.applications.importers.matching import TrackerPoint, label
+from qsframework.applications.importers.placing import UNITS, PlacementFit, agreed_frame, likely_unit, marker_places
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
 from qsframework.experiment.columns import MOST_PROBLEMS
@@ -36,7 +36,7 @@ class Placed:
     largest: float
 
 
-def check_units(points: Sequence[Point], pendant: Array, experiment: Experiment) -> None:
+def check_units(points: Sequence[TrackerPoint], pendant: Array, experiment: Experiment) -> None:
     """InputError where nobody says the unit of a file's coordinates, or where they spread as in another unit."""
     markers = [m.name for m in experiment.markers]
     places = marker_places(experiment, pendant)
@@ -63,7 +63,7 @@ def check_units(points: Sequence[Point], pendant: Array, experiment: Experiment)
 
 
 def check_places(
-    points: Sequence[Point], pendant: Array, campaign: Campaign, experiment: Experiment, within: float
+    points: Sequence[TrackerPoint], pendant: Array, campaign: Campaign, experiment: Experiment, within: float
 ) -> tuple[Placed, ...]:
     """How the points of each series lie to the arm.
 
@@ -95,7 +95,7 @@ def check_places(
     return tuple(out)
 
 
-def _few_agree(points: Sequence[Point], fit: Fit, within: float) -> Problem:
+def _few_agree(points: Sequence[TrackerPoint], fit: PlacementFit, within: float) -> Problem:
     """One problem where most points lie elsewhere than they were taken for."""
     first = next(k for k, agrees in enumerate(fit.agrees.tolist()) if not agrees)
     agree = f"{int(fit.agrees.sum())} of {len(points)} within {1e3 * within:g} mm"
@@ -107,7 +107,7 @@ def _few_agree(points: Sequence[Point], fit: Fit, within: float) -> Problem:
 
 
 def _misplaced(
-    point: Point, fit: Fit, off: float, campaign: Campaign, experiment: Experiment, within: float
+    point: TrackerPoint, fit: PlacementFit, off: float, campaign: Campaign, experiment: Experiment, within: float
 ) -> Problem:
     """A point that lies elsewhere, and what would suit it: another unit, or another pose or marker."""
     at = point.listing.xyz()[point.row]

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from qsframework.applications.importers.campaign import EMPTY, Campaign, Slot, read_campaign
+from qsframework.applications.importers.campaign import EMPTY, Campaign, PlanSlot, read_campaign
 from qsframework.applications.importers.checking import Placed, check_places, check_units
 from qsframework.applications.importers.joining import (
     JOINS,
@@ -25,7 +25,7 @@ from qsframework.applications.importers.joining import (
 from qsframework.applications.importers.matching import (
     MATCHES,
     Naming,
-    Point,
+    TrackerPoint,
     check_twice,
     match_names,
     match_nearest,
@@ -88,13 +88,13 @@ class Imported:
     """
 
     files: tuple[Listing, ...]
-    points: tuple[Point, ...]
+    points: tuple[TrackerPoint, ...]
     match: str
     angles: str
     campaign: Campaign
-    missing: tuple[Slot, ...]
-    ignored: tuple[Point, ...]
-    known: tuple[Point, ...]
+    missing: tuple[PlanSlot, ...]
+    ignored: tuple[TrackerPoint, ...]
+    known: tuple[TrackerPoint, ...]
     placed: tuple[Placed, ...]
     aligned: tuple[Aligned, ...]
     header: tuple[str, ...]
@@ -338,7 +338,7 @@ class _Import:
         ]
         return EMPTY.with_poses(poses), out
 
-    def _parted(self, points: Sequence[Point]) -> tuple[list[Point], list[Point]]:
+    def _parted(self, points: Sequence[TrackerPoint]) -> tuple[list[TrackerPoint], list[TrackerPoint]]:
         """Points of the campaign, and those that are known points."""
         names = set[str]() if self.known is None else {plain(n) for n in self.known.texts["name"]}
         is_known = [bool({plain(p.name), plain(p.name.rpartition("::")[2])} & names) for p in points]
@@ -347,7 +347,7 @@ class _Import:
             [p for p, k in zip(points, is_known, strict=True) if k],
         )
 
-    def _known_frame(self, seen: Sequence[Point]) -> tuple[Aligned, ...]:
+    def _known_frame(self, seen: Sequence[TrackerPoint]) -> tuple[Aligned, ...]:
         """The frame of every series from the known points in it."""
         if self.known is None:
             return ()
@@ -370,14 +370,16 @@ class _Import:
             out.append(found)
         return tuple(out)
 
-    def _matched(self, points: list[Point], campaign: Campaign, aligned: Sequence[Aligned]) -> list[Point]:
+    def _matched(
+        self, points: list[TrackerPoint], campaign: Campaign, aligned: Sequence[Aligned]
+    ) -> list[TrackerPoint]:
         if self.wish.match == "order":
             found = match_order(points, campaign)
             check_twice(found)
             return found
         if self.wish.match == "names":
             return match_names(points, campaign, self.experiment)
-        out: list[Point] = []
+        out: list[TrackerPoint] = []
         for series in dict.fromkeys(p.series for p in points):
             own = [p for p in points if p.series == series]
             _need_unit(own)
@@ -393,7 +395,7 @@ class _Import:
         hint = "Give known points in the base frame, or state frames: in the experiment and name the series."
         raise InputError(Problem(message, str(self.experiment.path), hint=hint, argument=("align", "known.csv")))
 
-    def _angles(self, points: Sequence[Point], campaign: Campaign, how: str, logged: Sequence[str]) -> Array:
+    def _angles(self, points: Sequence[TrackerPoint], campaign: Campaign, how: str, logged: Sequence[str]) -> Array:
         """Pendant angles (N, n) rad of every point."""
         planned = np.stack([campaign.poses[p.slot.pose] for p in points if p.slot is not None])
         if self.log is None or how in ("plan", "columns"):
@@ -412,7 +414,7 @@ class _Import:
         check_planned(points, found, campaign, self.log)
         return found
 
-    def _unloaded_frames(self, points: Sequence[Point], pendant: Array) -> tuple[Aligned, ...]:
+    def _unloaded_frames(self, points: Sequence[TrackerPoint], pendant: Array) -> tuple[Aligned, ...]:
         """The frame of every series from its unloaded markers."""
         places = marker_places(self.experiment, pendant)
         markers = [m.name for m in self.experiment.markers]
@@ -428,7 +430,7 @@ class _Import:
         return tuple(out)
 
 
-def _need_unit(points: Sequence[Point]) -> None:
+def _need_unit(points: Sequence[TrackerPoint]) -> None:
     for point in points:
         if not point.listing.unit:
             sheet = point.listing.sheet
@@ -439,7 +441,7 @@ def _need_unit(points: Sequence[Point]) -> None:
             )
 
 
-def _sources(points: Sequence[Point]) -> dict[str, str]:
+def _sources(points: Sequence[TrackerPoint]) -> dict[str, str]:
     """What a column of the written table is called in the first point list."""
     listing = points[0].listing
     own = {t.role: t.column for t in listing.taken}

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qsframework.applications.importers.campaign import Campaign, Slot
-from qsframework.applications.importers.matching import Point, label
+from qsframework.applications.importers.campaign import Campaign, PlanSlot
+from qsframework.applications.importers.matching import TrackerPoint, label
 from qsframework.applications.importers.names import decode, plain, vocabulary
 from qsframework.applications.importers.tables import Listing
 from qsframework.errors import InputError, Problem
@@ -73,7 +73,7 @@ def poses_of(log: Listing, names: Sequence[str], joints: int) -> dict[str, Array
     return out
 
 
-def join_order(points: Sequence[Point], log: Listing, joints: int) -> Array:
+def join_order(points: Sequence[TrackerPoint], log: Listing, joints: int) -> Array:
     """Angles (N, joints): the k-th row is of the k-th point, or of the k-th visit (points one after the other at a
     pose and repeat). InputError where the rows are as many as neither."""
     angles = log.angles(joints)
@@ -123,7 +123,7 @@ def stops_of(log: Listing, joints: int) -> list[Stop]:
 
 
 def join_time(
-    points: Sequence[Point], log: Listing, joints: int, clock: float, campaign: Campaign
+    points: Sequence[TrackerPoint], log: Listing, joints: int, clock: float, campaign: Campaign
 ) -> tuple[Array, list[int]]:
     """Angles (N, joints) of the stop in which each point was read, and the stop's number.
 
@@ -139,7 +139,7 @@ def join_time(
         raise InputError(Problem(message, log.sheet.where, hint=hint, argument=("join", "order")))
     starts = np.array([s.start for s in stops])
     place: list[int] = (np.searchsorted(starts, times + clock, side="right") - 1).tolist()
-    wrong: list[tuple[Point, str]] = []
+    wrong: list[tuple[TrackerPoint, str]] = []
     for point, k, t in zip(points, place, (times + clock).tolist(), strict=True):
         at = f"{t:.3f} s by the log's clock"
         stop = stops[k] if k >= 0 else None
@@ -153,16 +153,16 @@ def join_time(
     return np.stack([stops[k].pendant for k in place]), [k + 1 for k in place]
 
 
-def _pose(point: Point) -> str | None:
+def _pose(point: TrackerPoint) -> str | None:
     return point.slot.pose if point.slot is not None else point.said.pose
 
 
-def _elsewhere(point: Point, stop: Stop, campaign: Campaign) -> bool:
+def _elsewhere(point: TrackerPoint, stop: Stop, campaign: Campaign) -> bool:
     planned = campaign.poses.get(_pose(point) or "")
     return planned is not None and bool(np.abs(stop.pendant - planned).max() > _PLANNED)
 
 
-def _times(points: Sequence[Point], log: Listing) -> Array:
+def _times(points: Sequence[TrackerPoint], log: Listing) -> Array:
     """Times (N,) s of the points, counted from what the log's are."""
     problems: list[Problem] = []
     for listing in dict.fromkeys(p.listing for p in points):
@@ -184,8 +184,8 @@ def _times(points: Sequence[Point], log: Listing) -> Array:
 
 
 def _clock_problems(
-    wrong: Sequence[tuple[Point, str]],
-    points: Sequence[Point],
+    wrong: Sequence[tuple[TrackerPoint, str]],
+    points: Sequence[TrackerPoint],
     times: Array,
     stops: Sequence[Stop],
     log: Listing,
@@ -218,7 +218,7 @@ def _clock_problems(
 
 
 def _windows(
-    points: Sequence[Point], times: Array, stops: Sequence[Stop], campaign: Campaign
+    points: Sequence[TrackerPoint], times: Array, stops: Sequence[Stop], campaign: Campaign
 ) -> list[tuple[float, float, float]]:
     """Time of each point whose planned pose the log holds once, and the least and largest difference of the clocks
     that puts the point there."""
@@ -232,7 +232,7 @@ def _windows(
     return out
 
 
-def check_planned(points: Sequence[Point], pendant: Array, campaign: Campaign, log: Listing) -> None:
+def check_planned(points: Sequence[TrackerPoint], pendant: Array, campaign: Campaign, log: Listing) -> None:
     """InputError where the log's angles are not those of the planned pose."""
     problems: list[Problem] = []
     for point, angles in zip(points, pendant, strict=True):
@@ -242,7 +242,7 @@ def check_planned(points: Sequence[Point], pendant: Array, campaign: Campaign, l
         off = np.rad2deg(np.abs(angles - planned))
         if off.max() > np.rad2deg(_PLANNED):
             k = int(np.argmax(off))
-            what = label(point.slot) if isinstance(point.slot, Slot) else point.name
+            what = label(point.slot) if isinstance(point.slot, PlanSlot) else point.name
             message = f"{what}: the log has joint {k + 1} {off[k]:.3g} deg from where the plan puts it"
             hint = f"Is {log.sheet.path.name} of this campaign, in this order, in this unit?"
             problems.append(point.problem(message, hint=hint))

@@ -9,7 +9,7 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 
-from qsframework.applications.importers.campaign import Campaign, Slot
+from qsframework.applications.importers.campaign import Campaign, PlanSlot
 from qsframework.applications.importers.names import HALF, Said, Vocabulary, decode, plain, vocabulary
 from qsframework.applications.importers.placing import marker_places
 from qsframework.applications.importers.tables import Listing
@@ -34,7 +34,7 @@ class Naming:
 
 
 @dataclass(frozen=True)
-class Point:
+class TrackerPoint:
     """A row of a point list: its name, and what that says; series "" where none is named; slot: what it was taken as.
 
     by: for pose, marker and state, what said it: "name", "column", "file", "stated", "only", "order",
@@ -47,7 +47,7 @@ class Point:
     said: Said
     _: KW_ONLY
     series: str = ""
-    slot: Slot | None = None
+    slot: PlanSlot | None = None
     by: tuple[tuple[str, str], ...] = ()
 
     def problem(self, message: str, role: str = "name", **more: str | None) -> Problem:
@@ -62,13 +62,13 @@ class Point:
 
 def read_points(
     listings: Sequence[Listing], campaign: Campaign, experiment: Experiment, naming: Naming
-) -> tuple[list[Point], list[Point]]:
+) -> tuple[list[TrackerPoint], list[TrackerPoint]]:
     """The points of the files in their order, and those that were to be ignored."""
     markers = [m.name for m in experiment.markers]
     known = vocabulary(campaign, markers, naming.names)
     _check_words(naming, known, campaign, markers)
-    points: list[Point] = []
-    ignored: list[Point] = []
+    points: list[TrackerPoint] = []
+    ignored: list[TrackerPoint] = []
     for listing in listings:
         sheet = listing.sheet
         around = decode(f"{sheet.path.stem} {sheet.name}", known)
@@ -106,7 +106,7 @@ def _few(names: Sequence[str]) -> str:
     return ", ".join(names) if len(names) <= 16 else ", ".join([*names[:14], f"... and {len(names) - 14} more"])
 
 
-def _point(listing: Listing, i: int, name: str, around: Said, known: Vocabulary, naming: Naming) -> Point:
+def _point(listing: Listing, i: int, name: str, around: Said, known: Vocabulary, naming: Naming) -> TrackerPoint:
     """What the columns, then the name, then the file and the sheet, then the user say of a row."""
     said = decode(name, known)
     by = {kind: "name" for kind in ("pose", "marker", "loaded") if getattr(said, kind) is not None}
@@ -124,7 +124,7 @@ def _point(listing: Listing, i: int, name: str, around: Said, known: Vocabulary,
         said = replace(said, loaded=naming.state == "loaded")
         by["loaded"] = "stated"
     series = listing.texts["series"][i] if "series" in listing.texts else naming.series
-    return Point(listing, i, name, said, series=series, by=tuple(by.items()))
+    return TrackerPoint(listing, i, name, said, series=series, by=tuple(by.items()))
 
 
 def _of_column(said: Said, role: str, cell: str, told: Said, known: Vocabulary) -> tuple[Said, str]:
@@ -142,7 +142,7 @@ def _of_column(said: Said, role: str, cell: str, told: Said, known: Vocabulary) 
     return replace(said, **{role: count}), role
 
 
-def match_names(points: Sequence[Point], campaign: Campaign, experiment: Experiment) -> list[Point]:
+def match_names(points: Sequence[TrackerPoint], campaign: Campaign, experiment: Experiment) -> list[TrackerPoint]:
     """Each point as what its name says. InputError where names say too little, too much or what there is not."""
     bare = [p for p in points if not p.name and "pose" not in p.listing.texts]
     if bare:
@@ -150,7 +150,7 @@ def match_names(points: Sequence[Point], campaign: Campaign, experiment: Experim
         problem = bare[0].problem(f"{len(bare)} points have no names, of which this is the first", "x", hint=hint)
         raise InputError(_with(problem, "match", "order"))
     problems: list[Problem] = []
-    out: list[Point] = []
+    out: list[TrackerPoint] = []
     for point in points:
         found = _named(point, campaign, experiment, problems)
         if found is not None:
@@ -161,7 +161,7 @@ def match_names(points: Sequence[Point], campaign: Campaign, experiment: Experim
     return out
 
 
-def _gathered(problems: Sequence[Problem], points: Sequence[Point]) -> list[Problem]:
+def _gathered(problems: Sequence[Problem], points: Sequence[TrackerPoint]) -> list[Problem]:
     """Where the names of a whole file lack the same thing, one problem in place of one for every point."""
     every: dict[tuple[str | None, str], list[Problem]] = {}
     counts = Counter(p.listing.sheet.where for p in points)
@@ -185,7 +185,9 @@ def _name_in(problem: Problem) -> str:
     return parts[1] if len(parts) > 2 else ""
 
 
-def _named(point: Point, campaign: Campaign, experiment: Experiment, problems: list[Problem]) -> Point | None:
+def _named(
+    point: TrackerPoint, campaign: Campaign, experiment: Experiment, problems: list[Problem]
+) -> TrackerPoint | None:
     said, by = point.said, dict(point.by)
     markers = [m.name for m in experiment.markers]
     before = len(problems)
@@ -214,7 +216,7 @@ def _named(point: Point, campaign: Campaign, experiment: Experiment, problems: l
     if len(problems) > before or said.pose is None or marker is None or loaded is None:
         return None
     load = _load(point, said.pose, said.load, campaign, problems) if loaded else ""
-    slot = Slot(said.pose, marker, loaded, load, said.repeat or 1, said.cycle or 1)
+    slot = PlanSlot(said.pose, marker, loaded, load, said.repeat or 1, said.cycle or 1)
     if campaign.exact and len(problems) == before and slot not in campaign.slots:
         hint = "Name repeats r2, r3 and cycles c2, c3, as the table to fill in counts them."
         problems.append(point.problem(f"the table to fill in has no {label(slot)}", hint=hint))
@@ -225,7 +227,7 @@ def _with(problem: Problem, option: str, value: str) -> Problem:
     return replace(problem, argument=(option, value))
 
 
-def _no_pose(point: Point, campaign: Campaign) -> Problem:
+def _no_pose(point: TrackerPoint, campaign: Campaign) -> Problem:
     names = list(campaign.poses)
     said = point.said.pose or "_".join(point.said.unknown) or point.name
     near = nearest(said.lower(), names) or nearest(said, names)
@@ -234,7 +236,7 @@ def _no_pose(point: Point, campaign: Campaign) -> Problem:
     return _with(point.problem(message, allowed=_few(names), hint=hint), "word", "FOUND=POSE")
 
 
-def _load(point: Point, pose: str, said: str, campaign: Campaign, problems: list[Problem]) -> str:
+def _load(point: TrackerPoint, pose: str, said: str, campaign: Campaign, problems: list[Problem]) -> str:
     """The load_id at a pose that a name means."""
     own = list(campaign.loads.get(pose, {}))
     names = campaign.names.get(pose, {})
@@ -257,7 +259,7 @@ def _load(point: Point, pose: str, said: str, campaign: Campaign, problems: list
     return ""
 
 
-def label(slot: Slot) -> str:
+def label(slot: PlanSlot) -> str:
     """A slot in words."""
     more = f", load {slot.load_id}" if slot.load_id else ""
     more += f", repeat {slot.repeat}" if slot.repeat > 1 else ""
@@ -265,9 +267,9 @@ def label(slot: Slot) -> str:
     return f"pose {slot.pose}, marker {slot.marker}, {'loaded' if slot.loaded else 'unloaded'}{more}"
 
 
-def check_twice(points: Sequence[Point]) -> None:
+def check_twice(points: Sequence[TrackerPoint]) -> None:
     """InputError where two points were taken for one reading of one marker."""
-    first: dict[tuple[str, Slot | None], Point] = {}
+    first: dict[tuple[str, PlanSlot | None], TrackerPoint] = {}
     problems: list[Problem] = []
     for point in points:
         other = first.setdefault((point.series, point.slot), point)
@@ -287,7 +289,7 @@ def check_twice(points: Sequence[Point]) -> None:
         raise InputError(problems[:MOST_PROBLEMS])
 
 
-def match_order(points: Sequence[Point], campaign: Campaign) -> list[Point]:
+def match_order(points: Sequence[TrackerPoint], campaign: Campaign) -> list[TrackerPoint]:
     """The k-th point as the k-th reading of the plan. InputError where they are not as many, or names contradict."""
     files = ", ".join(dict.fromkeys(p.listing.sheet.where for p in points))
     if not campaign.order:
@@ -300,7 +302,7 @@ def match_order(points: Sequence[Point], campaign: Campaign) -> list[Point]:
         problem = Problem("the points are not as many as the readings of the plan", files, found=told, allowed=allowed)
         raise InputError(_with(replace(problem, hint=hint), "ignore", "PATTERN"))
     problems: list[Problem] = []
-    out: list[Point] = []
+    out: list[TrackerPoint] = []
     for point, slot in zip(points, campaign.order, strict=True):
         said = point.said
         pairs = ((said.pose, slot.pose), (said.marker, slot.marker), (said.loaded, slot.loaded))
@@ -315,8 +317,8 @@ def match_order(points: Sequence[Point], campaign: Campaign) -> list[Point]:
 
 
 def match_nearest(
-    points: Sequence[Point], campaign: Campaign, experiment: Experiment, frame: Frame, within: float
-) -> list[Point]:
+    points: Sequence[TrackerPoint], campaign: Campaign, experiment: Experiment, frame: Frame, within: float
+) -> list[TrackerPoint]:
     """Each point as the marker and pose that it lies nearest to, in a frame that is known.
 
     The state cannot be told from a place: a load moves a marker less than the arm errs. InputError where it is not
@@ -330,7 +332,7 @@ def match_nearest(
     pendant = np.stack([campaign.poses[p] for p in poses])
     there = frame.apply(marker_places(experiment, pendant)).reshape(-1, 3)
     problems: list[Problem] = []
-    out: list[Point] = []
+    out: list[TrackerPoint] = []
     for point in points:
         at = point.listing.xyz()[point.row]
         off = np.linalg.norm(there - at, axis=1)
@@ -362,7 +364,7 @@ def match_nearest(
     return out
 
 
-def _may_be(point: Point, pose: str, marker: str) -> bool:
+def _may_be(point: TrackerPoint, pose: str, marker: str) -> bool:
     """Whether the name leaves this pose and marker possible."""
     said = point.said
     return said.pose in (None, pose) and said.marker in (None, marker)

@@ -107,7 +107,7 @@ def _covariance(frame: Frame, there: Array, left: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class PlacementFit:
     """A frame that most points agree with: which (N,) of them, and how far (N,) each point is off, m."""
 
     frame: Frame
@@ -115,7 +115,7 @@ class Fit:
     off: Array
 
 
-def agreed_frame(there: Array, points: Array, within: float) -> Fit | None:
+def agreed_frame(there: Array, points: Array, within: float) -> PlacementFit | None:
     """The frame in which most points (N, 3) lie within a distance (m) of where they should; None where they are too
     few, or lie in a line.
 
@@ -127,7 +127,7 @@ def agreed_frame(there: Array, points: Array, within: float) -> Fit | None:
     if length < within or across < _FLAT * length:
         return None
     rng = np.random.default_rng(_SEED)
-    fit: Fit | None = None
+    fit: PlacementFit | None = None
     for _ in range(_DRAWS):
         three = rng.choice(len(there), 3, replace=False)
         own = _spread(there[three])
@@ -144,11 +144,11 @@ def agreed_frame(there: Array, points: Array, within: float) -> Fit | None:
     return fit
 
 
-def _fit(there: Array, points: Array, rows: Indices, within: float) -> Fit:
+def _fit(there: Array, points: Array, rows: Indices, within: float) -> PlacementFit:
     """The frame that suits these rows best, and how far all are off."""
     frame = procrustes(there[rows], points[rows])
     off = np.linalg.norm(points - frame.apply(there), axis=1)
-    return Fit(frame, off < within, off)
+    return PlacementFit(frame, off < within, off)
 
 
 def likely_unit(raw: Array, there: Array) -> str | None:

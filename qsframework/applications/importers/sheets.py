@@ -38,7 +38,7 @@ _UNPACKED, _MOST_CELLS = 200_000_000, 5_000_000
 
 
 @dataclass(frozen=True)
-class Row:
+class SheetRow:
     """One row: its line (of a workbook its row), and its cells without the blanks around them."""
 
     line: int
@@ -56,7 +56,7 @@ class Sheet:
     path: Path
     name: str
     header: tuple[str, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[SheetRow, ...]
     _: KW_ONLY
     header_line: int = 1
     above: tuple[str, ...] = ()
@@ -64,7 +64,7 @@ class Sheet:
     decimal: str = ""
     encoding: str = ""
 
-    def problem(self, row: Row | None, message: str, column: int | None = None, **more: str | None) -> Problem:
+    def problem(self, row: SheetRow | None, message: str, column: int | None = None, **more: str | None) -> Problem:
         """A problem at a row (None: the header) and a column, counted from 0."""
         name = None if column is None else self.column(column)
         line = self.header_line if row is None else row.line
@@ -106,7 +106,7 @@ def read_sheet(path: Path, sheet: str = "", separator: str = "", decimal: str = 
     taught = positions(text)
     if taught is not None:
         header, found = taught
-        rows = tuple(Row(line, cells) for line, cells in found)
+        rows = tuple(SheetRow(line, cells) for line, cells in found)
         return Sheet(path, "", header, rows, separator="programme", decimal=".", encoding=encoding)
     return _text_sheet(path, text, encoding, separator, decimal)
 
@@ -150,7 +150,7 @@ def _text_sheet(path: Path, text: str, encoding: str, separator: str, decimal: s
     if not lines:
         raise InputError(Problem("is empty", str(path)))
     name = _separator(path, lines, separator)
-    rows = [Row(i, _split(line, name)) for i, line in lines]
+    rows = [SheetRow(i, _split(line, name)) for i, line in lines]
     header, line, above, data = _parts(rows)
     if not data:
         hint = "A point list has at least three numbers in every row; is it an export of points, and not of a report?"
@@ -191,7 +191,7 @@ def _separator(path: Path, lines: Sequence[tuple[int, str]], stated: str) -> str
     return max(scores, key=lambda name: scores[name])
 
 
-def _parts(rows: Sequence[Row]) -> tuple[tuple[str, ...], int, list[str], list[Row]]:
+def _parts(rows: Sequence[SheetRow]) -> tuple[tuple[str, ...], int, list[str], list[SheetRow]]:
     """Header, its line, what stands above, and the rows of the table from the first one with numbers on."""
     first = next((k for k, row in enumerate(rows) if _is_data(row.cells)), len(rows))
     data = list(rows[first:])
@@ -240,7 +240,7 @@ def _decimal(sheet: Sheet, stated: str) -> str:
             allowed = " ".join(DECIMALS)
             raise InputError(Problem(f"{sheet.path.name}: no such decimal sign", found=repr(stated), allowed=allowed))
         return stated
-    by_sign: dict[str, tuple[Row, int]] = {}
+    by_sign: dict[str, tuple[SheetRow, int]] = {}
     for row in sheet.rows:
         for k, cell in enumerate(row.cells):
             sign = next((s for s in DECIMALS if s in cell), None)
@@ -281,13 +281,13 @@ def _workbook(path: Path, sheet: str) -> Sheet:
     if not data:
         raise InputError(Problem("holds no rows of numbers", f"{path}, sheet {name}"))
     width = len(header) or max(len(r.cells) for r in data)
-    rows = tuple(Row(r.line, (*r.cells, *[""] * (width - len(r.cells)))) for r in data)
+    rows = tuple(SheetRow(r.line, (*r.cells, *[""] * (width - len(r.cells)))) for r in data)
     out = Sheet(path, name, header, rows, header_line=line, above=tuple(above))
     _check_widths(out)
     return Sheet(path, name, header, rows, header_line=line, above=tuple(above), decimal=_decimal(out, ""))
 
 
-def _sheets(path: Path) -> dict[str, list[Row]]:
+def _sheets(path: Path) -> dict[str, list[SheetRow]]:
     """The rows of every sheet that hold anything, trailing empty cells left out."""
     try:
         import openpyxl
@@ -297,7 +297,7 @@ def _sheets(path: Path) -> dict[str, list[Row]]:
     _check_archive(path)
     try:
         book = cast("Any", openpyxl).load_workbook(path, read_only=True, data_only=True)
-        out: dict[str, list[Row]] = {}
+        out: dict[str, list[SheetRow]] = {}
         for sheet in book.worksheets:
             sheet.reset_dimensions()  # what the file says of its size need not be true
             out[str(sheet.title)] = _rows(path, sheet.iter_rows(values_only=True))
@@ -331,8 +331,8 @@ def _check_archive(path: Path) -> None:
         raise InputError(Problem("cannot be read as an Excel workbook", str(path), hint=hint)) from error
 
 
-def _rows(path: Path, values: Iterable[Sequence[object]]) -> list[Row]:
-    out: list[Row] = []
+def _rows(path: Path, values: Iterable[Sequence[object]]) -> list[SheetRow]:
+    out: list[SheetRow] = []
     cells_read = 0
     for number, row in enumerate(values, start=1):
         cells_read += len(row)
@@ -344,7 +344,7 @@ def _rows(path: Path, values: Iterable[Sequence[object]]) -> list[Row]:
         while cells and not cells[-1]:
             cells.pop()
         if cells and not _COMMENT.match(cells[0]):
-            out.append(Row(number, tuple(cells)))
+            out.append(SheetRow(number, tuple(cells)))
     return out
 
 

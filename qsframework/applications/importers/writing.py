@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from qsframework.applications.importers.campaign import Campaign
-from qsframework.applications.importers.matching import Point
+from qsframework.applications.importers.matching import TrackerPoint
 from qsframework.applications.importers.sheets import NUMBER, Sheet
 from qsframework.experiment.columns import Column, joint_cells, number, recorded
 from qsframework.plugin import Array
@@ -18,7 +18,7 @@ _ZERO_CELSIUS = 273.15
 
 
 def readings_rows(
-    points: Sequence[Point], pendant: Array, joints: JointUnits, campaign: Campaign
+    points: Sequence[TrackerPoint], pendant: Array, joints: JointUnits, campaign: Campaign
 ) -> tuple[list[str], list[list[str]]]:
     """Header and rows: positions in the tracker's frame, one row for each point, in the order of the files."""
     slots = [p.slot for p in points if p.slot is not None]
@@ -39,7 +39,7 @@ def readings_rows(
     return header, rows
 
 
-def _more(points: Sequence[Point], campaign: Campaign) -> dict[str, list[str]]:
+def _more(points: Sequence[TrackerPoint], campaign: Campaign) -> dict[str, list[str]]:
     """Columns that not every import has: those that say something."""
     slots = [p.slot for p in points if p.slot is not None]
     columns = {
@@ -56,14 +56,14 @@ def _more(points: Sequence[Point], campaign: Campaign) -> dict[str, list[str]]:
     return {name: cells for name, cells in columns.items() if any(c != idle.get(name, "") for c in cells)}
 
 
-def _seconds(points: Sequence[Point]) -> Callable[[float], str]:
+def _seconds(points: Sequence[TrackerPoint]) -> Callable[[float], str]:
     """Times of a clock with a date are counted from the first point."""
     dated = [p.listing.numbers["time"][p.row] for p in points if p.listing.clock == "date"]
     first = float(min(dated)) if dated else 0.0
     return lambda v: recorded(round(v - first, 6))
 
 
-def _measured(points: Sequence[Point], role: str, cell: Callable[[float], str]) -> list[str]:
+def _measured(points: Sequence[TrackerPoint], role: str, cell: Callable[[float], str]) -> list[str]:
     """Cells of a role; empty for all where a file does not have it, or where a number is missing.
 
     A state has one time and one temperature, the mean of those of its markers, which are read one after the other.

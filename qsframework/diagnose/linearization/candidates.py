@@ -9,7 +9,7 @@ import numpy as np
 
 from qsframework.elastostatics import Model, make_model
 from qsframework.experiment import Experiment
-from qsframework.experiment.observations import Rows
+from qsframework.experiment.observations import ReadingRows
 from qsframework.plugin import (
     Conditions,
     Effect,
@@ -91,7 +91,7 @@ class Untested:
 
 
 def find_causes(
-    experiment: Experiment, fitted: Sequence[str], seen: Rows | Poses
+    experiment: Experiment, fitted: Sequence[str], seen: ReadingRows | Poses
 ) -> tuple[tuple[Cause, ...], tuple[Untested, ...]]:
     """All causes beyond the fitted parameters, and those that need something that was not recorded.
 
@@ -131,7 +131,7 @@ def groups_of(causes: Sequence[Cause]) -> list[Cause]:
     ]
 
 
-def _missing(effect: Effect, seen: Rows | Poses) -> tuple[str, ...]:
+def _missing(effect: Effect, seen: ReadingRows | Poses) -> tuple[str, ...]:
     """Columns that an effect needs and the readings lack: of both states of a displacement."""
     alike = ("temperature",)  # of the unloaded state, where nobody recorded its own
     missing = [
@@ -143,7 +143,7 @@ def _missing(effect: Effect, seen: Rows | Poses) -> tuple[str, ...]:
     return tuple(dict.fromkeys(n if n == "approach" else f"{n}{end}" for n, end in missing))  # one side for both states
 
 
-def _states(seen: Rows | Poses) -> list[tuple[str, Conditions]]:
+def _states(seen: ReadingRows | Poses) -> list[tuple[str, Conditions]]:
     """The conditions of the states that are measured, and of those that are taken off."""
     if isinstance(seen, Poses):
         return [("", seen.loaded), ("_unloaded", seen.unloaded)]

@@ -12,7 +12,7 @@ from qsframework.diagnose.linearization.candidates import REACH, Cause, groups_o
 from qsframework.elastostatics import Model
 from qsframework.estimation import Noise, left, scales
 from qsframework.experiment import Experiment, Frame, make_rows
-from qsframework.experiment.observations import Rows
+from qsframework.experiment.observations import ReadingRows
 from qsframework.experiment.simulate import displaced
 from qsframework.identify.selection import held_of
 from qsframework.plugin import Array, Indices, Poses
@@ -150,7 +150,7 @@ class Case:
 
 def make_case(
     experiment: Experiment,
-    rows: Rows,
+    rows: ReadingRows,
     fitted: Sequence[str],
     causes: Sequence[Cause],
     x: dict[str, float],

@@ -22,7 +22,7 @@ from qsframework.elastostatics.loads import wrench_torque
 from qsframework.elastostatics.structure import chunks
 from qsframework.errors import InputError
 from qsframework.experiment import Frame
-from qsframework.experiment.observations import Rows
+from qsframework.experiment.observations import ReadingRows
 from qsframework.plugin import (
     Actuator,
     Array,
@@ -74,7 +74,7 @@ def _tilts(robot: RobotFacts, joint: str) -> list[Any]:
 
 
 @dataclass(frozen=True)
-class Place:
+class BlockPlace:
     """Coordinates of the probe that move together, and after them those whose torques may count as the others.
 
     own: the joint whose angle is the place's own
@@ -131,11 +131,11 @@ class Motions:
     angles: that a law may depend on, by their joints: of each, and of what parallel joints turn together
     """
 
-    rows: Rows
+    rows: ReadingRows
     frames: tuple[Frame, ...]
     facts: RobotFacts
     marker_names: tuple[str, ...]
-    places: tuple[Place, ...]
+    places: tuple[BlockPlace, ...]
     stands: tuple[Stand, ...]
     plus: End
     minus: End
@@ -156,7 +156,7 @@ class Motions:
         """Largest torque on the coordinates of a place, 1 where there is none."""
         return max(float(np.abs(s.torque[:, list(at)]).max(initial=0.0)) for s in self.stands) or 1.0
 
-    def spring_columns(self, place: Place, effect: Any) -> Array:
+    def spring_columns(self, place: BlockPlace, effect: Any) -> Array:
         """Columns (3 R, c m) of a law of springs: of each coordinate's functions."""
         at, every = list(place.coordinates), [*place.coordinates, *place.others]
         used = len(effect.springs(self.facts))
@@ -185,7 +185,7 @@ class Motions:
         return float(angle.min()), float(angle.max())
 
 
-def motions(model: Model, rows: Rows, x: Array, frames: Sequence[Frame]) -> Motions:
+def motions(model: Model, rows: ReadingRows, x: Array, frames: Sequence[Frame]) -> Motions:
     """What an extra motion at each place would do to the rows, at the states that they are of."""
     effects = (*model.effects, Probe())
     markers = list(zip(model.marker_names, model.markers, strict=True))
@@ -209,7 +209,7 @@ def motions(model: Model, rows: Rows, x: Array, frames: Sequence[Frame]) -> Moti
     )
 
 
-def _stands(probe: Model, rows: Rows, values: Array, own: Sequence[int]) -> tuple[tuple[Stand, ...], Array]:
+def _stands(probe: Model, rows: ReadingRows, values: Array, own: Sequence[int]) -> tuple[tuple[Stand, ...], Array]:
     """The states that rows need, in parts, and how their markers follow the probe's coordinates (S, K, 3, ne)."""
     out: list[Stand] = []
     parts: list[tuple[Indices, Array]] = []
@@ -246,7 +246,7 @@ def _give(stages: Stages) -> Array:
     return np.stack(columns, axis=-1)
 
 
-def _end(rows: Rows, of: Indices, stands: Sequence[Stand], slope: Array, frames: Sequence[Frame]) -> End:
+def _end(rows: ReadingRows, of: Indices, stands: Sequence[Stand], slope: Array, frames: Sequence[Frame]) -> End:
     """The end of each row at a state of the readings, -1: none."""
     readings, taken = rows.readings, np.flatnonzero(of >= 0)
     used = np.unique(np.concatenate([rows.plus, rows.minus[rows.minus >= 0]]))
@@ -278,11 +278,11 @@ def _put(plus: Indices, keep: Indices, states: Indices) -> Indices:
     return out
 
 
-def _none(rows: Rows) -> Indices:
+def _none(rows: ReadingRows) -> Indices:
     return np.full_like(rows.readings.minus, -1)
 
 
-def _recorded(rows: Rows, name: str) -> bool:
+def _recorded(rows: ReadingRows, name: str) -> bool:
     """Whether a column was recorded of every state that rows need, and changes."""
     for loaded, _, poses in rows.split():
         if getattr(poses.loaded if loaded else poses.unloaded, name) is None:
@@ -310,22 +310,22 @@ def _angles(facts: RobotFacts) -> tuple[tuple[tuple[str, ...], tuple[float, ...]
     return tuple(out)
 
 
-def _places(facts: RobotFacts) -> tuple[Place, ...]:
-    n, out = facts.n, list[Place]()
+def _places(facts: RobotFacts) -> tuple[BlockPlace, ...]:
+    n, out = facts.n, list[BlockPlace]()
     for k, joint in enumerate(facts.joints):
         others = tuple(facts.joint_index(j) for j in facts.driven if j != joint)
-        out.append(Place("drive", joint, (k,), joint, others))
+        out.append(BlockPlace("drive", joint, (k,), joint, others))
     own = (None, *facts.joints)
     turns = [(at, at + 1, at + 2) for at in range(n, 4 * n + 1, 3)]
-    out += [Place("link", link, at, o) for link, at, o in zip(_links(facts), turns, own, strict=True)]
+    out += [BlockPlace("link", link, at, o) for link, at, o in zip(_links(facts), turns, own, strict=True)]
     shifts = [(at, at + 1, at + 2) for at in range(4 * n + 3, 7 * n + 4, 3)]
     for link, at, o, moments in zip(_links(facts), shifts, own, turns, strict=True):
-        out.append(Place("shift", link, at, o, moments))
+        out.append(BlockPlace("shift", link, at, o, moments))
     first = 7 * n + 6
     for joint in facts.joints:
         count = len(_tilts(facts, joint))
         if count:
-            out.append(Place("bearing", joint, tuple(range(first, first + count)), joint))
+            out.append(BlockPlace("bearing", joint, tuple(range(first, first + count)), joint))
         first += count
     return tuple(out)
 
@@ -376,7 +376,7 @@ def _forced(effect: Any, stand: Stand) -> Array:
     return np.asarray(np.einsum("nkij,njp->nkip", stand.give, shapes))
 
 
-def _of_springs(moved: Motions, place: Place) -> Iterator[tuple[str, ...]]:
+def _of_springs(moved: Motions, place: BlockPlace) -> Iterator[tuple[str, ...]]:
     """On what an extra motion at a place may depend."""
     own = ["+".join(joints) for joints, _ in moved.angles if place.own in joints]
     on = ["loaded", *(["always"] if moved.alone else [])]
@@ -415,13 +415,13 @@ def _of_springs(moved: Motions, place: Place) -> Iterator[tuple[str, ...]]:
             yield state, *came
 
 
-def _comes(moved: Motions, place: Place) -> bool:
+def _comes(moved: Motions, place: BlockPlace) -> bool:
     """Whether a joint turned to bring a place to its poses."""
     joint = moved.facts.joint_index(moved.facts.joint_of(place.name))
     return not moved.facts.sliding[joint] and any(np.any(s.context.came[:, joint]) for s in moved.stands)
 
 
-def _beside(moved: Motions, place: Place) -> Iterator[str]:
+def _beside(moved: Motions, place: BlockPlace) -> Iterator[str]:
     """The joints before and after a place's own."""
     turning = [joints[0] for joints, _ in moved.angles if len(joints) == 1]
     if place.own is None or place.part == "shift" or place.own not in turning:
@@ -458,7 +458,7 @@ def _largest_force(moved: Motions) -> float:
     return max((float(np.linalg.norm(f, axis=1).max(initial=0.0)) for f in loaded), default=0.0)
 
 
-def _learned(moved: Motions, law: Law, at: str, *, scale: float, place: Place | None = None) -> Any:
+def _learned(moved: Motions, law: Law, at: str, *, scale: float, place: BlockPlace | None = None) -> Any:
     """The effect that a law is, with the range that the readings have of what it depends on; None where none can be."""
     settings: dict[str, Any] = {} if scale <= 0.0 else {"scale": scale}
     if law.part == "link":

@@ -9,13 +9,13 @@ import numpy as np
 from qsframework.diagnose.linearization.columns import Case
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, arm_axes, lack_of_fit, variables_of
 from qsframework.diagnose.residuals.noise_components import FEWEST, pure_dof, replicate_basis, visible
-from qsframework.diagnose.selection.exact_refit import Settled
+from qsframework.diagnose.selection.exact_refit import SettledFit
 from qsframework.errors import NotIdentifiable
 from qsframework.estimation import LinearFit, left
 from qsframework.estimation.tails import f_sf
 from qsframework.estimation.visit_noise import RHOS, VisitNoise
-from qsframework.experiment import Bridge, Experiment, Readings
-from qsframework.experiment.observations import Rows
+from qsframework.experiment import Experiment, ObservationModel, Readings
+from qsframework.experiment.observations import ReadingRows
 from qsframework.identify.selection import told_names
 from qsframework.plugin import Array, Indices
 
@@ -24,7 +24,7 @@ _FAR = 1e-6
 """Chance of so little below which an exact fit proves the linear library wrong."""
 
 
-def replicates(readings: Readings, rows: Rows) -> Indices:
+def replicates(readings: Readings, rows: ReadingRows) -> Indices:
     """Equal numbers (R,) where pose, load and marker are: repeats and cycles of one reading."""
     wrench = np.round(readings.poses.wrench, 6)
     _, load = np.unique(wrench, axis=0, return_inverse=True)
@@ -42,7 +42,7 @@ def replicates(readings: Readings, rows: Rows) -> Indices:
     return np.unique(keys, axis=0, return_inverse=True)[1].ravel()
 
 
-def split_told(seen: Bridge) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def split_told(seen: ObservationModel) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The names that the readings tell, and those that they do not. NotIdentifiable where none is told.
 
     What few poses tell badly is fitted, too: held at its nominal value its error would look like another cause's.
@@ -58,7 +58,7 @@ def split_told(seen: Bridge) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return tuple(told), tuple(n for n in seen.names if n not in told)
 
 
-def visit_noise(rows: Rows) -> VisitNoise:
+def visit_noise(rows: ReadingRows) -> VisitNoise:
     """The noises that rows may have, by the size of the error that the markers of a visit share.
 
     Where every visit has one marker, that error cannot be told from the marker's own: rho is 0. Where the arm's
@@ -71,7 +71,7 @@ def visit_noise(rows: Rows) -> VisitNoise:
     return VisitNoise(rhos, noises, len(own), float(own.mean()) if len(own) else 1.0)
 
 
-def bic(rows: Rows, fit: Settled, at: Indices | None = None) -> float:
+def bic(rows: ReadingRows, fit: SettledFit, at: Indices | None = None) -> float:
     """BIC of an exact fit to rows, in the likeliest of the noises that they may have, its size free; at: their places
     among those of the fit, None: all."""
     residuals = fit.residuals if at is None else fit.residuals[at]
@@ -83,22 +83,22 @@ def bic(rows: Rows, fit: Settled, at: Indices | None = None) -> float:
     return min(costs) + fit.jacobian.shape[1] * float(np.log(count))
 
 
-def lone_visits(rows: Rows) -> bool:
+def lone_visits(rows: ReadingRows) -> bool:
     """Whether no two readings share a visit and an axis."""
     return bool(_visits(rows).max(initial=0) < 2)
 
 
-def _visits(rows: Rows) -> Indices:
+def _visits(rows: ReadingRows) -> Indices:
     """How many coordinates share the error of each visit along an axis."""
     return np.unique(rows.label[rows.label >= 0], return_counts=True)[1]
 
 
-def _typical(rows: Rows) -> float:
+def _typical(rows: ReadingRows) -> float:
     """Typical sd m of a coordinate."""
     return float(np.sqrt(np.mean(rows.sigma[rows.mask] ** 2)))
 
 
-def repeats(rows: Rows) -> Array | None:
+def repeats(rows: ReadingRows) -> Array | None:
     """Indicators (3 R, g) of the readings that repeat each other; None where too few do, or more than can be held."""
     alike = replicates(rows.readings, rows)
     pure = pure_dof(alike, rows.mask)
@@ -106,7 +106,7 @@ def repeats(rows: Rows) -> Array | None:
     return None if few else replicate_basis(alike, rows.mask)
 
 
-def in_noise(rows: Rows, unit: float, rho: float) -> Rows:
+def in_noise(rows: ReadingRows, unit: float, rho: float) -> ReadingRows:
     """Rows whose own errors are `unit` times as stated, and that share rho of these in a visit.
 
     Poses are numbered anew.
@@ -123,7 +123,7 @@ def library_basis(case: Case) -> Array:
     return visible(columns.reshape(-1, 3, columns.shape[1]))
 
 
-def far_from_linear(case: Case, fit: Settled) -> bool:
+def far_from_linear(case: Case, fit: SettledFit) -> bool:
     """Whether an exact fit of some causes leaves far less than all causes together do linearly, which hold these.
 
     Where both leave noise, what the fit leaves more, per parameter that it has less, follows an F distribution.
@@ -137,7 +137,7 @@ def far_from_linear(case: Case, fit: Settled) -> bool:
     return 1.0 - float(f_sf(ratio, more, dof)) < _FAR
 
 
-def misfit(experiment: Experiment, readings: Readings, rows: Rows, fit: Settled) -> LackOfFit:
+def misfit(experiment: Experiment, readings: Readings, rows: ReadingRows, fit: SettledFit) -> LackOfFit:
     """How far the residuals of a fit are from the repeats, and what they depend on."""
     shape = (len(rows.keep), 3)
     columns = fit.jacobian.reshape(*shape, -1)

@@ -13,7 +13,7 @@ from qsframework.estimation import LinearFit, orthonormal
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.tails import chi2_sf, f_sf
 from qsframework.experiment import Experiment
-from qsframework.experiment.observations import Rows
+from qsframework.experiment.observations import ReadingRows
 from qsframework.plugin import Array, Indices
 
 DEGREE = 3
@@ -151,7 +151,7 @@ def smooth(values: Array) -> Array:
     return np.asarray(columns[:, 1:], dtype=np.float64)
 
 
-def variables_of(experiment: Experiment, rows: Rows) -> dict[str, Array]:
+def variables_of(experiment: Experiment, rows: ReadingRows) -> dict[str, Array]:
     """What residuals of rows may depend on, by name; only what varies."""
     poses, of = rows.readings.poses, rows.plus
     out = {joint: poses.q[of, k] for k, joint in enumerate(experiment.robot.facts.joints)}
@@ -167,7 +167,7 @@ def variables_of(experiment: Experiment, rows: Rows) -> dict[str, Array]:
     return {name: values for name, values in out.items() if len(np.unique(values)) > 1}
 
 
-def arm_axes(experiment: Experiment, rows: Rows) -> Array:
+def arm_axes(experiment: Experiment, rows: ReadingRows) -> Array:
     """Axes (R, 3, 3) that turn with the arm about the vertical of the base: outwards, sideways, up, as columns.
 
     In them a fault of the arm looks alike wherever the first joint has turned it.

@@ -61,7 +61,7 @@ class NoiseAudit:
 
 
 @dataclass(frozen=True)
-class Size:
+class NoiseSize:
     """An estimate of the noise: a sum of squares of the rows' own error in units of the stated one, its degrees of
     freedom, the sd m that rows of one measurement share with its p-value, and the source."""
 
@@ -134,14 +134,14 @@ def visible(library: Array) -> Array:
     return U[:, (values * REACH >= 1.0) & (values > 1e-9 * values[0])]
 
 
-def estimate(fit: LinearFit, sigma: Array, measurement: Indices, source: str, level: float) -> Size:
+def estimate(fit: LinearFit, sigma: Array, measurement: Indices, source: str, level: float) -> NoiseSize:
     """The rows' own error and the one that rows of a measurement share, from what a fit leaves of them.
 
     Restricted maximum likelihood in the eigenvectors of what groups share beyond the columns: exact, and one
     decomposition does for all sizes. The test is the likelihood ratio on its boundary.
     """
     total, dof = fit.chi2, fit.dof
-    plain = Size(total, dof, 0.0, 1.0, source)
+    plain = NoiseSize(total, dof, 0.0, 1.0, source)
     if dof < FEWEST or np.unique(measurement, return_counts=True)[1].max() < 2:
         return plain
     typical = float(np.sqrt(np.mean(sigma**2)))
@@ -178,7 +178,7 @@ def estimate(fit: LinearFit, sigma: Array, measurement: Indices, source: str, le
     if p >= level:
         return replace(plain, shared=shared if gain > 0.0 else 0.0, p_shared=p)
     # beyond what measurements share there is only the rows' own error: exactly chi-square
-    return Size(rest, dof - len(lam), shared, p, source)
+    return NoiseSize(rest, dof - len(lam), shared, p, source)
 
 
 def pure_dof(replicate: Indices, mask: Flags | None = None) -> int:
@@ -209,7 +209,7 @@ def _size(
     replicate: Indices,
     level: float,
     mask: Flags | None,
-) -> tuple[Size, float]:
+) -> tuple[NoiseSize, float]:
     """The noise to believe, and the p-value of the library against the replicates."""
     fromlibrary = estimate(fit, sigma, measurement, "residuals", level)
     if pure_dof(replicate, mask) < FEWEST:
@@ -230,6 +230,6 @@ def lack_p_value(white: Array, fit: LinearFit, pure: LinearFit, noise: Noise, si
     return float(f_sf(max(here.chi2 - there.chi2, 0.0) / dof / (there.chi2 / free), dof, free))
 
 
-def _two_sided(size: Size) -> float:
+def _two_sided(size: NoiseSize) -> float:
     low = float(chi2_cdf(size.square, size.dof))
     return 2.0 * min(low, float(chi2_sf(size.square, size.dof)))

@@ -16,7 +16,7 @@ from qsframework.diagnose.law import Law
 from qsframework.diagnose.linearization.generic_blocks import Block, single_axes
 from qsframework.diagnose.result import Leftover, LikelyPlace
 from qsframework.diagnose.selection.evidence import DRAWS, evidence
-from qsframework.diagnose.selection.exact_refit import Settled
+from qsframework.diagnose.selection.exact_refit import SettledFit
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.visit_noise import Reml
 from qsframework.plugin import Array, RobotFacts
@@ -36,7 +36,7 @@ _TOGETHER = 0.95
 
 
 @dataclass(frozen=True, eq=False)
-class Named:
+class NamedEffect:
     """A name in an exact fit: columns (m, k) m of its parameters, effect (m,) m: what they did as fitted."""
 
     name: str
@@ -53,15 +53,15 @@ class Likely:
     evidence: float
 
 
-def named_in(fit: Settled, causes: Mapping[str, Sequence[str]], colour: Array) -> tuple[Named, ...]:
+def named_in(fit: SettledFit, causes: Mapping[str, Sequence[str]], colour: Array) -> tuple[NamedEffect, ...]:
     """The causes, by the names of their parameters; colour (m, q): the fit's columns in m."""
     first = colour.shape[1] - len(fit.names)
     nominal = fit.model.nominal
-    out: list[Named] = []
+    out: list[NamedEffect] = []
     for name, parameters in causes.items():
         at = [first + fit.names.index(p) for p in parameters]
         index = fit.model.index(list(parameters))
-        out.append(Named(name, colour[:, at], colour[:, at] @ (fit.x[index] - nominal[index])))
+        out.append(NamedEffect(name, colour[:, at], colour[:, at] @ (fit.x[index] - nominal[index])))
     return tuple(out)
 
 
@@ -125,7 +125,7 @@ def likely_places(likely: Sequence[Likely]) -> tuple[LikelyPlace, ...]:
     return tuple(told)
 
 
-def contested(blocks: Sequence[Block], fits: Reml, values: Array, name: Named) -> tuple[Leftover, bool] | None:
+def contested(blocks: Sequence[Block], fits: Reml, values: Array, name: NamedEffect) -> tuple[Leftover, bool] | None:
     """The generic block that stands in the place of a name best, where one does, and whether it is so far ahead that
     the name cannot stand beside it; fits: of all but the name."""
     found = evidence(

@@ -10,8 +10,8 @@ import numpy as np
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged
 from qsframework.estimation import FitOptions, scales, solve
-from qsframework.experiment import Bridge, Frame
-from qsframework.experiment.observations import Rows
+from qsframework.experiment import Frame, ObservationModel
+from qsframework.experiment.observations import ReadingRows
 from qsframework.identify.selection import held_of
 from qsframework.plugin import Array
 
@@ -20,7 +20,7 @@ _CLOSE = 1e-6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Settled:
+class SettledFit:
     """A fit of the exact model: x (q,) all parameters, SI; names (f,) those fitted, with covariance (f, f).
 
     frames: as fitted; residuals (R, 3) m, white (3 R,) whitened, both zero where nothing was measured; chi2 their
@@ -48,7 +48,7 @@ class Settled:
         return dict(zip(self.model.names, (float(v) for v in self.x), strict=True))
 
 
-def predicted_or_linear(model: Model, rows: Rows, x: Array, frames: Sequence[Frame]) -> tuple[Array, bool]:
+def predicted_or_linear(model: Model, rows: ReadingRows, x: Array, frames: Sequence[Frame]) -> tuple[Array, bool]:
     """What the exact model says (R, 3), or the linear one where no equilibrium settles; whether one did."""
     try:
         return rows.predict(model, x, frames), True
@@ -58,12 +58,12 @@ def predicted_or_linear(model: Model, rows: Rows, x: Array, frames: Sequence[Fra
 
 def settle_fit(
     model: Model,
-    rows: Rows,
+    rows: ReadingRows,
     names: Sequence[str],
     start: Array,
     priors: Sequence[tuple[str, float]] = (),
     frames: Sequence[Frame] | None = None,
-) -> Settled:
+) -> SettledFit:
     """Fit `names`, and the frames that nobody knows, from `start` (q,), all others held there.
 
     priors: (name, sd) of parameters that are pulled to their nominal values, so that directions which no reading shows
@@ -76,11 +76,11 @@ def settle_fit(
     own = rows.start(model, start) if frames is None else tuple(frames)
     pulled = _weakly(model, names) | dict(priors)
     try:
-        return _settled(Bridge(model, rows, own, start, tuple(names)), pulled)
+        return _settled(ObservationModel(model, rows, own, start, tuple(names)), pulled)
     except (NotConverged, InputError):  # the nominal arm may not bear the load that a fitted one does
-        linear = _settled(Bridge(model, rows, own, start, tuple(names), linear=True), pulled)
+        linear = _settled(ObservationModel(model, rows, own, start, tuple(names), linear=True), pulled)
         try:
-            return _settled(Bridge(model, rows, linear.frames, linear.x, tuple(names)), pulled)
+            return _settled(ObservationModel(model, rows, linear.frames, linear.x, tuple(names)), pulled)
         except (NotConverged, InputError) as error:
             raise NotConverged(
                 f"the full equilibrium can be fitted neither from where it starts nor from a linear fit: {error}. "
@@ -94,7 +94,7 @@ def _weakly(model: Model, names: Sequence[str]) -> dict[str, float]:
     return {n: float(s) for n, s in zip(names, sizes, strict=True) if np.isfinite(s)}
 
 
-def _settled(seen: Bridge, priors: dict[str, float]) -> Settled:
+def _settled(seen: ObservationModel, priors: dict[str, float]) -> SettledFit:
     rows, observations = seen.rows, seen.observations()
     pulls = {p.name: p.pull for p in seen.parameters if p.pull is not None}
     if priors or pulls:
@@ -106,7 +106,7 @@ def _settled(seen: Bridge, priors: dict[str, float]) -> Settled:
     jacobian = np.zeros((len(white), found.jacobian.shape[1]))
     white[rows.at], jacobian[rows.at] = found.residuals, found.jacobian
     k = seen.motions
-    return Settled(
+    return SettledFit(
         model=seen.model,
         names=seen.names,
         frames=seen.moved(found.x),

@@ -31,7 +31,7 @@ _MANY = 3000
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class FamilyBlock:
     """Columns (m, k) of readings in metres, or whitened ones; one_sided: only a positive coefficient counts."""
 
     columns: Array
@@ -90,7 +90,7 @@ class _Bank:
         return out
 
 
-def _bank(blocks: Sequence[Block]) -> _Bank:
+def _bank(blocks: Sequence[FamilyBlock]) -> _Bank:
     sizes: Indices = np.array([b.columns.shape[1] for b in blocks], dtype=np.intp)
     first: Indices = np.cumsum(sizes) - sizes
     parts: list[tuple[Indices, Indices]] = []
@@ -103,7 +103,12 @@ def _bank(blocks: Sequence[Block]) -> _Bank:
 
 
 def family_test(
-    blocks: Sequence[Block], fits: Reml, values: Array, seed: int = 0, draws: int = DRAWS, measured: Flags | None = None
+    blocks: Sequence[FamilyBlock],
+    fits: Reml,
+    values: Array,
+    seed: int = 0,
+    draws: int = DRAWS,
+    measured: Flags | None = None,
 ) -> Scores:
     """Test all blocks against readings (m,) in metres; measured (m,): those that there are, None: all."""
     if not blocks or not sum(b.columns.shape[1] for b in blocks):
@@ -154,7 +159,7 @@ def log_p_values(statistic: Array, dof: Array | Indices, sided: Array | Flags, n
     return np.where(dof > 0, log_p, 0.0)
 
 
-def chance(blocks: Sequence[Block], nu: float = np.inf, draws: int = 2000, seed: int = 0) -> Array:
+def chance(blocks: Sequence[FamilyBlock], nu: float = np.inf, draws: int = 2000, seed: int = 0) -> Array:
     """log p (draws,), sorted, that the strongest of blocks with orthonormal columns reaches where nothing acts.
 
     Of readings that are still to be measured: independent noise, whose unit has nu degrees of freedom.

@@ -10,13 +10,13 @@ import numpy as np
 
 from qsframework.diagnose.linearization.candidates import REACH, Cause, widened
 from qsframework.diagnose.linearization.columns import Case, Subspace
-from qsframework.diagnose.selection.exact_refit import Settled, settle_fit
-from qsframework.diagnose.selection.family_test import Block, Scores, log_p_values
+from qsframework.diagnose.selection.exact_refit import SettledFit, settle_fit
+from qsframework.diagnose.selection.family_test import FamilyBlock, Scores, log_p_values
 from qsframework.diagnose.selection.principal_angles import alias_classes
 from qsframework.diagnose.selection.search import LARGEST, Bounds, Gram, Subset, make_gram, search
 from qsframework.errors import NotConverged, NotIdentifiable
 from qsframework.estimation import left
-from qsframework.experiment.observations import Rows
+from qsframework.experiment.observations import ReadingRows
 from qsframework.plugin import InputError
 
 REFITS = 5
@@ -66,18 +66,20 @@ class Answer:
     """A subset with its exact fit; ebic less that of the baseline."""
 
     subset: Subset
-    fit: Settled
+    fit: SettledFit
     ebic: float
 
 
-def blocks_of(case: Case, subspaces: Sequence[Subspace]) -> tuple[Block, ...]:
+def blocks_of(case: Case, subspaces: Sequence[Subspace]) -> tuple[FamilyBlock, ...]:
     """What each cause can do to the readings, m, along the directions that are seen; none of an invisible one."""
     sizes = [np.array(s.cause.sizes)[:, None] for s in subspaces]
     metres = [case.metres(i) @ (s.turn / size) for i, (s, size) in enumerate(zip(subspaces, sizes, strict=True))]
-    return tuple(Block(m, s.one_sided) for m, s in zip(metres, subspaces, strict=True))
+    return tuple(FamilyBlock(m, s.one_sided) for m, s in zip(metres, subspaces, strict=True))
 
 
-def make_library(case: Case, baseline: Settled, nu: float, subspaces: tuple[Subspace, ...], scores: Scores) -> Library:
+def make_library(
+    case: Case, baseline: SettledFit, nu: float, subspaces: tuple[Subspace, ...], scores: Scores
+) -> Library:
     """The Gram matrix and the alias classes of all causes. nu: degrees of freedom of the noise's unit."""
     residuals = left(np.linalg.qr(case.A)[0], case.residuals)
     bounds = _bounds(case, baseline)
@@ -86,7 +88,7 @@ def make_library(case: Case, baseline: Settled, nu: float, subspaces: tuple[Subs
     return Library(case=case, subspaces=subspaces, gram=gram, scores=scores, classes=classes, bounds=bounds, nu=nu)
 
 
-def _bounds(case: Case, baseline: Settled) -> Bounds:
+def _bounds(case: Case, baseline: SettledFit) -> Bounds:
     index = baseline.model.index(case.fitted)
     lower = np.array([baseline.model.parameters[i].lower for i in index])
     at = [baseline.names.index(name) for name in case.fitted]
@@ -94,12 +96,17 @@ def _bounds(case: Case, baseline: Settled) -> Bounds:
     return Bounds(baseline.x[index], sd, lower)
 
 
-Refits = Mapping[frozenset[str], Settled | None]
+Refits = Mapping[frozenset[str], SettledFit | None]
 """Exact fits of the same readings in another noise, by the names of their causes; None where none was possible."""
 
 
 def explain(
-    library: Library, baseline: Settled, rows: Rows, level: float, largest: int = LARGEST, before: Refits | None = None
+    library: Library,
+    baseline: SettledFit,
+    rows: ReadingRows,
+    level: float,
+    largest: int = LARGEST,
+    before: Refits | None = None,
 ) -> tuple[list[Answer], Refits]:
     """The best explanations with one or more causes, each fitted exactly, best first; of those as good, the one with
     the fewest causes. And all that was fitted.
@@ -109,7 +116,7 @@ def explain(
     """
     found = [s for s in search(library.gram, library.heads, largest) if significant(library, s, level)]
     answers: list[Answer] = []
-    fitted: dict[frozenset[str], Settled | None] = {}
+    fitted: dict[frozenset[str], SettledFit | None] = {}
     for subset in found:
         causes = [library.case.causes[i] for i in subset.members]
         fit = refit(library.case, causes, baseline, rows, before)
@@ -128,13 +135,15 @@ def explain(
     return sorted(answers, key=order), fitted
 
 
-def answer_of(library: Library, subset: Subset, baseline: Settled, rows: Rows, before: Refits) -> list[Answer]:
+def answer_of(
+    library: Library, subset: Subset, baseline: SettledFit, rows: ReadingRows, before: Refits
+) -> list[Answer]:
     """A subset fitted exactly; none where that leads nowhere, or to what is not physical."""
     fit = refit(library.case, [library.case.causes[i] for i in subset.members], baseline, rows, before)
     return _answer(library, subset, fit, baseline)
 
 
-def _answer(library: Library, subset: Subset, fit: Settled | None, baseline: Settled) -> list[Answer]:
+def _answer(library: Library, subset: Subset, fit: SettledFit | None, baseline: SettledFit) -> list[Answer]:
     if fit is None or _beyond(fit):
         return []
     return [Answer(subset, fit, _ebic(library, subset, fit.chi2, baseline.chi2))]
@@ -148,8 +157,8 @@ def _ebic(library: Library, subset: Subset, chi2: float, start: float) -> float:
 
 
 def refit(
-    case: Case, causes: Sequence[Cause], baseline: Settled, rows: Rows, before: Refits | None = None
-) -> Settled | None:
+    case: Case, causes: Sequence[Cause], baseline: SettledFit, rows: ReadingRows, before: Refits | None = None
+) -> SettledFit | None:
     """The exact model with some causes, fitted from the baseline, or from where it ended in another noise; None where
     that leads nowhere.
 
@@ -171,7 +180,7 @@ def refit(
         return None
 
 
-def _beyond(fit: Settled) -> bool:
+def _beyond(fit: SettledFit) -> bool:
     """Whether a parameter ends significantly beyond its bound: then the subset is not physical."""
     sd = np.sqrt(np.diag(fit.covariance))
     for name, s in zip(fit.names, sd, strict=True):

@@ -16,7 +16,7 @@ from qsframework.diagnose.law import Law
 from qsframework.diagnose.linearization.generic_blocks import Block, Motions
 from qsframework.diagnose.selection.evidence import prior_of
 from qsframework.estimation.visit_noise import Reml
-from qsframework.experiment.observations import Rows
+from qsframework.experiment.observations import ReadingRows
 from qsframework.plugin import Array, Indices
 
 _SEEN = 2.0
@@ -94,7 +94,7 @@ class _Visits:
         return np.where(self.at[..., None, None] >= 0, rows[self.at], 0.0).reshape(len(self.at), -1, columns.shape[1])
 
 
-def _visits(rows: Rows) -> _Visits:
+def _visits(rows: ReadingRows) -> _Visits:
     group = np.full(len(rows.keep), -1, dtype=np.intp)
     group[rows.row] = rows.together
     group = np.unique(group, return_inverse=True)[1]

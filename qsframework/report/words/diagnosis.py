@@ -8,7 +8,7 @@ from enum import Enum
 
 import numpy as np
 
-from qsframework.diagnose.result import Alike, Diagnosis, Finding, Leftover, Line, Status, Taught
+from qsframework.diagnose.result import Alike, Diagnosis, Leftover, Line, NamedCause, Status, Taught
 from qsframework.diagnose.selection.cross_validation import FOLDS
 from qsframework.diagnose.verdict import misfits
 from qsframework.discriminate.pair import Discrimination
@@ -33,7 +33,7 @@ _HARDLY = 3.0
 """s below which readings hardly tell a learned law from a cause of the library."""
 
 
-class Group(Enum):
+class CauseGroup(Enum):
     """What a statement speaks of, in the order of a page."""
 
     CERTAIN = "Certain"
@@ -48,7 +48,7 @@ class Statement:
 
     text: str
     about: str = ""
-    group: Group = Group.CERTAIN
+    group: CauseGroup = CauseGroup.CERTAIN
 
     def __str__(self) -> str:
         return f"{self.about}: {self.text}" if self.about else self.text
@@ -66,21 +66,21 @@ def statements(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> tuple[
     adopted = {c.name for c in found.conventions if c.compelling}
     said = [Statement(f"{c.words}.{_moved(c)}", c.name) for c in found.conventions if c.compelling]
     said[:1] = [replace(s, text=s.text + _next_best(found)) for s in said[:1]]
-    for group, findings in ((Group.CERTAIN, found.sure), (Group.DOUBTFUL, found.doubtful)):
+    for group, findings in ((CauseGroup.CERTAIN, found.sure), (CauseGroup.DOUBTFUL, found.doubtful)):
         own = [f for f in findings if f.name not in adopted]
         said += [Statement(_evidence(f), f.name, group) for f in own]
         said += [Statement(tied_words(f, outlooks.get(f.name, "")), "", group) for f in own if f.rivals]
         said += [Statement(instead_words(f, f.instead), "", group) for f in own if f.instead]
         said += [Statement(_hanging(f), "", group) for f in own if f.hangs_on]
-        if own and group is Group.DOUBTFUL:
+        if own and group is CauseGroup.DOUBTFUL:
             said.append(Statement(_doubt(own), "", group))
     if found.verdict == "none":
         said += [Statement(text) for text in _bounds(found)]
-    said += [Statement(text, "", Group.OPEN) for text in _open(found)]
-    return (*said, *(Statement(text, "", Group.READINGS) for text in _readings(found)))
+    said += [Statement(text, "", CauseGroup.OPEN) for text in _open(found)]
+    return (*said, *(Statement(text, "", CauseGroup.READINGS) for text in _readings(found)))
 
 
-def _doubt(findings: Sequence[Finding]) -> str:
+def _doubt(findings: Sequence[NamedCause]) -> str:
     names, they = names_words(findings), "it" if len(findings) == 1 else "them"
     return (
         f"In the noise that was found, the error at poses left out does not clearly fall with {they}: an extended "
@@ -141,7 +141,7 @@ def _next_best(found: Diagnosis) -> str:
     return "" if second is None else f" Next best is {second.name}, {mm(second.rms)} mm."
 
 
-def _evidence(f: Finding) -> str:
+def _evidence(f: NamedCause) -> str:
     sizes = [people_estimate(Parameter(v.name, v.unit), v.value - v.initial, v.sd) for v in f.values]
     return f"{f.physics.rstrip('.')} ({', '.join(sizes)}; s = {f.s:.1f}, p = {f.p_value:.2g})."
 
@@ -168,7 +168,7 @@ def status_words(x: Line, found: Diagnosis) -> str:
     return ALONE if found.findings else UNHELD
 
 
-def tied_words(f: Finding, outlook: str = "") -> str:
+def tied_words(f: NamedCause, outlook: str = "") -> str:
     """That the readings leave rivals; outlook: what would tell, where that has been computed."""
     shown = [f"{r.name} (angle {np.rad2deg(r.angle):.0f} deg)" for r in f.rivals[:_SHOWN]]
     more = f" and {len(f.rivals) - _SHOWN} more" if len(f.rivals) > _SHOWN else ""
@@ -178,7 +178,7 @@ def tied_words(f: Finding, outlook: str = "") -> str:
     return f"These readings cannot tell {f.name} from {', '.join(shown)}{more}: {outlook}."
 
 
-def _hanging(f: Finding) -> str:
+def _hanging(f: NamedCause) -> str:
     sets = ["+".join(s) for s in f.hangs_on[:_SHOWN]]
     more = f" and {len(f.hangs_on) - _SHOWN} more" if len(f.hangs_on) > _SHOWN else ""
     return f"{f.name} rests on poses {', '.join(sets)}{more}: without them another answer, or none, fits as well."
@@ -226,7 +226,7 @@ def rest_words(a: Alike) -> str:
     return f"the rest has s = {a.left:.1f}" + (", which these readings hardly tell" if a.left < _HARDLY else "")
 
 
-def instead_words(f: Finding, x: Leftover) -> str:
+def instead_words(f: NamedCause, x: Leftover) -> str:
     """That a law which nobody has written stands in the place of a name as well."""
     where = f"an extra motion at {place_words(x.law)} that depends on {variable_words(x.law)}"
     better = f"better, by {x.evidence:.1f} nats" if x.evidence > 0.0 else "nearly as well"

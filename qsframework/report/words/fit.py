@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from qsframework.experiment.readings import Alignment
-from qsframework.identify import Fit, State
+from qsframework.identify import EstimateState, Fit
 from qsframework.identify.record import SIGNIFICANT
 from qsframework.information import what_would_help
 from qsframework.plugin import Poses
@@ -16,7 +16,7 @@ from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.sizes import mm
 
 _NAMED = 3
-_KNOWN = (State.FINE, State.OUTSIDE_PRIOR)
+_KNOWN = (EstimateState.FINE, EstimateState.OUTSIDE_PRIOR)
 """Of parameters whose value the readings tell, also where it surprises."""
 
 
@@ -99,9 +99,9 @@ def fit_verdict(fit: Fit, poses: Poses | None = None) -> Verdict:
     """What the fit is worth at poses that it has not seen, and which parameters the readings tell; poses: those of the
     readings, which say what would tell the others; left out, nothing says it."""
     before, after, largest = fit.held_out_nominal, fit.held_out_error, fit.held_out_largest
-    asked = [e for e in fit.estimates if e.state is not State.FIXED]
+    asked = [e for e in fit.estimates if e.state is not EstimateState.FIXED]
     known = [e for e in asked if e.state in _KNOWN]
-    far = [e.name for e in asked if e.state is State.OUTSIDE_PRIOR]
+    far = [e.name for e in asked if e.state is EstimateState.OUTSIDE_PRIOR]
     unknown = [*(e.name for e in asked if e.state not in _KNOWN), *(entry.name for entry in fit.left_aside)]
     total = len(known) + len(unknown)
     p = fit.p_value

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from qsframework.diagnose.linearization.candidates import REACH
-from qsframework.forecast.forecast import Curve, Foresight, Outlook, Prospect, Size, Why
+from qsframework.forecast.forecast import DetectableSize, Foresight, Outlook, PowerCurve, Prospect, Why
 from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.sizes import people_size
 
@@ -56,14 +56,14 @@ def smallest_words(p: Prospect, named: bool = False) -> str:
     return ", ".join(size_words(x, x.name if named else x.detect) for x in p.sizes) or "-"
 
 
-def size_words(x: Size, size: float) -> str:
+def size_words(x: DetectableSize, size: float) -> str:
     """A size with its unit, and the parameter's own name where the cause has several."""
     own = x.parameter.name.rpartition("]")[2].partition(".")[2]
     said = people_size(x.parameter, size) if np.isfinite(size) else "never"
     return f"{own} {said}".strip()
 
 
-def curve_words(curve: Curve) -> str:
+def curve_words(curve: PowerCurve) -> str:
     """Of which causes the rate is."""
     if curve.one_sided:
         return "1 direction that can only grow"

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from qsframework.diagnose.result import Diagnosis, Finding
+from qsframework.diagnose.result import Diagnosis, NamedCause
 from qsframework.diagnose.verdict import MANY, misfits
 from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.law import moving_words
@@ -86,12 +86,12 @@ def _reasons(found: Diagnosis) -> Iterator[str]:
     yield f"{faint.name} is barely seen (p = {faint.p_value:.1g})"
 
 
-def _look(findings: Sequence[Finding]) -> str:
+def _look(findings: Sequence[NamedCause]) -> str:
     check = next((check_words(f) for f in findings if f.check), "")
     return f"; look first at: {lower_first(check).rstrip('.')}" if check else ""
 
 
-def check_words(f: Finding) -> str:
+def check_words(f: NamedCause) -> str:
     """What to look at on the robot, with the joint's name."""
     joint = f.name.partition("[")[2].removesuffix("]").partition("/")[0]
     return f.check.replace("this joint", joint) if joint else f.check
@@ -102,7 +102,7 @@ def lower_first(text: str) -> str:
     return text[:1].lower() + text[1:] if text[1:2].islower() else text
 
 
-def names_words(findings: Sequence[Finding]) -> str:
+def names_words(findings: Sequence[NamedCause]) -> str:
     """`a, b and c`, or the first few and how many more."""
     names = [f.name for f in findings]
     if len(names) > _NAMED:

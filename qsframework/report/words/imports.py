@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from qsframework.applications.importers.importing import Imported
-from qsframework.applications.importers.matching import Point, label
+from qsframework.applications.importers.matching import TrackerPoint, label
 from qsframework.applications.importers.placing import Aligned
 from qsframework.applications.importers.sheets import Sheet
 from qsframework.applications.importers.tables import Listing, Taken
-from qsframework.report.blocks import Table
+from qsframework.report.blocks import ReportTable
 
 _BY = {
     "header": "",
@@ -45,30 +45,30 @@ _FEW = 6
 _SHOWN = 4
 
 
-def taken_table(found: Imported) -> Table:
+def taken_table(found: Imported) -> ReportTable:
     """Every column, and what it was taken as."""
     rows: list[tuple[str, ...]] = []
     for listing in found.files:
         rows += [(listing.sheet.where, t.column, t.role, _unit(t)) for t in listing.taken]
         rows += [(listing.sheet.where, column, "-", "not used") for column in listing.left]
-    return Table(("file", "column", "taken as", "unit"), tuple(rows))
+    return ReportTable(("file", "column", "taken as", "unit"), tuple(rows))
 
 
 def _unit(taken: Taken) -> str:
     return ", ".join(part for part in (taken.unit, _BY[taken.by]) if part)
 
 
-def point_table(found: Imported) -> Table:
+def point_table(found: Imported) -> ReportTable:
     """The first points of every file, and what they were taken for."""
     rows: list[tuple[str, ...]] = []
     for listing in dict.fromkeys(p.listing for p in found.points):
         for p in [q for q in found.points if q.listing is listing][:_SHOWN]:
             assert p.slot is not None
             rows.append((p.listing.sheet.path.name, str(p.line), p.name or "-", label(p.slot), _how(p)))
-    return Table(("file", "line", "name", "taken for", "known"), tuple(rows))
+    return ReportTable(("file", "line", "name", "taken for", "known"), tuple(rows))
 
 
-def _how(point: Point) -> str:
+def _how(point: TrackerPoint) -> str:
     """How pose, marker and state are known, each way once."""
     told = dict(point.by)
     if told.get("pose") == "column" and point.listing.column("pose") is None:
@@ -152,10 +152,10 @@ def aligned_words(found: Aligned) -> tuple[str, ...]:
     return tuple(said)
 
 
-def missed_table(found: Aligned) -> Table:
+def missed_table(found: Aligned) -> ReportTable:
     """What each known point misses."""
     rows = tuple((n, f"{1e3 * m:.4f}") for n, m in zip(found.names, found.missed.tolist(), strict=True))
-    return Table(("known point", "misses, mm"), rows)
+    return ReportTable(("known point", "misses, mm"), rows)
 
 
 def frame_yaml(found: Aligned) -> str:

@@ -23,7 +23,7 @@ _MOST = 5
 
 
 @dataclass(frozen=True)
-class Step:
+class NextStep:
     """Something to do, and what it would settle."""
 
     do: str
@@ -33,28 +33,32 @@ class Step:
         return f"{self.do}: {self.settles}."
 
 
-def next_steps(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> tuple[Step, ...]:
+def next_steps(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> tuple[NextStep, ...]:
     """The few steps that would settle most, the plainest first. pairs: what would separate rivals, if computed."""
     every = (*_repeats(found), *_separating(pairs), *_leftover(found), *_unsure(found), *_recorded(found))
     return tuple({step.do: step for step in every}.values())[:_MOST]
 
 
-def _repeats(found: Diagnosis) -> Iterator[Step]:
+def _repeats(found: Diagnosis) -> Iterator[NextStep]:
     """Where the noise itself is in question."""
     audit, names = found.audit, worst_poses(found, _REPEATS)
     again = f"Repeat {len(names)} poses, such as {', '.join(names)}"
     odd = misfits(found.after) and not found.leftovers
     if audit.repeated:
         if odd:
-            yield Step(f"Measure {poses_words(names[:3])} again", "tells wrong readings from what the model lacks")
+            yield NextStep(f"Measure {poses_words(names[:3])} again", "tells wrong readings from what the model lacks")
     elif unrepeatable(found):
-        yield Step(f"{again}, or read more markers at each", "tells an error that a visit shares from a marker's own")
+        yield NextStep(
+            f"{again}, or read more markers at each", "tells an error that a visit shares from a marker's own"
+        )
     elif odd:
-        yield Step(again, "tells a noise that is larger than stated from what the model lacks")
+        yield NextStep(again, "tells a noise that is larger than stated from what the model lacks")
     elif audit.p_shared < audit.level:
-        yield Step(again, "tells an error that the markers share, which is noise, from something that nobody knows yet")
+        yield NextStep(
+            again, "tells an error that the markers share, which is noise, from something that nobody knows yet"
+        )
     elif len(set(found.readings.states.pose)) < FEW and found.verdict != "none":
-        yield Step(again, "tells an error that the markers share from a cause, which so few poses hardly do")
+        yield NextStep(again, "tells an error that the markers share from a cause, which so few poses hardly do")
 
 
 def unrepeatable(found: Diagnosis) -> bool:
@@ -63,13 +67,15 @@ def unrepeatable(found: Diagnosis) -> bool:
     return found.method.lone and not found.audit.repeated and not stated
 
 
-def _separating(pairs: Sequence[Discrimination]) -> Iterator[Step]:
+def _separating(pairs: Sequence[Discrimination]) -> Iterator[NextStep]:
     """What tells a named cause from its nearest rival: more poses, or where these are too little another reading."""
     for pair in pairs:
         best = max((o for o in pair.offers if o.s >= SEEN), key=lambda o: o.s, default=None)
         what = f"tells {pair.first} from {pair.second}"
         if pair.useful and (best is None or pair.s_after >= min(best.s, ENOUGH)):
-            yield Step(f"Measure {len(pair.plan.pose)} more poses, designed for it", what + _from(pair, pair.s_after))
+            yield NextStep(
+                f"Measure {len(pair.plan.pose)} more poses, designed for it", what + _from(pair, pair.s_after)
+            )
         elif best is not None:
             how = offer_words(best)
             do = f"Read {how}"
@@ -77,17 +83,17 @@ def _separating(pairs: Sequence[Discrimination]) -> Iterator[Step]:
                 do = f"Add {len(pair.plan.pose)} poses under {how}"
             elif isinstance(best.other, Marker):
                 do = f"Add {how}"
-            yield Step(do, what + _from(pair, best.s))
+            yield NextStep(do, what + _from(pair, best.s))
 
 
 def _from(pair: Discrimination, s: float) -> str:
     return "" if s >= ENOUGH else f" from {size_words(pair, ENOUGH / s)} on"
 
 
-def _leftover(found: Diagnosis) -> Iterator[Step]:
+def _leftover(found: Diagnosis) -> Iterator[NextStep]:
     for law in (*(x.law for x in found.leftovers[:1]), *(f.instead.law for f in found.sure if f.instead)):
         do, what = _trial(law, bool(found.readings.poses.wrench.any()))
-        yield Step(do, f"tells {what}")
+        yield NextStep(do, f"tells {what}")
 
 
 def _trial(law: Law, loaded: bool) -> tuple[str, str]:
@@ -113,20 +119,20 @@ def _trial(law: Law, loaded: bool) -> tuple[str, str]:
     return known.get(first, (more, f"how {of} follows it"))
 
 
-def _unsure(found: Diagnosis) -> Iterator[Step]:
+def _unsure(found: Diagnosis) -> Iterator[NextStep]:
     """Names that hang on few poses, or without which poses left out fit as well."""
     if found.doubtful:
-        yield Step(f"Measure {_MORE} more poses", f"tells whether {names_words(found.doubtful)} acts at all")
+        yield NextStep(f"Measure {_MORE} more poses", f"tells whether {names_words(found.doubtful)} acts at all")
     for f in found.sure:
         if f.hangs_on:
             resting = f"{f.name} rests on {'them' if len(f.hangs_on[0]) > 1 else 'it'}"
-            yield Step(f"Measure {poses_words(f.hangs_on[0])} again", resting)
+            yield NextStep(f"Measure {poses_words(f.hangs_on[0])} again", resting)
 
 
-def _recorded(found: Diagnosis) -> Iterator[Step]:
+def _recorded(found: Diagnosis) -> Iterator[NextStep]:
     """Columns that were not recorded, where something is left to explain."""
     untested = [x for x in found.table if x.status is Status.UNTESTED]
     if untested and (found.leftovers or misfits(found.after)):
         columns = sorted({column for x in untested for column in x.needs})
         kinds = sorted({x.name.partition("[")[0] for x in untested})
-        yield Step(f"Record {listed(columns)}", f"lets {listed(kinds)} be tested")
+        yield NextStep(f"Record {listed(columns)}", f"lets {listed(kinds)} be tested")

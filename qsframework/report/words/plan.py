@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from qsframework.experiment import Experiment, Plan
-from qsframework.experiment.plan import Certificate
+from qsframework.experiment.plan import PlanCertificate
 from qsframework.plugin import Array
 from qsframework.report.blocks import Mark, Verdict
 
@@ -26,7 +26,7 @@ def certificate_text(plan: Plan) -> str:
     return " ".join([words, *(f"Note: {note}." for note in c.notes)])
 
 
-def _chosen(c: Certificate) -> float:
+def _chosen(c: PlanCertificate) -> float:
     """Efficiency of the chosen candidates, before their angles were moved."""
     return c.efficiency if c.polished_from is None else c.polished_from
 
