@@ -67,7 +67,7 @@ class GasBalancer(ParallelSpring):
         least = max(_LEAST * V, V - self._left(np.array([V, n, self.lc, self.l2, self.zero]), robot)[0])
         return (
             stated(f"{name}.pressure", "Pa", p, 0.05 * p, domain=(_LEAST * p, math.inf)),
-            stated(f"{name}.volume", "m^3", V, 0.05 * V, by_name=True, domain=(min(least, V), math.inf)),
+            stated(f"{name}.volume", "m^3", V, 0.05 * V, by_name=True, domain=(least, math.inf)),
             stated(f"{name}.exponent", "", n, 0.1, by_name=True, domain=(_LEAST * n, math.inf)),
             *SpringTriangle(self.lc, self.l2).parameters(name, self.zero),
         )

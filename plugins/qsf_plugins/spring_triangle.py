@@ -108,11 +108,13 @@ class SpringTriangle:
         Equation (7) is the same with the two sides exchanged, and with a side below 0 and the angle turned by half a
         turn: each side stays on its own side of their geometric mean, the angle within a quarter of a turn.
         """
-        size, mean = _SHARE * (self.lc + self.l2), math.sqrt(self.lc * self.l2)
+        size, mean = _SHARE * (self.lc + self.l2), math.sqrt(abs(self.lc * self.l2))
         sides = ((f"{name}.lc", self.lc), (f"{name}.l2", self.l2))
-        spans = (
-            (_LEAST * v, (1.0 - _APART) * mean) if v < mean else ((1.0 + _APART) * mean, math.inf) for _, v in sides
+        low, high = (
+            (1.0 - _APART) * mean,
+            (1.0 + _APART) * mean,
         )
+        spans = ((_LEAST * v, low) if v < mean else (high, math.inf) for _, v in sides)
         return (
             *(
                 stated(side, "m", value, size, by_name=True, domain=domain)

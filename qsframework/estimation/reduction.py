@@ -54,8 +54,11 @@ def reduce(
 
     bounds: whether those of the parameters are kept; what cannot exist is outside of them all the same
     """
-    ends = [p.domain if not bounds else (max(p.lower, p.domain[0]), min(p.upper, p.domain[1])) for p in parameters]
-    parameters = [replace(p, lower=low, upper=high) for p, (low, high) in zip(parameters, ends, strict=True)]
+    ends = [(p.lower, p.upper) if bounds else (-np.inf, np.inf) for p in parameters]
+    parameters = [
+        replace(p, lower=max(low, min(p.domain[0], at)), upper=min(high, max(p.domain[1], at)))
+        for p, (low, high), at in zip(parameters, ends, start, strict=True)
+    ]
     names = [p.name for p in parameters]
     groups = [[_index(name, names) for name in group] for group in tied]
     kept = {_index(name, names) for name in fixed}

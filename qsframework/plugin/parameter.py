@@ -44,11 +44,6 @@ class Parameter:
                 f"{self.name}: nominal {self.nominal:g} is outside its bounds "
                 f"[{self.lower:g}, {self.upper:g}] {self.unit}"
             )
-        if not self.domain[0] <= self.nominal <= self.domain[1]:
-            raise PluginError(
-                f"{self.name}: nominal {self.nominal:g} is outside of what can exist, {self.domain[0]:g} to "
-                f"{self.domain[1]:g} {self.unit}"
-            )
         if not (math.isfinite(self.typical) and self.typical > 0):
             raise PluginError(f"{self.name}: typical must be a positive number, found {self.typical}")
         if self.sd is not None and not (math.isfinite(self.sd) and self.sd > 0):

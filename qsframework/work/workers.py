@@ -11,7 +11,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Generator
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from typing import Any
@@ -25,6 +25,8 @@ ANSWER = 15.0
 """s in which a scheduler has to answer, and a worker has to be there at the start."""
 ALONE = 60.0
 """s without any worker after which the work on a cluster is given up."""
+AGAIN = 20.0
+"""s after which a task on a cluster is given a second time: it is the same whoever does it."""
 _LOOK = 1.0
 """s between two looks of a worker at whether it still has a master, and of a master at whether it has workers."""
 _IDLE = 60
@@ -153,19 +155,26 @@ class Cluster(AbstractContextManager["Cluster"]):
 
     def carry(self, shared: Any) -> Any:
         """A task of its own: the cluster can make the value again where the workers that held it are lost."""
+        self._packed = Packed(pack(shared), tuple(versions().items()))
         with self._words():
-            return self.client.submit(Packed, pack(shared), tuple(versions().items()), pure=False)
+            return self.client.submit(Packed, self._packed.content, self._packed.versions, pure=False)
 
     def give(self, *call: Any) -> Callable[[], bytes]:
         """Give a call of `at_worker` to the scheduler; what is returned waits for its result."""
         with self._words():
-            return partial(self._take, self._pool.submit(at_worker, *call))
+            return partial(self._take, call, self._pool.submit(at_worker, *call))
 
-    def _take(self, future: Future[bytes]) -> bytes:
+    def _take(self, call: tuple[Any, ...], future: Future[bytes]) -> bytes:
+        """The result. Where it does not come the task is given a second time, with the shared value in it: the
+        scheduler may wait for ever for the value to be made again by a worker that has it, or is gone."""
+        function, _, task = call
+        given, again = {future}, time.monotonic() + AGAIN
         with self._words():
-            while not wait([future], timeout=_LOOK).done:
+            while not (done := wait(given, timeout=_LOOK, return_when=FIRST_COMPLETED).done):
                 self._look()
-            return future.result()
+                if len(given) == 1 and time.monotonic() > again:
+                    given.add(self._pool.submit(at_worker, function, self._packed, task))
+            return done.pop().result()
 
     def _look(self) -> None:
         """WorkerLost where nobody works any more."""

@@ -29,7 +29,7 @@ def test_a_masked_reading_may_be_anything(tmp_path: Path, cell: str) -> None:
     readings = read_readings(file, experiment)
     assert readings.use.sum() == 42
     fit = identify(experiment, readings)
-    assert len(fit.rows) == 42
+    assert len(fit.lines) == 42
     assert np.isfinite(fit.rms)
     file.write_text(file.read_text().replace(",0\n", ",1\n"))
     if cell != "":

@@ -81,8 +81,8 @@ def same_fits(found: Fit, wanted: Fit) -> None:
         assert a[name].sd == pytest.approx(e.sd, rel=1e-9)
         assert a[name].status == e.status
     assert found.chi2 == pytest.approx(wanted.chi2, rel=1e-9)
-    order_a, order_b = (np.argsort(fit.rows) for fit in (found, wanted))
-    np.testing.assert_array_equal(found.rows[order_a], wanted.rows[order_b])
+    order_a, order_b = (np.argsort(fit.lines) for fit in (found, wanted))
+    np.testing.assert_array_equal(found.lines[order_a], wanted.lines[order_b])
     for field in ("residuals", "studentised", "left_out", "predicted"):
         x, y = getattr(found, field)[order_a], getattr(wanted, field)[order_b]
         np.testing.assert_allclose(x, y, rtol=1e-9, atol=1e-9 * np.abs(y).max())
