@@ -17,7 +17,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import numpy as np
 from common import RUNS, memory, show, table, turns
 
-from qsframework.elastostatics import Model, Site, full_displacement, make_model
+from qsframework.elastostatics import Model, Site, make_model
 from qsframework.elastostatics.loads import gravity_torque
 from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.state import place
@@ -117,9 +117,7 @@ def tables(count: int, runs: int) -> str:
         },
         runs,
     )
-    states = turns(
-        {"full": lambda: full_displacement(plain, few), "linear": lambda: plain.predict(few, linear=True)}, runs
-    )
+    states = turns({"full": lambda: plain.predict(few), "linear": lambda: plain.predict(few, linear=True)}, runs)
     rows = [
         (
             f"positions, Jacobians, gravity torques of {count:.0e} poses",

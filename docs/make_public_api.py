@@ -26,7 +26,6 @@ PACKAGES: dict[str, tuple[str, ...]] = {
         "cartesian_stiffness",
         "equilibrium",
         "flip_margin",
-        "full_displacement",
         "make_model",
         "spring_stiffness",
     ),

@@ -26,7 +26,7 @@ from qsframework.experiment import Experiment, Plan, Readings, load_experiment, 
 from qsframework.information import promised_sd
 from qsframework.report import certificate_text, sd_table, write_report
 from qsframework.report.plan_section import margin_words, plan_sections
-from qsframework.report.provenance import AFTER, INFORMATION, LINEAR, computed
+from qsframework.report.provenance import AFTER, EQUILIBRIUM, INFORMATION, computed
 from qsframework.report.words.plan import plan_verdict, tip_words
 from qsframework.work import Work
 
@@ -94,7 +94,7 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, work: Work
         notes = (found.words(), margin, *tip_words(plan), *twin_words(experiment, plan), *beyond)
         sections = (
             *plan_sections(experiment, plan, table, notes),
-            computed(experiment, files.inputs(), seed, (LINEAR, INFORMATION, AFTER)),
+            computed(experiment, files.inputs(), seed, (EQUILIBRIUM, INFORMATION, AFTER)),
         )
         print(f"report: {write_report(files.report, f'Measurement plan: {experiment.robot.title}', sections, verdict)}")
 

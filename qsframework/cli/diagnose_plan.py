@@ -60,13 +60,13 @@ def run_foresight(
     if report is not None:
         from qsframework.report import Section, write_report
         from qsframework.report.plan_section import plan_view
-        from qsframework.report.provenance import INFORMATION, LINEAR, computed
+        from qsframework.report.provenance import EQUILIBRIUM, INFORMATION, LINEAR, computed
 
         sections = (
             Section("What this plan tells of the fitted parameters", (known,)),
             power_section(found),
             Section("The plan", (plan_view(campaign, planned),)),
-            computed(campaign, [experiment, plan], seed, (LINEAR, INFORMATION)),
+            computed(campaign, [experiment, plan], seed, (EQUILIBRIUM, INFORMATION, LINEAR)),
         )
         title = f"Before measuring: {campaign.robot.title}"
         print(f"report: {write_report(report, title, sections, verdict)}")

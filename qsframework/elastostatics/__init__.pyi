@@ -3,7 +3,6 @@ from .equilibrium import (
     cartesian_compliance as cartesian_compliance,
     cartesian_stiffness as cartesian_stiffness,
     equilibrium as equilibrium,
-    full_displacement as full_displacement,
 )
 from .evaluation import spring_stiffness as spring_stiffness
 from .flips import flip_margin as flip_margin

@@ -63,16 +63,6 @@ def equilibrium(model: Structure, poses: Poses, x: Array | None = None, loaded: 
     return Equilibrium(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
-def full_displacement(model: Structure, poses: Poses, x: Array | None = None) -> Array:
-    """Loaded minus unloaded equilibrium of the markers (N, K, 3) m, without what sensors add."""
-    parts: list[Array] = []
-    for chunk in _chunks(poses):
-        unloaded = settle(model, chunk, x, False)
-        loaded = settle(model, chunk, x, True, start=unloaded)
-        parts.append(_outcome(loaded)[3] - _outcome(unloaded)[3])
-    return np.concatenate(parts)
-
-
 def cartesian_stiffness(model: Structure, poses: Poses, x: Array | None = None, hessian: bool = True) -> Array:
     """K_C (N, 6, 6) at the loaded equilibrium, equation (18): (D (K_theta - H)^-1 D')^-1.
 
@@ -248,15 +238,17 @@ def _equivalent(model: Structure, motion: Motion, x: Array) -> springs.ParallelS
     )
 
 
+def stiffness_left(K: springs.ParallelStiffness, H: Array) -> springs.ParallelStiffness:
+    """K - H on all coordinates: what gives further moves the loads too."""
+    count, rows = len(H), list(K.active)
+    stiffness = -H
+    stiffness[np.ix_(rows, rows)] += K.K
+    return springs.ParallelStiffness(tuple(range(count)), stiffness)
+
+
 def _react(slope: Array, K: springs.ParallelStiffness, H: Array, rhs: Array) -> Array:
     """Solve (I + diag(slope) (K - H)) d = rhs for rhs (ne, ..., N). NotConverged where no d is told."""
-    count = len(slope)
-    A = -slope[:, None] * H
-    rows = list(K.active)
-    if rows:
-        A[np.ix_(rows, rows)] += slope[rows][:, None] * K.K
-    A[range(count), range(count)] += 1.0
-    flat = rhs.reshape(count, -1, rhs.shape[-1])
+    A, flat = springs.system(stiffness_left(K, H), slope), rhs.reshape(len(slope), -1, rhs.shape[-1])
     try:
         solved = np.asarray(np.linalg.solve(A.transpose(2, 0, 1), flat.transpose(2, 0, 1)), dtype=np.float64)
     except np.linalg.LinAlgError:

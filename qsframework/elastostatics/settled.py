@@ -12,7 +12,7 @@ import numpy as np
 
 from qsframework.elastostatics import springs
 from qsframework.elastostatics.direct import element_readings, geometry_tangents
-from qsframework.elastostatics.equilibrium import Settled, settle
+from qsframework.elastostatics.equilibrium import Settled, settle, stiffness_left
 from qsframework.elastostatics.evaluation import Held, PlacedArm, gather
 from qsframework.elastostatics.sensors import said
 from qsframework.elastostatics.structure import Structure
@@ -67,21 +67,15 @@ def two_states(model: Structure, poses: Poses, x: Array) -> tuple[SettledState, 
 
 def _response(settled: Settled) -> springs.Response:
     """How a settled batch reacts: nothing is left to give, and what gives further also moves the loads."""
-    at, count = settled.at, len(settled.eps)
-    stiffness = -at.hessian()
-    rows = list(settled.K.active)
-    stiffness[np.ix_(rows, rows)] += settled.K.K
-    A = at.slope[:, None] * stiffness
-    A[range(count), range(count)] += 1.0
-    inverse = np.asarray(np.linalg.inv(A.transpose(2, 0, 1)).transpose(1, 2, 0), dtype=np.float64)
-    reaction = springs.ParallelStiffness(tuple(range(count)), stiffness)
+    at = settled.at
+    stiffness = stiffness_left(settled.K, at.hessian())
     return springs.Response(
         eps=np.zeros_like(at.T),
         T=at.T,
         slope=at.slope,
-        stiffness=reaction,
+        stiffness=stiffness,
         laws=at.laws,
-        inverse=inverse,
+        inverse=springs.inverse(stiffness, at.slope),
         held=settled.eps,
     )
 

@@ -162,12 +162,17 @@ class Response:
         return _solve(self.stiffness, self.inverse, rhs)
 
 
-def _inverse(stiffness: ParallelStiffness, slope: Array) -> Array | None:
+def system(stiffness: ParallelStiffness, slope: Array) -> Array:
+    """I + diag(slope) K_par (a, a, N) on the coordinates that K_par touches."""
+    return np.eye(len(stiffness.active))[:, :, None] + slope[list(stiffness.active)][:, None] * stiffness.K
+
+
+def inverse(stiffness: ParallelStiffness, slope: Array) -> Array | None:
+    """The inverse of `system`; None where K_par touches nothing."""
     if not stiffness.active:
         return None
-    size = len(stiffness.active)
-    A = np.eye(size)[:, :, None] + slope[list(stiffness.active)][:, None] * stiffness.K
-    if size == 1:
+    A = system(stiffness, slope)
+    if len(A) == 1:
         return 1.0 / A
     return np.asarray(np.linalg.inv(A.transpose(2, 0, 1)).transpose(1, 2, 0), dtype=np.float64)
 
@@ -183,16 +188,16 @@ def _solve(stiffness: ParallelStiffness, inverse: Array | None, rhs: Array) -> A
 
 def solve(stiffness: ParallelStiffness, slope: Array, rhs: Array) -> Array:
     """Solve (I + diag(slope) K_par) d = rhs (ne, N)."""
-    return _solve(stiffness, _inverse(stiffness, slope), rhs)
+    return _solve(stiffness, inverse(stiffness, slope), rhs)
 
 
 def respond_linear(compliance: Array, torque: Array, stiffness: ParallelStiffness) -> Response:
     """eps = (I + diag(c) K_par)^-1 diag(c) torque."""
     slope = compliance[:, None]
-    inverse = _inverse(stiffness, slope)
-    eps = _solve(stiffness, inverse, slope * torque)
+    inverted = inverse(stiffness, slope)
+    eps = _solve(stiffness, inverted, slope * torque)
     return Response(
-        eps=eps, T=torque - stiffness.times(eps), slope=slope, stiffness=stiffness, laws=(), inverse=inverse
+        eps=eps, T=torque - stiffness.times(eps), slope=slope, stiffness=stiffness, laws=(), inverse=inverted
     )
 
 
@@ -229,10 +234,10 @@ def respond(compliance: Array, torque: Array, stiffness: ParallelStiffness, bend
     eps = step = respond_linear(compliance, torque, stiffness).eps
     error, T, slope, terms = residual(eps)
     for _ in range(_STEPS):
-        inverse = _inverse(stiffness, slope)
-        step = _solve(stiffness, inverse, error)
+        inverted = inverse(stiffness, slope)
+        step = _solve(stiffness, inverted, error)
         if np.all(np.abs(step) <= _TOLERANCE * np.maximum(np.abs(eps), 1e-9)):
-            return Response(eps=eps - step, T=T, slope=slope, stiffness=stiffness, laws=terms, inverse=inverse)
+            return Response(eps=eps - step, T=T, slope=slope, stiffness=stiffness, laws=terms, inverse=inverted)
         eps, (error, T, slope, terms) = _backtrack(residual, eps, step, error)
     raise NotConverged(f"the springs' laws did not settle in {_STEPS} steps; largest step {np.abs(step).max():.1e} rad")
 

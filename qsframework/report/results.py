@@ -63,7 +63,7 @@ def report(
 def _plan(plan: Plan, experiment: Experiment, files: Sequence[Path]) -> tuple[tuple[Section, ...], Verdict]:
     sds = promised_sd(experiment, plan)
     table = sd_table(experiment.fit_parameters(), {"this plan": sds})
-    own = computed(experiment, files, None, (LINEAR, INFORMATION, AFTER))
+    own = computed(experiment, files, None, (EQUILIBRIUM, INFORMATION, AFTER))
     return (*plan_sections(experiment, plan, table), own), plan_verdict(experiment, plan, sds)
 
 

@@ -15,7 +15,7 @@ from qsframework.applications.compensate import Compensation, compensate, tip_sl
 from qsframework.applications.inverse import TipPose, pose_error, rigid_tip
 from qsframework.applications.targets import Targets, flange_pose, joint_targets, read_targets
 from qsframework.cli.main import app
-from qsframework.elastostatics import equilibrium, full_displacement, make_model
+from qsframework.elastostatics import equilibrium, make_model
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import (
@@ -92,7 +92,7 @@ def test_identified_from_noisy_readings_of_the_full_equilibrium(
     model = m900ib.model()
     plan = make_plan(posed(m900ib, angles(24, 1), MEASURED), ["pull"] * 24)
     drawn = simulate(m900ib, plan, truth="drawn", seed=4)
-    moved = full_displacement(model, plan.poses, drawn.x)
+    moved = model.predict(plan.poses, drawn.x)
     noise = 3e-5 * np.random.default_rng(8).standard_normal(moved.shape)
     readings = drawn.readings.with_values((moved + noise).reshape(-1, 3))
     fit = stored(m900ib, readings, tmp_path)

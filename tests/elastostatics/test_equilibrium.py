@@ -16,7 +16,6 @@ from qsframework.elastostatics import (
     cartesian_compliance,
     cartesian_stiffness,
     equilibrium,
-    full_displacement,
     make_model,
     spring_stiffness,
 )
@@ -127,7 +126,7 @@ def test_the_balancer_stiffens_joint_2_with_the_pose(robot: Robot, model: Model)
 def test_no_load_no_displacement(robot: Robot, model: Model) -> None:
     p = poses(robot, 10)
     nothing = Poses(p.pendant, p.q, np.zeros_like(p.wrench))
-    assert np.abs(full_displacement(model, nothing)).max() < 1e-14
+    assert np.abs(model.predict(nothing)).max() < 1e-14
     assert np.abs(model.predict(nothing)).max() < 1e-14
     assert np.abs(model.predict(nothing, linear=True)).max() == 0.0
 
@@ -142,7 +141,7 @@ def test_the_linear_model_errs_by_little(robot: Robot, model: Model) -> None:
     """Median 0.2 % of the deflection at 5 kN."""
     p = poses(robot, 60, moment=0.0)
     p = Poses(p.pendant, p.q, p.wrench * (5e3 / np.linalg.norm(p.wrench, axis=1))[:, None])
-    full, linear = full_displacement(model, p)[:, 0], model.predict(p, linear=True)[:, 0]
+    full, linear = model.predict(p)[:, 0], model.predict(p, linear=True)[:, 0]
     error = np.linalg.norm(full - linear, axis=1) / np.linalg.norm(full, axis=1)
     assert 0.0005 < np.median(error) < 0.004
     assert np.linalg.norm(full - linear, axis=1).max() < 30e-6
@@ -172,7 +171,7 @@ def test_no_energy_is_gained_around_a_closed_path_of_loads(robot: Robot, model: 
         for node, weight in zip(nodes, weights, strict=True):
             force = start + 0.5 * (node + 1) * (end - start)
             at = Poses(p.pendant, p.q, np.tile(np.append(force, np.zeros(3)), (3, 1)))
-            move = full_displacement(model, at)[:, 0]
+            move = model.predict(at)[:, 0]
             step = 0.5 * weight * (move @ (end - start))  # the complementary energy, u . dF
             work += step
             size += np.abs(step)
@@ -197,6 +196,6 @@ def test_a_rigid_direction_has_no_stiffness(robot: Robot) -> None:
 
 def test_chunks_do_not_show(robot: Robot, model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
     p = poses(robot, 50)
-    whole = full_displacement(model, p)
+    whole = model.predict(p)
     monkeypatch.setattr(sys.modules["qsframework.elastostatics.equilibrium"], "CHUNK", 7)
-    assert np.allclose(full_displacement(model, p), whole, rtol=1e-9, atol=1e-16)
+    assert np.allclose(model.predict(p), whole, rtol=1e-9, atol=1e-16)

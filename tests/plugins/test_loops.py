@@ -13,7 +13,7 @@ from qsf_plugins.closed_chain import ChainLink, ClosedChain
 from qsf_plugins.four_bar import BARS, FourBar
 from qsf_plugins.joint_compliance import JointCompliance
 from qsf_plugins.parallelogram import Parallelogram
-from qsframework.elastostatics import Site, full_displacement, make_model
+from qsframework.elastostatics import Site, make_model
 from qsframework.plugin import Array, InputError, Loop, LoopTerm, Poses, RobotFacts, build_effects, check_effect
 from qsframework.plugin.check import sample_context, sample_robot
 from qsframework.plugin.facts import frozen
@@ -307,7 +307,7 @@ def test_the_full_equilibrium_of_an_elastic_bar_agrees_with_its_geometry() -> No
     poses = poses_at(ANGLES[:-1])
     loop = Parallelogram("joint_3", "joint_2", 0.75, zero=-np.pi / 2)
     model = make_model(arm(), [loop, BarCompliance("joint_3")], [], TIP, [("tip", TIP)], np.zeros(3))
-    found = full_displacement(model, poses, np.array([0.0, SOFT]))[:, 0]
+    found = model.predict(poses, np.array([0.0, SOFT]))[:, 0]
     for q, wrench, displacement in zip(poses.q, poses.wrench, found, strict=True):
         here = frames(q)
         end = here[2][:3, 3] + at(here[3], rear_pivot()) - here[3][:3, 3]

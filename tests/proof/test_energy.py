@@ -13,7 +13,7 @@ import numpy as np
 from hypothesis import HealthCheck, given, settings, strategies as st
 from scipy.optimize import root
 
-from qsframework.elastostatics import Site, full_displacement, make_model
+from qsframework.elastostatics import Site, make_model
 from qsframework.plugin import Effect, Poses, RobotFacts, build_effects
 from qsframework.plugin.facts import frozen
 
@@ -254,7 +254,7 @@ def modelled(arm: Arm) -> np.ndarray:
     tip = Site(n, arm.tip)
     model = make_model(facts, effects, parameters, tip, [("tip", tip)], GRAVITY)
     wrench = np.append(arm.force, np.zeros(3))
-    return full_displacement(model, Poses(arm.q[None], arm.q[None], wrench[None]))[0, 0]
+    return model.predict(Poses(arm.q[None], arm.q[None], wrench[None]))[0, 0]
 
 
 @settings(max_examples=250, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))

@@ -13,7 +13,7 @@ import pytest
 from pinocchio_energy import energy_tip
 
 from qsframework.applications.conformance import check_robot, small_campaign
-from qsframework.elastostatics import Model, Site, actuator_torques, flip_margin, full_displacement, make_model
+from qsframework.elastostatics import Model, Site, actuator_torques, flip_margin, make_model
 from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.state import place
 from qsframework.errors import InputError
@@ -113,7 +113,7 @@ def test_the_equilibrium_is_where_the_energy_is_least(arm: Robot, tree: pin.Mode
         [next(p.nominal for p in arm.parameters if p.name == f"joint_compliance[joint_{k}]") for k in range(1, 7)]
     )
     phi = nominal_actuators(model.layout, poses.q.T.copy())[:6].T
-    ours, tip = full_displacement(model, poses)[:, 0], tree.getJointId("joint_6")
+    ours, tip = model.predict(poses)[:, 0], tree.getJointId("joint_6")
     for i in range(4):
         tips = [
             energy_tip(tree, lambda p: imposed(tree, p), c, f, phi[i], tip, TOOL)
@@ -275,7 +275,7 @@ def test_masses_of_lever_and_bar_are_enough_where_no_urdf_draws_them(tmp_path: P
     one, two = load_robot(drawn), load_robot(stated)
     assert [b.link for b in two.facts.branches] == ["housing", "joint_3_lever", "joint_3_bar"]
     poses = some_poses(one, 20, 5, 4e3)
-    for of in (actuator_torques, flip_margin, full_displacement):
+    for of in (actuator_torques, flip_margin, Model.predict):
         first, second = of(model_of(one), poses), of(model_of(two), poses)
         np.testing.assert_allclose(second, first, atol=1e-11 * np.abs(first).max())
     entry = {"effect": "parallelogram", "driver": "joint_2", "driven": "joint_3", "lever_m": 0.75, "lever_mass_kg": 10}

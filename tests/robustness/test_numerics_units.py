@@ -25,7 +25,6 @@ from numerics import (
 )
 
 from qsframework.design import Wish, design
-from qsframework.elastostatics import full_displacement
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, load_experiment, make_plan, read_readings, simulate, write_readings
 from qsframework.experiment.observations import REACH
@@ -66,7 +65,7 @@ def same_fits(found: Fit, wanted: Fit, factors: Array, stepwise: bool = False) -
 def test_predictions_do_not_depend_on_the_unit_of_force(power: float) -> None:
     one, other = campaign(), in_force_unit(campaign(), 10.0**power)
     same(other.model().predict(poses(other, 10)), one.model().predict(poses(one, 10)))
-    same(full_displacement(other.model(), poses(other, 4)), full_displacement(one.model(), poses(one, 4)))
+    same(other.model().predict(poses(other, 4)), one.model().predict(poses(one, 4)))
 
 
 @few(6)

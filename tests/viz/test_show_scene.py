@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from qsframework.elastostatics import cartesian_compliance, full_displacement
+from qsframework.elastostatics import cartesian_compliance
 from qsframework.errors import InputError
 from qsframework.experiment import Constraints, Experiment, Plan, Readings, make_plan, make_rows
 from qsframework.plugin import Array, Poses
@@ -68,7 +68,7 @@ def test_a_deflected_marker_is_the_equilibrium_exaggerated(m900ib: Experiment) -
     plan, scale = a_plan(m900ib), 70.0
     model = m900ib.model()
     found = world(show_scene(m900ib, plan, scale=scale))
-    given = full_displacement(model, plan.poses)
+    given = model.predict(plan.poses)
     assert 5e-4 < np.linalg.norm(given, axis=2).min() < 0.02
     data = m900ib.robot.model.createData()
     for i, q in enumerate(plan.q):
@@ -103,7 +103,7 @@ def test_other_parameters_give_other_deflections(m900ib: Experiment) -> None:
     x = model.nominal
     x[model.index(["joint_compliance[joint_1]"])] *= 3.0
     found = world(show_scene(m900ib, plan, x))
-    given = full_displacement(model, plan.poses, x)[1, 0]
+    given = model.predict(plan.poses, x)[1, 0]
     start = found["poses/1/markers/0"][:3, 3]
     assert np.allclose(found["poses/1/deflected/marker_0"][:3, 3], start + 100.0 * given, atol=1e-7)
 
