@@ -185,8 +185,8 @@ def _absolute(
     wanted = [*asked.known, *second.names, *first.names]
     parts: list[Array] = []
     for loaded in (False, True):
-        slopes = asked.model.position_sensitivity(poses, asked.x, wanted, loaded, linear=True)
-        points = asked.model.positions(poses, asked.x, loaded, linear=True)
+        slopes = asked.model.position_sensitivity(poses, asked.x, wanted, loaded)
+        points = asked.model.positions(poses, asked.x, loaded)
         columns = asked.assembled(slopes)
         parts.append(np.concatenate([_frame(points), columns], axis=-1))
     rows = np.concatenate(parts, axis=1) * (np.sqrt(2.0) / question.sigma)

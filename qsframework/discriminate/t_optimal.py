@@ -63,7 +63,7 @@ class Question:
     def rows(self, poses: Poses) -> Array:
         """Whitened columns (N, K, 3, f + p + 1) of displacements: known, second, trace."""
         wanted = [*self.known, *self.second.names, *self.first.names]
-        return self.assembled(self.model.sensitivity(poses, self.x, wanted, linear=True)) / self.sigma
+        return self.assembled(self.model.sensitivity(poses, self.x, wanted)) / self.sigma
 
     def assembled(self, slopes: Array) -> Array:
         """Columns from the derivatives (..., f + p + p1) by known, second and first parameters, SI."""
@@ -88,7 +88,7 @@ class Question:
         used = make_rows(readings)
         frames = used.start(self.model, self.x)
         wanted = [*self.known, *self.second.names, *self.first.names]
-        J = used.rates(self.model, self.x, frames, wanted, linear=True)[1]
+        J = used.rates(self.model, self.x, frames, wanted)[1]
         k = 6 * len(frames)
         columns = np.concatenate([J[..., :k], self.assembled(J[..., k:])], axis=-1)
         white = used.noise.whiten(used.flat(columns)) * (1.0 if readings.stated else UNSTATED / self.sigma)

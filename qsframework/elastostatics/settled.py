@@ -38,6 +38,22 @@ class SettledState:
             return np.zeros((len(self.poses), 0, 3))
         return said(self.model.of_kind(Sensor, self.x), state, self.model.marker_names)
 
+    def followed(self) -> Array:
+        """d reading (K, ne, 3, N) per unit by which something beside its springs moves each elastic coordinate."""
+        ev, inverse = _placed(self), _response(self.settled).inverse
+        markers, sensed = ev.state.markers, ev.sense(None)
+
+        def reached(own: Array) -> Array:
+            return own if inverse is None else np.einsum("kaxn,abn->kbxn", own, inverse)
+
+        shift = reached(np.stack([m.linear for m in markers]))
+        if sensed is None:
+            return shift
+        out = np.einsum("nkij,kajn->kain", sensed.by_position, shift)
+        if sensed.turns:
+            out += np.einsum("nkij,kajn->kain", sensed.by_rotation, reached(np.stack([m.angular for m in markers])))
+        return out
+
     def rates(self, wanted: Sequence[int]) -> Array:
         """d reading / d parameter (N, K, 3, P) for the wanted positions in x, by the implicit function theorem.
 

@@ -13,6 +13,7 @@ from independent_arm import COILED, SEVEN, Arm
 from qsframework.diagnose.diagnose import _fits  # pyright: ignore[reportPrivateUsage]
 from qsframework.diagnose.linearization.generic_blocks import Block, Motions, generic_blocks, motions
 from qsframework.diagnose.selection.same_motion import (
+    _ALIKE,  # pyright: ignore[reportPrivateUsage]
     _anything,  # pyright: ignore[reportPrivateUsage]
     same_motion,
 )
@@ -67,7 +68,7 @@ def test_the_places_are_those_of_brute_force(kind: str, shared: bool, tmp_path: 
     assert {x.where for x in told} == {where for where, s in others.items() if s < 2.0}
     assert 1 < len(told) < len(others)
     order = [others[x.where] for x in told]
-    assert np.all(np.diff(order) > -1e-6), "those that come closest come first"
+    assert np.all(np.diff(order) > -_ALIKE), "those that come closest come first"
 
 
 def _did(block: Block, fits: Reml, values: Array, k: int) -> Array:

@@ -69,7 +69,7 @@ def test_the_verdict_is_one_sentence_with_all_that_matters(real: Diagnosis) -> N
     assert said.startswith("Partly explained by offaxis_compliance[joint_4/z], load_point_offset and tracker_frame: ")
     before, after = 1e3 * real.rms.heldout_identified, 1e3 * real.rms.heldout_extended
     assert f"falls by {100 * real.rms.heldout_gain:.0f} %, from {before:.3f} to {after:.3f} mm" in said
-    assert "something moves link_3 with the torque there (or base_link, or one of 3 other places)" in said
+    assert "something moves link_3 with the torque there (or the drive of joint_1, or one of 3 other places)" in said
     assert "; look first at: play of the main bearing" in said
     assert re.findall(r"\.(?= |$)", said) == ["."], "one sentence"
     assert diagnosis_words(real).startswith(said)

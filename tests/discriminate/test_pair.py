@@ -106,7 +106,7 @@ def test_s_is_that_of_a_whole_fit(experiment, pendant):
     s, angle = told(flat(asked, poses).reshape(-1, sum(asked.width) + 1), asked.width)
     model = widened(experiment.model(), [asked.first, asked.second])
     names = [*experiment.fit_names(), BEARING, PEDESTAL]
-    A = model.sensitivity(poses, names=names, linear=True).reshape(-1, len(names)) / SIGMA
+    A = model.sensitivity(poses, names=names).reshape(-1, len(names)) / SIGMA
     size = np.linalg.norm(A, axis=0)
     covariance = np.linalg.inv((A / size).T @ (A / size)) / np.outer(size, size)
     assert s == pytest.approx(asked.values[0] / np.sqrt(covariance[-1, -1]), rel=1e-6)
@@ -158,10 +158,10 @@ def test_designed_poses_separate_better_and_keep_the_constraints(experiment, fir
 def test_where_poses_cannot_help_another_marker_does(experiment, first_day):
     found = discriminate(experiment, first_day, LINK_3, LINK_4, 8, candidates=60)
     assert not found.helps
-    assert found.s_after < 1e-3
+    assert found.s_after < 0.1, "the same at the commanded pose; where the arm settles, far below the noise"
     by_name = {o.name: o for o in found.offers}
     assert by_name["elbow marker"].s > 4.0
-    assert by_name["base marker"].s < 0.1
+    assert by_name["base marker"].s < 0.2
     assert found.offers[0].s >= by_name["elbow marker"].s
     assert all(o.s < 0.1 for o in found.offers if o.name.startswith("load"))
     said = " ".join(discrimination_words(found))
@@ -194,7 +194,7 @@ def test_a_base_marker_separates_the_pedestal_from_the_first_link(experiment, fi
 def test_absolute_positions_separate_a_scale_of_the_load_from_one_of_the_tracker(experiment, first_day):
     found = discriminate(experiment, first_day, "load_scale", "tracker_scale", 8, candidates=60)
     assert found.offers[0].name == "absolute positions"
-    assert max(o.s for o in found.offers[1:]) < 1e-3
+    assert max(o.s for o in found.offers[1:]) < 0.1, "apart only by what the arm's own give changes of the lever"
 
 
 def test_the_tracker_frame_columns_are_small_motions():

@@ -166,7 +166,7 @@ def make_case(
     for i, name in enumerate(model.names):
         values[i] = x.get(name, values[i])
     wanted = [*fitted, *(n for c in causes for n in c.names)]
-    columns = rows.padded(rows.rates(model, values, frames, wanted, linear=True)[1]).reshape(3 * len(rows.keep), -1)
+    columns = rows.padded(rows.rates(model, values, frames, wanted)[1]).reshape(3 * len(rows.keep), -1)
     sizes = np.concatenate(
         [
             [p.scale for f in frames for p in f.parameters()],

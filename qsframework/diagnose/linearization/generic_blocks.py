@@ -2,8 +2,8 @@
 
 Each is an effect that the library learns with, at one place: a drive, a bearing, a link, an end of the arm, a marker,
 all readings, the load. Its functions say how the place moves in every state; what that does to the readings is taken
-from the arm at rest. A law acts in both states of a displacement: what it does is f(loaded) - f(unloaded), with gravity
-and compensators in both torques.
+from the arm where it settles. A law acts in both states of a displacement: what it does is f(loaded) - f(unloaded),
+with gravity and compensators in both torques.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import numpy as np
 
 from qsframework.diagnose.law import Law, Part
 from qsframework.elastostatics import Model, make_model
-from qsframework.elastostatics.evaluation import Stages, evaluate_stages
 from qsframework.elastostatics.loads import wrench_torque
+from qsframework.elastostatics.settled import SettledState, one_state
 from qsframework.elastostatics.structure import chunks
 from qsframework.errors import InputError
 from qsframework.experiment import Frame
@@ -218,32 +218,26 @@ def _stands(probe: Model, rows: ReadingRows, values: Array, own: Sequence[int]) 
         for _, part in chunks(poses):
             at = which[first : first + len(part)]
             first += len(part)
-            stages = evaluate_stages(probe, part, values, preload=True, loaded=loaded)
-            assert stages.preload is not None
-            markers = stages.state.markers
-            position = np.stack([m.position for m in markers]).transpose(2, 0, 1)
-            rotation = np.stack([m.rotation for m in markers], axis=1)
-            torque = (stages.tau[own] + stages.preload[own]).T
-            reading = Reading(position, rotation, probe.marker_names)
-            turned = stages.state.tip.rotation
-            out.append(Stand(at, Context(probe.facts, part, loaded), torque, reading, turned, _give(stages)))
-            parts.append((at, np.stack([m.linear[own] for m in markers]).transpose(3, 0, 2, 1)))
+            there = one_state(probe, part, values, loaded)
+            state, follows = there.settled.at.state, there.followed()
+            rotation = np.stack([m.rotation for m in state.markers], axis=1)
+            torque = there.settled.at.T[own].T
+            reading = Reading(there.reading, rotation, probe.marker_names)
+            give = _give(there, follows)
+            out.append(Stand(at, Context(probe.facts, part, loaded), torque, reading, state.tip.rotation, give))
+            parts.append((at, follows[:, own].transpose(3, 0, 2, 1)))
     slope = np.empty((sum(len(at) for at, _ in parts), *parts[0][1].shape[1:]))
     for at, values_there in parts:
         slope[at] = values_there
     return tuple(out), slope
 
 
-def _give(stages: Stages) -> Array:
+def _give(there: SettledState, follows: Array) -> Array:
     """How the markers follow a wrench at the load point (N, K, 3, 6) m/N, m/(N m), through the springs."""
-    batch = len(stages.poses)
-    columns: list[Array] = []
-    for axis in range(6):
-        wrench = np.zeros((6, batch))
-        wrench[axis] = 1.0
-        eps = stages.compliance[:, None] * wrench_torque(stages.state.tip, wrench)
-        columns.append(np.stack([np.einsum("ecn,en->nc", m.linear, eps) for m in stages.state.markers], axis=1))
-    return np.stack(columns, axis=-1)
+    at = there.settled.at
+    units = np.broadcast_to(np.eye(6)[..., None], (6, 6, len(there.poses)))
+    bent = np.stack([at.slope * wrench_torque(at.state.tip, unit) for unit in units])
+    return np.einsum("kexn,wen->nkxw", follows, bent)
 
 
 def _end(rows: ReadingRows, of: Indices, stands: Sequence[Stand], slope: Array, frames: Sequence[Frame]) -> End:
