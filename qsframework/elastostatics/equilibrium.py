@@ -115,7 +115,7 @@ def settle(model: Structure, poses: Poses, x: Array | None, loaded: bool, start:
     here = at(eps, None if start is None else start.at.state)
     if not np.any(here.value):  # nothing gives
         return Settled(here, eps, K, commanded, geometry)
-    H, size = here.hessian(), np.zeros(len(poses))
+    H, size, change = here.hessian(), np.zeros(len(poses)), eps
     for step in range(_STEPS):
         newton = step >= _CHORDS
         if newton:
@@ -126,26 +126,28 @@ def settle(model: Structure, poses: Poses, x: Array | None, loaded: bool, start:
         here = at(eps)
         shrank = np.minimum(size / np.maximum(before, 1e-300), 1.0) if step else 1.0
         if np.all(size * shrank <= _TOLERANCE * np.maximum(np.abs(eps).max(axis=0, initial=0.0), 1e-9)):
-            return Settled(here, _elastic(eps), K, commanded, geometry)
-    worst = int(np.argmax(size))
-    raise NotConverged(
-        f"pose {worst} of the batch does not settle in {_STEPS} steps (last change {size[worst]:.1e} rad): "
-        "the load may be beyond the arm's stability"
-    )
+            return Settled(here, _elastic(model, x, eps), K, commanded, geometry)
+    raise NotConverged(f"a pose does not settle in {_STEPS} steps: {_softest(model, x, eps, change)}")
 
 
-def _elastic(eps: Array) -> Array:
+def _elastic(model: Structure, x: Array, eps: Array) -> Array:
     """eps (ne, N) of a settled batch, or NotConverged where no arm gives so much and still stands.
 
     Of numbers far too large a step loses its digits and looks settled.
     """
-    most = np.abs(eps).max(axis=0, initial=0.0)
-    if np.all(most <= _FARTHEST):
+    if np.all(np.abs(eps) <= _FARTHEST):
         return eps
-    worst = int(np.argmax(most))
-    raise NotConverged(
-        f"pose {worst} of the batch gives by {most[worst]:.2g} rad or m: no elastic arm does. Look at the units of "
-        "its compliances and of the load"
+    raise NotConverged(f"no elastic arm gives so far: {_softest(model, x, eps, eps)}")
+
+
+def _softest(model: Structure, x: Array, eps: Array, moved: Array) -> str:
+    """Which coordinate is moved most (ne, N), how far it has given, and what to look at."""
+    i, n = np.unravel_index(np.argmax(np.abs(moved)), moved.shape)
+    at = model.compliance_rows[i]
+    p = model.parameters[at]
+    return (
+        f"{p.name} of {x[at]:.3g} {p.unit} lets it give by {eps[i, n]:.2g} rad or m. Look at the units of compliances "
+        "and of the load; a load beyond the arm's stability does the same"
     )
 
 

@@ -28,6 +28,8 @@ neither goes to and fro over a kink of the model, or runs away, and 200 steps en
 _LESS = 0.75
 _FALL = 1e-2
 _DAMPINGS = 40
+_STOOD = 1e4
+"""Damping beyond which a step went nowhere: the next one is tried undamped again."""
 _SILENT = 25
 """Trials without a finite prediction after which a fit is given up."""
 _BLUR = 1e-15
@@ -42,7 +44,10 @@ _SLOW = 0.05
 """How much of the last step the next one may be before they are, all the same."""
 _IDLE = 4
 """Steps in a row that promise no less than half of the one before: rounding is all that is left, if they promise less
-than the digits of the cost."""
+than the digits of the cost, or less than _SLOPES of the residuals."""
+_SLOPES = 1e-6
+"""What sensitivities err by where a law's own derivatives are taken by differences: of large residuals a step promises
+so much over and over, and keeps nothing of it."""
 _ROUNDS = 50
 _SETTLED = 1e-6
 _MAD = 1.4826
@@ -179,7 +184,10 @@ class _Problem:
 
     def whole(self, z: Array) -> Array:
         """Whitened (m, p): d predicted / d x of all parameters."""
-        return self.observations.noise.whiten(self.observations.jacobian(self.reduction.x(z)))
+        try:
+            return self.observations.noise.whiten(self.observations.jacobian(self.reduction.x(z)))
+        except (NotConverged, InputError) as error:
+            raise NotConverged(f"{error}. Of what is fitted {_farthest(self, z)}") from error
 
     def prior(self, z: Array) -> tuple[Array, Array]:
         """Residuals and rows of the priors and of weak holds."""
@@ -229,16 +237,17 @@ def _other_starts(problem: _Problem, count: int, seed: int) -> list[Array]:
     far = np.where(spread <= reduction.upper, spread, np.maximum(-spread, reduction.lower))
 
     def changed(away: Array) -> float:
-        """By which share of itself a column changes, the largest."""
-        return float(np.max(np.linalg.norm(problem.jacobian(away) - J, axis=0) / columns, initial=0.0))
+        """By which share of itself a column changes, the largest; infinite too far for the model."""
+        try:
+            there = problem.jacobian(away)
+        except NotConverged:
+            return np.inf
+        return float(np.max(np.linalg.norm(there - J, axis=0) / columns, initial=0.0))
 
     # all at once, each by a share of its own so that no two cancel: one step tells a model that is as good as linear
     shares = np.random.default_rng(seed).uniform(0.5, 1.0, reduction.free)
-    try:
-        if changed(far * shares) <= _ALL_AT_ONCE * _CURVED:
-            return []
-    except (NotConverged, InputError):
-        pass  # too far for the model: one after the other
+    if changed(far * shares) <= _ALL_AT_ONCE * _CURVED:
+        return []
     curved = [changed(np.where(np.arange(reduction.free) == i, far, 0.0)) > _CURVED for i in range(reduction.free)]
     if not any(curved):
         return []
@@ -339,9 +348,10 @@ def _settled(problem: _Problem, at: _State, local: _Linearised, tolerance: float
     """Whether the next step changes nothing that is more than rounding, or far below the noise."""
     if np.abs(local.step).max(initial=0.0) <= tolerance:
         return True
-    if at.idle >= _IDLE and local.gain**2 <= problem.digits():
+    size = float(np.linalg.norm(local.b))
+    if at.idle >= _IDLE and (local.gain**2 <= problem.digits() or local.gain <= _SLOPES * size):
         return True
-    still = tolerance * float(np.linalg.norm(local.b))
+    still = tolerance * size
     blur = max(problem.blur(), _BLUR * float(np.linalg.norm(np.abs(local.A) @ np.abs(at.z))))
     return local.gain <= max(still, blur)
 
@@ -363,7 +373,7 @@ def _stepped(problem: _Problem, at: _State, local: _Linearised, step: int) -> _S
         r = problem.residuals(z)
         cost = problem.cost(z, r)
         if cost <= worst:
-            at = replace(at, damping=0.0 if damping < 1e-6 else damping / 10.0, silent=silent)
+            at = replace(at, damping=damping / 10.0 if 1e-6 <= damping <= _STOOD else 0.0, silent=silent)
             return _moved(problem, at, local, replace(at, z=z, residuals=r, cost=cost))
         silent += not np.isfinite(cost)
         if silent > _SILENT:

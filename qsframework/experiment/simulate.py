@@ -40,7 +40,7 @@ def simulate(
 ) -> Simulation:
     """Measure a plan in simulation: displacements with independent Gaussian noise on every coordinate.
 
-    The arm settles in its full equilibrium, as a real one does; linear: by the tangent model at the undeflected pose.
+    The arm settles in its full equilibrium, as a real one does; linear: by the first step, at the undeflected pose.
     Readings without any noise (sigma 0) state none: a fit then estimates what rounding leaves.
     x (p,) are the true parameters; without them the nominal values, or values drawn from the priors.
     """

@@ -16,7 +16,7 @@ from qsframework.plugin import Array, Conditions, Poses
 
 
 def positions_of(many: Sequence[ReadingRows], model: Model, x: Array) -> list[Array]:
-    """`Rows.positions` of each, by the tangent model."""
+    """`Rows.positions` of each, by the first step from rest."""
     return [
         found for (found,) in _of_states(many, lambda poses, loaded: (model.positions(poses, x, loaded, linear=True),))
     ]
@@ -25,7 +25,7 @@ def positions_of(many: Sequence[ReadingRows], model: Model, x: Array) -> list[Ar
 def rates_of(
     many: Sequence[ReadingRows], model: Model, x: Array, frames: Sequence[Sequence[Frame]], names: Sequence[str]
 ) -> list[tuple[Array, Array]]:
-    """`Rows.rates` of each, by the tangent model, in its own frames."""
+    """`Rows.rates` of each, by the first step from rest, in its own frames."""
     pairs = [rows.pairs[0] for rows in many if rows.pairs is not None]
     if len(pairs) == len(many):
         found = _apart(model.rates(_stacked(pairs), x, names, linear=True), pairs)

@@ -42,6 +42,7 @@ class Processes(AbstractContextManager["Processes"]):
         from joblib import cpu_count
 
         self.count = jobs or cpu_count()
+        self._given: list[Future[bytes]] = []
 
     def carry(self, shared: Any) -> Packed:
         """A value, packed, as it goes with many tasks."""
@@ -52,12 +53,13 @@ class Processes(AbstractContextManager["Processes"]):
         return partial(self._take, call, self._submit(call))
 
     def _submit(self, call: tuple[Any, ...]) -> Future[bytes]:
+        self._given = [future for future in self._given if not future.done()]
         try:
-            return self._pool().submit(at_worker, *call)
+            self._given.append(self._pool().submit(at_worker, *call))
         except BrokenExecutor as error:
-            lost = Future[bytes]()
-            lost.set_exception(error)
-            return lost
+            self._given.append(Future[bytes]())
+            self._given[-1].set_exception(error)
+        return self._given[-1]
 
     def _take(self, call: tuple[Any, ...], future: Future[bytes]) -> bytes:
         """The result; where a process ended, all tasks that were given out are lost, and run again in new processes."""
@@ -77,8 +79,11 @@ class Processes(AbstractContextManager["Processes"]):
         return get_reusable_executor(self.count, timeout=_IDLE, initializer=_end_with, initargs=(os.getpid(),))
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """After an error nobody waits for what is still being done."""
-        if kind not in (None, GeneratorExit):
+        """After an error no further task is begun; after an interruption nobody waits for those that were."""
+        if kind is None or issubclass(kind, Exception | GeneratorExit):
+            for future in self._given:
+                future.cancel()
+        else:
             pool = self._pool()
             try:
                 pool.shutdown(kill_workers=True)
