@@ -15,7 +15,7 @@ import numpy as np
 
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Readings, make_rows
-from qsframework.experiment.observations import ReadingRows
+from qsframework.experiment.observations import ReadingRows, values_before
 from qsframework.files import FileModel, Unit, read_yaml, validate as checked
 from qsframework.identify import FitRecord, validate, validate_halves
 from qsframework.identify.soundness import check_robot, doubts
@@ -264,7 +264,7 @@ def _arrivals(experiment: Experiment, fit: FitRecord, rows: ReadingRows) -> tupl
         return ()
     model = experiment.model()
     errors: list[Array] = []
-    for x, own in ((model.nominal, False), (fit.x_of(model), True)):
+    for x, own in ((values_before(model, readings), False), (fit.x_of(model), True)):
         frames = fitted_frames(fit, rows, model, x) if own else rows.start(model, x)
         errors.append(rows.measured - rows.predict(model, x, frames, fit.linear))
     out: list[Arrivals] = []

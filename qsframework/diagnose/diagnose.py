@@ -61,7 +61,7 @@ from qsframework.estimation import orthonormal, rms, rounding
 from qsframework.estimation.linear_fit import winsorised
 from qsframework.estimation.visit_noise import Reml, reml
 from qsframework.experiment import Experiment, Readings, bridge, make_rows
-from qsframework.experiment.observations import REACH, ReadingRows, start_values
+from qsframework.experiment.observations import REACH, ReadingRows, start_values, values_before
 from qsframework.identify.pose_spread import check_pose_spread
 from qsframework.identify.selection import in_order
 from qsframework.plugin import Array, Indices
@@ -663,8 +663,9 @@ def _errors(
     experiment, readings = given
     model = experiment.model()
     given_rows = replace(base.rows, readings=readings)  # as they were before a convention was applied
-    frames = given_rows.start(model, model.nominal)
-    predicted, _ = predicted_or_linear(model, given_rows, model.nominal, frames)  # values far off may bear no load
+    x = values_before(model, readings)
+    frames = given_rows.start(model, x)
+    predicted, _ = predicted_or_linear(model, given_rows, x, frames)  # values far off may bear no load
     nominal = base.rows.measured - predicted
     mask, own = base.rows.mask, base.start.sigma * audit.unit
     noise = float(np.sqrt(np.mean(own[mask] ** 2) + audit.shared**2))

@@ -9,9 +9,10 @@ folder/effects/          effects of the campaign that are files, as robot/effect
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,7 @@ class Extension:
     ones, SI; evidence: where a value comes from, by parameter; fit: names to estimate from now on; data: readings of
     the extended experiment; notes: lines for the head of its file; poses: where the files must predict the same;
     audited: what an audit found about noise and data, and about_noise: the line above it; further: files of readings
-    beside `data`."""
+    beside `data`; used: hashes of all readings that the values are from, changed copies added."""
 
     experiment: Experiment
     model: Model
@@ -57,6 +58,7 @@ class Extension:
     audited: Audited = field(default_factory=Audited)
     about_noise: str = ""
     further: tuple[Path, ...] = ()
+    used: tuple[str, ...] = ()
 
 
 def write_extension(extension: Extension, folder: str | Path) -> tuple[Path, ...]:
@@ -124,11 +126,13 @@ def _contents(extension: Extension, folder: Path, source: Path, robot_yaml: Path
     """What to write, by path in the folder."""
     document, robot = dict(read_yaml(source).data), dict(read_yaml(robot_yaml).data)
     arm, campaign, own, code = _entries(extension, source, robot_yaml)
+    readings, named = _readings(extension, folder)
+    copies = (hashlib.sha256(text.encode()).hexdigest() for text in readings.values())
+    extension = replace(extension, used=(*extension.used, *copies))
     values = _values(extension, lambda e: e.name not in own)
     others = _values(extension, lambda e: e.name in own)
     robot |= {"title": _extended(str(robot["title"])), "effects": arm, "nominal": "nominal.yaml"}
     document |= {"robot": f"./{_ROBOT}", "effects": campaign, "nominal": "campaign.yaml", "fit": list(extension.fit)}
-    readings, named = _readings(extension, folder)
     document["data"] = named if len(named) > 1 else next(iter(named), None)
     if extension.audited.sigma is not None:
         document["noise"] = noise_entry(extension.experiment.noise, extension.audited)
@@ -257,6 +261,9 @@ def _entry(extension: Extension, p: Parameter) -> Iterator[tuple[str, Any]]:
     source = extension.evidence.get(p.name, p.source)
     if source:
         yield "source", source
+    earlier = p.identified_by(extension.used) if p.name in extension.sds else p.earlier
+    if earlier:
+        yield "earlier", [{f"value{suffix}": float(v), "readings": list(used)} for v, used in earlier]
 
 
 def _extended(title: str) -> str:

@@ -23,6 +23,7 @@ from qsframework.estimation.noise import Group, connected
 from qsframework.experiment.frames import Frame, check_spread, procrustes
 from qsframework.experiment.readings import Readings
 from qsframework.experiment.setup import Experiment
+from qsframework.files import sha256
 from qsframework.plugin import Array, Conditions, Indices, Parameter, Poses
 
 REACH = 4.0
@@ -530,10 +531,17 @@ def bridge(
     return ObservationModel(model, rows, found, x, tuple(experiment.fit_names() if names is None else names), linear)
 
 
-def start_values(experiment: Experiment, names: Sequence[str]) -> Array:
-    """Nominal values of all parameters; where the experiment is rigid, springs that are not fitted are 0."""
+def values_before(model: Model, readings: Readings) -> Array:
+    """Values (p,) of all parameters before any of these readings was used, however often they were identified since."""
+    used = {sha256(source) for source in readings.sources}
+    return np.array([p.before(used) for p in model.parameters])
+
+
+def start_values(experiment: Experiment, names: Sequence[str], x: Array | None = None) -> Array:
+    """Values of all parameters, nominal ones if None; where the experiment is rigid, springs that are not fitted are
+    0."""
     model = experiment.model()
-    x = model.nominal
+    x = model.nominal if x is None else x
     if experiment.rigid:
         x[model.index([n for n in experiment.spring_names() if n not in names])] = 0.0
     return x

@@ -26,7 +26,7 @@ from qsframework.estimation import (
 )
 from qsframework.estimation.noise import SharedError
 from qsframework.experiment import Experiment, Frame, ObservationModel, Readings, bridge, make_rows
-from qsframework.experiment.observations import ReadingRows, start_values
+from qsframework.experiment.observations import ReadingRows, start_values, values_before
 from qsframework.experiment.setup import GEOMETRY, expand_name
 from qsframework.files import sha256
 from qsframework.identify.estimate import Estimate, EstimateState, estimate_of
@@ -351,9 +351,11 @@ def _estimates(
 
 
 def _nominal(experiment: Experiment, found: Found, options: FitOptions, frames: Sequence[Frame], x: Array) -> Array:
-    """What the nominal arm says (R, 3); where frames are estimated, in those that suit it best."""
+    """What the arm says (R, 3) with the values before these readings; where frames are estimated, in those that suit it
+    best."""
     rows, model = found.seen.rows, found.seen.model
-    start = start_values(experiment, found.seen.names) if frames else model.nominal
+    before = values_before(model, rows.readings)
+    start = start_values(experiment, found.seen.names, before) if frames else before
     try:
         return rows.predict(model, start, rows.start(model, start), options.linear)
     except (NotConverged, InputError):

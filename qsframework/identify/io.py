@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem
 from qsframework.files import write_text
 from qsframework.identify.fit import Fit
+from qsframework.identify.record import FitRecord
 from qsframework.identify.soundness import obeyed
 from qsframework.plugin import Array, Context, Geometry, Loop, Parameter, Poses, laws
 from qsframework.robot import Robot
@@ -81,17 +82,25 @@ def _entries(fit: Fit, parameters: Sequence[Parameter], source: str) -> list[str
         if p.name in found:
             e = found[p.name]
             told = source if not e.status else f"{source}; {e.status}"
-            lines += _entry(p, e.value, e.sd if e.sd > 0 else None, told)
-        elif p.source or p.nominal != 0.0:
+            told_by = replace(p, earlier=p.identified_by(hashes_of(fit)))
+            lines += _entry(told_by, e.value, e.sd if e.sd > 0 else None, told)
+        elif p.source or p.nominal != 0.0 or p.earlier:
             lines += _entry(p, p.nominal, p.sd, p.source)
     return lines
+
+
+def hashes_of(fit: FitRecord) -> tuple[str, ...]:
+    """Of the files of readings that a fit was made of."""
+    return tuple(one for one in fit.data_sha256.split("+") if one)
 
 
 def _entry(p: Parameter, value: float, sd: float | None, source: str) -> list[str]:
     suffix = f"_{p.unit}" if p.unit else ""
     out = [f"{p.name}:", f"  value{suffix}: {value!r}"]
     out += [] if sd is None else [f"  sd{suffix}: {float(sd)!r}"]
-    return out + ([f"  source: {json.dumps(source)}"] if source else [])
+    out += [f"  source: {json.dumps(source)}"] if source else []
+    out += ["  earlier:"] if p.earlier else []
+    return out + [f"    - {{value{suffix}: {before!r}, readings: [{', '.join(used)}]}}" for before, used in p.earlier]
 
 
 def write_urdf(robot: Robot, model: Model, x: Array, path: str | Path) -> tuple[str, ...]:

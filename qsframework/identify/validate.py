@@ -12,7 +12,7 @@ from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import FitOptions, rms
 from qsframework.experiment import Experiment, Frame, Readings, make_rows
-from qsframework.experiment.observations import ReadingRows
+from qsframework.experiment.observations import ReadingRows, values_before
 from qsframework.identify.identify import identify
 from qsframework.identify.record import FitRecord
 from qsframework.identify.soundness import check_robot
@@ -158,13 +158,14 @@ def validate_halves(
 
 
 def _nominal(experiment: Experiment, rows: ReadingRows, linear: bool) -> Array:
-    """Errors (R, 3) of the nominal arm, in the frames that suit it best."""
+    """Errors (R, 3) of the arm with the values before any of these readings, in the frames that suit it best."""
     model = experiment.model()
-    frames = rows.start(model, model.nominal)
+    x = values_before(model, rows.readings)
+    frames = rows.start(model, x)
     try:
-        return rows.measured - rows.predict(model, model.nominal, frames, linear)
+        return rows.measured - rows.predict(model, x, frames, linear)
     except NotConverged:
-        return rows.measured - rows.predict(model, model.nominal, frames, True)
+        return rows.measured - rows.predict(model, x, frames, True)
 
 
 def _validation(

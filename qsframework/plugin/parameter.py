@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import KW_ONLY, dataclass
 
 from qsframework.errors import PluginError
@@ -21,6 +22,8 @@ class Parameter:
     pull     sd about `null` by which every fit holds it, however many the readings: of laws that bend more freely than
              readings tell; None: the readings alone say it
     domain   what can exist, such as lengths above 0: no fit leaves it; `lower` and `upper` are kept only where asked
+    earlier  where `nominal` was identified: the values that stood there before, the oldest first, each with the hashes
+             of the readings that were used after it
     by_name  estimated only where `fit` names the parameter itself: an effect's name stands for its others
     """
 
@@ -37,6 +40,7 @@ class Parameter:
     by_name: bool = False
     pull: float | None = None
     domain: tuple[float, float] = (-math.inf, math.inf)
+    earlier: tuple[tuple[float, tuple[str, ...]], ...] = ()
 
     def __post_init__(self) -> None:
         if not self.lower <= self.nominal <= self.upper:
@@ -50,6 +54,15 @@ class Parameter:
             raise PluginError(f"{self.name}: sd must be positive or None, found {self.sd}")
         if self.pull is not None and (self.null is None or not (math.isfinite(self.pull) and self.pull > 0)):
             raise PluginError(f"{self.name}: pull must be positive, towards a null, found {self.pull}")
+
+    def before(self, readings: Collection[str]) -> float:
+        """The value before any of some readings (their hashes) was used: never one that was fitted to them."""
+        return next((value for value, used in self.earlier if not set(readings).isdisjoint(used)), self.nominal)
+
+    def identified_by(self, readings: Collection[str]) -> tuple[tuple[float, tuple[str, ...]], ...]:
+        """`earlier` of the parameter once a value identified from these readings stands in the place of its own."""
+        known = any(set(readings) <= set(used) for _, used in self.earlier)
+        return self.earlier if known or not readings else (*self.earlier, (self.nominal, tuple(readings)))
 
     @property
     def scale(self) -> float:

@@ -75,4 +75,5 @@ def extension_of(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = (), *, 
         audited=audited,
         about_noise=" ".join([*audit_words(diagnosis.audit), *([place] if audited.of_position else [])]),
         further=() if otherwise else diagnosis.readings.sources[1:],
+        used=tuple(sha256(s) for s in diagnosis.readings.sources if s.is_file()),
     )

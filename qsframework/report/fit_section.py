@@ -9,6 +9,7 @@ import numpy as np
 
 from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings
+from qsframework.experiment.observations import values_before
 from qsframework.identify import Estimate, Fit, FitRecord, Masked
 from qsframework.report.blocks import Block, Figure, ReportTable, SceneView, Section, Text
 from qsframework.report.fit_plots import fit_figures, residual_figures, workspace_figure
@@ -299,7 +300,7 @@ def residual_view(fit: Fit, experiment: Experiment, readings: Readings, more: tu
     from qsframework.viz import residual_scene, residuals
     from qsframework.viz.residual_scene import MOST
 
-    rows, before = residuals(experiment, readings, experiment.model().nominal, linear=fit.linear)
+    rows, before = residuals(experiment, readings, values_before(fit.model, readings), linear=fit.linear)
     _, after = residuals(experiment, readings, fit.x, fit.frames, fit.linear)
     scene, factor = residual_scene(experiment, readings, rows.keep, before, after)
     sizes = [1e3 * np.linalg.norm(v, axis=1) for v in (before, after)]

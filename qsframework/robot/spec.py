@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import radians
 from typing import Annotated, Any
@@ -14,7 +14,7 @@ from qsframework import plausible, units
 from qsframework.errors import InputError, Problem, ProblemPlace, nearest
 from qsframework.files import Document, FileModel, Unit
 from qsframework.files.models import GREATEST
-from qsframework.files.plain import is_mapping
+from qsframework.files.plain import is_list, is_mapping
 from qsframework.plugin import Effect, Loop, Parameter, RobotFacts
 from qsframework.plugin.loops import loop_problems, with_branches
 from qsframework.plugin.registry import suggestion
@@ -136,7 +136,7 @@ def read_nominal(
 
 @dataclass
 class _Entry:
-    """One parameter's entry: `value_<unit>`, `sd_<unit>` or `sd_percent`, `source`."""
+    """One parameter's entry: `value_<unit>`, `sd_<unit>` or `sd_percent`, `source`; where identified, `earlier`."""
 
     document: Document
     parameter: Parameter
@@ -160,17 +160,21 @@ class _Entry:
         self._bounds(found["value"], sd)
         if self.problems:
             return self.parameter
-        source = found.get("source", self.parameter.source)
-        return replace(self.parameter, nominal=found["value"], sd=sd, source=source)
+        source, earlier = found.get("source", self.parameter.source), found.get("earlier", ())
+        return replace(self.parameter, nominal=found["value"], sd=sd, source=source, earlier=earlier)
 
     def _key(self, key: str, value: Any, found: dict[str, Any]) -> None:
         if key == "source":
             found["source"] = str(value)
             return
         unit = self.parameter.unit
+        if key == "earlier":
+            found["earlier"] = tuple(self._stages(value, f"value_{unit}" if unit else "value"))
+            return
         stem, suffix = units.split(key, ("value", "sd")) or ((key, "") if key in ("value", "sd") else ("", ""))
         name = "percent" if (stem, suffix) == ("sd", "percent") else stem
-        allowed = f"value_{unit}, sd_{unit}, sd_percent, source" if unit else "value, sd, sd_percent, source"
+        allowed = f"value_{unit}, sd_{unit}, sd_percent, " if unit else "value, sd, sd_percent, "
+        allowed += "source, earlier"
         if not stem:
             self.problem("unknown key", key, found=repr(key), allowed=allowed, hint=nearest(key, allowed.split(", ")))
         elif not suffix and unit:
@@ -187,6 +191,16 @@ class _Entry:
             if name == "value" and (far := plausible.beyond(found[name], unit)) is not None:
                 allowed = plausible.allowed(far, unit, suffix)
                 self.problem(f"{key} is no {far.quantity}", key, found=repr(value), allowed=allowed)
+
+    def _stages(self, stages: Any, key: str) -> Iterator[tuple[float, tuple[str, ...]]]:
+        """Values that stood there before readings were used, each with the hashes of these readings."""
+        for stage in stages if is_list(stages) else [stages]:
+            value, used = (stage.get(key), stage.get("readings")) if is_mapping(stage) else (None, None)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not is_list(used) or len(stage) != 2:
+                words = f"earlier is a list of {key} and readings: the values before, and the hashes of what came after"
+                self.problem(words, "earlier", found=repr(stage)[:80])
+                return
+            yield float(value), tuple(str(one) for one in used)
 
     def _bounds(self, value: float, sd: float | None) -> None:
         p = self.parameter
