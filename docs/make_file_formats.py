@@ -17,6 +17,7 @@ from qsframework.applications.importers.mapping import MappingSpec
 from qsframework.applications.task import CampaignSpec, MapSpec, PointSpec, TaskSpec
 from qsframework.estimation import Interval
 from qsframework.experiment import Frame, example, load_experiment, plan, readings_table, spec as e
+from qsframework.experiment.account import Account
 from qsframework.experiment.columns import Column
 from qsframework.files import FileModel, FileRecord, fields, measured
 from qsframework.identify import Estimate, FitRecord, LeftAside, Masked
@@ -46,6 +47,7 @@ MODELS: dict[str, type[FileModel | FileRecord]] = {
     "mapping.yaml": MappingSpec,
     "fit.json": FitRecord,
     "fit.json, estimates": Estimate,
+    "fit.json, account": Account,
     "fit.json, frames": Frame,
     "fit.json, left_aside": LeftAside,
     "fit.json, intervals": Interval,

@@ -13,12 +13,12 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from qsframework.errors import InputError, Problem
+from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings, make_rows
 from qsframework.experiment.observations import ReadingRows, values_before
 from qsframework.files import FileModel, Unit, read_yaml, validate as checked
 from qsframework.identify import FitRecord, validate, validate_halves
-from qsframework.identify.soundness import check_robot, doubts
+from qsframework.identify.soundness import check_fit
 from qsframework.identify.validate import Validation, fitted_frames
 from qsframework.plugin import Array
 
@@ -133,6 +133,7 @@ class Certificate:
     readings: int
     poses: int
     files: tuple[Path, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def corrected(self) -> float:
@@ -150,12 +151,10 @@ def certify(
 ) -> Certificate:
     """The certificate of a fit by readings: those that it has not seen, else by random halves of its own.
 
-    Raises InputError where the fit is not one that may be certified: of another robot or model, not to be trusted
-    (`soundness.doubts`; a certificate knows no exception), or no better than the nominal arm at the readings held out.
+    Raises InputError where the fit is not one that may be certified: not to be trusted (`soundness.check_fit`; a
+    certificate knows no exception), or no better than the values before at the readings held out.
     """
-    check_robot(fit, experiment.robot)
-    if wrong := doubts(fit, experiment.robot, experiment.model().parameters):
-        raise InputError([Problem(f"no certificate: {why}", fit.path or None) for why in wrong])
+    notes = check_fit(fit, experiment.robot, experiment, readings, anyway=None)
     found = validate(experiment, readings, fit)
     if found.seen:
         found = validate_halves(experiment, readings, fit, halves, seed)
@@ -165,7 +164,7 @@ def certify(
     if after >= before:
         raise InputError(
             f"{fit.path}: no certificate: the error at readings held out, {1e3 * after:.3f} mm, is not below that of "
-            f"the nominal arm, {1e3 * before:.3f} mm. Diagnose the readings first: `qsf diagnose {experiment.path}`"
+            f"the values before, {1e3 * before:.3f} mm. Diagnose the readings first: `qsf diagnose {experiment.path}`"
         )
     rows = make_rows(readings)
     budget = _budget(experiment, fit, meta, rows, after)
@@ -186,6 +185,7 @@ def certify(
         readings=len(rows.keep),
         poses=len(np.unique(rows.pose)),
         files=(experiment.path, Path(fit.path), *readings.sources),
+        notes=notes,
     )
 
 

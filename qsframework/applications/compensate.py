@@ -21,7 +21,7 @@ from qsframework.elastostatics import Model, actuator_torques, equilibrium, rang
 from qsframework.errors import InputError, NotConverged, Problem
 from qsframework.experiment import Experiment
 from qsframework.identify import FitRecord
-from qsframework.identify.soundness import check_robot, obeyed
+from qsframework.identify.soundness import check_fit
 from qsframework.plugin import Array, Indices, Load, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.units import JointUnits
@@ -124,13 +124,13 @@ def compensate(
     targets that were taught with an empty hand (joint targets only).
 
     The covariance is that of the fit, widened where its residuals do not fit their noise (`FitRecord.widening`).
-    anyway: use a fit that is not to be trusted, and note why it is not (`soundness.doubts`).
+    anyway: use a fit that is not to be trusted, and note why it is not (`soundness.check_fit`).
 
     Raises InputError where the fit is of another robot or not to be trusted, an actuator is overloaded, nothing in the
     model gives under the wrenches, a target cannot be corrected within the limits, or the arm does not carry the
     wrench there.
     """
-    doubted = check_fit(experiment, fit, anyway)
+    doubted = check_fit(fit, experiment.robot, experiment, anyway=anyway)
     if reference not in REFERENCES:
         raise InputError(Problem(f"unknown reference {reference!r}", allowed=", ".join(REFERENCES)))
     if reference == "unloaded" and targets.cartesian:
@@ -161,19 +161,6 @@ def compensate(
         notes=notes,
         reference=reference,
     )
-
-
-def check_fit(experiment: Experiment, fit: FitRecord, anyway: bool = False) -> tuple[str, ...]:
-    """What to note of a fit. InputError where it is of another robot or another model, or not to be trusted."""
-    check_robot(fit, experiment.robot)
-    model = experiment.model()
-    optional = {p.name for p in model.parameters if p.by_name}
-    other = sorted((set(fit.model_values) ^ set(model.names)) - (optional - set(fit.model_values)))
-    if other:
-        hint = "Give the experiment that the fit was made with, with the same effects."
-        message = f"the fit is of another model than {experiment.path.name}: only one has {', '.join(other[:6])}"
-        raise InputError(Problem(message, fit.path or None, hint=hint))
-    return obeyed(fit, experiment.robot, model.parameters, anyway)
 
 
 def arm_values(experiment: Experiment, fit: FitRecord) -> Array:

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.applications.compensate import check_fit
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
 from qsframework.files import read_yaml, sha256, write_text
 from qsframework.files.plain import is_list, is_mapping
 from qsframework.identify import FitRecord
 from qsframework.identify.io import constant_geometry, refuse_through_loops, write_urdf
+from qsframework.identify.soundness import check_fit
 from qsframework.plugin import Array, Geometry
 from qsframework.plugin.facts import frozen
 from qsframework.robot.corrected import moves, read_placements
@@ -70,7 +70,7 @@ class Written:
 def fitted(experiment: Experiment, fit: FitRecord, *, anyway: bool = False) -> Fitted:
     """The kinematics that a fit found. InputError for the fit of another robot or model, one that is not to be trusted
     unless `anyway`, or of an arm that slides."""
-    notes = check_fit(experiment, fit, anyway)
+    notes = check_fit(fit, experiment.robot, experiment, anyway=anyway)
     sliding = [joint for joint in experiment.robot.facts.joints if experiment.robot.facts.slides(joint)]
     if sliding:
         message = f"{', '.join(sliding)} slides: corrected kinematics are written of joints that turn only so far"

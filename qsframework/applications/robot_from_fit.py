@@ -8,7 +8,7 @@ import numpy as np
 
 from qsframework.errors import InputError, Problem
 from qsframework.identify import FitRecord
-from qsframework.identify.soundness import check_robot, obeyed
+from qsframework.identify.soundness import check_fit, check_robot
 from qsframework.robot import Robot
 
 
@@ -39,7 +39,7 @@ def with_fit(robot: Robot, fit: FitRecord, *, anyway: bool = False) -> tuple[Rob
     ]
     if beyond:
         raise InputError(beyond)
-    notes = obeyed(fit, robot, robot.parameters, anyway)
+    notes = check_fit(fit, robot, anyway=anyway)
     sd = {name: float(s) for name, s in zip(fit.names, np.sqrt(fit.widening) * fit.sd, strict=True)}
     parameters = tuple(
         replace(

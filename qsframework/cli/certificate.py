@@ -29,6 +29,8 @@ def run_certificate(
     found = certify(experiment, stored, read_readings(sources, experiment), told, halves=halves, seed=seed)
     print_folded(conformity_words(found.conformity))
     print_folded(validation_words(found.validation))
+    for note in found.notes:
+        print_folded(f"note: {note}")
     left = [f"{title.lower()}: {name}" for title, part in heads(found) for name, value in part if value == MISSING]
     if left:
         print_folded(

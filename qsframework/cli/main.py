@@ -130,6 +130,7 @@ def show(
     ] = 100,
     html: Annotated[Path | None, typer.Option(help="Write one page that needs no network, instead of serving.")] = None,
     port: Annotated[int, typer.Option(help="Port on this machine; 0 takes any free one.")] = 7000,
+    anyway: Anyway = False,
     trust: Trust = False,
 ) -> None:
     """See the robot in 3D: poses, loads, limits, deflection, stiffness, residuals."""
@@ -143,7 +144,17 @@ def show(
         raise InputError(Problem("one plan is shown", found=", ".join(map(str, given["plan"]))))
     plan, fit, data = (next(iter(given[k]), None) for k in ("plan", "fit", "readings"))
     run_show(
-        Shown(subject=subject, plan=plan, fit=fit, data=data, pose=pose, load=load, point=point, scale=scale),
+        Shown(
+            subject=subject,
+            plan=plan,
+            fit=fit,
+            data=data,
+            pose=pose,
+            load=load,
+            point=point,
+            scale=scale,
+            anyway=anyway,
+        ),
         html,
         port,
     )

@@ -15,7 +15,7 @@ from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings, load_experiment, read_plan, read_readings
 from qsframework.files import write_text
 from qsframework.identify import FitRecord, read_fit
-from qsframework.identify.soundness import check_robot, doubts
+from qsframework.identify.soundness import check_fit
 from qsframework.robot import load_robot, robot_names
 from qsframework.robot.search import find_robot
 from qsframework.viz import Scene, SceneSite, serve, show_scene
@@ -37,6 +37,7 @@ class Shown:
     load: str | None = None
     point: str | None = None
     scale: float = 100.0
+    anyway: bool = False
 
     @property
     def is_experiment(self) -> bool:
@@ -91,10 +92,8 @@ def make_scene(shown: Shown, say: Callable[[str], object] = lambda note: None) -
         raise InputError("readings are shown with a fit: name a fit.json too")
     if shown.fit is not None:
         fit = read_fit(shown.fit)
-        check_robot(fit, experiment.robot)
+        notes += check_fit(fit, experiment.robot, experiment, anyway=shown.anyway)
         x, frames = fit.x_of(experiment.model()), fit.frames
-        if wrong := doubts(fit, experiment.robot, experiment.model().parameters):
-            notes.append(f"This fit is not to be trusted: {'; '.join(wrong)}.")
         readings, note = _readings((shown.data,) if shown.data else experiment.data, experiment, fit)
         notes += [note] if note else []
     missed = None
@@ -118,7 +117,7 @@ def _readings(data: Sequence[Path], experiment: Experiment, fit: FitRecord) -> t
     if not data:
         return None, "No residual vectors: the experiment names no readings; name a file of them too."
     readings = read_readings(data, experiment.with_(fit=fit.model_names(experiment) or None))
-    other = [path.name for path in data if not fit.is_of(path)]
+    other = [path.name for path in data if not fit.account.is_of(path)]
     note = f"The fit is not of the readings in {', '.join(other)}, which are shown." if other else None
     return readings, note
 

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.estimation.robust import LOSSES
+from qsframework.files import FileRecord
 
 METHODS = ("one-step", "two-step")
 SHARED = ("", "pose")
 
 
 @dataclass(frozen=True, kw_only=True)
-class FitOptions:
+class FitOptions(FileRecord):
     """method      "one-step", or "two-step" for an arm with a balancer: its joint angle by angle first
     linear      the load balanced at the undeflected pose, as the paper does; else the full equilibrium
     bounds      keep the parameters' bounds; without them a wrong model shows itself in a value beyond one

@@ -26,16 +26,15 @@ from qsframework.estimation import (
 )
 from qsframework.estimation.noise import SharedError
 from qsframework.experiment import Experiment, Frame, ObservationModel, Readings, bridge, make_rows
+from qsframework.experiment.account import account_of
 from qsframework.experiment.observations import ReadingRows, start_values, values_before
 from qsframework.experiment.setup import GEOMETRY, expand_name
-from qsframework.files import sha256
 from qsframework.identify.estimate import Estimate, EstimateState, estimate_of
 from qsframework.identify.fit import Fit, Found
 from qsframework.identify.load_error import load_columns, load_sds
 from qsframework.identify.pose_spread import check_pose_spread
 from qsframework.identify.record import Masked
 from qsframework.identify.selection import LeftAside, held_of, in_order, kinds_of, told_names
-from qsframework.identify.soundness import robot_hash
 from qsframework.identify.two_step import two_step
 from qsframework.information import what_would_help
 from qsframework.plugin import Array, Geometry
@@ -283,9 +282,9 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
     lost = (np.isnan(left_out) & np.isfinite(rows.measured)).any(axis=1)
     return Fit(
         robot=model.facts.name,
-        robot_sha256=robot_hash(model.facts),
+        account=account_of(experiment, rows),
         method=found.method,
-        linear=options.linear,
+        options=options,
         model=model,
         model_values=dict(zip(model.names, x.tolist(), strict=True)),
         estimates=estimates,
@@ -310,7 +309,6 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
         carriers=tuple(dict.fromkeys(rows.pose_names[i] for i in np.flatnonzero(lost))),
         chi2=fit.chi2 / unit**2,
         dof=fit.dof,
-        data_sha256="+".join(sha256(s) for s in readings.sources),
         frames=frames,
         left_aside=left,
         alignments=readings.alignments,

@@ -13,8 +13,7 @@ from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem
 from qsframework.files import write_text
 from qsframework.identify.fit import Fit
-from qsframework.identify.record import FitRecord
-from qsframework.identify.soundness import obeyed
+from qsframework.identify.soundness import check_fit
 from qsframework.plugin import Array, Context, Geometry, Loop, Parameter, Poses, laws
 from qsframework.robot import Robot
 from qsframework.robot.corrected import write_corrected_urdf
@@ -71,7 +70,8 @@ def _source(fit: Fit) -> str:
     if beyond:
         message = f"{', '.join(beyond)} beyond its bounds: a robot cannot have it. Fit within bounds"
         raise InputError(Problem(message, argument=("bounds", "")))
-    return f"identified, {fit.method}" + (f", readings sha256 {fit.data_sha256[:16]}" if fit.data_sha256 else "")
+    used = ", ".join(one[:16] for one in fit.account.hashes)
+    return f"identified, {fit.method}" + (f", readings sha256 {used}" if used else "")
 
 
 def _entries(fit: Fit, parameters: Sequence[Parameter], source: str) -> list[str]:
@@ -82,16 +82,11 @@ def _entries(fit: Fit, parameters: Sequence[Parameter], source: str) -> list[str
         if p.name in found:
             e = found[p.name]
             told = source if not e.status else f"{source}; {e.status}"
-            told_by = replace(p, earlier=p.identified_by(hashes_of(fit)))
+            told_by = replace(p, earlier=p.identified_by(fit.account.hashes))
             lines += _entry(told_by, e.value, e.sd if e.sd > 0 else None, told)
         elif p.source or p.nominal != 0.0 or p.earlier:
             lines += _entry(p, p.nominal, p.sd, p.source)
     return lines
-
-
-def hashes_of(fit: FitRecord) -> tuple[str, ...]:
-    """Of the files of readings that a fit was made of."""
-    return tuple(one for one in fit.data_sha256.split("+") if one)
 
 
 def _entry(p: Parameter, value: float, sd: float | None, source: str) -> list[str]:
@@ -170,7 +165,7 @@ def result_files(
     unless `anyway`."""
     said: list[str] = []
     if nominal is not None or urdf is not None:
-        said += (f"note: {note}" for note in obeyed(fit, robot, fit.model.parameters, anyway))
+        said += (f"note: {note}" for note in check_fit(fit, robot, anyway=anyway))
     if nominal is not None:
         beside = nominal.with_name(f"{nominal.stem}_campaign{nominal.suffix}")
         others = write_campaign(fit, beside, robot)

@@ -14,9 +14,10 @@ import pydantic
 
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem
-from qsframework.estimation import Interval
+from qsframework.estimation import FitOptions, Interval
 from qsframework.estimation.tails import chi2_sf
 from qsframework.experiment import Experiment, Frame
+from qsframework.experiment.account import Account
 from qsframework.files import (
     Document,
     FileRecord,
@@ -26,7 +27,6 @@ from qsframework.files import (
     as_file,
     null,
     read_yaml,
-    sha256,
     validate,
     write_text,
 )
@@ -57,7 +57,7 @@ class Masked(FileRecord):
 class FitRecord(FileRecord):
     """A fit as its file holds it, SI: p estimates, and of which robot, model and readings they are.
 
-    robot, robot_sha256: the arm's name, and the hash of its geometry and masses (`soundness.robot_hash`)
+    robot: the arm's name; account: of which readings and which description of the arm; options: how it was made
     covariance (p, p): of the readings' noise; total_covariance: with the load's stated uncertainty, None without one
     model_values: of all parameters of the model, estimated or not
     sigma (m): sd of one coordinate of unit weight, "stated" or "estimated" from the residuals
@@ -72,9 +72,9 @@ class FitRecord(FileRecord):
     """
 
     robot: str
-    robot_sha256: str
+    account: Account
     method: str
-    linear: bool
+    options: FitOptions
     estimates: Annotated[tuple[Estimate, ...], Named("name")]
     covariance: Annotated[Array, Lists(2)]
     total_covariance: Annotated[Array, Lists(2)] | None = None
@@ -85,7 +85,6 @@ class FitRecord(FileRecord):
     shared_p: float | None = None
     chi2: float
     dof: int
-    data_sha256: str
     held_out_error: Annotated[float, Unit("m"), null(math.nan)] = math.nan
     held_out_nominal: Annotated[float, Unit("m"), null(math.nan)] = math.nan
     held_out_largest: Annotated[float, Unit("m"), null(math.nan)] = math.nan
@@ -97,6 +96,11 @@ class FitRecord(FileRecord):
     gross: tuple[Masked, ...] = ()
     notes: tuple[str, ...] = ()
     path: Annotated[str, pydantic.Field(exclude=True)] = ""
+
+    @property
+    def linear(self) -> bool:
+        """Whether loads were balanced at the undeflected pose."""
+        return self.options.linear
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -187,10 +191,6 @@ class FitRecord(FileRecord):
         if far:
             raise InputError(far)
         return np.array(values)
-
-    def is_of(self, data: Path) -> bool:
-        """Whether the readings in a file are those of the fit, by their hash."""
-        return sha256(data) in self.data_sha256.split("+")
 
     def as_json(self) -> dict[str, Any]:
         """What `fit.json` holds: the record, and beside it what people look for and `read_fit` passes over."""

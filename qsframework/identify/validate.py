@@ -110,7 +110,7 @@ def validate(experiment: Experiment, readings: Readings, fit: FitRecord) -> Vali
     model, rows = experiment.model(), make_rows(readings)
     x = fit.x_of(model)
     errors = rows.measured - rows.predict(model, x, fitted_frames(fit, rows, model, x), fit.linear)
-    seen = any(fit.is_of(source) for source in readings.sources)
+    seen = any(fit.account.is_of(source) for source in readings.sources)
     found = _validation(experiment, rows, errors, _nominal(experiment, rows, fit.linear), seen=seen)
     return replace(found, notes=rows.range_notes(model, x))
 

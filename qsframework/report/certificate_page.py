@@ -41,7 +41,7 @@ def write_certificate(path: str | Path, found: Certificate) -> Path:
         budget=budget(found),
         corrected=f"{1e3 * COVERAGE * found.corrected:.3f}",
         assumed=assumed_words(found),
-        remarks=found.meta.remarks,
+        remarks=" ".join(filter(None, (found.meta.remarks, *(f"{note}." for note in found.notes)))),
         hashes=[(p.name, sha256(p)) for p in dict.fromkeys([*found.files, *robot_files(found.experiment.robot)])],
         software=f"qsframework {version('qsframework')}",
     )

@@ -126,7 +126,7 @@ def test_several_files_are_one_fit(states: Path, simulated: Path, tmp_path: Path
     run("identify", str(experiment), str(simulated), str(states), "--states", "positions", "--json", str(out))
     both = told(out)
     assert both["estimates"]["joint_compliance[joint_3]"]["sd"] < alone
-    assert both["data_sha256"] == f"{sha256(simulated)}+{sha256(states)}"
+    assert [file["sha256"] for file in both["account"]["files"]] == [sha256(simulated), sha256(states)]
     experiment.write_text(experiment.read_text() + "\ndata: [readings.csv, states.csv]\nstates: positions\n")
     run("identify", str(experiment), "--json", str(out))
     assert told(out) == both

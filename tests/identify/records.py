@@ -7,9 +7,10 @@ from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 
+from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment
+from qsframework.experiment.account import Account, description
 from qsframework.identify import Estimate, FitRecord
-from qsframework.identify.soundness import robot_hash
 from qsframework.plugin import Array
 
 
@@ -30,9 +31,18 @@ def record(
     found = {**values, **(other or {})}
     return FitRecord(
         robot=experiment.robot.name,
-        robot_sha256=robot_hash(experiment.robot.facts),
+        account=Account(
+            kinds=("displacement",),
+            files=(),
+            visits=0,
+            reads=0,
+            frames=(),
+            rigid=experiment.rigid,
+            simulated=True,
+            description=description(experiment.robot, experiment),
+        ),
         method="exact",
-        linear=False,
+        options=FitOptions(),
         estimates=tuple(estimate(name, found[name], sd) for name, sd in sds.items()),
         covariance=np.diag([sd**2 for sd in sds.values()]),
         model_values=values,
@@ -40,7 +50,6 @@ def record(
         sigma_source="stated",
         chi2=0.0,
         dof=0,
-        data_sha256="",
         path="fit.json",
     )
 

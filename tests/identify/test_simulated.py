@@ -62,7 +62,8 @@ def test_a_file_carries_the_readings_without_loss(m900ib: Experiment, plan: Plan
         identify(m900ib, r, options=KEEP) for r in (simulation.readings, read_readings(tmp_path / "r.csv", m900ib))
     )
     assert np.allclose(direct.x, filed.x, rtol=1e-11)
-    assert len(filed.data_sha256) == 64
+    assert [len(one) for one in filed.account.hashes] == [64]
+    assert direct.account.simulated
 
 
 def test_repeats_of_a_pose_are_left_out_together(m900ib: Experiment, plan: Plan) -> None:

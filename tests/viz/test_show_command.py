@@ -122,8 +122,9 @@ def test_positions_of_an_unloaded_arm_have_residual_vectors(m900ib: Experiment, 
     write_readings(states, day, m900ib)
     files = FitFiles(experiment=m900ib.path, data=(states,), json=fit, states="positions")
     run_identify(files, None, FitOptions(), clean=False)
-    write_readings(states, replace(day, use=~day.states.loaded[day.plus]), m900ib)
-    scene = make_scene(Shown(subject=str(M900IB), fit=fit, data=states))
+    unloaded = tmp_path / "unloaded.csv"
+    write_readings(unloaded, replace(day, use=~day.states.loaded[day.plus]), m900ib)
+    scene = make_scene(Shown(subject=str(M900IB), fit=fit, data=unloaded))
     assert len(scene.layers["residuals"]) == len(scene.steps) == 6
     told = next(note for note in scene.notes if note.startswith("Purple"))
     assert 0.015 < float(told.split("axis ")[1].split(" mm")[0]) < 0.025  # the noise, 0.02 mm
