@@ -16,6 +16,7 @@ from qsframework.applications.inverse import TipPose, pose_error, rigid_tip
 from qsframework.applications.targets import Targets, flange_pose, joint_targets, read_targets
 from qsframework.cli.main import app
 from qsframework.elastostatics import equilibrium, make_model
+from qsframework.elastostatics.so3 import rotation_vector
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import (
@@ -353,13 +354,16 @@ def test_the_command(m900ib: Experiment, targets: Targets, tmp_path: Path) -> No
     content = json.loads(out["c.json"].read_text())
     assert [row["target"] for row in table] == [t["target"] for t in content["targets"]]
     pendant = np.deg2rad([[float(row[j]) for j in JOINTS] for row in table])
-    settled = equilibrium(
-        m900ib.model(),
-        replace(posed(m900ib, pendant, WORK), wrench=np.hstack([targets.wrench[:, :3], np.zeros((8, 3))])),
-    )
+    model, forces = m900ib.model(), np.hstack([targets.wrench[:, :3], np.zeros((8, 3))])
+    settled = equilibrium(model, replace(posed(m900ib, pendant, WORK), wrench=forces))
     wanted = targets.wanted.position
     assert np.linalg.norm(settled.tip - wanted, axis=1).max() < 1e-4
     assert max(t["expected_error_mm"] for t in content["targets"]) == content["largest"]["expected_error_mm"] < 0.1
+    uncorrected = equilibrium(model, replace(posed(m900ib, targets.pendant, WORK), wrench=forces))
+    turn = uncorrected.tip_rotation @ targets.wanted.rotation.transpose(0, 2, 1)
+    for t, place, R in zip(content["targets"], uncorrected.tip - wanted, turn, strict=True):
+        for found, moved in ((t["deflection_mm"], 1e3 * place), (t["rotation_mrad"], 1e3 * rotation_vector(R))):
+            assert np.linalg.norm(np.array(found) - moved) < 0.1 * np.linalg.norm(moved)
     page = out["c.html"].read_text()
     assert "Corrected targets" in page
     assert "Look for targets" in page

@@ -11,8 +11,13 @@ from typer.testing import CliRunner
 
 from qsframework.applications import stiffness_at
 from qsframework.cli.main import app
+from qsframework.elastostatics import make_model
+from qsframework.elastostatics.so3 import rotation_vector
+from qsframework.elastostatics.state import site_in
 from qsframework.errors import InputError
-from qsframework.robot import load_robot
+from qsframework.experiment.frames import procrustes
+from qsframework.plugin import Array, Poses
+from qsframework.robot import Robot, load_robot
 
 POSE = np.deg2rad([10.0, 20.0, -10.0, 30.0, 40.0, 0.0])
 POINT = np.array([0.15, 0.0, 0.2])
@@ -34,6 +39,16 @@ def test_the_secant_agrees_with_the_tangent() -> None:
     assert np.allclose(result.compliance[:3] @ WEIGHT / 100, result.full, rtol=1e-3, atol=1e-9)
 
 
+def by_three_points(robot: Robot) -> tuple[Array, Array]:
+    """How the tool moves, m, and turns, rad: from where three points on it stand unloaded and loaded."""
+    points = POINT + np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.4, -0.1]])
+    sites = [(f"m{k}", site_in(robot.flange, point)) for k, point in enumerate(points)]
+    model = make_model(robot.facts, robot.effects, robot.parameters, sites[0][1], sites, robot.gravity)
+    poses = Poses(POSE[None], robot.controller.to_joints(POSE[None]), WEIGHT[None])
+    before, after = (model.positions(poses, None, loaded)[0] for loaded in (False, True))
+    return after[0] - before[0], rotation_vector(procrustes(before, after).rotation)
+
+
 def test_the_command(tmp_path: Path) -> None:
     arguments = [
         "stiffness",
@@ -53,6 +68,11 @@ def test_the_command(tmp_path: Path) -> None:
     content = json.loads((tmp_path / "s.json").read_text())
     result = stiffness_at(load_robot("fanuc_m900ib"), POSE, WEIGHT, POINT)
     assert np.allclose(content["deflection_mm"], result.full * 1e3)
+    moved, turned = by_three_points(load_robot("fanuc_m900ib"))
+    np.testing.assert_allclose(content["deflection_mm"], moved * 1e3, rtol=1e-8)
+    np.testing.assert_allclose(content["rotation_mrad"], turned * 1e3, rtol=1e-4)
+    size = f"{1e3 * np.linalg.norm(moved):.4f} mm and turns by {1e3 * np.linalg.norm(turned):.4f} mrad"
+    assert size in " ".join(run.output.split())
     assert "K_C" in (tmp_path / "s.html").read_text()
 
 

@@ -32,6 +32,19 @@ def test_shift_and_turn_are_as_sure_as_they_say() -> None:
     assert np.std(pulls, axis=0) == pytest.approx(np.full(6, wanted), rel=0.12)
 
 
+def test_the_covariance_is_that_of_how_the_points_move_with_the_frame() -> None:
+    """Every element, by differences of moved frames: its shifts and turns are correlated, since the points lie to one
+    side of the base's origin."""
+    away = THERE + np.array([2.0, -1.0, 0.7])
+    seen = FRAME.apply(away) + 3e-5 * np.random.default_rng(2).standard_normal(away.shape)
+    found = align("known", away, seen, NAMES, "", "here")
+    steps = 1e-5 * np.eye(6)
+    moved = [(found.frame.moved(h).apply(away) - found.frame.moved(-h).apply(away)) / 2e-5 for h in steps]
+    J = np.reshape(moved, (6, -1)).T
+    variance = np.sum(found.missed**2) / (J.shape[0] - 6)
+    np.testing.assert_allclose(found.covariance, variance * np.linalg.inv(J.T @ J), rtol=1e-6)
+
+
 def test_three_points_are_enough() -> None:
     found = align("known", THERE[:3], FRAME.apply(THERE[:3]), NAMES[:3], "", "here")
     assert np.abs(found.frame.origin - FRAME.origin).max() < 1e-12
