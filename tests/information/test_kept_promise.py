@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import predicted
 import pytest
 
 from qsframework.estimation import FitOptions
@@ -137,3 +138,47 @@ def test_readings_exactly_on_the_start_have_the_uncertainty_of_any_others(tmp_pa
         assert e.state is EstimateState.FINE
         assert e.sd == pytest.approx(sd, rel=1e-6)
         assert e.value == pytest.approx(e.initial, rel=1e-6)
+
+
+# --------------------------------------------------------------------- a part of the table of docs/model.md
+
+
+OWN = {
+    "fanuc_m900ib": ["gravity_compensator[joint_2].stiffness", "counterweight[link_3]"],
+    "kuka_kr600_r2830": ["gas_balancer[joint_2].pressure", "gas_balancer[joint_2].volume"],
+}
+OF = {
+    "fanuc_m900ib": ("load_point_offset", "gear_waves[joint_3]"),
+    "fanuc_r2000ic": ("hose[flange]", "joint_placement[joint_3]"),
+    "kuka_kr600_r2830": ("link_mass[link_3]", "joint_hardening[joint_2]"),
+    "abb_irb760": ("joint_offset[joint_2]", "gravity_sag[joint_2]"),
+    "ur10": ("joint_backlash[joint_2]", "encoder_eccentricity[joint_2]"),
+    "kuka_kr500_on_kl4000": ("gear_friction[joint_2]", "offaxis_compliance[track/x]"),
+}
+
+
+@pytest.mark.parametrize("robot", predicted.ROBOTS)
+def test_sds_of_some_of_a_robots_parameters_and_effects(robot: str) -> None:
+    """By sensitivities, by fits and by differences, from displacements and positions: within 3 %."""
+    plain = predicted.campaign(robot)
+    poses = predicted.poses_of(plain, 20)
+    springs = predicted.springs_of(plain)
+    found = list(predicted.compare(predicted.with_effects(plain, ()), poses, OWN.get(robot, springs), springs))
+    for effects in predicted.effects_for(plain):
+        if effects[0].name in OF[robot]:
+            found += predicted.of_effects(plain, poses, effects)
+    assert {c.name.partition(".")[0] for c in found} >= {*OF[robot]}
+    assert {c.name for c in found} >= {*OWN.get(robot, springs)}
+    assert {c.reading for c in found} == {*predicted.READINGS}
+    off = [c for c in found if not c.tied and not c.off < predicted.WITHIN]
+    assert not off
+    assert sum(c.tied for c in found) < 0.2 * len(found)
+
+
+@pytest.mark.parametrize(("robot", "criterion"), [("kuka_kr600_r2830", "A"), ("fanuc_m900ib", "D")])
+def test_a_plan_is_as_good_as_it_is_certified(robot: str, criterion: str) -> None:
+    """With a balancer's value fitted; against the optimum of the same candidates, found without the library."""
+    experiment = predicted.planned(robot, predicted.BALANCED[robot])
+    certified, exact = predicted.efficiency(experiment, criterion, candidates=100, poses=8)
+    assert exact > 1.0, "a polished plan is better than the relaxed optimum of so few candidates"
+    assert exact == pytest.approx(certified, rel=1e-3)
