@@ -150,13 +150,12 @@ def folds(experiment: Experiment) -> bool:
     lower, upper = joint_range(experiment)
     pendant = lower + (upper - lower) * np.random.default_rng(0).random((16, len(lower)))
     other, model, names = canonical(experiment, pendant), experiment.model(), experiment.fit_names()
-    to_joints = experiment.robot.controller.to_joints
+    both = np.concatenate([pendant, other])
+    q = experiment.robot.controller.to_joints(both)
     for load in experiment.loads:
-        wrench = np.tile(load.wrench, (len(pendant), 1))
-        for one, two in zip(pendant, other, strict=True):
-            pair = np.stack([one, two])
-            rows = information_rows(model, Poses(pair, to_joints(pair), wrench[:2]), names, 1.0)
-            if len(fold(information(rows), 1e-7)[0]) > 1:
+        rows = information_rows(model, Poses(both, q, np.tile(load.wrench, (len(both), 1))), names, 1.0)
+        for pair in information(rows).reshape(2, len(pendant), len(names), len(names)).swapaxes(0, 1):
+            if len(fold(pair, 1e-7)[0]) > 1:
                 return False
     return bool(experiment.loads)
 
