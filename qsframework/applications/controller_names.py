@@ -10,6 +10,13 @@ from qsframework.errors import InputError, Problem
 MOST = 6
 """Axes of an arm, and external axes, that KRL, RAPID and URScript can state."""
 
+_MAKERS = ("FANUC", "KUKA", "ABB", "YASKAWA", "MOTOMAN", "UNIVERSAL ROBOTS", "STAUBLI", "KAWASAKI", "COMAU", "NACHI")
+
+
+def maker_of(title: str) -> str | None:
+    """The maker that a robot's title names, in capitals; None where it names none that is known."""
+    return next((m for m in _MAKERS if m in title.upper()), None)
+
 
 def axis_names(count: int, external: Sequence[int], letter: str, most: int = MOST) -> tuple[str, ...]:
     """The controller's name of each of `count` angles, such as A1, A2 or E1, in the order of the plan's columns.

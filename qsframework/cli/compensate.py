@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import difflib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.compensate import Compensation, compensate
-from qsframework.applications.programme_points import ENDINGS
-from qsframework.applications.programme_targets import (
+from qsframework.applications.compensate import Compensation, check_fit, compensate
+from qsframework.applications.programmes.reading import ENDINGS, programme_files
+from qsframework.applications.programmes.targets import (
+    ProgrammeOptions,
     ProgrammeTargets,
-    ProgrammeWish,
     corrected_texts,
     read_programme,
 )
@@ -23,7 +23,7 @@ from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, load_experiment
 from qsframework.experiment.columns import write_table
-from qsframework.files import write_text
+from qsframework.files.output import write_bytes
 from qsframework.identify import FitRecord, read_fit
 from qsframework.plugin import Array
 
@@ -46,7 +46,7 @@ class CompensateFiles:
 
 
 @dataclass(frozen=True)
-class ProgrammeOptions:
+class ProgrammeTexts:
     """What the command is told of a programme: text, as it was typed."""
 
     load: tuple[str, ...] = ()
@@ -61,10 +61,10 @@ class ProgrammeOptions:
 
 
 def run_compensate(
-    files: CompensateFiles, reference: str, options: ProgrammeOptions | None = None, anyway: bool = False
+    files: CompensateFiles, reference: str, options: ProgrammeTexts | None = None, anyway: bool = False
 ) -> None:
     """Correct the targets, print what is gained, write corrected targets or the programme, the JSON and the report."""
-    options = options or ProgrammeOptions()
+    options = options or ProgrammeTexts()
     programme = files.targets.suffix.lower() in ENDINGS
     if options.given and not programme:
         hint = "A table of targets has columns for the forces; the other options are for programmes."
@@ -75,12 +75,15 @@ def run_compensate(
         inputs, outputs = [*inputs[:2], *programme_files(files.targets)], programme_outputs(files)
     distinct_outputs([*outputs, files.json, files.report], inputs)
     experiment, fit = load_experiment(files.experiment), read_fit(files.fit)
+    check_fit(experiment, fit, anyway)
     made: ProgrammeTargets | None = None
     with progress() as tell:
         if programme:
-            made = read_programme(files.targets, experiment, programme_wish(options, experiment), tell)
+            made = read_programme(files.targets, experiment, programme_options(options, experiment), tell)
         targets = read_targets(files.targets, experiment, tell) if made is None else made.targets
         result = compensate(experiment, fit, targets, reference, tell, anyway=anyway)
+    if made is not None:
+        result = replace(result, notes=(*result.notes, *made.notes))
     texts = {} if made is None else corrected_texts(made, result, experiment)
     _print(result, files.output)
     if made is None:
@@ -88,7 +91,7 @@ def run_compensate(
         print(f"corrected targets: {files.output}")
     else:
         _programme(made, texts, outputs)
-    _more(files, experiment, fit, result, inputs)
+    _more(files, experiment, fit, result, inputs, {} if made is None else {"motions": made.counts})
 
 
 def _print(result: Compensation, output: Path) -> None:
@@ -106,7 +109,12 @@ def _print(result: Compensation, output: Path) -> None:
 
 
 def _more(
-    files: CompensateFiles, experiment: Experiment, fit: FitRecord, result: Compensation, inputs: list[Path]
+    files: CompensateFiles,
+    experiment: Experiment,
+    fit: FitRecord,
+    result: Compensation,
+    inputs: list[Path],
+    counts: dict[str, dict[str, int]],
 ) -> None:
     from qsframework.report import write_report
     from qsframework.report.compensation_section import compensation_section, target_view
@@ -114,20 +122,12 @@ def _more(
     from qsframework.report.words.compensation import compensation_verdict
 
     if files.json is not None:
-        write_json(files.json, result.as_json())
+        write_json(files.json, result.as_json() | counts)
     if files.report is not None:
         seen = target_view(experiment, result, fit.x_of(experiment.model()))
         sections = (compensation_section(result), seen, computed(experiment, inputs, None, (EQUILIBRIUM, AFTER)))
         title = f"Compensation: {experiment.robot.title}"
         print(f"report: {write_report(files.report, title, sections, compensation_verdict(result))}")
-
-
-def programme_files(path: Path) -> list[Path]:
-    """The files of a programme: of KRL the module, whichever of the two is named."""
-    if path.suffix.lower() == ".ls":
-        return [path]
-    both = [p for p in (path.with_suffix(".src"), path.with_suffix(".dat")) if p.is_file()]
-    return both or [path]
 
 
 def programme_outputs(files: CompensateFiles) -> list[Path]:
@@ -140,7 +140,7 @@ def programme_outputs(files: CompensateFiles) -> list[Path]:
     return [output.with_suffix(e) for e in endings]
 
 
-def programme_wish(options: ProgrammeOptions, experiment: Experiment) -> ProgrammeWish:
+def programme_options(options: ProgrammeTexts, experiment: Experiment) -> ProgrammeOptions:
     """What was typed, as numbers. InputError where it is none."""
     from qsframework.cli.export import home_pose
     from qsframework.cli.numbers import numbers, wrench_of
@@ -155,7 +155,7 @@ def programme_wish(options: ProgrammeOptions, experiment: Experiment) -> Program
             name, _, values = text.partition("=")
             into[name.strip()] = numbers(option, values, (6,))
     start = None if options.start is None else home_pose(experiment, options.start, "--start")
-    return ProgrammeWish(loads=loads, keep=options.keep, tools=tools, frames=frames, start=start)
+    return ProgrammeOptions(loads=loads, keep=options.keep, tools=tools, frames=frames, start=start)
 
 
 def _programme(made: ProgrammeTargets, texts: dict[Path, str], outputs: list[Path]) -> None:
@@ -166,18 +166,15 @@ def _programme(made: ProgrammeTargets, texts: dict[Path, str], outputs: list[Pat
             f"note: the joint angles of {len(searched)} poses, from {searched[0].name} in line {searched[0].line} on, "
             "were searched from the point before; the configuration that the programme states was not read"
         )
-    if made.source.shifted:
-        lines = ", ".join(map(str, made.source.shifted[:10]))
-        print_folded(
-            f"note: motions in line {lines} are relative or shifted when they run: what they add is not corrected"
-        )
+    said = ", ".join(f"{count} {what}" for what, count in made.counts.items())
+    print(f"{len(made.source.motions)} motions: {said}")
     for (path, text), output in zip(texts.items(), outputs, strict=True):
-        old, new = (t.replace("\r\n", "\n").splitlines() for t in (made.source.texts[path], text))
+        old, new = (t.replace("\r\n", "\n").split("\n") for t in (made.source.texts[path], text))
         diff = list(difflib.unified_diff(old, new, path.name, output.name, lineterm="", n=0))
         print("\n".join(diff[:_DIFF]))
         if len(diff) > _DIFF:
             print(f"... and {len(diff) - _DIFF} more lines that differ")
-        write_text(output, text)
+        write_bytes(output, text.encode(made.source.encodings[path]))
     print(f"corrected programme, read back: {', '.join(map(str, outputs))}")
 
 

@@ -18,7 +18,8 @@ def compensate(
         typer.Argument(
             metavar="FIT TARGETS",
             help="fit.json, from qsf identify --json. Targets, CSV: q1_deg, ... or x_mm, y_mm, z_mm, rx_deg, ry_deg, "
-            "rz_deg; and fx_N, fy_N, fz_N. Or a programme: .ls of FANUC, .src or .dat of KUKA.",
+            "rz_deg; and fx_N, fy_N, fz_N. Or a programme: .ls of FANUC, .src or .dat of KUKA, .mod of ABB, .script "
+            "of Universal Robots.",
             show_default=False,
         ),
     ],
@@ -30,12 +31,21 @@ def compensate(
     load: Annotated[
         list[str] | None, typer.Option(help="Of a programme: fx,fy,fz[,mx,my,mz], or NAME=... of one point (repeat).")
     ] = None,
-    keep: Annotated[list[str] | None, typer.Option(help="A programme's point that stays as it is (repeat).")] = None,
+    keep: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A programme's point, or 'line N' of a motion, that stays as it is; refused: all refused ones."
+        ),
+    ] = None,
     tool: Annotated[
-        list[str] | None, typer.Option(help="Of a programme's poses: N=X,Y,Z,... of tool N on the flange (repeat).")
+        list[str] | None,
+        typer.Option(help="Of a programme's poses: N=X,Y,Z,... of tool (or point) N on the flange (repeat)."),
     ] = None,
     frame: Annotated[
-        list[str] | None, typer.Option(help="N=X,Y,Z,... of user frame N in the base frame, mm and deg (repeat).")
+        list[str] | None,
+        typer.Option(
+            help="N=X,Y,Z,... of user frame (or point) N in the base frame, as the controller has it (repeat)."
+        ),
     ] = None,
     start: Annotated[
         str | None, typer.Option(help="Pendant angles, deg, where the search for those of a first pose begins.")
@@ -46,7 +56,7 @@ def compensate(
     trust: Trust = False,
 ) -> None:
     """Correct targets so that the loaded tool stands where it is wanted, and say what error is left."""
-    from qsframework.cli.compensate import CompensateFiles, ProgrammeOptions, run_compensate
+    from qsframework.cli.compensate import CompensateFiles, ProgrammeTexts, run_compensate
     from qsframework.cli.kinds import sorted_out, the_fit
     from qsframework.errors import InputError, Problem
 
@@ -57,7 +67,7 @@ def compensate(
         found = ", ".join(map(str, given["targets"])) or "none"
         raise InputError(Problem(f"one file of targets is corrected: {usage}", found=found))
     (targets,) = given["targets"]
-    options = ProgrammeOptions(tuple(load or ()), tuple(keep or ()), tuple(tool or ()), tuple(frame or ()), start)
+    options = ProgrammeTexts(tuple(load or ()), tuple(keep or ()), tuple(tool or ()), tuple(frame or ()), start)
     run_compensate(CompensateFiles(experiment, fit, targets, output, json, report), reference, options, anyway)
 
 

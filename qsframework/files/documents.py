@@ -46,8 +46,15 @@ class Document:
 
 def read_text(path: str | Path, largest: int = _LARGEST) -> str:
     """The text of a file. InputError if it is missing, a directory, too large or not UTF-8."""
-    path = Path(path)
-    shown = str(path) if len(str(path)) <= _LONGEST else str(path)[:_LONGEST] + "..."
+    try:
+        return read_bytes(path, largest).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(Problem(f"is not UTF-8 text (byte {error.start})", file=_shown(path))) from error
+
+
+def read_bytes(path: str | Path, largest: int = _LARGEST) -> bytes:
+    """The content of a file. InputError if it is missing, a directory or too large."""
+    path, shown = Path(path), _shown(path)
     try:
         if not path.exists():
             raise InputError(Problem("no such file", file=shown, hint=nearest_file(path)))
@@ -60,11 +67,13 @@ def read_text(path: str | Path, largest: int = _LARGEST) -> str:
             content = stream.read(largest + 1)  # what grows while it is read ends here too
         if len(content) > largest:
             raise too_large
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(Problem(f"is not UTF-8 text (byte {error.start})", file=shown)) from error
+        return content
     except OSError as error:
         raise InputError(Problem(f"cannot be read: {error.strerror}", file=shown)) from error
+
+
+def _shown(path: str | Path) -> str:
+    return str(path) if len(str(path)) <= _LONGEST else str(path)[:_LONGEST] + "..."
 
 
 def nearest_file(path: Path) -> str | None:

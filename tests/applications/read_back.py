@@ -1,4 +1,4 @@
-"""What an exported file says, read back: an independent proof that it says what the plan says."""
+"""What an exported file says, by the reader of programmes: a proof that it says what the plan says."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.controller_names import MOST, plain
+from qsframework.applications.controller_names import plain
 from qsframework.applications.programme import Programme, load_name
+from qsframework.applications.programmes.poses import POSES
+from qsframework.applications.programmes.reading import MAKERS, parse_source, read_source
+from qsframework.applications.programmes.source import Source
 from qsframework.experiment import Plan
 from qsframework.plugin import Array
 from qsframework.units import JointUnits
 
-_UNUSED = "9E+09"
 _FASTEST = float(np.deg2rad(120.0))
 """rad/s of which URScript's speed is a share."""
 ROUNDING = float(np.deg2rad(0.00005 * 1.001))
@@ -94,160 +96,59 @@ class Parsed:
 
 def read_export(path: Path) -> Parsed:
     """A file that `export` wrote, by its ending: .ls, .src (with its .dat), .mod, .script or .csv."""
-    text = path.read_text()
-    if path.suffix == ".src":
-        return parse_krl(text, path.with_suffix(".dat").read_text())
-    parsers = {".ls": parse_fanuc, ".mod": parse_rapid, ".script": parse_urscript}
-    return parsers.get(path.suffix, parse_csv)(text)
+    return parse_csv(path.read_text()) if path.suffix == ".csv" else parsed(read_source(path))
 
 
-def remarked_axes(text: str, sign: str, letter: str, count: int) -> list[str]:
-    """The order of the axes that a file states after the sign of a remark, or the plain one of `count` axes."""
-    found = re.search(rf"{re.escape(sign)}\s*axes ((?:[A-Z]\d ?)+)", text)
-    return found[1].split() if found else [f"{letter}{k}" for k in range(1, count + 1)]
+def parse(ending: str, *texts: str) -> Parsed:
+    """The same of texts."""
+    endings = (".src", ".dat") if ending == ".src" else (ending,)
+    return parsed(parse_source(MAKERS[ending], {Path(f"way{e}"): t for e, t in zip(endings, texts, strict=True)}, {}))
 
 
-_KRL_POINT = re.compile(r"DECL E6AXIS XP(\d+)=\{([^}]*)\}")
-_KRL_VISIT = re.compile(r";pose (\S+) visit (\d+)")
-_KRL_LOAD = re.compile(r";(?:now hang|load) (\S+)")
+_ROBOT, _AXES = re.compile(r"robot (\S+)"), re.compile(r"axes ((?:[A-Z]\d ?)+)")
+_VISIT, _LOAD = re.compile(r"(?:pose )?(\S+) visit (\d+)"), re.compile(r"(?:now hang|load) (\S+)")
+_SPEEDS = {"kuka": "$VEL_AXIS", "abb": "VELSET"}
+_WAITS = {"WAIT": 0, "WAITTIME": 0, "SLEEP": 0, "PAUSE": None, "HALT": None, "STOP": None, "POPUP": None}
 
 
-def parse_krl(src: str, dat: str) -> Parsed:
-    """Read a pair of files that `write_krl` wrote."""
-    robot, speed = re.search(r"^;robot (\S+)$", src, re.MULTILINE), re.search(r"\$VEL_AXIS\[K\]=(\d+)", src)
-    if robot is None or speed is None:
-        raise ValueError("is no module of `qsf export`")
-    order = remarked_axes(src, ";", "A", MOST)
-    stated = {int(m[1]): dict(re.findall(r"([AE]\d) (-?[\d.]+)", m[2])) for m in _KRL_POINT.finditer(dat)}
-    points = {i: np.deg2rad([float(cells[axis]) for axis in order]) for i, cells in stated.items()}
-    tool, frame = (re.search(rf"^BAS\(#{what},(\d+)\)$", src, re.MULTILINE) for what in ("TOOL", "BASE"))
-    if tool is None or frame is None:
-        raise ValueError("does not say its tool and its base")
-    stops: list[Stop] = []
-    visit: tuple[str, int] = ("", 0)
-    for line in src.splitlines():
-        if match := _KRL_LOAD.fullmatch(line):
-            stops[-1] = stops[-1].hanging(match[1])
-        elif match := _KRL_VISIT.fullmatch(line):
-            visit = (match[1], int(match[2]))
-        elif match := re.fullmatch(r"PTP XP(\d+)", line):
-            if int(match[1]) not in points:
-                raise ValueError(f"XP{match[1]} has no position in the .dat")
-            stops.append(Stop(*visit, points[int(match[1])], int(speed[1]), 0.0))
+def parsed(source: Source) -> Parsed:
+    """What the reader of programmes finds in a file of `qsf export`, stop by stop."""
+    points, convention = {p.name: p for p in source.points}, POSES[source.maker]
+    motions = {m.statement.tokens[-1]: m for m in source.motions if not m.stands}
+    remarks = [said for s in source.statements if (said := s.remark) is not None]
+    robot = next((m[1] for said in remarks if (m := _ROBOT.fullmatch(said))), "")
+    order = next((m[1].split() for said in remarks if (m := _AXES.fullmatch(said))), None)
+    stops, frames, visit, speed = list[Stop](), set[tuple[str, str]](), ("", 0), 0
+    for statement in source.statements:
+        words, motion = statement.words, motions.get(statement.tokens[-1])
+        if (said := statement.remark) is not None:
+            if match := _LOAD.fullmatch(said):
+                stops[-1] = stops[-1].hanging(match[1])
+            elif match := _VISIT.fullmatch(said):
+                visit = (match[1], int(match[2]))
+        elif motion is not None:
+            assert motion.problem is None
+            point = points[motion.points[0]]
+            axes = order or [f"{convention.letter}{k}" for k in range(1, 1 + sum(k[0] != "E" for k in point.cells))]
+            angles = np.array([point.cells[axis].value for axis in axes]) * convention.angle
+            stops.append(Stop(*visit, angles, _speed(source.maker, words) or speed, 0.0))
             visit = ("", 0)
-        elif match := re.fullmatch(r"WAIT SEC ([\d.]+)", line):
-            stops[-1] = stops[-1].waiting(float(match[1]))
-        elif line == "HALT":
-            stops[-1] = stops[-1].waiting(None)
-    return Parsed(robot[1], tuple(stops), tool[1], frame[1])
+            frames.add((point.tool, point.frame))
+        elif words[0] in _WAITS:
+            seconds = [float(t.text) for t in statement.tokens if t.kind == "number"]
+            stops[-1] = stops[-1].waiting(None if _WAITS[words[0]] is None else seconds[0])
+        elif (named := _SPEEDS.get(source.maker)) in words:
+            speed = int(words[words.index(named) + 5 if source.maker == "kuka" else words.index(named) + 1])
+    if not robot or len(frames) != 1:
+        raise ValueError("is no programme of `qsf export`, or states more than one tool or frame")
+    return Parsed(robot, tuple(stops), *(("", "") if source.maker == "ur" else frames.pop()))
 
 
-_FANUC_MOVE = re.compile(r"\s*\d+:\s*J P\[(\d+)\] (\d+)% FINE\s*;")
-_FANUC_VISIT = re.compile(r"\s*\d+:\s*!(\S+) visit (\d+) ;")
-_FANUC_LOAD = re.compile(r"\s*\d+:\s*!(?:now hang|load) (\S+) ;")
-_FANUC_WAIT = re.compile(r"\s*\d+:\s*(?:WAIT\s+([\d.]+)\(sec\)|(PAUSE)) ;")
-_FANUC_FRAMES = re.compile(r"UF : (\d+), UT : (\d+),")
-_FANUC_POINT = re.compile(r"P\[(\d+)[^\]]*\]\{(.*?)\};", re.DOTALL)
-
-
-def parse_fanuc(text: str) -> Parsed:
-    """Read a listing that `write_fanuc` wrote."""
-    robot = re.search(r"!robot (\S+) ;", text)
-    if not text.startswith("/PROG") or robot is None or "/POS" not in text:
-        raise ValueError("is no listing of `qsf export`")
-    body, positions = text.split("/POS", 1)
-    stated = {
-        int(m[1]): dict(re.findall(r"([JE]\d)=\s*(-?[\d.]+) deg", m[2])) for m in _FANUC_POINT.finditer(positions)
-    }
-    points = {
-        i: np.deg2rad([float(cells[axis]) for axis in remarked_axes(body, "!", "J", len(cells))])
-        for i, cells in stated.items()
-    }
-    frame, tool = (re.search(rf"{what}_NUM=(\d+) ;", body) for what in ("UFRAME", "UTOOL"))
-    if frame is None or tool is None or set(_FANUC_FRAMES.findall(positions)) - {(frame[1], tool[1])}:
-        raise ValueError("does not state one tool and one user frame")
-    stops: list[Stop] = []
-    visit: tuple[str, int] = ("", 0)
-    for line in body.splitlines():
-        if match := _FANUC_VISIT.fullmatch(line):
-            visit = (match[1], int(match[2]))
-        elif match := _FANUC_LOAD.fullmatch(line):
-            stops[-1] = stops[-1].hanging(match[1])
-        elif match := _FANUC_MOVE.fullmatch(line):
-            if int(match[1]) not in points:
-                raise ValueError(f"P[{match[1]}] has no position")
-            stops.append(Stop(*visit, points[int(match[1])], int(match[2]), 0.0))
-            visit = ("", 0)
-        elif match := _FANUC_WAIT.fullmatch(line):
-            stops[-1] = stops[-1].waiting(None if match[2] else float(match[1]))
-    return Parsed(robot[1], tuple(stops), tool[1], frame[1])
-
-
-_RAPID_POINT = re.compile(r"\s*LOCAL CONST jointtarget jp(\d+):=\[\[([^\]]*)\],\[([^\]]*)\]\];")
-_RAPID_VISIT = re.compile(r"\s*! pose (\S+) visit (\d+)")
-_RAPID_LOAD = re.compile(r"\s*! (?:now hang|load) (\S+)")
-_RAPID_MOVE = re.compile(r"\s*MoveAbsJ jp(\d+)\\NoEOffs,vmax,fine,(\w+)\\WObj:=(\w+);")
-_RAPID_WAIT = re.compile(r"\s*(?:WaitTime\\InPos,([\d.]+)|(Stop));")
-
-
-def parse_rapid(text: str) -> Parsed:
-    """Read a module that `write_rapid` wrote."""
-    robot, speed = re.search(r"^  ! robot (\S+)$", text, re.MULTILINE), re.search(r"VelSet (\d+),", text)
-    if not text.startswith("MODULE ") or robot is None or speed is None or "ENDMODULE" not in text:
-        raise ValueError("is no module of `qsf export`")
-    points = {int(m[1]): _angles(m[2], m[3], text) for line in text.splitlines() if (m := _RAPID_POINT.fullmatch(line))}
-    stops, frames = list[Stop](), set[tuple[str, str]]()
-    visit: tuple[str, int] = ("", 0)
-    for line in text.splitlines():
-        if match := _RAPID_LOAD.fullmatch(line):
-            stops[-1] = stops[-1].hanging(match[1])
-        elif match := _RAPID_VISIT.fullmatch(line):
-            visit = (match[1], int(match[2]))
-        elif match := _RAPID_MOVE.fullmatch(line):
-            if int(match[1]) not in points:
-                raise ValueError(f"jp{match[1]} has no position")
-            stops.append(Stop(*visit, points[int(match[1])], int(speed[1]), 0.0))
-            frames.add((match[2], match[3]))
-            visit = ("", 0)
-        elif match := _RAPID_WAIT.fullmatch(line):
-            stops[-1] = stops[-1].waiting(None if match[2] else float(match[1]))
-    if len(frames) != 1:
-        raise ValueError("has no move, or moves in more than one tool or work object")
-    return Parsed(robot[1], tuple(stops), *frames.pop())
-
-
-def _angles(own: str, beside: str, text: str) -> Array:
-    cells = {f"J{k}": v for k, v in enumerate(own.split(","), start=1)}
-    cells |= {f"E{k}": v for k, v in enumerate(beside.split(","), start=1)}
-    used = sum(v != _UNUSED for v in cells.values())
-    return np.deg2rad([float(cells[name]) for name in remarked_axes(text, "!", "J", used)])
-
-
-_URSCRIPT_VISIT = re.compile(r"  # pose (\S+) visit (\d+)")
-_URSCRIPT_LOAD = re.compile(r"  # (?:now hang|load) (\S+)")
-_URSCRIPT_MOVE = re.compile(r"  movej\(\[([-\d., ]+)\], a=[\d.]+, v=([\d.]+)\)")
-_URSCRIPT_WAIT = re.compile(r"  (?:sleep\(([\d.]+)\)|(popup)\(\".*\", title=\"measure\", blocking=True\))")
-
-
-def parse_urscript(text: str) -> Parsed:
-    """Read a script that `write_urscript` wrote."""
-    robot = re.search(r"^  # robot (\S+)$", text, re.MULTILINE)
-    if not text.startswith("def ") or robot is None or not text.rstrip().endswith("\nend"):
-        raise ValueError("is no script of `qsf export`")
-    stops: list[Stop] = []
-    visit: tuple[str, int] = ("", 0)
-    for line in text.splitlines():
-        if match := _URSCRIPT_LOAD.fullmatch(line):
-            stops[-1] = stops[-1].hanging(match[1])
-        elif match := _URSCRIPT_VISIT.fullmatch(line):
-            visit = (match[1], int(match[2]))
-        elif match := _URSCRIPT_MOVE.fullmatch(line):
-            angles = np.array([float(v) for v in match[1].split(",")])
-            stops.append(Stop(*visit, angles, round(100.0 * float(match[2]) / _FASTEST), 0.0))
-            visit = ("", 0)
-        elif match := _URSCRIPT_WAIT.fullmatch(line):
-            stops[-1] = stops[-1].waiting(None if match[2] else float(match[1]))
-    return Parsed(robot[1], tuple(stops))
+def _speed(maker: str, words: list[str]) -> int:
+    """The share of the largest speed, in percent, that a motion states itself; 0 if it states none."""
+    if maker == "fanuc":
+        return int(words[words.index("%") - 1])
+    return round(100.0 * float(words[words.index("V") + 2]) / _FASTEST) if maker == "ur" else 0
 
 
 def parse_csv(text: str) -> Parsed:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from read_back import parse_fanuc, parse_krl, parse_rapid, read_export
+from read_back import parse, read_export
 from typer.testing import CliRunner
 
 from qsframework.applications import path_check, programme as programme_module
@@ -270,9 +270,9 @@ def test_loads_that_a_remark_cannot_tell_apart(m900ib: Experiment, tmp_path: Pat
 
 
 WRITERS: dict[str, Any] = {
-    "fanuc-ls": (lambda p: (write_fanuc(p, "WAY"),), parse_fanuc),
-    "krl": (lambda p: write_krl(p, "way"), parse_krl),
-    "rapid": (lambda p: (write_rapid(p, "way"),), parse_rapid),
+    "fanuc-ls": (lambda p: (write_fanuc(p, "WAY"),), ".ls"),
+    "krl": (lambda p: write_krl(p, "way"), ".src"),
+    "rapid": (lambda p: (write_rapid(p, "way"),), ".mod"),
 }
 """Formats that hold external axes: what they write, and how it is read."""
 
@@ -291,10 +291,10 @@ def test_external_axes_come_back_in_their_places(
     programme: Programme, to: str, count: int, external: tuple[int, ...]
 ) -> None:
     """A turntable below the arm or beside it, and the third axis of an arm with seven; tool and frame as asked for."""
-    write, parse = WRITERS[to]
+    write, ending = WRITERS[to]
     made = beside(programme, to, count, external)
     texts = write(made)
-    read = parse(*texts)
+    read = parse(ending, *texts)
     assert read.differences(made) == []
     assert (read.tool, read.frame) == (made.tool, made.frame)
     found = np.array([s.pendant for s in read.stops])
@@ -569,3 +569,18 @@ def test_two_loads_take_hardly_more_than_the_best_of_all_ways(m900ib: Experiment
     assert min(ratios) >= 1.0 - 1e-9
     assert np.mean(ratios) < 1.06
     assert max(ratios) < 1.25
+
+
+def test_another_maker_is_refused_before_the_way_is_sought(
+    m900ib: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_plan(tmp_path / "plan.csv", plan_of(m900ib, GOOD), m900ib)
+    monkeypatch.setattr(programme_module, "surroundings", lambda experiment: pytest.fail("work before the refusal"))
+    for to, ending, words in (
+        ("krl", ".src", "krl is for controllers by KUKA"),
+        ("fanuc-ls", ".ls", "the tool of the controller"),
+    ):
+        arguments = ["export", str(m900ib.path), str(tmp_path / "plan.csv"), "--to", to, "--tool", "spindle"]
+        run = CliRunner().invoke(app, [*arguments, "-o", str(tmp_path / f"way{ending}")])
+        assert isinstance(run.exception, InputError)
+        assert words in str(run.exception)

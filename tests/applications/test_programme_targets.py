@@ -11,8 +11,9 @@ from typer.testing import CliRunner
 
 from qsframework.applications.compensate import compensate
 from qsframework.applications.inverse import rigid_tip
-from qsframework.applications.programme_points import read_source, skeleton
-from qsframework.applications.programme_targets import ProgrammeWish, corrected_texts, read_programme
+from qsframework.applications.programmes.reading import read_source
+from qsframework.applications.programmes.source import skeleton
+from qsframework.applications.programmes.targets import ProgrammeOptions, corrected_texts, read_programme
 from qsframework.applications.targets import joint_targets
 from qsframework.cli.main import app
 from qsframework.errors import InputError
@@ -32,7 +33,7 @@ LINE_COUNT\t= 6;
    3:J P[1] 20%% FINE    ;
    4:L P[2:"hole 1"] 250mm/sec FINE    ;
    5:  DO[4]=ON ;
-   6:L P[3] 250mm/sec CNT100 Offset,PR[7]    ;
+   6:L P[3] 250mm/sec CNT100    ;
 /POS
 P[1]{
    GP1:
@@ -65,7 +66,7 @@ PTP XP1
 ;ENDFOLD
 LIN XP2 C_VEL
 PTP {A1 -20.5, A2 -80, A3 100, A4 10, A5 40, A6 0}
-LIN_REL {Z -50}
+WAIT SEC 1.0
 END
 """
 DAT = """&ACCESS RVP
@@ -143,9 +144,9 @@ def write_krl(folder: Path, experiment: Experiment) -> Path:
     return folder / "drill.src"
 
 
-def wish(**more: object) -> ProgrammeWish:
+def wish(**more: object) -> ProgrammeOptions:
     stated = {"loads": {"": PULL}, "tools": {"3": TOOL}, "frames": {"2": FRAME}}
-    return ProgrammeWish(**{**stated, **more})
+    return ProgrammeOptions(**{**stated, **more})
 
 
 @pytest.mark.parametrize("ends", ["\n", "\r\n"])
@@ -174,7 +175,7 @@ def test_a_fanuc_programme(m900ib: Experiment, tmp_path: Path, ends: str) -> Non
         matrix(FRAME, "fanuc") @ matrix(_numbers(back.points[1].cells), "fanuc") @ np.linalg.inv(matrix(TOOL, "fanuc"))
     )
     assert np.abs(place - flange(m900ib, np.rad2deg(result.pendant[1]))).max() < 2e-6
-    assert made.source.shifted == (13,)
+    assert made.counts == {"corrected": 3, "kept": 0, "refused": 0}
 
 
 def _numbers(cells: object) -> Array:
@@ -201,7 +202,7 @@ def test_a_kuka_module(kuka: Experiment, tmp_path: Path) -> None:
     assert "S 2,T 10,E1 0.0,E2 0.0" in texts[tmp_path / "drill.dat"]
     back = read_programme(tmp_path / "drill.dat", kuka, wish(start=np.deg2rad(HOLE["kuka"])))
     assert np.abs(np.rad2deg(back.targets.pendant - result.pendant)).max() < 2e-4
-    assert made.source.shifted == (9,)
+    assert made.counts == {"corrected": 3, "kept": 0, "refused": 0}
 
 
 def test_points_that_are_kept_and_loads_of_their_own(m900ib: Experiment, tmp_path: Path) -> None:
@@ -300,16 +301,18 @@ def test_what_is_not_stated(m900ib: Experiment, kuka: Experiment, tmp_path: Path
             read_programme(path, m900ib, wish(**more))
     module = write_krl(tmp_path, kuka).with_suffix(".dat")
     module.write_text(module.read_text().replace("DECL FDAT FP2", ";"))
-    assert read_programme(module, kuka, wish(start=np.deg2rad(HOLE["kuka"]))), "the only tool that is stated"
-    two = wish(tools={"3": TOOL, "4": TOOL})
+    start = np.deg2rad(HOLE["kuka"])
     with pytest.raises(
         InputError, match=r"line 5: XP2 is a pose, and nobody states tool \(the point names no number\)"
     ):
-        read_programme(module, kuka, two)
+        read_programme(module, kuka, wish(start=start))
+    own = wish(start=start, tools={"3": TOOL, "XP2": TOOL}, frames={"xp2": FRAME})
+    assert np.allclose(np.rad2deg(read_programme(module, kuka, own).targets.pendant[2]), HOLE["kuka"], atol=1e-3)
 
 
 def test_the_command(m900ib: Experiment, tmp_path: Path) -> None:
     path, fit = write_ls(tmp_path, m900ib), tmp_path / "fit.json"
+    path.write_text(path.read_text().replace("CNT100", "CNT100 Offset,PR[7]"))
     plan = Path(m900ib.path).parent / "table5.csv"
     readings = tmp_path / "readings.csv"
     for line in (
@@ -327,7 +330,10 @@ def test_the_command(m900ib: Experiment, tmp_path: Path) -> None:
     assert "--- drill.ls" in run.output
     assert "-\tJ1=    20.000 deg,\tJ2=    30.000 deg," in run.output
     assert "+\tJ1=   " in run.output
-    assert "motions in line 13 are relative or shifted" in run.output
+    assert "3 motions: 2 corrected, 1 kept, 0 refused" in run.output
+    assert "1 motions are kept as they are: line 13 L P[3] 250mm/sec CNT100 Offset,PR[7]" in " ".join(
+        run.output.split()
+    )
     assert "the configuration that the programme states was not read" in run.output
     assert read_source(out).points[2].cells["J1"].value == -25.5
     for more, words in (
@@ -339,4 +345,4 @@ def test_the_command(m900ib: Experiment, tmp_path: Path) -> None:
         assert isinstance(wrong.exception, InputError)
         assert words in str(wrong.exception)
     table = CliRunner().invoke(app, [*arguments[:3], "targets.csv", *stated])
-    assert "is no programme; allowed: .ls, .src, .dat" in str(table.exception)
+    assert "is no programme; allowed: .ls, .src, .dat, .mod" in str(table.exception)

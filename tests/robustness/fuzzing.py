@@ -31,7 +31,7 @@ from qsframework.applications.export_krl import write_krl
 from qsframework.applications.export_rapid import write_rapid
 from qsframework.applications.export_urscript import write_urscript
 from qsframework.applications.programme import Move, Programme
-from qsframework.applications.programme_points import ENDINGS, read_source
+from qsframework.applications.programmes.reading import ENDINGS, read_source
 from qsframework.applications.stiffness import stiffness_at
 from qsframework.applications.targets import read_targets
 from qsframework.applications.task import load_task

@@ -13,7 +13,7 @@ from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from qsframework.applications.importers.positions import positions
+from qsframework.applications.programmes.log import joint_log
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.columns import LARGEST, MOST_COLUMNS, MOST_LINES
 from qsframework.files.documents import nearest_file
@@ -103,7 +103,7 @@ def read_sheet(path: Path, sheet: str = "", separator: str = "", decimal: str = 
         hint = "Leave the sheet out."
         raise InputError(Problem("is a text, which has no sheets", str(path), found=repr(sheet), hint=hint))
     text, encoding = _decoded(path, content)
-    taught = positions(text)
+    taught = joint_log(path, text)
     if taught is not None:
         header, found = taught
         rows = tuple(SheetRow(line, cells) for line, cells in found)

@@ -1,0 +1,163 @@
+"""FANUC TP listings (.ls): motions under /MN, positions under /POS."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from qsframework.applications.programmes.source import (
+    NUMBER,
+    Cell,
+    Motion,
+    ProgrammePoint,
+    Statement,
+    Token,
+    bracketed,
+    number,
+    shown,
+    split,
+    tokenise,
+    unmoved,
+)
+from qsframework.errors import InputError, Problem
+
+GRAMMAR = re.compile(
+    r"(?P<section>^/[A-Z]+\b)|(?P<remark>^[ \t]*[0-9]*[ \t]*:[ \t]*(?:!|//|--)[^\n]*)|(?P<head>^[ \t]*[0-9]*[ \t]*:)"
+    r"|(?P<text>MESSAGE[ \t]*\[[^\]\n]*\])|(?P<label>(?<=[0-9]):[^\]\n]*(?=\]))"
+    rf"|(?P<string>\"[^\"\n]*\"|'[^'\n]*')|(?P<stars>\*+)|{NUMBER}|(?P<word>[^\W\d]\w*)|(?P<end>;)|(?P<sign>\S)",
+    re.MULTILINE,
+)
+_PARTS = ("/PROG", "/MN", "/POS", "/END")
+_MOTIONS = ("J", "L", "C", "A", "S")
+_REMOTE = ("RX", "RY", "RZ", "RW", "RP", "RR")
+_OPTIONS = {
+    "RTCP": "the tool stands in the cell (remote TCP) and the arm holds the work, which is not corrected",
+    "INC": "it is relative to where the arm stands",
+    "COORD": "it is coordinated with a positioner, which moves its user frame",
+}
+_SHIFT = re.compile(r"(TOOL_)?V?OFFSET")
+_CELL = re.compile(r"[JE][1-9]|[XYZWPR]")
+
+
+def read(path: Path, text: str) -> tuple[list[Statement], list[ProgrammePoint], list[Motion]]:
+    """Statements, points and motions of a listing. InputError where it is not whole."""
+    sections, found = dict[str, list[Token]](), list[str]()
+    for token in tokenise(text, GRAMMAR):
+        if token.kind == "section":
+            found.append(token.text)
+        sections.setdefault(found[-1] if found else "", []).append(token)
+    if "" in sections or [part for part in found if part in _PARTS] != list(_PARTS):
+        missing = [m for m in _PARTS if m not in found] or ["the order of its parts"]
+        message = f"is no whole FANUC listing: {', '.join(missing)} is missing or not in its place"
+        raise InputError(Problem(message, str(path), 1, allowed="/PROG, /ATTR, /MN, /POS, /END"))
+    points = positions(path, sections["/POS"])
+    lines = list(_lines(path, sections["/MN"][1:]))
+    conveyor = "LINE_TRACK_SCHEDULE_NUMBER" in (words := [t.text for t in sections.get("/APPL", ())])
+    conveyor = conveyor and words[words.index("LINE_TRACK_SCHEDULE_NUMBER") + 2] != "0"
+    known = dict.fromkeys(p.name for p in points)
+    motions = [m for line in lines if (m := _motion(line, known, conveyor)) is not None]
+    return lines, points, motions
+
+
+def _lines(path: Path, tokens: Sequence[Token]) -> Iterator[Statement]:
+    """The numbered lines; a line without a number goes on with the one before, where that has not ended."""
+    own = list[Token]()
+    for token in tokens:
+        starts = token.kind in ("head", "remark") and token.text.strip(" \t:") != ""
+        if own and (token.kind == "end" or starts):
+            yield Statement(path, tuple(own))
+            own = []
+        if token.kind == "remark":
+            yield Statement(path, (token,))
+        elif token.kind not in ("head", "end"):
+            own.append(token)
+    if own:
+        yield Statement(path, tuple(own))
+
+
+def _motion(line: Statement, known: dict[str, None], conveyor: bool) -> Motion | None:
+    """The motion of a line: J, L, C, A or S, and what is numbered in brackets."""
+    tokens, words = line.tokens, line.words
+    if words[0] not in _MOTIONS or len(tokens) < 4 or tokens[1].kind != "word" or words[2] != "[":
+        return None
+    goes, at = list[str](), 1
+    while at < len(tokens) - 1 and words[at + 1] == "[" and (at == 1 or words[at] in ("P", "PR")):
+        inside = [t for t in bracketed(tokens, at + 1) or () if t.kind != "label"]
+        goes.append(f"{words[at]}[{shown(inside)}]")
+        at += next((k for k, word in enumerate(words[at:]) if word == "]"), 0) + 1
+        at += sum(word == "]" for word in words[at : at + 1])  # of P[R[1]]
+    keep, problem = f"line {line.line}", None
+    said = [_OPTIONS[w] for w in words[at:] if w in _OPTIONS]
+    said += ["it is shifted by a register when it runs" for w in words[at:] if _SHIFT.fullmatch(w)]
+    said += ["its points are relative to a conveyor (LINE_TRACK)"] if conveyor else []
+    targets = list[str]()
+    for name in goes:
+        if name in known:
+            targets.append(name)
+        elif re.fullmatch(r"P\[\D.*\]", name):
+            targets += known  # its number is chosen when it runs
+        else:
+            held = (
+                "has no position under /POS" if name.startswith("P[") else "is held by the controller, not by the file"
+            )
+            said, keep = [*said, f"{name} is moved to, but {held}"], name if not said else keep
+    if said:
+        problem = unmoved(line, said[0], keep, allowed="P[n] with a position under /POS")
+    return Motion(statement=line, points=tuple(dict.fromkeys(targets)), keep=keep, problem=problem)
+
+
+def positions(path: Path, tokens: Sequence[Token]) -> list[ProgrammePoint]:
+    """The positions `P[n]{...};`. InputError for one that does not end."""
+    out, problems = list[ProgrammePoint](), list[Problem]()
+    starts = [k for k, t in enumerate(tokens) if t.text == "P" and [u.text for u in tokens[k + 1 : k + 2]] == ["["]]
+    for k, stop in zip(starts, [*starts[1:], len(tokens)], strict=True):
+        own = tokens[k:stop]
+        inside = bracketed(own, 1) or []
+        name = f"P[{shown([t for t in inside if t.kind != 'label'])}]"
+        block = own[3 + len(inside) :]
+        body = bracketed(block) if block and block[0].text == "{" else None
+        if body is None or [t.text for t in block[len(body) + 2 :][:1]] != [";"]:
+            hint = "A point ends in `};` before the next one begins."
+            problems.append(Problem(f"{name} does not end", str(path), own[0].line, hint=hint))
+            continue
+        label = next((t.text for t in inside if t.kind == "label"), "").strip(':" \t')
+        out.append(_position(path, name, label, own[0].line, body))
+    if problems:
+        raise InputError(problems)
+    return out
+
+
+def _position(path: Path, name: str, label: str, line: int, body: Sequence[Token]) -> ProgrammePoint:
+    """A position: the numbers of group 1, the arm; other groups are positioners, which nothing bends."""
+    heads = [k for k, t in enumerate(body) if re.fullmatch(r"GP[0-9]", t.text)]
+    groups = {body[k].text: body[k + 2 : m] for k, m in zip(heads, [*heads[1:], len(body)], strict=True)}
+    arm = groups.pop("GP1", [] if groups else body)
+    cells, stated, problem = dict[str, Cell](), dict[str, str](), None
+    for part in filter(None, split(arm)):
+        key, sign = part[0].text, part[1].text if len(part) > 1 else ""
+        if sign == ":":
+            stated[key] = shown(part[2:])
+            continue
+        cell = number(part[2:-1]) if part[-1].text in ("deg", "mm") else None
+        if cell is None or sign != "=" or key in cells or not _CELL.fullmatch(key):
+            said, found = f"{name}: {key} is no number with its unit", shown(part[2:]) or "nothing"
+            if key in _REMOTE:
+                said, found = f"{name} is a pose for a remote TCP: {_OPTIONS['RTCP']}", shown(part)
+            allowed = "J1, ... or X, Y, Z, W, P, R, a number with deg or mm each"
+            problem = problem or Problem(said, str(path), part[0].line, found=found[:40], allowed=allowed)
+        else:
+            cells[key] = cell
+    if not arm:
+        problem = Problem(
+            f"{name} moves no arm: it has no group 1", str(path), line, found=", ".join(groups) or "nothing"
+        )
+    elif problem is None and not {"UF", "UT"} <= stated.keys():
+        problem = Problem(f"{name} states no UF and UT", str(path), line)
+    other = [g for g, tokens in groups.items() if {"X", "J6"} & {t.text for t in tokens}]
+    if other and problem is None:
+        problem = Problem(f"{name} moves a second arm, {other[0]}, which is not corrected", str(path), line)
+    tool, frame = stated.get("UT", ""), stated.get("UF", "")
+    return ProgrammePoint(
+        name=name, path=path, line=line, cells=cells, tool=tool, frame=frame, label=label, problem=problem
+    )

@@ -1,0 +1,247 @@
+"""KUKA KRL modules: the motions of the .src, the points of the .dat and of both."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from qsframework.applications.programmes.names import Names, Track
+from qsframework.applications.programmes.source import (
+    NUMBER,
+    Cell,
+    Motion,
+    ProgrammePoint,
+    Statement,
+    Token,
+    bracketed,
+    enclosed,
+    number,
+    shown,
+    split,
+    statements,
+    tokenise,
+)
+from qsframework.errors import InputError, Problem
+
+GRAMMAR = re.compile(
+    rf"(?P<remark>;[^\n]*)|(?P<string>\"[^\"\n]*\"|'[^'\n]*')|{NUMBER}"
+    r"|(?P<word>[$#&]?[^\W\d]\w*)|(?P<end>\n)|(?P<sign>[=<>]=|\S)"
+)
+_MOTION = re.compile(r"(S?(?:PTP|LIN|CIRC)|SPL)(_REL)?|ASYPTP")
+_TYPES = ("E6AXIS", "AXIS", "E6POS", "POS", "FRAME")
+_BEFORE = ("DECL", "GLOBAL", "CONST", "PUBLIC")
+_BEGIN = {"IF": False, "SWITCH": False, "LOOP": True, "WHILE": True, "FOR": True, "REPEAT": True}
+_OTHER = ("ELSE", "CASE", "DEFAULT")
+_END = ("ENDIF", "ENDSWITCH", "ENDLOOP", "ENDWHILE", "ENDFOR", "UNTIL")
+_CELL = re.compile(r"[AE][1-6]|[XYZABC]")
+_ENDS = ("WITH", "C_PTP", "C_DIS", "C_VEL", "C_ORI", "C_SPL", "C_JERK")
+_ALLOWED = "A1 to A6 or X, Y, Z, A, B, C, S, T; E1 to E6; each with a number"
+_REMOTE = "the tool stands in the cell (IPO_FRAME #TCP) and the arm holds the work, which is not corrected"
+_NULL = ("$NULLFRAME", "$WORLD")
+_Move = tuple[Statement, dict[str, str]]
+
+
+def read(texts: Mapping[Path, str]) -> tuple[list[Statement], list[ProgrammePoint], list[Motion]]:
+    """Statements, points and motions of a module's files. InputError where one is not whole, or has no .src."""
+    lines, problems = list[Statement](), list[Problem]()
+    for path, text in texts.items():
+        own = list(statements(path, _closed(path, text, problems)))
+        problems += _module(path, own)
+        lines += own
+    if not any(path.suffix.lower() == ".src" for path in texts) and not problems:
+        hint = "Put the .src of the same name beside it."
+        problems.append(
+            Problem("holds points, and no .src says which the arm goes to", str(next(iter(texts))), hint=hint)
+        )
+    if problems:
+        raise InputError(problems)
+    names, stored, moves = (
+        Names(literal=literal, here=("$AXIS_ACT", "$POS_ACT", "$AXIS_INT")),
+        _frames(lines),
+        list[_Move](),
+    )
+    track = Track()
+    for line in lines:
+        if line.remark is None:
+            _definitions(line, names)
+            _follow(line, track, stored)
+            if (at := _verb(line)) is not None:
+                moves.append((line.after(at), track.here()))
+    motions = [_motion(line, here, names, stored) for line, here in moves]
+    by_name = {f"X{key[1:]}": (tool, base) for key, (tool, base, _) in stored.items() if key.startswith("F")}
+    return lines, names.stated(by_name), motions
+
+
+def taught(path: Path, text: str) -> list[ProgrammePoint]:
+    """The points that a text gives numbers, whatever else it holds."""
+    names = Names(literal=literal)
+    for line in statements(path, tokenise(text, GRAMMAR)):
+        if line.remark is None:
+            _definitions(line, names)
+    return list(names.points.values())
+
+
+def _closed(path: Path, text: str, problems: list[Problem]) -> list[Token]:
+    """The tokens, each line for itself: what is opened in it ends in it."""
+    out, opened = list[Token](), list[Token]()
+    for token in tokenise(text, GRAMMAR):
+        if token.text == "{" and token.kind == "sign":
+            opened.append(token)
+        elif token.text == "}" and opened:
+            opened.pop()
+        elif token.kind == "end" and opened:
+            own = [t for t in out[-200:] if t.line == token.line]
+            named = [a.text for a, b in itertools.pairwise(own) if b.text == "="] or ["the point of this motion"]
+            message, hint = f"{named[0]} does not end", "A point stands in braces on one line."
+            problems.append(Problem(message, str(path), token.line, found=shown(own, 40), hint=hint))
+            opened = []
+        out.append(token)
+    return out
+
+
+def _module(path: Path, lines: Sequence[Statement]) -> list[Problem]:
+    """What a file of a module begins and ends with."""
+    opened, closed = ("DEFDAT", "ENDDAT") if path.suffix.lower() == ".dat" else ("DEF", "END")
+    first = [w[1] if w[0] == "GLOBAL" and len(w) > 1 else w[0] for line in lines if (w := line.words)]
+    if {opened, f"{opened}FCT"} & set(first) and {closed, f"{closed}FCT"} & set(first):
+        return []
+    begins = bool({opened, f"{opened}FCT"} & set(first))
+    where, missing = (lines[-1].line, closed) if begins else (1, opened)
+    message = f"is no whole {path.suffix.lower()} of KRL: {missing} is missing"
+    return [Problem(message, str(path), where, allowed=f"{opened} ... {closed}")]
+
+
+def literal(tokens: Sequence[Token]) -> tuple[dict[str, Cell], str] | None:
+    """The numbers of `{X 1.0,Y 2.0,...}`."""
+    inside = enclosed(tokens, "{")
+    if inside is None:
+        return None
+    if len(inside) > 1 and inside[1].text == ":":
+        inside = inside[2:]
+    cells, wrong = dict[str, Cell](), ""
+    for part in split(inside):
+        key = part[0].text.upper() if part else ""
+        cell = number(part[1:])
+        if key in ("S", "T"):
+            continue
+        if cell is None or not _CELL.fullmatch(key) or key in cells:
+            found = shown(part[1:])[:40] or "nothing"
+            wrong = wrong or f"{key or 'an empty part'} is no number of a point; found {found}; allowed: {_ALLOWED}"
+        else:
+            cells[key] = cell
+    return cells, wrong
+
+
+def _frames(lines: Sequence[Statement]) -> dict[str, tuple[str, str, bool]]:
+    """Tool, base and whether the tool stands in the cell, of each FDAT by its name."""
+    out: dict[str, tuple[str, str, bool]] = {}
+    for line in lines:
+        words = line.words
+        at = next((k for k, word in enumerate(words) if word not in _BEFORE), 0)
+        if words[at : at + 1] == ["FDAT"] and words[at + 2 : at + 3] == ["="]:
+            out[words[at + 1]] = _fdat(line.tokens[at + 3 :])
+    return out
+
+
+def _fdat(tokens: Sequence[Token]) -> tuple[str, str, bool]:
+    parts = {p[0].text.upper(): shown(p[1:]) for p in split(bracketed(tokens) or ()) if p}
+    return parts.get("TOOL_NO", ""), parts.get("BASE_NO", ""), parts.get("IPO_FRAME", "").upper() == "#TCP"
+
+
+def _definitions(line: Statement, names: Names) -> None:
+    """What a line gives to names: declarations of points, and assignments."""
+    words = line.words
+    at = next((k for k, word in enumerate(words) if word not in _BEFORE), 0)
+    if words[at] in ("DEF", "DEFFCT"):
+        for token in bracketed(line.tokens, words.index("(")) or () if "(" in words else ():
+            names.change(line, token.text)  # what a routine is given hides what is known by the same name
+        return
+    declared = words[at] in _TYPES and len(words) > at + 1
+    parts = split(line.tokens[at + declared :]) if declared or "=" in words else []
+    for part in parts if declared else [line.tokens[at:]]:
+        sides = split(part, "=")
+        named = sides[0]
+        if len(sides) != 2 or not named or named[0].kind != "word" or (len(named) == 1 and named[0].text[0] == "$"):
+            continue
+        index = bracketed(named, 1) if len(named) > 1 and named[1].text == "[" else None
+        if len(named) == 1 or (index is not None and len(index) == 1 and index[0].kind == "number" and len(named) == 4):
+            if (
+                declared
+                or names.fold(shown(named)) in names.points
+                or (names.literal(sides[1]) or ({}, "none"))[1] == ""
+            ):
+                names.give(line, shown(named), sides[1])
+            else:
+                names.change(line, shown(named))
+        else:
+            names.change(line, named[0].text)
+
+
+def _verb(line: Statement) -> int | None:
+    """Where the motion of a line begins: with the line, or behind the word that leads to it."""
+    for k, word in enumerate(line.words):
+        if _MOTION.fullmatch(word) and (k == 0 or line.words[k - 1] in ("THEN", "ELSE", "DO", ":")):
+            return k
+    return None
+
+
+def _follow(line: Statement, track: Track, stored: Mapping[str, tuple[str, str, bool]]) -> None:
+    """What a line says of the tool, the base and the interpolation from there on."""
+    words = line.words
+    first = words[1] if words[0] == "GLOBAL" and len(words) > 1 else words[0]
+    if first in ("DEF", "DEFFCT"):
+        track.reset()
+    elif first in _BEGIN:
+        track.begin(_BEGIN[first])
+    elif first in _OTHER:
+        track.other()
+    elif first in _END:
+        track.end()
+    elif first == "SPLINE" and "WITH" in words:
+        track.now |= _chosen(line.tokens[words.index("WITH") + 1 :])
+    elif first == "FDAT_ACT":
+        tool, base, remote = stored.get(words[2], ("", "", False)) if len(words) == 3 else _fdat(line.tokens[2:])
+        track.now |= {"tool": tool, "base": base, "ipo": "#TCP" if remote else "#BASE"}
+    elif first == "BAS" and len(words) > 4 and words[2] in ("#TOOL", "#BASE", "#INITMOV"):
+        new = {"#TOOL": ["tool"], "#BASE": ["base"], "#INITMOV": ["tool", "base", "ipo"]}[words[2]]
+        track.now |= dict.fromkeys(new, "" if words[2] == "#INITMOV" else shown(line.tokens[4:-1]))
+    else:
+        track.now |= _chosen(line.tokens)
+
+
+def _chosen(tokens: Sequence[Token]) -> dict[str, str]:
+    """The tool, base or interpolation that assignments choose, such as `$TOOL=TOOL_DATA[3]`."""
+    out: dict[str, str] = {}
+    for part in split(tokens):
+        sides = split(part, "=")
+        key = {"$TOOL": "tool", "$BASE": "base", "$IPO_MODE": "ipo"}.get(sides[0][0].text.upper() if sides[0] else "")
+        if key and len(sides) == 2 and len(sides[0]) == 1:
+            words = [t.text.upper() for t in sides[1]]
+            index = shown(bracketed(sides[1], 1) or ()) if words[:1] in (["TOOL_DATA"], ["BASE_DATA"]) else ""
+            null = "0" if words[0] in _NULL and len(words) == 1 else ""
+            out[key] = words[0] if key == "ipo" else index or null or shown(sides[1])
+    return out
+
+
+def _motion(line: Statement, here: dict[str, str], names: Names, stored: Mapping[str, tuple[str, str, bool]]) -> Motion:
+    """A motion by its line, from its verb on, and what holds there."""
+    tokens, verb = line.tokens, line.words[0]
+    ends = [k for k, word in enumerate(line.words) if word in _ENDS]
+    here = here | _chosen(tokens[line.words.index("WITH") + 1 :] if "WITH" in line.words else [])
+    parts = [p for p in split(tokens[1 : ends[0] if ends else len(tokens)]) if p]
+    wrong = ""
+    if verb.endswith("_REL"):
+        wrong = "it is relative to where the arm stands"
+    elif verb == "ASYPTP":
+        wrong = "it moves external axes alone"
+    elif "CIRC" in verb and len(parts) != 2:
+        wrong = "its end is given by its angle (CA), not by a point" if len(parts) > 2 else "it lacks a point"
+    elif "CIRC" not in verb and len(parts) != 1:
+        wrong = "it is no motion to one point"
+    remote = [stored.get(f"F{t.text[1:]}".upper(), ("", "", False))[2] for p in parts for t in p[:1]]
+    if here.get("ipo") == "#TCP" or any(remote):
+        wrong = _REMOTE
+    goes = [] if verb.endswith("_REL") else parts[: 1 + ("CIRC" in verb)]
+    return names.motion(line, goes, (here.get("tool", ""), here.get("base", "")), wrong)

@@ -1,0 +1,148 @@
+"""What the names of a programme stand for: points of numbers that are given once, or something that changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from qsframework.applications.programmes.source import (
+    Cell,
+    Motion,
+    ProgrammePoint,
+    Statement,
+    Token,
+    bracketed,
+    shown,
+    unmoved,
+)
+from qsframework.errors import Problem
+
+Literal = Callable[[Sequence[Token]], tuple[dict[str, Cell], str] | None]
+"""Numbers of a point by their names, and what is wrong with them, "" if nothing is; None of what is no point."""
+AMBIGUOUS = "?"
+"""A tool or frame that depends on the way that the programme takes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Names:
+    """The points of a programme by their names, and why the names stand for no point.
+
+    literal: reads a point of numbers; here: names of where the arm stands; fold: how a name is compared
+    """
+
+    literal: Literal
+    here: Sequence[str] = ()
+    fold: Callable[[str], str] = str.upper
+    points: dict[str, ProgrammePoint] = field(default_factory=dict[str, ProgrammePoint])
+    changes: dict[str, str] = field(default_factory=dict[str, str])
+    frames: dict[str, set[tuple[str, str]]] = field(default_factory=dict[str, set[tuple[str, str]]])
+
+    def give(self, statement: Statement, name: str, value: Sequence[Token]) -> bool:
+        """Name gets a value: a point of numbers, if this is the first value that it gets. Whether it is a point."""
+        key, read = self.fold(name), self.literal(value)
+        if key in self.points or key in self.changes or read is None:
+            self.change(statement, name)
+            return read is not None
+        cells, wrong = read
+        problem = Problem(f"{name}: {wrong}", str(statement.path), statement.line) if wrong else None
+        self.points[key] = ProgrammePoint(
+            name=name, path=statement.path, line=statement.line, cells=cells, problem=problem
+        )
+        return True
+
+    def change(self, statement: Statement, name: str) -> None:
+        """Name, or a part of it, gets a value when the programme runs; of an array every element may."""
+        first = self.points.get(self.fold(name))
+        at = f"in lines {first.line} and {statement.line}" if first else f"in line {statement.line}"
+        self.changes.setdefault(self.fold(name), f"{name} gets its value {at} when the programme runs")
+
+    def motion(
+        self, statement: Statement, targets: Sequence[Sequence[Token]], stated: tuple[str, str], wrong: str = ""
+    ) -> Motion:
+        """A motion to targets with a tool and a frame; wrong: why it is not corrected, whatever the targets are."""
+        goes, keep, stands = list[str](), f"line {statement.line}", False
+        for k, tokens in enumerate(targets, start=1):
+            name = f"line {statement.line}" + (f".{k}" if len(targets) > 1 else "")
+            if tokens and tokens[0].text.upper() in self.here and (len(tokens) == 1 or tokens[1].text == "("):
+                stands = True
+            elif tokens and self.literal(tokens) is not None:
+                while self.fold(name) in self.points:
+                    name += "'"
+                self.give(statement, name, tokens)
+                goes.append(name)
+            else:
+                found, said = self._named(tokens)
+                goes += found
+                wrong = wrong or said
+                keep = shown(tokens) if said and len(tokens) == 1 else keep
+        wrong = wrong or ("" if goes or stands else "it names no point")
+        for name in goes if not wrong else ():
+            self.frames.setdefault(self.fold(name), set()).add(stated)
+        names = tuple(dict.fromkeys(self.points[self.fold(name)].name for name in goes))
+        problem = unmoved(statement, wrong, keep, allowed="a point of numbers in this programme") if wrong else None
+        return Motion(statement=statement, points=names, keep=keep, stands=stands and not names, problem=problem)
+
+    def _named(self, tokens: Sequence[Token]) -> tuple[list[str], str]:
+        """The points that a name, or the element of an array, may be, and why it is none."""
+        inside = bracketed(tokens, 1) if len(tokens) > 3 and tokens[1].text in "[{" else None
+        if not tokens or tokens[0].kind != "word" or len(tokens) not in (1, 3 + len(inside or ())):
+            return [], f"{shown(tokens) or 'its place'} is computed when the programme runs"
+        if len(tokens) == 1 or (inside and inside[0].kind == "number"):
+            keys = [self.fold(shown(tokens))]
+        else:  # any element
+            start = self.fold(shown(tokens[:2]))
+            keys = [key for key in self.points if key.startswith(start)]
+        whole = self.fold(tokens[0].text)
+        changed = next((self.changes[key] for key in (whole, *keys) if key in self.changes), "")
+        if changed or not keys or not all(key in self.points for key in keys):
+            return [], changed or f"{shown(tokens)} has no position of numbers in this programme"
+        return keys, ""
+
+    def stated(self, by_name: Mapping[str, tuple[str, str]] | None = None) -> list[ProgrammePoint]:
+        """The points with the tool and the frame of the motions that go there; by_name: what is stored with a name."""
+        out = list[ProgrammePoint]()
+        for key, point in self.points.items():
+            stored = (by_name or {}).get(key, ("", ""))
+            used = self.frames.get(key) or {("", "")}
+            tool, frame = ({pair[k] or stored[k] for pair in used} | ({stored[k]} - {""}) for k in (0, 1))
+            one = [AMBIGUOUS if len(names) > 1 else next(iter(names)) for names in (tool, frame)]
+            out.append(replace(point, tool=one[0], frame=one[1]))
+        return out
+
+
+class Track:
+    """What holds at each place of a programme (tool, frame) on every way there; AMBIGUOUS where the ways differ."""
+
+    def __init__(self) -> None:
+        self.now = dict[str, str]()
+        self._seen = list[dict[str, str]]()
+        self._open = list[tuple[dict[str, str], list[dict[str, str]], int | None]]()
+
+    def begin(self, loop: bool) -> None:
+        """A branch, or a loop, begins."""
+        self._open.append((dict(self.now), [], len(self._seen) if loop else None))
+
+    def other(self) -> None:
+        """Another branch begins where the first one did."""
+        if self._open:
+            start, ends, _ = self._open[-1]
+            ends.append(self.now)
+            self.now = dict(start)
+
+    def end(self) -> None:
+        """The branches meet again; what a loop changes is not certain in it before the change."""
+        if self._open:
+            start, ends, first = self._open.pop()
+            differs = {k for way in (start, *ends) for k in {*way, *self.now} if way.get(k) != self.now.get(k)}
+            for seen in self._seen[first:] if first is not None else ():
+                seen.update({k: AMBIGUOUS for k in differs if seen.get(k) == start.get(k)})
+            self.now = {**self.now, **dict.fromkeys(differs, AMBIGUOUS)}
+
+    def reset(self) -> None:
+        """Another routine begins, of which nothing is known."""
+        self.now, self._open, self._seen = {}, [], []
+
+    def here(self) -> dict[str, str]:
+        """What holds here; it is changed when the end of a loop around it tells more."""
+        self._seen.append(dict(self.now))
+        return self._seen[-1]

@@ -1,0 +1,152 @@
+"""URScript of Universal Robots (.script): joint angles in rad, poses in m and rotation vectors in rad."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from qsframework.applications.programmes.names import AMBIGUOUS, Names, Track
+from qsframework.applications.programmes.poses import POSES, matrix
+from qsframework.applications.programmes.source import (
+    NUMBER,
+    Cell,
+    Motion,
+    ProgrammePoint,
+    Statement,
+    Token,
+    bracketed,
+    enclosed,
+    numbers,
+    split,
+    statements,
+    tokenise,
+)
+from qsframework.errors import InputError, Problem
+from qsframework.plugin import Array
+
+GRAMMAR = re.compile(
+    rf"(?P<remark>#[^\n]*)|(?P<string>\"[^\"\n]*\"|'[^'\n]*')|{NUMBER}|(?P<word>[^\W\d]\w*)"
+    r"|(?P<end>\n)|(?P<sign>[=<>!]=|\S)"
+)
+_MOTIONS = {
+    "movej": 1,
+    "movel": 1,
+    "movep": 1,
+    "movec": 2,
+    "servoj": 1,
+    "servoc": 1,
+    "servol": 1,
+    "speedj": 0,
+    "speedl": 0,
+}
+"""Motions, and how many points each goes to; 0: it moves by a speed."""
+_HERE = tuple(f"GET_{which}_{what}" for which in ("ACTUAL", "TARGET") for what in ("JOINT_POSITIONS", "TCP_POSE"))
+_ROUTINES, _BLOCKS = ("def", "thread", "sec"), ("if", "while", "for")
+_TARGETS = ("q", "pose", "pose_via", "pose_to")
+TOOL, FRAME = "tcp", "base"
+"""Names of the installation's tool and of the frame of all poses."""
+
+
+def read(
+    path: Path, text: str
+) -> tuple[list[Statement], list[ProgrammePoint], list[Motion], dict[str, Array], dict[str, Array]]:
+    """Statements, points, motions and the tools of a script. InputError where a routine does not end."""
+    lines = list(statements(path, tokenise(text, GRAMMAR), joined=True))
+    _whole(path, lines)
+    names, track, tools = Names(literal=literal, here=_HERE, fold=str), Track(), dict[str, Array]()
+    moves = list[tuple[Statement, Sequence[Token], dict[str, str]]]()
+    for line in lines:
+        if line.remark is None:
+            _given(line, names)
+            _follow(line, track, tools)
+            for k, token in enumerate(line.tokens[:-1]):
+                if token.text in _MOTIONS and line.tokens[k + 1].text == "(":
+                    own = line.after(k)
+                    inside = bracketed(own.tokens, 1)
+                    end = len(own.tokens) if inside is None else len(inside) + 3
+                    moves.append((Statement(path, own.tokens[:end]), inside or (), track.here()))
+    motions = [_motion(line, inside, names, here) for line, inside, here in moves]
+    gone = {name for motion in motions for name in motion.points}
+    return lines, [p for p in names.stated() if p.name in gone], motions, tools, {}
+
+
+def _whole(path: Path, lines: Sequence[Statement]) -> None:
+    firsts = [line.tokens[0] for line in lines if line.remark is None and line.words[1:2] != ["="]]
+    opened = [t for t in firsts if t.text in _ROUTINES + _BLOCKS]
+    if len(opened) != sum(t.text == "end" for t in firsts):
+        last = (opened or firsts or [Token("", "", 0, 1)])[-1]
+        message = "is no whole script: `def`, `if`, `while`, `thread` and `end` do not match"
+        raise InputError(Problem(message, str(path), last.line, allowed="def name(): ... end"))
+
+
+def literal(tokens: Sequence[Token]) -> tuple[dict[str, Cell], str] | None:
+    """The numbers of `[q1,...,q6]` or `p[x,y,z,rx,ry,rz]`."""
+    pose = len(tokens) > 1 and tokens[0].text == "p"
+    inside = enclosed(tokens[1:] if pose else tokens, "[")
+    found = numbers(inside) if inside else None
+    if found is None or len(found) != 6:
+        return None
+    return dict(zip(POSES["ur"].axes if pose else [f"J{k}" for k in range(1, 7)], found, strict=True)), ""
+
+
+def _given(line: Statement, names: Names) -> None:
+    """What a line gives to a name: a point, a list of points, or something else."""
+    if line.tokens[0].text in _ROUTINES:
+        for token in line.tokens[2:]:
+            names.change(line, token.text)  # what a routine is given hides what is known by the same name
+        return
+    sides = split(line.tokens, "=")
+    named = [t for t in sides[0] if t.text not in ("global", "local")]
+    if len(sides) != 2 or not named or named[0].kind != "word":
+        return
+    elements = split(enclosed(sides[1], "[") or ())
+    if len(named) != 1:
+        names.change(line, named[0].text)
+    elif names.literal(sides[1]) is None and len(elements) > 1 and all(map(names.literal, elements)):
+        for k, element in enumerate(elements):
+            names.give(line, f"{named[0].text}[{k}]", element)
+    else:
+        names.give(line, named[0].text, sides[1])
+
+
+def _follow(line: Statement, track: Track, tools: dict[str, Array]) -> None:
+    """What a line says of the tool from there on."""
+    tokens = line.tokens
+    first = tokens[0].text
+    if first in _ROUTINES + _BLOCKS:
+        track.begin(first in ("while", "for"))
+    elif first in ("elif", "else"):
+        track.other()
+    elif first == "end":
+        track.end()
+    elif first == "set_tcp":
+        point = literal(split(bracketed(tokens, 1) or ())[0])
+        name = f"set_tcp of line {line.line}" if point else AMBIGUOUS
+        track.now["tool"] = name
+        if point:
+            values = np.array([cell.value for cell in point[0].values()])
+            same = next((n for n, m in tools.items() if np.array_equal(m, matrix(POSES["ur"], values))), name)
+            tools[same] = matrix(POSES["ur"], values)
+            track.now["tool"] = same
+
+
+def _motion(line: Statement, inside: Sequence[Token], names: Names, here: dict[str, str]) -> Motion:
+    """A motion by its call, with the arguments that stand in its brackets."""
+    verb = line.tokens[0].text
+    named = [(p[0].text, p[2:]) if [t.text for t in p[1:2]] == ["="] else ("q", p) for p in split(inside) if p]
+    parts = [p for name, p in named if name in _TARGETS]
+    count = _MOTIONS[verb]
+    wrong = "" if count else "it moves by a speed, not to a point"
+    if not inside:
+        wrong = "it does not end, or goes nowhere"
+    return names.motion(line, [_reached(p) for p in parts[:count]], (here.get("tool", TOOL), FRAME), wrong)
+
+
+def _reached(tokens: Sequence[Token]) -> Sequence[Token]:
+    """The pose of `get_inverse_kin(pose, qnear=...)`, and else what is given."""
+    if tokens and tokens[0].text == "get_inverse_kin":
+        return split(bracketed(tokens, 1) or ())[0]
+    return tokens
