@@ -8,6 +8,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+from qsframework.applications.controller_names import maker_of
 from qsframework.applications.export_fanuc import write_fanuc
 from qsframework.applications.export_krl import write_krl
 from qsframework.applications.export_rapid import write_rapid
@@ -23,7 +24,6 @@ _MAKERS = {"fanuc-ls": "FANUC", "krl": "KUKA", "rapid": "ABB", "urscript": "UNIV
 _FRAMES = {"fanuc-ls": ("1", "0"), "krl": ("1", "0"), "rapid": ("tool0", "wobj0")}
 """Tool and user frame where nothing else is asked for; the other formats state none, for joint angles need none."""
 _FRAME_NAMES = {"fanuc-ls": r"\d{1,2}", "krl": r"\d{1,2}", "rapid": r"[A-Za-z]\w{0,31}"}
-_KNOWN = ("FANUC", "KUKA", "ABB", "YASKAWA", "MOTOMAN", "UNIVERSAL ROBOTS", "STAUBLI", "KAWASAKI", "COMAU", "NACHI")
 _NAME = re.compile(r"[A-Za-z0-9_.+-]{1,16}")
 """A pose's name that every format can hold."""
 
@@ -33,20 +33,22 @@ def export(programme: Programme, to: str, path: str | Path) -> tuple[Path, ...]:
 
     InputError for another maker's robot, or names that the format cannot hold.
     """
-    path = Path(path)
+    return tuple(write_text(file, text) for file, text in written(programme, to, Path(path)).items())
+
+
+def written(programme: Programme, to: str, path: Path) -> dict[Path, str]:
+    """The files of a format and their texts. InputError as of `export`."""
     check_format(programme, to)
     _check_names(programme)
     programme = _with_frames(programme, to)
     if to == "krl":
         src, dat = write_krl(programme, path.stem)
-        return write_text(path.with_suffix(".src"), src), write_text(path.with_suffix(".dat"), dat)
+        return {path.with_suffix(".src"): src, path.with_suffix(".dat"): dat}
     if to == "fanuc-ls":
-        return (write_text(path, write_fanuc(programme, re.sub(r"\W", "_", path.stem).upper())),)
+        return {path: write_fanuc(programme, re.sub(r"\W", "_", path.stem).upper())}
     if to == "rapid":
-        return (write_text(path, write_rapid(programme, path.stem)),)
-    if to == "urscript":
-        return (write_text(path, write_urscript(programme, path.stem)),)
-    return (write_text(path, write_csv(programme)),)
+        return {path: write_rapid(programme, path.stem)}
+    return {path: write_urscript(programme, path.stem) if to == "urscript" else write_csv(programme)}
 
 
 def _with_frames(programme: Programme, to: str) -> Programme:
@@ -78,7 +80,7 @@ def check_format(programme: Programme, to: str) -> None:
         axes = ", ".join(f"J{k + 1}" for k, slides in enumerate(programme.units.sliding) if slides)
         message = f"{to} holds turning axes only so far, and {axes} of this arm slides"
         raise InputError(Problem(message, hint="Use csv.", argument=("to", "csv")))
-    maker = next((m for m in _KNOWN if m in programme.title.upper()), None)
+    maker = maker_of(programme.title)
     if to in _MAKERS and maker not in (None, _MAKERS[to]):
         own = next((f for f, m in _MAKERS.items() if m == maker), "csv")
         raise InputError(

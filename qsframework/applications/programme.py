@@ -106,20 +106,27 @@ def make_programme(
     points = np.stack([m.pendant for m in moves])
     planned = way_length(plan.pendant, visits(plan, "plan"), home)
     notes = (*_unseen(experiment, plan, moves, around), *_notes(experiment, around, home, pause))
+    return replace(
+        draft(experiment, plan, speed, pause),
+        moves=moves,
+        length=way_length(points, range(len(points))),
+        length_as_planned=planned,
+        notes=notes,
+        home=home is not None,
+    )
+
+
+def draft(experiment: Experiment, plan: Plan, speed: int = 10, pause: float | None = 10.0) -> Programme:
+    """The visits of a plan in its own order, with nothing checked: enough to see whether a format holds them."""
     robot = experiment.robot
-    length = way_length(points, range(len(points)))
     return Programme(
         robot=robot.name,
         title=robot.title,
         payload=robot.payload,
-        moves=moves,
+        moves=tuple(_stops(plan, visits(plan, "plan"))),
         units=robot.controller.units,
         speed=speed,
         pause=pause,
-        length=length,
-        length_as_planned=planned,
-        notes=notes,
-        home=home is not None,
         external=robot.controller.external,
     )
 
@@ -267,6 +274,16 @@ def _in_rounds(plan: Plan) -> bool:
     return changes == len(set(plan.load)) - 1 and max(plan.repeats) == 1
 
 
+def _stops(plan: Plan, sequence: tuple[int, ...]) -> list[Move]:
+    """The visits in an order."""
+    out, seen = list[Move](), dict[int, int]()
+    for i in sequence:
+        seen[i] = seen.get(i, 0) + 1
+        x, y, z = (float(f) for f in plan.wrench[i, :3])
+        out.append(Move(frozen(plan.pendant[i]), plan.pose[i], seen[i], load_name(plan, i), (x, y, z)))
+    return out
+
+
 def _moves(
     around: Surroundings,
     plan: Plan,
@@ -276,12 +293,7 @@ def _moves(
     tell: Tell,
     file: str,
 ) -> tuple[Move, ...]:
-    stops: list[Move] = []
-    seen: dict[int, int] = {}
-    for i in sequence:
-        seen[i] = seen.get(i, 0) + 1
-        x, y, z = (float(f) for f in plan.wrench[i, :3])
-        stops.append(Move(frozen(plan.pendant[i]), plan.pose[i], seen[i], load_name(plan, i), (x, y, z)))
+    stops = _stops(plan, sequence)
     if home is not None:
         stops = [Move(frozen(home)), *stops, Move(frozen(home))]
     out = stops[:1]

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.export import ENDINGS, FORMATS, export
+from qsframework.applications.export import ENDINGS, FORMATS, export, written
 from qsframework.applications.ordering import with_repeats
-from qsframework.applications.programme import Programme, make_programme
+from qsframework.applications.programme import Programme, draft, make_programme
 from qsframework.cli.commands import beside, distinct_outputs, write_json
 from qsframework.cli.printing import print_folded
 from qsframework.cli.progress import progress
@@ -46,11 +46,15 @@ def run_export(plan_file: Path, file: Path, output: Path, wish: ExportWish, json
     experiment = load_experiment(file)
     plan = with_repeats(plan_of(plan_file, experiment), wish.repeat_share, wish.seed)
     home = None if wish.home is None else home_pose(experiment, wish.home)
+    named = {"tool": wish.tool, "frame": wish.frame}
+    written(
+        replace(draft(experiment, plan, wish.speed, wish.pause), **named), wish.to, output
+    )  # refused before the work
     with progress() as tell:
         programme = make_programme(
             experiment, plan, wish.order, wish.seed, wish.speed, wish.pause, home, tell, str(plan_file)
         )
-    files = export(replace(programme, tool=wish.tool, frame=wish.frame), wish.to, output)
+    files = export(replace(programme, **named), wish.to, output)
     print_folded(words(programme))
     for note in programme.notes:
         print_folded(f"note: {note}")
