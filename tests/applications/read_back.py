@@ -115,12 +115,12 @@ def parsed(source: Source) -> Parsed:
     """What the reader of programmes finds in a file of `qsf export`, stop by stop."""
     points, convention = {p.name: p for p in source.points}, POSES[source.maker]
     motions = {m.statement.tokens[-1]: m for m in source.motions if not m.stands}
-    remarks = [said for s in source.statements if (said := s.remark) is not None]
+    remarks = [said for s in source.lines if (said := s.remark) is not None]
     robot = next((m[1] for said in remarks if (m := _ROBOT.fullmatch(said))), "")
     order = next((m[1].split() for said in remarks if (m := _AXES.fullmatch(said))), None)
     stops, frames, visit, speed = list[Stop](), set[tuple[str, str]](), ("", 0), 0
-    for statement in source.statements:
-        words, motion = statement.words, motions.get(statement.tokens[-1])
+    for statement in source.lines:
+        words, motion = statement.upper, motions.get(statement.tokens[-1])
         if (said := statement.remark) is not None:
             if match := _LOAD.fullmatch(said):
                 stops[-1] = stops[-1].hanging(match[1])

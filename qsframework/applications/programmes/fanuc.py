@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from qsframework.applications.programmes.source import (
@@ -53,11 +54,24 @@ def read(path: Path, text: str) -> tuple[list[Statement], list[ProgrammePoint], 
         raise InputError(Problem(message, str(path), 1, allowed="/PROG, /ATTR, /MN, /POS, /END"))
     points = positions(path, sections["/POS"])
     lines = list(_lines(path, sections["/MN"][1:]))
+    set_in = {
+        (line.upper[0], line.upper[2]): line.line for line in lines if line.upper[1:2] == ["["] and "=" in line.upper
+    }
+    points = [_set_when_it_runs(point, set_in) for point in points]
     conveyor = "LINE_TRACK_SCHEDULE_NUMBER" in (words := [t.text for t in sections.get("/APPL", ())])
     conveyor = conveyor and words[words.index("LINE_TRACK_SCHEDULE_NUMBER") + 2] != "0"
     known = dict.fromkeys(p.name for p in points)
     motions = [m for line in lines if (m := _motion(line, known, conveyor)) is not None]
     return lines, points, motions
+
+
+def _set_when_it_runs(point: ProgrammePoint, set_in: Mapping[tuple[str, str], int]) -> ProgrammePoint:
+    """A pose cannot be corrected where the programme itself sets its tool or its user frame, `UFRAME[2]=PR[5]`."""
+    for data, number_of in (("UFRAME", point.frame), ("UTOOL", point.tool)):
+        if point.cartesian and point.problem is None and (data, number_of) in set_in:
+            said = f"{point.name}: {data}[{number_of}] is set in line {set_in[data, number_of]} when the programme runs"
+            return replace(point, problem=Problem(said, str(point.path), point.line))
+    return point
 
 
 def _lines(path: Path, tokens: Sequence[Token]) -> Iterator[Statement]:
@@ -78,7 +92,7 @@ def _lines(path: Path, tokens: Sequence[Token]) -> Iterator[Statement]:
 
 def _motion(line: Statement, known: dict[str, None], conveyor: bool) -> Motion | None:
     """The motion of a line: J, L, C, A or S, and what is numbered in brackets."""
-    tokens, words = line.tokens, line.words
+    tokens, words = line.tokens, line.upper
     if words[0] not in _MOTIONS or len(tokens) < 4 or tokens[1].kind != "word" or words[2] != "[":
         return None
     goes, at = list[str](), 1

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from qsframework.applications.programmes.names import Names, Track
+from qsframework.applications.programmes.names import AMBIGUOUS, Names, Track
 from qsframework.applications.programmes.source import (
     NUMBER,
     Cell,
@@ -39,7 +39,7 @@ _CELL = re.compile(r"[AE][1-6]|[XYZABC]")
 _ENDS = ("WITH", "C_PTP", "C_DIS", "C_VEL", "C_ORI", "C_SPL", "C_JERK")
 _ALLOWED = "A1 to A6 or X, Y, Z, A, B, C, S, T; E1 to E6; each with a number"
 _REMOTE = "the tool stands in the cell (IPO_FRAME #TCP) and the arm holds the work, which is not corrected"
-_NULL = ("$NULLFRAME", "$WORLD")
+_NULL = (["$NULLFRAME"], ["$WORLD"])
 _Move = tuple[Statement, dict[str, str]]
 
 
@@ -104,7 +104,7 @@ def _closed(path: Path, text: str, problems: list[Problem]) -> list[Token]:
 def _module(path: Path, lines: Sequence[Statement]) -> list[Problem]:
     """What a file of a module begins and ends with."""
     opened, closed = ("DEFDAT", "ENDDAT") if path.suffix.lower() == ".dat" else ("DEF", "END")
-    first = [w[1] if w[0] == "GLOBAL" and len(w) > 1 else w[0] for line in lines if (w := line.words)]
+    first = [w[1] if w[0] == "GLOBAL" and len(w) > 1 else w[0] for line in lines if (w := line.upper)]
     if {opened, f"{opened}FCT"} & set(first) and {closed, f"{closed}FCT"} & set(first):
         return []
     begins = bool({opened, f"{opened}FCT"} & set(first))
@@ -138,7 +138,7 @@ def _frames(lines: Sequence[Statement]) -> dict[str, tuple[str, str, bool]]:
     """Tool, base and whether the tool stands in the cell, of each FDAT by its name."""
     out: dict[str, tuple[str, str, bool]] = {}
     for line in lines:
-        words = line.words
+        words = line.upper
         at = next((k for k, word in enumerate(words) if word not in _BEFORE), 0)
         if words[at : at + 1] == ["FDAT"] and words[at + 2 : at + 3] == ["="]:
             out[words[at + 1]] = _fdat(line.tokens[at + 3 :])
@@ -152,7 +152,7 @@ def _fdat(tokens: Sequence[Token]) -> tuple[str, str, bool]:
 
 def _definitions(line: Statement, names: Names) -> None:
     """What a line gives to names: declarations of points, and assignments."""
-    words = line.words
+    words = line.upper
     at = next((k for k, word in enumerate(words) if word not in _BEFORE), 0)
     if words[at] in ("DEF", "DEFFCT"):
         for token in bracketed(line.tokens, words.index("(")) or () if "(" in words else ():
@@ -165,31 +165,26 @@ def _definitions(line: Statement, names: Names) -> None:
         named = sides[0]
         if len(sides) != 2 or not named or named[0].kind != "word" or (len(named) == 1 and named[0].text[0] == "$"):
             continue
-        index = bracketed(named, 1) if len(named) > 1 and named[1].text == "[" else None
-        if len(named) == 1 or (index is not None and len(index) == 1 and index[0].kind == "number" and len(named) == 4):
-            if (
-                declared
-                or names.fold(shown(named)) in names.points
-                or (names.literal(sides[1]) or ({}, "none"))[1] == ""
-            ):
-                names.give(line, shown(named), sides[1])
-            else:
-                names.change(line, shown(named))
+        element = len(named) > 3 and named[1].text == "[" and named[2].kind == "number" and named[3].text == "]"
+        own = named[: 4 if element else 1]
+        whole, point = len(own) == len(named), names.literal(sides[1])
+        if whole and (declared or names.fold(shown(own)) in names.points or (point and not point[1])):
+            names.give(line, shown(own), sides[1])
         else:
-            names.change(line, named[0].text)
+            names.change(line, shown(own))
 
 
 def _verb(line: Statement) -> int | None:
     """Where the motion of a line begins: with the line, or behind the word that leads to it."""
-    for k, word in enumerate(line.words):
-        if _MOTION.fullmatch(word) and (k == 0 or line.words[k - 1] in ("THEN", "ELSE", "DO", ":")):
+    for k, word in enumerate(line.upper):
+        if _MOTION.fullmatch(word) and (k == 0 or line.upper[k - 1] in ("THEN", "ELSE", "DO", ":")):
             return k
     return None
 
 
 def _follow(line: Statement, track: Track, stored: Mapping[str, tuple[str, str, bool]]) -> None:
     """What a line says of the tool, the base and the interpolation from there on."""
-    words = line.words
+    words = line.upper
     first = words[1] if words[0] == "GLOBAL" and len(words) > 1 else words[0]
     if first in ("DEF", "DEFFCT"):
         track.reset()
@@ -200,36 +195,45 @@ def _follow(line: Statement, track: Track, stored: Mapping[str, tuple[str, str, 
     elif first in _END:
         track.end()
     elif first == "SPLINE" and "WITH" in words:
-        track.now |= _chosen(line.tokens[words.index("WITH") + 1 :])
+        track.now |= _chosen(line.tokens[words.index("WITH") + 1 :], stored)
     elif first == "FDAT_ACT":
         tool, base, remote = stored.get(words[2], ("", "", False)) if len(words) == 3 else _fdat(line.tokens[2:])
         track.now |= {"tool": tool, "base": base, "ipo": "#TCP" if remote else "#BASE"}
     elif first == "BAS" and len(words) > 4 and words[2] in ("#TOOL", "#BASE", "#INITMOV"):
         new = {"#TOOL": ["tool"], "#BASE": ["base"], "#INITMOV": ["tool", "base", "ipo"]}[words[2]]
         track.now |= dict.fromkeys(new, "" if words[2] == "#INITMOV" else shown(line.tokens[4:-1]))
-    else:
-        track.now |= _chosen(line.tokens)
+    elif "WITH" not in words:  # what a motion has WITH it holds for that motion
+        track.now |= _chosen(line.tokens, stored)
 
 
-def _chosen(tokens: Sequence[Token]) -> dict[str, str]:
-    """The tool, base or interpolation that assignments choose, such as `$TOOL=TOOL_DATA[3]`."""
+def _chosen(tokens: Sequence[Token], stored: Mapping[str, tuple[str, str, bool]]) -> dict[str, str]:
+    """The tool, base or interpolation that assignments choose: `$TOOL=TOOL_DATA[3]`, `$BASE=SBASE(FP1.BASE_NO)`."""
     out: dict[str, str] = {}
     for part in split(tokens):
         sides = split(part, "=")
         key = {"$TOOL": "tool", "$BASE": "base", "$IPO_MODE": "ipo"}.get(sides[0][0].text.upper() if sides[0] else "")
-        if key and len(sides) == 2 and len(sides[0]) == 1:
-            words = [t.text.upper() for t in sides[1]]
-            index = shown(bracketed(sides[1], 1) or ()) if words[:1] in (["TOOL_DATA"], ["BASE_DATA"]) else ""
-            null = "0" if words[0] in _NULL and len(words) == 1 else ""
-            out[key] = words[0] if key == "ipo" else index or null or shown(sides[1])
+        if key and len(sides) == 2:
+            value = list(itertools.takewhile(lambda t: t.text.upper() not in _ENDS, sides[1]))
+            words = [t.text.upper() for t in value]
+            inside = bracketed(value, 1) if len(value) > 2 else None
+            whole = inside is not None and len(inside) == len(value) - 3
+            named = stored.get(inside[0].text.upper()) if inside and words[0].startswith("S") else None
+            if len(sides[0]) > 1:  # a part of it, such as $TOOL.Z
+                out[key] = AMBIGUOUS
+            elif whole and named is not None:
+                out[key] = {"tool": named[0], "base": named[1], "ipo": "#TCP" if named[2] else "#BASE"}[key]
+            elif whole and inside is not None and words[0] in ("TOOL_DATA", "BASE_DATA"):
+                out[key] = shown(inside)
+            else:
+                out[key] = "0" if words in _NULL else shown(value).upper()
     return out
 
 
 def _motion(line: Statement, here: dict[str, str], names: Names, stored: Mapping[str, tuple[str, str, bool]]) -> Motion:
     """A motion by its line, from its verb on, and what holds there."""
-    tokens, verb = line.tokens, line.words[0]
-    ends = [k for k, word in enumerate(line.words) if word in _ENDS]
-    here = here | _chosen(tokens[line.words.index("WITH") + 1 :] if "WITH" in line.words else [])
+    tokens, verb = line.tokens, line.upper[0]
+    ends = [k for k, word in enumerate(line.upper) if word in _ENDS]
+    here = here | _chosen(tokens[line.upper.index("WITH") + 1 :] if "WITH" in line.upper else [], stored)
     parts = [p for p in split(tokens[1 : ends[0] if ends else len(tokens)]) if p]
     wrong = ""
     if verb.endswith("_REL"):
@@ -243,5 +247,8 @@ def _motion(line: Statement, here: dict[str, str], names: Names, stored: Mapping
     remote = [stored.get(f"F{t.text[1:]}".upper(), ("", "", False))[2] for p in parts for t in p[:1]]
     if here.get("ipo") == "#TCP" or any(remote):
         wrong = _REMOTE
+    for data, number_of in (("TOOL_DATA", here.get("tool")), ("BASE_DATA", here.get("base"))):
+        if data in names.changes or {f"{data}[{number_of}]"} & {*names.points, *names.changes}:
+            wrong = f"{data}[{number_of}] gets other values when the programme runs"
     goes = [] if verb.endswith("_REL") else parts[: 1 + ("CIRC" in verb)]
     return names.motion(line, goes, (here.get("tool", ""), here.get("base", "")), wrong)

@@ -48,7 +48,7 @@ def _moved(source: Source) -> Iterator[tuple[str, ProgrammePoint]]:
     """The points that motions go to, by the poses that remarks name."""
     points, name, seen = {p.name: p for p in source.points}, "", set[str]()
     goes = {(m.statement.path, m.statement.tokens[-1].start): m.points for m in source.motions}
-    for statement in source.statements:
+    for statement in source.lines:
         if statement.remark is not None:
             name = said[1] if (said := _POSE.fullmatch(statement.remark)) else name
             continue

@@ -51,7 +51,7 @@ def read(
 ) -> tuple[list[Statement], list[ProgrammePoint], list[Motion], dict[str, Array], dict[str, Array]]:
     """Statements, points, motions, and the tools and work objects of a module. InputError where it is not whole."""
     lines = list(statements(path, tokenise(text, GRAMMAR)))
-    words = {w for line in lines if line.remark is None for w in line.words}
+    words = {w for line in lines if line.remark is None for w in line.upper}
     if not {"MODULE", "ENDMODULE"} <= words:
         missing = next(w for w in ("MODULE", "ENDMODULE") if w not in words)
         message = f"is no whole module of RAPID: {missing} is missing"
@@ -63,7 +63,7 @@ def read(
             _declared(line, names, data)
     for line in lines:
         if line.remark is None:
-            shifted = next((_SHIFTS[w] for w in line.words if w in _SHIFTS), shifted)
+            shifted = next((_SHIFTS[w] for w in line.upper if w in _SHIFTS), shifted)
             if (at := _verb(line, names)) is not None:
                 moves.append((line, at, shifted))
     motions = [_motion(line.after(at), names, data, on) for line, at, on in moves]
@@ -91,7 +91,7 @@ def literal(tokens: Sequence[Token]) -> tuple[dict[str, Cell], str] | None:
 
 def _declared(line: Statement, names: Names, data: Mapping[str, _Data]) -> None:
     """What a line gives to names: declarations of targets, arrays of them, tools, work objects; assignments."""
-    words = line.words
+    words = line.upper
     for k, word in enumerate(words[:-1]):
         if word in _TYPES and ":=" not in words[k + 2 : k + 6]:
             names.change(line, line.tokens[k + 1].text)  # a variable, or what a routine is given
@@ -158,7 +158,7 @@ def _frame(tokens: Sequence[Token]) -> Array | None:
 
 def _verb(line: Statement, names: Names) -> int | None:
     """Where a motion begins: at its name, or at an instruction with a target, a speed and more."""
-    words = line.words
+    words = line.upper
     for k, word in enumerate(words):
         before = words[k - 1] if k else ""
         if line.tokens[k].kind != "word" or before in ("PROC", "FUNC", "TRAP", ":=", ".", "\\", ",", "("):
@@ -179,7 +179,7 @@ def _goes(tokens: Sequence[Token], names: Names) -> bool:
 
 def _motion(line: Statement, names: Names, data: Mapping[str, _Data], shifted: bool) -> Motion:
     """A motion by its line, from its verb on."""
-    verb, parts = line.words[0], [_plain(p) for p in split(line.tokens[1:])]
+    verb, parts = line.upper[0], [split(p, "\\")[0] for p in split(line.tokens[1:])]
     parts = [p for p in parts if p]
     if verb.startswith("SEARCH") and len(parts) > 1:
         names.change(line, shown(parts[1]))
@@ -187,7 +187,7 @@ def _motion(line: Statement, names: Names, data: Mapping[str, _Data], shifted: b
     count = 2 if _SUFFIX.sub("", verb).endswith("C") else 1
     last = parts[count + 2 if verb.startswith(("MOVE", "EGM")) else -1 :][:1]
     tool = shown(last[0]).lower() if last and len(parts) > count + 1 else ""
-    words = line.words
+    words = line.upper
     named = [
         k + 3 for k, w in enumerate(words) if w == "WOBJ" and words[k - 1] == "\\" and words[k + 1 : k + 2] == [":="]
     ]
@@ -200,8 +200,3 @@ def _motion(line: Statement, names: Names, data: Mapping[str, _Data], shifted: b
     for kind, name in (("TOOLDATA", tool), ("WOBJDATA", frame)):
         wrong = wrong or (f"{name} {held}" if (held := data[kind].get(name, (None, ""))[1]) else "")
     return names.motion(line, parts[:count], (tool, frame), wrong)
-
-
-def _plain(tokens: Sequence[Token]) -> list[Token]:
-    """An argument without the switches behind it, such as `\\ID:=10`."""
-    return list(tokens[: next((k for k, t in enumerate(tokens) if t.text == "\\"), len(tokens))])

@@ -45,7 +45,7 @@ class Statement:
         return self.tokens[0].line
 
     @property
-    def words(self) -> list[str]:
+    def upper(self) -> list[str]:
         """Its tokens in capitals."""
         return [token.text.upper() for token in self.tokens]
 
@@ -120,7 +120,7 @@ class Source:
     maker: str
     texts: Mapping[Path, str]
     encodings: Mapping[Path, str]
-    statements: tuple[Statement, ...]
+    lines: tuple[Statement, ...]
     points: tuple[ProgrammePoint, ...]
     motions: tuple[Motion, ...]
     tools: Mapping[str, Array] = field(default_factory=dict[str, Array])

@@ -88,7 +88,7 @@ def _used(source: Source, points: set[str]) -> list[int]:
     """Lines beside definitions and corrected motions that name a corrected point."""
     plain = {(m.statement.path, t.start) for m in source.motions if m.problem is None for t in m.statement.tokens}
     out = dict[int, None]()
-    for line in source.statements:
+    for line in source.lines:
         for token, following in itertools.pairwise([*line.tokens, line.tokens[-1]]):
             use = token.kind == "word" and following.text not in ("=", ":=") and (line.path, token.start) not in plain
             if use and {token.text, token.text.upper()} & points:

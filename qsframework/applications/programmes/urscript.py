@@ -74,7 +74,7 @@ def read(
 
 
 def _whole(path: Path, lines: Sequence[Statement]) -> None:
-    firsts = [line.tokens[0] for line in lines if line.remark is None and line.words[1:2] != ["="]]
+    firsts = [line.tokens[0] for line in lines if line.remark is None and line.upper[1:2] != ["="]]
     opened = [t for t in firsts if t.text in _ROUTINES + _BLOCKS]
     if len(opened) != sum(t.text == "end" for t in firsts):
         last = (opened or firsts or [Token("", "", 0, 1)])[-1]

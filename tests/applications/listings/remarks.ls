@@ -1,0 +1,37 @@
+/PROG  REMARKS
+/ATTR
+OWNER		= MNEDITOR;
+COMMENT		= "";
+PROG_SIZE	= 1204;
+PROTECT		= READ_WRITE;
+TCD:  STACK_SIZE	= 0,
+      TASK_PRIORITY	= 50;
+DEFAULT_GROUP	= 1,*,*,*,*;
+CONTROL_CODE	= 00000000 00000000;
+/APPL
+/MN
+   1:  !L P[9] 100mm/sec FINE ;
+   2:  //L P[8] 100mm/sec FINE    ;
+   3:  --eg:J P[7] was here ;
+   4:  MESSAGE[L P[6] don't] ;
+   5:J P[1:it's; here] 20% FINE    ;
+   6:  CALL SAY('L P[5] 10mm/sec') ;
+   7:  DO[1:L P[4]]=ON ;
+   8:L P[2] 100mm/sec FINE DB 10.0mm,DO[2]=ON    ;
+   9:  IF DI[3:J P[3]]=ON,JMP LBL[1] ;
+  10:  LBL[1:J P[2] 20%] ;
+  11:  WAIT    .50(sec) ;
+/POS
+P[1:"it's; here"]{
+   GP1:
+	UF : 2, UT : 3,	
+	J1=    27.252 deg,	J2=    35.150 deg,	J3=    -7.038 deg,
+	J4=    -1.946 deg,	J5=    58.403 deg,	J6=    10.724 deg
+};
+P[2]{
+   GP1:
+	UF : 2, UT : 3,		CONFIG : 'N U T, 0, 0, 0',
+	X =   258.739  mm,	Y =  1872.358  mm,	Z =  2142.529  mm,
+	W =   -40.279 deg,	P =   -50.319 deg,	R =   121.524 deg
+};
+/END

@@ -1,0 +1,127 @@
+"""Programmes in the structure of public listings: every motion is corrected, kept or refused, and all else stays."""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from count_motions import count_motions, without_numbers
+
+from qsframework.applications.compensate import compensate
+from qsframework.applications.programmes.reading import MAKERS
+from qsframework.applications.programmes.targets import (
+    ProgrammeOptions,
+    ProgrammeTargets,
+    corrected_texts,
+    read_programme,
+)
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, load_experiment
+from tests.applications.test_compensate import exact_fit, known
+
+FOLDER = Path(__file__).parent / "listings"
+COUNTS = {row["programme"]: row for row in csv.DictReader((FOLDER / "counts.csv").read_text().splitlines())}
+ROBOTS = {"fanuc": "fanuc_m900ib", "kuka": "kuka_kr270", "abb": "abb_irb6640_185_280", "ur": "ur10"}
+STARTS = {
+    "fanuc": (25.0, 28.0, -12.0, 3.0, 62.0, 4.0),
+    "kuka": (10.0, -85.0, 105.0, 8.0, 35.0, 5.0),
+    "abb": (10.0, 10.0, 5.0, 8.0, 40.0, 5.0),
+    "ur": (10.0, -80.0, 95.0, -100.0, -85.0, 5.0),
+}
+TOOL = np.array([50.0, -30.0, 250.0, 10.0, -20.0, 30.0])
+FRAME = np.array([900.0, -400.0, 120.0, 5.0, 3.0, -40.0])
+PULL = np.array([0.0, 20.0, -60.0, 0.0, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Experiment]:
+    @cache
+    def make(maker: str) -> Experiment:
+        path = tmp_path_factory.mktemp(maker) / "experiment.yaml"
+        lines = [f"robot: {ROBOTS[maker]}", "load: {point_mm: [20, 30, 200]}", "markers: {m1: {xyz_mm: [0, 0, 200]}}"]
+        path.write_text("\n".join([*lines, "noise: {sigma_mm: 0.03}"]) + "\n")
+        return load_experiment(path)
+
+    return make
+
+
+def options(maker: str, keep: tuple[str, ...]) -> ProgrammeOptions:
+    """What is stated of every programme of a maker."""
+    tool, frame = (np.array([0.0, 0.0, 0.15, 0.0, 0.0, 0.3]), np.zeros(6)) if maker == "ur" else (TOOL, FRAME)
+    names = {"fanuc": ("3", "2"), "kuka": ("3", "2"), "abb": ("tGun", "wobj0"), "ur": ("tcp", "base")}[maker]
+    start = np.deg2rad(STARTS[maker])
+    return ProgrammeOptions(loads={"": PULL}, keep=keep, tools={names[0]: tool}, frames={names[1]: frame}, start=start)
+
+
+def counted(error: InputError) -> dict[str, int]:
+    """Motions, and those corrected, kept and refused, as the first problem says them."""
+    words = error.problems[0].message.replace(",", "").replace(":", "").split()
+    return dict(zip(("motions", "corrected", "kept", "refused"), map(int, filter(str.isdigit, words)), strict=True))
+
+
+def followed(path: Path, experiment: Experiment, maker: str) -> tuple[ProgrammeTargets | None, dict[str, int]]:
+    """The programme once the advice of each refusal was followed, and the counts of the first answer.
+
+    A tool or a frame that nobody knows is no use: its point is kept. None: nothing is left to correct.
+    """
+    keep, first = tuple[str, ...](), dict[str, int]()
+    for _ in range(6):
+        try:
+            made = read_programme(path, experiment, options(maker, keep))
+        except InputError as error:
+            problems = error.problems
+        else:
+            return made, first or {"motions": len(made.source.motions), **made.counts}
+        if "nothing is left to correct" in problems[0].message:
+            return None, first
+        first = first or counted(InputError(problems))
+        for problem in problems[1:]:
+            assert problem.file, problem.line
+            assert problem.argument is not None, "each refusal says what to do"
+            what, value = problem.argument
+            point = problem.message.split(" is a pose")[0]
+            keep = (*keep, value.strip("'") if what == "keep" else point)
+    raise AssertionError("the advice does not lead to an end")
+
+
+LISTINGS = sorted(p.name for p in FOLDER.iterdir() if p.suffix in (".ls", ".src", ".mod", ".script"))
+
+
+def decoded(content: bytes) -> str:
+    try:
+        return content.decode()
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
+
+
+def test_there_are_sixty_programmes_of_four_languages() -> None:
+    assert len(LISTINGS) >= 60
+    assert min(Counter(Path(name).suffix for name in LISTINGS).values()) >= 15
+    assert sorted(COUNTS) == LISTINGS
+
+
+@pytest.mark.parametrize("name", LISTINGS)
+def test_every_motion_is_accounted_for(name: str, cell: Callable[[str], Experiment]) -> None:
+    path, maker = FOLDER / name, MAKERS[Path(name).suffix]
+    experiment, own = cell(maker), count_motions(path.suffix, decoded(path.read_bytes()))
+    made, first = followed(path, experiment, maker)
+    assert first == {k: int(v) for k, v in COUNTS[name].items() if k != "programme"}
+    assert first["motions"] == first["corrected"] + first["kept"] + first["refused"] == own
+    if made is None:
+        assert first["corrected"] == 0
+        return
+    assert sum(made.counts.values()) == own
+    assert made.counts["refused"] == 0
+    result = compensate(experiment, known(exact_fit(experiment)), made.targets)
+    for file, text in corrected_texts(made, result, experiment).items():
+        before, after = file.read_bytes(), text.encode(made.source.encodings[file])
+        assert without_numbers(decoded(after)) == without_numbers(decoded(before))
+        both = zip(before.split(b"\n"), after.split(b"\n"), strict=True)
+        changed = {k for k, (a, b) in enumerate(both, start=1) if a != b}
+        starts = [c.start for p in made.points if p.path == file for name, c in p.cells.items() if name[0] != "E"]
+        assert changed == {decoded(before).count("\n", 0, k) + 1 for k in starts}, "the lines of corrected points alone"
