@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 from qsframework.applications.programmes.source import (
@@ -24,7 +25,8 @@ from qsframework.applications.programmes.source import (
 from qsframework.errors import InputError, Problem
 
 GRAMMAR = re.compile(
-    r"(?P<section>^/[A-Z]+\b)|(?P<remark>^[ \t]*[0-9]*[ \t]*:[ \t]*(?:!|//|--)[^\n]*)|(?P<head>^[ \t]*[0-9]*[ \t]*:)"
+    r"(?P<section>^/[A-Z]+\b)"
+    r"|(?P<remark>^[ \t\r]*[0-9]*[ \t]*:[ \t]*(?:!|//|--)[^\n]*)|(?P<head>^[ \t\r]*[0-9]*[ \t]*:)"
     r"|(?P<text>MESSAGE[ \t]*\[[^\]\n]*\])|(?P<label>(?<=[0-9]):[^\]\n]*(?=\]))"
     rf"|(?P<string>\"[^\"\n]*\"|'[^'\n]*')|(?P<stars>\*+)|{NUMBER}|(?P<word>[^\W\d]\w*)|(?P<end>;)|(?P<sign>\S)",
     re.MULTILINE,
@@ -78,7 +80,7 @@ def _lines(path: Path, tokens: Sequence[Token]) -> Iterator[Statement]:
     """The numbered lines; a line without a number goes on with the one before, where that has not ended."""
     own = list[Token]()
     for token in tokens:
-        starts = token.kind in ("head", "remark") and token.text.strip(" \t:") != ""
+        starts = token.kind in ("head", "remark") and token.text.strip(" \t\r:") != ""
         if own and (token.kind == "end" or starts):
             yield Statement(path, tuple(own))
             own = []
@@ -93,7 +95,7 @@ def _lines(path: Path, tokens: Sequence[Token]) -> Iterator[Statement]:
 def _motion(line: Statement, known: dict[str, None], conveyor: bool) -> Motion | None:
     """The motion of a line: J, L, C, A or S, and what is numbered in brackets."""
     tokens, words = line.tokens, line.upper
-    if words[0] not in _MOTIONS or len(tokens) < 4 or tokens[1].kind != "word" or words[2] != "[":
+    if words[0] not in _MOTIONS or len(tokens) < 3 or tokens[1].kind != "word" or words[2] != "[":
         return None
     goes, at = list[str](), 1
     while at < len(tokens) - 1 and words[at + 1] == "[" and (at == 1 or words[at] in ("P", "PR")):
@@ -125,7 +127,7 @@ def positions(path: Path, tokens: Sequence[Token]) -> list[ProgrammePoint]:
     """The positions `P[n]{...};`. InputError for one that does not end."""
     out, problems = list[ProgrammePoint](), list[Problem]()
     starts = [k for k, t in enumerate(tokens) if t.text == "P" and [u.text for u in tokens[k + 1 : k + 2]] == ["["]]
-    for k, stop in zip(starts, [*starts[1:], len(tokens)], strict=True):
+    for k, stop in pairwise([*starts, len(tokens)]):
         own = tokens[k:stop]
         inside = bracketed(own, 1) or []
         name = f"P[{shown([t for t in inside if t.kind != 'label'])}]"
@@ -145,7 +147,7 @@ def positions(path: Path, tokens: Sequence[Token]) -> list[ProgrammePoint]:
 def _position(path: Path, name: str, label: str, line: int, body: Sequence[Token]) -> ProgrammePoint:
     """A position: the numbers of group 1, the arm; other groups are positioners, which nothing bends."""
     heads = [k for k, t in enumerate(body) if re.fullmatch(r"GP[0-9]", t.text)]
-    groups = {body[k].text: body[k + 2 : m] for k, m in zip(heads, [*heads[1:], len(body)], strict=True)}
+    groups = {body[k].text: body[k + 2 : m] for k, m in pairwise([*heads, len(body)])}
     arm = groups.pop("GP1", [] if groups else body)
     cells, stated, problem = dict[str, Cell](), dict[str, str](), None
     for part in filter(None, split(arm)):

@@ -248,7 +248,8 @@ def _motion(line: Statement, here: dict[str, str], names: Names, stored: Mapping
     if here.get("ipo") == "#TCP" or any(remote):
         wrong = _REMOTE
     for data, number_of in (("TOOL_DATA", here.get("tool")), ("BASE_DATA", here.get("base"))):
-        if data in names.changes or {f"{data}[{number_of}]"} & {*names.points, *names.changes}:
-            wrong = f"{data}[{number_of}] gets other values when the programme runs"
+        name = f"{data}[{number_of}]"
+        if data in names.changes or name in names.changes or name in names.points:
+            wrong = f"{name} gets other values when the programme runs"
     goes = [] if verb.endswith("_REL") else parts[: 1 + ("CIRC" in verb)]
     return names.motion(line, goes, (here.get("tool", ""), here.get("base", "")), wrong)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from qsframework.applications.programmes.source import (
     ProgrammePoint,
     Statement,
     Token,
+    bracketed,
     enclosed,
     numbers,
     shown,
@@ -35,6 +37,8 @@ _MOTION = re.compile(
 )
 _INSTRUCTION = re.compile(r"\w+(?:ABSJ|J|L|C|M)(?:\d|START|END|DO|AO|GO|SYNC|STD)?")
 """What a motion of an option (arc, spot, dispense) is named; it is one where a target, a speed and more follow."""
+_SPEED = re.compile(r"V[0-9]+|VMAX|Z[0-9]+|FINE")
+"""A speed or a zone that every controller knows."""
 _SUFFIX = re.compile(r"(?:\d|START|END|DO|AO|GO|SYNC|STD|IOS)+$")
 _TYPES, _DATA = ("ROBTARGET", "JOINTTARGET"), ("TOOLDATA", "WOBJDATA")
 _UNUSED = 8.9e9
@@ -42,7 +46,7 @@ _ROUGH = 1e-3
 _SHIFTS = {"PDISPON": True, "PDISPSET": True, "PDISPOFF": False}
 _REMOTE = "stands in the cell (robhold FALSE) and the arm holds the work, which is not corrected"
 _HELD = "is held or moved by a robot or a positioner, which is not corrected"
-_Move = tuple[Statement, int, bool]
+_Move = tuple[Statement, bool, bool]
 _Data = dict[str, tuple[Array | None, str]]
 
 
@@ -64,9 +68,10 @@ def read(
     for line in lines:
         if line.remark is None:
             shifted = next((_SHIFTS[w] for w in line.upper if w in _SHIFTS), shifted)
-            if (at := _verb(line, names)) is not None:
-                moves.append((line, at, shifted))
-    motions = [_motion(line.after(at), names, data, on) for line, at, on in moves]
+            found = list(_verbs(line, names))
+            for at, stop in pairwise([*found, len(line.tokens)]):
+                moves.append((Statement(path, line.tokens[at:stop]), stop == len(line.tokens), shifted))
+    motions = [_motion(line, names, data, ends, on) for line, ends, on in moves]
     tools, frames = ({n: m for n, (m, _) in data[k].items() if m is not None} for k in _DATA)
     return lines, names.stated(), motions, tools, frames
 
@@ -156,28 +161,30 @@ def _frame(tokens: Sequence[Token]) -> Array | None:
     return quaternion_pose(np.array(values)) if len(values) == 7 and any(values[3:]) else None
 
 
-def _verb(line: Statement, names: Names) -> int | None:
-    """Where a motion begins: at its name, or at an instruction with a target, a speed and more."""
+def _verbs(line: Statement, names: Names) -> Iterator[int]:
+    """Where motions begin: at their names, or at those of an option with a target, a speed or a zone, and more."""
     words = line.upper
     for k, word in enumerate(words):
-        before = words[k - 1] if k else ""
-        if line.tokens[k].kind != "word" or before in ("PROC", "FUNC", "TRAP", ":=", ".", "\\", ",", "("):
+        before, after = words[k - 1] if k else "", words[k + 1] if k + 1 < len(words) else ";"
+        if line.tokens[k].kind != "word" or before in ("PROC", "FUNC", "TRAP", ".", "\\") or after == ":=":
             continue
-        if _MOTION.fullmatch(word) and words[k + 1 : k + 2] not in ([":="], ["("], ["."], []):
-            return k
-        if _INSTRUCTION.fullmatch(word) and len(parts := split(line.tokens[k + 1 :])) > 3 and _goes(parts[0], names):
-            return k
-    return None
+        parts = split(line.tokens[k + 1 :]) if _INSTRUCTION.fullmatch(word) and before not in (",", "(", ":=") else ()
+        fast = bool(parts) and any(_SPEED.fullmatch(w) for w in words[k + 1 :])
+        if _MOTION.fullmatch(word) or (len(parts) > 3 and _goes(split(parts[0], "\\")[0], names, fast)):
+            yield k
 
 
-def _goes(tokens: Sequence[Token], names: Names) -> bool:
-    """Whether an argument is a target: of numbers, by a name that is one, or shifted from one."""
-    name = names.fold(tokens[0].text) if tokens else ""
-    array = any(key.startswith(name + "{") for key in names.points) if tokens[1:2] and tokens[1].text == "{" else False
-    return names.literal(tokens) is not None or name in names.points or array or name in ("OFFS", "RELTOOL")
+def _goes(tokens: Sequence[Token], names: Names, fast: bool) -> bool:
+    """Whether an argument is a target: numbers, what is known or computed as one, beside a speed or a zone any name."""
+    if not tokens or names.literal(tokens) is not None:
+        return bool(tokens)
+    inside = bracketed(tokens, 1) if len(tokens) > 2 and tokens[1].text in "{(" else ()
+    name = names.fold(tokens[0].text)
+    known = name in ("OFFS", "RELTOOL") or not {name, f"{name}{{1}}"}.isdisjoint(names.points)
+    return inside is not None and len(tokens) == 1 + len(inside) + 2 * (len(tokens) > 1) and (known or fast)
 
 
-def _motion(line: Statement, names: Names, data: Mapping[str, _Data], shifted: bool) -> Motion:
+def _motion(line: Statement, names: Names, data: Mapping[str, _Data], ends: bool, shifted: bool) -> Motion:
     """A motion by its line, from its verb on."""
     verb, parts = line.upper[0], [split(p, "\\")[0] for p in split(line.tokens[1:])]
     parts = [p for p in parts if p]
@@ -195,6 +202,8 @@ def _motion(line: Statement, names: Names, data: Mapping[str, _Data], shifted: b
     wrong = ""
     if verb.endswith("EXTJ"):
         wrong = "it moves external axes alone"
+    elif not ends:
+        wrong = "it does not end with `;` before the next one"
     elif shifted:
         wrong = "a programme displacement (PDispOn, PDispSet) shifts it when it runs"
     for kind, name in (("TOOLDATA", tool), ("WOBJDATA", frame)):

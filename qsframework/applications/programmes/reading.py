@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -52,8 +53,9 @@ def decoded(path: Path, content: bytes) -> tuple[str, str]:
     if b"\x00" in content:
         hint = "Save it as UTF-8 or as Latin-1."
         raise InputError(Problem("is no text of one byte a character", str(path), 1, found="a zero byte", hint=hint))
+    utf8 = "utf-8-sig" if content.startswith(codecs.BOM_UTF8) else "utf-8"
     try:
-        return content.decode("utf-8"), "utf-8"
+        return content.decode(utf8), utf8
     except UnicodeDecodeError:
         return content.decode("latin-1"), "latin-1"
 

@@ -30,7 +30,8 @@ _TITLES = {"fanuc": "FANUC", "kuka": "KUKA", "abb": "ABB", "ur": "UNIVERSAL ROBO
 REFUSED = "refused"
 """The name that keeps every motion which the programme itself does not let correct."""
 _SEED = 0
-_LISTED = 20
+_LISTED, _MOST = 20, 1000
+"""Names in a sentence, and problems that are said at once."""
 Held = Mapping[str, Mapping[str, Array]]
 Tell = Callable[[str, int, int], None]
 
@@ -113,7 +114,7 @@ def read_programme(
     points = tuple(p for p in source.points if p.name in goes)
     problems = [*refused, *_unknown(source, options, points)]
     if problems:
-        raise InputError(problems)
+        raise InputError(problems[:_MOST])
     if not points:
         raise InputError(Problem("every point is to be kept: nothing is left to correct", str(path)))
     wrench = np.stack([options.loads.get(p.name, options.loads.get("", np.zeros(6))) for p in points])
@@ -199,12 +200,14 @@ def _sorted_out(
     left = _others(source.motions, kept)
     refused = [m for m in left if m.problem or any(n in inherent or asked[n] for n in m.points)]
     problems = [m.problem for m in refused if m.problem]
-    for name in dict.fromkeys(n for m in refused if not m.problem for n in m.points):
-        lines = ", ".join(str(m.line) for m in refused if name in m.points)
-        hint = f"Mend it, or keep {name!r} as it is, where the motions of line {lines} go."
-        problems += (
-            [replace(inherent[name], hint=hint, argument=("keep", f"'{name}'"))] if name in inherent else asked[name]
-        )
+    lines = dict[str, list[str]]()
+    for motion, name in ((m, n) for m in refused if not m.problem for n in m.points):
+        lines.setdefault(name, []).append(str(motion.line))
+    for name, own in lines.items():
+        where = _more(", ".join(own[:_LISTED]), own)
+        hint = f"Mend it, or keep {name!r} as it is, where the motions of line {where} go."
+        lacking = [replace(inherent[name], hint=hint, argument=("keep", f"'{name}'"))] if name in inherent else []
+        problems += lacking or asked[name]
     if problems:
         message = f"{len(source.motions)} motions: {len(left) - len(refused)} can be corrected, {len(kept)} are kept, "
         message += f"{len(refused)} are refused, so nothing is written"
