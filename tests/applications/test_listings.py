@@ -105,6 +105,14 @@ def test_there_are_sixty_programmes_of_four_languages() -> None:
     assert sorted(COUNTS) == LISTINGS
 
 
+def test_the_page_has_the_sums() -> None:
+    page = (FOLDER.parents[2] / "docs" / "robustness.md").read_text()
+    for ending in (".ls", ".src", ".mod", ".script", ""):
+        own = [row for name, row in COUNTS.items() if name.endswith(ending)]
+        sums = [sum(int(row[k]) for row in own) for k in ("motions", "corrected", "kept", "refused")]
+        assert f"| {len(own)} | {' | '.join(map(str, sums))} | 0 |\n" in page
+
+
 @pytest.mark.parametrize("name", LISTINGS)
 def test_every_motion_is_accounted_for(name: str, cell: Callable[[str], Experiment]) -> None:
     path, maker = FOLDER / name, MAKERS[Path(name).suffix]

@@ -17,8 +17,8 @@ from qsframework.applications.programmes.targets import ProgrammeOptions, correc
 from qsframework.applications.targets import joint_targets
 from qsframework.cli.main import app
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, load_experiment
-from qsframework.plugin import Array
+from qsframework.experiment import Experiment, load_experiment, make_plan, write_plan
+from qsframework.plugin import Array, Poses
 from tests.applications.test_compensate import exact_fit
 
 LS = """/PROG  DRILL
@@ -346,3 +346,128 @@ def test_the_command(m900ib: Experiment, tmp_path: Path) -> None:
         assert words in str(wrong.exception)
     table = CliRunner().invoke(app, [*arguments[:3], "targets.csv", *stated])
     assert "is no programme; allowed: .ls, .src, .dat, .mod" in str(table.exception)
+
+
+EXT = """DEF EXT( )
+PTP XP1
+LIN XP2
+LIN XGLOBAL
+XP3=XP1
+XP3.Z=XP3.Z+50
+LIN XP3
+LIN XP1:{X 0,Y 0,Z 100,A 0,B 0,C 0}
+;LIN XP9
+END
+"""
+EXT_DAT = """DEFDAT EXT
+DECL E6POS XP1={X %s,Y %s,Z %s,A %s,B %s,C %s,S 2,T 35}
+DECL FDAT FP1={TOOL_NO 3, BASE_NO 2, IPO_FRAME #BASE,POINT2[] " ",TQ_STATE FALSE}
+DECL E6POS XP2={X 1800.0,Y 300.0,Z 1500.0,A 0.0,B 90.0,C 0.0,S 2,T 35}
+DECL FDAT FP2={TOOL_NO 3, BASE_NO 2, IPO_FRAME #TCP,POINT2[] " ",TQ_STATE FALSE}
+;Höhe
+ENDDAT
+"""
+
+
+@pytest.fixture(scope="module")
+def kuka_fit(kuka: Experiment) -> Path:
+    folder = Path(kuka.path).parent
+    pendant = np.deg2rad(HOLE["kuka"] + np.random.default_rng(3).uniform(-25.0, 25.0, (12, 6)))
+    wrench = np.tile([0.0, 0.0, -1500.0, 0.0, 0.0, 0.0], (12, 1))
+    write_plan(
+        folder / "plan.csv",
+        make_plan(Poses(pendant, kuka.robot.controller.to_joints(pendant), wrench), ["w"] * 12),
+        kuka,
+    )
+    for line in (
+        ["simulate", str(kuka.path), str(folder / "plan.csv"), "-o", str(folder / "r.csv"), "--truth", "drawn"],
+        ["identify", str(kuka.path), str(folder / "r.csv"), "--json", str(folder / "fit.json")],
+    ):
+        assert CliRunner().invoke(app, line, catch_exceptions=False).exit_code == 0
+    return folder / "fit.json"
+
+
+def test_the_command_refuses_by_name_and_keeps_what_it_is_told_to(
+    kuka: Experiment, kuka_fit: Path, tmp_path: Path
+) -> None:
+    """Fixed tool, points elsewhere, assigned, shifted: named, with what to do; the module stays Latin-1."""
+    (tmp_path / "ext.src").write_text(EXT)
+    place = tuple(f"{v:.5f}" for v in in_frame(kuka, HOLE["kuka"], "kuka"))
+    (tmp_path / "ext.dat").write_bytes((EXT_DAT % place).encode("latin-1"))
+    out = tmp_path / "out" / "ext.src"
+    tool, frame = (f"{n}={','.join(map(str, v))}" for n, v in (("3", TOOL), ("2", FRAME)))
+    line = ["compensate", str(kuka.path), str(kuka_fit), str(tmp_path / "ext.dat"), "-o", str(out)]
+    line += ["--load", "0,0,-1500", "--frame", frame, "--start", "10,-85,105,8,35,5"]
+    refused = CliRunner().invoke(app, [*line, "--tool", tool])
+    assert isinstance(refused.exception, InputError)
+    said = str(refused.exception)
+    assert "5 motions: 1 can be corrected, 0 are kept, 4 are refused, so nothing is written" in said
+    for words in (
+        r"ext.src, line 3: the tool stands in the cell \(IPO_FRAME #TCP\) .*; found LIN XP2; .* keep 'line 3' as it is",
+        r"ext.src, line 4: XGLOBAL has no position of numbers in this programme; found LIN XGLOBAL; .* keep 'XGLOBAL'",
+        r"ext.src, line 7: XP3 gets its value in line 5 when the programme runs; found LIN XP3; .* keep 'XP3'",
+        r"ext.src, line 8: XP1:{.*} is computed when the programme runs; found LIN XP1:{.*}; .* keep 'line 8'",
+    ):
+        assert re.search(words, said)
+    assert not out.exists()
+    other = CliRunner().invoke(app, [*line, "--keep", "refused", "--tool", tool.replace("3=", "1=", 1)])
+    assert "XP1 is a pose, and nobody states tool 3" in str(other.exception)
+    advice = [
+        option for p in refused.exception.problems[1:] for option in (f"--{p.argument[0]}", p.argument[1].strip("'"))
+    ]
+    for keep in (["--keep", "refused"], advice):
+        done = CliRunner().invoke(app, [*line, "--tool", tool, *keep], catch_exceptions=False)
+        printed = " ".join(done.output.split())
+        assert "5 motions: 1 corrected, 4 kept, 0 refused" in printed
+        assert "Corrected, with notes" in printed
+        assert "4 motions are kept as they are: line 3 LIN XP2; line 4 LIN XGLOBAL; line 7 LIN XP3; line 8" in printed
+        assert "lines 5, 8 use corrected points by their names" in printed
+        old, new = ((folder / "ext.dat").read_bytes().split(b"\n") for folder in (tmp_path, out.parent))
+        assert [k for k, (a, b) in enumerate(zip(old, new, strict=True)) if a != b] == [1]
+        assert "Höhe".encode("latin-1") in new[5]
+        assert out.read_bytes() == EXT.encode()
+
+
+def test_a_programme_of_another_maker(kuka: Experiment, m900ib: Experiment, tmp_path: Path) -> None:
+    for experiment, name, text, words in (
+        (kuka, "a.ls", LS % (("0",) * 6), "is a programme for controllers by FANUC; found KUKA KR270"),
+        (m900ib, "a.mod", "MODULE a\nMoveL p,v100,fine,tool0;\nENDMODULE", "controllers by ABB; found FANUC M-900iB"),
+        (m900ib, "b.script", "movej([0,0,0,0,0,0])\n", "controllers by UNIVERSAL ROBOTS"),
+    ):
+        (tmp_path / name).write_text(text)
+        with pytest.raises(InputError, match=words):
+            read_programme(tmp_path / name, experiment, wish())
+
+
+REFUSED = {
+    "register": (
+        "J P[1] 20%% FINE",
+        "J PR[1:home] 20%% FINE",
+        r"line 10: PR\[1\] is moved to, but is held by the contr",
+    ),
+    "offset": (
+        "CNT100",
+        "CNT100 Offset,PR[7]",
+        r"line 13: it is shifted by a register when it runs; found L P\[3\] 250",
+    ),
+    "remote": ("250mm/sec FINE", "250mm/sec FINE RTCP", r"line 11: the tool stands in the cell \(remote TCP\)"),
+    "positioner": ("GP2:", "GP1:", r"P\[2\] lacks J2"),
+    "set": ("DO[4]=ON", "UFRAME[2]=PR[3]", r"line 21: P\[2\]: UFRAME\[2\] is set in line 12 when the programme runs"),
+}
+
+
+@pytest.mark.parametrize("refused", REFUSED)
+def test_motions_that_are_not_corrected_are_refused_and_may_be_kept(
+    m900ib: Experiment, tmp_path: Path, refused: str
+) -> None:
+    path, (old, new, words) = write_ls(tmp_path, m900ib), REFUSED[refused]
+    text = path.read_text()
+    old, new = old.replace("%%", "%"), new.replace("%%", "%")
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=words) as error:
+        read_programme(path, m900ib, wish())
+    keep = tuple(p.argument[1].strip("'") for p in error.value.problems[1:] if p.argument is not None)
+    made = read_programme(path, m900ib, wish(keep=keep))
+    assert made.counts["kept"] == 1
+    assert sum(made.counts.values()) == 3
