@@ -34,9 +34,10 @@ GRAMMAR = re.compile(
 )
 _MOTION = re.compile(
     r"MOVE(?:ABSJ|J|L|C|EXTJ)(?:DO|AO|GO|SYNC|STD)?|TRIGG(?:ABSJ|J|L|C)(?:IOS)?|SEARCH(?:L|C|EXTJ)|EGMMOVE[LC]"
+    r"|(?:ARC|CAP|CUT|DISP|LASER|PAINT)[LC](?:START|END|\d)?|(?:NUT|SPOTM?|STUD)[LJ]"
 )
 _INSTRUCTION = re.compile(r"\w+(?:ABSJ|J|L|C|M)(?:\d|START|END|DO|AO|GO|SYNC|STD)?")
-"""What a motion of an option (arc, spot, dispense) is named; it is one where a target, a speed and more follow."""
+"""How another motion may be named; it is one where a target, a speed or a zone, and more follow."""
 _SPEED = re.compile(r"V[0-9]+|VMAX|Z[0-9]+|FINE")
 """A speed or a zone that every controller knows."""
 _SUFFIX = re.compile(r"(?:\d|START|END|DO|AO|GO|SYNC|STD|IOS)+$")
