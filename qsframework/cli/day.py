@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import os
 import re
+import select
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from qsframework.applications.day.day import Day, begin
-from qsframework.applications.day.entry import enter_file
+from qsframework.applications.day.day import DECISIONS, Day, begin, decide, reread
+from qsframework.applications.day.entry import Unconfirmed, enter_file
+from qsframework.applications.day.record import Slot
 from qsframework.applications.protocol import ProtocolWish
 from qsframework.cli.export import plan_of
 from qsframework.cli.printing import print_folded
 from qsframework.errors import InputError, QsfError
 from qsframework.experiment import load_experiment
-from qsframework.files import sha256
 
 _POLL = 0.5
-"""Seconds between two looks into the watched folder; a file that has not changed meanwhile is whole."""
+"""Seconds between two looks into the watched folder; a file has stopped changing that has not changed meanwhile."""
+
+_LONG = 60.0
+"""Seconds after which a file counts as whole though its last line has no end."""
 
 _TOGETHER = 2_000_000_000
 """Nanoseconds: files nearer in time than that were copied together, and time does not order them."""
@@ -41,13 +47,17 @@ class DayFiles:
 
 def run_day(files: DayFiles, wish: ProtocolWish, port: int, once: bool = False) -> None:
     """Serve the page until Ctrl-C, or take what comes into a folder; once: what lies there now, and end."""
-    from qsframework.report.words.day import slot_words
+    from qsframework.report.words.day import mistake_words, slot_words, spoilt_words
 
     experiment = load_experiment(files.experiment)
     day = begin(experiment, plan_of(files.plan, experiment), files.folder, wish)
     done = len(day.record.rows)
     begun = f"continued, {done} readings are there" if done else "begun"
     print(f"the day is {begun}: {day.record.table}")
+    if day.record.spoilt:
+        print_folded(spoilt_words(day))
+    for slot, mistake in day.mistakes.items():
+        print_folded(f"{slot_words(day, slot)} waits: {mistake_words(mistake)}")
     if day.next is not None:
         print(f"next: {slot_words(day, day.next)}")
     if files.watch is None:
@@ -81,59 +91,156 @@ def _serve(day: Day, files: DayFiles, port: int) -> None:
 
 
 def _watch(day: Day, files: DayFiles, folder: Path, once: bool) -> None:
-    """A line for every reading that comes in."""
-    from qsframework.report.words.day import judged_words
+    """A line for every state that comes in; what is typed decides on those that wait."""
+    from qsframework.report.words.day import can_correct, slot_words
 
     if not folder.is_dir():
         raise InputError(f"--watch: no folder {folder}")
     print(f"watching {folder}: Ctrl-C ends it; the day goes on with the same command", flush=True)
-    looked: set[_State] = set()
-    refused: set[str] = set()
-    while day.next is not None:
-        for path, state in _whole(folder):
-            if state in looked:
-                continue
-            looked.add(state)
-            hash = sha256(path)
-            if hash in refused or hash in day.record.files:
-                continue
-            try:
-                day, said = enter_file(day, path)
-            except QsfError as error:
-                refused.add(hash)
-                print_folded(f"{path.name}: not taken: {error}")
-                continue
-            for judged in said:
-                print_folded(f"{path.name}: {judged_words(day, judged)}")
+    looked, typed, asked, plain = _Looked(once), _Typed(), "", list[Path]()
+    while not typed.end and (day.next is not None or (day.record.doubtful and typed.open)):
+        for path in looked.whole(folder):
+            day = _take(day, path, None, plain)
+        for word in typed.words():
+            day = _do(day, word, plain)
+        question = ""
+        if waiting := day.record.doubtful[:1]:
+            correct = ", correct" if can_correct(day.mistakes[waiting[0]]) else ""
+            question = f"{slot_words(day, waiting[0])} waits for your word. Type keep{correct} or again."
+        elif plain and day.next is not None:
+            question = f"{plain[0].name}: points without a pose. Is it {slot_words(day, day.next)}? Type yes or no."
+        if question and question != asked:
+            print_folded(question)
+        asked = question
         if once:
             return
-    print("every state of every pose was read")
+    print("every state of every pose was read" if day.next is None else "the day is ended")
     for line in finish(day, files):
         print_folded(line)
 
 
-def _whole(folder: Path) -> Iterator[tuple[Path, _State]]:
-    """Files that nobody is writing, the oldest first, with a state that a change would change.
+def _take(day: Day, path: Path, slot: Slot | None, plain: list[Path]) -> Day:
+    """The day with a file; one of plain points is put aside until a state is confirmed for it."""
+    from qsframework.report.words.day import NOTHING_NEW, judged_words
 
-    Files written within two seconds of each other, as a copied folder's are, come in the order of their names.
-    """
+    try:
+        day, said = enter_file(day, path, slot)
+    except Unconfirmed:
+        plain.append(path)
+        return day
+    except (QsfError, OSError) as error:
+        print_folded(f"{path.name}: not taken: {error}")
+        return day
+    for judged in said:
+        print_folded(f"{path.name}: {judged_words(day, judged)}")
+    if not said:
+        print_folded(f"{path.name}: {NOTHING_NEW}")
+    return day
 
-    def states() -> dict[Path, _State]:
-        found = (p for p in folder.iterdir() if p.is_file() and not p.name.startswith("."))
-        return {p: (p.stat().st_mtime_ns, p.stat().st_size, p.name) for p in found}
 
-    before = states()
-    time.sleep(_POLL)
-    after = states()
-    settled = sorted(((p, state) for p, state in after.items() if before.get(p) == state), key=lambda f: f[1])
+def _do(day: Day, word: str, plain: list[Path]) -> Day:
+    """The day after a word that was typed: on the first state that waits, else on the first file of plain points."""
+    from qsframework.report.words.day import DONE, slot_words
+
+    if word in DECISIONS and day.record.doubtful:
+        slot = day.record.doubtful[0]
+        try:
+            day = decide(day, slot, word, day.record.states[slot].time)
+            print_folded(f"{slot_words(day, slot)}: {DONE[word]}.")
+        except QsfError as error:
+            print_folded(str(error))
+            day = reread(day)
+    elif word in ("yes", "no") and plain and not day.record.doubtful:
+        path = plain.pop(0)
+        day = _take(day, path, day.next, plain) if word == "yes" else day
+    elif word:
+        print_folded(f"{word[:20]!r} answers nothing that was asked")
+    return day
+
+
+class _Typed:
+    """Lines that are typed, or come through a pipe, without waiting for them. open: more may come; end: the last one
+    was `end`."""
+
+    def __init__(self) -> None:
+        self.open, self.end, self._left = True, False, b""
+
+    def words(self) -> Iterator[str]:
+        """Those that have come."""
+        while self.open and not self.end and _readable():
+            more = os.read(0, 4096)
+            self.open = bool(more)
+            *lines, self._left = (self._left + more).split(b"\n")
+            for line in lines:
+                word = line.decode("utf-8", "replace").strip().lower()
+                self.end = self.end or word == "end"
+                if word != "end":
+                    yield word
+
+
+def _readable() -> bool:
+    """Whether standard input holds something; not where a terminal is another job's."""
+    try:
+        return (not os.isatty(0) or os.tcgetpgrp(0) == os.getpgrp()) and bool(select.select([0], [], [], 0)[0])
+    except (OSError, ValueError):
+        return False
+
+
+class _Looked:
+    """What was seen in a watched folder. once: what lies there is waited for until it is whole."""
+
+    def __init__(self, once: bool) -> None:
+        self._once, self._seen, self._taken = once, dict[Path, tuple[_State, float]](), set[_State]()
+
+    def whole(self, folder: Path) -> Iterator[Path]:
+        """Files that have an end and have stopped changing, and were not given as they are now; the oldest first.
+
+        Files written within two seconds of each other, as a copied folder's are, come in the order of their names.
+        """
+        while True:
+            time.sleep(_POLL)
+            now, rested = time.monotonic(), list[tuple[Path, _State]]()
+            for path, state in _states(folder):
+                before = self._seen.get(path)
+                since = before[1] if before is not None and before[0] == state else now
+                self._seen[path] = (state, since)
+                if now - since >= _POLL and (_has_end(path) or time.time() - path.stat().st_mtime > _LONG):
+                    rested.append((path, state))
+            moving = [p for p, (_, since) in self._seen.items() if now - since < _POLL]
+            if not self._once or not moving:
+                break
+        new = sorted((f for f in rested if f[1] not in self._taken), key=lambda f: f[1])
+        self._taken |= {state for _, state in new}
+        yield from _in_order(new)
+
+
+def _states(folder: Path) -> Iterator[tuple[Path, _State]]:
+    """The files of a folder, with a state that a change would change."""
+    for path in folder.iterdir():
+        with suppress(OSError):  # gone meanwhile
+            if path.is_file() and not path.name.startswith("."):
+                status = path.stat()
+                yield path, (status.st_mtime_ns, status.st_size, path.name)
+
+
+def _has_end(path: Path) -> bool:
+    """Whether a file's last line has an end; what is no text ends as it likes."""
+    with path.open("rb") as file:
+        file.seek(-min(64, path.stat().st_size), os.SEEK_END)
+        last = file.read()
+    return b"\0" in last or last.rstrip(b" \t\x1a").endswith((b"\n", b"\r", b"}", b"]", b">"))
+
+
+def _in_order(files: Sequence[tuple[Path, _State]]) -> Iterator[Path]:
+    """Files by their times, those of one moment by their names."""
     together: list[list[tuple[Path, _State]]] = []
-    for one in settled:
+    for one in files:
         if together and one[1][0] - together[-1][-1][1][0] <= _TOGETHER:
             together[-1].append(one)
         else:
             together.append([one])
     for group in together:
-        yield from sorted(group, key=lambda f: _by_number(f[0].name))
+        yield from (path for path, _ in sorted(group, key=lambda f: _by_number(f[0].name)))
 
 
 def _by_number(name: str) -> list[tuple[int, str]]:
@@ -157,6 +264,7 @@ def finish(day: Day, files: DayFiles) -> list[str]:
 
     out, folder = list[str](), files.folder
     experiment = day.experiment
+    day = reread(day)
     readings = accepted(day)
     fit = identify(experiment, readings)
     write_json(folder / "fit.json", fit.as_json())

@@ -4,7 +4,7 @@ from qsframework.files.declared import FileModel, FileRecord, Lists, Named, Unit
 from qsframework.files.documents import Document, read_text, read_yaml
 from qsframework.files.folders import write_folder
 from qsframework.files.models import json_schema, validate
-from qsframework.files.output import append_text, sha256, write_bytes, write_text
+from qsframework.files.output import sha256, write_bytes, write_text
 from qsframework.files.yaml_text import yaml_text
 
 __all__ = [
@@ -14,7 +14,6 @@ __all__ = [
     "Lists",
     "Named",
     "Unit",
-    "append_text",
     "as_file",
     "fields",
     "json_schema",

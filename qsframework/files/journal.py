@@ -1,15 +1,17 @@
 """A file of records that grows record by record, and stays whole whatever ends the process that writes it.
 
-The first line is a header that says whose records these are. Each line is JSON with a checksum before it. No pickle: a
-journal is a file that somebody else may have written, and reading it runs nothing.
+The first line is a header that says whose records these are, with its `format`. Each line is JSON with a checksum
+before it. No pickle: a journal is a file that somebody else may have written, and reading it runs nothing.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
+import time
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, suppress
 from pathlib import Path
 from typing import Any
@@ -24,12 +26,10 @@ class Journal(AbstractContextManager["Journal"]):
 
     records: those that were there and those that were appended, in their order; spoilt: numbers of the lines that are
     not as they were written, which stay in the file and are no records. A last line that a kill cut short is cut off.
-    InputError where the file has another header, is in use, or cannot be written.
+    wait: s to wait for another process. InputError where the file has another header, is in use, or cannot be written.
     """
 
-    def __init__(self, path: str | Path, header: Mapping[str, Any]):
-        import fcntl
-
+    def __init__(self, path: str | Path, header: Mapping[str, Any], wait: float = 0.0):
         self.path, self.records, self.spoilt = Path(path), list[dict[str, Any]](), list[int]()
         if self.path.exists() and not self.path.is_file():
             raise self._refusal("cannot be written: this is no ordinary file")
@@ -37,7 +37,7 @@ class Journal(AbstractContextManager["Journal"]):
             try:
                 handle = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o666)
                 self._stream = stack.enter_context(os.fdopen(handle, "r+b", buffering=0))
-                fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                _lock(handle, time.monotonic() + wait)
             except BlockingIOError as error:
                 hint = "Wait until the other process is done with it."
                 raise self._refusal("another process is writing this file", hint) from error
@@ -52,21 +52,19 @@ class Journal(AbstractContextManager["Journal"]):
     def _read(self, header: Mapping[str, Any]) -> None:
         """Take the records that are whole, and cut off an end that is not. An empty file gets its header."""
         content, first = self._stream.read(), _sealed(header)
-        whole = content[: content.rfind(b"\n") + 1]
-        if not whole and not first.startswith(content):
+        lines = [list(_records(line)) for line in content.split(b"\n")]
+        every, wanted = [record for line in lines for record in line], _opened(first)
+        if not every and not first.startswith(content):
             raise self._refusal(*_STRANGE)
-        head, *lines = whole.splitlines(keepends=True) or [first]
-        if (found := _opened(head)) is None:
-            raise self._refusal(*_STRANGE)
-        if found != (wanted := _opened(first)):
-            raise self._refusal(f"this is a journal of {_words(found)}, not of {_words(wanted or {})}", _STRANGE[1])
-        for number, line in enumerate(lines, start=2):
-            if (record := _opened(line)) is None:
-                self.spoilt.append(number)
-            else:
-                self.records.append(record)
-        self._cut(len(whole))
-        if not whole:
+        if every and "format" in every[0] and every[0] != wanted:
+            raise self._refusal(f"this is a journal of {_words(every[0])}, not of {_words(header)}", _STRANGE[1])
+        self.records = [record for record in every if record != wanted]
+        self.spoilt = [number for number, line in enumerate(lines[:-1], start=1) if not line]
+        if lines[-1]:  # whole but for its end of line
+            self._write(b"\n")
+        else:
+            self._cut(content.rfind(b"\n") + 1)
+        if not every:
             self._write(first)
             sync_folder(self.path.parent)
 
@@ -98,6 +96,8 @@ class Journal(AbstractContextManager["Journal"]):
         self._stream.close()
 
 
+_SEAL = re.compile(rb"(?<=.)(?=[0-9a-f]{8} \{)")
+"""Where a record begins within a line."""
 _STRANGE = "this is no journal of qsframework", "Give another file: nothing is overwritten."
 
 
@@ -105,6 +105,26 @@ def _sealed(record: Mapping[str, Any]) -> bytes:
     """The line of a record. TypeError where it is no data."""
     text = json.dumps(dict(record), sort_keys=True).encode("utf-8")
     return b"%08x %s\n" % (zlib.crc32(text), text)
+
+
+def _lock(handle: int, end: float) -> None:
+    """Lock a file. BlockingIOError where another process has not let go of it until then."""
+    import fcntl
+
+    while True:
+        try:
+            return fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() >= end:
+                raise
+            time.sleep(0.005)
+
+
+def _records(line: bytes) -> Iterator[dict[str, Any]]:
+    """The record of a line, or those on both sides of an end of line that was spoilt."""
+    for part in _SEAL.split(line):
+        found = [record for text in (part.rstrip(), part[:-1]) if (record := _opened(text)) is not None]
+        yield from found[:1]
 
 
 def _opened(line: bytes) -> dict[str, Any] | None:

@@ -46,19 +46,6 @@ def write_text(path: str | Path, text: str) -> Path:
     return write_bytes(path, text.encode("utf-8"))
 
 
-def append_text(path: str | Path, text: str) -> None:
-    """Add UTF-8 text to the end of a file, on the disk when this returns, or not at all. OSError where it cannot be."""
-    with Path(path).open("ab") as file:
-        before = file.tell()
-        try:
-            file.write(text.encode("utf-8"))
-            file.flush()
-            os.fsync(file.fileno())
-        except OSError:
-            file.truncate(before)
-            raise
-
-
 def part_name(name: str) -> str:
     """A name beside a file or folder for what is being written; it says whose process writes it."""
     return f".{name[:_LONGEST]}.{_host()}.{os.getpid()}.{secrets.token_hex(3)}{SUFFIX}"

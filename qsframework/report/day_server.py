@@ -28,11 +28,13 @@ from qsframework.applications.day.entry import enter_file, enter_text, read_posi
 from qsframework.applications.day.floor import enter_floor
 from qsframework.applications.day.record import Slot
 from qsframework.applications.day.so_far import SoFar, diagnosis_so_far, so_far
-from qsframework.errors import InputError, QsfError
+from qsframework.errors import QsfError
 from qsframework.experiment import make_plan
 from qsframework.files import write_text
 from qsframework.plugin import Poses
 from qsframework.report.words.day import (
+    DONE,
+    NOTHING_NEW,
     can_correct,
     floor_words,
     judged_words,
@@ -40,6 +42,7 @@ from qsframework.report.words.day import (
     mistake_words,
     slot_words,
     so_far_words,
+    spoilt_words,
 )
 from qsframework.report.words.headline import headline
 from qsframework.report.words.sizes import shown
@@ -131,8 +134,7 @@ class DayPage:
                 self._wake.set()
 
     def _readings(self, asked: Mapping[str, Any]) -> None:
-        self._check_slot(asked)
-        self._day, judged = enter_text(self._day, str(asked["text"]))
+        self._day, judged = enter_text(self._day, str(asked["text"]), self._slot(asked))
         self._say(judged)
 
     def _file(self, asked: Mapping[str, Any]) -> None:
@@ -140,32 +142,37 @@ class DayPage:
         with TemporaryDirectory() as folder:
             path = Path(folder) / name
             write_text(path, str(asked["text"]))
-            self._day, judged = enter_file(self._day, path)
+            self._day, judged = enter_file(self._day, path, self._slot(asked))
         self._say(judged)
+        if not judged:
+            self._add(f"{name}: {NOTHING_NEW}", True)
 
     def _floor(self, asked: Mapping[str, Any]) -> None:
         count = max(self._day.record.protocol.wish.reflectors, 1)
         names = tuple(f"floor_{k + 1}" for k in range(count))
-        judged = enter_floor(self._day, read_positions(str(asked["text"]), names))
+        positions = read_positions(str(asked["text"]), names)
+        self._day, judged = enter_floor(self._day, positions, self._slot(asked))
         self._add(floor_words(judged), judged.kind in ("first", "still"))
 
     def _decide(self, asked: Mapping[str, Any]) -> None:
-        slot, what = Slot(int(asked["visit"]), int(asked["state"])), str(asked["decision"])
-        if slot not in self._day.record.slots:
+        slot, what = self._slot(asked), str(asked["decision"])
+        if slot is None:
             raise ValueError
-        self._day = decide(self._day, slot, what)
-        done = {"keep": "kept as it is", "correct": "corrected as proposed", "again": "to be read again"}[what]
-        self._add(f"{slot_words(self._day, slot)}: {done}.", True)
+        self._day = decide(self._day, slot, what, float(asked["time"]))
+        self._add(f"{slot_words(self._day, slot)}: {DONE[what]}.", True)
 
     def _ask_end(self, asked: Mapping[str, Any]) -> None:
         self._asked = True
         self._wake.set()
 
-    def _check_slot(self, asked: Mapping[str, Any]) -> None:
-        """A page that is behind, because it was opened twice, does not fill the next state by mistake."""
-        here = self._day.next
-        if here is not None and (asked.get("visit"), asked.get("state")) != (here.visit, here.state):
-            raise InputError(f"the day has moved on: next is {slot_words(self._day, here)}")
+    def _slot(self, asked: Mapping[str, Any]) -> Slot | None:
+        """The state that the page speaks of; None where the day was done. ValueError where there is none such."""
+        if "visit" not in asked and self._day.next is None:
+            return None
+        slot = Slot(int(asked["visit"]), int(asked["state"]))
+        if slot not in self._day.record.slots:
+            raise ValueError
+        return slot
 
     def _say(self, judged: list[Judged]) -> None:
         for one in judged:
@@ -194,14 +201,15 @@ class DayPage:
                     {
                         "visit": s.visit,
                         "state": s.state,
+                        "time": record.states[s].time,
                         "where": slot_words(day, s),
                         "words": mistake_words(day.mistakes[s]),
                         "correct": can_correct(day.mistakes[s]),
                     }
                     for s in record.doubtful
-                    if s in day.mistakes
                 ],
                 "said": self._said[::-1],
+                "spoilt": spoilt_words(day),
                 "reflectors": record.protocol.wish.reflectors,
                 "so_far": None if self._found is None else _so_far(self._found),
                 "diagnosis": self._diagnosis,

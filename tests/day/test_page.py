@@ -117,11 +117,14 @@ def test_requests_that_no_page_makes_change_nothing(server: Server) -> None:
         ("/readings", {"visit": 0, "state": 0, "text": "x" * 6_100_000}),
         ("/readings", {"visit": 0, "state": 0, "text": "m1 1 2"}),
         ("/readings", {"visit": 3, "state": 0, "text": "m1 1 2 3"}),
-        ("/decide", {"visit": 99, "state": 0, "decision": "keep"}),
-        ("/decide", {"visit": 0, "state": 0, "decision": "burn"}),
+        ("/decide", {"visit": 99, "state": 0, "time": 0, "decision": "keep"}),
+        ("/decide", {"visit": 0, "state": 0, "time": 0, "decision": "burn"}),
+        ("/decide", {"visit": 0, "state": 0, "time": 0, "decision": "again"}),
         ("/decide", {"visit": 0, "state": 0, "decision": "again"}),
-        ("/file", {"name": "../../x", "text": ""}),
-        ("/floor", {"text": "floor_1 a b c"}),
+        ("/readings", {"text": "m1 1 2 3"}),
+        ("/file", {"name": "f.txt", "text": "m1 1 2 3"}),
+        ("/file", {"visit": 0, "state": 0, "name": "../../x", "text": ""}),
+        ("/floor", {"visit": 0, "state": 0, "text": "floor_1 a b c"}),
     ):
         status, said = server.post(path, body)
         assert 400 <= status < 500, path
@@ -170,9 +173,14 @@ def test_a_watched_folder_says_a_line_for_every_state(folder: Path) -> None:
     command = [sys.executable, "-m", "qsframework", "day", "experiment.yaml", "plan.csv", "-o", "day", *OPTIONS]
     said = ""
     for k in range(3):
-        (exports / f"p{k}.txt").write_text(lines(arm.read(day, Slot(0, k), rng)))
+        (exports / f"p{k}.txt").write_text(lines(arm.read(day, Slot(0, k), rng)) + "\n")
         done = subprocess.run(
-            [*command, "--watch", "exports", "--once"], cwd=folder, capture_output=True, text=True, timeout=600
+            [*command, "--watch", "exports", "--once"],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=600,
+            input="yes\n",
         )
         assert done.returncode == 0, done.stderr
         said += done.stdout
@@ -183,6 +191,7 @@ def test_a_watched_folder_says_a_line_for_every_state(folder: Path) -> None:
     assert [f"p{k}.txt: pose" in said for k in range(3)] == [True] * 3
     assert said.count("as expected.") == 3
     assert "letter.txt: not taken" in done.stdout
+    assert "p0.txt: taken in before, nothing in it is new" in done.stdout
     assert "continued, 9 readings are there" in done.stdout
 
 

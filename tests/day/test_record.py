@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
+import sys
 from pathlib import Path
 
 import day_cell as cell
@@ -11,14 +13,16 @@ import numpy as np
 import pytest
 
 from qsframework.applications.day import Day, Slot, begin, decide, enter
-from qsframework.applications.day.entry import enter_file, enter_text, read_positions
+from qsframework.applications.day.day import reread
+from qsframework.applications.day.entry import Unconfirmed, enter_file, enter_text, read_positions
 from qsframework.applications.day.floor import enter_floor
+from qsframework.applications.day.record import Entry, as_json, delivery, opened
 from qsframework.applications.day.so_far import accepted, diagnosis_so_far, promised_sd, so_far
 from qsframework.applications.protocol import ProtocolWish
 from qsframework.design import design
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, read_readings
-from qsframework.report.words.day import floor_words, so_far_words
+from qsframework.report.words.day import floor_words, so_far_words, spoilt_words
 
 
 def played(experiment: Experiment, folder: Path, states: int, seed: int = 1) -> tuple[Day, cell.Arm]:
@@ -62,20 +66,117 @@ def test_what_waits_for_a_decision_waits_after_a_restart(m900ib: Experiment, tmp
     again = begin(m900ib, cell.make_day_plan(m900ib), tmp_path, cell.SHORT)
     assert [m.kind for m in again.mistakes.values()] == ["markers"]
     again = decide(again, Slot(4, 0), "correct")
-    assert np.allclose(again.record.at(Slot(4, 0))["m1"].xyz, xyz[1], atol=1e-7)
+    assert np.allclose(again.record.at(Slot(4, 0))["m1"], xyz[1], atol=1e-7)
     assert not again.mistakes
-    assert '"event": "corrected"' in (tmp_path / "day.jsonl").read_text()
-    assert f"{1e3 * xyz[0, 0]:.3f}"[:-1] in (tmp_path / "day.jsonl").read_text()  # what stood there is kept
+    assert '"said": "corrected"' in (tmp_path / "day.jsonl").read_text()
+    assert f"{xyz[0, 0]:.6f}"[:-1] in (tmp_path / "day.jsonl").read_text()  # what stood there is kept
 
 
-def test_half_a_line_goes_to_the_log(m900ib: Experiment, tmp_path: Path) -> None:
-    """As a power cut leaves it; the whole readings before it are there."""
-    day, _ = played(m900ib, tmp_path, 5)
-    with day.record.table.open("ab") as file:
-        file.write(b"p03,10,20,30,40,50,60,,,,,")
+def test_a_broken_end_is_cut_off_and_hides_nothing_that_follows(m900ib: Experiment, tmp_path: Path) -> None:
+    """As a power cut leaves it: the state that lost its record comes next, and what is then said of it is kept."""
+    day, arm = played(m900ib, tmp_path, 13)
+    log, rng = tmp_path / "day.jsonl", np.random.default_rng(0)
+    log.write_bytes(log.read_bytes()[:-20])
+    day = begin(m900ib, cell.make_day_plan(m900ib), tmp_path, cell.SHORT)
+    assert day.next == Slot(4, 0)
+    assert len(day.record.rows) == 36
+    xyz = cell.exchanged(arm.read(day, Slot(4, 0), rng), arm, day, Slot(4, 0))
+    enter(day, dict(zip(cell.MARKERS, xyz, strict=True)))
     again = begin(m900ib, cell.make_day_plan(m900ib), tmp_path, cell.SHORT)
-    assert len(again.record.rows) == 15
-    assert "p03,10,20,30" in (tmp_path / "day.jsonl").read_text()
+    assert again.record.doubtful == [Slot(4, 0)]
+    assert len(read_readings(day.record.table, m900ib).use) == 12
+
+
+def test_a_file_whose_record_was_cut_off_fills_its_own_state(m900ib: Experiment, tmp_path: Path) -> None:
+    """Killed while it is stored: the file and its readings are there or are not, so it fills no other state."""
+    day, arm = played(m900ib, tmp_path / "day", 3)
+    path, log = tmp_path / "f.txt", tmp_path / "day" / "day.jsonl"
+    path.write_text(lines(arm.read(day, Slot(1, 0), np.random.default_rng(0))))
+    before = len(log.read_bytes())
+    enter_file(day, path, Slot(1, 0))
+    whole = log.read_bytes()
+    for size in (before, before + 1, (before + len(whole)) // 2, len(whole) - 2, len(whole) - 1, len(whole)):
+        log.write_bytes(whole[:size])
+        day = begin(m900ib, cell.make_day_plan(m900ib), tmp_path / "day", cell.SHORT)
+        day, judged = enter_file(day, path, Slot(1, 0))
+        assert [j.slot for j in judged] == [Slot(1, 0)] * (size < len(whole) - 1)
+        assert [row.slot for row in day.record.rows][9:] == [Slot(1, 0)] * 3
+
+
+def test_two_writers_and_a_page_that_is_behind_fill_one_state(m900ib: Experiment, tmp_path: Path) -> None:
+    day, arm = played(m900ib, tmp_path, 1)
+    other = begin(m900ib, cell.make_day_plan(m900ib), tmp_path, cell.SHORT)
+    text = lines(arm.read(day, Slot(0, 1), np.random.default_rng(0)))
+    enter_text(day, text)
+    with pytest.raises(InputError, match=r"the day has moved on: next is pose 'p\d+', unloaded, cycle 2"):
+        enter_text(other, text)
+    with pytest.raises(InputError, match="the day has moved on"):
+        enter_text(reread(other), text, Slot(0, 1))
+    assert {row.slot for row in reread(other).record.rows} == {Slot(0, 0), Slot(0, 1)}
+
+
+def test_a_decision_is_of_the_reading_that_was_seen(m900ib: Experiment, tmp_path: Path) -> None:
+    day, arm = played(m900ib, tmp_path, 12)
+    rng, slot = np.random.default_rng(0), Slot(4, 0)
+    wrong = [cell.exchanged(arm.read(day, slot, rng), arm, day, slot) for _ in range(2)]
+    behind, _ = enter(day, dict(zip(cell.MARKERS, wrong[0], strict=True)))
+    enter(decide(behind, slot, "again"), dict(zip(cell.MARKERS, wrong[1], strict=True)))
+    with pytest.raises(InputError, match="has moved on"):
+        decide(behind, slot, "keep", behind.record.states[slot].time)
+    assert reread(behind).record.doubtful == [slot]
+
+
+def killed(*_: object) -> None:
+    """What a signal does."""
+    raise KeyboardInterrupt
+
+
+def test_what_nobody_judged_is_judged_when_the_day_is_opened(
+    m900ib: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    day, arm = played(m900ib, tmp_path, 12)
+    slot, module = Slot(4, 0), sys.modules[begin.__module__]
+    xyz = cell.exchanged(arm.read(day, slot, np.random.default_rng(0)), arm, day, slot)
+    readings = {str(m): p for m, p in zip(cell.MARKERS, xyz, strict=True)}
+    with monkeypatch.context() as patch:  # killed before it is judged: it is not stored
+        patch.setattr(module, "judge", killed)
+        with pytest.raises(KeyboardInterrupt):
+            enter(day, readings)
+    assert begin(m900ib, cell.make_day_plan(m900ib), tmp_path, cell.SHORT).next == slot
+    bare = Entry(slot=slot, xyz=readings, pendant=day.record.visit(slot).pendant, wrench=np.zeros(6), series="S1")
+    with opened(tmp_path, day.record.protocol) as journal:  # stored by something else
+        journal.append(delivery(day.record, states=[as_json(day.record.protocol, bare)]))
+    again = begin(m900ib, cell.make_day_plan(m900ib), tmp_path, cell.SHORT)
+    assert [m.kind for m in again.mistakes.values()] == ["markers"]
+    assert begin(m900ib, cell.make_day_plan(m900ib), tmp_path, cell.SHORT).record.doubtful == [slot]
+    assert len(accepted(again)) == 12  # the state that waits is out of use
+
+
+@pytest.mark.parametrize("name", ["day.jsonl", "readings.csv"])
+def test_one_spoilt_byte_costs_one_record_at_most(m900ib: Experiment, tmp_path: Path, name: str) -> None:
+    played(m900ib, tmp_path, 5)
+    path = tmp_path / name
+    content = path.read_bytes()
+    for place in (0, 60, len(content) // 2, len(content) - 1):
+        path.write_bytes(content[:place] + b"\xff" + content[place + 1 :])
+        day = begin(m900ib, cell.make_day_plan(m900ib), tmp_path, cell.SHORT)
+        assert len(day.record.rows) >= 12
+        said = [] if len(day.record.rows) == 15 else ["day.jsonl: spoilt and not used: line"]
+        assert [spoilt_words(day)[: len(s)] for s in said] == said
+
+
+def test_a_table_without_its_journal_is_not_overwritten(m900ib: Experiment, tmp_path: Path) -> None:
+    day, _ = played(m900ib, tmp_path, 2)
+    (tmp_path / "day.jsonl").unlink()
+    before = day.record.table.read_bytes()
+    with pytest.raises(
+        InputError, match=r"stands there without day\.jsonl, and is not overwritten\. Put day\.jsonl back"
+    ):
+        begin(m900ib, cell.make_day_plan(m900ib), tmp_path, cell.SHORT)
+    with pytest.raises(InputError, match="without day"):
+        enter(day, {"m1": np.ones(3)})
+    assert day.record.table.read_bytes() == before
+    assert not (tmp_path / "day.jsonl").exists()
 
 
 def test_a_full_disk_stores_nothing_and_says_so(
@@ -90,7 +191,9 @@ def test_a_full_disk_stores_nothing_and_says_so(
 
     monkeypatch.setattr(os, "fsync", full)
     xyz = arm.read(day, Slot(1, 1), np.random.default_rng(0))
-    with pytest.raises(InputError, match=r"is not stored: No space left on device\. Make room, then enter it again"):
+    with pytest.raises(
+        InputError, match=r"No space left on device\. All earlier records are kept: make room and try again"
+    ):
         enter(day, dict(zip(cell.MARKERS, xyz, strict=True)))
     assert day.record.table.read_bytes() == before
     monkeypatch.setattr(os, "fsync", sync)
@@ -99,24 +202,20 @@ def test_a_full_disk_stores_nothing_and_says_so(
     assert len(day.record.rows) == 15
 
 
-def test_a_table_that_was_edited_meanwhile_is_read_again(m900ib: Experiment, tmp_path: Path) -> None:
+def test_the_table_says_what_it_is_made_from_and_is_made_anew(m900ib: Experiment, tmp_path: Path) -> None:
     day, arm = played(m900ib, tmp_path, 7)
-    text = day.record.table.read_text().splitlines(keepends=True)
-    day.record.table.write_text("".join(text[:-3]))  # somebody deletes the last state
-    xyz = arm.read(day, Slot(2, 0), np.random.default_rng(0))
+    text = day.record.table.read_text()
+    assert text.splitlines()[1] == "# made from day.jsonl: what is changed here is overwritten"
+    day.record.table.write_text("".join(text.splitlines(keepends=True)[:-3]))
+    xyz = arm.read(day, Slot(2, 1), np.random.default_rng(0))
     day, judged = enter(day, dict(zip(cell.MARKERS, xyz, strict=True)))
-    assert judged.slot == Slot(2, 0)
-    assert len(day.record.rows) == 21
-    day.record.table.write_text(day.record.table.read_text().replace("unloaded", "hanging"))
-    edited = day.record.table.read_bytes()
-    with pytest.raises(InputError, match=r"readings\.csv.*state 'hanging'"):
-        enter(day, dict(zip(cell.MARKERS, xyz, strict=True)))
-    assert day.record.table.read_bytes() == edited
+    assert judged.slot == Slot(2, 1)
+    assert day.record.table.read_text().startswith(text)
 
 
 def test_a_folder_of_another_plan_is_refused(m900ib: Experiment, tmp_path: Path) -> None:
     played(m900ib, tmp_path, 3)
-    with pytest.raises(InputError, match=r"is no reading of this plan; found pose 'p\d+'.*Name another folder with -o"):
+    with pytest.raises(InputError, match=r"this is a journal of .*, not of .*\. Name another folder with -o"):
         begin(m900ib, cell.make_day_plan(m900ib, 2), tmp_path, ProtocolWish(cycles=1, repeat_share=0.0, seed=1))
 
 
@@ -155,13 +254,18 @@ def test_a_file_is_taken_once_and_a_state_once(m900ib: Experiment, tmp_path: Pat
     first, second = tmp_path / "points1.txt", tmp_path / "points2.csv"
     assert day.next is not None
     first.write_text(lines(arm.read(day, day.next, rng)))
-    day, judged = enter_file(day, first)
-    assert [j.mistake for j in judged] == [None]
-    with pytest.raises(InputError, match="was taken in before"):
+    with pytest.raises(Unconfirmed, match=r"points1\.txt: holds points without a pose\. Confirm the state"):
         enter_file(day, first)
-    # A table of ours, of the state that was just read, with other numbers: the state is there already.
+    day, judged = enter_file(day, first, day.next)
+    assert [j.mistake for j in judged] == [None]
+    copy = Path(shutil.copy(first, tmp_path / "copy.txt"))
+    assert [enter_file(day, path, day.next)[1] for path in (first, copy)] == [[], []]  # a note, no reading
+    # A table of ours, of the state that was just read: a note; with other numbers: the state is there already.
     table = day.record.table.read_text().splitlines()
-    second.write_text("\n".join([table[1], *table[-3:]]) + "\n")
+    second.write_text("\n".join([table[2], *table[-3:]]) + "\n")
+    assert enter_file(day, second)[1] == []
+    other = [row.replace(row.split(",")[16], "1234.5") for row in table[-3:]]
+    second.write_text("\n".join([table[2], *other]) + "\n")
     with pytest.raises(InputError, match=r"was read already\. Decide to read it again first"):
         enter_file(day, second)
     assert len(day.record.rows) == 21
@@ -172,7 +276,7 @@ def test_rows_that_say_another_angle_or_load_are_looked_at(m900ib: Experiment, t
     day, _ = played(m900ib, tmp_path / "day", 7)
     whole, _ = played(m900ib, tmp_path / "whole", 8)
     table = whole.record.table.read_text().splitlines()
-    header, rows = table[1], table[-3:]
+    header, rows = table[2], table[-3:]
     turned = [row.replace(row.split(",")[3], f"{float(row.split(',')[3]) + 2:g}", 1) for row in rows]
     found, judged = enter_text(day, "\n".join([header, *turned]))
     assert judged[0].mistake is not None
@@ -204,14 +308,16 @@ def test_the_floor_tells_a_tracker_that_was_moved(m900ib: Experiment, tmp_path: 
     rng = np.random.default_rng(0)
     floor = {f"floor_{k}": rng.uniform(-3, 3, 3) for k in range(3)}
     noise = lambda: {n: p + 3e-5 * rng.standard_normal(3) for n, p in floor.items()}  # noqa: E731
-    assert enter_floor(day, noise()).kind == "first"
-    assert enter_floor(day, noise()).kind == "still"
-    assert "the tracker stands" in floor_words(enter_floor(day, noise()))
+    assert enter_floor(day, noise())[1].kind == "first"
+    assert enter_floor(day, noise())[1].kind == "still"
+    assert "the tracker stands" in floor_words(enter_floor(day, noise())[1])
     one = noise()
     one["floor_1"] = one["floor_1"] + 0.001
-    alone = enter_floor(day, one)
+    _, alone = enter_floor(day, one)
     assert (alone.kind, alone.reflector) == ("reflector", "floor_1")
-    assert enter_floor(day, {n: p + np.array([4e-4, 0.0, -2e-4]) for n, p in noise().items()}).kind == "tracker"
+    _, moved = enter_floor(day, {n: p + np.array([4e-4, 0.0, -2e-4]) for n, p in noise().items()})
+    assert moved.kind == "tracker"
+    assert len((tmp_path / "readings_floor.csv").read_text().splitlines()) == 3 + 5 * 3
 
 
 def test_what_the_readings_tell_so_far(m900ib: Experiment, tmp_path: Path) -> None:

@@ -49,7 +49,8 @@ def test_one_cut_anywhere_keeps_what_is_whole(tmp_path: Path) -> None:
     for size in sorted({0, *range(1, len(content), 17), *(end + by for end in ends for by in (-1, 0, 1))}):
         path.write_bytes(content[:size])
         with Journal(path, HEADER) as journal:
-            assert journal.records == RECORDS[: max(content[:size].count(b"\n") - 1, 0)]
+            whole = content[: size + 1].count(b"\n")  # a record that lacks its end of line alone is whole
+            assert journal.records == RECORDS[: max(whole - 1, 0)]
             assert not journal.spoilt
         assert content.startswith(path.read_bytes())
         assert filled(path) == content
@@ -96,6 +97,30 @@ def test_spoilt_lines_are_listed_and_all_others_kept(tmp_path: Path) -> None:
         assert journal.records == [RECORDS[k] for k in (0, 2, 5)]
         journal.append({"more": True})
     assert path.read_bytes().startswith(b"".join(lines)), "they stay in the file"
+
+
+def test_one_byte_spoils_one_record_at_most(tmp_path: Path) -> None:
+    """An end of line, the header's and the last one too: what stands on both sides is whole."""
+    content, path = filled(tmp_path / "whole"), tmp_path / "j"
+    ends = [k for k, byte in enumerate(content) if byte == ord("\n")]
+    for place in range(len(content)):
+        path.write_bytes(content[:place] + b"\xff" + content[place + 1 :])
+        with Journal(path, HEADER) as journal:
+            left = [r for r in RECORDS if r in journal.records]
+            assert journal.records == left
+            hit = sum(end < place for end in ends) - 1
+            assert left == [r for k, r in enumerate(RECORDS) if k != hit or place in ends]
+        with Journal(path, HEADER) as journal:
+            assert journal.records == left
+
+
+def test_a_journal_that_an_editor_saved(tmp_path: Path) -> None:
+    content, path = filled(tmp_path / "whole"), tmp_path / "j"
+    for text in (content.replace(b"\n", b"\r\n"), content[content.index(b"\n") + 1 :], content.rstrip()):
+        path.write_bytes(text)
+        with Journal(path, HEADER) as journal:
+            assert journal.records == RECORDS
+            assert not journal.spoilt
 
 
 @pytest.mark.parametrize("text", ["[1]", "null", "{", "[" * 100_000, '{"a": 1} {"b": 2}', "gASVIQAAAAAAAACMBXBvc2l4"])

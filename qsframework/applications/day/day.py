@@ -1,16 +1,18 @@
 """The day as a value: what was accepted so far, and the verbs that take a reading and a decision.
 
 day = begin(experiment, plan, folder)
-day, judged = enter(day, {"m1": xyz, ...})      # stored, then judged
+day, judged = enter(day, {"m1": xyz, ...})      # judged and stored in one record
 day = decide(day, slot, "again")                # the operator's word, always the last
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,20 +20,23 @@ from qsframework.applications.day.expected import Expected, expected
 from qsframework.applications.day.judge import Known, Seen, StateVerdict, judge, known
 from qsframework.applications.day.mistakes import Mistake, most_likely
 from qsframework.applications.day.record import (
-    DayRow,
+    DOUBT,
+    Entry,
     Record,
     Slot,
+    as_json,
     as_planned,
-    moved_on,
-    noted,
-    open_record,
-    refreshed,
-    stored,
-    without,
+    delivery,
+    grown,
+    is_new,
+    next_series,
+    opened,
+    write_tables,
 )
 from qsframework.applications.protocol import ProtocolWish, make_protocol
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment import Experiment, Plan
+from qsframework.files.journal import Journal
 from qsframework.plugin import Array
 
 DECISIONS = ("keep", "correct", "again")
@@ -70,13 +75,42 @@ class Judged:
 
 
 def begin(experiment: Experiment, plan: Plan, folder: Path, wish: ProtocolWish | None = None) -> Day:
-    """The day of a plan, begun or, where the folder holds one, continued.
+    """The day of a plan, begun or, where the folder holds one, continued: what nobody has judged yet is judged.
 
     InputError where the plan does not belong to the experiment, or the folder to another plan.
     """
     protocol = make_protocol(experiment, plan, wish)
-    record = open_record(folder, experiment, protocol)
-    return _explained(_seen(experiment, plan, expected(experiment, protocol), record))
+    with opened(folder, protocol) as journal:
+        series = experiment.frames[0].series if experiment.frames else "S1"
+        record = Record(folder=folder, protocol=protocol, series=series, states={})
+        if not journal.records and not journal.spoilt:
+            journal.append(delivery(record))
+        record = grown(replace(record, spoilt=tuple(journal.spoilt)), journal.records)
+        day = _seen(experiment, plan, expected(experiment, protocol), record)
+        if unjudged := [entry for entry in record.states.values() if not entry.said]:
+            day, _ = _judged(day, journal, unjudged)
+        write_tables(day.record)
+        return day
+
+
+@contextmanager
+def locked(day: Day) -> Generator[tuple[Day, Journal]]:
+    """The day as its journal now says, and the journal, which no other process writes meanwhile."""
+    with opened(day.record.folder, day.record.protocol) as journal:
+        old = day.record.log
+        if tuple(journal.records[: len(old)]) != old:
+            hint = "Put it back as it was, or start the command again to go on with what it holds."
+            raise InputError(Problem("was changed by other hands", str(journal.path), hint=hint))
+        if more := journal.records[len(old) :]:
+            day = _seen(day.experiment, day.plan, day.expected, grown(day.record, more))
+        yield day, journal
+
+
+def reread(day: Day) -> Day:
+    """The day with what other processes have written, and its tables made anew."""
+    with locked(day) as (day, _):
+        write_tables(day.record)
+        return day
 
 
 def enter(
@@ -86,106 +120,140 @@ def enter(
     pendant: Array | None = None,
     wrench: Array | None = None,
 ) -> tuple[Day, Judged]:
-    """The day with readings (3,) m of one or more markers of a state, the next one if None; stored before judged.
+    """The day with readings (3,) m of one or more markers of a state, the one that comes next in `day` if None.
 
-    pendant (n,) rad, wrench (6,): where the row says others than the protocol. InputError where a marker is unknown or
-    was read already, or no number is one; then nothing is stored.
+    pendant (n,) rad, wrench (6,): where the readings say others than the protocol. InputError where another state comes
+    next by now, a marker is unknown or was read already, or no number is one; then nothing is stored.
     """
-    day = reread(day)
     slot = day.next if slot is None else slot
     if slot is None:
         raise InputError("the plan is done: every state of every pose was read")
-    _check(day, readings, slot)
     visit, state = day.record.visit(slot), day.record.state(slot)
-    there = list(day.record.at(slot).values())
-    at = there[0].time if there else time.time() - day.record.began
-    rows = [
-        DayRow(
-            slot=slot,
-            marker=marker,
-            xyz=np.asarray(xyz, dtype=float),
-            pendant=visit.pendant if pendant is None else pendant,
-            wrench=state.wrench if wrench is None else wrench,
-            series=day.record.series,
-            time=at,
-        )
-        for marker, xyz in readings.items()
-    ]
-    return _judged(replace(day, record=stored(day.record, rows)), slot)
+    entry = Entry(
+        slot=slot,
+        xyz=readings,
+        pendant=visit.pendant if pendant is None else pendant,
+        wrench=state.wrench if wrench is None else wrench,
+    )
+    day, judged = enter_states(day, [entry], of_next=True)
+    return day, judged[0]
 
 
-def decide(day: Day, slot: Slot, decision: str) -> Day:
+def enter_states(
+    day: Day, entries: Sequence[Entry], of_next: bool = False, file: Mapping[str, str] | None = None
+) -> tuple[Day, list[Judged]]:
+    """The day with a delivery: states, stored and judged as a whole. of_next: only while it is the next state.
+
+    file: name and sha256 of the file that they come from; states of which it says nothing new are passed over.
+    InputError as `enter` has it.
+    """
+    with locked(day) as (day, journal):
+        if file is not None:
+            entries = [entry for entry in entries if is_new(day.record, entry)]
+            if file["sha256"] in day.record.files or not entries:
+                return day, []
+        if of_next and entries[0].slot != day.next:
+            there = "every state was read" if day.next is None else f"next is {_where(day, day.next)}"
+            raise InputError(f"the day has moved on: {there}")
+        entries = [_merged(day, entry, file is not None) for entry in entries]
+        day, judged = _judged(day, journal, entries, **({} if file is None else {"file": dict(file)}))
+    return day, judged
+
+
+def _merged(day: Day, entry: Entry, again: bool) -> Entry:
+    """A state with what was read there before, where `again` what is as it was may come again. InputError where none
+    can be taken."""
+    there, before = day.record.states.get(entry.slot), day.record.at(entry.slot)
+    same = [m for m, xyz in entry.xyz.items() if again and m in before and np.allclose(xyz, before[m], 0.0, 1e-9)]
+    new = {m: np.asarray(xyz, dtype=float) for m, xyz in entry.xyz.items() if m not in same}
+    _check(day, new, entry.slot)
+    series, at = (day.record.series, round(time.time(), 3)) if there is None else (there.series, there.time)
+    return replace(entry, xyz={**before, **new}, series=series, time=at)
+
+
+def decide(day: Day, slot: Slot, decision: str, read_at: float | None = None) -> Day:
     """The day after the operator's word on a state that waits: "keep" it as it is, "correct" it as was proposed, or
-    read it "again", whereupon it comes next."""
+    read it "again", whereupon it comes next. read_at: the time of the reading that is meant, where it matters.
+
+    InputError where nothing was read there, or the reading was decided upon meanwhile.
+    """
     if decision not in DECISIONS:
         raise InputError(
             Problem(f"decision {decision!r}", allowed=", ".join(DECISIONS), hint=nearest(decision, DECISIONS))
         )
-    day = reread(day)
-    rows, mistake = day.record.at(slot), day.mistakes.get(slot)
-    if not rows:
-        raise InputError(f"nothing was read at {_where(day, slot)} that could be decided upon")
-    record = day.record
-    if decision == "again":
-        record = without(record, slot)
-    elif decision == "correct" and mistake is not None and mistake.kind == "tracker":
-        record = moved_on(record)
-        record = without(record, slot, [replace(row, series=record.series) for row in rows.values()])
-    elif decision == "correct":
-        record = without(record, slot, _corrected(day, slot, list(rows.values()), mistake))
-    event = {"keep": "kept", "correct": "corrected", "again": "again"}[decision]
-    return _seen(day.experiment, day.plan, day.expected, noted(record, slot, event), _rest(day.mistakes, slot))
+    with locked(day) as (day, journal):
+        entry, mistake = day.record.states.get(slot), day.mistakes.get(slot)
+        if entry is None:
+            raise InputError(f"nothing was read at {_where(day, slot)} that could be decided upon")
+        if read_at is not None and (entry.time != read_at or slot not in day.mistakes):
+            raise InputError(f"the day has moved on: {_where(day, slot)} was decided upon")
+        series = day.record.series
+        if decision == "correct" and mistake is not None and mistake.kind == "tracker":
+            series = next_series(series)
+            entry = replace(entry, series=series)
+        elif decision == "correct":
+            entry = replace(entry, xyz=_corrected(day, entry, mistake))
+        elif decision == "again":
+            entry = replace(entry, xyz={})
+        said = {"keep": "kept", "correct": "corrected", "again": "again"}[decision]
+        made = delivery(day.record, states=[as_json(day.record.protocol, replace(entry, said=said))])
+        return _stored(day, journal, made | {"series": series})
 
 
-def reread(day: Day) -> Day:
-    """The day with the table as it now stands, where somebody has edited it."""
-    record = refreshed(day.record, day.experiment)
-    if record is day.record:
-        return day
-    return _explained(_seen(day.experiment, day.plan, day.expected, record, day.mistakes))
-
-
-def _explained(day: Day) -> Day:
-    """The day with what every state that waits for a decision most likely is."""
-    for slot in day.record.doubtful:
-        if slot not in day.mistakes and day.record.at(slot):
-            mistake = most_likely(day.known, slot, _xyz(day, slot), _series(day, slot))
-            day = replace(day, mistakes={**day.mistakes, slot: mistake})
+def _stored(day: Day, journal: Journal, made: Mapping[str, Any]) -> Day:
+    """The day with one more record, on disk when this returns; its tables follow where there is room."""
+    journal.append(made)
+    day = _with(day, made)
+    with suppress(InputError):  # made anew when the day is opened
+        write_tables(day.record)
     return day
 
 
-def _corrected(day: Day, slot: Slot, rows: list[DayRow], mistake: Mistake | None) -> list[DayRow]:
-    """Rows of a state as they were meant."""
+def store_floor(day: Day, slot: Slot | None, readings: Mapping[str, Array]) -> Day:
+    """The day with positions (3,) m of the floor's reflectors, at a visit of it."""
+    with locked(day) as (day, journal):
+        visit = day.record.protocol.visits[-1 if slot is None else slot.visit]
+        floor = {"is": [visit.number, visit.pose, visit.repeat], "series": day.record.series}
+        floor |= {"xyz_m": {name: np.asarray(xyz).tolist() for name, xyz in readings.items()}}
+        return _stored(day, journal, delivery(day.record, floor=floor))
+
+
+def _with(day: Day, made: Mapping[str, Any]) -> Day:
+    return _seen(day.experiment, day.plan, day.expected, grown(day.record, [made]), day.mistakes)
+
+
+def _corrected(day: Day, entry: Entry, mistake: Mistake | None) -> dict[str, Array]:
+    """Positions of a state as they were meant."""
     if mistake is None or mistake.xyz is None:
-        hint = "Keep it, or read it again; the angles and the load of a row can be edited in the table."
-        raise InputError(Problem(f"nobody knows what {_where(day, slot)} should read", hint=hint))
+        hint = "Keep it, or read it again."
+        raise InputError(Problem(f"nobody knows what {_where(day, entry.slot)} should read", hint=hint))
     names = list(day.expected.names)
-    return [replace(row, xyz=mistake.xyz[names.index(row.marker)]) if row.marker in names else row for row in rows]
+    return {m: mistake.xyz[names.index(m)] if m in names else xyz for m, xyz in entry.xyz.items()}
 
 
-def _judged(day: Day, slot: Slot) -> tuple[Day, Judged]:
-    """The day with what is said of a state, noted."""
-    xyz, series = _xyz(day, slot), _series(day, slot)
-    rows = day.record.at(slot)
-    verdict = judge(day.known, slot, xyz, series)
-    mistake: Mistake | None = None
-    odd = next((row for row in rows.values() if not as_planned(row, day.record)), None)
-    if odd is not None:
-        mistake = _other_than_planned(day, odd)
-    elif not verdict.fine:
-        mistake = most_likely(day.known, slot, xyz, series)
-    if mistake is not None:
-        record = noted(day.record, slot, "look again", mistake.kind)
-        return replace(day, record=record, mistakes={**day.mistakes, slot: mistake}), Judged(slot, verdict, mistake)
-    whole = all(m in rows for m in day.record.protocol.markers)
-    record = noted(day.record, slot, "as expected") if whole or slot in day.record.doubtful else day.record
-    day = replace(day, record=record, mistakes=_rest(day.mistakes, slot))
-    return (_seen(day.experiment, day.plan, day.expected, record, day.mistakes) if whole else day), Judged(
-        slot, verdict, None
-    )
+def _judged(day: Day, journal: Journal, entries: Sequence[Entry], **source: Any) -> tuple[Day, list[Judged]]:
+    """The day with states, each judged by what the earlier ones tell, in one record."""
+    made, said, now = delivery(day.record, states=[], **source), list[Judged](), day
+    for entry in entries:
+        verdict = judge(now.known, entry.slot, _xyz(now, entry), entry.series)
+        odd = not verdict.fine or not as_planned(entry, day.record)
+        mistake = _mistake(now, entry) if odd else None
+        entry = replace(entry, said=DOUBT if odd else "as expected", mistake=mistake.kind if mistake else "")
+        said.append(Judged(entry.slot, verdict, mistake))
+        made = made | {"states": [*made["states"], as_json(day.record.protocol, entry)]}
+        mistakes = now.mistakes if mistake is None else {**now.mistakes, entry.slot: mistake}
+        now = _with(replace(day, mistakes=mistakes), made)
+    return _stored(replace(day, mistakes=now.mistakes), journal, made), said
 
 
-def _other_than_planned(day: Day, row: DayRow) -> Mistake:
+def _mistake(day: Day, entry: Entry) -> Mistake:
+    """What a state that is not as expected most likely is."""
+    if not as_planned(entry, day.record):
+        return _other_than_planned(day, entry)
+    return most_likely(day.known, entry.slot, _xyz(day, entry), entry.series)
+
+
+def _other_than_planned(day: Day, row: Entry) -> Mistake:
     """A row whose own angles or load are not those of its state: which, and what the protocol has."""
     visit, state = day.record.visit(row.slot), day.record.state(row.slot)
     turned = np.abs(row.pendant - visit.pendant)
@@ -201,34 +269,19 @@ def _other_than_planned(day: Day, row: DayRow) -> Mistake:
 def _seen(
     experiment: Experiment, plan: Plan, told: Expected, record: Record, mistakes: Mapping[Slot, Mistake] | None = None
 ) -> Day:
-    """The day; it learns from the states that do not wait for a decision, and were not kept against its advice."""
-    day = Day(
-        experiment=experiment,
-        plan=plan,
-        expected=told,
-        record=record,
-        known=known(told, ()),
-        mistakes={s: m for s, m in (mistakes or {}).items() if s in record.doubtful},
-    )
-    odd = {*record.doubtful, *(s for s, event in record.taken.items() if event == "kept")}
-    slots = [s for s in dict.fromkeys(row.slot for row in record.rows) if s not in odd]
-    seen = [Seen(s, _xyz(day, s), _series(day, s)) for s in slots]
-    return replace(day, known=known(told, [s for s in seen if s.read.any()]))
+    """The day; it learns from the states that do not wait for a decision, and were not kept against its advice. What
+    waits gets the mistake that it most likely is."""
+    day = Day(experiment=experiment, plan=plan, expected=told, record=record, known=known(told, ()), mistakes={})
+    seen = [Seen(s, _xyz(day, e), e.series) for s, e in record.states.items() if e.said not in ("", DOUBT, "kept")]
+    day = replace(day, known=known(told, [s for s in seen if s.read.any()]))
+    old, states = mistakes or {}, record.states
+    return replace(day, mistakes={s: old[s] if s in old else _mistake(day, states[s]) for s in record.doubtful})
 
 
-def _xyz(day: Day, slot: Slot) -> Array:
+def _xyz(day: Day, entry: Entry) -> Array:
     """Readings (M, 3) m of the judged markers of a state, NaN where not read."""
-    rows = day.record.at(slot)
     nothing = np.full(3, np.nan)
-    return np.array([rows[m].xyz if m in rows else nothing for m in day.expected.names])
-
-
-def _series(day: Day, slot: Slot) -> str:
-    return next((row.series for row in day.record.at(slot).values()), day.record.series)
-
-
-def _rest(mistakes: Mapping[Slot, Mistake], slot: Slot) -> dict[Slot, Mistake]:
-    return {s: m for s, m in mistakes.items() if s != slot}
+    return np.array([entry.xyz.get(m, nothing) for m in day.expected.names])
 
 
 def _check(day: Day, readings: Mapping[str, Array], slot: Slot) -> None:
@@ -239,7 +292,7 @@ def _check(day: Day, readings: Mapping[str, Array], slot: Slot) -> None:
         if marker not in markers:
             problems.append(Problem(f"no marker {marker!r}", allowed=", ".join(markers), hint=nearest(marker, markers)))
         elif marker in there:
-            hint = "Decide to read it again first; the table holds one reading of a marker in a state."
+            hint = "Decide to read it again first: a state has one reading of a marker."
             problems.append(Problem(f"{where} was read already", hint=hint))
         elif np.shape(xyz) != (3,) or not np.isfinite(xyz).all() or np.abs(xyz).max() > _FAR:
             found = ", ".join(f"{1e3 * v:g}" for v in np.ravel(xyz)) + " mm"

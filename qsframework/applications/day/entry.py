@@ -4,27 +4,31 @@ from __future__ import annotations
 
 import hashlib
 import re
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from qsframework.applications.day.day import Day, Judged, enter, reread
-from qsframework.applications.day.record import DayRow, Slot, rows_of, taken_in
+from qsframework.applications.day.day import Day, Judged, enter, enter_states
+from qsframework.applications.day.record import Entry, Slot, rows_of
 from qsframework.applications.importers import import_readings
 from qsframework.applications.protocol import write_reading_file
 from qsframework.errors import InputError, Problem
 from qsframework.experiment.columns import write_table
-from qsframework.files import write_text
+from qsframework.files import sha256, write_text
 from qsframework.plugin import Array
 
 _LARGEST = 5_000_000
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 
-def enter_text(day: Day, text: str) -> tuple[Day, list[Judged]]:
-    """The day with readings of the next state from typed or pasted text, or rows of a table with its header.
+class Unconfirmed(InputError):
+    """Plain points, which do not say whose they are: nobody has confirmed a state for them."""
+
+
+def enter_text(day: Day, text: str, slot: Slot | None = None) -> tuple[Day, list[Judged]]:
+    """The day with readings of a state, the one that comes next in `day` if None, from typed or pasted text; or with
+    rows of a table with its header, which name theirs.
 
     A line is `m1 2345.678 -12.345 987.654`, mm, any blanks, commas or semicolons between; without names the markers
     that are missing come in their order. InputError with each line that is none; nothing is stored then.
@@ -33,38 +37,51 @@ def enter_text(day: Day, text: str) -> tuple[Day, list[Judged]]:
         raise InputError(Problem("the text", found=f"{len(text)} characters", allowed=f"up to {_LARGEST}"))
     lines = _lines(text)
     if not _is_table(lines):
-        day, judged = enter(day, _positions(day, lines))
+        slot = day.next if slot is None else slot
+        day, judged = enter(day, _positions(day, lines, slot), slot)
         return day, [judged]
     with TemporaryDirectory() as folder:
         path = Path(folder) / "pasted.csv"
         write_text(path, "\n".join(lines) + "\n")
-        return _enter_rows(day, rows_of(path, day.experiment, day.record.protocol))
+        return enter_states(day, rows_of(path, day.experiment, day.record.protocol))
 
 
-def enter_file(day: Day, path: Path) -> tuple[Day, list[Judged]]:
-    """The day with the readings of a file: the points of the next state, a table of states, or a tracker's export
-    through the importers. InputError where it is none, or was taken in before; the file stays as it is."""
-    day = reread(day)
+def enter_file(day: Day, path: Path, slot: Slot | None = None) -> tuple[Day, list[Judged]]:
+    """The day with the readings of a file: a table of states, a tracker's export through the importers, or plain points
+    of the state that somebody has confirmed (`slot`), which is the next. Of a file that was taken in before, and of
+    readings that are there, nothing is taken.
+
+    InputError where it is none, Unconfirmed for plain points without a slot; the file stays as it is.
+    """
     content = path.read_bytes() if path.stat().st_size <= _LARGEST else b""
     if not content:
         raise InputError(Problem("is empty, or no file of readings", str(path), allowed=f"1 to {_LARGEST} bytes"))
-    hash = hashlib.sha256(content).hexdigest()
-    if hash in day.record.files:
-        raise InputError(Problem("was taken in before", str(path), hint="A second reading of a state is decided upon."))
-    lines = _lines(content.decode("utf-8", "replace"))
+    file = {"name": path.name, "sha256": hashlib.sha256(content).hexdigest()}
+    if file["sha256"] in day.record.files:
+        return day, []
+    entries = _plain(day, _lines(content.decode("utf-8", "replace")), slot)
+    of_next = entries is not None
+    if entries is None:
+        table = _is_table(_lines(content.decode("utf-8", "replace")))
+        entries = rows_of(path, day.experiment, day.record.protocol) if table else _imported(day, path)
+    elif slot is None:
+        hint = "Confirm the state that they are of, or send a table or an export that names poses."
+        raise Unconfirmed(Problem("holds points without a pose", str(path), hint=hint))
+    if sha256(path) != file["sha256"]:
+        raise InputError(Problem("is still being written", str(path)))
+    return enter_states(day, entries, of_next, file)
+
+
+def _plain(day: Day, lines: list[str], slot: Slot | None) -> list[Entry] | None:
+    """Lines of plain points as readings of a state; None where they are something else."""
+    slot = slot or day.next
+    if _is_table(lines) or slot is None:
+        return None
     try:
-        rows = rows_of(path, day.experiment, day.record.protocol) if _is_table(lines) else None
-        values = {} if rows else _positions(day, lines)
+        xyz = _positions(day, lines, slot)
     except InputError:
-        if _is_table(lines):
-            raise
-        rows, values = _imported(day, path), {}
-    if rows:
-        day, judged = _enter_rows(day, rows)
-    else:
-        day, one = enter(day, values)
-        judged = [one]
-    return replace(day, record=taken_in(day.record, path.name, hash)), judged
+        return None
+    return [Entry(slot=slot, xyz=xyz, pendant=day.record.visit(slot).pendant, wrench=day.record.state(slot).wrench)]
 
 
 def _lines(text: str) -> list[str]:
@@ -75,26 +92,14 @@ def _is_table(lines: list[str]) -> bool:
     return bool(lines) and re.match(r"pose\s*,", lines[0]) is not None
 
 
-def _imported(day: Day, path: Path) -> list[DayRow]:
-    """The rows that the importers make of a tracker's file, by the names of its points."""
+def _imported(day: Day, path: Path) -> list[Entry]:
+    """The states that the importers make of a tracker's file, by the names of its points."""
     with TemporaryDirectory() as folder:
         plan, table = Path(folder) / "protocol.csv", Path(folder) / "readings.csv"
         write_reading_file(plan, day.record.protocol)
         found = import_readings(day.experiment, [path], plan)
-        write_table(table, found.header, found.rows, [f"robot: {day.record.robot}"])
+        write_table(table, found.header, found.rows, [f"robot: {day.record.protocol.robot}"])
         return rows_of(table, day.experiment, day.record.protocol)
-
-
-def _enter_rows(day: Day, rows: list[DayRow]) -> tuple[Day, list[Judged]]:
-    """State after state, as the rows stand."""
-    groups: dict[Slot, list[DayRow]] = {}
-    for row in rows:
-        groups.setdefault(row.slot, []).append(row)
-    said: list[Judged] = []
-    for slot, own in groups.items():
-        day, judged = enter(day, {row.marker: row.xyz for row in own}, slot, own[0].pendant, own[0].wrench)
-        said.append(judged)
-    return day, said
 
 
 def read_positions(text: str, names: tuple[str, ...]) -> dict[str, Array]:
@@ -103,11 +108,11 @@ def read_positions(text: str, names: tuple[str, ...]) -> dict[str, Array]:
     return _read(_lines(text), names, names)
 
 
-def _positions(day: Day, lines: list[str]) -> dict[str, Array]:
-    """Those of the markers that are missing at the next state."""
-    slot, markers = day.next, day.record.protocol.markers
-    read = set[str]() if slot is None else set(day.record.at(slot))
-    return _read(lines, tuple(m for m in markers if m not in read), markers)
+def _positions(day: Day, lines: list[str], slot: Slot | None) -> dict[str, Array]:
+    """Those of the markers that are missing at a state."""
+    markers = day.record.protocol.markers
+    missing = markers if slot is None else tuple(m for m in markers if m not in day.record.at(slot))
+    return _read(lines, missing, markers)
 
 
 def _read(lines: list[str], missing: tuple[str, ...], names: tuple[str, ...]) -> dict[str, Array]:

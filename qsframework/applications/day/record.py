@@ -1,34 +1,38 @@
-"""What was read on the day: the ordinary table of readings, which is safe on disk before anybody is answered.
+"""What was read on the day: `day.jsonl`, a journal of sealed records, each safe on disk before anybody is answered.
 
-A reading is appended and synced. A row that is taken back leaves the table and stays in the log beside it, which also
-holds every judgement and every decision, so that nothing that was ever read is lost.
+A record is one delivery, one decision or one reading of the floor. It holds all of every state that it speaks of, with
+what is said of it, so the last record of a state holds. `readings.csv` and the floor's table are made from it.
 """
 
 from __future__ import annotations
 
-import csv
-import io
+import hashlib
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from qsframework.applications.protocol import Protocol, ProtocolState, Visit
+from qsframework.applications.protocol import Protocol, ProtocolState, Visit, floor_file
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
-from qsframework.experiment.columns import joint_cells, number, read_table, table_text
+from qsframework.experiment.columns import joint_cells, number, read_table, write_table
 from qsframework.experiment.readings_table import state_columns
-from qsframework.files import append_text, sha256, write_text
+from qsframework.files.journal import Journal
 from qsframework.plugin import Array
 
 TABLE, LOG = "readings.csv", "day.jsonl"
+DOUBT = "look again"
+"""Said of a state that waits for a decision; the others are "as expected", "kept", "corrected" and "again"."""
 _SAME = 1e-6
 """rad, N: angles and forces of a row that differ by less are those of the protocol."""
-_FULL = "the reading is not stored: {}. Make room, then enter it again"
+_WAIT = 10.0
+"""s: how long another process is waited for."""
+_FLOOR = ["visit", "pose", "repeat", "reflector", "x_mm", "y_mm", "z_mm", "series"]
 
 
 @dataclass(frozen=True, order=True)
@@ -40,39 +44,69 @@ class Slot:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Entry:
+    """One state as it was read. xyz: positions (3,) m by marker in the tracker's frame `series`; pendant (n,) rad and
+    wrench (6,) as the readings have them; time: s since 1970; said: what was judged or decided, "" where nobody has;
+    mistake: the kind of it that was named"""
+
+    slot: Slot
+    xyz: Mapping[str, Array]
+    pendant: Array
+    wrench: Array
+    series: str = ""
+    time: float = 0.0
+    said: str = ""
+    mistake: str = ""
+
+
+@dataclass(frozen=True)
 class DayRow:
-    """One marker at one state. xyz (3,) m in the tracker's frame `series`; pendant (n,) rad and wrench (6,) as they
-    stand in the table; time: s since the day began"""
+    """One marker at one state: xyz (3,) m in the frame `series`."""
 
     slot: Slot
     marker: str
     xyz: Array
-    pendant: Array
-    wrench: Array
     series: str
-    time: float
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Record:
-    """The rows so far, with the hash of the table that holds them; began: s since the epoch; doubtful: states that wait
-    for a decision, with what was said of them; taken: what was decided of states; series: the frame that the tracker
-    stands in now; files: hashes of those that were taken in"""
+    """What the journal says so far. log: its records; spoilt: lines of it that are none; states: as they stand, in the
+    order in which they were read; read: every position that was ever read, as (slot, marker, x, y, z); floor: first
+    positions of the reflectors by series and name; series: the frame that the tracker stands in now"""
 
     folder: Path
-    robot: str
     protocol: Protocol
-    rows: tuple[DayRow, ...]
-    began: float
-    hash: str
-    doubtful: Mapping[Slot, str]
-    taken: Mapping[Slot, str]
     series: str
-    files: frozenset[str] = frozenset()
+    log: tuple[Mapping[str, Any], ...] = ()
+    spoilt: tuple[int, ...] = ()
+    states: Mapping[Slot, Entry]
+    read: frozenset[tuple[Any, ...]] = frozenset()
 
     @property
     def table(self) -> Path:
         return self.folder / TABLE
+
+    @property
+    def rows(self) -> tuple[DayRow, ...]:
+        """Every position that stands."""
+        entries = self.states.values()
+        return tuple(DayRow(e.slot, name, xyz, e.series) for e in entries for name, xyz in e.xyz.items())
+
+    @property
+    def doubtful(self) -> list[Slot]:
+        """States that wait for a decision."""
+        return [slot for slot, entry in self.states.items() if entry.said == DOUBT]
+
+    @property
+    def files(self) -> frozenset[str]:
+        """Hashes of the files that were taken in."""
+        return frozenset(record["file"]["sha256"] for record in self.log if "file" in record)
+
+    @property
+    def floor(self) -> list[Mapping[str, Any]]:
+        """The floor's reflectors, reading by reading."""
+        return [record["floor"] for record in self.log if "floor" in record]
 
     def state(self, slot: Slot) -> ProtocolState:
         return self.protocol.visits[slot.visit].states[slot.state]
@@ -80,9 +114,9 @@ class Record:
     def visit(self, slot: Slot) -> Visit:
         return self.protocol.visits[slot.visit]
 
-    def at(self, slot: Slot) -> dict[str, DayRow]:
-        """The rows of a state by marker."""
-        return {row.marker: row for row in self.rows if row.slot == slot}
+    def at(self, slot: Slot) -> Mapping[str, Array]:
+        """Positions (3,) m of a state by marker."""
+        return self.states[slot].xyz if slot in self.states else dict[str, Array]()
 
     @property
     def slots(self) -> list[Slot]:
@@ -92,141 +126,120 @@ class Record:
     @property
     def next(self) -> Slot | None:
         """The first state of which a marker is missing; None: the day is done."""
-        read = {(row.slot, row.marker) for row in self.rows}
-        return next((s for s in self.slots if any((s, m) not in read for m in self.protocol.markers)), None)
+        return next((s for s in self.slots if any(m not in self.at(s) for m in self.protocol.markers)), None)
 
 
-def open_record(folder: Path, experiment: Experiment, protocol: Protocol) -> Record:
-    """The record of a day, begun or continued. InputError where the table there is of another plan, or cannot be read.
-
-    A line that a crash left half written is moved to the log.
-    """
-    table, log = folder / TABLE, folder / LOG
-    if not table.exists():
-        write_text(table, _text(protocol.robot, protocol, []))
-    if not log.exists():
-        _log(log, {"event": "begun", "robot": protocol.robot, "visits": len(protocol.visits)})
-    _mend(table, log)
-    events = _events(log)
-    rows = _read(table, experiment, protocol)
-    first = experiment.frames[0].series if experiment.frames else "S1"
-    doubtful: dict[Slot, str] = {}
-    taken: dict[Slot, str] = {}
-    for event in (e for e in events if "visit" in e):
-        slot = Slot(int(event["visit"]) - 1, int(event["state"]) - 1)
-        if event["event"] == "look again":
-            doubtful[slot] = str(event["said"])
-        elif event["event"] in ("as expected", "kept", "corrected", "again"):
-            doubtful.pop(slot, None)
-            taken[slot] = str(event["event"])
-    return Record(
-        folder=folder,
-        robot=protocol.robot,
-        protocol=protocol,
-        rows=tuple(rows),
-        began=float(events[0]["time"]),
-        hash=sha256(table),
-        doubtful=doubtful,
-        taken=taken,
-        series=next((str(e["series"]) for e in reversed(events) if e["event"] == "tracker moved"), first),
-        files=frozenset(str(e["hash"]) for e in events if e["event"] == "file"),
-    )
-
-
-def refreshed(record: Record, experiment: Experiment) -> Record:
-    """The record, read again where somebody has edited its table meanwhile."""
-    if record.table.is_file() and sha256(record.table) == record.hash:
-        return record
-    if not record.table.is_file():
-        hint = "Put it back; what was entered also stands in the log."
-        raise InputError(Problem("the table of the day is gone", str(record.table), hint=hint))
-    return open_record(record.folder, experiment, record.protocol)
-
-
-def stored(record: Record, rows: Sequence[DayRow]) -> Record:
-    """The record with more rows, on disk when this returns. InputError where they cannot be stored."""
-    _append(record.table, "".join(_line(record.protocol, row) for row in rows))
-    return replace(record, rows=(*record.rows, *rows), hash=sha256(record.table))
-
-
-def without(record: Record, slot: Slot, instead: Sequence[DayRow] = ()) -> Record:
-    """The record with other rows of a state, or none; those that stood there go to the log."""
-    gone = [row for row in record.rows if row.slot == slot]
-    _log(record.folder / LOG, _about(slot) | {"event": "taken back", "rows": [_values(row) for row in gone]})
-    kept = [row for row in record.rows if row.slot != slot]
-    place = next((i for i, row in enumerate(record.rows) if row.slot == slot), len(kept))
-    rows = (*kept[:place], *instead, *kept[place:])
-    write_text(record.table, _text(record.robot, record.protocol, rows))
-    return replace(record, rows=rows, hash=sha256(record.table))
-
-
-def noted(record: Record, slot: Slot, event: str, said: str = "") -> Record:
-    """The record with a judgement or a decision: "as expected", "look again", "kept", "corrected" or "again"."""
-    _log(record.folder / LOG, _about(slot) | {"event": event, "said": said})
-    doubtful = {s: text for s, text in record.doubtful.items() if s != slot}
-    taken = {s: text for s, text in record.taken.items() if s != slot}
-    if event == "look again":
-        doubtful[slot] = said
-    else:
-        taken[slot] = event
-    return replace(record, doubtful=doubtful, taken=taken)
-
-
-def moved_on(record: Record) -> Record:
-    """The record whose next readings are in a new frame: the tracker was moved."""
-    stem = record.series.rstrip("0123456789")
-    series = f"{stem}{int(record.series[len(stem) :] or 1) + 1}"
-    _log(record.folder / LOG, {"event": "tracker moved", "series": series})
-    return replace(record, series=series)
-
-
-def taken_in(record: Record, name: str, hash: str) -> Record:
-    """The record that knows that a file was taken in, so that it is not taken twice."""
-    _log(record.folder / LOG, {"event": "file", "name": name, "hash": hash})
-    return replace(record, files=record.files | {hash})
-
-
-def _about(slot: Slot) -> dict[str, Any]:
-    return {"visit": slot.visit + 1, "state": slot.state + 1}
-
-
-def _values(row: DayRow) -> dict[str, Any]:
-    return {"marker": row.marker, "xyz_mm": (1e3 * row.xyz).round(4).tolist(), "series": row.series}
-
-
-def _log(path: Path, event: Mapping[str, Any]) -> None:
-    _append(path, json.dumps({"time": round(time.time(), 3)} | dict(event)) + "\n")
-
-
-def _append(path: Path, text: str) -> None:
+@contextmanager
+def opened(folder: Path, protocol: Protocol) -> Generator[Journal]:
+    """The journal of a day, begun or continued, which no other process writes meanwhile. InputError where it is of
+    another plan, cannot be read, or is gone while its table stands."""
     try:
-        append_text(path, text)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(Problem(_FULL.format(error.strerror), str(path))) from error
+        raise InputError(Problem(f"cannot be written: {error.strerror}", str(folder))) from error
+    states = [[v.pose, v.repeat, v.pendant.tolist(), [s.wrench.tolist() for s in v.states]] for v in protocol.visits]
+    plan = hashlib.sha256(json.dumps([states, protocol.markers]).encode()).hexdigest()[:12]
+    log, table = folder / LOG, folder / TABLE
+    if table.exists() and not log.exists():
+        hint = f"Put {LOG} back, which it was made from, or name another folder with -o."
+        raise InputError(Problem(f"stands there without {LOG}, and is not overwritten", str(table), hint=hint))
+    try:
+        journal = Journal(log, {"format": "measuring day 1", "robot": protocol.robot, "plan": plan}, _WAIT)
+    except InputError as error:
+        hint = "Name another folder with -o, or go on with the plan, the options and the seed of its beginning."
+        raise InputError([replace(p, hint=hint) if "journal of" in p.message else p for p in error.problems]) from error
+    with journal:
+        yield journal
 
 
-def _events(path: Path) -> list[dict[str, Any]]:
-    """What the log says; a line that a crash left half written says nothing."""
-    out: list[dict[str, Any]] = []
-    for line in path.read_text(encoding="utf-8").splitlines():
+def grown(record: Record, more: Sequence[Mapping[str, Any]]) -> Record:
+    """The record with more records of the journal. InputError where one is of another plan."""
+    states, read, series = dict(record.states), set(record.read), record.series
+    for one in more:
         try:
-            event = json.loads(line)
-        except json.JSONDecodeError:
-            continue
-        out += [event] if isinstance(event, dict) and "event" in event and "time" in event else []
-    if not out:
-        raise InputError(Problem("is no log of a measuring day", str(path), hint="Name an empty folder."))
-    return out
+            series = str(one.get("series", series))
+            for entry in map(lambda data: _entry(record.protocol, data), one.get("states", [])):
+                read |= {_key(entry.slot, *position) for position in entry.xyz.items()}
+                states[entry.slot] = entry
+                if not entry.xyz:
+                    del states[entry.slot]
+        except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+            raise InputError(Problem("holds a record that is not of this plan", str(record.folder / LOG))) from error
+    return replace(record, log=(*record.log, *more), states=states, read=frozenset(read), series=series)
 
 
-def _mend(table: Path, log: Path) -> None:
-    """Move a last line without an end, which a crash left, from the table to the log."""
-    content = table.read_bytes() if table.is_file() else b""
-    if not content or content.endswith(b"\n"):
-        return
-    whole, _, rest = content.rpartition(b"\n")
-    _log(log, {"event": "half a line", "text": rest.decode("utf-8", "replace")})
-    write_text(table, whole.decode() + ("\n" if whole else ""))
+def is_new(record: Record, entry: Entry) -> bool:
+    """Whether a state holds a position that was never read there, to the last digit."""
+    return any(_key(entry.slot, *position) not in record.read for position in entry.xyz.items())
+
+
+def _key(slot: Slot, marker: str, xyz: Array) -> tuple[Any, ...]:
+    return (slot, marker, *np.round(xyz, 9).tolist())
+
+
+def delivery(record: Record, **what: Any) -> dict[str, Any]:
+    """A record for the journal, of now."""
+    return {"time": round(time.time(), 3), "series": record.series, **what}
+
+
+def as_json(protocol: Protocol, entry: Entry) -> dict[str, Any]:
+    """A state for the journal; it says which one it is."""
+    visit = protocol.visits[entry.slot.visit]
+    state = visit.states[entry.slot.state]
+    return {
+        "visit": visit.number,
+        "state": entry.slot.state + 1,
+        "is": [visit.pose, visit.repeat, state.load_id, state.cycle],
+        "xyz_m": {marker: xyz.tolist() for marker, xyz in entry.xyz.items()},
+        "pendant_rad": entry.pendant.tolist(),
+        "wrench_N_Nm": entry.wrench.tolist(),
+        "series": entry.series,
+        "time": entry.time,
+        "said": entry.said,
+        "mistake": entry.mistake,
+    }
+
+
+def _entry(protocol: Protocol, data: Mapping[str, Any]) -> Entry:
+    """A state of the journal. KeyError, TypeError or ValueError where it is none of this protocol."""
+    entry = Entry(
+        slot=Slot(data["visit"] - 1, data["state"] - 1),
+        xyz={str(m): np.array(xyz, dtype=float) for m, xyz in data["xyz_m"].items()},
+        pendant=np.array(data["pendant_rad"], dtype=float),
+        wrench=np.array(data["wrench_N_Nm"], dtype=float),
+        series=str(data["series"]),
+        time=float(data["time"]),
+        said=str(data.get("said", "")),
+        mistake=str(data.get("mistake", "")),
+    )
+    arrays = [*entry.xyz.values(), entry.pendant, entry.wrench]
+    known = min(entry.slot.visit, entry.slot.state) >= 0 and as_json(protocol, entry)["is"] == data["is"]
+    if not known or not {*entry.xyz} <= {*protocol.markers} or not all(np.isfinite(a).all() for a in arrays):
+        raise ValueError
+    return entry
+
+
+def next_series(series: str) -> str:
+    """The name of the next frame: S2 after S1."""
+    stem = series.rstrip("0123456789")
+    return f"{stem}{int(series[len(stem) :] or 1) + 1}"
+
+
+def write_tables(record: Record) -> None:
+    """Write what is made from the journal: `readings.csv`, and the floor's where it was read."""
+    began = float(record.log[0].get("time", 0.0)) if record.log else 0.0
+    write_readings(record.table, record.protocol, list(record.states.values()), began)
+    rows = [
+        [*map(str, floor["is"]), name, *(f"{1e3 * v:.4f}" for v in xyz), str(floor["series"])]
+        for floor in record.floor
+        for name, xyz in floor["xyz_m"].items()
+    ]
+    if rows:
+        write_table(floor_file(record.table), _FLOOR, rows, _comments(record.protocol))
+
+
+def _comments(protocol: Protocol) -> list[str]:
+    return [f"robot: {protocol.robot}", f"made from {LOG}: what is changed here is overwritten"]
 
 
 def _header(protocol: Protocol) -> list[str]:
@@ -244,53 +257,40 @@ def _header(protocol: Protocol) -> list[str]:
         "cycle",
         "time_s",
         "drive_state",
+        "use",
     ]
 
 
-def _cells(protocol: Protocol, row: DayRow) -> list[str]:
-    visit = protocol.visits[row.slot.visit]
-    state = visit.states[row.slot.state]
-    return [
-        visit.pose,
-        *joint_cells(row.pendant, protocol.units),
-        *([number(v) for v in row.wrench.tolist()] if state.loaded else [""] * 6),
-        row.marker,
-        "loaded" if state.loaded else "unloaded",
-        *(f"{1e3 * v:.4f}" for v in row.xyz.tolist()),
-        state.load_id,
-        row.series,
-        str(visit.repeat),
-        str(state.cycle),
-        f"{row.time:.0f}",
-        protocol.wish.drive,
-    ]
+def _cells(protocol: Protocol, entry: Entry, began: float) -> Iterator[list[str]]:
+    """The rows of a state."""
+    visit = protocol.visits[entry.slot.visit]
+    state = visit.states[entry.slot.state]
+    for marker, xyz in entry.xyz.items():
+        yield [
+            visit.pose,
+            *joint_cells(entry.pendant, protocol.units),
+            *([number(v) for v in entry.wrench.tolist()] if state.loaded else [""] * 6),
+            marker,
+            "loaded" if state.loaded else "unloaded",
+            *(f"{1e3 * v:.4f}" for v in xyz.tolist()),
+            state.load_id,
+            entry.series,
+            str(visit.repeat),
+            str(state.cycle),
+            f"{entry.time - began:.0f}",
+            protocol.wish.drive,
+            "0" if entry.said == DOUBT else "1",
+        ]
 
 
-def _line(protocol: Protocol, row: DayRow) -> str:
-    out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerow(_cells(protocol, row))
-    return out.getvalue()
+def write_readings(path: Path, protocol: Protocol, entries: Sequence[Entry], began: float) -> None:
+    """A table of states, those that wait for a decision out of use."""
+    rows = [cells for entry in entries for cells in _cells(protocol, entry, began)]
+    write_table(path, _header(protocol), rows, _comments(protocol))
 
 
-def written(path: Path, protocol: Protocol, rows: Sequence[DayRow]) -> Path:
-    """A table of rows, in a file of its own."""
-    return write_text(path, _text(protocol.robot, protocol, rows))
-
-
-def _text(robot: str, protocol: Protocol, rows: Sequence[DayRow]) -> str:
-    return f"# robot: {robot}\n" + table_text(_header(protocol), [_cells(protocol, row) for row in rows])
-
-
-def _read(path: Path, experiment: Experiment, protocol: Protocol) -> list[DayRow]:
-    """The rows of the day's table; none where it holds only its header."""
-    lines = [
-        line for line in path.read_text(encoding="utf-8").splitlines() if line.strip() and not line.startswith("#")
-    ]
-    return [] if len(lines) < 2 else rows_of(path, experiment, protocol)
-
-
-def rows_of(path: Path, experiment: Experiment, protocol: Protocol) -> list[DayRow]:
-    """The rows of a table of states, each at its state of the protocol. InputError with all that belong to none."""
+def rows_of(path: Path, experiment: Experiment, protocol: Protocol) -> list[Entry]:
+    """The states of a table, each at its place in the protocol. InputError with all rows that belong to none."""
     table = read_table(path, state_columns(experiment), experiment.robot.name)
     problems = list(table.problems)
     places = {
@@ -310,36 +310,34 @@ def rows_of(path: Path, experiment: Experiment, protocol: Protocol) -> list[DayR
     pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(n)], axis=1)
     wrench = np.stack([numbers(c, 0.0) for c in ("fx", "fy", "fz", "mx", "my", "mz")], axis=1)
     xyz = np.stack([table.numbers[c] for c in ("x", "y", "z")], axis=1)
-    out: list[DayRow] = []
-    keys = zip(texts("pose"), numbers("repeat", 1.0), numbers("cycle", 1.0), texts("load_id"), strict=True)
-    for i, (pose, repeat, cycle, load) in enumerate(keys):
-        slot = places.get((pose, int(repeat), int(cycle), load))
+    out: dict[Slot, Entry] = {}
+    keys = list(zip(texts("pose"), numbers("repeat", 1.0), numbers("cycle", 1.0), texts("load_id"), strict=True))
+    for i in np.flatnonzero(numbers("use", 1.0)).tolist():
+        pose, repeat, cycle, load = keys[i]
+        slot, marker = places.get((pose, int(repeat), int(cycle), load)), texts("marker")[i]
         stated = texts("state")[i].lower() == ("loaded" if load else "unloaded")
-        if slot is None or not stated or texts("marker")[i] not in protocol.markers:
+        if slot is None or not stated or marker not in protocol.markers:
             what = f"pose {pose!r}, repeat {repeat:.0f}, cycle {cycle:.0f}, state {texts('state')[i]!r}, load {load!r}"
-            what += f", marker {texts('marker')[i]!r}"
+            what += f", marker {marker!r}"
             hint = "Name another folder with -o, or go on with the plan, the options and the seed of its beginning."
             problems.append(Problem("is no reading of this plan", str(path), table.rows[i], found=what, hint=hint))
             continue
-        out.append(
-            DayRow(
-                slot=slot,
-                marker=texts("marker")[i],
-                xyz=xyz[i],
-                pendant=pendant[i],
-                wrench=wrench[i],
-                series=texts("series")[i],
-                time=numbers("time", 0.0)[i],
-            )
-        )
-    if problems:
-        raise InputError(problems)
-    return out
+        there = out.setdefault(slot, Entry(slot=slot, xyz={}, pendant=pendant[i], wrench=wrench[i]))
+        if marker in there.xyz or not _alike(there, pendant[i], wrench[i]):
+            what = f"pose {pose!r}, marker {marker!r}"
+            hint = "A state has one reading of each marker, at the same angles and under the same load."
+            problems.append(Problem("contradicts the rows before", str(path), table.rows[i], found=what, hint=hint))
+            continue
+        out[slot] = replace(there, xyz={**there.xyz, marker: xyz[i]})
+    if problems or not out:
+        raise InputError(problems or Problem("holds no row in use", str(path)))
+    return list(out.values())
 
 
-def as_planned(row: DayRow, record: Record) -> bool:
-    """Whether a row stands at the angles and under the load of its state."""
-    visit, state = record.visit(row.slot), record.state(row.slot)
-    return bool(
-        np.allclose(row.pendant, visit.pendant, atol=_SAME) and np.allclose(row.wrench, state.wrench, atol=_SAME)
-    )
+def as_planned(entry: Entry, record: Record) -> bool:
+    """Whether a state stands at the angles and under the load of the protocol."""
+    return _alike(entry, record.visit(entry.slot).pendant, record.state(entry.slot).wrench)
+
+
+def _alike(entry: Entry, pendant: Array, wrench: Array) -> bool:
+    return np.allclose(entry.pendant, pendant, atol=_SAME) and np.allclose(entry.wrench, wrench, atol=_SAME)

@@ -15,7 +15,7 @@ import numpy as np
 
 from qsframework.applications.day.day import Day
 from qsframework.applications.day.expected import Expected
-from qsframework.applications.day.record import TABLE, DayRow, written
+from qsframework.applications.day.record import TABLE, Entry, write_readings
 from qsframework.design import design
 from qsframework.design.problem import joint_sd
 from qsframework.diagnose import diagnose
@@ -107,35 +107,29 @@ def promised_sd(day: Day) -> dict[str, float]:
 def _promised(e: Expected) -> dict[str, float]:
     """The same, worked out once a day: what is expected does not change."""
     protocol = e.protocol
-    markers = list(protocol.markers)
     place = e.model.positions(e.poses, loaded=True)
-    rows = [
-        DayRow(
-            slot=s, marker=m, xyz=place[i, k], pendant=e.poses.pendant[i], wrench=e.poses.wrench[i], series="", time=0.0
+    entries = [
+        Entry(
+            slot=s,
+            xyz=dict(zip(protocol.markers, place[i], strict=True)),
+            pendant=e.poses.pendant[i],
+            wrench=e.poses.wrench[i],
         )
         for s, i in e.at.items()
-        for k, m in enumerate(markers)
     ]
     with TemporaryDirectory() as folder:
-        whole = written(Path(folder) / TABLE, protocol, rows)
+        whole = Path(folder) / TABLE
+        write_readings(whole, protocol, entries, 0.0)
         sd = joint_sd(e.experiment, [read_readings(whole, e.experiment)])
     return dict(zip(e.experiment.fit_names(), sd.tolist(), strict=True))
 
 
 def accepted(day: Day) -> Readings:
-    """The readings of the day without the states that wait for a decision, and the rows as they are read for a fit.
+    """The readings of the day, without the states that wait for a decision, as they are read for a fit.
 
     InputError where nothing was read yet, or the table cannot be read.
     """
-    readings = read_readings(day.record.table, day.experiment)
-    states = readings.states
-    doubtful = {
-        (v.pose, v.repeat, s.cycle, s.load_id)
-        for v, s in ((day.record.visit(slot), day.record.state(slot)) for slot in day.record.doubtful)
-    }
-    names = zip(states.pose, states.repeat.tolist(), states.cycle.tolist(), states.load_id, strict=True)
-    odd = np.array([*(name in doubtful for name in names), False])
-    return readings.masked(odd[readings.plus] | odd[readings.minus])
+    return read_readings(day.record.table, day.experiment)
 
 
 def diagnosis_so_far(day: Day) -> Diagnosis | None:

@@ -21,6 +21,18 @@ _CORRECTABLE = ("markers", "unit", "sign", "axes", "decimal", "sign of one", "tr
 """Kinds whose readings can be put right without another reading."""
 
 
+DONE = {"keep": "kept as it is", "correct": "corrected as proposed", "again": "to be read again"}
+NOTHING_NEW = "taken in before, nothing in it is new."
+
+
+def spoilt_words(day: Day) -> str:
+    """Which lines of the journal are none, and what became of the others."""
+    lines = ", ".join(map(str, day.record.spoilt[:20]))
+    more = f" and {len(day.record.spoilt) - 20} more" if len(day.record.spoilt) > 20 else ""
+    kept = "All other records are kept; read again what is missing."
+    return lines and f"day.jsonl: spoilt and not used: line {lines}{more}. {kept}"
+
+
 def slot_words(day: Day, slot: Slot) -> str:
     """Which state: `pose p03, weight, cycle 1`."""
     visit, state = day.record.visit(slot), day.record.state(slot)
