@@ -28,6 +28,11 @@ def width() -> int:
     return max(40, shutil.get_terminal_size((PIPE, 24)).columns)
 
 
+def printable(line: str) -> str:
+    """The line with what a terminal would obey, such as the colours of a file's text, as a mark."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)
+
+
 def paragraphs(said: str, room: int) -> list[str]:
     """Paragraphs, one a line, each folded; the lines of an item, or of one that is set in, keep its edge."""
     out: list[str] = []

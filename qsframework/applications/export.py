@@ -15,6 +15,7 @@ from qsframework.applications.export_rapid import write_rapid
 from qsframework.applications.export_urscript import write_urscript
 from qsframework.applications.programme import Programme
 from qsframework.errors import InputError, Problem, nearest
+from qsframework.experiment.columns import quoted
 from qsframework.files import write_text
 
 FORMATS = ("fanuc-ls", "krl", "rapid", "urscript", "csv")
@@ -120,5 +121,6 @@ def write_csv(programme: Programme) -> str:
         pause = "0" if not move.measured else "hold" if programme.pause is None else repr(programme.pause)
         degrees = [f"{v:.4f}" for v in programme.units.shown(move.pendant) + 0.0]
         force = [f"{f:g}" for f in move.force]
-        writer.writerow([i, move.pose, move.repeat, *degrees, programme.speed, pause, move.load, *force])
+        pose, load = quoted(move.pose), quoted(move.load)
+        writer.writerow([i, pose, move.repeat, *degrees, programme.speed, pause, load, *force])
     return stream.getvalue()

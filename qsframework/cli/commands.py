@@ -40,13 +40,20 @@ def distinct_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path], fol
         raise InputError(problems)
     seen = {path.resolve(): "an input of this command" for path in inputs}
     for path in named:
-        if path.resolve() in seen:
-            raise InputError(f"{path} would overwrite {seen[path.resolve()]}; choose another name")
+        other = seen.get(path.resolve()) or _linked(path, inputs)
+        if other:
+            raise InputError(f"{path} would overwrite {other}; choose another name")
         if robot := _robot_of(path):
             raise InputError(f"{path} would overwrite a file of the robot in {robot}; choose another name")
         owner = path.with_suffix(".csv")
         own = path.suffix == ".json" and owner.resolve() in seen
         seen[path.resolve()] = f"what is written beside {owner}" if own else "another output of this command"
+
+
+def _linked(path: Path, inputs: Sequence[Path]) -> str:
+    """Which input a file is by another name, a hard link; "" where it is none."""
+    same = [other for other in inputs if path.exists() and other.exists() and path.samefile(other)]
+    return f"{same[0]}, an input of this command" if same else ""
 
 
 def _robot_of(path: Path) -> Path | None:

@@ -6,6 +6,7 @@ import errno
 import gc
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +18,7 @@ from qsframework.cli.stop import Stopped, listening
 from qsframework.cli.trust import Anyway, Trust
 from qsframework.cli.work import add_commands
 from qsframework.errors import InputError, Problem, QsfError
-from qsframework.terminal import folded, width
+from qsframework.terminal import folded, printable, width
 
 app = typer.Typer(
     name="qsf",
@@ -418,6 +419,7 @@ def main() -> None:
     os.environ.setdefault(_PLUGINS, "__all__")
     try:
         with listening(), held_back():
+            _refuse_empty(sys.argv[1:])
             # app() would put a hook of its own where `listening` hears what compiled code loses
             typer.main.get_command(app)()
     except Stopped as stopped:
@@ -428,7 +430,7 @@ def main() -> None:
         shown = lines[:_MOST]
         if len(lines) > _MOST:
             shown.append(f"... and {len(lines) - _MOST} more problems")
-        print("\n".join(folded(f"error: {_shown(line)}", width(), "  ") for line in shown), file=sys.stderr)
+        print("\n".join(folded(f"error: {printable(line)}", width(), "  ") for line in shown), file=sys.stderr)
         sys.exit(2)
     except MemoryError:
         print("error: the memory ran out; fewer candidates, poses or jobs need less", file=sys.stderr)
@@ -438,13 +440,22 @@ def main() -> None:
         sys.exit(0)
     except OSError as error:
         if error.filename is not None:  # a name that is too long, a folder that nobody may read
-            print(f"error: {_shown(str(error.filename))[:_LONGEST]}: {error.strerror}", file=sys.stderr)
+            print(f"error: {printable(str(error.filename))[:_LONGEST]}: {error.strerror}", file=sys.stderr)
             sys.exit(2)
         if error.errno not in (errno.ENOSPC, errno.EIO):
             raise
         # the device behind standard output is full: Python would try it again at its end, and say so in its own words
         print(f"error: the output cannot be printed: {error.strerror}", file=sys.stderr, flush=True)
         os._exit(1)
+
+
+def _refuse_empty(words: Sequence[str]) -> None:
+    """InputError for an option or an argument whose value is empty, which would be read as the folder `.`."""
+    for before, word in zip(["", *words], words, strict=False):
+        option = word[:-1] if word.startswith("--") and word.endswith("=") else before
+        if not word or option == word[:-1] != "":
+            named = option if option.startswith("-") else "an argument"
+            raise InputError(Problem(f"{named}: the value is empty", hint="Give it a value, or leave it out."))
 
 
 def _told(error: QsfError) -> list[str]:
@@ -455,11 +466,6 @@ def _told(error: QsfError) -> list[str]:
         (str(p), "" if p.argument is None else f" (--{' '.join(p.argument)}".rstrip() + ")") for p in error.problems
     )
     return [line for text, option in said for line in f"{text}{option}".splitlines()]
-
-
-def _shown(line: str) -> str:
-    """The line with what a terminal would obey, such as the colours of a file's text, as a mark."""
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)
 
 
 _MOST, _LONGEST = 20, 200

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from io import BufferedWriter, FileIO, TextIOWrapper
 from typing import TYPE_CHECKING
 
-from qsframework.terminal import Row, folded, paragraphs, table_lines, width
+from qsframework.terminal import Row, folded, paragraphs, printable, table_lines, width
 
 if TYPE_CHECKING:
     from qsframework.report.blocks import Verdict
@@ -18,10 +18,14 @@ _HELD = 1 << 20
 """Bytes that are printed at the end; no command prints as many."""
 
 
+def _print(paragraphs: Sequence[str]) -> None:
+    """Lines as they are, but for what a terminal would obey."""
+    print("\n".join(printable(line) for lines in paragraphs for line in lines.split("\n")))
+
+
 def print_folded(said: str) -> None:
     """Paragraphs, one a line, each folded; the lines of an item, or of one that is set in, keep its edge."""
-    for line in paragraphs(said, width()):
-        print(line)
+    _print(paragraphs(said, width()))
 
 
 def print_verdict(verdict: Verdict) -> None:
@@ -33,7 +37,7 @@ def print_verdict(verdict: Verdict) -> None:
 def print_line(lead: str, said: str) -> None:
     """A statement as an item of a list, with what it is about in front."""
     text = f"{lead}: {said}" if lead else said
-    print(folded(f"  - {text}", width(), "    "))
+    _print([folded(f"  - {text}", width(), "    ")])
 
 
 def print_table(header: Row, rows: Sequence[Row], title: str = "") -> None:
@@ -44,7 +48,7 @@ def print_table(header: Row, rows: Sequence[Row], title: str = "") -> None:
     """
     if title:
         print(f"\n{title}")
-    print("\n".join([*table_lines(header, rows, width()), ""]))
+    _print([*table_lines(header, rows, width()), ""])
 
 
 @contextmanager

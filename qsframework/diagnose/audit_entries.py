@@ -13,7 +13,7 @@ import numpy as np
 from qsframework import units
 from qsframework.diagnose.result import Diagnosis
 from qsframework.experiment import StatedNoise
-from qsframework.experiment.columns import number, table_lines
+from qsframework.experiment.columns import number, quoted, table_lines, unquoted
 from qsframework.experiment.readings import UNSTATED
 
 _SAME = 1e-9
@@ -77,7 +77,7 @@ def audited_readings(path: Path, audited: Audited) -> str | None:
     """
     lines = table_lines(path)
     filled = [i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")]
-    header, *rows = [next(csv.reader([lines[i]])) for i in filled]
+    header, *rows = [[unquoted(cell) for cell in next(csv.reader([lines[i]]))] for i in filled]
     names = [name.strip() for name in header]
     scaled = [k for k, name in enumerate(names) if units.split(name, ["sigma"]) is not None]
     changes = scaled and abs(audited.factor - 1.0) > _SAME
@@ -107,5 +107,5 @@ def _scaled(row: Sequence[str], at: Collection[int], factor: float) -> list[str]
 
 def _line(cells: Sequence[str]) -> str:
     text = io.StringIO()
-    csv.writer(text, lineterminator="").writerow(cells)
+    csv.writer(text, lineterminator="").writerow([quoted(cell) for cell in cells])
     return text.getvalue()

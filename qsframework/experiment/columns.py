@@ -15,6 +15,7 @@ import numpy as np
 from qsframework import plausible, units
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.files import read_text, write_text
+from qsframework.files.documents import DECIMAL
 from qsframework.plugin import Array
 
 LARGEST, MOST_LINES, MOST_COLUMNS = 50_000_000, 200_000, 1000
@@ -192,7 +193,7 @@ def _cells(path: Path, lines: list[tuple[int, str]], foreign: str | None = None)
     out: list[tuple[int, list[str]]] = []
     try:
         for (number, _), cells in zip(lines, reader, strict=False):
-            out.append((number, cells))
+            out.append((number, [unquoted(cell) for cell in cells]))
     except csv.Error as error:
         raise InputError(Problem(f"cannot be split into columns: {error}", str(path), lines[len(out)][0])) from error
     if len(out) != len(lines):
@@ -358,6 +359,20 @@ def table_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Header and rows as a file holds them."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
+    writer.writerows([[quoted(cell) for cell in row] for row in (header, *rows)])
     return stream.getvalue()
+
+
+_RUN = ("=", "+", "-", "@", "\t", "\r")
+"""Where a cell begins with one of these and is no number, a spreadsheet runs it."""
+
+
+def quoted(cell: str) -> str:
+    """The cell as a spreadsheet shows it and runs nothing: with an apostrophe before, which our reading takes off."""
+    runs = cell.startswith(_RUN) and not DECIMAL.fullmatch(cell)
+    return f"'{cell}" if runs or unquoted(cell) != cell else cell
+
+
+def unquoted(cell: str) -> str:
+    """The cell that was quoted."""
+    return cell[1:] if cell.startswith("'") and cell.lstrip("'").startswith(_RUN) else cell

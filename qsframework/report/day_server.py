@@ -13,13 +13,13 @@ from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, cast
+from typing import Any
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 from starlette.middleware.base import BaseHTTPMiddleware, RequestResponseEndpoint
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
@@ -31,6 +31,7 @@ from qsframework.applications.day.so_far import SoFar, diagnosis_so_far, so_far
 from qsframework.errors import QsfError
 from qsframework.experiment import make_plan
 from qsframework.files import write_text
+from qsframework.files.plain import is_mapping
 from qsframework.plugin import Poses
 from qsframework.report.words.day import (
     DONE,
@@ -50,6 +51,8 @@ from qsframework.viz import show_scene
 from qsframework.viz.server import HOST
 
 _LARGEST = 6_000_000
+_LONGEST = 80
+"""Characters of a file's name, which may be four bytes each."""
 _SAID = 30
 """Lines of what was said that the page shows."""
 _ONLY_OURS = "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; frame-ancestors 'self'"
@@ -102,22 +105,19 @@ class DayPage:
 
     def _post(self, do: Callable[[Mapping[str, Any]], None]) -> Callable[[Request], Any]:
         async def answer(request: Request) -> Response:
-            content = await request.body()
-            if len(content) > _LARGEST:
-                return JSONResponse({"error": f"more than {_LARGEST} bytes"}, 413)
             try:
-                asked = cast("Mapping[str, Any]", json.loads(content or b"{}"))
-                asked.get("")
-            except (AttributeError, ValueError):
-                return JSONResponse({"error": "no request of this page"}, 400)
-            try:
-                await run_in_threadpool(self._locked, do, asked)
+                content = await _body(request)
+                if content is None:
+                    return JSONResponse({"error": f"more than {_LARGEST} bytes"}, 413)
+                await run_in_threadpool(self._locked, do, _request(content))
             except QsfError as error:
                 with self._lock:
                     self._day = _now(self._day)
                     self._version += 1
                 return JSONResponse({"error": str(error)}, 422)
-            except (KeyError, TypeError, ValueError):
+            except ClientDisconnect:
+                return Response(status_code=400)
+            except (KeyError, OverflowError, RecursionError, TypeError, ValueError):
                 return JSONResponse({"error": "no request of this page"}, 400)
             return JSONResponse(await run_in_threadpool(self._told))
 
@@ -139,6 +139,8 @@ class DayPage:
 
     def _file(self, asked: Mapping[str, Any]) -> None:
         name = Path(str(asked["name"])).name or "dropped"
+        if len(name) > _LONGEST:
+            raise ValueError
         with TemporaryDirectory() as folder:
             path = Path(folder) / name
             write_text(path, str(asked["text"]))
@@ -255,6 +257,25 @@ class DayPage:
             if ended is not None:
                 self._ended, self._asked = ended, False
             self._version += 1
+
+
+async def _body(request: Request) -> bytes | None:
+    """The body of a request; None, without reading on, where it is too large."""
+    content = b""
+    async for part in request.stream():
+        if len(content) + len(part) > _LARGEST:
+            return None
+        content += part
+    return content
+
+
+def _request(content: bytes) -> Mapping[str, Any]:
+    """What is asked. ValueError, TypeError, RecursionError where it is no object of finite numbers and sound texts."""
+    asked = json.loads(content or b"{}")
+    if not is_mapping(asked):
+        raise TypeError
+    json.dumps(asked, allow_nan=False, ensure_ascii=False).encode()
+    return asked
 
 
 def _ended(end: Callable[[Day], list[str]], day: Day) -> list[str]:

@@ -167,6 +167,33 @@ def test_no_output_overwrites_a_file_of_a_robot(root: Path, name: str, tmp_path:
     assert (tmp_path / "arm" / "s.json").is_file()
 
 
+def test_a_hard_link_to_an_input_is_seen(tmp_path: Path) -> None:
+    plan, other = Path(shutil.copy(example("m900ib") / "table5.csv", tmp_path / "plan.csv")), tmp_path / "r.csv"
+    other.hardlink_to(plan)
+    before = plan.read_bytes()
+    with pytest.raises(InputError, match=r"r\.csv would overwrite .*plan\.csv, an input of this command"):
+        run("simulate", M900IB, str(plan), "-o", str(other))
+    assert plan.read_bytes() == other.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["simulate", M900IB, "plan.csv", "-o", ""], "-o: the value is empty"),
+        (["simulate", M900IB, "plan.csv", "--output="], "--output: the value is empty"),
+        (["check", M900IB, "--json", ""], "--json: the value is empty"),
+        (["check", ""], "an argument: the value is empty"),
+    ],
+)
+def test_an_empty_value_is_named_by_its_option(
+    words: list[str], said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["qsf", *words])
+    with pytest.raises(SystemExit):
+        main()
+    assert said in capsys.readouterr().err
+
+
 def test_an_unwritable_output_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):

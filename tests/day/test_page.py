@@ -12,7 +12,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +35,12 @@ class Server:
     def __init__(self, folder: Path, port: int = 0) -> None:
         command = [sys.executable, "-m", "qsframework", "day", "experiment.yaml", "plan.csv", "-o", "day"]
         self.process = subprocess.Popen(
-            [*command, "--port", str(port), *OPTIONS], cwd=folder, stdout=subprocess.PIPE, text=True, env=os.environ
+            [*command, "--port", str(port), *OPTIONS],
+            cwd=folder,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=os.environ,
         )
         assert self.process.stdout is not None
         self.port = 0
@@ -58,8 +63,14 @@ class Server:
         return f"http://127.0.0.1:{self.port}/"
 
     def ask(self, method: str, path: str, body: Any = None, **headers: str) -> tuple[int, Any]:
+        return self.send(path, None if body is None else json.dumps(body), method, headers)
+
+    def send(
+        self, path: str, text: str | None, method: str = "POST", headers: Mapping[str, str] = {"X-QSF-Day": "1"}
+    ) -> tuple[int, Any]:
+        """A request with whatever body."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=300)
-        connection.request(method, path, None if body is None else json.dumps(body), headers)
+        connection.request(method, path, text, dict(headers))
         answer = connection.getresponse()
         content = answer.read().decode()
         connection.close()
@@ -76,6 +87,8 @@ class Server:
         self.process.wait()
         assert self.process.stdout is not None
         self.process.stdout.close()
+        if self.process.stderr is not None:
+            self.process.stderr.close()
 
 
 @pytest.fixture
@@ -130,6 +143,55 @@ def test_requests_that_no_page_makes_change_nothing(server: Server) -> None:
         assert 400 <= status < 500, path
         assert said["error"], path
     assert server.ask("GET", "/state")[1]["done"] == 0
+
+
+def test_what_is_malformed_is_told_so(server: Server) -> None:
+    for text in (
+        "[" * 100_000,
+        '{"a":' * 50_000,
+        "{",
+        "null",
+        "[]",
+        '{"visit": Infinity, "state": 0, "text": "m1 1 2 3"}',
+        '{"visit": 1e999, "state": 0, "text": "m1 1 2 3"}',
+        '{"visit": 0, "state": 0, "text": "\\ud800 1 2"}',
+        '{"visit": %s, "state": 0, "text": ""}' % ("9" * 5000),
+        json.dumps({"visit": 0, "state": 0, "name": "x" * 5000, "text": "m1 1 2 3"}),
+        json.dumps({"visit": 0, "state": 0, "name": "\0", "text": "m1 1 2 3"}),
+    ):
+        for path in ("/file",) if "name" in text else ("/readings", "/file", "/floor", "/decide"):
+            status, said = server.send(path, text)
+            assert status == 400, (path, text[:60])
+            assert said["error"]
+    assert server.ask("GET", "/state")[1]["done"] == 0
+
+
+def memory(server: Server) -> float:
+    """The most MB that the server has held."""
+    status = Path(f"/proc/{server.process.pid}/status").read_text()
+    return float(re.search(r"VmHWM:\s+(\d+) kB", status)[1]) / 1e3  # pyright: ignore[reportOptionalSubscript]
+
+
+@pytest.mark.parametrize("length", ["Content-Length: 600000000", "Transfer-Encoding: chunked"])
+def test_a_large_body_is_not_held_and_a_client_may_leave(server: Server, length: str) -> None:
+    before, part = memory(server), b"x" * 1_000_000
+    part = part if "Length" in length else b"f4240\r\n" + part + b"\r\n"
+    head = f"POST /readings HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nX-QSF-Day: 1\r\n{length}\r\n\r\n"
+    with socket.create_connection(("127.0.0.1", server.port), timeout=60) as client:
+        client.sendall(head.encode())
+        try:
+            for _ in range(600):
+                client.sendall(part)
+        except (ConnectionError, TimeoutError):
+            pass  # the server has closed it
+    with socket.create_connection(("127.0.0.1", server.port), timeout=60) as client:
+        client.sendall(head.encode() + part[:100])  # and leaves
+    time.sleep(0.5)
+    assert server.ask("GET", "/state")[0] == 200
+    assert memory(server) - before < 30.0
+    server.process.terminate()
+    assert server.process.stderr is not None
+    assert "Traceback" not in server.process.stderr.read()
 
 
 def test_a_page_that_is_behind_fills_no_other_state(server: Server) -> None:

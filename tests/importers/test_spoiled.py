@@ -147,7 +147,7 @@ def a_workbook_that_defines_entities(c: Campaign) -> Made:
     return [path]
 
 
-@spoiled("points.xlsx", "unpacks to more than 200 MB")
+@spoiled("points.xlsx", "unpacks to more than 50 MB")
 def a_workbook_that_swells(c: Campaign) -> Made:
     path = samples.workbook(c)
     with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
@@ -155,7 +155,7 @@ def a_workbook_that_swells(c: Campaign) -> Made:
     return [path]
 
 
-@spoiled("points.xlsx, line", "a sheet is larger", "Split it")
+@spoiled("points.xlsx, line", "the workbook is larger than that", "Split it")
 def a_workbook_with_a_cell_far_away(c: Campaign) -> Made:
     import openpyxl
 
@@ -163,6 +163,14 @@ def a_workbook_with_a_cell_far_away(c: Campaign) -> Made:
     book = openpyxl.load_workbook(path)
     book["Points"].cell(row=900_000, column=2, value=1.0)
     book.save(path)
+    return [path]
+
+
+@spoiled("points.xlsx", "holds a part of more than 5 MB")
+def a_workbook_of_styles(c: Campaign) -> Made:
+    path = samples.workbook(c)
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("xl/more.xml", b"<a>" + b"<b/>" * 2_000_000 + b"</a>")
     return [path]
 
 

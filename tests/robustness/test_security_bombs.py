@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from limited import limited
 
+from qsframework.applications.importers.sheets import read_sheet
 from qsframework.errors import InputError
 from qsframework.experiment import (
     Experiment,
@@ -439,3 +441,45 @@ def test_expressions_reach_nothing_of_python(robot: Path, text: str) -> None:
     assert any(words in said for words in ("xacro:", "has no default", "is outside the robot's packages"))
     assert "root:" not in said
     assert os.environ.get("HOME", "no home") not in said.replace(str(robot), "")
+
+
+def workbook(path: Path, sheet: bytes, texts: bytes = b"") -> Path:
+    """A workbook of one sheet with this XML, and of these shared texts."""
+    import openpyxl
+
+    openpyxl.Workbook().save(path)
+    with zipfile.ZipFile(path) as archive:
+        parts = {name: archive.read(name) for name in archive.namelist()}
+    space = b' xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main">'
+    parts["xl/worksheets/sheet1.xml"] = b"<worksheet" + space + b"<sheetData>" + sheet + b"</sheetData></worksheet>"
+    parts["xl/sharedStrings.xml"] = b"<sst" + space + texts + b"</sst>"
+    kind = b"application/vnd.openxmlformats-officedocument.spreadsheetml.sharedStrings+xml"
+    texts_are = b'<Override PartName="/xl/sharedStrings.xml" ContentType="' + kind + b'"/></Types>'
+    parts["[Content_Types].xml"] = parts["[Content_Types].xml"].replace(b"</Types>", texts_are)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in parts.items():
+            archive.writestr(name, content)
+    return path
+
+
+SHARED = b'<c t="s"><v>0</v></c>'
+WORKBOOKS: dict[str, tuple[bytes, bytes, str]] = {
+    "cells of one long text": ((b"<row>" + SHARED * 10 + b"</row>") * 60, b"A" * 4_999_000, "is larger than that"),
+    "many cells of a long text": ((b"<row>" + SHARED * 99 + b"</row>") * 99, b"A" * 32_000, "is larger than that"),
+    "a long text of its own": (
+        b'<row><c t="inlineStr"><is><t>' + b"A" * 9_000_000 + b"</t></is></c></row>",
+        b"",
+        "is larg",
+    ),
+    "empty cells": ((b"<row>" + b"<c/>" * 900 + b"</row>") * 2000, b"", "is larger than that"),
+    "a row far away": (b'<row r="1000000"><c><v>1</v></c></row>', b"", "is larger than that"),
+    "a column far away": (b'<row><c r="XFD1"><v>1</v></c></row>' * 9, b"", "is larger than that"),
+    "more than it may unpack to": (b"<row/>" * 9_000_000, b"", "unpacks to more than 50 MB"),
+}
+
+
+@pytest.mark.parametrize("name", WORKBOOKS)
+def test_workbooks_are_bounded_by_what_they_unfold_to(tmp_path: Path, name: str) -> None:
+    sheet, text, said = WORKBOOKS[name]
+    path = workbook(tmp_path / "points.xlsx", sheet, b"<si><t>" + text + b"</t></si>" if text else b"")
+    assert said in limited(lambda: read_sheet(path), seconds=15.0, megabytes=200)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import csv
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import yaml
 
 from qsframework.cli.main import main
+from qsframework.cli.printing import print_folded, print_line, print_table
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, example, load_experiment, read_plan
+from qsframework.experiment import Experiment, example, load_experiment, read_plan, write_plan
+from qsframework.experiment.columns import table_text, unquoted
 from qsframework.identify import read_fit
 
 STEERING = ("\x1b[2J", "\x1b]0;owned\x07", "\x9b31m", "\x08", "\x7f", "\r")
@@ -55,3 +59,30 @@ def test_errors_show_none(
         said = capsys.readouterr().err
         assert said
         assert all(c.isprintable() or c == "\n" for c in said), repr(said)
+
+
+@pytest.mark.parametrize("text", STEERING)
+def test_a_name_that_is_printed_shows_none(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """A file that came into a watched folder, or the cells of a table."""
+    print_folded(f"a{text}b.txt: not taken")
+    print_line("file", f"a{text}b")
+    print_table(["name"], [[f"a{text}b"]])
+    said = capsys.readouterr().out
+    assert all(c.isprintable() or c == "\n" for c in said), repr(said)
+
+
+def test_what_a_spreadsheet_would_run_is_quoted_and_read_back() -> None:
+    names = ["=cmd|' /C calc'!A0", "+1+1", "-A1", "@SUM(1)", "p01", "-1.5e3", "'=x", "it's"]
+    text = table_text(["pose", "z"], [[name, "-1"] for name in names])
+    cells = [row[0] for row in csv.reader(text.splitlines())][1:]
+    assert not [cell for cell in cells if cell[0] in "=+-@" and cell != "-1.5e3"]
+    assert [unquoted(cell) for cell in cells] == names
+
+
+@pytest.mark.parametrize("text", ["=cmd|' /C calc'!A0", "+A1", "-A1", "@SUM(A1)"])
+def test_poses_that_a_spreadsheet_would_run_stay_poses(m900ib: Experiment, tmp_path: Path, text: str) -> None:
+    plan = read_plan(example("m900ib") / "table5.csv", m900ib)
+    write_plan(tmp_path / "plan.csv", replace(plan, pose=(text, *plan.pose[1:])), m900ib)
+    lines = (tmp_path / "plan.csv").read_text().splitlines()
+    assert not [line for line in lines if line.startswith(("=", "+", "-", "@"))]
+    assert read_plan(tmp_path / "plan.csv", m900ib).pose[0] == text

@@ -15,7 +15,7 @@ from typing import Any, cast
 
 from qsframework.applications.programmes.log import joint_log
 from qsframework.errors import InputError, Problem, nearest
-from qsframework.experiment.columns import LARGEST, MOST_COLUMNS, MOST_LINES
+from qsframework.experiment.columns import LARGEST, MOST_COLUMNS, MOST_LINES, unquoted
 from qsframework.files.documents import nearest_file
 
 SEPARATORS = {"tab": "\t", ";": ";", "|": "|", ",": ",", "space": " "}
@@ -33,8 +33,11 @@ _FEWEST = 3
 _TRIED = 2000
 """Lines from which the separator is told."""
 _OLD_EXCEL, _ZIP = b"\xd0\xcf\x11\xe0", b"PK\x03\x04"
-_UNPACKED, _MOST_CELLS = 200_000_000, 5_000_000
-"""Bytes that a workbook may unpack to, and cells of a sheet."""
+_UNPACKED, _PART = LARGEST, 5_000_000
+"""Bytes that a workbook may unpack to, and a part of it that is no sheet and no list of texts."""
+_LARGE_PARTS = ("xl/worksheets/", "xl/sharedStrings")
+_MOST_CELLS, _LONGEST = 1_000_000, 32_767
+"""Cells of a workbook, empty ones too; characters of one, which is what Excel takes."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +175,7 @@ def _split(line: str, name: str) -> tuple[str, ...]:
         cells = next(csv.reader([line], delimiter=SEPARATORS[name], skipinitialspace=True), list[str]())
     except csv.Error:
         cells = line.split(SEPARATORS[name])
-    return tuple(cell.strip() for cell in cells)
+    return tuple(unquoted(cell.strip()) for cell in cells)
 
 
 def _is_data(cells: Sequence[str]) -> bool:
@@ -297,10 +300,10 @@ def _sheets(path: Path) -> dict[str, list[SheetRow]]:
     _check_archive(path)
     try:
         book = cast("Any", openpyxl).load_workbook(path, read_only=True, data_only=True)
-        out: dict[str, list[SheetRow]] = {}
+        out, size = dict[str, list[SheetRow]](), _Size()
         for sheet in book.worksheets:
             sheet.reset_dimensions()  # what the file says of its size need not be true
-            out[str(sheet.title)] = _rows(path, sheet.iter_rows(values_only=True))
+            out[str(sheet.title)] = _rows(path, sheet.iter_rows(values_only=True), size)
         book.close()
     except InputError:
         raise
@@ -319,9 +322,11 @@ def _check_archive(path: Path) -> None:
             parts = archive.infolist()
             if sum(p.file_size for p in parts) > _UNPACKED or len(parts) > 10_000:
                 raise InputError(Problem(f"unpacks to more than {_UNPACKED // 1_000_000} MB", str(path)))
-            for part in parts:
-                if part.filename.endswith((".xml", ".rels")):
-                    start = archive.read(part)[:4096]
+            for part in (p for p in parts if not p.filename.startswith("xl/media/")):
+                if part.file_size > _PART and not part.filename.startswith(_LARGE_PARTS):
+                    raise InputError(Problem(f"holds a part of more than {_PART // 1_000_000} MB", str(path)))
+                with archive.open(part) as stream:
+                    start = stream.read(4096)
                     if b"<!DOCTYPE" in start or b"<!ENTITY" in start:
                         raise InputError(Problem("holds XML that no workbook holds", str(path)))
     except InputError:
@@ -331,15 +336,25 @@ def _check_archive(path: Path) -> None:
         raise InputError(Problem("cannot be read as an Excel workbook", str(path), hint=hint)) from error
 
 
-def _rows(path: Path, values: Iterable[Sequence[object]]) -> list[SheetRow]:
+@dataclass
+class _Size:
+    """What was read of a workbook so far: cells, with one for each row, and the characters that stand in them."""
+
+    cells: int = 0
+    characters: int = 0
+
+
+def _rows(path: Path, values: Iterable[Sequence[object]], size: _Size) -> list[SheetRow]:
     out: list[SheetRow] = []
-    cells_read = 0
     for number, row in enumerate(values, start=1):
-        cells_read += len(row)
-        if number > MOST_LINES or len(row) > MOST_COLUMNS or cells_read > _MOST_CELLS:
-            allowed = f"{MOST_LINES} rows, {MOST_COLUMNS} columns, {_MOST_CELLS} cells"
+        lengths = [len(v) for v in row if isinstance(v, str)]
+        size.cells, size.characters = size.cells + len(row) + 1, size.characters + sum(lengths)
+        too_large = size.cells > _MOST_CELLS or size.characters > LARGEST or max(lengths, default=0) > _LONGEST
+        if number > MOST_LINES or len(row) > MOST_COLUMNS or too_large:
+            allowed = f"{MOST_LINES} rows, {MOST_COLUMNS} columns, {_MOST_CELLS} cells of {_LONGEST} characters"
+            allowed += f", {LARGEST // 1_000_000} million characters in all"
             hint = "Split it, or export the points as CSV."
-            raise InputError(Problem("a sheet is larger than that", str(path), number, allowed=allowed, hint=hint))
+            raise InputError(Problem("the workbook is larger than that", str(path), number, allowed=allowed, hint=hint))
         cells = [_cell(v) for v in row]
         while cells and not cells[-1]:
             cells.pop()
