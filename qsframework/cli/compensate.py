@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.compensate import Compensation, check_fit, compensate
+from qsframework.applications.compensate import Compensation, compensate
 from qsframework.applications.programmes.reading import ENDINGS, programme_files
 from qsframework.applications.programmes.targets import (
     ProgrammeOptions,
@@ -25,6 +25,7 @@ from qsframework.experiment import Experiment, load_experiment
 from qsframework.experiment.columns import write_table
 from qsframework.files.output import write_bytes
 from qsframework.identify import FitRecord, read_fit
+from qsframework.identify.soundness import check_fit
 from qsframework.plugin import Array
 
 _SHOWN = 20
@@ -75,7 +76,7 @@ def run_compensate(
         inputs, outputs = [*inputs[:2], *programme_files(files.targets)], programme_outputs(files)
     distinct_outputs([*outputs, files.json, files.report], inputs)
     experiment, fit = load_experiment(files.experiment), read_fit(files.fit)
-    check_fit(experiment, fit, anyway)
+    check_fit(fit, experiment.robot, anyway=anyway)
     made: ProgrammeTargets | None = None
     with progress() as tell:
         if programme:
