@@ -174,9 +174,25 @@ class _Problem:
             predicted = o.predict(self.reduction.x(z))
         except (NotConverged, InputError):  # a load that the arm cannot bear, a loop that cannot close
             return np.full(len(o.measured), np.inf)
+        return self._left(predicted)
+
+    def _left(self, predicted: Array) -> Array:
+        o = self.observations
         if not np.all(np.isfinite(predicted)):
             return np.full(len(o.measured), np.inf)
         return o.noise.whiten(o.measured - predicted)
+
+    def both(self, z: Array) -> tuple[Array, Array | None]:
+        """`residuals` and `whole`; without the latter where the model has no answer."""
+        o = self.observations
+        if o.rates is None:
+            r = self.residuals(z)
+            return r, self.whole(z) if np.all(np.isfinite(r)) else None
+        try:
+            predicted, J = o.rates(self.reduction.x(z))
+        except (NotConverged, InputError):
+            return np.full(len(o.measured), np.inf), None
+        return self._left(predicted), o.noise.whiten(J)
 
     def jacobian(self, z: Array) -> Array:
         """Whitened (m, q): d predicted / d z."""
@@ -261,11 +277,12 @@ class _NoAnswer(NotConverged):
 
 @dataclass(frozen=True, eq=False)
 class _Minimum:
-    """Where the steps settled: cost, z, whitened residuals there, steps."""
+    """Where the steps settled: cost, z, whitened residuals and sensitivities `whole` (m, p) there, steps."""
 
     cost: float
     z: Array
     residuals: Array
+    whole: Array
     steps: int
 
 
@@ -306,10 +323,12 @@ class _Linearised:
 
 def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
     """Levenberg-Marquardt from z; where it ends, sensitivities are those of that place."""
-    r = problem.residuals(z)
-    if not np.all(np.isfinite(r)):
+    r, whole = problem.both(z)
+    if whole is None and np.all(np.isfinite(problem.residuals(z))):
+        whole = problem.whole(z)  # says what is wrong with sensitivities alone
+    if whole is None or not np.all(np.isfinite(r)):
         raise NotConverged("the model has no finite prediction at the start of the fit: check the nominal values")
-    at = _State(z=z, residuals=r, cost=problem.cost(z, r), J=problem.jacobian(z))
+    at = _State(z=z, residuals=r, cost=problem.cost(z, r), J=whole @ problem.reduction.T)
     step, trace = 0, list[tuple[float, float]]()
     for step in range(1, _STEPS + 1):
         local = _linearised(problem, at)
@@ -318,8 +337,9 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
             at = _stepped(problem, at, local, step)
         elif at.fresh:
             final = np.clip(at.z + local.step, problem.reduction.lower, problem.reduction.upper)
-            r = problem.residuals(final)
-            return _Minimum(problem.cost(final, r), final, r, step)
+            r, whole = problem.both(final)
+            whole = problem.whole(final) if whole is None else whole
+            return _Minimum(problem.cost(final, r), final, r, whole, step)
         else:
             at = _fresh(problem, at)
         far = np.any(np.abs(at.z) > FAR * np.maximum(problem.reduction.spread, 1.0))
@@ -367,14 +387,16 @@ def _stepped(problem: _Problem, at: _State, local: _Linearised, step: int) -> _S
     worst = at.cost * (1.0 + 1e-13) + problem.digits()
     size = np.maximum(np.linalg.norm(local.A, axis=0), 1e-12)
     damping, silent = at.damping, at.silent
-    for _ in range(_DAMPINGS):
+    for trial in range(_DAMPINGS):
         d = local.step if damping == 0.0 else _bounded(local.A, local.b, at.z, reduction, damping, size)
         z = np.clip(at.z + d, reduction.lower, reduction.upper)
-        r = problem.residuals(z)
+        after = damping / 10.0 if 1e-6 <= damping <= _STOOD else 0.0
+        anew = trial == 0 and _stale(at, local, after)  # the first one is hardly ever refused
+        r, whole = problem.both(z) if anew else (problem.residuals(z), None)
         cost = problem.cost(z, r)
         if cost <= worst:
-            at = replace(at, damping=damping / 10.0 if 1e-6 <= damping <= _STOOD else 0.0, silent=silent)
-            return _moved(problem, at, local, replace(at, z=z, residuals=r, cost=cost))
+            there = replace(at, z=z, residuals=r, cost=cost, damping=after, silent=silent)
+            return _moved(problem, at, local, there, whole)
         silent += not np.isfinite(cost)
         if silent > _SILENT:
             raise _NoAnswer(f"the model has no answer where the fit leads: {_farthest(problem, z)}")
@@ -387,13 +409,21 @@ def _stepped(problem: _Problem, at: _State, local: _Linearised, step: int) -> _S
     )
 
 
-def _moved(problem: _Problem, before: _State, local: _Linearised, at: _State) -> _State:
-    """The state that a step led to, with the sensitivities of the one before where these are still good."""
+def _stale(before: _State, local: _Linearised, damping: float) -> bool:
+    """Whether sensitivities are no longer good after a step, damped like the next one."""
     moved = local.gain / max(local.unit, 1e-300)
+    return moved > _NEAR or moved > _SLOW * before.moved or damping > 0.0
+
+
+def _moved(problem: _Problem, before: _State, local: _Linearised, at: _State, whole: Array | None) -> _State:
+    """The state that a step led to, with the sensitivities of the one before where these are still good; `whole`, where
+    they were taken with the residuals."""
     idle = before.idle + 1 if local.gain > 0.5 * before.gain else 0
-    stale = moved > _NEAR or moved > _SLOW * before.moved or at.damping > 0.0
-    at = replace(at, gain=local.gain, moved=moved, idle=idle, fresh=False)
-    return replace(at, J=problem.jacobian(at.z), fresh=True) if stale else at
+    at = replace(at, gain=local.gain, moved=local.gain / max(local.unit, 1e-300), idle=idle, fresh=False)
+    if not _stale(before, local, at.damping):
+        return at
+    J = problem.jacobian(at.z) if whole is None else whole @ problem.reduction.T
+    return replace(at, J=J, fresh=True)
 
 
 def _triangle(A: Array, b: Array) -> tuple[Array, Array]:
@@ -436,8 +466,7 @@ def _bounded(A: Array, r: Array, z: Array, reduction: Reduction, damping: float,
 def _solution(problem: _Problem, best: _Minimum) -> Solution:
     z, r = best.z, best.residuals
     reduction = problem.reduction
-    x = reduction.x(z)
-    whole = problem.whole(z)
+    x, whole = reduction.x(z), best.whole
     rows = np.vstack([whole @ reduction.T, problem.prior(z)[1]])
     R = np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
     bound = (z <= reduction.lower) | (z >= reduction.upper)

@@ -483,12 +483,16 @@ class ObservationModel:
     def predict(self, z: Array) -> Array:
         return self.rows.flat(self.rows.predict(self.model, self.values(z), self.moved(z), self.linear))
 
-    def jacobian(self, z: Array) -> Array:
-        J = self.rows.rates(self.model, self.values(z), self.moved(z), self.names, self.linear)[1]
+    def rates(self, z: Array) -> tuple[Array, Array]:
+        """The prediction (m,) and its derivatives (m, 6 F + p)."""
+        predicted, J = self.rows.rates(self.model, self.values(z), self.moved(z), self.names, self.linear)
         for i in range(len(self.frames)):
             turn = slice(6 * i + 3, 6 * i + 6)
             J[:, :, turn] = J[:, :, turn] @ left_jacobian(z[turn])
-        return self.rows.flat(J)
+        return self.rows.flat(predicted), self.rows.flat(J)
+
+    def jacobian(self, z: Array) -> Array:
+        return self.rates(z)[1]
 
     @property
     def reach(self) -> float:
@@ -507,6 +511,7 @@ class ObservationModel:
             row=self.rows.row,
             stated=self.rows.stated,
             reach=self.reach,
+            rates=self.rates,
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +15,7 @@ from qsframework.diagnose.selection.exact_refit import SettledFit, settle_fit
 from qsframework.diagnose.selection.model_selection import _beyond, refit  # pyright: ignore[reportPrivateUsage]
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
-from qsframework.experiment import Frame, ReadingRows, Readings, make_rows
+from qsframework.experiment import ReadingRows, Readings, make_rows
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
 from tests.diagnose.cases import campaign, measured, unstable
@@ -80,16 +80,19 @@ def test_without_an_equilibrium_there_is_no_fit(readings: Readings, monkeypatch:
 def refusing(monkeypatch: pytest.MonkeyPatch, limit: float, times: float = np.inf) -> list[float]:
     """From now on an effect refuses that joint 2 gives more than a limit, so many times; the values that it refused."""
     refused: list[float] = []
-    right = ReadingRows.predict
 
-    def bounded(self: ReadingRows, model: Model, x: Array, frames: Sequence[Frame] = (), linear: bool = False) -> Array:
-        value = float(x[model.names.index(SPRING)])
-        if value > limit and len(refused) < times:
-            refused.append(value)
-            raise InputError("the effect refuses this value")
-        return right(self, model, x, frames, linear)
+    def bounded(right: Callable[..., Any]) -> Callable[..., Any]:
+        def asked(self: ReadingRows, model: Model, x: Array, *more: Any) -> Any:
+            value = float(x[model.names.index(SPRING)])
+            if value > limit and len(refused) < times:
+                refused.append(value)
+                raise InputError("the effect refuses this value")
+            return right(self, model, x, *more)
 
-    monkeypatch.setattr(ReadingRows, "predict", bounded)
+        return asked
+
+    for name in ("predict", "rates"):
+        monkeypatch.setattr(ReadingRows, name, bounded(getattr(ReadingRows, name)))
     return refused
 
 

@@ -203,6 +203,10 @@ def test_derivatives_against_differences(arm: Experiment, linear: bool) -> None:
     observed = bridge(arm, states, names, linear=linear, x=x).observations()
     z = np.concatenate([0.1 * rng.standard_normal(12), x[arm.model().index(names)]])
     J = observed.jacobian(z)
+    assert observed.rates is not None
+    predicted, at_once = observed.rates(z)
+    assert np.array_equal(at_once, J)
+    assert predicted == pytest.approx(observed.predict(z), rel=1e-13, abs=1e-15)
     for i, p in enumerate(observed.parameters):
         step = np.zeros(len(z))
         step[i] = 1e-3 * p.scale
