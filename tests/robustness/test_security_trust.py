@@ -224,7 +224,6 @@ LET_IN = {
     "identify": "none.csv",
     "validate": "fit.json",
     "export": "transmission angle",
-    "diagnose": "does not tell the fitted parameters",
 }
 """Commands that are tried up to what they say of their next input."""
 
