@@ -12,6 +12,7 @@ from qsframework.applications.programmes.source import (
     NUMBER,
     Cell,
     Motion,
+    Parts,
     ProgrammePoint,
     Statement,
     Token,
@@ -43,8 +44,8 @@ _SHIFT = re.compile(r"(TOOL_)?V?OFFSET")
 _CELL = re.compile(r"[JE][1-9]|[XYZWPR]")
 
 
-def read(path: Path, text: str) -> tuple[list[Statement], list[ProgrammePoint], list[Motion]]:
-    """Statements, points and motions of a listing. InputError where it is not whole."""
+def read(path: Path, text: str) -> Parts:
+    """The parts of a listing. InputError where it is not whole."""
     sections, found = dict[str, list[Token]](), list[str]()
     for token in tokenise(text, GRAMMAR):
         if token.kind == "section":
@@ -64,7 +65,7 @@ def read(path: Path, text: str) -> tuple[list[Statement], list[ProgrammePoint], 
     conveyor = conveyor and words[words.index("LINE_TRACK_SCHEDULE_NUMBER") + 2] != "0"
     known = dict.fromkeys(p.name for p in points)
     motions = [m for line in lines if (m := _motion(line, known, conveyor)) is not None]
-    return lines, points, motions
+    return lines, points, motions, {}, {}
 
 
 def _set_when_it_runs(point: ProgrammePoint, set_in: Mapping[tuple[str, str], int]) -> ProgrammePoint:

@@ -5,13 +5,18 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from qsframework.applications.programmes.names import AMBIGUOUS, Names, Track
+from qsframework.applications.programmes.poses import POSES, matrix
 from qsframework.applications.programmes.source import (
     NUMBER,
     Cell,
     Motion,
+    Parts,
     ProgrammePoint,
     Statement,
     Token,
@@ -24,6 +29,7 @@ from qsframework.applications.programmes.source import (
     tokenise,
 )
 from qsframework.errors import InputError, Problem
+from qsframework.plugin import Array
 
 GRAMMAR = re.compile(
     rf"(?P<remark>;[^\n]*)|(?P<string>\"[^\"\n]*\"|'[^'\n]*')|{NUMBER}"
@@ -43,8 +49,21 @@ _NULL = (["$NULLFRAME"], ["$WORLD"])
 _Move = tuple[Statement, dict[str, str]]
 
 
-def read(texts: Mapping[Path, str]) -> tuple[list[Statement], list[ProgrammePoint], list[Motion]]:
-    """Statements, points and motions of a module's files. InputError where one is not whole, or has no .src."""
+@dataclass(frozen=True)
+class _Data:
+    """What chooses tools and bases. fdat: tool, base and whether the tool stands in the cell, by their names; tools,
+    bases: matrices (4, 4) m that the programme states in numbers, by the words that state them."""
+
+    fdat: dict[str, tuple[str, str, bool]]
+    tools: dict[str, Array] = field(default_factory=dict[str, Array])
+    bases: dict[str, Array] = field(default_factory=dict[str, Array])
+
+    def named(self, name: str) -> tuple[str, str, bool]:
+        return self.fdat.get(name.upper(), ("", "", False))
+
+
+def read(texts: Mapping[Path, str]) -> Parts:
+    """The parts of a module's files. InputError where one is not whole, or has no .src."""
     lines, problems = list[Statement](), list[Problem]()
     for path, text in texts.items():
         own = list(statements(path, _closed(path, text, problems)))
@@ -57,21 +76,20 @@ def read(texts: Mapping[Path, str]) -> tuple[list[Statement], list[ProgrammePoin
         )
     if problems:
         raise InputError(problems)
-    names, stored, moves = (
-        Names(literal=literal, here=("$AXIS_ACT", "$POS_ACT", "$AXIS_INT")),
-        _frames(lines),
-        list[_Move](),
-    )
-    track = Track()
+    names = Names(literal=literal, here=("$AXIS_ACT", "$POS_ACT", "$AXIS_INT"))
+    data, track, moves = _Data(_frames(lines)), Track(), list[_Move]()
     for line in lines:
         if line.remark is None:
             _definitions(line, names)
-            _follow(line, track, stored)
+    data.fdat.update({k: (AMBIGUOUS, AMBIGUOUS, data.fdat[k][2]) for k in data.fdat if k in names.changes})
+    for line in lines:
+        if line.remark is None:
+            _follow(line, track, data)
             if (at := _verb(line)) is not None:
                 moves.append((line.after(at), track.here()))
-    motions = [_motion(line, here, names, stored) for line, here in moves]
-    by_name = {f"X{key[1:]}": (tool, base) for key, (tool, base, _) in stored.items() if key.startswith("F")}
-    return lines, names.stated(by_name), motions
+    motions = [_motion(line, here, names, data) for line, here in moves]
+    points = names.stated({f"X{key[1:]}": own[:2] for key, own in data.fdat.items() if key.startswith("F")})
+    return lines, points, motions, data.tools, data.bases
 
 
 def taught(path: Path, text: str) -> list[ProgrammePoint]:
@@ -182,7 +200,7 @@ def _verb(line: Statement) -> int | None:
     return None
 
 
-def _follow(line: Statement, track: Track, stored: Mapping[str, tuple[str, str, bool]]) -> None:
+def _follow(line: Statement, track: Track, data: _Data) -> None:
     """What a line says of the tool, the base and the interpolation from there on."""
     words = line.upper
     first = words[1] if words[0] == "GLOBAL" and len(words) > 1 else words[0]
@@ -194,19 +212,24 @@ def _follow(line: Statement, track: Track, stored: Mapping[str, tuple[str, str, 
         track.other()
     elif first in _END:
         track.end()
-    elif first == "SPLINE" and "WITH" in words:
-        track.now |= _chosen(line.tokens[words.index("WITH") + 1 :], stored)
-    elif first == "FDAT_ACT":
-        tool, base, remote = stored.get(words[2], ("", "", False)) if len(words) == 3 else _fdat(line.tokens[2:])
+    elif first in ("SPLINE", "PTP_SPLINE"):
+        track.begin(False)
+        track.now |= _chosen(line.tokens[words.index("WITH") + 1 :] if "WITH" in words else [], data)
+    elif first == "ENDSPLINE":
+        track.back()
+    elif first == "FDAT_ACT" and words[1] == "=":
+        tool, base, remote = data.named(words[2]) if len(words) == 3 else _fdat(line.tokens[2:])
         track.now |= {"tool": tool, "base": base, "ipo": "#TCP" if remote else "#BASE"}
     elif first == "BAS" and len(words) > 4 and words[2] in ("#TOOL", "#BASE", "#INITMOV"):
         new = {"#TOOL": ["tool"], "#BASE": ["base"], "#INITMOV": ["tool", "base", "ipo"]}[words[2]]
         track.now |= dict.fromkeys(new, "" if words[2] == "#INITMOV" else shown(line.tokens[4:-1]))
+    elif first == "FDAT_ACT":  # a part of it
+        track.now |= {"tool": AMBIGUOUS, "base": AMBIGUOUS}
     elif "WITH" not in words:  # what a motion has WITH it holds for that motion
-        track.now |= _chosen(line.tokens, stored)
+        track.now |= _chosen(line.tokens, data)
 
 
-def _chosen(tokens: Sequence[Token], stored: Mapping[str, tuple[str, str, bool]]) -> dict[str, str]:
+def _chosen(tokens: Sequence[Token], data: _Data) -> dict[str, str]:
     """The tool, base or interpolation that assignments choose: `$TOOL=TOOL_DATA[3]`, `$BASE=SBASE(FP1.BASE_NO)`."""
     out: dict[str, str] = {}
     for part in split(tokens):
@@ -217,7 +240,7 @@ def _chosen(tokens: Sequence[Token], stored: Mapping[str, tuple[str, str, bool]]
             words = [t.text.upper() for t in value]
             inside = bracketed(value, 1) if len(value) > 2 else None
             whole = inside is not None and len(inside) == len(value) - 3
-            named = stored.get(inside[0].text.upper()) if inside and words[0].startswith("S") else None
+            named = data.fdat.get(inside[0].text.upper()) if inside and words[0].startswith("S") else None
             if len(sides[0]) > 1:  # a part of it, such as $TOOL.Z
                 out[key] = AMBIGUOUS
             elif whole and named is not None:
@@ -225,15 +248,22 @@ def _chosen(tokens: Sequence[Token], stored: Mapping[str, tuple[str, str, bool]]
             elif whole and inside is not None and words[0] in ("TOOL_DATA", "BASE_DATA"):
                 out[key] = shown(inside)
             else:
-                out[key] = "0" if words in _NULL else shown(value).upper()
+                out[key] = "0" if words in _NULL else shown(value, 400).upper()
+                if (
+                    (stated := literal(value)) is not None
+                    and not stated[1]
+                    and stated[0].keys() >= {*POSES["kuka"].axes}
+                ):
+                    numbers = np.array([stated[0][axis].value for axis in POSES["kuka"].axes])
+                    (data.tools if key == "tool" else data.bases)[out[key]] = matrix(POSES["kuka"], numbers)
     return out
 
 
-def _motion(line: Statement, here: dict[str, str], names: Names, stored: Mapping[str, tuple[str, str, bool]]) -> Motion:
+def _motion(line: Statement, here: dict[str, str], names: Names, data: _Data) -> Motion:
     """A motion by its line, from its verb on, and what holds there."""
     tokens, verb = line.tokens, line.upper[0]
     ends = [k for k, word in enumerate(line.upper) if word in _ENDS]
-    here = here | _chosen(tokens[line.upper.index("WITH") + 1 :] if "WITH" in line.upper else [], stored)
+    here = here | _chosen(tokens[line.upper.index("WITH") + 1 :] if "WITH" in line.upper else [], data)
     parts = [p for p in split(tokens[1 : ends[0] if ends else len(tokens)]) if p]
     wrong = ""
     if verb.endswith("_REL"):
@@ -244,12 +274,12 @@ def _motion(line: Statement, here: dict[str, str], names: Names, stored: Mapping
         wrong = "its end is given by its angle (CA), not by a point" if len(parts) > 2 else "it lacks a point"
     elif "CIRC" not in verb and len(parts) != 1:
         wrong = "it is no motion to one point"
-    remote = [stored.get(f"F{t.text[1:]}".upper(), ("", "", False))[2] for p in parts for t in p[:1]]
+    remote = [data.named(f"F{t.text[1:]}")[2] for p in parts for t in p[:1]]
     if here.get("ipo") == "#TCP" or any(remote):
         wrong = _REMOTE
-    for data, number_of in (("TOOL_DATA", here.get("tool")), ("BASE_DATA", here.get("base"))):
-        name = f"{data}[{number_of}]"
-        if data in names.changes or name in names.changes or name in names.points:
+    for kind, number_of in (("TOOL_DATA", here.get("tool")), ("BASE_DATA", here.get("base"))):
+        name = f"{kind}[{number_of}]"
+        if kind in names.changes or name in names.changes or name in names.points:
             wrong = f"{name} gets other values when the programme runs"
     goes = [] if verb.endswith("_REL") else parts[: 1 + ("CIRC" in verb)]
     return names.motion(line, goes, (here.get("tool", ""), here.get("base", "")), wrong)

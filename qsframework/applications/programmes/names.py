@@ -138,6 +138,11 @@ class Track:
                 seen.update({k: AMBIGUOUS for k in differs if seen.get(k) == start.get(k)})
             self.now = {**self.now, **dict.fromkeys(differs, AMBIGUOUS)}
 
+    def back(self) -> None:
+        """What was said since the last beginning holds no more."""
+        if self._open:
+            self.now = self._open.pop()[0]
+
     def reset(self) -> None:
         """Another routine begins, of which nothing is known."""
         self.now, self._open, self._seen = {}, [], []

@@ -15,7 +15,7 @@ from qsframework.applications.programmes.source import (
     NUMBER,
     Cell,
     Motion,
-    ProgrammePoint,
+    Parts,
     Statement,
     Token,
     bracketed,
@@ -51,10 +51,8 @@ _Move = tuple[Statement, bool, bool]
 _Data = dict[str, tuple[Array | None, str]]
 
 
-def read(
-    path: Path, text: str
-) -> tuple[list[Statement], list[ProgrammePoint], list[Motion], dict[str, Array], dict[str, Array]]:
-    """Statements, points, motions, and the tools and work objects of a module. InputError where it is not whole."""
+def read(path: Path, text: str) -> Parts:
+    """The parts of a module. InputError where it is not whole."""
     lines = list(statements(path, tokenise(text, GRAMMAR)))
     words = {w for line in lines if line.remark is None for w in line.upper}
     if not {"MODULE", "ENDMODULE"} <= words:
@@ -111,7 +109,7 @@ def _declared(line: Statement, names: Names, data: Mapping[str, _Data]) -> None:
     if kind is None:
         start = _left(line.tokens, at)
         for kept in data.values() if "\\" not in words[:at] else ():
-            kept.pop(words[start].lower(), None)
+            kept[words[start].lower()] = None, "gets other values when the programme runs"
         if at - start == 1 or (line.tokens[at - 1].text == "}" and names.literal(value) is not None):
             names.give(line, shown(line.tokens[start:at]), value)
         else:
@@ -119,7 +117,7 @@ def _declared(line: Statement, names: Names, data: Mapping[str, _Data]) -> None:
         return
     name, own = line.tokens[kind + 1].text, line.after(kind + 1)
     if words[kind] in _DATA:
-        data[words[kind]][name.lower()] = (_tool if words[kind] == "TOOLDATA" else _work_object)(value)
+        data[words[kind]].setdefault(name.lower(), (_tool if words[kind] == "TOOLDATA" else _work_object)(value))
     elif words[kind + 2] == "{":
         for k, element in enumerate(split(enclosed(value, "[") or ()), start=1):
             names.give(own, f"{name}{{{k}}}", element)

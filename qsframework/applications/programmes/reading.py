@@ -63,13 +63,8 @@ def decoded(path: Path, content: bytes) -> tuple[str, str]:
 def parse_source(maker: str, texts: Mapping[Path, str], encodings: Mapping[Path, str]) -> Source:
     """A programme of "fanuc", "kuka", "abb" or "ur" from the texts of its files. InputError as of `read_source`."""
     (path, text), *_ = texts.items()
-    tools, frames = {}, {}
-    if maker == "fanuc":
-        lines, points, motions = fanuc.read(path, text)
-    elif maker == "kuka":
-        lines, points, motions = krl.read(texts)
-    else:
-        lines, points, motions, tools, frames = (rapid if maker == "abb" else urscript).read(path, text)
+    readers = {"fanuc": fanuc.read, "abb": rapid.read, "ur": urscript.read}
+    lines, points, motions, tools, frames = krl.read(texts) if maker == "kuka" else readers[maker](path, text)
     _check(path, points, len(motions))
     order = list(texts)
     points.sort(key=lambda p: (order.index(p.path), p.line))

@@ -127,6 +127,10 @@ class Source:
     frames: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
 
+Parts = tuple[list[Statement], list[ProgrammePoint], list[Motion], dict[str, Array], dict[str, Array]]
+"""What the reader of a language finds: statements, points, motions, and the tools and frames that it has in numbers."""
+
+
 def tokenise(text: str, grammar: re.Pattern[str]) -> Iterator[Token]:
     """The tokens of a text, each of the kind of the group that it matches."""
     line, at = 1, 0

@@ -75,10 +75,19 @@ class ProgrammeTargets:
         moved = {name for motion in self.source.motions for name in motion.points}
         if unmoved := [p.name for p in self.source.points if p.name not in moved]:
             out.append(f"no motion of the programme goes to {_more(', '.join(unmoved[:_LISTED]), unmoved)}: kept")
+        if taken := sorted({n for p in self.points if p.cartesian for n in self._from_programme(p)}):
+            listed = _more(", ".join(taken[:_LISTED]), taken)
+            out.append(f"as the programme itself states it, a frame in the URDF's base frame: {listed}")
         if used := _used(self.source, points):
             lines = _more(", ".join(map(str, used[:_LISTED])), used)
             out.append(f"lines {lines} use corrected points by their names: what they compute is shifted with them")
         return tuple(out)
+
+    def _from_programme(self, point: ProgrammePoint) -> set[str]:
+        """Which of a point's tool and frame are those of the programme's own numbers."""
+        names, owners = (point.tool, point.frame), (self.source.tools, self.source.frames)
+        used = _tool_and_frame(point, self.held)
+        return {name for name, own, one in zip(names, owners, used, strict=True) if own.get(name) is one}
 
 
 def _more(listed: str, what: Sequence[object]) -> str:
@@ -307,7 +316,9 @@ def _outside(
 def _matrices(source: Source, options: ProgrammeOptions, what: str) -> dict[str, Array]:
     """The tools, or the frames, by their names in small letters: as they are stated, else as the programme has them."""
     own, stated = (source.tools, options.tools) if what == "tool" else (source.frames, options.frames)
-    return {**own, **{name.lower(): matrix(POSES[source.maker], values) for name, values in stated.items()}}
+    return {name.lower(): place for name, place in own.items()} | {
+        name.lower(): matrix(POSES[source.maker], values) for name, values in stated.items()
+    }
 
 
 def _stated(point: ProgrammePoint, name: str, matrices: Mapping[str, Array]) -> Array | None:

@@ -14,7 +14,7 @@ from qsframework.applications.programmes.source import (
     NUMBER,
     Cell,
     Motion,
-    ProgrammePoint,
+    Parts,
     Statement,
     Token,
     bracketed,
@@ -50,10 +50,8 @@ TOOL, FRAME = "tcp", "base"
 """Names of the installation's tool and of the frame of all poses."""
 
 
-def read(
-    path: Path, text: str
-) -> tuple[list[Statement], list[ProgrammePoint], list[Motion], dict[str, Array], dict[str, Array]]:
-    """Statements, points, motions and the tools of a script. InputError where a routine does not end."""
+def read(path: Path, text: str) -> Parts:
+    """The parts of a script. InputError where a routine does not end."""
     lines = list(statements(path, tokenise(text, GRAMMAR), joined=True))
     _whole(path, lines)
     names, track, tools = Names(literal=literal, here=_HERE, fold=str), Track(), dict[str, Array]()
