@@ -13,6 +13,7 @@ import pytest
 from count_motions import count_motions, without_numbers
 
 from qsframework.applications.compensate import compensate
+from qsframework.applications.programmes.poses import POSES, matrix, numbers_of
 from qsframework.applications.programmes.reading import MAKERS
 from qsframework.applications.programmes.targets import (
     ProgrammeOptions,
@@ -55,7 +56,9 @@ def options(maker: str, keep: tuple[str, ...]) -> ProgrammeOptions:
     tool, frame = (np.array([0.0, 0.0, 0.15, 0.0, 0.0, 0.3]), np.zeros(6)) if maker == "ur" else (TOOL, FRAME)
     names = {"fanuc": ("3", "2"), "kuka": ("3", "2"), "abb": ("tGun", "wobj0"), "ur": ("tcp", "base")}[maker]
     start = np.deg2rad(STARTS[maker])
-    return ProgrammeOptions(loads={"": PULL}, keep=keep, tools={names[0]: tool}, frames={names[1]: frame}, start=start)
+    return ProgrammeOptions(
+        loads={"": PULL}, keep=keep, tools={names[0]: tool}, frames={names[1]: frame, "wPart": FRAME}, start=start
+    )
 
 
 def counted(error: InputError) -> dict[str, int]:
@@ -133,3 +136,49 @@ def test_every_motion_is_accounted_for(name: str, cell: Callable[[str], Experime
         changed = {k for k, (a, b) in enumerate(both, start=1) if a != b}
         starts = [c.start for p in made.points if p.path == file for name, c in p.cells.items() if name[0] != "E"]
         assert changed == {decoded(before).count("\n", 0, k) + 1 for k in starts}, "the lines of corrected points alone"
+
+
+@pytest.mark.parametrize(
+    "name", ["folds.src", "weld_seam.ls", "inline.mod", "poses.mod", "polyscope.script", "tools.script"]
+)
+def test_corrected_poses_are_read_back_as_the_places_that_were_meant(
+    name: str, cell: Callable[[str], Experiment], tmp_path: Path
+) -> None:
+    maker = MAKERS[Path(name).suffix]
+    experiment = cell(maker)
+    made, _ = followed(FOLDER / name, experiment, maker)
+    assert made is not None
+    result = compensate(experiment, known(exact_fit(experiment)), made.targets)
+    for file, text in corrected_texts(made, result, experiment).items():
+        (tmp_path / file.name).write_bytes(text.encode(made.source.encodings[file]))
+    back, _ = followed(tmp_path / name, experiment, maker)
+    assert back is not None
+    assert np.abs(back.targets.wanted.position - result.command.position).max() < 2e-6
+    assert np.abs(back.targets.wanted.rotation - result.command.rotation).max() < 2e-6
+    assert np.linalg.norm(result.deflection[:, :3], axis=1).min() > 1e-6, "there is something to correct"
+
+
+def test_rotations_are_those_of_each_controller() -> None:
+    """Quaternions, scalar first, and rotation vectors, written again here; the angles come back on their own turn."""
+    w, x, y, z = np.array([0.5, -0.1, 0.7, 0.3]) / np.sqrt(0.84)
+    by_hand = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    place = matrix(POSES["abb"], np.array([100.0, 200.0, 300.0, w, x, y, z]))
+    assert np.allclose(place[:3, :3], by_hand, atol=1e-12)
+    assert np.allclose(place[:3, 3], [0.1, 0.2, 0.3])
+    angle = 2.0 * np.arccos(w)
+    vector = angle * np.array([x, y, z]) / np.sin(angle / 2.0)
+    assert np.allclose(matrix(POSES["ur"], np.array([0.1, 0.2, 0.3, *vector])), place, atol=1e-12)
+    other = vector * (1.0 - 2.0 * np.pi / angle)
+    for own in (vector, other):
+        shown = numbers_of(POSES["ur"], place, dict(zip(POSES["ur"].axes, [0.1, 0.2, 0.3, *own], strict=True)))
+        assert np.allclose(list(shown.values()), [0.1, 0.2, 0.3, *own], atol=1e-9)
+    for sign in (1.0, -1.0):
+        own = dict(zip(POSES["abb"].axes, [0.0, 0.0, 0.0, *(sign * np.array([w, x, y, z]))], strict=True))
+        shown = numbers_of(POSES["abb"], place, own)
+        assert np.allclose(list(shown.values()), [100.0, 200.0, 300.0, *(sign * np.array([w, x, y, z]))], atol=1e-9)
