@@ -44,6 +44,13 @@ def six_axes(count: int, external: Sequence[int], what: str) -> None:
         raise InputError(Problem(words, found=found, allowed="6", argument=("to", "csv")))
 
 
+def arm_axes(count: int, external: Sequence[int], letter: str, what: str) -> tuple[tuple[str, ...], list[str]]:
+    """Names of the axes of an arm with six of its own, and what a file remarks of their order."""
+    six_axes(count, external, what)
+    names = axis_names(count, external, letter)
+    return names, [remark] if (remark := axes_remark(names, letter)) else []
+
+
 def axes_remark(names: Sequence[str], letter: str) -> str:
     """What a file says of the order of its axes: "" for A1, A2, ... one after the other."""
     plain = [f"{letter}{k}" for k in range(1, len(names) + 1)]
@@ -53,6 +60,21 @@ def axes_remark(names: Sequence[str], letter: str) -> str:
 def plain(name: str) -> str:
     """A load's name as a remark of a controller's file holds it."""
     return re.sub(r"[^A-Za-z0-9_.+-]", "_", name)
+
+
+def payload_text(payload: float | None) -> str:
+    """A payload as a remark says it."""
+    return "payload not stated" if payload is None else f"payload {payload:g} kg"
+
+
+def stopped(load: str, pause: float | None, sign: str, wait: str, halt: str) -> list[str]:
+    """What is done once the arm stands: a load is named where the programme waits for it, never before a move.
+
+    load: its name as the format holds it; sign: of a remark; wait, halt: how it waits for a time, or to be started
+    """
+    if pause is not None:
+        return [*([f"{sign}load {load}"] if load else []), wait]
+    return [*([f"{sign}now hang {load}", f"{sign}take it off before the start"] if load else []), halt]
 
 
 def bad_name(found: str, allowed: str) -> InputError:

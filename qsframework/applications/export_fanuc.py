@@ -9,7 +9,7 @@ import re
 
 import numpy as np
 
-from qsframework.applications.controller_names import axes_remark, axis_names, bad_name, plain
+from qsframework.applications.controller_names import axes_remark, axis_names, bad_name, payload_text, plain, stopped
 from qsframework.applications.programme import Move, Programme
 
 _REMARK = 32
@@ -31,7 +31,8 @@ def write_fanuc(programme: Programme, name: str) -> str:
             lines.append(f"!{move.pose} visit {move.repeat}"[:_REMARK])
         lines.append(f"J P[{i}] {programme.speed}% FINE")
         if move.measured:
-            lines += _stopped(move.load, programme.pause)
+            load, wait = plain(move.load)[:_LOAD_NAME], f"WAIT {programme.pause or 0:6.2f}(sec)"
+            lines += stopped(load, programme.pause, "!", wait, "PAUSE")
     numbered = [_line(k, text) for k, text in enumerate(lines, start=1)]
     where = f"UF : {programme.frame}, UT : {programme.tool}"
     positions = [_position(i, m, names, where) for i, m in enumerate(programme.moves, start=1)]
@@ -56,7 +57,7 @@ def write_fanuc(programme: Programme, name: str) -> str:
 
 
 def _head(programme: Programme, names: tuple[str, ...]) -> list[str]:
-    payload = "payload not stated" if programme.payload is None else f"payload {programme.payload:g} kg"
+    payload = payload_text(programme.payload)
     remarks = [f"robot {programme.robot}", payload, "set PAYLOAD of tool and weight", "no weight while the arm moves"]
     if len(remarks[0]) >= _REMARK:
         raise bad_name(programme.robot, f"a robot's name of up to {_REMARK - 7} characters, for a remark holds no more")
@@ -70,13 +71,6 @@ def _check_loads(programme: Programme) -> None:
     for load in (m.load for m in programme.moves if m.load):
         if (other := seen.setdefault(plain(load)[:_LOAD_NAME], load)) != load:
             raise bad_name(load, f"a name that differs from that of {other!r} in its first {_LOAD_NAME} characters")
-
-
-def _stopped(load: str, pause: float | None) -> list[str]:
-    """What is done once the arm stands: a load is named where the programme waits for it, never before a move."""
-    if pause is not None:
-        return [*([f"!load {plain(load)[:_LOAD_NAME]}"] if load else []), f"WAIT {pause:6.2f}(sec)"]
-    return [*([f"!now hang {plain(load)[:_LOAD_NAME]}", "!take it off before the start"] if load else []), "PAUSE"]
 
 
 def _line(number: int, text: str) -> str:

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from qsframework.applications.controller_names import MOST, axes_remark, axis_names, bad_name, plain, six_axes
+from qsframework.applications.controller_names import MOST, arm_axes, bad_name, payload_text, plain, stopped
 from qsframework.applications.programme import Programme
 
 
@@ -14,17 +14,14 @@ def write_krl(programme: Programme, name: str) -> tuple[str, str]:
     """The .src and the .dat. `name` is the module's name: a letter, then letters, digits and _, up to 24."""
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,23}", name):
         raise bad_name(name, "a letter, then letters, digits and _, up to 24, for the file bears the module's name")
-    count = len(programme.moves[0].pendant)
-    six_axes(count, programme.external, "KRL")
-    names = axis_names(count, programme.external, "A")
-    payload = "not stated" if programme.payload is None else f"{programme.payload:g} kg"
+    names, remarks = arm_axes(len(programme.moves[0].pendant), programme.external, "A", "KRL")
     src = [
         "&ACCESS RVP",
         "&REL 1",
         f"DEF {name}( )",
         f";robot {programme.robot}",
-        f";payload {payload}",
-        *([f";{remark}"] if (remark := axes_remark(names, "A")) else []),
+        f";{payload_text(programme.payload)}",
+        *(f";{remark}" for remark in remarks),
         ";set the load data of tool and weight before the start",
         ";no weight while the arm moves",
         "DECL INT K",
@@ -43,18 +40,11 @@ def write_krl(programme: Programme, name: str) -> tuple[str, str]:
             src.append(f";pose {move.pose} visit {move.repeat}")
         src.append(f"PTP XP{i}")
         if move.measured:
-            src += _stopped(move.load, programme.pause)
+            src += stopped(plain(move.load), programme.pause, ";", f"WAIT SEC {programme.pause or 0:.2f}", "HALT")
         degrees = dict(zip(names, np.rad2deg(move.pendant) + 0.0, strict=True))
         axes = [f"{a} {degrees[a]:.4f}" if a in degrees else f"{a} 0.0" for a in _AXES]
         dat.append(f"DECL E6AXIS XP{i}={{{','.join(axes)}}}")
     return "\n".join([*src, "END"]) + "\n", "\n".join([*dat, "ENDDAT"]) + "\n"
-
-
-def _stopped(load: str, pause: float | None) -> list[str]:
-    """What is done once the arm stands: a load is named where the programme waits for it, never before a move."""
-    if pause is not None:
-        return [*([f";load {plain(load)}"] if load else []), f"WAIT SEC {pause:.2f}"]
-    return [*([f";now hang {plain(load)}", ";take it off before the start"] if load else []), "HALT"]
 
 
 _AXES = tuple(f"{letter}{k}" for letter in "AE" for k in range(1, MOST + 1))

@@ -10,7 +10,7 @@ import re
 
 import numpy as np
 
-from qsframework.applications.controller_names import MOST, axes_remark, axis_names, bad_name, plain, six_axes
+from qsframework.applications.controller_names import MOST, arm_axes, bad_name, payload_text, plain, stopped
 from qsframework.applications.programme import Programme
 
 _FASTEST = 5000
@@ -22,12 +22,8 @@ def write_rapid(programme: Programme, name: str) -> str:
     """The module. `name` is the module's name: a letter, then letters, digits and _, up to 28."""
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,27}", name):
         raise bad_name(name, "a letter, then letters, digits and _, up to 28, for the procedure is named run_ and this")
-    count = len(programme.moves[0].pendant)
-    six_axes(count, programme.external, "RAPID")
-    names = axis_names(count, programme.external, "J")
-    payload = "not stated" if programme.payload is None else f"{programme.payload:g} kg"
-    remarks = [f"robot {programme.robot}", f"payload {payload}"]
-    remarks += [remark] if (remark := axes_remark(names, "J")) else []
+    names, order = arm_axes(len(programme.moves[0].pendant), programme.external, "J", "RAPID")
+    remarks = [f"robot {programme.robot}", payload_text(programme.payload), *order]
     remarks += ["set the load data of tool and weight before the start", "no weight while the arm moves"]
     points, body = list[str](), [f"VelSet {programme.speed},{_FASTEST};"]
     for i, move in enumerate(programme.moves, start=1):
@@ -36,7 +32,9 @@ def write_rapid(programme: Programme, name: str) -> str:
             body.append(f"! pose {move.pose} visit {move.repeat}")
         body.append(f"MoveAbsJ jp{i}\\NoEOffs,vmax,fine,{programme.tool}\\WObj:={programme.frame};")
         if move.measured:
-            body += _stopped(move.load, programme.pause)
+            body += stopped(
+                plain(move.load), programme.pause, "! ", f"WaitTime\\InPos,{programme.pause or 0:.2f};", "Stop;"
+            )
     lines = [f"MODULE {name}", *(f"  ! {r}" for r in remarks), *(f"  {p}" for p in points), f"  PROC run_{name}()"]
     return "\n".join([*lines, *(f"    {b}" for b in body), "  ENDPROC", "ENDMODULE"]) + "\n"
 
@@ -47,10 +45,3 @@ def _target(angles: dict[str, float]) -> str:
 
     own, beside = (",".join(cell(f"{letter}{k}") for k in range(1, MOST + 1)) for letter in "JE")
     return f"[[{own}],[{beside}]]"
-
-
-def _stopped(load: str, pause: float | None) -> list[str]:
-    """What is done once the arm stands: a load is named where the programme waits for it, never before a move."""
-    if pause is not None:
-        return [*([f"! load {plain(load)}"] if load else []), f"WaitTime\\InPos,{pause:.2f};"]
-    return [*([f"! now hang {plain(load)}", "! take it off before the start"] if load else []), "Stop;"]

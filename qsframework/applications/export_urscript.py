@@ -10,8 +10,8 @@ import re
 
 import numpy as np
 
-from qsframework.applications.controller_names import bad_name, plain
-from qsframework.applications.programme import Programme
+from qsframework.applications.controller_names import bad_name, payload_text, plain, stopped
+from qsframework.applications.programme import Move, Programme
 from qsframework.errors import InputError, Problem
 
 _JOINTS = 6
@@ -29,11 +29,10 @@ def write_urscript(programme: Programme, name: str) -> str:
         found = f"{count} joints, {len(programme.external)} of them external"
         words = "URScript states the six joints of the arm"
         raise InputError(Problem(words, found=found, allowed="6 joints", argument=("to", "csv")))
-    payload = "not stated" if programme.payload is None else f"{programme.payload:g} kg"
     lines = [
         f"def {name}():",
         f"  # robot {programme.robot}",
-        f"  # payload {payload}",
+        f"  # {payload_text(programme.payload)}",
         f"  # speed {programme.speed} percent of {np.rad2deg(_FASTEST):g} deg/s",
         "  # tool and frame: joint angles need none; set_tcp stays as the installation has it",
         "  # set the payload and its centre of gravity, of tool and weight, before the start",
@@ -46,14 +45,11 @@ def write_urscript(programme: Programme, name: str) -> str:
         angles = ", ".join(f"{v + 0.0:.7f}" for v in move.pendant)
         lines.append(f"  movej([{angles}], a={_ACCELERATION}, v={velocity})")
         if move.measured:
-            lines += _stopped(f"{move.pose} visit {move.repeat}", move.load, programme.pause)
+            wait = f"sleep({programme.pause or 0:.2f})"
+            lines += [f"  {line}" for line in stopped(plain(move.load), programme.pause, "# ", wait, _ask(move))]
     return "\n".join([*lines, "end"]) + "\n"
 
 
-def _stopped(visit: str, load: str, pause: float | None) -> list[str]:
-    """What is done once the arm stands: a load is named where the programme waits for it, never before a move."""
-    if pause is not None:
-        return [*([f"  # load {plain(load)}"] if load else []), f"  sleep({pause:.2f})"]
-    ask = f": now hang {plain(load)}, take it off before you continue" if load else ": nothing hangs here"
-    said = [f"  # now hang {plain(load)}", "  # take it off before the start"] if load else []
-    return [*said, f'  popup("{visit}{ask}", title="measure", blocking=True)']
+def _ask(move: Move) -> str:
+    load = f"now hang {plain(move.load)}, take it off before you continue" if move.load else "nothing hangs here"
+    return f'popup("{move.pose} visit {move.repeat}: {load}", title="measure", blocking=True)'

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,6 @@ REFUSED = "refused"
 _SEED = 0
 _LISTED, _MOST = 20, 1000
 """Names in a sentence, and problems that are said at once."""
-Held = Mapping[str, Mapping[str, Array]]
 Tell = Callable[[str, int, int], None]
 
 
@@ -49,16 +49,68 @@ class ProgrammeOptions:
     start: Array | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """A programme, the experiment of its robot, and what is stated beside it."""
+
+    source: Source
+    experiment: Experiment
+    options: ProgrammeOptions
+
+    @cached_property
+    def convention(self) -> Convention:
+        return POSES[self.source.maker]
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The controller's names of the pendant's angles."""
+        controller, convention = self.experiment.robot.controller, self.convention
+        return axis_names(controller.axes, controller.external, convention.letter, convention.most)
+
+    @cached_property
+    def held(self) -> dict[str, dict[str, Array]]:
+        """Matrices (4, 4) m of "tool" and "frame" by their names in small letters: as stated, else the programme's."""
+        out: dict[str, dict[str, Array]] = {}
+        own = (("tool", self.source.tools, self.options.tools), ("frame", self.source.frames, self.options.frames))
+        for what, inside, beside in own:
+            out[what] = {name.lower(): place for name, place in inside.items()}
+            out[what] |= {name.lower(): matrix(self.convention, values) for name, values in beside.items()}
+        return out
+
+    def stated(self, point: ProgrammePoint) -> dict[str, Array | None]:
+        """The tool and the frame of a point: those stated for the point, else those that it names."""
+        named = {"tool": point.tool, "frame": point.frame}
+        own, ambiguous = point.name.lower(), ("", AMBIGUOUS)
+        return {
+            what: self.held[what].get(own, None if name in ambiguous else self.held[what].get(name.lower()))
+            for what, name in named.items()
+        }
+
+    def tool_and_frame(self, point: ProgrammePoint) -> tuple[Array, Array]:
+        """The same where both are stated."""
+        tool, frame = self.stated(point).values()
+        assert tool is not None
+        assert frame is not None
+        return tool, frame
+
+    def angles(self, point: ProgrammePoint) -> Array:
+        """Pendant angles (m,) rad of a point of joint angles."""
+        return np.array([point.cells[name].value for name in self.names]) * self.convention.angle
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ProgrammeTargets:
     """A programme with its points as targets, in the same order; `points` are those that are corrected, `kept` the
-    motions that stay as they are; held: the matrices (4, 4) m of "tool" and "frame" by their names."""
+    motions that stay as they are."""
 
-    source: Source
+    case: _Case
     points: tuple[ProgrammePoint, ...]
     kept: tuple[Motion, ...]
     targets: Targets
-    held: Held
+
+    @property
+    def source(self) -> Source:
+        return self.case.source
 
     @property
     def counts(self) -> dict[str, int]:
@@ -86,7 +138,7 @@ class ProgrammeTargets:
     def _from_programme(self, point: ProgrammePoint) -> set[str]:
         """Which of a point's tool and frame are those of the programme's own numbers."""
         names, owners = (point.tool, point.frame), (self.source.tools, self.source.frames)
-        used = _tool_and_frame(point, self.held)
+        used = self.case.tool_and_frame(point)
         return {name for name, own, one in zip(names, owners, used, strict=True) if own.get(name) is one}
 
 
@@ -116,9 +168,8 @@ def read_programme(
     """
     source = read_source(path)
     _check_robot(path, source, experiment)
-    names = _names(experiment, source)
-    held = {what: _matrices(source, options, what) for what in ("tool", "frame")}
-    kept, refused = _sorted_out(source, names, experiment, options, held)
+    case = _Case(source, experiment, options)
+    kept, refused = _sorted_out(case)
     goes = {name for motion in _others(source.motions, kept) for name in motion.points}
     points = tuple(p for p in source.points if p.name in goes)
     problems = [*refused, *_unknown(source, options, points)]
@@ -130,8 +181,7 @@ def read_programme(
     problems += [problem for i, p in enumerate(points) if (problem := _heavy(p, wrench[i], experiment)) is not None]
     if problems:
         raise InputError(problems)
-    start = options.start
-    pendant, wanted = _stand(experiment, source, points, names, held, start, tell or (lambda label, done, total: None))
+    pendant, wanted = _stand(case, points, tell or (lambda label, done, total: None))
     targets = Targets(
         name=tuple(p.name for p in points),
         pendant=frozen(pendant),
@@ -141,7 +191,7 @@ def read_programme(
         path=path,
         rows=tuple(p.line for p in points),
     )
-    return ProgrammeTargets(source=source, points=points, kept=tuple(kept), targets=targets, held=held)
+    return ProgrammeTargets(case=case, points=points, kept=tuple(kept), targets=targets)
 
 
 def corrected_texts(made: ProgrammeTargets, result: Compensation, experiment: Experiment) -> dict[Path, str]:
@@ -149,16 +199,16 @@ def corrected_texts(made: ProgrammeTargets, result: Compensation, experiment: Ex
 
     They are read back: InputError if a point or anything else in them is not what was meant.
     """
-    names, values = _names(experiment, made.source), dict[str, Mapping[str, float]]()
-    convention, flange = POSES[made.source.maker], _flange(experiment, result.command)
+    values, convention = dict[str, Mapping[str, float]](), made.case.convention
+    flange = _flange(experiment, result.command)
     for i, point in enumerate(made.points):
         if point.cartesian:
-            tool, frame = _tool_and_frame(point, made.held)
+            tool, frame = made.case.tool_and_frame(point)
             place = np.linalg.inv(frame) @ flange[i] @ tool
             values[point.name] = numbers_of(convention, place, {k: c.value for k, c in point.cells.items()})
         else:
             angles = (result.pendant[i] / convention.angle).tolist()
-            values[point.name] = dict(zip(names, angles, strict=True))
+            values[point.name] = dict(zip(made.case.names, angles, strict=True))
     texts = replaced(made.source, values, convention.decimals)
     _proof(made.source, texts, values)
     return texts
@@ -188,21 +238,11 @@ def _check_robot(path: Path, source: Source, experiment: Experiment) -> None:
         raise InputError(Problem(message, str(path), hint=hint))
 
 
-def _sorted_out(
-    source: Source,
-    names: Sequence[str],
-    experiment: Experiment,
-    options: ProgrammeOptions,
-    held: Held,
-) -> tuple[list[Motion], list[Problem]]:
+def _sorted_out(case: _Case) -> tuple[list[Motion], list[Problem]]:
     """The motions that are kept, and the problems of those that are refused, with the count of all before them."""
-    points, keep = {p.name: p for p in source.points}, set(options.keep)
-    inherent, asked = dict[str, Problem](), dict[str, list[Problem]]()
-    for point in points.values():
-        if (problem := _lacking(point, source, names, experiment)) is not None:
-            inherent[point.name] = problem
-        else:
-            asked[point.name] = list(_outside(point, source, names, experiment, held))
+    source, keep = case.source, set(case.options.keep)
+    inherent = {p.name: problem for p in source.points if (problem := _lacking(case, p)) is not None}
+    asked = {p.name: list(_outside(case, p)) for p in source.points if p.name not in inherent}
     if REFUSED in keep:
         keep |= {f"line {m.line}" for m in source.motions if m.problem or inherent.keys() & set(m.points)}
     kept = _kept(source.motions, keep)
@@ -261,15 +301,9 @@ def _unknown(source: Source, options: ProgrammeOptions, points: Sequence[Program
     return problems
 
 
-def _names(experiment: Experiment, source: Source) -> tuple[str, ...]:
-    """The controller's names of the pendant's angles."""
-    convention, controller = POSES[source.maker], experiment.robot.controller
-    return axis_names(controller.axes, controller.external, convention.letter, convention.most)
-
-
-def _lacking(point: ProgrammePoint, source: Source, names: Sequence[str], experiment: Experiment) -> Problem | None:
+def _lacking(case: _Case, point: ProgrammePoint) -> Problem | None:
     """Why a point cannot be corrected, whatever is stated beside the programme."""
-    here, needed = (str(point.path), point.line), POSES[source.maker].axes if point.cartesian else names
+    here, needed = (str(point.path), point.line), case.convention.axes if point.cartesian else case.names
     missing = [name for name in needed if name not in point.cells]
     extra = [k for k in point.cells if k not in needed and (k[0] != "E" or point.cells[k].value != 0.0)]
     if point.problem is not None:
@@ -278,52 +312,30 @@ def _lacking(point: ProgrammePoint, source: Source, names: Sequence[str], experi
         return Problem(f"{point.name} lacks {', '.join(missing)}", *here, found=", ".join(point.cells) or "nothing")
     if not all(abs(cell.value) < 1e6 for cell in point.cells.values()):
         return Problem(f"{point.name}: a number is out of all bounds", *here, allowed="up to 1e6 mm or deg")
-    if point.cartesian and (experiment.robot.controller.external or extra):
+    if point.cartesian and (case.experiment.robot.controller.external or extra):
         return Problem(f"{point.name}: a pose beside external axes is not corrected", *here)
     if extra:
-        return Problem(f"{point.name}: the robot has no axis {extra[0]}", *here, allowed=", ".join(names))
+        return Problem(f"{point.name}: the robot has no axis {extra[0]}", *here, allowed=", ".join(case.names))
     return None
 
 
-def _outside(
-    point: ProgrammePoint,
-    source: Source,
-    names: Sequence[str],
-    experiment: Experiment,
-    held: Held,
-) -> Iterator[Problem]:
+def _outside(case: _Case, point: ProgrammePoint) -> Iterator[Problem]:
     """What has to be stated for a point, or is stated wrongly: its tool and frame, angles beyond the joint limits."""
-    here, controller, convention = (str(point.path), point.line), experiment.robot.controller, POSES[source.maker]
+    here, controller = (str(point.path), point.line), case.experiment.robot.controller
     if point.cartesian:
-        for what, name in (("tool", point.tool), ("frame", point.frame)):
-            if _stated(point, name, held[what]) is None:
-                said = {"": "(the point names no number)", AMBIGUOUS: "(it is not the same on every way there)"}
-                message = f"{point.name} is a pose, and nobody states {what} {said.get(name, name)}"
-                key = point.name if name in said else name
-                argument = (what, f"'{key}=X,Y,Z,...'")
-                yield Problem(
-                    message, *here, hint=f"As the controller shows it: {convention.stated}.", argument=argument
-                )
+        hint = f"As the controller shows it: {case.convention.stated}."
+        why = {"": "(the point names no number)", AMBIGUOUS: "(it is not the same on every way there)"}
+        for (what, stated), name in zip(case.stated(point).items(), (point.tool, point.frame), strict=True):
+            if stated is None:
+                message = f"{point.name} is a pose, and nobody states {what} {why.get(name, name)}"
+                argument = (what, f"'{point.name if name in why else name}=X,Y,Z,...'")
+                yield Problem(message, *here, hint=hint, argument=argument)
         return
-    pendant = np.array([point.cells[name].value for name in names]) * convention.angle
+    pendant, argument = case.angles(point), ("keep", f"'{point.name}'")
     for k in map(int, np.flatnonzero(controller.outside(pendant[None])[0])):
         low, high = np.rad2deg([controller.lower[k], controller.upper[k]])
-        message, found = f"{point.name}: {names[k]} is outside its limits", f"{np.rad2deg(pendant[k]):g} deg"
-        argument = ("keep", f"'{point.name}'")
+        message, found = f"{point.name}: {case.names[k]} is outside its limits", f"{np.rad2deg(pendant[k]):g} deg"
         yield Problem(message, *here, found=found, allowed=f"{low:g} to {high:g} deg", argument=argument)
-
-
-def _matrices(source: Source, options: ProgrammeOptions, what: str) -> dict[str, Array]:
-    """The tools, or the frames, by their names in small letters: as they are stated, else as the programme has them."""
-    own, stated = (source.tools, options.tools) if what == "tool" else (source.frames, options.frames)
-    return {name.lower(): place for name, place in own.items()} | {
-        name.lower(): matrix(POSES[source.maker], values) for name, values in stated.items()
-    }
-
-
-def _stated(point: ProgrammePoint, name: str, matrices: Mapping[str, Array]) -> Array | None:
-    """The tool or frame of a point: the one that is stated for the point, else the one that it names."""
-    return matrices.get(point.name.lower(), matrices.get(name.lower()) if name not in ("", AMBIGUOUS) else None)
 
 
 def _heavy(point: ProgrammePoint, wrench: Array, experiment: Experiment) -> Problem | None:
@@ -337,25 +349,15 @@ def _heavy(point: ProgrammePoint, wrench: Array, experiment: Experiment) -> Prob
     return Problem(message, str(point.path), point.line, found=found, allowed=f"{robot.payload:g} kg, {most:.0f} N")
 
 
-def _stand(
-    experiment: Experiment,
-    source: Source,
-    points: Sequence[ProgrammePoint],
-    names: Sequence[str],
-    held: Held,
-    start: Array | None,
-    tell: Tell,
-) -> tuple[Array, TipPose]:
+def _stand(case: _Case, points: Sequence[ProgrammePoint], tell: Tell) -> tuple[Array, TipPose]:
     """Pendant angles (N, m) of the points, and where the controller's kinematics put the load point there."""
-    robot, site, rng = experiment.robot, experiment.load_site, np.random.default_rng(_SEED)
-    convention = POSES[source.maker]
-    lower, upper = robot.controller.once_around()
-    last = 0.5 * (lower + upper) if start is None else start
+    robot, site, rng = case.experiment.robot, case.experiment.load_site, np.random.default_rng(_SEED)
+    last = np.mean(robot.controller.once_around(), axis=0) if case.options.start is None else case.options.start
     pendant, stands, problems = list[Array](), list[TipPose](), list[Problem]()
     for i, point in enumerate(points):
         tell("joint angles", i, len(points))
         if point.cartesian:
-            wanted = _wanted(experiment, _from_file(convention, point, held))
+            wanted = _wanted(case.experiment, _from_file(case, point))
             found = find_joints(robot, site, wanted, last, rng)
             if not found.reached:
                 near = f"{found.away * 1e3:.1f} mm and {np.rad2deg(found.turned):.2f} deg away at the nearest"
@@ -365,7 +367,7 @@ def _stand(
                 problems.append(Problem(message, *here, found=near, hint=hint, argument=argument))
             last = found.pendant if found.reached else last
         else:
-            last = np.array([point.cells[name].value for name in names]) * convention.angle
+            last = case.angles(point)
             wanted = rigid_tip(robot, site, robot.controller.to_joints(last[None]))
         pendant.append(last)
         stands.append(wanted)
@@ -376,18 +378,11 @@ def _stand(
     return np.stack(pendant), TipPose(position, rotation)
 
 
-def _tool_and_frame(point: ProgrammePoint, held: Held) -> tuple[Array, Array]:
-    tool, frame = _stated(point, point.tool, held["tool"]), _stated(point, point.frame, held["frame"])
-    assert tool is not None
-    assert frame is not None
-    return tool, frame
-
-
-def _from_file(convention: Convention, point: ProgrammePoint, held: Held) -> Array:
+def _from_file(case: _Case, point: ProgrammePoint) -> Array:
     """The flange (4, 4) in the base frame at a Cartesian point."""
-    tool, frame = _tool_and_frame(point, held)
-    values = np.array([point.cells[name].value for name in convention.axes])
-    return np.asarray(frame @ matrix(convention, values) @ np.linalg.inv(tool), dtype=np.float64)
+    tool, frame = case.tool_and_frame(point)
+    values = np.array([point.cells[name].value for name in case.convention.axes])
+    return np.asarray(frame @ matrix(case.convention, values) @ np.linalg.inv(tool), dtype=np.float64)
 
 
 def _wanted(experiment: Experiment, flange: Array) -> TipPose:
