@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from qsframework.applications.export import export
 from qsframework.applications.importers.placing import marker_places
+from qsframework.applications.programme import draft
 from qsframework.elastostatics.so3 import exponential
 from qsframework.experiment import Experiment, Frame, Plan, load_experiment, make_plan, write_plan
 from qsframework.experiment.columns import joint_cells, number, write_table
@@ -266,6 +268,13 @@ def kuka_positions(c: Campaign) -> Path:
         for pose, angles in zip(c.plan.pose, DEGREES, strict=True)
     ]
     return c.write("campaign.dat", "\n".join(["&ACCESS RVO", "DEFDAT CAMPAIGN", *rows, "ENDDAT"]) + "\n")
+
+
+def exported(c: Campaign, to: str) -> Path:
+    """The plan as `qsf export` writes it; of a KUKA module the .src."""
+    made = replace(draft(c.experiment, c.plan), title="an arm")
+    ending = {"fanuc-ls": ".ls", "krl": ".src", "rapid": ".mod", "urscript": ".script"}[to]
+    return export(made, to, c.folder / f"campaign{ending}")[0]
 
 
 def kuka_log(c: Campaign) -> Path:

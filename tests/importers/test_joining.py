@@ -120,6 +120,18 @@ def test_taught_positions_are_a_log(make: Callable[[Campaign], Path], campaign: 
     the_same(campaign)
 
 
+@pytest.mark.parametrize("to", ["fanuc-ls", "krl", "rapid", "urscript"])
+def test_an_exported_programme_is_a_log(to: str, campaign: Campaign) -> None:
+    points, plan = samples.polyworks(campaign), campaign.folder / "plan.csv"
+    printed = run(campaign, str(points), str(samples.exported(campaign, to)), "-p", str(plan))
+    assert "6 positions of a controller's programme" in printed
+    found = read_readings(campaign.folder / "imported.csv", campaign.experiment, "positions")
+    truth = read_readings(campaign.truth(), campaign.experiment, "positions")
+    assert found.pose == truth.pose
+    assert np.array_equal(found.value, truth.value)
+    assert np.abs(np.rad2deg(found.poses.pendant - truth.poses.pendant)).max() < 1e-5
+
+
 def test_a_log_is_joined_by_order(campaign: Campaign) -> None:
     rows = [[str(v) for v in d] for d in DEGREES]
     log = campaign.write("log.csv", samples.lines([["A1", "A2", "A3", "A4", "A5", "A6"], *rows]))

@@ -133,7 +133,9 @@ def positions(path: Path, tokens: Sequence[Token]) -> list[ProgrammePoint]:
         inside = bracketed(own, 1) or []
         name = f"P[{shown([t for t in inside if t.kind != 'label'])}]"
         block = own[3 + len(inside) :]
-        body = bracketed(block) if block and block[0].text == "{" else None
+        if not block or block[0].text != "{":
+            continue  # named in a motion, not given
+        body = bracketed(block)
         if body is None or [t.text for t in block[len(body) + 2 :][:1]] != [";"]:
             hint = "A point ends in `};` before the next one begins."
             problems.append(Problem(f"{name} does not end", str(path), own[0].line, hint=hint))
