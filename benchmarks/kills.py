@@ -3,6 +3,7 @@
     python benchmarks/kills.py                # go on where the last run stopped, then write the record
     python benchmarks/kills.py --renew        # try again what another commit was tried with
     python benchmarks/kills.py --kills 1      # one moment for each command, to see that it works; no record
+    python benchmarks/kills.py --days         # the measuring day: kills, spoilt files, two writers; its own record
 
 Each command runs on a small arm over files of an earlier run, is killed at a random moment, and runs again. What became
 of it is kept in build/kills.jsonl. What may be left, and what a second run has to do, is in tests/robustness/killed.py.
@@ -23,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests" / "robustness"))
+sys.path[:0] = [str(ROOT / "tests" / name) for name in ("robustness", "day")]
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[name] = "1"
 import command_lines  # noqa: E402
@@ -33,6 +34,7 @@ from fuzz import PAGE, head, processor  # noqa: E402
 
 STATE = ROOT / "build" / "kills.jsonl"
 START, STOP = "<!-- record of benchmarks/kills.py -->", "<!-- end of the record of kills -->"
+START_DAYS, STOP_DAYS = "<!-- record of benchmarks/kills.py --days -->", "<!-- end of the record of days -->"
 KILLS = 5
 """Moments for each command."""
 
@@ -89,12 +91,54 @@ def record(found: list[dict[str, Any]]) -> Iterator[str]:
         )
 
 
+def days() -> Iterator[tuple[str, int, list[str]]]:
+    """What befell measuring days: what was done, how often, and what was wrong."""
+    import day_harm as harm
+
+    with tempfile.TemporaryDirectory() as folder:
+        chance = random.Random(0)
+        watched = harm.watched(Path(folder) / "watched")
+        shares = [chance.uniform(0.3, 1.0) for _ in range(100)]
+        yield (
+            "kills in watch mode, files of three states",
+            100,
+            [f for s in shares for f in harm.kill_watched(watched, s)[1]],
+        )
+        kills, faults = 0, list[str]()
+        for seed in range(20):
+            count, found = harm.kill_paged(Path(folder) / f"paged{seed}", seed, 5)
+            kills, faults = kills + count, faults + found
+        yield "kills by the page, while a reading or a decision is stored", kills, faults
+        spoilt = harm.spoilt(Path(folder) / "spoilt")
+        yield "spoilt journals", 600, [f for seed in range(600) for f in harm.spoil_journal(spoilt, seed)]
+        yield "spoilt tables and exports", 400, [f for seed in range(400) for f in harm.spoil_table(spoilt, seed)]
+        rounds, faults = 0, list[str]()
+        for seed in range(9):
+            count, found = harm.two_writers(spoilt.experiment, Path(folder) / f"two{seed}", seed)
+            rounds, faults = rounds + count, faults + found
+        yield "rounds of two writers of one state", rounds, faults
+
+
+def record_of_days(found: list[tuple[str, int, list[str]]]) -> Iterator[str]:
+    """The record as Markdown."""
+    yield f"`python benchmarks/kills.py --days`, {date.today()}, commit {head()}; {processor()}."
+    yield ""
+    yield "| what | how often | faults |"
+    yield "|---|---:|---:|"
+    yield from (f"| {what} | {count:,} | {len(faults)} |" for what, count, faults in found)
+
+
 def main() -> int:
     """Run, print, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kills", type=int, default=KILLS, help="moments for each command")
     parser.add_argument("--renew", action="store_true", help="try again what another commit was tried with")
+    parser.add_argument("--days", action="store_true", help="the measuring day instead")
     options = parser.parse_args()
+    if options.days:
+        befallen = [one for one in days() if print(*one, flush=True) is None]
+        replace_between(PAGE, START_DAYS, STOP_DAYS, "\n" + "\n".join(record_of_days(befallen)) + "\n")
+        return 1 if any(faults for _, _, faults in befallen) else 0
     found = run(options.kills, options.renew)
     text = "\n".join(record(found))
     print(text)
