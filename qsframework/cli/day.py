@@ -113,6 +113,8 @@ def _watch(day: Day, files: DayFiles, folder: Path, once: bool) -> None:
             print_folded(question)
         asked = question
         if once:
+            for path in looked.unfinished:
+                print_folded(f"{path.name}: not taken: its last line has no end, so it may still be written")
             return
     print("every state of every pose was read" if day.next is None else "the day is ended")
     for line in finish(day, files):
@@ -187,31 +189,29 @@ def _readable() -> bool:
 
 
 class _Looked:
-    """What was seen in a watched folder. once: what lies there is waited for until it is whole."""
+    """What was seen in a watched folder. once: what lies there is waited for while it changes, a minute at most;
+    unfinished: files that have stopped changing without an end."""
 
     def __init__(self, once: bool) -> None:
-        self._once, self._seen, self._taken = once, dict[Path, tuple[_State, float]](), set[_State]()
+        self._looks = int(_LONG / _POLL) if once else 1
+        self._seen, self._taken, self.unfinished = dict[Path, _State](), set[_State](), list[Path]()
 
     def whole(self, folder: Path) -> Iterator[Path]:
         """Files that have an end and have stopped changing, and were not given as they are now; the oldest first.
 
         Files written within two seconds of each other, as a copied folder's are, come in the order of their names.
         """
-        while True:
-            time.sleep(_POLL)
-            now, rested = time.monotonic(), list[tuple[Path, _State]]()
-            for path, state in _states(folder):
-                before = self._seen.get(path)
-                since = before[1] if before is not None and before[0] == state else now
-                self._seen[path] = (state, since)
-                if now - since >= _POLL and (_has_end(path) or time.time() - path.stat().st_mtime > _LONG):
-                    rested.append((path, state))
-            moving = [p for p, (_, since) in self._seen.items() if now - since < _POLL]
-            if not self._once or not moving:
+        still: list[tuple[Path, _State]] = []
+        for _ in range(self._looks):
+            before, self._seen = self._seen, dict(_states(folder))
+            still = [(path, state) for path, state in self._seen.items() if before.get(path) == state]
+            if self._seen and len(still) == len(self._seen):
                 break
-        new = sorted((f for f in rested if f[1] not in self._taken), key=lambda f: f[1])
+            time.sleep(_POLL)
+        self.unfinished = [path for path, state in still if not _has_end(path, state)]
+        new = [f for f in still if f[1] not in self._taken and f[0] not in self.unfinished]
         self._taken |= {state for _, state in new}
-        yield from _in_order(new)
+        yield from _in_order(sorted(new, key=lambda f: f[1]))
 
 
 def _states(folder: Path) -> Iterator[tuple[Path, _State]]:
@@ -223,12 +223,16 @@ def _states(folder: Path) -> Iterator[tuple[Path, _State]]:
                 yield path, (status.st_mtime_ns, status.st_size, path.name)
 
 
-def _has_end(path: Path) -> bool:
-    """Whether a file's last line has an end; what is no text ends as it likes."""
-    with path.open("rb") as file:
-        file.seek(-min(64, path.stat().st_size), os.SEEK_END)
-        last = file.read()
-    return b"\0" in last or last.rstrip(b" \t\x1a").endswith((b"\n", b"\r", b"}", b"]", b">"))
+def _has_end(path: Path, state: _State) -> bool:
+    """Whether a file's last line has an end, or nobody has written for long; what is no text ends as it likes."""
+    try:
+        with path.open("rb") as file:
+            file.seek(-min(64, state[1]), os.SEEK_END)
+            last = file.read()
+    except OSError:
+        return False
+    ends = b"\0" in last or last.rstrip(b" \t\x1a").endswith((b"\n", b"\r", b"}", b"]", b">"))
+    return ends or time.time() - state[0] / 1e9 > _LONG
 
 
 def _in_order(files: Sequence[tuple[Path, _State]]) -> Iterator[Path]:

@@ -29,6 +29,8 @@ _ENDS = ("\n", "\r", "\v", "\f", "\x1c", "\x1d", "\x1e", "\x85", "\u2028", "\u20
 _MOST = 100_000
 _GREATEST = 1e15
 _TRUE, _FALSE = ("1", "true", "yes"), ("0", "false", "no")
+_LONGEST, _SHOWN = 200, 60
+"""Characters of a name, and of a cell that is shown."""
 _MEASURED = ("dx", "dy", "dz", "x", "y", "z", "gauge", "ux", "uy", "uz", "sigma")
 """Columns that may hold anything in a row that is masked (use = 0): that is why it is masked."""
 
@@ -267,8 +269,8 @@ def _read_column(table: Table, column: Column, unit: str, cells: list[str], mask
     if column.kind == "text":
         table.texts[column.stem] = cells
         for i, cell in enumerate(cells):
-            if not cell and column.required:
-                _wrong(table, i, column, "is empty", cell, "a name")
+            if len(cell) > _LONGEST or (not cell and column.required):
+                _wrong(table, i, column, "is too long" if cell else "is empty", cell, f"up to {_LONGEST} characters")
         return
     values = np.full(len(cells), math.nan)
     for i, cell in enumerate(cells):
@@ -307,7 +309,14 @@ def _wrong(table: Table, i: int, column: Column, message: str, found: str, allow
     if len(table.problems) > MOST_PROBLEMS:
         return
     table.problems.append(
-        Problem(message, str(table.path), table.rows[i], table.names[column.stem], found=repr(found), allowed=allowed)
+        Problem(
+            message,
+            str(table.path),
+            table.rows[i],
+            table.names[column.stem],
+            found=repr(found if len(found) <= _LONGEST else f"{found[:_SHOWN]}..."),
+            allowed=allowed,
+        )
     )
 
 

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from headless import browser
 
-from qsframework.applications.day import Slot, begin
+from qsframework.applications.day import Slot, begin, enter
 from qsframework.applications.protocol import ProtocolWish
 from qsframework.experiment import Experiment, load_experiment, write_plan
 from qsframework.plugin import Array
@@ -255,6 +255,69 @@ def test_a_watched_folder_says_a_line_for_every_state(folder: Path) -> None:
     assert "letter.txt: not taken" in done.stdout
     assert "p0.txt: taken in before, nothing in it is new" in done.stdout
     assert "continued, 9 readings are there" in done.stdout
+
+
+def test_a_file_is_taken_when_it_has_an_end_and_has_stopped_changing(folder: Path) -> None:
+    """A slow export, and one that grows: what is whole is taken, and later what is new in it; nothing twice."""
+    experiment = load_experiment(folder / "experiment.yaml")
+    day = begin(experiment, cell.make_day_plan(experiment), folder / "other", cell.SHORT)
+    arm, rng = cell.draw_arm(experiment, 4)
+    for k in range(3):
+        day, _ = enter(day, dict(zip(cell.MARKERS, arm.read(day, Slot(0, k), rng), strict=True)))
+    whole = day.record.table.read_text().splitlines(keepends=True)
+    export, path = folder / "exports" / "slow\x1b[2J.csv", folder / "day" / "readings.csv"
+    export.parent.mkdir()
+    command = [sys.executable, "-m", "qsframework", "day", "experiment.yaml", "plan.csv", "-o", "day", *OPTIONS]
+    for text, count, said in (
+        ("".join(whole[2:6]) + whole[6][:-9], 0, "not taken: its last line has no end"),
+        ("".join(whole[2:5]), 2, "m3 to come"),
+        ("".join(whole[2:9]), 6, "as expected."),
+        ("".join(whole[2:]), 9, "as expected."),
+        ("# again\n" + "".join(whole[2:]), 9, "taken in before, nothing in it is new"),
+    ):
+        export.write_text(text)
+        done = subprocess.run(
+            [*command, "--watch", "exports", "--once"], cwd=folder, capture_output=True, text=True, timeout=600
+        )
+        assert done.returncode == 0, done.stderr
+        assert said in " ".join(done.stdout.split())
+        assert "\x1b" not in done.stdout
+        assert len(path.read_text().splitlines()) == 3 + count
+    assert [line.split(",")[:18] for line in path.read_text().splitlines()[2:]] == [
+        line.split(",")[:18] for line in "".join(whole[2:]).splitlines()
+    ]
+
+
+def test_what_is_typed_decides_as_the_page_does(folder: Path) -> None:
+    experiment = load_experiment(folder / "experiment.yaml")
+    plan = cell.make_day_plan(experiment)
+    day = begin(experiment, plan, folder / "day", cell.SHORT)
+    arm, rng = cell.draw_arm(experiment, 4)
+    while day.next != Slot(5, 0):
+        slot = day.next or Slot(0, 0)
+        xyz = arm.read(day, slot, rng)
+        xyz = cell.exchanged(xyz, arm, day, slot) if slot.visit == 4 else xyz
+        day, _ = enter(day, dict(zip(cell.MARKERS, xyz, strict=True)))
+    assert len(day.record.doubtful) == 3
+    (folder / "exports").mkdir()
+    command = [sys.executable, "-m", "qsframework", "day", "experiment.yaml", "plan.csv", "-o", "day", *OPTIONS]
+    done = subprocess.run(
+        [*command, "--watch", "exports", "--once"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        input="correct\nnonsense\nkeep\nagain\n",
+    )
+    said = " ".join(done.stdout.split())
+    assert "waits: Markers m1 and m2 are exchanged." in said
+    assert "corrected as proposed." in said
+    assert "kept as it is." in said
+    assert "to be read again." in said
+    assert "'nonsense' answers nothing that was asked" in said
+    after = begin(experiment, plan, folder / "day", cell.SHORT)
+    assert [after.record.states[Slot(4, k)].said for k in range(2)] == ["corrected", "kept"]
+    assert after.next == Slot(4, 2)
 
 
 PLANTED: dict[Slot, tuple[cell.Mistake, str, str]] = {

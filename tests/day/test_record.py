@@ -163,20 +163,25 @@ def test_one_spoilt_byte_costs_one_record_at_most(m900ib: Experiment, tmp_path: 
         assert len(day.record.rows) >= 12
         said = [] if len(day.record.rows) == 15 else ["day.jsonl: spoilt and not used: line"]
         assert [spoilt_words(day)[: len(s)] for s in said] == said
+        assert (tmp_path / "readings_before.csv").exists() == bool(day.record.spoilt)
+        (tmp_path / "readings_before.csv").unlink(missing_ok=True)
 
 
 def test_a_table_without_its_journal_is_not_overwritten(m900ib: Experiment, tmp_path: Path) -> None:
     day, _ = played(m900ib, tmp_path, 2)
     (tmp_path / "day.jsonl").unlink()
     before = day.record.table.read_bytes()
-    with pytest.raises(
-        InputError, match=r"stands there without day\.jsonl, and is not overwritten\. Put day\.jsonl back"
-    ):
+    said = r"stands there without day\.jsonl, or with an empty one, and is not overwritten\. Put day\.jsonl back"
+    with pytest.raises(InputError, match=said):
         begin(m900ib, cell.make_day_plan(m900ib), tmp_path, cell.SHORT)
     with pytest.raises(InputError, match="without day"):
         enter(day, {"m1": np.ones(3)})
-    assert day.record.table.read_bytes() == before
     assert not (tmp_path / "day.jsonl").exists()
+    (tmp_path / "day.jsonl").touch()
+    for _ in range(2):
+        with pytest.raises(InputError, match="with an empty one"):
+            begin(m900ib, cell.make_day_plan(m900ib), tmp_path, cell.SHORT)
+    assert day.record.table.read_bytes() == before
 
 
 def test_a_full_disk_stores_nothing_and_says_so(

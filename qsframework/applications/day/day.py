@@ -28,9 +28,10 @@ from qsframework.applications.day.record import (
     as_planned,
     delivery,
     grown,
-    is_new,
+    keep_before,
     next_series,
     opened,
+    unread,
     write_tables,
 )
 from qsframework.applications.protocol import ProtocolWish, make_protocol
@@ -83,7 +84,9 @@ def begin(experiment: Experiment, plan: Plan, folder: Path, wish: ProtocolWish |
     with opened(folder, protocol) as journal:
         series = experiment.frames[0].series if experiment.frames else "S1"
         record = Record(folder=folder, protocol=protocol, series=series, states={})
-        if not journal.records and not journal.spoilt:
+        if journal.spoilt:
+            keep_before(folder)
+        elif not journal.records:
             journal.append(delivery(record))
         record = grown(replace(record, spoilt=tuple(journal.spoilt)), journal.records)
         day = _seen(experiment, plan, expected(experiment, protocol), record)
@@ -149,26 +152,25 @@ def enter_states(
     """
     with locked(day) as (day, journal):
         if file is not None:
-            entries = [entry for entry in entries if is_new(day.record, entry)]
+            entries = [new for entry in entries if (new := unread(day.record, entry)).xyz]
             if file["sha256"] in day.record.files or not entries:
                 return day, []
         if of_next and entries[0].slot != day.next:
             there = "every state was read" if day.next is None else f"next is {_where(day, day.next)}"
             raise InputError(f"the day has moved on: {there}")
-        entries = [_merged(day, entry, file is not None) for entry in entries]
+        entries = [_merged(day, entry) for entry in entries]
         day, judged = _judged(day, journal, entries, **({} if file is None else {"file": dict(file)}))
     return day, judged
 
 
-def _merged(day: Day, entry: Entry, again: bool) -> Entry:
-    """A state with what was read there before, where `again` what is as it was may come again. InputError where none
-    can be taken."""
-    there, before = day.record.states.get(entry.slot), day.record.at(entry.slot)
-    same = [m for m, xyz in entry.xyz.items() if again and m in before and np.allclose(xyz, before[m], 0.0, 1e-9)]
-    new = {m: np.asarray(xyz, dtype=float) for m, xyz in entry.xyz.items() if m not in same}
-    _check(day, new, entry.slot)
-    series, at = (day.record.series, round(time.time(), 3)) if there is None else (there.series, there.time)
-    return replace(entry, xyz={**before, **new}, series=series, time=at)
+def _merged(day: Day, entry: Entry) -> Entry:
+    """A state with what was read there before. InputError where it cannot be."""
+    _check(day, entry.xyz, entry.slot)
+    new = {m: np.asarray(xyz, dtype=float) for m, xyz in entry.xyz.items()}
+    there = day.record.states.get(entry.slot)
+    if there is None:
+        return replace(entry, xyz=new, series=day.record.series, time=round(time.time(), 3))
+    return replace(entry, xyz={**there.xyz, **new}, series=there.series, time=there.time)
 
 
 def decide(day: Day, slot: Slot, decision: str, read_at: float | None = None) -> Day:

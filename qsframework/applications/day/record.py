@@ -22,6 +22,7 @@ from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
 from qsframework.experiment.columns import joint_cells, number, read_table, write_table
 from qsframework.experiment.readings_table import state_columns
+from qsframework.files import write_bytes
 from qsframework.files.journal import Journal
 from qsframework.plugin import Array
 
@@ -139,17 +140,38 @@ def opened(folder: Path, protocol: Protocol) -> Generator[Journal]:
         raise InputError(Problem(f"cannot be written: {error.strerror}", str(folder))) from error
     states = [[v.pose, v.repeat, v.pendant.tolist(), [s.wrench.tolist() for s in v.states]] for v in protocol.visits]
     plan = hashlib.sha256(json.dumps([states, protocol.markers]).encode()).hexdigest()[:12]
-    log, table = folder / LOG, folder / TABLE
-    if table.exists() and not log.exists():
-        hint = f"Put {LOG} back, which it was made from, or name another folder with -o."
-        raise InputError(Problem(f"stands there without {LOG}, and is not overwritten", str(table), hint=hint))
+    log = folder / LOG
+    if not log.exists():
+        _keep_tables(folder)
     try:
         journal = Journal(log, {"format": "measuring day 1", "robot": protocol.robot, "plan": plan}, _WAIT)
     except InputError as error:
         hint = "Name another folder with -o, or go on with the plan, the options and the seed of its beginning."
         raise InputError([replace(p, hint=hint) if "journal of" in p.message else p for p in error.problems]) from error
     with journal:
+        if not journal.records:
+            _keep_tables(folder)
         yield journal
+
+
+def _keep_tables(folder: Path) -> None:
+    """InputError where tables stand that no journal is there for."""
+    hint = f"Put {LOG} back, which it was made from, or name another folder with -o."
+    words = f"stands there without {LOG}, or with an empty one, and is not overwritten"
+    if problems := [Problem(words, str(table), hint=hint) for table in _tables(folder) if table.exists()]:
+        raise InputError(problems)
+
+
+def _tables(folder: Path) -> tuple[Path, Path]:
+    return folder / TABLE, floor_file(folder / TABLE)
+
+
+def keep_before(folder: Path) -> None:
+    """Keep the tables of a day whose journal was spoilt, as they first were: they may hold what it has lost."""
+    for table in _tables(folder):
+        kept = table.with_stem(f"{table.stem}_before")
+        if table.exists() and not kept.exists():
+            write_bytes(kept, table.read_bytes())
 
 
 def grown(record: Record, more: Sequence[Mapping[str, Any]]) -> Record:
@@ -168,9 +190,10 @@ def grown(record: Record, more: Sequence[Mapping[str, Any]]) -> Record:
     return replace(record, log=(*record.log, *more), states=states, read=frozenset(read), series=series)
 
 
-def is_new(record: Record, entry: Entry) -> bool:
-    """Whether a state holds a position that was never read there, to the last digit."""
-    return any(_key(entry.slot, *position) not in record.read for position in entry.xyz.items())
+def unread(record: Record, entry: Entry) -> Entry:
+    """A state without the positions that were read there before, to the last digit, taken back or not."""
+    new = {m: xyz for m, xyz in entry.xyz.items() if _key(entry.slot, m, xyz) not in record.read}
+    return replace(entry, xyz=new)
 
 
 def _key(slot: Slot, marker: str, xyz: Array) -> tuple[Any, ...]:

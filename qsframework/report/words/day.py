@@ -29,7 +29,7 @@ def spoilt_words(day: Day) -> str:
     """Which lines of the journal are none, and what became of the others."""
     lines = ", ".join(map(str, day.record.spoilt[:20]))
     more = f" and {len(day.record.spoilt) - 20} more" if len(day.record.spoilt) > 20 else ""
-    kept = "All other records are kept; read again what is missing."
+    kept = "All other records are kept; read again what is missing. readings_before.csv is the table as it was."
     return lines and f"day.jsonl: spoilt and not used: line {lines}{more}. {kept}"
 
 
