@@ -19,6 +19,7 @@ from qsframework.cli.export import plan_of
 from qsframework.cli.printing import print_folded
 from qsframework.errors import InputError, QsfError
 from qsframework.experiment import load_experiment
+from qsframework.files import sha256
 
 _POLL = 0.5
 """Seconds between two looks into the watched folder; a file has stopped changing that has not changed meanwhile."""
@@ -135,7 +136,7 @@ def _take(day: Day, path: Path, slot: Slot | None, plain: list[Path]) -> Day:
         return day
     for judged in said:
         print_folded(f"{path.name}: {judged_words(day, judged)}")
-    if not said:
+    if not said and day.record.files.get(sha256(path)) != path.name:  # a restart says nothing of what it finds again
         print_folded(f"{path.name}: {NOTHING_NEW}")
     return day
 

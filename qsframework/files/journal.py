@@ -62,7 +62,7 @@ class Journal(AbstractContextManager["Journal"]):
         self.spoilt = [number for number, line in enumerate(lines[:-1], start=1) if not line]
         if lines[-1]:  # whole but for its end of line
             self._write(b"\n")
-        else:
+        elif not content.endswith(b"\n"):
             self._cut(content.rfind(b"\n") + 1)
         if not every:
             self._write(first)

@@ -36,6 +36,7 @@ _NORMAL = (
     (re.compile(r"\b1[5-9]\d{8}\.\d+\b"), "<time>"),  # seconds since 1970
     (re.compile(r"\bimported: [0-9a-f]{16}\b"), "imported: <hash>"),
     (re.compile(r"\bcalib_[0-9a-f]{20}\b"), "calib_<hash>"),
+    (re.compile(r"^[0-9a-f]{8} (?=\{)", re.MULTILINE), "<seal> "),
 )
 _RULES = re.compile(r"[\u2500-\u257f]+")
 _PRINTED = "(text)"

@@ -100,9 +100,9 @@ class Record:
         return [slot for slot, entry in self.states.items() if entry.said == DOUBT]
 
     @property
-    def files(self) -> frozenset[str]:
-        """Hashes of the files that were taken in."""
-        return frozenset(record["file"]["sha256"] for record in self.log if "file" in record)
+    def files(self) -> dict[str, str]:
+        """Names of the files that were taken in, by their hashes."""
+        return {record["file"]["sha256"]: record["file"]["name"] for record in self.log if "file" in record}
 
     @property
     def floor(self) -> list[Mapping[str, Any]]:
