@@ -452,9 +452,9 @@ def main() -> None:
 def _refuse_empty(words: Sequence[str]) -> None:
     """InputError for an option or an argument whose value is empty, which would be read as the folder `.`."""
     for before, word in zip(["", *words], words, strict=False):
-        option = word[:-1] if word.startswith("--") and word.endswith("=") else before
-        if not word or option == word[:-1] != "":
-            named = option if option.startswith("-") else "an argument"
+        bare = word.startswith("--") and word.endswith("=")
+        if bare or not word:
+            named = word[:-1] if bare else before if before.startswith("-") else "an argument"
             raise InputError(Problem(f"{named}: the value is empty", hint="Give it a value, or leave it out."))
 
 
