@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import socket
+import struct
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -56,6 +57,23 @@ def test_another_hosts_name_is_refused() -> None:
         assert ask(port, "/", "evil.example")[0] == 403
         assert ask(port, "/etc/passwd")[0] == 404
         assert ask(port, "/../server.py")[0] == 404
+
+
+def test_a_client_that_leaves_is_no_traceback(capfd: pytest.CaptureFixture[str]) -> None:
+    gone = threading.Event()
+
+    def page(watch: str) -> str:
+        gone.wait(10.0)
+        return "x" * 20_000_000
+
+    with running(SceneSite(page, [])) as (_, port):
+        with socket.create_connection(("127.0.0.1", port)) as client:
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # leaves at once
+            client.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
+        gone.set()
+        assert ask(port, "/changed")[0] == 200
+        assert ask(port, "/")[0] == 200
+    assert capfd.readouterr().err == ""
 
 
 def test_a_changed_file_makes_a_new_page(tmp_path: Path) -> None:

@@ -266,22 +266,9 @@ def _comments(protocol: Protocol) -> list[str]:
 
 
 def _header(protocol: Protocol) -> list[str]:
-    header = ["pose", *protocol.units.names(), "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"]
-    return [
-        *header,
-        "marker",
-        "state",
-        "x_mm",
-        "y_mm",
-        "z_mm",
-        "load_id",
-        "series",
-        "repeat",
-        "cycle",
-        "time_s",
-        "drive_state",
-        "use",
-    ]
+    header = ["pose", *protocol.units.names(), "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm", "marker", "state"]
+    header += ["x_mm", "y_mm", "z_mm", "load_id", "series", "repeat", "cycle", "time_s", "drive_state", "use"]
+    return header
 
 
 def _cells(protocol: Protocol, entry: Entry, began: float) -> Iterator[list[str]]:
