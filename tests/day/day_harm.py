@@ -184,7 +184,7 @@ def kill_paged(place: Path, seed: int, kills: int) -> tuple[int, list[str]]:
     arm, rng = cell.draw_arm(experiment, seed)
     one = Paged(place, experiment, random.Random(seed))
     same = begin(experiment, plan, place / "same", cell.SHORT)
-    at = sorted(one.chance.sample(range(1, 30), kills))
+    at = sorted(one.chance.sample(range(1, 24), kills))
     one.start()
     step = 0
     while True:
