@@ -372,16 +372,16 @@ def table_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return stream.getvalue()
 
 
-_RUN = ("=", "+", "-", "@", "\t", "\r")
-"""Where a cell begins with one of these and is no number, a spreadsheet runs it."""
+_RUN = re.compile(r"(?:^|(?<=[;\t]))(?='*[=+\-@\t\r].)")
+_QUOTED = re.compile(r"(?:^|(?<=[;\t]))'(?='*[=+\-@\t\r].)")
+"""Where a spreadsheet runs a cell, which in many countries begins after a semicolon too; and the mark against it."""
 
 
 def quoted(cell: str) -> str:
     """The cell as a spreadsheet shows it and runs nothing: with an apostrophe before, which our reading takes off."""
-    runs = cell.startswith(_RUN) and not DECIMAL.fullmatch(cell)
-    return f"'{cell}" if runs or unquoted(cell) != cell else cell
+    return cell if DECIMAL.fullmatch(cell) else _RUN.sub("'", cell)
 
 
 def unquoted(cell: str) -> str:
     """The cell that was quoted."""
-    return cell[1:] if cell.startswith("'") and cell.lstrip("'").startswith(_RUN) else cell
+    return _QUOTED.sub("", cell) if "'" in cell else cell

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -72,10 +73,24 @@ def test_a_name_that_is_printed_shows_none(text: str, capsys: pytest.CaptureFixt
 
 
 def test_what_a_spreadsheet_would_run_is_quoted_and_read_back() -> None:
-    names = ["=cmd|' /C calc'!A0", "+1+1", "-A1", "@SUM(1)", "p01", "-1.5e3", "'=x", "it's"]
+    names = [
+        "=cmd|' /C calc'!A0",
+        "+1+1",
+        "-A1",
+        "@SUM(1)",
+        "p01",
+        "-1.5e3",
+        "'=x",
+        "it's",
+        "a;=1+1",
+        "\t=1",
+        "'a",
+        "=a'b",
+    ]
     text = table_text(["pose", "z"], [[name, "-1"] for name in names])
     cells = [row[0] for row in csv.reader(text.splitlines())][1:]
-    assert not [cell for cell in cells if cell[0] in "=+-@" and cell != "-1.5e3"]
+    begun = [part for cell in cells for part in re.split("[;\t]", cell) if part[:1] in tuple("=+-@")]
+    assert begun == ["-1.5e3"]
     assert [unquoted(cell) for cell in cells] == names
 
 
