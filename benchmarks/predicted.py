@@ -312,7 +312,9 @@ def rows(found: Mapping[str, Sequence[Compared]]) -> str:
             own = [c for c in compared if c.reading == reading and not c.tied]
             ties = sum(c.tied for c in compared if c.reading == reading)
             worst = [max((abs(getattr(c, k) - 1.0) for c in own), default=0.0) for k in ("predicted", "fitted")]
-            lines.append((robot, reading, len(own), *(f"{100 * w:.2g} %" for w in worst), ties))
+            lines.append(
+                (robot, reading, len(own), *(f"{100 * w:.2f} %" if w >= 1e-4 else "< 0.01 %" for w in worst), ties)
+            )
     head = ("robot", "readings", "parameters", "predicted, at most off", "fit, at most off", "ties")
     return table(head, lines)
 
