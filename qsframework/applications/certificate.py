@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
+from qsframework.diagnose import Diagnosis
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings, make_rows
 from qsframework.experiment.observations import ReadingRows, values_before
@@ -21,6 +22,7 @@ from qsframework.identify import FitRecord, validate, validate_halves
 from qsframework.identify.soundness import check_fit
 from qsframework.identify.validate import Validation, fitted_frames
 from qsframework.plugin import Array
+from qsframework.screening.conventions import adopted
 
 COVERAGE = 2.0
 """k: expanded uncertainties are so many standard ones."""
@@ -147,14 +149,25 @@ def read_meta(path: Path | None) -> MetaSpec:
 
 
 def certify(
-    experiment: Experiment, fit: FitRecord, readings: Readings, meta: MetaSpec, *, halves: int = HALVES, seed: int = 0
+    experiment: Experiment,
+    fit: FitRecord,
+    readings: Readings,
+    meta: MetaSpec,
+    *,
+    halves: int = HALVES,
+    seed: int = 0,
+    diagnosis: Diagnosis | None = None,
 ) -> Certificate:
     """The certificate of a fit by readings: those that it has not seen, else by random halves of its own.
 
+    diagnosis: of these readings, where one was made; without one the certificate says that nobody looked.
+
     Raises InputError where the fit is not one that may be certified: not to be trusted (`soundness.check_fit`; a
-    certificate knows no exception), or no better than the values before at the readings held out.
+    certificate knows no exception), no better than the values before at the readings held out, or
+    where the diagnosis names what the fit does not have.
     """
     notes = check_fit(fit, experiment.robot, experiment, readings, anyway=None)
+    notes += _open_causes(experiment, readings, diagnosis)
     found = validate(experiment, readings, fit)
     if found.seen:
         found = validate_halves(experiment, readings, fit, halves, seed)
@@ -187,6 +200,33 @@ def certify(
         files=(experiment.path, Path(fit.path), *readings.sources),
         notes=notes,
     )
+
+
+def _open_causes(experiment: Experiment, readings: Readings, diagnosis: Diagnosis | None) -> tuple[str, ...]:
+    """What to note of a diagnosis. InputError where it names a cause or a mistake that the fit does not have."""
+    if diagnosis is None:
+        return ("whether a cause that the model does not have acts was not asked (`qsf diagnose`)",)
+    named = [f.name for f in diagnosis.findings if not f.doubtful] + [c.name for c in adopted(diagnosis.conventions)]
+    if named:
+        raise InputError(
+            f"{readings.where}: no certificate: the readings name what the fit does not have, {', '.join(named)}. "
+            f"Extend the robot, then identify and certify that: `qsf diagnose {experiment.path} --extend FOLDER`"
+        )
+    doubtful = [f.name for f in diagnosis.findings]
+    if diagnosis.leftovers:
+        doubtful.append("a law that no cause of the library explains")
+    return (f"the readings hint at {', '.join(doubtful)}, which the model does not have",) if doubtful else ()
+
+
+def extended_by(experiment: Experiment) -> tuple[str, ...]:
+    """Effects that were not there before the readings which their values are from: what a diagnosis added."""
+    model = experiment.model()
+    out: list[str] = []
+    for effect, part in zip(model.effects, model.slices, strict=True):
+        own = model.parameters[part]
+        if own and all(p.earlier and p.earlier[0][0] == p.null for p in own):
+            out.append(effect.name)
+    return tuple(out)
 
 
 def _quantities(experiment: Experiment, fit: FitRecord) -> tuple[Quantity, ...]:

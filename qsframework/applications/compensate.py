@@ -48,6 +48,7 @@ class Compensation:
     left (N, 6): the same after the correction, by the same parameters: what the solver left
     covariance (N, 6, 6): of the tip's error after the correction, from the fit's covariance and the uncertainty that
     was stated for the measuring campaign's load; noise_covariance: without the latter
+    quantity: of what the errors are, as the fit's readings allow: "position" or "deflection under load"
     """
 
     targets: Targets
@@ -60,6 +61,7 @@ class Compensation:
     noise_covariance: Array
     notes: tuple[str, ...] = ()
     reference: str = "commanded"
+    quantity: str = "position"
 
     @property
     def size(self) -> Array:
@@ -148,7 +150,7 @@ def compensate(
     _check_corrected(experiment, targets, pendant, deflection, left)
     command = rigid_tip(experiment.robot, experiment.load_site, experiment.robot.controller.to_joints(pendant))
     stood = Poses(pendant, experiment.robot.controller.to_joints(pendant), targets.wrench)
-    notes = (*doubted, *fit_notes(experiment, fit), *range_notes(model, stood, targets.name, x))
+    notes = (*doubted, *_scope(fit), *fit_notes(experiment, fit), *range_notes(model, stood, targets.name, x))
     return Compensation(
         targets=targets,
         units=experiment.robot.controller.units,
@@ -160,7 +162,23 @@ def compensate(
         noise_covariance=noise,
         notes=notes,
         reference=reference,
+        quantity=fit.account.quantity,
     )
+
+
+def _scope(fit: FitRecord) -> tuple[str, ...]:
+    """Of what the expected errors are, where that is not the position in the base frame."""
+    if not fit.account.positions:
+        return (
+            "the fit is of deflections under load: the expected errors are of these; where the unloaded arm stands in "
+            "its base frame was not measured",
+        )
+    if fit.account.frames:
+        return (
+            "the instrument's frame was estimated from the same readings: the expected errors are in that frame, and "
+            "what turns or shifts the whole arm or its tool is absorbed there",
+        )
+    return ()
 
 
 def arm_values(experiment: Experiment, fit: FitRecord) -> Array:

@@ -258,7 +258,7 @@ def finish(day: Day, files: DayFiles) -> list[str]:
     from qsframework.applications.certificate import certify, read_meta
     from qsframework.applications.day.so_far import accepted
     from qsframework.cli.commands import write_json
-    from qsframework.diagnose import diagnose
+    from qsframework.diagnose import Diagnosis, diagnose
     from qsframework.identify import identify, read_fit
     from qsframework.report import fit_sections, write_report
     from qsframework.report.certificate_page import write_certificate
@@ -278,6 +278,7 @@ def finish(day: Day, files: DayFiles) -> list[str]:
     out.append(f"fit.json, fit.html: {verdict_words(fit)}")
     if day.record.doubtful:
         out.append(f"{len(day.record.doubtful)} states wait for a decision and are left out")
+    found: Diagnosis | None = None
     try:
         found = diagnose(experiment, readings)
         write_report(
@@ -290,7 +291,9 @@ def finish(day: Day, files: DayFiles) -> list[str]:
     except QsfError as error:
         out.append(f"no diagnosis: {error}")
     try:
-        certified = certify(experiment, read_fit(folder / "fit.json"), readings, read_meta(None), halves=10, seed=0)
+        certified = certify(
+            experiment, read_fit(folder / "fit.json"), readings, read_meta(None), halves=10, seed=0, diagnosis=found
+        )
         write_certificate(folder / "certificate.html", certified)
         out.append(f"certificate.html: {conformity_words(certified.conformity)}")
     except QsfError as error:

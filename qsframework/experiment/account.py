@@ -62,6 +62,11 @@ class Account(FileRecord):
         return "position" in self.kinds
 
     @property
+    def quantity(self) -> str:
+        """What was measured, in words."""
+        return "position" if self.positions else "deflection under load"
+
+    @property
     def hashes(self) -> tuple[str, ...]:
         """Of the files of readings."""
         return tuple(file.sha256 for file in self.files)

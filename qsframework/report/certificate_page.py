@@ -12,7 +12,14 @@ from qsframework.applications.certificate import COVERAGE, Certificate, Quantity
 from qsframework.files import sha256
 from qsframework.report.printed import write_page
 from qsframework.report.provenance import robot_files
-from qsframework.report.words.certificate import RULES, SOURCES, assumed_words, conformity_words, held_out_words
+from qsframework.report.words.certificate import (
+    RULES,
+    SOURCES,
+    assumed_words,
+    conformity_words,
+    held_out_words,
+    scope_words,
+)
 from qsframework.report.words.sizes import shown
 
 MISSING = "not stated"
@@ -34,6 +41,8 @@ def write_certificate(path: str | Path, found: Certificate) -> Path:
         verdict=conformity_words(found.conformity),
         decision="" if found.conformity is None else RULES[found.conformity.rule],
         held_out=held_out_words(found),
+        quantity=found.fit.account.quantity,
+        scope=scope_words(found),
         accuracy=accuracy(found),
         picture=_distribution(found),
         arrivals=arrivals(found),

@@ -12,13 +12,14 @@ from typer.testing import CliRunner
 
 from qsframework.applications.certificate import MetaSpec, certify, read_meta
 from qsframework.cli.main import app
+from qsframework.diagnose import diagnose
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings, example, load_experiment, make_plan, read_readings, simulate
 from qsframework.identify import FitRecord, identify, read_fit, write_fit
 from qsframework.plugin import Array, Poses
 from qsframework.report.certificate_page import arrivals, pair, write_certificate
-from qsframework.report.words.certificate import conformity_words
+from qsframework.report.words.certificate import conformity_words, scope_words
 from tests.identify.records import with_values
 
 LINEAR = FitOptions(linear=True)
@@ -205,3 +206,26 @@ def test_the_command_writes_a_template_and_says_what_is_missing(tmp_path: Path) 
     assert "No tolerance is stated" in told.output
     again = run.invoke(app, ["certificate", ur10])
     assert isinstance(again.exception, InputError)
+
+
+def test_no_certificate_while_a_diagnosis_names_what_the_fit_does_not_have() -> None:
+    """The documented way leads to one: the extended robot, which says what it was extended by."""
+    experiment = load_experiment(example("hidden_effect") / "experiment.yaml")
+    readings = read_readings(experiment.data, experiment)
+    fit, found = identify(experiment, readings), diagnose(experiment, readings)
+    with pytest.raises(InputError, match=r"the readings name what the fit does not have, joint_hardening\[joint_3\]"):
+        certify(experiment, fit, readings, MetaSpec(), halves=1, diagnosis=found)
+    told = certify(experiment, fit, readings, MetaSpec(), halves=1)
+    assert any("was not asked" in note for note in told.notes)
+    (said,) = scope_words(told)
+    assert said.startswith("Measured: deflections under load, loaded minus unloaded, 180 readings at 60 visits.")
+    assert "where the unloaded arm stands in its base frame was not measured" in said
+
+
+def test_positions_in_an_estimated_frame_are_certified_in_that_frame() -> None:
+    experiment = load_experiment(example("ur10") / "experiment.yaml")
+    readings = read_readings(experiment.data, experiment)
+    told = certify(experiment, identify(experiment, readings), readings, MetaSpec(), halves=1)
+    (said,) = scope_words(told)
+    assert "in the frame of the instrument, which was estimated from the same readings" in said
+    assert "an error in the base frame is not known" in said

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from qsframework.applications.certificate import COVERAGE, Certificate, Conformity
+from qsframework.applications.certificate import COVERAGE, Certificate, Conformity, extended_by
 
 SOURCES = {
     "parameters": ("noise of the readings that the parameters rest on", "fit, covariance of the parameters"),
@@ -29,6 +29,32 @@ def held_out_words(found: Certificate) -> str:
             "were fitted and the other half judged each time: the whole fit is no worse than that."
         )
     return f"At {found.readings} readings of {found.poses} poses that the fit has not seen."
+
+
+def scope_words(found: Certificate) -> list[str]:
+    """What was measured, in which frame, and what nobody can say."""
+    account = found.fit.account
+    counted = f"{account.reads} readings at {account.visits} visits"
+    if not account.positions:
+        out = [
+            f"Measured: deflections under load, loaded minus unloaded, {counted}. All errors and uncertainties here "
+            "are of the deflection under load; where the unloaded arm stands in its base frame was not measured."
+        ]
+    elif account.frames:
+        absorbed = [n for n in found.fit.names if n.startswith(("marker_offset", "load_point_offset"))]
+        also = f", and so did the tool ({', '.join(absorbed[:_MOST])})" if absorbed else ""
+        out = [
+            f"Measured: positions, {counted}, in the frame of the instrument, which was estimated from the same "
+            f"readings (series {', '.join(n or 'unnamed' for n in account.frames)}){also}. Errors and uncertainties "
+            "are in that frame: what turns or shifts the whole arm, or its tool, is absorbed there; an error in the base "
+            "frame is not known."
+        ]
+    else:
+        out = [f"Measured: positions, {counted}, in the base frame, as the frame of the instrument was stated."]
+    added = extended_by(found.experiment)
+    if added:
+        out.append(f"The model is extended by what a diagnosis of readings found: {', '.join(added)}.")
+    return out
 
 
 def conformity_words(c: Conformity | None) -> str:
