@@ -46,8 +46,8 @@ def scope_words(found: Certificate) -> list[str]:
         out = [
             f"Measured: positions, {counted}, in the frame of the instrument, which was estimated from the same "
             f"readings (series {', '.join(n or 'unnamed' for n in account.frames)}){also}. Errors and uncertainties "
-            "are in that frame: what turns or shifts the whole arm, or its tool, is absorbed there; an error in the base "
-            "frame is not known."
+            "are in that frame: what turns or shifts the whole arm, or its tool, is absorbed there; an error in the "
+            "base frame is not known."
         ]
     else:
         out = [f"Measured: positions, {counted}, in the base frame, as the frame of the instrument was stated."]
