@@ -325,7 +325,7 @@ def _check_archive(path: Path) -> None:
             for part in (p for p in parts if not p.filename.startswith("xl/media/")):
                 if part.file_size > _PART and not part.filename.startswith(_LARGE_PARTS):
                     raise InputError(Problem(f"holds a part of more than {_PART // 1_000_000} MB", str(path)))
-                with archive.open(part) as stream:
+                with archive.open(name=part) as stream:
                     start = stream.read(4096)
                     if b"<!DOCTYPE" in start or b"<!ENTITY" in start:
                         raise InputError(Problem("holds XML that no workbook holds", str(path)))
