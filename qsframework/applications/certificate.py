@@ -210,7 +210,7 @@ def _open_causes(experiment: Experiment, readings: Readings, diagnosis: Diagnosi
     if named:
         raise InputError(
             f"{readings.where}: no certificate: the readings name what the fit does not have, {', '.join(named)}. "
-            f"Extend the robot, then identify and certify that: `qsf diagnose {experiment.path} --extend FOLDER`"
+            "Let the diagnosis write the extended robot, then identify and certify that"
         )
     doubtful = [f.name for f in diagnosis.findings]
     if diagnosis.leftovers:

@@ -41,7 +41,8 @@ def scope_words(found: Certificate) -> list[str]:
             "are of the deflection under load; where the unloaded arm stands in its base frame was not measured."
         ]
     elif account.frames:
-        absorbed = [n for n in found.fit.names if n.startswith(("marker_offset", "load_point_offset"))]
+        tool = found.experiment.model().of_role("marker offset")
+        absorbed = [n for n in found.fit.names if n in tool]
         also = f", and so did the tool ({', '.join(absorbed[:_MOST])})" if absorbed else ""
         out = [
             f"Measured: positions, {counted}, in the frame of the instrument, which was estimated from the same "
