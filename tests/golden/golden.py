@@ -122,7 +122,9 @@ def run_line(line: str, folder: Path) -> Record:
         code = _run(shlex.split(line))
     new = {name: found[0] for name, found in _written(folder).items() if found != before.get(name)}
     texts = {"stdout": out.getvalue(), "stderr": err.getvalue()}
-    places = {str(folder): "<folder>", str(ROOT): "<repository>"}
+    there = folder.resolve()  # as experiments in the repository call it, which a clone elsewhere calls otherwise
+    places = {os.path.relpath(there, start): "<folder>" for start in (HERE / "inputs", ROOT / "examples" / "one")}
+    places |= {str(folder): "<folder>", str(ROOT): "<repository>"}
     return record(code, {n: t for n, t in texts.items() if t}, new, places, _own())
 
 
