@@ -14,7 +14,7 @@ from qsframework.elastostatics import springs
 from qsframework.elastostatics.direct import element_readings, geometry_tangents
 from qsframework.elastostatics.equilibrium import Settled, settle, stiffness_left
 from qsframework.elastostatics.evaluation import Held, PlacedArm, gather
-from qsframework.elastostatics.sensors import said
+from qsframework.elastostatics.sensors import said, sense
 from qsframework.elastostatics.structure import Structure
 from qsframework.elastostatics.tangents import changes, reading_along
 from qsframework.plugin import Array, ParallelSpring, Poses, Sensor, StiffnessTerm, laws
@@ -40,18 +40,21 @@ class SettledState:
 
     def followed(self) -> Array:
         """d reading (K, ne, 3, N) per unit by which something beside its springs moves each elastic coordinate."""
-        ev, inverse = _placed(self), _response(self.settled).inverse
-        markers, sensed = ev.state.markers, ev.sense(None)
+        state, inverse = self.settled.at.state, _response(self.settled).inverse
+        sensors, names = self.model.of_kind(Sensor, self.x), self.model.marker_names
+        sensed = sense(sensors, state, None, names, state.motion.context) if sensors else None
 
         def reached(own: Array) -> Array:
             return own if inverse is None else np.einsum("kaxn,abn->kbxn", own, inverse)
 
-        shift = reached(np.stack([m.linear for m in markers]))
+        shift = reached(np.stack([m.linear for m in state.markers]))
         if sensed is None:
             return shift
         out = np.einsum("nkij,kajn->kain", sensed.by_position, shift)
         if sensed.turns:
-            out += np.einsum("nkij,kajn->kain", sensed.by_rotation, reached(np.stack([m.angular for m in markers])))
+            out += np.einsum(
+                "nkij,kajn->kain", sensed.by_rotation, reached(np.stack([m.angular for m in state.markers]))
+            )
         return out
 
     def rates(self, wanted: Sequence[int]) -> Array:
