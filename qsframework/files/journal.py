@@ -26,10 +26,11 @@ class Journal(AbstractContextManager["Journal"]):
 
     records: those that were there and those that were appended, in their order; spoilt: numbers of the lines that are
     not as they were written, which stay in the file and are no records. A last line that a kill cut short is cut off.
-    wait: s to wait for another process. InputError where the file has another header, is in use, or cannot be written.
+    wait: s to wait for another process; other: what to do where the file is another's. InputError where the file has
+    another header, is in use, or cannot be written.
     """
 
-    def __init__(self, path: str | Path, header: Mapping[str, Any], wait: float = 0.0):
+    def __init__(self, path: str | Path, header: Mapping[str, Any], wait: float = 0.0, *, other: str | None = None):
         self.path, self.records, self.spoilt = Path(path), list[dict[str, Any]](), list[int]()
         if self.path.exists() and not self.path.is_file():
             raise self._refusal("cannot be written: this is no ordinary file")
@@ -43,21 +44,21 @@ class Journal(AbstractContextManager["Journal"]):
                 raise self._refusal("another process is writing this file", hint) from error
             except OSError as error:
                 raise self._refusal(f"cannot be written: {error.strerror}") from error
-            self._read(header)
+            self._read(header, other or "Give another file: nothing is overwritten.")
             stack.pop_all()
 
     def _refusal(self, words: str, hint: str | None = None) -> InputError:
         return InputError(Problem(words, file=str(self.path), hint=hint))
 
-    def _read(self, header: Mapping[str, Any]) -> None:
+    def _read(self, header: Mapping[str, Any], other: str) -> None:
         """Take the records that are whole, and cut off an end that is not. An empty file gets its header."""
         content, first = self._stream.read(), _sealed(header)
         lines = [list(_records(line)) for line in content.split(b"\n")]
         every, wanted = [record for line in lines for record in line], _opened(first)
         if not every and not first.startswith(content):
-            raise self._refusal(*_STRANGE)
+            raise self._refusal("this is no journal of qsframework", other)
         if every and "format" in every[0] and every[0] != wanted:
-            raise self._refusal(f"this is a journal of {_words(every[0])}, not of {_words(header)}", _STRANGE[1])
+            raise self._refusal(f"this is a journal of {_words(every[0])}, not of {_words(header)}", other)
         self.records = [record for record in every if record != wanted]
         self.spoilt = [number for number, line in enumerate(lines[:-1], start=1) if not line]
         if lines[-1]:  # whole but for its end of line
@@ -98,7 +99,6 @@ class Journal(AbstractContextManager["Journal"]):
 
 _SEAL = re.compile(rb"(?<=.)(?=[0-9a-f]{8} \{)")
 """Where a record begins within a line."""
-_STRANGE = "this is no journal of qsframework", "Give another file: nothing is overwritten."
 
 
 def _sealed(record: Mapping[str, Any]) -> bytes:

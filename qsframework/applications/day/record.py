@@ -143,12 +143,9 @@ def opened(folder: Path, protocol: Protocol) -> Generator[Journal]:
     log = folder / LOG
     if not log.exists():
         _keep_tables(folder)
-    try:
-        journal = Journal(log, {"format": "measuring day 1", "robot": protocol.robot, "plan": plan}, _WAIT)
-    except InputError as error:
-        hint = "Name another folder with -o, or go on with the plan, the options and the seed of its beginning."
-        raise InputError([replace(p, hint=hint) if "journal of" in p.message else p for p in error.problems]) from error
-    with journal:
+    hint = "Name another folder with -o, or go on with the plan, the options and the seed of its beginning."
+    header = {"format": "measuring day 1", "robot": protocol.robot, "plan": plan}
+    with Journal(log, header, _WAIT, other=hint) as journal:
         if not journal.records:
             _keep_tables(folder)
         yield journal
