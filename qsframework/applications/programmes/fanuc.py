@@ -11,10 +11,10 @@ from pathlib import Path
 from qsframework.applications.programmes.source import (
     NUMBER,
     Cell,
-    Motion,
     Parts,
+    ProgrammeMotion,
     ProgrammePoint,
-    Statement,
+    SourceStatement,
     Token,
     bracketed,
     number,
@@ -77,23 +77,23 @@ def _set_when_it_runs(point: ProgrammePoint, set_in: Mapping[tuple[str, str], in
     return point
 
 
-def _lines(path: Path, tokens: Sequence[Token]) -> Iterator[Statement]:
+def _lines(path: Path, tokens: Sequence[Token]) -> Iterator[SourceStatement]:
     """The numbered lines; a line without a number goes on with the one before, where that has not ended."""
     own = list[Token]()
     for token in tokens:
         starts = token.kind in ("head", "remark") and token.text.strip(" \t\r:") != ""
         if own and (token.kind == "end" or starts):
-            yield Statement(path, tuple(own))
+            yield SourceStatement(path, tuple(own))
             own = []
         if token.kind == "remark":
-            yield Statement(path, (token,))
+            yield SourceStatement(path, (token,))
         elif token.kind not in ("head", "end"):
             own.append(token)
     if own:
-        yield Statement(path, tuple(own))
+        yield SourceStatement(path, tuple(own))
 
 
-def _motion(line: Statement, known: dict[str, None], conveyor: bool) -> Motion | None:
+def _motion(line: SourceStatement, known: dict[str, None], conveyor: bool) -> ProgrammeMotion | None:
     """The motion of a line: J, L, C, A or S, and what is numbered in brackets."""
     tokens, words = line.tokens, line.upper
     if words[0] not in _MOTIONS or len(tokens) < 3 or tokens[1].kind != "word" or words[2] != "[":
@@ -121,7 +121,7 @@ def _motion(line: Statement, known: dict[str, None], conveyor: bool) -> Motion |
             said, keep = [*said, f"{name} is moved to, but {held}"], name if not said else keep
     if said:
         problem = unmoved(line, said[0], keep, allowed="P[n] with a position under /POS")
-    return Motion(statement=line, points=tuple(dict.fromkeys(targets)), keep=keep, problem=problem)
+    return ProgrammeMotion(statement=line, points=tuple(dict.fromkeys(targets)), keep=keep, problem=problem)
 
 
 def positions(path: Path, tokens: Sequence[Token]) -> list[ProgrammePoint]:

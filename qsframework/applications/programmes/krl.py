@@ -15,10 +15,10 @@ from qsframework.applications.programmes.poses import POSES, matrix
 from qsframework.applications.programmes.source import (
     NUMBER,
     Cell,
-    Motion,
     Parts,
+    ProgrammeMotion,
     ProgrammePoint,
-    Statement,
+    SourceStatement,
     Token,
     bracketed,
     enclosed,
@@ -46,7 +46,7 @@ _ENDS = ("WITH", "C_PTP", "C_DIS", "C_VEL", "C_ORI", "C_SPL", "C_JERK")
 _ALLOWED = "A1 to A6 or X, Y, Z, A, B, C, S, T; E1 to E6; each with a number"
 _REMOTE = "the tool stands in the cell (IPO_FRAME #TCP) and the arm holds the work, which is not corrected"
 _NULL = (["$NULLFRAME"], ["$WORLD"])
-_Move = tuple[Statement, dict[str, str]]
+_Move = tuple[SourceStatement, dict[str, str]]
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class _Data:
 
 def read(texts: Mapping[Path, str]) -> Parts:
     """The parts of a module's files. InputError where one is not whole, or has no .src."""
-    lines, problems = list[Statement](), list[Problem]()
+    lines, problems = list[SourceStatement](), list[Problem]()
     for path, text in texts.items():
         own = list(statements(path, _closed(path, text, problems)))
         problems += _module(path, own)
@@ -119,7 +119,7 @@ def _closed(path: Path, text: str, problems: list[Problem]) -> list[Token]:
     return out
 
 
-def _module(path: Path, lines: Sequence[Statement]) -> list[Problem]:
+def _module(path: Path, lines: Sequence[SourceStatement]) -> list[Problem]:
     """What a file of a module begins and ends with."""
     opened, closed = ("DEFDAT", "ENDDAT") if path.suffix.lower() == ".dat" else ("DEF", "END")
     first = [w[1] if w[0] == "GLOBAL" and len(w) > 1 else w[0] for line in lines if (w := line.upper)]
@@ -152,7 +152,7 @@ def literal(tokens: Sequence[Token]) -> tuple[dict[str, Cell], str] | None:
     return cells, wrong
 
 
-def _frames(lines: Sequence[Statement]) -> dict[str, tuple[str, str, bool]]:
+def _frames(lines: Sequence[SourceStatement]) -> dict[str, tuple[str, str, bool]]:
     """Tool, base and whether the tool stands in the cell, of each FDAT by its name."""
     out: dict[str, tuple[str, str, bool]] = {}
     for line in lines:
@@ -168,7 +168,7 @@ def _fdat(tokens: Sequence[Token]) -> tuple[str, str, bool]:
     return parts.get("TOOL_NO", ""), parts.get("BASE_NO", ""), parts.get("IPO_FRAME", "").upper() == "#TCP"
 
 
-def _definitions(line: Statement, names: Names) -> None:
+def _definitions(line: SourceStatement, names: Names) -> None:
     """What a line gives to names: declarations of points, and assignments."""
     words = line.upper
     at = next((k for k, word in enumerate(words) if word not in _BEFORE), 0)
@@ -192,7 +192,7 @@ def _definitions(line: Statement, names: Names) -> None:
             names.change(line, shown(own))
 
 
-def _verb(line: Statement) -> int | None:
+def _verb(line: SourceStatement) -> int | None:
     """Where the motion of a line begins: with the line, or behind the word that leads to it."""
     for k, word in enumerate(line.upper):
         if _MOTION.fullmatch(word) and (k == 0 or line.upper[k - 1] in ("THEN", "ELSE", "DO", ":")):
@@ -200,7 +200,7 @@ def _verb(line: Statement) -> int | None:
     return None
 
 
-def _follow(line: Statement, track: Track, data: _Data) -> None:
+def _follow(line: SourceStatement, track: Track, data: _Data) -> None:
     """What a line says of the tool, the base and the interpolation from there on."""
     words = line.upper
     first = words[1] if words[0] == "GLOBAL" and len(words) > 1 else words[0]
@@ -259,7 +259,7 @@ def _chosen(tokens: Sequence[Token], data: _Data) -> dict[str, str]:
     return out
 
 
-def _motion(line: Statement, here: dict[str, str], names: Names, data: _Data) -> Motion:
+def _motion(line: SourceStatement, here: dict[str, str], names: Names, data: _Data) -> ProgrammeMotion:
     """A motion by its line, from its verb on, and what holds there."""
     tokens, verb = line.tokens, line.upper[0]
     ends = [k for k, word in enumerate(line.upper) if word in _ENDS]

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 
 from qsframework.applications.programmes.source import (
     Cell,
-    Motion,
+    ProgrammeMotion,
     ProgrammePoint,
-    Statement,
+    SourceStatement,
     Token,
     bracketed,
     shown,
@@ -37,7 +37,7 @@ class Names:
     changes: dict[str, str] = field(default_factory=dict[str, str])
     frames: dict[str, set[tuple[str, str]]] = field(default_factory=dict[str, set[tuple[str, str]]])
 
-    def give(self, statement: Statement, name: str, value: Sequence[Token]) -> bool:
+    def give(self, statement: SourceStatement, name: str, value: Sequence[Token]) -> bool:
         """Name gets a value: a point of numbers, if this is the first value that it gets. Whether it is a point."""
         key, read = self.fold(name), self.literal(value)
         if key in self.points or key in self.changes or read is None:
@@ -50,15 +50,15 @@ class Names:
         )
         return True
 
-    def change(self, statement: Statement, name: str) -> None:
+    def change(self, statement: SourceStatement, name: str) -> None:
         """Name, or a part of it, gets a value when the programme runs; of an array every element may."""
         first = self.points.get(self.fold(name))
         at = f"in lines {first.line} and {statement.line}" if first else f"in line {statement.line}"
         self.changes.setdefault(self.fold(name), f"{name} gets its value {at} when the programme runs")
 
     def motion(
-        self, statement: Statement, targets: Sequence[Sequence[Token]], stated: tuple[str, str], wrong: str = ""
-    ) -> Motion:
+        self, statement: SourceStatement, targets: Sequence[Sequence[Token]], stated: tuple[str, str], wrong: str = ""
+    ) -> ProgrammeMotion:
         """A motion to targets with a tool and a frame; wrong: why it is not corrected, whatever the targets are."""
         goes, keep, stands = list[str](), f"line {statement.line}", False
         for k, tokens in enumerate(targets, start=1):
@@ -80,7 +80,9 @@ class Names:
             self.frames.setdefault(self.fold(name), set()).add(stated)
         names = tuple(dict.fromkeys(self.points[self.fold(name)].name for name in goes))
         problem = unmoved(statement, wrong, keep, allowed="a point of numbers in this programme") if wrong else None
-        return Motion(statement=statement, points=names, keep=keep, stands=stands and not names, problem=problem)
+        return ProgrammeMotion(
+            statement=statement, points=names, keep=keep, stands=stands and not names, problem=problem
+        )
 
     def _named(self, tokens: Sequence[Token]) -> tuple[list[str], str]:
         """The points that a name, or the element of an array, may be, and why it is none."""

@@ -12,7 +12,7 @@ from qsframework.plugin import Array
 
 
 @dataclass(frozen=True, kw_only=True)
-class Convention:
+class Orientation:
     """A controller's. axes: names of a pose's numbers; letter, most: of the arm's joints; length, angle: of its units
     in m and rad; turns: Euler angles about fixed (xyz) or moving (ZYX) axes, or "vector"; digits: decimals of a
     corrected number; stated: how a tool or a frame is given."""
@@ -32,18 +32,18 @@ class Convention:
 
 
 POSES = {
-    "fanuc": Convention(
+    "fanuc": Orientation(
         axes=("X", "Y", "Z", "W", "P", "R"), letter="J", most=9, stated="X, Y, Z, W, P, R in mm and deg"
     ),
-    "kuka": Convention(
+    "kuka": Orientation(
         axes=("X", "Y", "Z", "A", "B", "C"), letter="A", turns="ZYX", stated="X, Y, Z, A, B, C in mm and deg"
     ),
-    "abb": Convention(
+    "abb": Orientation(
         axes=("X", "Y", "Z", "Q1", "Q2", "Q3", "Q4"),
         letter="J",
         stated="X, Y, Z, RX, RY, RZ in mm and deg, turns about the fixed x, then y, then z",
     ),
-    "ur": Convention(
+    "ur": Orientation(
         axes=("X", "Y", "Z", "RX", "RY", "RZ"),
         letter="J",
         length=1.0,
@@ -55,7 +55,7 @@ POSES = {
 }
 
 
-def matrix(convention: Convention, values: Array) -> Array:
+def matrix(convention: Orientation, values: Array) -> Array:
     """Matrix (4, 4) m of six numbers as the controller shows them; of seven with a quaternion in it."""
     from scipy.spatial.transform import Rotation
 
@@ -79,7 +79,7 @@ def quaternion_pose(values: Array) -> Array:
     return out
 
 
-def numbers_of(convention: Convention, place: Array, own: Mapping[str, float]) -> dict[str, float]:
+def numbers_of(convention: Orientation, place: Array, own: Mapping[str, float]) -> dict[str, float]:
     """The numbers of a pose (4, 4) m as the controller shows them, on the turn of the point's own."""
     from scipy.spatial.transform import Rotation
 

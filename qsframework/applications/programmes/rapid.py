@@ -14,9 +14,9 @@ from qsframework.applications.programmes.poses import quaternion_pose
 from qsframework.applications.programmes.source import (
     NUMBER,
     Cell,
-    Motion,
     Parts,
-    Statement,
+    ProgrammeMotion,
+    SourceStatement,
     Token,
     bracketed,
     enclosed,
@@ -47,7 +47,7 @@ _ROUGH = 1e-3
 _SHIFTS = {"PDISPON": True, "PDISPSET": True, "PDISPOFF": False}
 _REMOTE = "stands in the cell (robhold FALSE) and the arm holds the work, which is not corrected"
 _HELD = "is held or moved by a robot or a positioner, which is not corrected"
-_Move = tuple[Statement, bool, bool]
+_Move = tuple[SourceStatement, bool, bool]
 _Data = dict[str, tuple[Array | None, str]]
 
 
@@ -69,7 +69,7 @@ def read(path: Path, text: str) -> Parts:
             shifted = next((_SHIFTS[w] for w in line.upper if w in _SHIFTS), shifted)
             found = list(_verbs(line, names))
             for at, stop in pairwise([*found, len(line.tokens)]):
-                moves.append((Statement(path, line.tokens[at:stop]), stop == len(line.tokens), shifted))
+                moves.append((SourceStatement(path, line.tokens[at:stop]), stop == len(line.tokens), shifted))
     motions = [_motion(line, names, data, ends, on) for line, ends, on in moves]
     tools, frames = ({n: m for n, (m, _) in data[k].items() if m is not None} for k in _DATA)
     return lines, names.stated(), motions, tools, frames
@@ -93,7 +93,7 @@ def literal(tokens: Sequence[Token]) -> tuple[dict[str, Cell], str] | None:
     return {n: c for n, c in zip(own, found, strict=True) if c.value < _UNUSED} | beside, ""
 
 
-def _declared(line: Statement, names: Names, data: Mapping[str, _Data]) -> None:
+def _declared(line: SourceStatement, names: Names, data: Mapping[str, _Data]) -> None:
     """What a line gives to names: declarations of targets, arrays of them, tools, work objects; assignments."""
     words = line.upper
     for k, word in enumerate(words[:-1]):
@@ -160,7 +160,7 @@ def _frame(tokens: Sequence[Token]) -> Array | None:
     return quaternion_pose(np.array(values)) if len(values) == 7 and any(values[3:]) else None
 
 
-def _verbs(line: Statement, names: Names) -> Iterator[int]:
+def _verbs(line: SourceStatement, names: Names) -> Iterator[int]:
     """Where motions begin: at their names, or at those of an option with a target, a speed or a zone, and more."""
     words = line.upper
     for k, word in enumerate(words):
@@ -183,7 +183,9 @@ def _goes(tokens: Sequence[Token], names: Names, fast: bool) -> bool:
     return inside is not None and len(tokens) == 1 + len(inside) + 2 * (len(tokens) > 1) and (known or fast)
 
 
-def _motion(line: Statement, names: Names, data: Mapping[str, _Data], ends: bool, shifted: bool) -> Motion:
+def _motion(
+    line: SourceStatement, names: Names, data: Mapping[str, _Data], ends: bool, shifted: bool
+) -> ProgrammeMotion:
     """A motion by its line, from its verb on."""
     verb, parts = line.upper[0], [split(p, "\\")[0] for p in split(line.tokens[1:])]
     parts = [p for p in parts if p]

@@ -34,7 +34,7 @@ class Token:
 
 
 @dataclass(frozen=True)
-class Statement:
+class SourceStatement:
     """One instruction, or one remark, of a file."""
 
     path: Path
@@ -56,9 +56,9 @@ class Statement:
             return None
         return re.sub(r"^\s*[0-9]*\s*:?\s*(?:--\w*:?|//|[!;#])\s*|\s*;?\s*$", "", self.tokens[0].text)
 
-    def after(self, start: int) -> Statement:
+    def after(self, start: int) -> SourceStatement:
         """From a token on."""
-        return Statement(self.path, self.tokens[start:])
+        return SourceStatement(self.path, self.tokens[start:])
 
     def __str__(self) -> str:
         return shown(self.tokens)
@@ -95,11 +95,11 @@ class ProgrammePoint:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motion:
+class ProgrammeMotion:
     """A motion. points: where it goes, and through; keep: the name by which it is left as it is; stands: it goes where
     the arm stands; problem: why it cannot be corrected, whatever its points are."""
 
-    statement: Statement
+    statement: SourceStatement
     points: tuple[str, ...] = ()
     keep: str = ""
     stands: bool = False
@@ -120,14 +120,14 @@ class Source:
     maker: str
     texts: Mapping[Path, str]
     encodings: Mapping[Path, str]
-    lines: tuple[Statement, ...]
+    lines: tuple[SourceStatement, ...]
     points: tuple[ProgrammePoint, ...]
-    motions: tuple[Motion, ...]
+    motions: tuple[ProgrammeMotion, ...]
     tools: Mapping[str, Array] = field(default_factory=dict[str, Array])
     frames: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
 
-Parts = tuple[list[Statement], list[ProgrammePoint], list[Motion], dict[str, Array], dict[str, Array]]
+Parts = tuple[list[SourceStatement], list[ProgrammePoint], list[ProgrammeMotion], dict[str, Array], dict[str, Array]]
 """What the reader of a language finds: statements, points, motions, and the tools and frames that it has in numbers."""
 
 
@@ -140,20 +140,20 @@ def tokenise(text: str, grammar: re.Pattern[str]) -> Iterator[Token]:
         yield Token(found.lastgroup or "", found[0], at, line)
 
 
-def statements(path: Path, tokens: Iterable[Token], joined: bool = False) -> Iterator[Statement]:
+def statements(path: Path, tokens: Iterable[Token], joined: bool = False) -> Iterator[SourceStatement]:
     """Instructions between tokens of the kind "end", and remarks; joined: an end within brackets ends nothing."""
     own, depth = list[Token](), 0
     for token in tokens:
         depth = max(0, depth + (token.text in _OPEN) - (token.text in _SHUT)) if token.kind == "sign" else depth
         if token.kind == "remark":
-            yield Statement(path, (token,))
+            yield SourceStatement(path, (token,))
         elif token.kind != "end":
             own.append(token)
         elif own and not (joined and depth):
-            yield Statement(path, tuple(own))
+            yield SourceStatement(path, tuple(own))
             own, depth = [], 0
     if own:
-        yield Statement(path, tuple(own))
+        yield SourceStatement(path, tuple(own))
 
 
 def split(tokens: Sequence[Token], sign: str = ",") -> list[list[Token]]:
@@ -207,7 +207,7 @@ def shown(tokens: Sequence[Token], most: int = _SHOWN) -> str:
     return text if len(text) <= most else text[:most] + "..."
 
 
-def unmoved(statement: Statement, said: str, keep: str, *, allowed: str | None = None) -> Problem:
+def unmoved(statement: SourceStatement, said: str, keep: str, *, allowed: str | None = None) -> Problem:
     """The problem of a motion that cannot be corrected, with the way to leave it as it is."""
     hint, here = f"Teach a point of numbers there, or keep {keep!r} as it is.", str(statement.path)
     argument = ("keep", f"'{keep}'")

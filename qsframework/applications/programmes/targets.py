@@ -18,9 +18,9 @@ from qsframework.applications.compensate import Compensation
 from qsframework.applications.controller_names import axis_names, maker_of
 from qsframework.applications.inverse import TipPose, find_joints, rigid_tip
 from qsframework.applications.programmes.names import AMBIGUOUS
-from qsframework.applications.programmes.poses import POSES, Convention, matrix, numbers_of
+from qsframework.applications.programmes.poses import POSES, Orientation, matrix, numbers_of
 from qsframework.applications.programmes.reading import parse_source, read_source
-from qsframework.applications.programmes.source import Motion, ProgrammePoint, Source, replaced, skeleton
+from qsframework.applications.programmes.source import ProgrammeMotion, ProgrammePoint, Source, replaced, skeleton
 from qsframework.applications.targets import Targets
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment import Experiment
@@ -58,7 +58,7 @@ class _Case:
     options: ProgrammeOptions
 
     @cached_property
-    def convention(self) -> Convention:
+    def convention(self) -> Orientation:
         return POSES[self.source.maker]
 
     @cached_property
@@ -105,7 +105,7 @@ class ProgrammeTargets:
 
     case: _Case
     points: tuple[ProgrammePoint, ...]
-    kept: tuple[Motion, ...]
+    kept: tuple[ProgrammeMotion, ...]
     targets: Targets
 
     @property
@@ -238,7 +238,7 @@ def _check_robot(path: Path, source: Source, experiment: Experiment) -> None:
         raise InputError(Problem(message, str(path), hint=hint))
 
 
-def _sorted_out(case: _Case) -> tuple[list[Motion], list[Problem]]:
+def _sorted_out(case: _Case) -> tuple[list[ProgrammeMotion], list[Problem]]:
     """The motions that are kept, and the problems of those that are refused, with the count of all before them."""
     source, keep = case.source, set(case.options.keep)
     inherent = {p.name: problem for p in source.points if (problem := _lacking(case, p)) is not None}
@@ -267,12 +267,12 @@ def _sorted_out(case: _Case) -> tuple[list[Motion], list[Problem]]:
     return kept, problems
 
 
-def _others(motions: Sequence[Motion], kept: Sequence[Motion]) -> list[Motion]:
+def _others(motions: Sequence[ProgrammeMotion], kept: Sequence[ProgrammeMotion]) -> list[ProgrammeMotion]:
     held = set(map(id, kept))
     return [motion for motion in motions if id(motion) not in held]
 
 
-def _kept(motions: Sequence[Motion], keep: set[str]) -> list[Motion]:
+def _kept(motions: Sequence[ProgrammeMotion], keep: set[str]) -> list[ProgrammeMotion]:
     """Motions that are named, by their lines or their points, that go where the arm stands, or that share a point."""
     kept = [m.stands or bool({m.keep, f"line {m.line}", *m.points} & keep) for m in motions]
     count = -1

@@ -13,9 +13,9 @@ from qsframework.applications.programmes.poses import POSES, matrix
 from qsframework.applications.programmes.source import (
     NUMBER,
     Cell,
-    Motion,
     Parts,
-    Statement,
+    ProgrammeMotion,
+    SourceStatement,
     Token,
     bracketed,
     enclosed,
@@ -55,7 +55,7 @@ def read(path: Path, text: str) -> Parts:
     lines = list(statements(path, tokenise(text, GRAMMAR), joined=True))
     _whole(path, lines)
     names, track, tools = Names(literal=literal, here=_HERE, fold=str), Track(), dict[str, Array]()
-    moves = list[tuple[Statement, Sequence[Token], dict[str, str]]]()
+    moves = list[tuple[SourceStatement, Sequence[Token], dict[str, str]]]()
     for line in lines:
         if line.remark is None:
             _given(line, names)
@@ -65,13 +65,13 @@ def read(path: Path, text: str) -> Parts:
                     own = line.after(k)
                     inside = bracketed(own.tokens, 1)
                     end = len(own.tokens) if inside is None else len(inside) + 3
-                    moves.append((Statement(path, own.tokens[:end]), inside or (), track.here()))
+                    moves.append((SourceStatement(path, own.tokens[:end]), inside or (), track.here()))
     motions = [_motion(line, inside, names, here) for line, inside, here in moves]
     gone = {name for motion in motions for name in motion.points}
     return lines, [p for p in names.stated() if p.name in gone], motions, tools, {}
 
 
-def _whole(path: Path, lines: Sequence[Statement]) -> None:
+def _whole(path: Path, lines: Sequence[SourceStatement]) -> None:
     firsts = [line.tokens[0] for line in lines if line.remark is None and line.upper[1:2] != ["="]]
     opened = [t for t in firsts if t.text in _ROUTINES + _BLOCKS]
     if len(opened) != sum(t.text == "end" for t in firsts):
@@ -90,7 +90,7 @@ def literal(tokens: Sequence[Token]) -> tuple[dict[str, Cell], str] | None:
     return dict(zip(POSES["ur"].axes if pose else [f"J{k}" for k in range(1, 7)], found, strict=True)), ""
 
 
-def _given(line: Statement, names: Names) -> None:
+def _given(line: SourceStatement, names: Names) -> None:
     """What a line gives to a name: a point, a list of points, or something else."""
     if line.tokens[0].text in _ROUTINES:
         for token in line.tokens[2:]:
@@ -110,7 +110,7 @@ def _given(line: Statement, names: Names) -> None:
         names.give(line, named[0].text, sides[1])
 
 
-def _follow(line: Statement, track: Track, tools: dict[str, Array]) -> None:
+def _follow(line: SourceStatement, track: Track, tools: dict[str, Array]) -> None:
     """What a line says of the tool from there on."""
     tokens = line.tokens
     first = tokens[0].text
@@ -131,7 +131,7 @@ def _follow(line: Statement, track: Track, tools: dict[str, Array]) -> None:
             track.now["tool"] = same
 
 
-def _motion(line: Statement, inside: Sequence[Token], names: Names, here: dict[str, str]) -> Motion:
+def _motion(line: SourceStatement, inside: Sequence[Token], names: Names, here: dict[str, str]) -> ProgrammeMotion:
     """A motion by its call, with the arguments that stand in its brackets."""
     verb = line.tokens[0].text
     named = [(p[0].text, p[2:]) if [t.text for t in p[1:2]] == ["="] else ("q", p) for p in split(inside) if p]
