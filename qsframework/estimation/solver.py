@@ -92,7 +92,7 @@ def solve(
     start: Array | None = None,
     *,
     unit: float = 1.0,
-    tolerance: float = 1e-9,
+    tolerance: float = 1e-7,
     seed: int = 0,
 ) -> Solution:
     """The parameters that fit best.
@@ -124,7 +124,7 @@ def solve(
 
 
 def settle(
-    observations: Observations, options: FitOptions = PLAIN, start: Array | None = None, tolerance: float = 1e-9
+    observations: Observations, options: FitOptions = PLAIN, start: Array | None = None, tolerance: float = 1e-7
 ) -> Solution:
     """`solve`, and where priors or a robust loss need the size of an unstated noise, that too."""
     if observations.stated or (options.loss == "linear" and not options.priors):
@@ -288,9 +288,9 @@ class _Minimum:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _State:
-    """Where a descent stands: z (q,), whitened residuals (m,), their cost, and sensitivities J (m, q).
+    """Where a descent stands: z (q,), whitened residuals (m,), their cost, and sensitivities `whole` (m, p) and J (m, q).
 
-    fresh: J was taken here, not at an earlier step; damping: of the next step; gain, moved: by how much the last step
+    fresh: they were taken here, not at an earlier step; damping: of the next step; gain, moved: by how much the last step
     was to change the residuals, and this in sds of a reading; idle: steps in a row of no less than half of the one
     before; silent: trials so far without a finite prediction
     """
@@ -298,6 +298,7 @@ class _State:
     z: Array
     residuals: Array
     cost: float
+    whole: Array
     J: Array
     fresh: bool = True
     damping: float = 0.0
@@ -328,7 +329,7 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
         whole = problem.whole(z)  # says what is wrong with sensitivities alone
     if whole is None or not np.all(np.isfinite(r)):
         raise NotConverged("the model has no finite prediction at the start of the fit: check the nominal values")
-    at = _State(z=z, residuals=r, cost=problem.cost(z, r), J=whole @ problem.reduction.T)
+    at = _State(z=z, residuals=r, cost=problem.cost(z, r), whole=whole, J=whole @ problem.reduction.T)
     step, trace = 0, list[tuple[float, float]]()
     for step in range(1, _STEPS + 1):
         local = _linearised(problem, at)
@@ -336,10 +337,7 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
         if not _settled(problem, at, local, tolerance):
             at = _stepped(problem, at, local, step)
         elif at.fresh:
-            final = np.clip(at.z + local.step, problem.reduction.lower, problem.reduction.upper)
-            r, whole = problem.both(final)
-            whole = problem.whole(final) if whole is None else whole
-            return _Minimum(problem.cost(final, r), final, r, whole, step)
+            return _Minimum(at.cost, at.z, at.residuals, at.whole, step)
         else:
             at = _fresh(problem, at)
         far = np.any(np.abs(at.z) > FAR * np.maximum(problem.reduction.spread, 1.0))
@@ -378,7 +376,13 @@ def _settled(problem: _Problem, at: _State, local: _Linearised, tolerance: float
 
 def _fresh(problem: _Problem, at: _State) -> _State:
     """The same state with sensitivities of its own, undamped."""
-    return replace(at, J=problem.jacobian(at.z), fresh=True, damping=0.0)
+    return replace(_seen(problem, at), damping=0.0)
+
+
+def _seen(problem: _Problem, at: _State, whole: Array | None = None) -> _State:
+    """The same state with sensitivities of its own; `whole`: where they are known."""
+    whole = problem.whole(at.z) if whole is None else whole
+    return replace(at, whole=whole, J=whole @ problem.reduction.T, fresh=True)
 
 
 def _stepped(problem: _Problem, at: _State, local: _Linearised, step: int) -> _State:
@@ -422,8 +426,7 @@ def _moved(problem: _Problem, before: _State, local: _Linearised, at: _State, wh
     at = replace(at, gain=local.gain, moved=local.gain / max(local.unit, 1e-300), idle=idle, fresh=False)
     if not _stale(before, local, at.damping):
         return at
-    J = problem.jacobian(at.z) if whole is None else whole @ problem.reduction.T
-    return replace(at, J=J, fresh=True)
+    return _seen(problem, at, whole)
 
 
 def _triangle(A: Array, b: Array) -> tuple[Array, Array]:
