@@ -288,10 +288,10 @@ class _Minimum:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _State:
-    """Where a descent stands: z (q,), whitened residuals (m,), their cost, and sensitivities `whole` (m, p) and J (m, q).
+    """Where a descent stands: z (q,), whitened residuals (m,), their cost, sensitivities `whole` (m, p) and J (m, q).
 
-    fresh: they were taken here, not at an earlier step; damping: of the next step; gain, moved: by how much the last step
-    was to change the residuals, and this in sds of a reading; idle: steps in a row of no less than half of the one
+    fresh: these were taken here, not at an earlier step; damping: of the next step; gain, moved: by how much the last
+    step was to change the residuals, and this in sds of a reading; idle: steps in a row of no less than half of the one
     before; silent: trials so far without a finite prediction
     """
 

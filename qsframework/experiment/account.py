@@ -83,7 +83,7 @@ def account_of(experiment: Experiment, rows: ReadingRows) -> Account:
         kinds=tuple(dict.fromkeys(readings.kind[rows.keep].tolist())),
         files=tuple(UsedFile(_beside(source, experiment), sha256(source)) for source in readings.sources),
         visits=len(np.unique(rows.plus)),
-        reads=len(rows.keep),
+        reads=len(rows.keep) if readings.reads is None else int(readings.reads[rows.keep].sum()),
         frames=tuple(readings.frames[f] for f in rows.estimated),
         rigid=experiment.rigid,
         simulated=not readings.sources,

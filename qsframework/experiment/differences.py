@@ -62,6 +62,7 @@ def differences(states: Readings, experiment: Experiment) -> Readings:
         file=states.file[loaded],
         to=states.to[loaded],
         axes=axes,
+        reads=None if states.reads is None else states.reads[loaded],
         drive_state=drive,
         alignments=alignments,
     )

@@ -75,6 +75,7 @@ class Readings(Viewed):
     axes (R, 3, 3): unit vectors along which the value was measured, rows, base frame; None: the frame's own
     to (R,): marker to which the distance (its only value) was measured, -1 for none
     use (R,): False where a row is masked; line (R,): in the file `sources[file]`; no sources: simulated
+    reads (R,): of how many reads, taken without moving, each row is the mean; None: one
     repeatability: stated sd m of the error that the markers of a visit share; None: not stated
     """
 
@@ -94,6 +95,7 @@ class Readings(Viewed):
     file: Indices
     to: Indices
     axes: Array | None = None
+    reads: Indices | None = None
     sources: tuple[Path, ...] = ()
     drive_state: tuple[str, ...] | None = None
     repeatability: float | None = None
@@ -180,6 +182,7 @@ def joined(parts: list[Readings]) -> Readings:
     drives: tuple[str, ...] | None = None
     if any(p.drive_state is not None for p in parts):
         drives = tuple(d for p in parts for d in (p.drive_state or ("",) * len(p)))
+    reads = [np.ones(len(p), dtype=np.intp) if p.reads is None else p.reads for p in parts]
     return Readings(
         states=_joined_states([p.states for p in parts]),
         plus=moved("plus"),
@@ -196,6 +199,7 @@ def joined(parts: list[Readings]) -> Readings:
         line=rows("line").astype(np.intp),
         to=rows("to").astype(np.intp),
         axes=axes,
+        reads=np.concatenate(reads),
         file=np.concatenate([p.file + k for p, k in zip(parts, files, strict=False)]).astype(np.intp),
         sources=tuple(s for p in parts for s in p.sources),
         drive_state=drives,

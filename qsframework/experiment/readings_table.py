@@ -30,6 +30,7 @@ from qsframework.experiment.differences import differences, has_pairs
 from qsframework.experiment.kinds import Part, check_kinds, which_sigma
 from qsframework.experiment.plan import limit_problems
 from qsframework.experiment.readings import UNSTATED, Made, Readings, States, joined
+from qsframework.experiment.reads import averaged
 from qsframework.experiment.setup import GEOMETRY, Experiment
 from qsframework.files import read_yaml, sha256
 from qsframework.plausible import RANGES
@@ -64,6 +65,7 @@ def _columns(experiment: Experiment, states: bool, gauge: bool) -> list[Column]:
         *([Column("load_id", "text")] if states else [Column("reference", "text")]),
         Column("series", "text"),
         Column("repeat", "count"),
+        Column("read", "count"),
         Column("cycle", "count"),
         Column("sigma", "number", "m", blank=True),
         *(
@@ -131,7 +133,8 @@ def _read(path: Path, experiment: Experiment, states: str | None) -> Part:
     of_states = holds_states(path)
     gauge = any(name.startswith("gauge_") for name in header)
     table = read_table(path, _columns(experiment, of_states, gauge), experiment.robot.name, IMPORT)
-    found = _Rows.of(table, experiment, of_states)
+    table, reads = averaged(table, (*(_XYZ if of_states else _MOVED), "gauge"))
+    found = _Rows.of(table, reads, experiment, of_states)
     made = found.of_states(experiment) if of_states else found.of_displacements(experiment)
     made = replace(made, made=_made(path))
     stated = not _unstated(found.sigma, found.kind(of_states), found.use, experiment).any()
@@ -173,6 +176,7 @@ class _Rows:
     """The cells of a table that every kind of file has."""
 
     table: Table
+    reads: Indices
     pendant: Array
     wrench: Array
     use: npt.NDArray[np.bool_]
@@ -185,7 +189,7 @@ class _Rows:
     problems: list[Problem]
 
     @classmethod
-    def of(cls, table: Table, experiment: Experiment, of_states: bool) -> _Rows:
+    def of(cls, table: Table, reads: Indices, experiment: Experiment, of_states: bool) -> _Rows:
         count = len(table.rows)
         pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(experiment.robot.controller.axes)], axis=1)
         zero = np.zeros(count)
@@ -204,6 +208,7 @@ class _Rows:
             problems.append(at(table, int(i), "sigma", "must be positive", f"{sigma[i]:g} m"))
         return cls(
             table=table,
+            reads=reads,
             pendant=pendant,
             wrench=wrench,
             use=use,
@@ -349,6 +354,7 @@ class _Rows:
             raise InputError(at(table, i, "series", "names no series, others do", "''", ", ".join(frames[1:]), hint))
         known = {f.series: f for f in experiment.frames}
         sigma, stated = _sigmas(table, experiment, self.sigma, self.kind(of_states), self.use)
+        sigma = np.where(np.isnan(self.sigma), sigma / np.sqrt(self.reads), sigma)
         return Readings(
             states=states,
             plus=plus,
@@ -366,6 +372,7 @@ class _Rows:
             file=np.zeros(len(plus), dtype=np.intp),
             to=self.to,
             axes=self.axes,
+            reads=self.reads,
             sources=(table.path,),
             drive_state=tuple(table.texts["drive_state"]) if "drive_state" in table.texts else None,
             repeatability=experiment.noise.repeatability,
@@ -490,7 +497,10 @@ def _group(
         if (m, who[i]) in seen:
             other = table.rows[seen[m, who[i]]]
             what = f"{labels[i]}, marker {table.texts['marker'][i]!r}"
-            hint = "Delete the row if it is a copy; a second reading has a number of its own in the column repeat."
+            hint = (
+                "Delete the row if it is a copy. If the arm was brought there again, number the visits in the column "
+                "repeat; if it was read again without moving, number the reads in the column read."
+            )
             problems.append(at(table, i, "pose", f"{what} stands here twice; first in line {other}", hint=hint))
         seen[m, who[i]] = i
         if not np.array_equal(constant[i], constant[first[m]], equal_nan=True):

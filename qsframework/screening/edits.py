@@ -379,4 +379,5 @@ def copied(standing: Standing, edits: Sequence[Edit]) -> Readings:
         to=readings.to[rows],
         axes=None if readings.axes is None else readings.axes[rows],
         drive_state=None,
+        reads=None,
     )

@@ -1,0 +1,90 @@
+"""Reads: a marker that was read several times while the arm stood still. They share the error of the visit: one row."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from qsframework.errors import Problem
+from qsframework.experiment.columns import MOST_PROBLEMS, Table
+from qsframework.plugin import Array, Indices
+
+_TOLD_APART = ("read", "sigma", "time", "temperature", "time_unloaded", "temperature_unloaded", "use")
+"""Columns in which reads of one marker at one visit may differ, beside what was measured."""
+
+
+def averaged(table: Table, measured: Sequence[str]) -> tuple[Table, Indices]:
+    """One row for all reads of a marker at one visit, the mean of those in use, and how many these are (R,).
+
+    The sd of a row that states its own is that of the mean; others are to be divided by the root of the number. Rows
+    of one visit that differ in angles or load are no reads of one another: a problem of the table.
+    """
+    if "read" not in table.numbers:
+        return table, np.ones(len(table.rows), dtype=np.intp)
+    same = {stem: values for stem, values in table.numbers.items() if stem not in (*_TOLD_APART, *measured)}
+    placed = [stem for stem in same if stem in ("repeat", "cycle", "ux", "uy", "uz")]
+    keys = list(zip(*table.texts.values(), *(same[stem].tolist() for stem in placed), strict=True))
+    group, first = _numbered([tuple("nan" if v != v else v for v in key) for key in keys])
+    problems = [*table.problems, *_read_twice(table, group), *_elsewhere(table, same, group, first)]
+    numbers = {stem: values[first] for stem, values in table.numbers.items() if stem != "read"}
+    use = table.numbers.get("use", np.ones(len(table.rows))) != 0
+    used = np.bincount(group, use, len(first)).astype(np.intp)
+    for stem in table.numbers:
+        if stem in measured or (stem in _TOLD_APART and stem not in ("read", "use", "sigma")):
+            numbers[stem] = _mean(table.numbers[stem], group, use | (used[group] == 0), len(first))
+    if "sigma" in table.numbers:
+        square = np.bincount(group, np.where(use, table.numbers["sigma"] ** 2, 0.0), len(first))
+        numbers["sigma"] = np.where(used > 0, np.sqrt(square) / np.maximum(used, 1), numbers["sigma"])
+    if "use" in table.numbers:
+        numbers["use"] = (used > 0).astype(float)
+    at = [int(i) for i in first]
+    texts = {stem: [values[i] for i in at] for stem, values in table.texts.items()}
+    told = replace(table, rows=[table.rows[i] for i in at], numbers=numbers, texts=texts, problems=problems)
+    return told, np.maximum(used, 1)
+
+
+def _numbered(keys: Sequence[Hashable]) -> tuple[Indices, Indices]:
+    """Number of each key, in the order of their first rows, and these rows."""
+    number: dict[Hashable, int] = {}
+    first: list[int] = []
+    group = np.zeros(len(keys), dtype=np.intp)
+    for i, key in enumerate(keys):
+        group[i] = number.setdefault(key, len(number))
+        if group[i] == len(first):
+            first.append(i)
+    return group, np.array(first, dtype=np.intp)
+
+
+def _mean(values: Array, group: Indices, use: Array, count: int) -> Array:
+    """Mean of the numbers in use by group (count,), NaN where none is told."""
+    told = np.isfinite(values) & use
+    total = np.bincount(group, np.where(told, values, 0.0), count)
+    many = np.bincount(group, told, count)
+    return np.where(many > 0, total / np.maximum(many, 1), np.nan)
+
+
+def _read_twice(table: Table, group: Indices) -> list[Problem]:
+    seen: dict[tuple[int, float], int] = {}
+    problems: list[Problem] = []
+    for i, key in enumerate(zip(group.tolist(), table.numbers["read"].tolist(), strict=True)):
+        if key in seen:
+            message = f"read {key[1]:.0f} of this marker at this visit stands here twice; first in line"
+            hint = "Number reads without moving 1, 2, 3, ...; another visit has its own number in the column repeat."
+            found = f"{message} {table.rows[seen[key]]}"
+            problems.append(Problem(found, str(table.path), table.rows[i], "read", hint=hint))
+        seen.setdefault(key, i)
+    return problems[:MOST_PROBLEMS]
+
+
+def _elsewhere(table: Table, same: dict[str, Array], group: Indices, first: Indices) -> list[Problem]:
+    """Reads at other angles or under another load than the first of their visit."""
+    problems: list[Problem] = []
+    for stem, values in same.items():
+        off = ~np.isclose(values, values[first][group], rtol=0.0, atol=0.0, equal_nan=True)
+        for i in map(int, np.flatnonzero(off)[:MOST_PROBLEMS]):
+            message = f"a read without moving has the angles and the load of line {table.rows[int(first[group[i]])]}"
+            hint = "Give another visit a number of its own in the column repeat."
+            problems.append(Problem(message, str(table.path), table.rows[i], table.names[stem], hint=hint))
+    return problems[:MOST_PROBLEMS]
