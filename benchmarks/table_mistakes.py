@@ -33,7 +33,7 @@ from second_generator import interval
 from qsframework.errors import QsfError
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
 from qsframework.plugin import Indices
-from qsframework.screening.conventions import Convention, check_conventions
+from qsframework.screening import Mistake, find_mistakes
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "diagnosis.md"
 PLAIN = 8.0
@@ -317,6 +317,72 @@ def decimal(page: Page, rng: np.random.Generator) -> Page:
     return replace(page.with_values(change), poses=frozenset([int(visits.number[v])]))
 
 
+def slipped(by: int) -> Maker:
+    """From a pose on the angles are those of the pose before (by 1) or after (by -1)."""
+
+    def make(page: Page, rng: np.random.Generator) -> Page:
+        names = page.numbers
+        first = int(rng.integers(2, len(names) - 4))
+        of = dict(zip(names, names, strict=True))
+        for i in range(first, len(names)):
+            of[names[i]] = names[min(i - by, len(names) - 1)]
+
+        def each(visits: Visits) -> Visits:
+            at = {int(n): q for n, q in zip(visits.number, visits.shown, strict=True)}
+            shown = [at.get(of[int(n)], q) for n, q in zip(visits.number, visits.shown, strict=True)]
+            return replace(visits, shown=np.array(shown))
+
+        return page.each(each)
+
+    return make
+
+
+def rounded(page: Page, rng: np.random.Generator) -> Page:
+    return _angles(page, lambda q, _: np.deg2rad(np.round(np.rad2deg(q))))
+
+
+def radians(page: Page, rng: np.random.Generator) -> Page:
+    return _angles(page, lambda q, _: q * np.pi / 180.0)
+
+
+def counted_from_zero(page: Page, rng: np.random.Generator) -> Page:
+    return _angles(page, lambda q, _: np.roll(q, -1, axis=1))
+
+
+def loads_exchanged(page: Page, rng: np.random.Generator) -> Page:
+    """Two poses under different loads stand under each other's."""
+    force: dict[int, Array] = {}
+    for visits in (page.both[1] if page.both else None, page.states):
+        if visits is not None:
+            force |= {int(n): f for n, f in zip(visits.number, visits.force, strict=True) if f.any()}
+    names = list(map(int, rng.permutation(sorted(force))))
+    one = names[0]
+    two = next((n for n in names if not np.allclose(force[n], force[one])), None)
+    if two is None:
+        raise Unreachable
+
+    def change(f: Array, number: Array) -> Array:
+        loaded = f.any(axis=1)
+        for a, b in ((one, two), (two, one)):
+            f[loaded & (number == a)] = force[b]
+        return f
+
+    return replace(_forces(page, change), poses=frozenset([one, two]))
+
+
+def constant(page: Page, rng: np.random.Generator) -> Page:
+    """One marker's reflector is of another size: its positions are off along the line of sight."""
+    m = int(rng.integers(page.values[0].shape[1]))
+    off = float(rng.choice([4.7625e-3, -7.9375e-3, 12.7e-3]))
+
+    def change(t: int, v: Array) -> Array:
+        if page.states is not None and t == len(page.values) - 1:
+            v[:, m] += off * v[:, m] / np.linalg.norm(v[:, m], axis=1, keepdims=True)
+        return v
+
+    return page.with_values(change)
+
+
 @dataclass(frozen=True)
 class Kind:
     """A kind of mistake: the names that are right; which readings it is of; turned: whether it changes all angles."""
@@ -352,6 +418,13 @@ KINDS = (
     Kind("a block of another setting", block, ("block",)),
     Kind("the third angle's convention", convention, ("controller_coupling",), turned=True),
     Kind("one cell: decimal, sign or unit", decimal, ("value",)),
+    Kind("angles of the pose before, from one on", slipped(1), ("late_angles",)),
+    Kind("angles of the pose after, from one on", slipped(-1), ("late_angles",)),
+    Kind("angles in whole degrees", rounded, ("angles_rounded",), ("positions",), turned=True),
+    Kind("all angles in radians", radians, ("column_unit",), turned=True),
+    Kind("columns of angles counted from zero", counted_from_zero, ("joint_columns",), turned=True),
+    Kind("loads of two poses exchanged", loads_exchanged, ("loads_exchanged", "poses_exchanged")),
+    Kind("a reflector's constant", constant, ("marker_constant",), ("positions",)),
 )
 
 
@@ -445,7 +518,7 @@ def ask(kind: Kind, number: int, seed: int, whole: bool) -> Answer:
                 own = {c.name for c in conventions}
                 physical = tuple(f.name for f in found.sure if f.name not in own)
             else:
-                conventions = check_conventions(experiment, readings)
+                conventions = find_mistakes(experiment, readings, gross=False)
         except QsfError as error:
             return Answer(
                 kind=kind.words,
@@ -469,7 +542,7 @@ def ask(kind: Kind, number: int, seed: int, whole: bool) -> Answer:
     )
 
 
-def outcome(kind: Kind, page: Page, size: float, called: Sequence[Convention], readings: Readings) -> str:
+def outcome(kind: Kind, page: Page, size: float, called: Sequence[Mistake], readings: Readings) -> str:
     """named: all that is called is of the right kind and of the rows of the right poses."""
     if not called:
         return "silent" if size >= PLAIN else "small"
@@ -524,7 +597,7 @@ def clean(number: int, seed: int, hidden: bool) -> Clean | None:
         values = noisy(campaign, campaign.clean(effect))
         try:
             experiment, readings = files(campaign, campaign, values, Path(folder))
-            called = [c for c in check_conventions(experiment, readings) if c.compelling]
+            called = [c for c in find_mistakes(experiment, readings, gross=False) if c.compelling]
         except QsfError as error:
             return Clean(f"{noise}, {of}", name, (f"refused: {error}"[:80],))
     return Clean(f"{noise}, {of}, {poses}", name, tuple(f"{c.name} {c.column} {c.rows[:3]}" for c in called))

@@ -40,7 +40,7 @@ PACKAGES: dict[str, tuple[str, ...]] = {
         "promises",
         "what_would_help",
     ),
-    "qsframework.screening": ("Finding", "masked", "screen"),
+    "qsframework.screening": ("Mistake", "adopted", "find_mistakes", "masked"),
     "qsframework.design": (),
     "qsframework.identify": (),
     "qsframework.diagnose": (),

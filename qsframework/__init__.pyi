@@ -43,7 +43,7 @@ from .report.results import report as report
 from .report.words.diagnosis import diagnosis_words as diagnosis_words
 from .robot import Robot as Robot, load_robot as load_robot
 from .robot.new import new as new
-from .screening import screen as screen
+from .screening import find_mistakes as find_mistakes
 from .viz.show_scene import show_scene
 
 __version__: str

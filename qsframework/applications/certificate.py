@@ -22,7 +22,7 @@ from qsframework.identify import FitRecord, validate, validate_halves
 from qsframework.identify.soundness import check_fit
 from qsframework.identify.validate import Validation, fitted_frames
 from qsframework.plugin import Array
-from qsframework.screening.conventions import adopted
+from qsframework.screening import adopted
 
 COVERAGE = 2.0
 """k: expanded uncertainties are so many standard ones."""

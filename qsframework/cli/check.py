@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.printing import print_folded
-from qsframework.errors import InputError, Problem, QsfError
+from qsframework.errors import InputError, Problem
 from qsframework.experiment import (
     Experiment,
     Readings,
@@ -19,9 +17,6 @@ from qsframework.experiment import (
 )
 from qsframework.robot import Robot, load_robot, robot_names
 from qsframework.robot.statics import WEIGHTLESS
-
-if TYPE_CHECKING:
-    from qsframework.screening.conventions import Convention
 
 Line = tuple[bool | None, str, str]
 """Whether it is as it should be (None: not measured), its kind, and what was found."""
@@ -91,26 +86,16 @@ def _weightless(robot: Robot) -> tuple[Line, ...]:
 
 
 def _lines(experiment: Experiment, readings: Readings) -> list[Line]:
-    """What the readings say of themselves; the sign, axis or angle that they prove wrong, units to suspect, and rows
-    that cannot be right even then."""
+    """What the readings say of themselves, and what is wrong with them."""
     from qsframework.applications.closure import check_states
-    from qsframework.screening import screen
-    from qsframework.screening.conventions import SUSPECTED, adopted, check_conventions
+    from qsframework.screening import SUSPECTED, find_mistakes
 
     lines: list[Line] = [(c.good, c.kind, c.words) for c in check_states(experiment, readings)]
-    tried: Sequence[Convention] = ()
-    with suppress(QsfError):  # readings that tell no fit prove nothing here; `qsf identify` says what they lack
-        tried = check_conventions(experiment, readings)
-    lines += [(False, c.name, c.words) for c in tried if c.name in SUSPECTED]
-    proved = adopted(tried)
-    if any(c.name.partition("[")[0] not in _ROWS for c in proved):
-        lines += [(False, c.name, c.words) for c in proved]
-        experiment, readings = proved[-1].experiment, proved[-1].readings
-    return lines + [(False, f.kind, f.words) for f in screen(experiment, readings)]
+    found = find_mistakes(experiment, readings)
+    told = [c for c in found if c.compelling or c.name in SUSPECTED or c.mask is not None]
+    return lines + [(False, c.title, c.words) for c in told]
 
 
-_ROWS = ("swapped_markers", "late_angles", "repeated_readings")
-"""Mistakes that `screen` finds too, and names with their rows."""
 _MARK = {True: " ", False: "!", None: "?"}
 """Before what `qsf check` says of states: as it should be, look at it, not measured."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
     from qsframework.estimation import FitOptions
     from qsframework.identify import Fit, FitRecord, Masked
     from qsframework.report.blocks import Verdict
-    from qsframework.screening import Finding
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,23 +36,19 @@ class FitFiles:
         return (self.json, self.report, self.nominal, self.urdf)
 
 
-def print_findings(found: Sequence[Finding]) -> None:
-    """What was masked of the readings, a line each."""
-    if not found:
+def cleaned(experiment: Experiment, readings: Readings, fit: list[str] | None) -> tuple[Readings, tuple[Masked, ...]]:
+    """The readings without the rows that should not be used as they stand; all that is wrong is told, a line each."""
+    from qsframework.identify import masked_words
+    from qsframework.screening import find_mistakes, masked
+
+    found = [c for c in find_mistakes(_asked(experiment, fit), readings) if c.compelling or c.mask is not None]
+    wrong = [c for c in found if c.mask is not None and c.mask.any()]
+    if not wrong:
         print("the readings were looked through: no row is masked")
     for one in found:
-        print_folded(f"{'masked, ' if one.mask.any() else ''}{one.kind}: {one.words}")
-
-
-def cleaned(experiment: Experiment, readings: Readings, fit: list[str] | None) -> tuple[Readings, tuple[Masked, ...]]:
-    """The readings without those that cannot be right, which are named."""
-    from qsframework.identify import masked_words
-    from qsframework.screening import masked, screen
-
-    found = screen(experiment, readings, fit)
-    print_findings(found)
-    wrong = [one for one in found if one.mask.any()]
-    return masked(readings, wrong), masked_words(readings, wrong)
+        how = "masked, " if one in wrong else "look at, " if one.mask is None else ""
+        print_folded(f"{how}{one.title}: {one.words}")
+    return masked(readings, [c.mask for c in wrong]), masked_words(readings, wrong)
 
 
 def run_identify(files: FitFiles, fit: list[str] | None, options: FitOptions, clean: bool) -> None:

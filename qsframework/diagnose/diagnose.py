@@ -65,14 +65,9 @@ from qsframework.experiment.observations import REACH, ReadingRows, start_values
 from qsframework.identify.pose_spread import check_pose_spread
 from qsframework.identify.selection import in_order
 from qsframework.plugin import Array, Indices
+from qsframework.screening import Mistake, adopted, find_mistakes
 from qsframework.screening.convention_changes import ConventionChange
-from qsframework.screening.conventions import (
-    Convention,
-    adopted,
-    check_conventions,
-    check_structures,
-    fits_better,
-)
+from qsframework.screening.conventions import check_structures, fits_better
 from qsframework.work.threads import on_one_thread
 
 LEVEL = 0.02
@@ -155,8 +150,8 @@ def diagnose(
 ) -> Diagnosis:
     """What the experiment's model gets wrong on these readings, and which causes explain it.
 
-    level: probability of naming anything where nothing acts; largest: causes named together at most; repeats: of the
-    cross-validation; progress(step, done, all) is called before each step.
+    level: probability of naming anything where nothing acts; largest: causes named together at most, 0: none;
+    repeats: of the cross-validation; progress(step, done, all) is called before each step.
 
     Raises InputError, NotIdentifiable or NotConverged where the baseline itself cannot be fitted.
     """
@@ -167,13 +162,13 @@ def diagnose(
     angles = readings.poses.q[np.unique(first.plus)]
     one_pose = check_pose_spread(angles, len(experiment.fit_names()), bool(first.estimated))
     tell("conventions")
-    conventions = check_conventions(experiment, readings)
+    conventions = find_mistakes(experiment, readings, gross=False)
     given = (experiment, readings)
     proved = adopted(conventions)
-    if proved:
-        experiment, readings = proved[-1].experiment, proved[-1].readings
+    last = proved[-1] if proved else None
     tell("baseline")
-    start = _start(experiment, readings)
+    start = _start(last.experiment, last.readings) if last else _start(*given)
+    largest = 0 if last and last.hides else largest
     found = _found(start, tell, level, largest, seed)
     if not proved:
         found, structure = _structured(start, found, tell, level, largest, seed)
@@ -235,6 +230,10 @@ class _Closing:
     lessons: Sequence[Lesson]
 
 
+_OPEN = _Closing((), (), (), {}, (), ())
+"""Where nothing may be said of what is left."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Found:
     """The library, its answers, best first, and the baseline in the noise that these leave; plain: the same without
@@ -286,7 +285,7 @@ def _pose_names(base: _Baseline) -> list[str]:
     return names
 
 
-def _convention_findings(conventions: Sequence[Convention]) -> tuple[NamedCause, ...]:
+def _convention_findings(conventions: Sequence[Mistake]) -> tuple[NamedCause, ...]:
     """The conventions and mistakes that were adopted, as causes of their own."""
     return tuple(
         NamedCause(
@@ -299,6 +298,7 @@ def _convention_findings(conventions: Sequence[Convention]) -> tuple[NamedCause,
             hangs_on=(),
         )
         for c in adopted(conventions)
+        if np.isfinite(c.evidence)
     )
 
 
@@ -328,7 +328,7 @@ def _start(experiment: Experiment, readings: Readings) -> _Start:
     return _Start(experiment, readings, rows, fit, untold)
 
 
-def _structures(given: _Start) -> list[tuple[Convention, _Start]]:
+def _structures(given: _Start) -> list[tuple[Mistake, _Start]]:
     """The structure of the arm whose exact fit is compellingly better than that of its file, the likeliest; or none.
 
     A cause may do so too: the two are compared when both were searched beside.
@@ -341,12 +341,12 @@ def _structures(given: _Start) -> list[tuple[Convention, _Start]]:
         except (InputError, NotConverged, NotIdentifiable):
             continue
         tried.append((bic(given.rows, given.fit) - bic(start.rows, start.fit), change, start))
-    out: list[tuple[Convention, _Start]] = []
+    out: list[tuple[Mistake, _Start]] = []
     for gain, change, start in sorted(tried, key=lambda t: -t[0])[:1]:
         evidence = 0.5 * gain - float(np.log(len(changes)))
         if evidence > -np.log(_SURE):
             after, before = (rms(f.residuals[given.rows.mask]) for f in (start.fit, given.fit))
-            structure = Convention(
+            structure = Mistake(
                 name=change.name,
                 value=change.value,
                 words=fits_better(change, after, before),
@@ -365,7 +365,7 @@ def _structures(given: _Start) -> list[tuple[Convention, _Start]]:
 
 def _structured(
     start: _Start, found: _Found, tell: Callable[[str], None], level: float, largest: int, seed: int
-) -> tuple[_Found, tuple[Convention, ...]]:
+) -> tuple[_Found, tuple[Mistake, ...]]:
     """What was found, or what is found with another structure, which then stands beside it: rather that than causes
     that merely do the same, and rather the file's than another one."""
     for structure, other in _structures(start):
@@ -515,6 +515,8 @@ def _searched(base: _Baseline, level: float, largest: int, seed: int) -> _Found:
 def _closed(found: _Found, level: float, largest: int, seed: int, repeats: int) -> tuple[_Found, _Closing]:
     """The closing gate, and what stands after it: names that a law is far ahead of drop out, and the law remains, where
     it also predicts poses left out better than they do."""
+    if not largest:
+        return found, _OPEN
     rest = level * (1.0 - _LIBRARY_SHARE)
     closing = _close(found.base, found.best, found.extended, rest, seed)
     if found.best is None or found.plain is None or not closing.beaten:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from qsframework.diagnose.selection.cross_validation import HeldOut
     from qsframework.diagnose.selection.exact_refit import SettledFit
     from qsframework.experiment import Experiment, Readings
-    from qsframework.screening.conventions import Convention
+    from qsframework.screening import Mistake
 
 _PLAIN = 9e-4
 """p-value of a name above which it explains nothing yet; 1,000 draws that none reaches say 1/1001, and no less."""
@@ -235,7 +235,7 @@ class Diagnosis(Viewed):
     verdict: Verdict
     findings: tuple[NamedCause, ...]
     table: tuple[Line, ...]
-    conventions: tuple[Convention, ...]
+    conventions: tuple[Mistake, ...]
     audit: NoiseAudit
     leftovers: tuple[Leftover, ...]
     places: tuple[LikelyPlace, ...]

@@ -38,11 +38,15 @@ from qsframework.identify.selection import LeftAside, held_of, in_order, kinds_o
 from qsframework.identify.two_step import two_step
 from qsframework.information import what_would_help
 from qsframework.plugin import Array, Geometry
-from qsframework.screening import SHARE, Finding, find_outliers, told_outliers
+from qsframework.screening import SHARE, Finding, Mistake, adopted, find_mistakes, find_outliers, told_outliers
 from qsframework.work.threads import on_one_thread
 
 _ENOUGH = 30
 """Degrees of freedom below which no reading is called gross: a few cannot say what is usual."""
+_FAR = 3.0
+"""Times the stated noise beyond which the residuals of a fit ask what is wrong in the table."""
+_NO_BETTER = 0.9
+"""Share of the nominal arm's error; a fit that leaves more of it asks too, where no noise is stated."""
 _HOLDS = 30
 """Most fits in which weak holds and the noise that weighs them settle."""
 _FELL = 0.9
@@ -74,12 +78,31 @@ def identify(
         )
     method = two_step if options.method == "two-step" else _one_step
     used = rows if wrong is None else make_rows(readings.masked(wrong))
-    found = _finished(experiment, used, options, lambda own: method(experiment, own, names, options))
+    try:
+        found = _finished(experiment, used, options, lambda own: method(experiment, own, names, options))
+    except NotConverged as error:
+        said = " ".join(_in_the_table(experiment, readings))
+        raise NotConverged(f"{error}. {said}" if said else str(error)) from error
     if wrong is not None:
         predicted, measured = found.predict(replace(readings, use=readings.use & wrong))
         found = replace(found, missed=measured - predicted, missed_kind=readings.kind[readings.use & wrong])
     nominal, error, largest = _held_out(found)
+    if _misses(found, nominal, error):
+        found = replace(found, notes=(*_in_the_table(experiment, readings), *found.notes))
     return replace(found, gross=said, held_out_nominal=nominal, held_out_error=error, held_out_largest=largest)
+
+
+def _misses(fit: Fit, nominal: float, error: float) -> bool:
+    """Whether a fit is so far from its readings that their table is to be looked at."""
+    if fit.p_value is None:
+        return bool(error > _NO_BETTER * nominal)
+    return fit.chi2 > _FAR**2 * fit.dof
+
+
+def _in_the_table(experiment: Experiment, readings: Readings) -> tuple[str, ...]:
+    """What is wrong in the table beyond doubt, in the words of `qsf check`."""
+    found = adopted(find_mistakes(experiment, readings, gross=False))
+    return tuple(f"Wrong in the table: {c.words}." for c in found)
 
 
 def _held_out(fit: Fit) -> tuple[float, float, float]:
@@ -104,7 +127,7 @@ def _gross(
         return (), None
     found = told_outliers(readings, rows.keep, outliers)
     many = outliers.share > SHARE
-    said = masked_words(readings, [one for one in found if not (many and one.kind == "gross")])
+    said = masked_words(readings, [one for one in found if not (many and one.name == "gross")])
     if many or not outliers.gross.any():
         return said, None
     wrong = np.zeros(len(readings), dtype=bool)
@@ -112,15 +135,16 @@ def _gross(
     return said, wrong
 
 
-def masked_words(readings: Readings, findings: Sequence[Finding]) -> tuple[Masked, ...]:
-    """Findings as a fit of the masked readings keeps them: `replace(fit, cleaned=...)`."""
+def masked_words(readings: Readings, found: Sequence[Finding | Mistake]) -> tuple[Masked, ...]:
+    """Rows that are masked as a fit of the others keeps them: `replace(fit, cleaned=...)`."""
     of_line = dict(zip(readings.line.tolist(), readings.kind.tolist(), strict=True))
 
-    def kind(one: Finding) -> str:
-        masked = readings.kind[one.mask.astype(bool)].tolist() or [of_line[r] for r in one.rows]
+    def kind(one: Finding | Mistake) -> str:
+        masked: list[str] = [] if one.mask is None else readings.kind[one.mask].tolist()
+        masked = masked or [of_line[r] for r in one.rows]
         return "positions" if "position" in masked else f"{masked[0]}s"
 
-    return tuple(Masked(one.kind, tuple(sorted(one.rows)), one.words, kind(one)) for one in findings)
+    return tuple(Masked(one.name, tuple(sorted(one.rows)), one.words, kind(one)) for one in found)
 
 
 def _check_names(options: FitOptions, names: Sequence[str]) -> None:

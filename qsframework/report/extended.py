@@ -13,7 +13,7 @@ from qsframework.errors import InputError
 from qsframework.files import sha256
 from qsframework.report.words.diagnosis import diagnosis_words
 from qsframework.report.words.noise import audit_words
-from qsframework.screening.conventions import adopted
+from qsframework.screening import adopted
 
 
 def write_extended(

@@ -19,7 +19,7 @@ from qsframework.report.words.forecast import foresight_words, size_words, why_w
 from qsframework.report.words.headline import headline
 from qsframework.report.words.law import place_words, variable_words
 from qsframework.report.words.next_steps import next_steps
-from qsframework.screening.conventions import SUSPECTED, Convention
+from qsframework.screening import SUSPECTED, Mistake
 
 _RMS = ("nominal", "identified", "extended", "heldout_identified", "heldout_extended", "noise")
 
@@ -56,7 +56,7 @@ def diagnosis_json(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> di
     }
 
 
-def _mistake(c: Convention) -> dict[str, Any]:
+def _mistake(c: Mistake) -> dict[str, Any]:
     """A wrong convention or a mistake in the table: where, what was found and meant, and what changes with it."""
     return {
         "id": c.name,

@@ -1,7 +1,19 @@
-"""Are the readings what they claim: rows that cannot be right, markers, angles, gross errors."""
+"""What is wrong with a table of readings: mistakes, rows that cannot be right, gross errors."""
 
-from qsframework.screening.check import screen
+from qsframework.screening.check import find_mistakes
+from qsframework.screening.mistake import SUSPECTED, Mistake, adopted
 from qsframework.screening.outliers import SHARE, find_outliers, told_outliers
-from qsframework.screening.rows import KINDS, LEVEL, Finding, masked
+from qsframework.screening.rows import LEVEL, Finding, masked
 
-__all__ = ["KINDS", "LEVEL", "SHARE", "Finding", "find_outliers", "masked", "screen", "told_outliers"]
+__all__ = [
+    "LEVEL",
+    "SHARE",
+    "SUSPECTED",
+    "Finding",
+    "Mistake",
+    "adopted",
+    "find_mistakes",
+    "find_outliers",
+    "masked",
+    "told_outliers",
+]

@@ -1,83 +1,176 @@
-"""The verb: readings that cannot be right are found and named with their rows; nothing is deleted.
+"""The verb: what is wrong with a table of readings, mistake after mistake, each with what was probably meant.
 
-The level is that of all tests together: clean readings give any false finding in at most `level` of cases.
+What needs no model comes first: rows that nobody read, markers whose distances are another's. Then the readings are
+asked under every other convention, then row by row; what is beyond doubt is applied before the next is looked for, in
+memory only. At last rows are named that belong under no model.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.experiment import Experiment, Readings, make_rows
 from qsframework.plugin import Indices
-from qsframework.screening.linearized import Linearized, linearized
-from qsframework.screening.logging_faults import late_angles, swapped_markers, tool_misfit
+from qsframework.screening.conventions import overloads, single_rows, suspicions, whole_table
+from qsframework.screening.linearized import Linearized, at_solution, linearized
+from qsframework.screening.logging_faults import tool_misfit
+from qsframework.screening.mistake import Mistake
 from qsframework.screening.outliers import find_outliers, told_outliers
 from qsframework.screening.rigidity import marker_rigidity
-from qsframework.screening.rows import LEVEL, Finding, finding, lines, masked, unread
+from qsframework.screening.rounded import rounded_angles
+from qsframework.screening.rows import LEVEL, Finding, copies, finding, lines, masked, unread
+from qsframework.screening.standing_out import stand_out
 
+_MOST = 6
+"""Mistakes of one file that are looked for."""
 _TESTED = 4
-"""Kinds that share the level; zeros and copies are no matter of chance."""
-_MOST = 20
+"""Kinds that share the level."""
+_MANY = 20
 """Gross displacements that are taken out one after the other."""
+_UNTOLD = (InputError, NotIdentifiable, NotConverged, np.linalg.LinAlgError)
+"""Where the readings tell no fit, they prove nothing; `identify` says what they lack."""
 
 
-def screen(
-    experiment: Experiment, readings: Readings, fit: Sequence[str] | None = None, level: float = LEVEL
-) -> tuple[Finding, ...]:
-    """Look for zero readings, duplicated rows, markers exchanged or touched, angles logged late, and gross errors, in
-    this order: what one test explains, the next ones do not see.
+def find_mistakes(
+    experiment: Experiment, readings: Readings, gross: bool = True, level: float = LEVEL
+) -> tuple[Mistake, ...]:
+    """What is wrong with the readings, or with how their file is read; nothing is the rule, and nothing is deleted.
 
-    Tests that need a fit are left out where the readings cannot tell one. Findings of late angles and of swapped
-    markers mask the rows they name.
+    Args:
+        experiment: the campaign, with the parameters to fit.
+        readings: R rows of it.
+        gross: whether rows that belong under no model are named too; a diagnosis judges them beside its causes.
+        level: of all tests of single rows together: clean readings give any false finding in at most so many cases.
+
+    Returns:
+        Mistakes beyond doubt first, in the order in which they were applied: each holds the readings with it and with
+        all before it. Then what merely fits better (where nothing is beyond doubt), suspicions, and gross rows. Beside
+        the first one that is beyond doubt the next best goes along and is not compelling: axes that are nearly those of
+        the right sign fit better, too.
     """
-    experiment = experiment if fit is None else experiment.with_(fit=tuple(fit))
-    found = unread(readings)
-    share = level / _TESTED
-    found += marker_rigidity(experiment, masked(readings, found), level)
-    for kind, look in (("late angles", late_angles), ("swapped markers", swapped_markers)):
-        found += _looked(experiment, readings, found, kind, look, share)
-    found += _gross(experiment, readings, found, share)
-    found += _looked(experiment, readings, found, "tool", tool_misfit, share)
-    return tuple(found)
-
-
-def _looked(
-    experiment: Experiment,
-    readings: Readings,
-    found: list[Finding],
-    kind: str,
-    look: Callable[[Linearized, float], list[tuple[Indices, str]]],
-    level: float,
-) -> list[Finding]:
-    fit = _fit(experiment, masked(readings, found))
-    return [] if fit is None else [finding(kind, readings, rows, words) for rows, words in look(fit, level)]
-
-
-def _fit(experiment: Experiment, readings: Readings) -> Linearized | None:
+    found: list[Mistake] = []
+    for one in [*unread(readings), *_rigid(experiment, readings, level)]:
+        if one.name != "tool":
+            readings = one.applied(readings)
+            found.append(_told(one, experiment, readings, True))
     try:
-        return linearized(experiment, readings)
-    except (InputError, NotIdentifiable, NotConverged, np.linalg.LinAlgError):
+        given = linearized(experiment, readings)
+    except _UNTOLD:
+        return tuple(found)
+    units = suspicions(given)
+    proved, rest, given = _proved(given)
+    others = [replace(c, compelling=False) for c in rest]
+    more = _gross(given.experiment, given.readings, level) if gross else []
+    told = [_told(one, given.experiment, given.readings, False) for one in more]
+    return (*found, *proved, *others, *units, *overloads(given), *told)
+
+
+def _proved(given: Linearized) -> tuple[list[Mistake], list[Mistake], Linearized]:
+    """What is beyond doubt, each with all before it applied; what merely fits better; and the fit with the former."""
+    rounded = _rounded(given)
+    if rounded is not None:  # what every visit is off by, nothing else can be told from
+        return [rounded], [], given
+    proved: list[Mistake] = []
+    rest: list[Mistake] = []
+    while len(proved) < _MOST:
+        standing = stand_out(given.experiment, given.readings)
+        found = whole_table(given, standing)
+        found = found if not found or not found[0].compelling or _holds(found[0], given) else found[1:]
+        if not proved:
+            rest = found if not found or not found[0].compelling else found[1:2]
+        if not found or not found[0].compelling:
+            found = single_rows(given, standing)
+            if not found:
+                break
+            rest = []
+        else:
+            found = found[:1]
+        proved += found
+        given = linearized(found[-1].experiment, found[-1].readings)
+    return proved, rest, given
+
+
+def _rounded(given: Linearized) -> Mistake | None:
+    found = rounded_angles(given.experiment, given.readings)
+    if found is None:
         return None
+    step = float(np.rad2deg(found.step))
+    words = (
+        f"the angles are rounded to {step:g} deg, which moves the markers by {found.off * 1e3:.2g} mm a coordinate: "
+        "write them with all digits of the controller"
+    )
+    one = Finding("angles_rounded", (), words, np.zeros(len(given.readings), dtype=bool))
+    told = _told(one, given.experiment, given.readings, True)
+    rms = given.estimates.rms
+    told = replace(told, mask=None, hides=True, column="q", found=found.step)
+    return replace(told, evidence=found.evidence, rms=rms, rms_given=rms)
 
 
-def _gross(experiment: Experiment, readings: Readings, found: list[Finding], level: float) -> list[Finding]:
-    """Rows that belong under neither the fitted nor a richer model; of displacements also by data snooping: the row
-    whose coordinates fit worst is taken out while it is beyond its level."""
-    clean = masked(readings, found)
+def _holds(change: Mistake, given: Linearized) -> bool:
+    """Whether the readings fit better with a change at the solution too, and not only by one step from the guess."""
+    try:
+        after = at_solution(change.experiment, change.readings)
+    except _UNTOLD:
+        return False
+    try:
+        return after < at_solution(given.experiment, given.readings)
+    except _UNTOLD:
+        return True
+
+
+def _rigid(experiment: Experiment, readings: Readings, level: float) -> list[Finding]:
+    return marker_rigidity(experiment, masked(readings, [one.mask for one in unread(readings)]), level)
+
+
+def _told(one: Finding, experiment: Experiment, readings: Readings, compelling: bool) -> Mistake:
+    """What was found without comparing two fits."""
+    nan = float("nan")
+    return Mistake(
+        name=one.name,
+        value=1.0,
+        words=one.words,
+        experiment=experiment,
+        readings=readings,
+        rms=nan,
+        rms_given=nan,
+        evidence=nan,
+        below=0,
+        compelling=compelling,
+        rows=one.rows,
+        kinds=(one.name,),
+        mask=one.mask,
+    )
+
+
+def _gross(experiment: Experiment, readings: Readings, level: float) -> list[Finding]:
+    """Rows that belong under neither the fitted nor a richer model, and visits whose markers did not move as one body;
+    of displacements also by data snooping: the row whose coordinates fit worst is taken out while it is beyond its
+    level."""
+    out = copies(readings)
+    out += [o for o in _rigid(experiment, masked(readings, [o.mask for o in out]), level) if o.name == "tool"]
+    clean = masked(readings, [one.mask for one in out])
     try:
         rows = make_rows(clean)
     except InputError:
-        return []
-    outliers = find_outliers(experiment, clean)
-    out = [] if outliers is None else told_outliers(clean, rows.keep, outliers)
-    if clean.is_position[rows.keep].any():
         return out
-    spoken = {r for one in out for r in one.rows}
-    for _ in range(min(_MOST, max(1, len(readings) // 5))):
-        fit = _fit(experiment, masked(readings, [*found, *out]))
+    outliers = find_outliers(experiment, clean)
+    out += [] if outliers is None else told_outliers(clean, rows.keep, outliers)
+    if not clean.is_position[rows.keep].any():
+        out += _snooped(experiment, readings, out, level / _TESTED)
+    fit = _fit(experiment, masked(readings, [one.mask for one in out]))
+    tools = [] if fit is None else tool_misfit(fit, level / _TESTED)
+    return out + [finding("tool", readings, at, words) for at, words in tools]
+
+
+def _snooped(experiment: Experiment, readings: Readings, found: Sequence[Finding], level: float) -> list[Finding]:
+    out: list[Finding] = []
+    spoken = {r for one in found for r in one.rows}
+    for _ in range(min(_MANY, max(1, len(readings) // 5))):
+        fit = _fit(experiment, masked(readings, [one.mask for one in (*found, *out)]))
         if fit is None:
             break
         alone = fit.fit.held_out(fit.row)
@@ -89,7 +182,15 @@ def _gross(experiment: Experiment, readings: Readings, found: list[Finding], lev
         i = fit.keep[worst]
         off = fit.rows.spread(fit.fit.residuals)[worst]
         size = float(np.linalg.norm(off[np.isfinite(off)]) * 1e3)
-        words = f"{lines(readings, np.array([i]))}: {size:.3f} mm off what the other readings say (p = {p[worst]:.1g})"
+        at: Indices = np.array([i])
+        words = f"{lines(readings, at)}: {size:.3f} mm off what the other readings say (p = {p[worst]:.1g})"
         if int(readings.line[i]) not in spoken:
-            out.append(finding("gross", readings, np.array([i]), words))
+            out.append(finding("gross", readings, at, words))
     return out
+
+
+def _fit(experiment: Experiment, readings: Readings) -> Linearized | None:
+    try:
+        return linearized(experiment, readings)
+    except _UNTOLD:
+        return None

@@ -15,13 +15,13 @@ from qsframework.plugin import Array, Indices, Poses
 from qsframework.plugin.registry import with_role
 from qsframework.robot import StructuralChange, alternatives
 from qsframework.screening.linearized import Linearized, of_bridge
-from qsframework.screening.logging_faults import moved_up, visits_of
+from qsframework.screening.logging_faults import Slipped, moved_up
 
 
 @dataclass(frozen=True, eq=False)
 class ConventionChange:
     """A convention before it is judged, of all rows, those that are set aside too; name, value, rows, column, found and
-    meant as in `Convention`.
+    meant as in `Mistake`.
 
     free: numbers that it fits to the readings; shrunk: log of how much smaller it makes numbers, and all misfits with
     them
@@ -161,38 +161,52 @@ _MOVED = 1e-3
 
 
 def angle_units(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
-    """A column of angles in radians under a header of degrees, of travels in m under one of mm, or the reverse."""
+    """Columns of angles in radians under headers of degrees, of travels in m under mm, or the reverse: one, or all."""
     pendant, joints = readings.poses.pendant, experiment.robot.controller.units
-    for k in range(pendant.shape[1]):
-        largest = float(np.abs(pendant[:, k]).max())
-        unit = joints[k]
-        few = largest * unit.per <= _FEW[unit.si]
-        if largest < _MOVED or not (few or largest > _FEW[unit.si]):
-            continue
-        there, here = (unit.si, unit.shown) if few else (unit.shown, unit.si)
-        factor, said = unit.per if few else unit.factor, f"{there}, not in {here}"
+    largest = np.abs(pendant).max(axis=0)
+    units = [joints[k] for k in range(len(joints))]
+    few = np.array([size * u.per <= _FEW[u.si] for size, u in zip(largest.tolist(), units, strict=True)])
+    many = np.array([size > _FEW[u.si] for size, u in zip(largest.tolist(), units, strict=True)])
+    moved = largest >= _MOVED
+    single = [(k,) for k in np.flatnonzero(moved & (few | many)).tolist()]
+    turning = moved & ~np.array(joints.sliding)
+    every = [tuple(np.flatnonzero(turning).tolist())] if turning.sum() > 1 and few[turning].all() else []
+    for columns in (*every, *single):
+        unit, small = joints[columns[0]], bool(few[columns[0]])
+        there, here = (unit.si, unit.shown) if small else (unit.shown, unit.si)
         angles = pendant.copy()
-        angles[:, k] *= factor
+        angles[:, columns] *= unit.per if small else unit.factor
         if not experiment.robot.controller.outside(angles).any():
-            words = f"the column q{k + 1} is in {said}"
+            names = ", ".join(f"q{k + 1}" for k in columns)
+            words = f"the column{'s' if len(columns) > 1 else ''} {names} {_are(columns)} in {there}, not in {here}"
+            factor = unit.per if small else unit.factor
             changed = _shown(experiment, readings, angles)
-            yield ConventionChange("column_unit", factor, words, experiment, readings=changed, column=f"q{k + 1}")
+            yield ConventionChange("column_unit", factor, words, experiment, readings=changed, column=names)
+
+
+def _are(columns: Sequence[int]) -> str:
+    return "are" if len(columns) > 1 else "is"
 
 
 def joint_columns(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
-    """The angles, or the travels, of two joints exchanged."""
+    """The angles, or the travels, of two joints exchanged; or those of all joints each in the next one's column, as
+    where a log counts them from zero or leaves the first one out."""
     pendant, sliding = readings.poses.pendant, experiment.robot.controller.units.sliding
-    for a, b in combinations(range(pendant.shape[1]), 2):
-        if sliding[a] != sliding[b]:
-            continue
-        angles = pendant.copy()
-        angles[:, [a, b]] = pendant[:, [b, a]]
+    count = pendant.shape[1]
+    every = np.arange(count, dtype=np.intp)
+    orders: list[tuple[Indices, str, str]] = []
+    for a, b in combinations(range(count), 2):
+        if sliding[a] == sliding[b]:
+            order = np.where(every == a, b, np.where(every == b, a, every))
+            orders.append((order, f"the columns q{a + 1} and q{b + 1} are exchanged", f"q{a + 1}, q{b + 1}"))
+    for by, where in ((1, "after"), (-1, "before")) if count > 2 and not any(sliding) else ():
+        words = f"each column of angles holds the joint {where} its own, as where a log counts them from zero"
+        orders.append((np.roll(every, by), words, f"q1 to q{count}"))
+    for order, words, column in orders:
+        angles = pendant[:, order]
         if not experiment.robot.controller.outside(angles).any():
-            words = f"the columns q{a + 1} and q{b + 1} are exchanged"
             changed = _shown(experiment, readings, angles)
-            yield ConventionChange(
-                "joint_columns", 1.0, words, experiment, readings=changed, column=f"q{a + 1}, q{b + 1}"
-            )
+            yield ConventionChange("joint_columns", 1.0, words, experiment, readings=changed, column=column)
 
 
 def _shown(experiment: Experiment, readings: Readings, pendant: Array) -> Readings:
@@ -333,11 +347,14 @@ TRACKER = "tracker axes"
 """Name of the series that displacements along unknown axes are taken for."""
 
 
-def earlier(fit: Linearized, rows: Indices) -> Readings:
-    """The angles of a run of visits moved up by one; the last one's are missing, so it is masked."""
-    seen = visits_of(fit.rows)
-    run = np.unique(seen.of[np.isin(fit.keep, rows)])
-    poses = moved_up(fit.readings.poses, seen, range(int(run[0]), int(run[-1])))
-    last = np.zeros(len(fit.readings), dtype=bool)
-    last[fit.keep[seen.of == run[-1]]] = True
-    return fit.readings.with_poses(poses).masked(last)
+def realigned(fit: Linearized, run: Slipped) -> Readings:
+    """The angles of a run of visits moved by one, up where each has those of the visit before, else down. One visit's
+    are then missing, so it is masked."""
+    seen, end = run.seen, len(run.seen) - 1
+    if run.by > 0:
+        poses = moved_up(fit.readings.poses, seen, range(run.first, run.last))
+    else:
+        poses = moved_up(fit.readings.poses, seen.reversed(), range(end - run.last, end - run.first))
+    lost = np.zeros(len(fit.readings), dtype=bool)
+    lost[fit.keep[seen.of == run.lost]] = True
+    return fit.readings.with_poses(poses).masked(lost)

@@ -6,7 +6,7 @@ A deterministic check before any physics is suspected: a wrong convention is not
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,13 +23,13 @@ from qsframework.screening.convention_changes import (
     angle_units,
     couplings,
     displacement_axes,
-    earlier,
     exchanged_states,
     force_axes,
     force_units,
     joint_columns,
     joint_signs,
     position_axes,
+    realigned,
     structures,
     tracker_axes,
     value_units,
@@ -37,9 +37,11 @@ from qsframework.screening.convention_changes import (
 from qsframework.screening.edit_words import mistake_words
 from qsframework.screening.linearized import Estimates, Linearized, linearized, of_bridge, other_readings
 from qsframework.screening.logging_faults import exchanges, late_angles
-from qsframework.screening.rows import lines
+from qsframework.screening.marker_constant import marker_constant
+from qsframework.screening.mistake import Mistake, Moved
+from qsframework.screening.rows import among, lines
 from qsframework.screening.standing_out import Standing, agreement, stand_out
-from qsframework.screening.table_mistakes import TableMistake, table_mistakes
+from qsframework.screening.table_mistakes import Mend, table_mistakes
 
 LEVEL = 1e-4
 """The likelihood ratio, all conventions counted, beyond which one may be compelling."""
@@ -47,8 +49,6 @@ RATIO = 0.8
 """How far the sum of squares must fall at least; a hidden effect makes smaller differences."""
 LOCAL = 0.25
 """The same for the rows that a change touches: physics at some poses is not undone by exchanging their readings."""
-_MOST = 6
-"""Mistakes of one file that are looked for."""
 _MANY = 0.08
 """Of the visits: where more stand out, it may be a change of all rows that they are too many to be set aside from."""
 _AS_STATED = 0.5
@@ -57,8 +57,6 @@ _UNIT = 0.25
 """What another unit of a column leaves of the sum of squares at most: it is no small change."""
 _NOISE = 4.0
 """Times the stated variance that a column of forces in another unit leaves at most."""
-SUSPECTED = ("load_unit", "load_payload")
-"""Names of what is told and never applied: no fit can prove it."""
 _OVERLOAD = 1.5
 """Times the payload of the robot's files from which a force is told."""
 _LIGHTER = (
@@ -87,82 +85,7 @@ _APART = 0.5
 """How far, in log, the compliances may scatter about their common factor."""
 
 
-@dataclass(frozen=True)
-class Moved:
-    """A parameter that a mistake moved: its value with and without it, SI."""
-
-    name: str
-    unit: str
-    before: float
-    after: float
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Convention:
-    """Another reading of the file or of the controller, applied and refitted.
-
-    name: the parameter of a joint's shown angle, `joint_sign[joint_2]`, `displacement_axes`, `displacement_sign`,
-    `force_axes`, `load_unit`, `swapped_markers` or `late_angles`, or a structure, such as `loop absent:
-    parallelogram[joint_3]`; value: what a coupling is fixed at, the factor
-    of a unit, else 1; experiment, readings: with the convention applied; rms, rms_given: m, of the fits with it
-    and as given; evidence: log of how much likelier it makes the readings, the number of conventions tried
-    counted; below: compliances that the fit puts below their bounds; structure: whether the
-    arm itself is another one; rows: lines of the file, none for all; file: its name, where there are several; kinds: of
-    mistakes that mend the readings about as well, its own first; column: without its unit; found, meant: SI, in that
-    column of one pose, else NaN; moved: the parameters that change most with it. Only a compelling one is to be
-    believed; a `load_unit` never is, because the compliances absorb it.
-    """
-
-    name: str
-    value: float
-    words: str
-    experiment: Experiment
-    readings: Readings
-    rms: float
-    rms_given: float
-    evidence: float
-    below: int
-    compelling: bool
-    structure: bool = False
-    rows: tuple[int, ...] = ()
-    file: str = ""
-    kinds: tuple[str, ...] = ()
-    column: str = ""
-    found: float = float("nan")
-    meant: float = float("nan")
-    moved: tuple[Moved, ...] = ()
-
-
-def check_conventions(experiment: Experiment, readings: Readings) -> tuple[Convention, ...]:
-    """The conventions and mistakes under which the readings fit better than as given; none is the rule.
-
-    Compelling ones stand first, in the order in which they were adopted: each holds the readings with it and with all
-    before it. Where none is compelling, those that merely fit better, the likeliest first. Beside the first compelling
-    one the next best goes along and is not compelling: axes that are nearly those of the right sign fit better, too.
-    """
-    proved: list[Convention] = []
-    rest: list[Convention] = []
-    given = linearized(experiment, readings)
-    suspicions = _units(given)
-    while len(proved) < _MOST:
-        standing = stand_out(experiment, readings)
-        found = _whole(given, standing)
-        if not proved:
-            rest = found if not found or not found[0].compelling else found[1:2]
-        if not found or not found[0].compelling:
-            found = _cells(given, standing)
-            if not found:
-                break
-            rest = []
-        else:
-            found = found[:1]
-        proved += found
-        experiment, readings = found[-1].experiment, found[-1].readings
-        given = linearized(experiment, readings)
-    return (*proved, *(replace(c, compelling=False) for c in rest), *suspicions, *_overloads(given))
-
-
-def _whole(given: Linearized, standing: Standing) -> list[Convention]:
+def whole_table(given: Linearized, standing: Standing) -> list[Mistake]:
     """Changes of all rows under which the readings fit better, compelling ones first.
 
     Visits that stand out are set aside first unless they are many; a change must make most visits agree better, and not
@@ -176,9 +99,10 @@ def _whole(given: Linearized, standing: Standing) -> list[Convention]:
     changes = [] if _as_stated(others) else [c for make in _CHANGES for c in make(experiment, others.readings)]
     trials = zip(changes, _trials(changes, others), strict=True)
     judged = [_judge(change, others, trial, len(changes)) for change, trial in trials]
-    judged += [_judge(c, fit, _trials([c], fit)[0], tried, rows) for c, fit, tried, rows in _mistakes(given)]
-    found = [c for c in judged if c is not None]
-    whole = [replace(c, readings=replace(c.readings, use=c.readings.use | (aside & readings.use))) for c in found]
+    back = aside & readings.use
+    whole = [replace(c, readings=replace(c.readings, use=c.readings.use | back)) for c in judged if c is not None]
+    local = [_judge(c, fit, _trials([c], fit)[0], tried, rows) for c, fit, tried, rows in _mistakes(given)]
+    whole += [c for c in local if c is not None]
     whole.sort(key=lambda c: (not c.compelling, -c.evidence))
     while aside.any() and whole and whole[0].compelling and not _agrees(standing, whole[0]):
         whole = [*(c for c in whole[1:] if c.compelling), *(c for c in whole[1:] if not c.compelling)]
@@ -192,7 +116,7 @@ def _as_stated(fit: Linearized) -> bool:
     return fit.stated and _AS_STATED < fit.estimates.chi2 / fit.estimates.dof < 1.0 / RATIO
 
 
-def _agrees(standing: Standing, change: Convention) -> bool:
+def _agrees(standing: Standing, change: Mistake) -> bool:
     """Whether most visits fit better with a change."""
     try:
         return agreement(stand_out(change.experiment, change.readings)) < agreement(standing)
@@ -215,9 +139,9 @@ _CHANGES = (
 )
 
 
-def _cells(given: Linearized, standing: Standing) -> list[Convention]:
+def single_rows(given: Linearized, standing: Standing) -> list[Mistake]:
     """Mistakes in single rows and poses, each applied after those before it."""
-    out: list[Convention] = []
+    out: list[Mistake] = []
     experiment, readings = given.experiment, given.readings
     for mistake in table_mistakes(standing):
         words, first = mistake_words(readings, mistake), mistake.edits[0]
@@ -230,7 +154,7 @@ def _cells(given: Linearized, standing: Standing) -> list[Convention]:
         except (InputError, NotIdentifiable):
             continue
         out.append(
-            Convention(
+            Mistake(
                 name=_name(readings, mistake),
                 value=1.0,
                 words=f"{words}: {_gain_words(fit.estimates.rms, given.estimates.rms)}",
@@ -242,6 +166,7 @@ def _cells(given: Linearized, standing: Standing) -> list[Convention]:
                 below=fit.estimates.below,
                 compelling=True,
                 rows=tuple(sorted(int(r) for r in readings.line[rows])),
+                mask=among(readings, rows),
                 file=_file(readings, rows),
                 kinds=tuple(dict.fromkeys([first.kind, *(o.kind for o in mistake.others)])),
                 column=first.column,
@@ -254,7 +179,7 @@ def _cells(given: Linearized, standing: Standing) -> list[Convention]:
     return out
 
 
-def _name(readings: Readings, mistake: TableMistake) -> str:
+def _name(readings: Readings, mistake: Mend) -> str:
     """`angle[p08/q5]`: kind, pose, the state where it is one of two, and the column of a single number."""
     states, first = readings.states, mistake.edits[0]
     poses = list(dict.fromkeys(states.pose[int(s)] for e in mistake.edits for s in e.states))
@@ -274,7 +199,7 @@ def _file(readings: Readings, rows: Indices) -> str:
     return readings.sources[int(readings.file[rows[0]])].name
 
 
-def _overloads(given: Linearized) -> list[Convention]:
+def overloads(given: Linearized) -> list[Mistake]:
     """Forces far beyond what the robot's files say that it carries."""
     readings, robot = given.readings, given.experiment.robot
     if robot.payload is None:
@@ -291,7 +216,7 @@ def _overloads(given: Linearized) -> list[Convention]:
         f"({robot.payload:g} kg, {most:.0f} N){meant}"
     )
     return [
-        Convention(
+        Mistake(
             name="load_payload",
             value=largest / most,
             words=words,
@@ -345,7 +270,7 @@ def _may_fit(change: ConventionChange, given: Linearized) -> bool:
 
 def _judge(
     change: ConventionChange, given: Linearized, trial: Linearized | None, tried: int, rows: Indices | None = None
-) -> Convention | None:
+) -> Mistake | None:
     """Compare a change that is applied; `rows` of the file are those that it touches, None for all. None where nothing
     speaks for it, and where it cannot be applied."""
     if trial is None or _speaks_for(change, given.estimates, trial.fit, tried)[0] <= 0.0:
@@ -357,7 +282,7 @@ def _judge(
     enough = drop > -np.log(RATIO) and (rows is None or _local(given, trial, rows) < LOCAL)
     enough = enough and (change.name != "column_unit" or _right_unit(change, given, trial))
     compelling = evidence > -np.log(LEVEL) and enough and fit.below <= before.below
-    return Convention(
+    return Mistake(
         name=change.name,
         value=change.value,
         words=fits_better(change, fit.rms, before.rms),
@@ -369,6 +294,7 @@ def _judge(
         below=fit.below,
         compelling=bool(compelling),
         rows=() if rows is None else tuple(int(r) for r in np.unique(given.readings.line[rows])),
+        mask=None if rows is None else among(given.readings, rows),
         file="" if rows is None else _file(given.readings, rows),
         kinds=(change.name,),
         column=change.column,
@@ -491,13 +417,20 @@ def _mistakes(given: Linearized) -> list[tuple[ConventionChange, Linearized, int
         words = "; ".join(words for _, words in swapped)
         change = ConventionChange("swapped_markers", 1.0, words, experiment, readings=replace(readings, value=value))
         out.append((change, given, 3 * len(readings.states), touched))
-    for rows, words in late_angles(trial, LEVEL)[:1]:
-        change = ConventionChange("late_angles", 1.0, words, experiment, readings=earlier(trial, rows))
-        out.append((change, given, len(readings.states), rows))
+    constant = marker_constant(trial)
+    if constant is not None:
+        changed = readings.with_values(constant.value)
+        words = constant.described()
+        change = ConventionChange("marker_constant", constant.off, words, experiment, readings=changed, free=1)
+        out.append((change, given, constant.tried, constant.rows))
+    for run in late_angles(trial, LEVEL)[:1]:
+        moved = realigned(trial, run)
+        change = ConventionChange("late_angles", 1.0, run.described(trial), experiment, readings=moved)
+        out.append((change, given, len(readings.states), run.rows(trial)))
     return out
 
 
-def _units(given: Linearized) -> list[Convention]:
+def suspicions(given: Linearized) -> list[Mistake]:
     """A unit that all compliances absorb: they are off their nominal values by one factor, and it is a unit's."""
     model, names = given.experiment.model(), given.experiment.fit_names()
     springs = {p.name for e in model.effects if isinstance(e, Spring) for p in e.parameters(model.facts)}
@@ -510,7 +443,7 @@ def _units(given: Linearized) -> list[Convention]:
     common = float(np.median(ratio))
     if np.median(np.abs(ratio - common)) > _APART:
         return []
-    out: list[Convention] = []
+    out: list[Mistake] = []
     for factor, meaning in _UNITS:
         if abs(common - np.log(factor)) > _NEAR:
             continue
@@ -520,7 +453,7 @@ def _units(given: Linearized) -> list[Convention]:
             f"(a factor of {factor:.4g}); the fit absorbs it, so it cannot be proved from these readings"
         )
         out.append(
-            Convention(
+            Mistake(
                 name="load_unit",
                 value=factor,
                 words=words,
@@ -534,14 +467,3 @@ def _units(given: Linearized) -> list[Convention]:
             )
         )
     return out
-
-
-def adopted(found: Sequence[Convention]) -> tuple[Convention, ...]:
-    """The conventions and mistakes that are beyond doubt, in the order in which they were applied: the last one holds
-    the readings with all of them. None where the readings are right as given."""
-    return tuple(c for c in found if c.compelling)
-
-
-def compelling(found: Sequence[Convention]) -> Convention | None:
-    """The first convention that is beyond doubt, None where the readings are right as given."""
-    return next(iter(adopted(found)), None)

@@ -8,7 +8,7 @@ from qsframework.experiment import Readings
 from qsframework.screening.blocks import FORCE, FRAME, LOST
 from qsframework.screening.edits import DECIMAL, MISSING, OFF, OTHER, SIGN, UNIT, Edit
 from qsframework.screening.rows import lines
-from qsframework.screening.table_mistakes import TableMistake
+from qsframework.screening.table_mistakes import Mend
 
 _SLIPS = {
     SIGN: "the sign is reversed",
@@ -19,7 +19,7 @@ _SLIPS = {
 }
 
 
-def mistake_words(readings: Readings, mistake: TableMistake) -> str:
+def mistake_words(readings: Readings, mistake: Mend) -> str:
     """Row and pose, what was found, what was meant; other edits that fit about as well."""
     first = mistake.edits[0]
     rows = np.concatenate([e.rows if e.touched is None else e.touched for e in mistake.edits])
@@ -36,9 +36,9 @@ def _what(readings: Readings, e: Edit) -> str:
         return "the names of the markers are exchanged"
     if e.kind == "states_exchanged":
         return "loaded and unloaded are exchanged"
-    if e.kind == "poses_exchanged":
+    if e.kind in ("poses_exchanged", "loads_exchanged"):
         pose = readings.states.pose[int(e.states[0])]
-        what = "the readings" if e.column == "pose" else "the angles"
+        what = {"pose": "the readings", "q": "the angles", "force": "the loads"}[e.column]
         return f"{what} of poses {pose} and {e.other} are exchanged"
     if e.kind == "repeated_readings":
         return f"the readings are those of pose {e.other} once more; what was read here is lost"

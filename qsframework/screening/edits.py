@@ -257,24 +257,25 @@ def repeated_readings(readings: Readings, group: Group, keep: Indices) -> Iterat
 
 
 def exchanges(readings: Readings, one: Group, two: Group) -> Iterator[tuple[Edit, Edit]]:
-    """The readings of two poses stand at each other's angles, under each other's force or their own."""
+    """The readings of two poses stand at each other's angles, under each other's force or their own, or at their own
+    angles under each other's force."""
     if len(one.states) != len(two.states) or len(one.rows) != len(two.rows):
         return
     if not np.array_equal(readings.states.loaded[one.states], readings.states.loaded[two.states]):
         return
     poses = readings.poses
-    for forces in (True, False):
-        if forces and np.array_equal(poses.wrench[one.states], poses.wrench[two.states]):
-            continue
-        yield (_taken(readings, one, two, forces), _taken(readings, two, one, forces))
+    same = np.array_equal(poses.wrench[one.states], poses.wrench[two.states])
+    for what in ("q",) if same else ("pose", "q", "force"):
+        yield (_taken(readings, one, two, what), _taken(readings, two, one, what))
 
 
-def _taken(readings: Readings, own: Group, other: Group, forces: bool) -> Edit:
-    start = plain(readings, own, "poses_exchanged")
+def _taken(readings: Readings, own: Group, other: Group, what: str) -> Edit:
+    """Rows with the angles ("q"), the force, or both ("pose") of another pose."""
+    start = plain(readings, own, "loads_exchanged" if what == "force" else "poses_exchanged")
     poses, name = readings.poses, readings.states.pose[int(other.states[0])]
-    wrench = poses.wrench[other.states] if forces else start.wrench
-    column = "pose" if forces else "q"
-    return replace(start, pendant=poses.pendant[other.states], wrench=wrench, other=name, column=column)
+    wrench = start.wrench if what == "q" else poses.wrench[other.states]
+    pendant = start.pendant if what == "force" else poses.pendant[other.states]
+    return replace(start, pendant=pendant, wrench=wrench, other=name, column=what)
 
 
 def misfits(standing: Standing, edits: Sequence[Edit]) -> Array:

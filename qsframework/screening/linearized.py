@@ -131,6 +131,35 @@ def of_bridge(experiment: Experiment, seen: ObservationModel) -> Linearized:
     return Linearized(experiment, rows, slopes, errors, rows.noise, rows.stated)
 
 
+def at_solution(experiment: Experiment, readings: Readings) -> float:
+    """RMS (m) of what some steps of Gauss and Newton leave, each within bounds and shortened until it helps: at the
+    solution, not at the guess; where readings hardly tell a direction nothing moves along it."""
+    seen = bridge(experiment, readings, experiment.fit_names(), linear=True)
+    rows, size = seen.rows, scales(list(seen.parameters))
+    low, high = (np.array([getattr(p, end) for p in seen.parameters]) for end in ("lower", "upper"))
+    least, z = np.inf, np.clip(seen.start, low, high)
+    for _ in range(_STEPS):
+        predicted, J = seen.rates(z)
+        errors = rows.noise.whiten(rows.scalars - predicted)
+        white = rows.noise.whiten(J * size)
+        length = np.maximum(np.linalg.norm(white, axis=0), 1e-300)
+        step = np.asarray(np.linalg.lstsq(white / length, errors, rcond=_WEAK)[0], dtype=np.float64) / length * size
+        before = float(np.linalg.norm(errors))
+        for share in _SHARES:
+            there = np.clip(z + share * step, low, high)
+            left_over = rows.scalars - seen.predict(there)
+            if float(np.linalg.norm(rows.noise.whiten(left_over))) < before:
+                break
+        else:
+            return min(least, rms(rows.scalars - predicted))
+        z, least = there, rms(left_over)
+    return least
+
+
+_STEPS, _WEAK, _SHARES = 6, 1e-5, (1.0, 0.5, 0.2, 0.05)
+"""Steps; share of the largest singular value below which a direction is not told; and shares of a step."""
+
+
 def _columns(seen: ObservationModel, frames: Sequence[Frame], scale: Array) -> tuple[Array, Array]:
     """Sensitivities (m, p) m to parameters of these scales, and errors (m,) m, at a bridge's values in some frames."""
     rows = seen.rows

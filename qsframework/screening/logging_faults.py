@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from qsframework.plugin import Array, Indices, Poses
 from qsframework.screening.linearized import Linearized, of_bridge
 
 Found = list[tuple[Indices, str]]
+
+
 _SLACK = 16.0
 """How much worse, in squares of the noise, an exchange may fit than leaving out the worst of its rows."""
 _FALL = 0.8
@@ -129,6 +131,45 @@ class Visits:
     def __len__(self) -> int:
         return len(self.states)
 
+    def reversed(self) -> Visits:
+        """The same, the last one first."""
+        return Visits(self.states[::-1], len(self) - 1 - self.of)
+
+
+@dataclass(frozen=True, eq=False)
+class Slipped:
+    """Visits `first` to `last` of `seen` that have the angles of the visit before (by = 1) or after (-1)."""
+
+    seen: Visits
+    first: int
+    last: int
+    by: int
+
+    @property
+    def lost(self) -> int:
+        """The visit whose own angles stand nowhere."""
+        return self.last if self.by > 0 else self.first
+
+    def rows(self, fit: Linearized) -> Indices:
+        """Places of its rows in the readings of a fit."""
+        return fit.keep[(self.seen.of >= self.first) & (self.seen.of <= self.last)]
+
+    def described(self, fit: Linearized) -> str:
+        """In words: which rows, and what to do."""
+        readings = fit.readings
+        lines, pose = readings.line[self.rows(fit)], readings.states.pose[self.seen.states[self.lost][0]]
+        if self.first == self.last:
+            return (
+                f"rows {', '.join(map(str, lines))} (pose {pose}): the angles are those of the pose before, and the "
+                "readings do not fit there: they were logged too early"
+            )
+        late = self.by > 0
+        said = "late: with those of the pose after each" if late else "early: with those of the pose before"
+        return (
+            f"rows {lines[0]} to {lines[-1]}: the angles stand one pose {said}, the readings fit far better. Move the "
+            f"angle columns {'up' if late else 'down'} by one pose; the angles of pose {pose} are then missing"
+        )
+
 
 def visits_of(rows: ReadingRows) -> Visits:
     """Rows of one `plus` are one visit, with the unloaded states that no other visit shares."""
@@ -153,21 +194,48 @@ def moved_up(poses: Poses, seen: Visits, run: range) -> Poses:
     return replace(poses, pendant=pendant, q=q)
 
 
-def late_angles(fit: Linearized, level: float) -> Found:
-    """Runs of visits that have the angles of the one before, so that their own stand one visit later."""
-    seen = visits_of(fit.rows)
-    count = len(seen)
-    if count < 3:
-        return []
+def stops_of(rows: ReadingRows) -> Visits:
+    """The same with all states of one pose after each other as one visit."""
+    seen = visits_of(rows)
+    names = [rows.readings.states.pose[s[0]] for s in seen.states]
+    stop = np.cumsum([False, *(a != b for a, b in pairwise(names))])
+    states = [tuple(s for v in np.flatnonzero(stop == k) for s in seen.states[v]) for k in range(int(stop[-1]) + 1)]
+    return Visits(tuple(states), stop[seen.of])
+
+
+def late_angles(fit: Linearized, level: float) -> list[Slipped]:
+    """Runs of visits that have the angles of the one before, or of the one after, so that their own stand one visit
+    later, or earlier."""
+    every = [visits_of(fit.rows), stops_of(fit.rows)]
     poses, names = fit.readings.poses, fit.readings.states.pose
-    first = np.array([s[0] for s in seen.states])
-    stuck = np.flatnonzero(np.all(poses.q[first[1:]] == poses.q[first[:-1]], axis=1)) + 1
-    stuck = np.array([v for v in stuck if names[first[v]] != names[first[v - 1]]], dtype=np.intp)
+    found: list[tuple[float, Slipped]] = []
+    for seen in every[: 1 if len(every[0]) == len(every[1]) else 2]:
+        if len(seen) < 3:
+            continue
+        first = np.array([s[0] for s in seen.states])
+        same = np.flatnonzero(np.all(poses.q[first[1:]] == poses.q[first[:-1]], axis=1)) + 1
+        stuck = np.array([v for v in same if names[first[v]] != names[first[v - 1]]], dtype=np.intp)
+        alone, rest = _stuck(fit, seen, stuck, level)
+        found += [(rest, one) for one in alone[:1]]
+        for way, starts, by in ((seen, stuck, 1), (seen.reversed(), len(seen) - stuck, -1)):
+            left, run = _run(fit, way, starts, level)
+            if left < np.inf:
+                k, j = run if by > 0 else (len(seen) - run[1], len(seen) - run[0])
+                found.append((left, Slipped(seen, k, j - 1, by)))
+    if not found:
+        return []
+    return [min(found, key=lambda one: one[0])[1]]
+
+
+def _run(fit: Linearized, seen: Visits, stuck: Indices, level: float) -> tuple[float, tuple[int, int]]:
+    """The run [k, j) of visits that have the angles of the one before, and the sum of squares with their own; infinite
+    where none fits far better."""
+    count = len(seen)
     runs = np.array([(int(k), j) for k in {0, *stuck.tolist()} for j in range(k + 2, count + 1)])
     here, there = _sums(fit, fit, seen), _sums(_shifted(fit, seen), fit, seen)
     turn = _turn(here[-1])
-    need = 2.0 * np.log(max(len(runs), 1) / level)
-    best: tuple[float, tuple[int, int]] | None = None
+    need = 2.0 * np.log(2.0 * max(len(runs), 1) / level)
+    best: tuple[float, tuple[int, int]] = np.inf, (0, 0)
     for some in np.array_split(runs, max(len(runs) // _RUNS, 1)):
         k, j = some.T
         rest = here[-1] - (here[j] - here[j - 1])
@@ -176,10 +244,9 @@ def late_angles(fit: Linearized, level: float) -> Found:
         gain = before - after if fit.stated else free * np.log(np.maximum(before, 1e-300) / np.maximum(after, 1e-300))
         after[(free <= 0) | (gain <= need) | (after >= _FALL * before)] = np.inf
         i = int(np.argmin(after))
-        if after[i] < (np.inf if best is None else best[0]):
+        if after[i] < best[0]:
             best = float(after[i]), (int(k[i]), int(j[i]))
-    alone, rest = _stuck(fit, seen, stuck, level)
-    return alone if best is None or (alone and rest <= best[0]) else [_late_words(fit, seen, *best[1])]
+    return best
 
 
 def _sums(fit: Linearized, given: Linearized, seen: Visits) -> Array:
@@ -225,20 +292,9 @@ def _shifted(fit: Linearized, seen: Visits) -> Linearized:
     return of_bridge(fit.experiment, bridge(fit.experiment, rows.readings, names, linear=True, rows=rows))
 
 
-def _late_words(fit: Linearized, seen: Visits, k: int, j: int) -> tuple[Indices, str]:
-    readings = fit.readings
-    rows = fit.keep[(seen.of >= k) & (seen.of < j)]
-    told = f"rows {readings.line[rows[0]]} to {readings.line[rows[-1]]}"
-    last = readings.states.pose[seen.states[j - 1][0]]
-    return rows, (
-        f"{told}: the angles were logged one pose late: with those of the pose after each, the readings fit far "
-        f"better. Move the angle columns up by one pose; the angles of pose {last} are then missing"
-    )
-
-
-def _stuck(fit: Linearized, seen: Visits, stuck: Indices, level: float) -> tuple[Found, float]:
+def _stuck(fit: Linearized, seen: Visits, stuck: Indices, level: float) -> tuple[list[Slipped], float]:
     """Single visits with the angles of the one before that do not fit there; the sum of squares without them."""
-    out: Found = []
+    out: list[Slipped] = []
     without = fit.fit.chi2
     if not len(stuck):
         return out, without
@@ -248,16 +304,22 @@ def _stuck(fit: Linearized, seen: Visits, stuck: Indices, level: float) -> tuple
     for drop, v, p in zip(alone.chi2_drop, alone.label, every, strict=True):
         if drop > 0.0 and p * len(stuck) < level:
             without -= float(drop)
+            out.append(Slipped(seen, int(v), int(v), 1))
+    return out, without
+    label = np.where(np.isin(seen.of, stuck), seen.of, -1)[fit.row]
+    alone = fit.fit.held_out(label)
+    every = fit.fit.p_values(alone.chi2_drop, alone.size)
+    for drop, v, p in zip(alone.chi2_drop, alone.label, every, strict=True):
+        if drop > 0.0 and p * len(stuck) < level:
+            without -= float(drop)
             rows = fit.keep[seen.of == v]
             pose = fit.readings.states.pose[seen.states[int(v)][0]]
             told = ", ".join(str(fit.readings.line[i]) for i in rows)
-            out.append(
-                (
-                    rows,
-                    f"rows {told} (pose {pose}): the angles are those of the pose before, and the "
-                    "readings do not fit there: they were logged too early",
-                )
+            words = (
+                f"rows {told} (pose {pose}): the angles are those of the pose before, and the readings do not fit "
+                "there: they were logged too early"
             )
+            out.append(Slipped(rows, words, 1, seen))
     return out, without
 
 

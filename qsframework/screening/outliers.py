@@ -64,7 +64,7 @@ def find_outliers(experiment: Experiment, readings: Readings, names: Sequence[st
     """Rows in use that are gross, from linear fits about the nominal arm; None where no fit can be made."""
     experiment = experiment if names is None else experiment.with_(fit=tuple(names))
     try:
-        wide = _widened(experiment, readings)
+        wide = widened(experiment, readings)
         agreed = _agreed(wide)
     except (QsfError, np.linalg.LinAlgError):
         return None
@@ -115,8 +115,8 @@ def _carried(seen: ObservationModel) -> Flags:
     return np.array([site.link for site in seen.model.markers])[seen.rows.marker] > 0
 
 
-def _widened(experiment: Experiment, readings: Readings) -> ObservationModel:
-    """The bridge of the model with geometry, springs and sag added."""
+def widened(experiment: Experiment, readings: Readings) -> ObservationModel:
+    """The bridge of the model with geometry, springs and sag added, where the robot has room for them."""
     robot = experiment.robot
     have = {e.name for e in (*robot.effects, *experiment.effects)}
     more: list[Effect] = []

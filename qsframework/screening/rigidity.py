@@ -15,7 +15,7 @@ import numpy.typing as npt
 from qsframework.estimation.tails import chi2_isf, chi2_sf, f_sf
 from qsframework.experiment import Experiment, Readings
 from qsframework.plugin import Array, Indices
-from qsframework.screening.rows import LEVEL, Finding, finding, lines, masked
+from qsframework.screening.rows import LEVEL, Finding, finding, lines
 
 Mask = npt.NDArray[np.bool_]
 
@@ -245,7 +245,9 @@ def marker_rigidity(experiment: Experiment, readings: Readings, level: float = L
     that of all distances together.
     """
     found = _exchanged_everywhere(experiment, readings)
-    for tool in tools(experiment, masked(readings, found)):
+    for one in found:
+        readings = one.applied(readings)
+    for tool in tools(experiment, readings):
         found += _distances(experiment, readings, tool, level)
     return found
 
@@ -270,13 +272,12 @@ def _exchanged_everywhere(experiment: Experiment, readings: Readings) -> list[Fi
         )
         if order is None or here < max(_CLEAR * best, _FAR):
             continue
-        moved = np.flatnonzero(order != np.arange(len(order)))
-        rows = tool.rows[:, moved]
+        marker = tool.marker[np.flatnonzero(order != np.arange(len(order)))]
         words = (
-            f"markers {_names(experiment, tool.marker[moved])} are exchanged in all states: their distances are "
+            f"markers {_names(experiment, marker)} are exchanged in all states: their distances are "
             f"{here * 1e3:.1f} mm off the experiment's, and {best * 1e3:.1f} mm if exchanged. Change the names"
         )
-        found.append(finding("swapped markers", readings, np.sort(rows[rows >= 0]), words))
+        found.append(_exchanged(readings, tool, slice(None), order, words))
     return found
 
 
@@ -293,7 +294,9 @@ def _distances(experiment: Experiment, readings: Readings, tool: MarkerTool, lev
         order = mended(tool, shape, s)
         if order is not None:
             moved = np.flatnonzero(order != np.arange(len(order)))
-            found.append(_swapped(experiment, readings, tool.rows[s, moved], tool.marker[moved], "the distances are"))
+            said = f"markers {_names(experiment, tool.marker[moved])} are exchanged: the distances are right then"
+            words = f"{lines(readings, np.sort(tool.rows[s, moved]))}: {said}"
+            found.append(_exchanged(readings, tool, slice(s, s + 1), order, words))
             continue
         k = one_wrong(tool, shape, s)
         rows = tool.rows[s, tool.read[s]] if k is None else tool.rows[s, [k]]
@@ -316,9 +319,12 @@ def _wrong_distances(experiment: Experiment, tool: MarkerTool, shape: RigidShape
     return f"the distance of {_names(experiment, tool.marker[[a, b]])} is {size} than in the other states"
 
 
-def _swapped(experiment: Experiment, readings: Readings, rows: Indices, marker: Indices, what: str) -> Finding:
-    order = np.argsort(rows)
-    words = (
-        f"{lines(readings, rows[order])}: markers {_names(experiment, marker[order])} are exchanged: {what} right then"
-    )
-    return finding("swapped markers", readings, rows, words)
+def _exchanged(readings: Readings, tool: MarkerTool, states: slice, order: Indices, words: str) -> Finding:
+    """Markers that stand under one another's names in some states: where `order` (K,) has a marker, k is meant."""
+    marker = readings.marker.copy()
+    moved = np.flatnonzero(order != np.arange(len(order)))
+    for k in moved.tolist():
+        rows = tool.rows[states, order[k]]
+        marker[rows[rows >= 0]] = tool.marker[k]
+    rows = tool.rows[states][:, moved]
+    return replace(finding("swapped_markers", readings, np.sort(rows[rows >= 0]), words), marker=marker)

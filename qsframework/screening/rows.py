@@ -1,45 +1,59 @@
-"""Readings that cannot be right: what a finding is, and rows that nobody read or that were copied."""
+"""Rows that cannot be right: what a finding is, and rows that nobody read or that were copied."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from qsframework.estimation.projection import Flags
 from qsframework.experiment import Readings
-from qsframework.plugin import Array, Indices
+from qsframework.plugin import Indices
 
 LEVEL = 0.01
 """Of all tests together: clean readings give any false finding in at most so many cases."""
-KINDS = ("zero", "duplicate", "late angles", "swapped markers", "gross", "tool", "small model", "block", "angles")
 _COARSE = 5e-6
 """m: repeats written no finer than this may be equal by chance."""
 
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """What is wrong with some readings: rows are lines of the file, mask (R,) True where a row should not be used."""
+    """What is wrong with some readings: rows are lines of the file, mask (R,) True where a row should not be used.
 
-    kind: str
+    marker (R,): where only names of markers are wrong, those that were meant
+    """
+
+    name: str
     rows: tuple[int, ...]
     words: str
-    mask: Array
+    mask: Flags
+    marker: Indices | None = None
+
+    def applied(self, readings: Readings) -> Readings:
+        """The readings without these rows, or with their markers as they were meant."""
+        if self.marker is None:
+            return readings.masked(self.mask)
+        return replace(readings, marker=np.where(self.mask, self.marker, readings.marker))
 
 
-def masked(readings: Readings, findings: Sequence[Finding]) -> Readings:
-    """The same readings with `use` False where a finding says so."""
+def masked(readings: Readings, masks: Iterable[Flags | None]) -> Readings:
+    """The same readings with `use` False where a mask (R,) says so."""
     wrong = np.zeros(len(readings), dtype=bool)
-    for one in findings:
-        wrong |= one.mask.astype(bool)
+    for mask in masks:
+        wrong |= False if mask is None else mask
     return readings.masked(wrong)
 
 
-def finding(kind: str, readings: Readings, index: Indices, words: str, mask: bool = True) -> Finding:
+def among(readings: Readings, index: Indices) -> Flags:
+    """(R,) whether each row is one of those at `index` (k,)."""
+    return np.asarray(np.isin(np.arange(len(readings)), index), dtype=np.bool_)
+
+
+def finding(name: str, readings: Readings, index: Indices, words: str, mask: bool = True) -> Finding:
     """What is wrong with the rows at `index` (k,) of the readings; mask False: said only."""
-    wrong = np.zeros(len(readings), dtype=bool)
-    wrong[index] = mask
-    return Finding(kind, tuple(int(r) for r in readings.line[index]), words, wrong)
+    wrong = among(readings, index) & mask
+    return Finding(name, tuple(int(r) for r in readings.line[index]), words, wrong)
 
 
 def lines(readings: Readings, rows: Indices) -> str:
@@ -53,30 +67,38 @@ def lines(readings: Readings, rows: Indices) -> str:
 
 
 def unread(readings: Readings) -> list[Finding]:
-    """Values that are zero to the last digit, where the instrument did not read; and copies of other rows, of which the
-    first one stays."""
-    values = np.nan_to_num(readings.value)
-    whole = np.isfinite(readings.value).all(axis=1)
+    """Values that are zero to the last digit, where the instrument did not read."""
     found: list[Finding] = []
-    rows = np.flatnonzero(readings.use & ~np.any(values, axis=1))
+    rows = np.flatnonzero(readings.use & ~np.any(np.nan_to_num(readings.value), axis=1))
     for position in (False, True):
         part = rows[readings.is_position[rows] == position]
         if len(part):
-            what = "position" if position else "displacement"
-            words = f"{lines(readings, part)}: the {what} is exactly zero: nothing was read"
-            found.append(finding("zero", readings, part, words))
+            words = f"{lines(readings, part)}: the {_what(position)} is exactly zero: nothing was read"
+            found.append(finding("unread", readings, part, words))
+    return found
+
+
+def copies(readings: Readings) -> list[Finding]:
+    """Rows that are copies of others to the last digit, of which the first one stays."""
+    values = np.nan_to_num(readings.value)
+    whole = np.isfinite(readings.value).all(axis=1)
     seen: dict[object, int] = {}
     coarse = bool(np.allclose(values / _COARSE, np.round(values / _COARSE), atol=1e-6))
-    copies: dict[int, list[int]] = {}
+    same: dict[int, list[int]] = {}
     pose = readings.pose
     for i in np.flatnonzero(readings.use & whole & np.any(values, axis=1)).tolist():
         first = seen.setdefault(tuple(np.round(np.asarray(values[i]), 12).tolist()), i)
         if coarse and pose[i] == pose[first]:
             continue
         if first != i and np.count_nonzero(values[i]) == 3:
-            copies.setdefault(first, []).append(i)
-    for first, more in copies.items():
-        what = "position" if readings.is_position[first] else "displacement"
-        words = f"{lines(readings, np.array(more))}: the same {what} to the last digit as in row {readings.line[first]}"
-        found.append(finding("duplicate", readings, np.array(more), f"{words}: a row was copied"))
+            same.setdefault(first, []).append(i)
+    found: list[Finding] = []
+    for first, more in same.items():
+        where = f"the same {_what(bool(readings.is_position[first]))} to the last digit as in row"
+        words = f"{lines(readings, np.array(more))}: {where} {readings.line[first]}: a row was copied"
+        found.append(finding("repeated_readings", readings, np.array(more), words))
     return found
+
+
+def _what(position: bool) -> str:
+    return "position" if position else "displacement"

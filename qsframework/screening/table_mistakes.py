@@ -65,7 +65,7 @@ _MOST = 400
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class TableMistake:
+class Mend:
     """An edit that mends rows, of two poses where they were exchanged. gain: fall of the sum of squares in squares of
     the noise; tried: edits it was among; others: edits that fit about as well; single: whether one reading shows it."""
 
@@ -89,16 +89,16 @@ class TableMistake:
         return _PLAIN if any(e.slip == OFF and e.free for e in self.edits) else _STANDS
 
 
-def table_mistakes(standing: Standing) -> tuple[TableMistake, ...]:
+def table_mistakes(standing: Standing) -> tuple[Mend, ...]:
     """Mistakes in single rows and poses, the plainest first; none is the rule."""
     if not standing.wrong.any():
         return ()
     run = block(standing)
     if run is not None:
-        whole = TableMistake(edits=(run[0],), gain=run[1], tried=len(standing.visits) ** 2)
+        whole = Mend(edits=(run[0],), gain=run[1], tried=len(standing.visits) ** 2)
         if whole.gain >= whole.need * _elsewhere(standing, whole.visits):
             return (whole,)
-    found: list[TableMistake] = []
+    found: list[Mend] = []
     every = groups(standing, _GROUPS)
     for group in every:
         best = _best(standing, group)
@@ -106,7 +106,7 @@ def table_mistakes(standing: Standing) -> tuple[TableMistake, ...]:
             found.append(best)
     found += _exchanged(standing, every)
     found.sort(key=lambda m: -(m.gain - 2.0 * len(m.visits) - 2.0 * np.log(m.tried)))
-    chosen: list[TableMistake] = []
+    chosen: list[Mend] = []
     for m in found:
         if not {v for c in chosen for v in c.visits} & set(m.visits):
             chosen.append(m)
@@ -130,7 +130,7 @@ def _doubt(standing: Standing) -> float:
     return max(standing.unit**2, 1.0) if standing.readings.stated else 1.0
 
 
-def _best(standing: Standing, group: Group) -> TableMistake | None:
+def _best(standing: Standing, group: Group) -> Mend | None:
     """The edit that mends a group of rows, None where none does."""
     readings, experiment = standing.readings, standing.experiment
     edits = [
@@ -146,7 +146,7 @@ def _best(standing: Standing, group: Group) -> TableMistake | None:
     copies = next(repeated_readings(readings, group, standing.rows.keep), None)
     count = int(np.isfinite(start.value).sum())
     if copies is not None and before > standing.usual(count):
-        return TableMistake(edits=(copies,), gain=before, tried=len(standing.visits))
+        return Mend(edits=(copies,), gain=before, tried=len(standing.visits))
     after = _in_parts(standing, edits)
     score = after + _FREE * np.array([e.free for e in edits])
     order = np.argsort(score)
@@ -159,7 +159,7 @@ def _best(standing: Standing, group: Group) -> TableMistake | None:
     single = single or _without_one(standing, start) < left + _GROSS
     if _moved(standing, start) < left + _GROSS:
         return None
-    return TableMistake(edits=(best,), gain=gain, tried=len(edits), others=others, single=single)
+    return Mend(edits=(best,), gain=gain, tried=len(edits), others=others, single=single)
 
 
 def _in_parts(standing: Standing, edits: Sequence[Edit]) -> Array:
@@ -242,10 +242,10 @@ def _converged(standing: Standing, makers: Sequence[tuple[Callable[[float], Edit
     return [m(float(t)) for (m, _), t in zip(makers, best_at, strict=True)]
 
 
-def _exchanged(standing: Standing, every: Sequence[Group]) -> list[TableMistake]:
+def _exchanged(standing: Standing, every: Sequence[Group]) -> list[Mend]:
     """Pairs of poses that fit at each other's place."""
     readings = standing.readings
-    out: list[TableMistake] = []
+    out: list[Mend] = []
     single = [group_of(standing, (v,)) for v in range(len(standing.visits))]
     wide = [g for g in every if len(g.visits) > 1]
     for one in (g for g in every if len(g.visits) == 1):
@@ -256,7 +256,7 @@ def _exchanged(standing: Standing, every: Sequence[Group]) -> list[TableMistake]
     return out
 
 
-def _pair(standing: Standing, pairs: Sequence[tuple[Edit, Edit]], one: Group) -> list[TableMistake]:
+def _pair(standing: Standing, pairs: Sequence[tuple[Edit, Edit]], one: Group) -> list[Mend]:
     """The exchange that mends both."""
     if not pairs:
         return []
@@ -278,7 +278,7 @@ def _pair(standing: Standing, pairs: Sequence[tuple[Edit, Edit]], one: Group) ->
     # an exchange within a pose of two states is that of the states
     if len({standing.readings.states.pose[int(e.states[0])] for e in chosen[best]}) < 2:
         return []
-    return [TableMistake(edits=chosen[best], gain=gain, tried=len(pairs) * len(standing.visits))]
+    return [Mend(edits=chosen[best], gain=gain, tried=len(pairs) * len(standing.visits))]
 
 
 def _own(standing: Standing, e: Edit) -> dict[str, Array]:

@@ -78,7 +78,7 @@ def make_day_plan(experiment: Experiment, poses: int = 12, seed: int = 3, loads:
     return make_plan(Poses(pendant, controller.to_joints(pendant), wrench), names)
 
 
-Mistake = Callable[[Array, Arm, Day, Slot], Array]
+Explanation = Callable[[Array, Arm, Day, Slot], Array]
 
 
 def exchanged(xyz: Array, arm: Arm, day: Day, slot: Slot) -> Array:
@@ -130,7 +130,7 @@ def loose_nest(xyz: Array, arm: Arm, day: Day, slot: Slot) -> Array:
 
 
 def play(
-    experiment: Experiment, folder: Path, seed: int, planted: dict[Slot, Mistake] | None = None, poses: int = 12
+    experiment: Experiment, folder: Path, seed: int, planted: dict[Slot, Explanation] | None = None, poses: int = 12
 ) -> list[Judged]:
     """A day with some mistakes; the operator reads again what is to be looked at."""
     day = begin(experiment, make_day_plan(experiment, poses), folder, SHORT)

@@ -25,7 +25,7 @@ def test_of_756_clean_readings_hardly_one_is_to_be_looked_at(m900ib: Experiment,
     assert sum(judged.mistake is not None for judged in said) <= 0.01 * len(said)
 
 
-KINDS: dict[str, tuple[cell.Mistake, int]] = {
+KINDS: dict[str, tuple[cell.Explanation, int]] = {
     "markers": (cell.exchanged, 0),
     "sign": (cell.sign, 0),
     "unit": (cell.inches, 1),

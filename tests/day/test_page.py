@@ -322,7 +322,7 @@ def test_what_is_typed_decides_as_the_page_does(folder: Path) -> None:
     assert after.next == Slot(4, 2)
 
 
-PLANTED: dict[Slot, tuple[cell.Mistake, str, str]] = {
+PLANTED: dict[Slot, tuple[cell.Explanation, str, str]] = {
     Slot(4, 0): (cell.exchanged, "Markers m1 and m2 are exchanged.", "correct"),
     Slot(4, 2): (cell.sign, "The sign of x is turned.", "correct"),
     Slot(5, 0): (cell.angle, "q3 is +2.0", "again"),

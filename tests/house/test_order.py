@@ -111,7 +111,7 @@ SAYING = {
     "identify/record.py: Masked",
     "identify/selection.py: LeftAside",
     "screening/convention_changes.py: ConventionChange",
-    "screening/conventions.py: Convention",
+    "screening/mistake.py: Mistake",
     "screening/rows.py: Finding",
 }
 """Classes outside report/words that still hold or make sentences: of errors, or of files that keep them. No more."""

@@ -13,6 +13,7 @@ from qsframework.experiment import Experiment, Readings, States
 from qsframework.experiment.readings import UNSTATED
 from qsframework.plugin import Array, Conditions, Indices, Poses
 from qsframework.plugin.facts import frozen
+from qsframework.screening import LEVEL, Mistake, find_mistakes, masked
 
 
 def arm_text(sigma: str, more: str = "", robot: str = "fanuc_m900ib", point: str = "150, 0, 200") -> str:
@@ -116,3 +117,14 @@ def copied(readings: Readings, to: Sequence[int], source: Sequence[int]) -> Read
     value = np.array(readings.value)
     value[to] = value[source]
     return readings.with_values(value)
+
+
+def wrong_in(experiment: Experiment, readings: Readings, level: float = LEVEL) -> tuple[Mistake, ...]:
+    """What is wrong beyond doubt, and rows that should not be used as they stand: what `qsf check` names."""
+    found = find_mistakes(experiment, readings, level=level)
+    return tuple(c for c in found if c.compelling or c.mask is not None)
+
+
+def without(readings: Readings, found: Sequence[Mistake]) -> Readings:
+    """The readings without the rows that should not be used as they stand."""
+    return masked(readings, [c.mask for c in found])

@@ -17,7 +17,7 @@ from qsframework.experiment import Experiment, Readings, load_experiment, read_r
 from qsframework.experiment.columns import write_table
 from qsframework.identify import EstimateState, Fit, identify
 from qsframework.plugin import Array, Poses
-from qsframework.screening import screen
+from qsframework.screening import find_mistakes
 
 POSES, SIGMA = 60, 0.05
 GEOMETRY = ("joint_offset", "joint_placement")
@@ -166,13 +166,13 @@ def test_angles_logged_wrongly_are_told_from_wrong_readings(clean: tuple[Made, R
     data, _, _ = clean
     q = data.q.copy()
     q[::5] += np.deg2rad(0.3) * np.random.default_rng(4).standard_normal(q[::5].shape)
-    found = screen(data.experiment, read(data, tmp_path, q=q))
-    (angles,) = [one for one in found if one.kind == "angles"]
+    found = find_mistakes(data.experiment, read(data, tmp_path, q=q))
+    (angles,) = [one for one in found if one.name == "angles"]
     told = float(angles.words.split("wrong by ")[1].split(" deg")[0])
     assert 0.1 < told < 0.9
     points = data.points.copy()
     points[::5] += 5e-3 * np.random.default_rng(5).standard_normal(points[::5].shape)
-    assert "angles" not in {one.kind for one in screen(data.experiment, read(data, tmp_path, points))}
+    assert "angles" not in {one.name for one in find_mistakes(data.experiment, read(data, tmp_path, points))}
 
 
 def test_sag_that_dominates_is_estimated_on_a_small_arm(sagging: tuple[Made, Readings]) -> None:

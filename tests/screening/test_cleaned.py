@@ -12,8 +12,7 @@ from qsframework.estimation import FitOptions
 from qsframework.experiment import Readings, load_experiment, make_plan, simulate, write_readings
 from qsframework.identify import FitRecord, identify, read_fit
 from qsframework.plugin import Poses
-from qsframework.screening import screen
-from tests.identify.arm import arm_text, copied, position_readings, spoilt
+from tests.identify.arm import arm_text, copied, position_readings, spoilt, wrong_in
 
 ARM = arm_text("0.03", "fit: [joint_compliance]\n")
 APART = ARM.replace("{sigma_mm: 0.03}", "{displacement_sigma_mm: 0.03, position_sigma_mm: 0.03}")
@@ -70,8 +69,8 @@ def test_what_was_masked_of_displacements_is_in_the_files(
     stored, page = run(campaign.file, tmp_path, "r.csv")
     assert stored.cleaned is not None
     assert {(m.kind, m.rows, m.readings) for m in stored.cleaned} == {
-        ("zero", (8,), "displacements"),
-        ("duplicate", (23,), "displacements"),
+        ("unread", (8,), "displacements"),
+        ("repeated_readings", (23,), "displacements"),
     }
     assert stored.masked_rows == (8, 23)
     said = capsys.readouterr().out.replace("\n", " ")
@@ -112,8 +111,8 @@ def test_both_kinds_in_one_fit_say_whose_rows_they_are(campaign: Campaign, tmp_p
 def test_readings_with_nothing_wrong_are_said_to_be_so(
     campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert not screen(campaign.arm, campaign.clean)
-    assert screen(campaign.arm, campaign.positions())
+    assert not wrong_in(campaign.arm, campaign.clean)
+    assert wrong_in(campaign.arm, campaign.positions())
     write_readings(tmp_path / "r.csv", campaign.clean, campaign.arm)
     stored, page = run(campaign.file, tmp_path, "r.csv")
     assert "the readings were looked through: no row is masked" in capsys.readouterr().out

@@ -18,7 +18,8 @@ from qsframework.plugin import Poses
 from qsframework.report.result_json import diagnosis_json
 from qsframework.report.words.diagnosis import statements
 from qsframework.robot import load_robot
-from qsframework.screening.conventions import Convention, check_conventions, compelling
+from qsframework.screening import find_mistakes
+from qsframework.screening.mistake import Mistake, compelling
 
 SIGMA = 3e-5
 PINNED = Path(__file__).parents[1] / "proof" / "pinned" / "robots" / "fanuc_m900ib"
@@ -46,8 +47,8 @@ def unstated(experiment: Experiment) -> Experiment:
     return experiment.with_(noise=replace(experiment.noise, sigma=None))
 
 
-def named(experiment: Experiment, readings: Readings) -> Convention:
-    found = compelling(check_conventions(experiment, readings))
+def named(experiment: Experiment, readings: Readings) -> Mistake:
+    found = compelling(find_mistakes(experiment, readings, gross=False))
     assert found is not None
     return found
 
@@ -68,7 +69,7 @@ def test_the_real_readings_with_j3_read_as_relative(r2000ic: Experiment, real: R
     assert (found.name, found.value) == ("controller_coupling[joint_3]", 1.0)
     assert round(found.rms_given * 1e3, 3) == 0.286
     assert round(found.rms * 1e3, 3) == 0.215
-    again = check_conventions(found.experiment, found.readings)  # applied, it leaves nothing to find
+    again = find_mistakes(found.experiment, found.readings, gross=False)  # applied, it leaves nothing to find
     assert compelling(again) is None
 
 
@@ -90,7 +91,7 @@ def test_a_robot_file_with_a_plain_controller(r2000ic: Experiment, real: Reading
 
 
 def test_the_real_readings_as_they_are(r2000ic: Experiment, real: Readings) -> None:
-    assert check_conventions(r2000ic, real) == ()
+    assert find_mistakes(r2000ic, real, gross=False) == ()
 
 
 @pytest.mark.parametrize("joint", ["joint_2", "joint_4", "joint_6"])
@@ -137,7 +138,7 @@ def test_one_wrong_sign_is_one_convention(m900ib: Experiment) -> None:
     """Axes that are nearly those of the right sign fit better than as given, too: the next best is told, no more."""
     readings = campaign(m900ib, 4)
     wrong = readings.with_values(-readings.value)
-    first, second = check_conventions(m900ib, wrong)
+    first, second = find_mistakes(m900ib, wrong, gross=False)
     assert (first.name, first.compelling) == ("displacement_sign", True)
     assert not second.compelling
     assert first.rms < second.rms < second.rms_given
@@ -193,7 +194,7 @@ def test_units_that_compliances_absorb(m900ib: Experiment, factor: float, said: 
         if factor < 1
         else readings.with_poses(replace(readings.poses, wrench=readings.poses.wrench / factor))
     )
-    found = check_conventions(unstated(m900ib), scaled)
+    found = find_mistakes(unstated(m900ib), scaled, gross=False)
     assert compelling(found) is None  # absorbed: a suspicion, no proof
     suspicion = [c for c in found if c.name == "load_unit" and said in c.words]
     assert len(suspicion) == 1
@@ -226,7 +227,7 @@ def test_right_conventions_are_left_alone(m900ib: Experiment, r2000ic: Experimen
     for seed in range(60):
         robot = (m900ib, r2000ic)[seed % 2]
         readings = campaign(robot, seed, *PROTOCOLS[seed % 3])
-        found = check_conventions(unstated(robot) if seed % 4 > 1 else robot, readings)
+        found = find_mistakes(unstated(robot) if seed % 4 > 1 else robot, readings, gross=False)
         assert [c.name for c in found if c.compelling or c.name == "load_unit"] == []
 
 
@@ -258,6 +259,6 @@ def test_hidden_physics_is_not_taken_for_a_wrong_convention(
             if cause.name.startswith("controller_coupling") or seen < 1.0 or (i + ninth) % 9 != seed:
                 continue
             hidden = readings.with_values(readings.value + (part * s / seen).reshape(-1, 3))
-            assert compelling(check_conventions(m900ib, hidden)) is None, cause.name
+            assert compelling(find_mistakes(m900ib, hidden, gross=False)) is None, cause.name
             tested += 1
     assert tested > 25

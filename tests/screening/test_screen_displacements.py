@@ -12,10 +12,10 @@ from qsframework.estimation import FitOptions, Independent, LinearFit
 from qsframework.experiment import Experiment, Plan, Readings, make_plan, simulate
 from qsframework.identify import identify
 from qsframework.plugin import Poses, build_effects
-from qsframework.screening import Finding, masked, screen
+from qsframework.screening import Mistake
 from qsframework.screening.linearized import linearized
 from qsframework.screening.logging_faults import exchanges, late_angles
-from tests.identify.arm import copied, shared_unloaded, spoilt, with_sigma
+from tests.identify.arm import copied, shared_unloaded, spoilt, with_sigma, without, wrong_in
 
 
 @pytest.fixture(scope="module")
@@ -31,19 +31,19 @@ def clean(experiment: Experiment, plan: Plan, seed: int = 0) -> Readings:
     return simulate(experiment, plan, truth="drawn", seed=seed).readings
 
 
-def only(found: tuple[Finding, ...], kind: str) -> Finding:
-    assert [f.kind for f in found] == [kind], [(f.kind, f.words) for f in found]
+def only(found: tuple[Mistake, ...], kind: str) -> Mistake:
+    assert [f.name for f in found] == [kind], [(f.name, f.words) for f in found]
     return found[0]
 
 
 NOISE = pytest.mark.parametrize("stated", [True, False])
 
 
-def said(m900ib: Experiment, readings: Readings, stated: bool, level: float = 0.01) -> tuple[Finding, ...]:
+def said(m900ib: Experiment, readings: Readings, stated: bool, level: float = 0.01) -> tuple[Mistake, ...]:
     """What is found where the noise is stated, or nobody knows it."""
     if stated:
-        return screen(m900ib, readings, level=level)
-    return screen(m900ib.with_(noise=replace(m900ib.noise, sigma=None)), with_sigma(readings, None), level=level)
+        return wrong_in(m900ib, readings, level=level)
+    return wrong_in(m900ib.with_(noise=replace(m900ib.noise, sigma=None)), with_sigma(readings, None), level=level)
 
 
 SIMULATED = 16
@@ -64,7 +64,7 @@ def test_a_zero_and_a_copied_row(m900ib: Experiment, plan: Plan, stated: bool) -
     readings = clean(m900ib, plan)
     wrong = copied(spoilt(readings, [7], -readings.value[7]), [20], [12])
     found = said(m900ib, wrong, stated)
-    assert [f.kind for f in found] == ["zero", "duplicate"]
+    assert [f.name for f in found] == ["unread", "repeated_readings"]
     assert found[0].rows == (readings.line[7],)
     assert found[1].rows == (readings.line[20],)
     assert f"row {readings.line[12]}" in found[1].words
@@ -74,14 +74,14 @@ def test_a_zero_and_a_copied_row(m900ib: Experiment, plan: Plan, stated: bool) -
 def test_gross_errors_are_named_one_by_one(m900ib: Experiment, plan: Plan, stated: bool) -> None:
     readings = spoilt(clean(m900ib, plan), [5, 30], np.array([[0.0, 0.5e-3, 0.0], [0.4e-3, 0.0, 0.0]]))
     found = said(m900ib, readings, stated)
-    assert {f.kind for f in found} == {"gross"}
+    assert {f.name for f in found} == {"gross"}
     assert {f.rows[0] for f in found} == {readings.line[5], readings.line[30]}
 
 
 @NOISE
 def test_swapped_markers_of_a_pose_are_named(m900ib: Experiment, plan: Plan, stated: bool) -> None:
     readings = clean(m900ib, plan)
-    finding = only(said(m900ib, copied(readings, [9, 11], [11, 9]), stated), "swapped markers")
+    finding = only(said(m900ib, copied(readings, [9, 11], [11, 9]), stated), "swapped_markers")
     assert finding.rows == (readings.line[9], readings.line[11])
     assert "m1 and m3" in finding.words
 
@@ -90,7 +90,7 @@ def test_swapped_markers_of_a_pose_are_named(m900ib: Experiment, plan: Plan, sta
 def test_markers_swapped_everywhere_are_named(m900ib: Experiment, plan: Plan, stated: bool) -> None:
     readings = clean(m900ib, plan)
     finding = only(
-        said(m900ib, replace(readings, marker=np.array([1, 0, 2])[readings.marker]), stated), "swapped markers"
+        said(m900ib, replace(readings, marker=np.array([1, 0, 2])[readings.marker]), stated), "swapped_markers"
     )
     assert "m1 and m2 are exchanged at all poses" in finding.words
     assert finding.mask.sum() == 28
@@ -100,7 +100,7 @@ def test_markers_swapped_everywhere_are_named(m900ib: Experiment, plan: Plan, st
 @pytest.mark.parametrize("source", [[10, 11, 9], [11, 9, 10]])
 def test_three_markers_in_the_wrong_places(m900ib: Experiment, plan: Plan, stated: bool, source: list[int]) -> None:
     readings = clean(m900ib, plan)
-    finding = only(said(m900ib, copied(readings, [9, 10, 11], source), stated), "swapped markers")
+    finding = only(said(m900ib, copied(readings, [9, 10, 11], source), stated), "swapped_markers")
     assert finding.rows == tuple(readings.line[9:12])
     assert "m1, m2 and m3 are exchanged at pose" in finding.words
 
@@ -108,7 +108,7 @@ def test_three_markers_in_the_wrong_places(m900ib: Experiment, plan: Plan, state
 def test_three_markers_in_the_wrong_places_everywhere(m900ib: Experiment, plan: Plan) -> None:
     readings = clean(m900ib, plan)
     given = replace(readings, marker=np.array([1, 2, 0])[readings.marker])
-    assert "m1, m2 and m3 are exchanged at all poses" in only(screen(m900ib, given), "swapped markers").words
+    assert "m1, m2 and m3 are exchanged at all poses" in only(wrong_in(m900ib, given), "swapped_markers").words
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +159,7 @@ def test_with_shared_readings_clean_ones_are_left_alone_and_gross_ones_found(
         gross = spoilt(drawn, [8], np.array([[0.0, 0.3e-3, 0.0]]))
         for stated in (True, False):
             wrong[stated] += bool(said(m900ib, drawn, stated, level=0.05))
-            rows = {r for f in said(m900ib, gross, stated) if f.kind == "gross" for r in f.rows}
+            rows = {r for f in said(m900ib, gross, stated) if f.name == "gross" for r in f.rows}
             # the other load's row of this marker shares the unloaded reading, and is named with it at times
             found[stated] += readings.line[8] in rows and rows <= {readings.line[8], readings.line[11]}
     assert max(wrong.values()) <= count * 0.05 + 3.0 * np.sqrt(count * 0.05 * 0.95)
@@ -192,8 +192,8 @@ def test_angles_logged_late_are_named(m900ib: Experiment, plan: Plan, stated: bo
         order[m] = (m - 1) % 14
     readings = with_angles(clean(m900ib, plan), order)
     found = said(m900ib, readings, stated)
-    late = [f for f in found if f.kind == "late angles"]
-    assert len(late) == 1, [(f.kind, f.words) for f in found]
+    late = [f for f in found if f.name == "late_angles"]
+    assert len(late) == 1, [(f.name, f.words) for f in found]
     assert set(late[0].rows) == set(readings.line[3 * first : 3 * last].tolist())
 
 
@@ -202,7 +202,7 @@ def test_one_pose_with_the_angles_of_the_one_before(m900ib: Experiment, plan: Pl
     order = list(range(14))
     order[6] = 5
     readings = with_angles(clean(m900ib, plan), order)
-    finding = only(said(m900ib, readings, stated), "late angles")
+    finding = only(said(m900ib, readings, stated), "late_angles")
     assert finding.rows == tuple(readings.line[18:21])
 
 
@@ -214,8 +214,8 @@ def test_two_visits_are_too_few_to_look_for_late_angles(r2000ic: Experiment, rea
 def test_masking_restores_the_fit(m900ib: Experiment, plan: Plan) -> None:
     readings = clean(m900ib, plan)
     wrong = spoilt(readings, [5], np.array([[0.0, 2e-3, 0.0]]))
-    found = screen(m900ib, wrong)
-    repaired = masked(wrong, found)
+    found = wrong_in(m900ib, wrong)
+    repaired = without(wrong, found)
     assert repaired.use.sum() == len(readings.use) - 1
     assert wrong.use.all()  # a copy: nothing is deleted
     keep = FitOptions(keep_all=True)
@@ -227,8 +227,8 @@ def test_masking_restores_the_fit(m900ib: Experiment, plan: Plan) -> None:
 
 def test_the_real_readings_have_their_known_outliers(r2000ic: Experiment, real: Readings) -> None:
     """Readings 11 and 17 of the R-2000iC are the ones that every analysis of this set finds apart."""
-    found = screen(r2000ic, real)
-    assert all(f.kind == "gross" for f in found)
+    found = wrong_in(r2000ic, real)
+    assert all(f.name == "gross" for f in found)
     assert {real.pose[int(np.flatnonzero(f.mask)[0])] for f in found} <= {"11", "17"}
 
 
@@ -240,8 +240,8 @@ def test_readings_that_tell_nothing_are_no_fit_and_screening_goes_on(r2000ic: Ex
     fit = linearized(wide, real)
     assert fit.fit.Q.shape[1] < len(wide.fit_names())
     zero = spoilt(real, [4], -real.value[4])
-    assert [f.kind for f in screen(wide, zero)][:1] == ["zero"]
+    assert [f.name for f in wrong_in(wide, zero)][:1] == ["unread"]
     blind = real.with_poses(replace(real.poses, wrench=np.zeros_like(real.poses.wrench)))
     with pytest.raises(NotIdentifiable, match="joint_compliance"):
         linearized(r2000ic, blind)
-    assert screen(r2000ic, blind) == ()
+    assert wrong_in(r2000ic, blind) == ()

@@ -16,9 +16,9 @@ from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Frame, Readings, load_experiment, read_readings, write_readings
 from qsframework.identify import identify
 from qsframework.plugin import Array, Poses
-from qsframework.screening import Finding, masked, screen
+from qsframework.screening import Mistake
 from qsframework.screening.rigidity import first_shape, judged, tools
-from tests.identify.arm import copied, position_readings, settled, spoilt, with_sigma
+from tests.identify.arm import copied, position_readings, settled, spoilt, with_sigma, without, wrong_in
 
 UR10 = Path(__file__).parents[2] / "examples" / "ur10"
 SIGMA = 2e-5
@@ -78,8 +78,8 @@ def clean(experiment: Experiment, seed: int = 0, exact: dict[int, Array] | None 
     )
 
 
-def only(found: tuple[Finding, ...], kind: str) -> Finding:
-    assert [f.kind for f in found] == [kind], [(f.kind, f.words) for f in found]
+def only(found: tuple[Mistake, ...], kind: str) -> Mistake:
+    assert [f.name for f in found] == [kind], [(f.name, f.words) for f in found]
     return found[0]
 
 
@@ -105,7 +105,7 @@ def test_clean_distances_are_left_alone_and_moved_markers_found(arm: Experiment,
 
 @NOISE
 def test_clean_positions_are_left_alone(arm: Experiment, stated: bool) -> None:
-    assert sum(bool(screen(arm, given(clean(arm, seed), stated))) for seed in range(4)) == 0
+    assert sum(bool(wrong_in(arm, given(clean(arm, seed), stated))) for seed in range(4)) == 0
 
 
 def test_the_shape_is_the_tools_though_a_third_of_the_states_is_wrong(arm: Experiment) -> None:
@@ -127,18 +127,18 @@ def test_the_shape_is_the_tools_though_a_third_of_the_states_is_wrong(arm: Exper
 def test_a_zero_and_a_copied_row(arm: Experiment, stated: bool) -> None:
     states = copied(clean(arm), [20], [12])
     states = spoilt(states, [7], -states.value[7])
-    found = screen(arm, given(states, stated))
-    assert [(f.kind, f.rows) for f in found] == [("zero", (9,)), ("duplicate", (22,))]
+    found = wrong_in(arm, given(states, stated))
+    assert [(f.name, f.rows) for f in found] == [("unread", (9,)), ("repeated_readings", (22,))]
     assert "the position is exactly zero" in found[0].words
     assert "as in row 14" in found[1].words
 
 
 @NOISE
 def test_markers_exchanged_in_a_state(arm: Experiment, stated: bool) -> None:
-    finding = only(screen(arm, given(copied(clean(arm), [9, 11], [11, 9]), stated)), "swapped markers")
+    finding = only(wrong_in(arm, given(copied(clean(arm), [9, 11], [11, 9]), stated)), "swapped_markers")
     assert finding.rows == (11, 13)
     assert "m1 and m3 are exchanged" in finding.words
-    around = only(screen(arm, given(copied(clean(arm), [9, 10, 11], [10, 11, 9]), stated)), "swapped markers")
+    around = only(wrong_in(arm, given(copied(clean(arm), [9, 10, 11], [10, 11, 9]), stated)), "swapped_markers")
     assert around.rows == (11, 12, 13)
     assert "m1, m2 and m3" in around.words
 
@@ -146,10 +146,10 @@ def test_markers_exchanged_in_a_state(arm: Experiment, stated: bool) -> None:
 def test_markers_exchanged_everywhere(arm: Experiment) -> None:
     states = clean(arm)
     marker = np.array([1, 0, 2])[states.marker]
-    found = screen(arm, replace(states, marker=marker))
-    assert {f.kind for f in found} == {"swapped markers"}
+    found = wrong_in(arm, replace(states, marker=marker))
+    assert {f.name for f in found} == {"swapped_markers"}
     assert "m1 and m2 are exchanged in all states" in found[0].words
-    assert sum(int(f.mask.sum()) for f in found) == 2 * COUNT
+    assert sum(int(np.sum(f.mask)) for f in found) == 2 * COUNT
 
 
 @NOISE
@@ -159,13 +159,13 @@ def test_a_tool_that_was_touched(arm: Experiment, stated: bool) -> None:
     place = states.value[12:15]
     along = (place[1] - place[0]) / np.linalg.norm(place[1] - place[0])
     far = (place[1] - place[[0, 2]].mean(axis=0)) / np.linalg.norm(place[1] - place[[0, 2]].mean(axis=0))
-    finding = only(screen(arm, given(spoilt(states, [13], 0.3e-3 * far), stated)), "tool")
+    finding = only(wrong_in(arm, given(spoilt(states, [13], 0.3e-3 * far), stated)), "tool")
     assert finding.rows == (15,)
     assert "marker m2 is not where it was on the tool" in finding.words
     assert "row 15 (pose 2)" in finding.words
     assert "mm longer than in the other states" in finding.words
     off = 0.3e-3 * np.stack([-along, along, 2.0 * far])
-    finding = only(screen(arm, given(spoilt(states, [12, 13, 14], off), stated)), "tool")
+    finding = only(wrong_in(arm, given(spoilt(states, [12, 13, 14], off), stated)), "tool")
     assert finding.rows == (14, 15, 16)
 
 
@@ -179,11 +179,11 @@ def test_what_distances_cannot_see_the_fit_does(tmp_path: Path) -> None:
         )
     )
     states = clean(twin)
-    finding = only(screen(twin, copied(states, [9, 10], [10, 9])), "swapped markers")
+    finding = only(wrong_in(twin, copied(states, [9, 10], [10, 9])), "swapped_markers")
     assert finding.rows == (11, 12)
     assert "the readings fit far better if exchanged" in finding.words
-    found = screen(twin, spoilt(states, [30, 31, 32], np.array([0.0, 0.003, 0.0])))
-    assert [f.kind for f in found] == ["gross"] * 3
+    found = wrong_in(twin, spoilt(states, [30, 31, 32], np.array([0.0, 0.003, 0.0])))
+    assert [f.name for f in found] == ["gross"] * 3
     assert [f.rows for f in found] == [(32,), (33,), (34,)]
     assert "sds off what the other readings say" in found[0].words
 
@@ -194,8 +194,8 @@ def test_five_markers_and_one_that_is_hidden_at_times(tmp_path: Path) -> None:
     use = states.use.copy()
     use[[4, 9, 60]] = False
     states = replace(states, use=use)
-    assert not screen(arm, states)
-    finding = only(screen(arm, copied(states, [20, 21, 23], [21, 23, 20])), "swapped markers")
+    assert not wrong_in(arm, states)
+    finding = only(wrong_in(arm, copied(states, [20, 21, 23], [21, 23, 20])), "swapped_markers")
     assert finding.rows == (22, 23, 25)
 
 
@@ -205,9 +205,9 @@ def test_the_command_masks_and_the_truth_comes_back(
     states = clean(arm)
     far = states.value[13] - states.value[[12, 14]].mean(axis=0)
     wrong = copied(spoilt(states, [13], 4e-4 * far / np.linalg.norm(far)), [9, 11], [11, 9])
-    found = screen(arm, wrong)
-    assert [f.kind for f in found] == ["swapped markers", "tool"]
-    assert masked(wrong, found).use.sum() == len(states.use) - 3
+    found = wrong_in(arm, wrong)
+    assert [f.name for f in found] == ["swapped_markers", "tool"]
+    assert without(wrong, found).use.sum() == len(states.use) - 3
     assert wrong.use.all()
     write_readings(tmp_path / "s.csv", wrong, arm)
     files = FitFiles(experiment=arm.path, data=(tmp_path / "s.csv",), states="positions")
@@ -217,7 +217,7 @@ def test_the_command_masks_and_the_truth_comes_back(
     assert "masked, tool: row" in said
     assert "The residuals agree with the stated noise" in said
     keep = FitOptions(keep_all=True)
-    whole, again = identify(arm, states, options=keep), identify(arm, masked(wrong, found), options=keep)
+    whole, again = identify(arm, states, options=keep), identify(arm, without(wrong, found), options=keep)
     for a, b in zip(again.estimates, whole.estimates, strict=True):
         assert abs(a.value - b.value) < 1.5 * b.sd, a.name
 
@@ -226,9 +226,9 @@ def test_real_positions_of_one_marker() -> None:
     """Series B holds two positions twice, one row after the other at other angles, and two that are 2 mm off."""
     experiment = load_experiment(UR10 / "experiment.yaml")
     states = read_readings(UR10 / "series_b.csv", experiment, "positions")
-    found = screen(experiment, states)
-    named = [(f.kind, states.pose[int(np.flatnonzero(f.mask)[0])]) for f in found]
-    assert named == [("duplicate", "533"), ("duplicate", "1064"), ("gross", "855"), ("gross", "856")]
+    found = wrong_in(experiment, states)
+    named = [(f.name.partition("[")[0], states.pose[int(np.flatnonzero(f.mask)[0])]) for f in found]
+    assert named == [("repeated_readings", "533"), ("repeated_readings", "1064"), ("gross", "855"), ("gross", "856")]
     assert np.array_equal(states.value[states.line == 536], states.value[states.line == 535])
 
 
@@ -251,5 +251,5 @@ def test_no_fit_no_gross_errors(arm: Experiment) -> None:
     few = replace(states, use=states.plus < 2)
     with pytest.raises(NotIdentifiable, match="of one pose"):
         identify(arm, few)
-    assert screen(arm, few) == ()
-    assert [f.kind for f in screen(arm, spoilt(few, [1], -few.value[1]))] == ["zero"]
+    assert wrong_in(arm, few) == ()
+    assert [f.name for f in wrong_in(arm, spoilt(few, [1], -few.value[1]))] == ["unread"]

@@ -16,7 +16,7 @@ from qsframework.diagnose import diagnose
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
 from qsframework.plugin import Array
 from qsframework.report.result_json import diagnosis_json
-from qsframework.screening.conventions import Convention, adopted, check_conventions
+from qsframework.screening import Mistake, adopted, find_mistakes
 
 
 @pytest.fixture(scope="module")
@@ -35,8 +35,8 @@ def loaded(path: Path) -> tuple[Experiment, Readings]:
     return experiment, read_readings(experiment.data, experiment)
 
 
-def found(experiment: Experiment, readings: Readings) -> tuple[Convention, ...]:
-    return adopted(check_conventions(experiment, readings))
+def found(experiment: Experiment, readings: Readings) -> tuple[Mistake, ...]:
+    return adopted(find_mistakes(experiment, readings, gross=False))
 
 
 def turned(readings: Readings, experiment: Experiment, pose: str, k: int, angle: float) -> Readings:
@@ -204,7 +204,7 @@ def test_a_load_far_over_the_payload(folder: Path) -> None:
     experiment, right = loaded(folder / "displacements")
     assert experiment.robot.payload is not None
     force = replace(right.poses, wrench=right.poses.wrench * 4.0)
-    told = [c for c in check_conventions(experiment, right.with_poses(force)) if c.name == "load_payload"]
+    told = [c for c in find_mistakes(experiment, right.with_poses(force), gross=False) if c.name == "load_payload"]
     assert len(told) == 1
     assert "times what the robot carries" in told[0].words
     assert not told[0].compelling

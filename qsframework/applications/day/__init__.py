@@ -2,7 +2,7 @@
 
 from qsframework.applications.day.day import Day, Judged, begin, decide, enter
 from qsframework.applications.day.judge import Check, StateVerdict
-from qsframework.applications.day.mistakes import Mistake
+from qsframework.applications.day.mistakes import Explanation
 from qsframework.applications.day.record import Record, Slot
 
-__all__ = ["Check", "Day", "Judged", "Mistake", "Record", "Slot", "StateVerdict", "begin", "decide", "enter"]
+__all__ = ["Check", "Day", "Explanation", "Judged", "Record", "Slot", "StateVerdict", "begin", "decide", "enter"]

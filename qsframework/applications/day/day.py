@@ -18,7 +18,7 @@ import numpy as np
 
 from qsframework.applications.day.expected import Expected, expected
 from qsframework.applications.day.judge import Known, Seen, StateVerdict, judge, known
-from qsframework.applications.day.mistakes import Mistake, most_likely
+from qsframework.applications.day.mistakes import Explanation, most_likely
 from qsframework.applications.day.record import (
     DOUBT,
     Entry,
@@ -54,7 +54,7 @@ class Day:
     expected: Expected
     record: Record
     known: Known
-    mistakes: Mapping[Slot, Mistake]
+    mistakes: Mapping[Slot, Explanation]
 
     @property
     def next(self) -> Slot | None:
@@ -72,7 +72,7 @@ class Judged:
 
     slot: Slot
     verdict: StateVerdict
-    mistake: Mistake | None
+    mistake: Explanation | None
 
 
 def begin(experiment: Experiment, plan: Plan, folder: Path, wish: ProtocolWish | None = None) -> Day:
@@ -224,7 +224,7 @@ def _with(day: Day, made: Mapping[str, Any]) -> Day:
     return _seen(day.experiment, day.plan, day.expected, grown(day.record, [made]), day.mistakes)
 
 
-def _corrected(day: Day, entry: Entry, mistake: Mistake | None) -> dict[str, Array]:
+def _corrected(day: Day, entry: Entry, mistake: Explanation | None) -> dict[str, Array]:
     """Positions of a state as they were meant."""
     if mistake is None or mistake.xyz is None:
         hint = "Keep it, or read it again."
@@ -248,14 +248,14 @@ def _judged(day: Day, journal: Journal, entries: Sequence[Entry], **source: Any)
     return _stored(replace(day, mistakes=now.mistakes), journal, made), said
 
 
-def _mistake(day: Day, entry: Entry) -> Mistake:
+def _mistake(day: Day, entry: Entry) -> Explanation:
     """What a state that is not as expected most likely is."""
     if not as_planned(entry, day.record):
         return _other_than_planned(day, entry)
     return most_likely(day.known, entry.slot, _xyz(day, entry), entry.series)
 
 
-def _other_than_planned(day: Day, row: Entry) -> Mistake:
+def _other_than_planned(day: Day, row: Entry) -> Explanation:
     """A row whose own angles or load are not those of its state: which, and what the protocol has."""
     visit, state = day.record.visit(row.slot), day.record.state(row.slot)
     turned = np.abs(row.pendant - visit.pendant)
@@ -263,13 +263,17 @@ def _other_than_planned(day: Day, row: Entry) -> Mistake:
         k = int(np.argmax(turned))
         unit = day.experiment.robot.controller.units[k]
         off = f"{unit.per * (row.pendant[k] - visit.pendant[k]):+.2f} {unit.shown}"
-        return Mistake(kind="angle", what=(f"q{k + 1}", day.experiment.robot.facts.driven[k], off))
+        return Explanation(kind="angle", what=(f"q{k + 1}", day.experiment.robot.facts.driven[k], off))
     force, told = float(np.linalg.norm(row.wrench[:3])), float(np.linalg.norm(state.wrench[:3]))
-    return Mistake(kind="force", what=(f"{force:.0f} N", f"{told:.0f} N"))
+    return Explanation(kind="force", what=(f"{force:.0f} N", f"{told:.0f} N"))
 
 
 def _seen(
-    experiment: Experiment, plan: Plan, told: Expected, record: Record, mistakes: Mapping[Slot, Mistake] | None = None
+    experiment: Experiment,
+    plan: Plan,
+    told: Expected,
+    record: Record,
+    mistakes: Mapping[Slot, Explanation] | None = None,
 ) -> Day:
     """The day; it learns from the states that do not wait for a decision, and were not kept against its advice. What
     waits gets the mistake that it most likely is."""

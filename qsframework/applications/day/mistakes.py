@@ -36,7 +36,7 @@ _ROUNDS = 4
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Mistake:
+class Explanation:
     """What the reading probably is. kind: one of the table in docs/day.md; what: its numbers or names for the words;
     xyz: the readings (M, 3) m as they were meant, None where only another reading tells; p: chance of what it leaves;
     or_: other mistakes of the same rank that make it right as well"""
@@ -45,10 +45,10 @@ class Mistake:
     what: tuple[str, ...] = ()
     p: float = 0.0
     xyz: Array | None = None
-    or_: tuple[Mistake, ...] = ()
+    or_: tuple[Explanation, ...] = ()
 
 
-def most_likely(known: Known, slot: Slot, xyz: Array, series: str) -> Mistake:
+def most_likely(known: Known, slot: Slot, xyz: Array, series: str) -> Explanation:
     """The plainest mistake that makes readings (M, 3) m of a state right; kind "unknown" where none does."""
     for rank in (_typed, _placed, _part, _angle, _moved):
         found = [m for m in rank(known, slot, xyz, series) if m.p >= _RIGHT]
@@ -56,15 +56,15 @@ def most_likely(known: Known, slot: Slot, xyz: Array, series: str) -> Mistake:
             best, *others = sorted(found, key=lambda m: -m.p)
             told = {(best.kind, best.what)}
             rest = [m for m in others if (m.kind, m.what) not in told and m.p > 0.01 * best.p]
-            return Mistake(kind=best.kind, what=best.what, p=best.p, xyz=best.xyz, or_=tuple(rest[:2]))
-    return Mistake(kind="unknown")
+            return Explanation(kind=best.kind, what=best.what, p=best.p, xyz=best.xyz, or_=tuple(rest[:2]))
+    return Explanation(kind="unknown")
 
 
-def _tried(known: Known, slot: Slot, xyz: Array, series: str, kind: str, what: tuple[str, ...]) -> Mistake:
-    return Mistake(kind=kind, what=what, p=judge(known, slot, xyz, series).p, xyz=xyz)
+def _tried(known: Known, slot: Slot, xyz: Array, series: str, kind: str, what: tuple[str, ...]) -> Explanation:
+    return Explanation(kind=kind, what=what, p=judge(known, slot, xyz, series).p, xyz=xyz)
 
 
-def _typed(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Mistake]:
+def _typed(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Explanation]:
     """Markers exchanged, a unit, a sign, two axes, a decimal."""
     names, read = known.expected.names, np.flatnonzero(was_read(xyz))
     for order in _orders(len(read)):
@@ -101,20 +101,20 @@ def _orders(count: int) -> Iterator[tuple[int, ...]]:
         yield tuple(order)
 
 
-def _placed(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Mistake]:
+def _placed(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Explanation]:
     """Another pose's readings, another load than the protocol's."""
     protocol = known.expected.protocol
     state = protocol.visits[slot.visit].states[slot.state]
     if state.loaded:
         for share, what in _SHARES.items():
             p = judge(known, slot, xyz, series, share).p
-            yield Mistake(kind="no load" if share == 0.0 else "load", what=(what,), p=p)
-        yield Mistake(kind="exchanged", p=judge(known, slot, xyz, series, -1.0).p)
+            yield Explanation(kind="no load" if share == 0.0 else "load", what=(what,), p=p)
+        yield Explanation(kind="exchanged", p=judge(known, slot, xyz, series, -1.0).p)
     else:
         for k, other in enumerate(protocol.visits[slot.visit].states):
             if other.loaded:
                 p = judge(known, Slot(slot.visit, k), xyz, series).p
-                yield Mistake(kind="still loaded", what=(other.load_id,), p=p)
+                yield Explanation(kind="still loaded", what=(other.load_id,), p=p)
     here = protocol.visits[slot.visit].pose
     for v, visit in enumerate(protocol.visits):
         if visit.pose == here:
@@ -122,7 +122,7 @@ def _placed(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Mista
         there = Slot(v, next((k for k, s in enumerate(visit.states) if s.loaded == state.loaded), 0))
         alone = judge(_apart(known, v), there, xyz, series)
         if any(c.kind == "place" for c in alone.checks):
-            yield Mistake(kind="pose", what=(visit.pose,), p=alone.p)
+            yield Explanation(kind="pose", what=(visit.pose,), p=alone.p)
 
 
 def _apart(known: Known, visit: int) -> Known:
@@ -131,7 +131,7 @@ def _apart(known: Known, visit: int) -> Known:
     return replace(known, seen=seen)
 
 
-def _part(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Mistake]:
+def _part(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Explanation]:
     """One marker that is off alone: a reflector that does not sit in its nest, a number typed wrongly."""
     read = np.flatnonzero(was_read(xyz))
     if len(read) < 3:
@@ -140,10 +140,10 @@ def _part(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Mistake
         rest = xyz.copy()
         rest[m] = np.nan
         verdict: StateVerdict = judge(known, slot, rest, series)
-        yield Mistake(kind="marker", what=(known.expected.names[m],), p=verdict.p)
+        yield Explanation(kind="marker", what=(known.expected.names[m],), p=verdict.p)
 
 
-def _angle(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Mistake]:
+def _angle(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Explanation]:
     """One joint that stands elsewhere than the protocol says: Gauss-Newton on its angle, all joints at once."""
     e, placed = known.expected, known.placed.get(series)
     read = was_read(xyz)
@@ -171,11 +171,11 @@ def _angle(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Mistak
         if p >= _RIGHT:
             joint = e.experiment.robot.facts.driven[k]
             unit = controller.units[k]
-            yield Mistake(kind="angle", what=(f"q{k + 1}", joint, f"{unit.per * delta[k]:+.2f} {unit.shown}"), p=p)
+            yield Explanation(kind="angle", what=(f"q{k + 1}", joint, f"{unit.per * delta[k]:+.2f} {unit.shown}"), p=p)
 
 
-def _moved(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Mistake]:
+def _moved(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Explanation]:
     """All markers moved together: the tracker, its base, or the whole arm stands elsewhere."""
     if series in known.placed and int(was_read(xyz).sum()) >= 3:
         own = [c.p for c in judge(known, slot, xyz, "").checks if c.kind == "shape"]
-        yield Mistake(kind="tracker", p=min(own, default=0.0))
+        yield Explanation(kind="tracker", p=min(own, default=0.0))

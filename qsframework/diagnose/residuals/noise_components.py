@@ -14,18 +14,13 @@ from qsframework.diagnose.residuals.gross_rows import beside, heavy_tails
 from qsframework.estimation import LinearFit, Noise, grouped
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.tails import chi2_cdf, chi2_sf, f_sf
+from qsframework.estimation.variance_component import variance_component
 from qsframework.plugin import Array, Indices
 
 REACH = 10.0
 """Columns are per typical size; a direction that not even ten of these lift above the noise needs no number."""
 FEWEST = 10
 """Degrees of freedom below which nothing is said about the noise."""
-_SMALLEST, _LARGEST = 1e-3, 1e3
-"""Shared sds that are looked for, in sds of a reading's own error."""
-_FINE, _FINER = 41, 5
-"""Places of the grid of them, and how often it is made finer: to a millionth."""
-_TOGETHER = 256
-"""Columns that are taken beside the fit at once."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -137,8 +132,7 @@ def visible(library: Array) -> Array:
 def estimate(fit: LinearFit, sigma: Array, measurement: Indices, source: str, level: float) -> NoiseSize:
     """The rows' own error and the one that rows of a measurement share, from what a fit leaves of them.
 
-    Restricted maximum likelihood in the eigenvectors of what groups share beyond the columns: exact, and one
-    decomposition does for all sizes. The test is the likelihood ratio on its boundary.
+    The test is the likelihood ratio on its boundary.
     """
     total, dof = fit.chi2, fit.dof
     plain = NoiseSize(total, dof, 0.0, 1.0, source)
@@ -148,37 +142,15 @@ def estimate(fit: LinearFit, sigma: Array, measurement: Indices, source: str, le
     label = np.unique((3 * measurement[:, None] + np.arange(3)).ravel(), return_inverse=True)[1]
     Z = np.zeros((fit.white.size, label.max() + 1))
     Z[np.arange(fit.white.size), label] = np.repeat(typical / sigma, 3)
-    if fit.used is not None:
-        Z[~fit.used] = 0.0
-    for first in range(0, Z.shape[1], _TOGETHER):
-        part = Z[:, first : first + _TOGETHER]
-        part -= fit.Q @ (fit.Q.T @ part)
-    lam, V = np.linalg.eigh(Z.T @ Z)
-    seen = lam > 1e-6 * max(lam[-1], 1e-300)
-    lam, V = lam[seen], V[:, seen]
-    square = np.square(V.T @ (Z.T @ fit.white)) / lam
-    rest = max(total - float(square.sum()), 0.0)
-    if dof - len(lam) < FEWEST:
+    found = variance_component(fit, Z)
+    if dof - found.directions < FEWEST:
         return plain
-
-    def deviance(ratio: Array) -> Array:
-        grown = 1.0 + ratio[:, None] ** 2 * lam
-        return np.asarray(dof * np.log(rest + (square / grown).sum(axis=1)) + np.log(grown).sum(axis=1))
-
-    ratio, low, high = 0.0, _SMALLEST, _LARGEST
-    for _ in range(_FINER):  # each time between the neighbours of the best
-        ratios = np.geomspace(low, high, _FINE)
-        at = int(np.argmin(deviance(ratios)))
-        low, ratio, high = (float(ratios[k]) for k in (max(at - 1, 0), at, min(at + 1, _FINE - 1)))
-    without, beside = deviance(np.array([0.0, ratio])).tolist()
-    gain = without - beside
-    p = 0.5 * float(chi2_sf(gain, 1)) if gain > 0.0 else 1.0
-    own = rest + float((square / (1.0 + ratio**2 * lam)).sum())
-    shared = ratio * typical * float(np.sqrt(own / dof))
+    p = 0.5 * float(chi2_sf(found.gain, 1)) if found.gain > 0.0 else 1.0
+    shared = found.ratio * typical * float(np.sqrt(found.own / dof))
     if p >= level:
-        return replace(plain, shared=shared if gain > 0.0 else 0.0, p_shared=p)
+        return replace(plain, shared=shared if found.gain > 0.0 else 0.0, p_shared=p)
     # beyond what measurements share there is only the rows' own error: exactly chi-square
-    return NoiseSize(rest, dof - len(lam), shared, p, source)
+    return NoiseSize(found.rest, dof - found.directions, shared, p, source)
 
 
 def pure_dof(replicate: Indices, mask: Flags | None = None) -> int:

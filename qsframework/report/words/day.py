@@ -5,7 +5,7 @@ from __future__ import annotations
 from qsframework.applications.day.day import Day, Judged
 from qsframework.applications.day.floor import FloorJudged
 from qsframework.applications.day.judge import Check
-from qsframework.applications.day.mistakes import Mistake
+from qsframework.applications.day.mistakes import Explanation
 from qsframework.applications.day.record import Slot
 from qsframework.applications.day.so_far import SoFar
 from qsframework.plugin import Array
@@ -72,7 +72,7 @@ def check_words(check: Check) -> str:
     return _ASKED[check.kind].format(f"{1e3 * check.off:.2f} mm")
 
 
-def mistake_words(mistake: Mistake) -> str:
+def mistake_words(mistake: Explanation) -> str:
     """What a reading most likely is, and what to do."""
     said = _kind_words(mistake)
     if mistake.or_:
@@ -80,12 +80,12 @@ def mistake_words(mistake: Mistake) -> str:
     return said
 
 
-def can_correct(mistake: Mistake) -> bool:
+def can_correct(mistake: Explanation) -> bool:
     """Whether the readings can be put right as they are."""
     return mistake.kind in _CORRECTABLE
 
 
-def _kind_words(mistake: Mistake) -> str:
+def _kind_words(mistake: Explanation) -> str:
     what = mistake.what
     match mistake.kind:
         case "markers":

@@ -20,7 +20,7 @@ from qsframework.report.words.law import place_words, places_words, same_motion_
 from qsframework.report.words.next_steps import next_steps, unrepeatable
 from qsframework.report.words.noise import audit_words
 from qsframework.report.words.sizes import mm, people_estimate, people_size
-from qsframework.screening.conventions import SUSPECTED, Convention
+from qsframework.screening import SUSPECTED, Mistake
 
 _SHOWN = 3
 ALONE = "explained by the named causes"
@@ -123,7 +123,7 @@ def _readings(found: Diagnosis) -> Iterator[str]:
         yield from audit_words(found.audit, rows=False)[1:]
 
 
-def _moved(c: Convention) -> str:
+def _moved(c: Mistake) -> str:
     """Which parameters change most when a mistake in some rows is corrected."""
     if not c.rows or not c.moved:
         return ""

@@ -12,6 +12,7 @@ from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.law import moving_words
 from qsframework.report.words.lists import listed
 from qsframework.report.words.sizes import mm
+from qsframework.screening import Mistake, adopted
 
 _NAMED = 3
 _WORST = 3
@@ -21,6 +22,9 @@ def headline(found: Diagnosis) -> str:
     """The verdict in one sentence."""
     if not found.findings:
         return _nothing(found) if found.verdict == "none" else _unexplained(found)
+    wrong = adopted(found.conventions)
+    if wrong and {f.name for f in found.findings} <= {c.name for c in wrong}:
+        return _table(found, wrong)
     look = _look(found.sure or found.doubtful)
     if not found.sure:
         they = "it" if len(found.doubtful) == 1 else "them"
@@ -29,6 +33,19 @@ def headline(found: Diagnosis) -> str:
     start = "Explained" if found.verdict == "explained" else "Partly explained"
     but = "".join(f", but {reason}" for reason in list(_reasons(found))[:1])
     return f"{start} by {names_words(found.sure)}: {_gain(found)}{but}{look}."
+
+
+def _table(found: Diagnosis, wrong: Sequence[Mistake]) -> str:
+    """Where nothing but mistakes in the table, or in how it was read, is named."""
+    more = f" ({len(wrong) - 1} more below)" if len(wrong) > 1 else ""
+    left = f"error at poses left out {mm(found.rms.heldout_identified)} mm, noise {mm(found.rms.noise)}"
+    if any(c.hides for c in wrong):
+        rest = "no cause can be told beside it"
+    elif found.verdict == "explained":
+        rest = f"corrected, it leaves nothing to name ({left})"
+    else:
+        rest = f"corrected, more is left than the noise allows ({left})"
+    return f"Wrong in the table: {wrong[0].words}{more}; {rest}."
 
 
 def _nothing(found: Diagnosis) -> str:

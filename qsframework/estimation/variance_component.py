@@ -1,0 +1,66 @@
+"""One more source of error beside the readings' own: how large it is, by restricted maximum likelihood (REML).
+
+    y = X b + Z u + e,   u ~ N(0, ratio^2 s^2),   e ~ N(0, s^2)
+
+In the eigenvectors of what Z does beyond the fitted columns X the likelihood is a sum: exact, and one decomposition
+does for all sizes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.estimation.linear_fit import LinearFit
+from qsframework.plugin import Array
+
+_SMALLEST, _LARGEST = 1e-3, 1e3
+"""Sizes that are looked for, in sds of a reading's own error."""
+_FINE, _FINER = 41, 5
+"""Places of the grid of them, and how often it is made finer: to a millionth."""
+_TOGETHER = 256
+"""Columns that are taken beside the fit at once."""
+
+
+@dataclass(frozen=True)
+class VarianceComponent:
+    """ratio: sd of the coefficients u in sds of the readings' own error; gain: twice the log of how much likelier it
+    makes the readings; own: squares that are then their own error's; rest, directions: squares beyond the directions
+    that the source reaches, and how many these are."""
+
+    ratio: float
+    gain: float
+    own: float
+    rest: float
+    directions: int
+
+
+def variance_component(fit: LinearFit, Z: Array) -> VarianceComponent:
+    """The likeliest size of what whitened columns Z (m, k), of coefficients of one sd, add to the errors of a fit whose
+    noise may have any size. Z is overwritten."""
+    if fit.used is not None:
+        Z[~fit.used] = 0.0
+    for first in range(0, Z.shape[1], _TOGETHER):
+        part = Z[:, first : first + _TOGETHER]
+        part -= fit.Q @ (fit.Q.T @ part)
+    lam, V = np.linalg.eigh(Z.T @ Z)
+    seen = lam > 1e-6 * max(lam[-1], 1e-300)
+    lam, V = lam[seen], V[:, seen]
+    square = np.square(V.T @ (Z.T @ fit.white)) / lam
+    total, dof = fit.chi2, fit.dof
+    rest = max(total - float(square.sum()), 0.0)
+
+    def deviance(ratio: Array) -> Array:
+        grown = 1.0 + ratio[:, None] ** 2 * lam
+        inside = np.maximum(rest + (square / grown).sum(axis=1), 1e-300)
+        return np.asarray(dof * np.log(inside) + np.log(grown).sum(axis=1))
+
+    ratio, low, high = 0.0, _SMALLEST, _LARGEST
+    for _ in range(_FINER):  # each time between the neighbours of the best
+        ratios = np.geomspace(low, high, _FINE)
+        at = int(np.argmin(deviance(ratios)))
+        low, ratio, high = (float(ratios[k]) for k in (max(at - 1, 0), at, min(at + 1, _FINE - 1)))
+    without, beside = deviance(np.array([0.0, ratio])).tolist()
+    own = rest + float((square / (1.0 + ratio**2 * lam)).sum())
+    return VarianceComponent(ratio, without - beside, own, rest, len(lam))

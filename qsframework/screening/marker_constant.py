@@ -1,0 +1,100 @@
+"""A reflector whose constant nobody set: all readings of one marker are off along the line of sight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from qsframework.estimation import LinearFit
+from qsframework.experiment import bridge
+from qsframework.plugin import Array, Indices
+from qsframework.plugin.build import build_effects
+from qsframework.plugin.registry import with_role
+from qsframework.plugin.settings import place_fields
+from qsframework.screening.linearized import Linearized
+
+_LEAST = 49.0
+"""Fall of the sum of squares, in squares of the noise, below which no constant is called: s = 7."""
+_FEWEST = 4
+_BETTER = 12.0
+"""By how much, in squares of the noise, a marker that sits elsewhere on its link must explain the readings worse."""
+_RADII = (("0.5-inch", 6.35e-3), ("0.875-inch", 11.1125e-3), ("1.5-inch", 19.05e-3))
+"""m: of the reflectors that laser trackers come with."""
+_NEAR = 0.1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Constant:
+    """All readings (R,) of a marker are `off` m too long along the line of sight.
+
+    value (R, 3) m: without it; tried: how many markers it was among
+    """
+
+    rows: Indices
+    marker: str
+    off: float
+    value: Array
+    tried: int
+
+    def described(self) -> str:
+        """In words, with the reflectors whose constants differ by so much."""
+        pairs = [(a, b) for a, ra in _RADII for b, rb in _RADII if a != b and abs(abs(self.off) - (ra - rb)) < _NEAR]
+        way = "long" if self.off > 0.0 else "short"
+        said = (
+            f"all positions of marker {self.marker} are {abs(self.off) * 1e3:.2f} mm too {way} along the line of sight"
+        )
+        said += ": its reflector has another constant"
+        return said + "".join(f", as between {a} and {b} ones" for a, b in pairs[:1])
+
+
+def marker_constant(fit: Linearized) -> Constant | None:
+    """The marker whose positions fit far better with another constant, None where none does or where a marker that sits
+    elsewhere on its link would do the same."""
+    readings, rows = fit.readings, fit.rows
+    sight = rows.measured / np.maximum(np.linalg.norm(rows.measured, axis=1, keepdims=True), 1e-300)
+    able = (rows.minus < 0) & np.isin(rows.frame, rows.estimated) & np.isfinite(sight).all(axis=1)
+    able &= ~readings.is_gauge[fit.keep]
+    markers = [m for m in np.unique(rows.marker[able]).tolist() if (able & (rows.marker == m)).sum() >= _FEWEST]
+    if len(markers) < 2:  # the constant of all markers is the frame's
+        return None
+    best: tuple[float, int, float] | None = None
+    for m in markers:
+        column = rows.flat(np.where((able & (rows.marker == m))[:, None], sight, 0.0))
+        drop, off = _fall(fit.fit, column[:, None])
+        if best is None or drop > best[0]:
+            best = drop, int(m), float(off[0])
+    assert best is not None
+    drop, marker, off = best
+    own = able & (rows.marker == marker)
+    elsewhere, _ = _fall(fit.fit, _moved(fit, fit.experiment.markers[marker].name))
+    unit = fit.fit.unit(fit.fit.chi2 - drop)
+    if drop < (_LEAST + 2.0 * np.log(len(markers))) * unit or elsewhere > drop - _BETTER * unit:
+        return None
+    at = fit.keep[own]
+    value = readings.value.copy()
+    value[at] -= off * sight[own]
+    return Constant(at, fit.experiment.markers[marker].name, off, value, len(markers))
+
+
+def _fall(fit: LinearFit, columns: Array) -> tuple[float, Array]:
+    """By how much the sum of squares falls with further columns (m, k), and their coefficients (k,)."""
+    beside = fit.given(columns)
+    size = np.maximum(np.linalg.norm(beside, axis=0), 1e-300)
+    x = np.asarray(np.linalg.lstsq(beside / size, fit.white, rcond=1e-6)[0], dtype=np.float64) / size
+    return float(fit.white @ (beside @ x)), x
+
+
+def _moved(fit: Linearized, marker: str) -> Array:
+    """Columns (m, 3) of a marker that sits elsewhere on its link."""
+    experiment, rows = fit.experiment, fit.rows
+    (kind,) = with_role("marker offset")
+    names = tuple(m.name for m in experiment.markers)
+    effects = build_effects({field: marker for field in place_fields(kind)}, experiment.robot.facts, names, kind)
+    own = {e.name for e in experiment.model().effects}
+    more = tuple(e for e in effects if e.name not in own)
+    told = tuple(p for e in more for p in e.parameters(experiment.robot.facts))
+    wide = experiment.with_(effects=(*experiment.effects, *more), parameters=(*experiment.parameters, *told))
+    wanted = [p.name for e in effects for p in e.parameters(experiment.robot.facts)]
+    seen = bridge(wide, rows.readings, wanted, linear=True, rows=rows)
+    return rows.flat(rows.rates(seen.model, seen.x, seen.frames, wanted, linear=True)[1])[:, seen.motions :]

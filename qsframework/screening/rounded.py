@@ -1,0 +1,107 @@
+"""Angles that were rounded before they were written: every visit then errs as if each joint stood a little elsewhere.
+
+Whole degrees in a table are no fault: poses are often commanded so. They are one where the readings scatter by what
+rounding makes of them, visit by visit, along the columns of the arm's Jacobian, beside the arm's whole geometry, its
+springs and its sag.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from qsframework.estimation import LinearFit, scales
+from qsframework.estimation.variance_component import variance_component
+from qsframework.experiment import Experiment, ObservationModel, Readings
+from qsframework.plugin import Array, Indices
+from qsframework.screening.outliers import widened
+
+_STEPS = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
+"""deg: roundings that are asked for."""
+_FEWEST = 20
+"""Degrees of freedom below which nothing is said."""
+_EVIDENCE = 15.0
+"""Log of how much likelier errors of the angles must be than larger noise."""
+_NEAR = 2.5
+"""Times larger or smaller than rounding makes it the error of the angles may be."""
+_SHARE = 0.5
+"""Of the squares that are left, which errors of the angles must make at least."""
+_DIFFERENCE = 1e-6
+_MOST = 120
+"""States that are looked at: enough to tell."""
+
+
+@dataclass(frozen=True)
+class Rounded:
+    """Angles in whole multiples of `step` rad; off: m, what this makes of a coordinate on average; evidence: nats."""
+
+    step: float
+    off: float
+    evidence: float
+
+
+def rounded_angles(experiment: Experiment, readings: Readings) -> Rounded | None:
+    """The rounding of the angles, where it is what the readings scatter by; None where the angles have all digits."""
+    seen = widened(experiment, _some(readings))
+    rows = seen.rows
+    step = _step(experiment, seen)
+    if step is None or (rows.minus >= 0).all():  # what both states share, a displacement hardly shows
+        return None
+    size = scales(list(seen.parameters))
+    predicted, J = rows.rates(seen.model, seen.x, seen.frames, seen.names, linear=True)
+    fit = LinearFit.of(rows.flat(J) * size, rows.scalars - rows.flat(predicted), rows.noise, rows.stated)
+    if fit.dof < _FEWEST:
+        return None
+    turned = rows.noise.whiten(rows.flat(_turned(experiment, seen)))
+    size = float(np.sqrt(np.square(turned).sum(axis=1).mean()))
+    found = variance_component(fit, _by_visit(turned / size, rows.plus[rows.row]))
+    angle = found.ratio * float(np.sqrt(found.own / fit.dof)) / size
+    usual = step / np.sqrt(12.0)
+    if found.gain < 2.0 * _EVIDENCE or found.own > (1.0 - _SHARE) * fit.chi2:
+        return None
+    if not 1.0 / _NEAR < angle / usual < _NEAR:
+        return None
+    off = float(np.sqrt(np.square(rows.noise.colour(turned)).sum(axis=1).mean())) * usual
+    return Rounded(step, off, 0.5 * found.gain)
+
+
+def _by_visit(turned: Array, visit: Indices) -> Array:
+    """Columns (m, n) as columns of each visit's own (m, n V)."""
+    at = np.unique(visit, return_inverse=True)[1]
+    out = np.zeros((*turned.shape, int(at.max()) + 1))
+    out[np.arange(len(turned)), :, at] = turned
+    return out.reshape(len(turned), -1)
+
+
+def _some(readings: Readings) -> Readings:
+    """Of many states some, evenly."""
+    used = np.unique(readings.plus[readings.use])
+    chosen = used[:: -(-len(used) // _MOST)] if len(used) else used
+    return readings.masked(~np.isin(readings.plus, chosen))
+
+
+def _step(experiment: Experiment, seen: ObservationModel) -> float | None:
+    """The largest step (rad) that all angles of the used states are multiples of."""
+    used = np.unique(seen.rows.plus)
+    turning = [k for k, slides in enumerate(experiment.robot.controller.units.sliding) if not slides]
+    degrees = np.rad2deg(seen.rows.readings.poses.pendant[used][:, turning])
+    for step in _STEPS:
+        if np.allclose(degrees / step, np.round(degrees / step), atol=1e-6):
+            return float(np.deg2rad(step)) if len(np.unique(np.round(degrees, 6))) >= _FEWEST // 2 else None
+    return None
+
+
+def _turned(experiment: Experiment, seen: ObservationModel) -> Array:
+    """Rates (R, 3, n) m per rad at which the rows move with each shown angle."""
+    rows, controller = seen.rows, experiment.robot.controller
+    poses = rows.readings.poses
+    here = rows.predict(seen.model, seen.x, seen.frames, linear=True)
+    out: list[Array] = []
+    for k in np.flatnonzero(~np.array(controller.units.sliding)).tolist():
+        pendant = poses.pendant.copy()
+        pendant[:, k] += _DIFFERENCE
+        moved = replace(poses, pendant=pendant, q=controller.to_joints(pendant))
+        there = replace(rows, readings=rows.readings.with_poses(moved))
+        out.append((there.predict(seen.model, seen.x, seen.frames, linear=True) - here) / _DIFFERENCE)
+    return np.stack(out, axis=2)
