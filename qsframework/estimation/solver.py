@@ -288,7 +288,7 @@ class _Minimum:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _State:
-    """Where a descent stands: z (q,), whitened residuals (m,), their cost, sensitivities `whole` (m, p) and J (m, q).
+    """Where a descent stands: z (q,), whitened residuals (m,), their cost, sensitivities J (m, q).
 
     fresh: these were taken here, not at an earlier step; damping: of the next step; gain, moved: by how much the last
     step was to change the residuals, and this in sds of a reading; idle: steps in a row of no less than half of the one
@@ -298,7 +298,6 @@ class _State:
     z: Array
     residuals: Array
     cost: float
-    whole: Array
     J: Array
     fresh: bool = True
     damping: float = 0.0
@@ -329,7 +328,7 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
         whole = problem.whole(z)  # says what is wrong with sensitivities alone
     if whole is None or not np.all(np.isfinite(r)):
         raise NotConverged("the model has no finite prediction at the start of the fit: check the nominal values")
-    at = _State(z=z, residuals=r, cost=problem.cost(z, r), whole=whole, J=whole @ problem.reduction.T)
+    at = _State(z=z, residuals=r, cost=problem.cost(z, r), J=whole @ problem.reduction.T)
     step, trace = 0, list[tuple[float, float]]()
     for step in range(1, _STEPS + 1):
         local = _linearised(problem, at)
@@ -337,7 +336,10 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
         if not _settled(problem, at, local, tolerance):
             at = _stepped(problem, at, local, step)
         elif at.fresh:
-            return _Minimum(at.cost, at.z, at.residuals, at.whole, step)
+            final = np.clip(at.z + local.step, problem.reduction.lower, problem.reduction.upper)
+            r, whole = problem.both(final)
+            whole = problem.whole(final) if whole is None else whole
+            return _Minimum(problem.cost(final, r), final, r, whole, step)
         else:
             at = _fresh(problem, at)
         far = np.any(np.abs(at.z) > FAR * np.maximum(problem.reduction.spread, 1.0))
@@ -382,7 +384,7 @@ def _fresh(problem: _Problem, at: _State) -> _State:
 def _seen(problem: _Problem, at: _State, whole: Array | None = None) -> _State:
     """The same state with sensitivities of its own; `whole`: where they are known."""
     whole = problem.whole(at.z) if whole is None else whole
-    return replace(at, whole=whole, J=whole @ problem.reduction.T, fresh=True)
+    return replace(at, J=whole @ problem.reduction.T, fresh=True)
 
 
 def _stepped(problem: _Problem, at: _State, local: _Linearised, step: int) -> _State:
