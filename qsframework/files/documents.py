@@ -85,8 +85,11 @@ def nearest_file(path: Path) -> str | None:
     return nearest(path.name, beside)
 
 
-def read_yaml(path: str | Path, tags: Tags | None = None) -> Document:
-    """Read a YAML mapping safely: no tags but those given, no anchors or aliases, no tabs, no key twice."""
+def read_yaml(path: str | Path, tags: Tags | None = None, doubled: list[Problem] | None = None) -> Document:
+    """Read a YAML mapping safely: no tags but those given, no anchors or aliases, no tabs, no key twice.
+
+    doubled: takes up the keys that stand there twice, of which the later counts, in place of refusing them
+    """
     path = Path(path)
     text = read_text(path)
     for number, line in enumerate(text.splitlines(), start=1):
@@ -98,7 +101,7 @@ def read_yaml(path: str | Path, tags: Tags | None = None) -> Document:
         if not isinstance(node, yaml.MappingNode):
             raise InputError(Problem("must hold `key: value` lines; it is empty or a list", file=str(path)))
         lines: dict[tuple[Key, ...], int] = {(): 1}
-        data = _construct(node, (), lines, path, tags or {})
+        data = _construct(node, (), lines, path, tags or {}, doubled)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = None if mark is None else mark.line + 1
@@ -130,7 +133,14 @@ def _refuse_bombs(text: str, path: Path, tags: Tags) -> None:
             raise InputError(Problem(wrong, file=str(path), line=event.start_mark.line + 1))
 
 
-def _construct(node: yaml.Node, at: tuple[Key, ...], lines: dict[tuple[Key, ...], int], path: Path, tags: Tags) -> Any:
+def _construct(
+    node: yaml.Node,
+    at: tuple[Key, ...],
+    lines: dict[tuple[Key, ...], int],
+    path: Path,
+    tags: Tags,
+    doubled: list[Problem] | None,
+) -> Any:
     if len(at) > _DEEPEST:
         raise InputError(Problem("is nested too deeply", file=str(path), line=node.start_mark.line + 1))
     if isinstance(node, yaml.MappingNode):
@@ -141,14 +151,17 @@ def _construct(node: yaml.Node, at: tuple[Key, ...], lines: dict[tuple[Key, ...]
             if not isinstance(key_node, yaml.ScalarNode):
                 raise InputError(Problem("a key must be a name", file=str(path), line=line))
             if key in out:
-                raise InputError(Problem(f"key {key!r} stands here twice", file=str(path), line=line))
+                twice = Problem(f"key {key!r} stands here twice", file=str(path), line=line)
+                if doubled is None:
+                    raise InputError(twice)
+                doubled.append(twice)
             lines[(*at, key)] = line
-            out[key] = _construct(value, (*at, key), lines, path, tags)
+            out[key] = _construct(value, (*at, key), lines, path, tags, doubled)
         return out
     if isinstance(node, yaml.SequenceNode):
         for i, item in enumerate(node.value):
             lines[(*at, i)] = item.start_mark.line + 1
-        return [_construct(item, (*at, i), lines, path, tags) for i, item in enumerate(node.value)]
+        return [_construct(item, (*at, i), lines, path, tags, doubled) for i, item in enumerate(node.value)]
     return _scalar(node, path, tags)
 
 

@@ -12,6 +12,7 @@ import re
 import threading
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from qsframework.files import read_text, read_yaml
 from qsframework.files.plain import is_list, is_mapping
 from qsframework.robot import xml_tree
 from qsframework.robot.packages import Sources, inside
-from qsframework.robot.xacro_math import evaluate
+from qsframework.robot.xacro_math import NotAllowed, evaluate
 from qsframework.robot.xml_tree import Node, XmlPlace
 
 _LARGEST = 5_000_000
@@ -53,14 +54,21 @@ _BUILT_IN = frozenset(
 _LOCK = threading.Lock()  # xacro keeps its state in its module
 
 
-def read_tree(path: Path, folder: Path, sources: Sources | None = None) -> Node:
-    """The expanded tree of a robot file. InputError with file and line if it cannot be read."""
+def read_tree(path: Path, folder: Path, sources: Sources | None = None, notes: list[str] | None = None) -> Node:
+    """The expanded tree of a robot file. InputError with file and line if it cannot be read.
+
+    notes: takes up what xacro lets pass and a reader should know
+    """
     text = read_text(path, _LARGEST)
     root = xml_tree.parse(text, str(path))
     if path.suffix != ".xacro" and "xmlns:xacro" not in root.attributes:
         return root
     with _LOCK:
-        return _Expansion(folder, sources).run(path)
+        expansion = _Expansion(folder, sources)
+        root = expansion.run(path)
+    if notes is not None:
+        notes += expansion.notes
+    return root
 
 
 def files_of(path: Path, folder: Path) -> tuple[Path, ...]:
@@ -83,6 +91,8 @@ class _Expansion:
         self.roots = [folder, self.sources.home(folder)]
         self.files: list[str] = []
         self.tables: dict[Path, dict[str, Any]] = {}
+        self.notes: list[str] = []
+        self.failed: tuple[Path, str] | None = None
         self.calls = self.elements = self.text = 0
 
     def run(self, path: Path) -> Node:
@@ -96,7 +106,7 @@ class _Expansion:
                 raise
             except Exception as error:  # xacro raises many kinds on a wrong file
                 _raise_ours(error)
-                raise InputError(Problem(_reason(error), file=self._current() or str(path))) from error
+                raise InputError(self._problem(error, XmlPlace(self._current() or str(path), None))) from error
         return root
 
     @contextmanager
@@ -142,7 +152,16 @@ class _Expansion:
                 setattr(xacro, name, their)
 
     def _value(self, text: str, names: Mapping[str, Any], _: Any = None) -> Any:
-        found = evaluate(text, names, lambda file: self._load_yaml(file, text))
+        here = Path(self._current() or self.folder / "robot")
+        own: dict[str, Callable[[str], Any]] = {
+            "load_yaml": lambda file: self._load_yaml(file, text),
+            "arg": lambda name: self._extension(f"$(arg {name})"),
+        }
+        try:
+            found = evaluate(text, names, own)
+        except ValueError:
+            self.failed = (here, text)
+            raise
         if is_mapping(found) or is_list(found) or isinstance(found, str):
             self._grow(len(str(found)))
         return found
@@ -162,7 +181,9 @@ class _Expansion:
             raise InputError(Problem(problem, file=str(here), line=line, hint=hint, argument=self.sources.argument))
         if path not in self.tables:
             self.files.append(str(path))
-            self.tables[path] = read_yaml(path, _TAGS).data
+            doubled: list[Problem] = []
+            self.tables[path] = read_yaml(path, _TAGS, doubled).data
+            self.notes += [f"{p.file}, line {p.line}: {p.message}; as in xacro the later one counts" for p in doubled]
         return self.tables[path]
 
     @staticmethod
@@ -170,6 +191,17 @@ class _Expansion:
         """The line of a file where an expression stands, if it is there once."""
         lines = [n for n, line in enumerate(read_text(file, _LARGEST).splitlines(), 1) if expression.strip() in line]
         return lines[0] if len(lines) == 1 else None
+
+    def _problem(self, error: Exception, place: XmlPlace) -> Problem:
+        """What xacro could not do, at the line of the expression where that stands there once."""
+        problem = place.problem(_reason(error))
+        if any(isinstance(one, NotAllowed) for one in _causes(error)):
+            hint = "Expand it with xacro and give the URDF: xacro FILE -o arm.urdf."
+            problem = replace(problem, hint=hint)
+        line = None if self.failed is None else self._line(*self.failed)
+        if self.failed is not None and line is not None:
+            problem = replace(problem, file=str(self.failed[0]), line=line)
+        return problem
 
     def _grow(self, characters: int) -> None:
         """Count what the file expands to: a few lines that double each other would fill the memory."""
@@ -249,7 +281,7 @@ class _Expansion:
             raise
         except Exception as error:
             _raise_ours(error)
-            raise InputError(self._place(origin).problem(_reason(error))) from error
+            raise InputError(self._problem(error, self._place(origin))) from error
         for child in parent.childNodes:
             if id(child) not in before:
                 _mark(child, origin)
@@ -295,9 +327,15 @@ def _mark(node: Any, origin: str) -> None:
 
 def _raise_ours(error: BaseException | None) -> None:
     """Raise the InputError that xacro has wrapped into one of its own, if there is one."""
+    for one in _causes(error):
+        if isinstance(one, InputError):
+            raise one
+
+
+def _causes(error: BaseException | None) -> Generator[BaseException, None, None]:
+    """An error of xacro's and those that it has wrapped, the innermost last."""
     while error is not None:
-        if isinstance(error, InputError):
-            raise error
+        yield error
         error = getattr(error, "exc", None)
 
 

@@ -122,12 +122,14 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Urdf:
-    """All links and joints in the file's order, duplicates included, and the numbers that could not be read."""
+    """All links and joints in the file's order, duplicates included, the numbers that could not be read, and notes on
+    what the file says twice."""
 
     path: Path
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
     unreadable: tuple[Problem, ...]
+    notes: tuple[str, ...] = ()
 
     def link(self, name: str) -> Link:
         return next(link for link in self.links if link.name == name)
@@ -149,14 +151,14 @@ class Urdf:
 
 def read_urdf(path: Path, folder: Path, sources: Sources | None = None) -> Urdf:
     """Read a URDF or expand a xacro of a robot's folder. InputError if it is no XML of a robot."""
-    reader = _Reader()
-    root = read_tree(path, folder, sources)
+    reader, notes = _Reader(), list[str]()
+    root = read_tree(path, folder, sources, notes)
     if root.tag != "robot":
         reader.problems.append(root.place.problem("the outermost element must be <robot>", found=f"<{root.tag}>"))
     reader.materials = {node.get("name"): node for node in root.all("material")}
     links = tuple(reader.link(node) for node in root.all("link"))
     joints = tuple(reader.joint(node) for node in root.all("joint"))
-    return Urdf(path, links, joints, tuple(reader.problems))
+    return Urdf(path, links, joints, tuple(reader.problems), tuple(notes))
 
 
 @dataclass

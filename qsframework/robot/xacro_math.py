@@ -1,7 +1,7 @@
 """The expressions of a xacro file, evaluated as arithmetic and nothing else.
 
 xacro hands `${...}` to Python's `eval` behind a filter that a lambda walks around. A robot file is
-data, so only numbers, texts, the names of the file and the functions listed here are understood.
+data, so only numbers, texts, lists, tables, the names of the file and the functions listed here are understood.
 """
 
 from __future__ import annotations
@@ -19,6 +19,11 @@ _BIGGEST = 10**18
 _LONGEST = 10_000
 _MOST_ITEMS = 1000
 _SHOWN = 200
+
+
+class NotAllowed(ValueError):
+    """An expression that xacro itself would evaluate and a robot file may not hold."""
+
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     name: getattr(math, name)
@@ -46,16 +51,30 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     )
 } | {
     "abs": abs,
+    "all": all,
+    "any": any,
     "bool": bool,
+    "dict": dict,
     "float": float,
     "int": int,
     "len": len,
+    "list": list,
     "max": max,
     "min": min,
     "round": round,
+    "sorted": sorted,
     "str": str,
     "sum": sum,
 }
+_METHODS: dict[type, tuple[str, ...]] = {
+    str: (
+        *("split", "strip", "lstrip", "rstrip", "removeprefix", "removesuffix", "lower", "upper", "title"),
+        *("replace", "startswith", "endswith", "find", "count", "isdigit"),
+    ),
+    list: ("index", "count"),
+    dict: ("get", "keys", "values", "items"),
+}
+"""What a text, a list and a table may be asked."""
 
 
 def _ratio(a: Any, b: Any) -> Any:
@@ -78,6 +97,16 @@ def _outside(a: Any, b: Any) -> bool:
     return a not in b
 
 
+def _same(a: Any, b: Any) -> bool:
+    if b is not None:
+        raise NotAllowed("`is` asks of None only in a robot file")
+    return a is None
+
+
+def _other(a: Any, b: Any) -> bool:
+    return not _same(a, b)
+
+
 _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -94,16 +123,18 @@ _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
     ast.GtE: operator.ge,
     ast.In: _inside,
     ast.NotIn: _outside,
+    ast.Is: _same,
+    ast.IsNot: _other,
     ast.UAdd: operator.pos,
     ast.USub: operator.neg,
     ast.Not: operator.not_,
 }
 
 
-def evaluate(expression: str, names: Mapping[str, Any], load_yaml: Callable[[str], Any] | None = None) -> Any:
-    """The value of an expression over the names. ValueError for everything that is not arithmetic.
+def evaluate(expression: str, names: Mapping[str, Any], own: Mapping[str, Callable[[str], Any]] | None = None) -> Any:
+    """The value of an expression over the names. ValueError for what has none, NotAllowed for what is not arithmetic.
 
-    load_yaml: what reads the file of `load_yaml('FILE')`
+    own: functions of one text that belong to the file, such as what reads the table of `load_yaml('FILE')`
     """
     if len(expression) > _LONGEST:
         raise ValueError("the expression is too long")
@@ -111,7 +142,7 @@ def evaluate(expression: str, names: Mapping[str, Any], load_yaml: Callable[[str
         body = ast.parse(expression.strip(), mode="eval").body
     except SyntaxError as error:
         raise ValueError(f"not an expression: {expression.strip()!r}") from error
-    found = _value(body, _Scope(names, load_yaml))
+    found = _value(body, _Scope(names, own or {}))
     if not _is_data(found):
         raise ValueError(f"{expression.strip()!r} is no number, text, list or table of values")
     return found
@@ -119,10 +150,10 @@ def evaluate(expression: str, names: Mapping[str, Any], load_yaml: Callable[[str
 
 @dataclass(frozen=True)
 class _Scope:
-    """The names of an expression, and what reads a YAML file; None: none may be read."""
+    """The names of an expression, and the functions of the file."""
 
     names: Mapping[str, Any]
-    load_yaml: Callable[[str], Any] | None
+    own: Mapping[str, Callable[[str], Any]]
 
 
 def _is_data(value: Any) -> bool:
@@ -151,14 +182,34 @@ def _value(node: ast.expr, scope: _Scope) -> Any:
             return _OPERATORS[type(op)](_value(node.left, scope), _value(right, scope))
         case ast.List() | ast.Tuple():
             return _list([_value(element, scope) for element in node.elts])
+        case ast.Dict() if None not in node.keys:
+            return _table(node, scope)
+        case ast.Subscript(slice=ast.Slice() as part):
+            return _part(_value(node.value, scope), part, scope)
         case ast.Subscript():
             return _item(_value(node.value, scope), _value(node.slice, scope))
         case ast.Attribute():
             return _attribute(node, scope)
-        case ast.Call(keywords=[]):
+        case ast.Call():
             return _call(node, scope)
         case _:
-            raise ValueError("only arithmetic is allowed in an expression of a robot file")
+            raise NotAllowed("only arithmetic is allowed in an expression of a robot file")
+
+
+def _table(node: ast.Dict, scope: _Scope) -> dict[str, Any]:
+    """`{'name': value, ..}`, whose keys are texts."""
+    keys = [_value(key, scope) for key in node.keys if key is not None]
+    if not all(isinstance(key, str) for key in keys):
+        raise NotAllowed("the keys of a table are texts in a robot file")
+    return dict(zip(keys, _list([_value(value, scope) for value in node.values]), strict=True))
+
+
+def _part(owner: Any, part: ast.Slice, scope: _Scope) -> Any:
+    """`text[1:]`, `list[:3]`."""
+    ends = [None if end is None else _value(end, scope) for end in (part.lower, part.upper, part.step)]
+    if not isinstance(owner, str | list) or not all(end is None or type(end) is int for end in ends):
+        raise ValueError("only a text or a list has parts, between whole numbers")
+    return cast("Any", owner)[slice(*ends)]
 
 
 def _name(name: str, names: Mapping[str, Any]) -> Any:
@@ -206,17 +257,52 @@ def _attribute(node: ast.Attribute, scope: _Scope) -> Any:
 
 
 def _call(node: ast.Call, scope: _Scope) -> Any:
+    named = {keyword.arg: _value(keyword.value, scope) for keyword in node.keywords if keyword.arg}
+    if len(named) < len(node.keywords) or not _is_data(named):
+        raise NotAllowed(f"{ast.unparse(node)!r} is not allowed in a robot file")
     match node.func:
-        case ast.Name(id="load_yaml") | ast.Attribute(value=ast.Name(id="xacro"), attr="load_yaml") if scope.load_yaml:
-            (file,) = _arguments(node, scope)
-            return scope.load_yaml(str(file))
-        case ast.Name(id=name) | ast.Attribute(value=ast.Name(id="math" | "python"), attr=name) if name in FUNCTIONS:
-            value = FUNCTIONS[name](*_arguments(node, scope))
-            if isinstance(value, str) and len(value) > _LONGEST:
-                raise ValueError("the text is too long")
-            return value
+        case ast.Name(id=name) | ast.Attribute(value=ast.Name(id="xacro"), attr=name) if (
+            name in scope.own and not named
+        ):
+            (text,) = _arguments(node, scope)
+            return scope.own[name](str(text))
+        case ast.Name(id="dict") | ast.Attribute(value=ast.Name(id="python"), attr="dict"):
+            return _data(dict(*_arguments(node, scope), **named))
+        case ast.Name(id=name) | ast.Attribute(value=ast.Name(id="math" | "python"), attr=name) if (
+            name in FUNCTIONS and not named
+        ):
+            return _data(FUNCTIONS[name](*_arguments(node, scope)))
+        case ast.Attribute(value=owner, attr=name) if any(name in names for names in _METHODS.values()) and not named:
+            return _ask(_value(owner, scope), name, _arguments(node, scope))
         case _:
-            raise ValueError(f"the function {ast.unparse(node.func)!r} is not allowed in a robot file")
+            raise NotAllowed(f"the function {ast.unparse(node.func)!r} is not allowed in a robot file")
+
+
+def _ask(owner: Any, name: str, given: list[Any]) -> Any:
+    """What a text, a list or a table says of itself: `where.split(' ')`, `table.get('x', 0)`."""
+    kind = next((kind for kind, names in _METHODS.items() if isinstance(owner, kind) and name in names), None)
+    if kind is None or not _is_data(owner):
+        raise NotAllowed(f"a value of a robot file has no {name!r}")
+    if name == "replace" and sum(len(str(text)) for text in given) * (len(owner) + 1) > _LONGEST * 100:
+        raise ValueError("the text is too long")
+    found = getattr(owner, name)(*given)
+    return _data(found if isinstance(found, bool | int | float | str | None) else _listed(found))
+
+
+def _listed(found: Any) -> Any:
+    """Views of a table, and pairs, as lists."""
+    if isinstance(found, dict):
+        return cast("Any", found)
+    return [list(cast("Any", one)) if isinstance(one, tuple) else one for one in found]
+
+
+def _data(value: Any) -> Any:
+    """The value of a function, unless it is too large to go on with."""
+    if isinstance(value, str) and len(value) > _LONGEST:
+        raise ValueError("the text is too long")
+    if is_list(value) or is_mapping(value):
+        _list([value])
+    return value
 
 
 def _arguments(node: ast.Call, scope: _Scope) -> list[Any]:
@@ -228,24 +314,27 @@ def _arguments(node: ast.Call, scope: _Scope) -> list[Any]:
 
 
 def _list(values: list[Any]) -> list[Any]:
-    """The list, which may hold lists: not so many that writing it out takes for ever."""
+    """The list, which may hold lists and tables: not so many that writing it out takes for ever."""
     if _items(values) > _MOST_ITEMS:
         raise ValueError(f"a list of more than {_MOST_ITEMS} numbers")
     return values
 
 
 def _items(value: Any) -> int:
-    return 1 + sum(_items(v) for v in value) if is_list(value) else 1
+    inside = value if is_list(value) else list(value.values()) if is_mapping(value) else []
+    return 1 + sum(map(_items, inside))
 
 
 def _binary(op: ast.operator, left: Any, right: Any) -> Any:
     numbers = isinstance(left, int | float) and isinstance(right, int | float)
-    texts = isinstance(op, ast.Add) and isinstance(left, str) and isinstance(right, str)
-    if type(op) not in _OPERATORS or not (numbers or texts):
-        raise ValueError("an operator of a robot file joins two numbers, or two texts by +")
+    alike = (isinstance(left, str) and isinstance(right, str)) or (is_list(left) and is_list(right))
+    if type(op) not in _OPERATORS or not (numbers or (isinstance(op, ast.Add) and alike)):
+        raise NotAllowed("an operator of a robot file joins two numbers, or two texts or lists by +")
     value = _OPERATORS[type(op)](left, right)
     if isinstance(value, complex):
         raise ValueError("the value is not a real number")
     if isinstance(value, str) and len(value) > _LONGEST:
         raise ValueError("the text is too long")
+    if is_list(value):
+        return _list(value)
     return float(value) if isinstance(value, int) and abs(value) > _BIGGEST else value

@@ -188,6 +188,15 @@ def test_xacro_is_put_back(arm):
         ("not (a == 3 and 1)", False),
         ("5 % 3 + 7 // 2", 5),
         ("d.k", 4),
+        ("'0 0 0.5'.split(' ')[2]", "0.5"),
+        ("'a_b'.replace('_', '-').upper()", "A-B"),
+        ("dict(j1=0.5, j2=a)['j2']", 3),
+        ("{'x': 1.5, 'y': [a]}.get('y')[0]", 3),
+        ("d.get('none', 7)", 7),
+        ("len((d.items() + [['k', 5]])[1:])", 1),
+        ("'left_tool0'[5:]", "tool0"),
+        ("d.get('none') is None and a is not None", True),
+        ("sorted([2, 1])[0]", 1),
     ],
 )
 def test_arithmetic(text, value):
