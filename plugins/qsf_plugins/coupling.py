@@ -25,6 +25,8 @@ class Coupling(Loop):
     tied, matrix: the angles of the tied joints are the matrix times those of their actuators, such as
     in a differential wrist.
 
+    Joints that slide may follow joints that slide: the stages of a telescopic column.
+
     The joint may be that of a branch, a link beside the arm: the lever of a counterweight, a rod.
 
     Springs act at the actuators, and what follows moves along when they give. A joint_compliance at a
@@ -41,6 +43,7 @@ class Coupling(Loop):
     equation = "q = A q_leaders + M phi + offset"
     source = "Linear transmissions; <mimic> of URDF"
     check = "Rods, belts or shafts that couple the joints, and their play."
+    slides = True
 
     def __post_init__(self) -> None:
         one, several = bool(self.joint or self.follows), bool(self.tied or self.matrix)
@@ -71,8 +74,13 @@ class Coupling(Loop):
         return tuple(leader for leader, _ in self.follows)
 
     def validate(self, robot: RobotFacts) -> None:
-        for joint in self.joints(robot):
+        every = self.joints(robot)
+        for joint in every:
             robot.turning_index(joint)
+        travels = [joint for joint in every if robot.slides(joint)]
+        if 0 < len(travels) < len(every):
+            hint = "Joints that slide follow joints that slide, joints that turn those that turn."
+            raise InputError(Problem(f"{self.name}: {', '.join(travels)} slides, and the others turn", hint=hint))
 
     def _map(self) -> Array:
         """Joint angles (k, k) per leader and actuator."""

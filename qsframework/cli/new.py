@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from qsframework.cli.printing import print_folded, print_line
+from qsframework.cli.printing import print_folded, print_line, print_table
 from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from qsframework.robot.new import Arm
+    from qsframework.robot.scaffold_joints import ChainJoint
     from qsframework.robot.statics import GravityCheck
 
 
@@ -35,12 +36,29 @@ def _print_checks(checks: Sequence[GravityCheck]) -> list[str]:
     return [f"{check.name}: {check.words}" for check in checks if not check.good]
 
 
+def _print_chain(chain: Sequence[ChainJoint]) -> None:
+    """Every joint between base and flange, and beside them: what it became, its limits as stated and as used."""
+
+    def between(joint: ChainJoint, ends: tuple[float, float] | None) -> str:
+        if ends is None:
+            return ""
+        low, high = (round(end * joint.unit.per, 1) + 0.0 for end in ends)
+        return f"{low:g}..{high:g} {joint.unit.shown}"
+
+    rows = [
+        (j.name, j.child, str(j.fate), between(j, j.stated), between(j, j.used if j.used != j.stated else None), j.why)
+        for j in chain
+    ]
+    print_table(("joint", "moves", "it is", "limits stated", "used, where others", "why"), rows)
+
+
 def run_new(name: str, urdf: Path | None, dh: Path | None, folder: Path | None, arm: Arm) -> None:
     """Write the folder of a new robot from a URDF or a table, try it, and print what is still to be looked up."""
     from qsframework.robot.new import new
 
     made = new(name, urdf, dh, folder, arm)
     print(f"{made.folder}: {', '.join(made.files)}")
+    _print_chain(made.chain)
     failed = _print_checks(made.checks)
     print("to look up, in README.md too:")
     for note in made.checklist:

@@ -14,6 +14,7 @@ from qsframework.robot.denavit_file import read_denavit
 from qsframework.robot.loader import load_robot
 from qsframework.robot.packages import Sources
 from qsframework.robot.scaffold import propose
+from qsframework.robot.scaffold_joints import ChainJoint
 from qsframework.robot.statics import GravityCheck, check_statics
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
@@ -35,10 +36,12 @@ class Arm:
 
 @dataclass(frozen=True, kw_only=True)
 class NewRobot:
-    """A folder that was written: its files, what is to be looked up, and how its kinematics and gravity were tried."""
+    """A folder that was written: its files, what became of the joints from base to flange and of those beside them,
+    what is to be looked up, and how its kinematics and gravity were tried."""
 
     folder: Path
     files: tuple[str, ...]
+    chain: tuple[ChainJoint, ...]
     checklist: tuple[str, ...]
     checks: tuple[GravityCheck, ...]
 
@@ -81,10 +84,17 @@ def new(
     ]
     if missing:
         raise InputError(missing)
-    sources = Sources(arm.packages, arm.arguments, nearby=True)
+    packages = {key: path.absolute() for key, path in arm.packages.items()}  # as seen from where the user stands
+    sources = Sources(packages, arm.arguments, nearby=True)
     description = file if dh is None else read_denavit(file, arm.modified)
     flange = arm.flange or (None if dh is None else "flange")
     proposal = propose(name, description, arm.base, flange, sources, arm.payload)
     write_folder(folder, proposal.files)
     checks = tuple(check_statics(load_robot(folder)))
-    return NewRobot(folder=folder, files=tuple(proposal.files), checklist=proposal.checklist, checks=checks)
+    return NewRobot(
+        folder=folder,
+        files=tuple(proposal.files),
+        chain=proposal.chain,
+        checklist=proposal.checklist,
+        checks=checks,
+    )

@@ -13,9 +13,10 @@ from qsframework.robot.checks import check_chain, check_structure
 from qsframework.robot.model import plain_urdf
 from qsframework.robot.packages import Sources
 from qsframework.robot.scaffold_chain import choose_chain, has_elbow
+from qsframework.robot.scaffold_joints import ChainJoint, Column, columns, slides, told_joints, used_limits
 from qsframework.robot.scaffold_masses import mass_of, with_bodies, with_masses
 from qsframework.robot.scaffold_meshes import with_meshes
-from qsframework.robot.scaffold_text import nominal_text, readme_text, robot_text
+from qsframework.robot.scaffold_text import ControllerRow, nominal_text, readme_text, robot_text
 from qsframework.robot.urdf import Joint, Link, MeshVisual, Mimic, Urdf, Visual, read_urdf
 from qsframework.robot.xml_tree import quoted
 from qsframework.units import SLIDES, TURNS
@@ -29,10 +30,11 @@ _TOOL_SHARE, _TOOL_REACH = 0.15, 0.1  # of the moving mass; of the reach, beyond
 
 @dataclass(frozen=True)
 class Proposal:
-    """Files by name, and the checklist: what to look up, because a URDF does not say it."""
+    """Files by name, the checklist (what to look up, because a URDF does not say it) and the fate of each joint."""
 
     files: dict[str, str]
     checklist: tuple[str, ...]
+    chain: tuple[ChainJoint, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,8 @@ def propose(
     source = urdf if isinstance(urdf, Urdf) else read_urdf(urdf, urdf.parent, sources)
     if source.unreadable:
         raise InputError(source.unreadable)
-    base, flange, chain = choose_chain(source, base, flange)
+    base, flange, stated = choose_chain(source, base, flange)
+    chain, led = columns(source, stated)
     there = {link.name for link in source.links}
     carried = {joint.child: joint for joint in (*chain, *source.below(base))}
     if gone := [joint for child, joint in carried.items() if child not in there]:
@@ -83,26 +86,25 @@ def propose(
     elbow = has_elbow(moving, chain)
     notes = (
         *_checklist(every, payload, elbow),
-        *_told_following(following),
-        *_found(arm, every, guessed, impossible),
+        *_told_following(following, led),
+        *_found(arm, every, moving, guessed, impossible),
         *unread,
         *_left_out(dropped, lost),
+        *(f"file: {note}" for note in source.notes),
     )
     files = {
         f"{name}.urdf": _urdf_text(arm, name, base, bool(guessed)),
-        "robot.yaml": robot_text(
-            name, source.path.name, base, flange, [(j.name, _limits(j)) for j in moving], payload, following, elbow
-        ),
+        "robot.yaml": robot_text(name, source.path.name, base, flange, _rows(moving, led), payload, following, elbow),
         "nominal.yaml": nominal_text([(s.joint, s.slides, s.value, s.why) for s in stiffness]),
         "README.md": readme_text(name, source.path.name, guessed, stiffness[-1].why, notes),
         **meshes,
     }
-    return Proposal(files, notes)
+    return Proposal(files, notes, told_joints(source, chain, arm.joints, dropped, flange, led))
 
 
 def _arm(urdf: Urdf, base: str, chain: list[Joint]) -> tuple[Urdf, list[Joint]]:
     """The chain, what is fixed to it and bars that follow its joints; and the moving joints that were left out."""
-    names, turning = {base}, _names(chain)
+    names, turning, used = {base}, _names(chain), {joint.name: joint for joint in chain}
     joints: list[Joint] = []
     dropped: list[Joint] = []
     for joint in urdf.below(base):
@@ -110,7 +112,8 @@ def _arm(urdf: Urdf, base: str, chain: list[Joint]) -> tuple[Urdf, list[Joint]]:
             names.add(joint.child)
             turning.append(joint.name)
             joints.append(replace(joint, limits=None, kind="continuous"))
-        elif joint.parent in names and (joint in chain or not joint.moves):
+        elif joint.parent in names and (joint.name in used or not joint.moves):
+            joint = used.get(joint.name, joint)
             names.add(joint.child)
             joints.append(replace(joint, limits=None) if joint.kind == "continuous" else joint)
         elif joint.moves:
@@ -140,11 +143,11 @@ def _following(moving: Sequence[Joint], before: Sequence[Joint] = ()) -> dict[st
     return {joint.name: joint.mimic for joint in moving if joint.mimic is not None}
 
 
-def _told_following(following: dict[str, Mimic]) -> tuple[str, ...]:
-    if not following:
-        return ()
+def _told_following(following: dict[str, Mimic], led: Sequence[Column]) -> tuple[str, ...]:
     told = ", ".join(f"{joint} follows {m.joint}" for joint, m in following.items())
-    return (f"couplings: by mimic {told}; is it so on the machine, or has the joint a motor of its own?",)
+    notes = [f"couplings: by mimic {told}; is it so on the machine, or has the joint a motor of its own?"]
+    columns = [f"column: the pendant's {c.stage} is the travel of {c.leader.name}; its stages share it" for c in led]
+    return (*notes[: bool(following)], *columns)
 
 
 def _stiffness(urdf: Urdf, moving: list[Joint], payload: float | None) -> list[ScaffoldStiffness]:
@@ -153,7 +156,7 @@ def _stiffness(urdf: Urdf, moving: list[Joint], payload: float | None) -> list[S
         why = "assumed: 2.5 mrad at the joint's largest torque in the URDF"
         return [
             ScaffoldStiffness(j.name, _SLIDE, _WHY_SLIDE, True)
-            if _slides(j)
+            if slides(j)
             else ScaffoldStiffness(j.name, j.effort / _TWIST_AT_EFFORT, why)
             for j in moving
         ]
@@ -163,7 +166,7 @@ def _stiffness(urdf: Urdf, moving: list[Joint], payload: float | None) -> list[S
     load = f"a tool of {100 * _TOOL_SHARE:g} % of it" if payload is None else "the payload"
     out: list[ScaffoldStiffness] = []
     for k, joint in enumerate(moving):
-        if _slides(joint):
+        if slides(joint):
             out.append(ScaffoldStiffness(joint.name, _SLIDE, _WHY_SLIDE, True))
             continue
         arms = np.cumsum([0.0, *lengths[k + 1 : -1]])
@@ -174,15 +177,16 @@ def _stiffness(urdf: Urdf, moving: list[Joint], payload: float | None) -> list[S
     return out
 
 
-def _slides(joint: Joint) -> bool:
-    return joint.kind == "prismatic"
-
-
-def _limits(joint: Joint) -> tuple[str, float, float]:
-    """The unit in which people read a joint, and its limits in it."""
-    unit = SLIDES if _slides(joint) else TURNS
-    lower, upper = joint.limits if joint.limits and joint.kind != "continuous" else (-2 * np.pi, 2 * np.pi)
-    return unit.shown, round(lower * unit.per, 3), round(upper * unit.per, 3)
+def _rows(moving: list[Joint], led: Sequence[Column]) -> list[ControllerRow]:
+    """The entries of `controller:`, in the unit in which people read each joint."""
+    rows: list[ControllerRow] = []
+    for k, joint in enumerate(moving, start=1):
+        unit = SLIDES if slides(joint) else TURNS
+        column = next((c for c in led if c.stage == joint.name), None)
+        lower, upper = used_limits(joint if column is None else column.leader)
+        equals = "" if column is None else f"{column.multiplier:g} J{k}"
+        rows.append((joint.name, unit.shown, round(lower * unit.per, 3), round(upper * unit.per, 3), equals))
+    return rows
 
 
 def _checklist(moving: list[Joint], payload: float | None, elbow: bool) -> tuple[str, ...]:
@@ -204,7 +208,9 @@ def _checklist(moving: list[Joint], payload: float | None, elbow: bool) -> tuple
     )
 
 
-def _found(urdf: Urdf, moving: list[Joint], guessed: tuple[str, ...], impossible: tuple[str, ...]) -> tuple[str, ...]:
+def _found(
+    urdf: Urdf, moving: list[Joint], every: list[Joint], guessed: tuple[str, ...], impossible: tuple[str, ...]
+) -> tuple[str, ...]:
     """What looks odd in this URDF, or is missing."""
     total, notes = sum(mass_of(urdf, j.child) for j in moving), list[str]()
     if guessed:
@@ -217,9 +223,15 @@ def _found(urdf: Urdf, moving: list[Joint], guessed: tuple[str, ...], impossible
             f"inertias: no body has those of {', '.join(impossible)} in the URDF; balls of the same mass stand in, "
             "which changes nothing here, for an arm at rest has no use for them"
         )
-    unlimited = [j.name for j in moving if j.kind == "continuous"]
-    if unlimited:
+    turning = [j for j in every if j.kind == "continuous"]
+    if unlimited := [j.name for j in turning if j.limits is None]:
         notes.append(f"limits: -360..360 deg are assumed for {', '.join(unlimited)}, without limits in {_file(urdf)}")
+    if kept := [j.name for j in turning if j.limits is not None and used_limits(j) == j.limits]:
+        notes.append(f"limits: {', '.join(kept)} are continuous in {_file(urdf)}, and the limits stated there are kept")
+    if lost := [j.name for j in turning if j.limits is not None and used_limits(j) != j.limits]:
+        notes.append(
+            f"limits: -360..360 deg are assumed for {', '.join(lost)}, whose stated limits are those of no turn"
+        )
     bare = [j.child for j in moving if not any(_solids(urdf.link(name)) for name in _with_fixed(urdf, j.child))]
     if bare:
         notes.append(

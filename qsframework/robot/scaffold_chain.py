@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
+
 import numpy as np
 
 from qsframework.errors import InputError, Problem
 from qsframework.plugin import Array
 from qsframework.robot.checks import chain_joints
+from qsframework.robot.scaffold_joints import followers
 from qsframework.robot.urdf import Joint, Urdf
 
 _SAME = 1e-4
 _ASKEW = 0.05
 """Of the cosine of two axes: within 18 degrees of parallel, 3 of square."""
-_FLANGES = ("flange", "tool0")
+_FLANGES = ("flange", "tool0", "ee_link", "link_ee", "tool_link", "end_effector", "end_effector_link")
+"""Names of a link that carries the tool, or ends of such names; the first that is there."""
 _OFFERED = 8
 _TRUNK = 3
 """Joints before a parting that could be an arm which carries a hand."""
@@ -60,11 +65,20 @@ def _slides(joint: Joint) -> bool:
 
 
 def _flange(urdf: Urdf, base: str) -> str:
+    """The link that carries the tool: one that is called so, else the last one that moves before a gripper."""
     below, file = urdf.below(base), str(urdf.path)
     own = _turns if any(_turns(j) for j in below) else _slides
-    ends = [j for j in below if own(j) and not any(own(o) for o in urdf.below(j.child))]
-    if not ends:
+    every = [j for j in below if own(j)]
+    if not every:
         raise InputError(Problem(f"no joint of an arm moves beyond {base!r}", file=file, hint="It turns or slides."))
+    called = _called(urdf, base, every)
+    ends = [j for j in every if not any(own(o) for o in urdf.below(j.child))]
+    ends = [called] if called is not None else _before_fingers(urdf, base, ends, own)
+    if not ends:
+        hint = "Give the URDF of the arm, or of the arm with the gripper on it."
+        raise InputError(
+            every[0].place.problem("the joints that move are those of a gripper; there is no arm before it", hint=hint)
+        )
     if len(ends) > 1:
         hint = "Name the flange (and the base if the arm does not start at the root)."
         raise InputError(
@@ -76,14 +90,53 @@ def _flange(urdf: Urdf, base: str) -> str:
                 argument=("flange", "LINK"),
             )
         )
-    last = _before_a_spin(chain_joints(urdf, base, ends[0].child) or [], ends[0])
-    last = _quill(urdf, last) if last is ends[0] else last
-    here = [last.child]
-    fixed: list[str] = []
+    last = ends[0]
+    if called is None:
+        last = _before_a_spin(chain_joints(urdf, base, ends[0].child) or [], ends[0])
+        last = _quill(urdf, last) if last is ends[0] else last
+    return min(_fixed_to(urdf, last.child), key=_rank, default=last.child)
+
+
+def _fixed_to(urdf: Urdf, link: str) -> list[str]:
+    """The links with a flange's name that are fixed to a link, and the link itself."""
+    here = fixed = [link]
     while here:
-        here = [j.child for j in below if j.parent in here and j.kind == "fixed"]
-        fixed += here
-    return next((name for name in _FLANGES if name in fixed), last.child)
+        here = [j.child for j in urdf.joints if j.parent in here and j.kind == "fixed"]
+        fixed = [*fixed, *here]
+    return [name for name in fixed if _rank(name) < len(_FLANGES)]
+
+
+def _rank(link: str) -> int:
+    """Place of a link's name, without what a maker puts before it, among those of a flange."""
+    return next((k for k, name in enumerate(_FLANGES) if re.search(rf"(^|[_./-]){name}$", link)), len(_FLANGES))
+
+
+def _called(urdf: Urdf, base: str, own: list[Joint]) -> Joint | None:
+    """The last joint before the one body with a flange's name; what moves beyond it, fewer than before, is a tool's.
+
+    own: the joints with a motor. None where there is no such body, or several beside one another.
+    """
+    found: dict[str, Joint] = {}
+    for name in (j.child for j in urdf.below(base) if j.kind == "fixed" and _rank(j.child) < len(_FLANGES)):
+        chain = [j for j in chain_joints(urdf, base, name) or [] if j.moves]
+        beyond = [chain_joints(urdf, name, j.child) or [] for j in urdf.below(chain[-1].child)] if chain else []
+        before = sum(j in own for j in chain)
+        if before and max((sum(j in own for j in path) for path in beyond), default=0) < before:
+            found[chain[-1].name] = chain[-1]
+    first = [j for j in found.values() if not any(j in urdf.below(o.child) for o in found.values())]
+    return first[0] if len(first) == 1 else None
+
+
+def _before_fingers(urdf: Urdf, base: str, ends: list[Joint], own: Callable[[Joint], bool]) -> list[Joint]:
+    """The ends of the chains, without the drives of fingers that follow them."""
+    kept: dict[str, Joint] = {}
+    for end in ends:
+        chain = [j for j in chain_joints(urdf, base, end.child) or [] if own(j)]
+        while chain and followers(urdf, chain[-1]):
+            chain.pop()
+        if chain:
+            kept[chain[-1].name] = chain[-1]
+    return [j for j in kept.values() if not any(o in urdf.below(j.child) for o in kept.values())]
 
 
 def _quill(urdf: Urdf, last: Joint) -> Joint:
@@ -154,9 +207,12 @@ def has_elbow(moving: list[Joint], chain: list[Joint]) -> bool:
 
 
 def _check_kinds(chain: list[Joint]) -> None:
-    """InputError where a joint floats, or slides as another does."""
+    """InputError where a joint floats, or slides as another does and is neither a column's stage nor led by the arm."""
     for joint in reversed(chain):
-        if joint.moves and joint.kind not in ("revolute", "continuous") and not _slides(joint):
+        rest = chain[chain.index(joint) + 1 :]
+        led = joint.mimic is not None and joint.mimic.joint in [j.name for j in chain]
+        stage = joint.kind == "prismatic" and (led or any(_turns(j) or _slides(j) for j in rest))
+        if joint.moves and joint.kind not in ("revolute", "continuous") and not (_slides(joint) or stage):
             at = chain.index(joint)
             before, beyond = (sum(map(_turns, part)) for part in (chain[:at], chain[at + 1 :]))
             message = f"joint {joint.name!r}: a {joint.kind} joint cannot be part of the arm"

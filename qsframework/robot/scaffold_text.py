@@ -9,6 +9,8 @@ from collections.abc import Mapping, Sequence
 
 from qsframework.robot.urdf import Mimic
 
+ControllerRow = tuple[str, str, float, float, str]
+"""Of `controller:`: joint, unit, lowest and highest value, and its `equals` ("" for none)."""
 _WORDS = ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
 """That YAML does not read as text."""
 _LOOPS = """  # A parallelogram? Then the driven joint follows the driver; lever_m: axis 3 to the bar's pivot; zero_deg:
@@ -26,15 +28,17 @@ def robot_text(
     source: str,
     base: str,
     flange: str,
-    limits: Sequence[tuple[str, tuple[str, float, float]]],
+    controller: Sequence[ControllerRow],
     payload: float | None = None,
     following: Mapping[str, Mimic] | None = None,
     elbow: bool = False,
 ) -> str:
-    """robot.yaml. limits: of each joint, its unit and from where to where; following: the joints without an actuator;
-    elbow: whether the arm may have loops and balancers"""
-    joints = [joint for joint, (unit, _, _) in limits if unit == "deg"]
-    rows = "".join(f"  {json.dumps(j)}: {{limits_{unit}: [{lo:g}, {hi:g}]}}\n" for j, (unit, lo, hi) in limits)
+    """robot.yaml. following: the joints without an actuator; elbow: whether the arm may have loops and balancers"""
+    joints = [joint for joint, unit, *_ in controller if unit == "deg"]
+    rows = "".join(
+        f"  {json.dumps(j)}: {{limits_{unit}: [{lo:g}, {hi:g}]{f', equals: {shown}' if shown else ''}}}\n"
+        for j, unit, lo, hi, shown in controller
+    )
     return (
         f"name: {json.dumps(name)}\ntitle: {json.dumps(name)}\nurdf: {json.dumps(name + '.urdf')}\n"
         f"base: {json.dumps(base)}\nflange: {json.dumps(flange)}\n"
