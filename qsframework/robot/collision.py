@@ -1,28 +1,32 @@
-"""Do the arm's solids run into each other or into the floor? Many poses at once.
+"""Do the arm's solids run into each other, into the floor or into what stands around? Many poses at once.
 
-Most pairs of solids are far apart or deep inside each other, which capsules around and inside them
-tell in numpy; only the doubtful ones go to coal.
+Most pairs of solids are far apart or deep inside each other, which capsules around and inside them tell in numpy; only
+the doubtful ones go to coal. There a mesh that is not convex counts as its hull first, and where hulls touch as it is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.plugin.facts import Array, Indices
+from qsframework.plugin.facts import Array, Indices, RobotFacts
 from qsframework.robot.kinematics import Frames, joint_frames
 from qsframework.robot.mesh import Hull
 from qsframework.robot.robot import Robot, Shape
 
 Flags = npt.NDArray[np.bool_]
-_BLOCK = 4096
+_PAIRS = 200_000
+"""Pairs of solids at a pose that are judged at once."""
 _SAMPLES = 400
 _NEARLY_ALL = 0.95
+_CORNERS = 100
+"""Of a hull that are placed at once."""
 _ROOM = 0.7
 """Radius of the capsule inside a hull over that of the ball there."""
 
@@ -47,23 +51,105 @@ class Collider:
 
     def collides(self, placed: Frames) -> Flags:
         """Which of N placed poses have a pair of solids closer than the clearance, (N,)."""
-        count = placed.positions.shape[-1]
-        hit = np.zeros(count, dtype=bool)
-        doubtful: list[Indices] = []
-        bounds = [_capsule(shape, placed) for shape in self.shapes]
-        for i, j in ((int(a), int(b)) for a, b in self.pairs):
-            near, sure = _judge(bounds[i], bounds[j], self.clearance)
-            hit[sure] = True
-            doubtful.append(np.stack([np.full(len(near), i), np.full(len(near), j), near], axis=1))
-        if doubtful:
-            rest = np.concatenate(doubtful)
-            rest = rest[~hit[rest[:, 2]]]
-            _ask_coal(self.shapes, self.clearance, placed, rest, hit)
+        hit = np.zeros(placed.positions.shape[-1], dtype=bool)
+        for sure, doubtful in self._judged(placed):
+            hit[sure[:, 1]] = True
+            doubtful = doubtful[~hit[doubtful[:, 1]]]
+            for pair, pose in self._touching(placed, doubtful, once=True):
+                del pair
+                hit[pose] = True
         return hit
 
     def matrix(self, placed: Frames) -> Flags:
         """Which pairs (P, N) are closer than the clearance, each pair asked on its own."""
-        return np.stack([Collider(self.shapes, p[None], self.clearance, ()).collides(placed) for p in self.pairs])
+        out = np.zeros((len(self.pairs), placed.positions.shape[-1]), dtype=bool)
+        for sure, doubtful in self._judged(placed):
+            out[sure[:, 0], sure[:, 1]] = True
+            for pair, pose in self._touching(placed, doubtful, once=False):
+                out[pair, pose] = True
+        return out
+
+    def named(self, placed: Frames, facts: RobotFacts) -> tuple[str, ...]:
+        """Of each of N poses the pairs that are closer than the clearance, such as `link_2 and link_5`; "" for none."""
+        touching = self.matrix(placed)
+        names = [self.words(k, facts) for k in range(len(self.pairs))]
+        return tuple(", ".join(dict.fromkeys(names[k] for k in np.flatnonzero(column))) for column in touching.T)
+
+    def words(self, pair: int, facts: RobotFacts) -> str:
+        """A pair in words: two links, or a link and an obstacle."""
+        one, other = (self.shapes[k] for k in self.pairs[pair])
+        return f"{one.name or facts.links[one.link]} and {other.name or facts.links[other.link]}"
+
+    def _judged(self, placed: Frames) -> Iterator[tuple[Indices, Indices]]:
+        """Rows (pair, pose) that surely touch, and those in doubt, block by block."""
+        capsules = _capsules(self.shapes, placed)
+        count = placed.positions.shape[-1]
+        step = max(1, _PAIRS // max(count, 1))
+        for start in range(0, len(self.pairs), step):
+            part = np.arange(start, min(start + step, len(self.pairs)))
+            sure, doubtful = _judge(capsules, self.pairs[part], self.clearance)
+            shift = np.array([start, 0])
+            yield sure + shift, doubtful + shift
+
+    def _touching(self, placed: Frames, rows: Indices, once: bool) -> Iterator[tuple[int, int]]:
+        """Those of the doubtful rows (pair, pose) that touch; once: no more of a pose of which one does."""
+        if not len(rows):
+            return
+        library = _coal()
+        request = library.CollisionRequest()
+        request.security_margin = self.clearance
+        order = rows[np.argsort(rows[:, 1], kind="stable")]
+        starts = np.flatnonzero(np.diff(order[:, 1], prepend=-1))
+        for start, stop in zip(starts, [*starts[1:], len(order)], strict=True):
+            pose = int(order[start, 1])
+            where: dict[int, Any] = {}
+            for pair in order[start:stop, 0].tolist():
+                ends = [int(k) for k in self.pairs[pair]]
+                for k in ends:
+                    if k not in where:
+                        where[k] = _transform(library, self.shapes[k], placed, pose)
+                if _touch(library, request, [(self.shapes[k], where[k]) for k in ends]):
+                    yield pair, pose
+                    if once:
+                        break
+
+
+def _coal() -> Any:
+    import coal
+
+    return coal  # has no types
+
+
+def _touch(library: Any, request: Any, ends: Sequence[tuple[Shape, Any]]) -> bool:
+    """Whether two placed solids are closer than the request's margin: by their hulls, then as they are."""
+    (one, there), (other, here) = ends
+
+    def meet(first: Any, second: Any) -> bool:
+        return bool(library.collide(first, there, second, here, request, library.CollisionResult()) > 0)
+
+    if "plane" in (one.kind, other.kind) or not (one.surface or other.surface):
+        return meet(_solid(one), _solid(other))
+    if not meet(_solid(one), _solid(other)):
+        return False
+    if meet(_surface(one), _surface(other)):
+        return True
+    return _inside(one, there, other, here) or _inside(other, here, one, there)
+
+
+def _inside(shape: Shape, at: Any, around: Shape, there: Any) -> bool:
+    """Whether a solid that touches no surface of a mesh is inside it."""
+    if around.surface is None or around.hull is None:
+        return False
+    placed = np.linalg.inv(_matrix(there)) @ _matrix(at)
+    points = (shape.hull.corners if shape.hull is not None else np.zeros((1, 3))) @ placed[:3, :3].T + placed[:3, 3]
+    deep = np.all(points @ around.hull.normals.T <= around.hull.offsets + 1e-9, axis=1)
+    return bool(deep.all()) and around.surface.holds(points[0])
+
+
+def _matrix(transform: Any) -> Array:
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = transform.getRotation(), transform.getTranslation()
+    return out
 
 
 def make_collider(robot: Robot, clearance: float = 0.0, more: Sequence[Shape] = ()) -> Collider:
@@ -108,14 +194,23 @@ def _overlaps(robot: Robot, every: Collider) -> tuple[Array, Flags]:
     return hit[:, 1:].mean(axis=1), hit[:, 0] & reachable
 
 
+def obstacle_collider(
+    robot: Robot, obstacles: Sequence[Shape], clearance: float = 0.0, more: Sequence[Shape] = ()
+) -> Collider:
+    """The pairs of obstacles, which stand still, and of the solids that move, with `more` fixed to links."""
+    moving = [shape for shape in (*robot.shapes, *more) if shape.link > 0]
+    pairs = [(i, len(moving) + j) for i in range(len(moving)) for j in range(len(obstacles))]
+    return Collider((*moving, *obstacles), np.array(pairs, dtype=np.intp).reshape(-1, 2), clearance, ())
+
+
 def lowest_point(shape: Shape, placed: Frames) -> Array:
     """Height (N,) m of a solid's lowest point, base frame."""
     height = placed.point(shape.link, shape.placement[:3, 3])[2]
     if shape.hull is not None:
         up = np.stack([_axis(shape, placed, k)[2] for k in range(3)])
         lowest = np.full(len(height), np.inf)
-        for corner in shape.hull.corners:
-            lowest = np.minimum(lowest, corner @ up)
+        for start in range(0, len(shape.hull.whole), _CORNERS):
+            lowest = np.minimum(lowest, (shape.hull.whole[start : start + _CORNERS] @ up).min(axis=0))
         return height + lowest
     if shape.kind == "sphere":
         return height - shape.size[0]
@@ -142,7 +237,10 @@ def _axis(shape: Shape, placed: Frames, k: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Capsule:
-    """Centres and axes (3, N), and half length and radius of the capsules around and inside a solid."""
+    """In a solid's link: centre and axis (3,), half length and radius of the capsules around and inside it.
+
+    A radius inside below zero is that of a solid of which no inside is known; a plane is around everything.
+    """
 
     centre: Array
     axis: Array
@@ -150,55 +248,86 @@ class _Capsule:
     inner: tuple[float, float]
 
 
-def _capsule(shape: Shape, placed: Frames) -> _Capsule:
-    centre = placed.point(shape.link, shape.placement[:3, 3])
+@lru_cache(maxsize=1024)
+def _capsule(shape: Shape) -> _Capsule:
+    centre, turn = shape.placement[:3, 3], shape.placement[:3, :3]
+    if shape.kind == "plane":
+        return _Capsule(centre, turn[:, 2], (0.0, np.inf), (0.0, -np.inf))
     if shape.kind == "sphere":
-        return _Capsule(centre, _axis(shape, placed, 2), (0.0, shape.size[0]), (0.0, shape.size[0]))
+        return _Capsule(centre, turn[:, 2], (0.0, shape.size[0]), (0.0, shape.size[0]))
     if shape.kind == "cylinder":
         radius, half = shape.size[0], shape.size[1] / 2.0
         inside = min(radius, half)
-        return _Capsule(centre, _axis(shape, placed, 2), (half, radius), (half - inside, inside))
+        return _Capsule(centre, turn[:, 2], (half, radius), (half - inside, inside))
     if shape.hull is not None:
-        return _around_hull(shape.hull, shape, placed)
+        return _around_hull(shape.hull, shape)
     halves = np.array(shape.size) / 2.0
     main = int(np.argmax(halves))
     others = np.delete(halves, main)
     inside = float(others.min())
     around = (float(halves[main]), float(np.linalg.norm(others)))
-    return _Capsule(centre, _axis(shape, placed, main), around, (float(halves[main]) - inside, inside))
+    return _Capsule(centre, turn[:, main], around, (float(halves[main]) - inside, inside))
 
 
-def _around_hull(hull: Hull, shape: Shape, placed: Frames) -> _Capsule:
+def _around_hull(hull: Hull, shape: Shape) -> _Capsule:
     """Along the direction in which the corners spread most, about their mean, which is inside."""
     middle = hull.corners.mean(axis=0)
     spread = hull.corners - middle
     way = np.linalg.svd(spread, full_matrices=False)[2][0]
+    spread = hull.whole - middle
     along = spread @ way
     outer = float(np.abs(along).max()), float(np.linalg.norm(spread - np.outer(along, way), axis=1).max())
     deep = hull.offsets - hull.normals @ middle
     radius = _ROOM * max(0.0, float(deep.min()))
     half = float(((deep - radius) / np.maximum(np.abs(hull.normals @ way), 1e-12)).min())
-    centre = placed.point(shape.link, shape.placement[:3, :3] @ middle + shape.placement[:3, 3])
-    axis = np.einsum("j,jcn->cn", shape.placement[:3, :3] @ way, placed.rotations[shape.link])
-    return _Capsule(centre, axis, outer, (max(0.0, half), radius))
+    inner = (max(0.0, half), radius) if shape.surface is None else (0.0, -np.inf)
+    turn = shape.placement[:3, :3]
+    return _Capsule(turn @ middle + shape.placement[:3, 3], turn @ way, outer, inner)
 
 
-def _judge(a: _Capsule, b: _Capsule, clearance: float) -> tuple[Indices, Indices]:
-    """Poses at which the solids may be closer than the clearance, and those at which they surely are."""
-    reach = sum(a.outer) + sum(b.outer) + clearance
-    apart = a.centre - b.centre
-    near = np.flatnonzero(np.einsum("cn,cn->n", apart, apart) <= reach * reach)
-    if len(near) == 0:
-        return near, near
-    apart, first, second = apart[:, near], a.axis[:, near], b.axis[:, near]
-    outside = _segment_distance(apart, first, second, a.outer[0], b.outer[0])
-    inside = _segment_distance(apart, first, second, a.inner[0], b.inner[0])
-    sure = inside < a.inner[1] + b.inner[1] + clearance - 1e-9
-    doubtful = ~sure & (outside <= a.outer[1] + b.outer[1] + clearance + 1e-9)
-    return near[doubtful], near[sure]
+@dataclass(frozen=True, eq=False)
+class _Capsules:
+    """Those of S solids at N poses: centres and axes (3, S, N), base frame; half lengths and radii (S, 2)."""
+
+    centre: Array
+    axis: Array
+    outer: Array
+    inner: Array
 
 
-def _segment_distance(apart: Array, first: Array, second: Array, half: float, other: float) -> Array:
+def _capsules(shapes: Sequence[Shape], placed: Frames) -> _Capsules:
+    every = [_capsule(shape) for shape in shapes]
+    links = np.array([shape.link for shape in shapes], dtype=np.intp)
+    turns = placed.rotations[links]  # (S, 3 of the link, 3 of the base, N)
+    centre = np.einsum("sj,sjcn->csn", np.array([c.centre for c in every]).reshape(-1, 3), turns)
+    return _Capsules(
+        centre + placed.positions[links].transpose(1, 0, 2),
+        np.einsum("sj,sjcn->csn", np.array([c.axis for c in every]).reshape(-1, 3), turns),
+        np.array([c.outer for c in every]).reshape(-1, 2),
+        np.array([c.inner for c in every]).reshape(-1, 2),
+    )
+
+
+def _judge(capsules: _Capsules, pairs: Indices, clearance: float) -> tuple[Indices, Indices]:
+    """Rows (pair, pose) of the solids that surely are closer than the clearance, and of those that may be."""
+    a, b = pairs.T
+    reach = (capsules.outer[a] + capsules.outer[b]).sum(axis=1) + clearance
+    apart = capsules.centre[:, a] - capsules.centre[:, b]
+    pair, pose = np.nonzero(np.einsum("cpn,cpn->pn", apart, apart) <= (reach * reach)[:, None])
+    rows = np.stack([pair, pose], axis=1)
+    if not len(rows):
+        return rows, rows
+    first, second, apart = a[pair], b[pair], apart[:, pair, pose]
+    axes = capsules.axis[:, first, pose], capsules.axis[:, second, pose]
+    outer, inner = (capsules.outer[first], capsules.outer[second]), (capsules.inner[first], capsules.inner[second])
+    outside = _segment_distance(apart, *axes, outer[0][:, 0], outer[1][:, 0])
+    inside = _segment_distance(apart, *axes, inner[0][:, 0], inner[1][:, 0])
+    sure = inside < inner[0][:, 1] + inner[1][:, 1] + clearance - 1e-9
+    doubtful = ~sure & (outside <= outer[0][:, 1] + outer[1][:, 1] + clearance + 1e-9)
+    return rows[sure], rows[doubtful]
+
+
+def _segment_distance(apart: Array, first: Array, second: Array, half: Array, other: Array) -> Array:
     """Distance (N,) of two segments given by the way from the second's middle to the first's, axes, half lengths."""
     b = np.einsum("cn,cn->n", first, second)
     c, f = np.einsum("cn,cn->n", first, apart), np.einsum("cn,cn->n", second, apart)
@@ -212,46 +341,36 @@ def _segment_distance(apart: Array, first: Array, second: Array, half: float, ot
     return np.sqrt(np.einsum("cn,cn->n", way, way))
 
 
-def _ask_coal(shapes: Sequence[Shape], clearance: float, placed: Frames, doubtful: Indices, hit: Flags) -> None:
-    """Mark in `hit` the poses where coal finds one of the doubtful (first, second, pose) closer than the clearance."""
-    if not len(doubtful):
-        return
-    import coal
-
-    library: Any = coal  # has no types
-    request = library.CollisionRequest()
-    request.security_margin = clearance
-    asked = sorted({int(k) for k in doubtful[:, :2].ravel()})
-    solids = {k: _solid(library, shapes[k]) for k in asked}
-    order = np.argsort(doubtful[:, 2], kind="stable")
-    for pose, rows in _by_pose(doubtful[order]):
-        known: dict[int, Any] = {}
-        for i, j in rows:
-            for k in (i, j):
-                if k not in known:
-                    known[k] = _transform(library, shapes[k], placed, pose)
-            if library.collide(solids[i], known[i], solids[j], known[j], request, library.CollisionResult()) > 0:
-                hit[pose] = True
-                break
-
-
-def _by_pose(doubtful: Indices) -> Iterator[tuple[int, list[list[int]]]]:
-    starts = np.flatnonzero(np.diff(doubtful[:, 2], prepend=-1))
-    for start, stop in zip(starts, [*starts[1:], len(doubtful)], strict=True):
-        yield int(doubtful[start, 2]), doubtful[start:stop, :2].tolist()
-
-
-def _solid(coal: Any, shape: Shape) -> Any:
+@lru_cache(maxsize=1024)
+def _solid(shape: Shape) -> Any:
+    """A solid as coal has it, of a mesh the hull."""
+    library = _coal()
+    if shape.kind == "plane":
+        return library.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
     if shape.hull is not None:
-        corners = coal.StdVec_Vec3s()
-        for corner in shape.hull.corners:
+        corners = library.StdVec_Vec3s()
+        for corner in shape.hull.whole:
             corners.append(corner)
-        return coal.Convex.convexHull(corners, True, "Qt")
-    kinds = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
+        return library.Convex.convexHull(corners, True, "Qt")
+    kinds = {"box": library.Box, "cylinder": library.Cylinder, "sphere": library.Sphere}
     return kinds[shape.kind](*(float(v) for v in shape.size))
 
 
-def _transform(coal: Any, shape: Shape, placed: Frames, pose: int) -> Any:
+@lru_cache(maxsize=1024)
+def _surface(shape: Shape) -> Any:
+    """A mesh as it is; else the solid."""
+    if shape.surface is None:
+        return _solid(shape)
+    library = _coal()
+    model = library.BVHModelOBBRSS()
+    model.beginModel(len(shape.surface.faces), len(shape.surface.vertices))
+    model.addVertices(np.ascontiguousarray(shape.surface.vertices))
+    model.addTriangles(np.ascontiguousarray(shape.surface.faces.astype(np.int64)))
+    model.endModel()
+    return model
+
+
+def _transform(library: Any, shape: Shape, placed: Frames, pose: int) -> Any:
     rotation = placed.rotations[shape.link, :, :, pose].T
     position = placed.positions[shape.link, :, pose] + rotation @ shape.placement[:3, 3]
-    return coal.Transform3s(rotation @ shape.placement[:3, :3], position)
+    return library.Transform3s(rotation @ shape.placement[:3, :3], position)

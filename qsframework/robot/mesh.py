@@ -24,17 +24,48 @@ _CORNERS, _DIRECTIONS = 150, 400
 """Most corners of a hull; directions of a sphere in which they are the outermost."""
 _THIN = 1e-4
 """m, to each side of a mesh that is flat."""
+_CONVEX = 0.999
+"""Share of its hull's volume above which a mesh is taken as convex."""
 _SPACE = "package://"
+
+
+class BrokenMesh(InputError):
+    """A file that holds no mesh."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """A convex solid: corners (V, 3) m, faces (F, 3) of them, and planes normals (K, 3) x <= offsets (K,) m."""
+    """A convex solid: corners (V, 3) m, faces (F, 3) of them, and planes normals (K, 3) x <= offsets (K,) m.
+
+    whole (W, 3) m: all corners, where the others are only the outermost in so many directions; volume m3 of these
+    """
 
     corners: Array
     faces: Indices
     normals: Array
     offsets: Array
+    whole: Array
+    volume: float
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A mesh as it is, not made convex: vertices (V, 3) m, faces (F, 3)."""
+
+    vertices: Array
+    faces: Indices
+
+    def holds(self, point: Array) -> bool:
+        """Whether a point (3,) lies inside: the triangles surround it, seen from there, by more than half."""
+        a, b, c = (self.vertices[self.faces[:, k]] - point for k in range(3))
+        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+        spat = np.einsum("fi,fi->f", a, np.cross(b, c))
+        rest = la * lb * lc + _dot(a, b) * lc + _dot(b, c) * la + _dot(c, a) * lb
+        return bool(abs(np.arctan2(spat, rest).sum()) > np.pi)  # half of each solid angle; 2 pi all around
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(np.einsum("fi,fi->f", a, b), dtype=np.float64)
 
 
 def mesh_file(mesh: MeshVisual, urdf: Path, folder: Path, sources: Sources | None = None) -> Path | None:
@@ -70,7 +101,8 @@ def read_mesh(mesh: MeshVisual, path: Path) -> tuple[Array, Indices]:
     try:
         vertices, faces = mesh_of(path)
     except InputError as error:
-        raise InputError([mesh.place.problem(f"mesh {mesh.name!r}: {p.message}") for p in error.problems]) from error
+        told = [mesh.place.problem(f"mesh {mesh.name!r}: {p.message}", hint=p.hint) for p in error.problems]
+        raise type(error)(told) from error
     return vertices * mesh.scale, faces
 
 
@@ -81,10 +113,11 @@ def mesh_of(path: Path) -> tuple[Array, Indices]:
     state = path.stat()
     if state.st_size > LARGEST:
         message = f"{state.st_size / 1e6:.0f} MB, more than {LARGEST / 1e6:.0f}"
-        raise InputError(Problem(message, file=str(path), hint="Write it with fewer triangles."))
+        hint = "Write it with fewer triangles, or put a box or a cylinder in its place."
+        raise InputError(Problem(message, file=str(path), hint=hint))
     read = _read(path, state.st_mtime_ns)
     if read is None:
-        raise InputError(Problem("it cannot be read", file=str(path)))
+        raise BrokenMesh(Problem("it cannot be read", file=str(path)))
     return read
 
 
@@ -110,19 +143,11 @@ def _read(path: Path, changed: int) -> tuple[Array, Indices] | None:
 
 
 def convex_hull(points: Array) -> Hull:
-    """The convex hull of points (N, 3) m; of very many, of those outermost in 400 directions."""
-    from importlib import import_module
-
-    spatial: Any = import_module("scipy.spatial")
-    try:
-        hull: Any = spatial.ConvexHull(points)
-    except (spatial.QhullError, ValueError):  # flat
-        points = np.concatenate([points + way for way in (*_THIN * np.eye(3), *-_THIN * np.eye(3))])
-        hull = spatial.ConvexHull(points)
-    if len(hull.vertices) > _CORNERS:
-        corners = points[hull.vertices]
-        points = corners[np.unique(np.argmax(corners @ _sphere(_DIRECTIONS).T, axis=0))]
-        hull = spatial.ConvexHull(points)
+    """The convex hull of points (N, 3) m; its faces, where it has very many, of those outermost in 400 directions."""
+    points, hull = _hull(points)
+    whole, volume = frozen(points[hull.vertices]), float(hull.volume)
+    if len(whole) > _CORNERS:
+        points, hull = _hull(whole[np.unique(np.argmax(whole @ _sphere(_DIRECTIONS).T, axis=0))])
     place = np.zeros(len(points), dtype=np.intp)
     place[hull.vertices] = np.arange(len(hull.vertices))
     equations: Array = np.asarray(hull.equations, dtype=np.float64)
@@ -132,7 +157,42 @@ def convex_hull(points: Array) -> Hull:
         faces=place[_outward(points, hull)],
         normals=frozen(planes[:, :3]),
         offsets=frozen(-planes[:, 3]),
+        whole=whole,
+        volume=volume,
     )
+
+
+def whole_hull(points: Array) -> tuple[Array, Indices]:
+    """Vertices (V, 3) and faces (F, 3) of the convex hull of points (N, 3) m, none of which is outside."""
+    points, hull = _hull(points)
+    place = np.zeros(len(points), dtype=np.intp)
+    place[hull.vertices] = np.arange(len(hull.vertices))
+    return points[hull.vertices], place[_outward(points, hull)]
+
+
+def _hull(points: Array) -> tuple[Array, Any]:
+    """Points (N, 3) m and their hull by qhull; flat ones made a little thick."""
+    from importlib import import_module
+
+    spatial: Any = import_module("scipy.spatial")
+    try:
+        return points, spatial.ConvexHull(points)
+    except (spatial.QhullError, ValueError):
+        points = np.concatenate([points + way for way in (*_THIN * np.eye(3), *-_THIN * np.eye(3))])
+        return points, spatial.ConvexHull(points)
+
+
+def solid_of(vertices: Array, faces: Indices) -> tuple[Hull, Surface | None]:
+    """The convex hull of a mesh (V, 3) m, (F, 3), and the mesh itself where it is not as good as convex."""
+    hull = convex_hull(vertices)
+    if abs(_volume(vertices, faces)) > _CONVEX * hull.volume:
+        return hull, None
+    return hull, Surface(frozen(vertices), faces)
+
+
+def _volume(vertices: Array, faces: Indices) -> float:
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return float(np.einsum("fi,fi->f", a, np.cross(b, c)).sum() / 6.0)
 
 
 def _outward(points: Array, hull: Any) -> Indices:

@@ -14,7 +14,7 @@ from qsframework.errors import InputError, Problem
 from qsframework.plugin import Array, Branch, RobotFacts
 from qsframework.plugin.facts import frozen
 from qsframework.robot.checks import chain_joints
-from qsframework.robot.mesh import KINDS, convex_hull, mesh_file, read_mesh
+from qsframework.robot.mesh import KINDS, mesh_file, read_mesh, solid_of
 from qsframework.robot.robot import LinkFrame, MeshShape, Shape
 from qsframework.robot.urdf import Inertial, Joint, Link, MeshVisual, Origin, Urdf, Visual
 from qsframework.robot.xml_tree import quoted
@@ -130,7 +130,8 @@ def read_frames(model: pin.Model) -> MappingProxyType[str, LinkFrame]:
 def read_shapes(urdf: Urdf, frames: Mapping[str, LinkFrame], folder: Path) -> tuple[Shape, ...]:
     """The solids for collisions, placed on the moving links: those of <collision>, or else of <visual>.
 
-    Of a mesh its convex hull; a mesh whose file is not there counts as none. InputError for one that cannot be read.
+    Of a mesh its convex hull, and the mesh where it is not convex; one whose file is not there counts as none.
+    InputError for one that cannot be read.
     """
     return tuple(
         shape
@@ -153,8 +154,8 @@ def _shape(solid: Visual | MeshVisual, frame: LinkFrame, urdf: Path, folder: Pat
     path = mesh_file(solid, urdf, folder)
     if path is None or path.suffix.lower() not in KINDS:
         return None
-    hull = convex_hull(read_mesh(solid, path)[0])
-    return Shape(frame.link, placement, "hull", (), solid.rgba, hull=hull)
+    hull, surface = solid_of(*read_mesh(solid, path))
+    return Shape(frame.link, placement, "hull", (), solid.rgba, hull=hull, surface=surface)
 
 
 def read_meshes(urdf: Urdf, frames: Mapping[str, LinkFrame], folder: Path) -> tuple[MeshShape, ...]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from qsframework.plugin import Array, Effect, Parameter, RobotFacts
 from qsframework.robot.controller import Controller
-from qsframework.robot.mesh import Hull
+from qsframework.robot.mesh import Hull, Surface
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -25,9 +25,10 @@ class LinkFrame:
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A solid: kind "box" (x, y, z), "cylinder" (radius, length along z), "sphere" (radius), m; "hull", of a mesh.
+    """A solid: kind "box" (x, y, z), "cylinder" (radius, length along z), "sphere" (radius), m; "hull", of a mesh;
+    "plane", all that lies below z = 0 of its frame.
 
-    It is drawn where no mesh of its link is.
+    It is drawn where no mesh of its link is. surface: the mesh, where it is not convex; name: of an obstacle.
     """
 
     link: int
@@ -36,6 +37,8 @@ class Shape:
     size: tuple[float, ...]
     rgba: tuple[float, float, float, float]
     hull: Hull | None = None
+    surface: Surface | None = None
+    name: str = ""
 
 
 @dataclass(frozen=True, eq=False)

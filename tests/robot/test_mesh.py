@@ -11,7 +11,7 @@ import pytest
 from qsframework.plugin import Array, RobotFacts
 from qsframework.robot.collision import Collider, _capsule, lowest_point
 from qsframework.robot.kinematics import Frames, joint_frames
-from qsframework.robot.mesh import coarser, convex_hull
+from qsframework.robot.mesh import coarser, convex_hull, solid_of
 from qsframework.robot.robot import Shape
 from qsframework.robot.sight import crosses, depth, visible
 
@@ -94,12 +94,11 @@ def test_hulls_hide_as_boxes_do(pair: tuple[Shape, Shape]) -> None:
 
 
 def test_the_capsules_hold_a_hull_and_lie_in_it() -> None:
-    placed, draws = frames(), rng(4)
+    draws = rng(4)
     for _ in range(20):
         hull = convex_hull(draws.normal(size=(40, 3)) * draws.uniform(0.05, 1.0, 3))
-        at = Shape(0, np.eye(4), "hull", (), GREY, hull=hull)
-        capsule = _capsule(at, placed)
-        middle, way = capsule.centre[:, 0], capsule.axis[:, 0]
+        capsule = _capsule(Shape(0, np.eye(4), "hull", (), GREY, hull=hull))
+        middle, way = capsule.centre, capsule.axis
         along = np.clip((hull.corners - middle) @ way, -capsule.outer[0], capsule.outer[0])
         aside = np.linalg.norm(hull.corners - middle - along[:, None] * way, axis=1)
         assert aside.max() <= capsule.outer[1] + 1e-9
@@ -120,6 +119,93 @@ def test_a_fine_and_a_flat_mesh() -> None:
     assert (np.einsum("fi,fi->f", normal, centre) > 0.0).all()  # seen from outside
     sheet = convex_hull(np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]))
     assert np.ptp(sheet.corners[:, 2]) == pytest.approx(2e-4)
+
+
+def cup(link: int, seed: int, size: float = 1.0) -> Shape:
+    """A cup with thick walls, open at the top: its hull is far larger than itself."""
+    import trimesh
+
+    outside = trimesh.creation.box(extents=(0.8, 0.8, 0.8))
+    inside = trimesh.creation.box(extents=(0.6, 0.6, 0.8))
+    inside.apply_translation((0.0, 0.0, 0.1))
+    made = outside.difference(inside)
+    hull, surface = solid_of(size * np.asarray(made.vertices), np.asarray(made.faces))
+    assert surface is not None
+    return Shape(link, turned(np.zeros(3), seed), "hull", (), GREY, hull=hull, surface=surface)
+
+
+def walls(link: int, shape: Shape, scale: float = 1.0) -> list[Shape]:
+    """The same cup of five boxes."""
+    sizes = ((0.8, 0.8, 0.1), (0.1, 0.8, 0.8), (0.1, 0.8, 0.8), (0.8, 0.1, 0.8), (0.8, 0.1, 0.8))
+    middles = ((0.0, 0.0, -0.35), (-0.35, 0.0, 0.0), (0.35, 0.0, 0.0), (0.0, -0.35, 0.0), (0.0, 0.35, 0.0))
+    out = []
+    for size, middle in zip(sizes, middles, strict=True):
+        placement = shape.placement.copy()
+        placement[:3, 3] += placement[:3, :3] @ (scale * np.array(middle))
+        out.append(Shape(link, placement, "box", tuple(scale * s for s in size), GREY))
+    return out
+
+
+@pytest.mark.parametrize("clearance", [0.0, 0.05])
+@pytest.mark.parametrize("other", ["ball", "cup", "box", "cylinder"])
+def test_near_contact_the_mesh_decides(other: str, clearance: float) -> None:
+    """A cup meets what its five walls meet, not what its hull does; a part inside a wall touches, too."""
+    placed, one = frames(), cup(1, 30)
+    its = walls(1, one)
+    sizes = {"ball": (0.15,), "box": (0.04, 0.04, 0.05), "cylinder": (0.1, 0.3)}
+    theirs = [cup(2, 31, 0.25)] if other == "cup" else []
+    if other == "cup":
+        parts = walls(2, theirs[0], 0.25)
+    else:
+        kind = "sphere" if other == "ball" else other
+        theirs = parts = [Shape(2, turned(np.array([0.2, 0.0, 0.1]), 32), kind, sizes[other], GREY)]
+    positions = placed.positions.copy()
+    positions[2] += rng(33).uniform(-0.5, 0.5, positions[2].shape)
+    placed = replace(placed, positions=positions)
+    found = Collider((one, *theirs), np.array([[0, 1]]), clearance, ()).collides(placed)
+    pairs = [(i, len(its) + j) for i in range(len(its)) for j in range(len(parts))]
+    true = Collider((*its, *parts), np.array(pairs), clearance, ()).collides(placed)
+    by_hull = Collider((replace(one, surface=None), *theirs), np.array([[0, 1]]), clearance, ()).collides(placed)
+    assert np.array_equal(found, true)
+    assert (by_hull & ~true).sum() > 5
+    assert true.sum() > 20
+
+
+def test_what_lies_inside_a_mesh_touches_it() -> None:
+    """No surface crosses another where a small part has gone into a casting."""
+    import trimesh
+
+    ring = trimesh.creation.annulus(0.2, 1.0, 1.0)
+    hull, surface = solid_of(np.asarray(ring.vertices), np.asarray(ring.faces))
+    assert surface is not None
+    where = np.array([[0.6, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, -0.7, 0.1], [2.0, 0.0, 0.0]])
+    assert [surface.holds(point) for point in where] == [True, False, True, False]
+    placed = frames()
+    positions, rotations = placed.positions.copy(), placed.rotations.copy()
+    positions[:], rotations[:] = 0.0, np.eye(3)[None, :, :, None]
+    positions[2, :, :4] = where.T
+    placed = replace(placed, positions=positions[:, :, :4], rotations=rotations[:, :, :, :4])
+    shapes = (
+        Shape(1, np.eye(4), "hull", (), GREY, hull=hull, surface=surface),
+        Shape(2, np.eye(4), "sphere", (0.05,), GREY),
+    )
+    assert Collider(shapes, np.array([[0, 1]]), 0.0, ()).collides(placed).tolist() == [True, False, True, False]
+
+
+def test_a_plane_holds_what_is_below_it() -> None:
+    placed, plane = frames(), Shape(0, turned(np.array([0.1, 0.0, -0.2]), 40), "plane", (), GREY, name="fence")
+    positions = placed.positions.copy()
+    positions[2] += rng(41).uniform(-1.0, 1.0, positions[2].shape)
+    placed = replace(placed, positions=positions)
+    part = box((0.3, 0.2, 0.5), 2, np.array([0.1, 0.0, 0.0]))
+    corners = np.array(list(product((-0.5, 0.5), repeat=3))) * part.size @ part.placement[:3, :3].T
+    height = []
+    for corner in corners + part.placement[:3, 3]:
+        point = placed.point(2, corner) - plane.placement[:3, 3:]
+        height.append(plane.placement[:3, 2] @ point)
+    collider = Collider((part, plane), np.array([[0, 1]]), 0.03, ())
+    assert np.array_equal(collider.collides(placed), np.min(height, axis=0) < 0.03)
+    assert 50 < collider.collides(placed).sum() < COUNT - 50
 
 
 def test_a_coarser_mesh_keeps_its_place() -> None:
