@@ -1,9 +1,8 @@
 """Is the way from pose to pose free? Joint motion in small steps, and poses in between where it is not.
 
-The controller moves all joints at once along a straight line in its angles. On that line are checked: the pendant's
-limits, the angle that every loop needs between its bars, the arm's simple solids against each other (with the
-clearance of the experiment) and against the floor, and the box and the distance from axis 1 of the experiment's
-constraints. Where the straight
+The controller moves all joints at once along a straight line in its angles. On that line is asked what a designed pose
+is asked, `check_way`: the pendant's limits, the angle that every loop needs between its bars, the arm's solids against
+each other, the floor and the obstacles, and the box and the distance from axis 1 of the constraints. Where the straight
 line is not free, poses in between are sought by two random trees that grow towards each other (RRT-Connect).
 """
 
@@ -13,13 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.design.constraints import axis1_distance, check_poses, reference_point
+from qsframework.design.constraints import Flags, check_poses, check_way, touching
 from qsframework.experiment import Constraints, Experiment
-from qsframework.plugin import Array, Poses
+from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
-from qsframework.robot import Shape
-from qsframework.robot.collision import Collider, Flags, above_floor, make_collider
-from qsframework.robot.kinematics import joint_frames
 
 _STEP = np.deg2rad(2.0)
 _REACH = np.deg2rad(20.0)
@@ -31,35 +27,25 @@ _SHORTCUTS = 60
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """What a way must keep: pairs of solids, the floor (None: not known), and the limits of the experiment."""
+    """What a way must keep: the constraints of an experiment that hold between its poses too."""
 
     experiment: Experiment
-    collider: Collider
-    shapes: tuple[Shape, ...]
-    floor: float | None
 
     def broken(self, pendant: Array) -> dict[str, Flags]:
         """For each thing to keep, which of N pendant poses break it."""
-        robot, limits = self.experiment.robot, self.experiment.constraints
-        q = robot.controller.to_joints(pendant)
-        placed = joint_frames(robot.facts, q)
-        poses = Poses(pendant, q, np.zeros((len(q), 6)))
-        out: dict[str, Flags] = {
-            "joint limits": np.any(robot.controller.outside(pendant), axis=1),
-            "transmission angle": self.experiment.model().transmission_margin(poses) < 0.0,
-            "self collision": self.collider.collides(placed),
-        }
-        if self.floor is not None:
-            out["floor"] = ~above_floor(self.shapes, placed, self.floor)
-        point = reference_point(self.experiment, self.experiment.model(), q)
-        for k, axis in enumerate("xyz"):
-            for side, sign in (("min", 1.0), ("max", -1.0)):
-                bound = getattr(limits, f"{axis}_{side}")
-                if bound is not None:
-                    out[f"{axis}_{side}"] = sign * (point[:, k] - bound) < 0.0
-        if limits.axis1_distance_min is not None:
-            out["axis1_distance_min"] = axis1_distance(robot, placed, point.T) < limits.axis1_distance_min
-        return out
+        return {name: ~kept for name, kept in check_way(self.experiment, self.experiment.model(), pendant).items()}
+
+    def words(self, pendant: Array) -> tuple[tuple[str, ...], ...]:
+        """Of each of N pendant poses what it breaks: 'floor', 'collision' (link_2 and link_5)."""
+        broken, solid = self.broken(pendant), touching(self.experiment, pendant)
+        return tuple(
+            tuple(
+                f"{name!r} ({solid[name][i]})" if name in solid else repr(name)
+                for name, hit in broken.items()
+                if hit[i]
+            )
+            for i in range(len(pendant))
+        )
 
     def free(self, pendant: Array) -> Flags:
         """Which of N pendant poses break nothing."""
@@ -85,21 +71,9 @@ class Surroundings:
         low, high = np.array(ends).T
         return np.maximum(controller.lower, low), np.minimum(controller.upper, high)
 
-    def obstacles(self, first: Array, second: Array) -> tuple[str, ...]:
+    def in_the_way(self, first: Array, second: Array) -> str:
         """What the joint motion from one pose to another breaks."""
-        return tuple(name for name, hit in self.broken(stretch(first, second)).items() if hit.any())
-
-
-def surroundings(experiment: Experiment) -> Surroundings:
-    """What the experiment and the robot's solids say of the way; solids count even where `collision` is not asked."""
-    limits, site = experiment.constraints, experiment.load_site
-    tool: tuple[Shape, ...] = ()
-    if limits.tool_radius is not None:
-        placement = np.eye(4)
-        placement[:3, 3] = site.xyz
-        tool = (Shape(site.link, placement, "sphere", (limits.tool_radius,), (0.8, 0.1, 0.1, 1.0)),)
-    collider = make_collider(experiment.robot, limits.clearance, tool)
-    return Surroundings(experiment, collider, (*experiment.robot.shapes, *tool), limits.floor)
+        return ", ".join(dict.fromkeys(word for words in self.words(stretch(first, second)) for word in words))
 
 
 def stretch(first: Array, second: Array) -> Array:

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from qsframework.applications.ordering import visits, way_length
-from qsframework.applications.path_check import Surroundings, find_way, surroundings
+from qsframework.applications.path_check import Surroundings, find_way
 from qsframework.design import broken_constraints
 from qsframework.elastostatics import actuator_torques
 from qsframework.errors import InputError, Problem
@@ -23,6 +23,7 @@ _DETOUR = 2.0
 """rad that a way which is not free counts longer when the order is sought again."""
 _BLOCKED = 1.0
 """rad that poses in between cost where the straight way is not free, about: 7 to 90 deg on the M-900iB."""
+_MEND = "Leave it out, or design again with this experiment: its plans keep what its constraints ask."
 _FOR_THE_READINGS = ("sight", "singularity_margin", "joint_margin", "joint_values")
 """Constraints whose breach harms the readings, not the robot."""
 Tell = Callable[[str, int, int], None]
@@ -97,7 +98,7 @@ def make_programme(
     _check_numbers(speed, pause)
     pause = None if pause is None else round(pause, 2)  # controllers are told hundredths
     check_plan(experiment, plan, file)
-    around = surroundings(experiment)
+    around = Surroundings(experiment)
     _check_poses(around, plan, home, file)
     _check_rest(experiment, plan, file)
     tell = tell or (lambda label, done, total: None)
@@ -196,13 +197,9 @@ def _check_poses(around: Surroundings, plan: Plan, home: Array | None, file: str
     pendant = plan.pendant if home is None else np.vstack([plan.pendant, home])
     names = [*(f"pose {p!r}" for p in plan.pose), "home"]
     problems = [
-        Problem(
-            f"{names[i]}: breaks {what!r}",
-            file or None,
-            hint="Leave it out, or design with this among the constraints of the experiment.",
-        )
-        for what, hit in around.broken(pendant).items()
-        for i in np.flatnonzero(hit)
+        Problem(f"{names[i]}: breaks {', '.join(said)}", file or None, hint=_MEND)
+        for i, said in enumerate(around.words(pendant))
+        if said
     ]
     if problems:
         raise InputError(problems)
@@ -214,7 +211,7 @@ def _check_rest(experiment: Experiment, plan: Plan, file: str) -> None:
         Problem(
             f"pose {pose!r}: breaks {constraint!r}",
             file or None,
-            hint="Leave it out, or design with the constraints of this experiment.",
+            hint=_MEND,
         )
         for constraint, poses in broken_constraints(experiment, plan).items()
         if constraint not in (*_FOR_THE_READINGS, "load_capacity")  # `check_plan` asks for the plan's own loads
@@ -303,7 +300,7 @@ def _moves(
         tell("way", k + 1, len(stops) - 1)
         if between is None:
             ends = f"from {here.pose or 'home'} to {there.pose or 'home'}"
-            hit = ", ".join(around.obstacles(here.pendant, there.pendant))
+            hit = around.in_the_way(here.pendant, there.pendant)
             hint = "Leave one of the two out of the plan, or put a pose between them that both can reach."
             problems.append(Problem(f"no free way found {ends}: it breaks {hit}", file or None, hint=hint))
         out += [*(Move(p) for p in between or ()), there]
@@ -321,7 +318,7 @@ def _notes(experiment: Experiment, around: Surroundings, home: Array | None, pau
         )
     if not experiment.robot.shapes:
         notes.append("the robot's URDF has no simple solids: nothing was checked for collisions")
-    if around.floor is None:
+    if around.experiment.constraints.floor is None:
         notes.append("the experiment states no floor_m among its constraints: the way was not checked against a floor")
     if experiment.constraints.tool_radius is None:
         notes.append("the experiment states no tool_radius_mm: tool and weight were not checked for collisions")

@@ -21,6 +21,7 @@ def run_simulate(
 ) -> None:
     """Simulate a plan and write its readings."""
     from qsframework.design import broken_constraints
+    from qsframework.design.constraints import touching
     from qsframework.elastostatics import range_notes
     from qsframework.experiment import simulate
     from qsframework.experiment.measured import keep_measured, write_simulated
@@ -31,8 +32,10 @@ def run_simulate(
     keep_measured([output], "-o")
     experiment = load_experiment(file)
     plan = read_plan(plan_file, experiment)
+    solid = touching(experiment, plan.pendant)
     for constraint, poses in broken_constraints(experiment, plan).items():
-        print_folded(f"note: {', '.join(poses)} break the constraint {constraint!r}")
+        pairs = ", ".join(dict.fromkeys(filter(None, solid.get(constraint, ()))))
+        print_folded(f"note: {', '.join(poses)} break the constraint {constraint!r}{f' ({pairs})' if pairs else ''}")
     result = simulate(experiment, plan, truth=truth, seed=seed, linear=linear)
     notes = range_notes(result.model, plan.poses, plan.pose, result.x)
     for note in notes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -12,9 +12,10 @@ import numpy.typing as npt
 from qsframework.elastostatics import Model, Site, actuator_torques, flip_margin
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan
+from qsframework.experiment.constraints import tool_shapes
 from qsframework.plugin import Array, Poses
 from qsframework.robot import Robot, Shape
-from qsframework.robot.collision import Collider, above_floor, make_collider
+from qsframework.robot.collision import Collider, above_floor, make_collider, obstacle_collider
 from qsframework.robot.kinematics import Frames, cross, joint_frames, twists
 from qsframework.robot.sight import incidence, visible
 
@@ -80,8 +81,32 @@ def check_poses(experiment: Experiment, model: Model, pendant: Array) -> dict[st
         "joint_margin": within(joint_range(experiment)),
         "transmission angle": model.transmission_margin(poses) >= 0.0,
     }
-    allowed |= _check_places(experiment, q)
+    allowed |= _check_places(experiment, q, _check_placed)
     return allowed | _check_torques(experiment, model, poses)
+
+
+def check_way(experiment: Experiment, model: Model, pendant: Array) -> dict[str, Flags]:
+    """For each constraint that holds between the poses of a plan too, which poses (N,) keep it.
+
+    Between poses nothing is read and nothing hung: torques, sight and margins are of the poses alone, and the limits
+    are the controller's.
+    """
+    robot = experiment.robot
+    q = robot.controller.to_joints(pendant)
+    poses = Poses(pendant, q, np.zeros((len(q), 6)))
+    allowed: dict[str, Flags] = {
+        "joint limits": ~np.any(robot.controller.outside(pendant), axis=1),
+        "transmission angle": model.transmission_margin(poses) >= 0.0,
+    }
+    return allowed | _check_places(experiment, q, _check_clear)
+
+
+def touching(experiment: Experiment, pendant: Array) -> dict[str, tuple[str, ...]]:
+    """Of each of N poses what touches what, by the constraint: `link_2 and link_5`, `link_4 and table`; "" for none."""
+    robot = experiment.robot
+    placed = joint_frames(robot.facts, robot.controller.to_joints(pendant))
+    colliders = {"collision": collider_of(experiment), "obstacles": _around(experiment)}
+    return {name: collider.named(placed, robot.facts) for name, collider in colliders.items() if len(collider.pairs)}
 
 
 def broken_constraints(experiment: Experiment, plan: Plan) -> dict[str, tuple[str, ...]]:
@@ -141,8 +166,10 @@ def singularity_margin(robot: Robot, placed: Frames) -> Array:
 
 
 def collider_of(experiment: Experiment) -> Collider:
-    """The pairs of the arm's solids, and of the tool's sphere, that `collision: true` keeps apart."""
+    """The pairs of the arm's solids, and of the tool's sphere, that keep apart; none with `collision: false`."""
     limits, site = experiment.constraints, experiment.load_site
+    if limits.collision is False:
+        return Collider((), np.zeros((0, 2), dtype=np.intp), limits.clearance, ())
     return _collider(experiment.robot, limits.clearance, limits.tool_radius, site.link, tuple(site.xyz.tolist()))
 
 
@@ -150,16 +177,18 @@ def collider_of(experiment: Experiment) -> Collider:
 def _collider(
     robot: Robot, clearance: float, radius: float | None, link: int, xyz: tuple[float, float, float]
 ) -> Collider:
-    return make_collider(robot, clearance, _tool(radius, link, np.array(xyz)))
+    return make_collider(robot, clearance, tool_shapes(radius, link, np.array(xyz)))
 
 
-def _tool(radius: float | None, link: int, xyz: Array) -> tuple[Shape, ...]:
-    """The sphere at the load point that stands for the tool and the load."""
-    if radius is None:
-        return ()
-    placement = np.eye(4)
-    placement[:3, 3] = xyz
-    return (Shape(link, placement, "sphere", (radius,), (0.8, 0.1, 0.1, 1.0)),)
+def _around(experiment: Experiment) -> Collider:
+    """The pairs of obstacles and of what moves."""
+    limits = experiment.constraints
+    return obstacle_collider(experiment.robot, limits.obstacles, limits.clearance, _tool(experiment))
+
+
+def _tool(experiment: Experiment) -> tuple[Shape, ...]:
+    site = experiment.load_site
+    return tool_shapes(experiment.constraints.tool_radius, site.link, site.xyz)
 
 
 def _site(experiment: Experiment) -> Site:
@@ -178,13 +207,26 @@ def _blocks(robot: Robot, q: Array) -> Iterator[tuple[slice, Frames]]:
         yield part, joint_frames(robot.facts, q[part])
 
 
-def _check_places(experiment: Experiment, q: Array) -> dict[str, Flags]:
+def _check_places(
+    experiment: Experiment, q: Array, check: Callable[[Experiment, Frames], dict[str, Flags]]
+) -> dict[str, Flags]:
     """The constraints that only ask where the arm stands."""
-    parts = [_check_placed(experiment, placed) for _, placed in _blocks(experiment.robot, q)]
+    parts = [check(experiment, placed) for _, placed in _blocks(experiment.robot, q)]
     return {name: np.concatenate([part[name] for part in parts]) for name in (parts[0] if parts else {})}
 
 
 def _check_placed(experiment: Experiment, placed: Frames) -> dict[str, Flags]:
+    limits = experiment.constraints
+    allowed = _check_clear(experiment, placed)
+    if limits.singularity_margin is not None:
+        allowed["singularity_margin"] = singularity_margin(experiment.robot, placed) >= limits.singularity_margin
+    if limits.sight is not None:
+        allowed["sight"] = _check_sight(experiment, placed)
+    return allowed
+
+
+def _check_clear(experiment: Experiment, placed: Frames) -> dict[str, Flags]:
+    """The constraints on where the arm is, which the way keeps too."""
     limits, site = experiment.constraints, _site(experiment)
     point = placed.point(site.link, site.xyz)
     allowed: dict[str, Flags] = {}
@@ -196,15 +238,12 @@ def _check_placed(experiment: Experiment, placed: Frames) -> dict[str, Flags]:
             allowed[f"{axis}_max"] = point[k] <= high
     if limits.axis1_distance_min is not None:
         allowed["axis1_distance_min"] = axis1_distance(experiment.robot, placed, point) >= limits.axis1_distance_min
-    if limits.singularity_margin is not None:
-        allowed["singularity_margin"] = singularity_margin(experiment.robot, placed) >= limits.singularity_margin
     if limits.floor is not None:
-        tool = _tool(limits.tool_radius, experiment.load_site.link, experiment.load_site.xyz)
-        allowed["floor"] = above_floor((*experiment.robot.shapes, *tool), placed, limits.floor)
-    if limits.sight is not None:
-        allowed["sight"] = _check_sight(experiment, placed)
-    if limits.collision:
-        allowed["collision"] = ~collider_of(experiment).collides(placed)
+        allowed["floor"] = above_floor((*experiment.robot.shapes, *_tool(experiment)), placed, limits.floor)
+    if len((own := collider_of(experiment)).pairs):
+        allowed["collision"] = ~own.collides(placed)
+    if limits.obstacles:
+        allowed["obstacles"] = ~_around(experiment).collides(placed)
     return allowed
 
 

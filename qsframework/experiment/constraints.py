@@ -11,7 +11,7 @@ from qsframework.experiment.spec import ConstraintsSpec, ExperimentSpec, SightSp
 from qsframework.files import Document
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
-from qsframework.robot import Robot
+from qsframework.robot import Robot, Shape
 from qsframework.units import allowed_names
 
 
@@ -35,7 +35,8 @@ class Constraints:
 
     x_min .. z_max and axis1_distance_min speak of the point `of`;
     flip_margin, N m: torque that must keep the passive joints of every loop pressed on one side;
-    collision, with clearance and a sphere of tool_radius at the load point; floor: its height;
+    collision: whether the arm's solids keep apart, None: where it has some; clearance, m, and a sphere of tool_radius
+    at the load point hold for these, for the floor at its height and for the obstacles, solids of the base;
     singularity_margin: smallest singular value of the Jacobian, translations per length of the arm;
     load_capacity: whether the robot's stated torques are kept;
     joint_margin, rad: distance of turning joints to the controller's limits, None for the usual one;
@@ -53,22 +54,24 @@ class Constraints:
     y_min: float | None = None
     y_max: float | None = None
     z_max: float | None = None
-    collision: bool = False
+    collision: bool | None = None
     clearance: float = 0.0
     tool_radius: float | None = None
     floor: float | None = None
+    obstacles: tuple[Shape, ...] = ()
     sight: Sight | None = None
     singularity_margin: float | None = None
     load_capacity: bool = True
     joint_values: dict[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
 
 
-def make_constraints(spec: ConstraintsSpec) -> Constraints:
-    """The constraints of a file's `constraints:`."""
+def make_constraints(spec: ConstraintsSpec, obstacles: tuple[Shape, ...] = ()) -> Constraints:
+    """The constraints of a file's `constraints:`, with the obstacles that it names."""
     values = {name: getattr(spec, name) for name in type(spec).model_fields}
     limits, stated = spec.joint_limits | values.pop("joint_travel"), spec.joint_values | values.pop("joint_places")
     values["joint_limits"] = {joint: (ends[0], ends[1]) for joint, ends in limits.items()}
     values["joint_values"] = {joint: tuple(own) for joint, own in stated.items()}
+    values["obstacles"] = obstacles
     values["sight"] = None if spec.sight is None else _sight(spec.sight)
     return Constraints(**values)
 
@@ -76,6 +79,15 @@ def make_constraints(spec: ConstraintsSpec) -> Constraints:
 def _sight(spec: SightSpec) -> Sight:
     markers = None if spec.markers is None else tuple(spec.markers)
     return Sight(frozen(spec.station), markers, spec.clearance, spec.incidence_max)
+
+
+def tool_shapes(radius: float | None, link: int, xyz: Array) -> tuple[Shape, ...]:
+    """The sphere (m) at the load point, (3,) m in the frame of a link, that stands for the tool and the load."""
+    if radius is None:
+        return ()
+    placement = np.eye(4)
+    placement[:3, 3] = xyz
+    return (Shape(link, placement, "sphere", (radius,), (0.8, 0.1, 0.1, 1.0), name="tool"),)
 
 
 def constraint_problems(document: Document, spec: ExperimentSpec, robot: Robot) -> list[Problem]:
@@ -98,10 +110,12 @@ def constraint_problems(document: Document, spec: ExperimentSpec, robot: Robot) 
     for slides, stated in ((False, limits.joint_limits), (True, limits.joint_travel)):
         for joint, ends in stated.items():
             problems += _joint_problems(document, robot, joint, ends, slides)
-    if (limits.collision or limits.floor is not None or limits.sight is not None) and not robot.shapes:
-        hint = "Give its links boxes, cylinders or spheres as visuals."
+    own = limits.collision or limits.sight is not None
+    others = limits.floor is not None or bool(limits.obstacles)
+    if not robot.shapes and (own or (others and limits.tool_radius is None)):
+        hint = "Give its links boxes, cylinders, spheres or meshes as visuals."
         line = document.line("constraints")
-        problems.append(Problem("constraints: the robot's URDF has no simple solids to check", file, line, hint=hint))
+        problems.append(Problem("constraints: the robot's URDF has no solids to check", file, line, hint=hint))
     if limits.sight is not None and limits.sight.incidence_max is not None:
         used = spec.markers if limits.sight.markers is None else limits.sight.markers
         if not any(name in spec.markers and spec.markers[name].normal is not None for name in used):

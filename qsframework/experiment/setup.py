@@ -20,6 +20,7 @@ from qsframework.experiment.constraints import (
     make_constraints,
 )
 from qsframework.experiment.frames import Frame
+from qsframework.experiment.obstacles import read_obstacles
 from qsframework.experiment.spec import ExperimentSpec
 from qsframework.files import Document, read_yaml, validate
 from qsframework.plugin import Array, Effect, Parameter, Spring
@@ -224,7 +225,8 @@ def load_experiment(path: str | Path, *, trust: bool | None = None) -> Experimen
     effects, found = read_effects(document, spec.effects, robot.facts, names, trust=trusted(trust))
     effects += _geometry(robot, effects) if GEOMETRY in (spec.fit or ()) else ()
     robot, parameters = _nominal(path, spec, effects, robot, problems, complete=not found)
-    problems += [*found, *constraint_problems(document, spec, robot), *_load_problems(document, spec, robot)]
+    obstacles, wrong = read_obstacles(document, spec.constraints.obstacles, robot)
+    problems += [*found, *constraint_problems(document, spec, robot), *wrong, *_load_problems(document, spec, robot)]
     if problems:
         raise InputError(problems)
     experiment = _with_geometry(
@@ -238,7 +240,7 @@ def load_experiment(path: str | Path, *, trust: bool | None = None) -> Experimen
             effects=effects,
             parameters=parameters,
             fit=None if spec.fit is None else tuple(spec.fit),
-            constraints=make_constraints(spec.constraints),
+            constraints=make_constraints(spec.constraints, obstacles),
             data=tuple(path.parent / name for name in ([spec.data] if isinstance(spec.data, str) else spec.data or ())),
             has_load="load" in spec.model_fields_set,
             rigid=spec.rigid,

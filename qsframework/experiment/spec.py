@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 import pydantic
 
+from qsframework.experiment.obstacles import ObstacleSpec
 from qsframework.files import FileModel, Unit
 
 SHORTEST = 1e-9
@@ -171,10 +172,14 @@ class ConstraintsSpec(FileModel):
     joint_limits: Annotated[dict[str, list[float]], Unit("rad")] = pydantic.Field(default_factory=dict)
     joint_travel: Annotated[dict[str, list[float]], Unit("m", "joint_limits")] = pydantic.Field(default_factory=dict)
     joint_margin: Annotated[float | None, Unit("rad")] = None
-    collision: bool = False
+    collision: bool | None = None
     clearance: Annotated[float, Unit("m")] = 0.0
     tool_radius: Annotated[float | None, Unit("m")] = None
     floor: Annotated[float | None, Unit("m")] = None
+    obstacles: dict[str, ObstacleSpec] | str = pydantic.Field(
+        default_factory=dict[str, ObstacleSpec],
+        examples=["{table: {box_m: [1, 1, 0.8], at_m: [2, 0, 0.4]}}", "cell.yaml"],
+    )
     sight: SightSpec | None = None
     singularity_margin: float | None = None
     load_capacity: bool = True
@@ -194,10 +199,11 @@ class ConstraintsSpec(FileModel):
             low, high = getattr(self, f"{axis}_min"), getattr(self, f"{axis}_max")
             if low is not None and high is not None and low >= high:
                 raise ValueError(f"{axis}_min must be below {axis}_max")
-        if not self.collision and self.clearance > 0:
-            raise ValueError("a clearance needs `collision: true`")
-        if self.tool_radius is not None and not self.collision and self.floor is None:
-            raise ValueError("a tool_radius needs `collision: true` or floor_m")
+        nothing = self.collision is False and not self.obstacles
+        if nothing and self.clearance > 0:
+            raise ValueError("a clearance has no use with `collision: false` and without obstacles")
+        if nothing and self.tool_radius is not None and self.floor is None:
+            raise ValueError("a tool_radius has no use with `collision: false`, without floor_m and obstacles")
         return self
 
 

@@ -77,7 +77,7 @@ class Collider:
 
     def words(self, pair: int, facts: RobotFacts) -> str:
         """A pair in words: two links, or a link and an obstacle."""
-        one, other = (self.shapes[k] for k in self.pairs[pair])
+        one, other = (self.shapes[int(k)] for k in self.pairs[pair].tolist())
         return f"{one.name or facts.links[one.link]} and {other.name or facts.links[other.link]}"
 
     def _judged(self, placed: Frames) -> Iterator[tuple[Indices, Indices]]:

@@ -22,7 +22,7 @@ from qsframework.applications.export_rapid import write_rapid
 from qsframework.applications.export_urscript import write_urscript
 from qsframework.applications.inverse import rigid_tip
 from qsframework.applications.ordering import shortest_path, travel, visits, way_length
-from qsframework.applications.path_check import Surroundings, find_way, stretch, surroundings
+from qsframework.applications.path_check import Surroundings, find_way, stretch
 from qsframework.applications.programme import Move, Programme, make_programme
 from qsframework.cli.main import app
 from qsframework.elastostatics import actuator_torques
@@ -60,7 +60,7 @@ def cell() -> Experiment:
 
 @pytest.fixture(scope="module")
 def around(cell: Experiment) -> Surroundings:
-    return surroundings(cell)
+    return Surroundings(cell)
 
 
 def plan_of(experiment: Experiment, pendant: Array, repeats: list[int] | None = None, force: float = -1000.0) -> Plan:
@@ -407,9 +407,9 @@ def test_wrong_plans(m900ib: Experiment, cell: Experiment, plan: Plan, programme
     ):
         make_programme(m900ib, plan_of(m900ib, good + np.deg2rad([0, 75, 0, 0, 0, 0])))
     down = np.random.default_rng(1).uniform(cell.robot.controller.lower, cell.robot.controller.upper, (300, 6))
-    hit = surroundings(cell).broken(down)
+    hit = Surroundings(cell).broken(down)
     with pytest.raises(InputError, match=r"pose 'p01': breaks 'floor'"):
-        make_programme(cell, plan_of(cell, down[hit["floor"] & ~hit["self collision"]][:1]))
+        make_programme(cell, plan_of(cell, down[hit["floor"] & ~hit["collision"]][:1]))
     with pytest.raises(InputError, match=r"fanuc-ls is for controllers by FANUC; found KUKA KR500. Use krl"):
         export(replace(programme, title="KUKA KR500"), "fanuc-ls", tmp_path / "x.ls")
     with pytest.raises(InputError, match="unknown format 'karel'"):
@@ -539,7 +539,7 @@ def test_poses_in_between_keep_narrower_limits_and_the_distance_from_axis_1(cell
     q = far.robot.controller.to_joints(plan.pendant)
     centre = joint_frames(far.robot.facts, q).positions[far.robot.facts.n - 1]
     near = np.hypot(centre[0], centre[1]) < 0.9
-    assert np.array_equal(surroundings(far).broken(plan.pendant)["axis1_distance_min"], near)
+    assert np.array_equal(Surroundings(far).broken(plan.pendant)["axis1_distance_min"], near)
 
 
 def test_where_the_tracker_loses_a_marker(m900ib: Experiment) -> None:
@@ -575,7 +575,7 @@ def test_another_maker_is_refused_before_the_way_is_sought(
     m900ib: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_plan(tmp_path / "plan.csv", plan_of(m900ib, GOOD), m900ib)
-    monkeypatch.setattr(programme_module, "surroundings", lambda experiment: pytest.fail("work before the refusal"))
+    monkeypatch.setattr(programme_module, "Surroundings", lambda experiment: pytest.fail("work before the refusal"))
     for to, ending, words in (
         ("krl", ".src", "krl is for controllers by KUKA"),
         ("fanuc-ls", ".ls", "the tool of the controller"),

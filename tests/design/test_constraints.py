@@ -299,8 +299,8 @@ def test_all_keys_arrive(tmp_path: Path) -> None:
     ("text", "words"),
     [
         ("{x_min_m: 2, x_max_m: 1}", "x_min must be below x_max"),
-        ("{clearance_mm: 5}", "a clearance needs `collision: true`"),
-        ("{tool_radius_mm: 5}", "a tool_radius needs"),
+        ("{collision: false, clearance_mm: 5}", "a clearance has no use with `collision: false`"),
+        ("{collision: false, tool_radius_mm: 5}", "a tool_radius has no use"),
         ("{collision: true, clearance_mm: -5}", "is not negative"),
         ("{singularity_margin: -1}", "is not negative"),
         ("{sight: {station_m: [1, 2]}}", "station needs three numbers"),
