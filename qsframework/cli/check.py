@@ -16,6 +16,7 @@ from qsframework.experiment import (
     read_readings,
 )
 from qsframework.robot import Robot, load_robot, robot_names
+from qsframework.robot.findings import robot_findings
 from qsframework.robot.statics import WEIGHTLESS
 
 Line = tuple[bool | None, str, str]
@@ -69,20 +70,22 @@ def _check(file: Path) -> Checked:
     if named or str(file) in robot_names() or file.name == "robot.yaml" or file.is_dir():
         robot = load_robot(file)
         words = f"robot {robot.name}, {robot.facts.n} joints, {len(robot.parameters)} parameters"
-        return Checked(file, words, robot, lines=_weightless(robot))
+        return Checked(file, words, robot, lines=_of_robot(robot))
     experiment = load_experiment(file)
     words = f"experiment with {experiment.robot.name}, {len(experiment.markers)} markers"
-    weightless = _weightless(experiment.robot)
+    own = _of_robot(experiment.robot)
     if not experiment.data:
-        return Checked(file, words, experiment.robot, experiment, lines=weightless)
+        return Checked(file, words, experiment.robot, experiment, lines=own)
     readings = read_readings(experiment.data, experiment, "positions")
     words += f", {len(readings)} readings at {len(set(readings.pose))} poses"
-    lines = (*weightless, *_lines(experiment, readings))
+    lines = (*own, *_lines(experiment, readings))
     return Checked(file, words, experiment.robot, experiment, readings, lines)
 
 
-def _weightless(robot: Robot) -> tuple[Line, ...]:
-    return () if robot.facts.masses.any() else ((False, "masses", WEIGHTLESS),)
+def _of_robot(robot: Robot) -> tuple[Line, ...]:
+    """What deserves a look in the robot's own files."""
+    weightless: tuple[Line, ...] = () if robot.facts.masses.any() else ((False, "masses", WEIGHTLESS),)
+    return (*weightless, *((False, found.kind, found.words) for found in robot_findings(robot)))
 
 
 def _lines(experiment: Experiment, readings: Readings) -> list[Line]:

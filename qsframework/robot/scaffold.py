@@ -12,11 +12,13 @@ from qsframework.errors import InputError
 from qsframework.robot.checks import check_chain, check_structure
 from qsframework.robot.model import plain_urdf
 from qsframework.robot.packages import Sources
-from qsframework.robot.scaffold_chain import choose_chain, has_elbow
+from qsframework.robot.scaffold_balancer import Balancer, find_balancer
+from qsframework.robot.scaffold_chain import Build, build_of, choose_chain
 from qsframework.robot.scaffold_joints import ChainJoint, Column, columns, slides, told_joints, used_limits
 from qsframework.robot.scaffold_masses import mass_of, with_bodies, with_masses
 from qsframework.robot.scaffold_meshes import with_meshes
-from qsframework.robot.scaffold_text import ControllerRow, nominal_text, readme_text, robot_text
+from qsframework.robot.scaffold_reach import reach_words
+from qsframework.robot.scaffold_text import ControllerRow, loops_text, nominal_text, readme_text, robot_text
 from qsframework.robot.urdf import Joint, Link, MeshVisual, Mimic, Urdf, Visual, read_urdf
 from qsframework.robot.xml_tree import quoted
 from qsframework.units import SLIDES, TURNS
@@ -83,9 +85,11 @@ def propose(
     arm, meshes, unread = with_meshes(arm, sources)
     moving = [joint for joint in every if joint.mimic is None]
     stiffness = [s for s in _stiffness(arm, every, payload) if s.joint not in following]
-    elbow = has_elbow(moving, chain)
+    build, senses = build_of(moving, chain)
+    balancer = find_balancer(source, base, chain)
     notes = (
-        *_checklist(every, payload, elbow),
+        *_checklist(moving, payload, build, senses, balancer),
+        *_size(chain, following),
         *_told_following(following, led),
         *_found(arm, every, moving, guessed, impossible),
         *unread,
@@ -94,7 +98,16 @@ def propose(
     )
     files = {
         f"{name}.urdf": _urdf_text(arm, name, base, bool(guessed)),
-        "robot.yaml": robot_text(name, source.path.name, base, flange, _rows(moving, led), payload, following, elbow),
+        "robot.yaml": robot_text(
+            name,
+            source.path.name,
+            base,
+            flange,
+            _rows(moving, led),
+            payload,
+            following,
+            loops_text(build, senses, moving, balancer),
+        ),
         "nominal.yaml": nominal_text([(s.joint, s.slides, s.value, s.why) for s in stiffness]),
         "README.md": readme_text(name, source.path.name, guessed, stiffness[-1].why, notes),
         **meshes,
@@ -189,23 +202,50 @@ def _rows(moving: list[Joint], led: Sequence[Column]) -> list[ControllerRow]:
     return rows
 
 
-def _checklist(moving: list[Joint], payload: float | None, elbow: bool) -> tuple[str, ...]:
-    """What a URDF cannot tell."""
-    span = sum(float(np.linalg.norm(j.origin.xyz)) for j in moving[1:])
-    torques = "torque_limit_Nm per joint where the maker states them"
-    of_elbows = (
-        "controller: does the pendant show J3 as the relative angle, or as the forearm's elevation (FANUC, "
-        "ABB with a parallelogram)? Then write equals: J3 + J2 or J3 - J2",
-        "loops: a parallelogram or other coupling bar? Lever length and margin: see the comment in robot.yaml",
-        "springs: a balancer or counterweight? Pivots and spring: see the comment in robot.yaml",
-    )
+def _third_angle(moving: list[Joint], senses: tuple[float, ...]) -> str:
+    """How to tell what the pendant shows of the elbow, and what to write where it is the elevation."""
+    second, third = [k for k, joint in enumerate(moving, start=1) if not slides(joint)][1:3]
+    sign, alike = ("-", "alike") if senses[1] > 0.0 else ("+", "in opposite ways")
     return (
-        *(of_elbows if elbow else ()),
+        f"controller: turn J{second} alone by 20 deg. Where the forearm turns along, the pendant's J{third} is "
+        "relative and nothing is to do. Where it keeps its attitude (FANUC, ABB with a parallelogram), "
+        f"J{third} is its elevation: write equals: J{third} {sign} J{second} for {moving[third - 1].name}, "
+        f"whose axis and that of {moving[second - 1].name} point {alike} in the URDF"
+    )
+
+
+def _checklist(
+    moving: list[Joint],
+    payload: float | None,
+    build: Build,
+    senses: tuple[float, ...],
+    balancer: Balancer | None,
+) -> tuple[str, ...]:
+    """What a URDF cannot tell."""
+    torques = "torque_limit_Nm per joint where the maker states them"
+    springs = "springs: a balancer or counterweight? Pivots and spring: see the comment in robot.yaml"
+    if balancer is not None:
+        ends = " and ".join(balancer.drawn)
+        springs = f"springs: {ends} are the pivots of a balancer; its stiffness and free length are not in the URDF: "
+        springs += "add point_spring[..].stiffness and .free_length to nominal.yaml (qsf check names them)"
+    loops = "loops: a parallelogram or other coupling bar? Lever length and margin: see the comment in robot.yaml"
+    if build is Build.PALLETIZER:
+        level = [joint.name for joint in moving if not slides(joint)][3]
+        loops = f"loops: a palletizer has no motor at {level}: bars keep its head level, and most have one more loop "
+        loops += "that drives the elbow from the turret; see the two comments in robot.yaml"
+    return (
+        *((_third_angle(moving, senses), loops) if build is not Build.OTHER else ()),
+        *((springs,) if build is not Build.OTHER or balancer is not None else ()),
         "limits: a maker's limits hold for what the pendant shows; compare them with the manual",
-        f"size: from the first axis to the last the joints are {span:.3g} m apart in all; does the manual agree?",
         "compliances: all are assumed; replace them where the maker or a paper states some",
         f"payload: add payload_kg, and {torques}" if payload is None else f"payload: add {torques}",
     )
+
+
+def _size(chain: list[Joint], following: dict[str, Mimic]) -> tuple[str, ...]:
+    """How large the arm is, to compare with the manual."""
+    far = reach_words(chain, {joint: mimic for joint, mimic in following.items() if joint in _names(chain)})
+    return () if far is None else (f"size: within these limits {far}; does the manual's reach agree?",)
 
 
 def _found(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from enum import StrEnum
 
 import numpy as np
 
@@ -186,24 +187,40 @@ def _offered(urdf: Urdf, base: str, ends: list[Joint]) -> str:
     return ", ".join(listed[:_OFFERED]) + more
 
 
-def has_elbow(moving: list[Joint], chain: list[Joint]) -> bool:
-    """Whether it is built as the heavy arms are: a turret, two parallel axes across it, then a wrist of other axes.
+class Build(StrEnum):
+    """How an arm is built, as far as that says which loops and balancers it can have."""
 
-    Only such an arm can have a parallelogram or a balancer at link 2, or a pendant that shows the forearm's elevation;
-    an arm with a third parallel axis, or with more than six motors, has none.
+    ELBOW = "elbow"
+    PALLETIZER = "palletizer"
+    OTHER = "other"
+
+
+def build_of(moving: list[Joint], chain: list[Joint]) -> tuple[Build, tuple[float, ...]]:
+    """The build of an arm, and with it the senses (+1 or -1) of its parallel axes against the second.
+
+    A turret, two parallel axes across it, then a wrist of other axes: so are the heavy arms, which alone can have a
+    parallelogram or a balancer at link 2, or a pendant that shows the forearm's elevation. A third parallel axis and
+    then one along the turret's: so are palletizers, whose head no motor keeps level. Other arms with three parallel
+    axes, or with more than six motors, have none of these.
     moving: the joints with a motor
     """
     turning = [joint for joint in moving if _turns(joint)]
     if not 3 <= len(turning) <= 6:
-        return False
+        return Build.OTHER, ()
     turn, axes = np.eye(3), dict[str, Array]()
     for joint in chain:
         turn = turn @ joint.origin.matrix()[:3, :3]
         if joint.moves:
             axes[joint.name] = turn @ (joint.axis / np.linalg.norm(joint.axis))
     first, second, third, *rest = (axes[joint.name] for joint in turning)
-    across = bool(abs(first @ second) < _ASKEW and abs(second @ third) > 1.0 - _ASKEW)
-    return across and not any(abs(third @ axis) > 1.0 - _ASKEW for axis in rest[:1])
+    senses = [float(np.sign(second @ axis)) for axis in (second, third, *rest[:1])]
+    along = [abs(second @ axis) > 1.0 - _ASKEW for axis in (third, *rest[:1])]
+    if abs(first @ second) >= _ASKEW or not along[0]:
+        return Build.OTHER, ()
+    if not any(along[1:]):
+        return Build.ELBOW, tuple(senses[:2])
+    level = len(turning) == 5 and abs(first @ rest[1]) > 1.0 - _ASKEW
+    return (Build.PALLETIZER, tuple(senses)) if level else (Build.OTHER, ())
 
 
 def _check_kinds(chain: list[Joint]) -> None:

@@ -7,20 +7,40 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
-from qsframework.robot.urdf import Mimic
+from qsframework.robot.scaffold_balancer import Balancer
+from qsframework.robot.scaffold_chain import Build
+from qsframework.robot.urdf import Joint, Mimic
 
 ControllerRow = tuple[str, str, float, float, str]
 """Of `controller:`: joint, unit, lowest and highest value, and its `equals` ("" for none)."""
 _WORDS = ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
 """That YAML does not read as text."""
-_LOOPS = """  # A parallelogram? Then the driven joint follows the driver; lever_m: axis 3 to the bar's pivot; zero_deg:
-  # the angle from link 2 to the lever at zero joint angles:
+_PARALLELOGRAM = """  # A parallelogram? Then the driven joint follows the driver; lever_m: axis 3 to the bar's pivot;
+  # zero_deg: the angle from link 2 to the lever at zero joint angles, about the driver's axis:
   # - {{effect: parallelogram, driver: {second}, driven: {third}, lever_m: 0.5, zero_deg: -90, margin_deg: 15}}
-  # A balancer with its pivots across from the joint, or between any two points:
+"""
+_BALANCER = """  # A balancer with its pivots across from the joint, or between any two points:
   # - {{effect: gravity_compensator, joint: {second}, lc_m: 0.25, l2_m: 1.0}}
   # - {{effect: point_spring, first: LINK, first_x_m: -0.7, first_y_m: 0, first_z_m: -0.1,
   #    second: LINK, second_x_m: -0.2, second_y_m: 0, second_z_m: 0}}
 """
+_LEVEL = """  # A palletizer's head that bars keep level? Then {level} has no motor: leave it out of controller above
+  # and its joint_compliance out of nominal.yaml, and take
+  # - {{effect: coupling, joint: {level}, follows: {{{second}: {by_second:g}, {third}: {by_third:g}}}}}
+"""
+
+
+def loops_text(build: Build, senses: Sequence[float], moving: Sequence[Joint], balancer: Balancer | None) -> str:
+    """The lines of `effects:` on loops and balancers: a balancer that the URDF draws, the others as comments."""
+    out = "" if balancer is None else f"  - {balancer.text()}\n"
+    if build is Build.OTHER:
+        return out
+    second, third, *rest = (_key(j.name) for j in [j for j in moving if j.kind != "prismatic"][1:])
+    out += _PARALLELOGRAM.format(second=second, third=third)
+    if build is Build.PALLETIZER:
+        by_second, by_third = -senses[2] * senses[0], -senses[2] * senses[1]
+        out += _LEVEL.format(level=rest[0], second=second, third=third, by_second=by_second, by_third=by_third)
+    return out + (_BALANCER.format(second=second) if balancer is None else "")
 
 
 def robot_text(
@@ -31,10 +51,9 @@ def robot_text(
     controller: Sequence[ControllerRow],
     payload: float | None = None,
     following: Mapping[str, Mimic] | None = None,
-    elbow: bool = False,
+    loops: str = "",
 ) -> str:
-    """robot.yaml. following: the joints without an actuator; elbow: whether the arm may have loops and balancers"""
-    joints = [joint for joint, unit, *_ in controller if unit == "deg"]
+    """robot.yaml. following: the joints without an actuator; loops: lines on loops and balancers"""
     rows = "".join(
         f"  {json.dumps(j)}: {{limits_{unit}: [{lo:g}, {hi:g}]{f', equals: {shown}' if shown else ''}}}\n"
         for j, unit, lo, hi, shown in controller
@@ -45,7 +64,7 @@ def robot_text(
         f"controller:                       # limits of {source}; assumed: the pendant shows the URDF's angles\n{rows}"
         "effects:\n  - {effect: joint_compliance, joints: all}\n"
         + "".join(f"  - {coupling_text(joint, mimic)}\n" for joint, mimic in (following or {}).items())
-        + (_LOOPS.format(second=joints[1], third=joints[2]) if elbow else "")
+        + loops
         + "nominal: nominal.yaml\n"
         + ("# payload_kg: 100\n" if payload is None else f"payload_kg: {payload:g}\n")
     )

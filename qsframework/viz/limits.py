@@ -1,4 +1,4 @@
-"""What a planned pose must keep: the floor, the cylinder about axis 1, the box, the tracker's station."""
+"""What a planned pose must keep: the floor, obstacles, the cylinder about axis 1, the box, the tracker's station."""
 
 from __future__ import annotations
 
@@ -6,13 +6,32 @@ import numpy as np
 
 from qsframework.experiment import Experiment
 from qsframework.plugin import Array
-from qsframework.viz.robot_shapes import reach
+from qsframework.viz.robot_shapes import draw_solid, reach
 from qsframework.viz.scene import Colour, Scene, placed_at
 
 _FORBIDDEN: Colour = (0.85, 0.35, 0.2, 0.12)
 _WALL: Colour = (0.2, 0.45, 0.75, 0.07)
 _STATION: Colour = (0.1, 0.6, 0.25, 1.0)
+_FENCE: Colour = (0.55, 0.45, 0.25, 0.25)
 _SHEET = 0.004
+
+
+def draw_obstacles(scene: Scene, path: str, experiment: Experiment) -> None:
+    """What stands around the arm; a plane as a sheet of the arm's size."""
+    size = 1.2 * reach(experiment.robot.facts)
+    for k, shape in enumerate(experiment.constraints.obstacles):
+        where = f"{path}/{k}"
+        if shape.kind == "plane":
+            middle = shape.placement.copy()
+            normal, point = middle[:3, 2], middle[:3, 3]
+            middle[:3, 3] = (normal @ point) * normal  # as near to the base as the plane comes
+            middle[2, 3] += 0.5 * size * float(abs(normal[2]) < 0.5)
+            scene.box(where, (2.0 * size, 2.0 * size, _SHEET), middle, _FENCE)
+        else:
+            draw_solid(scene, where, shape, shape.rgba)
+    names = [shape.name for shape in experiment.constraints.obstacles]
+    if names:
+        scene.notes.append(f"Brown: what stands around the arm: {', '.join(names)}.")
 
 
 def draw_limits(scene: Scene, path: str, experiment: Experiment) -> None:

@@ -6,14 +6,17 @@ import numpy as np
 
 from qsframework.plugin import Array, Loop, ParallelSpring, RobotFacts
 from qsframework.plugin.loops import follow
-from qsframework.robot import Robot
+from qsframework.robot import Robot, Shape
 from qsframework.robot.kinematics import Frames
+from qsframework.robot.mesh import coarser
 from qsframework.viz.meshes import Meshes, draw_meshes
 from qsframework.viz.scene import Colour, Scene, placed_at
 
 _BAR: Colour = (0.25, 0.3, 0.38, 1.0)
 _SPRING: Colour = (0.1, 0.45, 0.5, 1.0)
 _BONE: Colour = (0.55, 0.57, 0.6, 1.0)
+_DRAWN = 3000
+"""Most triangles of a mesh."""
 _THIN = 0.018
 """Radius, as a part of the arm's reach, of bars, springs, and of the bones of an arm without solids."""
 
@@ -53,19 +56,26 @@ def draw_robot(
             continue
         colour = (*(tint or shape.rgba)[:3], shape.rgba[3] * opacity)
         where = f"{path}/link_{shape.link}/shape_{k}"
-        if shape.hull is not None:
-            scene.mesh(where, shape.hull.corners, shape.hull.faces, shape.placement, colour)
-        elif shape.kind == "box":
-            scene.box(where, shape.size, shape.placement, colour)
-        elif shape.kind == "cylinder":
-            scene.cylinder(where, shape.size[0], shape.size[1], shape.placement, colour)
-        else:
-            scene.sphere(where, shape.size[0], shape.placement, colour)
+        draw_solid(scene, where, shape, colour)
     if meshes is not None:
         draw_meshes(scene, path, meshes, opacity, tint, without)
     draw_bones(scene, path, robot, opacity, tint, frozenset() if meshes is None else meshes.links)
     draw_loops(scene, path, robot, links, q, opacity, tint)
     draw_balancers(scene, path, robot, links, opacity, tint)
+
+
+def draw_solid(scene: Scene, where: str, shape: Shape, colour: Colour) -> None:
+    """A solid of a link; of a mesh the mesh itself, where it is not convex."""
+    if shape.surface is not None:
+        scene.mesh(where, *coarser(shape.surface.vertices, shape.surface.faces, _DRAWN), shape.placement, colour)
+    elif shape.hull is not None:
+        scene.mesh(where, shape.hull.corners, shape.hull.faces, shape.placement, colour)
+    elif shape.kind == "box":
+        scene.box(where, shape.size, shape.placement, colour)
+    elif shape.kind == "cylinder":
+        scene.cylinder(where, shape.size[0], shape.size[1], shape.placement, colour)
+    else:
+        scene.sphere(where, shape.size[0], shape.placement, colour)
 
 
 def draw_bones(

@@ -15,7 +15,7 @@ from qsframework.viz.deflection import Deflection, deflection, rigid
 from qsframework.viz.ellipsoids import draw_ellipsoid, half_axes
 from qsframework.viz.ghosts import MOST, draw_ghost, draw_way
 from qsframework.viz.glow import Shares, draw_shares, shares, spots
-from qsframework.viz.limits import draw_limits, draw_sight
+from qsframework.viz.limits import draw_limits, draw_obstacles, draw_sight
 from qsframework.viz.meshes import Meshes
 from qsframework.viz.residual_arrows import draw_residuals
 from qsframework.viz.robot_shapes import draw_robot, link_frames, reach
@@ -65,6 +65,9 @@ def show_scene(
     drawing.order()
     draw_limits(scene, "limits", experiment)
     scene.layer("limits", "limits", shown=False)
+    if experiment.constraints.obstacles:
+        draw_obstacles(scene, "obstacles", experiment)
+        scene.layer("obstacles", "obstacles")
     if missed is not None:
         drawing.residuals(missed)
     scene.first = 1

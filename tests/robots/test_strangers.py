@@ -279,7 +279,7 @@ def test_a_payload_from_the_manual_sizes_the_springs(tmp_path: Path) -> None:
 def test_the_checklist_says_what_looks_odd(tmp_path: Path) -> None:
     notes = propose("arm", file_of(tmp_path, ARM)).checklist
     assert "masses: all that moves weighs 64 kg in the URDF; can that be, by the manual?" in notes
-    assert any(n.startswith("size: from the first axis to the last the joints are 2 m apart") for n in notes)
+    assert any(n.startswith("size: within these limits the flange comes ") for n in notes)
     (solids,) = (n for n in notes if n.startswith("solids: "))
     assert "no box, cylinder, sphere or mesh of turret, upper, fore, roll, bend, hand in the URDF" in solids
     box = ARM.replace('<mesh filename="package://gone/fore.stl"/>', '<box size="0.3 0.1 0.1"/>')
