@@ -36,6 +36,7 @@ MODELS: dict[str, type[FileModel | FileRecord]] = {
     "experiment.yaml, load_uncertainty": e.LoadUncertaintySpec,
     "experiment.yaml, loads": e.LoadCaseSpec,
     "experiment.yaml, constraints": e.ConstraintsSpec,
+    "experiment.yaml, constraints, obstacles": e.ObstacleSpec,
     "experiment.yaml, constraints, sight": e.SightSpec,
     "task.yaml": TaskSpec,
     "task.yaml, path": PointSpec,

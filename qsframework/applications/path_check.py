@@ -35,7 +35,7 @@ class Surroundings:
         """For each thing to keep, which of N pendant poses break it."""
         return {name: ~kept for name, kept in check_way(self.experiment, self.experiment.model(), pendant).items()}
 
-    def words(self, pendant: Array) -> tuple[tuple[str, ...], ...]:
+    def named(self, pendant: Array) -> tuple[tuple[str, ...], ...]:
         """Of each of N pendant poses what it breaks: 'floor', 'collision' (link_2 and link_5)."""
         broken, solid = self.broken(pendant), touching(self.experiment, pendant)
         return tuple(
@@ -73,7 +73,7 @@ class Surroundings:
 
     def in_the_way(self, first: Array, second: Array) -> str:
         """What the joint motion from one pose to another breaks."""
-        return ", ".join(dict.fromkeys(word for words in self.words(stretch(first, second)) for word in words))
+        return ", ".join(dict.fromkeys(word for words in self.named(stretch(first, second)) for word in words))
 
 
 def stretch(first: Array, second: Array) -> Array:

@@ -198,7 +198,7 @@ def _check_poses(around: Surroundings, plan: Plan, home: Array | None, file: str
     names = [*(f"pose {p!r}" for p in plan.pose), "home"]
     problems = [
         Problem(f"{names[i]}: breaks {', '.join(said)}", file or None, hint=_MEND)
-        for i, said in enumerate(around.words(pendant))
+        for i, said in enumerate(around.named(pendant))
         if said
     ]
     if problems:

@@ -85,7 +85,7 @@ def _check(file: Path) -> Checked:
 def _of_robot(robot: Robot) -> tuple[Line, ...]:
     """What deserves a look in the robot's own files."""
     weightless: tuple[Line, ...] = () if robot.facts.masses.any() else ((False, "masses", WEIGHTLESS),)
-    return (*weightless, *((False, found.kind, found.words) for found in robot_findings(robot)))
+    return (*weightless, *((False, found.name, found.words) for found in robot_findings(robot)))
 
 
 def _lines(experiment: Experiment, readings: Readings) -> list[Line]:

@@ -11,7 +11,8 @@ from qsframework.experiment.spec import ConstraintsSpec, ExperimentSpec, SightSp
 from qsframework.files import Document
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
-from qsframework.robot import Robot, Shape
+from qsframework.robot import Robot
+from qsframework.robot.robot import NamedShape
 from qsframework.units import allowed_names
 
 
@@ -58,14 +59,14 @@ class Constraints:
     clearance: float = 0.0
     tool_radius: float | None = None
     floor: float | None = None
-    obstacles: tuple[Shape, ...] = ()
+    obstacles: tuple[NamedShape, ...] = ()
     sight: Sight | None = None
     singularity_margin: float | None = None
     load_capacity: bool = True
     joint_values: dict[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
 
 
-def make_constraints(spec: ConstraintsSpec, obstacles: tuple[Shape, ...] = ()) -> Constraints:
+def make_constraints(spec: ConstraintsSpec, obstacles: tuple[NamedShape, ...] = ()) -> Constraints:
     """The constraints of a file's `constraints:`, with the obstacles that it names."""
     values = {name: getattr(spec, name) for name in type(spec).model_fields}
     limits, stated = spec.joint_limits | values.pop("joint_travel"), spec.joint_values | values.pop("joint_places")
@@ -81,13 +82,13 @@ def _sight(spec: SightSpec) -> Sight:
     return Sight(frozen(spec.station), markers, spec.clearance, spec.incidence_max)
 
 
-def tool_shapes(radius: float | None, link: int, xyz: Array) -> tuple[Shape, ...]:
+def tool_shapes(radius: float | None, link: int, xyz: Array) -> tuple[NamedShape, ...]:
     """The sphere (m) at the load point, (3,) m in the frame of a link, that stands for the tool and the load."""
     if radius is None:
         return ()
     placement = np.eye(4)
     placement[:3, 3] = xyz
-    return (Shape(link, placement, "sphere", (radius,), (0.8, 0.1, 0.1, 1.0), name="tool"),)
+    return (NamedShape(link, placement, "sphere", (radius,), (0.8, 0.1, 0.1, 1.0), name="tool"),)
 
 
 def constraint_problems(document: Document, spec: ExperimentSpec, robot: Robot) -> list[Problem]:

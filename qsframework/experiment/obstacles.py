@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import pydantic
@@ -15,11 +15,12 @@ from qsframework.errors import InputError, Problem, ProblemPlace
 from qsframework.files import Document, FileModel, Unit, read_yaml, validate
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
-from qsframework.robot import Robot, Shape
+from qsframework.robot import Robot
 from qsframework.robot.collision import obstacle_collider
 from qsframework.robot.kinematics import joint_frames
-from qsframework.robot.mesh import mesh_of, solid_of
+from qsframework.robot.mesh import Hull, mesh_of, solid_of
 from qsframework.robot.packages import inside
+from qsframework.robot.robot import NamedShape
 from qsframework.robot.urdf import Origin
 
 _COLOUR = (0.55, 0.45, 0.25, 0.55)
@@ -65,7 +66,7 @@ class CellSpec(FileModel):
 
 def read_obstacles(
     document: Document, given: Mapping[str, ObstacleSpec] | str, robot: Robot
-) -> tuple[tuple[Shape, ...], list[Problem]]:
+) -> tuple[tuple[NamedShape, ...], list[Problem]]:
     """The obstacles of an experiment or of the file that it names beside itself, and what is wrong with them."""
     keys: tuple[str, ...] = ("constraints", "obstacles")
     if isinstance(given, str):
@@ -73,7 +74,7 @@ def read_obstacles(
             document, given, keys = _file(document, given)
         except InputError as error:
             return (), list(error.problems)
-    shapes: list[Shape] = []
+    shapes: list[NamedShape] = []
     problems: list[Problem] = []
     for name, spec in given.items():
         place: ProblemPlace = {"file": str(document.path), "line": document.line(*keys, name)}
@@ -96,27 +97,27 @@ def _file(document: Document, name: str) -> tuple[Document, Mapping[str, Obstacl
     return other, validate(other, CellSpec).obstacles, ("obstacles",)
 
 
-def _shape(name: str, spec: ObstacleSpec, folder: Path) -> Shape:
+def _shape(name: str, spec: ObstacleSpec, folder: Path) -> NamedShape:
     """An obstacle as a solid of the base."""
     placement = Origin(np.array(spec.at), np.array(spec.turned)).matrix()
     if spec.plane is not None:
         placement[:3, :3] = placement[:3, :3] @ _facing(np.array(spec.plane))
-        return Shape(0, frozen(placement), "plane", (), _COLOUR, name=name)
+        return NamedShape(0, frozen(placement), "plane", (), _COLOUR, name=name)
     if spec.mesh is not None:
         path = folder / spec.mesh
         if len(spec.mesh) > 200 or not inside(path, folder) or not path.is_file():
             hint = "Put the file beside the one that names it."
             raise InputError(Problem(f"there is no mesh {spec.mesh[:80]!r} in its folder", hint=hint))
-        hull, surface = _solid(path, path.stat().st_mtime_ns, spec.scale)
-        return Shape(0, frozen(placement), "hull", (), _COLOUR, hull=hull, surface=surface, name=name)
+        hull = _solid(path, path.stat().st_mtime_ns, spec.scale)
+        return NamedShape(0, frozen(placement), "hull", (), _COLOUR, hull, name=name)
     if spec.box is not None:
-        return Shape(0, frozen(placement), "box", tuple(spec.box), _COLOUR, name=name)
-    return Shape(0, frozen(placement), "cylinder", tuple(spec.cylinder or ()), _COLOUR, name=name)
+        return NamedShape(0, frozen(placement), "box", tuple(spec.box), _COLOUR, name=name)
+    return NamedShape(0, frozen(placement), "cylinder", tuple(spec.cylinder or ()), _COLOUR, name=name)
 
 
 @lru_cache(maxsize=32)
-def _solid(path: Path, changed: int, scale: float) -> Any:
-    """The hull of a mesh and its surface. changed: when, so that a new file is read anew."""
+def _solid(path: Path, changed: int, scale: float) -> Hull:
+    """The hull of a mesh, with its surface. changed: when, so that a new file is read anew."""
     vertices, faces = mesh_of(path)
     return solid_of(scale * vertices, faces)
 
@@ -129,7 +130,7 @@ def _facing(normal: Array) -> Array:
     return np.stack([x, np.cross(z, x), z], axis=1)
 
 
-def _enclosing(robot: Robot, obstacle: Shape) -> list[Problem]:
+def _enclosing(robot: Robot, obstacle: NamedShape) -> list[Problem]:
     """A problem where the arm touches an obstacle wherever it stands."""
     collider = obstacle_collider(robot, (obstacle,))
     if not len(collider.pairs):

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from qsframework.plugin.facts import Array, Indices, RobotFacts
 from qsframework.robot.kinematics import Frames, joint_frames
 from qsframework.robot.mesh import Hull
-from qsframework.robot.robot import Robot, Shape
+from qsframework.robot.robot import NamedShape, Robot, Shape
 
 Flags = npt.NDArray[np.bool_]
 _PAIRS = 200_000
@@ -72,13 +72,14 @@ class Collider:
     def named(self, placed: Frames, facts: RobotFacts) -> tuple[str, ...]:
         """Of each of N poses the pairs that are closer than the clearance, such as `link_2 and link_5`; "" for none."""
         touching = self.matrix(placed)
-        names = [self.words(k, facts) for k in range(len(self.pairs))]
+        names = [self.pair(k, facts) for k in range(len(self.pairs))]
         return tuple(", ".join(dict.fromkeys(names[k] for k in np.flatnonzero(column))) for column in touching.T)
 
-    def words(self, pair: int, facts: RobotFacts) -> str:
+    def pair(self, pair: int, facts: RobotFacts) -> str:
         """A pair in words: two links, or a link and an obstacle."""
         one, other = (self.shapes[int(k)] for k in self.pairs[pair].tolist())
-        return f"{one.name or facts.links[one.link]} and {other.name or facts.links[other.link]}"
+        first, second = (s.name if isinstance(s, NamedShape) else facts.links[s.link] for s in (one, other))
+        return f"{first} and {second}"
 
     def _judged(self, placed: Frames) -> Iterator[tuple[Indices, Indices]]:
         """Rows (pair, pose) that surely touch, and those in doubt, block by block."""

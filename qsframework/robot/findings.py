@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,25 +10,18 @@ from qsframework.plugin import Array, Loop, ParallelSpring
 from qsframework.robot.kinematics import Frames, joint_frames
 from qsframework.robot.robot import Robot
 from qsframework.robot.sight import depth
+from qsframework.robot.statics import GravityCheck
 
 _BESIDE = 0.45
 """Of a lever's length: how far its pivot may stand outside what is drawn of its link; the shipped arms' do to 0.28."""
 
 
-@dataclass(frozen=True)
-class RobotFinding:
-    """What it is about, and what was found."""
-
-    kind: str
-    words: str
-
-
-def robot_findings(robot: Robot) -> tuple[RobotFinding, ...]:
+def robot_findings(robot: Robot) -> tuple[GravityCheck, ...]:
     """All that is found; none of a robot whose files agree with one another."""
     return (*_balancers(robot), *_loops(robot))
 
 
-def _balancers(robot: Robot) -> Iterator[RobotFinding]:
+def _balancers(robot: Robot) -> Iterator[GravityCheck]:
     """Springs between two pivots, of which nothing says how strong they pull: each pair of pivots is one balancer."""
     known = {p.name: p for p in robot.parameters}
     springs = [e for e in robot.effects if isinstance(e, ParallelSpring)]
@@ -46,10 +38,10 @@ def _balancers(robot: Robot) -> Iterator[RobotFinding]:
             others = [p.name for p in own[0] if p not in empty[0] and not p.source]
             more = f"; {', '.join(others)} stand at assumed values" if others else ""
             text = f"a balancer without values holds nothing: nominal.yaml lacks {lacking}{more}"
-            yield RobotFinding(balancer[0].name, text)
+            yield GravityCheck(balancer[0].name, False, text)
 
 
-def _loops(robot: Robot) -> Iterator[RobotFinding]:
+def _loops(robot: Robot) -> Iterator[GravityCheck]:
     """Loops that are flat where the pendant shows zero, or whose pivot stands far from the link that carries it."""
     zero = robot.controller.to_joints(np.zeros((1, robot.controller.axes)))
     reachable = not robot.controller.outside(np.zeros((1, robot.controller.axes))).any()
@@ -64,12 +56,12 @@ def _loops(robot: Robot) -> Iterator[RobotFinding]:
             text = (
                 f"at the pendant's zero its bars stand {np.rad2deg(angle):.0f} deg from flat, less than its margin of "
             )
-            yield RobotFinding(loop.name, f"{text}{np.rad2deg(least):.0f} deg: look at zero_deg")
+            yield GravityCheck(loop.name, False, f"{text}{np.rad2deg(least):.0f} deg: look at zero_deg")
             continue
         yield from _beside(robot, loop, joints)
 
 
-def _beside(robot: Robot, loop: Loop, joints: list[int]) -> Iterator[RobotFinding]:
+def _beside(robot: Robot, loop: Loop, joints: list[int]) -> Iterator[GravityCheck]:
     """The loop's farther pivot against the solids of the link that it turns, at zero joint angles."""
     ends = loop.outline(np.zeros((1, len(loop.joints(robot.facts)))), robot.facts)
     driven = joints[1] + 1
@@ -84,7 +76,7 @@ def _beside(robot: Robot, loop: Loop, joints: list[int]) -> Iterator[RobotFindin
     if outside > _BESIDE * lever:
         text = f"at zero joint angles its pivot stands {outside:.2f} m outside all that is drawn of "
         text += f"{robot.facts.links[driven]}: look at zero_deg and lever_m, or at the solids of the URDF"
-        yield RobotFinding(loop.name, text)
+        yield GravityCheck(loop.name, False, text)
 
 
 def _index(robot: Robot, joint: str) -> int | None:

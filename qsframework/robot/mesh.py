@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -33,11 +33,12 @@ class BrokenMesh(InputError):
     """A file that holds no mesh."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Hull:
     """A convex solid: corners (V, 3) m, faces (F, 3) of them, and planes normals (K, 3) x <= offsets (K,) m.
 
-    whole (W, 3) m: all corners, where the others are only the outermost in so many directions; volume m3 of these
+    whole (W, 3) m: all corners, where the others are only the outermost in so many directions; volume m3 of these;
+    surface: the mesh of which it is the hull, where that is not convex
     """
 
     corners: Array
@@ -46,6 +47,7 @@ class Hull:
     offsets: Array
     whole: Array
     volume: float
+    surface: Surface | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,12 +184,11 @@ def _hull(points: Array) -> tuple[Array, Any]:
         return points, spatial.ConvexHull(points)
 
 
-def solid_of(vertices: Array, faces: Indices) -> tuple[Hull, Surface | None]:
-    """The convex hull of a mesh (V, 3) m, (F, 3), and the mesh itself where it is not as good as convex."""
+def solid_of(vertices: Array, faces: Indices) -> Hull:
+    """The convex hull of a mesh (V, 3) m, (F, 3), with the mesh itself where it is not as good as convex."""
     hull = convex_hull(vertices)
-    if abs(_volume(vertices, faces)) > _CONVEX * hull.volume:
-        return hull, None
-    return hull, Surface(frozen(vertices), faces)
+    convex = abs(_volume(vertices, faces)) > _CONVEX * hull.volume
+    return hull if convex else replace(hull, surface=Surface(frozen(vertices), faces))
 
 
 def _volume(vertices: Array, faces: Indices) -> float:

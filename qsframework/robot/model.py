@@ -154,8 +154,7 @@ def _shape(solid: Visual | MeshVisual, frame: LinkFrame, urdf: Path, folder: Pat
     path = mesh_file(solid, urdf, folder)
     if path is None or path.suffix.lower() not in KINDS:
         return None
-    hull, surface = solid_of(*read_mesh(solid, path))
-    return Shape(frame.link, placement, "hull", (), solid.rgba, hull=hull, surface=surface)
+    return Shape(frame.link, placement, "hull", (), solid.rgba, solid_of(*read_mesh(solid, path)))
 
 
 def read_meshes(urdf: Urdf, frames: Mapping[str, LinkFrame], folder: Path) -> tuple[MeshShape, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,7 +28,7 @@ class Shape:
     """A solid: kind "box" (x, y, z), "cylinder" (radius, length along z), "sphere" (radius), m; "hull", of a mesh;
     "plane", all that lies below z = 0 of its frame.
 
-    It is drawn where no mesh of its link is. surface: the mesh, where it is not convex; name: of an obstacle.
+    It is drawn where no mesh of its link is.
     """
 
     link: int
@@ -37,8 +37,19 @@ class Shape:
     size: tuple[float, ...]
     rgba: tuple[float, float, float, float]
     hull: Hull | None = None
-    surface: Surface | None = None
-    name: str = ""
+
+    @property
+    def surface(self) -> Surface | None:
+        """The mesh, where it is not convex."""
+        return None if self.hull is None else self.hull.surface
+
+
+@dataclass(frozen=True, eq=False)
+class NamedShape(Shape):
+    """A solid that is no part of the arm's links: an obstacle, which stands on the base, or the tool."""
+
+    _: KW_ONLY
+    name: str
 
 
 @dataclass(frozen=True, eq=False)

@@ -227,7 +227,7 @@ def _checklist(
     if balancer is not None:
         ends = " and ".join(balancer.drawn)
         springs = f"springs: {ends} are the pivots of a balancer; its stiffness and free length are not in the URDF: "
-        springs += "add point_spring[..].stiffness and .free_length to nominal.yaml (qsf check names them)"
+        springs += "add both to nominal.yaml; qsf check names them"
     loops = "loops: a parallelogram or other coupling bar? Lever length and margin: see the comment in robot.yaml"
     if build is Build.PALLETIZER:
         level = [joint.name for joint in moving if not slides(joint)][3]

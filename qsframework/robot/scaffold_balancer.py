@@ -24,15 +24,6 @@ class Balancer:
     pivots: tuple[Array, Array]
     drawn: tuple[str, str]
 
-    def text(self) -> str:
-        """Its entry of `effects:`."""
-        keys = [
-            f"{end}_{axis}_m: {float(value):.6g}"
-            for end, pivot in zip(("first", "second"), self.pivots, strict=True)
-            for axis, value in zip("xyz", pivot, strict=True)
-        ]
-        return f"{{effect: point_spring, first: {self.first!r}, second: {self.second!r}, {', '.join(keys)}}}"
-
 
 def find_balancer(urdf: Urdf, base: str, chain: Sequence[Joint]) -> Balancer | None:
     """The balancer whose two ends hang on bodies of the arm that one joint parts; None where there are not two."""

@@ -57,6 +57,7 @@ _ANY = (-_TURN, _TURN)
 
 
 def slides(joint: Joint) -> bool:
+    """Whether a joint moves along its axis, and not about it."""
     return joint.kind == "prismatic"
 
 

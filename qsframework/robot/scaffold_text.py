@@ -32,7 +32,7 @@ _LEVEL = """  # A palletizer's head that bars keep level? Then {level} has no mo
 
 def loops_text(build: Build, senses: Sequence[float], moving: Sequence[Joint], balancer: Balancer | None) -> str:
     """The lines of `effects:` on loops and balancers: a balancer that the URDF draws, the others as comments."""
-    out = "" if balancer is None else f"  - {balancer.text()}\n"
+    out = "" if balancer is None else f"  - {_balancer_text(balancer)}\n"
     if build is Build.OTHER:
         return out
     second, third, *rest = (_key(j.name) for j in [j for j in moving if j.kind != "prismatic"][1:])
@@ -41,6 +41,17 @@ def loops_text(build: Build, senses: Sequence[float], moving: Sequence[Joint], b
         by_second, by_third = -senses[2] * senses[0], -senses[2] * senses[1]
         out += _LEVEL.format(level=rest[0], second=second, third=third, by_second=by_second, by_third=by_third)
     return out + (_BALANCER.format(second=second) if balancer is None else "")
+
+
+def _balancer_text(balancer: Balancer) -> str:
+    """The entry of `effects:` for a balancer that the URDF draws."""
+    keys = [
+        f"{end}_{axis}_m: {float(value):.6g}"
+        for end, pivot in zip(("first", "second"), balancer.pivots, strict=True)
+        for axis, value in zip("xyz", pivot, strict=True)
+    ]
+    links = f"first: {_key(balancer.first)}, second: {_key(balancer.second)}"
+    return f"{{effect: point_spring, {links}, {', '.join(keys)}}}"
 
 
 def robot_text(

@@ -129,9 +129,9 @@ def cup(link: int, seed: int, size: float = 1.0) -> Shape:
     inside = trimesh.creation.box(extents=(0.6, 0.6, 0.8))
     inside.apply_translation((0.0, 0.0, 0.1))
     made = outside.difference(inside)
-    hull, surface = solid_of(size * np.asarray(made.vertices), np.asarray(made.faces))
-    assert surface is not None
-    return Shape(link, turned(np.zeros(3), seed), "hull", (), GREY, hull=hull, surface=surface)
+    hull = solid_of(size * np.asarray(made.vertices), np.asarray(made.faces))
+    assert hull.surface is not None
+    return Shape(link, turned(np.zeros(3), seed), "hull", (), GREY, hull=hull)
 
 
 def walls(link: int, shape: Shape, scale: float = 1.0) -> list[Shape]:
@@ -165,7 +165,9 @@ def test_near_contact_the_mesh_decides(other: str, clearance: float) -> None:
     found = Collider((one, *theirs), np.array([[0, 1]]), clearance, ()).collides(placed)
     pairs = [(i, len(its) + j) for i in range(len(its)) for j in range(len(parts))]
     true = Collider((*its, *parts), np.array(pairs), clearance, ()).collides(placed)
-    by_hull = Collider((replace(one, surface=None), *theirs), np.array([[0, 1]]), clearance, ()).collides(placed)
+    by_hull = Collider(
+        (replace(one, hull=replace(one.hull, surface=None)), *theirs), np.array([[0, 1]]), clearance, ()
+    ).collides(placed)
     assert np.array_equal(found, true)
     assert (by_hull & ~true).sum() > 5
     assert true.sum() > 20
@@ -176,24 +178,24 @@ def test_what_lies_inside_a_mesh_touches_it() -> None:
     import trimesh
 
     ring = trimesh.creation.annulus(0.2, 1.0, 1.0)
-    hull, surface = solid_of(np.asarray(ring.vertices), np.asarray(ring.faces))
-    assert surface is not None
+    hull = solid_of(np.asarray(ring.vertices), np.asarray(ring.faces))
+    assert hull.surface is not None
     where = np.array([[0.6, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, -0.7, 0.1], [2.0, 0.0, 0.0]])
-    assert [surface.holds(point) for point in where] == [True, False, True, False]
+    assert [hull.surface.holds(point) for point in where] == [True, False, True, False]
     placed = frames()
     positions, rotations = placed.positions.copy(), placed.rotations.copy()
     positions[:], rotations[:] = 0.0, np.eye(3)[None, :, :, None]
     positions[2, :, :4] = where.T
     placed = replace(placed, positions=positions[:, :, :4], rotations=rotations[:, :, :, :4])
     shapes = (
-        Shape(1, np.eye(4), "hull", (), GREY, hull=hull, surface=surface),
+        Shape(1, np.eye(4), "hull", (), GREY, hull=hull),
         Shape(2, np.eye(4), "sphere", (0.05,), GREY),
     )
     assert Collider(shapes, np.array([[0, 1]]), 0.0, ()).collides(placed).tolist() == [True, False, True, False]
 
 
 def test_a_plane_holds_what_is_below_it() -> None:
-    placed, plane = frames(), Shape(0, turned(np.array([0.1, 0.0, -0.2]), 40), "plane", (), GREY, name="fence")
+    placed, plane = frames(), Shape(0, turned(np.array([0.1, 0.0, -0.2]), 40), "plane", (), GREY)
     positions = placed.positions.copy()
     positions[2] += rng(41).uniform(-1.0, 1.0, positions[2].shape)
     placed = replace(placed, positions=positions)

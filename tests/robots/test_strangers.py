@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -341,7 +342,7 @@ def test_meshes_of_a_package_become_solids(kind: str, tmp_path: Path) -> None:
     proposal = propose("arm", file_of(tmp_path / "src" / "maker_arm" / "urdf", text))
     assert [name for name in proposal.files if name.startswith("meshes/")] == [
         "meshes/2_upper_0.obj",
-        "meshes/2_upper_hull_0.obj",
+        "meshes/2_upper_solid_0.obj",
     ]
     told = next(note for note in proposal.checklist if note.startswith("meshes: not there"))
     assert "package://gone/foot.stl" in told
@@ -359,7 +360,6 @@ def test_meshes_of_a_package_become_solids(kind: str, tmp_path: Path) -> None:
 
 BAD = {
     "a mesh of 100 MB": ("big.stl", "100 MB, more than 20"),
-    "a broken mesh": ("broken.stl", "it cannot be read"),
     "a path to elsewhere": ("../../../secret.stl", "outside the robot's folder and packages, and is not read"),
     "a link to elsewhere": ("linked.stl", "outside the robot's folder and packages, and is not read"),
     "a package with a way out": ("package://maker/../../secret.stl", "outside the robot's folder and packages"),
@@ -373,7 +373,6 @@ def test_bad_meshes_are_named_with_file_and_line(case: str, tmp_path: Path) -> N
     folder.mkdir(parents=True)
     (folder / "big.stl").touch()
     os.truncate(folder / "big.stl", 100_000_000)
-    (folder / "broken.stl").write_bytes(b"this is no mesh")
     (folder.parent / "package.xml").write_text("<package><name>maker</name></package>")
     for place in (tmp_path, tmp_path / "src"):
         (place / "secret.stl").write_bytes(stl((1, 1, 1)))
@@ -390,6 +389,20 @@ def test_bad_meshes_are_named_with_file_and_line(case: str, tmp_path: Path) -> N
         load_robot(folder)
 
 
+def test_a_broken_mesh_is_a_note(tmp_path: Path) -> None:
+    """The arm is as good without it; what was not read is named with its place in the file."""
+    (tmp_path / "broken.stl").write_bytes(b"this is no mesh")
+    (tmp_path / "good.stl").write_bytes(stl((0.2, 0.1, 0.8)))
+    text = ARM.replace("package://gone/upper.stl", "broken.stl").replace("package://gone/fore.stl", "good.stl")
+    proposal = propose("arm", file_of(tmp_path, text.replace("<link", "\n<link")))
+    (told,) = (note for note in proposal.checklist if note.startswith("meshes: these cannot be read"))
+    assert re.search(r"broken\.stl \(line \d+\)$", told)
+    assert [name for name in proposal.files if name.startswith("meshes/")] == [
+        "meshes/3_fore_0.obj",
+        "meshes/3_fore_solid_0.obj",
+    ]
+
+
 def test_an_elbow_is_one_whatever_carries_it(tmp_path: Path) -> None:
     """Turned on a wedge, and with a joint that follows in the wrist."""
     wedge = '<link name="wedge"/>' + joint("wedge", "foot", "", "0 0 1", "fixed").replace(
@@ -398,4 +411,4 @@ def test_an_elbow_is_one_whatever_carries_it(tmp_path: Path) -> None:
     follows = joint("bend", "hand", "1 0 0", "0.1 0 0", more=LIMIT + '<mimic joint="to_bend" multiplier="0.5"/>')
     text = ARM.replace(joint("bend", "hand", "1 0 0", "0.1 0 0"), follows)
     notes = propose("arm", file_of(tmp_path, wedge + text), flange="hand").checklist
-    assert notes[0].startswith("controller: does the pendant show J3")
+    assert notes[0].startswith("controller: turn J2 alone by 20 deg")
