@@ -183,8 +183,10 @@ def _spoken(keys: tuple[Key, ...]) -> str:
 
 
 def _one_arm(errors: list[Any]) -> list[Any]:
-    """Without what pydantic says of the other arm, where a field is a mapping or one of a few words."""
+    """Without what pydantic says of the other arm, where a field is a mapping or one of a few words, or a file."""
     words = {e["loc"][:-1]: e for e in errors if e["type"] == "literal_error" and str(e["loc"][-1]).startswith("lit")}
+    tables = {e["loc"][: k + 1] for e in errors for k in range(len(e["loc"]) - 1) if "dict[" in str(e["loc"][k + 1])}
+    words |= {e["loc"][:-1]: e for e in errors if e["type"] == "string_type" and e["loc"][:-1] in tables}
     out: list[Any] = []
     for e in errors:
         owner = next((loc for loc in words if e["loc"][: len(loc)] == loc and loc), None)
@@ -194,7 +196,9 @@ def _one_arm(errors: list[Any]) -> list[Any]:
             if e is not words[owner]:
                 out.append({**e, "loc": (*owner, *e["loc"][len(owner) + 1 :])})
         elif e is words[owner]:
-            out.append({**e, "loc": owner, "msg": f"must be a mapping, or the word {e['ctx']['expected']}"})
+            word = f"the word {e['ctx']['expected']}" if "ctx" in e else "the name of a file"
+            kind = e["type"] if "ctx" in e else ""
+            out.append({**e, "loc": owner, "type": kind, "msg": f"must be a mapping, or {word}"})
     return out
 
 
