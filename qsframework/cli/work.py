@@ -291,7 +291,7 @@ def import_files(
     state: Annotated[str | None, typer.Option(help="Of points that do not say it: unloaded or loaded.")] = None,
     series: Annotated[str, typer.Option(help="Name of the tracker's station.")] = "",
     ignore: Annotated[
-        list[str] | None, typer.Option(help="Leave out points of this name, such as 'B*' (repeat).")
+        list[str] | None, typer.Option(help="Leave out points named so, such as 'B*', or a column (repeat).")
     ] = None,
     sheet: Annotated[str, typer.Option(help="Which sheet of a workbook.")] = "",
     separator: Annotated[str, typer.Option(help="Between columns: ',', ';', '|', tab or space; else told.")] = "",

@@ -67,18 +67,19 @@ def read_campaign(path: Path, experiment: Experiment) -> Campaign:
 
 
 def of_plan(plan: Plan, experiment: Experiment, path: Path | None = None) -> Campaign:
-    """Every pose unloaded and then loaded, all markers each time, as often as the plan repeats it."""
+    """Every pose unloaded and then loaded, all markers each time, as often as the plan repeats it; where the experiment
+    has no load, none hung."""
     markers = [m.name for m in experiment.markers]
     order = tuple(
         PlanSlot(pose, marker, loaded, repeat=repeat)
         for pose, repeats, wrench in zip(plan.pose, plan.repeats, plan.wrench, strict=True)
         for repeat in range(1, repeats + 1)
-        for loaded in ((False, True) if np.any(wrench) else (False,))
+        for loaded in ((False, True) if np.any(wrench) and experiment.has_load else (False,))
         for marker in markers
     )
     return Campaign(
         poses=dict(zip(plan.pose, plan.pendant, strict=True)),
-        loads={p: {"": w} for p, w in zip(plan.pose, plan.wrench, strict=True) if np.any(w)},
+        loads={p: {"": w} for p, w in zip(plan.pose, plan.wrench, strict=True) if np.any(w) and experiment.has_load},
         order=order,
         names={p: {"": name} for p, name in zip(plan.pose, plan.load, strict=True)},
         source=path,

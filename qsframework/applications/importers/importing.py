@@ -21,16 +21,19 @@ from qsframework.applications.importers.joining import (
     join_time,
     names_of,
     poses_of,
+    visits_of,
 )
 from qsframework.applications.importers.matching import (
     MATCHES,
     Naming,
     TrackerPoint,
+    check_order_meant,
     check_twice,
     match_names,
     match_nearest,
     match_order,
     read_points,
+    without_idle_names,
 )
 from qsframework.applications.importers.names import plain
 from qsframework.applications.importers.placing import Aligned, align, marker_places
@@ -83,8 +86,9 @@ class Imported:
     """What was taken for what. files: point lists, logs and known points; points: with their slots, in the order of the
     table; angles: where they are from, "plan", "columns", "names", "order" or "time"
 
-    missing: readings of the plan that no point is of; ignored: points left out; placed: by series how the points lie to
-    the arm; aligned: frames; header and rows: the table; readings: the table, read back
+    missing: readings of the plan that no point is of; ignored: points left out; unseen: points without sight;
+    placed: by series how the points lie to the arm; aligned: frames; header and rows: the table; readings: the table,
+    read back
     """
 
     files: tuple[Listing, ...]
@@ -94,6 +98,7 @@ class Imported:
     campaign: Campaign
     missing: tuple[PlanSlot, ...]
     ignored: tuple[TrackerPoint, ...]
+    unseen: tuple[TrackerPoint, ...]
     known: tuple[TrackerPoint, ...]
     placed: tuple[Placed, ...]
     aligned: tuple[Aligned, ...]
@@ -112,7 +117,7 @@ def import_readings(
     """
     _check_wish(wish)
     units = stated_units(wish.units)
-    sheets = _collected([partial(read_sheet, p, wish.sheet, wish.separator, wish.decimal) for p in files])
+    sheets = _collected([partial(read_sheet, p, wish.sheet, wish.separator, wish.decimal, wish.ignore) for p in files])
     ours = [sheet for sheet in sheets if _is_ours(sheet, experiment)]
     if ours:
         return _rewritten(ours, sheets, experiment)
@@ -167,7 +172,7 @@ def _is_ours(sheet: Sheet, experiment: Experiment) -> bool:
 def _known(path: Path, wish: ImportWish, stated: Stated, joints: Sequence[str]) -> Listing:
     """A file of known points in the base frame."""
     listing = interpret(read_sheet(path, "", wish.separator, wish.decimal), stated, joints)
-    if not listing.is_points or "name" not in listing.texts:
+    if not listing.is_points or "name" not in listing.texts or listing.unseen.any():
         raise InputError(Problem("known points have a name and x, y, z in the base frame", str(path)))
     if not listing.unit:
         hint = "Write it into the heading, as x_mm."
@@ -197,6 +202,7 @@ def _rewritten(ours: Sequence[Sheet], sheets: Sequence[Sheet], experiment: Exper
         campaign=EMPTY,
         missing=(),
         ignored=(),
+        unseen=(),
         known=(),
         placed=(),
         aligned=(),
@@ -235,7 +241,7 @@ class _Import:
         wish, experiment = self.wish, self.experiment
         campaign = EMPTY if self.plan is None else read_campaign(self.plan, experiment)
         naming = Naming(wish.names, wish.state, wish.series, wish.ignore)
-        lists = self.lists
+        lists = [without_idle_names(li, campaign, experiment, naming) for li in self.lists]
         self._check_travels()
         how = self._join(campaign, naming)
         logged: list[str] = []
@@ -247,11 +253,18 @@ class _Import:
             campaign, lists = self._found_poses(lists, naming, how)
         points, ignored = read_points(lists, campaign, experiment, naming)
         points, seen = self._parted(points)
+        blind = [p for p in points if p.listing.unseen[p.row]]
+        if wish.match == "names":
+            check_order_meant(points, campaign, experiment)
+        if "order" not in (wish.match, how):
+            points = [p for p in points if not p.listing.unseen[p.row]]
         if not points:
             raise InputError(Problem("no point is left to take", ", ".join(li.sheet.where for li in lists)))
         aligned = self._known_frame(seen)
         points = self._matched(points, campaign, aligned)
         pendant = self._angles(points, campaign, how, logged)
+        pendant = pendant[[not p.listing.unseen[p.row] for p in points]]
+        points = [p for p in points if not p.listing.unseen[p.row]]
         check_units(points, pendant, experiment)
         placed = check_places(points, pendant, campaign, experiment, wish.within)
         if wish.align == UNLOADED:
@@ -269,6 +282,7 @@ class _Import:
             campaign=campaign,
             missing=tuple(s for s in campaign.order if s not in slots),
             ignored=tuple(ignored),
+            unseen=tuple(blind),
             known=tuple(seen),
             placed=placed,
             aligned=aligned,
@@ -310,10 +324,11 @@ class _Import:
         """Poses out of the points' own angles, or of a log without names: called as the points say, else counted."""
         points, _ = read_points(lists, EMPTY, self.experiment, naming)
         stops: list[int] = []
+        visits = visits_of(points)
         if how == "columns":
             angles = np.vstack([a for li in lists if (a := li.angles(self.joints)) is not None])
             every, _ = read_points(lists, EMPTY, self.experiment, replace(naming, ignore=()))
-            points = every
+            points, visits = every, list(range(len(every)))
         elif self.log is not None and how == "order":
             angles = join_order(points, self.log, self.joints)
         else:
@@ -323,7 +338,7 @@ class _Import:
         named: dict[tuple[int, int], str] = {}
         problems: list[Problem] = []
         for i, (point, own) in enumerate(zip(points, angles, strict=True)):
-            counted = f"s{stops[i]:02d}" if stops else str(i + 1)
+            counted = f"s{stops[i]:02d}" if stops else str(visits[i] + 1)
             name = point.said.pose or "_".join(point.said.unknown) or counted
             if name in poses and np.abs(poses[name] - own).max() > 1e-3:
                 hint = "Let the names, or a column, tell the poses apart."
@@ -374,7 +389,7 @@ class _Import:
         self, points: list[TrackerPoint], campaign: Campaign, aligned: Sequence[Aligned]
     ) -> list[TrackerPoint]:
         if self.wish.match == "order":
-            found = match_order(points, campaign)
+            found = match_order(points, campaign, self.experiment)
             check_twice(found)
             return found
         if self.wish.match == "names":

@@ -73,17 +73,24 @@ def poses_of(log: Listing, names: Sequence[str], joints: int) -> dict[str, Array
     return out
 
 
+def visits_of(points: Sequence[TrackerPoint]) -> list[int]:
+    """The visit of each point, from 0: points one after the other of one pose and repeat, or of one row."""
+    visit: list[int] = []
+    last: object = None
+    for point in points:
+        key: object = (id(point.listing), point.line) if point.said.pose is None else point.said.pose
+        key = (point.slot.pose, point.slot.repeat) if point.slot is not None else key
+        visit.append((visit[-1] if visit else -1) + (key != last or not visit))
+        last = key
+    return visit
+
+
 def join_order(points: Sequence[TrackerPoint], log: Listing, joints: int) -> Array:
     """Angles (N, joints): the k-th row is of the k-th point, or of the k-th visit (points one after the other at a
     pose and repeat). InputError where the rows are as many as neither."""
     angles = log.angles(joints)
     assert angles is not None
-    visit: list[int] = []
-    last: object = None
-    for point in points:
-        key = (point.slot.pose, point.slot.repeat) if point.slot is not None else point.said.pose
-        visit.append((visit[-1] if visit else -1) + (key != last or not visit or key is None))
-        last = key
+    visit = visits_of(points)
     count = visit[-1] + 1 if visit else 0
     if len(log) == len(points):
         return angles

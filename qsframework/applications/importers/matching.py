@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
@@ -12,13 +13,18 @@ import numpy as np
 from qsframework.applications.importers.campaign import Campaign, PlanSlot
 from qsframework.applications.importers.names import HALF, Said, Vocabulary, decode, plain, vocabulary
 from qsframework.applications.importers.placing import marker_places
-from qsframework.applications.importers.tables import Listing
+from qsframework.applications.importers.tables import Listing, quoted_word
+from qsframework.applications.importers.vocabulary import PLAIN
 from qsframework.applications.protocol import HALF as HALF_LOAD
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment import Experiment, Frame
 from qsframework.experiment.columns import MOST_PROBLEMS
 
 MATCHES = ("names", "order", "nearest")
+_REFLECTOR = re.compile(
+    r"\b(rrr|ccr|smr|tbr|brr|rfi|tmc|t-?mac|prism|cat-?eye|reflector|reflektor|corner cube)\b", re.IGNORECASE
+)
+"""What the type of a reflector is called; it is no name of a point."""
 _APART = 3.0
 """The second nearest marker is this many times as far away as the nearest, or nothing is taken."""
 
@@ -73,13 +79,28 @@ def read_points(
         sheet = listing.sheet
         around = decode(f"{sheet.path.stem} {sheet.name}", known)
         for i in range(len(listing)):
-            parts = [listing.texts[r][i] for r in ("collection", "group", "name") if r in listing.texts]
+            parts = [listing.texts[r][i] for r in ("collection", "group", "name", "block") if r in listing.texts]
             name = "::".join(p for p in parts if p)
             point = _point(listing, i, name, around, known, naming)
-            label = parts[-1] if parts else ""
-            skip = any(fnmatchcase(text, pattern) for pattern in naming.ignore for text in (name, label))
+            skip = any(fnmatchcase(text, pattern) for pattern in naming.ignore for text in (name, *parts[-2:]))
             (ignored if skip else points).append(point)
     return points, ignored
+
+
+def without_idle_names(listing: Listing, campaign: Campaign, experiment: Experiment, naming: Naming) -> Listing:
+    """The listing without columns of names, poses or markers that are the same in all rows, or a reflector's type, and
+    say nothing of a point."""
+    known = vocabulary(campaign, [m.name for m in experiment.markers], naming.names)
+    texts = dict(listing.texts)
+    for role in ("name", "pose", "marker"):
+        cells = set(texts.get(role, ()))
+        same = len(cells) == 1 and len(listing) > 1
+        typed = bool(cells) and all(_REFLECTOR.search(c) for c in cells)
+        if (same or typed) and not any(replace(decode(c, known), unknown=()) != Said() for c in cells):
+            del texts[role]
+    left = tuple(t.column for t in listing.taken if t.role in PLAIN and t.role not in texts)
+    taken = tuple(t for t in listing.taken if t.role not in PLAIN or t.role in texts)
+    return replace(listing, texts=texts, taken=taken, left=(*listing.left, *left)) if left else listing
 
 
 def _check_words(naming: Naming, known: Vocabulary, campaign: Campaign, markers: Sequence[str]) -> None:
@@ -161,6 +182,42 @@ def match_names(points: Sequence[TrackerPoint], campaign: Campaign, experiment: 
     return out
 
 
+def check_order_meant(points: Sequence[TrackerPoint], campaign: Campaign, experiment: Experiment) -> None:
+    """InputError where no name says a pose and the points are as many as the readings: their order is proposed."""
+    order = _order(points, campaign)
+    strange = _strange_blocks(points)
+    others = [p for p in points if "block" not in p.listing.texts or p.listing.texts["block"][p.row] not in strange]
+    if any(p.said.pose is not None or not p.name for p in points) or len(others) != len(order) or not order:
+        return
+    if strange:
+        message, hint = f"the block of columns {strange[0]!r} names no marker", "Leave it out."
+        allowed = _few([m.name for m in experiment.markers])
+        raise InputError(
+            _with(points[0].problem(message, "block", allowed=allowed, hint=hint), "ignore", quoted_word(strange[0]))
+        )
+    pairs = zip(_in_order(points, experiment), order, strict=True)
+    first = "; ".join(f"line {p.line} is {label(slot)}" for p, slot in list(pairs)[:3])
+    hint = f"Take them in the order of the plan; so read, {first}."
+    raise InputError(_with(points[0].problem("no name says a pose of the plan", hint=hint), "match", "order"))
+
+
+def _order(points: Sequence[TrackerPoint], campaign: Campaign) -> list[PlanSlot]:
+    """The readings of the plan in their order, of one state alone where all points are of it."""
+    states = {p.said.loaded for p in points}
+    return [s for s in campaign.order if len(states) > 1 or None in states or s.loaded in states]
+
+
+def _in_order(points: Sequence[TrackerPoint], experiment: Experiment) -> list[TrackerPoint]:
+    """The points as the files have them, those of one row in the order of the experiment's markers."""
+    markers = [m.name for m in experiment.markers]
+    files = list(dict.fromkeys(id(p.listing) for p in points))
+    return sorted(points, key=lambda p: (files.index(id(p.listing)), p.line, _marker_place(p, markers)))
+
+
+def _marker_place(point: TrackerPoint, markers: Sequence[str]) -> int:
+    return markers.index(point.said.marker) if point.said.marker in markers else -1
+
+
 def _gathered(problems: Sequence[Problem], points: Sequence[TrackerPoint]) -> list[Problem]:
     """Where the names of a whole file lack the same thing, one problem in place of one for every point."""
     every: dict[tuple[str | None, str], list[Problem]] = {}
@@ -205,7 +262,10 @@ def _named(
         what = "says no marker" if marker is None else f"says a marker that the experiment has not, {marker!r}"
         hint = nearest(marker or (said.unknown or ("",))[0], markers)
         message = f"the name {point.name!r} {what}"
-        problems.append(_with(point.problem(message, allowed=_few(markers), hint=hint), "word", "FOUND=MARKER"))
+        problem = point.problem(message, allowed=_few(markers), hint=hint)
+        in_block = "block" in point.listing.texts and point.said.pose is not None
+        leave = ("ignore", quoted_word(point.listing.texts["block"][point.row])) if in_block else None
+        problems.append(replace(problem, argument=leave or ("word", "FOUND=MARKER")))
     loaded = said.loaded
     if loaded is None and not campaign.loads and not experiment.has_load:
         loaded, by["loaded"] = False, "only"
@@ -245,6 +305,8 @@ def _load(point: TrackerPoint, pose: str, said: str, campaign: Campaign, problem
         fits = [i for i in own if i.startswith(HALF_LOAD)]
     elif said:
         fits = [i for i in own if said in (i, names.get(i))]
+    else:
+        fits = [i for i in own if not i.startswith(HALF_LOAD)]
     if len(fits) == 1:
         return fits[0]
     told = ", ".join(names.get(i) or i for i in own)
@@ -289,21 +351,25 @@ def check_twice(points: Sequence[TrackerPoint]) -> None:
         raise InputError(problems[:MOST_PROBLEMS])
 
 
-def match_order(points: Sequence[TrackerPoint], campaign: Campaign) -> list[TrackerPoint]:
+def match_order(points: Sequence[TrackerPoint], campaign: Campaign, experiment: Experiment) -> list[TrackerPoint]:
     """The k-th point as the k-th reading of the plan. InputError where they are not as many, or names contradict."""
     files = ", ".join(dict.fromkeys(p.listing.sheet.where for p in points))
     if not campaign.order:
         message, hint = "an order needs a plan, or the table that qsf protocol writes", "Give it."
         raise InputError(Problem(message, files, hint=hint, argument=("plan", "plan.csv")))
-    if len(points) != len(campaign.order):
+    order, points = _order(points, campaign), _in_order(points, experiment)
+    if len(points) != len(order):
         told = f"{len(points)} points"
-        allowed = f"{len(campaign.order)} readings, as in {campaign.source}"
+        allowed = f"{len(order)} readings, as in {campaign.source}"
         hint = "Name the points, or export exactly those of the campaign; points on the floor can be ignored."
         problem = Problem("the points are not as many as the readings of the plan", files, found=told, allowed=allowed)
-        raise InputError(_with(replace(problem, hint=hint), "ignore", "PATTERN"))
+        strange = _strange_blocks(points)
+        raise InputError(
+            _with(replace(problem, hint=hint), "ignore", quoted_word(strange[0]) if strange else "PATTERN")
+        )
     problems: list[Problem] = []
     out: list[TrackerPoint] = []
-    for point, slot in zip(points, campaign.order, strict=True):
+    for point, slot in zip(points, order, strict=True):
         said = point.said
         pairs = ((said.pose, slot.pose), (said.marker, slot.marker), (said.loaded, slot.loaded))
         if any(told is not None and told != meant for told, meant in pairs):
@@ -314,6 +380,15 @@ def match_order(points: Sequence[TrackerPoint], campaign: Campaign) -> list[Trac
     if problems:
         raise InputError(problems[:MOST_PROBLEMS])
     return out
+
+
+def _strange_blocks(points: Sequence[TrackerPoint]) -> list[str]:
+    """Blocks of columns that name no marker where others do."""
+    labels = dict.fromkeys(
+        (p.listing.texts["block"][p.row], p.said.marker) for p in points if "block" in p.listing.texts
+    )
+    named = any(marker is not None for _, marker in labels)
+    return [text for text, marker in labels if marker is None] if named else []
 
 
 def match_nearest(

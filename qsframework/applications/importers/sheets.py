@@ -9,10 +9,12 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
+from qsframework.applications.importers.layout import Layout, SheetRow, is_axis_line, is_data, lay_out
+from qsframework.applications.importers.records import records
 from qsframework.applications.programmes.log import joint_log
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.columns import LARGEST, MOST_COLUMNS, MOST_LINES, unquoted
@@ -24,12 +26,8 @@ DECIMALS = (".", ",")
 WORKBOOKS = (".xlsx", ".xlsm")
 NUMBER = re.compile(r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][-+]?\d+)?")
 """A number with either decimal sign, and no sign between thousands."""
-_NUMBERISH = re.compile(r"[-+]?\d[\d.,']*(?:[eE][-+]?\d+)?(?:\s*[^\d\s]{1,4})?|[-+]?[.,]\d+")
-"""What somebody meant as a number, with a unit or a sign between thousands."""
 _COMMENT = re.compile(r"\s*(?://|#|!|%\s)")
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
-_FEWEST = 3
-"""Numbers of a row of points, or of joints."""
 _TRIED = 2000
 """Lines from which the separator is told."""
 _OLD_EXCEL, _ZIP = b"\xd0\xcf\x11\xe0", b"PK\x03\x04"
@@ -41,19 +39,11 @@ _MOST_CELLS, _LONGEST = 1_000_000, 32_767
 
 
 @dataclass(frozen=True)
-class SheetRow:
-    """One row: its line (of a workbook its row), and its cells without the blanks around them."""
-
-    line: int
-    cells: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class Sheet:
     """One table. header: its names, () where there is none; above: lines of text over it; decimal "" in a workbook.
 
-    separator: a key of SEPARATORS, "" in a workbook, "programme" of positions in a controller's programme
-    encoding: of a text
+    separator: a key of SEPARATORS, "" in a workbook, "programme" of positions in a controller's programme, "json"
+    encoding: of a text; blocks, left, below: what its layout says
     """
 
     path: Path
@@ -66,6 +56,9 @@ class Sheet:
     separator: str = ""
     decimal: str = ""
     encoding: str = ""
+    blocks: tuple[str, ...] = ()
+    left: tuple[str, ...] = ()
+    below: tuple[str, ...] = ()
 
     def problem(self, row: SheetRow | None, message: str, column: int | None = None, **more: str | None) -> Problem:
         """A problem at a row (None: the header) and a column, counted from 0."""
@@ -89,8 +82,11 @@ class Sheet:
         return (self.header[k] if k < len(self.header) else "") or str(k + 1)
 
 
-def read_sheet(path: Path, sheet: str = "", separator: str = "", decimal: str = "") -> Sheet:
-    """Read the table of a file; sheet: which one of a workbook; separator, decimal: stated, else told from the text.
+def read_sheet(
+    path: Path, sheet: str = "", separator: str = "", decimal: str = "", ignore: Sequence[str] = ()
+) -> Sheet:
+    """Read the table of a file; sheet: which one of a workbook; separator, decimal: stated, else told from the text;
+    ignore: names of columns to leave aside.
 
     InputError where it is no table, or where more than one reading of it is possible.
     """
@@ -99,7 +95,7 @@ def read_sheet(path: Path, sheet: str = "", separator: str = "", decimal: str = 
         hint = "Save it as .xlsx or as CSV."
         raise InputError(Problem("is a workbook of the old Excel format", str(path), hint=hint))
     if content.startswith(_ZIP):
-        return _workbook(path, sheet)
+        return _workbook(path, sheet, ignore)
     if path.suffix.lower() in WORKBOOKS:
         raise InputError(Problem("is no Excel workbook, though its name says so", str(path), hint="Export it again."))
     if sheet:
@@ -111,7 +107,11 @@ def read_sheet(path: Path, sheet: str = "", separator: str = "", decimal: str = 
         header, found = taught
         rows = tuple(SheetRow(line, cells) for line, cells in found)
         return Sheet(path, "", header, rows, separator="programme", decimal=".", encoding=encoding)
-    return _text_sheet(path, text, encoding, separator, decimal)
+    found_rows = records(path, text)
+    if found_rows is not None:
+        whole = Sheet(path, "", (), (), separator="json", decimal=".", encoding=encoding)
+        return _of_layout(whole, lay_out(found_rows, ignore), ".")
+    return _text_sheet(path, text, encoding, separator, decimal, ignore)
 
 
 def _content(path: Path) -> bytes:
@@ -142,7 +142,7 @@ def _decoded(path: Path, content: bytes) -> tuple[str, str]:
     raise InputError(Problem("is no text that can be read", str(path), hint=hint))
 
 
-def _text_sheet(path: Path, text: str, encoding: str, separator: str, decimal: str) -> Sheet:
+def _text_sheet(path: Path, text: str, encoding: str, separator: str, decimal: str, ignore: Sequence[str]) -> Sheet:
     every = text.splitlines()
     if len(every) > MOST_LINES:
         hint = "Split it into several files."
@@ -153,18 +153,27 @@ def _text_sheet(path: Path, text: str, encoding: str, separator: str, decimal: s
     if not lines:
         raise InputError(Problem("is empty", str(path)))
     name = _separator(path, lines, separator)
-    rows = [SheetRow(i, _split(line, name)) for i, line in lines]
-    header, line, above, data = _parts(rows)
-    if not data:
+    whole = Sheet(path, "", (), (), above=tuple(comments), separator=name, encoding=encoding)
+    return _of_layout(whole, lay_out([SheetRow(i, _split(line, name)) for i, line in lines], ignore), decimal)
+
+
+def _of_layout(sheet: Sheet, found: Layout, decimal: str) -> Sheet:
+    """The table that was found in a file, its rows as wide as its heading and its decimal sign known."""
+    if not found.rows:
         hint = "A point list has at least three numbers in every row; is it an export of points, and not of a report?"
-        raise InputError(Problem("holds no rows of numbers", str(path), hint=hint))
-    sheet = Sheet(path, "", header, tuple(data), header_line=line, separator=name, encoding=encoding)
-    _check_widths(sheet)
-    told = tuple([*comments, *above])
-    sign = _decimal(sheet, decimal)
-    return Sheet(
-        path, "", header, sheet.rows, header_line=line, above=told, separator=name, decimal=sign, encoding=encoding
+        raise InputError(Problem("holds no rows of numbers", sheet.where, hint=hint))
+    sheet = replace(
+        sheet,
+        header=found.header,
+        rows=found.rows,
+        header_line=found.line,
+        above=(*sheet.above, *found.above),
+        blocks=found.blocks,
+        left=found.left,
+        below=found.below,
     )
+    _check_widths(sheet)
+    return replace(sheet, decimal=_decimal(sheet, decimal))
 
 
 def _split(line: str, name: str) -> tuple[str, ...]:
@@ -178,10 +187,6 @@ def _split(line: str, name: str) -> tuple[str, ...]:
     return tuple(unquoted(cell.strip()) for cell in cells)
 
 
-def _is_data(cells: Sequence[str]) -> bool:
-    return sum(_NUMBERISH.fullmatch(c) is not None for c in cells) >= _FEWEST
-
-
 def _separator(path: Path, lines: Sequence[tuple[int, str]], stated: str) -> str:
     """The separator by which most lines become rows of numbers."""
     if stated:
@@ -190,32 +195,11 @@ def _separator(path: Path, lines: Sequence[tuple[int, str]], stated: str) -> str
             allowed = ", ".join(SEPARATORS)
             raise InputError(Problem(f"{path.name}: no such separator", found=repr(stated), allowed=allowed, hint=hint))
         return stated
-    scores = {name: sum(_is_data(_split(line, name)) for _, line in lines[:_TRIED]) for name in SEPARATORS}
+    scores = {
+        name: sum(is_data(cells) or is_axis_line(cells) for _, line in lines[:_TRIED] if (cells := _split(line, name)))
+        for name in SEPARATORS
+    }
     return max(scores, key=lambda name: scores[name])
-
-
-def _parts(rows: Sequence[SheetRow]) -> tuple[tuple[str, ...], int, list[str], list[SheetRow]]:
-    """Header, its line, what stands above, and the rows of the table from the first one with numbers on."""
-    first = next((k for k, row in enumerate(rows) if _is_data(row.cells)), len(rows))
-    data = list(rows[first:])
-    before = list(rows[:first])
-    units: list[str] = []
-    while len(before) > 1 and before[-1].cells and all(_bracketed(c) for c in before[-1].cells):
-        units = list(before.pop().cells)  # a second line of the header that holds the units alone
-    header: tuple[str, ...] = ()
-    line = data[0].line if data else 1
-    if before and data and (len(before[-1].cells) > 1 or len(data[0].cells) == 1):
-        line = before[-1].line
-        header = before.pop().cells
-        if len(units) == len(header):
-            header = tuple(
-                f"{n} [{u.strip('[]()')}]" if u.strip("[]()") else n for n, u in zip(header, units, strict=True)
-            )
-    return header, line, [" ".join(r.cells) for r in before], data
-
-
-def _bracketed(cell: str) -> bool:
-    return not cell or re.fullmatch(r"[\[(].{0,12}[\])]", cell) is not None
 
 
 def _check_widths(sheet: Sheet) -> None:
@@ -258,7 +242,7 @@ def _decimal(sheet: Sheet, stated: str) -> str:
     return next(iter(by_sign), ".")
 
 
-def _workbook(path: Path, sheet: str) -> Sheet:
+def _workbook(path: Path, sheet: str, ignore: Sequence[str]) -> Sheet:
     """A sheet of an Excel workbook: the stated one, or the only one that holds anything."""
     found = _sheets(path)
     filled = {name: rows for name, rows in found.items() if rows}
@@ -280,14 +264,11 @@ def _workbook(path: Path, sheet: str) -> Sheet:
         )
         raise InputError(problem)
     name = sheet or next(iter(filled))
-    header, line, above, data = _parts(filled[name])
-    if not data:
-        raise InputError(Problem("holds no rows of numbers", f"{path}, sheet {name}"))
-    width = len(header) or max(len(r.cells) for r in data)
-    rows = tuple(SheetRow(r.line, (*r.cells, *[""] * (width - len(r.cells)))) for r in data)
-    out = Sheet(path, name, header, rows, header_line=line, above=tuple(above))
-    _check_widths(out)
-    return Sheet(path, name, header, rows, header_line=line, above=tuple(above), decimal=_decimal(out, ""))
+    width = max(len(r.cells) for r in filled[name])
+    rows = [
+        replace(r, cells=(*r.cells, *[""] * (width - len(r.cells) if len(r.cells) > 1 else 0))) for r in filled[name]
+    ]
+    return _of_layout(Sheet(path, name, (), ()), lay_out(rows, ignore), "")
 
 
 def _sheets(path: Path) -> dict[str, list[SheetRow]]:

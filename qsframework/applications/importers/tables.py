@@ -6,11 +6,13 @@ import itertools
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from qsframework import units
+from qsframework.applications.importers.layout import NO_SIGHT
 from qsframework.applications.importers.sheets import NUMBER, Sheet
 from qsframework.applications.importers.times import moment
 from qsframework.applications.importers.vocabulary import (
@@ -25,8 +27,13 @@ from qsframework.applications.importers.vocabulary import (
 )
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.columns import MOST_PROBLEMS
+from qsframework.files.documents import DECIMAL
 from qsframework.plugin import Array
 
+_JOINT_NAME = re.compile(r".*\bname\s?[\[_.]?(\d)\]?")
+"""Columns that name the joints of a row, as ROS writes them."""
+_BEYOND = 1e20
+"""Coordinates that some instruments write where they see nothing."""
 _WITH_UNIT = re.compile(rf"({NUMBER.pattern})\s*([^\d\s.,+-]\S{{0,12}})")
 
 
@@ -49,6 +56,7 @@ class Listing:
 
     unit: of the coordinates, "" where nobody says it (they are then as the file has them)
     clock: what times are counted from; left: columns of which nothing was taken
+    unseen (N,): rows in which the instrument saw nothing
     """
 
     sheet: Sheet
@@ -56,6 +64,7 @@ class Listing:
     left: tuple[str, ...]
     texts: Mapping[str, tuple[str, ...]]
     numbers: Mapping[str, Array]
+    unseen: npt.NDArray[np.bool_]
     unit: str = ""
     clock: str = ""
 
@@ -127,17 +136,20 @@ def interpret(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> Listing:
     InputError where it is neither a point list nor a joint log, where a column could be several things or several
     columns one thing, where a cell is no number; with a proposal what to state.
     """
-    roles = _roles(sheet, stated, joints)
-    _check_complete(sheet, roles, len(joints))
+    roles = _complete(sheet, _roles(sheet, stated, joints), len(joints))
+    unseen = _unseen(sheet, roles)
     above = units_above(sheet.above)
     problems: list[Problem] = []
     taken: list[Taken] = []
     texts: dict[str, tuple[str, ...]] = {}
     numbers: dict[str, Array] = {}
     left = [sheet.column(k) for k in range(sheet.width) if k not in {c for c, _ in roles.values()}]
+    left += sheet.left
     clock = ""
     for role, (k, told) in roles.items():
         cells = [row.cells[k] for row in sheet.rows]
+        if role in XYZ:
+            cells = ["" if blind else cell for cell, blind in zip(cells, unseen, strict=True)]
         if role in PLAIN:
             texts[role] = tuple(cells)
             taken.append(Taken(role, sheet.column(k), "", "stated" if role in stated.columns else "header"))
@@ -152,7 +164,8 @@ def interpret(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> Listing:
         else:
             si = MEASURED.get(role, "rad")
             unit, by = _unit(si, told, above, stated)
-            values, own = _numbers(sheet, k, cells, role, problems)
+            optional = unseen | (role in ("temperature", "sigma"))
+            values, own = _numbers(sheet, k, cells, optional, problems)
             if own and unit and own != unit:
                 problems.append(sheet.problem(sheet.rows[0], "the cells say another unit", k, found=own, allowed=unit))
             unit, by = (own, "cells") if own else (unit, by)
@@ -174,6 +187,7 @@ def interpret(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> Listing:
         left=tuple(left),
         texts=texts,
         numbers=numbers,
+        unseen=unseen,
         unit=length,
         clock=clock,
     )
@@ -186,6 +200,7 @@ def _roles(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> dict[str, tup
         found = meaning(name, joints)
         if found is not None:
             every.setdefault(found.role, []).append((k, found))
+    every = _counted_from_one(sheet, every, joints)
     out: dict[str, tuple[int, Meaning]] = {}
     for role, name in stated.columns.items():
         k = _place(sheet, name)
@@ -197,7 +212,7 @@ def _roles(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> dict[str, tup
     used = {k for k, _ in out.values()}
     for role, places in every.items():
         free = [at for at in places if at[0] not in used]
-        if role in out or not free:
+        if role in out or not free or (role == "time" and len(free) > 1 and not stated.times):
             continue
         if len(free) > 1:
             names = ", ".join(repr(sheet.column(k)) for k, _ in free)
@@ -209,6 +224,27 @@ def _roles(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> dict[str, tup
     if problems:
         raise InputError(problems)
     return out
+
+
+def _counted_from_one(
+    sheet: Sheet, every: dict[str, list[tuple[int, Meaning]]], joints: Sequence[str]
+) -> dict[str, list[tuple[int, Meaning]]]:
+    """The roles with joints from q1 on: those that are counted from 0 one on, those of a row that names its joints by
+    these names, as ROS does in another order than the arm's."""
+    if "q0" in every:
+        first = every.pop("q0")
+        others = [every.pop(f"q{k}", []) for k in range(1, len(joints) + 1)]
+        if all(others[:-1]) and not others[-1]:
+            every |= {f"q{k}": own for k, own in enumerate([first, *others[:-1]], start=1)}
+    told = {int(m[1]): sheet.rows[0].cells[k] for k, h in enumerate(sheet.header) if (m := _JOINT_NAME.fullmatch(h))}
+    names = [told.get(k, "") for k in range(len(joints))]
+    if sorted(names) == sorted(joints):
+        own = [every.pop(f"q{k}", []) for k in range(1, len(joints) + 1)]
+        every |= {
+            f"q{joints.index(name) + 1}": [(k, replace(m, role=f"q{joints.index(name) + 1}")) for k, m in found]
+            for name, found in zip(names, own, strict=True)
+        }
+    return every
 
 
 def _place(sheet: Sheet, name: str) -> int | None:
@@ -238,29 +274,58 @@ def check_columns(sheets: Sequence[Sheet], stated: Mapping[str, str], joints: in
         raise InputError(problems)
 
 
-def _check_complete(sheet: Sheet, roles: Mapping[str, tuple[int, Meaning]], joints: int) -> None:
-    """InputError where the columns are neither three coordinates nor all angles; proposes what the cells suggest."""
+def _complete(sheet: Sheet, roles: dict[str, tuple[int, Meaning]], joints: int) -> dict[str, tuple[int, Meaning]]:
+    """The roles without joints that are not all there beside coordinates, or that are a quaternion.
+
+    InputError where the columns are neither three coordinates nor all angles; proposes what the cells suggest.
+    """
     stems = [f"q{k + 1}" for k in range(joints)]
     axes = [a for a in XYZ if a in roles]
     angles = [s for s in stems if s in roles]
-    if len(axes) == len(XYZ) and len(angles) in (0, joints):
-        return
-    if not axes and len(angles) == joints:
-        return
+    if len(axes) == len(XYZ) and (len(angles) < joints or _is_quaternion(sheet, [roles[s][0] for s in stems])):
+        return {role: at for role, at in roles.items() if role not in stems}
+    if len(angles) == joints and len(axes) in (0, len(XYZ)):
+        return roles
     missing = [s for s in stems if s not in roles] if angles and not axes else [a for a in XYZ if a not in roles]
     if axes and angles:
         missing += [s for s in stems if s not in roles]
     names = ", ".join(repr(sheet.column(k)) for k in range(sheet.width))
-    proposal = _proposal(sheet, roles, missing)
+    wanted = _wanted(sheet, roles, missing)
     message = f"no column says that it is {', '.join(missing)}"
     if not sheet.header:
         message = f"the columns have no names, so none is {', '.join(missing)}"
-    hint = "Say which column is which." if proposal else "Export points with a name and x, y, z, one point a row."
-    argument = ("map", proposal) if proposal else None
+    hint, argument = "Export points with a name and x, y, z, one point a row.", None
+    if wanted:
+        hint = f"Say which column is which; as proposed, the first rows are {first_rows(sheet, wanted)}."
+        argument = ("map", _proposal(sheet, wanted))
     raise InputError(Problem(message, sheet.where, sheet.header_line, found=names, hint=hint, argument=argument))
 
 
-def _proposal(sheet: Sheet, roles: Mapping[str, tuple[int, Meaning]], missing: Sequence[str]) -> str:
+def _is_quaternion(sheet: Sheet, columns: Sequence[int]) -> bool:
+    """Whether four columns hold numbers whose squares sum to one."""
+    cells = [[row.cells[k].replace(",", ".") for k in columns] for row in sheet.rows]
+    if len(columns) != 4 or not all(DECIMAL.fullmatch(c) for own in cells for c in own):
+        return False
+    return all(abs(sum(float(c) ** 2 for c in own) - 1.0) < 1e-3 for own in cells)
+
+
+def _unseen(sheet: Sheet, roles: Mapping[str, tuple[int, Meaning]]) -> npt.NDArray[np.bool_]:
+    """Rows (N,) in which no coordinate was seen: empty, no number by any name, zero or beyond any place all three."""
+    places = [roles[a][0] for a in XYZ if a in roles]
+
+    def blind(cell: str) -> bool:
+        text = cell.lower().replace(",", ".")
+        return text in NO_SIGHT or (DECIMAL.fullmatch(text) is not None and not 0.0 < abs(float(text)) < _BEYOND)
+
+    return np.array([bool(places) and all(blind(r.cells[k]) for k in places) for r in sheet.rows], dtype=bool)
+
+
+def first_rows(sheet: Sheet, columns: Sequence[tuple[str, int]]) -> str:
+    """The first three rows as they are read."""
+    return "; ".join(", ".join(f"{role} {row.cells[k]}" for role, k in columns) for row in sheet.rows[:3])
+
+
+def _wanted(sheet: Sheet, roles: Mapping[str, tuple[int, Meaning]], missing: Sequence[str]) -> list[tuple[str, int]]:
     """Columns for the missing roles, told from the cells: for each the first numbers that nothing else has taken."""
     used = {k for k, _ in roles.values()}
     first = sheet.rows[0].cells
@@ -268,13 +333,17 @@ def _proposal(sheet: Sheet, roles: Mapping[str, tuple[int, Meaning]], missing: S
     numeric = [k for k in free if NUMBER.fullmatch(first[k]) and not _counts(sheet, k)]
     named = [k for k in free if not NUMBER.fullmatch(first[k]) and re.search(r"\w", first[k])]
     if len(numeric) < len(missing):
-        return ""
+        return []
     wanted = [(role, numeric[i]) for i, role in enumerate(missing)]
     texts = [r for r in ("collection", "group", "name") if r not in roles]
     if "name" in texts and named:
         wanted = [*zip(texts[-min(len(named), 3) :], named, strict=False), *wanted]
+    return wanted
+
+
+def _proposal(sheet: Sheet, wanted: Sequence[tuple[str, int]]) -> str:
     pairs = ",".join(f"{role}={sheet.column(k)}" for role, k in wanted)
-    return f"'{pairs}'" if re.search(r"[^\w=.,]", pairs) else pairs
+    return quoted_word(pairs) if re.search(r"[^\w=.,]", pairs) else pairs
 
 
 def _counts(sheet: Sheet, k: int) -> bool:
@@ -296,13 +365,15 @@ def _unit(si: str, told: Meaning, above: Mapping[str, str], stated: Stated) -> t
     return told.unit, told.by
 
 
-def _numbers(sheet: Sheet, k: int, cells: Sequence[str], role: str, problems: list[Problem]) -> tuple[Array, str]:
-    """Numbers (N,) of a column, and the unit where the cells themselves say it."""
+def _numbers(
+    sheet: Sheet, k: int, cells: Sequence[str], optional: npt.NDArray[np.bool_], problems: list[Problem]
+) -> tuple[Array, str]:
+    """Numbers (N,) of a column, NaN where a cell that may be empty (N,) is, and the unit where the cells say it."""
     values = np.full(len(cells), math.nan)
     said: dict[str, int] = {}
     for i, cell in enumerate(cells):
         if not cell:
-            if role not in ("temperature", "sigma"):
+            if not optional[i]:
                 problems.append(sheet.problem(sheet.rows[i], "this cell is empty", k, allowed="a number"))
             continue
         text = cell
@@ -315,7 +386,7 @@ def _numbers(sheet: Sheet, k: int, cells: Sequence[str], role: str, problems: li
             problems.append(sheet.problem(sheet.rows[i], "is no number", k, found=repr(cell), hint=_number_hint(cell)))
             continue
         values[i] = float(text.replace(",", "."))
-        if not math.isfinite(values[i]) or abs(values[i]) > 1e20:
+        if not math.isfinite(values[i]) or abs(values[i]) > _BEYOND:
             problems.append(sheet.problem(sheet.rows[i], "is beyond what any column holds", k, found=repr(cell)))
     if len(said) > 1:
         (one, _), (other, i) = list(said.items())[:2]
@@ -358,15 +429,25 @@ def _times(
             break
         else:
             allowed = "seconds, 13:45:01.5, or 2026-03-09 13:45:01.5"
-            problems.append(
-                sheet.problem(
-                    sheet.rows[i], "is no time that can be read in one way", k, found=repr(cell), allowed=allowed
-                )
-            )
+            message, hint = "is no time that can be read in one way", "Leave the column out, if no time is needed."
+            problem = sheet.problem(sheet.rows[i], message, k, found=repr(cell), allowed=allowed, hint=hint)
+            problems.append(replace(problem, argument=("ignore", quoted_word(sheet.column(k)))))
     if len(clocks) > 1:
         i = list(clocks.values())[1]
         problems.append(sheet.problem(sheet.rows[i], "times of two kinds in one column", k, found=repr(cells[i])))
     return values, next(iter(clocks), "")
+
+
+def quoted_word(text: str) -> str:
+    """A word as a shell takes it."""
+    return f"'{text}'" if re.search(r"[^\w.]", text) else text
+
+
+def _small(sheet: Sheet, taken: Sequence[Taken]) -> bool:
+    """Whether no number of these columns is larger than a whole turn in radians."""
+    places = [sheet.header.index(t.column) for t in taken if t.column in sheet.header]
+    cells = [row.cells[k].replace(",", ".") for row in sheet.rows for k in places]
+    return all(abs(float(c)) <= 6.3 for c in cells if DECIMAL.fullmatch(c))
 
 
 def _unit_problems(sheet: Sheet, taken: Sequence[Taken]) -> list[Problem]:
@@ -390,7 +471,7 @@ def _unit_problems(sheet: Sheet, taken: Sequence[Taken]) -> list[Problem]:
                     sheet.header_line,
                     own[0].column,
                     hint=hint,
-                    argument=("unit", "deg"),
+                    argument=("unit", "rad" if _small(sheet, own) else "deg"),
                 )
             )
     return out

@@ -21,7 +21,7 @@ def moment(cell: str, unit: str, date: str = "") -> tuple[float, str] | None:
 
     date: of a column of its own, for a time of day
     """
-    cell = f"{date} {cell}".strip()
+    cell = f"{date} {cell}".strip().lstrip("'")
     try:
         value = float(cell.replace(",", "."))
     except ValueError:

@@ -12,7 +12,7 @@ from qsframework.experiment.columns import Column
 XYZ = ("x", "y", "z")
 FOUND_BY = ("name", "pose", "marker", "state", "load_id", "repeat", "cycle")
 """Roles that say which reading of which state a row is."""
-PLAIN = ("group", "collection", *FOUND_BY, "series", "date")
+PLAIN = ("group", "collection", "block", *FOUND_BY, "series", "date")
 """Roles of words."""
 MEASURED = {"x": "m", "y": "m", "z": "m", "time": "s", "temperature": "K", "sigma": "m"}
 """Roles of numbers, with their SI unit; angles q1, q2, ... are beside them."""
@@ -21,14 +21,23 @@ UNLOADED = ("unloaded", "noload", "free", "empty", "unbelastet", "leer")
 """Words that can mean nothing else: single letters, and words such as load and last, must be stated."""
 
 _FILLERS = """coord coordinate coordinates koordinate pos position point punkt value wert actual act measured meas
-measurement ist istwert mess messwert cartesian cart center centre tracker location"""
-_AXIS_FILLERS = frozenset(_FILLERS.split())
+measurement ist istwert mess messwert cartesian cart center centre tracker location field
+leica faro api"""
+AXIS_FILLERS = frozenset(_FILLERS.split())
 """Words that may stand beside x, y or z and leave it a measured coordinate; nominal, deviation and sd are none."""
+_OTHERS = """nominal nom soll sollwert theoretical theo dev deviation abw abweichung diff delta tol tolerance sigma std
+stdev sd rms uncertainty error err rotation rot quat quaternion orientation angle angular velocity vel speed
+acceleration acc force moment normal direction tilt u95 u expected commanded desired reference residual"""
+NOT_MEASURED = frozenset(_OTHERS.split())
+"""Words beside x, y or z, or over it, that say it is no measured coordinate."""
+BLOCK = "block of columns"
+"""Heading of what a block of columns was called, once the blocks stand in rows."""
 _OF_ITS_OWN = {
     "name": "name|point|pointname|point name|point id|pointid|target|target name|targetname|id|label|feature|"
     "feature name|object|object name|objectname|punkt|punktname|bezeichnung|ptid|measurement name|point label",
     "group": "group|group name|point group|groupname|gruppe",
     "collection": "collection|collection name",
+    "block": BLOCK,
     "pose": "pose|pose name|stellung",
     "marker": "marker|reflector|smr|reflektor",
     "state": "state|zustand",
@@ -116,13 +125,13 @@ def units_above(lines: Sequence[str]) -> dict[str, str]:
 
 def meaning(header: str, joints: Sequence[str]) -> Meaning | None:
     """What the name of a column says; joints: the robot's own names of its joints. None where it says nothing known."""
-    name, unit = _parted(header)
+    name, unit = header_parts(header)
     key = _plain(name)
     if not key:
         return None
     words = key.split()
     axes = [w for w in words if w in XYZ]
-    if len(axes) == 1 and all(w in _AXIS_FILLERS for w in words if w not in XYZ):
+    if len(axes) == 1 and all(w in AXIS_FILLERS for w in words if w not in XYZ):
         return Meaning(axes[0], unit, "header" if unit else "")
     squeezed = re.fullmatch(r"(?:coord|pos)?([xyz])(?:coord|pos|coordinate|koordinate)?", key.replace(" ", ""))
     if squeezed is not None:
@@ -136,29 +145,34 @@ def meaning(header: str, joints: Sequence[str]) -> Meaning | None:
 
 
 def _joint(header: str, key: str, unit: str, joints: Sequence[str]) -> Meaning | None:
+    """The joint that a name says: q1, q2, ..., or q0 where somebody counts from zero."""
     own = {_plain(name): k for k, name in enumerate(joints, start=1)}
-    place = own.get(key)
-    ros = False
+    ending = re.fullmatch(r"(.*?)(?: position| pos)?", key)
+    named = [k for name, k in own.items() if ending is not None and f" {ending[1]}".endswith(f" {name}")]
+    place = named[0] if len(named) == 1 else None
+    ros = place is not None and key.endswith("position")
+    if _NOT_AN_ANGLE.search(key):
+        return None
     if place is None:
-        if _NOT_AN_ANGLE.search(key):
-            return None
         for pattern, first in _JOINT:
             found = pattern.fullmatch(key)
             if found is not None:
                 place, ros = int(found[1]) + first, "position" in key
                 break
-    if place is None or not 1 <= place <= len(joints):
+    if place is None or not 0 <= place <= len(joints):
         return None
     if unit:
         return Meaning(f"q{place}", unit, "header")
     if ros:
         return Meaning(f"q{place}", "rad", "ros")
+    if key.startswith("actual q"):
+        return Meaning(f"q{place}", "rad", "rtde")
     if header.lstrip().upper().startswith("$AXIS_ACT"):
         return Meaning(f"q{place}", "deg", "kuka")
     return Meaning(f"q{place}")
 
 
-def _parted(header: str) -> tuple[str, str]:
+def header_parts(header: str) -> tuple[str, str]:
     """Name and unit of a header such as `X [mm]`, `X (in)`, `x_mm` or `Time/s`."""
     found = _IN_HEADER.search(header)
     unit = unit_of(found[1]) if found is not None else None

@@ -20,6 +20,7 @@ _BY = {
     "stated": "as stated",
     "cells": "as the cells say",
     "ros": "as ROS has it",
+    "rtde": "as RTDE has it",
     "kuka": "as $AXIS_ACT has it",
     "format": "by its form",
     "": "",
@@ -96,6 +97,9 @@ def import_words(found: Imported) -> tuple[str, ...]:
         said.append(f"words of the names that say nothing: {_few(unknown)}")
     if found.ignored:
         said.append(f"left out as told: {_few([p.name for p in found.ignored])}")
+    if found.unseen:
+        rows = [f"{p.listing.sheet.path.name}, line {p.line}{f' ({p.name})' if p.name else ''}" for p in found.unseen]
+        said.append(f"{len(rows)} points without sight are left out: {_few(rows)}")
     if found.missing:
         said.append(
             f"{len(found.missing)} readings of the plan have no point: {_few([label(s) for s in found.missing])}"
@@ -111,6 +115,8 @@ def _few(names: Sequence[str]) -> str:
 def _sheet_words(sheet: Sheet) -> str:
     if sheet.separator == "programme":
         return f"{sheet.where}: {len(sheet.rows)} positions of a controller's programme, {sheet.encoding}, "
+    if sheet.separator == "json":
+        return f"{sheet.where}: {len(sheet.rows)} points as JSON, {sheet.encoding}, "
     if not sheet.separator:
         return f"{sheet.where}: {len(sheet.rows)} rows, "
     sign = "decimal comma" if sheet.decimal == "," else "decimal point"
@@ -119,7 +125,11 @@ def _sheet_words(sheet: Sheet) -> str:
 
 
 def _file_words(listing: Listing) -> str:
-    return _sheet_words(listing.sheet) + ("a point list" if listing.is_points else "a joint log")
+    sheet = listing.sheet
+    kind = "a point list" if listing.is_points else "a joint log"
+    more = f", {len(sheet.blocks)} blocks of columns: {_few(sheet.blocks)}" if sheet.blocks else ""
+    more += f"; text below the table, not read: {_few(sheet.below)}" if sheet.below else ""
+    return _sheet_words(sheet) + kind + more
 
 
 def _placed_words(found: Imported) -> list[str]:
@@ -193,6 +203,7 @@ def import_json(found: Imported) -> dict[str, Any]:
         ],
         "missing": [label(s) for s in found.missing],
         "ignored": [p.name for p in found.ignored],
+        "unseen": [{"file": str(p.listing.sheet.path), "line": p.line, "name": p.name} for p in found.unseen],
         "placed": [{"series": p.series, "count": p.count, "rms": p.rms, "largest": p.largest} for p in found.placed],
         "frames": [_frame_json(a) for a in found.aligned],
     }

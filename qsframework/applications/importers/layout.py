@@ -1,0 +1,338 @@
+"""How a table stands in a file: heading rows, blocks of columns for markers, reports with one axis a line.
+
+What comes out is one plain table: a heading, and one point a row. Nothing is said yet of what the columns are.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from qsframework.applications.importers.vocabulary import (
+    AXIS_FILLERS,
+    BLOCK,
+    NOT_MEASURED,
+    XYZ,
+    header_parts,
+    unit_of,
+)
+
+NO_SIGHT = frozenset(("", "nan", "-", "--", "---", "n/a", "#n/a", "na", "null", "none", "inf", "-inf"))
+"""What stands in a cell in small letters where the instrument saw nothing."""
+_NUMBERISH = re.compile(r"[-+]?\d[\d.,']*(?:[eE][-+]?\d+)?(?:\s*[^\d\s]{1,4})?|[-+]?[.,]\d+")
+"""What somebody meant as a number, with a unit or a sign between thousands."""
+_PLAIN_NUMBER = re.compile(r"[-+]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][-+]?\d+)?")
+_FEWEST = 3
+"""Numbers of a row of points, or of joints."""
+_VALUE = re.compile(r"meas|measured|actual|act|ist|istwert|messwert|value|wert|result", re.IGNORECASE)
+"""Heading of the column that holds what was measured, in a report with one axis a line."""
+_LABEL = re.compile(r"\bOF\s+\w+\s+(\S+)", re.IGNORECASE)
+_UNITS = re.compile(r"\bunits?\s*[=:]\s*([a-z]+)", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class SheetRow:
+    """One row: its line (of a workbook its row), and its cells without the blanks around them."""
+
+    line: int
+    cells: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """A plain table. header: its names, () where there is none, in `line`; above: lines of text over it.
+
+    blocks: labels of the blocks of columns that became rows; left: columns that were to be left aside; below: lines of
+    text under the table
+    """
+
+    header: tuple[str, ...]
+    line: int
+    rows: tuple[SheetRow, ...]
+    above: tuple[str, ...] = ()
+    blocks: tuple[str, ...] = ()
+    left: tuple[str, ...] = ()
+    below: tuple[str, ...] = ()
+
+
+def is_data(cells: Sequence[str]) -> bool:
+    """Whether a row holds numbers enough for a point, cells in which nothing was seen among them."""
+    count = sum(_NUMBERISH.fullmatch(c) is not None for c in cells)
+    empty = sum(c.lower() in NO_SIGHT for c in cells)
+    return count >= _FEWEST or (count > 0 and count + empty == len(cells) > _FEWEST)
+
+
+def is_axis_line(cells: Sequence[str]) -> bool:
+    """Whether a row is of one axis: X, Y or Z beside a number, in a cell of its own or at the end of the first."""
+    cells = _axis_apart(cells)
+    return any(c.lower() in XYZ for c in cells) and any(_PLAIN_NUMBER.fullmatch(c) for c in cells)
+
+
+def lay_out(rows: Sequence[SheetRow], ignore: Sequence[str] = ()) -> Layout:
+    """The plain table that rows hold; ignore: names of columns to leave aside."""
+    folded = _one_point_a_row(rows)
+    if folded is not None:
+        return folded
+    first = _first(rows)
+    before, data, below = list(rows[:first]), *_parted(rows[first:])
+    while len(before) > 1 and sum(bool(c) and c.lower() in NO_SIGHT for c in before[-1].cells) >= _FEWEST:
+        data.insert(0, before.pop())
+    units = list[str]()
+    while len(before) > 1 and _only_units(before[-1].cells):
+        units = list(before.pop().cells)
+    before = _with_marker_names(before, data)
+    if not before or not data or (len(before[-1].cells) == 1 and len(data[0].cells) > 1):
+        line = data[0].line if data else 1
+        return Layout(header=(), line=line, rows=tuple(data), above=_texts(before), below=below)
+    heading = before.pop()
+    over: list[SheetRow] = []
+    while before and _stands_over(before[-1].cells, heading.cells):
+        over.insert(0, before.pop())
+    columns = _columns([r.cells for r in (*over, heading)], units)
+    out = Layout(header=(), line=heading.line, rows=tuple(data), above=_texts(before), below=below)
+    return _melted(out, columns, [w.lower() for w in ignore])
+
+
+def _texts(rows: Sequence[SheetRow]) -> tuple[str, ...]:
+    """Lines of text; of two rows of which one holds the names and one the values, the unit that they state."""
+    said = [" ".join(r.cells) for r in rows]
+    for one, two in itertools.pairwise(rows):
+        said += [f"Units: {b}" for a, b in zip(one.cells, two.cells, strict=False) if a.lower() == "units"]
+    return tuple(said)
+
+
+def _first(rows: Sequence[SheetRow]) -> int:
+    """The first row of the table: the first with numbers, unless a heading follows and the table only then."""
+    data = [is_data(r.cells) for r in rows]
+    first = data.index(True) if True in data else len(rows)
+    rest = data[first + 1 : first + 12]
+    if True in rest and not rest[0]:
+        between = rows[first + 1 : first + 1 + rest.index(True)]
+        if any(sum(re.search(r"[^\W\d]", c) is not None for c in r.cells) >= _FEWEST for r in between):
+            return first + 1 + rest.index(True)
+    return first
+
+
+def _parted(rows: Sequence[SheetRow]) -> tuple[list[SheetRow], tuple[str, ...]]:
+    """The rows of the table, and the lines of text that stand below it, apart from it by an empty line."""
+    end = len(rows)
+    while end > 1 and not any(_NUMBERISH.fullmatch(c) for c in rows[end - 1].cells):
+        end -= 1
+    if end < len(rows) and rows[end].line > rows[end - 1].line + 1:
+        return list(rows[:end]), tuple(" ".join(r.cells) for r in rows[end:])
+    return list(rows), ()
+
+
+def _only_units(cells: Sequence[str]) -> bool:
+    """Whether a row holds units alone, in brackets or not."""
+    bracketed = all(not c or re.fullmatch(r"[\[(].{0,12}[\])]", c) for c in cells)
+    return bool(cells) and (bracketed or (any(cells) and all(not c or unit_of(c) is not None for c in cells)))
+
+
+def _with_marker_names(before: list[SheetRow], data: Sequence[SheetRow]) -> list[SheetRow]:
+    """The rows above a table without a heading, one made where the last names the markers whose coordinates follow, as
+    QTM writes it."""
+    last = before[-1].cells if before else ("",)
+    names = last[1:]
+    more = len(data[0].cells) - 3 * len(names) if data else -1
+    if last[0].upper() != "MARKER_NAMES" or not names or not 0 <= more <= 2:
+        return before
+    heading = (*("Frame", "Time")[:more], *(f"{name} {axis.upper()}" for name in names for axis in XYZ))
+    return [*before, SheetRow(before[-1].line, heading)]
+
+
+def _stands_over(cells: Sequence[str], heading: Sequence[str]) -> bool:
+    """Whether a row is a second heading over another: as wide, or indented, and no line of text."""
+    filled = sum(map(bool, cells))
+    return filled > 0 and len(cells) > 1 and (len(cells) == len(heading) or not cells[0]) and not is_data(cells)
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A column: its own heading, and what the rows over it say, an empty cell what stands to its left."""
+
+    name: str
+    over: tuple[str, ...]
+
+    @property
+    def axis(self) -> str:
+        """x, y or z; "" where the headings do not say that it is a measured coordinate."""
+        words = [w.lower() for w in re.findall(r"[^\W_]+", header_parts(self.name)[0])]
+        every = [*words, *(w.lower() for text in self.over for w in re.findall(r"[^\W_]+", text))]
+        axes = [w[0] for w in words if re.fullmatch(r"[xyz]\d{0,3}", w)]
+        return axes[0] if len(axes) == 1 and not NOT_MEASURED.intersection(every) else ""
+
+    @property
+    def label(self) -> str:
+        """What its own heading says beside the axis."""
+        words = re.findall(r"[^\W_]+", header_parts(self.name)[0])
+        words = [re.sub(r"^[xyzXYZ](?=\d{0,3}$)", "", w) for w in words]
+        return " ".join(w for w in words if w and w.lower() not in AXIS_FILLERS)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether nothing in the headings says of which point this coordinate is."""
+        words = [w.lower() for text in self.over for w in re.findall(r"[^\W_]+", header_parts(text)[0])]
+        return not self.label and all(w in AXIS_FILLERS for w in words)
+
+    @property
+    def full(self) -> str:
+        """The headings in one, the first first."""
+        return " ".join(dict.fromkeys(t for t in (*self.over, self.name) if t))
+
+
+def _own_or_left(left: str, own: str) -> str:
+    return own or left
+
+
+def _columns(rows: Sequence[Sequence[str]], units: Sequence[str]) -> list[_Column]:
+    """The columns by their headings, each with its unit; an empty cell over a heading says what stands to its left."""
+    width = max(map(len, rows))
+    direct = [(*row, *("",) * (width - len(row))) for row in rows]
+    filled = [tuple(itertools.accumulate(row, _own_or_left)) for row in direct]
+    out: list[_Column] = []
+    for k in range(width):
+        last = max((i for i, row in enumerate(direct) if row[k]), default=0)
+        name, over = direct[last][k], tuple(row[k] for row in filled[:last] if row[k])
+        unit = units[k].strip("[]()") if len(units) == width else ""
+        unit = unit or next((u for text in over if (u := header_parts(text)[1])), "")
+        out.append(_Column(f"{name} [{unit}]" if unit and not header_parts(name)[1] else name, over))
+    return out
+
+
+def _melted(table: Layout, columns: Sequence[_Column], ignore: Sequence[str]) -> Layout:
+    """The table with its heading; where several blocks of columns hold coordinates, each becomes rows of its own."""
+    left = [k for k, c in enumerate(columns) if {c.name.lower(), c.full.lower()}.intersection(ignore)]
+    blocks: dict[object, dict[str, int]] = {}
+    for k, column in enumerate(columns):
+        if column.axis and k not in left:
+            blocks.setdefault((column.label.lower(), column.over), {}).setdefault(column.axis, k)
+    whole = [own for own in blocks.values() if len(own) == len(XYZ)]
+    plain = any(columns[own["x"]].is_plain for own in whole)
+    labels = [] if plain or len(whole) < 2 else _labels([columns[own["x"]] for own in whole])
+    in_blocks = {k for own in whole for k in own.values()} if labels else set[int]()
+    names = _names(columns)
+    told = tuple(names[k] for k in left)
+    keep = [k for k in range(len(columns)) if k not in in_blocks and k not in left]
+    rows = [_fitting(r, len(columns)) for r in table.rows]
+    if not labels:
+        rows = [replace(r, cells=tuple(r.cells[k] for k in keep)) if left and _fits(r, columns) else r for r in rows]
+        return replace(table, header=tuple(names[k] for k in keep), rows=tuple(rows), left=told)
+    axes = [f"{a.upper()} [{unit}]" if (unit := header_parts(columns[whole[0][a]].name)[1]) else a.upper() for a in XYZ]
+    melted: list[SheetRow] = []
+    for row in rows:
+        if not _fits(row, columns):
+            melted.append(row)
+            continue
+        shared = tuple(row.cells[k] for k in keep)
+        melted += [
+            SheetRow(row.line, (*shared, label, *(row.cells[own[a]] for a in XYZ)))
+            for label, own in zip(labels, whole, strict=True)
+        ]
+    header = (*(names[k] for k in keep), BLOCK, *axes)
+    return replace(table, header=header, rows=tuple(melted), blocks=tuple(labels), left=told)
+
+
+def _fits(row: SheetRow, columns: Sequence[_Column]) -> bool:
+    return len(row.cells) == len(columns)
+
+
+def _fitting(row: SheetRow, width: int) -> SheetRow:
+    """The row without empty cells behind its last column."""
+    cells = row.cells
+    while len(cells) > width and not cells[-1]:
+        cells = cells[:-1]
+    return replace(row, cells=cells)
+
+
+def _labels(columns: Sequence[_Column]) -> list[str]:
+    """What tells the blocks of these columns apart: their own headings, or the first row over them; [] for nothing."""
+    depth = max(len(c.over) for c in columns)
+    above = [[c.over[i] if i < len(c.over) else "" for c in columns] for i in range(depth)]
+    ways = [[c.label for c in columns], *above, [" ".join((*c.over, c.label)).strip() for c in columns]]
+    ways = [*(above if depth and all(c.label.isdecimal() for c in columns) else []), *ways]
+    return next((way for way in ways if len(set(way)) == len(way) and all(way)), list[str]())
+
+
+def _names(columns: Sequence[_Column]) -> list[str]:
+    """A name for every column: its own heading, with those over it where another has the same, or where it would be
+    taken for a coordinate that was measured."""
+    own = [c.name.lower() for c in columns]
+    plain = [bool(c.axis) and c.is_plain for c in columns]
+    return [
+        c.full
+        if c.over and not p and (own.count(c.name.lower()) > 1 or (len(c.over) > 0 and _axis_word(c.name)))
+        else c.name
+        for c, p in zip(columns, plain, strict=True)
+    ]
+
+
+def _axis_word(name: str) -> bool:
+    """Whether a heading alone would be taken for a coordinate."""
+    return header_parts(name)[0].strip().lower() in XYZ
+
+
+def _one_point_a_row(rows: Sequence[SheetRow]) -> Layout | None:
+    """The points of a report with one axis a line; None where it is something else."""
+    rows = [replace(r, cells=_axis_apart(r.cells)) for r in rows]
+    lines = [r for r in rows if is_axis_line(r.cells)]
+    place = _axis_place(lines)
+    if place is None or len(lines) < len(XYZ) or any(is_data(r.cells) and r not in lines for r in rows[:3]):
+        return None
+    heading: Sequence[str] = ()
+    label = unit = ""
+    points: list[tuple[int, str, dict[str, str]]] = []
+    for row in rows:
+        axis = row.cells[place].lower() if place < len(row.cells) else ""
+        if axis not in XYZ or row not in lines:
+            values = [c for c in row.cells if _VALUE.fullmatch(header_parts(c)[0].strip())]
+            if values:
+                heading = row.cells
+            elif not any(_NUMBERISH.fullmatch(c) for c in row.cells[1:2]):
+                label, found = " ".join(row.cells), _UNITS.search(" ".join(row.cells))
+                unit = found[1] if found is not None and unit_of(found[1]) else unit
+            continue
+        k = _value_place(row.cells, heading)
+        if k is None:
+            return None
+        unit = header_parts(heading[k])[1] or unit if k < len(heading) else unit
+        texts = [c for i, c in enumerate(row.cells) if i != place and c and not _NUMBERISH.fullmatch(c)]
+        found = _LABEL.search(label)
+        name = " ".join(texts) or (found[1] if found is not None else label)
+        if axis in (points[-1][2] if points else XYZ) or (texts and name != points[-1][1]):
+            points.append((row.line, name, {}))
+        points[-1][2][axis] = row.cells[k]
+    if any(len(own) != len(XYZ) for _, _, own in points):
+        return None
+    header = ("name", *(f"{a} [{unit}]" if unit else a for a in XYZ))
+    found_rows = [SheetRow(line, (name, *(own[a] for a in XYZ))) for line, name, own in points]
+    return Layout(header=header, line=rows[0].line, rows=tuple(found_rows))
+
+
+def _axis_apart(cells: Sequence[str]) -> tuple[str, ...]:
+    """The cells with the axis in one of its own where it is the end of the first: P01_m1.X."""
+    found = re.fullmatch(r"(.+)[._\s]([xyzXYZ])", cells[0]) if cells else None
+    numbers = any(_PLAIN_NUMBER.fullmatch(c) for c in cells[1:])
+    return (found[1], found[2], *cells[1:]) if found is not None and numbers else tuple(cells)
+
+
+def _axis_place(lines: Sequence[SheetRow]) -> int | None:
+    """The column in which all these lines name their axis, each axis as often as the others."""
+    for k in range(min((len(r.cells) for r in lines), default=0)):
+        named = [r.cells[k].lower() for r in lines]
+        counts = {named.count(a) for a in XYZ}
+        if set(named) == set(XYZ) and len(counts) == 1:
+            return k
+    return None
+
+
+def _value_place(cells: Sequence[str], heading: Sequence[str]) -> int | None:
+    """The cell of such a line that was measured: by the heading, or the only number."""
+    if len(heading) == len(cells):
+        named = [k for k, c in enumerate(heading) if _VALUE.fullmatch(header_parts(c)[0].strip())]
+        if len(named) == 1:
+            return named[0]
+    numbers = [k for k, c in enumerate(cells) if _PLAIN_NUMBER.fullmatch(c)]
+    return numbers[0] if len(numbers) == 1 else None

@@ -1,0 +1,162 @@
+"""Forty layouts: each is read as it was meant, at once or by the advice of its refusals."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import samples
+from layouts import LAYOUTS, cells, flat, points, vicon, visits
+from samples import FORMATS, Campaign, lines
+from test_formats import equal
+from typer.testing import CliRunner
+
+from qsframework.applications.importers import import_readings
+from qsframework.applications.protocol import ProtocolWish, make_protocol, write_reading_file
+from qsframework.cli.main import app
+from qsframework.errors import InputError
+from qsframework.experiment import read_readings
+
+PAGE = Path(__file__).parents[2] / "docs" / "import.md"
+MOST = 3
+"""Refusals of one layout, each of them with advice that leads on."""
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Campaign:
+    return samples.make_campaign(tmp_path)
+
+
+def followed(c: Campaign, *stated: str | Path) -> tuple[str, list[str]]:
+    """What the import says once every advice is followed, and the advice."""
+    arguments = ["import", str(c.folder / "experiment.yaml"), *map(str, stated)]
+    arguments += ["-p", str(c.folder / "plan.csv"), "-o", str(c.folder / "imported.csv")]
+    advice: list[str] = []
+    for _ in range(MOST + 1):
+        done = CliRunner().invoke(app, [*arguments, *advice], env={"COLUMNS": "400"})
+        if done.exit_code == 0:
+            return done.output, advice
+        assert isinstance(done.exception, InputError), f"{done.output}\n{done.exception!r}"
+        problem = next((p for p in done.exception.problems if p.argument is not None), None)
+        assert problem is not None, str(done.exception)
+        assert problem.argument is not None
+        assert problem.file
+        advice += [f"--{problem.argument[0]}", *shlex.split(problem.argument[1])]
+    raise AssertionError(f"the advice does not lead to an end: {advice}")
+
+
+def the_same(c: Campaign) -> None:
+    one, two = (read_readings(p, c.experiment, "positions") for p in (c.folder / "imported.csv", c.truth()))
+    equal(one, two)
+
+
+def stated(arguments: list[str]) -> str:
+    """What the page says that must be stated."""
+    return shlex.join(arguments)
+
+
+@pytest.mark.parametrize("what", LAYOUTS)
+def test_a_layout_is_read_as_it_was_meant(what: str, campaign: Campaign) -> None:
+    made = LAYOUTS[what](campaign)
+    _, advice = followed(campaign, *made)
+    given = [str(a) for a in made if not isinstance(a, Path)] + advice
+    assert given.count("--map") + given.count("--ignore") <= 1, given
+    if what.startswith("one row a p"):  # the states of a marker beside one another
+        own = sorted(campaign.readings, key=lambda r: (r.pose, r.marker, r.loaded))
+        campaign = replace(campaign, readings=tuple(own))
+    the_same(campaign)
+    row = f"| {what} | {f'`{stated(given)}`' if given else ''} |".replace("|  |", "| |")
+    assert row in PAGE.read_text(), row
+
+
+def test_there_are_forty() -> None:
+    assert len(LAYOUTS) + len(FORMATS) >= 40
+
+
+def without(c: Campaign, *lost: int) -> Campaign:
+    """The campaign without some of its readings."""
+    return replace(c, readings=tuple(r for i, r in enumerate(c.readings) if i not in lost))
+
+
+LOST = {"empty cells": ["", "", ""], "no numbers": ["NaN", "nan", "NaN"], "zeros": ["0.000", "0.000", "0.000"]}
+
+
+@pytest.mark.parametrize("kind", [*LOST, "far beyond"])
+def test_rows_without_sight_are_left_out_and_counted(kind: str, campaign: Campaign) -> None:
+    """Of blocks in the order of the plan, where the others keep their places."""
+    rows = [[str(i), "0", *flat(v)] for i, v in enumerate(visits(campaign), start=1)]
+    blind = LOST.get(kind, ["-3.697314e+28"] * 3)
+    rows[0][5:8] = blind
+    rows[7][2:5] = blind
+    printed, advice = followed(campaign, vicon(campaign, rows))
+    assert advice == ["--match", "order"]
+    assert "2 points without sight are left out: vicon.csv, line 6 (arm:m2); vicon.csv, line 13 (arm:m1)" in printed
+    assert "2 readings of the plan have no point" in printed
+    the_same(without(campaign, 1, 14))
+
+
+def test_a_point_that_was_lost_and_read_again_is_one(campaign: Campaign) -> None:
+    path = points(campaign)
+    head, first, *others = path.read_text().splitlines(keepends=True)
+    path.write_text("".join([head, f"{campaign.readings[0].name},---,---,---\n", first, *others]))
+    printed, _ = followed(campaign, path)
+    assert "1 points without sight are left out: points.csv, line 2" in printed
+    the_same(campaign)
+
+
+def test_half_of_a_coordinate_is_no_lost_sight(campaign: Campaign) -> None:
+    path = points(campaign)
+    text = path.read_text().splitlines(keepends=True)
+    text[3] = ",".join([*text[3].split(",")[:3], "NaN"]) + "\n"
+    path.write_text("".join(text))
+    done = CliRunner().invoke(app, ["import", str(campaign.folder / "experiment.yaml"), str(path), "-p", "plan.csv"])
+    assert isinstance(done.exception, InputError)
+    assert "line 4, column z_mm: is no number; found 'NaN'" in str(done.exception)
+
+
+def test_a_proposal_shows_the_first_rows_as_it_reads_them(campaign: Campaign) -> None:
+    rows = [[r.name, *cells(r)] for r in campaign.readings]
+    path = campaign.write("other.csv", lines([["Label1", "East", "North", "Up"], *rows]))
+    done = CliRunner().invoke(app, ["import", str(campaign.folder / "experiment.yaml"), str(path)])
+    assert isinstance(done.exception, InputError)
+    for row in rows[:3]:
+        name, x, y, z = row
+        assert f"name {name}, x {x}, y {y}, z {z}" in str(done.exception)
+    assert rows[3][0] not in str(done.exception)
+
+
+def test_a_column_is_left_aside_by_its_name(campaign: Campaign) -> None:
+    rows = [[r.name, *cells(r), *cells(r)] for r in campaign.readings]
+    head = ["name", "X [mm]", "Y [mm]", "Z [mm]", "Actual X [mm]", "Y coord [mm]", "Z value [mm]"]
+    path = campaign.write("points.csv", lines([head, *rows]))
+    leave = [arg for name in head[4:] for arg in ("--ignore", name)]
+    printed, advice = followed(campaign, path, *leave)
+    assert not advice
+    assert "Actual X [mm]" in printed
+    the_same(campaign)
+
+
+def test_a_spoilt_line_of_json_is_named(campaign: Campaign) -> None:
+    path = campaign.write("points.jsonl", '{"name": "a", "x_mm": 1, "y_mm": 2, "z_mm": 3}\n{"name": "b", "x_mm": }\n')
+    done = CliRunner().invoke(app, ["import", str(campaign.folder / "experiment.yaml"), str(path)])
+    assert isinstance(done.exception, InputError)
+    assert "points.jsonl, line 2: is no JSON" in str(done.exception)
+
+
+@pytest.mark.parametrize("words", ["loaded", "weight", "half of weight", "half_loaded"])
+def test_loads_are_named_as_the_sheet_of_the_day_writes_them(words: str, campaign: Campaign) -> None:
+    """Where a pose is measured under half the load too, loaded is the full load."""
+    repeats = np.array([2, 1, 1, 1, 1, 1])
+    plan = replace(campaign.plan, repeats=repeats)
+    made = make_protocol(campaign.experiment, plan, ProtocolWish(cycles=1, repeat_share=0.0))
+    write_reading_file(campaign.folder / "table.csv", made)
+    full = [r for r in campaign.readings if r.loaded and r.pose == "p01"]
+    rows = [[f"{r.pose}_{words}_{r.marker}", *cells(r)] for r in full]
+    path = campaign.write("points.csv", lines([["Name", "X [mm]", "Y [mm]", "Z [mm]"], *rows]))
+    found = import_readings(campaign.experiment, [path], campaign.folder / "table.csv")
+    half = "half" in words
+    assert {row[found.header.index("load_id")] for row in found.rows} == {"half of weight" if half else "weight"}
+    assert {row[found.header.index("fz_N")] for row in found.rows} == {"-2000" if half else "-4000"}
