@@ -233,7 +233,9 @@ def design(
 @app.command()
 def simulate(
     experiment: ExperimentFile,
-    plan: Annotated[Path, typer.Argument(help="plan.csv", show_default=False)],
+    plan: Annotated[
+        Path, typer.Argument(help="plan.csv, or readings.csv, whose rows are made anew.", show_default=False)
+    ],
     output: Annotated[Path, typer.Option("-o", "--output", help="The readings.")] = Path("readings.csv"),
     truth: Annotated[str, typer.Option(help="'nominal' values, or 'drawn' from the priors.")] = "nominal",
     linear: Linear = False,

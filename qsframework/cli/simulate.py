@@ -6,7 +6,8 @@ from pathlib import Path
 
 from qsframework.cli.commands import beside, distinct_outputs, write_json
 from qsframework.cli.printing import print_folded
-from qsframework.experiment import load_experiment, read_plan
+from qsframework.experiment import Experiment, load_experiment, read_plan
+from qsframework.experiment.readings_table import holds_readings
 
 
 def run_simulate(
@@ -31,6 +32,9 @@ def run_simulate(
     distinct_outputs([output, sidecar, *others], [file, plan_file, beside(plan_file, ".json")])
     keep_measured([output], "-o")
     experiment = load_experiment(file)
+    if holds_readings(plan_file):
+        _run_rows(experiment, plan_file, output, truth, seed, linear)
+        return
     plan = read_plan(plan_file, experiment)
     solid = touching(experiment, plan.pendant)
     for constraint, poses in broken_constraints(experiment, plan).items():
@@ -55,3 +59,14 @@ def run_simulate(
         print(f"report: {write_report(report, f'Simulation: {experiment.robot.title}', sections)}")
     print(f"{len(result.readings)} readings at {len(set(result.readings.pose))} poses: {output}")
     print(f"next: qsf identify {file} {output}")
+
+
+def _run_rows(experiment: Experiment, table: Path, output: Path, truth: str, seed: int, linear: bool) -> None:
+    """Simulate the rows of a table of readings."""
+    from qsframework.experiment import read_readings, simulate_rows
+    from qsframework.experiment.measured import write_simulated
+
+    result = simulate_rows(experiment, read_readings(table, experiment), None, truth, seed, linear)
+    write_simulated(output, result.readings, experiment)
+    print(f"{len(result.readings)} readings at {len(set(result.readings.pose))} poses: {output}")
+    print(f"next: qsf identify {experiment.path} {output}")

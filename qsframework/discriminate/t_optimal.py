@@ -22,6 +22,7 @@ from qsframework.elastostatics import Model
 from qsframework.errors import NotCertified, NotIdentifiable
 from qsframework.estimation import left, orthonormal, scales
 from qsframework.experiment import Experiment, Plan, Readings, make_rows
+from qsframework.experiment.frames import motion_count
 from qsframework.experiment.readings import UNSTATED
 from qsframework.information import Allowed, as_rows, bound_of
 from qsframework.information.rows import block_scores, root
@@ -89,7 +90,7 @@ class Question:
         frames = used.start(self.model, self.x)
         wanted = [*self.known, *self.second.names, *self.first.names]
         J = used.rates(self.model, self.x, frames, wanted)[1]
-        k = 6 * len(frames)
+        k = motion_count(frames)
         columns = np.concatenate([J[..., :k], self.assembled(J[..., k:])], axis=-1)
         white = used.noise.whiten(used.flat(columns)) * (1.0 if readings.stated else UNSTATED / self.sigma)
         return left(orthonormal(white[:, :k]), white[:, k:])

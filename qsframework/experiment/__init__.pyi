@@ -31,4 +31,4 @@ from .setup import (
     StatedNoise as StatedNoise,
     load_experiment as load_experiment,
 )
-from .simulate import Simulation as Simulation, simulate as simulate
+from .simulate import Simulation as Simulation, simulate as simulate, simulate_rows as simulate_rows

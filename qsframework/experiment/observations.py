@@ -20,7 +20,7 @@ from qsframework.elastostatics.so3 import cross_matrix, left_jacobian
 from qsframework.errors import InputError
 from qsframework.estimation import Noise, Observations, grouped
 from qsframework.estimation.noise import Group, connected
-from qsframework.experiment.frames import Frame, check_spread, procrustes
+from qsframework.experiment.frames import POINT, Frame, check_spread, motion_count, procrustes, spans
 from qsframework.experiment.readings import Readings
 from qsframework.experiment.setup import Experiment
 from qsframework.files import sha256
@@ -184,6 +184,11 @@ class ReadingRows:
         used = [int(f) for f in np.unique(self.frame) if f >= 0]
         return tuple(f for f in used if self.readings.known[f] is None)
 
+    @property
+    def unknown_motions(self) -> int:
+        """How many motions of the estimated frames are parameters."""
+        return motion_count([Frame(self.readings.frames[f], np.eye(3), np.zeros(3)) for f in self.estimated])
+
     @cached_property
     def _used(self) -> tuple[Indices, Indices, Indices]:
         """States that rows need, and for each row its place and that of its minus among them."""
@@ -309,7 +314,7 @@ class ReadingRows:
     def rates(
         self, model: Model, x: Array, frames: Sequence[Frame], names: Sequence[str], linear: bool = False
     ) -> tuple[Array, Array]:
-        """What the model says (R, 3), and its derivatives (R, 3, 6 F + p) by motions of the F estimated frames and by
+        """What the model says (R, 3), and its derivatives (R, 3, f + p) by the f motions of the estimated frames and by
         the named parameters."""
         if self.pairs is not None:
             return self.of_pairs(*model.rates(self.pairs[0], x, names, linear))
@@ -324,7 +329,7 @@ class ReadingRows:
     def of_states(self, positions: Array, slope: Array, frames: Sequence[Frame]) -> tuple[Array, Array]:
         """`rates` where the positions (S, K, 3) and their derivatives (S, K, 3, p) are known."""
         predicted = self.seen(positions, frames)
-        count = 6 * len(frames)
+        count = motion_count(frames)
         J = np.zeros((*predicted.shape, count + slope.shape[-1]))
         J[:, :, count:] = self.seen_along(positions, slope, frames)
         if count:
@@ -332,16 +337,18 @@ class ReadingRows:
         return predicted, J
 
     def motions(self, positions: Array, frames: Sequence[Frame]) -> Array:
-        """Derivatives (R, 3, 6 F) by motions of the estimated frames: shifts along their axes and turns about them."""
+        """Derivatives (R, 3, f) by motions of the estimated frames: shifts along their axes and turns about them."""
         _, plus, minus = self._used
         there = positions[plus, self.marker]
         taken = minus >= 0
         there = np.where(taken[:, None], there - positions[np.maximum(minus, 0), self.marker], there)
-        out = np.zeros((len(self.keep), 3, 6 * len(frames)))
-        for i, (f, frame) in enumerate(zip(self.estimated, frames, strict=True)):
+        out = np.zeros((len(self.keep), 3, motion_count(frames)))
+        for f, frame, span in zip(self.estimated, frames, spans(frames), strict=True):
             rows = np.flatnonzero(self.frame == f)
-            out[rows, :, 6 * i : 6 * i + 3] = np.where(taken[rows, None, None], 0.0, np.eye(3))
-            out[rows, :, 6 * i + 3 : 6 * i + 6] = -cross_matrix(there[rows] @ frame.rotation.T)
+            shift = -np.eye(3) if frame.touched else np.eye(3)
+            out[rows, :, span.start : span.start + 3] = np.where(taken[rows, None, None], 0.0, shift)
+            if not frame.touched:
+                out[rows, :, span.start + 3 : span.stop] = -cross_matrix(there[rows] @ frame.rotation.T)
         return out
 
     def start(self, model: Model, x: Array) -> tuple[Frame, ...]:
@@ -359,6 +366,9 @@ class ReadingRows:
         for f in self.estimated:
             name = self.readings.frames[f]
             rows = np.flatnonzero((self.frame == f) & np.isfinite(self.measured).all(axis=1))
+            if name.startswith(POINT):
+                out.append(Frame(name, np.eye(3), (self.measured - there)[rows].mean(axis=0)))
+                continue
             absolute = rows[self.minus[rows] < 0]
             if len(absolute):
                 check_spread(there[absolute], self.measured[absolute], name, self.readings.where)
@@ -458,7 +468,7 @@ class ObservationModel:
     @property
     def motions(self) -> int:
         """Parameters of the estimated frames, which stand before those of the model."""
-        return 6 * len(self.frames)
+        return motion_count(self.frames)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -473,22 +483,23 @@ class ObservationModel:
 
     def moved(self, z: Array) -> tuple[Frame, ...]:
         """The frames after their motions."""
-        return tuple(f.moved(z[6 * i : 6 * i + 6]) for i, f in enumerate(self.frames))
+        return tuple(f.moved(z[span]) for f, span in zip(self.frames, spans(self.frames), strict=True))
 
     @property
     def start(self) -> Array:
-        """z (6 F + p,) of these frames and values."""
+        """z (f + p,) of these frames and values."""
         return np.concatenate([np.zeros(self.motions), self.x[self.model.index(self.names)]])
 
     def predict(self, z: Array) -> Array:
         return self.rows.flat(self.rows.predict(self.model, self.values(z), self.moved(z), self.linear))
 
     def rates(self, z: Array) -> tuple[Array, Array]:
-        """The prediction (m,) and its derivatives (m, 6 F + p)."""
+        """The prediction (m,) and its derivatives (m, f + p)."""
         predicted, J = self.rows.rates(self.model, self.values(z), self.moved(z), self.names, self.linear)
-        for i in range(len(self.frames)):
-            turn = slice(6 * i + 3, 6 * i + 6)
-            J[:, :, turn] = J[:, :, turn] @ left_jacobian(z[turn])
+        for frame, span in zip(self.frames, spans(self.frames), strict=True):
+            turn = slice(span.start + 3, span.stop)
+            if not frame.touched:
+                J[:, :, turn] = J[:, :, turn] @ left_jacobian(z[turn])
         return self.rows.flat(predicted), self.rows.flat(J)
 
     def jacobian(self, z: Array) -> Array:

@@ -27,6 +27,7 @@ from qsframework.experiment.columns import (
     write_table,
 )
 from qsframework.experiment.differences import differences, has_pairs
+from qsframework.experiment.frames import POINT
 from qsframework.experiment.kinds import Part, check_kinds, which_sigma
 from qsframework.experiment.plan import limit_problems
 from qsframework.experiment.readings import UNSTATED, Made, Readings, States, joined
@@ -45,12 +46,15 @@ _RECORDED = ("time", "temperature", "approach")
 _LARGEST_DISPLACEMENT = 0.1
 _FARTHEST = RANGES["m"].most
 """m from the tracker's origin."""
+_TOUCHED = 0.1
+"""m that a rigid nominal arm may put a marker from the point that it touched."""
 _UNIT_SLIP = 100.0
 """Measured positions spread this many times wider or narrower than the arm's own are in a wrong unit."""
 
 
-def _columns(experiment: Experiment, states: bool, gauge: bool) -> list[Column]:
-    """What a file may hold; `states`: of states, else of displacements; gauge: whether it has a gauge's column."""
+def _columns(experiment: Experiment, states: bool, bare: bool) -> list[Column]:
+    """What a file may hold; `states`: of states, else of displacements; bare: whether it may be without vectors, as it
+    has the column of a gauge or of touched points."""
     return [
         Column("pose", "text", required=True),
         *joint_columns(experiment.robot.controller.units),
@@ -58,11 +62,11 @@ def _columns(experiment: Experiment, states: bool, gauge: bool) -> list[Column]:
         *(Column(m, "number", "N m", blank=states) for m in _MOMENT),
         Column("marker", "text", required=True),
         *([Column("state", "text", required=True)] if states else []),
-        *(Column(d, "number", "m", required=not gauge, blank=True) for d in (_XYZ if states else _MOVED)),
+        *(Column(d, "number", "m", required=not bare, blank=True) for d in (_XYZ if states else _MOVED)),
         Column("gauge", "number", "m", blank=True),
         *(Column(u, "number", blank=True) for u in _ALONG),
         Column("to_marker", "text"),
-        *([Column("load_id", "text")] if states else [Column("reference", "text")]),
+        *([Column("load_id", "text"), Column("point", "text")] if states else [Column("reference", "text")]),
         Column("series", "text"),
         Column("repeat", "count"),
         Column("read", "count"),
@@ -93,6 +97,11 @@ def holds_states(path: str | Path) -> bool:
     """Whether a file is one of states: its header has a column `state` or a position."""
     names = _header(Path(path))
     return "state" in names or any(name.startswith(("x_", "y_", "z_")) for name in names)
+
+
+def holds_readings(path: str | Path) -> bool:
+    """Whether a table is of readings and not a plan: its header has a column `marker`."""
+    return "marker" in _header(Path(path))
 
 
 def _header(path: Path) -> list[str]:
@@ -131,14 +140,17 @@ def _read(path: Path, experiment: Experiment, states: str | None) -> Part:
     check_ours(path, f"pose, {experiment.robot.controller.units.names()[0]}, ..., marker, ...")
     header = _header(path)
     of_states = holds_states(path)
-    gauge = any(name.startswith("gauge_") for name in header)
-    table = read_table(path, _columns(experiment, of_states, gauge), experiment.robot.name, IMPORT)
+    bare = any(name.startswith("gauge_") or name == "point" for name in header)
+    table = read_table(path, _columns(experiment, of_states, bare), experiment.robot.name, IMPORT)
     table, reads = averaged(table, (*(_XYZ if of_states else _MOVED), "gauge"))
     found = _Rows.of(table, reads, experiment, of_states)
     made = found.of_states(experiment) if of_states else found.of_displacements(experiment)
     made = replace(made, made=_made(path))
     stated = not _unstated(found.sigma, found.kind(of_states), found.use, experiment).any()
     if of_states and (states or suggested(experiment, made)) == "differences":
+        if any(found.points):
+            hint = "Say states: positions, or leave states: out."
+            raise InputError(Problem("touched points are positions, not differences", str(path), hint=hint))
         made = differences(made, experiment)
     return Part(made, own=bool(np.isfinite(found.sigma[found.use]).all()), stated=stated)
 
@@ -158,7 +170,7 @@ def _made(path: Path) -> Made | None:
 
 def suggested(experiment: Experiment, states: Readings) -> str:
     """How states are read where nobody says: "differences" or "positions"."""
-    if not has_pairs(states):
+    if not has_pairs(states) or any(name.startswith(POINT) for name in states.frames):
         return "positions"
     names = set(experiment.fit_names())
     model = experiment.model()
@@ -186,6 +198,7 @@ class _Rows:
     axes: Array | None
     to: Indices
     gauge: npt.NDArray[np.bool_]
+    points: tuple[str, ...]
     problems: list[Problem]
 
     @classmethod
@@ -202,6 +215,10 @@ class _Rows:
         value = np.stack([table.numbers.get(c, np.full(count, np.nan)) for c in stems], axis=1)
         marker = _markers(table, "marker", experiment, problems)
         value, axes, to, gauge = _gauges(table, experiment, value, problems)
+        points = tuple(table.texts.get("point", [""] * count))
+        touched = np.array([name != "" for name in points]) & ~gauge
+        value = np.where(touched[:, None], np.nan_to_num(value), value)
+        problems += _point_problems(table, points, gauge)
         problems += _unfilled(table, value, use, stems)
         sigma = table.numbers.get("sigma", np.full(count, np.nan))
         for i in np.flatnonzero((sigma <= 0) & use)[:MOST_PROBLEMS]:
@@ -218,6 +235,7 @@ class _Rows:
             axes=axes,
             to=to,
             gauge=gauge,
+            points=points,
             problems=problems,
         )
 
@@ -300,6 +318,7 @@ class _Rows:
         states = rows._states(experiment, first, loaded[first], conditions, names, [keys[int(i)][2] for i in first])
         found = rows._readings(experiment, states, state, np.full(len(state), -1), True)
         _check_units(table, experiment, found)
+        _check_touched(table, experiment, found)
         return found
 
     def kind(self, of_states: bool) -> npt.NDArray[np.str_]:
@@ -347,8 +366,9 @@ class _Rows:
         named = table.texts.get("series", [""] * len(plus))
         given = of_states | np.array([n != "" for n in named])
         given &= ~self.gauge  # a gauge measures along the axes of the base
+        named = [POINT + point if point else n for n, point in zip(named, self.points, strict=True)]
         frames = tuple(dict.fromkeys(n for n, own in zip(named, given, strict=True) if own))
-        if of_states and "" in frames and len(frames) > 1:
+        if of_states and "" in frames and not all(n == "" or n.startswith(POINT) for n in frames):
             i = next(i for i, n in enumerate(named) if n == "" and given[i])
             hint = "Each tracker frame is a series of its own: name one in every row, or in none."
             raise InputError(at(table, i, "series", "names no series, others do", "''", ", ".join(frames[1:]), hint))
@@ -379,8 +399,31 @@ class _Rows:
         )
 
 
+def _point_problems(table: Table, points: Sequence[str], gauge: npt.NDArray[np.bool_]) -> list[Problem]:
+    """Rows of touched points that are of a gauge or of a series too, and points that were touched once."""
+    series = table.texts.get("series", [""] * len(points))
+    out: list[Problem] = []
+    for i, name in enumerate(points):
+        if name and (gauge[i] or series[i]):
+            stem = "gauge" if gauge[i] else "series"
+            hint = "Give it a row of its own: the place of a point is in the axes of the base."
+            out.append(at(table, i, stem, f"the row touches the point {name!r} and is of a {stem} too", hint=hint))
+        elif name and points.count(name) == 1:
+            hint = "Touch it at two poses or more, or put 0 in the column use."
+            out.append(at(table, i, "point", f"the point {name!r} is touched once, which says nothing", hint=hint))
+        elif series[i].startswith(POINT):
+            out.append(at(table, i, "series", f"a series does not begin with {POINT!r}", repr(series[i])))
+    return out[:MOST_PROBLEMS]
+
+
 def at(
-    table: Table, i: int, stem: str, message: str, found: str = "", allowed: str | None = None, hint: str | None = None
+    table: Table,
+    i: int,
+    stem: str,
+    message: str,
+    found: str | None = None,
+    allowed: str | None = None,
+    hint: str | None = None,
 ) -> Problem:
     """A problem in row i of a table, in the column of this stem."""
     return Problem(
@@ -641,13 +684,36 @@ def _sigmas(
     return np.where(np.isnan(sigma), UNSTATED, sigma), stated
 
 
-def _check_units(table: Table, experiment: Experiment, found: Readings) -> None:
-    """Within a series positions spread as far as the arm's own, in whatever frame; a wrong unit shows."""
+def _rigid_places(experiment: Experiment, found: Readings) -> Array:
+    """Where a rigid arm puts the marker of each row: (R, 3) m, base frame."""
     robot = experiment.robot
     sites = [(m.name, experiment.site(m.link, m.xyz)) for m in experiment.markers]
     rigid = make_model(robot.facts, [], [], experiment.load_site, sites, robot.gravity)
-    there = rigid.positions(found.poses)[found.plus, found.marker]
+    return rigid.positions(found.poses)[found.plus, found.marker]
+
+
+def _check_touched(table: Table, experiment: Experiment, found: Readings) -> None:
+    """InputError for rows whose marker a rigid arm puts far from where most others put the same point."""
+    there = _rigid_places(experiment, found) - found.value
+    problems: list[Problem] = []
     for f, name in enumerate(found.frames):
+        rows = np.flatnonzero((found.frame == f) & found.use) if name.startswith(POINT) else np.zeros(0, dtype=np.intp)
+        off = np.linalg.norm(there[rows] - np.median(there[rows], axis=0), axis=1) if len(rows) else np.zeros(0)
+        for i, far in zip(rows.tolist(), off.tolist(), strict=True):
+            if far > _TOUCHED:
+                message = f"the marker lies {1e3 * far:.0f} mm from where the others touch {name.removeprefix(POINT)!r}"
+                hint = "Is it another point, another marker or another pose? Else put 0 in the column use."
+                problems.append(at(table, i, "point", message, None, f"up to {1e3 * _TOUCHED:.0f} mm", hint))
+    if problems:
+        raise InputError(problems[:MOST_PROBLEMS])
+
+
+def _check_units(table: Table, experiment: Experiment, found: Readings) -> None:
+    """Within a series positions spread as far as the arm's own, in whatever frame; a wrong unit shows."""
+    there = _rigid_places(experiment, found)
+    for f, name in enumerate(found.frames):
+        if name.startswith(POINT):
+            continue
         rows = (found.frame == f) & np.isfinite(found.value).all(axis=1) & found.use
         spread = [float(np.sqrt(p[rows].var(axis=0).sum())) if rows.any() else 0.0 for p in (found.value, there)]
         if spread[1] < 1e-3 or spread[0] == 0.0:
@@ -714,9 +780,10 @@ def readings_table(readings: Readings, experiment: Experiment) -> tuple[list[str
     header += [*measured, *(["gauge_mm", *_ALONG, "to_marker"] if gauge.any() else [])]
     named = {"load_id": [states.load_id[int(s)] for s in readings.plus]} if of_states else {}
     series = [readings.frames[f] if f >= 0 else "" for f in map(int, readings.frame)]
+    touched = [_touched_by(readings, f) for f in map(int, readings.frame)]
     series = [states.series[int(s)] for s in readings.plus] if of_states else series  # of gauges too
     reference = _named_references(readings)
-    named |= {"series": series, "reference": [] if of_states else reference}
+    named |= {"series": series, "point": touched, "reference": [] if of_states else reference}
     named = {k: v for k, v in named.items() if any(v)}
     recorded_of = _recorded_columns(readings, of_states)
     given = readings.stated or len(np.unique(readings.sigma)) > 1
@@ -736,6 +803,12 @@ def readings_table(readings: Readings, experiment: Experiment) -> tuple[list[str
         row += [number(float(np.nanmax(readings.sigma[i]) * 1e3))] if given else []
         rows.append(row + ([drive[i]] if drive else []))
     return header, rows
+
+
+def _touched_by(readings: Readings, f: int) -> str:
+    """The point that stands for a frame by its place, "" for another."""
+    name = readings.frames[f] if f >= 0 else ""
+    return name.removeprefix(POINT) if name.startswith(POINT) else ""
 
 
 def _in_base(readings: Readings, experiment: Experiment) -> Readings:

@@ -1,4 +1,4 @@
-"""`simulate`: displacements of a plan, with seeded noise, from known parameters."""
+"""`simulate`: displacements of a plan, or the rows of a table, with seeded noise, from known parameters."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem, nearest
+from qsframework.experiment.observations import make_rows
 from qsframework.experiment.plan import Plan
 from qsframework.experiment.readings import UNSTATED, Made, Readings, States
 from qsframework.experiment.setup import Experiment
@@ -68,6 +69,28 @@ def simulate(
         made=Made("linear" if linear else "equilibrium", seed),
     )
     return Simulation(readings, model, frozen(x))
+
+
+def simulate_rows(
+    experiment: Experiment,
+    readings: Readings,
+    x: Array | None = None,
+    truth: str = "nominal",
+    seed: int = 0,
+    linear: bool = False,
+) -> Simulation:
+    """Measure the rows of readings in simulation, of whatever kind: each with its sigma, in the frames that suit the
+    readings; of a touched point what the marker is off the point. x, truth, seed and linear as for `simulate`."""
+    if not readings.stated:
+        raise InputError(f"{experiment.path}: a simulation needs the noise, for example noise: {{sigma_mm: 0.03}}")
+    model, rng = experiment.model(), np.random.default_rng(seed)
+    x = _truth(model, truth, rng) if x is None else x
+    rows = make_rows(readings)
+    predicted = rows.predict(model, x, rows.start(model, model.nominal), linear)
+    value = np.array(readings.value)
+    value[rows.keep] = predicted + rows.sigma * rng.standard_normal(predicted.shape)
+    made = replace(readings.with_values(value), made=Made("linear" if linear else "equilibrium", seed))
+    return Simulation(made, model, frozen(x))
 
 
 def displaced(

@@ -119,7 +119,7 @@ def _gross(
     experiment: Experiment, readings: Readings, rows: ReadingRows, options: FitOptions
 ) -> tuple[tuple[Masked, ...], npt.NDArray[np.bool_] | None]:
     """What is to be said of rows that are far off, and those of the readings to mask: few, or none."""
-    count = len(rows.at) - len(experiment.fit_names()) - 6 * len(rows.estimated)
+    count = len(rows.at) - len(experiment.fit_names()) - rows.unknown_motions
     if options.keep_all or count < _ENOUGH:
         return (), None
     outliers = find_outliers(experiment, readings)

@@ -18,6 +18,7 @@ from qsframework.errors import InputError, NotConverged
 from qsframework.estimation import FitOptions, Observations, solve
 from qsframework.estimation.solver import solution_at
 from qsframework.experiment import Experiment, Frame, ObservationModel, ReadingRows, bridge
+from qsframework.experiment.frames import motion_count, spans
 from qsframework.experiment.observations import start_values
 from qsframework.identify.fit import Found
 from qsframework.information.two_step import distinct_angles, step_two, stiffness_covariance
@@ -239,11 +240,13 @@ class _StepOne:
             for j, own, at in parts:
                 frames = self._frames(z, own)
                 J = own.flat(own.rates(model, full(z, j), frames, [*self.others, b.compliance], self.seen.linear)[1])
-                for i, f in enumerate(own.estimated):
-                    k = 6 * rows.estimated.index(f)
-                    turn = J[:, 6 * i + 3 : 6 * i + 6] @ left_jacobian(z[k + 3 : k + 6])
-                    out[at, k : k + 6] = np.hstack([J[:, 6 * i : 6 * i + 3], turn])
-                out[at, motions:first] = J[:, 6 * len(frames) : -1]
+                for f, frame, here in zip(own.estimated, frames, spans(frames), strict=True):
+                    there = spans(self.seen.frames)[rows.estimated.index(f)]
+                    part = J[:, here]
+                    if not frame.touched:
+                        part = np.hstack([part[:, :3], part[:, 3:] @ left_jacobian(z[there][3:])])
+                    out[at, there] = part
+                out[at, motions:first] = J[:, motion_count(frames) : -1]
                 out[at, first + j] = J[:, -1]
             return out
 

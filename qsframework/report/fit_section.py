@@ -9,6 +9,7 @@ import numpy as np
 
 from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings
+from qsframework.experiment.frames import POINT
 from qsframework.experiment.observations import values_before
 from qsframework.identify import Estimate, Fit, FitRecord, Masked
 from qsframework.report.blocks import Block, Figure, ReportTable, SceneView, Section, Text
@@ -222,10 +223,17 @@ def frame_table(fit: Fit) -> ReportTable:
             "; ".join(", ".join(f"{v:.6f}" for v in row) for row in f.rotation),
         )
         for f in fit.frames
+        if not f.touched
     )
     return ReportTable(
         ("series", "origin of the base, mm", "rotation matrix, by rows"), rows, "The base in tracker frames."
     )
+
+
+def point_table(fit: Fit) -> ReportTable:
+    """Where the touched points are."""
+    rows = tuple((f.series.removeprefix(POINT), *(f"{v * 1e3:.3f}" for v in f.pose)) for f in fit.frames if f.touched)
+    return ReportTable(("touched point", "x, mm", "y, mm", "z, mm"), rows, "Their places in the base frame.")
 
 
 def left_aside_table(fit: Fit) -> ReportTable:
@@ -291,8 +299,10 @@ def _evidence(fit: Fit) -> Iterator[Block]:
     pairs = sorted(fit.high_correlations(), key=lambda pair: -abs(pair[2]))
     said = "; ".join(f"{a} and {b}: {c:+.3f}" for a, b, c in pairs) or "none"
     yield Text(f"Correlations above 0.9: {said}.")
-    if fit.frames:
+    if any(not f.touched for f in fit.frames):
         yield frame_table(fit)
+    if any(f.touched for f in fit.frames):
+        yield point_table(fit)
 
 
 def residual_view(fit: Fit, experiment: Experiment, readings: Readings, more: tuple[Figure, ...] = ()) -> Section:

@@ -13,6 +13,7 @@ from qsframework.estimation import LinearFit, Noise, left, orthonormal, rank_tes
 from qsframework.estimation.linear_fit import Agreed, Beyond, Whitened, without_outliers
 from qsframework.estimation.projection import Flags
 from qsframework.experiment import Experiment, Frame, ObservationModel, Readings, bridge
+from qsframework.experiment.frames import motion_count
 from qsframework.experiment.observations import ReadingRows, start_values
 from qsframework.experiment.together import positions_of, rates_of
 from qsframework.plugin import Array, Geometry, Indices, Sensor
@@ -209,7 +210,7 @@ def other_readings(given: Linearized, many: Sequence[Readings], far: float) -> l
     if all(r.states is not before.states and np.array_equal(r.poses.q, before.poses.q) for r in many):
         still = {p.name for e in model.effects if isinstance(e, Geometry | Sensor) for p in e.parameters(model.facts)}
     at = [i for i, name in enumerate(names) if name not in still]
-    motions = 6 * len(frames[0])
+    motions = motion_count(frames[0])
     size = scales([p for f in frames[0] for p in f.parameters()] + [parameters[i] for i in at])
     columns = [*range(motions), *(motions + i for i in at)]
     found = rates_of([rows[i] for i in near], model, x, [frames[i] for i in near], [names[i] for i in at])

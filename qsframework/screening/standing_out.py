@@ -15,6 +15,7 @@ from qsframework.estimation import Independent, LinearFit, scales
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.tails import chi2_isf
 from qsframework.experiment import Experiment, Frame, ObservationModel, ReadingRows, Readings, bridge
+from qsframework.experiment.frames import motion_count, spans
 from qsframework.plugin import Array, Indices
 from qsframework.screening.linearized import agreed
 from qsframework.screening.logging_faults import Visits, visits_of
@@ -75,10 +76,10 @@ class Standing:
             self.seen.model, self.seen.x, [self.frames[i] for i in places], self.seen.names, linear=True
         )
         J = np.zeros((len(keep), 3, len(self.z)))
-        for here, there in enumerate(places):
-            J[:, :, 6 * there : 6 * there + 6] = slopes[:, :, 6 * here : 6 * here + 6]
-        motions = 6 * len(self.frames)
-        J[:, :, motions:] = slopes[:, :, 6 * len(places) :]
+        own = [self.frames[i] for i in places]
+        for here, there in zip(spans(own), places, strict=True):
+            J[:, :, spans(self.frames)[there]] = slopes[:, :, here]
+        J[:, :, motion_count(self.frames) :] = slopes[:, :, motion_count(own) :]
         J *= scales(list(self.seen.parameters))
         error = rows.measured - predicted - J @ self.z
         size = rows.sigma * self.unit
@@ -100,10 +101,10 @@ class Standing:
 
     def _predicted(self, rows: ReadingRows, places: Sequence[int], step: Array) -> Array:
         """What the tangent model says (R, 3) after motions of the frames and changes of the parameters."""
-        motions = 6 * len(self.frames)
+        motions = motion_count(self.frames)
         x = self.seen.x.copy()
         x[self.seen.model.index(self.seen.names)] += step[motions:]
-        frames = [self.frames[i].moved(step[6 * i : 6 * i + 6]) for i in places]
+        frames = [self.frames[i].moved(step[spans(self.frames)[i]]) for i in places]
         return rows.predict(self.seen.model, x, frames, linear=True)
 
 

@@ -12,6 +12,7 @@ from qsframework.diagnose.linearization.candidates import REACH, Cause, groups_o
 from qsframework.elastostatics import Model
 from qsframework.estimation import Noise, left, scales
 from qsframework.experiment import Experiment, Frame, make_rows
+from qsframework.experiment.frames import motion_count
 from qsframework.experiment.observations import ReadingRows
 from qsframework.experiment.simulate import displaced
 from qsframework.identify.selection import held_of
@@ -87,7 +88,7 @@ class Case:
     @property
     def motions(self) -> int:
         """Columns of the frames, which stand first in A."""
-        return 6 * len(self.frames)
+        return motion_count(self.frames)
 
     @property
     def count(self) -> int:
@@ -175,7 +176,7 @@ def make_case(
         ]
     )
     raw, noise = columns * sizes, rows.padded_noise
-    A, B = _split(noise.whiten(raw), 6 * len(frames) + len(fitted), causes)
+    A, B = _split(noise.whiten(raw), motion_count(frames) + len(fitted), causes)
     return Case(
         experiment=experiment,
         model=model,
@@ -188,9 +189,9 @@ def make_case(
         residuals=noise.whiten(residuals.ravel()),
         pose=np.repeat(rows.pose, 3),
         raw=raw,
-        held=np.concatenate([np.zeros(6 * len(frames)), 1.0 / held_of(model, fitted)]),
+        held=np.concatenate([np.zeros(motion_count(frames)), 1.0 / held_of(model, fitted)]),
         noise=noise,
-        aim=np.concatenate([np.zeros(6 * len(frames)), _back(model, fitted, values)]),
+        aim=np.concatenate([np.zeros(motion_count(frames)), _back(model, fitted, values)]),
     )
 
 

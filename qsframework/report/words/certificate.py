@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from qsframework.applications.certificate import COVERAGE, Certificate, Conformity, extended_by
+from qsframework.experiment.frames import POINT
 
 SOURCES = {
     "parameters": ("noise of the readings that the parameters rest on", "fit, covariance of the parameters"),
@@ -39,6 +40,13 @@ def scope_words(found: Certificate) -> list[str]:
         out = [
             f"Measured: deflections under load, loaded minus unloaded, {counted}. All errors and uncertainties here "
             "are of the deflection under load; where the unloaded arm stands in its base frame was not measured."
+        ]
+    elif account.frames and all(name.startswith(POINT) for name in account.frames):
+        points = ", ".join(name.removeprefix(POINT) for name in account.frames)
+        out = [
+            f"Measured: touches of points of unknown place, {counted} ({points}). Errors and uncertainties are of the "
+            "arm relative to these points: what shifts or turns the whole arm is absorbed by their places, which were "
+            "estimated from the same readings."
         ]
     elif account.frames:
         tool = found.experiment.model().of_role("marker offset")
