@@ -19,12 +19,11 @@ import numpy as np
 from qsframework.applications.inverse import TipPose, find_joints, rigid_tip
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
-from qsframework.experiment.columns import Column, Table, joint_columns, read_table
-from qsframework.experiment.plan import limit_problems
+from qsframework.experiment.columns import Column, Table, read_table
+from qsframework.experiment.plan import joint_columns
 from qsframework.experiment.readings_table import no_load
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
-from qsframework.units import JointUnits
 
 _XYZ, _TURNS = ("x", "y", "z"), ("rx", "ry", "rz")
 _QUATERNION = ("quat_w", "quat_x", "quat_y", "quat_z")
@@ -82,15 +81,13 @@ def read_targets(path: str | Path, experiment: Experiment, tell: Tell | None = N
     InputError with all its problems, each with row and column.
     """
     path, robot = Path(path), experiment.robot
-    table = read_table(path, _columns(robot.controller.units), robot.name)
+    table = read_table(path, _columns(experiment), robot.name)
     no_load(table, experiment)
     problems = list(table.problems)
     cartesian = any(stem in table.numbers for stem in (*_XYZ, *_TURNS, *_QUATERNION))
     joints = [f"q{k + 1}" for k in range(robot.controller.axes)]
     _complete(table, joints, cartesian)
     pendant = np.stack([table.numbers[j] for j in joints], axis=1) if joints[0] in table.numbers else None
-    if pendant is not None:
-        problems += limit_problems(table, pendant, experiment)
     zero = np.zeros(len(table.rows))
     wrench = np.stack([table.numbers.get(c, zero) for c in _WRENCH], axis=1)
     problems += _capacity(table, wrench, experiment)
@@ -114,10 +111,10 @@ def read_targets(path: str | Path, experiment: Experiment, tell: Tell | None = N
     )
 
 
-def _columns(joints: JointUnits) -> list[Column]:
+def _columns(experiment: Experiment) -> list[Column]:
     return [
         Column("target", "text"),
-        *joint_columns(joints, required=False),
+        *joint_columns(experiment, required=False),
         *(Column(c, "number", "m") for c in _XYZ),
         *(Column(c, "number", "rad") for c in _TURNS),
         *(Column(c, "number") for c in _QUATERNION),

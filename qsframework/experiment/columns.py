@@ -6,9 +6,10 @@ import csv
 import io
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -41,11 +42,15 @@ _OURS = re.compile(r"pose|target|marker|state|reflector|load|(?:d?[xyz]|q\d+|f[x
 """Columns of which every table of ours has some."""
 
 
+Check = Callable[[Any, str], Problem | None]
+"""What is wrong with a value, a text or a number in SI, of a column that the file calls so; None where nothing is."""
+
+
 @dataclass(frozen=True)
 class Column:
     """A column: kind "text", "number" (with its SI unit), "count" (1, 2, ...), "flag", or "side" (-1, +1).
 
-    `blank`: a cell may be empty and is then NaN.
+    `blank`: a cell may be empty and is then NaN; check: of every cell that is not, of what is measured in use alone
     """
 
     stem: str
@@ -53,6 +58,7 @@ class Column:
     unit: str = ""
     required: bool = False
     blank: bool = False
+    check: Check | None = None
 
     def spelling(self) -> str:
         return units.allowed_names(self.stem, self.unit) if self.unit else self.stem
@@ -109,7 +115,17 @@ def read_table(path: str | Path, columns: Sequence[Column], robot: str, foreign:
         raise InputError(
             Problem("is empty", file=str(path), allowed=", ".join(c.spelling() for c in columns if c.required))
         )
-    parsed = _cells(path, lines, foreign)
+    return make_table(path, _cells(path, lines, foreign), columns, problems)
+
+
+def make_table(
+    path: Path, parsed: Sequence[tuple[int, Sequence[str]]], columns: Sequence[Column], problems: Sequence[Problem] = ()
+) -> Table:
+    """A table of cells, each row with its line, the header first; problems: those of its lines.
+
+    InputError at once where its header is wrong; problems in cells are collected.
+    """
+    problems = list(problems)
     header = [cell.strip() for cell in parsed[0][1]]
     if len(header) > MOST_COLUMNS:
         raise InputError(Problem(f"holds more than {MOST_COLUMNS} columns", file=str(path), line=parsed[0][0]))
@@ -143,7 +159,11 @@ def read_table(path: str | Path, columns: Sequence[Column], robot: str, foreign:
 
 
 def _unfilled(
-    table: Table, columns: list[tuple[int, Column]], rows: list[tuple[int, list[str]]], masked: set[int], maskable: bool
+    table: Table,
+    columns: list[tuple[int, Column]],
+    rows: list[tuple[int, Sequence[str]]],
+    masked: set[int],
+    maskable: bool,
 ) -> list[Problem]:
     """One problem for all rows in which something that is measured is still empty."""
     wanted = [(i, c) for i, c in columns if c.stem in _MEASURED and not c.blank and c.stem in table.numbers]
@@ -271,6 +291,8 @@ def _read_column(table: Table, column: Column, unit: str, cells: list[str], mask
         for i, cell in enumerate(cells):
             if len(cell) > _LONGEST or (not cell and column.required):
                 _wrong(table, i, column, "is too long" if cell else "is empty", cell, f"up to {_LONGEST} characters")
+            elif cell:
+                _checked(table, i, column, cell)
         return
     values = np.full(len(cells), math.nan)
     for i, cell in enumerate(cells):
@@ -287,7 +309,29 @@ def _read_column(table: Table, column: Column, unit: str, cells: list[str], mask
             _wrong(table, i, column, "cannot be used", cell, allowed)
         else:
             values[i] = value
-    table.numbers[column.stem] = units.to_si(values, unit) if unit else values
+    table.numbers[column.stem] = values = units.to_si(values, unit) if unit else values
+    for i in np.flatnonzero(np.isfinite(values)).tolist() if column.check is not None else ():
+        if not (column.stem in _MEASURED and i in masked):
+            _checked(table, i, column, float(values[i]))
+
+
+def _checked(table: Table, i: int, column: Column, value: float | str) -> None:
+    """The problem that a column's own check finds with a value."""
+    name = table.names[column.stem]
+    problem = None if column.check is None else column.check(value, name)
+    if problem is not None and len(table.problems) <= MOST_PROBLEMS:
+        table.problems.append(replace(problem, file=str(table.path), line=table.rows[i], column=name))
+
+
+def one_of(names: Sequence[str], message: str, allowed: str = "") -> Check:
+    """The check of a text that is one of these."""
+
+    def check(value: str, name: str) -> Problem | None:
+        if value in names:
+            return None
+        return Problem(message, found=repr(value), allowed=allowed or ", ".join(names), hint=nearest(value, names))
+
+    return check
 
 
 def _value(column: Column, cell: str) -> tuple[float | None, str]:
@@ -345,11 +389,6 @@ def number(value: float, digits: int = 10) -> str:
 def joint_cells(values: Array, joints: units.JointUnits) -> list[str]:
     """Joint values (n,), rad or m, as a table holds them, in deg or mm: twelve digits keep 1e-9 of either."""
     return [number(v, 12) for v in joints.shown(values).tolist()]
-
-
-def joint_columns(joints: units.JointUnits, required: bool = True) -> list[Column]:
-    """The columns q1, q2, ... of what the pendant shows."""
-    return [Column(f"q{k + 1}", "number", joints[k].si, required=required) for k in range(len(joints))]
 
 
 def recorded(value: float) -> str:

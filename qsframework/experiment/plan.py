@@ -14,11 +14,10 @@ import pydantic
 
 from qsframework.errors import InputError, Problem
 from qsframework.experiment.columns import (
-    MOST_PROBLEMS,
+    Check,
     Column,
     Table,
     joint_cells,
-    joint_columns,
     number,
     read_table,
     strength_problems,
@@ -145,10 +144,37 @@ def make_plan(
     )
 
 
+def joint_columns(experiment: Experiment, required: bool = True) -> list[Column]:
+    """The columns q1, q2, ... of what the pendant shows, within the limits of the joints."""
+    joints = experiment.robot.controller.units
+    return [
+        Column(f"q{k + 1}", "number", joints[k].si, required=required, check=_within_limits(experiment, k))
+        for k in range(len(joints))
+    ]
+
+
+def _within_limits(experiment: Experiment, k: int) -> Check:
+    """The check of the values of joint k."""
+    controller, joint = experiment.robot.controller, experiment.robot.facts.driven[k]
+    lower, upper = controller.range_of(k)
+
+    def outside(value: float) -> bool:
+        return not lower - controller.tolerance <= value <= upper + controller.tolerance
+
+    def check(value: float, name: str) -> Problem | None:
+        if not outside(value):
+            return None
+        shown, allowed = controller.units[k].text(value, 4), controller.units[k].between(lower, upper)
+        slip = abs(value) > 2.0 * np.pi and not outside(value * controller.units[k].factor)
+        return Problem(f"{joint} is outside its limits", found=shown, allowed=allowed, hint=_units_hint(name, slip))
+
+    return check
+
+
 def _columns(experiment: Experiment) -> list[Column]:
     return [
         Column("pose", "text", required=True),
-        *joint_columns(experiment.robot.controller.units),
+        *joint_columns(experiment),
         *(Column(f, "number", "N", required=True) for f in ("fx", "fy", "fz")),
         *(Column(m, "number", "N m") for m in ("mx", "my", "mz")),
         Column("load", "text"),
@@ -204,7 +230,7 @@ def read_plan(path: str | Path, experiment: Experiment) -> Plan:
     n = experiment.robot.controller.axes
     pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(n)], axis=1)
     names = table.texts["pose"]
-    problems = [*table.problems, *limit_problems(table, pendant, experiment)]
+    problems = list(table.problems)
     zero = np.zeros(len(names))
     wrench = np.stack([table.numbers.get(c, zero) for c in ("fx", "fy", "fz", "mx", "my", "mz")], axis=1)
     problems += strength_problems(table, wrench, experiment.robot.payload, experiment.robot.gravity)
@@ -229,9 +255,8 @@ def read_poses(path: str | Path, experiment: Experiment) -> Poses:
     columns = [dataclasses.replace(c, required=c.required and c.stem.startswith("q")) for c in _columns(experiment)]
     table = read_table(path, columns, experiment.robot.name)
     pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(n)], axis=1)
-    problems = [*table.problems, *limit_problems(table, pendant, experiment)]
-    if problems:
-        raise InputError(problems)
+    if table.problems:
+        raise InputError(table.problems)
     return Poses(pendant, experiment.robot.controller.to_joints(pendant), np.zeros((len(pendant), 6)))
 
 
@@ -278,23 +303,3 @@ def _units_hint(name: str, fits: bool) -> str | None:
     stem, _, unit = name.partition("_")
     words = {"rad": ("degrees", "deg"), "m": ("millimetres", "mm")}.get(unit)
     return f"The number looks like {words[0]}: call the column {stem}_{words[1]}." if words and fits else None
-
-
-def limit_problems(table: Table, pendant: Array, experiment: Experiment) -> list[Problem]:
-    """Pendant angles outside the controller's limits, each with its row and column."""
-    controller = experiment.robot.controller
-    known = np.isfinite(pendant)
-    outside = controller.outside(np.where(known, pendant, 0.0)) & known
-    degrees = ~controller.outside(controller.units.si(pendant)) & (np.abs(pendant) > 2.0 * np.pi)
-    return [
-        Problem(
-            f"{experiment.robot.facts.driven[int(k)]} is outside its limits",
-            str(table.path),
-            table.rows[int(i)],
-            table.names[f"q{k + 1}"],
-            found=controller.units[k].text(float(pendant[i, k]), 4),
-            allowed=controller.units[k].between(*controller.range_of(k)),
-            hint=_units_hint(table.names[f"q{k + 1}"], bool(degrees[i, k])),
-        )
-        for i, k in np.argwhere(outside)[:MOST_PROBLEMS].tolist()
-    ]

@@ -18,8 +18,9 @@ from qsframework.experiment.columns import (
     Table,
     check_ours,
     joint_cells,
-    joint_columns,
+    make_table,
     number,
+    one_of,
     read_table,
     recorded,
     strength_problems,
@@ -29,7 +30,7 @@ from qsframework.experiment.columns import (
 from qsframework.experiment.differences import differences, has_pairs
 from qsframework.experiment.frames import POINT
 from qsframework.experiment.kinds import Part, check_kinds, which_sigma
-from qsframework.experiment.plan import limit_problems
+from qsframework.experiment.plan import joint_columns
 from qsframework.experiment.readings import UNSTATED, Made, Readings, States, joined
 from qsframework.experiment.reads import averaged
 from qsframework.experiment.setup import GEOMETRY, Experiment
@@ -55,23 +56,26 @@ _UNIT_SLIP = 100.0
 def _columns(experiment: Experiment, states: bool, bare: bool) -> list[Column]:
     """What a file may hold; `states`: of states, else of displacements; bare: whether it may be without vectors, as it
     has the column of a gauge or of touched points."""
+    marker = one_of([m.name for m in experiment.markers], "the experiment has no such marker")
+    state = one_of(STATES, "no such state", "unloaded or loaded")
+    size = _near if states else _elastic
     return [
         Column("pose", "text", required=True),
-        *joint_columns(experiment.robot.controller.units),
+        *joint_columns(experiment),
         *(Column(f, "number", "N", required=not states, blank=states) for f in _FORCE),
         *(Column(m, "number", "N m", blank=states) for m in _MOMENT),
-        Column("marker", "text", required=True),
-        *([Column("state", "text", required=True)] if states else []),
-        *(Column(d, "number", "m", required=not bare, blank=True) for d in (_XYZ if states else _MOVED)),
-        Column("gauge", "number", "m", blank=True),
+        Column("marker", "text", required=True, check=marker),
+        *([Column("state", "text", required=True, check=state)] if states else []),
+        *(Column(d, "number", "m", not bare, blank=True, check=size) for d in (_XYZ if states else _MOVED)),
+        Column("gauge", "number", "m", blank=True, check=None if states else _small),
         *(Column(u, "number", blank=True) for u in _ALONG),
-        Column("to_marker", "text"),
+        Column("to_marker", "text", check=marker),
         *([Column("load_id", "text"), Column("point", "text")] if states else [Column("reference", "text")]),
         Column("series", "text"),
         Column("repeat", "count"),
         Column("read", "count"),
         Column("cycle", "count"),
-        Column("sigma", "number", "m", blank=True),
+        Column("sigma", "number", "m", blank=True, check=_positive),
         *(
             Column(f"{c}{end}", "number", unit)
             for c, unit in (("time", "s"), ("temperature", "K"))
@@ -81,6 +85,37 @@ def _columns(experiment: Experiment, states: bool, bare: bool) -> list[Column]:
         Column("drive_state", "text"),
         Column("use", "flag"),
     ]
+
+
+def _positive(value: float, name: str) -> Problem | None:
+    return None if value > 0.0 else Problem("must be positive", found=f"{value:g} m")
+
+
+def _near(value: float, name: str) -> Problem | None:
+    """What is wrong with a coordinate that no tracker reads."""
+    if abs(value) <= _FARTHEST:
+        return None
+    hint = f"If the column is in mm, call it {name}m." if name.endswith("_m") else None
+    return Problem("no tracker reads this far", found=f"{value:g} m", allowed=f"up to {_FARTHEST:g} m", hint=hint)
+
+
+def _elastic(value: float, name: str) -> Problem | None:
+    """What is wrong with a displacement that no load makes."""
+    if abs(value) <= _LARGEST_DISPLACEMENT:
+        return None
+    question, hint = "is it a position?", "A displacement is the loaded minus the unloaded position."
+    if name.endswith("_m"):
+        question, hint = "is the column in mm?", f"Then call it {name}m."
+    message = f"a displacement this large is not elastic; {question}"
+    return Problem(message, found=f"{value:g} m", allowed=f"up to {_LARGEST_DISPLACEMENT} m", hint=hint)
+
+
+def _small(value: float, name: str) -> Problem | None:
+    """What is wrong with the displacement along a gauge."""
+    if abs(value) <= _LARGEST_DISPLACEMENT:
+        return None
+    message, allowed = "a gauge moves less under a load; is the column in mm?", f"up to {_LARGEST_DISPLACEMENT} m"
+    return Problem(message, found=f"{value:g} m", allowed=allowed, hint="Then call it gauge_mm.")
 
 
 def state_columns(experiment: Experiment) -> list[Column]:
@@ -95,13 +130,19 @@ def displacement_columns(experiment: Experiment) -> list[Column]:
 
 def holds_states(path: str | Path) -> bool:
     """Whether a file is one of states: its header has a column `state` or a position."""
-    names = _header(Path(path))
-    return "state" in names or any(name.startswith(("x_", "y_", "z_")) for name in names)
+    return _of_states(_header(Path(path)))
+
+
+def _of_states(header: Sequence[str]) -> bool:
+    return "state" in header or any(name.startswith(("x_", "y_", "z_")) for name in header)
 
 
 def holds_readings(path: str | Path) -> bool:
     """Whether a table is of readings and not a plan: its header has a column `marker`."""
-    return "marker" in _header(Path(path))
+    try:
+        return "marker" in _header(Path(path))
+    except InputError:  # no text: its reader says what it is
+        return False
 
 
 def _header(path: Path) -> list[str]:
@@ -138,14 +179,32 @@ def read_readings(
 
 def _read(path: Path, experiment: Experiment, states: str | None) -> Part:
     check_ours(path, f"pose, {experiment.robot.controller.units.names()[0]}, ..., marker, ...")
-    header = _header(path)
-    of_states = holds_states(path)
+    columns = _columns_of(_header(path), experiment)
+    made = _part(read_table(path, columns, experiment.robot.name, IMPORT), experiment, states)
+    return replace(made, readings=replace(made.readings, made=_made(path)))
+
+
+def readings_of(
+    path: Path, header: Sequence[str], rows: Sequence[Sequence[str]], experiment: Experiment, states: str | None = None
+) -> Readings:
+    """The readings of cells that stand in no file yet: as `read_readings` would read them, row k in line k + 2."""
+    table = make_table(path, list(enumerate([header, *rows], start=1)), _columns_of(header, experiment))
+    part = _part(table, experiment, states)
+    check_kinds([part], part.readings, experiment)
+    return part.readings
+
+
+def _columns_of(header: Sequence[str], experiment: Experiment) -> list[Column]:
+    """What a file with this header may hold."""
     bare = any(name.startswith("gauge_") or name == "point" for name in header)
-    table = read_table(path, _columns(experiment, of_states, bare), experiment.robot.name, IMPORT)
+    return _columns(experiment, _of_states(header), bare)
+
+
+def _part(table: Table, experiment: Experiment, states: str | None) -> Part:
+    of_states, path = "state" in table.names or "x" in table.names, table.path
     table, reads = averaged(table, (*(_XYZ if of_states else _MOVED), "gauge"))
     found = _Rows.of(table, reads, experiment, of_states)
     made = found.of_states(experiment) if of_states else found.of_displacements(experiment)
-    made = replace(made, made=_made(path))
     stated = not _unstated(found.sigma, found.kind(of_states), found.use, experiment).any()
     if of_states and (states or suggested(experiment, made)) == "differences":
         if any(found.points):
@@ -209,11 +268,11 @@ class _Rows:
         wrench = np.stack([table.numbers.get(c, zero) for c in (*_FORCE, *_MOMENT)], axis=1)
         use = table.numbers.get("use", np.ones(count)) != 0
         robot = experiment.robot
-        problems = [*table.problems, *limit_problems(table, pendant, experiment)]
+        problems = list(table.problems)
         problems += strength_problems(table, wrench, robot.payload, robot.gravity)
         stems = _XYZ if of_states else _MOVED
         value = np.stack([table.numbers.get(c, np.full(count, np.nan)) for c in stems], axis=1)
-        marker = _markers(table, "marker", experiment, problems)
+        marker = _markers(table, "marker", experiment)
         value, axes, to, gauge = _gauges(table, experiment, value, problems)
         points = tuple(table.texts.get("point", [""] * count))
         touched = np.array([name != "" for name in points]) & ~gauge
@@ -221,8 +280,6 @@ class _Rows:
         problems += _point_problems(table, points, gauge)
         problems += _unfilled(table, value, use, stems)
         sigma = table.numbers.get("sigma", np.full(count, np.nan))
-        for i in np.flatnonzero((sigma <= 0) & use)[:MOST_PROBLEMS]:
-            problems.append(at(table, int(i), "sigma", "must be positive", f"{sigma[i]:g} m"))
         return cls(
             table=table,
             reads=reads,
@@ -243,11 +300,6 @@ class _Rows:
         """Rows of displacements, each loaded minus unloaded."""
         table, problems = self.table, self.problems
         no_load(table, experiment)
-        problems += _displacement_problems(table, np.where(self.use[:, None] & ~self.gauge[:, None], self.value, 0.0))
-        for i in map(int, np.flatnonzero(self.gauge & self.use & (np.abs(self.value[:, 0]) > _LARGEST_DISPLACEMENT))):
-            found, allowed = f"{self.value[i, 0]:g} m", f"up to {_LARGEST_DISPLACEMENT} m"
-            message = "a gauge moves less under a load; is the column in mm?"
-            problems.append(at(table, i, "gauge", message, found, allowed, "Then call it gauge_mm."))
         keys = list(zip(table.texts["pose"], counts(table, "repeat"), counts(table, "cycle"), strict=True))
         labels = [f"pose {pose!r}, repeat {repeat}, cycle {cycle}" for pose, repeat, cycle in keys]
         every = [f"{c}{end}" for c in _RECORDED for end in ("", "_unloaded")]
@@ -295,7 +347,6 @@ class _Rows:
         wrench = np.nan_to_num(self.wrench, nan=0.0)
         if loaded.any():
             no_load(table, experiment)
-        problems += _position_problems(table, np.where(self.use[:, None] & ~self.gauge[:, None], self.value, 0.0))
         texts = [table.texts.get(c, [""] * len(loaded)) for c in ("load_id", "series")]
         keys = list(
             zip(
@@ -450,17 +501,10 @@ def no_load(table: Table, experiment: Experiment) -> None:
         raise InputError(Problem(message, str(table.path), hint="Add for example load: {point_mm: [150, 0, 200]}."))
 
 
-def _markers(table: Table, stem: str, experiment: Experiment, problems: list[Problem]) -> Indices:
-    """Place of each row's marker in the experiment; -1 where the cell is empty."""
-    names = [m.name for m in experiment.markers]
-    index = np.full(len(table.rows), -1 if stem == "to_marker" else 0, dtype=np.intp)
-    for i, name in enumerate(table.texts.get(stem, [])):
-        if name in names:
-            index[i] = names.index(name)
-        elif name and len(problems) <= MOST_PROBLEMS:
-            message = "the experiment has no such marker"
-            problems.append(at(table, i, stem, message, repr(name), ", ".join(names), nearest(name, names)))
-    return index
+def _markers(table: Table, stem: str, experiment: Experiment) -> Indices:
+    """Place (R,) of each row's marker in the experiment; where there is none -1, of those that are measured 0."""
+    places, none = {m.name: k for k, m in enumerate(experiment.markers)}, -1 if stem == "to_marker" else 0
+    return np.array([places.get(name, none) for name in table.texts.get(stem, [""] * len(table.rows))], dtype=np.intp)
 
 
 def _gauges(
@@ -468,7 +512,7 @@ def _gauges(
 ) -> tuple[Array, Array | None, Indices, npt.NDArray[np.bool_]]:
     """Values (R, 3), axes, the other marker of each row, and which rows are of a gauge."""
     count = len(value)
-    to = _markers(table, "to_marker", experiment, problems)
+    to, marker = (_markers(table, stem, experiment) for stem in ("to_marker", "marker"))
     gauge = np.isfinite(table.numbers.get("gauge", np.full(count, np.nan)))
     along = np.stack([table.numbers.get(c, np.full(count, np.nan)) for c in _ALONG], axis=1)
     along = np.where(np.isfinite(along).any(axis=1, keepdims=True), np.nan_to_num(along, nan=0.0), np.nan)
@@ -489,7 +533,7 @@ def _gauges(
         elif pointed == (to[i] >= 0):
             both = "has a direction and a marker to which it measures" if pointed else "has no direction"
             problems.append(at(table, i, "gauge", f"the gauge {both}", hint=hint))
-        elif to[i] == _markers(table, "marker", experiment, [])[i]:
+        elif to[i] == marker[i]:
             problems.append(at(table, i, "to_marker", "a distance is to another marker", hint=hint))
     axes = np.tile(np.eye(3), (count, 1, 1))
     for i in np.flatnonzero(gauge & (to < 0) & np.isfinite(size) & (size > 0)).tolist():
@@ -580,10 +624,6 @@ def _labels(keys: Sequence[tuple[str, str, str, int, int, bool]]) -> list[str]:
 
 def _loads(table: Table, wrench: Array, problems: list[Problem]) -> npt.NDArray[np.bool_]:
     """Whether each row is loaded: only a loaded state has a wrench (R, 6)."""
-    for i, state in enumerate(table.texts["state"]):
-        if state and state not in STATES and len(problems) <= MOST_PROBLEMS:
-            hint = nearest(state, STATES)
-            problems.append(at(table, i, "state", "no such state", repr(state), "unloaded or loaded", hint))
     loaded = np.array([state == "loaded" for state in table.texts["state"]])
     missing = [f for f in _FORCE if f not in table.numbers]
     if missing and (loaded.any() or len(missing) < 3):
@@ -622,32 +662,6 @@ def _unloaded_problems(table: Table, wrench: Array, use: npt.NDArray[np.bool_]) 
         at(table, int(i), "fx", "no force and no moment: a displacement under no load tells nothing", hint=hint)
         for i in np.flatnonzero(use & ~np.any(wrench, axis=1))[:MOST_PROBLEMS]
     ]
-
-
-def _displacement_problems(table: Table, displacement: Array) -> list[Problem]:
-    out: list[Problem] = []
-    for i, k in np.argwhere(np.abs(displacement) > _LARGEST_DISPLACEMENT)[:MOST_PROBLEMS]:
-        stem = _MOVED[int(k)]
-        name = table.names[stem]
-        if name == f"{stem}_m":
-            question, hint = "is the column in mm?", f"Then call it {stem}_mm."
-        else:
-            question, hint = "is it a position?", "A displacement is the loaded minus the unloaded position."
-        message = f"a displacement this large is not elastic; {question}"
-        found, allowed = f"{displacement[i, k]:g} m", f"up to {_LARGEST_DISPLACEMENT} m"
-        out.append(Problem(message, str(table.path), table.rows[int(i)], name, found=found, allowed=allowed, hint=hint))
-    return out
-
-
-def _position_problems(table: Table, position: Array) -> list[Problem]:
-    out: list[Problem] = []
-    for i, k in np.argwhere(np.abs(position) > _FARTHEST)[:MOST_PROBLEMS]:
-        stem = _XYZ[int(k)]
-        slip = table.names[stem] == f"{stem}_m"
-        hint = f"If the column is in mm, call it {stem}_mm." if slip else None
-        message, found = "no tracker reads this far", f"{position[i, k]:g} m"
-        out.append(at(table, int(i), stem, message, found, f"up to {_FARTHEST:g} m", hint))
-    return out
 
 
 def _known_sigma(kind: npt.NDArray[np.str_], experiment: Experiment) -> Array:

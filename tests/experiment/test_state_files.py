@@ -115,7 +115,7 @@ def test_all_problems_are_told_at_once(ur10: Experiment, tmp_path: Path) -> None
     rows = cell(0, 11, "heavy")(cell(1, 9, "")(cell(3, 12, "inf")(list(ROWS))))
     with pytest.raises(InputError) as caught:
         read_positions(write(tmp_path, rows), ur10)
-    assert [p.line for p in caught.value.problems] == [6, 3, 4]
+    assert [p.line for p in caught.value.problems] == [3, 6, 4]
 
 
 def test_a_wrong_header_is_named(ur10: Experiment, tmp_path: Path) -> None:

@@ -14,7 +14,8 @@ from qsframework.applications.day.record import Entry, Slot, rows_of
 from qsframework.applications.importers import import_readings
 from qsframework.applications.protocol import write_reading_file
 from qsframework.errors import InputError, Problem
-from qsframework.experiment.columns import write_table
+from qsframework.experiment.columns import make_table, read_table
+from qsframework.experiment.readings_table import state_columns
 from qsframework.files import sha256, write_text
 from qsframework.plugin import Array
 
@@ -43,7 +44,7 @@ def enter_text(day: Day, text: str, slot: Slot | None = None) -> tuple[Day, list
     with TemporaryDirectory() as folder:
         path = Path(folder) / "pasted.csv"
         write_text(path, "\n".join(lines) + "\n")
-        return enter_states(day, rows_of(path, day.experiment, day.record.protocol))
+        return enter_states(day, _of_table(day, path))
 
 
 def enter_file(day: Day, path: Path, slot: Slot | None = None) -> tuple[Day, list[Judged]]:
@@ -63,7 +64,7 @@ def enter_file(day: Day, path: Path, slot: Slot | None = None) -> tuple[Day, lis
     of_next = entries is not None
     if entries is None:
         table = _is_table(_lines(content.decode("utf-8", "replace")))
-        entries = rows_of(path, day.experiment, day.record.protocol) if table else _imported(day, path)
+        entries = _of_table(day, path) if table else _imported(day, path)
     elif slot is None:
         hint = "Confirm the state that they are of, or send a table or an export that names poses."
         raise Unconfirmed(Problem("holds points without a pose", str(path), hint=hint))
@@ -92,14 +93,21 @@ def _is_table(lines: list[str]) -> bool:
     return bool(lines) and re.match(r"pose\s*,", lines[0]) is not None
 
 
+def _of_table(day: Day, path: Path) -> list[Entry]:
+    """The states of one of our own tables."""
+    table = read_table(path, state_columns(day.experiment), day.experiment.robot.name)
+    return rows_of(table, day.experiment, day.record.protocol)
+
+
 def _imported(day: Day, path: Path) -> list[Entry]:
     """The states that the importers make of a tracker's file, by the names of its points."""
     with TemporaryDirectory() as folder:
-        plan, table = Path(folder) / "protocol.csv", Path(folder) / "readings.csv"
+        plan = Path(folder) / "protocol.csv"
         write_reading_file(plan, day.record.protocol)
         found = import_readings(day.experiment, [path], plan)
-        write_table(table, found.header, found.rows, [f"robot: {day.record.protocol.robot}"])
-        return rows_of(table, day.experiment, day.record.protocol)
+    cells = list(enumerate([found.header, *found.rows], start=1))
+    table = make_table(path, cells, state_columns(day.experiment))
+    return rows_of(table, day.experiment, day.record.protocol)
 
 
 def read_positions(text: str, names: tuple[str, ...]) -> dict[str, Array]:

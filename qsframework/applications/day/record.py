@@ -20,8 +20,7 @@ import numpy as np
 from qsframework.applications.protocol import Protocol, ProtocolState, Visit, floor_file
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
-from qsframework.experiment.columns import joint_cells, number, read_table, write_table
-from qsframework.experiment.readings_table import state_columns
+from qsframework.experiment.columns import Table, joint_cells, number, write_table
 from qsframework.files import write_bytes
 from qsframework.files.journal import Journal
 from qsframework.plugin import Array
@@ -296,9 +295,9 @@ def write_readings(path: Path, protocol: Protocol, entries: Sequence[Entry], beg
     write_table(path, _header(protocol), rows, _comments(protocol))
 
 
-def rows_of(path: Path, experiment: Experiment, protocol: Protocol) -> list[Entry]:
+def rows_of(table: Table, experiment: Experiment, protocol: Protocol) -> list[Entry]:
     """The states of a table, each at its place in the protocol. InputError with all rows that belong to none."""
-    table = read_table(path, state_columns(experiment), experiment.robot.name)
+    path = table.path
     problems = list(table.problems)
     places = {
         (visit.pose, visit.repeat, state.cycle, state.load_id): Slot(v, k)

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.errors import InputError, Problem
+from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan, read_plan
 from qsframework.experiment.columns import read_table, table_lines
-from qsframework.experiment.plan import limit_problems
-from qsframework.experiment.readings_table import STATES, counts, state_columns
+from qsframework.experiment.readings_table import counts, state_columns
 from qsframework.plugin import Array
 
 
@@ -92,11 +91,8 @@ def _of_table(path: Path, experiment: Experiment) -> Campaign:
     pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(n)], axis=1)
     unfilled = {table.names.get(a) for a in ("x", "y", "z")}
     problems = [p for p in table.problems if p.column not in unfilled]
-    problems += limit_problems(table, pendant, experiment)
     zero = np.zeros(len(table.rows))
     wrench = np.nan_to_num(np.stack([table.numbers.get(c, zero) for c in ("fx", "fy", "fz", "mx", "my", "mz")], axis=1))
-    if "state" not in table.texts or any(s not in STATES for s in table.texts["state"]):
-        problems.append(Problem("a state is neither unloaded nor loaded", str(path), column="state"))
     if problems:
         raise InputError(problems)
     loads = table.texts.get("load_id", [""] * len(table.rows))

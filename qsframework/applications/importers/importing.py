@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -42,10 +41,8 @@ from qsframework.applications.importers.tables import Listing, Stated, check_col
 from qsframework.applications.importers.vocabulary import own_columns
 from qsframework.applications.importers.writing import readings_rows, rewritten_rows
 from qsframework.errors import InputError, Problem, nearest
-from qsframework.experiment import Experiment, Frame, Readings, read_readings
-from qsframework.experiment.columns import table_text
-from qsframework.experiment.readings_table import displacement_columns, state_columns
-from qsframework.files import write_text
+from qsframework.experiment import Experiment, Frame, Readings
+from qsframework.experiment.readings_table import displacement_columns, readings_of, state_columns
 from qsframework.plugin import Array
 
 T = TypeVar("T")
@@ -472,17 +469,14 @@ def _read_back(
     columns: Mapping[str, str],
 ) -> Readings:
     """The table as our own reader reads it; its problems told at the rows from which they come."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "readings.csv"
-        write_text(path, table_text(header, rows))
-        try:
-            return read_readings(path, experiment, "positions" if "state" in header else None)
-        except InputError as error:
-            raise InputError([_at_origin(p, str(path), origins, columns) for p in error.problems]) from None
+    try:
+        return readings_of(Path(origins[0][0]), header, rows, experiment, "positions" if "state" in header else None)
+    except InputError as error:
+        raise InputError([_at_origin(p, origins, columns) for p in error.problems]) from None
 
 
-def _at_origin(problem: Problem, path: str, origins: Sequence[tuple[str, int]], columns: Mapping[str, str]) -> Problem:
+def _at_origin(problem: Problem, origins: Sequence[tuple[str, int]], columns: Mapping[str, str]) -> Problem:
     row = None if problem.line is None else problem.line - 2
     file, line = origins[row] if row is not None and 0 <= row < len(origins) else (origins[0][0], None)
     column = None if problem.column is None else columns.get(problem.column, problem.column)
-    return replace(problem, message=problem.message.replace(path, file), file=file, line=line, column=column)
+    return replace(problem, file=file, line=line, column=column)
