@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import samples
+from layouts import LAYOUTS
 from samples import FORMATS, Campaign
 
 from qsframework.applications.importers import ImportWish, import_readings
@@ -81,4 +82,21 @@ def test_mutated_exports(name: str, tmp_path: Path) -> None:
         except InputError as error:
             nameless += [p for p in error.problems if not (p.file or p.found)]
     assert taken < 40
+    assert nameless == []
+
+
+@pytest.mark.parametrize("what", LAYOUTS)
+def test_mutated_layouts(what: str, tmp_path: Path) -> None:
+    """The same of every layout, taken in the order of the plan."""
+    c = samples.make_campaign(tmp_path)
+    paths = [a for a in LAYOUTS[what](c) if isinstance(a, Path)]
+    content, rng = paths[-1].read_bytes(), random.Random(what)
+    wish = ImportWish(columns={}, names={}, units=("mm", "rad"), match="order", join="order")
+    nameless: list[object] = []
+    for _ in range(12):
+        paths[-1].write_bytes(mutated(content, rng))
+        try:
+            import_readings(c.experiment, paths, tmp_path / "plan.csv", wish)
+        except InputError as error:
+            nameless += [p for p in error.problems if not (p.file or p.found)]
     assert nameless == []

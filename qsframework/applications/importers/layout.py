@@ -262,9 +262,7 @@ def _names(columns: Sequence[_Column]) -> list[str]:
     own = [c.name.lower() for c in columns]
     plain = [bool(c.axis) and c.is_plain for c in columns]
     return [
-        c.full
-        if c.over and not p and (own.count(c.name.lower()) > 1 or (len(c.over) > 0 and _axis_word(c.name)))
-        else c.name
+        c.full if c.over and not p and (own.count(c.name.lower()) > 1 or _axis_word(c.name)) else c.name
         for c, p in zip(columns, plain, strict=True)
     ]
 
@@ -279,14 +277,15 @@ def _one_point_a_row(rows: Sequence[SheetRow]) -> Layout | None:
     rows = [replace(r, cells=_axis_apart(r.cells)) for r in rows]
     lines = [r for r in rows if is_axis_line(r.cells)]
     place = _axis_place(lines)
-    if place is None or len(lines) < len(XYZ) or any(is_data(r.cells) and r not in lines for r in rows[:3]):
+    if place is None:
         return None
+    of_axis = {r.line for r in lines}
     heading: Sequence[str] = ()
     label = unit = ""
     points: list[tuple[int, str, dict[str, str]]] = []
     for row in rows:
         axis = row.cells[place].lower() if place < len(row.cells) else ""
-        if axis not in XYZ or row not in lines:
+        if axis not in XYZ or row.line not in of_axis:
             values = [c for c in row.cells if _VALUE.fullmatch(header_parts(c)[0].strip())]
             if values:
                 heading = row.cells
@@ -303,12 +302,11 @@ def _one_point_a_row(rows: Sequence[SheetRow]) -> Layout | None:
         name = " ".join(texts) or (found[1] if found is not None else label)
         if axis in (points[-1][2] if points else XYZ) or (texts and name != points[-1][1]):
             points.append((row.line, name, {}))
-        points[-1][2][axis] = row.cells[k]
+        points[-1][2][axis] = f"{row.cells[k]} {unit}" if unit else row.cells[k]
     if any(len(own) != len(XYZ) for _, _, own in points):
         return None
-    header = ("name", *(f"{a} [{unit}]" if unit else a for a in XYZ))
     found_rows = [SheetRow(line, (name, *(own[a] for a in XYZ))) for line, name, own in points]
-    return Layout(header=header, line=rows[0].line, rows=tuple(found_rows))
+    return Layout(header=("name", *XYZ), line=rows[0].line, rows=tuple(found_rows))
 
 
 def _axis_apart(cells: Sequence[str]) -> tuple[str, ...]:
