@@ -176,6 +176,37 @@ def bare_units(c: Campaign) -> Made:
     return [c.write("points.csv", lines([*heads, *([r.name, *cells(r), ""] for r in c.readings)]))]
 
 
+@layout("a line of units with `-` where there is none")
+def dashed_units(c: Campaign) -> Made:
+    heads = [["Target", "X", "Y", "Z", "Quality"], ["-", "mm", "mm", "mm", "%"]]
+    return [c.write("points.csv", lines([*heads, *([r.name, *cells(r), "99"] for r in c.readings)], ";"))]
+
+
+@layout("two exports in one file, the headings in both")
+def two_exports(c: Campaign) -> Made:
+    head = ["name", "x_mm", "y_mm", "z_mm"]
+    rows = [[r.name, *cells(r)] for r in c.readings]
+    return [c.write("points.csv", lines([head, *rows[:10], head, *rows[10:]]))]
+
+
+@layout("headings in a line that begins with #, as numpy and gnuplot write them")
+def in_a_comment(c: Campaign) -> Made:
+    rows = [[r.name, *cells(r)] for r in c.readings]
+    return [c.write("points.dat", "# made by a script\n# name x_mm y_mm z_mm\n" + lines(rows, " "))]
+
+
+@layout("JSON of poses with their joints as lists, a point for each marker")
+def json_joints(c: Campaign) -> Made:
+    rows = [
+        json.dumps(
+            {"pose": v[0].pose, "state": v[0].state, "joints": [float(np.deg2rad(d)) for d in v[0].degrees]}
+            | {r.marker: dict(zip("xyz", r.mm, strict=True)) for r in v}
+        )
+        for v in visits(c)
+    ]
+    return [c.write("poses.jsonl", "\n".join(rows)), "--unit", "mm"]
+
+
 @layout("SpatialAnalyzer with tolerances, uncertainties and offsets beside the coordinates")
 def analyzer_details(c: Campaign) -> Made:
     head = [

@@ -18,7 +18,7 @@ from qsframework.applications.importers import import_readings
 from qsframework.applications.protocol import ProtocolWish, make_protocol, write_reading_file
 from qsframework.cli.main import app
 from qsframework.errors import InputError
-from qsframework.experiment import read_readings
+from qsframework.experiment import load_experiment, read_readings
 
 PAGE = Path(__file__).parents[2] / "docs" / "import.md"
 MOST = 3
@@ -79,6 +79,25 @@ def test_there_are_forty() -> None:
 def without(c: Campaign, *lost: int) -> Campaign:
     """The campaign without some of its readings."""
     return replace(c, readings=tuple(r for i, r in enumerate(c.readings) if i not in lost))
+
+
+def test_one_block_alone_is_of_the_marker_that_its_headings_name(tmp_path: Path) -> None:
+    """A rigid body whose pivot is the only marker of the experiment."""
+    c = samples.make_campaign(tmp_path)
+    text = samples.EXPERIMENT.replace("  m2: {xyz_mm: [400, -150, 150]}\n", "")
+    (tmp_path / "experiment.yaml").write_text(text)
+    one = replace(
+        c,
+        experiment=load_experiment(tmp_path / "experiment.yaml"),
+        readings=tuple(r for r in c.readings if r.marker == "m1"),
+    )
+    heads = [["", "", *["Rigid Body"] * 7], ["", "", *["flange"] * 7], ["", "", *["Rotation"] * 4, *["Position"] * 3]]
+    heads.append(["Frame", "Time (Seconds)", *"XYZW", *"XYZ"])
+    rows = [[str(i), "0.1", "0.1", "0.2", "0.3", "0.9", *cells(r)] for i, r in enumerate(one.readings)]
+    path = one.write("body.csv", "Length Units,Millimeters\n\n" + lines([*heads, *rows]))
+    _, advice = followed(one, path)
+    assert advice == ["--match", "order"]
+    the_same(one)
 
 
 LOST = {"empty cells": ["", "", ""], "no numbers": ["NaN", "nan", "NaN"], "zeros": ["0.000", "0.000", "0.000"]}

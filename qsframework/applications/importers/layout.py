@@ -91,6 +91,7 @@ def lay_out(rows: Sequence[SheetRow], ignore: Sequence[str] = ()) -> Layout:
     while before and _stands_over(before[-1].cells, heading.cells):
         over.insert(0, before.pop())
     columns = _columns([r.cells for r in (*over, heading)], units)
+    data = [row for row in data if row.cells != heading.cells]  # exports of one kind, one after the other
     out = Layout(header=(), line=heading.line, rows=tuple(data), above=_texts(before), below=below)
     return _melted(out, columns, [w.lower() for w in ignore])
 
@@ -128,7 +129,8 @@ def _parted(rows: Sequence[SheetRow]) -> tuple[list[SheetRow], tuple[str, ...]]:
 def _only_units(cells: Sequence[str]) -> bool:
     """Whether a row holds units alone, in brackets or not."""
     bracketed = all(not c or re.fullmatch(r"[\[(].{0,12}[\])]", c) for c in cells)
-    return bool(cells) and (bracketed or (any(cells) and all(not c or unit_of(c) is not None for c in cells)))
+    units = [unit_of(c) is not None for c in cells if c.strip("[]()-–%")]
+    return bool(cells) and (bracketed or (bool(units) and all(units)))
 
 
 def _with_marker_names(before: list[SheetRow], data: Sequence[SheetRow]) -> list[SheetRow]:
@@ -211,7 +213,7 @@ def _melted(table: Layout, columns: Sequence[_Column], ignore: Sequence[str]) ->
             blocks.setdefault((column.label.lower(), column.over), {}).setdefault(column.axis, k)
     whole = [own for own in blocks.values() if len(own) == len(XYZ)]
     plain = any(columns[own["x"]].is_plain for own in whole)
-    labels = [] if plain or len(whole) < 2 else _labels([columns[own["x"]] for own in whole])
+    labels = [] if plain else _labels([columns[own["x"]] for own in whole])
     in_blocks = {k for own in whole for k in own.values()} if labels else set[int]()
     names = _names(columns)
     told = tuple(names[k] for k in left)
@@ -249,6 +251,8 @@ def _fitting(row: SheetRow, width: int) -> SheetRow:
 
 def _labels(columns: Sequence[_Column]) -> list[str]:
     """What tells the blocks of these columns apart: their own headings, or the first row over them; [] for nothing."""
+    if len(columns) < 2:  # one block has no other to be told from; its own heading alone may be of any point
+        return [" ".join(c.over[:2]) for c in columns if c.over and not c.label]
     depth = max(len(c.over) for c in columns)
     above = [[c.over[i] if i < len(c.over) else "" for c in columns] for i in range(depth)]
     ways = [[c.label for c in columns], *above, [" ".join((*c.over, c.label)).strip() for c in columns]]

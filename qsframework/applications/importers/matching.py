@@ -95,7 +95,7 @@ def without_idle_names(listing: Listing, campaign: Campaign, experiment: Experim
     for role in ("name", "pose", "marker"):
         cells = set(texts.get(role, ()))
         same = len(cells) == 1 and len(listing) > 1
-        typed = bool(cells) and all(_REFLECTOR.search(c) for c in cells)
+        typed = any(cells) and all(not c or _REFLECTOR.search(c) for c in cells)
         if (same or typed) and not any(replace(decode(c, known), unknown=()) != Said() for c in cells):
             del texts[role]
     left = tuple(t.column for t in listing.taken if t.role in PLAIN and t.role not in texts)

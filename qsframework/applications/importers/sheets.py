@@ -154,7 +154,11 @@ def _text_sheet(path: Path, text: str, encoding: str, separator: str, decimal: s
         raise InputError(Problem("is empty", str(path)))
     name = _separator(path, lines, separator)
     whole = Sheet(path, "", (), (), above=tuple(comments), separator=name, encoding=encoding)
-    return _of_layout(whole, lay_out([SheetRow(i, _split(line, name)) for i, line in lines], ignore), decimal)
+    rows = [SheetRow(i, _split(line, name)) for i, line in lines]
+    heading = _split(comments[-1].lstrip("#/!% "), name) if comments else ()
+    if is_data(rows[0].cells) and len(heading) == len(rows[0].cells):  # as numpy and gnuplot write it
+        rows.insert(0, SheetRow(lines[0][0] - 1, heading))
+    return _of_layout(whole, lay_out(rows, ignore), decimal)
 
 
 def _of_layout(sheet: Sheet, found: Layout, decimal: str) -> Sheet:

@@ -55,7 +55,7 @@ _NOT_AN_ANGLE = re.compile(r"velocit|effort|speed|torque|current|accel|desired|t
 _JOINT = (
     (
         re.compile(
-            r"(?:axis act |axis act meas |act |actual |ist )?[ajq](?:oint|xis|chse)? ?(\d)(?: act| actual| ist)?"
+            r"(?:axis act |axis act meas |act |actual |ist )?[ajq](?:oints?|xis|chse)? ?(\d)(?: act| actual| ist)?"
         ),
         0,
     ),
