@@ -182,6 +182,13 @@ def dashed_units(c: Campaign) -> Made:
     return [c.write("points.csv", lines([*heads, *([r.name, *cells(r), "99"] for r in c.readings)], ";"))]
 
 
+@layout("lines of text padded with separators above the table, as Excel saves a sheet")
+def padded_text(c: Campaign) -> Made:
+    above = [["Cell 7", "", "", "", ""], ["Operator", "R2 D2", "", "", ""], ["", "", "", "", ""]]
+    rows = [[r.name, *cells(r), ""] for r in c.readings]
+    return [c.write("sheet.csv", lines([*above, ["Name", "X [mm]", "Y [mm]", "Z [mm]", "Remark"], *rows]))]
+
+
 @layout("two exports in one file, the headings in both")
 def two_exports(c: Campaign) -> Made:
     head = ["name", "x_mm", "y_mm", "z_mm"]

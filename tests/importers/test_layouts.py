@@ -100,6 +100,31 @@ def test_one_block_alone_is_of_the_marker_that_its_headings_name(tmp_path: Path)
     the_same(one)
 
 
+def refused(c: Campaign, path: Path) -> str:
+    done = CliRunner().invoke(
+        app, ["import", str(c.folder / "experiment.yaml"), str(path), "-p", str(c.folder / "plan.csv")]
+    )
+    assert isinstance(done.exception, InputError)
+    return str(done.exception)
+
+
+def test_blocks_in_two_units_are_refused(campaign: Campaign) -> None:
+    head = ["pose", "state", "m1 X [mm]", "m1 Y [mm]", "m1 Z [mm]", "m2 X [in]", "m2 Y [in]", "m2 Z [in]"]
+    rows = [[v[0].pose, v[0].state, *flat(v)] for v in visits(campaign)]
+    path = campaign.write("visits.csv", lines([head, *rows]))
+    assert "line 2, column X: two units in one column: mm, and here inch" in refused(campaign, path)
+
+
+@pytest.mark.parametrize("cells_left", [3, 5, 6])
+def test_a_cut_row_of_blocks_is_named(cells_left: int, campaign: Campaign) -> None:
+    """Also where it is by chance as wide as a row of the table that is made of the blocks."""
+    head = ["pose", "state", *(f"{m} {a} [mm]" for m in ("m1", "m2") for a in "XYZ")]
+    rows = [[v[0].pose, v[0].state, *flat(v)] for v in visits(campaign)]
+    rows[4] = rows[4][:cells_left]
+    path = campaign.write("visits.csv", lines([head, *rows]))
+    assert f"line 6: wrong number of columns; found {cells_left}; allowed: 8" in refused(campaign, path)
+
+
 LOST = {"empty cells": ["", "", ""], "no numbers": ["NaN", "nan", "NaN"], "zeros": ["0.000", "0.000", "0.000"]}
 
 

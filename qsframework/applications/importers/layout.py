@@ -45,7 +45,7 @@ class Layout:
     """A plain table. header: its names, () where there is none, in `line`; above: lines of text over it.
 
     blocks: labels of the blocks of columns that became rows; left: columns that were to be left aside; below: lines of
-    text under the table
+    text under the table; width: cells of a row of the file; wrong: rows that have others
     """
 
     header: tuple[str, ...]
@@ -55,6 +55,8 @@ class Layout:
     blocks: tuple[str, ...] = ()
     left: tuple[str, ...] = ()
     below: tuple[str, ...] = ()
+    width: int = 0
+    wrong: tuple[SheetRow, ...] = ()
 
 
 def is_data(cells: Sequence[str]) -> bool:
@@ -84,16 +86,24 @@ def lay_out(rows: Sequence[SheetRow], ignore: Sequence[str] = ()) -> Layout:
         units = list(before.pop().cells)
     before = _with_marker_names(before, data)
     if not before or not data or (len(before[-1].cells) == 1 and len(data[0].cells) > 1):
-        line = data[0].line if data else 1
-        return Layout(header=(), line=line, rows=tuple(data), above=_texts(before), below=below)
+        out = Layout(header=(), line=data[0].line if data else 1, rows=(), above=_texts(before), below=below)
+        return _with_rows(out, data, len(data[0].cells) if data else 0)
     heading = before.pop()
     over: list[SheetRow] = []
     while before and _stands_over(before[-1].cells, heading.cells):
         over.insert(0, before.pop())
-    columns = _columns([r.cells for r in (*over, heading)], units)
+    columns, blocks = _headed(over, heading, units, [w.lower() for w in ignore])
+    before += [] if any(c.over for c in columns) else over
     data = [row for row in data if row.cells != heading.cells]  # exports of one kind, one after the other
-    out = Layout(header=(), line=heading.line, rows=tuple(data), above=_texts(before), below=below)
-    return _melted(out, columns, [w.lower() for w in ignore])
+    out = Layout(header=(), line=heading.line, rows=(), above=_texts(before), below=below)
+    return _melted(_with_rows(out, data, len(columns)), columns, blocks)
+
+
+def _with_rows(table: Layout, rows: Sequence[SheetRow], width: int) -> Layout:
+    """The table with the rows that are so wide; the others apart."""
+    rows = [_fitting(row, width) for row in rows]
+    good, wrong = ([r for r in rows if (len(r.cells) == width) is fits] for fits in (True, False))
+    return replace(table, rows=tuple(good), width=width, wrong=tuple(wrong))
 
 
 def _texts(rows: Sequence[SheetRow]) -> tuple[str, ...]:
@@ -204,41 +214,57 @@ def _columns(rows: Sequence[Sequence[str]], units: Sequence[str]) -> list[_Colum
     return out
 
 
-def _melted(table: Layout, columns: Sequence[_Column], ignore: Sequence[str]) -> Layout:
-    """The table with its heading; where several blocks of columns hold coordinates, each becomes rows of its own."""
-    left = [k for k, c in enumerate(columns) if {c.name.lower(), c.full.lower()}.intersection(ignore)]
-    blocks: dict[object, dict[str, int]] = {}
-    for k, column in enumerate(columns):
-        if column.axis and k not in left:
-            blocks.setdefault((column.label.lower(), column.over), {}).setdefault(column.axis, k)
-    whole = [own for own in blocks.values() if len(own) == len(XYZ)]
-    plain = any(columns[own["x"]].is_plain for own in whole)
-    labels = [] if plain else _labels([columns[own["x"]] for own in whole])
-    in_blocks = {k for own in whole for k in own.values()} if labels else set[int]()
+@dataclass(frozen=True)
+class _Blocks:
+    """Places of columns: of x, y and z in each block whose points become rows, with its label; left: left aside."""
+
+    labels: list[str]
+    places: list[dict[str, int]]
+    left: list[int]
+
+
+def _headed(
+    over: Sequence[SheetRow], heading: SheetRow, units: Sequence[str], ignore: Sequence[str]
+) -> tuple[list[_Column], _Blocks]:
+    """The columns by as many heading rows as say what the coordinates are, and their blocks; text that only happens to
+    stand above is none."""
+    for k in range(len(over) + 1):
+        columns = _columns([r.cells for r in (*over[k:], heading)], units)
+        left = [i for i, c in enumerate(columns) if {c.name.lower(), c.full.lower()}.intersection(ignore)]
+        blocks: dict[object, dict[str, int]] = {}
+        for i, column in enumerate(columns):
+            if column.axis and i not in left:
+                blocks.setdefault((column.label.lower(), column.over), {}).setdefault(column.axis, i)
+        whole = [own for own in blocks.values() if len(own) == len(XYZ)]
+        first = [columns[own["x"]] for own in whole]
+        plain = any(c.is_plain for c in first)
+        labels = [] if plain else _labels(first)
+        if len(labels) == 1 and over[k].cells[0]:  # a line of text in the columns of a table
+            labels = []
+        if plain or labels:
+            return columns, _Blocks(labels, whole if labels else [], left)
+    columns = _columns([heading.cells], units)
+    return columns, _Blocks([], [], [i for i, c in enumerate(columns) if c.name.lower() in ignore])
+
+
+def _melted(table: Layout, columns: Sequence[_Column], blocks: _Blocks) -> Layout:
+    """The table with its heading; where blocks of columns hold coordinates, each becomes rows of its own."""
+    within = {k for own in blocks.places for k in own.values()}
     names = _names(columns)
-    told = tuple(names[k] for k in left)
-    keep = [k for k in range(len(columns)) if k not in in_blocks and k not in left]
-    rows = [_fitting(r, len(columns)) for r in table.rows]
-    if not labels:
-        rows = [replace(r, cells=tuple(r.cells[k] for k in keep)) if left and _fits(r, columns) else r for r in rows]
-        return replace(table, header=tuple(names[k] for k in keep), rows=tuple(rows), left=told)
-    axes = [f"{a.upper()} [{unit}]" if (unit := header_parts(columns[whole[0][a]].name)[1]) else a.upper() for a in XYZ]
-    melted: list[SheetRow] = []
-    for row in rows:
-        if not _fits(row, columns):
-            melted.append(row)
-            continue
-        shared = tuple(row.cells[k] for k in keep)
-        melted += [
-            SheetRow(row.line, (*shared, label, *(row.cells[own[a]] for a in XYZ)))
-            for label, own in zip(labels, whole, strict=True)
-        ]
-    header = (*(names[k] for k in keep), BLOCK, *axes)
-    return replace(table, header=header, rows=tuple(melted), blocks=tuple(labels), left=told)
-
-
-def _fits(row: SheetRow, columns: Sequence[_Column]) -> bool:
-    return len(row.cells) == len(columns)
+    keep = [k for k in range(len(columns)) if k not in within and k not in blocks.left]
+    out = replace(table, header=tuple(names[k] for k in keep), left=tuple(names[k] for k in blocks.left))
+    if not within:
+        return replace(out, rows=tuple(replace(r, cells=tuple(r.cells[k] for k in keep)) for r in table.rows))
+    units = {k: header_parts(columns[k].name)[1] for k in within}
+    one = units[min(within)] if len(set(units.values())) == 1 else ""
+    rows = [
+        SheetRow(row.line, (*(row.cells[k] for k in keep), label, *(f"{row.cells[k]} {u}".strip() for k, u in at)))
+        for row in table.rows
+        for label, own in zip(blocks.labels, blocks.places, strict=True)
+        for at in [[(own[a], "" if one else units[own[a]]) for a in XYZ]]
+    ]
+    axes = [f"{a.upper()} [{one}]" if one else a.upper() for a in XYZ]
+    return replace(out, header=(*out.header, BLOCK, *axes), rows=tuple(rows), blocks=tuple(blocks.labels))
 
 
 def _fitting(row: SheetRow, width: int) -> SheetRow:

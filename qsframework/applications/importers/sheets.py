@@ -163,7 +163,7 @@ def _text_sheet(path: Path, text: str, encoding: str, separator: str, decimal: s
 
 def _of_layout(sheet: Sheet, found: Layout, decimal: str) -> Sheet:
     """The table that was found in a file, its rows as wide as its heading and its decimal sign known."""
-    if not found.rows:
+    if not found.rows and not found.wrong:
         hint = "A point list has at least three numbers in every row; is it an export of points, and not of a report?"
         raise InputError(Problem("holds no rows of numbers", sheet.where, hint=hint))
     sheet = replace(
@@ -176,7 +176,7 @@ def _of_layout(sheet: Sheet, found: Layout, decimal: str) -> Sheet:
         left=found.left,
         below=found.below,
     )
-    _check_widths(sheet)
+    _check_widths(sheet, found)
     return replace(sheet, decimal=_decimal(sheet, decimal))
 
 
@@ -206,16 +206,15 @@ def _separator(path: Path, lines: Sequence[tuple[int, str]], stated: str) -> str
     return max(scores, key=lambda name: scores[name])
 
 
-def _check_widths(sheet: Sheet) -> None:
+def _check_widths(sheet: Sheet, found: Layout) -> None:
     """InputError for rows with another number of cells than the header, or than the first row."""
-    width = len(sheet.header) or len(sheet.rows[0].cells)
+    width, wrong = found.width or len(found.header), found.wrong
     if width > MOST_COLUMNS:
         raise InputError(sheet.problem(None, f"holds more than {MOST_COLUMNS} columns"))
-    wrong = [row for row in sheet.rows if len(row.cells) != width]
     if not wrong:
         return
     hint = None
-    if sheet.separator == "," and all(len(r.cells) > width for r in sheet.rows):
+    if sheet.separator == "," and not sheet.rows and all(len(r.cells) > width for r in wrong):
         hint = "A comma seems to separate the columns and the decimals: export with ';' or a tab between columns."
     problems = [
         sheet.problem(row, "wrong number of columns", found=str(len(row.cells)), allowed=str(width), hint=hint)
