@@ -190,7 +190,7 @@ def test_a_spoilt_line_of_json_is_named(campaign: Campaign) -> None:
     assert "points.jsonl, line 2: is no JSON" in str(done.exception)
 
 
-@pytest.mark.parametrize("words", ["loaded", "weight", "half of weight", "half_loaded"])
+@pytest.mark.parametrize("words", ["loaded", "weight", "full load", "half of weight", "half_loaded", "half load"])
 def test_loads_are_named_as_the_sheet_of_the_day_writes_them(words: str, campaign: Campaign) -> None:
     """Where a pose is measured under half the load too, loaded is the full load."""
     repeats = np.array([2, 1, 1, 1, 1, 1])
@@ -204,3 +204,11 @@ def test_loads_are_named_as_the_sheet_of_the_day_writes_them(words: str, campaig
     half = "half" in words
     assert {row[found.header.index("load_id")] for row in found.rows} == {"half of weight" if half else "weight"}
     assert {row[found.header.index("fz_N")] for row in found.rows} == {"-2000" if half else "-4000"}
+
+
+@pytest.mark.parametrize("words", ["r2_c1", "repeat 2, cycle 1", "cycle 01 repeat 02", "Repeat2"])
+def test_repeats_are_counted_in_words_too(words: str, campaign: Campaign) -> None:
+    rows = [[f"{r.pose} {r.marker} {r.state} {words}", *cells(r)] for r in campaign.readings]
+    path = campaign.write("points.tsv", lines([["Name", "X [mm]", "Y [mm]", "Z [mm]"], *rows], "\t"))
+    found = import_readings(campaign.experiment, [path], campaign.folder / "plan.csv")
+    assert {row[found.header.index("repeat")] for row in found.rows} == {"2"}

@@ -64,8 +64,8 @@ def vocabulary(campaign: Campaign, markers: Sequence[str], words: Mapping[str, s
         for word in spelled:
             if word not in found:
                 found[word] = [("state", state)]
-    if HALF not in found:
-        found[HALF] = [("half", HALF)]
+    for word in (HALF, "halfload"):
+        found.setdefault(word, [("half", HALF)])
     for word, meant in words.items():
         target = found.get(plain(meant))
         if target is not None:
@@ -90,9 +90,11 @@ def decode(text: str, known: Vocabulary) -> Said:
                 i += size
                 break
         else:
-            count = _COUNT.fullmatch(tokens[i].lower())
-            if count is not None:
-                told.setdefault("repeat" if count[1][0] == "r" else "cycle", []).append(count[2])
+            two = "".join(tokens[i : i + 2]).lower()  # repeat 2, as the day's sheet writes it
+            counts = [found for text in (tokens[i].lower(), two) if (found := _COUNT.fullmatch(text)) is not None]
+            if counts:
+                told.setdefault("repeat" if counts[0][1][0] == "r" else "cycle", []).append(counts[0][2])
+                i += len(counts[0][0]) > len(tokens[i])
             else:
                 unknown.append(tokens[i])
             i += 1
