@@ -15,7 +15,7 @@ import numpy as np
 
 from qsframework.diagnose import Diagnosis
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, Readings, make_rows
+from qsframework.experiment import Experiment, Frame, Readings, make_rows
 from qsframework.experiment.observations import ReadingRows, values_before
 from qsframework.files import FileModel, Unit, read_yaml, validate as checked
 from qsframework.identify import FitRecord, validate, validate_halves
@@ -83,7 +83,7 @@ class Quantity:
 class Share:
     """A source of the error of a predicted position: its standard uncertainty, m, of the distance in space.
 
-    source: "parameters", "load", "instrument", "repeatability" or "model"
+    source: "parameters", "held", "load", "instrument", "repeatability" or "model"
     """
 
     source: str
@@ -117,7 +117,8 @@ class Conformity:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Certificate:
-    """All that stands on the certificate. kept: parameters that the model uses and the fit did not estimate.
+    """All that stands on the certificate. kept: parameters that the model uses at nominal
+    values of which nobody states an sd.
 
     temperature: lowest and highest that was recorded, K; None where none was
     """
@@ -180,8 +181,8 @@ def certify(
             f"the values before, {1e3 * before:.3f} mm. Diagnose the readings first: `qsf diagnose {experiment.path}`"
         )
     rows = make_rows(readings)
-    budget = _budget(experiment, fit, meta, rows, after)
-    own = set(fit.model_names(experiment))
+    budget = _budget(experiment, fit, meta, rows, found)
+    counted = {*fit.names, *(h.name for h in fit.held if h.sd >= 0.0)}
     temperature = rows.readings.poses.loaded.temperature
     told = None if temperature is None else temperature[np.isfinite(temperature)]
     return Certificate(
@@ -193,7 +194,7 @@ def certify(
         budget=budget,
         arrivals=_arrivals(experiment, fit, rows),
         conformity=_conformity(meta, found, budget),
-        kept=tuple(p.name for p in experiment.model().parameters if p.nominal and p.name not in own),
+        kept=tuple(p.name for p in experiment.model().parameters if p.nominal and p.name not in counted),
         temperature=None if told is None or not len(told) else (float(told.min()), float(told.max())),
         readings=len(rows.keep),
         poses=len(np.unique(rows.pose)),
@@ -218,21 +219,10 @@ def _open_causes(experiment: Experiment, readings: Readings, diagnosis: Diagnosi
     return (f"the readings hint at {', '.join(doubtful)}, which the model does not have",) if doubtful else ()
 
 
-def extended_by(experiment: Experiment) -> tuple[str, ...]:
-    """Effects that were not there before the readings which their values are from: what a diagnosis added."""
-    model = experiment.model()
-    out: list[str] = []
-    for effect, part in zip(model.effects, model.slices, strict=True):
-        own = model.parameters[part]
-        if own and all(p.earlier and p.earlier[0][0] == p.null for p in own):
-            out.append(effect.name)
-    return tuple(out)
-
-
 def _quantities(experiment: Experiment, fit: FitRecord) -> tuple[Quantity, ...]:
     units = {p.name: p.unit for p in experiment.model().parameters}
     out: list[Quantity] = []
-    sds = np.sqrt(np.maximum(np.diag(fit.whole_covariance), 0.0))
+    sds = np.sqrt(np.maximum(np.diag(fit.whole_covariance + fit.held_covariance), 0.0))
     for e, sd in zip(fit.estimates, sds.tolist(), strict=True):
         if e.name not in units:
             continue
@@ -245,25 +235,28 @@ def _quantities(experiment: Experiment, fit: FitRecord) -> tuple[Quantity, ...]:
 
 
 def _budget(
-    experiment: Experiment, fit: FitRecord, meta: MetaSpec, rows: ReadingRows, error: float
+    experiment: Experiment, fit: FitRecord, meta: MetaSpec, rows: ReadingRows, found: Validation
 ) -> tuple[Share, ...]:
     """Standard uncertainties of the distance in space, over the readings: u^2 = tr(J C J') of what the fit says, its
-    frames included, and what the held-out error has beyond them."""
+    frames included, of what it held at nominal values, and what the held-out error has beyond all of them."""
     model = experiment.model()
-    names = fit.model_names(experiment)
-    x = fit.x_of(model)
-    _, J = rows.rates(model, x, fitted_frames(fit, rows, model, x), names, fit.linear)
-    series = [rows.readings.frames[f] for f in rows.estimated]
-    at = [n for f in series for n in _motions(fit, f)] + [fit.names.index(n) for n in names]
+    x, names = fit.x_of(model), fit.model_names(experiment)
+    held = [h for h in fit.held if np.isfinite(h.sd)]
+    _, J = rows.rates(model, x, fitted_frames(fit, rows, model, x), [*names, *(h.name for h in held)], fit.linear)
     J = np.where(rows.mask[..., None], J, 0.0)
+    slope = np.zeros((*J.shape[:2], len(fit.names)))
+    for k, name in enumerate([*(m for f in rows.estimated for m in _motions(rows.readings.frames[f])), *names]):
+        if name in fit.names:
+            slope[..., fit.names.index(name)] = J[..., k]
 
     def seen(C: Array) -> float:
-        part = np.nan_to_num(C)[np.ix_(at, at)] if at else np.zeros((0, 0))
-        part[[i < 0 for i in at]] = 0.0
-        part[:, [i < 0 for i in at]] = 0.0
-        return float(np.sqrt(max(float(np.einsum("rap,pq,raq->r", J, part, J).mean()), 0.0)))
+        return float(np.sqrt(max(float(np.einsum("rap,pq,raq->r", slope, np.nan_to_num(C), slope).mean()), 0.0)))
 
     shares = [Share("parameters", seen(fit.covariance))]
+    if held:
+        wrong = slope @ np.stack([h.moved for h in held], axis=1) - J[..., J.shape[-1] - len(held) :]
+        each = (wrong * [h.sd for h in held]) ** 2
+        shares.append(Share("held", float(np.sqrt(each.sum(axis=(1, 2)).mean()))))
     if fit.total_covariance is not None:
         shares.append(Share("load", seen(fit.total_covariance - fit.covariance)))
     if rows.readings.repeatability:
@@ -271,8 +264,20 @@ def _budget(
     instrument = _instrument(meta, rows)
     if instrument is not None:
         shares.append(Share("instrument", instrument))
-    rest = error**2 - sum(s.standard**2 for s in shares)
-    return (*shares, Share("model", float(np.sqrt(max(rest, 0.0)))))
+    return (*shares, Share("model", _beyond(shares, found, len(rows.at), len(fit.names))))
+
+
+def _beyond(shares: Sequence[Share], found: Validation, coordinates: int, parameters: int) -> float:
+    """What the held-out error has beyond the other sources, m; 0 where that is within what chance makes of them.
+
+    A fit to half of the readings has twice the variance of the whole one.
+    """
+    squares = {s.source: s.standard**2 for s in shares}
+    of_fit = squares["parameters"] * (2.0 if found.halves else 1.0)
+    error = float(np.mean(found.whole.distances() ** 2))
+    rest = error - sum(squares.values()) + squares["parameters"] - of_fit
+    chance = np.hypot(error * np.sqrt(2.0 / coordinates), of_fit * np.sqrt(2.0 / parameters))
+    return float(np.sqrt(rest)) if rest > COVERAGE * chance else 0.0
 
 
 def _instrument(meta: MetaSpec, rows: ReadingRows) -> float | None:
@@ -285,10 +290,9 @@ def _instrument(meta: MetaSpec, rows: ReadingRows) -> float | None:
     return float(np.sqrt((np.where(rows.mask, rows.sigma, 0.0) ** 2).sum(axis=1).mean()))
 
 
-def _motions(fit: FitRecord, series: str) -> list[int]:
-    """Places of the six motions of a frame among the fit's names, -1 for those of a frame that it does not know."""
-    own = [f"frame[{series}].{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")]
-    return [fit.names.index(n) if n in fit.names else -1 for n in own]
+def _motions(series: str) -> tuple[str, ...]:
+    """Names of the six motions of a series' frame."""
+    return tuple(p.name for p in Frame(series, np.eye(3), np.zeros(3)).parameters())
 
 
 def _arrivals(experiment: Experiment, fit: FitRecord, rows: ReadingRows) -> tuple[Arrivals, ...]:

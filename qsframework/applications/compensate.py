@@ -9,7 +9,7 @@ dt = S dx with S = d tip / d x at the corrected angles, so its covariance is S c
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,8 +18,11 @@ import numpy as np
 from qsframework.applications.inverse import TipPose, arm_length, joint_step, pose_error, rigid_jacobian, rigid_tip
 from qsframework.applications.targets import Targets
 from qsframework.elastostatics import Model, actuator_torques, equilibrium, range_notes
+from qsframework.elastostatics.so3 import cross_matrix
 from qsframework.errors import InputError, NotConverged, Problem
-from qsframework.experiment import Experiment
+from qsframework.experiment import Experiment, Frame
+from qsframework.experiment.account import Account, some_of
+from qsframework.files import as_file
 from qsframework.identify import FitRecord
 from qsframework.identify.soundness import check_fit
 from qsframework.plugin import Array, Indices, Load, Poses
@@ -33,6 +36,8 @@ _LARGEST_CORRECTION = np.deg2rad(10.0)
 _SHARE = 1e-3
 _STEP = 1e-2
 _BLOCK = 64
+_SEEN = 1e-6
+"""m by which a natural size of what was held must move the tip to be worth a word."""
 _NOTHING = 1e-12
 """m or rad that the tip of a rigid model moves by rounding."""
 Tell = Callable[[str, int, int], None]
@@ -46,9 +51,12 @@ class Compensation:
     command: the pose that a controller with Cartesian targets is to be told
     deflection (N, 6): from the wanted pose to where the arm would stand uncorrected, m and rad
     left (N, 6): the same after the correction, by the same parameters: what the solver left
-    covariance (N, 6, 6): of the tip's error after the correction, from the fit's covariance and the uncertainty that
-    was stated for the measuring campaign's load; noise_covariance: without the latter
-    quantity: of what the errors are, as the fit's readings allow: "position" or "deflection under load"
+    covariance (N, 6, 6): of the tip's error after the correction, in the frame that was measured in: from the fit's
+    covariance and the uncertainties that were stated of the campaign's load and of what was held at nominal values;
+    noise_covariance: of the readings' noise alone
+    base_sd (N,): as `sd`, in the base frame, where the instrument's frame was estimated; None where it was not, or
+    where nobody states how well what that frame absorbs is known
+    account: that of the fit
     """
 
     targets: Targets
@@ -59,9 +67,10 @@ class Compensation:
     left: Array
     covariance: Array
     noise_covariance: Array
+    base_sd: Array | None = None
     notes: tuple[str, ...] = ()
     reference: str = "commanded"
-    quantity: str = "position"
+    account: Account
 
     @property
     def size(self) -> Array:
@@ -71,12 +80,12 @@ class Compensation:
     @property
     def sd(self) -> Array:
         """Root of the mean squared distance (N,) m from the wanted place that is to be expected after it."""
-        return np.sqrt(np.einsum("ncc->n", self.covariance[:, :3, :3]))
+        return _distance(self.covariance)
 
     @property
     def noise_sd(self) -> Array:
         """The part of `sd` (N,) m that the readings' noise alone leaves."""
-        return np.sqrt(np.einsum("ncc->n", self.noise_covariance[:, :3, :3]))
+        return _distance(self.noise_covariance)
 
     @property
     def turn_sd(self) -> Array:
@@ -101,13 +110,14 @@ class Compensation:
                 "solver_left_mm": float(np.linalg.norm(self.left[i, :3]) * 1e3),
                 "expected_error_mm": float(self.sd[i] * 1e3),
                 "of_noise_mm": float(self.noise_sd[i] * 1e3),
+                **({} if self.base_sd is None else {"expected_error_base_mm": float(self.base_sd[i] * 1e3)}),
                 "sd_mm": (axes[i] * 1e3).tolist(),
                 "expected_error_mrad": float(self.turn_sd[i] * 1e3),
             }
             for i, name in enumerate(self.targets.name)
         ]
         worst = {"target": self.targets.name[self.worst], "expected_error_mm": float(self.sd[self.worst] * 1e3)}
-        return {"targets": rows, "largest": worst, "notes": list(self.notes)}
+        return {"targets": rows, "largest": worst, "account": as_file(self.account), "notes": list(self.notes)}
 
 
 def compensate(
@@ -125,7 +135,8 @@ def compensate(
     errors of geometry that the fit knows are corrected too; "unloaded": where the arm stands without the wrench, as for
     targets that were taught with an empty hand (joint targets only).
 
-    The covariance is that of the fit, widened where its residuals do not fit their noise (`FitRecord.widening`).
+    The covariance is that of the fit, widened where its residuals do not fit their noise (`FitRecord.widening`), and of
+    the stated sds of what it held at nominal values.
     anyway: use a fit that is not to be trusted, and note why it is not (`soundness.check_fit`).
 
     Raises InputError where the fit is of another robot or not to be trusted, an actuator is overloaded, nothing in the
@@ -146,11 +157,15 @@ def compensate(
         parts.append(_block(experiment, fit, x, targets, part, reference))
         if tell is not None:
             tell("targets", int(part[-1]) + 1, len(targets))
-    pendant, deflection, left, covariance, noise = (np.concatenate(a) for a in zip(*parts, strict=True))
+    pendant, deflection, left, covariance, noise, in_base, open_ = (np.concatenate(a) for a in zip(*parts, strict=True))
     _check_corrected(experiment, targets, pendant, deflection, left)
     command = rigid_tip(experiment.robot, experiment.load_site, experiment.robot.controller.to_joints(pendant))
     stood = Poses(pendant, experiment.robot.controller.to_joints(pendant), targets.wrench)
-    notes = (*doubted, *_scope(fit), *fit_notes(experiment, fit), *range_notes(model, stood, targets.name, x))
+    exact, absorbed = _not_counted(experiment, fit, open_)
+    framed = _series(fit) is not None and reference == "commanded"
+    base_sd = _distance(in_base) if framed and not absorbed else None
+    notes = (*doubted, *_scope(fit, base_sd, absorbed), *fit_notes(experiment, fit, exact))
+    notes += range_notes(model, stood, targets.name, x)
     return Compensation(
         targets=targets,
         units=experiment.robot.controller.units,
@@ -160,25 +175,32 @@ def compensate(
         left=left,
         covariance=covariance,
         noise_covariance=noise,
+        base_sd=base_sd,
         notes=notes,
         reference=reference,
-        quantity=fit.account.quantity,
+        account=fit.account,
     )
 
 
-def _scope(fit: FitRecord) -> tuple[str, ...]:
-    """Of what the expected errors are, where that is not the position in the base frame."""
-    if not fit.account.positions:
-        return (
-            "the fit is of deflections under load: the expected errors are of these; where the unloaded arm stands in "
-            "its base frame was not measured",
-        )
-    if fit.account.frames:
-        return (
-            "the instrument's frame was estimated from the same readings: the expected errors are in that frame, and "
-            "what turns or shifts the whole arm or its tool is absorbed there",
-        )
-    return ()
+def _not_counted(experiment: Experiment, fit: FitRecord, open_: Array) -> tuple[list[str], list[str]]:
+    """Names of what was held at nominal values and nobody states an sd of: what moves the tip (N, 2, h) in the frame
+    that was measured in, and what only moves it in the base frame."""
+    moves = np.any(open_ > _SEEN, axis=0)
+    own = [h.name for h, seen in zip(fit.held, moves[0], strict=True) if seen]
+    given = (p.name for p in experiment.model().parameters if not p.by_name)
+    others = {*fit.names, *(h.name for h in fit.held)}
+    own += [n for n in given if n not in others and fit.model_values[n] != 0.0]
+    return own, [h.name for h, both in zip(fit.held, moves.T, strict=True) if both[1]]
+
+
+def _scope(fit: FitRecord, base_sd: Array | None, absorbed: Sequence[str]) -> tuple[str, ...]:
+    """Of what the expected errors are, as notes."""
+    base = "in the base frame they are not known"
+    if absorbed:
+        base += f", for nobody states how well {some_of(absorbed)} {'is' if len(absorbed) == 1 else 'are'}"
+    elif base_sd is not None:
+        base = f"in the base frame up to {1e3 * base_sd.max():.3f} mm is to be expected"
+    return tuple(said.rstrip(".") for said in fit.account.scope(base))
 
 
 def arm_values(experiment: Experiment, fit: FitRecord) -> Array:
@@ -192,18 +214,18 @@ def arm_values(experiment: Experiment, fit: FitRecord) -> Array:
     return x
 
 
-def fit_notes(experiment: Experiment, fit: FitRecord) -> tuple[str, ...]:
-    """What the expected errors do not say, and what was not checked."""
+def fit_notes(experiment: Experiment, fit: FitRecord, exact: Sequence[str]) -> tuple[str, ...]:
+    """What the expected errors do not say, and what was not checked; exact: names of what counts as known exactly."""
     notes: list[str] = []
     if experiment.robot.payload is None:
         notes.append("robot.yaml states no payload_kg: the forces were not checked against it")
     known = [n for n, sd in zip(fit.names, fit.sd, strict=True) if not np.isfinite(sd)]
     if known:
         notes.append(f"counted as known exactly, for the fit quotes no sd: {', '.join(known)}")
-    given = (p.name for p in experiment.model().parameters if not p.by_name)
-    fixed = [n for n in given if n not in fit.names and fit.model_values[n] != 0.0]
-    if fixed:
-        notes.append(f"not identified, counted as known exactly at their nominal values: {', '.join(fixed)}")
+    if exact:
+        notes.append(
+            f"held at nominal values and counted as known exactly, for nobody states their sd: {some_of(exact)}"
+        )
     if experiment.has_load and fit.total_covariance is None:
         notes.append(
             "the fit states no uncertainty of its load (load_uncertainty in experiment.yaml): counted as exact"
@@ -239,29 +261,69 @@ def _block(
         if np.abs(pendant - start).max() > 2 * _LARGEST_CORRECTION:
             break  # told by `_check_corrected`
         error = -pose_error(wanted, stand(pendant, x))
-    slope = tip_slope(model, fit, x, lambda v: stand(pendant, v))
+    names = [*fit.names, *(h.name for h in fit.held)]
+    slope = tip_slope(model, names, x, lambda v: stand(pendant, v))
     if reference == "unloaded":
-        slope = slope - tip_slope(model, fit, x, lambda v: stand(start, v, False))
+        slope = slope - tip_slope(model, names, x, lambda v: stand(start, v, False))
+    own, held = slope[..., : len(fit.names)], slope[..., len(fit.names) :]
+    frame = _frame_slope(fit, stand(pendant, x)) if reference == "commanded" else 0.0
+    whole, noise, open_ = _spread(model, fit, own + frame, held)
+    in_base, _, open_base = _spread(model, fit, own, held)
+    return pendant, deflection, error, whole, noise, in_base, np.stack([open_, open_base], axis=1)
+
+
+def _spread(model: Model, fit: FitRecord, slope: Array, held: Array) -> tuple[Array, Array, Array]:
+    """Covariance (N, 6, 6) of an error with these slopes (N, 6, p) by estimates and (N, 6, h) by what was held; that
+    of the readings' noise alone; and how far (N, h) m a natural size moves the tip of what nobody states an sd of."""
     noise, load = (
         slope @ C @ slope.transpose(0, 2, 1)
         for C in (fit.widening * fit.covariance, fit.whole_covariance - fit.covariance)
     )
-    return pendant, deflection, error, noise + load, noise
+    moved = np.array([h.moved for h in fit.held]).reshape(len(fit.held), len(fit.names))
+    wrong = slope @ moved.T - held
+    sds = np.array([h.sd for h in fit.held])
+    sizes = np.array([model.parameters[model.names.index(h.name)].scale for h in fit.held])
+    known = wrong * np.nan_to_num(sds)
+    open_ = np.linalg.norm(wrong[:, :3], axis=1) * np.where(np.isnan(sds), sizes, 0.0)
+    return noise + load + known @ known.transpose(0, 2, 1), noise, open_
 
 
-def tip_slope(model: Model, fit: FitRecord, x: Array, stand: Callable[[Array], TipPose]) -> Array:
-    """d tip / d parameters of the fit (N, 6, p), by central differences of the full equilibrium.
+def _series(fit: FitRecord) -> Frame | None:
+    """The frame that positions were measured in, the first of several, where it was estimated."""
+    return fit.frames[0] if fit.frames and fit.account.positions else None
+
+
+def _frame_slope(fit: FitRecord, tip: TipPose) -> Array:
+    """d tip / d motions of the frame that was measured in (N, 6, p), on the axes of the base."""
+    out = np.zeros((len(tip), 6, len(fit.names)))
+    frame = _series(fit)
+    if frame is None:
+        return out
+    at = [fit.names.index(p.name) for p in frame.parameters()]
+    back = frame.rotation.T
+    out[:, :3, at[:3]] = out[:, 3:, at[3:]] = back
+    out[:, :3, at[3:]] = -back @ cross_matrix(tip.position @ frame.rotation.T)
+    return out
+
+
+def tip_slope(model: Model, names: Sequence[str], x: Array, stand: Callable[[Array], TipPose]) -> Array:
+    """d tip / d parameters of these names (N, 6, p), by central differences of the full equilibrium.
 
     Parameters that are not the model's, such as the tracker's frame, move no tip.
     """
-    out = np.zeros((len(stand(x)), 6, len(fit.names)))
-    for k, name in enumerate(fit.names):
-        if fit.covariance[k, k] > 0.0 and name in model.names:  # the others are known exactly, or not at all
+    out = np.zeros((len(stand(x)), 6, len(names)))
+    for k, name in enumerate(names):
+        if name in model.names:
             i = model.index([name])[0]
             step = np.zeros(len(x))
             step[i] = _STEP * max(model.parameters[i].scale, abs(x[i]))
             out[:, :, k] = pose_error(stand(x + step), stand(x - step)) / (2.0 * step[i])
     return out
+
+
+def _distance(covariance: Array) -> Array:
+    """Root of the mean squared distance (N,) m of errors with these covariances (N, 6, 6)."""
+    return np.sqrt(np.einsum("ncc->n", covariance[:, :3, :3]))
 
 
 def _tip(model: Model, poses: Poses, x: Array, loaded: bool, targets: Targets, part: Indices) -> TipPose:

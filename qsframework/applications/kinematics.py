@@ -15,6 +15,7 @@ import numpy as np
 
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
+from qsframework.experiment.account import Account
 from qsframework.files import read_yaml, sha256, write_text
 from qsframework.files.plain import is_list, is_mapping
 from qsframework.identify import FitRecord
@@ -42,7 +43,7 @@ class Fitted:
     offsets (m,) rad: what is to be added to each angle on the pendant, their sds (m,), NaN where none is quoted; own
     (n,) rad: the part of each placement that turns its joint about its own axis, which does the same as an offset
     held: the estimated parameters in it; missing: the others, which bend the arm, change with the pose, or are of the
-    campaign; x (p,): all values of the model
+    campaign; x (p,): all values of the model; account: that of the fit
     """
 
     experiment: Experiment
@@ -54,6 +55,7 @@ class Fitted:
     held: tuple[str, ...]
     missing: tuple[str, ...]
     x: Array
+    account: Account
     notes: tuple[str, ...] = ()
 
 
@@ -90,7 +92,7 @@ def fitted(experiment: Experiment, fit: FitRecord, *, anyway: bool = False) -> F
             step[model.index([name])[0]] = _STEP
             slope[:, k] = (constant_geometry(model, x + step).angles - found.angles) / _STEP
     slope = to_pendant @ slope[rows]
-    sd = np.sqrt(np.einsum("ik,kl,il->i", slope, fit.whole_covariance, slope))
+    sd = np.sqrt(np.einsum("ik,kl,il->i", slope, fit.whole_covariance + fit.held_covariance, slope))
     tool = robot.flange.placement
     placements = facts.placements @ moves(robot, found.twists, found.angles)
     return Fitted(
@@ -102,6 +104,7 @@ def fitted(experiment: Experiment, fit: FitRecord, *, anyway: bool = False) -> F
         own=frozen(np.einsum("kc,kc->k", found.twists[:, 3:], facts.axes)),
         missing=tuple(n for n in fit.names if n not in held),
         x=frozen(x),
+        account=fit.account,
         held=tuple(n for n in fit.names if n in held),
         notes=notes,
     )

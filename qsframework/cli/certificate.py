@@ -18,7 +18,7 @@ def run_certificate(
     from qsframework.applications.certificate import certify, read_meta
     from qsframework.identify import read_fit
     from qsframework.report.certificate_page import MISSING, heads, write_certificate
-    from qsframework.report.words.certificate import conformity_words, scope_words
+    from qsframework.report.words.certificate import conformity_words
     from qsframework.report.words.validation import validation_words
 
     experiment = load_experiment(experiment_file)
@@ -29,7 +29,7 @@ def run_certificate(
     found = certify(experiment, stored, read_readings(sources, experiment), told, halves=halves, seed=seed)
     print_folded(conformity_words(found.conformity))
     print_folded(validation_words(found.validation))
-    for said in scope_words(found):
+    for said in stored.account.scope():
         print_folded(said)
     for note in found.notes:
         print_folded(f"note: {note}")

@@ -9,6 +9,7 @@ from qsframework.applications.kinematics import WRITERS, Fitted, Written, fitted
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.printing import print_folded, print_table
 from qsframework.experiment import load_experiment
+from qsframework.files import as_file
 from qsframework.identify import read_fit
 
 _NAMES = {
@@ -30,6 +31,8 @@ def run_kinematics(
     rows = offset_rows(one)
     print_table(tuple(rows[0]), tuple(tuple(row.values()) for row in rows))
     print_folded(_held(one))
+    for said in one.account.scope():
+        print_folded(said)
     for note in one.notes:
         print_folded(f"note: {note}")
     files = {kind: WRITERS[kind](one, path) for kind, path in outputs.items()}
@@ -39,7 +42,8 @@ def run_kinematics(
         print(f"offsets of the joints: {write_offsets(one, offsets)}")
     if json is not None:
         content = {kind: _content(written) for kind, written in files.items()}
-        write_json(json, {"files": content, "offsets": rows, "held": list(one.held), "missing": list(one.missing)})
+        more = {"held": list(one.held), "missing": list(one.missing), "account": as_file(one.account)}
+        write_json(json, {"files": content, "offsets": rows, **more})
 
 
 def _held(one: Fitted) -> str:

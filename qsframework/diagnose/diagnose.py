@@ -61,6 +61,7 @@ from qsframework.estimation import orthonormal, rms, rounding
 from qsframework.estimation.linear_fit import winsorised
 from qsframework.estimation.visit_noise import Reml, reml
 from qsframework.experiment import Experiment, Readings, bridge, make_rows
+from qsframework.experiment.account import Account, account_of
 from qsframework.experiment.observations import REACH, ReadingRows, start_values, values_before
 from qsframework.identify.pose_spread import check_pose_spread
 from qsframework.identify.selection import in_order
@@ -188,9 +189,9 @@ def diagnose(
     taught = _taught(base, best, certain, closing, level, seed, repeats)
     tell("noise")
     audit = _audit(base, taught.fit if taught and taught.holds else extended)
-    before = misfit(base.experiment, base.readings, base.rows, base.fit)
     after = misfit(base.experiment, base.readings, base.rows, extended)
     return Diagnosis(
+        account=_account(base, findings),
         experiment=base.experiment,
         readings=base.readings,
         verdict=verdict_of(findings, closing.leftovers, after, bool(closing.rivals) or ambiguous(library, findings)),
@@ -201,7 +202,7 @@ def diagnose(
         leftovers=closing.leftovers,
         places=closing.places,
         same_motion=closing.same_motion,
-        before=before,
+        before=misfit(base.experiment, base.readings, base.rows, base.fit),
         after=after,
         rms=_errors(base, extended, held, given, audit),
         kept=base.rows.keep,
@@ -275,6 +276,12 @@ def _certain(base: _Baseline, best: Answer | None, findings: Sequence[NamedCause
     causes = [base.case.causes[i] for i in best.subset.members]
     kept = [c for c in causes if c.name not in doubtful]
     return (refit(base.case, kept, base.fit, base.rows) if kept else base.fit) or best.fit
+
+
+def _account(base: _Baseline, findings: Sequence[NamedCause]) -> Account:
+    """Of the baseline, with the names that it leaves open."""
+    account = account_of(base.experiment, base.rows, base.fit.names)
+    return replace(account, causes=tuple(f.name for f in findings if not f.doubtful))
 
 
 def _pose_names(base: _Baseline) -> list[str]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ from qsframework.plugin.trusted import file_of
 from qsframework.robot.copied import robot_files
 from qsframework.robot.loader import find_robot
 from qsframework.robot.named_files import entry_effects, named_file
+from qsframework.robot.spec import nominal_entry
 
 _HEAD = "Written by qsf diagnose."
 _ROBOT, _EFFECTS = Path("robot"), Path("effects")
@@ -248,22 +249,14 @@ def _values(extension: Extension, wanted: Callable[[Effect], bool]) -> dict[str,
     out: dict[str, Any] = {}
     for effect, part in zip(model.effects, model.slices, strict=True):
         if wanted(effect):
-            out.update({p.name: dict(_entry(extension, p)) for p in model.parameters[part]})
+            out.update({p.name: _entry(extension, p) for p in model.parameters[part]})
     return out
 
 
-def _entry(extension: Extension, p: Parameter) -> Iterator[tuple[str, Any]]:
-    suffix = f"_{p.unit}" if p.unit else ""
-    yield f"value{suffix}", float(extension.values[p.name])
-    sd = extension.sds.get(p.name, 0.0)
-    if sd > 0.0 or p.sd is not None:
-        yield f"sd{suffix}", float(sd if sd > 0.0 else p.sd or 0.0)
-    source = extension.evidence.get(p.name, p.source)
-    if source:
-        yield "source", source
-    earlier = p.identified_by(extension.used) if p.name in extension.sds else p.earlier
-    if earlier:
-        yield "earlier", [{f"value{suffix}": float(v), "readings": list(used)} for v, used in earlier]
+def _entry(extension: Extension, p: Parameter) -> dict[str, Any]:
+    sd, source = extension.sds.get(p.name, 0.0), extension.evidence.get(p.name, p.source)
+    found = replace(p, earlier=p.identified_by(extension.used)) if p.name in extension.sds else p
+    return nominal_entry(found, extension.values[p.name], sd if sd > 0.0 else p.sd, source)
 
 
 def _extended(title: str) -> str:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from qsframework.diagnose.selection.cross_validation import HeldOut
     from qsframework.diagnose.selection.exact_refit import SettledFit
     from qsframework.experiment import Experiment, Readings
+    from qsframework.experiment.account import Account
     from qsframework.screening import Mistake
 
 _PLAIN = 9e-4
@@ -227,9 +228,11 @@ class Diagnosis(Viewed):
     over the rows `kept` of `readings`; taught: a law that was learned of what the names leave; places: where that may
     be, which hold 95 % of the evidence together; same_motion: the other places where some law, by a variable that is
     open, could move the markers as the likeliest law does, to within the noise; outliers: rows that belong to nothing;
-    case: linearised at the baseline; before, after: their lack of fit
+    case: linearised at the baseline; before, after: their lack of fit; account: of the baseline, with the causes
+    that are open: named and not doubtful
     """
 
+    account: Account
     experiment: Experiment
     readings: Readings
     verdict: Verdict

@@ -15,7 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from qsframework.elastostatics import Model
 from qsframework.errors import InputError
+from qsframework.experiment.frames import POINT
 from qsframework.experiment.observations import ReadingRows
 from qsframework.experiment.setup import Experiment
 from qsframework.files import FileRecord, sha256
@@ -27,6 +29,9 @@ from qsframework.robot import Robot
 
 _DIGITS = 9
 """Of lengths in m and masses in kg: the trigonometry of another machine may differ in the last bits."""
+
+_MOST = 8
+"""Names that a sentence lists."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +47,9 @@ class Account(FileRecord):
     """kinds: of the readings, "displacement", "position" or "gauge"
     files: that the readings are from; none where they were `simulated` in memory
     visits, reads: how often the arm was brought to a state, and how many readings were taken there
-    frames: series whose frame was estimated from the same readings
+    frames: series whose frame was estimated from the same readings; tool: parameters of the markers that were
+    extended: effects that the model has from a diagnosis of readings; causes: names that a diagnosis of these readings
+    leaves open, None where nobody looked
     rigid: springs that are not estimated were held rigid
     description: hashes of what the model was read from, part by part, the values of parameters aside
     """
@@ -52,6 +59,9 @@ class Account(FileRecord):
     visits: int
     reads: int
     frames: tuple[str, ...]
+    tool: tuple[str, ...] = ()
+    extended: tuple[str, ...] = ()
+    causes: tuple[str, ...] | None = None
     rigid: bool
     simulated: bool
     description: dict[str, str]
@@ -71,24 +81,78 @@ class Account(FileRecord):
         """Of the files of readings."""
         return tuple(file.sha256 for file in self.files)
 
+    def scope(self, base: str = "an error in the base frame is not known") -> tuple[str, ...]:
+        """What was measured, in which frame, what that frame and the tool absorb, and by what the model is extended.
+
+        base: what is to be said of errors in the base frame, where the instrument's was estimated
+        """
+        counted = f"{self.reads} readings at {self.visits} visits"
+        if not self.positions:
+            said = (
+                f"Measured: deflections under load, loaded minus unloaded, {counted}. All errors and uncertainties "
+                "here are of the deflection under load; where the unloaded arm stands in its base frame was not "
+                "measured."
+            )
+        elif self.frames and all(name.startswith(POINT) for name in self.frames):
+            points = ", ".join(name.removeprefix(POINT) for name in self.frames)
+            said = (
+                f"Measured: touches of points of unknown place, {counted} ({points}). Errors and uncertainties are of "
+                "the arm relative to these points: what shifts or turns the whole arm is absorbed by their places, "
+                "which were estimated from the same readings."
+            )
+        elif self.frames:
+            tool = f", and so did the tool ({some_of(self.tool)})" if self.tool else ""
+            said = (
+                f"Measured: positions, {counted}, in the frame of the instrument, which was estimated from the same "
+                f"readings (series {', '.join(n or 'unnamed' for n in self.frames)}){tool}. Errors and uncertainties "
+                f"are in that frame: what turns or shifts the whole arm, or its tool, is absorbed there; {base}."
+            )
+        else:
+            said = f"Measured: positions, {counted}, in the base frame, as the frame of the instrument was stated."
+        if not self.extended:
+            return (said,)
+        return said, f"The model is extended by what a diagnosis of readings found: {', '.join(self.extended)}."
+
     def is_of(self, data: Path) -> bool:
         """Whether a file is one of those of the readings, by its hash."""
         return sha256(data) in self.hashes
 
 
-def account_of(experiment: Experiment, rows: ReadingRows) -> Account:
-    """The account of a fit to some rows of readings."""
-    readings = rows.readings
+def some_of(names: Sequence[str]) -> str:
+    """Names in a sentence, the first of many."""
+    more = f" and {len(names) - _MOST} more" if len(names) > _MOST else ""
+    return ", ".join(names[:_MOST]) + more
+
+
+def account_of(experiment: Experiment, rows: ReadingRows, names: Sequence[str]) -> Account:
+    """The account of a fit of parameters by name to some rows of readings."""
+    readings, model = rows.readings, experiment.model()
+    tool = set(model.of_role("marker offset"))
     return Account(
         kinds=tuple(dict.fromkeys(readings.kind[rows.keep].tolist())),
-        files=tuple(UsedFile(_beside(source, experiment), sha256(source)) for source in readings.sources),
+        files=tuple(
+            UsedFile(_beside(source, experiment), sha)
+            for source, sha in zip(readings.sources, readings.hashes, strict=True)
+        ),
         visits=len(np.unique(rows.plus)),
         reads=len(rows.keep) if readings.reads is None else int(readings.reads[rows.keep].sum()),
         frames=tuple(readings.frames[f] for f in rows.estimated),
+        tool=tuple(n for n in names if n in tool),
+        extended=_extended(model),
         rigid=experiment.rigid,
         simulated=not readings.sources,
         description=description(experiment.robot, experiment),
     )
+
+
+def _extended(model: Model) -> tuple[str, ...]:
+    """Effects that were not there before the readings which their values are from: what a diagnosis added."""
+    out: list[str] = []
+    for effect, part in zip(model.effects, model.slices, strict=True):
+        own = model.parameters[part]
+        if own and all(p.earlier and p.earlier[0][0] == p.null for p in own):
+            out.append(effect.name)
+    return tuple(out)
 
 
 def _beside(source: Path, experiment: Experiment) -> str:

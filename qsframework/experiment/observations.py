@@ -23,7 +23,6 @@ from qsframework.estimation.noise import Group, connected
 from qsframework.experiment.frames import POINT, Frame, check_spread, motion_count, procrustes, spans
 from qsframework.experiment.readings import Readings
 from qsframework.experiment.setup import Experiment
-from qsframework.files import sha256
 from qsframework.plugin import Array, Conditions, Indices, Parameter, Poses
 
 REACH = 4.0
@@ -549,8 +548,7 @@ def bridge(
 
 def values_before(model: Model, readings: Readings) -> Array:
     """Values (p,) of all parameters before any of these readings was used, however often they were identified since."""
-    used = {sha256(source) for source in readings.sources}
-    return np.array([p.before(used) for p in model.parameters])
+    return np.array([p.before(readings.hashes) for p in model.parameters])
 
 
 def start_values(experiment: Experiment, names: Sequence[str], x: Array | None = None) -> Array:

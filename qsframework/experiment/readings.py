@@ -7,12 +7,14 @@ marker: what the instrument says at one state, less what it says at another or n
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from qsframework.experiment.frames import Frame
+from qsframework.files import sha256
 from qsframework.plugin import Array, Conditions, Indices, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.viewed import Viewed
@@ -119,6 +121,11 @@ class Readings(Viewed):
     def source(self) -> Path | None:
         """The first file, None for a simulation."""
         return self.sources[0] if self.sources else None
+
+    @cached_property
+    def hashes(self) -> tuple[str, ...]:
+        """SHA-256 of the files, as they are when this is asked first."""
+        return tuple(sha256(source) for source in self.sources)
 
     @property
     def where(self) -> str:

@@ -1,5 +1,6 @@
 from .estimate import Estimate as Estimate, EstimateState as EstimateState
 from .fit import Fit as Fit
+from .held import Held as Held
 from .identify import identify as identify, masked_words as masked_words
 from .io import write_nominal as write_nominal
 from .record import FitRecord as FitRecord, Masked as Masked, read_fit as read_fit, write_fit as write_fit

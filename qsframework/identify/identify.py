@@ -31,6 +31,7 @@ from qsframework.experiment.observations import ReadingRows, start_values, value
 from qsframework.experiment.setup import GEOMETRY, expand_name
 from qsframework.identify.estimate import Estimate, EstimateState, estimate_of
 from qsframework.identify.fit import Fit, Found
+from qsframework.identify.held import held_at_nominal
 from qsframework.identify.load_error import load_columns, load_sds
 from qsframework.identify.pose_spread import check_pose_spread
 from qsframework.identify.record import Masked
@@ -256,7 +257,9 @@ def _finished(
         columns = seen.rows.noise.whiten(load_columns(_at(found), seen.values(found.solution.x)) * sds)
         G = propagated(found.solution, columns)
         result = replace(result, total_covariance=result.covariance + G @ G.T)
-    return result
+    free = [e.name for e in result.estimates if e.sd != 0.0]
+    aside = [e.name for e in result.left_aside]
+    return replace(result, held=held_at_nominal(_at(found), result.x, found.solution, free, aside))
 
 
 def _at(found: Found) -> ObservationModel:
@@ -306,7 +309,7 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
     lost = (np.isnan(left_out) & np.isfinite(rows.measured)).any(axis=1)
     return Fit(
         robot=model.facts.name,
-        account=account_of(experiment, rows),
+        account=account_of(experiment, rows, seen.names),
         method=found.method,
         options=options,
         model=model,

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem
-from qsframework.files import write_text
+from qsframework.files import write_text, yaml_text
 from qsframework.identify.fit import Fit
 from qsframework.identify.soundness import check_fit
 from qsframework.plugin import Array, Context, Geometry, Loop, Parameter, Poses, laws
 from qsframework.robot import Robot
 from qsframework.robot.corrected import write_corrected_urdf
+from qsframework.robot.spec import nominal_entry
 
 
 def write_nominal(fit: Fit, path: str | Path, robot: Robot) -> Path:
@@ -27,12 +28,12 @@ def write_nominal(fit: Fit, path: str | Path, robot: Robot) -> Path:
     be given it.
     """
     source = _source(fit)
-    lines = [f"# {robot.title}: values of {source}."]
+    comment = f"{robot.title}: values of {source}."
     own = {p.name for p in robot.parameters}
     others = [e.name for e in fit.estimates if e.name not in own]
     if others:
-        lines.append(f"# Identified too, but not the robot's: {', '.join(others)}")
-    return write_text(path, "\n".join([*lines, *_entries(fit, robot.parameters, source)]) + "\n")
+        comment += f"\nIdentified too, but not the robot's: {', '.join(others)}"
+    return write_text(path, yaml_text(_entries(fit, robot.parameters, source), comment))
 
 
 def write_campaign(fit: Fit, path: str | Path, robot: Robot) -> tuple[str, ...]:
@@ -47,21 +48,21 @@ def write_campaign(fit: Fit, path: str | Path, robot: Robot) -> tuple[str, ...]:
     if not told:
         return ()
     path, source = Path(path), _source(fit)
-    if path.exists() and not path.read_text(encoding="utf-8", errors="replace").startswith(_CAMPAIGN):
+    if path.exists() and not path.read_text(encoding="utf-8", errors="replace").startswith(f"# {_CAMPAIGN}"):
         raise InputError(
             Problem("stands there and was not written by this command; move it, or name another file", str(path))
         )
     effects = zip(fit.model.effects, fit.model.slices, strict=True)
     of = dict.fromkeys(e.effect_name() for e, part in effects if not own.issuperset(fit.model.names[part]))
-    head = [
-        f"{_CAMPAIGN} on {robot.title}: {source}.",
-        f"# Beside an experiment.yaml with `nominal: {path.name}`; its effects must stand there: {', '.join(of)}",
-    ]
-    write_text(path, "\n".join([*head, *_entries(fit, rest, source)]) + "\n")
+    comment = (
+        f"{_CAMPAIGN} on {robot.title}: {source}.\n"
+        f"Beside an experiment.yaml with `nominal: {path.name}`; its effects must stand there: {', '.join(of)}"
+    )
+    write_text(path, yaml_text(_entries(fit, rest, source), comment))
     return told
 
 
-_CAMPAIGN = "# Values of a campaign's effects"
+_CAMPAIGN = "Values of a campaign's effects"
 
 
 def _source(fit: Fit) -> str:
@@ -74,28 +75,19 @@ def _source(fit: Fit) -> str:
     return f"identified, {fit.method}" + (f", readings sha256 {used}" if used else "")
 
 
-def _entries(fit: Fit, parameters: Sequence[Parameter], source: str) -> list[str]:
-    """Lines of a nominal file: identified values with their sds, the others as they were."""
+def _entries(fit: Fit, parameters: Sequence[Parameter], source: str) -> dict[str, dict[str, Any]]:
+    """Entries of a nominal file: identified values with their sds, the others as they were."""
     found = {e.name: e for e in fit.estimates}
-    lines: list[str] = []
+    out: dict[str, dict[str, Any]] = {}
     for p in parameters:
         if p.name in found:
             e = found[p.name]
-            told = source if not e.status else f"{source}; {e.status}"
-            told_by = replace(p, earlier=p.identified_by(fit.account.hashes))
-            lines += _entry(told_by, e.value, e.sd if e.sd > 0 else None, told)
+            told = f"{source}; {e.status}" if e.status else source
+            own = replace(p, earlier=p.identified_by(fit.account.hashes))
+            out[p.name] = nominal_entry(own, e.value, e.sd if e.sd > 0.0 else None, told)
         elif p.source or p.nominal != 0.0 or p.earlier:
-            lines += _entry(p, p.nominal, p.sd, p.source)
-    return lines
-
-
-def _entry(p: Parameter, value: float, sd: float | None, source: str) -> list[str]:
-    suffix = f"_{p.unit}" if p.unit else ""
-    out = [f"{p.name}:", f"  value{suffix}: {value!r}"]
-    out += [] if sd is None else [f"  sd{suffix}: {float(sd)!r}"]
-    out += [f"  source: {json.dumps(source)}"] if source else []
-    out += ["  earlier:"] if p.earlier else []
-    return out + [f"    - {{value{suffix}: {before!r}, readings: [{', '.join(used)}]}}" for before, used in p.earlier]
+            out[p.name] = nominal_entry(p, p.nominal, p.sd, p.source)
+    return out
 
 
 def write_urdf(robot: Robot, model: Model, x: Array, path: str | Path) -> tuple[str, ...]:

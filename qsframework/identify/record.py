@@ -33,6 +33,7 @@ from qsframework.files import (
 from qsframework.files.formats import FORMAT, check_format
 from qsframework.files.plain import is_list
 from qsframework.identify.estimate import Estimate
+from qsframework.identify.held import Held
 from qsframework.identify.selection import LeftAside
 from qsframework.plausible import allowed, beyond
 from qsframework.plugin import Array
@@ -65,7 +66,8 @@ class FitRecord(FileRecord):
     held_out_error (m): at poses left out, RMS of the distance of positions, else RMS per axis; held_out_nominal: of the
     nominal arm, in frames that suit it best; held_out_largest: the largest distance; NaN where no pose can be left out
     carriers: poses that alone carry a parameter, which cannot be left out
-    frames: the base in the frames that were estimated; left_aside: what was asked for and not estimated
+    frames: the base in the frames that were estimated; left_aside: what was asked for and not estimated; held: what an
+    error of nominal values does to the estimates, of what was asked for or has a stated sd
     cleaned: what was masked before the fit because it cannot be right, None where nobody looked; gross: rows that the
     fit itself masked, and what else it says of rows
     path: the file that was read, "" of a fit that was made
@@ -91,6 +93,7 @@ class FitRecord(FileRecord):
     carriers: tuple[str, ...] = ()
     frames: Annotated[tuple[Frame, ...], Named("series")] = ()
     left_aside: Annotated[tuple[LeftAside, ...], Named("name")] = ()
+    held: Annotated[tuple[Held, ...], Named("name")] = ()
     intervals: Annotated[tuple[Interval, ...], Named("name")] = ()
     cleaned: tuple[Masked, ...] | None = None
     gross: tuple[Masked, ...] = ()
@@ -120,6 +123,12 @@ class FitRecord(FileRecord):
     def whole_covariance(self) -> Array:
         """Covariance (p, p) of the noise and, where it was stated, of the load."""
         return self.covariance if self.total_covariance is None else self.total_covariance
+
+    @property
+    def held_covariance(self) -> Array:
+        """Covariance (p, p) of the estimates by the stated sds of what was held at nominal values."""
+        p = len(self.estimates)
+        return sum((h.sd**2 * np.outer(h.moved, h.moved) for h in self.held if h.sd >= 0.0), np.zeros((p, p)))
 
     @property
     def sd_total(self) -> tuple[float, ...]:

@@ -148,7 +148,7 @@ def _own_readings(
         return None, [_UNCHECKED.format("they were simulated, and are in no file")] if fit.path else []
     if not files:
         return "it names no readings", []
-    if given is not None and [sha256(s) for s in given.sources] == list(fit.account.hashes):
+    if given is not None and given.hashes == fit.account.hashes:
         return _as_used(fit, given), []
     found = [_place(file, fit, experiment) for file in files]
     lost = [file.path for file, place in zip(files, found, strict=True) if place is None]
@@ -209,6 +209,7 @@ def _explains(fit: FitRecord, experiment: Experiment, readings: Readings) -> Ite
     for what, one, other in (
         ("covariance", fit.covariance, again.covariance),
         ("covariance with the load's", fit.whole_covariance, again.whole_covariance),
+        ("account of what was held at nominal values", fit.held_covariance, again.held_covariance),
     ):
         if not _same_covariance(one, other):
             yield f"its {what} is not the one that its readings give"

@@ -12,7 +12,9 @@ from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import FitOptions, rms
 from qsframework.experiment import Experiment, Frame, Readings, make_rows
+from qsframework.experiment.account import Account
 from qsframework.experiment.observations import ReadingRows, values_before
+from qsframework.files import as_file
 from qsframework.identify.identify import identify
 from qsframework.identify.record import FitRecord
 from qsframework.identify.soundness import check_robot
@@ -55,11 +57,12 @@ class ValidationErrors:
 class Validation(Viewed):
     """Errors of all readings and of each series or kind; halves: how many random halves they are of, 0 for none.
 
-    seen: whether the fit was made of these readings; spread (halves,): RMS of the 3D error of each half, m
-    lines, file (R,): of the readings; poses: their names; notes: what the errors do not say
+    account: that of the fit; seen: whether the fit was made of these readings; spread (halves,): RMS of the 3D error of
+    each half, m; lines, file (R,): of the readings; poses: their names; notes: what the errors do not say
     """
 
     robot: str
+    account: Account
     whole: ValidationErrors
     parts: tuple[ValidationErrors, ...]
     halves: int
@@ -73,6 +76,7 @@ class Validation(Viewed):
         """Lengths in mm."""
         return {
             "robot": self.robot,
+            "account": as_file(self.account),
             "halves": self.halves,
             "seen": self.seen,
             "spread_mm": [1e3 * v for v in self.spread.tolist()],
@@ -110,8 +114,8 @@ def validate(experiment: Experiment, readings: Readings, fit: FitRecord) -> Vali
     model, rows = experiment.model(), make_rows(readings)
     x = fit.x_of(model)
     errors = rows.measured - rows.predict(model, x, fitted_frames(fit, rows, model, x), fit.linear)
-    seen = any(fit.account.is_of(source) for source in readings.sources)
-    found = _validation(experiment, rows, errors, _nominal(experiment, rows, fit.linear), seen=seen)
+    seen = not set(fit.account.hashes).isdisjoint(readings.hashes)
+    found = _validation(fit, rows, errors, _nominal(experiment, rows, fit.linear), seen=seen)
     return replace(found, notes=rows.range_notes(model, x))
 
 
@@ -154,7 +158,7 @@ def validate_halves(
     place = {k: i for i, k in enumerate(rows.keep.tolist())}
     both = np.array([place[k] for part, _ in every for k in part.keep.tolist()], dtype=np.intp)
     before, errors = _nominal(experiment, rows, fit.linear)[both], np.concatenate([e for _, e in every])
-    return _validation(experiment, rows.take(both), errors, before, halves=halves, spread=spread)
+    return _validation(fit, rows.take(both), errors, before, halves=halves, spread=spread)
 
 
 def _nominal(experiment: Experiment, rows: ReadingRows, linear: bool) -> Array:
@@ -169,7 +173,7 @@ def _nominal(experiment: Experiment, rows: ReadingRows, linear: bool) -> Array:
 
 
 def _validation(
-    experiment: Experiment,
+    fit: FitRecord,
     rows: ReadingRows,
     errors: Array,
     before: Array,
@@ -187,7 +191,8 @@ def _validation(
         for at in [np.array([n == name for n in label])]
     )
     return Validation(
-        robot=experiment.robot.name,
+        robot=fit.robot,
+        account=fit.account,
         whole=ValidationErrors(name="all", errors=errors, before=before),
         parts=parts,
         halves=halves,

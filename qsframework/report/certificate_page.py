@@ -18,7 +18,6 @@ from qsframework.report.words.certificate import (
     assumed_words,
     conformity_words,
     held_out_words,
-    scope_words,
 )
 from qsframework.report.words.sizes import shown
 
@@ -42,7 +41,7 @@ def write_certificate(path: str | Path, found: Certificate) -> Path:
         decision="" if found.conformity is None else RULES[found.conformity.rule],
         held_out=held_out_words(found),
         quantity=found.fit.account.quantity,
-        scope=scope_words(found),
+        scope=found.fit.account.scope(),
         accuracy=accuracy(found),
         picture=_distribution(found),
         arrivals=arrivals(found),

@@ -34,19 +34,19 @@ def target_table(result: Compensation) -> ReportTable:
         (*header, *result.units.labels("dJ")),
         rows,
         "Distance of the load point from its wanted place without the correction; the root mean square of the distance "
-        "that is to be expected with it, from the covariance of the fit and the stated uncertainty of the load; and "
-        "what was added to each joint.",
+        "that is to be expected with it, from the covariance of the fit and the stated uncertainties of the load and "
+        "of what was held at nominal; and what was added to each joint.",
     )
 
 
 def _of_noise(result: Compensation) -> str:
-    """What part is the noise's, where an uncertainty of the load was stated."""
+    """What part is the noise's, where other uncertainties were stated."""
     whole, noise = (float((sd**2).sum()) for sd in (result.sd, result.noise_sd))
     if not whole > noise:
         return ""
     return (
-        f"The readings' noise makes {100.0 * noise / whole:.0f} % of its mean square, the stated uncertainty of the "
-        "measuring campaign's load the rest, which more readings do not lessen. "
+        f"The readings' noise makes {100.0 * noise / whole:.0f} % of its mean square, the stated uncertainties of the "
+        "measuring campaign's load and of what was held at nominal the rest, which more readings do not lessen. "
     )
 
 

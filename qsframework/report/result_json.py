@@ -12,6 +12,7 @@ from qsframework.diagnose.residuals.lack_of_fit import LackOfFit
 from qsframework.diagnose.result import Diagnosis, Leftover, Line, NamedCause, Taught
 from qsframework.discriminate.follow_up import SecondDay
 from qsframework.discriminate.pair import Discrimination
+from qsframework.files import as_file
 from qsframework.forecast.forecast import Foresight, Prospect
 from qsframework.report.words.diagnosis import diagnosis_words, limit_words, method_words
 from qsframework.report.words.discrimination import discrimination_words, note_words, offer_words
@@ -27,6 +28,7 @@ _RMS = ("nominal", "identified", "extended", "heldout_identified", "heldout_exte
 def diagnosis_json(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> dict[str, Any]:
     """What `qsf diagnose` writes (SI units, RMS in mm). pairs: what would separate rivals, where it was computed."""
     return {
+        "account": as_file(found.account),
         "verdict": found.verdict,
         "headline": headline(found),
         "words": diagnosis_words(found, pairs),

@@ -134,6 +134,16 @@ def read_nominal(
     return out, problems
 
 
+def nominal_entry(p: Parameter, value: float, sd: float | None, source: str) -> dict[str, Any]:
+    """A parameter's entry as a nominal file holds it: with this value, sd and source, and its own earlier values."""
+    suffix = f"_{p.unit}" if p.unit else ""
+    out: dict[str, Any] = {f"value{suffix}": float(value)}
+    out |= {f"sd{suffix}": float(sd)} if sd else {}
+    out |= {"source": source} if source else {}
+    stages = [{f"value{suffix}": float(before), "readings": list(used)} for before, used in p.earlier]
+    return out | ({"earlier": stages} if stages else {})
+
+
 @dataclass
 class _Entry:
     """One parameter's entry: `value_<unit>`, `sd_<unit>` or `sd_percent`, `source`; where identified, `earlier`."""

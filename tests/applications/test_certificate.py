@@ -19,7 +19,7 @@ from qsframework.experiment import Experiment, Readings, example, load_experimen
 from qsframework.identify import FitRecord, identify, read_fit, write_fit
 from qsframework.plugin import Array, Poses
 from qsframework.report.certificate_page import arrivals, pair, write_certificate
-from qsframework.report.words.certificate import conformity_words, scope_words
+from qsframework.report.words.certificate import conformity_words
 from tests.identify.records import with_values
 
 LINEAR = FitOptions(linear=True)
@@ -217,7 +217,7 @@ def test_no_certificate_while_a_diagnosis_names_what_the_fit_does_not_have() -> 
         certify(experiment, fit, readings, MetaSpec(), halves=1, diagnosis=found)
     told = certify(experiment, fit, readings, MetaSpec(), halves=1)
     assert any("was not asked" in note for note in told.notes)
-    (said,) = scope_words(told)
+    (said,) = told.fit.account.scope()
     assert said.startswith("Measured: deflections under load, loaded minus unloaded, 180 readings at 60 visits.")
     assert "where the unloaded arm stands in its base frame was not measured" in said
 
@@ -226,6 +226,6 @@ def test_positions_in_an_estimated_frame_are_certified_in_that_frame() -> None:
     experiment = load_experiment(example("ur10") / "experiment.yaml")
     readings = read_readings(experiment.data, experiment)
     told = certify(experiment, identify(experiment, readings), readings, MetaSpec(), halves=1)
-    (said,) = scope_words(told)
+    (said,) = told.fit.account.scope()
     assert "in the frame of the instrument, which was estimated from the same readings" in said
     assert "an error in the base frame is not known" in said

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from qsframework.applications.certificate import COVERAGE, Certificate, Conformity, extended_by
-from qsframework.experiment.frames import POINT
+from qsframework.applications.certificate import COVERAGE, Certificate, Conformity
+from qsframework.experiment.account import some_of
 
 SOURCES = {
     "parameters": ("noise of the readings that the parameters rest on", "fit, covariance of the parameters"),
+    "held": ("values held at nominal", "their stated sds, and what these do to the fit"),
     "load": ("load's amount and direction", "as stated in the experiment"),
     "repeatability": ("arm comes back elsewhere", "as stated in the experiment"),
     "instrument": ("instrument, one reading", "as stated: its certificate, or the noise of a reading"),
-    "model": ("what the model does not describe", "what the error at readings held out has beyond the other sources"),
+    "model": (
+        "what the model does not describe",
+        "what the error at readings held out has beyond the other sources and chance",
+    ),
 }
 RULES = {
     "guarded": "error + U at most the tolerance proves, error - U above it disproves (guarded, ISO 14253-1)",
     "simple": "the error alone decides (simple acceptance)",
 }
-
-
-_MOST = 8
-"""Parameters that are listed by name."""
 
 
 def held_out_words(found: Certificate) -> str:
@@ -30,40 +30,6 @@ def held_out_words(found: Certificate) -> str:
             "were fitted and the other half judged each time: the whole fit is no worse than that."
         )
     return f"At {found.readings} readings of {found.poses} poses that the fit has not seen."
-
-
-def scope_words(found: Certificate) -> list[str]:
-    """What was measured, in which frame, and what nobody can say."""
-    account = found.fit.account
-    counted = f"{account.reads} readings at {account.visits} visits"
-    if not account.positions:
-        out = [
-            f"Measured: deflections under load, loaded minus unloaded, {counted}. All errors and uncertainties here "
-            "are of the deflection under load; where the unloaded arm stands in its base frame was not measured."
-        ]
-    elif account.frames and all(name.startswith(POINT) for name in account.frames):
-        points = ", ".join(name.removeprefix(POINT) for name in account.frames)
-        out = [
-            f"Measured: touches of points of unknown place, {counted} ({points}). Errors and uncertainties are of the "
-            "arm relative to these points: what shifts or turns the whole arm is absorbed by their places, which were "
-            "estimated from the same readings."
-        ]
-    elif account.frames:
-        tool = found.experiment.model().of_role("marker offset")
-        absorbed = [n for n in found.fit.names if n in tool]
-        also = f", and so did the tool ({', '.join(absorbed[:_MOST])})" if absorbed else ""
-        out = [
-            f"Measured: positions, {counted}, in the frame of the instrument, which was estimated from the same "
-            f"readings (series {', '.join(n or 'unnamed' for n in account.frames)}){also}. Errors and uncertainties "
-            "are in that frame: what turns or shifts the whole arm, or its tool, is absorbed there; an error in the "
-            "base frame is not known."
-        ]
-    else:
-        out = [f"Measured: positions, {counted}, in the base frame, as the frame of the instrument was stated."]
-    added = extended_by(found.experiment)
-    if added:
-        out.append(f"The model is extended by what a diagnosis of readings found: {', '.join(added)}.")
-    return out
 
 
 def conformity_words(c: Conformity | None) -> str:
@@ -84,9 +50,7 @@ def assumed_words(found: Certificate) -> list[str]:
     noise = f"The noise of one coordinate, {1e3 * found.fit.sigma:.4f} mm, is {found.fit.sigma_source}."
     out.append(noise)
     if found.kept:
-        names = ", ".join(found.kept[:_MOST])
-        names += f" and {len(found.kept) - _MOST} more" if len(found.kept) > _MOST else ""
-        out.append(f"Kept at their nominal values, without an uncertainty of their own: {names}.")
+        out.append(f"Kept at their nominal values, without an uncertainty of their own: {some_of(found.kept)}.")
     if found.fit.total_covariance is None:
         out.append("The load is taken as exactly known: no uncertainty of it is stated.")
     if found.fit.masked_rows:

@@ -20,7 +20,7 @@ def compensation_verdict(result: Compensation) -> Verdict:
     if result.notes:
         mark, word = Mark.LOOK, "Corrected, with notes"
     said = (
-        f"{len(names)} target{'s' if len(names) > 1 else ''} moved, {result.quantity}: uncorrected up to "
+        f"{len(names)} target{'s' if len(names) > 1 else ''} moved, {result.account.quantity}: uncorrected up to "
         f"{mm(result.size.max())} mm off, "
         f"then {mm(result.sd[worst])} mm to be expected at the worst, target {names[worst]}"
     )
