@@ -66,7 +66,7 @@ def tables() -> dict[str, list[Column]]:
         "plan.csv": plan._columns(experiment),
         "readings.csv": readings_table._columns(experiment, False, False),
         "readings.csv of states": readings_table._columns(experiment, True, False),
-        "targets.csv": targets._columns(experiment.robot.controller.units),
+        "targets.csv": targets._columns(experiment),
     }
 
 
