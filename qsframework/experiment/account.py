@@ -17,7 +17,7 @@ import numpy as np
 
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError
-from qsframework.experiment.frames import POINT
+from qsframework.experiment.frames import PLANE, POINT
 from qsframework.experiment.observations import ReadingRows
 from qsframework.experiment.setup import Experiment
 from qsframework.files import FileRecord, sha256
@@ -93,12 +93,12 @@ class Account(FileRecord):
                 "here are of the deflection under load; where the unloaded arm stands in its base frame was not "
                 "measured."
             )
-        elif self.frames and all(name.startswith(POINT) for name in self.frames):
-            points = ", ".join(name.removeprefix(POINT) for name in self.frames)
+        elif self.frames and all(name.startswith((POINT, PLANE)) for name in self.frames):
+            points = ", ".join(name.partition(":")[2] for name in self.frames)
             said = (
-                f"Measured: touches of points of unknown place, {counted} ({points}). Errors and uncertainties are of "
-                "the arm relative to these points: what shifts or turns the whole arm is absorbed by their places, "
-                "which were estimated from the same readings."
+                f"Measured: touches of points and plates of unknown place, {counted} ({points}). Errors and "
+                "uncertainties are of the arm relative to these: what shifts or turns the whole arm is absorbed by "
+                "their places, which were estimated from the same readings."
             )
         elif self.frames:
             tool = f", and so did the tool ({some_of(self.tool)})" if self.tool else ""

@@ -19,8 +19,8 @@ from qsframework.files import FileRecord, Lists, Unit
 from qsframework.plugin import Array, Parameter
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
-POINT = "point:"
-"""Before the name of a point of unknown place, which stands for a series."""
+POINT, PLANE = "point:", "plane:"
+"""Before the name of a point of unknown place, or of a plate touched along its normal; each stands for a series."""
 _FLAT = 1e-4
 """m: positions that spread less than this across a line cannot hold a frame."""
 
@@ -53,38 +53,47 @@ class Frame(FileRecord):
         """The frame shifted by twist[:3] and turned by the rotation vector twist[3:], both on the tracker's axes; that
         of a touched point where the point is shifted by twist (3,)."""
         if self.touched:
-            return Frame(self.series, self.rotation, self.origin - twist)
+            return Frame(self.series, self.rotation, self.origin - np.pad(twist, (0, 3 - len(twist))))
         return Frame(self.series, exponential(twist[3:]) @ self.rotation, self.origin + twist[:3])
 
     @property
     def touched(self) -> bool:
-        """Whether it is that of a touched point."""
-        return self.series.startswith(POINT)
+        """Whether it is that of a touched point or plate."""
+        return self.series.startswith((POINT, PLANE))
+
+    @property
+    def freedom(self) -> int:
+        """Motions to estimate: six; of a touched point three, of a plate one along its normal, its first axis."""
+        return 1 if self.series.startswith(PLANE) else 3 if self.touched else 6
 
     @property
     def pose(self) -> Array:
-        """Origin (3,) m and rotation vector (3,) rad; of a touched point its place (3,) m in the base."""
-        return -self.origin if self.touched else np.concatenate([self.origin, rotation_vector(self.rotation)])
+        """Origin (3,) m and rotation vector (3,) rad; of a touched point its place (3,) m in the base, of
+        a plate the distance (1,) m of its plane from the base's origin."""
+        if self.touched:
+            return -self.origin[: self.freedom]
+        return np.concatenate([self.origin, rotation_vector(self.rotation)])
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Motions of the frame: along the tracker's axes, and small turns about them; of a touched point shifts."""
         if self.touched:
-            name = f"point[{self.series.removeprefix(POINT)}]"
-            return tuple(Parameter(f"{name}.{a}", "m", typical=1e-2) for a in AXES[:3])
+            kind, _, name = self.series.partition(":")
+            axes = AXES[:3] if self.freedom == 3 else ("distance",)
+            return tuple(Parameter(f"{kind}[{name}].{a}", "m", typical=1e-2) for a in axes)
         name = f"frame[{self.series}]" if self.series else "frame"
         units = ("m",) * 3 + ("rad",) * 3
         return tuple(Parameter(f"{name}.{a}", u, typical=1e-2) for a, u in zip(AXES, units, strict=True))
 
 
 def spans(frames: Sequence[Frame]) -> list[slice]:
-    """Where the motions of each frame stand among those of all: six, of a touched point three."""
-    ends = np.cumsum([0, *(3 if f.touched else 6 for f in frames)]).tolist()
+    """Where the motions of each frame stand among those of all."""
+    ends = np.cumsum([0, *(f.freedom for f in frames)]).tolist()
     return [slice(a, b) for a, b in itertools.pairwise(ends)]
 
 
 def motion_count(frames: Sequence[Frame]) -> int:
     """Motions of all these frames."""
-    return sum(3 if f.touched else 6 for f in frames)
+    return sum(f.freedom for f in frames)
 
 
 def procrustes(points: Array, readings: Array, series: str = "") -> Frame:

@@ -20,7 +20,7 @@ from qsframework.elastostatics.so3 import cross_matrix, left_jacobian
 from qsframework.errors import InputError
 from qsframework.estimation import Noise, Observations, grouped
 from qsframework.estimation.noise import Group, connected
-from qsframework.experiment.frames import POINT, Frame, check_spread, motion_count, procrustes, spans
+from qsframework.experiment.frames import Frame, check_spread, motion_count, procrustes, spans
 from qsframework.experiment.readings import Readings
 from qsframework.experiment.setup import Experiment
 from qsframework.plugin import Array, Conditions, Indices, Parameter, Poses
@@ -181,7 +181,7 @@ class ReadingRows:
     def estimated(self) -> tuple[int, ...]:
         """The frames that rows in use are in and that nobody knows."""
         used = [int(f) for f in np.unique(self.frame) if f >= 0]
-        return tuple(f for f in used if self.readings.known[f] is None)
+        return tuple(f for f in used if (known := self.readings.known[f]) is None or known.touched)
 
     @property
     def unknown_motions(self) -> int:
@@ -345,7 +345,9 @@ class ReadingRows:
         for f, frame, span in zip(self.estimated, frames, spans(frames), strict=True):
             rows = np.flatnonzero(self.frame == f)
             shift = -np.eye(3) if frame.touched else np.eye(3)
-            out[rows, :, span.start : span.start + 3] = np.where(taken[rows, None, None], 0.0, shift)
+            shift = shift[:, : frame.freedom]
+            shifts = slice(span.start, span.start + shift.shape[1])
+            out[rows, :, shifts] = np.where(taken[rows, None, None], 0.0, shift)
             if not frame.touched:
                 out[rows, :, span.start + 3 : span.stop] = -cross_matrix(there[rows] @ frame.rotation.T)
         return out
@@ -359,15 +361,20 @@ class ReadingRows:
 
     def nearest(self, positions: Array) -> tuple[Frame, ...]:
         """The same frames where the positions (S, K, 3) are known."""
-        identity = [Frame(self.readings.frames[f], np.eye(3), np.zeros(3)) for f in self.estimated]
+        turns = [None if (known := self.readings.known[f]) is None else known.rotation for f in self.estimated]
+        identity = [
+            Frame(self.readings.frames[f], np.eye(3) if turn is None else turn, np.zeros(3))
+            for f, turn in zip(self.estimated, turns, strict=True)
+        ]
         there = self.seen(positions, identity)
         out: list[Frame] = []
-        for f in self.estimated:
+        for f, frame in zip(self.estimated, identity, strict=True):
             name = self.readings.frames[f]
-            rows = np.flatnonzero((self.frame == f) & np.isfinite(self.measured).all(axis=1))
-            if name.startswith(POINT):
-                out.append(Frame(name, np.eye(3), (self.measured - there)[rows].mean(axis=0)))
+            if frame.touched:
+                off = (self.measured - there)[self.frame == f][:, : frame.freedom].mean(axis=0)
+                out.append(frame.moved(-off))
                 continue
+            rows = np.flatnonzero((self.frame == f) & np.isfinite(self.measured).all(axis=1))
             absolute = rows[self.minus[rows] < 0]
             if len(absolute):
                 check_spread(there[absolute], self.measured[absolute], name, self.readings.where)

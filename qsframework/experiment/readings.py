@@ -71,7 +71,8 @@ class Readings(Viewed):
     """R rows over N states: each h(plus) - h(minus) of a marker, in a frame.
 
     plus, minus (R,): states, minus -1 where nothing is taken off; marker (R,); frame (R,): place in `frames`, -1 for
-    the base; frames: names of the series; known: each frame, None where it is to be estimated
+    the base; frames: names of the series; known: each frame, None where it is to be estimated;
+    of a plate that is touched its turn alone is known, its first axis the normal
     value (R, 3) m, NaN where an axis was not measured; sigma (R, 3) m; stated: whether sigma is known, and not only up
     to a factor; minus_sigma (R, 3): the part of sigma that the reading at `minus` brings, NaN: half of the variance
     axes (R, 3, 3): unit vectors along which the value was measured, rows, base frame; None: the frame's own

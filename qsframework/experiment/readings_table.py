@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,7 +29,7 @@ from qsframework.experiment.columns import (
     write_table,
 )
 from qsframework.experiment.differences import differences, has_pairs
-from qsframework.experiment.frames import POINT
+from qsframework.experiment.frames import PLANE, POINT, Frame
 from qsframework.experiment.kinds import Part, check_kinds, which_sigma
 from qsframework.experiment.plan import joint_columns
 from qsframework.experiment.readings import UNSTATED, Made, Readings, States, joined
@@ -229,7 +230,7 @@ def _made(path: Path) -> Made | None:
 
 def suggested(experiment: Experiment, states: Readings) -> str:
     """How states are read where nobody says: "differences" or "positions"."""
-    if not has_pairs(states) or any(name.startswith(POINT) for name in states.frames):
+    if not has_pairs(states) or any(name.startswith((POINT, PLANE)) for name in states.frames):
         return "positions"
     names = set(experiment.fit_names())
     model = experiment.model()
@@ -258,6 +259,7 @@ class _Rows:
     to: Indices
     gauge: npt.NDArray[np.bool_]
     points: tuple[str, ...]
+    normals: dict[str, Array]
     problems: list[Problem]
 
     @classmethod
@@ -273,11 +275,17 @@ class _Rows:
         stems = _XYZ if of_states else _MOVED
         value = np.stack([table.numbers.get(c, np.full(count, np.nan)) for c in stems], axis=1)
         marker = _markers(table, "marker", experiment)
-        value, axes, to, gauge = _gauges(table, experiment, value, problems)
-        points = tuple(table.texts.get("point", [""] * count))
-        touched = np.array([name != "" for name in points]) & ~gauge
-        value = np.where(touched[:, None], np.nan_to_num(value), value)
-        problems += _point_problems(table, points, gauge)
+        points = table.texts.get("point", [""] * count)
+        touched = np.array([name != "" for name in points])
+        value, axes, to, gauge = _gauges(table, experiment, value, touched, problems)
+        plates = touched & gauge & (to < 0)
+        points = tuple((PLANE if on else POINT) + p if p else "" for p, on in zip(points, plates, strict=True))
+        problems += _point_problems(table, points, gauge & ~plates, axes)
+        flat = [] if axes is None else [(points[i], np.array(axes[i])) for i in map(int, np.flatnonzero(plates)[::-1])]
+        if axes is not None:
+            axes[plates] = np.eye(3)
+        gauge &= ~plates
+        value = np.where((touched & ~plates & ~gauge)[:, None], np.nan_to_num(value), value)
         problems += _unfilled(table, value, use, stems)
         sigma = table.numbers.get("sigma", np.full(count, np.nan))
         return cls(
@@ -293,6 +301,7 @@ class _Rows:
             to=to,
             gauge=gauge,
             points=points,
+            normals=dict(flat),
             problems=problems,
         )
 
@@ -417,13 +426,14 @@ class _Rows:
         named = table.texts.get("series", [""] * len(plus))
         given = of_states | np.array([n != "" for n in named])
         given &= ~self.gauge  # a gauge measures along the axes of the base
-        named = [POINT + point if point else n for n, point in zip(named, self.points, strict=True)]
+        named = [point or n for n, point in zip(named, self.points, strict=True)]
         frames = tuple(dict.fromkeys(n for n, own in zip(named, given, strict=True) if own))
-        if of_states and "" in frames and not all(n == "" or n.startswith(POINT) for n in frames):
+        if of_states and "" in frames and not all(n == "" or n in self.points for n in frames):
             i = next(i for i, n in enumerate(named) if n == "" and given[i])
             hint = "Each tracker frame is a series of its own: name one in every row, or in none."
             raise InputError(at(table, i, "series", "names no series, others do", "''", ", ".join(frames[1:]), hint))
         known = {f.series: f for f in experiment.frames}
+        known |= {name: Frame(name, turn, np.zeros(3)) for name, turn in self.normals.items()}
         sigma, stated = _sigmas(table, experiment, self.sigma, self.kind(of_states), self.use)
         sigma = np.where(np.isnan(self.sigma), sigma / np.sqrt(self.reads), sigma)
         return Readings(
@@ -450,20 +460,28 @@ class _Rows:
         )
 
 
-def _point_problems(table: Table, points: Sequence[str], gauge: npt.NDArray[np.bool_]) -> list[Problem]:
-    """Rows of touched points that are of a gauge or of a series too, and points that were touched once."""
+def _point_problems(
+    table: Table, points: Sequence[str], gauge: npt.NDArray[np.bool_], axes: Array | None
+) -> list[Problem]:
+    """Rows of touched points that are of a gauge or of a series too, points that were touched once, and plates of
+    several normals."""
     series = table.texts.get("series", [""] * len(points))
+    count, first = Counter(points), {name: i for i, name in reversed(list(enumerate(points)))}
     out: list[Problem] = []
     for i, name in enumerate(points):
+        kind, _, own = name.partition(":")
         if name and (gauge[i] or series[i]):
             stem = "gauge" if gauge[i] else "series"
             hint = "Give it a row of its own: the place of a point is in the axes of the base."
-            out.append(at(table, i, stem, f"the row touches the point {name!r} and is of a {stem} too", hint=hint))
-        elif name and points.count(name) == 1:
-            hint = "Touch it at two poses or more, or put 0 in the column use."
-            out.append(at(table, i, "point", f"the point {name!r} is touched once, which says nothing", hint=hint))
-        elif series[i].startswith(POINT):
-            out.append(at(table, i, "series", f"a series does not begin with {POINT!r}", repr(series[i])))
+            out.append(at(table, i, stem, f"the row touches the {kind} {own!r} and is of a {stem} too", hint=hint))
+        elif name and count[name] == 1:
+            hint = "Touch it at two poses or more, all with ux, uy, uz or none."
+            out.append(at(table, i, "point", f"the {kind} {own!r} is touched once, which says nothing", hint=hint))
+        elif kind == "plane" and axes is not None and np.abs(axes[i, 0] - axes[first[name], 0]).max() > 1e-6:
+            line = table.rows[first[name]]
+            out.append(at(table, i, "ux", f"the plane {own!r} has another normal than in line {line}"))
+        elif series[i].startswith((POINT, PLANE)):
+            out.append(at(table, i, "series", f"a series does not begin with {POINT!r} or {PLANE!r}", repr(series[i])))
     return out[:MOST_PROBLEMS]
 
 
@@ -508,15 +526,18 @@ def _markers(table: Table, stem: str, experiment: Experiment) -> Indices:
 
 
 def _gauges(
-    table: Table, experiment: Experiment, value: Array, problems: list[Problem]
+    table: Table, experiment: Experiment, value: Array, touched: npt.NDArray[np.bool_], problems: list[Problem]
 ) -> tuple[Array, Array | None, Indices, npt.NDArray[np.bool_]]:
-    """Values (R, 3), axes, the other marker of each row, and which rows are of a gauge."""
+    """Values (R, 3), axes, the other marker of each row, and which rows are of a gauge; touched (R,): rows that read
+    zero along their direction where they read nothing."""
     count = len(value)
     to, marker = (_markers(table, stem, experiment) for stem in ("to_marker", "marker"))
-    gauge = np.isfinite(table.numbers.get("gauge", np.full(count, np.nan)))
+    read = table.numbers.get("gauge", np.full(count, np.nan))
     along = np.stack([table.numbers.get(c, np.full(count, np.nan)) for c in _ALONG], axis=1)
     along = np.where(np.isfinite(along).any(axis=1, keepdims=True), np.nan_to_num(along, nan=0.0), np.nan)
     size = np.linalg.norm(along, axis=1)
+    read = np.where(touched & np.isnan(read) & (size > 0), 0.0, read)
+    gauge = np.isfinite(read)
     stray = ~gauge & np.isfinite(value).any(axis=1) & ((to >= 0) | np.isfinite(size))
     for i in np.flatnonzero(stray)[:MOST_PROBLEMS].tolist():
         stem = "to_marker" if to[i] >= 0 else "ux"
@@ -543,7 +564,7 @@ def _gauges(
         axes[i] = np.stack([u, other, np.cross(u, other)])
     value = value.copy()
     value[gauge] = np.nan
-    value[gauge, 0] = table.numbers["gauge"][gauge]
+    value[gauge, 0] = read[gauge]
     return value, axes, to, gauge
 
 
@@ -708,14 +729,19 @@ def _rigid_places(experiment: Experiment, found: Readings) -> Array:
 
 def _check_touched(table: Table, experiment: Experiment, found: Readings) -> None:
     """InputError for rows whose marker a rigid arm puts far from where most others put the same point."""
-    there = _rigid_places(experiment, found) - found.value
+    places = _rigid_places(experiment, found)
     problems: list[Problem] = []
     for f, name in enumerate(found.frames):
-        rows = np.flatnonzero((found.frame == f) & found.use) if name.startswith(POINT) else np.zeros(0, dtype=np.intp)
-        off = np.linalg.norm(there[rows] - np.median(there[rows], axis=0), axis=1) if len(rows) else np.zeros(0)
+        known, rows = found.known[f], np.flatnonzero((found.frame == f) & found.use)
+        if not name.startswith((POINT, PLANE)) or not len(rows):
+            continue
+        there = places[rows] if known is None else places[rows] @ known.rotation[:1].T
+        there = there - found.value[rows][:, : there.shape[1]]
+        off = np.linalg.norm(there - np.median(there, axis=0), axis=1)
         for i, far in zip(rows.tolist(), off.tolist(), strict=True):
             if far > _TOUCHED:
-                message = f"the marker lies {1e3 * far:.0f} mm from where the others touch {name.removeprefix(POINT)!r}"
+                own = name.partition(":")[2]
+                message = f"the marker lies {1e3 * far:.0f} mm from where the others touch {own!r}"
                 hint = "Is it another point, another marker or another pose? Else put 0 in the column use."
                 problems.append(at(table, i, "point", message, None, f"up to {1e3 * _TOUCHED:.0f} mm", hint))
     if problems:
@@ -726,7 +752,7 @@ def _check_units(table: Table, experiment: Experiment, found: Readings) -> None:
     """Within a series positions spread as far as the arm's own, in whatever frame; a wrong unit shows."""
     there = _rigid_places(experiment, found)
     for f, name in enumerate(found.frames):
-        if name.startswith(POINT):
+        if name.startswith((POINT, PLANE)):
             continue
         rows = (found.frame == f) & np.isfinite(found.value).all(axis=1) & found.use
         spread = [float(np.sqrt(p[rows].var(axis=0).sum())) if rows.any() else 0.0 for p in (found.value, there)]
@@ -789,7 +815,7 @@ def readings_table(readings: Readings, experiment: Experiment) -> tuple[list[str
     forces = ["fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"] if states.loaded.any() or not of_states else []
     stems = _XYZ if of_states else _MOVED
     header = ["pose", *joints.names(), *forces, "marker", *(["state"] if of_states else [])]
-    gauge = readings.is_gauge
+    gauge = readings.is_gauge | np.array([_normal_of(readings, f) is not None for f in map(int, readings.frame)])
     measured = [] if gauge.all() else [f"{s}_mm" for s in stems]
     header += [*measured, *(["gauge_mm", *_ALONG, "to_marker"] if gauge.any() else [])]
     named = {"load_id": [states.load_id[int(s)] for s in readings.plus]} if of_states else {}
@@ -822,7 +848,13 @@ def readings_table(readings: Readings, experiment: Experiment) -> tuple[list[str
 def _touched_by(readings: Readings, f: int) -> str:
     """The point that stands for a frame by its place, "" for another."""
     name = readings.frames[f] if f >= 0 else ""
-    return name.removeprefix(POINT) if name.startswith(POINT) else ""
+    return name.partition(":")[2] if name.startswith((POINT, PLANE)) else ""
+
+
+def _normal_of(readings: Readings, f: int) -> Array | None:
+    """The normal (3,) of the plate that stands for a frame by its place; None for another."""
+    known = readings.known[f] if f >= 0 else None
+    return known.rotation[0] if known is not None and known.series.startswith(PLANE) else None
 
 
 def _in_base(readings: Readings, experiment: Experiment) -> Readings:
@@ -849,10 +881,12 @@ def _cell(value: float) -> str:
 
 
 def _gauge_cells(readings: Readings, i: int, names: Sequence[str]) -> list[str]:
-    if not readings.is_gauge[i] or readings.axes is None:
+    to, normal = int(readings.to[i]), _normal_of(readings, int(readings.frame[i]))
+    if normal is None and readings.axes is not None and readings.is_gauge[i]:
+        normal = readings.axes[i, 0]
+    if normal is None:
         return [""] * 5
-    to = int(readings.to[i])
-    along = [""] * 3 if to >= 0 else [number(v, 15) for v in readings.axes[i, 0].tolist()]
+    along = [""] * 3 if to >= 0 else [number(v, 15) for v in normal.tolist()]
     return [_cell(float(readings.value[i, 0])), *along, names[to] if to >= 0 else ""]
 
 

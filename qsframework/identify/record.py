@@ -177,7 +177,7 @@ class FitRecord(FileRecord):
     def model_names(self, experiment: Experiment) -> tuple[str, ...]:
         """The estimated parameters that are the model's, and not a frame's. InputError where it has no such."""
         known = experiment.model().names
-        own = tuple(n for n in self.names if not n.startswith(("frame", "point[")))
+        own = tuple(n for n in self.names if not n.startswith(("frame", "point[", "plane[")))
         if missing := [n for n in own if n not in known]:
             raise InputError(f"{self.path}: the fit is of another model: {', '.join(missing)} is not in this one")
         return own

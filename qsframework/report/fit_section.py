@@ -9,7 +9,6 @@ import numpy as np
 
 from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings
-from qsframework.experiment.frames import POINT
 from qsframework.experiment.observations import values_before
 from qsframework.identify import Estimate, Fit, FitRecord, Masked
 from qsframework.report.blocks import Block, Figure, ReportTable, SceneView, Section, Text
@@ -232,8 +231,13 @@ def frame_table(fit: Fit) -> ReportTable:
 
 def point_table(fit: Fit) -> ReportTable:
     """Where the touched points are."""
-    rows = tuple((f.series.removeprefix(POINT), *(f"{v * 1e3:.3f}" for v in f.pose)) for f in fit.frames if f.touched)
-    return ReportTable(("touched point", "x, mm", "y, mm", "z, mm"), rows, "Their places in the base frame.")
+    rows = tuple(
+        (f.series.partition(":")[2], *(f"{v * 1e3:.3f}" for v in f.pose), *["-"] * (3 - f.freedom))
+        for f in fit.frames
+        if f.touched
+    )
+    words = "Their places in the base frame; of a plate the distance of its plane from the base's origin."
+    return ReportTable(("touched", "x or distance, mm", "y, mm", "z, mm"), rows, words)
 
 
 def left_aside_table(fit: Fit) -> ReportTable:

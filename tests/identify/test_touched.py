@@ -201,3 +201,80 @@ def test_what_is_wrong_is_named(case: str, arm: Experiment, angles: dict[str, Ar
     assert f"line {row + 2}, column {column}" in str(caught.value)
     for word in words:
         assert word in str(caught.value)
+
+
+NORMAL = np.array([0.1, -0.2, 1.0])
+PLATE = 20
+
+
+@pytest.fixture(scope="module")
+def plate(arm: Experiment, tmp_path_factory: pytest.TempPathFactory) -> Readings:
+    """Touches all over a plate 250 mm from the base, along its normal, beside those of one point."""
+    rng, units = np.random.default_rng(8), arm.robot.controller.units
+    u = NORMAL / np.linalg.norm(NORMAL)
+    across = np.linalg.svd(u[None])[2][1:]
+    lines = [",".join(["pose", *units.names(), "marker", "state", "point", "ux", "uy", "uz"])]
+    for k in range(PLATE):
+        there = 0.25 * u + rng.uniform(0.35, 0.6) * across[0] + rng.uniform(-0.5, 0.5) * across[1]
+        cells = joint_cells(reaching(arm, there, rng), units)
+        lines.append(",".join([f"p{k}", *cells, "tip", "unloaded", "table", *map(str, NORMAL.tolist())]))
+    for k in range(6):
+        cells = joint_cells(reaching(arm, np.array(POINTS["sphere"]), rng), units)
+        lines.append(",".join([f"s{k}", *cells, "tip", "unloaded", "sphere", "", "", ""]))
+    path = tmp_path_factory.mktemp("plate") / "plate.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return simulate_rows(arm, read_readings(path, arm), truth(arm), seed=4).readings
+
+
+def test_derivatives_of_a_plate_are_those_of_differences(arm: Experiment, plate: Readings) -> None:
+    seen = bridge(arm, plate)
+    assert [p.name for p in seen.parameters[:4]] == ["plane[table].distance", *(f"point[sphere].{a}" for a in "xyz")]
+    z = seen.start + 1e-3 * np.random.default_rng(1).standard_normal(len(seen.start))
+    J, h = seen.jacobian(z), 1e-6
+    for k, step in enumerate(h * np.eye(len(z))):
+        slope = (seen.predict(z + step) - seen.predict(z - step)) / (2.0 * h)
+        assert np.abs(J[:, k] - slope).max() < 1e-8
+
+
+def test_a_fit_to_a_plate_is_that_of_differences_from_the_mean(arm: Experiment, plate: Readings) -> None:
+    """Along the normal only, whatever the plate's distance; the rows of the point as before."""
+    fit = identify(arm, plate, options=FitOptions(keep_all=True))
+    model, names = arm.model(), list(arm.fit_names())
+    index, u = model.index(names), NORMAL / np.linalg.norm(NORMAL)
+    pendant, flat = plate.poses.pendant[plate.plus], np.arange(len(plate)) < PLATE
+
+    def error(v: Array) -> Array:
+        x = np.array(model.nominal)
+        x[index] = v
+        there = places(arm, pendant, x)
+        along = plate.value[flat, 0] - there[flat] @ u
+        off = plate.value[~flat] - there[~flat]
+        return np.concatenate([along - along.mean(), (off - off.mean(axis=0)).ravel()]) / 2e-5
+
+    found = least_squares(error, model.nominal[index], x_scale=np.full(len(index), 1e-3), jac="3-point", xtol=1e-15)
+    own = {e.name: e for e in fit.estimates}
+    ours, sd = (np.array([getattr(own[name], what) for name in names]) for what in ("value", "sd"))
+    assert np.abs((ours - found.x) / sd).max() < 5e-3
+    assert sd == pytest.approx(np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac))), rel=1e-3)
+    assert fit.dof == PLATE + 3 * 6 - len(names) - 4
+    assert own["plane[table].distance"].value == pytest.approx(0.25, abs=3e-3)
+
+
+def test_plates_are_written_and_read_again(arm: Experiment, plate: Readings, tmp_path: Path) -> None:
+    write_readings(tmp_path / "readings.csv", plate, arm)
+    back = read_readings(tmp_path / "readings.csv", arm)
+    assert np.nanmax(np.abs(back.value - plate.value)) < 1e-12
+    assert np.array_equal(np.isnan(back.value), np.isnan(plate.value))
+    assert back.frames == plate.frames == ("plane:table", "point:sphere")
+    one, two = bridge(arm, back), bridge(arm, plate)
+    assert one.predict(one.start) == pytest.approx(two.predict(two.start), abs=1e-12)
+
+
+def test_a_plate_has_one_normal(arm: Experiment, plate: Readings, tmp_path: Path) -> None:
+    write_readings(tmp_path / "readings.csv", plate, arm)
+    comment, *text = (tmp_path / "readings.csv").read_text().splitlines()
+    rows = [line.split(",") for line in text]
+    rows[4][rows[0].index("uz")] = "0.9"
+    (tmp_path / "readings.csv").write_text("\n".join([comment, *(",".join(r) for r in rows)]) + "\n")
+    with pytest.raises(InputError, match=r"line 6, column ux: the plane 'table' has another normal than in line 3"):
+        read_readings(tmp_path / "readings.csv", arm)
