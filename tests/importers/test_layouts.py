@@ -12,11 +12,12 @@ import samples
 from layouts import LAYOUTS, cells, flat, points, vicon, visits
 from samples import FORMATS, Campaign, lines
 from test_formats import equal
+from test_joining import FLOOR, known_points
 from typer.testing import CliRunner
 
 from qsframework.applications.importers import import_readings
 from qsframework.applications.protocol import ProtocolWish, make_protocol, write_reading_file
-from qsframework.cli.main import app
+from qsframework.cli.main import _told, app
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, read_readings
 
@@ -101,11 +102,11 @@ def test_one_block_alone_is_of_the_marker_that_its_headings_name(tmp_path: Path)
 
 
 def refused(c: Campaign, path: Path) -> str:
-    done = CliRunner().invoke(
-        app, ["import", str(c.folder / "experiment.yaml"), str(path), "-p", str(c.folder / "plan.csv")]
-    )
+    """What the terminal says of a refusal."""
+    arguments = ["import", str(c.folder / "experiment.yaml"), str(path), "-p", str(c.folder / "plan.csv")]
+    done = CliRunner().invoke(app, arguments)
     assert isinstance(done.exception, InputError)
-    return str(done.exception)
+    return "\n".join(_told(done.exception))
 
 
 def test_blocks_in_two_units_are_refused(campaign: Campaign) -> None:
@@ -123,6 +124,35 @@ def test_a_cut_row_of_blocks_is_named(cells_left: int, campaign: Campaign) -> No
     rows[4] = rows[4][:cells_left]
     path = campaign.write("visits.csv", lines([head, *rows]))
     assert f"line 6: wrong number of columns; found {cells_left}; allowed: 8" in refused(campaign, path)
+
+
+def test_a_known_point_may_be_the_origin(campaign: Campaign) -> None:
+    known, seen = known_points(campaign, [[0.0, 0.0, 0.0], *FLOOR])
+    path = points(campaign)
+    path.write_text(path.read_text() + seen)
+    followed(campaign, path, "--align", known)
+    the_same(campaign)
+
+
+def test_a_comment_below_the_table_is_no_heading(campaign: Campaign) -> None:
+    rows = [[r.name, *cells(r)] for r in campaign.readings]
+    path = campaign.write("points.txt", lines(rows, " ") + "# end of the list\n")
+    assert "--map name=1,x=2,y=3,z=4" in refused(campaign, path)
+
+
+def test_a_lost_beam_in_the_second_row_is_named(campaign: Campaign) -> None:
+    rows = [[r.name, *cells(r)] for r in campaign.readings]
+    rows[1][1:] = ["lost", "lost", "lost"]
+    path = campaign.write("points.csv", lines([["name", "x_mm", "y_mm", "z_mm"], *rows]))
+    assert "line 3, column x_mm: is no number; found 'lost'" in refused(campaign, path)
+
+
+def test_a_unit_over_the_coordinates_is_of_no_other_column(campaign: Campaign) -> None:
+    heads = [["", "Position [mm]", "", ""], ["Name", "X", "Y", "Z", "Temperature"]]
+    path = campaign.write("points.csv", lines([*heads, *([r.name, *cells(r), "21.5"] for r in campaign.readings)]))
+    _, advice = followed(campaign, path)
+    assert not advice
+    the_same(campaign)
 
 
 LOST = {"empty cells": ["", "", ""], "no numbers": ["NaN", "nan", "NaN"], "zeros": ["0.000", "0.000", "0.000"]}

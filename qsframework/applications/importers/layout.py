@@ -115,13 +115,14 @@ def _texts(rows: Sequence[SheetRow]) -> tuple[str, ...]:
 
 
 def _first(rows: Sequence[SheetRow]) -> int:
-    """The first row of the table: the first with numbers, unless a heading follows and the table only then."""
+    """The first row of the table: the first with numbers, unless a heading follows and a table of another width."""
     data = [is_data(r.cells) for r in rows]
     first = data.index(True) if True in data else len(rows)
     rest = data[first + 1 : first + 12]
     if True in rest and not rest[0]:
         between = rows[first + 1 : first + 1 + rest.index(True)]
-        if any(sum(re.search(r"[^\W\d]", c) is not None for c in r.cells) >= _FEWEST for r in between):
+        wide = len(rows[first].cells) != len(rows[first + 1 + rest.index(True)].cells)
+        if wide and any(sum(re.search(r"[^\W\d]", c) is not None for c in r.cells) >= _FEWEST for r in between):
             return first + 1 + rest.index(True)
     return first
 
@@ -209,7 +210,8 @@ def _columns(rows: Sequence[Sequence[str]], units: Sequence[str]) -> list[_Colum
         last = max((i for i, row in enumerate(direct) if row[k]), default=0)
         name, over = direct[last][k], tuple(row[k] for row in filled[:last] if row[k])
         unit = units[k].strip("[]()") if len(units) == width else ""
-        unit = unit or next((u for text in over if (u := header_parts(text)[1])), "")
+        owned = over if _axis_word(name) else tuple(row[k] for row in direct[:last])
+        unit = unit or next((u for text in owned if (u := header_parts(text)[1])), "")
         out.append(_Column(f"{name} [{unit}]" if unit and not header_parts(name)[1] else name, over))
     return out
 

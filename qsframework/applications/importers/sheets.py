@@ -148,14 +148,15 @@ def _text_sheet(path: Path, text: str, encoding: str, separator: str, decimal: s
         hint = "Split it into several files."
         raise InputError(Problem(f"holds more than {MOST_LINES} lines", str(path), hint=hint))
     lines = [(i, line) for i, line in enumerate(every, start=1) if line.strip()]
-    comments = [line.strip() for _, line in lines if _COMMENT.match(line)]
+    comments = [(i, line.strip()) for i, line in lines if _COMMENT.match(line)]
     lines = [(i, line) for i, line in lines if not _COMMENT.match(line)]
     if not lines:
         raise InputError(Problem("is empty", str(path)))
     name = _separator(path, lines, separator)
-    whole = Sheet(path, "", (), (), above=tuple(comments), separator=name, encoding=encoding)
+    whole = Sheet(path, "", (), (), above=tuple(line for _, line in comments), separator=name, encoding=encoding)
     rows = [SheetRow(i, _split(line, name)) for i, line in lines]
-    heading = _split(comments[-1].lstrip("#/!% "), name) if comments else ()
+    first = [line for i, line in comments if i < rows[0].line]
+    heading = _split(first[-1].lstrip("#/!% "), name) if first else ()
     if is_data(rows[0].cells) and len(heading) == len(rows[0].cells):  # as numpy and gnuplot write it
         rows.insert(0, SheetRow(lines[0][0] - 1, heading))
     return _of_layout(whole, lay_out(rows, ignore), decimal)

@@ -310,12 +310,14 @@ def _is_quaternion(sheet: Sheet, columns: Sequence[int]) -> bool:
 
 
 def _unseen(sheet: Sheet, roles: Mapping[str, tuple[int, Meaning]]) -> npt.NDArray[np.bool_]:
-    """Rows (N,) in which no coordinate was seen: empty, no number by any name, zero or beyond any place all three."""
+    """Rows (N,) in which no coordinate was seen: all three empty, no number by any name, or beyond any place; in blocks
+    of columns, as motion capture writes them, zero too."""
     places = [roles[a][0] for a in XYZ if a in roles]
 
     def blind(cell: str) -> bool:
         text = cell.lower().replace(",", ".")
-        return text in NO_SIGHT or (DECIMAL.fullmatch(text) is not None and not 0.0 < abs(float(text)) < _BEYOND)
+        size = abs(float(text)) if DECIMAL.fullmatch(text) else 1.0
+        return text in NO_SIGHT or size > _BEYOND or (size == 0.0 and bool(sheet.blocks))
 
     return np.array([bool(places) and all(blind(r.cells[k]) for k in places) for r in sheet.rows], dtype=bool)
 
