@@ -155,6 +155,15 @@ def test_a_unit_over_the_coordinates_is_of_no_other_column(campaign: Campaign) -
     the_same(campaign)
 
 
+def test_a_cut_line_of_a_report_is_named(campaign: Campaign) -> None:
+    """Its only number is the nominal one."""
+    (path,) = LAYOUTS["PC-DMIS report: a dimension with one axis a line"](campaign)
+    text = Path(path).read_text().splitlines()
+    text[10] = text[10][:12]
+    Path(path).write_text("\n".join(text) + "\n")
+    assert "line 11: wrong number of columns; found 2; allowed: 7" in refused(campaign, Path(path))
+
+
 LOST = {"empty cells": ["", "", ""], "no numbers": ["NaN", "nan", "NaN"], "zeros": ["0.000", "0.000", "0.000"]}
 
 

@@ -306,7 +306,9 @@ def _axis_word(name: str) -> bool:
 
 def _one_point_a_row(rows: Sequence[SheetRow]) -> Layout | None:
     """The points of a report with one axis a line; None where it is something else."""
-    rows = [replace(r, cells=_axis_apart(r.cells)) for r in rows]
+    apart = [replace(r, cells=_axis_apart(r.cells)) for r in rows]
+    more = max((len(a.cells) - len(r.cells) for a, r in zip(apart, rows, strict=True)), default=0)
+    rows = apart
     lines = [r for r in rows if is_axis_line(r.cells)]
     place = _axis_place(lines)
     if place is None:
@@ -315,15 +317,19 @@ def _one_point_a_row(rows: Sequence[SheetRow]) -> Layout | None:
     heading: Sequence[str] = ()
     label = unit = ""
     points: list[tuple[int, str, dict[str, str]]] = []
+    wrong: list[SheetRow] = []
     for row in rows:
         axis = row.cells[place].lower() if place < len(row.cells) else ""
         if axis not in XYZ or row.line not in of_axis:
             values = [c for c in row.cells if _VALUE.fullmatch(header_parts(c)[0].strip())]
             if values:
-                heading = row.cells
+                heading = (*[""] * more, *row.cells)
             elif not any(_NUMBERISH.fullmatch(c) for c in row.cells[1:2]):
                 label, found = " ".join(row.cells), _UNITS.search(" ".join(row.cells))
                 unit = found[1] if found is not None and unit_of(found[1]) else unit
+            continue
+        if heading and len(heading) != len(row.cells):
+            wrong.append(row)
             continue
         k = _value_place(row.cells, heading)
         if k is None:
@@ -335,10 +341,12 @@ def _one_point_a_row(rows: Sequence[SheetRow]) -> Layout | None:
         if axis in (points[-1][2] if points else XYZ) or (texts and name != points[-1][1]):
             points.append((row.line, name, {}))
         points[-1][2][axis] = f"{row.cells[k]} {unit}" if unit else row.cells[k]
-    if any(len(own) != len(XYZ) for _, _, own in points):
+    if any(len(own) != len(XYZ) for _, _, own in points) and not wrong:
         return None
-    found_rows = [SheetRow(line, (name, *(own[a] for a in XYZ))) for line, name, own in points]
-    return Layout(header=("name", *XYZ), line=rows[0].line, rows=tuple(found_rows))
+    found_rows = tuple(SheetRow(line, (name, *(own.get(a, "") for a in XYZ))) for line, name, own in points)
+    return Layout(
+        header=("name", *XYZ), line=rows[0].line, rows=found_rows, width=len(heading) - more, wrong=tuple(wrong)
+    )
 
 
 def _axis_apart(cells: Sequence[str]) -> tuple[str, ...]:
