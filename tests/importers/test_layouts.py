@@ -164,6 +164,20 @@ def test_a_cut_line_of_a_report_is_named(campaign: Campaign) -> None:
     assert "line 11: wrong number of columns; found 2; allowed: 7" in refused(campaign, Path(path))
 
 
+def test_points_without_names_that_are_too_few_are_not_sent_on_a_way_that_ends(campaign: Campaign) -> None:
+    rows = [[f"{v:.4f}" for v in r.mm] for r in campaign.readings[:-1]]
+    said = refused(campaign, campaign.write("xyz.csv", lines([["X mm", "Y mm", "Z mm"], *rows])))
+    assert "23 points have no names" in said
+    assert "found 23 points; allowed: 24 readings of the plan, to be taken in its order" in said
+    assert "--match" not in said
+
+
+def test_an_order_is_shown_before_it_is_taken(campaign: Campaign) -> None:
+    said = refused(campaign, samples.unnamed(campaign))
+    assert "line 2 is pose p01, marker m1, unloaded; line 3 is pose p01, marker m2, unloaded; line 4" in said
+    assert "--match order" in said
+
+
 LOST = {"empty cells": ["", "", ""], "no numbers": ["NaN", "nan", "NaN"], "zeros": ["0.000", "0.000", "0.000"]}
 
 

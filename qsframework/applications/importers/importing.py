@@ -37,7 +37,14 @@ from qsframework.applications.importers.matching import (
 from qsframework.applications.importers.names import plain
 from qsframework.applications.importers.placing import Aligned, align, marker_places
 from qsframework.applications.importers.sheets import Sheet, read_sheet
-from qsframework.applications.importers.tables import Listing, Stated, check_columns, interpret, stated_units
+from qsframework.applications.importers.tables import (
+    Listing,
+    Stated,
+    check_columns,
+    first_rows,
+    interpret,
+    stated_units,
+)
 from qsframework.applications.importers.vocabulary import own_columns
 from qsframework.applications.importers.writing import readings_rows, rewritten_rows
 from qsframework.errors import InputError, Problem, nearest
@@ -313,8 +320,12 @@ class _Import:
         argument = ("plan", "plan.csv")
         named = [name for name in self.lists[0].left if re.search("joint|wrist|elbow", name.lower())]
         if len(named) == self.joints:
-            hint = "Give a plan, a joint log, or say which columns hold the angles."
-            argument = ("map", ",".join(f"q{k}={name}" for k, name in enumerate(named, start=1)))
+            pairs = [(f"q{k}", name) for k, name in enumerate(named, start=1)]
+            sheet = self.lists[0].sheet
+            shown = first_rows(sheet, [(role, sheet.header.index(name)) for role, name in pairs])
+            hint = "Give a plan, a joint log, or say which columns hold the angles; "
+            hint += f"as proposed, the first rows are {shown}."
+            argument = ("map", ",".join(f"{role}={name}" for role, name in pairs))
         return Problem(message, where, hint=hint, argument=argument)
 
     def _found_poses(self, lists: Sequence[Listing], naming: Naming, how: str) -> tuple[Campaign, list[Listing]]:

@@ -165,11 +165,6 @@ def _of_column(said: Said, role: str, cell: str, told: Said, known: Vocabulary) 
 
 def match_names(points: Sequence[TrackerPoint], campaign: Campaign, experiment: Experiment) -> list[TrackerPoint]:
     """Each point as what its name says. InputError where names say too little, too much or what there is not."""
-    bare = [p for p in points if not p.name and "pose" not in p.listing.texts]
-    if bare:
-        hint = "Match the points by order or by what they are nearest to, or say which column holds the names."
-        problem = bare[0].problem(f"{len(bare)} points have no names, of which this is the first", "x", hint=hint)
-        raise InputError(_with(problem, "match", "order"))
     problems: list[Problem] = []
     out: list[TrackerPoint] = []
     for point in points:
@@ -183,22 +178,30 @@ def match_names(points: Sequence[TrackerPoint], campaign: Campaign, experiment: 
 
 
 def check_order_meant(points: Sequence[TrackerPoint], campaign: Campaign, experiment: Experiment) -> None:
-    """InputError where no name says a pose and the points are as many as the readings: their order is proposed."""
-    order = _order(points, campaign)
-    strange = _strange_blocks(points)
+    """InputError where points have no names, or none that says a pose; where they are as many as the readings of the
+    plan their order is proposed, with the first of them as they would be read."""
+    order, strange = _order(points, campaign), _strange_blocks(points)
+    bare = [p for p in points if not p.name and "pose" not in p.listing.texts]
     others = [p for p in points if "block" not in p.listing.texts or p.listing.texts["block"][p.row] not in strange]
-    if any(p.said.pose is not None or not p.name for p in points) or len(others) != len(order) or not order:
+    fits = len(others) == len(order) > 0
+    if any(p.said.pose is not None for p in points) or not (bare or fits):
         return
-    if strange:
+    if strange and fits:
         message, hint = f"the block of columns {strange[0]!r} names no marker", "Leave it out."
-        allowed = _few([m.name for m in experiment.markers])
-        raise InputError(
-            _with(points[0].problem(message, "block", allowed=allowed, hint=hint), "ignore", quoted_word(strange[0]))
-        )
-    pairs = zip(_in_order(points, experiment), order, strict=True)
-    first = "; ".join(f"line {p.line} is {label(slot)}" for p, slot in list(pairs)[:3])
+        problem = points[0].problem(message, "block", allowed=_few([m.name for m in experiment.markers]), hint=hint)
+        raise InputError(_with(problem, "ignore", quoted_word(strange[0])))
+    message, role = "no name says a pose of the plan", "name"
+    if bare:
+        message, role = f"{len(bare)} points have no names, of which this is the first", "x"
+    if not fits:
+        found = f"{len(points)} points"
+        allowed = f"{len(order)} readings of the plan, to be taken in its order" if order else "points with names"
+        hint = "Export exactly those of the plan, name the points, or say which column holds the names."
+        raise InputError(bare[0].problem(message, role, found=found, allowed=allowed, hint=hint))
+    pairs = list(zip(_in_order(points, experiment), order, strict=True))[:3]
+    first = "; ".join(f"line {p.line} is {label(slot)}" for p, slot in pairs)
     hint = f"Take them in the order of the plan; so read, {first}."
-    raise InputError(_with(points[0].problem("no name says a pose of the plan", hint=hint), "match", "order"))
+    raise InputError(_with((bare or points)[0].problem(message, role, hint=hint), "match", "order"))
 
 
 def _order(points: Sequence[TrackerPoint], campaign: Campaign) -> list[PlanSlot]:
