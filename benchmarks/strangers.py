@@ -2,7 +2,7 @@
 
     python benchmarks/strangers.py [--only NAME ...] [--write]
 
-About ten minutes. `--write` writes benchmarks/strangers.md.
+About a quarter of an hour. `--write` writes benchmarks/strangers.md.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from qsframework.files import write_text
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "robots"))
 
-from strangers import STRANGERS, Stranger  # noqa: E402
-from strangers_chain import COMMANDS, Step, chain  # noqa: E402
+from strangers import Stranger  # noqa: E402
+from strangers_chain import COMMANDS, EVERY, Step, chain  # noqa: E402
 
 PAGE = ROOT / "benchmarks" / "strangers.md"
 HEAD = """# Strangers' files
 
 Robot files as people bring them. Each is built as public descriptions of the maker named are, written anew with other
-numbers (`tests/robots/strangers.py`), and goes through what a user types: `qsf new`, `qsf check --conformance`,
-`qsf design`, `simulate`, `identify`, `diagnose`, `export --to csv`. What is refused is refused by `qsf new`, with what
-to do instead. [Add your robot](../docs/add-a-robot.md) says what happens to such files.
+numbers (`tests/robots/strangers.py` and `strangers_more.py`), and goes through what a user types: `qsf new`,
+`qsf check --conformance`, `qsf design`, `simulate`, `identify`, `diagnose`, `export --to csv`. What is refused is refused
+by `qsf new`, with what to do instead. [Add your robot](../docs/add-a-robot.md) says what happens to such files.
 
 """
 
@@ -41,7 +41,7 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help="write benchmarks/strangers.md")
     wish = parser.parse_args()
     lines = ["| file | angles | what happened | `qsf new`, CPU s | all, CPU s |", "|---|---|---|---|---|"]
-    for stranger in STRANGERS:
+    for stranger in EVERY:
         if wish.only and stranger.name not in wish.only:
             continue
         with tempfile.TemporaryDirectory() as folder:

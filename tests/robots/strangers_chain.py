@@ -10,13 +10,15 @@ from pathlib import Path
 from time import process_time
 
 import typer
-from strangers import Stranger
+from strangers import STRANGERS, Stranger
+from strangers_more import MORE
 
 from qsframework.applications.conformance import small_campaign
 from qsframework.cli.main import app
 from qsframework.errors import QsfError
 from qsframework.robot import load_robot
 
+EVERY = (*STRANGERS, *MORE)
 COMMANDS = {
     "check": "check arm --conformance",
     "design": "design experiment.yaml --poses 10 --candidates 200 --output plan.csv",
@@ -53,9 +55,6 @@ def chain(stranger: Stranger, folder: Path) -> Iterator[Step]:
         return
     robot = load_robot(folder / "arm")
     small_campaign(robot, folder)
-    if robot.shapes:
-        with (folder / "experiment.yaml").open("a") as file:
-            file.write("constraints: {collision: true}\n")
     for line in COMMANDS.values():
         step = run([str(folder / word) if word in FILES else word for word in line.split()])
         yield step

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from strangers import STRANGERS
-from strangers_chain import COMMANDS, chain, new
+from strangers_chain import COMMANDS, EVERY, chain, new
 
 from qsframework.robot import load_robot
 from qsframework.robot.reference import reference_flange
 
-BY_NAME = {s.name: s for s in STRANGERS}
+BY_NAME = {s.name: s for s in EVERY}
 
 
 @pytest.mark.parametrize("name", BY_NAME)
@@ -30,7 +29,10 @@ def test_a_strangers_file_becomes_a_robot(name: str, tmp_path: Path) -> None:
     assert ("controller: turn J" in step.output) == (name not in WITHOUT_ELBOW)
 
 
-WITHOUT_ELBOW = ("ur_like", "iiwa_like", "fr_like", "tm_like", "scara", "scara_fixed", "gantry")
+WITHOUT_ELBOW = (
+    *("ur_like", "iiwa_like", "fr_like", "tm_like", "scara", "scara_fixed", "gantry", "g6_like"),
+    *("gen3_like", "sawyer_like", "i10_like", "ec_like", "rizon_like"),
+)
 
 
 @pytest.mark.parametrize("name", ["scara_fixed", "palletizer"])
