@@ -28,8 +28,8 @@ HEAD = """# Strangers' files
 
 Robot files as people bring them. Each is built as public descriptions of the maker named are, written anew with other
 numbers (`tests/robots/strangers.py` and `strangers_more.py`), and goes through what a user types: `qsf new`,
-`qsf check --conformance`, `qsf design`, `simulate`, `identify`, `diagnose`, `export --to csv`. What is refused is refused
-by `qsf new`, with what to do instead. [Add your robot](../docs/add-a-robot.md) says what happens to such files.
+`qsf check --conformance`, `qsf design`, `simulate`, `identify`, `diagnose`, `export --to csv`. What is refused is
+refused by `qsf new`, with what to do instead. [Add your robot](../docs/add-a-robot.md) says what happens to such files.
 
 """
 

@@ -143,7 +143,73 @@ def day() -> list[str]:
     ]
 
 
-DRAWINGS = {"parallelogram": (parallelogram, 540, 410), "balancer": (balancer, 480, 450), "day": (day, 740, 400)}
+def _leaning(foot: float, keeps: bool, said: Sequence[str]) -> list[str]:
+    """An arm before (dashed) and after J2 alone has turned by 20 deg; keeps: the forearm keeps its attitude."""
+    shoulder = (foot, 230.0)
+    parts = [f'<rect class="ground" x="{foot - 45}" y="230" width="90" height="40"/>']
+    for lean, kind in ((0.0, "dash"), (20.0, "link")):
+        elbow = along(shoulder, 90 - lean, 190)
+        wrist = along(elbow, 0 if keeps else -lean, 170)
+        parts += [line(shoulder, elbow, kind), line(elbow, wrist, kind)]
+        if kind == "link":
+            parts.append(pivot(shoulder, elbow, wrist))
+    parts.append(arc(shoulder, 95, 90, 70))
+    parts.append(text((foot - 56, 130), "20 deg"))
+    return [*parts, *(text((foot - 55, 295 + 20 * k), words) for k, words in enumerate(said))]
+
+
+def third_angle() -> list[str]:
+    """J2 alone has turned by 20 deg, J3 reads what it read: left the angle between the links, right the elevation."""
+    relative = ("The forearm turns along:", "J3 is the angle between the links,", "nothing is to do")
+    elevation = (
+        "The forearm keeps its attitude:",
+        "J3 is its elevation, equals: J3 - J2",
+        "(axes alike) or J3 + J2 (opposed)",
+    )
+    return [*_leaning(100.0, False, relative), *_leaning(440.0, True, elevation)]
+
+
+def zero_angles() -> list[str]:
+    """At zero joint angles, seen along the driver's axis, which points at the reader: angles grow to the left."""
+    shoulder, lever = (260.0, 260.0), 90.0
+    elbow = along(shoulder, 90, 200)
+    low, heel = along(shoulder, 0, lever), along(elbow, 0, lever)
+    base, arm = along(shoulder, 205, 120), along(shoulder, 90, 120)
+    return [
+        f'<rect class="ground" x="{shoulder[0] - 45}" y="{shoulder[1]}" width="90" height="45"/>',
+        line(shoulder, elbow, "link"),
+        line(elbow, along(elbow, 180, 190), "link"),
+        line(elbow, heel, "link"),
+        line(shoulder, low, "bar"),
+        line(low, heel, "bar"),
+        line(shoulder, base, "dash"),
+        spring(base, along(arm, 180, 12)),
+        line(arm, along(arm, 180, 12), "bar"),
+        arc(shoulder, 50, 0, 90),
+        arc(shoulder, 34, 90, 205),
+        pivot(shoulder, elbow, low, heel, base, along(arm, 180, 12)),
+        text((362, 222), "zero_deg: -90"),
+        text((362, 252), "lever_m: from axis 2 to the bar,"),
+        text((362, 272), "and from axis 3 to the bar"),
+        text((275, 125), "link 2"),
+        text((80, 48), "forearm"),
+        text((20, 118), "l2_m: from axis 2 to the"),
+        text((20, 138), "balancer's pivot on link 2"),
+        text((20, 345), "lc_m: from axis 2 to its pivot on the link before"),
+        text((75, 285), "zero_deg:"),
+        text((75, 305), "-115"),
+        text((20, 385), "Seen with axis 2 towards you, angles count to the left: of a parallelogram from link 2"),
+        text((20, 405), "to the lever, of a balancer from lc to l2, whose angle grows with the joint's."),
+    ]
+
+
+DRAWINGS = {
+    "third-angle": (third_angle, 720, 345),
+    "zero-angles": (zero_angles, 670, 420),
+    "parallelogram": (parallelogram, 540, 410),
+    "balancer": (balancer, 480, 450),
+    "day": (day, 740, 400),
+}
 
 
 def svg(name: str) -> str:

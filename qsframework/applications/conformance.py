@@ -20,6 +20,7 @@ from qsframework.identify import identify
 from qsframework.plugin import Array, Poses
 from qsframework.plugin.registry import with_role
 from qsframework.robot import Robot, load_robot
+from qsframework.robot.kinematics import joint_frames
 from qsframework.robot.statics import GravityCheck, check_gravity, check_kinematics
 
 POSES = 8
@@ -85,7 +86,7 @@ def small_campaign(robot: Robot, folder: Path) -> Experiment:
     force = 9.81 * (weight or _WEIGHT)
     size = 1e3 * _size(robot)
     flange = robot.facts.flange
-    along = {"fx_N": 0.3 * force} if sum(robot.facts.sliding) > 1 else {}  # a gantry gives along both its beams
+    along = {"fx_N": 0.3 * force} if _slides_along_x(robot) else {}  # a gantry's beam, a track
     data: dict[str, Any] = {
         "robot": str(robot.folder),
         "load": {"point_mm": [size, 0.3 * size, 0.5 * size]},
@@ -101,6 +102,12 @@ def small_campaign(robot: Robot, folder: Path) -> Experiment:
         ],
     }
     return load_experiment(write_text(folder / "experiment.yaml", yaml_text(data)))
+
+
+def _slides_along_x(robot: Robot) -> bool:
+    """Whether a joint slides along the base's x, at zero joint angles, so that only a pull that way loads it."""
+    axes = joint_frames(robot.facts, np.zeros((1, robot.facts.n))).axes[:, 0, 0]
+    return bool((np.abs(axes[list(robot.facts.sliding)]) > 0.5).any())
 
 
 def _size(robot: Robot) -> float:

@@ -12,13 +12,13 @@ from qsframework.viz.scene import Colour, Scene, placed_at
 _FORBIDDEN: Colour = (0.85, 0.35, 0.2, 0.12)
 _WALL: Colour = (0.2, 0.45, 0.75, 0.07)
 _STATION: Colour = (0.1, 0.6, 0.25, 1.0)
-_FENCE: Colour = (0.55, 0.45, 0.25, 0.25)
+_FENCE: Colour = (0.55, 0.45, 0.25, 0.15)
 _SHEET = 0.004
 
 
 def draw_obstacles(scene: Scene, path: str, experiment: Experiment) -> None:
     """What stands around the arm; a plane as a sheet of the arm's size."""
-    size = 1.2 * reach(experiment.robot.facts)
+    size = 0.8 * reach(experiment.robot.facts)
     for k, shape in enumerate(experiment.constraints.obstacles):
         where = f"{path}/{k}"
         if shape.kind == "plane":
